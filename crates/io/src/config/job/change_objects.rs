@@ -128,8 +128,9 @@ impl Job {
         let mut copies = Vec::new();
         for index in selected {
             let Some(object) = scene.instances.get(index) else { continue };
-            let own = || bounds_of(object, scene).map_or(object.to_world.translation, |[low, high]| 0.5 * (low + high));
-            let pivot = common.unwrap_or_else(own);
+            let center =
+                || bounds_of(object, scene).map_or(object.to_world.translation, |[low, high]| 0.5 * (low + high));
+            let pivot = common.unwrap_or_else(center);
             let map = match change.matrix {
                 Some(matrix) => about(matrix, pivot, DVec3::ZERO),
                 None => change.placement().about(pivot),
