@@ -265,10 +265,11 @@ mod tests {
         let fixed = spin(&format!("{rotation}, origin = [0, 1, 0] }}"), moved);
         assert_eq!(fixed.origin, DVec3::Y);
         // Copies move in the same direction, and an object that is removed takes its motion along.
-        let copies = after("velocity = [0.5, 0, 0]", "instances = [{}, { rotate = [0, 0, \"90deg\"] }]");
+        let copies =
+            after("velocity = [0.5, 0, 0]", "instances = [{}, { rotate = { axis = [0, 0, 1], angle = \"90deg\" } }]");
         assert!(copies[..3].iter().filter(|o| o.name != "table").all(|o| is_near(o.motion.velocity, 0.5 * DVec3::X)));
         let job = job(
-            "[[object]]\nname = \"part 1\"\nvelocity = [1, 0, 0]\n[[object]]\nname = \"part 1\"\nvisible = false\n[[object]]\nname = \"table\"\nrotate = [0, 0, \"90deg\"]\n",
+            "[[object]]\nname = \"part 1\"\nvelocity = [1, 0, 0]\n[[object]]\nname = \"part 1\"\nvisible = false\n[[object]]\nname = \"table\"\nrotate = { axis = [0, 0, 1], angle = \"90deg\" }\n",
         );
         let mut scene = scene();
         scene.instances[1].motion = RigidMotion::linear(DVec3::X);
