@@ -67,7 +67,7 @@ mod tests {
     use dunkelfeld_sensor::Exposure;
 
     const CAMERA: &str = "[camera]\nlook_at = \"part\"\nworking_distance = 0.3\n";
-    const PANEL: &str = "[[light]]\nkind = \"panel\"\nwidth = 0.1\ndistance = 0.2\nstrobe = \"50us\"\n";
+    const PANEL: &str = "[[light]]\nkind = \"panel\"\nwidth = 0.1\ndistance = 0.2\nstrobe = 5e-5\n";
     const MOVING: &str = "velocity = [1, 0, 0]\n";
 
     /// A box under a camera, with the exposure of 1 ms; the keys of the box, and other sections.

@@ -5,7 +5,7 @@ use super::{Exposure, Job, LampKind, LightSettings};
 use crate::error::InputError;
 use dunkelfeld_radiometry::{Number, Rgb};
 
-/// Largest number of lamps of a job.
+/// Largest number of lamps of a job that have a surface.
 const MAX_LAMPS: u32 = 1000;
 
 /// The keys of a new lamp that only some kinds have.
@@ -181,10 +181,8 @@ impl Job {
         let mut environment = self.environment.is_some().then(|| "[environment]".to_string());
         let (mut lamps, mut leds) = (0, 0);
         for (i, light) in self.lights.iter().enumerate().filter(|(_, light)| light.enabled) {
-            if light.kind.is_none() {
-                continue;
-            }
-            if light.kind == Some(LampKind::Environment) {
+            let Some(kind) = light.kind else { continue };
+            if kind == LampKind::Environment {
                 if let Some(other) = environment {
                     let problem = format!("a scene has one environment, and {other} sets it already");
                     return Err(self.light_error(i, "kind", problem, "keep one of them"));
@@ -192,9 +190,12 @@ impl Job {
                 environment = Some(format!("[[light]] {}", i + 1));
             }
             let count = light.count.unwrap_or(1);
-            lamps += count;
+            if light.has_surface(kind) {
+                lamps += count;
+            }
             if lamps > MAX_LAMPS {
-                let problem = format!("the job has more than {MAX_LAMPS} lamps, each of `count` counted");
+                let problem =
+                    format!("the job has more than {MAX_LAMPS} lamps with a surface, each of `count` counted");
                 return Err(self.light_error(i, "kind", problem, "write fewer lamps"));
             }
             if let Some(own) = light.leds.filter(|_| light.diffuser != Some(true)) {

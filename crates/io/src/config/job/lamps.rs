@@ -66,7 +66,7 @@ impl Job {
         let lamps = light.lamp_names(kind).into_iter().zip(to_world);
         match kind {
             LampKind::Sun => scene.lights.extend(lamps.map(|(name, pose)| sun(light, name, pose, duty))),
-            LampKind::Point | LampKind::Spot if light.diameter.is_none() => {
+            LampKind::Point | LampKind::Spot if !light.has_surface(kind) => {
                 scene.lights.extend(lamps.map(|(name, pose)| punctual(light, kind, name, pose, duty)));
             }
             _ => {
@@ -415,6 +415,15 @@ fn strength(
 }
 
 impl LightSettings {
+    /// Has a lamp of this kind an emitting surface?
+    pub(super) fn has_surface(&self, kind: LampKind) -> bool {
+        match kind {
+            LampKind::Sun | LampKind::Environment => false,
+            LampKind::Point | LampKind::Spot => self.diameter.is_some(),
+            _ => true,
+        }
+    }
+
     /// The largest extent of the lamp \[m\].
     fn extent(&self) -> f64 {
         self.diameter.or(self.width).unwrap_or(0.0).max(self.height.unwrap_or(0.0))
