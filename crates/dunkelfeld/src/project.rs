@@ -543,7 +543,7 @@ fn open_job(
         .with_denoise(job.denoise.clone());
     imported.scene.shutter = job.shutter(&imported.scene, settings.height)?;
     let settings = match imported.scene.shutter {
-        Some(_) => expose_for(settings, job)?,
+        Some(_) => expose_for(settings, imported.scene.shutter.as_ref(), job)?,
         None => settings,
     };
     let o = &job.output;

@@ -9,11 +9,15 @@ use dunkelfeld_sensor::Exposure;
 
 /// The settings with the exposure time of a pixel: that of all stages of a line scan together. A strobe does not shorten
 /// it: the lamp is dark for the rest of it.
-pub(crate) fn expose_for(mut settings: RenderSettings, job: &Job) -> Result<RenderSettings, Error> {
+pub(crate) fn expose_for(
+    mut settings: RenderSettings,
+    shutter: Option<&Shutter>,
+    job: &Job,
+) -> Result<RenderSettings, Error> {
     if let (SensorChoice::Emva { exposure, .. }, Some(seconds)) = (&mut settings.sensor, job.total_exposure()) {
         *exposure = Some(Exposure::new(Seconds(seconds))?);
     }
-    if let Shutter::Lines(lines) = shutter {
+    if let Some(Shutter::Lines(lines)) = shutter {
         settings.readout.line_scan_stages = lines.stages;
     }
     Ok(settings)
