@@ -1,7 +1,7 @@
 //! The account of a run's memory. It is computed before the run, and compared with a limit and with the available
 //! memory.
 
-mod estimate;
+pub(crate) mod estimate;
 
 pub(crate) use estimate::{RenderNeeds, denoise_account, expose_account, merge_account, render_account};
 

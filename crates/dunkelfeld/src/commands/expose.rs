@@ -4,6 +4,7 @@ use crate::camera_fit::DEFAULT_F_NUMBER;
 use crate::exposer::Exposer;
 use crate::frame::Picture;
 use crate::guard::{DefaultPath, Output, check_outputs, free_file};
+use crate::memory::estimate::MAX_WAITING;
 use crate::outputs::{extension, misfit, save_plain_picture, save_values, values_words};
 use derive_setters::Setters;
 use dunkelfeld_film::Plane;
@@ -15,8 +16,6 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Maximum number of frames that wait for the writer.
-pub(crate) const MAX_WAITING: usize = 16;
 /// Minimum number of digits of the frame number in a file name.
 const DIGITS: usize = 4;
 

@@ -10,6 +10,9 @@ use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_scene::SceneSummary;
 use dunkelfeld_sensor::ExposureNoise;
 
+/// Maximum number of frames that wait for the writer.
+pub(crate) const MAX_WAITING: usize = 16;
+
 /// The program, its libraries and small objects.
 const PROGRAM: u64 = 24_000_000;
 /// A training path: its vertices, and its share of the learned statistics.
@@ -191,7 +194,7 @@ pub(crate) fn expose_account(size: (u32, u32), channel_bytes: u64, is_matched: b
     let noise = if is_matched { 160 } else { 0 };
     account.add("radiance", &[0, planes(12 + noise)]);
     let frames = per_pixel::FRAME + per_pixel::PICTURE;
-    let at_once = (threads as u64).clamp(1, crate::commands::expose::MAX_WAITING as u64);
+    let at_once = (threads as u64).clamp(1, MAX_WAITING as u64);
     account.add("exposure", &[0, planes(4 + per_pixel::DEVICE)]);
     account.add("frames", &[0, planes(frames).saturating_mul(at_once)]);
     account.add("threads", &[THREAD * threads as u64; 2]);
