@@ -118,7 +118,8 @@ fn copies_share_the_mesh_and_replace_the_object() {
 fn new_objects_have_their_size_place_and_material() {
     let text = "[[object]]\nname = \"belt\"\nkind = \"box\"\nsize = [1, \"20mm\", 2]\ntranslate = [0, \"-10mm\", 0]\n\
                 [[material]]\nname = \"belt\"\nbase_color = 0.05\n\
-                [[object]]\nname = \"pin\"\nkind = \"cylinder\"\ndiameter = \"4mm\"\nheight = \"1cm\"\nmaterial = \"steel\"";
+                [[object]]\nname = \"pin\"\nkind = \"cylinder\"\ndiameter = \"4mm\"\nheight = \"1cm\"\nmaterial = \"steel\"\n\
+                translate = [0, 0, -5]";
     let s = changed(text);
     assert_eq!(names(&s)[3..], ["belt", "pin"]);
     assert_eq!([3, 4].map(|object| material_of(&s, object)), ["belt", "steel"]);
@@ -128,7 +129,7 @@ fn new_objects_have_their_size_place_and_material() {
         let corners = s.meshes[instance.meshes[0]].mesh.positions.iter();
         corners.map(|p| instance.to_world.transform_point3(p.as_dvec3())).reduce(DVec3::max).expect("corners")
     };
-    assert!(highest(3).distance(at(0.5, 0.0, 1.0)) < 1e-7 && highest(4).distance(at(2e-3, 5e-3, 2e-3)) < 1e-7);
+    assert!(highest(3).distance(at(0.5, 0.0, 1.0)) < 1e-7 && highest(4).distance(at(2e-3, 5e-3, -4.998)) < 1e-7);
     let (_, report) = s.build().expect("a scene");
     assert!(report.findings.is_empty(), "{:?}", report.findings);
 }

@@ -98,7 +98,7 @@ pub enum PunctualKind {
         /// Half-angle of the edge \[rad\], in (0, pi/2].
         outer: f32,
     },
-    /// Parallel light from infinitely far away.
+    /// A distant light: all of its light has one direction.
     Directional {
         /// Irradiance on a surface that faces the light [W/m^2].
         irradiance: Rgb,

@@ -1,4 +1,4 @@
-//! Lights without extent: points, spots, profiles and parallel light.
+//! Lights without extent: points, spots, IES profiles and distant lights.
 
 use crate::build::builder::{PunctualKind, PunctualLight};
 use crate::light::luminaire::LightProfile;
@@ -24,7 +24,7 @@ pub(crate) enum DeltaLight {
         direction: Vec3,
         irradiance: Rgb,
     },
-    /// A measured light: the index of its profile, and its axes x, y and z in render space.
+    /// A light with an IES profile: the index of the profile, and its axes x, y and z in render space.
     Profile {
         position: Vec3,
         axes: [Vec3; 3],
@@ -69,7 +69,7 @@ impl DeltaLight {
         })
     }
 
-    /// Emitted power \[W\]; for parallel light, over the scene's cross-section.
+    /// Emitted power \[W\]; for a distant light, over the scene's cross-section.
     pub(crate) fn power(&self, scene_radius: f32, profiles: &[LightProfile]) -> Rgb {
         match *self {
             Self::Point { intensity, .. } => intensity * (4.0 * PI),

@@ -8,6 +8,7 @@
 //! refracting surface (defensive mixture, Hesterberg 1995).
 
 use crate::light::emission_profile::EmissionProfile;
+use crate::light::in_proportion;
 use crate::light::sample::{LightSample, LightSampleContext, LightTarget};
 use crate::light::tree::{EmissionCone, LightBounds, LightTree, below_one};
 use dunkelfeld_geometry::shape::sample_triangle_area;
@@ -24,7 +25,7 @@ pub(crate) struct MeshLight {
     facets: Vec<Facet>,
     /// The facet of each triangle.
     facet_of: Vec<u32>,
-    /// Share of the area of all triangles up to each one, itself included. Ends with 1.
+    /// Share of the area of its facet up to each triangle, itself included. Ends with 1 in each facet.
     cumulative: Vec<f32>,
     choice: FacetChoice,
     /// The profile of its emission.
@@ -54,6 +55,8 @@ struct Facet {
     /// Share of the area of the mesh before it, and with it.
     before: f32,
     after: f32,
+    /// Area [m^2].
+    area: f32,
     /// Centre of its bounding box, and the normal of its emitting side.
     center: Vec3,
     normal: Vec3,
@@ -98,8 +101,7 @@ impl Facet {
         if emitted <= 0.0 || received < -MIN_COSINE {
             return 0.0;
         }
-        let area = self.after - self.before;
-        area * emitted * profile.estimate(emitted) * received.max(MIN_COSINE) * inverse * inverse
+        self.area * emitted * profile.estimate(emitted) * received.max(MIN_COSINE) * inverse * inverse
     }
 }
 
@@ -127,17 +129,6 @@ impl MeshLight {
         if !(total > 0.0 && total.is_finite()) {
             return None;
         }
-        let mut sum = 0.0;
-        let mut cumulative: Vec<f32> = areas
-            .iter()
-            .map(|a| {
-                sum += a;
-                (sum / total) as f32
-            })
-            .collect();
-        if let Some(last) = cumulative.last_mut() {
-            *last = 1.0;
-        }
         let bounds = Aabb::from_points(triangles.iter().flatten().copied());
         let center = 0.5 * (bounds.min + bounds.max);
         let radius = triangles.iter().flatten().map(|p| p.distance(center)).fold(0.0, f32::max);
@@ -153,7 +144,7 @@ impl MeshLight {
             _ => (Vec3::Z, PI),
         };
         let area = total as f32;
-        let facets = facets(&triangles, &normals, &cumulative);
+        let (facets, cumulative) = facets(&triangles, &normals, &areas);
         let ranges = facets.iter().enumerate().flat_map(|(i, f)| (f.first..f.end).map(move |_| i as u32));
         let facet_of = ranges.collect();
         let choice = match facets.len() {
@@ -227,15 +218,13 @@ impl MeshLight {
             return None;
         }
         let (facet, u) = self.choose_facet(receiver, u[0]).map(|(facet, rest)| (facet, [rest, u[1]]))?;
-        let Facet { first, end, before, after, .. } = self.facets[facet];
-        // The place in the facet by area, and from it the triangle.
-        let place = before + u[0] * (after - before);
-        let (first, end) = (first as usize, end as usize);
-        let index = first + self.cumulative[first..end].partition_point(|c| *c <= place).min(end - first - 1);
-        let start = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
-        let share = self.cumulative[index] - start;
+        let cumulative = &self.cumulative[self.facets[facet].triangles()];
+        let in_facet = cumulative.partition_point(|c| *c <= u[0]).min(cumulative.len() - 1);
+        let start = if in_facet == 0 { 0.0 } else { cumulative[in_facet - 1] };
+        let share = cumulative[in_facet] - start;
         // The number that is left after the choices is uniform again.
-        let v = if share > 0.0 { ((place - start) / share).clamp(0.0, 1.0 - f32::EPSILON) } else { 0.5 };
+        let v = if share > 0.0 { ((u[0] - start) / share).clamp(0.0, 1.0 - f32::EPSILON) } else { 0.5 };
+        let index = self.facets[facet].first as usize + in_facet;
         let ([a, b, c], normal) = (self.triangles[index], self.normals[index]);
         let [b1, b2] = sample_triangle_area([v, u[1]]);
         let point = a + b1 * (b - a) + b2 * (c - a);
@@ -280,16 +269,7 @@ impl MeshLight {
         if !(total > 0.0 && total.is_finite()) {
             return None;
         }
-        let mut rest = u * total;
-        let mut last = None;
-        for (index, &weight) in weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
-            last = Some((index, below_one((rest / weight).max(0.0))));
-            if rest < weight {
-                break;
-            }
-            rest -= weight;
-        }
-        last
+        in_proportion(&weights, total, u).map(|(index, rest)| (index, below_one((rest / weights[index]).max(0.0))))
     }
 
     /// The probability of a facet in the choice that is not by area.
@@ -312,14 +292,15 @@ impl MeshLight {
         }
     }
 
-    /// The density of a point of a facet in [`Self::sample`], relative to that of a uniform choice over the whole area.
+    /// The density [1/m^2] of a point of a facet in [`Self::sample`].
     #[inline]
     fn facet_density(&self, receiver: &LightSampleContext, facet: usize) -> f32 {
-        if let FacetChoice::Single = self.choice {
-            return 1.0;
-        }
-        let share = self.facets[facet].after - self.facets[facet].before;
-        AREA_SHARE + (1.0 - AREA_SHARE) * self.probability(receiver, facet) / share.max(f32::MIN_POSITIVE)
+        let Facet { before, after, area, .. } = self.facets[facet];
+        let probability = match self.choice {
+            FacetChoice::Single => 1.0,
+            _ => AREA_SHARE * (after - before) + (1.0 - AREA_SHARE) * self.probability(receiver, facet),
+        };
+        probability / area
     }
 
     /// The density [1/sr] of a point on a triangle in [`Self::sample`], without the choice of the light.
@@ -332,9 +313,9 @@ impl MeshLight {
 
     /// Area density to solid angle. `cosine` is that between the direction to the light and the normal of its front.
     #[inline]
-    fn pdf_of(&self, relative_density: f32, distance_squared: f32, cosine: f32) -> f32 {
+    fn pdf_of(&self, density: f32, distance_squared: f32, cosine: f32) -> f32 {
         let cosine = if self.two_sided { cosine.abs() } else { -cosine };
-        if cosine > 0.0 { relative_density * distance_squared / (cosine * self.area) } else { 0.0 }
+        if cosine > 0.0 { density * distance_squared / cosine } else { 0.0 }
     }
 
     /// Emitted power \[W\].
@@ -355,25 +336,43 @@ impl MeshLight {
     }
 }
 
-/// The facets of a mesh: runs of triangles in which each shares a corner and the normal with the one before.
-fn facets(triangles: &[[Vec3; 3]], normals: &[Vec3], cumulative: &[f32]) -> Vec<Facet> {
+/// The facets of a mesh: runs of triangles in which each shares a corner and the normal with the one before. With them,
+/// the share of the area of its facet up to each triangle.
+fn facets(triangles: &[[Vec3; 3]], normals: &[Vec3], areas: &[f64]) -> (Vec<Facet>, Vec<f32>) {
     let mut facets: Vec<Facet> = Vec::new();
-    for (t, after) in cumulative.iter().enumerate() {
-        let before = if t == 0 { 0.0 } else { cumulative[t - 1] };
+    for t in 0..triangles.len() {
         let continues = t > 0
             && normals[t].dot(normals[t - 1]) > SAME_NORMAL
             && triangles[t].iter().any(|p| triangles[t - 1].contains(p));
         match facets.last_mut().filter(|_| continues) {
-            Some(facet) => (facet.end, facet.after) = (t as u32 + 1, *after),
+            Some(facet) => facet.end = t as u32 + 1,
             None => {
                 let (first, normal) = (t as u32, normals[t]);
-                facets.push(Facet { first, end: first + 1, before, after: *after, center: Vec3::ZERO, normal });
+                let center = Vec3::ZERO;
+                facets.push(Facet { first, end: first + 1, before: 0.0, after: 1.0, area: 0.0, center, normal });
             }
         }
     }
+    let total: f64 = areas.iter().sum();
+    let mut cumulative = Vec::with_capacity(areas.len());
+    let mut sum = 0.0;
     for facet in &mut facets {
         let bounds = Aabb::from_points(triangles[facet.triangles()].iter().flatten().copied());
         facet.center = 0.5 * (bounds.min + bounds.max);
+        let own = &areas[facet.triangles()];
+        let area: f64 = own.iter().sum();
+        let mut so_far = 0.0;
+        cumulative.extend(own.iter().map(|a| {
+            so_far += a;
+            if area > 0.0 { (so_far / area) as f32 } else { 1.0 }
+        }));
+        facet.area = area as f32;
+        facet.before = (sum / total) as f32;
+        sum += area;
+        facet.after = (sum / total) as f32;
     }
-    facets
+    if let Some(last) = facets.last_mut() {
+        last.after = 1.0;
+    }
+    (facets, cumulative)
 }

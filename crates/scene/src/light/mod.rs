@@ -246,16 +246,7 @@ impl LightTable {
         if !(total > 0.0 && total.is_finite()) {
             return None;
         }
-        let mut rest = u * total;
-        let mut last = None;
-        for (i, &w) in weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
-            last = Some((i, w / total));
-            if rest < w {
-                break;
-            }
-            rest -= w;
-        }
-        last
+        in_proportion(&weights, total, u).map(|(i, _)| (i, weights[i] / total))
     }
 
     /// The probability with which [`Self::choose`] chooses a light.
@@ -445,6 +436,22 @@ impl LightTable {
             _ => 0.0,
         }
     }
+}
+
+/// Chooses an index in proportion to its weight, by a number `u` in [0, 1). Returns it with what is left of `u * total`
+/// in its weight. `total` is the sum of the weights.
+#[inline(always)]
+pub(crate) fn in_proportion(weights: &[f32], total: f32, u: f32) -> Option<(usize, f32)> {
+    let mut rest = u * total;
+    let mut last = None;
+    for (i, &w) in weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
+        last = Some((i, rest));
+        if rest < w {
+            break;
+        }
+        rest -= w;
+    }
+    last
 }
 
 impl AreaLight {

@@ -131,7 +131,7 @@ pub(super) fn quarter_turn<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64
     angle_between(d, 0.0, std::f64::consts::FRAC_PI_2, "from 0deg to 90deg")
 }
 
-/// An angular diameter [rad]; zero is parallel light.
+/// An angular diameter [rad]; zero is a distant light of one direction.
 pub(super) fn sun_angle<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     angle_between(d, 0.0, std::f64::consts::PI, "from 0deg to 180deg")
 }

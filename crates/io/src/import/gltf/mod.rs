@@ -245,7 +245,7 @@ impl Importer<'_> {
         }
     }
 
-    /// A measured light (EXT_lights_ies).
+    /// A light with an IES profile (EXT_lights_ies).
     fn profile(&mut self, reference: &ProfileReference, node_name: Option<&str>, to_world: DAffine3, place: &str) {
         let profiles = &self.asset.document.profiles;
         let index = reference.light.map(|l| l.value());

@@ -6,7 +6,6 @@ use crate::build::report::BuildReport;
 use crate::camera::RayGenerator;
 use crate::light::Light;
 use crate::light::delta::DeltaLight;
-use crate::light::emission_profile::EmissionProfile;
 use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::{Aabb, Ray, Vec3, geometric_normal};
 use std::collections::BTreeSet;
@@ -176,11 +175,7 @@ impl Scene {
 
     fn front(&self, part: &Part) -> Front {
         let points = points(self, part);
-        let reach = match self.materials[part.material as usize].emission_profile {
-            EmissionProfile::Louver { half_angle } => half_angle,
-            EmissionProfile::Spot { cos_outer, .. } => cos_outer.clamp(0.0, 1.0).acos(),
-            EmissionProfile::Lambertian | EmissionProfile::CosinePower { .. } => FRAC_PI_2,
-        };
+        let reach = self.materials[part.material as usize].emission_profile.cutoff_angle();
         let bounds = bounds(self, part);
         let size = if bounds.is_empty() { 0.0 } else { bounds.size().max_element() };
         // Seen from the middle of a triangle, the cone of its other points is wider.
