@@ -63,6 +63,32 @@ fn a_line_scan_in_infrared_light_is_exposed_as_its_render_was() {
     let camera = "--sensor lines.toml --f-number 4 --transmission 0.9 --magnification 0.05 --exposure 60us --seed 3";
     bench.run(&format!("expose a.exr {camera} --linear b.tif")).code(0);
     assert_eq!(bench.read("a.tif"), bench.read("b.tif"));
+    // Parts of it, merged, have the pattern of the whole.
+    bench.run("render job.toml --samples 0..4 --seed 3 --linear whole.tif --checkpoint whole.film").code(0);
+    bench.run("render job.toml --samples 0..2 --seed 3 --checkpoint first.film").code(0);
+    bench.run("render job.toml --samples 2..4 --seed 3 --checkpoint second.film").code(0);
+    bench.run("merge first.film second.film --linear merged.tif").code(0);
+    assert_eq!(bench.read("whole.tif"), bench.read("merged.tif"));
+}
+
+/// A number of stages or a wavelength that no render has is refused before memory is allocated for it.
+#[test]
+fn impossible_films_of_an_exr_are_refused() {
+    let bench = Bench::new();
+    let film = |stages: u64, nm: f64| {
+        format!(
+            "{{\"film\": {{\"readout\": {{\"binning\": 1, \"line_scan_stages\": {stages}}}, \
+             \"bands\": {{\"wavelengths\": [{nm}, 550, 465], \"transmission\": [1, 1, 1]}}}}}}"
+        )
+    };
+    for (attributes, code) in [(film(4, 610.0), 0), (film(4_000_000_000, 610.0), 2), (film(4, -610.0), 2)] {
+        let mut layers = ExrLayers::new(4, 2);
+        layers.channels = vec![("Y".into(), Channel::F32(vec![1.0; 8]))];
+        layers.attributes = attributes;
+        write_exr(&bench.path("a.exr"), layers).expect("written");
+        let run = bench.run("expose a.exr --sensor imx250 -o a.png").code(code);
+        assert_eq!(stderr(&run).contains("the attribute `film`"), code == 2, "{}", stderr(&run));
+    }
 }
 
 /// A render with cos^4, and `expose` on one without it, give the same picture, apart from the field angles (each sample

@@ -106,7 +106,7 @@ impl Exposer {
             })?),
         };
         let (mut model, mut optics, mut readout) = (settings.model.clone(), settings.optics, settings.readout);
-        if let Some(film) = FilmOfSensor::of_file(&layers) {
+        if let Some(film) = FilmOfSensor::of_file(path, &layers)? {
             model = model.binned(film.readout.binning)?;
             optics = optics.with_bands(film.bands);
             readout = film.readout;

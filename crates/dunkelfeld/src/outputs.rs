@@ -5,6 +5,7 @@ use crate::guard::{Output, check_outputs};
 use derive_setters::Setters;
 use dunkelfeld_film::{Film, FilmLayers, NO_ID, PixelSums, Plane};
 use dunkelfeld_integrator::PixelIds;
+use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr_recorded, write_exr, write_exr_rows};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
@@ -336,9 +337,16 @@ impl FilmOfSensor {
         }
     }
 
-    /// The properties that a file contains.
-    pub(crate) fn of_file(layers: &ExrLayers) -> Option<Self> {
-        serde_json::from_value(attributes(layers).remove(FILM_OF_SENSOR)?).ok()
+    /// The properties that a file contains, if it is of a render with a sensor.
+    ///
+    /// # Errors
+    /// Properties out of range.
+    pub(crate) fn of_file(path: &Path, layers: &ExrLayers) -> Result<Option<Self>, InputError> {
+        let value = attributes(layers).remove(FILM_OF_SENSOR).unwrap_or_default();
+        serde_json::from_value(value).map_err(|e| {
+            let problem = format!("is not what Dunkelfeld writes: {e}");
+            InputError::new(path, format!("the attribute `{FILM_OF_SENSOR}`"), problem, "render the image again")
+        })
     }
 }
 

@@ -1,6 +1,7 @@
 //! The wavelengths of the channels of a film, and the transmission of an optical filter at them.
 
 use crate::efficiency::BANDS;
+use crate::error::{SensorError, in_range};
 use dunkelfeld_radiometry::Nanometres;
 
 /// Edges of the default bands \[nm\]: red, green and blue.
@@ -11,13 +12,37 @@ const BLOCKED: f64 = 1e-4;
 
 /// The wavelength of each channel of a film, and the share of its light that passes the filter of the lens.
 ///
-/// By default the channels are [`BANDS`], without a filter. A lamp of one wavelength sets that of its channel.
+/// By default the channels are [`BANDS`], without a filter. A lamp of one wavelength sets that of its channel. Bands are
+/// checked when they are read from a file.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "BandsValues")]
 pub struct Bands {
-    /// Wavelengths of red, green and blue.
+    /// Wavelengths of red, green and blue, from 100 to 20 000 nm.
     pub wavelengths: [Nanometres; 3],
     /// Transmission of the filter for red, green and blue, in [0, 1].
     pub transmission: [f64; 3],
+}
+
+/// [`Bands`] that are not checked yet.
+#[derive(serde::Deserialize)]
+struct BandsValues {
+    wavelengths: [Nanometres; 3],
+    transmission: [f64; 3],
+}
+
+impl TryFrom<BandsValues> for Bands {
+    type Error = SensorError;
+
+    fn try_from(values: BandsValues) -> Result<Self, SensorError> {
+        let BandsValues { wavelengths, transmission } = values;
+        for nm in wavelengths {
+            in_range("wavelengths", nm.0, 100.0, 20_000.0, "from 100 to 20 000 nm")?;
+        }
+        for share in transmission {
+            in_range("transmission", share, 0.0, 1.0, "from 0 to 1")?;
+        }
+        Ok(Self { wavelengths, transmission })
+    }
 }
 
 impl Default for Bands {

@@ -6,7 +6,7 @@ use dunkelfeld_film::Plane;
 use dunkelfeld_sampling::{Pcg, hash_u64};
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::error::SensorError;
+use crate::error::{SensorError, in_range};
 use crate::matched::{LeftOut, left_out};
 use crate::model::SensorModel;
 use crate::optics::Exposure;
@@ -28,13 +28,35 @@ pub struct FrameKey {
 }
 
 /// How the pixels of a sensor form those of an image.
+///
+/// It is checked when it is read from a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "ReadoutValues")]
 pub struct Readout {
-    /// Side of the squares of pixels that are read as one; 0 and 1 are single pixels. The model of the device describes
-    /// such a square ([`SensorModel::binned`]).
+    /// Side of the squares of pixels that are read as one, at most 1024; 0 and 1 are single pixels. The model of the
+    /// device describes such a square ([`SensorModel::binned`]).
     pub binning: u32,
-    /// Number of stages of a line-scan sensor, whose rows are exposures of the same pixels; 0 for an area sensor.
+    /// Number of stages of a line-scan sensor, whose rows are exposures of the same pixels, at most 1024; 0 for an area
+    /// sensor.
     pub line_scan_stages: u32,
+}
+
+/// A [`Readout`] that is not checked yet.
+#[derive(serde::Deserialize)]
+struct ReadoutValues {
+    binning: u32,
+    line_scan_stages: u32,
+}
+
+impl TryFrom<ReadoutValues> for Readout {
+    type Error = SensorError;
+
+    fn try_from(values: ReadoutValues) -> Result<Self, SensorError> {
+        let ReadoutValues { binning, line_scan_stages } = values;
+        in_range("binning", f64::from(binning), 0.0, 1024.0, "at most 1024")?;
+        in_range("line_scan_stages", f64::from(line_scan_stages), 0.0, 1024.0, "at most 1024")?;
+        Ok(Self { binning, line_scan_stages })
+    }
 }
 
 /// One device of a sensor model, with the fixed pattern of its pixels.

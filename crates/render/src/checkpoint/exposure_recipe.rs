@@ -6,7 +6,7 @@ use dunkelfeld_film::NO_ID;
 use dunkelfeld_film::Plane;
 use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_scene::Effect;
-use dunkelfeld_sensor::ExposureNoise;
+use dunkelfeld_sensor::{ExposureNoise, Readout};
 use serde::{Deserialize, Serialize};
 
 /// The settings on which no sample depends, but on which the outputs depend.
@@ -15,6 +15,8 @@ pub(crate) struct ExposureRecipe {
     seed: u64,
     frame: u32,
     sensor: SensorChoice,
+    #[serde(default)]
+    readout: Readout,
     exposure_noise: ExposureNoise,
     without: Vec<String>,
     /// Does the lens darken the image towards its corners?
@@ -32,6 +34,7 @@ impl ExposureRecipe {
             seed: settings.seed,
             frame: settings.frame,
             sensor: settings.sensor.clone(),
+            readout: settings.readout,
             exposure_noise: settings.exposure_noise,
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
             is_vignetted,
@@ -50,6 +53,7 @@ impl ExposureRecipe {
             frame: self.frame,
             training_paths: Some(self.training_paths),
             sensor: self.sensor.clone(),
+            readout: self.readout,
             exposure_noise: self.exposure_noise,
             without: self
                 .without
@@ -63,7 +67,7 @@ impl ExposureRecipe {
     /// The first difference, as a phrase; `None` if there is none.
     pub(crate) fn difference(&self, other: &Self) -> Option<&'static str> {
         [
-            (self.sensor != other.sensor, "sensor, lens or exposure"),
+            ((&self.sensor, self.readout) != (&other.sensor, other.readout), "sensor, lens or exposure"),
             (self.exposure_noise != other.exposure_noise, "exposure noise"),
             (self.is_vignetted != other.is_vignetted, "vignetting"),
             (self != other, "names of objects, or choice of effects left out"),
@@ -139,7 +143,8 @@ mod tests {
             let exposure = Some(Exposure::new(Seconds(0.1 / 7.0)).expect("in range"));
             let sensor = SensorChoice::Emva { model: Box::new(model), optics, exposure };
             let (seed, frame, training_paths) = (u64::MAX, 3, Some(768));
-            let settings = RenderSettings { sensor, seed, frame, training_paths, ..RenderSettings::default() };
+            let readout = Readout { binning: 2, line_scan_stages: 4 };
+            let settings = RenderSettings { sensor, readout, seed, frame, training_paths, ..RenderSettings::default() };
             let text = serde_json::to_string(&ExposureRecipe::new(&settings, true, &["a".into()])).expect("plain data");
             let recipe: ExposureRecipe = serde_json::from_str(&text).expect("the text that was written");
             let back = recipe.settings(settings.width, settings.height);
