@@ -475,7 +475,7 @@ pub fn load_plan_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SavedP
     let Attributes { seed, frame, training_paths } = serde_json::from_str(&layers.attributes).unwrap_or_default();
     let fault = |problem: String| {
         let help = "use an EXR that --exr or --plan wrote";
-        Err(dunkelfeld_io::InputError::new(path, "layer spp.Y", problem, help).into())
+        Err(InputError::new(path, "layer spp.Y", problem, help).into())
     };
     match (layers.integers(Single::SampleCount), layers.singles_that_are_no_counts(Single::SampleCount)) {
         (Some(samples), _) => Ok(SavedPlan { samples, seed, frame, training_paths }),
