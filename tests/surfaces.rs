@@ -18,6 +18,7 @@ use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, Principled, PrincipledParams};
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_testkit::{SampleMoments, welch_test, z_test};
 use std::f64::consts::PI;
+use std::sync::Arc;
 use support::{RATE, black, build, emitter, film, pixel_moments, settings, spot_camera, square};
 
 /// Renders a 16 x 16 image and compares its mean with the expectation.
@@ -211,7 +212,7 @@ fn a_normal_map_reflects_like_a_tilted_surface() {
         let mut b = floor_scene(Material { normal_texture: Some(texture), ..plastic() });
         b.images.push(Image { name: "map".into(), width: 1, height: 1, texels: map.clone() });
         if with_tangents {
-            b.meshes[0].mesh.tangents = vec![Vec4::new(1.0, 0.0, 0.0, -1.0); 4];
+            Arc::make_mut(&mut b.meshes[0].mesh).tangents = vec![Vec4::new(1.0, 0.0, 0.0, -1.0); 4];
         }
         sun(&mut b, from);
         let expected = 2.0 * f_cos(&plastic_bsdf(0.6), tilt, view(), from);
@@ -225,7 +226,7 @@ fn vertex_colours_multiply_the_base_colour() {
     // Colours 0.2, 0.6, 1 at the corners (-.5, -.5), (.5, -.5), (.5, .5): at the origin, the middle of the diagonal from
     // the first to the third, 0.6 times the base of 0.6.
     let mut b = floor_scene(plastic());
-    b.meshes[0].mesh.colors = [0.2f32, 0.6, 1.0, 0.6].map(|c| Vec4::new(c, c, c, 1.0)).to_vec();
+    Arc::make_mut(&mut b.meshes[0].mesh).colors = [0.2f32, 0.6, 1.0, 0.6].map(|c| Vec4::new(c, c, c, 1.0)).to_vec();
     let from = DVec3::new(-0.3, 0.5, 0.9).normalize();
     sun(&mut b, from);
     let expected = 2.0 * f_cos(&plastic_bsdf(0.36), DVec3::Z, view(), from);
@@ -241,7 +242,7 @@ fn a_base_colour_texture_on_the_second_coordinates() {
         let texture = Texture { uv_set: 1, ..nearest() };
         let mut b = floor_scene(Material { base_color_texture: Some(texture), ..plastic() });
         b.images.push(image(2, 1, vec![[51, 51, 51, 255], [204, 204, 204, 255]]));
-        let mesh = &mut b.meshes[0].mesh;
+        let mesh = Arc::make_mut(&mut b.meshes[0].mesh);
         mesh.uvs[1] = mesh.positions.iter().map(|p| Vec2::new(p.x + 0.5 + shift, 0.5)).collect();
         sun(&mut b, from);
         let expected = 2.0 * f_cos(&plastic_bsdf(0.6 * texel / 255.0), DVec3::Z, view(), from);

@@ -7,6 +7,7 @@ use dunkelfeld_scene::{
     FeatureSet, Image, ImageId, LightProfile, LineScan, Material, Opening, PunctualKind, PunctualLight, Scene,
     SceneBuilder, Shutter, Surface, Texels, Texture, Volume, kernel_features,
 };
+use std::sync::Arc;
 
 /// Parameters that put an effect in use and change nothing: small, and far above the rounding of f32 beside one.
 const FAINT: f32 = 1e-6;
@@ -186,7 +187,8 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
         }
         Effect::VertexColors => {
             for part in &mut b.meshes {
-                part.mesh.colors = vec![Vec4::ONE; part.mesh.positions.len()];
+                let mesh = Arc::make_mut(&mut part.mesh);
+                mesh.colors = vec![Vec4::ONE; mesh.positions.len()];
             }
         }
         Effect::NormalMaps => {
@@ -194,7 +196,7 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
             b.materials.iter_mut().for_each(|m| m.normal_texture = Some(flat));
         }
         Effect::SmoothNormals => {
-            for mesh in b.meshes.iter_mut().map(|part| &mut part.mesh) {
+            for mesh in b.meshes.iter_mut().map(|part| Arc::make_mut(&mut part.mesh)) {
                 let normals = (0..mesh.positions.len())
                     .map(|v| dunkelfeld_geometry::geometric_normal(&mesh.corners(v / 4 * 2)))
                     .collect();
@@ -247,7 +249,8 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
             b.materials[2].emission_profile = EmissionProfile::CosinePower { exponent: FAINT };
         }
         Effect::ManyLights => {
-            for mesh in b.meshes.iter_mut().filter(|part| part.material == 2).map(|part| &mut part.mesh) {
+            for mesh in b.meshes.iter_mut().filter(|part| part.material == 2).map(|part| Arc::make_mut(&mut part.mesh))
+            {
                 let [corner, u, v] = [mesh.positions[0], 0.2 * Vec3::Y * 0.4, 0.2 * Vec3::X * 0.4];
                 let piece = |k: usize| [corner + (k % 5) as f32 * u + (k / 5) as f32 * v, u, v];
                 *mesh = faces(&(0..25).map(piece).collect::<Vec<_>>());

@@ -28,4 +28,4 @@ mod tree;
 mod triangle_block;
 mod validate;
 
-pub use scene::{Bvh, BvhError, BvhInstance, Hit, InstanceMotion, MeshTriangles};
+pub use scene::{Bvh, BvhError, BvhInstance, Hit, InstanceMotion, MeshTree, MeshTriangles};

@@ -3,12 +3,16 @@
 use dunkelfeld_geometry::{Aabb, Ray, RigidMotion, Transform, geometric_normal};
 use fearless_simd::Level;
 use glam::Vec3;
+use std::sync::Arc;
 
 use crate::build::build_tree;
 use crate::simd8::WIDTH;
 use crate::traverse::{self, AllTriangles, AlphaTestedTriangles, NoTriangles};
 use crate::tree::{Node, Tree};
 use crate::triangle_block::TriangleBlock;
+
+/// Maximum number of triangles of a mesh, and of instances.
+const MAX_COUNT: usize = (1 << 31) - 2;
 
 /// The triangles of a mesh, in its object space \[m\].
 #[derive(Clone, Copy, Debug)]
@@ -83,9 +87,10 @@ pub enum BvhError {
     TooMany,
 }
 
-/// One mesh: a tree with blocks of triangles in its leaves.
+/// The tree of one mesh in its own space: blocks of triangles in its leaves. It is a function of the triangles alone, so
+/// that structures share it: an instance that moves needs no other tree.
 #[derive(Clone, Debug)]
-pub(crate) struct MeshTree {
+pub struct MeshTree {
     pub(crate) tree: Tree,
     pub(crate) blocks: Vec<TriangleBlock>,
     /// Number of triangles in the blocks. The other triangles of the mesh can never be hit.
@@ -111,7 +116,7 @@ pub(crate) enum Space {
 /// An acceleration structure over instances of triangle meshes. Immutable once built, shared between threads freely.
 #[derive(Clone, Debug)]
 pub struct Bvh {
-    pub(crate) meshes: Vec<MeshTree>,
+    pub(crate) meshes: Vec<Arc<MeshTree>>,
     pub(crate) instances: Vec<Instance>,
     /// Over the instances; its leaves are one instance each.
     pub(crate) top: Tree,
@@ -147,8 +152,21 @@ impl Bvh {
         instances: &[BvhInstance],
         level: Level,
     ) -> Result<Self, BvhError> {
-        const MAX_COUNT: usize = (1 << 31) - 2;
-        if instances.len() > MAX_COUNT || meshes.iter().any(|m| m.triangles.len() > MAX_COUNT) {
+        let trees = meshes.iter().enumerate().map(|(i, mesh)| Ok(Arc::new(MeshTree::of_mesh(mesh, i)?)));
+        Self::from_trees_for(trees.collect::<Result<_, BvhError>>()?, instances, level)
+    }
+
+    /// Builds the structure over trees of meshes that exist already. The result is that of [`Bvh::build`] for the same
+    /// triangles.
+    ///
+    /// # Errors
+    /// [`BvhError`] for a mesh out of range, or for more instances than fit.
+    pub fn from_trees(meshes: Vec<Arc<MeshTree>>, instances: &[BvhInstance]) -> Result<Self, BvhError> {
+        Self::from_trees_for(meshes, instances, Level::new())
+    }
+
+    fn from_trees_for(meshes: Vec<Arc<MeshTree>>, instances: &[BvhInstance], level: Level) -> Result<Self, BvhError> {
+        if instances.len() > MAX_COUNT {
             return Err(BvhError::TooMany);
         }
         for (i, instance) in instances.iter().enumerate() {
@@ -156,8 +174,6 @@ impl Bvh {
                 return Err(BvhError::MeshOutOfRange { instance: i, mesh: instance.mesh, meshes: meshes.len() });
             }
         }
-        let meshes: Vec<MeshTree> =
-            meshes.iter().enumerate().map(|(i, m)| MeshTree::build(m, i)).collect::<Result<_, _>>()?;
         let instances: Vec<Instance> = instances
             .iter()
             .map(|i| {
@@ -211,8 +227,13 @@ impl Bvh {
     /// continues behind them. All other queries treat them like any other triangle.
     pub fn mark_alpha_tested(&mut self, is_alpha_tested: impl Fn(u32, u32) -> bool) {
         for (number, mesh) in (0u32..).zip(&mut self.meshes) {
-            for block in &mut mesh.blocks {
-                block.mark_alpha_tested(&|triangle| is_alpha_tested(number, triangle));
+            let is_tested = |triangle| is_alpha_tested(number, triangle);
+            // A tree that other structures share is copied only if its marks change.
+            if mesh.blocks.iter().all(|block| block.has_marks(&is_tested)) {
+                continue;
+            }
+            for block in &mut Arc::make_mut(mesh).blocks {
+                block.mark_alpha_tested(&is_tested);
             }
         }
     }
@@ -254,7 +275,7 @@ impl Bvh {
         };
         size_of::<Self>()
             + tree(&self.top)
-            + self.meshes.iter().map(mesh).sum::<usize>()
+            + self.meshes.iter().map(|m| mesh(m)).sum::<usize>()
             + self.instances.iter().map(instance).sum::<usize>()
     }
 
@@ -269,7 +290,18 @@ impl Bvh {
 }
 
 impl MeshTree {
-    fn build(mesh: &MeshTriangles, number: usize) -> Result<Self, BvhError> {
+    /// Builds the tree of a mesh. Triangles that no ray can hit are left out, as in [`Bvh::build`].
+    ///
+    /// # Errors
+    /// [`BvhError`] for an index out of range, or for too many triangles.
+    pub fn build(mesh: &MeshTriangles) -> Result<Self, BvhError> {
+        Self::of_mesh(mesh, 0)
+    }
+
+    fn of_mesh(mesh: &MeshTriangles, number: usize) -> Result<Self, BvhError> {
+        if mesh.triangles.len() > MAX_COUNT {
+            return Err(BvhError::TooMany);
+        }
         let mut kept = Vec::with_capacity(mesh.triangles.len());
         let mut boxes = Vec::with_capacity(mesh.triangles.len());
         for (i, triangle) in mesh.triangles.iter().enumerate() {

@@ -59,6 +59,12 @@ impl TriangleBlock {
             .map(|lane| (self.triangles[lane] & !ALPHA_TESTED, self.corners(lane)))
     }
 
+    /// Are the marks those that [`Self::mark_alpha_tested`] would set?
+    pub(crate) fn has_marks(&self, is_alpha_tested: &impl Fn(u32) -> bool) -> bool {
+        let mut numbers = self.triangles.iter().filter(|n| **n != NO_TRIANGLE);
+        numbers.all(|n| (n & ALPHA_TESTED != 0) == is_alpha_tested(n & !ALPHA_TESTED))
+    }
+
     /// Marks the triangles that let some light through.
     pub(crate) fn mark_alpha_tested(&mut self, is_alpha_tested: &impl Fn(u32) -> bool) {
         for number in self.triangles.iter_mut().filter(|n| **n != NO_TRIANGLE) {

@@ -297,8 +297,8 @@ fn scene() -> SceneBuilder {
     SceneBuilder {
         materials: vec![material("panel", 2.0), material("pmma", 0.0), material("pmma edge", 0.0)],
         meshes: vec![
-            MeshPart { name: "quad".into(), mesh: mesh.clone(), material: 0, ..MeshPart::default() },
-            MeshPart { name: "sheet".into(), mesh, material: 1, ..MeshPart::default() },
+            MeshPart { name: "quad".into(), mesh: mesh.clone().into(), material: 0, ..MeshPart::default() },
+            MeshPart { name: "sheet".into(), mesh: mesh.into(), material: 1, ..MeshPart::default() },
         ],
         instances: vec![instance("left", &[0], 1.0), instance("right", &[0], 2.0), instance("cover", &[1], 1.0)],
         lights: vec![

@@ -5,6 +5,7 @@ use dunkelfeld_io::InputError;
 use dunkelfeld_io::job::Job;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Instance, Material, MeshPart, PunctualKind, PunctualLight, SceneBuilder};
+use std::sync::Arc;
 
 /// Two triangles from one mesh of material "steel": "lid 1" at the origin and "lid 2" at x = 10 m, and a lamp.
 fn scene() -> SceneBuilder {
@@ -27,8 +28,8 @@ fn scene() -> SceneBuilder {
     SceneBuilder {
         materials: vec![material("steel", 0.0), material("glow", 1.0)],
         meshes: vec![
-            MeshPart { name: "lid".into(), mesh: mesh.clone(), material: 0, ..MeshPart::default() },
-            MeshPart { name: "lamp".into(), mesh, material: 1, ..MeshPart::default() },
+            MeshPart { name: "lid".into(), mesh: mesh.clone().into(), material: 0, ..MeshPart::default() },
+            MeshPart { name: "lamp".into(), mesh: mesh.into(), material: 1, ..MeshPart::default() },
         ],
         instances: vec![instance("lid 1", 0, 0.0), instance("lid 2", 0, 10.0), instance("lamp", 1, 0.0)],
         lights: vec![PunctualLight {
@@ -181,7 +182,7 @@ fn faults_have_a_line_and_help() {
 #[test]
 fn copies_of_emitters_have_a_limit() {
     let mut scene = scene();
-    scene.meshes[1].mesh.triangles = vec![[0, 1, 2]; 100];
+    Arc::make_mut(&mut scene.meshes[1].mesh).triangles = vec![[0, 1, 2]; 100];
     let text = "scene = \"a.glb\"\n[[object]]\nname = \"lamp\"\ngrid = { count = [300, 300, 1], step = [1, 1, 1] }";
     let job = Job::from_text("a.toml", text).expect("a job");
     let error = job.apply_overrides(&mut scene).expect_err("nine million lights");

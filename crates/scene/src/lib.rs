@@ -26,6 +26,7 @@ pub use build::builder::{
     Camera, Environment, EnvironmentSource, FilmWindow, Instance, MeshPart, Projection, PunctualKind, PunctualLight,
     SceneBuilder,
 };
+pub use build::cache::BuildCache;
 pub use build::compile::BuildError;
 pub use build::effects::{Effect, Effects, kernel_features};
 pub use build::fingerprint::digest;

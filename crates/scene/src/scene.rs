@@ -2,6 +2,7 @@
 
 use crate::build::builder::Camera;
 use crate::build::effects::Effects;
+use crate::build::report::BuildReport;
 use crate::camera::shutter::Shutter;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
 use crate::covers::scene_covers::Covers;
@@ -15,6 +16,8 @@ use crate::query::surface::CompiledMaterial;
 use dunkelfeld_bvh::Bvh;
 use dunkelfeld_geometry::{DVec3, Mesh, RigidMotion, Transform, Vec3};
 use std::borrow::Cow;
+use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Vertical field of view [rad] of the camera that frames a scene without one: 40 degrees.
 const FRAMING_FOV: f64 = 0.698_131_700_797_731_8;
@@ -28,13 +31,13 @@ pub struct Scene {
     pub(crate) world_origin: DVec3,
     pub(crate) bounds: Option<[DVec3; 2]>,
     pub(crate) bvh: Bvh,
-    /// For each instance of the hierarchy: its part, or a mark for the baked mesh, whose triangles refer to their
+    /// For each instance of the hierarchy: its part, or a mark for the shared tree, whose triangles refer to their
     /// parts.
     pub(crate) placements: Vec<Placement>,
-    /// The triangles of the baked mesh, then those of the meshes that stay instanced.
+    /// The triangles of the shared tree.
     pub(crate) facets: Vec<Facet>,
     pub(crate) parts: Vec<Part>,
-    pub(crate) meshes: Vec<Mesh>,
+    pub(crate) meshes: Vec<Arc<Mesh>>,
     pub(crate) object_names: Vec<String>,
     pub(crate) punctual_names: Vec<String>,
     pub(crate) materials: Vec<Material>,
@@ -62,9 +65,9 @@ pub struct Scene {
 /// Content of an instance of the hierarchy.
 #[derive(Clone, Copy, Debug, serde::Serialize)]
 pub(crate) enum Placement {
-    /// The mesh that holds all parts that were moved to render space.
-    Baked,
-    /// One part under a transform.
+    /// The tree of all parts in render space without a tree of their own.
+    Shared,
+    /// One part with a tree of its own, in render space or under a transform.
     Part(u32),
 }
 
@@ -79,8 +82,11 @@ pub(crate) struct Part {
     /// Motion in render space of a part that moves; it has a transform, which is the pose at time 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) motion: Option<Box<RigidMotion>>,
-    /// Index of its first triangle in [`Scene::facets`]. For a baked part it is also the index in the baked mesh.
+    /// Index of its first triangle in the shared tree and in [`Scene::facets`]; 0 with a tree of its own.
     pub(crate) first_facet: u32,
+    /// Its triangles, if it has a tree of its own.
+    #[serde(skip)]
+    pub(crate) facets: Option<Arc<[Facet]>>,
     /// The solid that it bounds, `NO_SOLID` if none.
     pub(crate) solid: u32,
     /// Light of each triangle; empty if nothing emits.
@@ -119,6 +125,20 @@ pub struct SceneSummary {
 }
 
 impl Scene {
+    /// A triangle of a part.
+    #[inline(always)]
+    pub(crate) fn facet<'a>(&'a self, part: &'a Part, triangle: u32) -> &'a Facet {
+        match &part.facets {
+            None => &self.facets[(part.first_facet + triangle) as usize],
+            Some(own) => &own[triangle as usize],
+        }
+    }
+
+    /// Adds hazards of the compiled scene to a report: sizes, coincident faces, lights inside solids, implausible values.
+    pub fn report_hazards(&self, report: &mut BuildReport) {
+        crate::build::lints::check(self, report);
+    }
+
     /// The position in world space of render space's origin.
     pub fn world_origin(&self) -> DVec3 {
         self.world_origin
@@ -201,14 +221,17 @@ impl Scene {
                 + (m.uvs[0].len() + m.uvs[1].len()) * 8
         };
         let image_bytes: usize = self.images.iter().map(|i| i.texels.bytes()).sum();
-        let meshes: usize = self.meshes.iter().map(mesh_bytes).sum();
+        let own = self.parts.iter().filter_map(|p| Some((p.facets.as_ref()?, p.mesh)));
+        // Copies of a mesh share its triangles.
+        let own: HashMap<u32, usize> = own.map(|(facets, mesh)| (mesh, facets.len())).collect();
+        let facets = self.facets.len() + own.values().sum::<usize>();
+        let meshes: usize = self.meshes.iter().map(|m| mesh_bytes(m)).sum();
         SceneSummary {
             placed_triangles: self.parts.iter().map(|p| self.meshes[p.mesh as usize].triangles.len() as u64).sum(),
             stored_triangles: self.meshes.iter().map(|m| m.triangles.len() as u64).sum(),
             objects: self.object_names.len(),
             instanced_parts: self.parts.iter().filter(|p| p.transform.is_some()).count(),
-            memory_bytes: (self.bvh.memory_bytes() + meshes + image_bytes + self.facets.len() * size_of::<Facet>())
-                as u64,
+            memory_bytes: (self.bvh.memory_bytes() + meshes + image_bytes + facets * size_of::<Facet>()) as u64,
             texture_bytes: image_bytes as u64,
             bounds: self.bounds.map(|b| b.map(|v| v.to_array())),
         }

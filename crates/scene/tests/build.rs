@@ -7,6 +7,7 @@ use dunkelfeld_scene::{
     BuildError, Camera, ColorEncoding, Environment, EnvironmentSource, Image, ImageId, Instance, Material, MeshPart,
     Projection, PunctualKind, PunctualLight, SceneBuilder, Severity, Texels, Texture,
 };
+use std::sync::Arc;
 
 /// A change that makes a valid scene invalid.
 type Corrupt = Box<dyn Fn(&mut SceneBuilder)>;
@@ -39,9 +40,9 @@ fn an_empty_scene_is_dark_with_a_report() {
 #[test]
 fn empty_objects_are_accepted() {
     let mut b = square();
-    b.meshes.push(MeshPart { name: "empty".into(), mesh: Mesh::default(), material: 0, ..MeshPart::default() });
+    b.meshes.push(MeshPart { name: "empty".into(), mesh: Mesh::default().into(), material: 0, ..MeshPart::default() });
     let points = Mesh { positions: vec![Vec3::ZERO; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
-    b.meshes.push(MeshPart { name: "point".into(), mesh: points, material: 0, ..MeshPart::default() });
+    b.meshes.push(MeshPart { name: "point".into(), mesh: points.into(), material: 0, ..MeshPart::default() });
     for meshes in [vec![], vec![1], vec![2], vec![1, 2, 1]] {
         b.instances.push(Instance {
             name: "i".into(),
@@ -181,7 +182,7 @@ fn invalid_values_are_refused_by_name() {
 #[test]
 fn attributes_that_do_not_fit_are_ignored_with_a_note() {
     let mut b = square();
-    let mesh = &mut b.meshes[0].mesh;
+    let mesh = Arc::make_mut(&mut b.meshes[0].mesh);
     mesh.normals = vec![Vec3::X; 3];
     mesh.tangents = vec![Vec4::X];
     mesh.uvs[1] = vec![Vec2::ZERO; 9];
@@ -205,7 +206,7 @@ fn attributes_that_do_not_fit_are_ignored_with_a_note() {
 fn a_scene_that_loses_every_triangle_is_an_error() {
     let flat = || {
         let mut b = square();
-        b.meshes[0].mesh.positions.iter_mut().for_each(|p| p.y = 0.0);
+        Arc::make_mut(&mut b.meshes[0].mesh).positions.iter_mut().for_each(|p| p.y = 0.0);
         b
     };
     let e = flat().build().expect_err("nothing is left");

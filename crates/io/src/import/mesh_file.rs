@@ -34,7 +34,7 @@ pub(crate) fn scene_of_meshes(
     let material = scene.add_material(Material { name: stem.clone(), base_color, ..Material::default() });
     for (mesh, object) in objects.into_iter().enumerate() {
         let name = if object.name.is_empty() { stem.clone() } else { object.name };
-        let part = MeshPart { name: name.clone(), mesh: object.mesh, material, ..MeshPart::default() };
+        let part = MeshPart { name: name.clone(), mesh: object.mesh.into(), material, ..MeshPart::default() };
         scene.meshes.push(part);
         let to_world = DAffine3::from_translation(object.origin);
         scene.instances.push(Instance { name, meshes: vec![mesh], to_world, motion: Default::default() });

@@ -124,7 +124,7 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
         let material = materials.find(part.material, part.closed, &mut warnings);
         let name = parsed.objects.get(part.object as usize).map_or("", String::as_str);
         materials.check_mesh(material, name, &mut part.mesh, &mut warnings);
-        scene.meshes.push(MeshPart { name: name.to_string(), mesh: part.mesh, material, ..MeshPart::default() });
+        scene.meshes.push(MeshPart { name: name.to_string(), mesh: part.mesh.into(), material, ..MeshPart::default() });
         let mesh = scene.meshes.len() - 1;
         match scene.instances.last_mut() {
             Some(instance) if last_object == Some(part.object) => instance.meshes.push(mesh),

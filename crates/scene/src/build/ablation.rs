@@ -9,6 +9,7 @@ use crate::material::{AlphaMode, ChannelTexture, Material, Surface, Volume};
 use crate::media::medium::Medium;
 use dunkelfeld_geometry::RigidMotion;
 use dunkelfeld_radiometry::Rgb;
+use std::sync::Arc;
 
 impl SceneBuilder {
     /// Changes the scene so that it no longer needs an effect. The table lists the replacements:
@@ -34,8 +35,8 @@ impl SceneBuilder {
     pub fn leave_out(&mut self, effect: Effect) -> bool {
         match effect {
             Effect::Nesting | Effect::ManyLights | Effect::Color => return false,
-            Effect::VertexColors => self.meshes.iter_mut().for_each(|m| m.mesh.colors.clear()),
-            Effect::SmoothNormals => self.meshes.iter_mut().for_each(|m| m.mesh.normals.clear()),
+            Effect::VertexColors => self.meshes.iter_mut().for_each(|m| Arc::make_mut(&mut m.mesh).colors.clear()),
+            Effect::SmoothNormals => self.meshes.iter_mut().for_each(|m| Arc::make_mut(&mut m.mesh).normals.clear()),
             Effect::EnergyCompensation => self.energy_compensation = false,
             Effect::FiniteAperture => self.cameras.iter_mut().for_each(|c| c.lens.aperture = None),
             Effect::Distortion => self.cameras.iter_mut().for_each(|c| c.lens.distortion = Default::default()),

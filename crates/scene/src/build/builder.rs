@@ -9,6 +9,7 @@ use crate::material::texture::{Image, ImageId};
 use crate::sampling_options::Techniques;
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion};
 use dunkelfeld_radiometry::Rgb;
+use std::sync::Arc;
 
 /// A scene before it is compiled. Indices (`usize`) refer to the vectors of this struct.
 ///
@@ -48,8 +49,8 @@ pub struct SceneBuilder {
 pub struct MeshPart {
     /// Name, for reports.
     pub name: String,
-    /// The triangles.
-    pub mesh: Mesh,
+    /// The triangles. Copies of the description share them.
+    pub mesh: Arc<Mesh>,
     /// Index into [`SceneBuilder::materials`].
     pub material: usize,
     /// True if all emitting triangles of the mesh are one light, whose points are sampled uniformly over the area. By
@@ -219,8 +220,8 @@ impl SceneBuilder {
     }
 
     /// Adds a mesh with one placement by the identity, as an object of its own. Returns the index of the object.
-    pub fn add_object(&mut self, name: &str, mesh: Mesh, material: usize) -> usize {
-        self.meshes.push(MeshPart { name: name.into(), mesh, material, is_single_light: false });
+    pub fn add_object(&mut self, name: &str, mesh: impl Into<Arc<Mesh>>, material: usize) -> usize {
+        self.meshes.push(MeshPart { name: name.into(), mesh: mesh.into(), material, is_single_light: false });
         self.instances.push(Instance {
             name: name.into(),
             meshes: vec![self.meshes.len() - 1],

@@ -153,6 +153,7 @@ mod tests {
     use crate::{Material, SceneBuilder, Texels};
     use dunkelfeld_geometry::{DVec3, Vec3};
     use dunkelfeld_radiometry::Rgb;
+    use std::sync::Arc;
 
     fn builder() -> SceneBuilder {
         let mut b = SceneBuilder::default();
@@ -175,7 +176,10 @@ mod tests {
         assert_eq!(fingerprint(|_| {}), same);
         type Change = fn(&mut SceneBuilder);
         let changes: [Change; 4] = [
-            |b| b.meshes[1].mesh.positions[3].x = b.meshes[1].mesh.positions[3].x.next_up(),
+            |b| {
+                let mesh = Arc::make_mut(&mut b.meshes[1].mesh);
+                mesh.positions[3].x = mesh.positions[3].x.next_up();
+            },
             |b| b.materials[0].roughness = b.materials[0].roughness.next_down(),
             |b| b.cameras[0].name.push('s'),
             |b| {

@@ -2,10 +2,13 @@
 
 mod ablation;
 mod append;
+mod area_lights;
 pub mod builder;
+pub mod cache;
 pub mod compile;
 pub mod effects;
 pub mod fingerprint;
 pub mod lints;
+mod placed;
 pub mod report;
 mod validate;

@@ -1,12 +1,13 @@
 //! Validation of a scene before it is compiled, and repair of damaged data.
 
-use crate::build::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuilder};
+use crate::build::builder::{EnvironmentSource, PunctualKind, SceneBuilder};
 use crate::build::compile::BuildError;
 use crate::build::report::BuildReport;
 use crate::camera::check_camera;
 use crate::camera::shutter::Shutter;
 use crate::material::Material;
 use crate::material::texture::{Image, Texels};
+use dunkelfeld_geometry::Mesh;
 use dunkelfeld_radiometry::Rgb;
 
 /// Longest time of an exposure \[s\].
@@ -184,32 +185,35 @@ pub(crate) fn mesh_place(index: usize, name: &str) -> String {
 }
 
 /// Drops attributes whose length differs from that of the positions, because they would be read out of range. Drops
-/// colours that are not finite, because they would make the surface invalid.
-pub(crate) fn drop_unusable_attributes(part: &mut MeshPart, place: &str, report: &mut BuildReport) {
-    let n = part.mesh.positions.len();
+/// colours that are not finite, because they would make the surface invalid. Gives a note for each.
+pub(crate) fn drop_unusable_attributes(mesh: &mut Mesh) -> Vec<String> {
+    let n = mesh.positions.len();
+    let mut notes = Vec::new();
     let mut drop = |len: usize, name: &str| {
         let wrong = len != 0 && len != n;
         if wrong {
-            report.note(place, format!("has {len} {name} for {n} positions; they are ignored"));
+            notes.push(format!("has {len} {name} for {n} positions; they are ignored"));
         }
         wrong
     };
-    if drop(part.mesh.normals.len(), "normals") {
-        part.mesh.normals.clear();
+    if drop(mesh.normals.len(), "normals") {
+        mesh.normals.clear();
     }
-    if drop(part.mesh.tangents.len(), "tangents") {
-        part.mesh.tangents.clear();
+    if drop(mesh.tangents.len(), "tangents") {
+        mesh.tangents.clear();
     }
-    if drop(part.mesh.colors.len(), "vertex colours") {
-        part.mesh.colors.clear();
+    if drop(mesh.colors.len(), "vertex colours") {
+        mesh.colors.clear();
     }
     for set in 0..2 {
-        if drop(part.mesh.uvs[set].len(), "texture coordinates") {
-            part.mesh.uvs[set].clear();
+        if drop(mesh.uvs[set].len(), "texture coordinates") {
+            mesh.uvs[set].clear();
         }
-    } // Values outside [0, 1] are clamped where they are used; a NaN would pass every clamp.
-    if part.mesh.colors.iter().any(|c| !c.is_finite()) {
-        report.note(place, "has vertex colours that are not finite; they are ignored");
-        part.mesh.colors.clear();
     }
+    // Values outside [0, 1] are clamped where they are used; a NaN would pass every clamp.
+    if mesh.colors.iter().any(|c| !c.is_finite()) {
+        notes.push("has vertex colours that are not finite; they are ignored".into());
+        mesh.colors.clear();
+    }
+    notes
 }

@@ -57,9 +57,8 @@ impl Triangle {
 pub(super) fn triangles<'a>(scene: &'a Scene, parts: &'a [usize]) -> impl Iterator<Item = Triangle> + 'a {
     parts.iter().flat_map(move |&index| {
         let part = &scene.parts[index];
-        let count = scene.meshes[part.mesh as usize].triangles.len();
-        let first = part.first_facet as usize;
-        scene.facets[first..first + count].iter().filter_map(move |facet| {
+        let count = scene.meshes[part.mesh as usize].triangles.len() as u32;
+        (0..count).map(|triangle| scene.facet(part, triangle)).filter_map(move |facet| {
             let transform = part.transform.as_deref();
             let point = |p: dunkelfeld_geometry::Vec3| {
                 transform.map_or(p.as_dvec3(), |t| t.to_world().transform_point3(p.as_dvec3()))

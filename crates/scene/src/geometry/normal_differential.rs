@@ -42,7 +42,7 @@ impl Scene {
     /// The derivative of `v / |v|` with `v` the interpolated normal, in render space and on the side of `oriented`.
     fn interpolation_differential(&self, p: &SurfacePoint, oriented: Vec3) -> Option<NormalDifferential> {
         let part = &self.parts[p.part as usize];
-        let facet = &self.facets[(part.first_facet + p.triangle) as usize];
+        let facet = self.facet(part, p.triangle);
         if !facet.is_smooth {
             return None;
         }

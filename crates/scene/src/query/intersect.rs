@@ -50,11 +50,16 @@ impl Scene {
     #[inline(always)]
     pub(crate) fn surface_point(&self, hit: &Hit, time: f32) -> SurfacePoint {
         let Hit { b1, b2, .. } = *hit;
-        let (part_index, facet_index) = match self.placements[hit.instance as usize] {
-            Placement::Baked => (self.facets[hit.triangle as usize].part, hit.triangle),
-            Placement::Part(part) => (part, self.parts[part as usize].first_facet + hit.triangle),
+        let (part_index, part, facet) = match self.placements[hit.instance as usize] {
+            Placement::Shared => {
+                let facet = &self.facets[hit.triangle as usize];
+                (facet.part, &self.parts[facet.part as usize], facet)
+            }
+            Placement::Part(index) => {
+                let part = &self.parts[index as usize];
+                (index, part, self.facet(part, hit.triangle))
+            }
         };
-        let (part, facet) = (&self.parts[part_index as usize], &self.facets[facet_index as usize]);
         let (mut point, mut error) = hit_point(&facet.corners, b1, b2);
         let mut normal = facet.normal;
         if let Some(transform) = &part.transform {
@@ -72,7 +77,7 @@ impl Scene {
             distance: hit.t,
             part: part_index,
             material: part.material,
-            triangle: facet_index - part.first_facet,
+            triangle: hit.triangle - part.first_facet,
             is_smooth: facet.is_smooth,
             barycentrics: [1.0 - b1 - b2, b1, b2],
             time,

@@ -134,7 +134,7 @@ impl Scene {
     // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
     pub(crate) fn shading_normal(&self, p: SurfacePoint) -> Vec3 {
         let part = &self.parts[p.part as usize];
-        let facet = &self.facets[(part.first_facet + p.triangle) as usize];
+        let facet = self.facet(part, p.triangle);
         if !facet.is_smooth {
             return p.normal;
         }
@@ -275,7 +275,7 @@ impl Scene {
             part: part_index,
             material: part.material,
             triangle: t,
-            is_smooth: self.facets[(part.first_facet + t) as usize].is_smooth,
+            is_smooth: self.facet(part, t).is_smooth,
             barycentrics: b,
             // No light moves.
             time: 0.0,

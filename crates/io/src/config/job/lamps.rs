@@ -370,7 +370,7 @@ impl MeshLamp {
             is_back_invisible: !self.has_body,
             ..Material::default()
         });
-        let mesh = self.meshes.emitter.clone();
+        let mesh = self.meshes.emitter.clone().into();
         let mut parts = vec![MeshPart { name: name.clone(), mesh, material, is_single_light: self.is_single_light }];
         if !self.meshes.plate.triangles.is_empty() && self.has_body {
             let name = format!("{name} plate");
@@ -380,7 +380,7 @@ impl MeshLamp {
                 roughness: 0.5,
                 ..Material::default()
             });
-            parts.push(MeshPart { name, mesh: self.meshes.plate.clone(), material, is_single_light: false });
+            parts.push(MeshPart { name, mesh: self.meshes.plate.clone().into(), material, is_single_light: false });
         }
         let first = scene.meshes.len();
         let meshes = (first..first + parts.len()).collect();

@@ -408,7 +408,7 @@ impl Importer<'_> {
             self.charge(primitive::mesh_bytes(&mesh), &place)?;
             let name = if source.primitives.len() > 1 { format!("{mesh_name} #{i}") } else { mesh_name.clone() };
             parts.push(self.scene.meshes.len());
-            self.scene.meshes.push(MeshPart { name, mesh, material, ..MeshPart::default() });
+            self.scene.meshes.push(MeshPart { name, mesh: mesh.into(), material, ..MeshPart::default() });
         }
         self.meshes.insert(key, parts.clone());
         Ok(parts)

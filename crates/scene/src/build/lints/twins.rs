@@ -1,9 +1,10 @@
 //! Checks for objects that are twice in one place: the same meshes, or other meshes with the same triangles.
 
 use super::places::push;
-use crate::build::builder::{Instance, MeshPart};
+use crate::build::builder::MeshPart;
+use crate::build::placed::PlacedObject;
 use crate::build::report::BuildReport;
-use dunkelfeld_geometry::{DVec3, Transform};
+use dunkelfeld_geometry::DVec3;
 use std::collections::{BTreeMap, HashMap};
 
 /// Two shapes are equal within this share of their size.
@@ -15,10 +16,8 @@ const ROUNDING: f64 = 2.0 * f32::EPSILON as f64;
 const MAX_TRIANGLES: usize = 4_000_000;
 const MAX_PAIRS: usize = 1 << 20;
 
-type Placed = (u32, Instance, Transform);
-
 /// Reports objects that lie in the same place as an earlier one with the same meshes, or with the same shape.
-pub(crate) fn twins(placed: &[Placed], meshes: &[MeshPart], report: &mut BuildReport) {
+pub(crate) fn twins(placed: &[PlacedObject], meshes: &[MeshPart], report: &mut BuildReport) {
     let mut known: HashMap<(&[usize], [u32; 12]), usize> = HashMap::new();
     let mut found: BTreeMap<usize, usize> = BTreeMap::new();
     // Objects by their number of triangles.
@@ -87,7 +86,7 @@ struct Shape {
 }
 
 impl Shape {
-    fn of((_, instance, transform): &Placed, meshes: &[MeshPart]) -> Self {
+    fn of((_, instance, transform): &PlacedObject, meshes: &[MeshPart]) -> Self {
         let triangles = || {
             instance.meshes.iter().flat_map(|&m| {
                 let mesh = &meshes[m].mesh;

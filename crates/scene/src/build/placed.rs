@@ -1,0 +1,288 @@
+//! The geometry of a scene in its places: meshes in render space, instances, and the hierarchy over them.
+
+use crate::build::builder::{Instance, MeshPart};
+use crate::build::cache::{Builds, OwnTree, PlacedMesh, tree_of};
+use crate::build::compile::BuildError;
+use crate::geometry::triangle_data::Facet;
+use crate::material::{Material, Surface};
+use crate::media::medium::Medium;
+use crate::media::nested_dielectrics::{NO_SOLID, SolidPart, Solids, rank_solids};
+use crate::media::solid::Solid;
+use crate::query::surface::CompiledMaterial;
+use crate::scene::{Part, Placement};
+use dunkelfeld_bsdf::EFFECTS;
+use dunkelfeld_bvh::{Bvh, BvhInstance, InstanceMotion, MeshTree};
+use dunkelfeld_geometry::{Aabb, DAffine3, DMat3, DVec3, Mesh, Transform, Vec3};
+use std::sync::Arc;
+
+/// Meshes used more than once are also moved to render space if their copies have at most this many triangles together.
+/// The memory for this many triangles is small.
+const MAX_BAKED_COPIES: usize = 16_384;
+
+/// The meshes in render space share one tree if they have at most this many triangles together; rays are fastest in one
+/// tree. Otherwise each has its own, so that a change of one object does not build the trees of the others again.
+const MAX_SHARED_TREE: usize = 65_536;
+
+/// An object in the world: its number, the description, and its transform.
+pub(crate) type PlacedObject = (u32, Instance, Transform);
+
+/// Geometry in its places: meshes in render space, and instanced meshes.
+#[derive(Default)]
+pub(crate) struct PlacedScene {
+    pub(crate) meshes: Vec<Arc<Mesh>>,
+    pub(crate) parts: Vec<Part>,
+    pub(crate) placements: Vec<Placement>,
+    /// See [`Scene::facets`](crate::scene::Scene::facets).
+    pub(crate) facets: Vec<Facet>,
+    /// Transform of each placement but the shared one.
+    transforms: Vec<Transform>,
+    /// For each part the tree of its mesh; `None` in the shared tree.
+    trees: Vec<Option<Arc<MeshTree>>>,
+    /// For each part of the shared tree its mesh in the description and its place in render space.
+    shared: Vec<(Arc<Mesh>, DAffine3)>,
+    /// For each part the index of its mesh in the builder.
+    sources: Vec<usize>,
+    /// For each part whether its emitting triangles are one light.
+    pub(crate) single_lights: Vec<bool>,
+    /// First and last time of a sample \[s\]; `None` if everything is at rest.
+    times: Option<[f64; 2]>,
+}
+
+/// The meshes of a scene that are moved to render space, and whether they share a tree.
+pub(crate) struct Baking {
+    /// For each mesh of the builder: is it moved, where it is at rest?
+    is_baked: Vec<bool>,
+    is_shared: bool,
+    has_times: bool,
+}
+
+impl Baking {
+    /// Decides by the number of copies and triangles. `has_times` if objects can move.
+    pub(crate) fn new(placed: &[PlacedObject], meshes: &[MeshPart], has_times: bool) -> Self {
+        let mut uses = vec![0usize; meshes.len()];
+        let rest = placed.iter().filter(|(_, i, _)| !has_times || i.motion.is_static());
+        for &m in rest.flat_map(|(_, i, _)| &i.meshes) {
+            uses[m] += 1;
+        }
+        let triangles = |m: usize| uses[m] * meshes[m].mesh.triangles.len();
+        let is_baked: Vec<bool> = (0..meshes.len()).map(|m| uses[m] == 1 || triangles(m) <= MAX_BAKED_COPIES).collect();
+        let all: usize = (0..meshes.len()).filter(|m| is_baked[*m]).map(triangles).sum();
+        Self { is_baked, is_shared: all <= MAX_SHARED_TREE, has_times }
+    }
+
+    /// Does each mesh have a tree of its own?
+    pub(crate) fn has_own_trees(&self) -> bool {
+        !self.is_shared
+    }
+
+    fn moves(&self, instance: &Instance) -> bool {
+        self.has_times && !instance.motion.is_static()
+    }
+
+    /// A moving part keeps a transform of its own.
+    fn bakes(&self, instance: &Instance, mesh: usize) -> bool {
+        self.is_baked[mesh] && !self.moves(instance)
+    }
+}
+
+impl PlacedScene {
+    /// Places all parts in render space, whose origin is `world_origin`. `times` are the first and last time of a
+    /// sample \[s\].
+    pub(crate) fn new(
+        placed: &[PlacedObject],
+        meshes: &[MeshPart],
+        (baking, times): (&Baking, Option<[f64; 2]>),
+        world_origin: DVec3,
+        builds: &mut Builds<'_>,
+    ) -> Result<Self, BuildError> {
+        let mut scene = Self { times, ..Self::default() };
+        let to_render = DAffine3::from_translation(-world_origin);
+        let all = || placed.iter().flat_map(|(object, i, t)| i.meshes.iter().map(move |&m| (*object, i, m, t)));
+        let in_render = |t: &Transform| to_render * *t.to_world();
+        // Parts of the shared tree come first, so that their triangles are numbered without gaps.
+        for (object, _, m, t) in all().filter(|(_, i, m, _)| baking.is_shared && baking.bakes(i, *m)) {
+            let to_render = in_render(t);
+            let mesh = Arc::new(bake(&meshes[m].mesh, &to_render));
+            let (part, first_facet) = (scene.parts.len() as u32, scene.facets.len() as u32);
+            scene.facets.extend(Facet::of_mesh(&mesh, part));
+            scene.shared.push((meshes[m].mesh.clone(), to_render));
+            scene.meshes.push(mesh);
+            let mesh = part;
+            scene.push(Part { mesh, object, first_facet, ..Part::of(&meshes[m]) }, (m, &meshes[m]), None);
+        }
+        if !scene.facets.is_empty() {
+            scene.placements.push(Placement::Shared);
+            scene.transforms.push(Transform::IDENTITY);
+        }
+        for (object, _, m, t) in all().filter(|(_, i, m, _)| baking.has_own_trees() && baking.bakes(i, *m)) {
+            let PlacedMesh { mesh, own } = builds.placed(&meshes[m].mesh, &in_render(t))?;
+            scene.placements.push(Placement::Part(scene.parts.len() as u32));
+            scene.transforms.push(Transform::IDENTITY);
+            scene.meshes.push(mesh);
+            let mesh = scene.meshes.len() as u32 - 1;
+            let part = Part { mesh, object, facets: Some(own.facets), ..Part::of(&meshes[m]) };
+            scene.push(part, (m, &meshes[m]), Some(own.tree));
+        }
+        let mut stored: Vec<Option<(u32, OwnTree)>> = vec![None; meshes.len()];
+        for (object, instance, m, transform) in all().filter(|(_, i, m, _)| !baking.bakes(i, *m)) {
+            // Invertible in world space and moved: still invertible.
+            let Ok(transform) = Transform::new(in_render(transform)) else { continue };
+            let (mesh, own) = match &stored[m] {
+                Some(known) => known.clone(),
+                None => {
+                    scene.meshes.push(meshes[m].mesh.clone());
+                    let own = builds.instanced(&meshes[m].mesh)?;
+                    stored[m].insert((scene.meshes.len() as u32 - 1, own)).clone()
+                }
+            };
+            scene.placements.push(Placement::Part(scene.parts.len() as u32));
+            scene.transforms.push(transform);
+            let motion = baking.moves(instance).then(|| Box::new(instance.motion.seen_from(world_origin)));
+            let part = Part {
+                mesh,
+                object,
+                transform: Some(Box::new(transform)),
+                motion,
+                facets: Some(own.facets),
+                ..Part::of(&meshes[m])
+            };
+            scene.push(part, (m, &meshes[m]), Some(own.tree));
+        }
+        Ok(scene)
+    }
+
+    /// Adds a part of a mesh of the builder.
+    fn push(&mut self, part: Part, (index, mesh): (usize, &MeshPart), tree: Option<Arc<MeshTree>>) {
+        self.parts.push(part);
+        self.trees.push(tree);
+        self.sources.push(index);
+        self.single_lights.push(mesh.is_single_light && EFFECTS);
+    }
+
+    /// Finds and ranks the solids. Marks the parts that bound them. `closed` contains for each mesh of the builder whether
+    /// it encloses a volume.
+    pub(crate) fn solids(&mut self, materials: &[Material], compiled: &[CompiledMaterial], closed: &[bool]) -> Solids {
+        let bounds = |part: &Part| {
+            let mesh = &self.meshes[part.mesh as usize];
+            let to_render = |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
+            let used = mesh.triangles.iter().flatten().map(|&i| to_render(mesh.positions[i as usize]));
+            let [lo, hi] = used.map(|p| [p, p]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])?;
+            let (Some(motion), Some([from, to])) = (&part.motion, self.times) else { return Some([lo, hi]) };
+            let swept = motion.swept(&Aabb { min: lo, max: hi }, from, to);
+            Some([swept.min, swept.max])
+        };
+        let mut found = Vec::new();
+        for (index, part) in self.parts.iter().enumerate() {
+            let material = &materials[part.material as usize];
+            let Surface::Solid(volume) = &material.surface else { continue };
+            let Some(bounds) = bounds(part).filter(|_| compiled[part.material as usize].is_solid) else { continue };
+            let solid = Solid { material: part.material, ior: material.ior, medium: Medium::new(volume) };
+            let is_closed = closed[self.sources[index]];
+            found.push(SolidPart { part: index, bounds, is_closed, priority: volume.priority, solid });
+        }
+        rank_solids(found, &mut self.parts)
+    }
+
+    /// Builds the hierarchy over all geometry. Parts that cover partly are marked, so that rays evaluate their
+    /// coverage.
+    pub(crate) fn hierarchy(
+        &self,
+        covers_partly: &dyn Fn(&Part) -> bool,
+        builds: &mut Builds<'_>,
+    ) -> Result<Bvh, BuildError> {
+        let mut trees: Vec<Arc<MeshTree>> = Vec::new();
+        let mut tree_of_mesh = vec![u32::MAX; self.meshes.len()];
+        let mut instances = Vec::with_capacity(self.placements.len());
+        for (placement, transform) in self.placements.iter().zip(&self.transforms) {
+            match placement {
+                Placement::Shared => {
+                    instances.push(BvhInstance { mesh: trees.len() as u32, to_world: None, motion: None });
+                    trees.push(builds.shared_tree(&self.shared, || self.shared_tree())?);
+                }
+                Placement::Part(number) => {
+                    let part = &self.parts[*number as usize];
+                    let tree = &mut tree_of_mesh[part.mesh as usize];
+                    if *tree == u32::MAX {
+                        *tree = trees.len() as u32;
+                        trees.extend(self.trees[*number as usize].clone());
+                    }
+                    let motion = part.motion.as_deref().copied().zip(self.times);
+                    let motion = motion.map(|(motion, times)| InstanceMotion { motion, times });
+                    let to_world = part.transform.is_some().then_some(*transform);
+                    instances.push(BvhInstance { mesh: *tree, to_world, motion });
+                }
+            }
+        }
+        let shared = self.placements.iter().any(|p| matches!(p, Placement::Shared)).then_some(0);
+        let count = trees.len();
+        let mut bvh = Bvh::from_trees(trees, &instances).map_err(|e| BuildError::Hierarchy(e.to_string()))?;
+        // A mesh that several parts share is alpha-tested if one of them is. An evaluation of the coverage is correct for
+        // all of them.
+        let mut alpha_tested_mesh = vec![false; count];
+        for part in self.parts.iter().filter(|p| p.facets.is_some() && covers_partly(p)) {
+            alpha_tested_mesh[tree_of_mesh[part.mesh as usize] as usize] = true;
+        }
+        if self.parts.iter().any(covers_partly) {
+            bvh.mark_alpha_tested(|mesh, triangle| {
+                if Some(mesh) == shared {
+                    covers_partly(&self.parts[self.facets[triangle as usize].part as usize])
+                } else {
+                    alpha_tested_mesh[mesh as usize]
+                }
+            });
+        }
+        Ok(bvh)
+    }
+
+    /// The tree of all triangles without a tree of their own.
+    fn shared_tree(&self) -> Result<MeshTree, BuildError> {
+        let mut positions = Vec::new();
+        let mut triangles = Vec::with_capacity(self.facets.len());
+        for part in self.parts.iter().filter(|p| p.facets.is_none()) {
+            let mesh = &self.meshes[part.mesh as usize];
+            let base = positions.len() as u32;
+            positions.extend_from_slice(&mesh.positions);
+            triangles.extend(mesh.triangles.iter().map(|t| t.map(|i| base + i)));
+        }
+        tree_of(&positions, &triangles)
+    }
+}
+
+impl Part {
+    /// A part at rest in render space, without triangles yet.
+    fn of(mesh: &MeshPart) -> Self {
+        Self {
+            mesh: 0,
+            material: mesh.material as u32,
+            object: 0,
+            transform: None,
+            motion: None,
+            first_facet: 0,
+            facets: None,
+            solid: NO_SOLID,
+            lights: Vec::new(),
+        }
+    }
+}
+
+/// Moves a mesh to render space. A mirroring transform reverses the winding, so that front faces stay front faces.
+pub(crate) fn bake(mesh: &Mesh, to_render: &DAffine3) -> Mesh {
+    let mirrored = to_render.matrix3.determinant() < 0.0;
+    // The normals are not normalised one by one. Between the corners of a triangle an uneven scale must turn them as in
+    // an instance, where they are interpolated first. A common factor keeps them in range.
+    let in_range = |m: DMat3| m * (1.0 / m.x_axis.length().max(m.y_axis.length()).max(m.z_axis.length()));
+    let (linear, normal_matrix) = (in_range(to_render.matrix3), in_range(to_render.matrix3.inverse().transpose()));
+    let direction = |m: &DMat3, v: Vec3| (*m * v.as_dvec3()).as_vec3();
+    Mesh {
+        positions: mesh.positions.iter().map(|p| to_render.transform_point3(p.as_dvec3()).as_vec3()).collect(),
+        triangles: mesh.triangles.iter().map(|&[a, b, c]| if mirrored { [a, c, b] } else { [a, b, c] }).collect(),
+        normals: mesh.normals.iter().map(|&n| direction(&normal_matrix, n)).collect(),
+        tangents: mesh
+            .tangents
+            .iter()
+            .map(|t| direction(&linear, t.truncate()).extend(if mirrored { -t.w } else { t.w }))
+            .collect(),
+        uvs: mesh.uvs.clone(),
+        colors: mesh.colors.clone(),
+    }
+}
