@@ -49,7 +49,7 @@ pub(crate) fn build(builder: SceneBuilder) -> Scene {
 
 /// Uniform settings without a sensor.
 pub(crate) fn settings(width: u32, height: u32, spp: f64, seed: u64) -> RenderSettings {
-    RenderSettings::default()
+    RenderSettings::without_sensor()
         .with_width(width)
         .with_height(height)
         .with_budget(Budget::default().with_spp(spp))

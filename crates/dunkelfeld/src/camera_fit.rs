@@ -2,11 +2,9 @@
 //! irradiance.
 
 use dunkelfeld_io::job::{LensProjection, LensSettings};
+use dunkelfeld_render::DEFAULT_F_NUMBER;
 use dunkelfeld_scene::camera::lens::{telecentric_aperture, telecentric_f_number};
 use dunkelfeld_scene::{Aperture, Blades, Camera, Opening, Projection, ThinLens, Vignetting};
-
-/// Default f-number of a lens.
-pub(crate) const DEFAULT_F_NUMBER: f64 = 4.0;
 
 /// The film of a lens.
 #[derive(Clone, Copy, Debug)]

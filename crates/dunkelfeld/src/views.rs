@@ -6,7 +6,6 @@ use crate::project::Project;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_render::Error;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 impl Project {
     /// Names of the cameras that the job defines, in its order; none if the settings name a camera. Each of them gets
@@ -18,15 +17,9 @@ impl Project {
         }
     }
 
-    /// Starts the clock of another render of the same scene. The seconds of loading belong to the first one.
-    pub fn restart_clock(&mut self) {
-        self.started = Instant::now();
-        (self.load_seconds, self.build_seconds) = (0.0, 0.0);
-    }
-
-    /// Seconds since the clock of the render started.
-    pub fn elapsed(&self) -> f64 {
-        self.started.elapsed().as_secs_f64()
+    /// Gives later renders clocks of their own: the time of loading belongs to the first one.
+    pub fn end_command_clock(&mut self) {
+        self.command = None;
     }
 
     /// The default name of the picture: that of the opened file `input` with `.png`, in the current folder. It is

@@ -9,6 +9,7 @@ pub use dunkelfeld_film::{MAX_PIXELS, MAX_SIDE};
 use derive_setters::Setters;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::{FilmLayers, Plane};
+use dunkelfeld_io::job::{DEFAULT_SENSOR, LensSettings};
 use dunkelfeld_scene::{Camera, Effect};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Readout, SensorModel};
 use serde::{Deserialize, Serialize};
@@ -30,6 +31,8 @@ pub const PIXELS_PER_TRAINING_PATH: u32 = 16;
 pub const MIN_TRAINED_PIXELS: u32 = 128 * 128;
 /// Shortest time limit with training \[s\].
 pub const MIN_TRAINED_SECONDS: f64 = 2.0;
+/// F-number of a lens without one.
+pub const DEFAULT_F_NUMBER: f64 = 4.0;
 /// Samples per pixel in the memory account if the clock or the noise ends the render.
 pub const UNKNOWN_SPP: f64 = 4096.0;
 
@@ -134,11 +137,52 @@ pub struct RenderSettings {
     /// command may need them.
     pub layers: FilmLayers,
     /// Effects that were left out on purpose. They mark the outputs. The scene must have been built without them
-    /// (`dunkelfeld::Project::open_without`).
+    /// (`dunkelfeld::OpenOptions::without`).
     pub without: Vec<Effect>,
 }
 
+impl Default for SensorChoice {
+    /// The sensor [`DEFAULT_SENSOR`](dunkelfeld_io::job::DEFAULT_SENSOR) behind the default lens, with automatic exposure.
+    fn default() -> Self {
+        let model = dunkelfeld_io::sensor_file::preset(DEFAULT_SENSOR);
+        let optics = Optics::new(DEFAULT_F_NUMBER, LensSettings::default().transmission, 0.0);
+        match (model, optics) {
+            (Ok(model), Ok(optics)) => Self::Emva { model: Box::new(model), optics, exposure: None },
+            // A test excludes it.
+            _ => Self::None,
+        }
+    }
+}
+
 impl RenderSettings {
+    /// The default settings without a sensor.
+    pub fn without_sensor() -> Self {
+        Self {
+            width: 512,
+            height: 512,
+            camera: None,
+            view: None,
+            budget: Budget::default(),
+            strategy: None,
+            pilot_spp: DEFAULT_PILOT_SPP,
+            training_paths: None,
+            sobel_floor: dunkelfeld_adaptive::weights::SOBEL_FLOOR,
+            seed: 0,
+            frame: 0,
+            threads: 0,
+            sensor: SensorChoice::None,
+            readout: Readout::default(),
+            exposure_noise: ExposureNoise::default(),
+            denoise: DenoiseSettings::default(),
+            replay: None,
+            samples: None,
+            memory_limit: None,
+            checkpoint: None,
+            layers: FilmLayers::default(),
+            without: Vec::new(),
+        }
+    }
+
     /// The strategy of the render.
     pub fn strategy(&self) -> Strategy {
         match self.samples {
@@ -212,32 +256,10 @@ impl RenderSettings {
 }
 
 impl Default for RenderSettings {
-    /// 512 x 512 pixels, [`DEFAULT_SPP`] samples with the method of the paper, no sensor.
+    /// 512 x 512 pixels, [`DEFAULT_SPP`] samples, the default sensor: the settings of a scene file that is opened without a
+    /// job.
     fn default() -> Self {
-        Self {
-            width: 512,
-            height: 512,
-            camera: None,
-            view: None,
-            budget: Budget::default(),
-            strategy: None,
-            pilot_spp: DEFAULT_PILOT_SPP,
-            training_paths: None,
-            sobel_floor: dunkelfeld_adaptive::weights::SOBEL_FLOOR,
-            seed: 0,
-            frame: 0,
-            threads: 0,
-            sensor: SensorChoice::None,
-            readout: Readout::default(),
-            exposure_noise: ExposureNoise::default(),
-            denoise: DenoiseSettings::default(),
-            replay: None,
-            samples: None,
-            memory_limit: None,
-            checkpoint: None,
-            layers: FilmLayers::default(),
-            without: Vec::new(),
-        }
+        Self { sensor: SensorChoice::default(), ..Self::without_sensor() }
     }
 }
 
@@ -248,6 +270,14 @@ fn mean_of(plan: &Plane<u32>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_default_has_the_default_sensor() {
+        let SensorChoice::Emva { model, exposure, .. } = RenderSettings::default().sensor else { panic!("no sensor") };
+        assert!(model.spec().name.contains("IMX250"), "{}", model.spec().name);
+        assert_eq!(exposure, None);
+        assert!(!RenderSettings::without_sensor().has_sensor());
+    }
 
     #[test]
     fn the_number_of_training_paths_follows_from_the_size_of_the_film() {

@@ -16,7 +16,7 @@ use crate::values::ExposureChoice;
 use dunkelfeld::InputFiles;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, Cancel, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState,
+    Budget, Cancel, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, OpenOptions, Progress, ProgressState,
     Project, RenderSettings, SensorChoice, Stage,
 };
 pub(crate) use report::{as_seen, say_flaws};
@@ -35,7 +35,8 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
     // The lock comes before loading: another process may use the file.
     let checkpoint = args.checkpoint.as_ref().map(|path| checkpoint(args, path)).transpose()?;
     begin(Stage::Load, 0.0, 0);
-    let mut project = Project::open_without(&args.input, started, &args.without)?;
+    let options = OpenOptions::default().with_started(started).with_without(args.without.clone()).with_can_change(false);
+    let mut project = Project::open_with(&args.input, options)?;
     project.settings.checkpoint = checkpoint;
     apply(args, &mut project)?;
     for line in notices(args, &project) {
@@ -60,8 +61,8 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
 
 /// Renders a project, writes its files and prints the summary.
 fn render(args: &RenderArgs, project: &Project, (sink, cancel): (&Sink, &Cancel)) -> Result<Outcome, Error> {
-    let mut result = project.render_with(sink, cancel)?;
-    let (elapsed, samples) = (project.elapsed(), result.stats.samples);
+    let mut result = project.render_to_files(sink, cancel)?;
+    let (elapsed, samples) = (result.elapsed(), result.stats.samples);
     sink.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed, remaining: None, samples });
     result.save(&project.outputs)?;
     sink.clear();

@@ -7,16 +7,15 @@ use crate::bar::Sink;
 use crate::commands::render::apply_view;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
-use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, Session, Stage};
+use dunkelfeld::{OpenOptions, DenoiseMethod, Error, Progress, ProgressState, Project, Session, Stage};
 use dunkelfeld_studies::bench::{BenchSettings, bench, default_folder};
-use std::time::Instant;
 
-pub(crate) fn run(args: &BenchArgs, started: Instant) -> Result<Outcome, Error> {
+pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {
     let settings = settings(args);
     settings.check()?;
     let sink = Sink::new(args.view.run.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let mut project = Project::open_at(&args.input, started)?;
+    let mut project = Project::open_with(&args.input, OpenOptions::default().with_can_change(false))?;
     apply_view(&args.view, &mut project)?;
     let folder = args.output.clone().unwrap_or_else(|| noted(default_folder(&args.input, &project.inputs)));
     let own_size = args.view.width.is_some() || args.view.height.is_some();

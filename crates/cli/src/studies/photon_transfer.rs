@@ -6,19 +6,18 @@ use crate::bar::Sink;
 use crate::commands::render::{apply_denoise, apply_view};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, say};
-use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, Session, Stage};
+use dunkelfeld::{OpenOptions, DenoiseMethod, Error, Progress, ProgressState, Project, Session, Stage};
 use dunkelfeld_studies::photon_transfer::{PtcSettings, StackSettings, ptc, ptc_folder, ptc_of_frames};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// File extensions of frames. Others are scenes.
 const FRAMES: [&str; 4] = ["png", "tif", "tiff", "bmp"];
 
-pub(crate) fn run(args: &PtcArgs, started: Instant) -> Result<Outcome, Error> {
+pub(crate) fn run(args: &PtcArgs) -> Result<Outcome, Error> {
     let is_frame = |p: &PathBuf| FRAMES.iter().any(|e| p.extension().is_some_and(|x| x.eq_ignore_ascii_case(e)));
     match args.inputs.as_slice() {
         inputs if inputs.iter().all(is_frame) => of_frames(args),
-        [input] => of_scene(args, input, started),
+        [input] => of_scene(args, input),
         _ => {
             let problem = format!("{} inputs are neither one scene nor a stack of frames", args.inputs.len());
             Err(Error::setting("inputs", problem, "give one scene or job, or frames (.png, .tif, .bmp) alone"))
@@ -67,7 +66,7 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
 }
 
 /// Prints the findings and the path of the report on standard output.
-fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, Error> {
+fn of_scene(args: &PtcArgs, input: &Path) -> Result<Outcome, Error> {
     for (flag, value) in [("--dark", args.dark), ("--saturation", args.saturation)] {
         if value.is_some() {
             let problem = "is for frames; with a scene, the sensor has that value";
@@ -78,7 +77,7 @@ fn of_scene(args: &PtcArgs, input: &Path, started: Instant) -> Result<Outcome, E
     settings.check()?;
     let sink = Sink::new(args.view.run.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let mut project = Project::open_at(input, started)?;
+    let mut project = Project::open_with(input, OpenOptions::default().with_can_change(false))?;
     apply_view(&args.view, &mut project)?;
     let folder = args.output.clone().unwrap_or_else(|| noted(ptc_folder(input, &project.inputs)));
     let cancel = cancel_on_interrupt();

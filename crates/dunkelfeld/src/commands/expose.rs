@@ -1,6 +1,5 @@
 //! `expose`: converts an EXR of ours or of another renderer to frames of a camera.
 
-use crate::camera_fit::DEFAULT_F_NUMBER;
 use crate::exposer::Exposer;
 use crate::frame::Picture;
 use crate::guard::{DefaultPath, Output, check_outputs, free_file};
@@ -10,7 +9,7 @@ use derive_setters::Setters;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::input::{InputFiles, Role, files_in};
 use dunkelfeld_io::job::LensSettings;
-use dunkelfeld_render::{Error, RenderSettings, SensorChoice, Session, Stage, written};
+use dunkelfeld_render::{DEFAULT_F_NUMBER, Error, RenderSettings, SensorChoice, Session, Stage, written};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Readout, SensorModel};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};

@@ -251,7 +251,7 @@ mod tests {
     }
 
     fn with(change: impl FnOnce(&mut RenderSettings, &mut OutputPaths)) -> MemoryAccount {
-        let (mut settings, mut outputs) = (RenderSettings::default(), OutputPaths::default());
+        let (mut settings, mut outputs) = (RenderSettings::without_sensor(), OutputPaths::default());
         change(&mut settings, &mut outputs);
         account_of(&settings, &outputs)
     }

@@ -12,6 +12,9 @@ impl Project {
     /// range are left out.
     pub fn findings(&self) -> BuildReport {
         let mut report = self.report.clone();
+        if !self.has_all_findings {
+            self.scene.report_hazards(&mut report);
+        }
         let views = self.views();
         let is_one = views.len() == 1;
         let mut cameras: Vec<(RayGenerator, [u32; 2])> = Vec::new();

@@ -72,6 +72,7 @@ use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings};
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_radiometry::Rgb;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -384,6 +385,37 @@ impl Job {
     /// If the text is invalid.
     pub fn from_text(path: impl Into<PathBuf>, text: impl Into<String>) -> Result<Self, InputError> {
         Self::from_toml(TomlFile::from_text(path, text))
+    }
+
+    /// The job of a scene file without settings.
+    ///
+    /// # Errors
+    /// A path that is not UTF-8.
+    pub fn of_scene(path: &Path) -> Result<Self, InputError> {
+        let name = path.file_name().and_then(|name| name.to_str()).ok_or_else(|| {
+            InputError::new(path, "file name", "is not UTF-8", "rename the file")
+        })?;
+        let text = toml::to_string(&BTreeMap::from([("scene", name)]));
+        Self::from_toml(TomlFile::from_text(path, text.unwrap_or_default()))
+    }
+
+    /// This job with the keys of another TOML text, as if they were at its end: tables are merged key by key, lists of
+    /// tables (`[[object]]`) are extended, and every other value is replaced.
+    ///
+    /// # Errors
+    /// A text that is not TOML, or keys and values that a job may not have. Lines in messages are those of the combined
+    /// text.
+    pub fn with_overrides(&self, overrides: &str) -> Result<Self, InputError> {
+        let mut job = Self::from_toml(self.source.with_overrides("the overrides", overrides)?)?;
+        let mut inputs = self.inputs.clone();
+        inputs.extend(&job.inputs);
+        job.inputs = inputs;
+        Ok(job)
+    }
+
+    /// Does another job read the same scene files in the same way?
+    pub fn has_scene_of(&self, other: &Self) -> bool {
+        self.scene == other.scene && self.import == other.import
     }
 
     fn from_toml(file: TomlFile) -> Result<Self, InputError> {

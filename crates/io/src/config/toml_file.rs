@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 
 use dunkelfeld_radiometry::Number;
 use serde::de::DeserializeOwned;
-use toml::Spanned;
+use toml::{Spanned, Table, Value};
 use toml::de::{DeTable, DeValue};
 
 use crate::error::{InputError, SourceSpan};
@@ -61,6 +61,20 @@ impl TomlFile {
             text.drain(..'\u{feff}'.len_utf8());
         }
         Self { path: path.into(), text }
+    }
+
+    /// The text with the keys of another one: tables are merged key by key, lists of tables (`[[light]]`) are extended,
+    /// and every other value is replaced. Paths remain relative to the folder of this file.
+    ///
+    /// # Errors
+    /// One of the texts is not TOML. Errors about the other one have its name as their file.
+    pub fn with_overrides(&self, name: &str, overrides: &str) -> Result<Self, InputError> {
+        let mut root: Table = self.parse()?;
+        merge(&mut root, Self::from_text(name, overrides).parse()?);
+        let text = toml::to_string(&root).map_err(|e| {
+            InputError::new(&self.path, "the file", format!("cannot be combined with {name}: {e}"), "check both texts")
+        })?;
+        Ok(Self { path: self.path.clone(), text })
     }
 
     /// The origin of the text.
@@ -175,6 +189,20 @@ impl TomlFile {
         match finder.best {
             Some((_, path)) => describe(&path),
             None => format!("line {}", self.text.get(..range.start).unwrap_or("").matches('\n').count() + 1),
+        }
+    }
+}
+
+/// See [`TomlFile::with_overrides`].
+fn merge(table: &mut Table, overrides: Table) {
+    let are_tables = |list: &[Value]| list.iter().all(Value::is_table);
+    for (key, value) in overrides {
+        match (table.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(value)) => merge(below, value),
+            (Some(Value::Array(list)), Value::Array(more)) if are_tables(list) && are_tables(&more) => list.extend(more),
+            (_, value) => {
+                table.insert(key, value);
+            }
         }
     }
 }

@@ -60,7 +60,7 @@ impl ExposureRecipe {
                 .iter()
                 .filter_map(|name| Effect::ALL.into_iter().find(|e| e.name() == name))
                 .collect(),
-            ..RenderSettings::default()
+            ..RenderSettings::without_sensor()
         }
     }
 
@@ -144,7 +144,7 @@ mod tests {
             let sensor = SensorChoice::Emva { model: Box::new(model), optics, exposure };
             let (seed, frame, training_paths) = (u64::MAX, 3, Some(768));
             let readout = Readout { binning: 2, line_scan_stages: 4 };
-            let settings = RenderSettings { sensor, readout, seed, frame, training_paths, ..RenderSettings::default() };
+            let settings = RenderSettings { sensor, readout, seed, frame, training_paths, ..RenderSettings::without_sensor() };
             let text = serde_json::to_string(&ExposureRecipe::new(&settings, true, &["a".into()])).expect("plain data");
             let recipe: ExposureRecipe = serde_json::from_str(&text).expect("the text that was written");
             let back = recipe.settings(settings.width, settings.height);

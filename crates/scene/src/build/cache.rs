@@ -235,3 +235,118 @@ fn repair(mesh: &mut Mesh) -> Repaired {
     let repairs = clean(mesh);
     Repaired { repairs, attributes, lost_digits: lost_digits(mesh) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Scene;
+    use crate::shapes::{cuboid, sphere};
+    use crate::{Environment, EnvironmentSource, Material, SceneBuilder};
+    use dunkelfeld_geometry::{DVec3, Ray, Vec2};
+    use dunkelfeld_radiometry::Rgb;
+
+    /// A floor, and three balls with enough triangles for trees of their own.
+    fn balls(rings: u32) -> SceneBuilder {
+        let mut b = SceneBuilder::default();
+        let grey = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
+        b.add_object("floor", cuboid(Vec3::new(-2.0, -1.0, -0.2), Vec3::new(2.0, 1.0, -0.1)), grey);
+        for (i, name) in ["left", "middle", "right"].into_iter().enumerate() {
+            b.add_object(name, sphere(Vec3::new(i as f32 - 1.0, 0.1, 0.3), 0.3, rings, true), grey);
+        }
+        b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::WHITE), rotation: 0.0 });
+        b
+    }
+
+    fn hits(scene: &Scene) -> Vec<Option<[u32; 4]>> {
+        let ray = |i: u32| {
+            let [x, y] = [(i % 64) as f32 / 16.0 - 2.0, (i / 64) as f32 / 16.0 - 2.0];
+            Ray::new(Vec3::new(x, y, 3.0) - scene.world_origin().as_vec3(), Vec3::new(0.1, -0.05, -1.0).normalize())
+        };
+        let bits = |p: crate::SurfacePoint| [p.distance.to_bits(), p.part, p.triangle, p.point.x.to_bits()];
+        (0..64 * 64).map(|i| scene.intersect(&ray(i)).map(bits)).collect()
+    }
+
+    #[track_caller]
+    fn assert_same(builder: &SceneBuilder, cache: &mut BuildCache) -> Scene {
+        let fresh = builder.clone().build().expect("a scene").0;
+        let again = builder.clone().build_with(cache).expect("a scene").0;
+        assert_eq!(fresh.fingerprint(), again.fingerprint());
+        let seen = hits(&fresh);
+        assert!(seen.iter().flatten().count() > 500, "the test does not test");
+        assert!(seen == hits(&again));
+        again
+    }
+
+    fn shares_facets(a: &Scene, b: &Scene, object: u32) -> bool {
+        let facets = |s: &Scene| s.parts.iter().find(|p| p.object == object).and_then(|p| p.facets.clone());
+        matches!((facets(a), facets(b)), (Some(a), Some(b)) if Arc::ptr_eq(&a, &b))
+    }
+
+    #[test]
+    fn a_moved_object_alone_is_built_again() {
+        let mut b = balls(150);
+        let mut cache = BuildCache::default();
+        let first = assert_same(&b, &mut cache);
+        assert!(first.parts.iter().all(|p| p.facets.is_some()), "each object has a tree of its own");
+        b.instances[2].to_world = DAffine3::from_translation(DVec3::new(0.1, 0.2, 0.05));
+        let moved = assert_same(&b, &mut cache);
+        assert_eq!(moved.world_origin(), first.world_origin());
+        assert_eq!([0, 1, 2, 3].map(|i| shares_facets(&first, &moved, i)), [true, true, false, true]);
+        // A hidden object is shown again without a new tree.
+        let hidden = b.instances.remove(1);
+        assert_same(&b, &mut cache);
+        b.instances.insert(1, hidden);
+        let shown = assert_same(&b, &mut cache);
+        assert!(shares_facets(&first, &shown, 1));
+        // Far away the origin changes, and with it all coordinates.
+        b.instances[2].to_world = DAffine3::from_translation(DVec3::new(90.0, 0.0, 0.0));
+        assert_ne!(assert_same(&b, &mut cache).world_origin(), first.world_origin());
+    }
+
+    #[test]
+    fn a_shared_tree_is_built_again_where_a_part_of_it_changes() {
+        let mut b = balls(12);
+        let mut cache = BuildCache::default();
+        let first = assert_same(&b, &mut cache);
+        assert!(first.parts.iter().all(|p| p.facets.is_none()));
+        let tree = |cache: &BuildCache| cache.shared.as_ref().map(|s| s.tree.clone()).expect("a tree");
+        let before = tree(&cache);
+        b.materials[0].roughness = 0.2;
+        assert_same(&b, &mut cache);
+        assert!(Arc::ptr_eq(&before, &tree(&cache)), "a material changes no tree");
+        b.instances[1].to_world = DAffine3::from_translation(DVec3::X);
+        assert_same(&b, &mut cache);
+        assert!(!Arc::ptr_eq(&before, &tree(&cache)));
+    }
+
+    #[test]
+    fn a_repaired_mesh_is_repaired_once_and_reported_each_time() {
+        let mut b = balls(12);
+        let mesh = Arc::make_mut(&mut b.meshes[1].mesh);
+        mesh.triangles.push([0, 0, 1]);
+        mesh.uvs[0] = vec![Vec2::ZERO];
+        let (_, fresh) = b.clone().build().expect("a scene");
+        let mut cache = BuildCache::default();
+        for _ in 0..2 {
+            let (scene, mut report) = b.clone().build_with(&mut cache).expect("a scene");
+            scene.report_hazards(&mut report);
+            assert_eq!(report.findings, fresh.findings);
+            assert!(report.findings.iter().any(|f| f.message.contains("without area")), "{report:?}");
+        }
+    }
+
+    #[test]
+    fn results_that_are_no_longer_used_are_dropped() {
+        let mut b = balls(12);
+        let mut cache = BuildCache::default();
+        b.clone().build_with(&mut cache).expect("a scene");
+        let known = cache.meshes.len();
+        b.instances.remove(3);
+        let removed = b.meshes.pop();
+        for _ in 0..=KEPT_BUILDS {
+            b.clone().build_with(&mut cache).expect("a scene");
+        }
+        assert_eq!(cache.meshes.len(), known - 1);
+        drop(removed);
+    }
+}

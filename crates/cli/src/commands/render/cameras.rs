@@ -49,7 +49,7 @@ pub(super) fn run(
     let mut worst = Outcome::Done;
     for (i, (camera, outputs)) in cameras.iter().zip(files).enumerate() {
         if i > 0 {
-            project.restart_clock();
+            project.end_command_clock();
         }
         if let Some(total) = total {
             // The clock of the first render includes the start of the program.

@@ -1,0 +1,279 @@
+//! Opens a scene or a job: reads its files, compiles the scene, and derives the settings.
+
+use super::overrides::Description;
+use super::{CommandClock, Project};
+use crate::film_part::FilmPart;
+use crate::outputs::OutputPaths;
+use crate::shutter::{expose_for, report_strobes};
+use derive_setters::Setters;
+use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
+use dunkelfeld_io::input::InputFiles;
+use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
+use dunkelfeld_io::{ImportWarning, InputError};
+use dunkelfeld_radiometry::Seconds;
+use dunkelfeld_render::{Budget, DEFAULT_F_NUMBER, Error, RenderSettings, SensorChoice};
+use dunkelfeld_scene::{BuildCache, BuildError, BuildReport, Effect, Scene};
+use dunkelfeld_sensor::{Exposure, Optics};
+use std::path::Path;
+use std::time::Instant;
+
+/// How a project is opened.
+#[derive(Clone, Debug, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
+pub struct OpenOptions {
+    /// The start of the command, from which the time budget of its render counts. By default the clock of each render
+    /// starts with it.
+    #[setters(into)]
+    pub started: Option<Instant>,
+    /// Effects of the scene to leave out, see [`SceneBuilder::leave_out`](dunkelfeld_scene::SceneBuilder::leave_out). The
+    /// outputs are marked.
+    pub without: Vec<Effect>,
+    /// Keep the description of the scene, so that [`Project::set_overrides`] can change it. It takes the memory of the
+    /// meshes and textures once more. Default true.
+    pub can_change: bool,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self { started: None, without: Vec::new(), can_change: true }
+    }
+}
+
+/// A compiled job: the scene, and the settings of a render.
+#[derive(Debug)]
+pub(super) struct Compiled {
+    pub(super) scene: Scene,
+    pub(super) report: BuildReport,
+    pub(super) warnings: Vec<ImportWarning>,
+    pub(super) inputs: InputFiles,
+    pub(super) part: Option<FilmPart>,
+    pub(super) given: GivenSettings,
+    pub(super) build_seconds: f64,
+}
+
+/// The settings of a job, which a program may adjust.
+#[derive(Clone, Debug)]
+pub(super) struct GivenSettings {
+    pub(super) settings: RenderSettings,
+    pub(super) outputs: OutputPaths,
+    pub(super) optics: Optics,
+    pub(super) lens: LensSettings,
+    pub(super) film: FilmSettings,
+}
+
+impl Project {
+    /// Opens a scene (`.gltf`, `.glb`, `.obj`, `.stl`, `.ply`) or a job (`.toml`).
+    ///
+    /// # Errors
+    /// A file that cannot be used: the error names file, place and help.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
+        Self::open_with(path, OpenOptions::default())
+    }
+
+    /// [`Project::open`] with options.
+    ///
+    /// # Errors
+    /// As [`Project::open`], and for an effect that cannot be left out.
+    pub fn open_with(path: impl AsRef<Path>, options: OpenOptions) -> Result<Self, Error> {
+        let path = path.as_ref();
+        let OpenOptions { started, without, can_change } = options;
+        let began = Instant::now();
+        let is_job = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        let job = if is_job { Some(Job::from_file(path)?) } else { None };
+        let imported = match &job {
+            Some(job) => job.load_scene()?,
+            None => load_scene(path, &ImportOptions::default())?,
+        };
+        let mut description = None;
+        let compiled = if can_change {
+            let mut cache = BuildCache::default();
+            let mut compiled = compile(path, job.as_ref(), imported.clone(), &without, Some(&mut cache))?;
+            compiled.scene.report_hazards(&mut compiled.report);
+            let base = match &job {
+                Some(job) => job.clone(),
+                None => Job::of_scene(path)?,
+            };
+            let given = compiled.given.clone();
+            description = Some(Box::new(Description { base, job: None, imported, without, given, cache }));
+            compiled
+        } else {
+            compile(path, job.as_ref(), imported, &without, None)?
+        };
+        let Compiled { scene, report, warnings, inputs, part, given, build_seconds } = compiled;
+        let load_seconds = began.elapsed().as_secs_f64() - build_seconds;
+        let GivenSettings { settings, outputs, optics, lens, film } = given;
+        Ok(Self {
+            scene,
+            own_pitch: pitch_of(&settings.sensor),
+            part,
+            vignetting: None,
+            settings,
+            outputs,
+            warnings,
+            report,
+            optics,
+            lens,
+            film,
+            inputs,
+            job: job.map(Box::new),
+            command: started.map(|started| CommandClock { started, load_seconds, build_seconds }),
+            description,
+            has_all_findings: true,
+        })
+    }
+}
+
+/// Compiles an imported scene with the changes of a job, if there is one. `path` is the file that was opened.
+pub(super) fn compile(
+    path: &Path,
+    job: Option<&Job>,
+    mut imported: Imported,
+    without: &[Effect],
+    cache: Option<&mut BuildCache>,
+) -> Result<Compiled, Error> {
+    let lens = job.map(|job| job.lens.clone()).unwrap_or_default();
+    let f_number = lens.f_number.unwrap_or(DEFAULT_F_NUMBER);
+    let bands = job.map(Job::bands).transpose()?.unwrap_or_default();
+    let optics = Optics::new(f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?.with_bands(bands);
+    let mut inputs = job.map(|job| job.inputs().clone()).unwrap_or_default();
+    let (mut settings, outputs) = match job {
+        Some(job) => apply_job(job, &mut imported, optics, &mut inputs)?,
+        None => (RenderSettings::default(), OutputPaths::default()),
+    };
+    inputs.extend(&imported.inputs);
+    for &effect in without {
+        // An effect that is given twice is left out once.
+        if settings.without.contains(&effect) {
+            continue;
+        }
+        settings.without.push(effect);
+        if !imported.scene.leave_out(effect) {
+            let problem =
+                format!("{} cannot be left out: it is not a part of the scene that can be taken away", effect.name());
+            let help = "leave out another effect; `dunkelfeld inspect` lists those that the scene uses";
+            return Err(Error::setting("without", problem, help));
+        }
+    }
+    let file = job.map_or(path, Job::scene_path);
+    let strobes = job.and_then(|job| job.strobe_hazard(&imported.scene));
+    let began = Instant::now();
+    let built = match cache {
+        Some(cache) => imported.scene.build_with(cache),
+        None => imported.scene.build(),
+    };
+    let (scene, mut report) = built.map_err(|e| build_error(e, file))?;
+    report_strobes(strobes, &mut report);
+    let part = job.map(|job| film_part(job, &settings.sensor)).transpose()?.flatten();
+    let film = job.map(|job| job.film.clone()).unwrap_or_default();
+    let given = GivenSettings { settings, outputs, optics, lens, film };
+    let build_seconds = began.elapsed().as_secs_f64();
+    Ok(Compiled { scene, report, warnings: imported.warnings, inputs, part, given, build_seconds })
+}
+
+/// Applies a job to its imported scene, and gives the settings of the render.
+fn apply_job(
+    job: &Job,
+    imported: &mut Imported,
+    optics: Optics,
+    inputs: &mut InputFiles,
+) -> Result<(RenderSettings, OutputPaths), Error> {
+    let sensor = sensor_of(&job.sensor, optics, inputs).map_err(|e| match e {
+        Error::Input(e) => job.sensor_error(e).into(),
+        e => e,
+    })?;
+    let part = film_part(job, &sensor)?;
+    imported.warnings.extend(job.apply_overrides(&mut imported.scene)?);
+    job.apply_intrinsics(&mut imported.scene, whole_film(job, part));
+    job.camera_index(&imported.scene)?;
+    let [width, height] = part.map_or_else(|| whole_film(job, part), |part| part.size());
+    let budget = Budget::default()
+        .with_seconds(job.budget.time.map(|t| t.as_secs_f64()))
+        .with_spp(job.budget.spp)
+        .with_noise(job.budget.noise);
+    let settings = RenderSettings::default()
+        .with_width(width)
+        .with_height(height)
+        .with_camera(job.camera.selected.clone())
+        .with_budget(budget)
+        .with_memory_limit(job.budget.memory)
+        .with_strategy(job.allocate.strategy)
+        .with_pilot_spp(job.allocate.pilot_spp)
+        .with_sobel_floor(job.allocate.floor as f32)
+        .with_seed(job.seed)
+        .with_frame(job.frame)
+        .with_sensor(sensor)
+        .with_exposure_noise(job.sensor.exposure_noise)
+        .with_denoise(job.denoise.clone());
+    imported.scene.shutter = job.shutter(&imported.scene, settings.height)?;
+    let settings = match imported.scene.shutter {
+        Some(_) => expose_for(settings, imported.scene.shutter.as_ref(), job)?,
+        None => settings,
+    };
+    let o = &job.output;
+    let outputs = OutputPaths {
+        image: o.image.clone(),
+        linear: o.linear.clone(),
+        exr: o.exr.clone(),
+        stats: o.stats.clone(),
+        plan: o.plan.clone(),
+    };
+    Ok((settings, outputs))
+}
+
+/// The part of a larger film that a job describes.
+pub(super) fn film_part(job: &Job, sensor: &SensorChoice) -> Result<Option<FilmPart>, Error> {
+    let film = &job.film;
+    if !film.full && film.roi.is_none() && film.binning.is_none() {
+        return Ok(None);
+    }
+    let part = FilmPart::new(film, sensor);
+    part.map(Some).map_err(|(key, problem, help)| job.film_error(key, problem, help).into())
+}
+
+/// Width and height of the whole film of a job \[pixels\].
+pub(super) fn whole_film(job: &Job, part: Option<FilmPart>) -> [u32; 2] {
+    let defaults = RenderSettings::default();
+    let given = [job.film.width.unwrap_or(defaults.width), job.film.height.unwrap_or(defaults.height)];
+    part.map_or(given, |part| part.whole)
+}
+
+fn sensor_of(sensor: &job::SensorSettings, optics: Optics, inputs: &mut InputFiles) -> Result<SensorChoice, Error> {
+    let model = match &sensor.model {
+        job::SensorChoice::None => return Ok(SensorChoice::None),
+        job::SensorChoice::Preset(name) => dunkelfeld_io::sensor_file::preset(name)?,
+        job::SensorChoice::File(path) => dunkelfeld_io::sensor_file::load_sensor_recorded(path, inputs)?,
+    };
+    let exposure = match sensor.exposure {
+        job::Exposure::Auto => None,
+        job::Exposure::Seconds(s) => Some(Exposure::new(Seconds(s))?),
+    };
+    Ok(SensorChoice::Emva { model: Box::new(model), optics, exposure })
+}
+
+/// Pixel pitch \[m\] of a sensor.
+pub(super) fn pitch_of(sensor: &SensorChoice) -> Option<f64> {
+    match sensor {
+        SensorChoice::Emva { model, .. } => Some(model.spec().pixel_pitch.0),
+        SensorChoice::None => None,
+    }
+}
+
+/// The error of a scene that cannot be built, with its file where the file has the fault.
+fn build_error(error: BuildError, file: &Path) -> Error {
+    match error {
+        BuildError::NothingLeft { ref lost } => {
+            let problem = format!("no triangle is left, so that there is nothing to render: {lost}");
+            InputError::new(file, "the scene", problem, "export the scene again with triangles that have an area")
+                .into()
+        }
+        BuildError::TooLarge { ref place, ref radius } => {
+            let problem = format!(
+                "the scene extends to {radius} from its centre, where squared distances exceed the range of f32, \
+                 and this object farthest"
+            );
+            InputError::new(file, place, problem, "remove the object, or export with the right unit of length").into()
+        }
+        other => other.into(),
+    }
+}

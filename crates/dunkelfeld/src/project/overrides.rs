@@ -1,0 +1,95 @@
+//! Changes of an opened project by keys of a job: only the parts of the scene that change are built again.
+
+use super::Project;
+use super::open::{Compiled, GivenSettings, compile};
+use dunkelfeld_io::import::Imported;
+use dunkelfeld_io::job::Job;
+use dunkelfeld_render::{Error, RenderSettings};
+use dunkelfeld_scene::{BuildCache, Effect};
+
+/// The description of an opened project.
+#[derive(Debug)]
+pub(super) struct Description {
+    /// The job that was opened, or one that contains the scene file alone.
+    pub(super) base: Job,
+    /// The job with the present overrides; `None` before there were any.
+    pub(super) job: Option<Job>,
+    /// The scene files before any change.
+    pub(super) imported: Imported,
+    pub(super) without: Vec<Effect>,
+    /// The settings of the job, as the project had them before its program adjusted them.
+    pub(super) given: GivenSettings,
+    pub(super) cache: BuildCache,
+}
+
+impl Project {
+    /// Changes scene and settings by keys of a [job file](https://docs.rs/dunkelfeld), as if they stood at the end of the
+    /// job: tables are merged key by key, lists of tables (`[[object]]`, `[[material]]`, `[[light]]`) are extended, and
+    /// every other value is replaced. The overrides replace those of an earlier call; an empty text is the project as it
+    /// was opened.
+    ///
+    /// Meshes, trees and files that do not change are used again. The scene has the bits of a job file with these keys.
+    /// Settings that the program has adjusted since stay as they are.
+    ///
+    /// ```no_run
+    /// let mut project = dunkelfeld::Project::open("station.toml")?;
+    /// for degrees in 0..100 {
+    ///     project.set_overrides(&format!("[[object]]\nname = \"part\"\nrotate = [0, \"{degrees}deg\", 0]"))?;
+    ///     project.render()?.save_image(format!("pose-{degrees}.png"))?;
+    /// }
+    /// # Ok::<(), dunkelfeld::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// A text that is not TOML, keys and values that a job may not have, names that match nothing, a scene that cannot be
+    /// built, and a project that was opened without [`OpenOptions::can_change`](super::OpenOptions::can_change). The
+    /// project then stays as it was.
+    pub fn set_overrides(&mut self, overrides: &str) -> Result<(), Error> {
+        let Some(description) = &mut self.description else {
+            let problem = "the description of the scene was not kept";
+            return Err(Error::setting("overrides", problem, "open the project with `OpenOptions::can_change`"));
+        };
+        let Description { base, job, imported, without, given, cache } = &mut **description;
+        let changed = base.with_overrides(overrides)?;
+        let read = if changed.has_scene_of(job.as_ref().unwrap_or(base)) {
+            None
+        } else {
+            Some(changed.load_scene()?)
+        };
+        let source = read.as_ref().unwrap_or(imported).clone();
+        let compiled = compile(changed.scene_path(), Some(&changed), source, without, Some(cache))?;
+        let Compiled { scene, report, warnings, inputs, part, given: new, .. } = compiled;
+        if let Some(read) = read {
+            *imported = read;
+        }
+        self.inputs.extend(&inputs);
+        (self.scene, self.report, self.warnings) = (scene, report, warnings);
+        self.has_all_findings = false;
+        self.part = part;
+        self.own_pitch = super::open::pitch_of(&new.settings.sensor);
+        macro_rules! take_unless_adjusted {
+            ($($field:ident),+; $of:expr, $before:expr, $after:expr) => {
+                $(if $of.$field == $before.$field { $of.$field = $after.$field.clone(); })+
+            };
+        }
+        take_unless_adjusted!(outputs, optics, lens, film; self, given, new);
+        take_settings(&mut self.settings, &given.settings, &new.settings);
+        self.job = Some(Box::new(changed.clone()));
+        (*job, *given) = (Some(changed), new);
+        Ok(())
+    }
+}
+
+/// Replaces the settings that are still those from `before` by those of `after`.
+fn take_settings(settings: &mut RenderSettings, before: &RenderSettings, after: &RenderSettings) {
+    macro_rules! fields {
+        ($($field:ident),+) => {
+            // No `..`: the compiler demands a decision for each new field.
+            $(if settings.$field == before.$field { settings.$field = after.$field.clone(); })+
+        };
+    }
+    fields!(
+        width, height, camera, view, budget, strategy, pilot_spp, training_paths, sobel_floor, seed, frame, threads, sensor,
+        readout, exposure_noise, denoise, replay, samples, memory_limit, checkpoint, layers, without
+    );
+}

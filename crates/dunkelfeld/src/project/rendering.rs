@@ -1,0 +1,109 @@
+//! Renders a project: to a result in memory, or as a command that writes files.
+
+use super::{CommandClock, Project, ProjectResult};
+use crate::denoising::{denoise_frame, find_denoiser};
+use crate::frame::{Frame, develop_film};
+use crate::memory::MemoryStats;
+use crate::outputs::{OutputPaths, Written};
+use crate::stats::Stats;
+use dunkelfeld_denoise::{Builtin, Denoiser as _};
+use dunkelfeld_film::Film;
+use dunkelfeld_render::{
+    Cancel, DenoiseMethod, EXR_PER_MEGAPIXEL, Error, OutputDryRun, Progress, RenderedFilm, Session, Silent, Stage,
+    camera, render_with_dry_run,
+};
+use std::time::Instant;
+
+impl Project {
+    /// Renders and exposes, without progress. See [`Project::render_with`].
+    ///
+    /// # Errors
+    /// As [`Project::render_with`].
+    pub fn render(&self) -> Result<ProjectResult, Error> {
+        self.render_with(&Silent, &Cancel::new())
+    }
+
+    /// Renders and exposes. It writes no file, except a checkpoint of the settings; [`ProjectResult::save`] does. The
+    /// time budget begins with the call and contains exposure and denoising.
+    ///
+    /// # Errors
+    /// Settings outside their range, an unknown camera.
+    pub fn render_with(&self, progress: &dyn Progress, cancel: &Cancel) -> Result<ProjectResult, Error> {
+        self.render_for(None, progress, cancel)
+    }
+
+    /// Renders and exposes as a command that writes the files of [`Project::outputs`]. They are checked before the render.
+    /// After the pilot a first version of them is written, which an interrupted command leaves behind, and which measures
+    /// the time to reserve for the final one. The time budget begins with the command ([`OpenOptions::started`](
+    /// super::OpenOptions::started)), or with the call, and contains [`ProjectResult::save`].
+    ///
+    /// # Errors
+    /// As [`Project::render_with`], and outputs that could not be written, or that are inputs.
+    pub fn render_to_files(&self, progress: &dyn Progress, cancel: &Cancel) -> Result<ProjectResult, Error> {
+        self.render_for(Some(&self.outputs), progress, cancel)
+    }
+
+    fn render_for(
+        &self,
+        outputs: Option<&OutputPaths>,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+    ) -> Result<ProjectResult, Error> {
+        let mut quiet = Session::new(self.settings.threads)?;
+        let command = self.command.filter(|_| outputs.is_some());
+        if let Some(CommandClock { started, .. }) = command {
+            quiet = quiet.with_start(started);
+        }
+        let session = quiet.clone().with_progress(progress).with_cancel(cancel);
+        let mut inputs = self.inputs.clone();
+        inputs.add_library(self.settings.denoise.oidn.as_deref());
+        if let Some(outputs) = outputs {
+            let checkpoint = self.settings.checkpoint.as_ref().map(|keep| keep.path.as_path());
+            outputs.check_beside(self.settings.has_sensor(), checkpoint, &inputs)?;
+        }
+        let mut settings = self.fitted()?;
+        let denoiser = find_denoiser(&settings.denoise)?;
+        if denoiser.as_ref().is_some_and(|d| d.name() == Builtin.name()) {
+            // The time reserved for it is less.
+            settings.denoise.method = DenoiseMethod::Builtin;
+        }
+        let account = self.checked_account_for(&settings, outputs)?;
+        let denoise = |frame: &mut Frame, film: &Film, session: &Session<'_>| match &denoiser {
+            Some(denoiser) => denoise_frame(frame, film, &**denoiser, &settings, session).map(Some),
+            None => Ok(None),
+        };
+        let is_vignetted = camera(&self.scene, &settings)?.has_vignetting();
+        let silent = quiet.clone().with_cancel(cancel);
+        let dry_run = |film: &RenderedFilm| {
+            let mut frame = develop_film(film, &settings)?;
+            denoise(&mut frame, &film.sums, &silent)?;
+            match outputs {
+                Some(outputs) => Written { film, frame: &frame, settings: &settings, is_vignetted }.save(outputs),
+                None => Ok(()),
+            }
+        };
+        let has_exr = outputs.is_some_and(|outputs| outputs.exr.is_some());
+        let more_per_megapixel = if has_exr { EXR_PER_MEGAPIXEL } else { 0.0 };
+        let end = OutputDryRun { more_per_megapixel, write: &dry_run };
+        let mut rendering = render_with_dry_run(&self.scene, &settings, &session, end)?;
+        let began = Instant::now();
+        session.begin(Stage::Expose, 1.0, rendering.film.sums.total_samples());
+        let mut frame = session.install(|| develop_film(&rendering.film, &settings))?;
+        let exposed = began.elapsed().as_secs_f64();
+        let denoising = session.install(|| denoise(&mut frame, &rendering.film.sums, &session))?;
+        if denoising.as_ref().is_some_and(|d| d.error.is_some()) {
+            rendering.interrupted |= cancel.is_cancelled();
+        }
+        let mut stats = session.install(|| Stats::new(&rendering, &frame, &settings));
+        stats.memory = Some(MemoryStats::new(account, &rendering.film.sums));
+        if let Some(CommandClock { load_seconds, build_seconds, .. }) = command {
+            stats.add_seconds(Stage::Load, load_seconds);
+            stats.add_seconds(Stage::Build, build_seconds);
+        }
+        stats.add_seconds(Stage::Expose, exposed);
+        denoising.into_iter().for_each(|d| stats.add_denoising(d));
+        stats.finish(session.elapsed());
+        let checked = outputs.cloned().unwrap_or_default();
+        Ok(ProjectResult { rendering, frame, stats, settings, is_vignetted, started: session.started(), inputs, checked })
+    }
+}

@@ -1,0 +1,181 @@
+//! A project renders as often as asked, and changes by overrides: the result has the bits of a fresh load.
+//! Replay: `cargo test --workspace --test project NAME`.
+
+use dunkelfeld::film::Film;
+use dunkelfeld::{OpenOptions, OutputPaths, Project};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// An OBJ file of a floor and three waved plates of `n` x `n` squares each, side by side.
+fn write_scene(folder: &Path, n: usize) {
+    let mut text = String::from("mtllib scene.mtl\n");
+    let mut first = 1;
+    let mut plate = |name: &str, material: &str, [x, y, z]: [f64; 3], size: f64, n: usize| {
+        writeln!(text, "o {name}\nusemtl {material}").expect("text");
+        for i in 0..=n {
+            for j in 0..=n {
+                let [u, v] = [i, j].map(|k| k as f64 / n as f64);
+                let wave = 0.05 * size * ((9.0 * u).sin() * (7.0 * v).cos());
+                writeln!(text, "v {} {} {}", x + size * (u - 0.5), y + wave, z + size * (v - 0.5)).expect("text");
+            }
+        }
+        for i in 0..n {
+            for j in 0..n {
+                let a = first + i * (n + 1) + j;
+                writeln!(text, "f {} {} {} {}", a, a + 1, a + n + 2, a + n + 1).expect("text");
+            }
+        }
+        first += (n + 1) * (n + 1);
+    };
+    plate("floor", "grey", [0.0, -0.1, 0.0], 1.0, 1);
+    plate("left", "grey", [-0.2, 0.0, 0.0], 0.15, n);
+    plate("middle", "red", [0.0, 0.0, 0.0], 0.15, n);
+    plate("right", "grey", [0.2, 0.0, 0.0], 0.15, n);
+    fs::write(folder.join("scene.obj"), text).expect("writable");
+    fs::write(folder.join("scene.mtl"), "newmtl grey\nKd 0.5 0.5 0.5\nnewmtl red\nKd 0.7 0.1 0.1\n").expect("writable");
+}
+
+const JOB: &str = "scene = \"scene.obj\"\nfilm = { width = 24, height = 20 }\nbudget = { spp = 4 }\n\
+    camera = { look_at = [0, 0, 0], position = [0.1, 0.6, 0.4] }\nenvironment = { radiance = 1 }\n";
+
+fn open(folder: &TempDir, name: &str, text: &str) -> Project {
+    let path = folder.path().join(name);
+    fs::write(&path, text).expect("writable");
+    Project::open(path).unwrap_or_else(|e| panic!("{text}\n{e}"))
+}
+
+fn film(project: &Project) -> Film {
+    project.render().expect("rendered").rendering.film.sums
+}
+
+/// Overrides that move, hide, copy, show and repaint objects, and change lights, camera, film and sensor.
+const CHANGES: [&str; 9] = [
+    "[[object]]\nname = \"middle\"\ntranslate = [0, \"30mm\", \"10mm\"]\n",
+    "[[object]]\nname = \"middle\"\ntranslate = [0, \"60mm\", 0]\nrotate = [0, \"30deg\", \"20deg\"]\n",
+    "[[object]]\nname = \"left\"\nvisible = false\n",
+    "[[material]]\nname = \"red\"\nroughness = 0.2\nmetallic = 1\n",
+    "[[light]]\nkind = \"panel\"\nwidth = \"100mm\"\nposition = [0, \"500mm\", 0]\naim = [0, -1, 0]\npower = \"2W\"\n",
+    "camera = { position = [-0.3, 0.5, 0.4] }\n",
+    "[environment]\nradiance = 0.3\n[sensor]\nexposure = \"2ms\"\nmodel = \"imx174\"\n",
+    "[[object]]\nname = \"right\"\ntranslate = [\"900mm\", 0, 0]\n",
+    "",
+];
+
+/// The job with the same keys in its text.
+fn fresh(overrides: &str) -> String {
+    match overrides {
+        // A table cannot be written twice in a file.
+        camera if camera.starts_with("camera") => JOB.replace("position = [0.1, 0.6, 0.4]", "position = [-0.3, 0.5, 0.4]"),
+        sky if sky.starts_with("[environment]") => JOB.replace("environment = { radiance = 1 }\n", sky),
+        other => format!("{JOB}{other}"),
+    }
+}
+
+fn overrides_have_the_bits_of_a_fresh_load(n: usize) {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), n);
+    let mut project = open(&folder, "job.toml", JOB);
+    let before = film(&project);
+    for overrides in CHANGES {
+        project.set_overrides(overrides).unwrap_or_else(|e| panic!("{overrides}\n{e}"));
+        let loaded = open(&folder, "fresh.toml", &fresh(overrides));
+        assert_eq!(format!("{:?}", project.settings), format!("{:?}", loaded.settings), "{overrides}");
+        assert_eq!(project.scene.fingerprint(), loaded.scene.fingerprint(), "{overrides}");
+        let hazards = |p: &Project| p.findings().findings.iter().map(ToString::to_string).collect::<Vec<_>>();
+        assert_eq!(hazards(&project), hazards(&loaded), "{overrides}");
+        let film = film(&project);
+        assert!(film == self::film(&loaded), "{overrides}");
+        assert!((film == before) == overrides.is_empty(), "the override changes nothing: {overrides}");
+    }
+}
+
+#[test]
+fn overrides_of_a_small_scene_have_the_bits_of_a_fresh_load() {
+    overrides_have_the_bits_of_a_fresh_load(12);
+}
+
+/// More triangles than share a tree.
+#[test]
+fn overrides_of_a_large_scene_have_the_bits_of_a_fresh_load() {
+    overrides_have_the_bits_of_a_fresh_load(110);
+}
+
+#[test]
+fn overrides_that_fail_leave_the_project_as_it_was() {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    let mut project = open(&folder, "job.toml", JOB);
+    project.set_overrides(CHANGES[0]).expect("a change");
+    let before = (film(&project), format!("{:?}", project.settings));
+    for (overrides, says) in [
+        ("[[object]]\nname = \"lid\"\nvisible = false\n", "lid"),
+        ("[[object]\n", "the overrides"),
+        ("[film]\nwidth = \"wide\"\n", "width"),
+        ("pixels = 3\n", "pixels"),
+        ("scene = \"missing.obj\"\n", "missing.obj"),
+        ("[[light]]\nkind = \"ring\"\npower = \"-1W\"\n", "power"),
+    ] {
+        let error = project.set_overrides(overrides).expect_err(says).to_string();
+        assert!(error.contains(says) && error.contains("help:"), "{overrides}\n{error}");
+        assert!((film(&project), format!("{:?}", project.settings)) == before, "{overrides}");
+    }
+    let options = OpenOptions::default().with_can_change(false);
+    let mut fixed = Project::open_with(folder.path().join("job.toml"), options).expect("a job");
+    let error = fixed.set_overrides("").expect_err("the description was not kept").to_string();
+    assert!(error.contains("can_change"), "{error}");
+}
+
+#[test]
+fn a_scene_file_without_a_job_takes_overrides_and_keeps_adjusted_settings() {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    let mut project = Project::open(folder.path().join("scene.obj")).expect("a scene");
+    (project.settings.width, project.settings.budget.spp) = (20, Some(2.0));
+    let overrides = "film = { width = 99, height = 15 }\nenvironment = { radiance = 1 }\n";
+    project.set_overrides(overrides).expect("overrides");
+    assert_eq!((project.settings.width, project.settings.height), (20, 15), "the width was adjusted by the program");
+    let text = "scene = \"scene.obj\"\nfilm = { width = 20, height = 15 }\nenvironment = { radiance = 1 }\n";
+    let mut loaded = open(&folder, "fresh.toml", text);
+    loaded.settings.budget.spp = Some(2.0);
+    assert!(film(&project) == film(&loaded));
+    // Another scene file.
+    fs::write(folder.path().join("other.obj"), "v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\n").expect("writable");
+    project.set_overrides("scene = \"other.obj\"\n").expect("another scene");
+    assert_eq!(project.scene.object_names().len(), 1);
+}
+
+/// A render begins its clock itself: the time between `open` and `render` does not count.
+#[test]
+fn each_render_has_its_own_clock() {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    let mut project = open(&folder, "job.toml", JOB);
+    project.settings.budget.seconds = Some(30.0);
+    for _ in 0..2 {
+        std::thread::sleep(Duration::from_millis(60));
+        let began = Instant::now();
+        let result = project.render().expect("rendered");
+        let elapsed = began.elapsed().as_secs_f64();
+        assert!(result.stats.total_seconds <= elapsed, "{} of {elapsed}", result.stats.total_seconds);
+        assert!(!result.stats.seconds.contains_key("load"), "{:?}", result.stats.seconds);
+    }
+}
+
+#[test]
+fn a_render_writes_no_file() {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    let mut project = open(&folder, "job.toml", JOB);
+    let out = folder.path().join("out");
+    fs::create_dir(&out).expect("a folder");
+    project.outputs =
+        OutputPaths::default().with_image(out.join("a.png")).with_exr(out.join("a.exr")).with_stats(out.join("a.json"));
+    project.settings.budget.spp = Some(40.0);
+    let mut result = project.render().expect("rendered");
+    assert_eq!(fs::read_dir(&out).expect("a folder").count(), 0);
+    result.save(&project.outputs).expect("saved");
+    assert_eq!(fs::read_dir(&out).expect("a folder").count(), 3);
+}
