@@ -10,6 +10,9 @@
 //! # Ok::<(), dunkelfeld::Error>(())
 //! ```
 //!
+//! [`guide`] has an example for each task: arrays of pixels, exposures, poses, scenes in code. A [`Project`] can be rendered
+//! as often as needed, with other settings and with changes of its scene.
+//!
 //! The stages can also be called one by one ([`render()`], [`develop_film()`]), with a scene built in code, a progress
 //! sink and a cancellation switch: see `examples/unrolled.rs`. The modules below re-export the types that such a
 //! program needs. The engine itself is in the crates `dunkelfeld-*`.
@@ -27,6 +30,7 @@ mod exposer;
 mod film_part;
 mod frame;
 pub mod guard;
+pub mod guide;
 mod inspect;
 mod memory;
 mod noise_compensation;
@@ -114,7 +118,7 @@ pub mod radiometry {
 /// Scenes, built in code or from a file: meshes, materials, lights, cameras.
 pub mod scene {
     pub use dunkelfeld_scene::{
-        AlphaMode, Aperture, Blades, BuildError, BuildReport, Camera, CameraError, ChannelTexture, ColorEncoding,
+        AlphaMode, Aperture, Blades, BuildCache, BuildError, BuildReport, Camera, CameraError, ChannelTexture, ColorEncoding,
         Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow, Filter, Finding, Image, ImageId,
         Instance, Lens, LightInfo, LightProfile, LineScan, Material, MeshPart, ObjectInfo, Opening, PartInfo,
         ProfileError, Projection, PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary,

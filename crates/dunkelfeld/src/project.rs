@@ -301,6 +301,11 @@ impl Project {
 }
 
 impl ProjectResult {
+    /// The settings of the render, with the lens combined with its camera.
+    pub fn settings(&self) -> &RenderSettings {
+        &self.settings
+    }
+
     /// Seconds since the clock of the render started.
     pub fn elapsed(&self) -> f64 {
         self.started.elapsed().as_secs_f64()

@@ -77,10 +77,35 @@ impl Project {
     /// As [`Project::open`], and for an effect that cannot be left out.
     pub fn open_with(path: impl AsRef<Path>, options: OpenOptions) -> Result<Self, Error> {
         let path = path.as_ref();
-        let OpenOptions { started, without, can_change } = options;
         let began = Instant::now();
         let is_job = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         let job = if is_job { Some(Job::from_file(path)?) } else { None };
+        Self::of_job(path, job, began, options)
+    }
+
+    /// Opens a job from a text. Messages name `path`, and input paths of the job are relative to its folder. The file need
+    /// not exist.
+    ///
+    /// ```
+    /// let text = "scene = 'none'\nfilm = { width = 16, height = 16 }\nbudget = { spp = 4 }\n\
+    ///     camera = { look_at = [0, 0, 0], position = [0, 0.3, 0.4] }\n\
+    ///     [[object]]\nname = 'ball'\nkind = 'sphere'\ndiameter = '100mm'\n\
+    ///     [environment]\nradiance = 1\n";
+    /// let result = dunkelfeld::Project::from_text("ball.toml", text)?.render()?;
+    /// assert_eq!(result.rendering.film.sums.total_samples(), 4 * 16 * 16);
+    /// # Ok::<(), dunkelfeld::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Project::open`].
+    pub fn from_text(path: impl AsRef<Path>, text: &str) -> Result<Self, Error> {
+        let began = Instant::now();
+        let job = Job::from_text(path.as_ref(), text)?;
+        Self::of_job(path.as_ref(), Some(job), began, OpenOptions::default())
+    }
+
+    fn of_job(path: &Path, job: Option<Job>, began: Instant, options: OpenOptions) -> Result<Self, Error> {
+        let OpenOptions { started, without, can_change } = options;
         let imported = match &job {
             Some(job) => job.load_scene()?,
             None => load_scene(path, &ImportOptions::default())?,
