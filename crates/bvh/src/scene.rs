@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crate::build::build_tree;
 use crate::simd8::WIDTH;
-use crate::traverse::{self, AllTriangles, AlphaTestedTriangles, NoTriangles};
+use crate::traverse;
 use crate::tree::{Node, Tree};
 use crate::triangle_block::TriangleBlock;
 
@@ -220,7 +220,7 @@ impl Bvh {
     /// but is faster.
     #[inline]
     pub fn occluded(&self, ray: &Ray) -> bool {
-        is_valid(ray) && traverse::occluded(self, ray, &mut NoTriangles)
+        is_valid(ray) && traverse::occluded(self, ray)
     }
 
     /// Marks the triangles whose material has an alpha texture or a coverage below one, by mesh and triangle. [`Bvh::occluded_with_alpha`] reports them and
@@ -242,16 +242,16 @@ impl Bvh {
     /// for each hit on an alpha-tested triangle, in an order that depends on the ray alone. If the result is true, it
     /// may have been called for some of these hits only.
     #[inline]
-    pub fn occluded_with_alpha(&self, ray: &Ray, on_alpha_hit: impl FnMut(Hit)) -> bool {
-        is_valid(ray) && traverse::occluded(self, ray, &mut AlphaTestedTriangles(on_alpha_hit))
+    pub fn occluded_with_alpha(&self, ray: &Ray, mut on_alpha_hit: impl FnMut(Hit)) -> bool {
+        is_valid(ray) && traverse::occluded_with_alpha(self, ray, &mut on_alpha_hit)
     }
 
     /// Calls `found` for every hit with `0 < t < ray.t_max`, in an order that depends on the ray alone. A ray through
     /// an edge may hit both triangles there.
     #[inline]
-    pub fn each_hit(&self, ray: &Ray, found: impl FnMut(Hit)) {
+    pub fn each_hit(&self, ray: &Ray, mut found: impl FnMut(Hit)) {
         if is_valid(ray) {
-            traverse::occluded(self, ray, &mut AllTriangles(found));
+            traverse::each_hit(self, ray, &mut found);
         }
     }
 

@@ -13,7 +13,7 @@ use crate::tree::Leaves;
 use crate::triangle_block::{ALL, BlockHit, ShearLanes, TriangleBlock};
 
 /// The triangles that do not block a ray, and the receiver of their hits.
-pub(crate) trait Reported {
+trait Reported {
     /// The lanes of these triangles.
     fn lanes(&self, block: &TriangleBlock) -> u32;
     /// Gets a hit on one of them.
@@ -21,13 +21,13 @@ pub(crate) trait Reported {
 }
 
 /// No triangle is reported: each one blocks.
-pub(crate) struct NoTriangles;
+struct NoTriangles;
 
 /// The alpha-tested triangles are reported.
-pub(crate) struct AlphaTestedTriangles<F>(pub(crate) F);
+struct AlphaTestedTriangles<F>(F);
 
 /// All triangles are reported, and none blocks.
-pub(crate) struct AllTriangles<F>(pub(crate) F);
+struct AllTriangles<F>(F);
 
 impl Reported for NoTriangles {
     #[inline(always)]
@@ -60,16 +60,31 @@ impl<F: FnMut(Hit)> Reported for AllTriangles<F> {
     }
 }
 
+// The four queries are compiled here and not in the crates that call them: each one is compiled for every instruction set,
+// which takes seconds. So they are not generic and not inlined.
+
 /// The nearest hit.
-#[inline]
+#[inline(never)]
 pub(crate) fn closest_hit(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
     dispatch8!(bvh.level, simd => closest_in_scene(simd, bvh, ray))
 }
 
-/// True if a triangle that is not reported blocks the ray. Reports hits on the others until then.
-#[inline]
-pub(crate) fn occluded(bvh: &Bvh, ray: &Ray, reported: &mut impl Reported) -> bool {
-    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, reported))
+/// True if any triangle blocks the ray.
+#[inline(never)]
+pub(crate) fn occluded(bvh: &Bvh, ray: &Ray) -> bool {
+    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut NoTriangles))
+}
+
+/// True if a triangle that is not alpha-tested blocks the ray. Reports hits on the others until then.
+#[inline(never)]
+pub(crate) fn occluded_with_alpha(bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut dyn FnMut(Hit)) -> bool {
+    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut AlphaTestedTriangles(&mut *on_alpha_hit)))
+}
+
+/// Reports all hits.
+#[inline(never)]
+pub(crate) fn each_hit(bvh: &Bvh, ray: &Ray, found: &mut dyn FnMut(Hit)) {
+    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut AllTriangles(&mut *found)));
 }
 
 #[inline(always)]
