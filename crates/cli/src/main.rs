@@ -47,13 +47,13 @@ fn main() -> ExitCode {
         args::Command::Render(a) => commands::render::run(&a, started),
         args::Command::Merge(a) => commands::merge::run(&a, started),
         #[cfg(feature = "studies")]
-        args::Command::Bench(a) => studies::run_bench(&a, started),
+        args::Command::Bench(a) => studies::run_bench(&a),
         args::Command::Denoise(a) => commands::denoise::run(&a),
         args::Command::Expose(a) => commands::expose::run(&a),
         #[cfg(feature = "studies")]
         args::Command::Emva(a) => studies::run_emva(&a),
         #[cfg(feature = "studies")]
-        args::Command::Ptc(a) => studies::run_photon_transfer(&a, started),
+        args::Command::Ptc(a) => studies::run_photon_transfer(&a),
         args::Command::Init(a) => commands::init::run(&a),
         args::Command::Inspect(a) => commands::inspect::run(&a),
         args::Command::Sensors(a) => commands::sensors::run(&a),

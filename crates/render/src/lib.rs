@@ -35,9 +35,9 @@ pub use rendered_film::RenderedFilm;
 pub use round::TILE;
 pub use session::Session;
 pub use settings::{
-    Budget, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_F_NUMBER, DEFAULT_PILOT_SPP, DEFAULT_SPP, DenoiseMethod,
-    DenoiseSettings, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, MIN_TRAINED_PIXELS, MIN_TRAINED_SECONDS, OIDN_VARIABLE,
-    PIXELS_PER_TRAINING_PATH, RenderSettings, SensorChoice, TRAINING_PATHS, UNKNOWN_SPP, lock,
+    Budget, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_F_NUMBER, DEFAULT_PILOT_SPP, DEFAULT_SPP,
+    DenoiseMethod, DenoiseSettings, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, MIN_TRAINED_PIXELS, MIN_TRAINED_SECONDS,
+    OIDN_VARIABLE, PIXELS_PER_TRAINING_PATH, RenderSettings, SensorChoice, TRAINING_PATHS, UNKNOWN_SPP, lock,
 };
 pub use training::train;
 pub use validate::validate;

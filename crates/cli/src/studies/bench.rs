@@ -7,7 +7,7 @@ use crate::bar::Sink;
 use crate::commands::render::apply_view;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
-use dunkelfeld::{OpenOptions, DenoiseMethod, Error, Progress, ProgressState, Project, Session, Stage};
+use dunkelfeld::{DenoiseMethod, Error, OpenOptions, Progress, ProgressState, Project, Session, Stage};
 use dunkelfeld_studies::bench::{BenchSettings, bench, default_folder};
 
 pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {

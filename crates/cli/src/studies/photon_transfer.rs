@@ -6,7 +6,7 @@ use crate::bar::Sink;
 use crate::commands::render::{apply_denoise, apply_view};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, say};
-use dunkelfeld::{OpenOptions, DenoiseMethod, Error, Progress, ProgressState, Project, Session, Stage};
+use dunkelfeld::{DenoiseMethod, Error, OpenOptions, Progress, ProgressState, Project, Session, Stage};
 use dunkelfeld_studies::photon_transfer::{PtcSettings, StackSettings, ptc, ptc_folder, ptc_of_frames};
 use std::path::{Path, PathBuf};
 

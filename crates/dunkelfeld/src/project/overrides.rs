@@ -4,7 +4,7 @@ use super::Project;
 use super::open::{Compiled, GivenSettings, compile};
 use dunkelfeld_io::import::Imported;
 use dunkelfeld_io::job::Job;
-use dunkelfeld_render::{Error, RenderSettings};
+use dunkelfeld_render::Error;
 use dunkelfeld_scene::{BuildCache, Effect};
 
 /// The description of an opened project.
@@ -51,11 +51,7 @@ impl Project {
         };
         let Description { base, job, imported, without, given, cache } = &mut **description;
         let changed = base.with_overrides(overrides)?;
-        let read = if changed.has_scene_of(job.as_ref().unwrap_or(base)) {
-            None
-        } else {
-            Some(changed.load_scene()?)
-        };
+        let read = if changed.has_scene_of(job.as_ref().unwrap_or(base)) { None } else { Some(changed.load_scene()?) };
         let source = read.as_ref().unwrap_or(imported).clone();
         let compiled = compile(changed.scene_path(), Some(&changed), source, without, Some(cache))?;
         let Compiled { scene, report, warnings, inputs, part, given: new, .. } = compiled;
@@ -73,23 +69,9 @@ impl Project {
             };
         }
         take_unless_adjusted!(outputs, optics, lens, film; self, given, new);
-        take_settings(&mut self.settings, &given.settings, &new.settings);
+        self.settings.update(&given.settings, &new.settings);
         self.job = Some(Box::new(changed.clone()));
         (*job, *given) = (Some(changed), new);
         Ok(())
     }
-}
-
-/// Replaces the settings that are still those from `before` by those of `after`.
-fn take_settings(settings: &mut RenderSettings, before: &RenderSettings, after: &RenderSettings) {
-    macro_rules! fields {
-        ($($field:ident),+) => {
-            // No `..`: the compiler demands a decision for each new field.
-            $(if settings.$field == before.$field { settings.$field = after.$field.clone(); })+
-        };
-    }
-    fields!(
-        width, height, camera, view, budget, strategy, pilot_spp, training_paths, sobel_floor, seed, frame, threads, sensor,
-        readout, exposure_noise, denoise, replay, samples, memory_limit, checkpoint, layers, without
-    );
 }

@@ -104,6 +104,15 @@ impl Project {
         denoising.into_iter().for_each(|d| stats.add_denoising(d));
         stats.finish(session.elapsed());
         let checked = outputs.cloned().unwrap_or_default();
-        Ok(ProjectResult { rendering, frame, stats, settings, is_vignetted, started: session.started(), inputs, checked })
+        Ok(ProjectResult {
+            rendering,
+            frame,
+            stats,
+            settings,
+            is_vignetted,
+            started: session.started(),
+            inputs,
+            checked,
+        })
     }
 }

@@ -392,9 +392,10 @@ impl Job {
     /// # Errors
     /// A path that is not UTF-8.
     pub fn of_scene(path: &Path) -> Result<Self, InputError> {
-        let name = path.file_name().and_then(|name| name.to_str()).ok_or_else(|| {
-            InputError::new(path, "file name", "is not UTF-8", "rename the file")
-        })?;
+        let name = path
+            .file_name()
+            .and_then(|name| name.to_str())
+            .ok_or_else(|| InputError::new(path, "file name", "is not UTF-8", "rename the file"))?;
         let text = toml::to_string(&BTreeMap::from([("scene", name)]));
         Self::from_toml(TomlFile::from_text(path, text.unwrap_or_default()))
     }

@@ -23,8 +23,8 @@ use std::path::{Path, PathBuf};
 
 use dunkelfeld_radiometry::Number;
 use serde::de::DeserializeOwned;
-use toml::{Spanned, Table, Value};
 use toml::de::{DeTable, DeValue};
+use toml::{Spanned, Table, Value};
 
 use crate::error::{InputError, SourceSpan};
 use crate::input::{InputFiles, Role};
@@ -199,7 +199,9 @@ fn merge(table: &mut Table, overrides: Table) {
     for (key, value) in overrides {
         match (table.get_mut(&key), value) {
             (Some(Value::Table(below)), Value::Table(value)) => merge(below, value),
-            (Some(Value::Array(list)), Value::Array(more)) if are_tables(list) && are_tables(&more) => list.extend(more),
+            (Some(Value::Array(list)), Value::Array(more)) if are_tables(list) && are_tables(&more) => {
+                list.extend(more)
+            }
             (_, value) => {
                 table.insert(key, value);
             }

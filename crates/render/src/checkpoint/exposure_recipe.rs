@@ -144,7 +144,8 @@ mod tests {
             let sensor = SensorChoice::Emva { model: Box::new(model), optics, exposure };
             let (seed, frame, training_paths) = (u64::MAX, 3, Some(768));
             let readout = Readout { binning: 2, line_scan_stages: 4 };
-            let settings = RenderSettings { sensor, readout, seed, frame, training_paths, ..RenderSettings::without_sensor() };
+            let settings =
+                RenderSettings { sensor, readout, seed, frame, training_paths, ..RenderSettings::without_sensor() };
             let text = serde_json::to_string(&ExposureRecipe::new(&settings, true, &["a".into()])).expect("plain data");
             let recipe: ExposureRecipe = serde_json::from_str(&text).expect("the text that was written");
             let back = recipe.settings(settings.width, settings.height);

@@ -144,7 +144,7 @@ pub enum EnvironmentSource {
 }
 
 /// A camera. Its viewing direction is its own -z axis, with +y up (glTF).
-#[derive(Clone, Debug, Default, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Camera {
     /// Name, for `--camera`.
     pub name: String,

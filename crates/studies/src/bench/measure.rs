@@ -10,10 +10,10 @@ use crate::folder::{check_folder, free_folder};
 use crate::series::{Meter, View, study_key};
 use dunkelfeld::DefaultPath;
 use dunkelfeld::Error;
-use dunkelfeld::{OpenOptions, Project};
 use dunkelfeld::develop;
 use dunkelfeld::save_picture;
 use dunkelfeld::{Budget, RenderSettings, SensorChoice};
+use dunkelfeld::{OpenOptions, Project};
 use dunkelfeld::{Progress, ProgressState, Stage};
 use dunkelfeld::{Session, camera, render};
 use dunkelfeld_adaptive::weights::Strategy;
@@ -255,7 +255,8 @@ impl Bench<'_> {
 
     /// The scene without an effect, and its settings.
     fn without(&self, effect: Effect) -> Result<(Scene, RenderSettings), Error> {
-        let mut other = Project::open_with(self.input, OpenOptions::default().with_without(vec![effect]).with_can_change(false))?;
+        let mut other =
+            Project::open_with(self.input, OpenOptions::default().with_without(vec![effect]).with_can_change(false))?;
         other.take_settings_of(self.project);
         other.settings.without = vec![effect];
         let settings = other.fitted()?;
