@@ -151,6 +151,16 @@ fn the_modulation_of_a_moving_grating_is_the_sinc_of_its_travel() {
             .sum();
         // The aliases are below 6 % of the first harmonic, so this is the modulation transfer of the motion.
         assert!((expected * PI / sinc(0.125) - sinc(travel / 8.0)).abs() < 0.06, "{travel}: {expected}");
+        // The sum of 1 / k^2 is (pi / 8)^2 / sin^2(pi / 8).
+        let still = 1.0 / (8.0 * (PI / 8.0).sin());
+        let sigma = measured.standard_error() / expected.abs();
+        let deviation = measured.mean() / expected - 1.0;
+        println!(
+            "| {travel} | {:.4} | {:.4} | {:.4} | {deviation:.1e} ± {sigma:.0e} |",
+            sinc(travel / 8.0),
+            expected / still,
+            measured.mean() / still
+        );
         if travel == 0.0 {
             // Bars end at the borders of pixels: there is no noise. The terms are `8 sin(pi / 8) / (pi k)^2`, so those
             // beyond the sum are 5e-8 together.

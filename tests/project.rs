@@ -102,7 +102,7 @@ fn overrides_of_a_small_scene_have_the_bits_of_a_fresh_load() {
 /// More triangles than share a tree.
 #[test]
 fn overrides_of_a_large_scene_have_the_bits_of_a_fresh_load() {
-    overrides_have_the_bits_of_a_fresh_load(110);
+    overrides_have_the_bits_of_a_fresh_load(212);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use crate::build::build_tree;
 use crate::simd8::WIDTH;
 use crate::traverse;
-use crate::tree::{Node, Tree};
+use crate::tree::{LEAF, MAX_DEPTH, NONE, Node, Tree};
 use crate::triangle_block::TriangleBlock;
 
 /// Maximum number of triangles of a mesh, and of instances.
@@ -50,7 +50,9 @@ pub struct Hit {
     pub t: f32,
     /// Index of the instance.
     pub instance: u32,
-    /// Index of the triangle in the instance's mesh.
+    /// Number of the tree that contains the triangle, if the mesh is joined ([`MeshTree::join`]); otherwise 0.
+    pub part: u32,
+    /// Index of the triangle in the mesh, or in the part of a joined mesh.
     pub triangle: u32,
     /// Barycentric weight of the triangle's second corner.
     pub b1: f32,
@@ -95,6 +97,10 @@ pub struct MeshTree {
     pub(crate) blocks: Vec<TriangleBlock>,
     /// Number of triangles in the blocks. The other triangles of the mesh can never be hit.
     pub(crate) triangles: usize,
+    /// The trees of a joined mesh, which contain its blocks.
+    pub(crate) parts: Vec<Arc<MeshTree>>,
+    /// Bits of the payload of a leaf of a joined mesh that are the number of the block. The others are that of the part.
+    pub(crate) shift: u32,
 }
 
 #[derive(Clone, Debug)]
@@ -223,17 +229,26 @@ impl Bvh {
         is_valid(ray) && traverse::occluded(self, ray)
     }
 
-    /// Marks the triangles whose material has an alpha texture or a coverage below one, by mesh and triangle. [`Bvh::occluded_with_alpha`] reports them and
+    /// Marks the triangles whose material has an alpha texture or a coverage below one, by mesh, part of a joined mesh, and triangle. [`Bvh::occluded_with_alpha`] reports them and
     /// continues behind them. All other queries treat them like any other triangle.
-    pub fn mark_alpha_tested(&mut self, is_alpha_tested: impl Fn(u32, u32) -> bool) {
-        for (number, mesh) in (0u32..).zip(&mut self.meshes) {
-            let is_tested = |triangle| is_alpha_tested(number, triangle);
-            // A tree that other structures share is copied only if its marks change.
-            if mesh.blocks.iter().all(|block| block.has_marks(&is_tested)) {
-                continue;
+    pub fn mark_alpha_tested(&mut self, is_alpha_tested: impl Fn(u32, u32, u32) -> bool) {
+        // A tree that other structures share is copied only if its marks change.
+        let has_marks = |tree: &MeshTree, mesh: u32, part: u32| {
+            tree.blocks.iter().all(|block| block.has_marks(&|triangle| is_alpha_tested(mesh, part, triangle)))
+        };
+        let mark = |tree: &mut Arc<MeshTree>, mesh: u32, part: u32| {
+            if !has_marks(tree, mesh, part) {
+                for block in &mut Arc::make_mut(tree).blocks {
+                    block.mark_alpha_tested(&|triangle| is_alpha_tested(mesh, part, triangle));
+                }
             }
-            for block in &mut Arc::make_mut(mesh).blocks {
-                block.mark_alpha_tested(&is_tested);
+        };
+        for (number, mesh) in (0u32..).zip(&mut self.meshes) {
+            mark(mesh, number, 0);
+            if (0u32..).zip(&mesh.parts).any(|(part, tree)| !has_marks(tree, number, part)) {
+                for (part, tree) in (0u32..).zip(&mut Arc::make_mut(mesh).parts) {
+                    mark(tree, number, part);
+                }
             }
         }
     }
@@ -263,8 +278,9 @@ impl Bvh {
     /// Memory held \[bytes\].
     pub fn memory_bytes(&self) -> usize {
         let tree = |t: &Tree| t.nodes.capacity() * size_of::<Node>();
-        let mesh =
+        let alone =
             |m: &MeshTree| size_of::<MeshTree>() + tree(&m.tree) + m.blocks.capacity() * size_of::<TriangleBlock>();
+        let mesh = |m: &MeshTree| alone(m) + m.parts.iter().map(|part| alone(part)).sum::<usize>();
         let instance = |i: &Instance| {
             size_of::<Instance>()
                 + match i.space {
@@ -324,7 +340,64 @@ impl MeshTree {
             blocks.len() as u32 - 1
         });
         blocks.shrink_to_fit();
-        Ok(Self { tree, blocks, triangles: kept.len() })
+        Ok(Self { tree, blocks, triangles: kept.len(), parts: Vec::new(), shift: 0 })
+    }
+
+    /// Joins trees of one space to a mesh that rays traverse like one tree. Nodes are copied, triangles are shared. So a
+    /// change of one part does not build the trees of the others again.
+    ///
+    /// `None` if there are too many parts for the numbers in the leaves, if the tree would be too deep, or if a part is
+    /// joined itself.
+    pub fn join(parts: Vec<Arc<Self>>) -> Option<Self> {
+        let blocks = parts.iter().map(|part| part.blocks.len()).max().unwrap_or(0);
+        let shift = usize::BITS - blocks.leading_zeros();
+        // The last number is that of no part, because unused slots have the last payload.
+        let is_small = shift < 31 && (parts.len() as u64 + 1) << shift <= 1 << 31;
+        if !is_small || parts.iter().any(|part| !part.parts.is_empty()) {
+            return None;
+        }
+        let present: Vec<u32> = (0..parts.len() as u32).filter(|&i| parts[i as usize].tree.root != NONE).collect();
+        let boxes: Vec<Aabb> = present.iter().map(|&i| parts[i as usize].tree.bounds).collect();
+        let mut tree = build_tree(&boxes, 1, |leaf| present[leaf[0] as usize]);
+        let deepest = parts.iter().map(|part| part.tree.depth()).max().unwrap_or(0);
+        if tree.depth() + deepest > MAX_DEPTH {
+            return None;
+        }
+        let above = tree.nodes.len();
+        tree.nodes.reserve(parts.iter().map(|part| part.tree.nodes.len()).sum());
+        let mut roots = vec![NONE; parts.len()];
+        for (number, part) in (0u32..).zip(&parts) {
+            let first = tree.nodes.len() as u32;
+            let word = |word: u32| match word {
+                NONE => NONE,
+                leaf if leaf & LEAF != 0 => LEAF | number << shift | leaf & !LEAF,
+                node => first + node,
+            };
+            roots[number as usize] = word(part.tree.root);
+            let nodes = part.tree.nodes.iter();
+            tree.nodes.extend(nodes.map(|node| Node { children: node.children.map(word), ..node.clone() }));
+        }
+        let root = |word: u32| match word {
+            leaf if leaf != NONE && leaf & LEAF != 0 => roots[(leaf & !LEAF) as usize],
+            other => other,
+        };
+        for node in &mut tree.nodes[..above] {
+            node.children = node.children.map(root);
+        }
+        tree.root = root(tree.root);
+        let triangles = parts.iter().map(|part| part.triangles).sum();
+        Some(Self { tree, blocks: Vec::new(), triangles, parts, shift })
+    }
+
+    /// The block of a leaf, and the number of its part.
+    #[inline(always)]
+    pub(crate) fn block(&self, payload: u32) -> Option<(&TriangleBlock, u32)> {
+        if self.parts.is_empty() {
+            return Some((self.blocks.get(payload as usize)?, 0));
+        }
+        let part = payload >> self.shift;
+        let block = payload & ((1 << self.shift) - 1);
+        Some((self.parts.get(part as usize)?.blocks.get(block as usize)?, part))
     }
 }
 
@@ -365,7 +438,7 @@ mod tests {
         for instances in [&[here][..], &[here, there]] {
             let mut seen = levels().into_iter().map(|level| {
                 let mut bvh = Bvh::build_for(&[mesh], instances, level).unwrap();
-                bvh.mark_alpha_tested(|_, triangle| triangle % 3 == 0);
+                bvh.mark_alpha_tested(|_, _, triangle| triangle % 3 == 0);
                 let results = rays.iter().map(|ray| {
                     let (mut alpha_tested, mut every) = (Vec::new(), Vec::new());
                     let occluded_with_alpha = bvh.occluded_with_alpha(ray, |hit| alpha_tested.push(hit));

@@ -4,12 +4,12 @@
 //! [`Reported`] contains the triangles that an occlusion query reports and passes. It is a type, so that a query without
 //! such triangles is compiled without their code.
 
-use dunkelfeld_geometry::{Ray, RigidMotion, Transform};
+use dunkelfeld_geometry::{Aabb, Ray, RigidMotion, Transform};
 use fearless_simd::Simd;
 
 use crate::scene::{Bvh, Hit, Instance, MeshTree, Space};
 use crate::simd8::dispatch8;
-use crate::tree::Leaves;
+use crate::tree::{Leaves, Slabs};
 use crate::triangle_block::{ALL, BlockHit, ShearLanes, TriangleBlock};
 
 /// The triangles that do not block a ray, and the receiver of their hits.
@@ -87,49 +87,89 @@ pub(crate) fn each_hit(bvh: &Bvh, ray: &Ray, found: &mut dyn FnMut(Hit)) {
     dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut AllTriangles(&mut *found)));
 }
 
+/// A ray in the space of some trees, in the forms that boxes and triangles need.
+#[derive(Clone, Copy)]
+struct Prepared<S: Simd> {
+    slabs: Slabs<S>,
+    shear: ShearLanes<S>,
+}
+
+impl<S: Simd> Prepared<S> {
+    /// Prepares a ray for trees within `bounds`.
+    #[inline(always)]
+    fn new(simd: S, ray: &Ray, bounds: &Aabb) -> Self {
+        Self { slabs: Slabs::new(simd, ray, bounds), shear: ShearLanes::new(simd, ray) }
+    }
+}
+
 #[inline(always)]
 fn closest_in_scene<S: Simd>(simd: S, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
     let mut t_max = ray.t_max;
+    // All instances in world space share it.
+    let prepared = Prepared::new(simd, ray, &bvh.top.bounds);
     if bvh.single {
-        let hit = closest_in_mesh(simd, &bvh.meshes[bvh.instances[0].mesh as usize], ray, &mut t_max)?;
-        return Some(Hit { t: hit.t, instance: 0, triangle: hit.triangle, b1: hit.b1, b2: hit.b2 });
+        let (hit, part) = closest_in_mesh(&prepared, &bvh.meshes[bvh.instances[0].mesh as usize], ray, &mut t_max)?;
+        return Some(Hit { t: hit.t, instance: 0, part, triangle: hit.triangle, b1: hit.b1, b2: hit.b2 });
     }
-    let mut leaves = ClosestInstance { simd, bvh, ray, hit: None };
-    bvh.top.traverse::<S, true>(simd, ray, &mut t_max, &mut leaves);
+    let mut leaves = ClosestInstance { simd, bvh, ray, prepared: &prepared, hit: None };
+    bvh.top.traverse::<S, true>(&prepared.slabs, &mut t_max, &mut leaves);
     leaves.hit
 }
 
 #[inline(always)]
-fn closest_in_mesh<S: Simd>(simd: S, mesh: &MeshTree, ray: &Ray, t_max: &mut f32) -> Option<BlockHit> {
-    let mut leaves = ClosestTriangle { blocks: &mesh.blocks, ray, shear: ShearLanes::new(simd, ray), hit: None };
-    mesh.tree.traverse::<S, true>(simd, ray, t_max, &mut leaves);
+fn closest_in_mesh<S: Simd>(
+    prepared: &Prepared<S>,
+    mesh: &MeshTree,
+    ray: &Ray,
+    t_max: &mut f32,
+) -> Option<(BlockHit, u32)> {
+    let mut leaves = ClosestTriangle { mesh, ray, shear: prepared.shear, hit: None };
+    mesh.tree.traverse::<S, true>(&prepared.slabs, t_max, &mut leaves);
     leaves.hit
 }
 
 #[inline(always)]
 fn occluded_in_scene<S: Simd>(simd: S, bvh: &Bvh, ray: &Ray, reported: &mut impl Reported) -> bool {
     let mut t_max = ray.t_max;
+    let prepared = Prepared::new(simd, ray, &bvh.top.bounds);
     if bvh.single {
         let mesh = &bvh.meshes[bvh.instances[0].mesh as usize];
-        return occluded_in_mesh(simd, mesh, ray, WorldRay { scale: 1.0, t_max, instance: 0 }, reported);
+        return occluded_in_mesh(&prepared, mesh, ray, WorldRay { scale: 1.0, t_max, instance: 0 }, reported);
     }
-    let mut leaves = BlockingInstance { simd, bvh, ray, reported };
-    bvh.top.traverse::<S, false>(simd, ray, &mut t_max, &mut leaves)
+    let mut leaves = BlockingInstance { simd, bvh, ray, prepared: &prepared, reported };
+    bvh.top.traverse::<S, false>(&prepared.slabs, &mut t_max, &mut leaves)
 }
 
 /// `ray` is in object space.
 #[inline(always)]
 fn occluded_in_mesh<S: Simd>(
-    simd: S,
+    prepared: &Prepared<S>,
     mesh: &MeshTree,
     ray: &Ray,
     world: WorldRay,
     reported: &mut impl Reported,
 ) -> bool {
-    let shear = ShearLanes::new(simd, ray);
-    let mut leaves = BlockingTriangle { blocks: &mesh.blocks, ray, shear, world, reported };
+    let mut leaves = BlockingTriangle { mesh, ray, shear: prepared.shear, world, reported };
     let mut t_max = ray.t_max;
-    mesh.tree.traverse::<S, false>(simd, ray, &mut t_max, &mut leaves)
+    mesh.tree.traverse::<S, false>(&prepared.slabs, &mut t_max, &mut leaves)
+}
+
+/// The prepared ray of an instance with a space of its own.
+struct Own<S: Simd>(Option<Prepared<S>>);
+
+impl<S: Simd> Own<S> {
+    #[inline(always)]
+    fn of(instance: &Instance, simd: S, ray: &Ray, mesh: &MeshTree) -> Self {
+        match instance.space {
+            Space::World => Self(None),
+            Space::Fixed(_) | Space::Moving(_) => Self(Some(Prepared::new(simd, ray, &mesh.tree.bounds))),
+        }
+    }
+
+    #[inline(always)]
+    fn prepared<'a>(&'a self, world: &'a Prepared<S>) -> &'a Prepared<S> {
+        self.0.as_ref().unwrap_or(world)
+    }
 }
 
 /// A ray in the space of an instance's mesh, and the factor on distances. `None` if the ray misses a moving instance.
@@ -169,19 +209,20 @@ fn is_world_hit(t: f32, t_max: f32) -> bool {
 }
 
 struct ClosestTriangle<'a, S: Simd> {
-    blocks: &'a [TriangleBlock],
+    mesh: &'a MeshTree,
     ray: &'a Ray,
     shear: ShearLanes<S>,
-    hit: Option<BlockHit>,
+    /// The hit, and the number of its part.
+    hit: Option<(BlockHit, u32)>,
 }
 
 impl<S: Simd> Leaves for ClosestTriangle<'_, S> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
-        let Some(block) = self.blocks.get(payload as usize) else { return false };
+        let Some((block, part)) = self.mesh.block(payload) else { return false };
         if let Some(hit) = self.shear.intersect(block, self.ray, *t_max, ALL) {
             *t_max = hit.t;
-            self.hit = Some(hit);
+            self.hit = Some((hit, part));
         }
         false
     }
@@ -191,6 +232,7 @@ struct ClosestInstance<'a, S: Simd> {
     simd: S,
     bvh: &'a Bvh,
     ray: &'a Ray,
+    prepared: &'a Prepared<S>,
     hit: Option<Hit>,
 }
 
@@ -201,12 +243,13 @@ impl<S: Simd> Leaves for ClosestInstance<'_, S> {
         let mesh = &self.bvh.meshes[instance.mesh as usize];
         let world = Ray { t_max: *t_max, ..*self.ray };
         let Some((ray, scale)) = object_ray(instance, mesh, &world) else { return false };
+        let own = Own::of(instance, self.simd, &ray, mesh);
         let mut object_t_max = ray.t_max;
-        if let Some(hit) = closest_in_mesh(self.simd, mesh, &ray, &mut object_t_max) {
+        if let Some((hit, part)) = closest_in_mesh(own.prepared(self.prepared), mesh, &ray, &mut object_t_max) {
             let t = hit.t / scale;
             if is_world_hit(t, *t_max) {
                 *t_max = t;
-                self.hit = Some(Hit { t, instance: payload, triangle: hit.triangle, b1: hit.b1, b2: hit.b2 });
+                self.hit = Some(Hit { t, instance: payload, part, triangle: hit.triangle, b1: hit.b1, b2: hit.b2 });
             }
         }
         false
@@ -214,7 +257,7 @@ impl<S: Simd> Leaves for ClosestInstance<'_, S> {
 }
 
 struct BlockingTriangle<'a, S: Simd, R: Reported> {
-    blocks: &'a [TriangleBlock],
+    mesh: &'a MeshTree,
     ray: &'a Ray,
     shear: ShearLanes<S>,
     world: WorldRay,
@@ -224,7 +267,7 @@ struct BlockingTriangle<'a, S: Simd, R: Reported> {
 impl<S: Simd, R: Reported> Leaves for BlockingTriangle<'_, S, R> {
     #[inline(always)]
     fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
-        let Some(block) = self.blocks.get(payload as usize) else { return false };
+        let Some((block, part)) = self.mesh.block(payload) else { return false };
         let WorldRay { scale, t_max: world_t_max, instance } = self.world;
         let mut reported = self.reported.lanes(block);
         let blocking = self.shear.intersect(block, self.ray, *t_max, ALL & !reported);
@@ -238,7 +281,7 @@ impl<S: Simd, R: Reported> Leaves for BlockingTriangle<'_, S, R> {
                 let t = hit.t / scale;
                 if is_world_hit(t, world_t_max) {
                     let BlockHit { triangle, b1, b2, .. } = hit;
-                    self.reported.report(Hit { t, instance, triangle, b1, b2 });
+                    self.reported.report(Hit { t, instance, part, triangle, b1, b2 });
                 }
             }
         }
@@ -250,6 +293,7 @@ struct BlockingInstance<'a, S: Simd, R: Reported> {
     simd: S,
     bvh: &'a Bvh,
     ray: &'a Ray,
+    prepared: &'a Prepared<S>,
     reported: &'a mut R,
 }
 
@@ -260,6 +304,7 @@ impl<S: Simd, R: Reported> Leaves for BlockingInstance<'_, S, R> {
         let mesh = &self.bvh.meshes[instance.mesh as usize];
         let Some((ray, scale)) = object_ray(instance, mesh, self.ray) else { return false };
         let world = WorldRay { scale, t_max: self.ray.t_max, instance: payload };
-        occluded_in_mesh(self.simd, mesh, &ray, world, self.reported)
+        let own = Own::of(instance, self.simd, &ray, mesh);
+        occluded_in_mesh(own.prepared(self.prepared), mesh, &ray, world, self.reported)
     }
 }

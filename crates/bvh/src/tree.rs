@@ -80,7 +80,8 @@ pub(crate) trait Leaves {
 /// triangle's box by as much. Each box therefore grows by 10 u M on every side, plus the rounding of the grown planes.
 /// This costs nothing, because the origin is shifted instead: one origin for the near planes and one for the far
 /// planes.
-struct Slabs<S: Simd> {
+#[derive(Clone, Copy)]
+pub(crate) struct Slabs<S: Simd> {
     simd: S,
     /// Indices of the three rows of a node with the near sides; the far ones are their neighbours.
     near: [usize; 3],
@@ -91,8 +92,9 @@ struct Slabs<S: Simd> {
 }
 
 impl<S: Simd> Slabs<S> {
+    /// The form of a ray for trees within `bounds`.
     #[inline(always)]
-    fn new(simd: S, ray: &Ray, bounds: &Aabb) -> Self {
+    pub(crate) fn new(simd: S, ray: &Ray, bounds: &Aabb) -> Self {
         let (o, d) = (ray.origin, ray.direction);
         // The farthest side is at the centre plus half the extent, so no maximum of two is needed.
         let (middle, half) = (0.5 * bounds.min + 0.5 * bounds.max, 0.5 * bounds.max - 0.5 * bounds.min);
@@ -140,20 +142,31 @@ impl Tree {
     /// A tree without leaves.
     pub(crate) const EMPTY: Self = Self { nodes: Vec::new(), root: NONE, bounds: Aabb::EMPTY };
 
+    /// Number of levels of nodes.
+    pub(crate) fn depth(&self) -> usize {
+        let mut deepest = 0;
+        let mut work = vec![(self.root, 1)];
+        while let Some((word, depth)) = work.pop() {
+            if word & LEAF == 0 {
+                deepest = deepest.max(depth);
+                work.extend(self.nodes[word as usize].children.map(|child| (child, depth + 1)));
+            }
+        }
+        deepest
+    }
+
     /// Visits the leaves that a ray may hit before `t_max`; near ones first if `ORDERED`. True if a visit ended the
     /// traversal.
     #[inline(always)]
     pub(crate) fn traverse<S: Simd, const ORDERED: bool>(
         &self,
-        simd: S,
-        ray: &Ray,
+        slabs: &Slabs<S>,
         t_max: &mut f32,
         leaves: &mut impl Leaves,
     ) -> bool {
         if self.root == NONE {
             return false;
         }
-        let slabs = Slabs::new(simd, ray, &self.bounds);
         let mut stack = Stack::new();
         let mut word = self.root;
         loop {

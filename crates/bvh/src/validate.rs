@@ -1,6 +1,7 @@
 //! Validation of the invariants of the structure.
 
 use dunkelfeld_geometry::Aabb;
+use std::collections::HashSet;
 
 use crate::scene::{Bvh, MeshTree};
 use crate::simd8::WIDTH;
@@ -32,28 +33,29 @@ pub(crate) fn validate(bvh: &Bvh) -> Result<(), String> {
 }
 
 fn validate_mesh(mesh: &MeshTree) -> Result<(), String> {
-    let mut seen = vec![false; mesh.blocks.len()];
+    let mut seen = HashSet::new();
     let mut numbers = Vec::new();
     traverse(&mesh.tree, |payload, bounds| {
-        let block = mesh.blocks.get(payload as usize).ok_or(format!("no block {payload}"))?;
+        let (block, part) = mesh.block(payload).ok_or(format!("no block {payload}"))?;
         let before = numbers.len();
         for (number, corners) in block.triangles() {
             if !bounds.encloses(&Aabb::from_points(corners)) {
                 return Err(format!("triangle {number} sticks out of its box"));
             }
-            numbers.push(number);
+            numbers.push((part, number));
         }
         if numbers.len() == before {
             return Err(format!("block {payload} is empty"));
         }
-        once(&mut seen, payload, "block")
+        if seen.insert(payload) { Ok(()) } else { Err(format!("block {payload} is in two leaves")) }
     })?;
-    if let Some(lost) = seen.iter().position(|s| !s) {
-        return Err(format!("block {lost} is in no leaf"));
+    let blocks = mesh.blocks.len() + mesh.parts.iter().map(|part| part.blocks.len()).sum::<usize>();
+    if seen.len() != blocks {
+        return Err(format!("{} blocks of {blocks} are in leaves", seen.len()));
     }
     numbers.sort_unstable();
     if let Some(twice) = numbers.windows(2).find(|w| w[0] == w[1]) {
-        return Err(format!("triangle {} is there twice", twice[0]));
+        return Err(format!("triangle {:?} is there twice", twice[0]));
     }
     if numbers.len() != mesh.triangles {
         return Err(format!("{} triangles of {} are in leaves", numbers.len(), mesh.triangles));

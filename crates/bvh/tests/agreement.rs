@@ -4,8 +4,9 @@
 mod common;
 
 use common::{Random, Shape, bumpy_torus, icosphere, random_soup};
-use dunkelfeld_bvh::{Bvh, BvhInstance};
+use dunkelfeld_bvh::{Bvh, BvhInstance, Hit, MeshTree};
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Ray, Transform, Vec3};
+use std::sync::Arc;
 
 /// Rays of all kinds: arbitrary, along axes, through vertices or along edges, and short ones.
 fn ray_at(shape: &Shape, random: &mut Random) -> Ray {
@@ -81,7 +82,7 @@ fn both_kernels_give_the_same_bits() {
         for _ in 0..100_000 {
             let ray = ray_at(&meshes[0], &mut random);
             let (a, b) = (fast.closest_hit(&ray), portable.closest_hit(&ray));
-            let bits = |h: dunkelfeld_bvh::Hit| (h.t.to_bits(), h.b1.to_bits(), h.b2.to_bits(), h.instance, h.triangle);
+            let bits = |h: Hit| (h.t.to_bits(), h.b1.to_bits(), h.b2.to_bits(), h.instance, h.triangle);
             assert_eq!(a.map(bits), b.map(bits), "for {ray:?}");
             assert_eq!(fast.occluded(&ray), portable.occluded(&ray), "for {ray:?}");
             assert_eq!(fast.occluded(&ray), a.is_some(), "for {ray:?}");
@@ -99,5 +100,65 @@ fn a_build_is_repeatable() {
     for _ in 0..5_000 {
         let ray = ray_at(&shape, &mut random);
         assert_eq!(a.closest_hit(&ray), b.closest_hit(&ray));
+    }
+}
+
+/// Joined trees have the hits of one tree of all triangles, also beside instances, and their marks.
+#[test]
+fn joined_trees_have_the_hits_of_one_tree() {
+    let shapes: Vec<Shape> = (0..40u64)
+        .map(|i| match i % 4 {
+            0 => Shape::default(),
+            1 => random_soup(1 + i as usize, i),
+            2 => icosphere(2).map(|p| 0.3 * p + Vec3::new(0.1 * i as f32 - 2.0, 0.0, 0.2)),
+            _ => bumpy_torus(12, 6).map(|p| 0.2 * p - Vec3::splat(0.04 * i as f32)),
+        })
+        .collect();
+    let first: Vec<u32> = shapes
+        .iter()
+        .scan(0, |next, shape| {
+            let first = *next;
+            *next += shape.triangles.len() as u32;
+            Some(first)
+        })
+        .collect();
+    let all = Shape::soup(shapes.iter().flat_map(|s| (0..s.triangles.len() as u32).map(|t| s.corners(t))));
+    let trees = shapes.iter().map(|s| Arc::new(MeshTree::build(&s.view()).unwrap())).collect();
+    let joined = Arc::new(MeshTree::join(trees).expect("few parts"));
+    assert!(MeshTree::join(vec![joined.clone()]).is_none(), "a joined tree cannot be a part");
+    let other = Arc::new(MeshTree::build(&icosphere(2).view()).unwrap());
+    let here = BvhInstance { mesh: 0, to_world: None, motion: None };
+    let turned = Transform::new(DAffine3::from_translation(DVec3::new(0.0, 4.0, 0.0))).unwrap();
+    let there = BvhInstance { mesh: 1, to_world: Some(turned), motion: None };
+    let soup = Arc::new(MeshTree::build(&all.view()).unwrap());
+    for instances in [&[here][..], &[here, there]] {
+        let mut bvh = Bvh::from_trees(vec![joined.clone(), other.clone()], instances).unwrap();
+        let mut flat = Bvh::from_trees(vec![soup.clone(), other.clone()], instances).unwrap();
+        let is_tested = |triangle: u32| triangle % 3 == 0;
+        bvh.mark_alpha_tested(|mesh, part, triangle| mesh == 0 && is_tested(first[part as usize] + triangle));
+        flat.mark_alpha_tested(|mesh, _, triangle| mesh == 0 && is_tested(triangle));
+        bvh.validate().unwrap();
+        let mut random = Random::new(11);
+        let mut hits = 0;
+        for _ in 0..20_000 {
+            let ray = ray_at(&all, &mut random);
+            let number =
+                |hit: &Hit| if hit.instance == 0 { first[hit.part as usize] + hit.triangle } else { hit.triangle };
+            let (one, two) = (flat.closest_hit(&ray), bvh.closest_hit(&ray));
+            // Of two triangles at one distance either may be hit.
+            assert_eq!(one.map(|h| (h.t.to_bits(), h.instance)), two.map(|h| (h.t.to_bits(), h.instance)), "{ray:?}");
+            hits += usize::from(two.is_some());
+            assert_eq!(flat.occluded(&ray), bvh.occluded(&ray), "{ray:?}");
+            let (mut a, mut b) = (Vec::new(), Vec::new());
+            let blocked =
+                flat.occluded_with_alpha(&ray, |hit| a.push((number(&Hit { part: 0, ..hit }), hit.t.to_bits())));
+            assert_eq!(blocked, bvh.occluded_with_alpha(&ray, |hit| b.push((number(&hit), hit.t.to_bits()))));
+            if !blocked {
+                a.sort_unstable();
+                b.sort_unstable();
+                assert_eq!(a, b, "{ray:?}");
+            }
+        }
+        assert!(hits > 5_000, "only {hits} hits: the test does not test");
     }
 }

@@ -39,7 +39,7 @@ fn a_shadow_ray_visits_each_alpha_tested_triangle_once_and_stops_at_the_others()
             for build in [Bvh::build, Bvh::build_portable] {
                 let mut bvh = build(&[mesh], &instances[..count]).expect("valid");
                 // Squares 10 to 29 are alpha-tested.
-                bvh.mark_alpha_tested(|mesh, triangle| mesh == 0 && (20..60).contains(&triangle));
+                bvh.mark_alpha_tested(|mesh, _, triangle| mesh == 0 && (20..60).contains(&triangle));
                 bvh.validate().expect("marks change nothing");
                 let place = to_world.unwrap_or_default();
                 let ray = |from: f64, to: f64| {

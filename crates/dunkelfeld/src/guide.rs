@@ -29,7 +29,7 @@
 //! assert_eq!((radiance.len(), depth.len()), (32 * 24, 32 * 24));
 //! // The name of the object in the middle of the image.
 //! let ids = film.ids.at(16, 12).expect("the ball");
-//! assert_eq!(film.object_names[ids.object as usize], "ball");
+//! assert_eq!(film.object_names[ids.object() as usize], "ball");
 //! // The grey values of the frame.
 //! let sensor = result.frame.sensor.as_ref().expect("the default sensor");
 //! assert_eq!(sensor.values.data().len(), 32 * 24);
@@ -85,12 +85,13 @@
 //!
 //! ```
 //! use dunkelfeld::geometry::{DAffine3, DVec3, Vec3};
+//! use dunkelfeld::radiometry::Rgb;
 //! use dunkelfeld::scene::{BuildCache, Material, SceneBuilder, shapes};
 //! use dunkelfeld::{Budget, RenderSettings, Session, develop_film, render};
 //! # fn main() -> Result<(), dunkelfeld::Error> {
 //! let mut scene = SceneBuilder::default();
 //! let white = scene.add_material(Material::default());
-//! let lamp = scene.add_material(Material { emission: [1.0; 3].into(), ..Material::default() });
+//! let lamp = scene.add_material(Material { emission: Rgb::WHITE, ..Material::default() });
 //! let part = scene.add_object("part", shapes::cuboid(Vec3::splat(-0.05), Vec3::splat(0.05)), white);
 //! scene.add_object("lamp", shapes::rectangle(Vec3::new(-0.5, 1.0, -0.5), Vec3::X, Vec3::Z), lamp);
 //! scene.add_camera("above", DVec3::new(0.1, 0.5, 0.3), DVec3::ZERO, 0.5);

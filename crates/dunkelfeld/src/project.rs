@@ -24,7 +24,7 @@ use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::job::{FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
 use dunkelfeld_render::{
-    DenoiseMethod, Error, RenderSettings, Rendering, SensorChoice, Session, Stage, camera_help, find_camera,
+    DenoiseMethod, Error, RenderSettings, Rendering, SavedFilm, SensorChoice, Session, Stage, camera_help, find_camera,
     thread_count, validate,
 };
 use dunkelfeld_scene::{
@@ -304,6 +304,12 @@ impl ProjectResult {
     /// The settings of the render, with the lens combined with its camera.
     pub fn settings(&self) -> &RenderSettings {
         &self.settings
+    }
+
+    /// The film with the settings that expose it, without its frame.
+    pub fn into_saved_film(self) -> SavedFilm {
+        let Self { rendering, settings, is_vignetted, .. } = self;
+        SavedFilm { film: rendering.film, settings, is_vignetted }
     }
 
     /// Seconds since the clock of the render started.

@@ -7,6 +7,7 @@
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use crate::Ray;
+use crate::triangle::MIN_ERROR;
 
 /// Half the distance from 1 to the next f64: the relative error of one rounding.
 const UNIT_ROUNDOFF_64: f64 = 0.5 * f64::EPSILON;
@@ -170,7 +171,7 @@ impl Transform {
         let error = abs_linear(object_error)
             + UNIT_ROUNDOFF_32 * exact.abs()
             + 8.0 * UNIT_ROUNDOFF_64 * (abs_linear(p_abs) + m.translation.abs());
-        (world, error.as_vec3().map(f32::next_up))
+        (world, error.as_vec3().map(f32::next_up).max(Vec3::splat(MIN_ERROR)))
     }
 }
 

@@ -162,6 +162,10 @@ pub fn triangle_area(corners: &[Vec3; 3]) -> f32 {
     (0.5 * (corners[1].as_dvec3() - v0).cross(corners[2].as_dvec3() - v0).length()) as f32
 }
 
+/// Smallest error of a coordinate \[m\]. A plane through the origin has no rounding error. An error of zero would leave the
+/// next ray on the surface, and a subnormal one would make all arithmetic with its origin a hundred times slower.
+pub(crate) const MIN_ERROR: f32 = 1e-30;
+
 /// The point with barycentric weights `b1` and `b2` (of the second and third corner), and the half widths of a box that
 /// contains the point of the triangle's plane with exactly these weights.
 ///
@@ -177,8 +181,8 @@ pub fn hit_point(corners: &[Vec3; 3], b1: f32, b2: f32) -> (Vec3, Vec3) {
     let along2 = f64::from(b2) * (corners[2].as_dvec3() - v0);
     let exact = v0 + along1 + along2;
     let error = f64::from(UNIT_ROUNDOFF) * exact.abs() + 2.0 * f64::EPSILON * (v0.abs() + along1.abs() + along2.abs());
-    // At least one ulp more for the rounding of the bound itself; at zero it covers subnormal results.
-    (exact.as_vec3(), error.as_vec3() * (1.0 + f32::EPSILON) + Vec3::splat(f32::from_bits(1)))
+    // At least one ulp more for the rounding of the bound itself.
+    (exact.as_vec3(), error.as_vec3() * (1.0 + f32::EPSILON) + Vec3::splat(MIN_ERROR))
 }
 
 /// The start of a ray that leaves a surface: outside the error box of the hit, on the side of `direction`.

@@ -18,6 +18,7 @@ mod progress;
 mod render_key;
 mod rendered_film;
 mod round;
+mod saved_film;
 mod session;
 mod settings;
 mod training;
@@ -33,6 +34,7 @@ pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
 pub use render_key::RenderKey;
 pub use rendered_film::RenderedFilm;
 pub use round::TILE;
+pub use saved_film::SavedFilm;
 pub use session::Session;
 pub use settings::{
     Budget, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_F_NUMBER, DEFAULT_PILOT_SPP, DEFAULT_SPP,

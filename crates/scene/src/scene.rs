@@ -67,6 +67,8 @@ pub struct Scene {
 pub(crate) enum Placement {
     /// The tree of all parts in render space without a tree of their own.
     Shared,
+    /// The trees of all parts in render space, joined. They are the first parts of the scene.
+    Joined,
     /// One part with a tree of its own, in render space or under a transform.
     Part(u32),
 }

@@ -293,6 +293,8 @@ fn lamps_on_their_axis() {
         let (scene, _) = lamp(shape, None, EmissionProfile::Lambertian);
         let r = receiver(&scene, DVec3::new(0.0, 0.0, -height), DVec3::Z);
         let m = runs(&scene, &r, LightChoice::One, 4096);
+        let (deviation, sigma) = (m.mean() / expected - 1.0, m.standard_error() / expected);
+        println!("| {name} | {height} | {expected:.6} | {:.6} | {deviation:.1e} ± {sigma:.0e} |", m.mean());
         let error = m.standard_error().hypot(1e-3 * expected);
         z_test(m.mean(), error, expected).assert(RATE, &format!("{name}: {} instead of {expected}", m.mean()));
     }

@@ -2,8 +2,8 @@
 
 use crate::build::builder::MeshPart;
 use crate::build::compile::BuildError;
-use crate::build::lints::lost_digits;
-use crate::build::placed::bake;
+use crate::build::lints::{Shape, lost_digits};
+use crate::build::placed::{PlacedObject, bake};
 use crate::build::validate::drop_unusable_attributes;
 use crate::geometry::triangle_data::Facet;
 use dunkelfeld_bvh::{MeshTree, MeshTriangles};
@@ -37,37 +37,34 @@ struct MeshResults {
     repaired: Option<(Arc<Mesh>, Repaired)>,
     health: Option<MeshHealth>,
     instanced: Option<OwnTree>,
-    bounds: Vec<ByPlace<Option<[DVec3; 2]>>>,
-    places: Vec<ByPlace<PlacedMesh>>,
+    bounds: ByPlace<Option<[DVec3; 2]>>,
+    shapes: ByPlace<Shape>,
+    places: ByPlace<PlacedMesh>,
 }
 
-/// A result for a mesh in a place.
-#[derive(Debug)]
-struct ByPlace<T> {
-    place: DAffine3,
-    last_build: u64,
-    result: T,
-}
+/// Results for a mesh by place, each with the number of the last build that used it. The key has the bits of the place.
+type ByPlace<T> = HashMap<[u64; 12], (u64, T)>;
 
 /// Removes the results for places that the present build did not use. If it used none, all stay: the object is hidden.
-fn keep_present<T>(results: &mut Vec<ByPlace<T>>, build: u64) {
-    if results.iter().any(|r| r.last_build == build) {
-        results.retain(|r| r.last_build == build);
+fn keep_present<T>(results: &mut ByPlace<T>, build: u64) {
+    if results.values().any(|(last, _)| *last == build) {
+        results.retain(|_, (last, _)| *last == build);
     }
 }
 
 /// The result for a place: the earlier one, or a new one.
 fn result<T: Clone, E>(
-    results: &mut Vec<ByPlace<T>>,
+    results: &mut ByPlace<T>,
     (place, build): (&DAffine3, u64),
     compute: impl FnOnce() -> Result<T, E>,
 ) -> Result<T, E> {
-    if let Some(earlier) = results.iter_mut().find(|r| r.place == *place) {
-        earlier.last_build = build;
-        return Ok(earlier.result.clone());
+    let key = place.to_cols_array().map(f64::to_bits);
+    if let Some((last, earlier)) = results.get_mut(&key) {
+        *last = build;
+        return Ok(earlier.clone());
     }
     let result = compute()?;
-    results.push(ByPlace { place: *place, last_build: build, result: result.clone() });
+    results.insert(key, (build, result.clone()));
     Ok(result)
 }
 
@@ -131,6 +128,7 @@ impl Builds<'_> {
             cache.meshes.retain(|_, known| known.last_build + KEPT_BUILDS > build);
             for known in cache.meshes.values_mut() {
                 keep_present(&mut known.bounds, build);
+                keep_present(&mut known.shapes, build);
                 keep_present(&mut known.places, build);
             }
         }
@@ -145,8 +143,9 @@ impl Builds<'_> {
             repaired: None,
             health: None,
             instanced: None,
-            bounds: Vec::new(),
-            places: Vec::new(),
+            bounds: HashMap::new(),
+            shapes: HashMap::new(),
+            places: HashMap::new(),
         });
         debug_assert!(Arc::ptr_eq(mesh, &known.mesh), "the address is that of another mesh");
         known.last_build = builds;
@@ -186,6 +185,17 @@ impl Builds<'_> {
         let Some(known) = self.known(mesh) else { return compute() };
         let key = (to_world, known.last_build);
         result(&mut known.bounds, key, || Ok::<_, Infallible>(compute())).unwrap_or_else(|e| match e {})
+    }
+
+    /// The shape of an object in the world.
+    pub(crate) fn shape(&mut self, object: &PlacedObject, meshes: &[MeshPart]) -> Shape {
+        let (_, instance, transform) = object;
+        let compute = || Shape::of(object, meshes);
+        // The shape of several meshes is not that of one of them.
+        let [mesh] = instance.meshes.as_slice() else { return compute() };
+        let Some(known) = self.known(&meshes[*mesh].mesh) else { return compute() };
+        let key = (transform.to_world(), known.last_build);
+        result(&mut known.shapes, key, || Ok::<_, Infallible>(compute())).unwrap_or_else(|e| match e {})
     }
 
     /// A mesh in render space, with a tree of its own.
@@ -284,7 +294,7 @@ mod tests {
 
     #[test]
     fn a_moved_object_alone_is_built_again() {
-        let mut b = balls(150);
+        let mut b = balls(155);
         let mut cache = BuildCache::default();
         let first = assert_same(&b, &mut cache);
         assert!(first.parts.iter().all(|p| p.facets.is_some()), "each object has a tree of its own");

@@ -111,7 +111,7 @@ impl SceneBuilder {
         let had_triangles = self.shows_triangles();
         let closed = self.clean_meshes(&mut builds, &mut report);
         let placed = self.valid_instances(&mut report);
-        crate::build::lints::twins(&placed, &self.meshes, &mut report);
+        crate::build::lints::twins(&placed, &self.meshes, &mut builds, &mut report);
         let times = self.shutter.map(|shutter| shutter.times());
         let baking = Baking::new(&placed, &self.meshes, times.is_some());
         let bounds = world_bounds(&placed, &self.meshes, &mut builds);

@@ -14,7 +14,7 @@ mod places;
 mod twins;
 
 pub use modelling::LARGEST_OBJECT;
-pub(crate) use twins::twins;
+pub(crate) use twins::{Shape, twins};
 
 use crate::build::lints::places::{bounds, corners, meters, place, push};
 use crate::build::report::BuildReport;

@@ -21,7 +21,7 @@ const MAX_BAKED_COPIES: usize = 16_384;
 
 /// The meshes in render space share one tree if they have at most this many triangles together; rays are fastest in one
 /// tree. Otherwise each has its own, so that a change of one object does not build the trees of the others again.
-const MAX_SHARED_TREE: usize = 65_536;
+const MAX_SHARED_TREE: usize = 262_144;
 
 /// An object in the world: its number, the description, and its transform.
 pub(crate) type PlacedObject = (u32, Instance, Transform);
@@ -38,6 +38,8 @@ pub(crate) struct PlacedScene {
     transforms: Vec<Transform>,
     /// For each part the tree of its mesh; `None` in the shared tree.
     trees: Vec<Option<Arc<MeshTree>>>,
+    /// The joined trees of the first parts.
+    joined: Option<Arc<MeshTree>>,
     /// For each part of the shared tree its mesh in the description and its place in render space.
     shared: Vec<(Arc<Mesh>, DAffine3)>,
     /// For each part the index of its mesh in the builder.
@@ -116,13 +118,12 @@ impl PlacedScene {
         }
         for (object, _, m, t) in all().filter(|(_, i, m, _)| baking.has_own_trees() && baking.bakes(i, *m)) {
             let PlacedMesh { mesh, own } = builds.placed(&meshes[m].mesh, &in_render(t))?;
-            scene.placements.push(Placement::Part(scene.parts.len() as u32));
-            scene.transforms.push(Transform::IDENTITY);
             scene.meshes.push(mesh);
             let mesh = scene.meshes.len() as u32 - 1;
             let part = Part { mesh, object, facets: Some(own.facets), ..Part::of(&meshes[m]) };
             scene.push(part, (m, &meshes[m]), Some(own.tree));
         }
+        scene.join();
         let mut stored: Vec<Option<(u32, OwnTree)>> = vec![None; meshes.len()];
         for (object, instance, m, transform) in all().filter(|(_, i, m, _)| !baking.bakes(i, *m)) {
             // Invertible in world space and moved: still invertible.
@@ -149,6 +150,23 @@ impl PlacedScene {
             scene.push(part, (m, &meshes[m]), Some(own.tree));
         }
         Ok(scene)
+    }
+
+    /// Joins the trees of the parts so far, or gives each part an instance of its own if they cannot be joined.
+    fn join(&mut self) {
+        let trees: Vec<Arc<MeshTree>> = self.trees.iter().flatten().cloned().collect();
+        if trees.is_empty() {
+            return;
+        }
+        let parts = trees.len() as u32;
+        match MeshTree::join(trees) {
+            Some(joined) => {
+                self.joined = Some(Arc::new(joined));
+                self.placements.push(Placement::Joined);
+            }
+            None => self.placements.extend((0..parts).map(Placement::Part)),
+        }
+        self.transforms.resize(self.placements.len(), Transform::IDENTITY);
     }
 
     /// Adds a part of a mesh of the builder.
@@ -199,6 +217,10 @@ impl PlacedScene {
                     instances.push(BvhInstance { mesh: trees.len() as u32, to_world: None, motion: None });
                     trees.push(builds.shared_tree(&self.shared, || self.shared_tree())?);
                 }
+                Placement::Joined => {
+                    instances.push(BvhInstance { mesh: trees.len() as u32, to_world: None, motion: None });
+                    trees.extend(self.joined.clone());
+                }
                 Placement::Part(number) => {
                     let part = &self.parts[*number as usize];
                     let tree = &mut tree_of_mesh[part.mesh as usize];
@@ -213,22 +235,25 @@ impl PlacedScene {
                 }
             }
         }
-        let shared = self.placements.iter().any(|p| matches!(p, Placement::Shared)).then_some(0);
+        // Parts in render space are in the first mesh.
+        let first = self.placements.first().copied();
         let count = trees.len();
         let mut bvh = Bvh::from_trees(trees, &instances).map_err(|e| BuildError::Hierarchy(e.to_string()))?;
-        // A mesh that several parts share is alpha-tested if one of them is. An evaluation of the coverage is correct for
-        // all of them.
-        let mut alpha_tested_mesh = vec![false; count];
-        for part in self.parts.iter().filter(|p| p.facets.is_some() && covers_partly(p)) {
-            alpha_tested_mesh[tree_of_mesh[part.mesh as usize] as usize] = true;
-        }
         if self.parts.iter().any(covers_partly) {
-            bvh.mark_alpha_tested(|mesh, triangle| {
-                if Some(mesh) == shared {
-                    covers_partly(&self.parts[self.facets[triangle as usize].part as usize])
-                } else {
-                    alpha_tested_mesh[mesh as usize]
+            // A mesh that several parts share is alpha-tested if one of them is. An evaluation of the coverage is correct
+            // for all of them.
+            let mut alpha_tested_mesh = vec![false; count];
+            for part in self.parts.iter().filter(|p| covers_partly(p)) {
+                if let Some(tested) = alpha_tested_mesh.get_mut(tree_of_mesh[part.mesh as usize] as usize) {
+                    *tested = true;
                 }
+            }
+            bvh.mark_alpha_tested(|mesh, part, triangle| match first {
+                Some(Placement::Shared) if mesh == 0 => {
+                    covers_partly(&self.parts[self.facets[triangle as usize].part as usize])
+                }
+                Some(Placement::Joined) if mesh == 0 => covers_partly(&self.parts[part as usize]),
+                _ => alpha_tested_mesh[mesh as usize],
             });
         }
         Ok(bvh)

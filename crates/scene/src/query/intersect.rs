@@ -55,6 +55,10 @@ impl Scene {
                 let facet = &self.facets[hit.triangle as usize];
                 (facet.part, &self.parts[facet.part as usize], facet)
             }
+            Placement::Joined => {
+                let part = &self.parts[hit.part as usize];
+                (hit.part, part, self.facet(part, hit.triangle))
+            }
             Placement::Part(index) => {
                 let part = &self.parts[index as usize];
                 (index, part, self.facet(part, hit.triangle))

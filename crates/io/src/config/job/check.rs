@@ -104,7 +104,10 @@ pub(super) fn positive_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<
     if (1e-9..=1000.0).contains(&v) {
         return Ok(Some(v));
     }
-    Err(D::Error::custom(format!("{} m is out of range; write a length such as \"3.45um\" or \"40mm\"", Number(v))))
+    Err(D::Error::custom(format!(
+        "{} m is out of range; write a length from 1nm to 1km, such as \"3.45um\" or \"40mm\"",
+        Number(v)
+    )))
 }
 
 /// A length [m] that may be zero.
@@ -113,7 +116,7 @@ pub(super) fn length_or_zero<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f
     if (0.0..=1e6).contains(&v) {
         return Ok(Some(v));
     }
-    Err(D::Error::custom(format!("{} m is out of range; write a length of zero or more, such as \"40mm\"", Number(v))))
+    Err(D::Error::custom(format!("{} m is out of range; write a length from 0 to 1000km, such as \"40mm\"", Number(v))))
 }
 
 /// A full angle [rad] of a cone.

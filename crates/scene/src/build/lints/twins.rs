@@ -2,6 +2,7 @@
 
 use super::places::push;
 use crate::build::builder::MeshPart;
+use crate::build::cache::Builds;
 use crate::build::placed::PlacedObject;
 use crate::build::report::BuildReport;
 use dunkelfeld_geometry::DVec3;
@@ -17,7 +18,7 @@ const MAX_TRIANGLES: usize = 4_000_000;
 const MAX_PAIRS: usize = 1 << 20;
 
 /// Reports objects that lie in the same place as an earlier one with the same meshes, or with the same shape.
-pub(crate) fn twins(placed: &[PlacedObject], meshes: &[MeshPart], report: &mut BuildReport) {
+pub(crate) fn twins(placed: &[PlacedObject], meshes: &[MeshPart], builds: &mut Builds<'_>, report: &mut BuildReport) {
     let mut known: HashMap<(&[usize], [u32; 12]), usize> = HashMap::new();
     let mut found: BTreeMap<usize, usize> = BTreeMap::new();
     // Objects by their number of triangles.
@@ -45,7 +46,7 @@ pub(crate) fn twins(placed: &[PlacedObject], meshes: &[MeshPart], report: &mut B
         let most = triangles / count;
         triangles -= count * group.len().min(most);
         let mut shapes: Vec<(Shape, usize)> =
-            group.iter().take(most).map(|i| (Shape::of(&placed[*i], meshes), *i)).collect();
+            group.iter().take(most).map(|i| (builds.shape(&placed[*i], meshes), *i)).collect();
         shapes.sort_by(|(a, i), (b, j)| a.low.x.total_cmp(&b.low.x).then(i.cmp(j)));
         for (k, (shape, i)) in shapes.iter().enumerate() {
             let tolerance = shape.tolerance();
@@ -74,7 +75,8 @@ pub(crate) fn twins(placed: &[PlacedObject], meshes: &[MeshPart], report: &mut B
 }
 
 /// The shape of an object in world space, independent of the order of its triangles.
-struct Shape {
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Shape {
     low: DVec3,
     high: DVec3,
     /// Mean of the centres of the triangles.
@@ -86,7 +88,8 @@ struct Shape {
 }
 
 impl Shape {
-    fn of((_, instance, transform): &PlacedObject, meshes: &[MeshPart]) -> Self {
+    /// Measures an object.
+    pub(crate) fn of((_, instance, transform): &PlacedObject, meshes: &[MeshPart]) -> Self {
         let triangles = || {
             instance.meshes.iter().flat_map(|&m| {
                 let mesh = &meshes[m].mesh;

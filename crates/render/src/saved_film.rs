@@ -1,0 +1,72 @@
+//! A film in a file: its sums to the last bit, the ids of its pixels, and the settings that expose it.
+
+use crate::checkpoint::exposure_recipe::{ExposureRecipe, labels_of, numbers_of};
+use crate::error::{Error, written};
+use crate::rendered_film::RenderedFilm;
+use crate::settings::RenderSettings;
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::checkpoint::{CheckpointHead, read_checkpoint, write_checkpoint};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// A rendered film together with its exposure. A file of it has the format of checkpoints, and cannot be continued.
+#[derive(Clone, Debug)]
+pub struct SavedFilm {
+    /// The film.
+    pub film: RenderedFilm,
+    /// Settings that expose it as its render did.
+    pub settings: RenderSettings,
+    /// Does the lens darken the image towards its corners?
+    pub is_vignetted: bool,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Description {
+    saved_film: ExposureRecipe,
+}
+
+impl SavedFilm {
+    /// Writes the film, completely or not at all.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), Error> {
+        let Self { film, settings, is_vignetted } = self;
+        let saved_film = ExposureRecipe::new(settings, *is_vignetted, &film.object_names);
+        let [objects, materials] = numbers_of(&film.ids);
+        let stored = serde_json::to_string(&Description { saved_film }).map_err(Into::into).and_then(|text| {
+            let head = CheckpointHead {
+                width: film.sums.width(),
+                height: film.sums.height(),
+                text: &text,
+                weights: None,
+                caps: None,
+                target: None,
+                objects: Some(&objects),
+                materials: Some(&materials),
+            };
+            write_checkpoint(path, &head, &mut |rows, out| film.sums.read_rows(rows, out))
+        });
+        written(path, stored)
+    }
+
+    /// Reads a film that [`Self::write`] wrote.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is another one.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let checkpoint = read_checkpoint(path)?;
+        let help = "use a file that a saved film has, such as `film.save(\"a.film\")` in Python";
+        let fault = |problem: String| InputError::new(path, "the description", problem, help);
+        let Description { saved_film } =
+            serde_json::from_str(&checkpoint.text).map_err(|e| fault(format!("is not that of a saved film: {e}")))?;
+        let (Some(objects), Some(materials)) = (&checkpoint.objects, &checkpoint.materials) else {
+            return Err(fault("has no ids of objects and materials".into()).into());
+        };
+        let ids = labels_of(objects, materials);
+        let sums = checkpoint.film;
+        let settings = saved_film.settings(sums.width(), sums.height());
+        let is_vignetted = saved_film.is_vignetted;
+        Ok(Self { film: RenderedFilm { sums, ids, object_names: saved_film.object_names }, settings, is_vignetted })
+    }
+}
