@@ -2,7 +2,7 @@
 //! Replay: `cargo test --workspace --test project NAME`.
 
 use dunkelfeld::film::Film;
-use dunkelfeld::{OpenOptions, OutputPaths, Project};
+use dunkelfeld::{OutputPaths, Project, ProjectOptions};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
@@ -124,7 +124,7 @@ fn overrides_that_fail_leave_the_project_as_it_was() {
         assert!(error.contains(says) && error.contains("help:"), "{overrides}\n{error}");
         assert!((film(&project), format!("{:?}", project.settings)) == before, "{overrides}");
     }
-    let options = OpenOptions::default().with_can_change(false);
+    let options = ProjectOptions::default().with_can_change(false);
     let mut fixed = Project::open_with(folder.path().join("job.toml"), options).expect("a job");
     let error = fixed.set_overrides("").expect_err("the description was not kept").to_string();
     assert!(error.contains("can_change"), "{error}");

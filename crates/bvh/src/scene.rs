@@ -368,14 +368,10 @@ impl MeshTree {
         let mut roots = vec![NONE; parts.len()];
         for (number, part) in (0u32..).zip(&parts) {
             let first = tree.nodes.len() as u32;
-            let word = |word: u32| match word {
-                NONE => NONE,
-                leaf if leaf & LEAF != 0 => LEAF | number << shift | leaf & !LEAF,
-                node => first + node,
-            };
-            roots[number as usize] = word(part.tree.root);
-            let nodes = part.tree.nodes.iter();
-            tree.nodes.extend(nodes.map(|node| Node { children: node.children.map(word), ..node.clone() }));
+            let payload = number << shift;
+            roots[number as usize] = moved(part.tree.root, first, payload);
+            let children = |node: &Node| node.children.map(|child| moved(child, first, payload));
+            tree.nodes.extend(part.tree.nodes.iter().map(|node| Node { children: children(node), ..node.clone() }));
         }
         let root = |word: u32| match word {
             leaf if leaf != NONE && leaf & LEAF != 0 => roots[(leaf & !LEAF) as usize],
@@ -398,6 +394,15 @@ impl MeshTree {
         let part = payload >> self.shift;
         let block = payload & ((1 << self.shift) - 1);
         Some((self.parts.get(part as usize)?.blocks.get(block as usize)?, part))
+    }
+}
+
+/// A child word of a tree that is joined to others: its nodes begin at `first`, and `payload` has the number of the part.
+fn moved(word: u32, first: u32, payload: u32) -> u32 {
+    match word {
+        NONE => NONE,
+        leaf if leaf & LEAF != 0 => leaf | payload,
+        node => first + node,
     }
 }
 

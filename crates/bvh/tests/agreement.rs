@@ -134,14 +134,19 @@ fn joined_trees_have_the_hits_of_one_tree() {
     for instances in [&[here][..], &[here, there]] {
         let mut bvh = Bvh::from_trees(vec![joined.clone(), other.clone()], instances).unwrap();
         let mut flat = Bvh::from_trees(vec![soup.clone(), other.clone()], instances).unwrap();
-        let is_tested = |triangle: u32| triangle % 3 == 0;
+        let is_tested = |triangle: u32| triangle.is_multiple_of(3);
         bvh.mark_alpha_tested(|mesh, part, triangle| mesh == 0 && is_tested(first[part as usize] + triangle));
         flat.mark_alpha_tested(|mesh, _, triangle| mesh == 0 && is_tested(triangle));
         bvh.validate().unwrap();
         let mut random = Random::new(11);
         let mut hits = 0;
         for _ in 0..20_000 {
-            let ray = ray_at(&all, &mut random);
+            // Through the inside of a triangle: at a corner the order of the leaves decides which of its triangles is hit.
+            let triangle = all.corners(random.int(all.triangles.len()) as u32);
+            let [u, v] = [0.1 + 0.4 * random.unit(), 0.1 + 0.4 * random.unit()];
+            let origin = 3.0 * random.in_cube();
+            let target = triangle[0] + u * (triangle[1] - triangle[0]) + v * (triangle[2] - triangle[0]);
+            let ray = Ray::new(origin, (target - origin).normalize());
             let number =
                 |hit: &Hit| if hit.instance == 0 { first[hit.part as usize] + hit.triangle } else { hit.triangle };
             let (one, two) = (flat.closest_hit(&ray), bvh.closest_hit(&ray));

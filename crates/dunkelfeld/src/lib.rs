@@ -63,7 +63,7 @@ pub use outputs::{
     OutputPaths, SavedPlan, encode_layers, load_plan, load_plan_recorded, save_exr, save_linear, save_picture,
     save_plan, save_text,
 };
-pub use project::{OpenOptions, Project, ProjectResult, find_sensor, find_sensor_recorded, read_scene};
+pub use project::{Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene};
 pub use stations::{STATIONS, Station};
 pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};
 

@@ -5,7 +5,7 @@ mod open;
 mod overrides;
 mod rendering;
 
-pub use open::OpenOptions;
+pub use open::ProjectOptions;
 use open::{film_part, pitch_of, whole_film};
 use overrides::Description;
 

@@ -137,7 +137,7 @@ pub struct RenderSettings {
     /// command may need them.
     pub layers: FilmLayers,
     /// Effects that were left out on purpose. They mark the outputs. The scene must have been built without them
-    /// (`dunkelfeld::OpenOptions::without`).
+    /// (`dunkelfeld::ProjectOptions::without`).
     pub without: Vec<Effect>,
 }
 

@@ -27,8 +27,8 @@ pub use build::builder::{
     SceneBuilder,
 };
 pub use build::cache::BuildCache;
-pub use build::compile::BuildError;
 pub use build::effects::{Effect, Effects, kernel_features};
+pub use build::error::BuildError;
 pub use build::fingerprint::digest;
 pub use build::lints::LARGEST_OBJECT;
 pub use build::report::{BuildReport, Finding, Severity};

@@ -2,7 +2,6 @@
 
 use crate::build::builder::Camera;
 use crate::build::effects::Effects;
-use crate::build::report::BuildReport;
 use crate::camera::shutter::Shutter;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
 use crate::covers::scene_covers::Covers;
@@ -134,11 +133,6 @@ impl Scene {
             None => &self.facets[(part.first_facet + triangle) as usize],
             Some(own) => &own[triangle as usize],
         }
-    }
-
-    /// Adds hazards of the compiled scene to a report: sizes, coincident faces, lights inside solids, implausible values.
-    pub fn report_hazards(&self, report: &mut BuildReport) {
-        crate::build::lints::check(self, report);
     }
 
     /// The position in world space of render space's origin.

@@ -16,8 +16,8 @@ use crate::values::ExposureChoice;
 use dunkelfeld::InputFiles;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, Cancel, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, OpenOptions, Progress,
-    ProgressState, Project, RenderSettings, SensorChoice, Stage,
+    Budget, Cancel, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState,
+    Project, ProjectOptions, RenderSettings, SensorChoice, Stage,
 };
 pub(crate) use report::{as_seen, say_flaws};
 use std::path::{Path, PathBuf};
@@ -36,7 +36,7 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
     let checkpoint = args.checkpoint.as_ref().map(|path| checkpoint(args, path)).transpose()?;
     begin(Stage::Load, 0.0, 0);
     let options =
-        OpenOptions::default().with_started(started).with_without(args.without.clone()).with_can_change(false);
+        ProjectOptions::default().with_started(started).with_without(args.without.clone()).with_can_change(false);
     let mut project = Project::open_with(&args.input, options)?;
     project.settings.checkpoint = checkpoint;
     apply(args, &mut project)?;

@@ -7,7 +7,7 @@ use crate::bar::Sink;
 use crate::commands::render::apply_view;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
-use dunkelfeld::{DenoiseMethod, Error, OpenOptions, Progress, ProgressState, Project, Session, Stage};
+use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
 use dunkelfeld_studies::bench::{BenchSettings, bench, default_folder};
 
 pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {
@@ -15,7 +15,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {
     settings.check()?;
     let sink = Sink::new(args.view.run.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let mut project = Project::open_with(&args.input, OpenOptions::default().with_can_change(false))?;
+    let mut project = Project::open_with(&args.input, ProjectOptions::default().with_can_change(false))?;
     apply_view(&args.view, &mut project)?;
     let folder = args.output.clone().unwrap_or_else(|| noted(default_folder(&args.input, &project.inputs)));
     let own_size = args.view.width.is_some() || args.view.height.is_some();

@@ -6,7 +6,7 @@ use crate::bar::Sink;
 use crate::commands::render::{apply_denoise, apply_view};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, say};
-use dunkelfeld::{DenoiseMethod, Error, OpenOptions, Progress, ProgressState, Project, Session, Stage};
+use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
 use dunkelfeld_studies::photon_transfer::{PtcSettings, StackSettings, ptc, ptc_folder, ptc_of_frames};
 use std::path::{Path, PathBuf};
 
@@ -77,7 +77,7 @@ fn of_scene(args: &PtcArgs, input: &Path) -> Result<Outcome, Error> {
     settings.check()?;
     let sink = Sink::new(args.view.run.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let mut project = Project::open_with(input, OpenOptions::default().with_can_change(false))?;
+    let mut project = Project::open_with(input, ProjectOptions::default().with_can_change(false))?;
     apply_view(&args.view, &mut project)?;
     let folder = args.output.clone().unwrap_or_else(|| noted(ptc_folder(input, &project.inputs)));
     let cancel = cancel_on_interrupt();

@@ -21,7 +21,7 @@ use std::time::Instant;
 #[derive(Clone, Debug, Setters)]
 #[setters(prefix = "with_")]
 #[non_exhaustive]
-pub struct OpenOptions {
+pub struct ProjectOptions {
     /// The start of the command, from which the time budget of its render counts. By default the clock of each render
     /// starts with it.
     #[setters(into)]
@@ -34,7 +34,7 @@ pub struct OpenOptions {
     pub can_change: bool,
 }
 
-impl Default for OpenOptions {
+impl Default for ProjectOptions {
     fn default() -> Self {
         Self { started: None, without: Vec::new(), can_change: true }
     }
@@ -68,14 +68,14 @@ impl Project {
     /// # Errors
     /// A file that cannot be used: the error names file, place and help.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
-        Self::open_with(path, OpenOptions::default())
+        Self::open_with(path, ProjectOptions::default())
     }
 
     /// [`Project::open`] with options.
     ///
     /// # Errors
     /// As [`Project::open`], and for an effect that cannot be left out.
-    pub fn open_with(path: impl AsRef<Path>, options: OpenOptions) -> Result<Self, Error> {
+    pub fn open_with(path: impl AsRef<Path>, options: ProjectOptions) -> Result<Self, Error> {
         let path = path.as_ref();
         let began = Instant::now();
         let is_job = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
@@ -101,11 +101,11 @@ impl Project {
     pub fn from_text(path: impl AsRef<Path>, text: &str) -> Result<Self, Error> {
         let began = Instant::now();
         let job = Job::from_text(path.as_ref(), text)?;
-        Self::of_job(path.as_ref(), Some(job), began, OpenOptions::default())
+        Self::of_job(path.as_ref(), Some(job), began, ProjectOptions::default())
     }
 
-    fn of_job(path: &Path, job: Option<Job>, began: Instant, options: OpenOptions) -> Result<Self, Error> {
-        let OpenOptions { started, without, can_change } = options;
+    fn of_job(path: &Path, job: Option<Job>, began: Instant, options: ProjectOptions) -> Result<Self, Error> {
+        let ProjectOptions { started, without, can_change } = options;
         let imported = match &job {
             Some(job) => job.load_scene()?,
             None => load_scene(path, &ImportOptions::default())?,

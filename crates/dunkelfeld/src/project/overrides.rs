@@ -42,12 +42,12 @@ impl Project {
     ///
     /// # Errors
     /// A text that is not TOML, keys and values that a job may not have, names that match nothing, a scene that cannot be
-    /// built, and a project that was opened without [`OpenOptions::can_change`](super::OpenOptions::can_change). The
+    /// built, and a project that was opened without [`ProjectOptions::can_change`](super::ProjectOptions::can_change). The
     /// project then stays as it was.
     pub fn set_overrides(&mut self, overrides: &str) -> Result<(), Error> {
         let Some(description) = &mut self.description else {
             let problem = "the description of the scene was not kept";
-            return Err(Error::setting("overrides", problem, "open the project with `OpenOptions::can_change`"));
+            return Err(Error::setting("overrides", problem, "open the project with `ProjectOptions::can_change`"));
         };
         let Description { base, job, imported, without, given, cache } = &mut **description;
         let changed = base.with_overrides(overrides)?;

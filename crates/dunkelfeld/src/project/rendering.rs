@@ -34,8 +34,8 @@ impl Project {
 
     /// Renders and exposes as a command that writes the files of [`Project::outputs`]. They are checked before the render.
     /// After the pilot a first version of them is written, which an interrupted command leaves behind, and which measures
-    /// the time to reserve for the final one. The time budget begins with the command ([`OpenOptions::started`](
-    /// super::OpenOptions::started)), or with the call, and contains [`ProjectResult::save`].
+    /// the time to reserve for the final one. The time budget begins with the command ([`ProjectOptions::started`](
+    /// super::ProjectOptions::started)), or with the call, and contains [`ProjectResult::save`].
     ///
     /// # Errors
     /// As [`Project::render_with`], and outputs that could not be written, or that are inputs.

@@ -1,9 +1,9 @@
 //! Parts of a compiled scene that the build of a changed description uses again.
 
+use crate::build::bake::{PlacedObject, bake};
 use crate::build::builder::MeshPart;
-use crate::build::compile::BuildError;
+use crate::build::error::BuildError;
 use crate::build::lints::{Shape, lost_digits};
-use crate::build::placed::{PlacedObject, bake};
 use crate::build::validate::drop_unusable_attributes;
 use crate::geometry::triangle_data::Facet;
 use dunkelfeld_bvh::{MeshTree, MeshTriangles};

@@ -34,8 +34,15 @@ const MAX_CORNERS: usize = 48;
 /// Maximum number of solids in the test for overlap, which compares all pairs.
 const MAX_SOLIDS: usize = 1000;
 
+impl Scene {
+    /// Adds hazards of the compiled scene to a report: sizes, coincident faces, lights inside solids, implausible values.
+    pub fn report_hazards(&self, report: &mut BuildReport) {
+        check(self, report);
+    }
+}
+
 /// Runs all checks on a compiled scene.
-pub(crate) fn check(scene: &Scene, report: &mut BuildReport) {
+fn check(scene: &Scene, report: &mut BuildReport) {
     let boxes: Vec<Aabb> = scene.parts.iter().map(|p| bounds(scene, p)).collect();
     modelling::check(scene, &boxes, report);
     lights::check(scene, &boxes, report);

@@ -1,8 +1,9 @@
 //! The geometry of a scene in its places: meshes in render space, instances, and the hierarchy over them.
 
+use crate::build::bake::{PlacedObject, bake};
 use crate::build::builder::{Instance, MeshPart};
 use crate::build::cache::{Builds, OwnTree, PlacedMesh, tree_of};
-use crate::build::compile::BuildError;
+use crate::build::error::BuildError;
 use crate::geometry::triangle_data::Facet;
 use crate::material::{Material, Surface};
 use crate::media::medium::Medium;
@@ -12,7 +13,7 @@ use crate::query::surface::CompiledMaterial;
 use crate::scene::{Part, Placement};
 use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_bvh::{Bvh, BvhInstance, InstanceMotion, MeshTree};
-use dunkelfeld_geometry::{Aabb, DAffine3, DMat3, DVec3, Mesh, Transform, Vec3};
+use dunkelfeld_geometry::{Aabb, DAffine3, DVec3, Mesh, Transform, Vec3};
 use std::sync::Arc;
 
 /// Meshes used more than once are also moved to render space if their copies have at most this many triangles together.
@@ -22,9 +23,6 @@ const MAX_BAKED_COPIES: usize = 16_384;
 /// The meshes in render space share one tree if they have at most this many triangles together; rays are fastest in one
 /// tree. Otherwise each has its own, so that a change of one object does not build the trees of the others again.
 const MAX_SHARED_TREE: usize = 262_144;
-
-/// An object in the world: its number, the description, and its transform.
-pub(crate) type PlacedObject = (u32, Instance, Transform);
 
 /// Geometry in its places: meshes in render space, and instanced meshes.
 #[derive(Default)]
@@ -287,27 +285,5 @@ impl Part {
             solid: NO_SOLID,
             lights: Vec::new(),
         }
-    }
-}
-
-/// Moves a mesh to render space. A mirroring transform reverses the winding, so that front faces stay front faces.
-pub(crate) fn bake(mesh: &Mesh, to_render: &DAffine3) -> Mesh {
-    let mirrored = to_render.matrix3.determinant() < 0.0;
-    // The normals are not normalised one by one. Between the corners of a triangle an uneven scale must turn them as in
-    // an instance, where they are interpolated first. A common factor keeps them in range.
-    let in_range = |m: DMat3| m * (1.0 / m.x_axis.length().max(m.y_axis.length()).max(m.z_axis.length()));
-    let (linear, normal_matrix) = (in_range(to_render.matrix3), in_range(to_render.matrix3.inverse().transpose()));
-    let direction = |m: &DMat3, v: Vec3| (*m * v.as_dvec3()).as_vec3();
-    Mesh {
-        positions: mesh.positions.iter().map(|p| to_render.transform_point3(p.as_dvec3()).as_vec3()).collect(),
-        triangles: mesh.triangles.iter().map(|&[a, b, c]| if mirrored { [a, c, b] } else { [a, b, c] }).collect(),
-        normals: mesh.normals.iter().map(|&n| direction(&normal_matrix, n)).collect(),
-        tangents: mesh
-            .tangents
-            .iter()
-            .map(|t| direction(&linear, t.truncate()).extend(if mirrored { -t.w } else { t.w }))
-            .collect(),
-        uvs: mesh.uvs.clone(),
-        colors: mesh.colors.clone(),
     }
 }

@@ -1,7 +1,7 @@
 //! Validation of a scene before it is compiled, and repair of damaged data.
 
 use crate::build::builder::{EnvironmentSource, PunctualKind, SceneBuilder};
-use crate::build::compile::BuildError;
+use crate::build::error::BuildError;
 use crate::build::report::BuildReport;
 use crate::camera::check_camera;
 use crate::camera::shutter::Shutter;

@@ -13,8 +13,8 @@ use dunkelfeld::Error;
 use dunkelfeld::develop;
 use dunkelfeld::save_picture;
 use dunkelfeld::{Budget, RenderSettings, SensorChoice};
-use dunkelfeld::{OpenOptions, Project};
 use dunkelfeld::{Progress, ProgressState, Stage};
+use dunkelfeld::{Project, ProjectOptions};
 use dunkelfeld::{Session, camera, render};
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
@@ -255,8 +255,10 @@ impl Bench<'_> {
 
     /// The scene without an effect, and its settings.
     fn without(&self, effect: Effect) -> Result<(Scene, RenderSettings), Error> {
-        let mut other =
-            Project::open_with(self.input, OpenOptions::default().with_without(vec![effect]).with_can_change(false))?;
+        let mut other = Project::open_with(
+            self.input,
+            ProjectOptions::default().with_without(vec![effect]).with_can_change(false),
+        )?;
         other.take_settings_of(self.project);
         other.settings.without = vec![effect];
         let settings = other.fitted()?;

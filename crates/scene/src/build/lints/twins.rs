@@ -1,9 +1,8 @@
 //! Checks for objects that are twice in one place: the same meshes, or other meshes with the same triangles.
 
 use super::places::push;
+use crate::build::bake::PlacedObject;
 use crate::build::builder::MeshPart;
-use crate::build::cache::Builds;
-use crate::build::placed::PlacedObject;
 use crate::build::report::BuildReport;
 use dunkelfeld_geometry::DVec3;
 use std::collections::{BTreeMap, HashMap};
@@ -18,7 +17,12 @@ const MAX_TRIANGLES: usize = 4_000_000;
 const MAX_PAIRS: usize = 1 << 20;
 
 /// Reports objects that lie in the same place as an earlier one with the same meshes, or with the same shape.
-pub(crate) fn twins(placed: &[PlacedObject], meshes: &[MeshPart], builds: &mut Builds<'_>, report: &mut BuildReport) {
+pub(crate) fn twins(
+    placed: &[PlacedObject],
+    meshes: &[MeshPart],
+    shape_of: &mut dyn FnMut(&PlacedObject) -> Shape,
+    report: &mut BuildReport,
+) {
     let mut known: HashMap<(&[usize], [u32; 12]), usize> = HashMap::new();
     let mut found: BTreeMap<usize, usize> = BTreeMap::new();
     // Objects by their number of triangles.
@@ -45,8 +49,7 @@ pub(crate) fn twins(placed: &[PlacedObject], meshes: &[MeshPart], builds: &mut B
         }
         let most = triangles / count;
         triangles -= count * group.len().min(most);
-        let mut shapes: Vec<(Shape, usize)> =
-            group.iter().take(most).map(|i| (builds.shape(&placed[*i], meshes), *i)).collect();
+        let mut shapes: Vec<(Shape, usize)> = group.iter().take(most).map(|i| (shape_of(&placed[*i]), *i)).collect();
         shapes.sort_by(|(a, i), (b, j)| a.low.x.total_cmp(&b.low.x).then(i.cmp(j)));
         for (k, (shape, i)) in shapes.iter().enumerate() {
             let tolerance = shape.tolerance();
