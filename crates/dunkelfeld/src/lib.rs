@@ -60,8 +60,8 @@ pub use memory::{MemoryAccount, MemoryItem, MemoryStats};
 pub use noise_compensation::Matched;
 pub use outliers::HeavySample;
 pub use outputs::{
-    OutputPaths, SavedPlan, encode_layers, load_plan, load_plan_recorded, save_exr, save_linear, save_picture,
-    save_plan, save_text,
+    OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear,
+    save_picture, save_plan, save_text,
 };
 pub use project::{Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene};
 pub use stations::{STATIONS, Station};
@@ -105,6 +105,7 @@ pub mod geometry {
 pub mod io {
     pub use dunkelfeld_io::quantity::{Length, Memory, QuantityError, Time};
     pub use dunkelfeld_io::sensor_file;
+    pub use dunkelfeld_io::toml_file::toml_text;
     pub use dunkelfeld_io::visible::{visible, visible_json, visible_line};
 }
 

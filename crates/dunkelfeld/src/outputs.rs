@@ -10,6 +10,7 @@ use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr_recorded, write_exr, write
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
+use dunkelfeld_io::png::png_bytes;
 use dunkelfeld_radiometry::Number;
 use dunkelfeld_render::RenderedFilm;
 use dunkelfeld_render::{Error, written};
@@ -146,6 +147,18 @@ pub fn save_picture(frame: &Frame, path: &Path) -> Result<(), Error> {
 /// Writes a picture without metadata.
 pub(crate) fn save_plain_picture(picture: &Picture, path: &Path) -> Result<(), Error> {
     save_commented(picture, None, path)
+}
+
+/// The bytes of a PNG file of a picture, gamma 2.2, without metadata.
+///
+/// # Errors
+/// A picture without pixels.
+pub fn encode_picture(picture: &Picture) -> Result<Vec<u8>, Error> {
+    let bytes = match picture {
+        Picture::Gray(p) => png_bytes(File::Gray8(p)),
+        Picture::Rgb(p) => png_bytes(File::Rgb8(p)),
+    };
+    bytes.map_err(|e| Error::setting("picture", e.to_string(), "render an image with pixels"))
 }
 
 fn save_commented(picture: &Picture, comment: Option<&str>, path: &Path) -> Result<(), Error> {

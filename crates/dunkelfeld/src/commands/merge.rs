@@ -7,7 +7,9 @@ use crate::stats::{PartStats, Stats};
 use derive_setters::Setters;
 use dunkelfeld_io::checkpoint::checkpoint_size;
 use dunkelfeld_io::input::{InputFiles, Role};
-use dunkelfeld_render::{Error, JoinedParts, PartSummary, Rendering, Session, Stage, lock, thread_count, written};
+use dunkelfeld_render::{
+    Error, JoinedParts, PartSummary, RenderSettings, Rendering, Session, Stage, lock, thread_count, written,
+};
 use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -43,6 +45,10 @@ pub struct Merged {
     pub frame: Frame,
     /// The statistics, with the parts.
     pub stats: Stats,
+    /// The settings of the exposure: those of the parts.
+    pub settings: RenderSettings,
+    /// Does the lens darken the image towards its corners?
+    pub is_vignetted: bool,
 }
 
 /// Joins parts of one render ([`crate::RenderSettings::samples`]), in any order, and writes the outputs. They are bit by bit
@@ -86,7 +92,7 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     if let Some(path) = &settings.outputs.stats {
         outputs::save_text(path, &stats.to_json())?;
     }
-    Ok(Merged { samples, rendering, frame, stats })
+    Ok(Merged { samples, rendering, frame, stats, settings: shown, is_vignetted })
 }
 
 /// Checks of the outputs before the parts are read.

@@ -22,6 +22,7 @@ use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
 
 use dunkelfeld_radiometry::Number;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
@@ -191,6 +192,14 @@ impl TomlFile {
             None => format!("line {}", self.text.get(..range.start).unwrap_or("").matches('\n').count() + 1),
         }
     }
+}
+
+/// The text of a value as TOML.
+///
+/// # Errors
+/// A value that TOML cannot hold, such as one without a key.
+pub fn toml_text(value: &impl Serialize) -> Result<String, String> {
+    toml::to_string(value).map_err(|e| e.to_string())
 }
 
 /// See [`TomlFile::with_overrides`].

@@ -24,14 +24,23 @@ pub fn write_png(path: &Path, picture: Picture<'_>, text: &[(&str, &str)]) -> io
     write_atomically(path, |file| encode(file, picture, text))
 }
 
+/// The bytes of a PNG file of a picture, without metadata.
+///
+/// # Errors
+/// A picture without pixels.
+pub fn png_bytes(picture: Picture<'_>) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    encode(&mut bytes, picture, &[])?;
+    Ok(bytes)
+}
+
 /// A picture as a `data:` address, for a page that needs no other file.
 ///
 /// # Errors
 /// A picture without pixels.
 pub fn data_uri(picture: Picture<'_>) -> io::Result<String> {
     use base64::Engine;
-    let mut bytes = Vec::new();
-    encode(&mut bytes, picture, &[])?;
+    let bytes = png_bytes(picture)?;
     Ok(format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(&bytes)))
 }
 

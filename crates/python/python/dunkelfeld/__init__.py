@@ -1,0 +1,73 @@
+"""Dunkelfeld: a CPU path tracer with a built-in EMVA 1288 camera sensor.
+
+Open a scene or a job, render it, and read the arrays::
+
+    import dunkelfeld
+
+    scene = dunkelfeld.Scene("station.toml")
+    film = scene.render(spp=64, width=512, height=512)
+    film.mean                              # float32, (height, width, 3), W/(m2 sr), linear Rec. 709
+    film.expose("imx250", frames=10)       # uint16, (10, height, width), grey values [DN]
+
+Arrays are row-major with row 0 at the top. Errors are subclasses of `DunkelfeldError` with the attributes `file`,
+`place`, `problem` and `help`.
+"""
+
+import copyreg
+import os
+import tempfile
+
+from ._native import (
+    NO_ID,
+    DunkelfeldError,
+    Film,
+    InputError,
+    Interrupted,
+    OutOfMemoryError,
+    OutputError,
+    Scene,
+    SceneError,
+    Sensor,
+    SensorError,
+    SettingError,
+    __version__,
+    merge,
+    sensors,
+)
+
+__all__ = [
+    "NO_ID",
+    "DunkelfeldError",
+    "Film",
+    "InputError",
+    "Interrupted",
+    "OutOfMemoryError",
+    "OutputError",
+    "Scene",
+    "SceneError",
+    "Sensor",
+    "SensorError",
+    "SettingError",
+    "__version__",
+    "merge",
+    "sensors",
+]
+
+
+def _film_of(data: bytes) -> Film:
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.path.join(folder, "a.film")
+        with open(path, "wb") as file:
+            file.write(data)
+        return Film.load(path)
+
+
+def _reduce_film(film: Film) -> tuple[object, tuple[bytes]]:
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.path.join(folder, "a.film")
+        film.save(path)
+        with open(path, "rb") as file:
+            return _film_of, (file.read(),)
+
+
+copyreg.pickle(Film, _reduce_film)  # type: ignore[arg-type]

@@ -1,0 +1,286 @@
+//! Films: sums of samples per pixel, as arrays of numpy, and their exposure.
+
+use crate::arrays::{gray, rgb, stack};
+use crate::errors::{Failure, setting};
+use crate::sensor::SensorArgument;
+use crate::work::with_pool;
+use dunkelfeld::radiometry::Seconds;
+use dunkelfeld::sensor::{Exposure, ExposureNoise};
+use dunkelfeld::{
+    DenoiseMethod, DenoiseSettings, ExposeSettings, Exposer, NO_ID, Picture, RenderSettings, SavedFilm, SensorChoice,
+    Session, denoise_film, develop_film, find_denoiser,
+};
+use numpy::{PyArray2, PyArray3};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A rendered film. Its arrays are row-major with row 0 at the top.
+#[pyclass(frozen, module = "dunkelfeld")]
+pub(crate) struct Film {
+    pub(crate) saved: Arc<SavedFilm>,
+    pub(crate) material_names: Arc<Vec<String>>,
+    /// The statistics of the render as JSON; empty for a film from a file.
+    pub(crate) stats: String,
+    pub(crate) interrupted: bool,
+}
+
+impl Film {
+    fn settings(&self) -> &RenderSettings {
+        &self.saved.settings
+    }
+
+    /// Computes a plane on the threads of the render, without the interpreter.
+    fn compute<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&SavedFilm) -> T + Send) -> Result<T, Failure> {
+        let saved = &*self.saved;
+        with_pool(py, self.settings().threads, move || work(saved))
+    }
+
+    fn expose_settings(
+        &self,
+        sensor: Option<SensorArgument>,
+        time: Option<f64>,
+        seed: Option<u64>,
+        noise: Option<&str>,
+    ) -> Result<ExposeSettings, Failure> {
+        let mut settings = match (sensor, ExposeSettings::of_render(self.settings())?) {
+            (None, Some(settings)) => settings,
+            (None, None) => return Err(setting("sensor", "the render had no sensor", "name one: `sensor=\"imx250\"`")),
+            (Some(sensor), of_render) => {
+                let mut settings = ExposeSettings::new(sensor.model()?)?;
+                if let Some(of_render) = of_render {
+                    settings.optics = of_render.optics;
+                    (settings.seed, settings.first_frame) = (of_render.seed, of_render.first_frame);
+                }
+                settings
+            }
+        };
+        if let Some(time) = time {
+            settings.exposure = Some(Exposure::new(Seconds(time)).map_err(dunkelfeld::Error::from)?);
+        }
+        settings.seed = seed.unwrap_or(settings.seed);
+        settings.exposure_noise = match noise {
+            None => settings.exposure_noise,
+            Some("plain") => ExposureNoise::Plain,
+            Some("matched") => ExposureNoise::Matched,
+            Some(other) => return Err(setting("noise", format!("unknown value \"{other}\""), "plain or matched")),
+        };
+        Ok(settings)
+    }
+}
+
+#[pymethods]
+impl Film {
+    /// Height and width [pixels].
+    #[getter]
+    fn shape(&self) -> (u32, u32) {
+        (self.saved.film.sums.height(), self.saved.film.sums.width())
+    }
+
+    /// Mean radiance, float32 of shape (height, width, 3): linear Rec. 709 [W/(m² sr)].
+    #[getter]
+    fn mean<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
+        rgb(py, self.compute(py, |s| s.film.sums.mean())?)
+    }
+
+    /// Variance of the mean, float32 of shape (height, width, 3) [(W/(m² sr))²]. NaN with fewer than two samples.
+    #[getter]
+    fn variance<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
+        rgb(py, self.compute(py, |s| s.film.sums.variance())?)
+    }
+
+    /// Samples per pixel, uint32 of shape (height, width).
+    #[getter]
+    fn spp<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray2<u32>>, Failure> {
+        gray(py, self.compute(py, |s| s.film.sums.sample_counts())?)
+    }
+
+    /// Object at the centre of each pixel, uint32 of shape (height, width); `NO_ID` where there is none.
+    #[getter]
+    fn object_ids<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray2<u32>>, Failure> {
+        gray(py, self.compute(py, |s| s.film.ids.map(|id| id.map_or(NO_ID, |id| id.object())))?)
+    }
+
+    /// Material at the centre of each pixel, uint32 of shape (height, width); `NO_ID` where there is none.
+    #[getter]
+    fn material_ids<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray2<u32>>, Failure> {
+        gray(py, self.compute(py, |s| s.film.ids.map(|id| id.map_or(NO_ID, |id| id.material())))?)
+    }
+
+    /// Names of the objects by id.
+    #[getter]
+    fn object_names(&self) -> Vec<String> {
+        self.saved.film.object_names.clone()
+    }
+
+    /// Names of the materials by id; empty for a film from a file.
+    #[getter]
+    fn material_names(&self) -> Vec<String> {
+        self.material_names.to_vec()
+    }
+
+    /// Mean distance from the camera along its axis, float32 of shape (height, width) [m].
+    #[getter]
+    fn depth<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray2<f32>>, Failure> {
+        gray(py, self.compute(py, |s| s.film.sums.map(|p| p.mean_depth()))?)
+    }
+
+    /// Mean unit normal toward the camera, float32 of shape (height, width, 3), world axes.
+    #[getter]
+    fn normal<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
+        rgb(py, self.compute(py, |s| s.film.sums.map(|p| p.mean_normal()))?)
+    }
+
+    /// Mean albedo, float32 of shape (height, width, 3), linear Rec. 709.
+    #[getter]
+    fn albedo<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
+        rgb(py, self.compute(py, |s| s.film.sums.map(|p| p.mean_albedo()))?)
+    }
+
+    /// The statistics of the render, as in `--stats`; an empty dictionary for a film from a file.
+    #[getter]
+    fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        if self.stats.is_empty() {
+            return Ok(PyDict::new(py).into_any());
+        }
+        py.import("json")?.call_method1("loads", (&self.stats,))
+    }
+
+    /// Was the render interrupted before its budget was spent?
+    #[getter]
+    fn interrupted(&self) -> bool {
+        self.interrupted
+    }
+
+    /// Exposes the film: linear grey values of `frames` frames, uint16 of shape (frames, height, width) [DN]. Frames of one
+    /// seed come from the same device. `sensor` (default: that of the render), `time` [s] (default: that of the render, or
+    /// automatic), `noise` is "plain" or "matched".
+    #[pyo3(signature = (sensor=None, *, time=None, frames=1, first=None, seed=None, noise=None))]
+    #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+    fn expose<'py>(
+        &self,
+        py: Python<'py>,
+        sensor: Option<SensorArgument>,
+        time: Option<f64>,
+        frames: u32,
+        first: Option<u32>,
+        seed: Option<u64>,
+        noise: Option<&str>,
+    ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
+        if frames == 0 {
+            return Err(setting("frames", "0 is out of range", "ask for at least one frame"));
+        }
+        let settings = self.expose_settings(sensor, time, seed, noise)?;
+        let first = first.unwrap_or(settings.first_frame);
+        let last = first.checked_add(frames - 1).ok_or_else(|| setting("frames", "too many", "ask for fewer"))?;
+        let planes = self.compute(py, move |s| {
+            let exposer = Exposer::of_film(&s.film, &settings)?;
+            (first..=last).map(|n| exposer.frame(n)).collect::<Result<Vec<_>, dunkelfeld::Error>>()
+        })??;
+        stack(py, planes)
+    }
+
+    /// The 8-bit picture of one frame, gamma 2.2: uint8 of shape (height, width) or, of a colour sensor or none, (height,
+    /// width, 3).
+    #[pyo3(signature = (sensor=None, *, time=None, frame=None, seed=None, noise=None))]
+    fn picture<'py>(
+        &self,
+        py: Python<'py>,
+        sensor: Option<SensorArgument>,
+        time: Option<f64>,
+        frame: Option<u32>,
+        seed: Option<u64>,
+        noise: Option<&str>,
+    ) -> Result<Bound<'py, PyAny>, Failure> {
+        let has_sensor = sensor.is_some() || matches!(self.settings().sensor, SensorChoice::Emva { .. });
+        let picture = if has_sensor {
+            let settings = self.expose_settings(sensor, time, seed, noise)?;
+            let frame = frame.unwrap_or(settings.first_frame);
+            self.compute(py, move |s| Exposer::of_film(&s.film, &settings)?.picture(frame))??
+        } else {
+            self.compute(py, |s| develop_film(&s.film, &s.settings))??.picture
+        };
+        Ok(match picture {
+            Picture::Gray(plane) => gray(py, plane)?.into_any(),
+            Picture::Rgb(plane) => rgb(py, plane)?.into_any(),
+        })
+    }
+
+    /// The certificate of the film at level `k`: the share of pixels (`hidden`) whose render noise is at most `k` times that
+    /// of the sensor of the render, and quantiles of the ratio of the variances.
+    #[pyo3(signature = (k=1.0))]
+    fn certificate<'py>(&self, py: Python<'py>, k: f64) -> Result<Bound<'py, PyDict>, Failure> {
+        if !(k.is_finite() && k > 0.0) {
+            return Err(setting("k", format!("{k} is out of range"), "pass a number above zero"));
+        }
+        let mut settings = self.settings().clone();
+        settings.budget = settings.budget.with_noise(k);
+        let frame = self.compute(py, move |s| develop_film(&s.film, &settings))??;
+        let certified = frame.sensor.and_then(|sensor| sensor.certified);
+        let Some(certified) = certified else {
+            return Err(setting("sensor", "the render had no sensor", "render with one"));
+        };
+        let c = certified.certificate;
+        let entries = PyDict::new(py);
+        for (name, value) in
+            [("k", c.k), ("hidden", c.hidden), ("mean", c.mean), ("median", c.median), ("p99", c.p99), ("max", c.max)]
+        {
+            entries.set_item(name, value)?;
+        }
+        for (name, value) in [("pixels", c.pixels), ("saturated", c.saturated), ("unknown", c.unknown)] {
+            entries.set_item(name, value)?;
+        }
+        entries.set_item("is_hidden", c.is_hidden())?;
+        entries.set_item("ratios", gray(py, certified.ratios)?)?;
+        Ok(entries)
+    }
+
+    /// The denoised mean, float32 of shape (height, width, 3) [W/(m² sr)], for display and not for measurement. `method` is
+    /// "auto", "oidn" or "builtin".
+    #[pyo3(signature = (method="auto"))]
+    fn denoise<'py>(&self, py: Python<'py>, method: &str) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
+        let method = match method {
+            "auto" => DenoiseMethod::Auto,
+            "oidn" => DenoiseMethod::Oidn,
+            "builtin" => DenoiseMethod::Builtin,
+            other => return Err(setting("method", format!("unknown value \"{other}\""), "auto, oidn or builtin")),
+        };
+        let Some(denoiser) = find_denoiser(&DenoiseSettings::default().with_method(method))? else {
+            return Err(setting("method", "there is no denoiser", "use \"builtin\""));
+        };
+        let (saved, threads) = (self.saved.clone(), self.settings().threads);
+        let denoised = py.detach(move || {
+            let session = Session::new(threads)?;
+            denoise_film(&saved.film.sums, &*denoiser, &session)
+                .map_err(|e| dunkelfeld::Error::setting("denoise", e.to_string(), "use \"builtin\""))
+        })?;
+        rgb(py, denoised.mean)
+    }
+
+    /// Writes the film to a file: its sums to the last bit, with the settings that expose it. `Film.load` reads it.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
+        py.detach(|| self.saved.write(&path))?;
+        Ok(())
+    }
+
+    /// Reads a film that `save` wrote.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
+        let saved = Arc::new(py.detach(|| SavedFilm::read(&path))?);
+        Ok(Self { saved, material_names: Arc::default(), stats: String::new(), interrupted: false })
+    }
+
+    fn __repr__(&self) -> String {
+        let sums = &self.saved.film.sums;
+        let mean = sums.total_samples() as f64 / sums.pixels().max(1) as f64;
+        format!("Film({} x {} pixels, {mean:.1} samples per pixel)", sums.width(), sums.height())
+    }
+
+    /// The picture as PNG, for notebooks.
+    fn _repr_png_<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyBytes>, Failure> {
+        let frame = self.compute(py, |s| develop_film(&s.film, &s.settings))??;
+        let bytes = dunkelfeld::encode_picture(&frame.picture)?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+}

@@ -1,0 +1,76 @@
+//! Keys of a job from Python: a text of TOML, or dictionaries.
+
+use crate::errors::{Failure, setting};
+use dunkelfeld::io::toml_text;
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
+use serde_json::{Map, Number, Value};
+
+/// Deepest nesting of dictionaries and lists.
+const DEEPEST: usize = 32;
+
+/// The TOML text of a job: the text itself, or the text of a dictionary.
+pub(crate) fn job_text(job: &Bound<'_, PyAny>) -> Result<String, Failure> {
+    if let Ok(text) = job.cast::<PyString>() {
+        return Ok(text.to_string());
+    }
+    let Ok(dictionary) = job.cast::<PyDict>() else {
+        let kind = job.get_type().name()?.to_string();
+        return Err(setting("job", format!("a {kind} is neither a text nor a dictionary"), "pass TOML or a dict"));
+    };
+    let table = table_of(dictionary, "", 0)?;
+    toml_text(&table).map_err(|e| setting("job", e, "pass keys and values of a job file"))
+}
+
+fn table_of(dictionary: &Bound<'_, PyDict>, place: &str, depth: usize) -> Result<Map<String, Value>, Failure> {
+    let mut table = Map::new();
+    for (key, value) in dictionary.iter() {
+        let Ok(key) = key.cast::<PyString>() else {
+            return Err(setting(place, "a key is not a text", "name keys as in a job file"));
+        };
+        let key = key.to_string();
+        let at = if place.is_empty() { key.clone() } else { format!("{place}.{key}") };
+        // A key without a value is left out.
+        if !value.is_none() {
+            table.insert(key, value_of(&value, &at, depth + 1)?);
+        }
+    }
+    Ok(table)
+}
+
+fn value_of(value: &Bound<'_, PyAny>, place: &str, depth: usize) -> Result<Value, Failure> {
+    if depth > DEEPEST {
+        return Err(setting(place, "is nested too deeply", "pass keys and values of a job file"));
+    }
+    if let Ok(dictionary) = value.cast::<PyDict>() {
+        return Ok(Value::Object(table_of(dictionary, place, depth)?));
+    }
+    if let Ok(text) = value.cast::<PyString>() {
+        return Ok(Value::String(text.to_string()));
+    }
+    if value.is_instance_of::<PyBool>() {
+        return Ok(Value::Bool(value.extract()?));
+    }
+    if value.is_instance_of::<PyInt>() {
+        let whole: Result<i64, _> = value.extract();
+        let whole = whole.map_err(|_| setting(place, "does not fit 64 bits", "pass a smaller number"))?;
+        return Ok(Value::Number(whole.into()));
+    }
+    if value.is_instance_of::<PyFloat>() {
+        let number = Number::from_f64(value.extract()?);
+        return Ok(Value::Number(number.ok_or_else(|| setting(place, "is not a finite number", "pass a number"))?));
+    }
+    // Scalars and arrays of numpy have a list of Python; so have tuples and other iterables.
+    if let Ok(plain) = value.call_method0("tolist") {
+        return value_of(&plain, place, depth + 1);
+    }
+    if value.hasattr("__fspath__")? {
+        return Ok(Value::String(value.call_method0("__fspath__")?.extract()?));
+    }
+    let Ok(items) = value.try_iter() else {
+        let kind = value.get_type().name()?.to_string();
+        return Err(setting(place, format!("a {kind} is no value of a job"), "pass numbers, texts, lists or dicts"));
+    };
+    let items = items.enumerate().map(|(i, item)| value_of(&item?, &format!("{place}[{i}]"), depth + 1));
+    Ok(Value::Array(items.collect::<Result<_, Failure>>()?))
+}

@@ -1,0 +1,273 @@
+//! Scenes: opened, changed and rendered.
+
+use crate::errors::{Failure, Interrupted, setting};
+use crate::film::Film;
+use crate::job::job_text;
+use crate::sensor::SensorArgument;
+use crate::work::interruptible;
+use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::radiometry::Seconds;
+use dunkelfeld::sensor::Exposure;
+use dunkelfeld::{
+    Budget, Cancel, CheckpointSettings, Progress, ProgressState, Project, ProjectOptions, RenderSettings, SensorChoice,
+};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+/// A scene or job file. `Scene(path)` opens a scene (`.glb`, `.gltf`, `.obj`, `.stl`, `.ply`) or a job (`.toml`).
+///
+/// A scene can be used by several threads; its renders run one after the other.
+#[pyclass(frozen, module = "dunkelfeld")]
+pub(crate) struct Scene {
+    project: Mutex<Project>,
+    /// Path, text of a job that is no file, and the overrides: for copies.
+    origin: (PathBuf, Option<String>),
+    overrides: Mutex<String>,
+}
+
+/// Calls a function of Python with the progress. An exception cancels the render.
+struct Callback<'a> {
+    function: &'a Py<PyAny>,
+    cancel: &'a Cancel,
+    raised: Mutex<Option<PyErr>>,
+}
+
+impl Progress for Callback<'_> {
+    fn update(&self, state: &ProgressState) {
+        let called = Python::attach(|py| {
+            let arguments = (state.stage.name(), state.fraction, state.elapsed, state.remaining);
+            self.function.call1(py, arguments).map(|_| ())
+        });
+        if let Err(e) = called {
+            self.cancel.cancel();
+            lock(&self.raised).get_or_insert(e);
+        }
+    }
+}
+
+/// The content of a lock. Its data stay valid if a thread panicked.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+impl Scene {
+    fn open(path: PathBuf, text: Option<String>) -> Result<Self, Failure> {
+        let project = match &text {
+            None => Project::open_with(&path, ProjectOptions::default())?,
+            Some(text) => Project::from_text(&path, text)?,
+        };
+        Ok(Self { project: Mutex::new(project), origin: (path, text), overrides: Mutex::default() })
+    }
+}
+
+/// The settings of a render, from the keywords of Python.
+#[derive(Default)]
+struct Changes {
+    size: [Option<u32>; 2],
+    camera: Option<String>,
+    budget: Option<Budget>,
+    seed: Option<u64>,
+    frame: Option<u32>,
+    threads: Option<usize>,
+    strategy: Option<Strategy>,
+    sensor: Option<SensorChoice>,
+    checkpoint: Option<PathBuf>,
+}
+
+impl Changes {
+    fn apply(self, settings: &mut RenderSettings) {
+        let Self { size: [width, height], camera, budget, seed, frame, threads, strategy, sensor, checkpoint } = self;
+        settings.width = width.unwrap_or(settings.width);
+        settings.height = height.unwrap_or(settings.height);
+        settings.camera = camera.or(settings.camera.take());
+        settings.budget = budget.unwrap_or(settings.budget);
+        settings.seed = seed.unwrap_or(settings.seed);
+        settings.frame = frame.unwrap_or(settings.frame);
+        settings.threads = threads.unwrap_or(settings.threads);
+        settings.strategy = strategy.or(settings.strategy);
+        if let Some(sensor) = sensor {
+            settings.sensor = sensor;
+        }
+        settings.checkpoint = checkpoint.map(CheckpointSettings::new).or(settings.checkpoint.take());
+    }
+}
+
+#[pymethods]
+impl Scene {
+    #[new]
+    fn new(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
+        py.detach(|| Self::open(path, None).map_err(PyErr::from)).map_err(Failure::from)
+    }
+
+    /// Opens a job from a text of TOML or a dictionary with the keys of a job file. Paths in it are relative to `folder`.
+    #[staticmethod]
+    #[pyo3(signature = (job, folder=None))]
+    fn from_job(py: Python<'_>, job: &Bound<'_, PyAny>, folder: Option<PathBuf>) -> Result<Self, Failure> {
+        let path = folder.unwrap_or_default().join("job.toml");
+        let text = job_text(job)?;
+        py.detach(|| Self::open(path, Some(text)).map_err(PyErr::from)).map_err(Failure::from)
+    }
+
+    /// Changes scene and settings by keys of a job (a text of TOML or a dictionary), as if they stood at the end of the job.
+    /// They replace the overrides of an earlier call. Only changed parts are built again.
+    fn set_overrides(&self, py: Python<'_>, overrides: &Bound<'_, PyAny>) -> Result<(), Failure> {
+        let text = job_text(overrides)?;
+        py.detach(|| lock(&self.project).set_overrides(&text))?;
+        *lock(&self.overrides) = text;
+        Ok(())
+    }
+
+    /// Renders the scene. The defaults of all arguments are the settings of the job. `time` [s], `spp` and `noise` (k) limit
+    /// the render; one of them replaces all limits of the job. `sensor` is a `Sensor`, the name of a preset or file, or
+    /// "none"; `exposure` is a time [s]. `progress` is called with (stage, fraction, elapsed [s], remaining [s] or None).
+    ///
+    /// Ctrl-C ends the render and raises `Interrupted`, whose `film` has the samples until then.
+    #[pyo3(signature = (*, spp=None, time=None, noise=None, width=None, height=None, camera=None, seed=None, frame=None,
+        threads=None, strategy=None, sensor=None, exposure=None, checkpoint=None, progress=None))]
+    #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+    fn render(
+        &self,
+        py: Python<'_>,
+        spp: Option<f64>,
+        time: Option<f64>,
+        noise: Option<f64>,
+        width: Option<u32>,
+        height: Option<u32>,
+        camera: Option<String>,
+        seed: Option<u64>,
+        frame: Option<u32>,
+        threads: Option<usize>,
+        strategy: Option<&str>,
+        sensor: Option<SensorArgument>,
+        exposure: Option<f64>,
+        checkpoint: Option<PathBuf>,
+        progress: Option<Py<PyAny>>,
+    ) -> Result<Film, Failure> {
+        let has_limit = spp.is_some() || time.is_some() || noise.is_some();
+        let strategy = strategy.map(str::parse::<Strategy>).transpose();
+        let strategy =
+            strategy.map_err(|e| setting("strategy", e.to_string(), "uniform, sobel, variance or sensor"))?;
+        let exposure = exposure.map(|t| Exposure::new(Seconds(t))).transpose().map_err(dunkelfeld::Error::from)?;
+        let mut changes = Changes {
+            size: [width, height],
+            camera,
+            budget: has_limit.then(|| Budget::default().with_seconds(time).with_spp(spp).with_noise(noise)),
+            seed,
+            frame,
+            threads,
+            strategy,
+            sensor: None,
+            checkpoint,
+        };
+        let sensor = match sensor {
+            Some(SensorArgument::Name(name)) if name == "none" => Some(None),
+            Some(sensor) => Some(Some(sensor.model()?)),
+            None => None,
+        };
+        let cancel = Cancel::new();
+        let callback =
+            progress.as_ref().map(|function| Callback { function, cancel: &cancel, raised: Mutex::default() });
+        let work = || -> Result<Film, dunkelfeld::Error> {
+            let mut project = lock(&self.project);
+            let optics = project.optics;
+            changes.sensor = match (sensor, exposure, &project.settings.sensor) {
+                (Some(None), _, _) => Some(SensorChoice::None),
+                (Some(Some(model)), exposure, _) => {
+                    Some(SensorChoice::Emva { model: Box::new(model), optics, exposure })
+                }
+                (None, Some(exposure), SensorChoice::Emva { model, optics, .. }) => {
+                    Some(SensorChoice::Emva { model: model.clone(), optics: *optics, exposure: Some(exposure) })
+                }
+                (None, Some(_), SensorChoice::None) => {
+                    return Err(dunkelfeld::Error::setting("exposure", "there is no sensor", "name a sensor as well"));
+                }
+                (None, None, _) => None,
+            };
+            let before = project.settings.clone();
+            changes.apply(&mut project.settings);
+            let silent = dunkelfeld::Silent;
+            let sink: &dyn Progress = callback.as_ref().map_or(&silent, |callback| callback);
+            let result = project.render_with(sink, &cancel);
+            project.settings = before;
+            let result = result?;
+            let names = project.scene.materials().iter().map(|m| m.name.clone()).collect();
+            let (stats, interrupted) = (result.stats.to_json(), result.rendering.interrupted);
+            let saved = Arc::new(result.into_saved_film());
+            Ok(Film { saved, material_names: Arc::new(names), stats, interrupted })
+        };
+        let (result, raised) = interruptible(py, &cancel, work);
+        let raised = raised.or_else(|| callback.and_then(|c| lock(&c.raised).take()));
+        let film = match result {
+            Some(result) => result?,
+            None => return Err(setting("render", "the render panicked", "report it with the scene")),
+        };
+        let Some(raised) = raised else { return Ok(film) };
+        if !raised.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py) {
+            return Err(raised.into());
+        }
+        let error = Interrupted::new_err("the render was interrupted; the attribute `film` has its samples");
+        error.value(py).setattr("film", Py::new(py, film)?)?;
+        Err(error.into())
+    }
+
+    /// The content of the scene as a dictionary, as `dunkelfeld inspect --json`.
+    fn inspect<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Failure> {
+        let inspection = py.detach(|| lock(&self.project).inspect());
+        let text = serde_json::to_string(&inspection).map_err(|e| setting("inspect", e.to_string(), "report it"))?;
+        Ok(py.import("json")?.call_method1("loads", (text,))?)
+    }
+
+    /// Names of the cameras.
+    #[getter]
+    fn cameras(&self) -> Vec<String> {
+        lock(&self.project).scene.cameras().iter().map(|camera| camera.name.clone()).collect()
+    }
+
+    /// Names of the objects by id.
+    #[getter]
+    fn objects(&self) -> Vec<String> {
+        lock(&self.project).scene.object_names().to_vec()
+    }
+
+    /// Names of the materials by id.
+    #[getter]
+    fn materials(&self) -> Vec<String> {
+        lock(&self.project).scene.materials().iter().map(|m| m.name.clone()).collect()
+    }
+
+    /// Hazards of the scene and of its images, as texts.
+    #[getter]
+    fn hazards(&self, py: Python<'_>) -> Vec<String> {
+        py.detach(|| {
+            let findings = lock(&self.project).findings();
+            findings.hazards().map(|f| format!("{}: {}", f.place, f.message)).collect()
+        })
+    }
+
+    fn __repr__(&self) -> String {
+        let (path, text) = &self.origin;
+        let path: &Path = if text.is_some() { Path::new("a job") } else { path };
+        format!("Scene({}, {} objects)", path.display(), self.objects().len())
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let (path, text) = &self.origin;
+        let arguments = (path.clone(), text.clone(), lock(&self.overrides).clone()).into_pyobject(py)?;
+        Ok((py.get_type::<Self>().getattr("_restore")?, arguments))
+    }
+
+    #[staticmethod]
+    fn _restore(py: Python<'_>, path: PathBuf, text: Option<String>, overrides: String) -> Result<Self, Failure> {
+        let opened = py.detach(|| {
+            let scene = Self::open(path, text)?;
+            if !overrides.is_empty() {
+                lock(&scene.project).set_overrides(&overrides)?;
+                *lock(&scene.overrides) = overrides;
+            }
+            Ok(scene)
+        });
+        opened.map_err(|failure: Failure| failure)
+    }
+}

@@ -1,0 +1,91 @@
+//! Sensors of EMVA 1288 as Python objects.
+
+use crate::errors::Failure;
+use dunkelfeld::io::sensor_file;
+use dunkelfeld::sensor::SensorModel;
+use pyo3::prelude::*;
+
+/// A sensor by the EMVA 1288 model: a preset (see `sensors()`) or a sensor file (`*.toml`).
+#[pyclass(frozen, module = "dunkelfeld", from_py_object)]
+#[derive(Clone)]
+pub(crate) struct Sensor {
+    /// The name or path that it was made of, for copies.
+    origin: String,
+    pub(crate) model: SensorModel,
+}
+
+#[pymethods]
+impl Sensor {
+    #[new]
+    fn new(name: String) -> Result<Self, Failure> {
+        let model = dunkelfeld::find_sensor(&name)?;
+        Ok(Self { origin: name, model })
+    }
+
+    /// Name and source of the sensor.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.model.spec().name
+    }
+
+    /// Bits of a grey value.
+    #[getter]
+    fn bit_depth(&self) -> u32 {
+        self.model.spec().bit_depth
+    }
+
+    /// Side of a pixel [m].
+    #[getter]
+    fn pixel_pitch(&self) -> f64 {
+        self.model.spec().pixel_pitch.0
+    }
+
+    /// Width and height [pixels], if the sensor file has them.
+    #[getter]
+    fn resolution(&self) -> Option<(u32, u32)> {
+        self.model.spec().resolution.map(|[w, h]| (w, h))
+    }
+
+    /// Saturation [electrons].
+    #[getter]
+    fn saturation(&self) -> f64 {
+        self.model.saturation().0
+    }
+
+    /// Does it have a colour filter array?
+    #[getter]
+    fn is_color(&self) -> bool {
+        self.model.spec().quantum_efficiency.filter().is_some()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Sensor({:?}): {}", self.origin, self.name())
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> (Bound<'py, PyAny>, (String,)) {
+        (py.get_type::<Self>().into_any(), (self.origin.clone(),))
+    }
+}
+
+/// Names of the preset sensors.
+#[pyfunction]
+pub(crate) fn sensors() -> Vec<&'static str> {
+    sensor_file::preset_names().collect()
+}
+
+/// A sensor from Python: an object, or the name of a preset or file.
+#[derive(FromPyObject)]
+#[allow(clippy::large_enum_variant, reason = "one exists for the time of a call")]
+pub(crate) enum SensorArgument {
+    Sensor(Sensor),
+    Name(String),
+}
+
+impl SensorArgument {
+    pub(crate) fn model(self) -> Result<SensorModel, Failure> {
+        match self {
+            Self::Sensor(sensor) => Ok(sensor.model),
+            Self::Name(name) => Ok(dunkelfeld::find_sensor(&name)?),
+        }
+    }
+}

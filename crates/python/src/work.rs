@@ -1,0 +1,57 @@
+//! Work without the interpreter's lock: on threads of its own, cancelled by Ctrl-C.
+
+use crate::errors::Failure;
+use dunkelfeld::{Cancel, Session};
+use pyo3::prelude::*;
+use std::sync::Mutex;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
+
+/// Interval in which signals are looked at.
+const SIGNALS: Duration = Duration::from_millis(50);
+
+/// Runs `work` on a pool of so many threads (0: one per core). The pool ends with it, so that a fork of the process finds no
+/// threads that it does not have.
+pub(crate) fn with_pool<T: Send>(
+    py: Python<'_>,
+    threads: usize,
+    work: impl FnOnce() -> T + Send,
+) -> Result<T, Failure> {
+    Ok(py.detach(|| Ok::<_, dunkelfeld::Error>(Session::new(threads)?.install(work)))?)
+}
+
+/// Runs `work` on another thread. A signal whose handler raises an exception, such as Ctrl-C, sets `cancel`; then the result
+/// of the work comes together with the exception.
+pub(crate) fn interruptible<T: Send>(
+    py: Python<'_>,
+    cancel: &Cancel,
+    work: impl FnOnce() -> T + Send,
+) -> (Option<T>, Option<PyErr>) {
+    let mut raised = None;
+    let result = std::thread::scope(|scope| {
+        let (done, finished) = mpsc::channel::<()>();
+        let worker = scope.spawn(move || {
+            let result = work();
+            drop(done);
+            result
+        });
+        // A receiver is not shared, but a lock of it is.
+        let finished = Mutex::new(finished);
+        loop {
+            let wait = || finished.lock().map_or(Err(RecvTimeoutError::Disconnected), |f| f.recv_timeout(SIGNALS));
+            match py.detach(wait) {
+                Err(RecvTimeoutError::Disconnected) => break,
+                _ => {
+                    if raised.is_none()
+                        && let Err(e) = py.check_signals()
+                    {
+                        cancel.cancel();
+                        raised = Some(e);
+                    }
+                }
+            }
+        }
+        py.detach(|| worker.join().ok())
+    });
+    (result, raised)
+}
