@@ -13,6 +13,7 @@ use dunkelfeld::{
 };
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
@@ -27,9 +28,16 @@ pub(crate) struct Scene {
     overrides: Mutex<String>,
 }
 
+thread_local! {
+    /// The address of the scene whose progress function runs on this thread, or 0.
+    static REPORTS: Cell<usize> = const { Cell::new(0) };
+}
+
 /// Calls a function of Python with the progress. An exception cancels the render.
 struct Callback<'a> {
     function: &'a Py<PyAny>,
+    /// The address of the scene.
+    scene: usize,
     cancel: &'a Cancel,
     raised: Mutex<Option<PyErr>>,
 }
@@ -38,7 +46,10 @@ impl Progress for Callback<'_> {
     fn update(&self, state: &ProgressState) {
         let called = Python::attach(|py| {
             let arguments = (state.stage.name(), state.fraction, state.elapsed, state.remaining);
-            self.function.call1(py, arguments).map(|_| ())
+            let before = REPORTS.replace(self.scene);
+            let called = self.function.call1(py, arguments).map(|_| ());
+            REPORTS.set(before);
+            called
         });
         if let Err(e) = called {
             self.cancel.cancel();
@@ -53,6 +64,21 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Scene {
+    /// Refuses the use of a scene by its own progress function, which would wait for the end of the render.
+    fn check_idle(&self) -> Result<(), Failure> {
+        if REPORTS.get() == std::ptr::from_ref(self).addr() {
+            let problem = "a progress function cannot use the scene that it reports about";
+            return Err(setting("scene", problem, "use it after the render"));
+        }
+        Ok(())
+    }
+
+    /// Works on the project without the lock of the interpreter: a render on another thread may need that lock.
+    fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Project) -> T + Send) -> Result<T, Failure> {
+        self.check_idle()?;
+        Ok(py.detach(|| work(&mut lock(&self.project))))
+    }
+
     fn open(path: PathBuf, text: Option<String>) -> Result<Self, Failure> {
         let project = match &text {
             None => Project::open_with(&path, ProjectOptions::default())?,
@@ -114,7 +140,7 @@ impl Scene {
     /// They replace the overrides of an earlier call. Only changed parts are built again.
     fn set_overrides(&self, py: Python<'_>, overrides: &Bound<'_, PyAny>) -> Result<(), Failure> {
         let text = job_text(overrides)?;
-        py.detach(|| lock(&self.project).set_overrides(&text))?;
+        self.with(py, |project| project.set_overrides(&text))??;
         *lock(&self.overrides) = text;
         Ok(())
     }
@@ -145,6 +171,7 @@ impl Scene {
         checkpoint: Option<PathBuf>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Film, Failure> {
+        self.check_idle()?;
         let has_limit = spp.is_some() || time.is_some() || noise.is_some();
         let strategy = strategy.map(str::parse::<Strategy>).transpose();
         let strategy =
@@ -167,8 +194,12 @@ impl Scene {
             None => None,
         };
         let cancel = Cancel::new();
-        let callback =
-            progress.as_ref().map(|function| Callback { function, cancel: &cancel, raised: Mutex::default() });
+        let callback = progress.as_ref().map(|function| Callback {
+            function,
+            scene: std::ptr::from_ref(self).addr(),
+            cancel: &cancel,
+            raised: Mutex::default(),
+        });
         let work = || -> Result<Film, dunkelfeld::Error> {
             let mut project = lock(&self.project);
             let optics = project.optics;
@@ -214,42 +245,39 @@ impl Scene {
 
     /// The content of the scene as a dictionary, as `dunkelfeld inspect --json`.
     fn inspect<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Failure> {
-        let inspection = py.detach(|| lock(&self.project).inspect());
+        let inspection = self.with(py, |project| project.inspect())?;
         let text = serde_json::to_string(&inspection).map_err(|e| setting("inspect", e.to_string(), "report it"))?;
         Ok(py.import("json")?.call_method1("loads", (text,))?)
     }
 
     /// Names of the cameras.
     #[getter]
-    fn cameras(&self) -> Vec<String> {
-        lock(&self.project).scene.cameras().iter().map(|camera| camera.name.clone()).collect()
+    fn cameras(&self, py: Python<'_>) -> Result<Vec<String>, Failure> {
+        self.with(py, |project| project.scene.cameras().iter().map(|camera| camera.name.clone()).collect())
     }
 
     /// Names of the objects by id.
     #[getter]
-    fn objects(&self) -> Vec<String> {
-        lock(&self.project).scene.object_names().to_vec()
+    fn objects(&self, py: Python<'_>) -> Result<Vec<String>, Failure> {
+        self.with(py, |project| project.scene.object_names().to_vec())
     }
 
     /// Names of the materials by id.
     #[getter]
-    fn materials(&self) -> Vec<String> {
-        lock(&self.project).scene.materials().iter().map(|m| m.name.clone()).collect()
+    fn materials(&self, py: Python<'_>) -> Result<Vec<String>, Failure> {
+        self.with(py, |project| project.scene.materials().iter().map(|m| m.name.clone()).collect())
     }
 
     /// Hazards of the scene and of its images, as texts.
     #[getter]
-    fn hazards(&self, py: Python<'_>) -> Vec<String> {
-        py.detach(|| {
-            let findings = lock(&self.project).findings();
-            findings.hazards().map(|f| format!("{}: {}", f.place, f.message)).collect()
-        })
+    fn hazards(&self, py: Python<'_>) -> Result<Vec<String>, Failure> {
+        self.with(py, |project| project.findings().hazards().map(|f| format!("{}: {}", f.place, f.message)).collect())
     }
 
     fn __repr__(&self) -> String {
         let (path, text) = &self.origin;
         let path: &Path = if text.is_some() { Path::new("a job") } else { path };
-        format!("Scene({}, {} objects)", path.display(), self.objects().len())
+        format!("Scene({})", path.display())
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {

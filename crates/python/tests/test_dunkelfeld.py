@@ -191,6 +191,31 @@ def test_progress_is_reported_and_its_exception_ends_the_render(job: dict[str, A
         scene.render(spp=1e6, progress=fail)
 
 
+def test_a_progress_function_cannot_wait_for_its_own_scene(job: dict[str, Any]) -> None:
+    scene, other = df.Scene.from_job(job), df.Scene.from_job(job)
+    caught: list[str] = []
+
+    def use(*_: object) -> None:
+        assert other.objects == ["ball", "floor"]
+        for use_it in (lambda: scene.objects, scene.render, scene.inspect, lambda: scene.set_overrides({})):
+            try:
+                use_it()
+            except df.SettingError as e:
+                caught.append(str(e))
+
+    scene.render(progress=use)
+    assert len(caught) >= 4 and len(caught) % 4 == 0 and "progress function" in caught[0]
+
+
+def test_a_scene_is_read_while_another_thread_renders_it(job: dict[str, Any]) -> None:
+    scene, names = df.Scene.from_job(job), []
+    thread = threading.Thread(target=lambda: scene.render(time=1.0, progress=lambda *_: None))
+    thread.start()
+    while thread.is_alive():
+        names.append(scene.objects)
+    assert all(n == ["ball", "floor"] for n in names)
+
+
 def test_ctrl_c_keeps_the_film(job: dict[str, Any]) -> None:
     scene = df.Scene.from_job(job)
     threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT)).start()

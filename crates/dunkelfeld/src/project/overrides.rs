@@ -23,8 +23,7 @@ pub(super) struct Description {
 }
 
 impl Project {
-    /// Changes scene and settings by keys of a [job file](https://docs.rs/dunkelfeld), as if they stood at the end of the
-    /// job: tables are merged key by key, lists of tables (`[[object]]`, `[[material]]`, `[[light]]`) are extended, and
+    /// Changes scene and settings by keys of a job file (`docs/job-file.md`), as if they stood at the end of the job: tables are merged key by key, lists of tables (`[[object]]`, `[[material]]`, `[[light]]`) are extended, and
     /// every other value is replaced. The overrides replace those of an earlier call; an empty text is the project as it
     /// was opened.
     ///
