@@ -2,7 +2,7 @@
 //! Replay: `cargo test --workspace --test project NAME`.
 
 use dunkelfeld::film::Film;
-use dunkelfeld::{OutputPaths, Project, ProjectOptions};
+use dunkelfeld::{OutputPaths, Project, ProjectOptions, SensorChoice};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
@@ -147,6 +147,20 @@ fn a_scene_file_without_a_job_takes_overrides_and_keeps_adjusted_settings() {
     fs::write(folder.path().join("other.obj"), "v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\n").expect("writable");
     project.set_overrides("scene = \"other.obj\"\n").expect("another scene");
     assert_eq!(project.scene.object_names().len(), 1);
+}
+
+#[test]
+fn a_sensor_that_the_program_selected_has_the_lens_of_the_overrides() {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    let mut project = open(&folder, "job.toml", JOB);
+    let model = Box::new(dunkelfeld::find_sensor("imx174").expect("a preset"));
+    project.settings.sensor = SensorChoice::Emva { model, optics: project.optics, exposure: None };
+    project.set_overrides("lens = { f_number = 8 }\n").expect("overrides");
+    let SensorChoice::Emva { model, optics, .. } = project.fitted().expect("a lens").sensor else {
+        panic!("no sensor")
+    };
+    assert!(model.spec().name.contains("IMX174") && optics.f_number() == 8.0, "{optics:?}");
 }
 
 /// A render begins its clock itself: the time between `open` and `render` does not count.

@@ -1,4 +1,4 @@
-//! Planes as arrays of numpy. The buffer moves to the array: no value is copied.
+//! Planes as arrays of numpy. The buffer of a plane moves to its array.
 
 use crate::errors::Failure;
 use bytemuck::Pod;

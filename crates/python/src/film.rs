@@ -48,12 +48,15 @@ impl Film {
             (None, Some(settings)) => settings,
             (None, None) => return Err(setting("sensor", "the render had no sensor", "name one: `sensor=\"imx250\"`")),
             (Some(sensor), of_render) => {
-                let mut settings = ExposeSettings::new(sensor.model()?)?;
-                if let Some(of_render) = of_render {
-                    settings.optics = of_render.optics;
-                    (settings.seed, settings.first_frame) = (of_render.seed, of_render.first_frame);
+                let model = sensor.model()?;
+                match of_render {
+                    // All but the sensor is that of the render.
+                    Some(settings) => {
+                        let model = model.binned(settings.readout.binning).map_err(dunkelfeld::Error::from)?;
+                        settings.with_model(model)
+                    }
+                    None => ExposeSettings::new(model)?,
                 }
-                settings
             }
         };
         if let Some(time) = time {

@@ -88,6 +88,11 @@ impl Scene {
     }
 }
 
+/// The error of a panic.
+fn panicked() -> Failure {
+    setting("render", "the render panicked", "report it with the scene")
+}
+
 /// The settings of a render, from the keywords of Python.
 #[derive(Default)]
 struct Changes {
@@ -205,7 +210,12 @@ impl Scene {
             let optics = project.optics;
             changes.sensor = match (sensor, exposure, &project.settings.sensor) {
                 (Some(None), _, _) => Some(SensorChoice::None),
-                (Some(Some(model)), exposure, _) => {
+                // The exposure of the job stays.
+                (Some(Some(model)), time, SensorChoice::Emva { exposure, .. }) => {
+                    let exposure = time.or(*exposure);
+                    Some(SensorChoice::Emva { model: Box::new(model), optics, exposure })
+                }
+                (Some(Some(model)), exposure, SensorChoice::None) => {
                     Some(SensorChoice::Emva { model: Box::new(model), optics, exposure })
                 }
                 (None, Some(exposure), SensorChoice::Emva { model, optics, .. }) => {
@@ -231,8 +241,10 @@ impl Scene {
         let (result, raised) = interruptible(py, &cancel, work);
         let raised = raised.or_else(|| callback.and_then(|c| lock(&c.raised).take()));
         let film = match result {
+            // An exception of Python is the cause of an error that follows it.
+            Some(Err(_)) | None if raised.is_some() => return Err(raised.map_or_else(panicked, Failure::from)),
             Some(result) => result?,
-            None => return Err(setting("render", "the render panicked", "report it with the scene")),
+            None => return Err(panicked()),
         };
         let Some(raised) = raised else { return Ok(film) };
         if !raised.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py) {

@@ -98,6 +98,14 @@ def test_arrays_have_their_shapes_and_values(job: dict[str, Any]) -> None:
     assert df.Scene.from_job(job).render(sensor="none").picture().shape == (16, 24, 3)
 
 
+def test_another_sensor_keeps_the_exposure(job: dict[str, Any]) -> None:
+    scene = df.Scene.from_job(dict(job, sensor={"exposure": "20us"}))
+    film = scene.render()
+    assert np.array_equal(film.expose("imx174"), film.expose("imx174", time=20e-6))
+    other = scene.render(sensor="imx174").stats["sensor"]
+    assert np.isclose(other["exposure_seconds"], 20e-6) and "IMX174" in other["name"]
+
+
 def test_overrides_change_the_scene_and_are_replaced(job: dict[str, Any]) -> None:
     scene = df.Scene.from_job(job)
     before = scene.render().mean

@@ -115,12 +115,11 @@ impl Project {
             let mut cache = BuildCache::default();
             let mut compiled = compile(path, job.as_ref(), imported.clone(), &without, Some(&mut cache))?;
             compiled.scene.report_hazards(&mut compiled.report);
-            let base = match &job {
-                Some(job) => job.clone(),
-                None => Job::of_scene(path)?,
-            };
+            // The name of a scene that is not UTF-8 cannot stand in a job.
+            let base = job.clone().map_or_else(|| Job::of_scene(path), Ok);
             let given = compiled.given.clone();
-            description = Some(Box::new(Description { base, job: None, imported, without, given, cache }));
+            description =
+                base.ok().map(|base| Box::new(Description { base, job: None, imported, without, given, cache }));
             compiled
         } else {
             compile(path, job.as_ref(), imported, &without, None)?

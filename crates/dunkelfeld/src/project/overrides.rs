@@ -1,10 +1,10 @@
 //! Changes of an opened project by keys of a job: only the parts of the scene that change are built again.
 
 use super::Project;
-use super::open::{Compiled, GivenSettings, compile};
+use super::open::{Compiled, GivenSettings, compile, film_part};
 use dunkelfeld_io::import::Imported;
 use dunkelfeld_io::job::Job;
-use dunkelfeld_render::Error;
+use dunkelfeld_render::{Error, SensorChoice};
 use dunkelfeld_scene::{BuildCache, Effect};
 
 /// The description of an opened project.
@@ -23,12 +23,14 @@ pub(super) struct Description {
 }
 
 impl Project {
-    /// Changes scene and settings by keys of a job file (`docs/job-file.md`), as if they stood at the end of the job: tables are merged key by key, lists of tables (`[[object]]`, `[[material]]`, `[[light]]`) are extended, and
-    /// every other value is replaced. The overrides replace those of an earlier call; an empty text is the project as it
-    /// was opened.
+    /// Changes scene and settings by keys of a job file (`docs/job-file.md`), which are merged into the job: tables key by
+    /// key, lists of tables (`[[object]]`, `[[material]]`, `[[light]]`) are extended, and every other value is replaced. No
+    /// key is removed: keys that exclude each other, such as `radiance` and `image` of `[environment]`, are an error
+    /// together. The overrides replace those of an earlier call; an empty text is the project as it was opened.
     ///
-    /// Meshes, trees and files that do not change are used again. The scene has the bits of a job file with these keys.
-    /// Settings that the program has adjusted since stay as they are.
+    /// Meshes and trees of scene files that do not change are used again; objects that the job makes (`kind`) are made
+    /// again. Files are read again only if the keys name others. The scene has the bits of a job file with these keys.
+    /// Settings that the program has adjusted since stay as they are. Lines in errors are those of the merged text.
     ///
     /// ```no_run
     /// let mut project = dunkelfeld::Project::open("station.toml")?;
@@ -46,14 +48,22 @@ impl Project {
     pub fn set_overrides(&mut self, overrides: &str) -> Result<(), Error> {
         let Some(description) = &mut self.description else {
             let problem = "the description of the scene was not kept";
-            return Err(Error::setting("overrides", problem, "open the project with `ProjectOptions::can_change`"));
+            return Err(Error::setting(
+                "overrides",
+                problem,
+                "open the project with `ProjectOptions::can_change`, from a path in UTF-8",
+            ));
         };
         let Description { base, job, imported, without, given, cache } = &mut **description;
         let changed = base.with_overrides(overrides)?;
         let read = if changed.has_scene_of(job.as_ref().unwrap_or(base)) { None } else { Some(changed.load_scene()?) };
         let source = read.as_ref().unwrap_or(imported).clone();
         let compiled = compile(changed.scene_path(), Some(&changed), source, without, Some(cache))?;
-        let Compiled { scene, report, warnings, inputs, part, given: new, .. } = compiled;
+        let Compiled { scene, report, warnings, inputs, given: new, .. } = compiled;
+        let mut settings = self.settings.clone();
+        settings.update(&given.settings, &new.settings);
+        // The film on the sensor that the render will have.
+        let part = film_part(&changed, &settings.sensor)?;
         if let Some(read) = read {
             *imported = read;
         }
@@ -67,8 +77,15 @@ impl Project {
                 $(if $of.$field == $before.$field { $of.$field = $after.$field.clone(); })+
             };
         }
+        let old_optics = self.optics;
         take_unless_adjusted!(outputs, optics, lens, film; self, given, new);
-        self.settings.update(&given.settings, &new.settings);
+        // A sensor that the program selected has the lens of the project.
+        if let SensorChoice::Emva { optics, .. } = &mut settings.sensor
+            && *optics == old_optics
+        {
+            *optics = self.optics;
+        }
+        self.settings = settings;
         self.job = Some(Box::new(changed.clone()));
         (*job, *given) = (Some(changed), new);
         Ok(())
