@@ -87,7 +87,7 @@ impl Film {
         rgb(py, self.compute(py, |s| s.film.sums.mean())?)
     }
 
-    /// Variance of the mean, float32 of shape (height, width, 3) [(W/(m² sr))²]. NaN with fewer than two samples.
+    /// Variance of the mean, float32 of shape (height, width, 3) [(W/(m² sr))²]. Infinite with fewer than two samples.
     #[getter]
     fn variance<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
         rgb(py, self.compute(py, |s| s.film.sums.variance())?)

@@ -141,12 +141,16 @@ impl Scene {
         py.detach(|| Self::open(path, Some(text)).map_err(PyErr::from)).map_err(Failure::from)
     }
 
-    /// Changes scene and settings by keys of a job (a text of TOML or a dictionary), as if they stood at the end of the job.
-    /// They replace the overrides of an earlier call. Only changed parts are built again.
+    /// Changes scene and settings by keys of a job (a text of TOML or a dictionary), which are merged into the job. They
+    /// replace the overrides of an earlier call. Parts of scene files that do not change are not built again.
     fn set_overrides(&self, py: Python<'_>, overrides: &Bound<'_, PyAny>) -> Result<(), Failure> {
         let text = job_text(overrides)?;
-        self.with(py, |project| project.set_overrides(&text))??;
-        *lock(&self.overrides) = text;
+        self.with(py, |project| {
+            project.set_overrides(&text)?;
+            // Within the lock of the project, so that the text is always that of the project.
+            *lock(&self.overrides) = text;
+            Ok::<_, dunkelfeld::Error>(())
+        })??;
         Ok(())
     }
 

@@ -98,6 +98,11 @@ def test_arrays_have_their_shapes_and_values(job: dict[str, Any]) -> None:
     assert df.Scene.from_job(job).render(sensor="none").picture().shape == (16, 24, 3)
 
 
+def test_one_sample_of_one_pixel_is_a_film(job: dict[str, Any]) -> None:
+    film = df.Scene.from_job(job).render(spp=1, width=1, height=1)
+    assert film.mean.shape == (1, 1, 3) and film.expose().shape == (1, 1, 1) and np.isinf(film.variance).all()
+
+
 def test_another_sensor_keeps_the_exposure(job: dict[str, Any]) -> None:
     scene = df.Scene.from_job(dict(job, sensor={"exposure": "20us"}))
     film = scene.render()

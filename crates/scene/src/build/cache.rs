@@ -45,6 +45,11 @@ struct MeshResults {
 /// Results for a mesh by place, each with the number of the last build that used it. The key has the bits of the place.
 type ByPlace<T> = HashMap<[u64; 12], (u64, T)>;
 
+/// The bits of a place.
+fn bits(place: &DAffine3) -> [u64; 12] {
+    place.to_cols_array().map(f64::to_bits)
+}
+
 /// Removes the results for places that the present build did not use. If it used none, all stay: the object is hidden.
 fn keep_present<T>(results: &mut ByPlace<T>, build: u64) {
     if results.values().any(|(last, _)| *last == build) {
@@ -58,7 +63,7 @@ fn result<T: Clone, E>(
     (place, build): (&DAffine3, u64),
     compute: impl FnOnce() -> Result<T, E>,
 ) -> Result<T, E> {
-    let key = place.to_cols_array().map(f64::to_bits);
+    let key = bits(place);
     if let Some((last, earlier)) = results.get_mut(&key) {
         *last = build;
         return Ok(earlier.clone());
@@ -226,7 +231,8 @@ impl Builds<'_> {
         compute: impl FnOnce() -> Result<MeshTree, BuildError>,
     ) -> Result<Arc<MeshTree>, BuildError> {
         let Some(cache) = &mut self.0 else { return Ok(Arc::new(compute()?)) };
-        let is_same = |a: &(Arc<Mesh>, DAffine3), b: &(Arc<Mesh>, DAffine3)| Arc::ptr_eq(&a.0, &b.0) && a.1 == b.1;
+        let is_same =
+            |a: &(Arc<Mesh>, DAffine3), b: &(Arc<Mesh>, DAffine3)| Arc::ptr_eq(&a.0, &b.0) && bits(&a.1) == bits(&b.1);
         if let Some(known) = &cache.shared
             && known.parts.len() == parts.len()
             && known.parts.iter().zip(parts).all(|(a, b)| is_same(a, b))
