@@ -35,6 +35,7 @@ mod inspect;
 mod memory;
 mod noise_compensation;
 mod oidn_library;
+mod options;
 mod outliers;
 mod outputs;
 mod project;
@@ -58,6 +59,10 @@ pub use inspect::{
 };
 pub use memory::{MemoryAccount, MemoryItem, MemoryStats};
 pub use noise_compensation::Matched;
+pub use options::{
+    ExposeOptions, ExposureOption, RenderOptions, SensorOption, certify_film, denoise_saved, expose_film,
+    picture_of_film, select_sensor,
+};
 pub use outliers::HeavySample;
 pub use outputs::{
     OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear,

@@ -84,6 +84,10 @@ pub(crate) struct CommandClock {
     pub(crate) build_seconds: f64,
 }
 
+/// The part of a larger film that a project renders, to restore it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FilmRegion(Option<FilmPart>);
+
 /// A rendered project.
 #[derive(Debug)]
 pub struct ProjectResult {
@@ -240,6 +244,16 @@ impl Project {
             [self.settings.width, self.settings.height] = part.size();
         }
         Ok(())
+    }
+
+    /// The part of a larger film that is rendered.
+    pub(crate) fn region(&self) -> FilmRegion {
+        FilmRegion(self.part)
+    }
+
+    /// Renders that part again.
+    pub(crate) fn restore_region(&mut self, FilmRegion(part): FilmRegion) {
+        self.part = part;
     }
 
     /// Takes all settings, but not the scene, from another project.

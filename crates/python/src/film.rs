@@ -2,13 +2,12 @@
 
 use crate::arrays::{gray, rgb, stack};
 use crate::errors::{Failure, setting};
-use crate::sensor::SensorArgument;
+use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::with_pool;
-use dunkelfeld::radiometry::Seconds;
-use dunkelfeld::sensor::{Exposure, ExposureNoise};
+use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    DenoiseMethod, DenoiseSettings, ExposeSettings, Exposer, NO_ID, Picture, RenderSettings, SavedFilm, SensorChoice,
-    Session, denoise_film, develop_film, find_denoiser,
+    DenoiseMethod, DenoiseSettings, ExposeOptions, NO_ID, Picture, RenderSettings, SavedFilm, certify_film,
+    denoise_saved, develop_film, expose_film, picture_of_film,
 };
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
@@ -36,41 +35,27 @@ impl Film {
         let saved = &*self.saved;
         with_pool(py, self.settings().threads, move || work(saved))
     }
+}
 
-    fn expose_settings(
-        &self,
-        sensor: Option<SensorArgument>,
-        time: Option<f64>,
-        seed: Option<u64>,
-        noise: Option<&str>,
-    ) -> Result<ExposeSettings, Failure> {
-        let mut settings = match (sensor, ExposeSettings::of_render(self.settings())?) {
-            (None, Some(settings)) => settings,
-            (None, None) => return Err(setting("sensor", "the render had no sensor", "name one: `sensor=\"imx250\"`")),
-            (Some(sensor), of_render) => {
-                let model = sensor.model()?;
-                match of_render {
-                    // All but the sensor is that of the render.
-                    Some(settings) => {
-                        let model = model.binned(settings.readout.binning).map_err(dunkelfeld::Error::from)?;
-                        settings.with_model(model)
-                    }
-                    None => ExposeSettings::new(model)?,
-                }
-            }
-        };
-        if let Some(time) = time {
-            settings.exposure = Some(Exposure::new(Seconds(time)).map_err(dunkelfeld::Error::from)?);
-        }
-        settings.seed = seed.unwrap_or(settings.seed);
-        settings.exposure_noise = match noise {
-            None => settings.exposure_noise,
-            Some("plain") => ExposureNoise::Plain,
-            Some("matched") => ExposureNoise::Matched,
-            Some(other) => return Err(setting("noise", format!("unknown value \"{other}\""), "plain or matched")),
-        };
-        Ok(settings)
-    }
+/// The options of an exposure, from the keywords of Python.
+fn expose_options(
+    sensor: Option<SensorArgument>,
+    exposure: Option<ExposureArgument>,
+    frame: Option<u32>,
+    seed: Option<u64>,
+    noise: Option<&str>,
+) -> Result<ExposeOptions, Failure> {
+    let mut options = ExposeOptions::default();
+    options.sensor = sensor.map(SensorArgument::option);
+    options.exposure = exposure.map(ExposureArgument::option).transpose()?;
+    (options.frame, options.seed) = (frame, seed);
+    options.exposure_noise = match noise {
+        None => None,
+        Some("plain") => Some(ExposureNoise::Plain),
+        Some("matched") => Some(ExposureNoise::Matched),
+        Some(other) => return Err(setting("noise", format!("unknown value \"{other}\""), "plain or matched")),
+    };
+    Ok(options)
 }
 
 #[pymethods]
@@ -157,31 +142,22 @@ impl Film {
     }
 
     /// Exposes the film: linear grey values of `frames` frames, uint16 of shape (frames, height, width) [DN]. Frames of one
-    /// seed come from the same device. `sensor` (default: that of the render), `time` [s] (default: that of the render, or
-    /// automatic), `noise` is "plain" or "matched".
+    /// seed come from the same device. `sensor` (default: that of the render), `time` is a time [s] or "auto" (default: that of
+    /// the render), `first` is the number of the first frame, `noise` is "plain" or "matched".
     #[pyo3(signature = (sensor=None, *, time=None, frames=1, first=None, seed=None, noise=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn expose<'py>(
         &self,
         py: Python<'py>,
         sensor: Option<SensorArgument>,
-        time: Option<f64>,
+        time: Option<ExposureArgument>,
         frames: u32,
         first: Option<u32>,
         seed: Option<u64>,
         noise: Option<&str>,
     ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
-        if frames == 0 {
-            return Err(setting("frames", "0 is out of range", "ask for at least one frame"));
-        }
-        let settings = self.expose_settings(sensor, time, seed, noise)?;
-        let first = first.unwrap_or(settings.first_frame);
-        let last = first.checked_add(frames - 1).ok_or_else(|| setting("frames", "too many", "ask for fewer"))?;
-        let planes = self.compute(py, move |s| {
-            let exposer = Exposer::of_film(&s.film, &settings)?;
-            (first..=last).map(|n| exposer.frame(n)).collect::<Result<Vec<_>, dunkelfeld::Error>>()
-        })??;
-        stack(py, planes)
+        let options = expose_options(sensor, time, first, seed, noise)?;
+        stack(py, self.compute(py, move |s| expose_film(s, &options, frames))??)
     }
 
     /// The 8-bit picture of one frame, gamma 2.2: uint8 of shape (height, width) or, of a colour sensor or none, (height,
@@ -191,20 +167,13 @@ impl Film {
         &self,
         py: Python<'py>,
         sensor: Option<SensorArgument>,
-        time: Option<f64>,
+        time: Option<ExposureArgument>,
         frame: Option<u32>,
         seed: Option<u64>,
         noise: Option<&str>,
     ) -> Result<Bound<'py, PyAny>, Failure> {
-        let has_sensor = sensor.is_some() || matches!(self.settings().sensor, SensorChoice::Emva { .. });
-        let picture = if has_sensor {
-            let settings = self.expose_settings(sensor, time, seed, noise)?;
-            let frame = frame.unwrap_or(settings.first_frame);
-            self.compute(py, move |s| Exposer::of_film(&s.film, &settings)?.picture(frame))??
-        } else {
-            self.compute(py, |s| develop_film(&s.film, &s.settings))??.picture
-        };
-        Ok(match picture {
+        let options = expose_options(sensor, time, frame, seed, noise)?;
+        Ok(match self.compute(py, move |s| picture_of_film(s, &options))?? {
             Picture::Gray(plane) => gray(py, plane)?.into_any(),
             Picture::Rgb(plane) => rgb(py, plane)?.into_any(),
         })
@@ -214,16 +183,7 @@ impl Film {
     /// of the sensor of the render, and quantiles of the ratio of the variances.
     #[pyo3(signature = (k=1.0))]
     fn certificate<'py>(&self, py: Python<'py>, k: f64) -> Result<Bound<'py, PyDict>, Failure> {
-        if !(k.is_finite() && k > 0.0) {
-            return Err(setting("k", format!("{k} is out of range"), "pass a number above zero"));
-        }
-        let mut settings = self.settings().clone();
-        settings.budget = settings.budget.with_noise(k);
-        let frame = self.compute(py, move |s| develop_film(&s.film, &settings))??;
-        let certified = frame.sensor.and_then(|sensor| sensor.certified);
-        let Some(certified) = certified else {
-            return Err(setting("sensor", "the render had no sensor", "render with one"));
-        };
+        let certified = self.compute(py, move |s| certify_film(s, k))??;
         let c = certified.certificate;
         let entries = PyDict::new(py);
         for (name, value) in
@@ -249,15 +209,8 @@ impl Film {
             "builtin" => DenoiseMethod::Builtin,
             other => return Err(setting("method", format!("unknown value \"{other}\""), "auto, oidn or builtin")),
         };
-        let Some(denoiser) = find_denoiser(&DenoiseSettings::default().with_method(method))? else {
-            return Err(setting("method", "there is no denoiser", "use \"builtin\""));
-        };
-        let (saved, threads) = (self.saved.clone(), self.settings().threads);
-        let denoised = py.detach(move || {
-            let session = Session::new(threads)?;
-            denoise_film(&saved.film.sums, &*denoiser, &session)
-                .map_err(|e| dunkelfeld::Error::setting("denoise", e.to_string(), "use \"builtin\""))
-        })?;
+        let saved = self.saved.clone();
+        let denoised = py.detach(move || denoise_saved(&saved, &DenoiseSettings::default().with_method(method)))?;
         rgb(py, denoised.mean)
     }
 

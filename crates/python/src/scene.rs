@@ -3,14 +3,10 @@
 use crate::errors::{Failure, Interrupted, setting};
 use crate::film::Film;
 use crate::job::job_text;
-use crate::sensor::SensorArgument;
+use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::interruptible;
 use dunkelfeld::adaptive::Strategy;
-use dunkelfeld::radiometry::Seconds;
-use dunkelfeld::sensor::Exposure;
-use dunkelfeld::{
-    Budget, Cancel, CheckpointSettings, Progress, ProgressState, Project, ProjectOptions, RenderSettings, SensorChoice,
-};
+use dunkelfeld::{Cancel, Progress, ProgressState, Project, ProjectOptions, RenderOptions};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use std::cell::Cell;
@@ -93,38 +89,6 @@ fn panicked() -> Failure {
     setting("render", "the render panicked", "report it with the scene")
 }
 
-/// The settings of a render, from the keywords of Python.
-#[derive(Default)]
-struct Changes {
-    size: [Option<u32>; 2],
-    camera: Option<String>,
-    budget: Option<Budget>,
-    seed: Option<u64>,
-    frame: Option<u32>,
-    threads: Option<usize>,
-    strategy: Option<Strategy>,
-    sensor: Option<SensorChoice>,
-    checkpoint: Option<PathBuf>,
-}
-
-impl Changes {
-    fn apply(self, settings: &mut RenderSettings) {
-        let Self { size: [width, height], camera, budget, seed, frame, threads, strategy, sensor, checkpoint } = self;
-        settings.width = width.unwrap_or(settings.width);
-        settings.height = height.unwrap_or(settings.height);
-        settings.camera = camera.or(settings.camera.take());
-        settings.budget = budget.unwrap_or(settings.budget);
-        settings.seed = seed.unwrap_or(settings.seed);
-        settings.frame = frame.unwrap_or(settings.frame);
-        settings.threads = threads.unwrap_or(settings.threads);
-        settings.strategy = strategy.or(settings.strategy);
-        if let Some(sensor) = sensor {
-            settings.sensor = sensor;
-        }
-        settings.checkpoint = checkpoint.map(CheckpointSettings::new).or(settings.checkpoint.take());
-    }
-}
-
 #[pymethods]
 impl Scene {
     #[new]
@@ -156,7 +120,7 @@ impl Scene {
 
     /// Renders the scene. The defaults of all arguments are the settings of the job. `time` [s], `spp` and `noise` (k) limit
     /// the render; one of them replaces all limits of the job. `sensor` is a `Sensor`, the name of a preset or file, or
-    /// "none"; `exposure` is a time [s]. `progress` is called with (stage, fraction, elapsed [s], remaining [s] or None).
+    /// "none"; `exposure` is a time [s] or "auto". `progress` is called with (stage, fraction, elapsed [s], remaining [s] or None).
     ///
     /// Ctrl-C ends the render and raises `Interrupted`, whose `film` has the samples until then.
     #[pyo3(signature = (*, spp=None, time=None, noise=None, width=None, height=None, camera=None, seed=None, frame=None,
@@ -176,32 +140,21 @@ impl Scene {
         threads: Option<usize>,
         strategy: Option<&str>,
         sensor: Option<SensorArgument>,
-        exposure: Option<f64>,
+        exposure: Option<ExposureArgument>,
         checkpoint: Option<PathBuf>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Film, Failure> {
         self.check_idle()?;
-        let has_limit = spp.is_some() || time.is_some() || noise.is_some();
         let strategy = strategy.map(str::parse::<Strategy>).transpose();
         let strategy =
             strategy.map_err(|e| setting("strategy", e.to_string(), "uniform, sobel, variance or sensor"))?;
-        let exposure = exposure.map(|t| Exposure::new(Seconds(t))).transpose().map_err(dunkelfeld::Error::from)?;
-        let mut changes = Changes {
-            size: [width, height],
-            camera,
-            budget: has_limit.then(|| Budget::default().with_seconds(time).with_spp(spp).with_noise(noise)),
-            seed,
-            frame,
-            threads,
-            strategy,
-            sensor: None,
-            checkpoint,
-        };
-        let sensor = match sensor {
-            Some(SensorArgument::Name(name)) if name == "none" => Some(None),
-            Some(sensor) => Some(Some(sensor.model()?)),
-            None => None,
-        };
+        let mut options = RenderOptions::default();
+        (options.width, options.height, options.camera) = (width, height, camera);
+        (options.time, options.spp, options.noise) = (time, spp, noise);
+        (options.seed, options.frame, options.threads, options.strategy) = (seed, frame, threads, strategy);
+        options.sensor = sensor.map(SensorArgument::option);
+        options.exposure = exposure.map(ExposureArgument::option).transpose()?;
+        options.checkpoint = checkpoint;
         let cancel = Cancel::new();
         let callback = progress.as_ref().map(|function| Callback {
             function,
@@ -211,32 +164,9 @@ impl Scene {
         });
         let work = || -> Result<Film, dunkelfeld::Error> {
             let mut project = lock(&self.project);
-            let optics = project.optics;
-            changes.sensor = match (sensor, exposure, &project.settings.sensor) {
-                (Some(None), _, _) => Some(SensorChoice::None),
-                // The exposure of the job stays.
-                (Some(Some(model)), time, SensorChoice::Emva { exposure, .. }) => {
-                    let exposure = time.or(*exposure);
-                    Some(SensorChoice::Emva { model: Box::new(model), optics, exposure })
-                }
-                (Some(Some(model)), exposure, SensorChoice::None) => {
-                    Some(SensorChoice::Emva { model: Box::new(model), optics, exposure })
-                }
-                (None, Some(exposure), SensorChoice::Emva { model, optics, .. }) => {
-                    Some(SensorChoice::Emva { model: model.clone(), optics: *optics, exposure: Some(exposure) })
-                }
-                (None, Some(_), SensorChoice::None) => {
-                    return Err(dunkelfeld::Error::setting("exposure", "there is no sensor", "name a sensor as well"));
-                }
-                (None, None, _) => None,
-            };
-            let before = project.settings.clone();
-            changes.apply(&mut project.settings);
             let silent = dunkelfeld::Silent;
             let sink: &dyn Progress = callback.as_ref().map_or(&silent, |callback| callback);
-            let result = project.render_with(sink, &cancel);
-            project.settings = before;
-            let result = result?;
+            let result = project.render_options(options, sink, &cancel)?;
             let names = project.scene.materials().iter().map(|m| m.name.clone()).collect();
             let (stats, interrupted) = (result.stats.to_json(), result.rendering.interrupted);
             let saved = Arc::new(result.into_saved_film());

@@ -1,8 +1,10 @@
 //! Sensors of EMVA 1288 as Python objects.
 
-use crate::errors::Failure;
+use crate::errors::{Failure, setting};
 use dunkelfeld::io::sensor_file;
-use dunkelfeld::sensor::SensorModel;
+use dunkelfeld::radiometry::Seconds;
+use dunkelfeld::sensor::{Exposure, SensorModel};
+use dunkelfeld::{ExposureOption, SensorOption};
 use pyo3::prelude::*;
 
 /// A sensor by the EMVA 1288 model: a preset (see `sensors()`) or a sensor file (`*.toml`).
@@ -82,10 +84,30 @@ pub(crate) enum SensorArgument {
 }
 
 impl SensorArgument {
-    pub(crate) fn model(self) -> Result<SensorModel, Failure> {
+    pub(crate) fn option(self) -> SensorOption {
         match self {
-            Self::Sensor(sensor) => Ok(sensor.model),
-            Self::Name(name) => Ok(dunkelfeld::find_sensor(&name)?),
+            Self::Sensor(sensor) => SensorOption::Model(Box::new(sensor.model)),
+            Self::Name(name) if name == "none" => SensorOption::None,
+            Self::Name(name) => SensorOption::Named(name),
+        }
+    }
+}
+
+/// An exposure time from Python: seconds, or "auto".
+#[derive(FromPyObject)]
+pub(crate) enum ExposureArgument {
+    Seconds(f64),
+    Name(String),
+}
+
+impl ExposureArgument {
+    pub(crate) fn option(self) -> Result<ExposureOption, Failure> {
+        match self {
+            Self::Seconds(time) => {
+                Ok(ExposureOption::Time(Exposure::new(Seconds(time)).map_err(dunkelfeld::Error::from)?))
+            }
+            Self::Name(name) if name == "auto" => Ok(ExposureOption::Auto),
+            Self::Name(name) => Err(setting("exposure", format!("unknown value \"{name}\""), "seconds, or \"auto\"")),
         }
     }
 }

@@ -16,8 +16,8 @@ use crate::values::ExposureChoice;
 use dunkelfeld::InputFiles;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, Cancel, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState,
-    Project, ProjectOptions, RenderSettings, SensorChoice, Stage,
+    Budget, Cancel, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, ExposureOption, Progress,
+    ProgressState, Project, ProjectOptions, RenderSettings, SensorOption, Stage,
 };
 pub(crate) use report::{as_seen, say_flaws};
 use std::path::{Path, PathBuf};
@@ -151,29 +151,20 @@ pub(crate) fn apply_sensor(
     optics: dunkelfeld::sensor::Optics,
     inputs: &mut InputFiles,
 ) -> Result<(), Error> {
-    s.sensor = match (sensor, std::mem::replace(&mut s.sensor, SensorChoice::None)) {
-        (None, chosen) => chosen,
-        (Some("none"), _) => SensorChoice::None,
-        (Some(name), chosen) => {
-            // Another sensor in the same camera: the exposure stays.
-            let exposure = if let SensorChoice::Emva { exposure, .. } = chosen { exposure } else { None };
-            SensorChoice::Emva { model: Box::new(dunkelfeld::find_sensor_recorded(name, inputs)?), optics, exposure }
-        }
-    };
-    match (exposure, &mut s.sensor) {
-        (None, _) => Ok(()),
-        (Some(_), SensorChoice::None) => {
-            Err(Error::setting("--exposure", "there is no sensor to expose", "add --sensor NAME, or leave it out"))
-        }
-        (Some(ExposureChoice::Auto), SensorChoice::Emva { exposure, .. }) => {
-            *exposure = None;
-            Ok(())
-        }
-        (Some(ExposureChoice::For { time, .. }), SensorChoice::Emva { exposure, .. }) => {
-            *exposure = Some(time);
-            Ok(())
-        }
+    let has_sensor = sensor.map_or(s.has_sensor(), |name| name != "none");
+    if exposure.is_some() && !has_sensor {
+        let problem = "there is no sensor to expose";
+        return Err(Error::setting("--exposure", problem, "add --sensor NAME, or leave it out"));
     }
+    let sensor = sensor.map(|name| match name {
+        "none" => SensorOption::None,
+        name => SensorOption::Named(name.into()),
+    });
+    let exposure = exposure.map(|exposure| match exposure {
+        ExposureChoice::Auto => ExposureOption::Auto,
+        ExposureChoice::For { time, .. } => ExposureOption::Time(time),
+    });
+    dunkelfeld::select_sensor(&mut s.sensor, (sensor, exposure), optics, inputs)
 }
 
 /// The noise that the exposure adds. Without the sensor there is no noise either, also if a job sets it.
