@@ -50,18 +50,9 @@ pub(crate) fn setting(what: &str, problem: impl Into<String>, help: &str) -> Fai
 pub(crate) fn exception(error: &Error) -> PyErr {
     let caret = error.caret();
     let message = if caret.is_empty() { error.to_string() } else { format!("{error}\n{caret}") };
-    let (file, place, problem, help) = match error {
-        Error::Input(e) => {
-            (Some(e.file.display().to_string()), Some(e.place.clone()), Some(e.problem.clone()), Some(e.help.clone()))
-        }
-        Error::Setting { what, problem, help } => (None, Some(what.clone()), Some(problem.clone()), Some(help.clone())),
-        Error::Output { file, problem, help } => {
-            (Some(file.display().to_string()), None, Some(problem.clone()), Some(help.clone()))
-        }
-        Error::Memory { what, help } => (None, Some(what.clone()), None, Some(help.clone())),
-        Error::MemoryNeeded { problem, help, .. } => (None, None, Some(problem.clone()), Some(help.clone())),
-        _ => (None, None, None, None),
-    };
+    let parts = error.parts();
+    let file = parts.file.map(|file| file.display().to_string());
+    let [place, problem, help] = [parts.place, parts.problem, parts.help].map(|text| text.map(String::from));
     let error = match error {
         Error::Input(_) => InputError::new_err(message),
         Error::Setting { .. } => SettingError::new_err(message),

@@ -83,6 +83,21 @@ impl Error {
         Self::Memory { what: "the film".into(), help: help.into() }
     }
 
+    /// The texts of the error one by one.
+    pub fn parts(&self) -> ErrorParts<'_> {
+        let (file, place, problem, help) = match self {
+            Self::Input(e) => (Some(&*e.file), Some(e.place.as_str()), Some(e.problem.as_str()), Some(e.help.as_str())),
+            Self::Setting { what, problem, help } => (None, Some(&**what), Some(&**problem), Some(&**help)),
+            Self::Output { file, problem, help } => (Some(&**file), None, Some(&**problem), Some(&**help)),
+            Self::Memory { what, help } => (None, Some(&**what), None, Some(&**help)),
+            Self::MemoryNeeded { problem, help, .. } => (None, None, Some(&**problem), Some(&**help)),
+            Self::Camera(e) => (None, None, None, Some(camera_help(e))),
+            Self::Threads(problem) => (None, None, Some(&**problem), None),
+            Self::Build(_) | Self::Sensor(_) => (None, None, None, None),
+        };
+        ErrorParts { file, place, problem, help }
+    }
+
     /// The line of the input file with a caret below the fault; empty where there is none.
     pub fn caret(&self) -> String {
         match self {
@@ -90,6 +105,20 @@ impl Error {
             _ => String::new(),
         }
     }
+}
+
+/// The texts of an error, as far as it has them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct ErrorParts<'a> {
+    /// The file.
+    pub file: Option<&'a Path>,
+    /// The place in the file, the setting, or the object.
+    pub place: Option<&'a str>,
+    /// The fault.
+    pub problem: Option<&'a str>,
+    /// Advice to the user.
+    pub help: Option<&'a str>,
 }
 
 /// Advice for a camera that cannot be used.

@@ -5,7 +5,10 @@ const LONG: usize = 600;
 const TOO_LONG: usize = 700;
 
 /// Folders whose crates may contain unsafe code, if each use states why it is sound.
-const MAY_BE_UNSAFE: [&str; 2] = ["crates/bvh/", "crates/denoise/"];
+const MAY_BE_UNSAFE: [&str; 3] = ["crates/bvh/", "crates/denoise/", "crates/capi/"];
+
+/// Words of functions that C calls: the header states what their callers promise.
+const OF_C: [&str; 2] = ["#[unsafe(no_mangle)]", "unsafe extern \"C\" fn "];
 
 /// The modules that open files: the door for those that are read; the writer, which opens folders to sync them and leftovers
 /// to lock them; the lock files.
@@ -62,8 +65,8 @@ fn unsafe_code(name: &str, text: &str, found: &mut Findings) {
     for (i, line) in code.lines().enumerate().filter(|(_, line)| has_word(line, "unsafe")) {
         let place = format!("{name}:{}", i + 1);
         if !home {
-            found.faults.push(format!("{place}: unsafe code; only bvh and denoise may have it"));
-        } else if !line.contains("fn(") && !explained(&lines, i) {
+            found.faults.push(format!("{place}: unsafe code; only bvh, denoise and capi may have it"));
+        } else if !line.contains("fn(") && !is_of_c(lines.get(i).copied()) && !explained(&lines, i) {
             found.faults.push(format!("{place}: unsafe without a SAFETY line with the reason"));
         }
     }
@@ -84,6 +87,10 @@ fn opened_files(name: &str, text: &str, found: &mut Findings) {
             found.faults.push(format!("{name}:{}: opens a file; only {} may", i + 1, MAY_OPEN.join(" and ")));
         }
     }
+}
+
+fn is_of_c(line: Option<&str>) -> bool {
+    line.is_some_and(|line| OF_C.iter().any(|word| line.contains(word)))
 }
 
 /// Does the line, or what stands right above it without a blank line between, mention safety?
@@ -222,7 +229,7 @@ mod tests {
         let documented = "//! X.\n/// F.\n///\n/// # Safety\n/// AVX2.\n#[inline]\nunsafe fn f() {}\n";
         assert_eq!(
             faults("crates/film/src/a.rs", reasoned),
-            ["crates/film/src/a.rs:4: unsafe code; only bvh and denoise may have it"]
+            ["crates/film/src/a.rs:4: unsafe code; only bvh, denoise and capi may have it"]
         );
         assert_eq!(faults("crates/bvh/src/a.rs", bare).len(), 1);
         assert!(faults("crates/bvh/src/a.rs", reasoned).is_empty());

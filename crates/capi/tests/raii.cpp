@@ -1,0 +1,85 @@
+// The header for C++: exceptions, an early end, threads, and files.
+
+#include "dunkelfeld.hpp"
+
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <stdexcept>
+#include <thread>
+
+#define CHECK(truth)                                                                                                           \
+    do {                                                                                                                       \
+        if (!(truth)) {                                                                                                        \
+            std::fprintf(stderr, "line %d: %s\n", __LINE__, #truth);                                                           \
+            std::exit(1);                                                                                                      \
+        }                                                                                                                      \
+    } while (0)
+
+template <class Exception, class Work> Exception thrown(Work work) {
+    try {
+        work();
+    } catch (const Exception &exception) {
+        return exception;
+    }
+    std::fprintf(stderr, "nothing was thrown\n");
+    std::exit(1);
+}
+
+int main(int, char **argv) {
+    const auto missing = thrown<dunkelfeld::Error>([] { dunkelfeld::Scene scene("there-is-no-such-file.glb"); });
+    CHECK(missing.status() == DUNKELFELD_STATUS_INPUT && missing.file() == "there-is-no-such-file.glb" && !missing.help().empty());
+
+    dunkelfeld::Scene scene(argv[1]);
+    CHECK(scene.inspect().find("floor") != std::string::npos);
+    dunkelfeld::RenderOptions options;
+    options.seed = 7;
+    const dunkelfeld::Film film = scene.render(options);
+    const auto mean = film.mean();
+    CHECK(mean.width == 24 && mean.height == 16 && mean.channels == 3 && mean.data.size() == 24 * 16 * 3);
+    CHECK(scene.render(options).mean().data == mean.data);
+    CHECK(film.spp().at(3, 4) == 4 && film.object_name(film.object_ids().at(12, 8)) == "part");
+    CHECK(film.material_ids().at(12, 8) != DUNKELFELD_NO_ID && !film.material_name(film.material_ids().at(12, 8)).empty());
+    CHECK(film.depth().at(12, 8) > 0.2f && film.normal().channels == 3 && film.albedo().data.size() == mean.data.size());
+    CHECK(film.variance().at(0, 0) >= 0.0f && film.denoise("builtin").data.size() == mean.data.size());
+    thrown<std::out_of_range>([&] { mean.at(24, 0); });
+
+    // Two sensors and two frames of one film.
+    dunkelfeld::ExposeOptions exposure;
+    const auto frames = film.expose(exposure, 2);
+    CHECK(frames.size() == 2 && frames[0].data != frames[1].data);
+    exposure.sensor = "imx174";
+    CHECK(film.expose(exposure)[0].data != frames[0].data && film.picture().channels == 1);
+    CHECK(film.certificate(0.5).k == 0.5 && film.stats().find("samples") != std::string::npos);
+
+    film.save("copy.film");
+    CHECK(dunkelfeld::Film::load("copy.film").mean().data == mean.data);
+    scene.set_overrides("[[object]]\nname = 'part'\nvisible = false\n");
+    CHECK(scene.render(options).mean().data != mean.data);
+    scene.set_overrides("");
+    CHECK(scene.render(options).mean().data == mean.data);
+
+    // A progress function that ends the render, and one that throws.
+    options.time = 60.0;
+    options.progress = [](const DunkelfeldProgress &) { return false; };
+    const auto interrupted = thrown<dunkelfeld::Interrupted>([&] { scene.render(options); });
+    CHECK(interrupted.film.spp().at(0, 0) > 0);
+    options.progress = [](const DunkelfeldProgress &) -> bool { throw std::runtime_error("no more"); };
+    CHECK(std::string(thrown<std::runtime_error>([&] { scene.render(options); }).what()) == "no more");
+
+    // Another thread cancels.
+    dunkelfeld::Cancel cancel;
+    options.progress = nullptr;
+    options.cancel = &cancel;
+    std::thread other([&] {
+        std::this_thread::sleep_for(std::chrono::milliseconds(200));
+        cancel.cancel();
+    });
+    thrown<dunkelfeld::Interrupted>([&] { scene.render(options); });
+    other.join();
+
+    // Checkpoints of parts, merged.
+    thrown<dunkelfeld::Error>([] { dunkelfeld::merge({}); });
+    CHECK(dunkelfeld::sensors().find("imx250") != std::string::npos);
+    std::puts("all checks hold");
+}
