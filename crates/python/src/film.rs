@@ -43,17 +43,17 @@ fn expose_options(
     exposure: Option<ExposureArgument>,
     frame: Option<u32>,
     seed: Option<u64>,
-    noise: Option<&str>,
+    exposure_noise: Option<&str>,
 ) -> Result<ExposeOptions, Failure> {
     let mut options = ExposeOptions::default();
     options.sensor = sensor.map(SensorArgument::option);
     options.exposure = exposure.map(ExposureArgument::option).transpose()?;
     (options.frame, options.seed) = (frame, seed);
-    options.exposure_noise = match noise {
+    options.exposure_noise = match exposure_noise {
         None => None,
         Some("plain") => Some(ExposureNoise::Plain),
         Some("matched") => Some(ExposureNoise::Matched),
-        Some(other) => return Err(setting("noise", format!("unknown value \"{other}\""), "plain or matched")),
+        Some(other) => return Err(setting("exposure_noise", format!("unknown value \"{other}\""), "plain or matched")),
     };
     Ok(options)
 }
@@ -142,37 +142,37 @@ impl Film {
     }
 
     /// Exposes the film: linear grey values of `frames` frames, uint16 of shape (frames, height, width) [DN]. Frames of one
-    /// seed come from the same device. `sensor` (default: that of the render), `time` is a time [s] or "auto" (default: that of
-    /// the render), `first` is the number of the first frame, `noise` is "plain" or "matched".
-    #[pyo3(signature = (sensor=None, *, time=None, frames=1, first=None, seed=None, noise=None))]
+    /// seed come from the same device. Arguments that are left out are those of the render. `exposure` is a time [s] or
+    /// "auto", `frame` is the number of the first frame, `exposure_noise` is "plain" or "matched".
+    #[pyo3(signature = (sensor=None, exposure=None, frames=1, *, frame=None, seed=None, exposure_noise=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn expose<'py>(
         &self,
         py: Python<'py>,
         sensor: Option<SensorArgument>,
-        time: Option<ExposureArgument>,
+        exposure: Option<ExposureArgument>,
         frames: u32,
-        first: Option<u32>,
+        frame: Option<u32>,
         seed: Option<u64>,
-        noise: Option<&str>,
+        exposure_noise: Option<&str>,
     ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
-        let options = expose_options(sensor, time, first, seed, noise)?;
+        let options = expose_options(sensor, exposure, frame, seed, exposure_noise)?;
         stack(py, self.compute(py, move |s| expose_film(s, &options, frames))??)
     }
 
     /// The 8-bit picture of one frame, gamma 2.2: uint8 of shape (height, width) or, of a colour sensor or none, (height,
     /// width, 3).
-    #[pyo3(signature = (sensor=None, *, time=None, frame=None, seed=None, noise=None))]
+    #[pyo3(signature = (sensor=None, exposure=None, *, frame=None, seed=None, exposure_noise=None))]
     fn picture<'py>(
         &self,
         py: Python<'py>,
         sensor: Option<SensorArgument>,
-        time: Option<ExposureArgument>,
+        exposure: Option<ExposureArgument>,
         frame: Option<u32>,
         seed: Option<u64>,
-        noise: Option<&str>,
+        exposure_noise: Option<&str>,
     ) -> Result<Bound<'py, PyAny>, Failure> {
-        let options = expose_options(sensor, time, frame, seed, noise)?;
+        let options = expose_options(sensor, exposure, frame, seed, exposure_noise)?;
         Ok(match self.compute(py, move |s| picture_of_film(s, &options))?? {
             Picture::Gray(plane) => gray(py, plane)?.into_any(),
             Picture::Rgb(plane) => rgb(py, plane)?.into_any(),

@@ -86,11 +86,11 @@ def test_arrays_have_their_shapes_and_values(job: dict[str, Any]) -> None:
     assert film.shape == (16, 24) and (film.spp == 8).all() and film.stats["samples"] == 8 * 16 * 24
     assert film.object_names[film.object_ids[8, 12]] == "ball"
     assert 0.3 < film.depth[8, 12] < 0.5 and np.isclose(np.linalg.norm(film.normal[8, 12]), 1.0, atol=0.05)
-    frames = film.expose("imx174", time=1e-4, frames=3)
+    frames = film.expose("imx174", exposure=1e-4, frames=3)
     assert frames.shape == (3, 16, 24) and frames.dtype == np.uint16
     assert not np.array_equal(frames[0], frames[1])
-    assert np.array_equal(frames[1], film.expose(df.Sensor("imx174"), time=1e-4, first=1)[0])
-    assert film.expose("imx174", time=2e-4).mean() > frames.mean()
+    assert np.array_equal(frames[1], film.expose(df.Sensor("imx174"), exposure=1e-4, frame=1)[0])
+    assert film.expose("imx174", exposure=2e-4).mean() > frames.mean()
     certificate = film.certificate(k=2.0)
     assert certificate["k"] == 2.0 and 0.0 <= certificate["hidden"] <= 1.0 and certificate["ratios"].shape == (16, 24)
     assert film.denoise("builtin").shape == (16, 24, 3)
@@ -106,7 +106,7 @@ def test_one_sample_of_one_pixel_is_a_film(job: dict[str, Any]) -> None:
 def test_another_sensor_keeps_the_exposure(job: dict[str, Any]) -> None:
     scene = df.Scene.from_job(dict(job, sensor={"exposure": "20us"}))
     film = scene.render()
-    assert np.array_equal(film.expose("imx174"), film.expose("imx174", time=20e-6))
+    assert np.array_equal(film.expose("imx174"), film.expose("imx174", exposure=20e-6))
     other = scene.render(sensor="imx174").stats["sensor"]
     assert np.isclose(other["exposure_seconds"], 20e-6) and "IMX174" in other["name"]
 
@@ -169,7 +169,7 @@ def test_films_are_saved_copied_and_merged(tmp_path: Path, job: dict[str, Any]) 
         (lambda job: df.Scene.from_job(job).render(strategy="best"), df.SettingError, "best"),
         (lambda job: df.Scene.from_job(job).render(exposure=-1.0), df.SensorError, "exposure"),
         (lambda job: df.Scene.from_job(job).render().expose(frames=0), df.SettingError, "frames"),
-        (lambda job: df.Scene.from_job(job).render().expose(noise="loud"), df.SettingError, "loud"),
+        (lambda job: df.Scene.from_job(job).render().expose(exposure_noise="loud"), df.SettingError, "loud"),
         (lambda job: df.Scene.from_job(job).render().certificate(k=float("nan")), df.SettingError, "k"),
         (lambda job: df.Sensor("imx999"), df.InputError, "imx999"),
         (lambda job: df.merge([]), df.SettingError, "parts"),

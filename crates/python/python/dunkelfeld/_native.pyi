@@ -75,21 +75,21 @@ class Film:
     def expose(
         self,
         sensor: Sensor | str | None = None,
-        *,
-        time: float | None = None,
+        exposure: float | str | None = None,
         frames: int = 1,
-        first: int | None = None,
+        *,
+        frame: int | None = None,
         seed: int | None = None,
-        noise: str | None = None,
+        exposure_noise: str | None = None,
     ) -> NDArray[np.uint16]: ...
     def picture(
         self,
         sensor: Sensor | str | None = None,
+        exposure: float | str | None = None,
         *,
-        time: float | None = None,
         frame: int | None = None,
         seed: int | None = None,
-        noise: str | None = None,
+        exposure_noise: str | None = None,
     ) -> NDArray[np.uint8]: ...
     def certificate(self, k: float = 1.0) -> dict[str, Any]: ...
     def denoise(self, method: str = "auto") -> NDArray[np.float32]: ...
@@ -117,7 +117,7 @@ class Scene:
         threads: int | None = None,
         strategy: str | None = None,
         sensor: Sensor | str | None = None,
-        exposure: float | None = None,
+        exposure: float | str | None = None,
         checkpoint: _Path | None = None,
         progress: _Progress | None = None,
     ) -> Film: ...
