@@ -1,0 +1,35 @@
+"""`docs/library.md` names objects that the package has."""
+
+import inspect
+import re
+from pathlib import Path
+
+import dunkelfeld as df
+
+PAGE = Path(__file__).parents[3] / "docs" / "library.md"
+
+
+def rows(title: str) -> list[list[str]]:
+    section = PAGE.read_text().split(f"\n## {title}\n")[1].split("\n## ")[0]
+    return [line.strip("|").split("|") for line in section.splitlines() if line.startswith("|")][2:]
+
+
+def test_the_names_of_the_tasks_exist() -> None:
+    names = {name for row in rows("Tasks") for name in re.findall(r"`([^`]+)`", row[2])}
+    assert len(names) > 20
+    for name in names:
+        value: object = df
+        for part in name.split("."):
+            value = getattr(value, part)
+
+
+def test_settings_are_keywords_of_render() -> None:
+    settings = [re.findall(r"`([^`]+)`", row[0])[0] for row in rows("Settings")]
+    keywords = inspect.signature(df.Scene.render).parameters.keys()
+    assert set(settings) | {"progress"} == set(keywords) - {"self"}
+
+
+def test_settings_of_an_exposure_are_keywords() -> None:
+    expected = {"sensor", "exposure", "seed", "frame", "exposure_noise"}
+    assert set(inspect.signature(df.Film.expose).parameters) - {"self"} == expected | {"frames"}
+    assert set(inspect.signature(df.Film.picture).parameters) - {"self"} == expected
