@@ -11,5 +11,8 @@ mod folder;
 pub mod photon_transfer;
 mod report;
 mod series;
+mod view;
 
 pub use dunkelfeld_emva1288 as emva1288;
+pub use report::table::Figures;
+pub use view::ViewOptions;

@@ -8,12 +8,7 @@ use crate::args::RenderArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
-#[cfg(feature = "studies")]
-use crate::outcome::say;
-#[cfg(feature = "studies")]
-use crate::run_args::ViewArgs;
 use crate::values::ExposureChoice;
-use dunkelfeld::InputFiles;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
     Budget, Cancel, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, ExposureOption, Progress,
@@ -120,7 +115,8 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
         s.samples.clone_from(&args.samples);
     }
     project.vignetting = args.vignetting;
-    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics, &mut project.inputs)?;
+    let sensor = sensor_options(args.sensor.as_deref(), args.exposure, s.has_sensor())?;
+    dunkelfeld::select_sensor(&mut s.sensor, sensor, project.optics, &mut project.inputs)?;
     if args.sensor.is_some() && args.replay.is_none() && args.width.or(args.height).is_none() {
         project.refit_film()?;
     }
@@ -143,15 +139,13 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
     Ok(())
 }
 
-/// Another sensor or exposure, from the flags of any command.
-pub(crate) fn apply_sensor(
+/// Another sensor or exposure, from the flags of any command. `has_sensor` is that of the job.
+pub(crate) fn sensor_options(
     sensor: Option<&str>,
     exposure: Option<ExposureChoice>,
-    s: &mut RenderSettings,
-    optics: dunkelfeld::sensor::Optics,
-    inputs: &mut InputFiles,
-) -> Result<(), Error> {
-    let has_sensor = sensor.map_or(s.has_sensor(), |name| name != "none");
+    has_sensor: bool,
+) -> Result<(Option<SensorOption>, Option<ExposureOption>), Error> {
+    let has_sensor = sensor.map_or(has_sensor, |name| name != "none");
     if exposure.is_some() && !has_sensor {
         let problem = "there is no sensor to expose";
         return Err(Error::setting("--exposure", problem, "add --sensor NAME, or leave it out"));
@@ -164,7 +158,7 @@ pub(crate) fn apply_sensor(
         ExposureChoice::Auto => ExposureOption::Auto,
         ExposureChoice::For { time, .. } => ExposureOption::Time(time),
     });
-    dunkelfeld::select_sensor(&mut s.sensor, (sensor, exposure), optics, inputs)
+    Ok((sensor, exposure))
 }
 
 /// The noise that the exposure adds. Without the sensor there is no noise either, also if a job sets it.
@@ -176,24 +170,6 @@ fn apply_exposure_noise(noise: Option<ExposureNoise>, s: &mut RenderSettings) ->
     let of_job = if s.has_sensor() { s.exposure_noise } else { ExposureNoise::Plain };
     s.exposure_noise = noise.unwrap_or(of_job);
     Ok(())
-}
-
-/// The same for commands that render a scene many times.
-#[cfg(feature = "studies")]
-pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), Error> {
-    let s = &mut project.settings;
-    s.width = args.width.unwrap_or(s.width);
-    s.height = args.height.unwrap_or(s.height);
-    s.seed = args.seed.unwrap_or(s.seed);
-    s.threads = args.run.threads.map_or(s.threads, usize::from);
-    s.memory_limit = args.memory.memory.or(s.memory_limit);
-    if args.camera.is_some() {
-        s.camera.clone_from(&args.camera);
-    }
-    if let Some(note) = args.exposure.and_then(ExposureChoice::note) {
-        say(&note);
-    }
-    apply_sensor(args.sensor.as_deref(), args.exposure, s, project.optics, &mut project.inputs)
 }
 
 /// Sets the denoiser of the flags of any command. A library without a denoiser selects OIDN.

@@ -2,13 +2,12 @@
 //! report.
 
 use super::bench_args::BenchArgs;
-use super::series::{conclude, noted, report};
+use super::series::{apply_view, conclude, noted, report};
 use crate::bar::Sink;
-use crate::commands::render::apply_view;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
-use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
-use dunkelfeld_studies::bench::{BenchSettings, bench, default_folder};
+use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
+use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, bench, default_folder};
 
 pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {
     let settings = settings(args);
@@ -28,25 +27,16 @@ pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {
 }
 
 fn settings(args: &BenchArgs) -> BenchSettings {
-    let mut settings = if args.quick { BenchSettings::quick() } else { BenchSettings::default() };
-    if !args.spp.is_empty() {
-        settings = settings.with_ladder(args.spp.clone());
-    }
-    if !args.strategies.is_empty() {
-        settings.strategies.clone_from(&args.strategies);
-    }
-    if !args.noise.is_empty() {
-        settings.levels.clone_from(&args.noise);
-    }
-    settings.denoisers = match args.denoise.as_slice() {
-        [] | [DenoiseMethod::Auto] => None,
-        [DenoiseMethod::Off] => Some(Vec::new()),
-        named => Some(named.to_vec()),
-    };
-    settings.oidn.clone_from(&args.oidn);
-    settings.seeds = args.seeds.unwrap_or(settings.seeds);
-    settings.effect_spp = args.effect_spp.unwrap_or(settings.effect_spp);
-    settings.reference_spp = args.reference_spp.unwrap_or(settings.reference_spp);
-    settings.effects = args.effects.as_ref().map(|choice| choice.0.clone());
-    settings
+    let options = BenchOptions::default()
+        .with_quick(args.quick)
+        .with_spp(args.spp.clone())
+        .with_seeds(args.seeds)
+        .with_strategies(args.strategies.clone())
+        .with_noise(args.noise.clone())
+        .with_effects(args.effects.as_ref().map(|choice| choice.0.clone()))
+        .with_denoise(args.denoise.clone())
+        .with_oidn(args.oidn.clone())
+        .with_effect_spp(args.effect_spp)
+        .with_reference_spp(args.reference_spp);
+    options.into()
 }

@@ -1,13 +1,14 @@
 //! `dunkelfeld emva`: writes data sets, and computes figures from them.
 
-use super::emva_args::{AnalyseArgs, DatasetArgs, EmvaArgs, EmvaCommand, ReleaseChoice, VaryChoice};
+use super::emva_args::{AnalyseArgs, DatasetArgs, EmvaArgs, EmvaCommand, ReleaseChoice};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
-use dunkelfeld::radiometry::{Nanometres, Seconds};
 use dunkelfeld::{Error, Session};
-use dunkelfeld_studies::emva::{DatasetPlan, DatasetSettings, Findings, TRUTH, Vary, read_measurement, write_dataset};
-use dunkelfeld_studies::emva1288::{AnalysisSettings, Release};
+use dunkelfeld_studies::emva::{
+    AnalyseOptions, DatasetOptions, DatasetPlan, DatasetSettings, Findings, TRUTH, read_measurement, write_dataset,
+};
+use dunkelfeld_studies::emva1288::Release;
 
 pub(crate) fn run(args: &EmvaArgs) -> Result<Outcome, Error> {
     match &args.command {
@@ -18,20 +19,17 @@ pub(crate) fn run(args: &EmvaArgs) -> Result<Outcome, Error> {
 
 fn dataset(args: &DatasetArgs) -> Result<Outcome, Error> {
     let model = dunkelfeld::find_sensor(&args.sensor)?;
-    let mut settings = DatasetSettings::default().with_wavelength(args.wavelength.map(Nanometres));
-    settings.levels = args.levels.unwrap_or(settings.levels);
-    settings.stack = args.spatial.unwrap_or(settings.stack);
-    settings.seed = args.seed.unwrap_or(settings.seed);
-    settings.bit_depth = args.bit_depth;
-    settings.color = args.color.map(Into::into);
-    settings.exposure = args.exposure.map_or(settings.exposure, Seconds);
-    if let Some([width, height]) = args.size {
-        (settings.width, settings.height) = (width, height);
-    }
-    settings.vary = match args.vary {
-        Some(VaryChoice::Irradiance) => Vary::Irradiance,
-        Some(VaryChoice::Exposure) | None => Vary::Exposure,
-    };
+    let options = DatasetOptions::default()
+        .with_levels(args.levels)
+        .with_size(args.size)
+        .with_wavelength(args.wavelength)
+        .with_spatial(args.spatial)
+        .with_vary(args.vary.map(Into::into))
+        .with_exposure(args.exposure)
+        .with_bit_depth(args.bit_depth)
+        .with_color(args.color.map(Into::into))
+        .with_seed(args.seed);
+    let settings = DatasetSettings::from(options);
     let plan = DatasetPlan::new(&model, &settings)?;
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
@@ -62,7 +60,8 @@ fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
         ReleaseChoice::R40 => Release::R40,
         ReleaseChoice::R31 => Release::R31,
     };
-    let settings = AnalysisSettings::default().with_release(release).with_pixel_pitch(args.pixel_pitch);
+    let options =
+        AnalyseOptions::default().with_release(release).with_general(args.general).with_pixel_pitch(args.pixel_pitch);
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();
     let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
@@ -72,8 +71,7 @@ fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
         say("interrupted: nothing was written");
         return Ok(Outcome::Interrupted);
     };
-    let findings =
-        if args.general { Findings::general(&read, &settings)? } else { Findings::linear(&read, &settings)? };
+    let findings = options.analyse(&read)?;
     for line in read.warnings.iter().chain(findings.notes()) {
         say(&format!("note: {line}"));
     }

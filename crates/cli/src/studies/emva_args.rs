@@ -5,6 +5,7 @@ use crate::values::{whole, within};
 use clap::{Args, Subcommand, ValueEnum};
 use dunkelfeld::io::Time;
 use dunkelfeld::sensor::FilterColor;
+use dunkelfeld_studies::emva::{EXPOSURES, PIXEL_PITCHES, Vary};
 use std::path::PathBuf;
 
 /// Flags of `emva`.
@@ -106,6 +107,15 @@ pub(crate) enum VaryChoice {
     Irradiance,
 }
 
+impl From<VaryChoice> for Vary {
+    fn from(choice: VaryChoice) -> Self {
+        match choice {
+            VaryChoice::Exposure => Self::Exposure,
+            VaryChoice::Irradiance => Self::Irradiance,
+        }
+    }
+}
+
 /// Releases of the standard on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ReleaseChoice {
@@ -149,12 +159,12 @@ fn wavelength(text: &str) -> Result<f64, String> {
 
 fn pitch(text: &str) -> Result<f64, String> {
     let number = text.trim_end_matches("um").trim().parse().ok();
-    number.filter(|v| (0.1..=1000.0).contains(v)).ok_or("write a number from 0.1 to 1000, such as 3.45".into())
+    number.filter(|v| PIXEL_PITCHES.contains(v)).ok_or("write a number from 0.1 to 1000, such as 3.45".into())
 }
 
 fn exposure_time(text: &str) -> Result<f64, String> {
     let time = text.parse::<Time>().map(f64::from).map_err(|e| e.to_string())?;
-    if (1e-6..=1e5).contains(&time) { Ok(time) } else { Err("write a time from 1us to 100000s, such as 100ms".into()) }
+    if EXPOSURES.contains(&time) { Ok(time) } else { Err("write a time from 1us to 100000s, such as 100ms".into()) }
 }
 
 #[cfg(test)]

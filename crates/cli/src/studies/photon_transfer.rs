@@ -1,22 +1,19 @@
 //! `dunkelfeld ptc`: applies flags to a project and a measurement, then prints the findings and the path of the report.
 
 use super::photon_transfer_args::PtcArgs;
-use super::series::{conclude, noted, report};
+use super::series::{apply_view, conclude, noted, report};
 use crate::bar::Sink;
-use crate::commands::render::{apply_denoise, apply_view};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, say};
-use dunkelfeld::{DenoiseMethod, Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
-use dunkelfeld_studies::photon_transfer::{PtcSettings, StackSettings, ptc, ptc_folder, ptc_of_frames};
+use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
+use dunkelfeld_studies::photon_transfer::{
+    PtcOptions, PtcSettings, StackSettings, is_frame, ptc, ptc_folder, ptc_of_frames,
+};
 use std::path::{Path, PathBuf};
 
-/// File extensions of frames. Others are scenes.
-const FRAMES: [&str; 4] = ["png", "tif", "tiff", "bmp"];
-
 pub(crate) fn run(args: &PtcArgs) -> Result<Outcome, Error> {
-    let is_frame = |p: &PathBuf| FRAMES.iter().any(|e| p.extension().is_some_and(|x| x.eq_ignore_ascii_case(e)));
     match args.inputs.as_slice() {
-        inputs if inputs.iter().all(is_frame) => of_frames(args),
+        inputs if inputs.iter().all(|path| is_frame(path)) => of_frames(args),
         [input] => of_scene(args, input),
         _ => {
             let problem = format!("{} inputs are neither one scene nor a stack of frames", args.inputs.len());
@@ -89,14 +86,12 @@ fn of_scene(args: &PtcArgs, input: &Path) -> Result<Outcome, Error> {
 }
 
 fn settings(args: &PtcArgs) -> PtcSettings {
-    let mut settings = PtcSettings::default();
-    settings.frames = args.frames.unwrap_or(settings.frames);
-    if !args.spp.is_empty() {
-        settings.spp.clone_from(&args.spp);
-    }
-    settings.edges = args.edges.unwrap_or(settings.edges);
-    settings.camera = !args.pictures_only;
-    let method = args.denoise.or(args.oidn.is_none().then_some(DenoiseMethod::Auto));
-    apply_denoise(method, args.oidn.as_ref(), &mut settings.denoise);
-    settings
+    let options = PtcOptions::default()
+        .with_frames(args.frames)
+        .with_spp(args.spp.clone())
+        .with_denoise(args.denoise)
+        .with_oidn(args.oidn.clone())
+        .with_edges(args.edges)
+        .with_pictures_only(args.pictures_only);
+    options.into()
 }

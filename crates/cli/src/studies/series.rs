@@ -1,8 +1,31 @@
-//! The output at the end of commands that render a scene many times and keep the finished renders.
+//! Flags and output of commands that render a scene many times and keep the finished renders.
 
+use crate::commands::render::sensor_options;
 use crate::outcome::{Outcome, print, say};
-use dunkelfeld::DefaultPath;
+use crate::run_args::ViewArgs;
+use crate::values::ExposureChoice;
+use dunkelfeld::{DefaultPath, Error, Project};
+use dunkelfeld_studies::ViewOptions;
 use std::path::PathBuf;
+
+/// Applies the flags of commands that render a scene many times to its project.
+pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), Error> {
+    if let Some(note) = args.exposure.and_then(ExposureChoice::note) {
+        say(&note);
+    }
+    let has_sensor = project.settings.has_sensor();
+    let (sensor, exposure) = sensor_options(args.sensor.as_deref(), args.exposure, has_sensor)?;
+    let options = ViewOptions::default()
+        .with_width(args.width)
+        .with_height(args.height)
+        .with_camera(args.camera.clone())
+        .with_sensor(sensor)
+        .with_exposure(exposure)
+        .with_seed(args.seed)
+        .with_memory(args.memory.memory)
+        .with_threads(args.run.threads.map(usize::from));
+    options.apply(project)
+}
 
 /// Prints the findings and the path of the report.
 pub(crate) fn report(findings: &[String], files: &[PathBuf]) {

@@ -6,7 +6,9 @@ use super::results::{About, Results};
 use super::runs::{Purpose, Unit, units};
 use super::settings::{BenchSettings, can_be_left_out};
 use super::store::{Manifest, Record, Store, VERSION, layers};
+use super::tables::tables;
 use crate::folder::{check_folder, free_folder};
+use crate::report::table::{Figures, figures};
 use crate::series::{Meter, View, study_key};
 use dunkelfeld::DefaultPath;
 use dunkelfeld::Error;
@@ -39,6 +41,9 @@ pub struct BenchOutcome {
     pub files: Vec<PathBuf>,
     /// The findings as a few lines of text.
     pub findings: Vec<String>,
+    /// The figures of the report: the rows of its tables, by the name of the table. Unknown numbers are null. Empty without
+    /// a report.
+    pub figures: Figures,
     /// Number of finished renders, and of all.
     pub finished: [usize; 2],
     /// Was it cancelled from outside? Finished renders are kept. The same call continues with the missing ones.
@@ -121,11 +126,11 @@ pub fn bench(
         reference,
     };
     // Without the reference there is no result.
-    let (files, findings) = match Results::gather(&store, settings, &fitted, &about)? {
-        Some(results) => (page::write(folder, &results)?, results.findings()),
-        None => (Vec::new(), Vec::new()),
+    let (files, findings, figures) = match Results::gather(&store, settings, &fitted, &about)? {
+        Some(results) => (page::write(folder, &results)?, results.findings(), figures(&tables(&results))),
+        None => Default::default(),
     };
-    Ok(BenchOutcome { files, findings, finished, interrupted: session.is_cancelled(), invalid_samples })
+    Ok(BenchOutcome { files, findings, figures, finished, interrupted: session.is_cancelled(), invalid_samples })
 }
 
 /// Without a sensor there is no data for the strategy `sensor`. The list of all strategies leaves it out. If it is

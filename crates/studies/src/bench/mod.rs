@@ -12,6 +12,7 @@ mod denoised;
 mod figures;
 mod hidden;
 mod measure;
+mod options;
 mod page;
 mod results;
 mod runs;
@@ -21,4 +22,5 @@ mod store;
 mod tables;
 
 pub use measure::{BenchOutcome, bench, default_folder};
+pub use options::BenchOptions;
 pub use settings::BenchSettings;

@@ -9,6 +9,10 @@ use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{Irradiance, Nanometres, Seconds, photon};
 use dunkelfeld_sensor::{Device, Efficiency, Exposure, FilterColor, FrameKey, SensorModel};
 use serde::Serialize;
+use std::ops::RangeInclusive;
+
+/// Exposure times \[s\] of a measurement.
+pub const EXPOSURES: RangeInclusive<f64> = 1e-6..=1e5;
 
 /// The quantity that varies from level to level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -109,6 +113,10 @@ impl DatasetPlan {
         within("frames of a stack", s.stack, 3, 1000)?;
         within("width", s.width, 16, dunkelfeld::MAX_SIDE)?;
         within("height", s.height, 16, dunkelfeld::MAX_SIDE)?;
+        if !EXPOSURES.contains(&s.exposure.0) {
+            let problem = format!("{} s is out of range", s.exposure.0);
+            return Err(Error::setting("exposure", problem, "choose a time from 1 us to 100000 s"));
+        }
         let model = prepared(model, s)?;
         let (wavelength, efficiency) = light_of(&model, s)?;
         let edge = Edge::of(&model);

@@ -6,6 +6,7 @@ use super::renders::{DENOISED, MANIFEST, MATCHED, PLAIN, RATIO, Record, Renders,
 use super::runs::{Series, Unit, reference, units};
 use super::settings::PtcSettings;
 use crate::folder::{check_folder, free_folder};
+use crate::report::table::Figures;
 use crate::series::{Kept, Meter, View, push_plane, study_key};
 use dunkelfeld::DefaultPath;
 use dunkelfeld::Error;
@@ -31,6 +32,9 @@ pub struct PtcOutcome {
     pub files: Vec<PathBuf>,
     /// The findings as a few lines of text.
     pub findings: Vec<String>,
+    /// The figures of the report: the rows of its tables, by the name of the table. Unknown numbers are null. Empty without
+    /// a report.
+    pub figures: Figures,
     /// Number of finished renders, and of all.
     pub finished: [usize; 2],
     /// Was it cancelled from outside? Finished renders are kept. The same call continues with the missing ones.
@@ -94,11 +98,11 @@ pub fn ptc(
     let finished = [done, all.len()];
     let denoiser = names.into_iter().next();
     let name = input.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let (files, findings) = match Results::gather(&work.folder, settings, &fitted, name, denoiser, finished)? {
-        Some(results) => (page::write(folder, &results)?, results.lines()),
-        None => (Vec::new(), Vec::new()),
+    let (files, findings, figures) = match Results::gather(&work.folder, settings, &fitted, name, denoiser, finished)? {
+        Some(results) => (page::write(folder, &results)?, results.lines(), page::figures(&results)),
+        None => Default::default(),
     };
-    Ok(PtcOutcome { files, findings, finished, interrupted: session.is_cancelled(), invalid_samples })
+    Ok(PtcOutcome { files, findings, figures, finished, interrupted: session.is_cancelled(), invalid_samples })
 }
 
 struct Work<'a> {

@@ -10,6 +10,7 @@ mod analysis;
 mod figures;
 mod findings;
 mod measure;
+mod options;
 mod page;
 mod renders;
 mod runs;
@@ -17,5 +18,6 @@ mod settings;
 mod stack;
 
 pub use measure::{PtcOutcome, ptc, ptc_folder};
+pub use options::PtcOptions;
 pub use settings::PtcSettings;
-pub use stack::{FrameStack, StackSettings, ptc_of_frames};
+pub use stack::{FrameStack, StackSettings, is_frame, ptc_of_frames};

@@ -8,7 +8,7 @@ use crate::report::chart::Chart;
 use crate::report::estimate::Estimate;
 use crate::report::maps::{Map, grey};
 use crate::report::page::{charts, facts, head, maps, page, picture, tiles, with_file};
-use crate::report::table::{Cell, Table, column, estimate, frame};
+use crate::report::table::{self, Cell, Figures, Table, column, estimate, frame};
 use crate::report::words::duration;
 use dunkelfeld::Error;
 use dunkelfeld::save_text;
@@ -35,6 +35,11 @@ pub(super) fn write(folder: &Path, results: &Results) -> Result<Vec<PathBuf>, Er
         save(format!("{}.svg", chart.name), &chart.file())?;
     }
     Ok(files)
+}
+
+/// The figures of the tables.
+pub(super) fn figures(r: &Results) -> Figures {
+    table::figures(&[series(r), lines(r), curves(r)])
 }
 
 /// The content of the page.

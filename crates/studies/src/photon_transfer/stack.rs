@@ -4,8 +4,10 @@ use super::analysis::{Curve, fault, linear_curve, picture_curve};
 use super::figures::{LINEAR_AXES, chart};
 use crate::folder::check_folder;
 use crate::report::chart::Chart;
+use crate::report::estimate::Estimate;
 use crate::report::maps;
 use crate::report::page::{self, head, page};
+use crate::report::table::{self, Cell, Figures, Table, column, estimate};
 use crate::report::words::rounded;
 use crate::series::Kept;
 use crate::series::statistics::{correlation, quantile, rank_correlation};
@@ -21,6 +23,17 @@ use dunkelfeld_io::loader::Limits;
 use dunkelfeld_io::results::ResultsFolder;
 use maud::html;
 use std::path::{Path, PathBuf};
+
+/// The pixels of the two curves.
+const PIXELS_OF: [&str; 2] = ["all", "without strong edges"];
+
+/// File extensions of frames. Others are scenes.
+const EXTENSIONS: [&str; 4] = ["png", "tif", "tiff", "bmp"];
+
+/// Is the path that of a frame, by its extension?
+pub fn is_frame(path: &Path) -> bool {
+    EXTENSIONS.iter().any(|e| path.extension().is_some_and(|x| x.eq_ignore_ascii_case(e)))
+}
 
 /// Settings of the analysis of frames.
 #[derive(Clone, Debug, PartialEq, Setters)]
@@ -206,6 +219,49 @@ impl FrameStack {
         lines
     }
 
+    /// The figures: `curves` and `lines` of all pixels and of those without strong edges, `variance` \[DN^2\] and its
+    /// correlation with the Sobel magnitude of the first frame. Unknown numbers are null.
+    pub fn figures(&self) -> Figures {
+        let estimate_of = |value, error| Cell::Estimate(Estimate { value, error });
+        let named = || PIXELS_OF.iter().map(|what| Cell::Text((*what).into()));
+        let curve = |(what, points): (Cell, &Vec<TransferPoint>)| {
+            let row = |p: &TransferPoint| {
+                let [mean, variance] = [(p.mean, p.mean_error), (p.variance, p.variance_error)];
+                vec![
+                    what.clone(),
+                    estimate_of(mean.0, mean.1),
+                    estimate_of(variance.0, variance.1),
+                    Cell::Count(p.pixels),
+                ]
+            };
+            points.iter().map(row).collect::<Vec<_>>()
+        };
+        let line = |(what, line): (Cell, &Option<LineFit>)| {
+            let f = line.as_ref()?;
+            let [gain, intercept] = [f.slope, f.intercept].map(|v| estimate_of(v.value, v.standard_error));
+            Some(vec![what, gain, intercept, Cell::Number(f.r_squared), Cell::Number(f.reduced_chi_squared)])
+        };
+        let of = column("pixels_of", "", "");
+        let curves = Table {
+            name: "curves",
+            columns: vec![of, estimate("mean", "", ""), estimate("variance", "", ""), column("pixels", "", "")],
+            rows: named().zip(&self.curves).flat_map(curve).collect(),
+        };
+        let quality = ["r_squared", "reduced_chi_squared"].map(|key| column(key, "", ""));
+        let lines = Table {
+            name: "lines",
+            columns: [of, estimate("gain", "", ""), estimate("intercept", "", "")].into_iter().chain(quality).collect(),
+            rows: named().zip(&self.lines).filter_map(line).collect(),
+        };
+        let keys = ["variance", "variance_edges", "variance_flat", "pearson", "spearman"];
+        let variance = Table {
+            name: "variance",
+            columns: keys.map(|key| column(key, "", "")).to_vec(),
+            rows: vec![self.mean_variance.iter().chain(&self.correlations).map(|v| Cell::Number(*v)).collect()],
+        };
+        table::figures(&[curves, lines, variance])
+    }
+
     /// Writes a page with curves and maps, and the curve as CSV, into a folder. Returns the files, the page first.
     ///
     /// # Errors
@@ -245,7 +301,7 @@ impl FrameStack {
         };
         save("report.html".into(), &page("photon transfer of frames", &sections))?;
         let mut csv = String::from("pixels_of,mean,mean_error,variance,variance_error,pixels\r\n");
-        for (what, curve) in ["all", "without strong edges"].iter().zip(&self.curves) {
+        for (what, curve) in PIXELS_OF.iter().zip(&self.curves) {
             for p in curve {
                 csv +=
                     &format!("{what},{},{},{},{},{}\r\n", p.mean, p.mean_error, p.variance, p.variance_error, p.pixels);

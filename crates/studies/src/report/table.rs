@@ -3,6 +3,10 @@
 use super::estimate::Estimate;
 use super::words::rounded;
 use maud::{Markup, Render, html};
+use serde_json::{Map, Value};
+
+/// The figures of a report: the rows of its tables, by the name of the table, as objects with the keys of the CSV.
+pub type Figures = Map<String, Value>;
 
 /// Number of digits in both forms.
 const DIGITS: usize = 6;
@@ -59,6 +63,27 @@ impl Table {
         let lines = std::iter::once(header.collect()).chain(rows);
         lines.map(|line: Vec<String>| line.join(",") + "\r\n").collect()
     }
+}
+
+impl Table {
+    /// The rows as JSON objects with the keys of the CSV, at full precision. Unknown numbers are null.
+    pub(crate) fn records(&self) -> Value {
+        let entries = |(c, cell): (&Column, &Cell)| match cell {
+            Cell::Text(text) => vec![(c.key.to_string(), Value::from(text.as_str()))],
+            Cell::Number(v) => vec![(c.key.to_string(), Value::from(*v))],
+            Cell::Count(n) => vec![(c.key.to_string(), Value::from(*n))],
+            Cell::Estimate(e) => {
+                vec![(c.key.to_string(), Value::from(e.value)), (format!("{}_error", c.key), Value::from(e.error))]
+            }
+        };
+        let record = |row: &Vec<Cell>| Value::Object(self.columns.iter().zip(row).flat_map(entries).collect());
+        Value::Array(self.rows.iter().map(record).collect())
+    }
+}
+
+/// The rows of tables, by the name of the table.
+pub(crate) fn figures<'a>(tables: impl IntoIterator<Item = &'a Table>) -> Figures {
+    tables.into_iter().map(|table| (table.name.to_string(), table.records())).collect()
 }
 
 /// As an HTML table. Each number is a `data` element with the value of the CSV.
@@ -161,6 +186,19 @@ mod tests {
         });
         assert_eq!(sorted[0], sorted[1]);
         assert_eq!(shown.len(), 9);
+    }
+
+    #[test]
+    fn records_have_the_keys_of_the_csv_and_all_digits() {
+        let table = table();
+        let records = table.records();
+        let header: Vec<String> = table.csv().lines().next().expect("a header").split(',').map(String::from).collect();
+        for record in records.as_array().expect("rows") {
+            let keys: Vec<&String> = record.as_object().expect("a record").keys().collect();
+            assert!(keys.len() == header.len() && header.iter().all(|key| keys.contains(&key)), "{keys:?}");
+        }
+        assert_eq!(records[0]["x"], 1.0 / 3.0);
+        assert_eq!(records[1], serde_json::json!({ "name": "plain", "x": null, "y": 1.5e-12, "y_error": null }));
     }
 
     #[test]
