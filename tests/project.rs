@@ -2,7 +2,10 @@
 //! Replay: `cargo test --workspace --test project NAME`.
 
 use dunkelfeld::film::Film;
-use dunkelfeld::{OutputPaths, Project, ProjectOptions, SensorChoice};
+use dunkelfeld::{
+    Cancel, ExposeOptions, ExposureOption, OutputPaths, Project, ProjectOptions, RenderOptions, SavedFilm,
+    SensorChoice, SensorOption, Silent, expose_film, picture_of_film,
+};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
@@ -194,4 +197,73 @@ fn a_render_writes_no_file() {
     assert_eq!(fs::read_dir(&out).expect("a folder").count(), 0);
     result.save(&project.outputs).expect("saved");
     assert_eq!(fs::read_dir(&out).expect("a folder").count(), 3);
+}
+
+fn render(project: &mut Project, options: RenderOptions) -> SavedFilm {
+    let result = project.render_options(options, &Silent, &Cancel::new()).expect("rendered");
+    result.into_saved_film()
+}
+
+/// The options of a render have the bits of the same settings, and the settings stay as they were, also after an error.
+#[test]
+fn options_belong_to_one_render() {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    let mut project = open(&folder, "job.toml", JOB);
+    let before = format!("{:?}", project.settings);
+    let options =
+        RenderOptions::default().with_width(20u32).with_spp(3.0).with_seed(9u64).with_sensor(SensorOption::None);
+    let saved = render(&mut project, options.clone());
+    assert_eq!(format!("{:?}", project.settings), before);
+    let mut set = open(&folder, "job.toml", JOB);
+    (set.settings.width, set.settings.budget.spp, set.settings.seed) = (20, Some(3.0), 9);
+    set.settings.sensor = SensorChoice::None;
+    assert!(saved.film.sums == film(&set) && !saved.settings.has_sensor());
+    for (bad, says) in [
+        (options.clone().with_camera("nobody"), "nobody"),
+        (options.clone().with_exposure(ExposureOption::Auto), "exposure"),
+        (options.clone().with_sensor(SensorOption::Named("no-such-sensor".into())), "no-such-sensor"),
+        (options.with_spp(f64::NAN), "spp"),
+    ] {
+        let error = project.render_options(bad, &Silent, &Cancel::new()).expect_err(says).to_string();
+        assert!(error.contains(says), "{error}");
+        assert_eq!(format!("{:?}", project.settings), before);
+    }
+}
+
+/// With `full` in the job the film has the resolution of the sensor of the options, for this render only.
+#[test]
+fn a_sensor_of_the_options_resizes_a_full_film() {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    let sheet = "name = \"small\"\nsource = \"made up\"\nbit_depth = 12\npixel_pitch_um = 3.45\nfull_well_e = 10000\n\
+        dark_noise_e = 2\ngain_e_per_dn = 2.5\noffset_dn = 30\nquantum_efficiency = [[400, 0.4], [550, 0.7], [850, 0.2]]\n";
+    for (name, size) in [("a", "[24, 16]"), ("b", "[10, 12]")] {
+        fs::write(folder.path().join(format!("{name}.toml")), format!("{sheet}resolution = {size}\n"))
+            .expect("writable");
+    }
+    let job =
+        JOB.replace("film = { width = 24, height = 20 }", "film = { full = true }\nsensor = { model = \"a.toml\" }");
+    let mut project = open(&folder, "job.toml", &job);
+    let other = folder.path().join("b.toml").display().to_string();
+    let saved = render(&mut project, RenderOptions::default().with_sensor(SensorOption::Named(other)));
+    assert_eq!((saved.film.sums.width(), saved.film.sums.height()), (10, 12));
+    let again = render(&mut project, RenderOptions::default());
+    assert_eq!((again.film.sums.width(), again.film.sums.height()), (24, 16));
+}
+
+#[test]
+fn a_film_is_exposed_with_options() {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    let mut project = open(&folder, "job.toml", JOB);
+    let saved = render(&mut project, RenderOptions::default());
+    let frames = expose_film(&saved, &ExposeOptions::default(), 2).expect("frames");
+    let later = expose_film(&saved, &ExposeOptions::default().with_frame(1u32), 1).expect("a frame");
+    assert!(frames[0] != frames[1] && frames[1] == later[0]);
+    // So many frames would not fit: an error before any of them is allocated.
+    let error = expose_film(&saved, &ExposeOptions::default(), u32::MAX).expect_err("too many").to_string();
+    assert!(error.contains("memory") && error.contains("fewer frames"), "{error}");
+    let plain = picture_of_film(&saved, &ExposeOptions::default().with_sensor(SensorOption::None)).expect("a picture");
+    assert!(matches!(plain, dunkelfeld::Picture::Rgb(_)));
 }

@@ -8,9 +8,10 @@ use crate::build::validate::drop_unusable_attributes;
 use crate::geometry::triangle_data::Facet;
 use dunkelfeld_bvh::{MeshTree, MeshTriangles};
 use dunkelfeld_geometry::health::{MeshHealth, Repairs, clean};
-use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Transform, Vec3};
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Transform, Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 use std::convert::Infallible;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::Arc;
 
 /// The data of a mesh stay for this many builds after the last one that used it: an object that is hidden and shown
@@ -18,13 +19,15 @@ use std::sync::Arc;
 const KEPT_BUILDS: u64 = 16;
 
 /// Results of earlier builds, for [`SceneBuilder::build_with`](crate::SceneBuilder::build_with). They depend on a mesh
-/// alone, or on a mesh and its place. A mesh is recognised by its identity: copies of a description share their meshes
-/// ([`MeshPart::mesh`]). So a build after a change computes the changed parts only. Its scene has the bits of a build
-/// without a cache.
+/// alone, or on a mesh and its place. A mesh is recognised by its address, as copies of a description share their meshes
+/// ([`MeshPart::mesh`]), or by its content. So a build after a change computes the changed parts only. Its scene has the
+/// bits of a build without a cache.
 #[derive(Debug, Default)]
 pub struct BuildCache {
     builds: u64,
     meshes: HashMap<usize, MeshResults>,
+    /// Addresses of meshes by their [`digest`].
+    by_digest: HashMap<u64, Vec<usize>>,
     shared: Option<SharedTree>,
 }
 
@@ -119,18 +122,24 @@ pub(crate) struct Repaired {
 pub(crate) struct Builds<'a>(pub(crate) Option<&'a mut BuildCache>);
 
 impl Builds<'_> {
-    /// Begins a build.
+    /// Begins a build. Removes the results that no recent build used.
     pub(crate) fn begin(&mut self) {
         if let Some(cache) = &mut self.0 {
             cache.builds += 1;
+            let build = cache.builds;
+            cache.meshes.retain(|_, known| known.last_build + KEPT_BUILDS >= build);
+            let BuildCache { meshes, by_digest, .. } = &mut **cache;
+            by_digest.retain(|_, addresses| {
+                addresses.retain(|address| meshes.contains_key(address));
+                !addresses.is_empty()
+            });
         }
     }
 
-    /// Removes the results that no recent build used.
+    /// Ends a build. Removes the places of a mesh that it did not use.
     pub(crate) fn finish(self) {
         if let Some(cache) = self.0 {
             let build = cache.builds;
-            cache.meshes.retain(|_, known| known.last_build + KEPT_BUILDS > build);
             for known in cache.meshes.values_mut() {
                 keep_present(&mut known.bounds, build);
                 keep_present(&mut known.shapes, build);
@@ -142,23 +151,40 @@ impl Builds<'_> {
     fn known(&mut self, mesh: &Arc<Mesh>) -> Option<&mut MeshResults> {
         let cache = self.0.as_mut()?;
         let builds = cache.builds;
-        let known = cache.meshes.entry(Arc::as_ptr(mesh).addr()).or_insert_with(|| MeshResults {
-            mesh: mesh.clone(),
-            last_build: builds,
-            repaired: None,
-            health: None,
-            instanced: None,
-            bounds: HashMap::new(),
-            shapes: HashMap::new(),
-            places: HashMap::new(),
+        let known = cache.meshes.entry(Arc::as_ptr(mesh).addr()).or_insert_with(|| {
+            cache.by_digest.entry(digest(mesh)).or_default().push(Arc::as_ptr(mesh).addr());
+            MeshResults {
+                mesh: mesh.clone(),
+                last_build: builds,
+                repaired: None,
+                health: None,
+                instanced: None,
+                bounds: HashMap::new(),
+                shapes: HashMap::new(),
+                places: HashMap::new(),
+            }
         });
         debug_assert!(Arc::ptr_eq(mesh, &known.mesh), "the address is that of another mesh");
         known.last_build = builds;
         Some(known)
     }
 
+    /// The earlier mesh with the content of a new one, such as a primitive that a job has made again.
+    fn same(&self, mesh: &Arc<Mesh>) -> Option<Arc<Mesh>> {
+        let cache = self.0.as_ref()?;
+        if cache.meshes.contains_key(&Arc::as_ptr(mesh).addr()) {
+            return None;
+        }
+        let addresses = cache.by_digest.get(&digest(mesh))?;
+        let known = addresses.iter().filter_map(|address| cache.meshes.get(address));
+        known.map(|known| &known.mesh).find(|known| has_same_bits(known, mesh)).cloned()
+    }
+
     /// Removes triangles and attributes that cannot be used.
     pub(crate) fn repair(&mut self, part: &mut MeshPart) -> Repaired {
+        if let Some(earlier) = self.same(&part.mesh) {
+            part.mesh = earlier;
+        }
         let Some(known) = self.known(&part.mesh) else { return repair(Arc::make_mut(&mut part.mesh)) };
         let (mesh, repaired) = known.repaired.get_or_insert_with(|| {
             let mut sound = (*part.mesh).clone();
@@ -245,6 +271,36 @@ impl Builds<'_> {
     }
 }
 
+/// A number that meshes of the same content share, from their sizes and a few vertices.
+fn digest(mesh: &Mesh) -> u64 {
+    let Mesh { positions, triangles, normals, tangents, uvs, colors } = mesh;
+    let mut hasher = DefaultHasher::new();
+    let sizes =
+        [positions.len(), triangles.len(), normals.len(), tangents.len(), uvs[0].len(), uvs[1].len(), colors.len()];
+    sizes.hash(&mut hasher);
+    for at in [0, positions.len() / 3, positions.len() / 2, positions.len().saturating_sub(1)] {
+        positions.get(at).map(|p| p.to_array().map(f32::to_bits)).hash(&mut hasher);
+    }
+    hasher.finish()
+}
+
+/// Do two meshes have the same bits?
+fn has_same_bits(a: &Mesh, b: &Mesh) -> bool {
+    fn same<T: Copy, const N: usize>(a: &[T], b: &[T], bits: impl Fn(T) -> [u32; N]) -> bool {
+        a.len() == b.len() && a.iter().zip(b).all(|(&a, &b)| bits(a) == bits(b))
+    }
+    let two = |v: Vec2| v.to_array().map(f32::to_bits);
+    let three = |v: Vec3| v.to_array().map(f32::to_bits);
+    let four = |v: Vec4| v.to_array().map(f32::to_bits);
+    same(&a.positions, &b.positions, three)
+        && a.triangles == b.triangles
+        && same(&a.normals, &b.normals, three)
+        && same(&a.tangents, &b.tangents, four)
+        && same(&a.uvs[0], &b.uvs[0], two)
+        && same(&a.uvs[1], &b.uvs[1], two)
+        && same(&a.colors, &b.colors, four)
+}
+
 /// Removes triangles and attributes of a mesh that cannot be used.
 fn repair(mesh: &mut Mesh) -> Repaired {
     let attributes = drop_unusable_attributes(mesh);
@@ -258,7 +314,7 @@ mod tests {
     use crate::scene::Scene;
     use crate::shapes::{cuboid, sphere};
     use crate::{Environment, EnvironmentSource, Material, SceneBuilder};
-    use dunkelfeld_geometry::{DVec3, Ray, Vec2};
+    use dunkelfeld_geometry::{DVec3, Ray};
     use dunkelfeld_radiometry::Rgb;
 
     /// A floor, and three balls with enough triangles for trees of their own.
@@ -349,6 +405,21 @@ mod tests {
             assert_eq!(report.findings, fresh.findings);
             assert!(report.findings.iter().any(|f| f.message.contains("without area")), "{report:?}");
         }
+    }
+
+    #[test]
+    fn a_mesh_that_is_made_again_is_recognised_by_its_content() {
+        let mut cache = BuildCache::default();
+        let first = assert_same(&balls(155), &mut cache);
+        let second = assert_same(&balls(155), &mut cache);
+        assert_eq!([0, 1, 2, 3].map(|i| shares_facets(&first, &second, i)), [true; 4]);
+        let mut b = balls(155);
+        let mesh = Arc::make_mut(&mut b.meshes[1].mesh);
+        let vertex = mesh.positions.iter().position(|p| p.z == 0.3).expect("a vertex at the height of the middle");
+        mesh.positions[vertex].y += 1e-3;
+        let third = assert_same(&b, &mut cache);
+        assert_eq!([0, 1, 2, 3].map(|i| shares_facets(&first, &third, i)), [true, false, true, true]);
+        assert_eq!(cache.meshes.len(), 5, "four meshes, and one of another shape");
     }
 
     #[test]
