@@ -21,7 +21,7 @@ const BRIGHTER: [[u8; 3]; 9] = [
     [253, 231, 37],
 ];
 /// From one sign to the other through grey: blue, and orange. Both ends are equally dark.
-const SIGNED: [[u8; 3]; 5] = [[5, 80, 160], [110, 165, 215], [236, 236, 236], [226, 150, 80], [165, 70, 0]];
+pub(crate) const SIGNED: [[u8; 3]; 5] = [[5, 80, 160], [110, 165, 215], [236, 236, 236], [226, 150, 80], [165, 70, 0]];
 /// Maps larger than this on their long side are averaged down to it.
 const LONGEST: u32 = 640;
 /// Maximum number of decades of a logarithmic map, from its largest value.
@@ -112,13 +112,14 @@ fn encoded(picture: Picture<'_>) -> Result<String, Error> {
 }
 
 /// A gradient for style sheets.
-fn gradient(is_signed: bool) -> String {
+pub(crate) fn gradient(is_signed: bool) -> String {
     let stops: &[[u8; 3]] = if is_signed { &SIGNED } else { &BRIGHTER };
     let colors: Vec<String> = stops.iter().map(|[r, g, b]| format!("rgb({r},{g},{b})")).collect();
     format!("linear-gradient(90deg,{})", colors.join(","))
 }
 
-fn color(stops: &[[u8; 3]], share: f64) -> [u8; 3] {
+/// The colour at a share of the scale, between the nearest two of its stops.
+pub(crate) fn color(stops: &[[u8; 3]], share: f64) -> [u8; 3] {
     // NaN, which should not occur, becomes the first colour.
     let at = if share > 0.0 { share.min(1.0) } else { 0.0 } * (stops.len() - 1) as f64;
     let (i, part) = ((at as usize).min(stops.len() - 2), at);
