@@ -1,5 +1,6 @@
 //! Commands on files.
 
+use crate::arguments::checked_threads;
 use crate::errors::{Failure, setting};
 use crate::film::Film;
 use dunkelfeld::{MergeSettings, SavedFilm};
@@ -15,6 +16,7 @@ pub(crate) fn merge(py: Python<'_>, paths: Vec<PathBuf>, threads: usize) -> Resu
     if paths.is_empty() {
         return Err(setting("paths", "there are no parts", "name at least one checkpoint"));
     }
+    let threads = checked_threads(Some(threads))?.unwrap_or(0);
     let merged = py.detach(|| {
         dunkelfeld::merge(&MergeSettings::default().with_parts(paths).with_threads(threads), Instant::now())
     })?;

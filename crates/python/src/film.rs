@@ -2,6 +2,7 @@
 
 use crate::arrays::{gray, rgb, stack};
 use crate::errors::{Failure, setting};
+use crate::noise_map::NoiseMap;
 use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::with_pool;
 use dunkelfeld::sensor::ExposureNoise;
@@ -9,6 +10,7 @@ use dunkelfeld::{
     DenoiseMethod, DenoiseSettings, ExposeOptions, NO_ID, Picture, RenderSettings, SavedFilm, certify_film,
     denoise_saved, develop_film, expose_film, picture_of_film,
 };
+use dunkelfeld_studies::NoiseMap as Map;
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -199,6 +201,13 @@ impl Film {
         Ok(entries)
     }
 
+    /// The noise of the render over that of the sensor of the render, per pixel, as a picture about the level `k`. Raises
+    /// `SettingError` for a film without a sensor, and for a `k` that is not a number above zero.
+    #[pyo3(signature = (k=1.0))]
+    fn noise_map(&self, py: Python<'_>, k: f64) -> Result<NoiseMap, Failure> {
+        Ok(NoiseMap(self.compute(py, move |s| certify_film(s, k).map(|certified| Map::new(&certified)))??))
+    }
+
     /// The denoised mean, float32 of shape (height, width, 3) [W/(m² sr)], for display and not for measurement. `method` is
     /// "auto", "oidn" or "builtin".
     #[pyo3(signature = (method="auto"))]
@@ -225,6 +234,23 @@ impl Film {
     fn load(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
         let saved = Arc::new(py.detach(|| SavedFilm::read(&path))?);
         Ok(Self { saved, material_names: Arc::default(), stats: String::new(), interrupted: false })
+    }
+
+    /// What a saved film does not contain, for copies: statistics, names of the materials, and whether it was interrupted.
+    fn _extras(&self) -> (String, Vec<String>, bool) {
+        (self.stats.clone(), self.material_names.to_vec(), self.interrupted)
+    }
+
+    /// The film of a file with the values of `_extras`.
+    #[staticmethod]
+    fn _restore(
+        py: Python<'_>,
+        path: PathBuf,
+        stats: String,
+        material_names: Vec<String>,
+        interrupted: bool,
+    ) -> Result<Self, Failure> {
+        Ok(Self { stats, material_names: Arc::new(material_names), interrupted, ..Self::load(py, path)? })
     }
 
     fn __repr__(&self) -> String {

@@ -22,6 +22,34 @@ pub(crate) fn job_text(job: &Bound<'_, PyAny>) -> Result<String, Failure> {
     toml_text(&table).map_err(|e| setting("job", e, "pass keys and values of a job file"))
 }
 
+/// The TOML text of overrides, with more keys as keywords.
+pub(crate) fn overrides_text(
+    py: Python<'_>,
+    overrides: Option<&Bound<'_, PyAny>>,
+    keys: Option<&Bound<'_, PyDict>>,
+) -> Result<String, Failure> {
+    let keys = keys.filter(|keys| !keys.is_empty());
+    match (overrides, keys) {
+        (Some(overrides), None) => job_text(overrides),
+        (None, None) => job_text(PyDict::new(py).as_any()),
+        (None, Some(keys)) => job_text(keys.as_any()),
+        (Some(overrides), Some(keys)) => {
+            let help = "pass a dictionary, or keywords alone";
+            let Ok(all) = overrides.cast::<PyDict>() else {
+                return Err(setting("overrides", "keywords can be beside a dictionary only", help));
+            };
+            let all = all.copy()?;
+            for (key, value) in keys.iter() {
+                if all.contains(&key)? {
+                    return Err(setting(&key.to_string(), "is in the dictionary and a keyword", "pass it once"));
+                }
+                all.set_item(key, value)?;
+            }
+            job_text(all.as_any())
+        }
+    }
+}
+
 fn table_of(dictionary: &Bound<'_, PyDict>, place: &str, depth: usize) -> Result<Map<String, Value>, Failure> {
     let mut table = Map::new();
     for (key, value) in dictionary.iter() {
@@ -53,7 +81,10 @@ fn value_of(value: &Bound<'_, PyAny>, place: &str, depth: usize) -> Result<Value
     }
     if value.is_instance_of::<PyInt>() {
         let whole: Result<i64, _> = value.extract();
-        let whole = whole.map_err(|_| setting(place, "does not fit 64 bits", "pass a smaller number"))?;
+        let whole = whole.map_err(|_| {
+            let problem = format!("is no whole number from {} to {} (signed, 64 bits)", i64::MIN, i64::MAX);
+            setting(place, problem, "pass a smaller number; a larger seed is the keyword `seed` of `render`")
+        })?;
         return Ok(Value::Number(whole.into()));
     }
     if value.is_instance_of::<PyFloat>() {

@@ -2,13 +2,20 @@
 
 #![forbid(unsafe_code)]
 
+mod arguments;
 mod arrays;
 mod commands;
+mod emva;
 mod errors;
 mod film;
 mod job;
+mod json;
+mod keys;
+mod noise_map;
+mod progress;
 mod scene;
 mod sensor;
+mod studies;
 mod work;
 
 use pyo3::prelude::*;
@@ -20,8 +27,15 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("NO_ID", dunkelfeld::NO_ID)?;
     module.add_class::<scene::Scene>()?;
     module.add_class::<film::Film>()?;
+    module.add_class::<noise_map::NoiseMap>()?;
     module.add_class::<sensor::Sensor>()?;
     module.add_function(wrap_pyfunction!(sensor::sensors, module)?)?;
     module.add_function(wrap_pyfunction!(commands::merge, module)?)?;
+    module.add_function(wrap_pyfunction!(studies::bench, module)?)?;
+    module.add_function(wrap_pyfunction!(studies::ptc, module)?)?;
+    module.add_function(wrap_pyfunction!(emva::emva_dataset, module)?)?;
+    module.add_function(wrap_pyfunction!(emva::emva_analyse, module)?)?;
+    module.add_function(wrap_pyfunction!(keys::job_keys, module)?)?;
+    module.add_function(wrap_pyfunction!(keys::check_job_keys, module)?)?;
     errors::register(module)
 }

@@ -1,17 +1,17 @@
 //! Scenes: opened, changed and rendered.
 
+use crate::arguments::{checked_threads, strategy_of};
 use crate::errors::{Failure, Interrupted, setting};
 use crate::film::Film;
-use crate::job::job_text;
+use crate::job::{job_text, overrides_text};
+use crate::json::loaded;
+use crate::progress::{lock, reports_about, supervised};
 use crate::sensor::{ExposureArgument, SensorArgument};
-use crate::work::interruptible;
-use dunkelfeld::adaptive::Strategy;
-use dunkelfeld::{Cancel, Progress, ProgressState, Project, ProjectOptions, RenderOptions};
+use dunkelfeld::{Cancel, Progress, Project, ProjectOptions, RenderOptions};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
-use std::cell::Cell;
+use pyo3::types::{PyDict, PyTuple};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex};
 
 /// A scene or job file. `Scene(path)` opens a scene (`.glb`, `.gltf`, `.obj`, `.stl`, `.ply`) or a job (`.toml`).
 ///
@@ -24,45 +24,14 @@ pub(crate) struct Scene {
     overrides: Mutex<String>,
 }
 
-thread_local! {
-    /// The address of the scene whose progress function runs on this thread, or 0.
-    static REPORTS: Cell<usize> = const { Cell::new(0) };
-}
-
-/// Calls a function of Python with the progress. An exception cancels the render.
-struct Callback<'a> {
-    function: &'a Py<PyAny>,
-    /// The address of the scene.
-    scene: usize,
-    cancel: &'a Cancel,
-    raised: Mutex<Option<PyErr>>,
-}
-
-impl Progress for Callback<'_> {
-    fn update(&self, state: &ProgressState) {
-        let called = Python::attach(|py| {
-            let arguments = (state.stage.name(), state.fraction, state.elapsed, state.remaining);
-            let before = REPORTS.replace(self.scene);
-            let called = self.function.call1(py, arguments).map(|_| ());
-            REPORTS.set(before);
-            called
-        });
-        if let Err(e) = called {
-            self.cancel.cancel();
-            lock(&self.raised).get_or_insert(e);
-        }
-    }
-}
-
-/// The content of a lock. Its data stay valid if a thread panicked.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
-}
-
 impl Scene {
+    fn address(&self) -> usize {
+        std::ptr::from_ref(self).addr()
+    }
+
     /// Refuses the use of a scene by its own progress function, which would wait for the end of the render.
     fn check_idle(&self) -> Result<(), Failure> {
-        if REPORTS.get() == std::ptr::from_ref(self).addr() {
+        if reports_about(self.address()) {
             let problem = "a progress function cannot use the scene that it reports about";
             return Err(setting("scene", problem, "use it after the render"));
         }
@@ -80,13 +49,10 @@ impl Scene {
             None => Project::open_with(&path, ProjectOptions::default())?,
             Some(text) => Project::from_text(&path, text)?,
         };
+        // A copy may be made in another folder.
+        let path = std::path::absolute(&path).unwrap_or(path);
         Ok(Self { project: Mutex::new(project), origin: (path, text), overrides: Mutex::default() })
     }
-}
-
-/// The error of a panic.
-fn panicked() -> Failure {
-    setting("render", "the render panicked", "report it with the scene")
 }
 
 #[pymethods]
@@ -106,9 +72,16 @@ impl Scene {
     }
 
     /// Changes scene and settings by keys of a job (a text of TOML or a dictionary), which are merged into the job. They
-    /// replace the overrides of an earlier call. Parts of scene files that do not change are not built again.
-    fn set_overrides(&self, py: Python<'_>, overrides: &Bound<'_, PyAny>) -> Result<(), Failure> {
-        let text = job_text(overrides)?;
+    /// replace the overrides of an earlier call. Parts of scene files that do not change are not built again. Keys can be
+    /// keywords as well, such as `light=[Light(...)]`, beside a dictionary or alone. Without arguments there are no overrides.
+    #[pyo3(signature = (overrides=None, /, **keys))]
+    fn set_overrides(
+        &self,
+        py: Python<'_>,
+        overrides: Option<&Bound<'_, PyAny>>,
+        keys: Option<&Bound<'_, PyDict>>,
+    ) -> Result<(), Failure> {
+        let text = overrides_text(py, overrides, keys)?;
         self.with(py, |project| {
             project.set_overrides(&text)?;
             // Within the lock of the project, so that the text is always that of the project.
@@ -145,9 +118,8 @@ impl Scene {
         progress: Option<Py<PyAny>>,
     ) -> Result<Film, Failure> {
         self.check_idle()?;
-        let strategy = strategy.map(str::parse::<Strategy>).transpose();
-        let strategy =
-            strategy.map_err(|e| setting("strategy", e.to_string(), "uniform, sobel, variance or sensor"))?;
+        let strategy = strategy.map(|name| strategy_of("strategy", name)).transpose()?;
+        let threads = checked_threads(threads)?;
         let mut options = RenderOptions::default();
         (options.width, options.height, options.camera) = (width, height, camera);
         (options.time, options.spp, options.noise) = (time, spp, noise);
@@ -155,31 +127,15 @@ impl Scene {
         options.sensor = sensor.map(SensorArgument::option);
         options.exposure = exposure.map(ExposureArgument::option).transpose()?;
         options.checkpoint = checkpoint;
-        let cancel = Cancel::new();
-        let callback = progress.as_ref().map(|function| Callback {
-            function,
-            scene: std::ptr::from_ref(self).addr(),
-            cancel: &cancel,
-            raised: Mutex::default(),
-        });
-        let work = || -> Result<Film, dunkelfeld::Error> {
+        let work = |sink: &dyn Progress, cancel: &Cancel| {
             let mut project = lock(&self.project);
-            let silent = dunkelfeld::Silent;
-            let sink: &dyn Progress = callback.as_ref().map_or(&silent, |callback| callback);
-            let result = project.render_options(options, sink, &cancel)?;
+            let result = project.render_options(options, sink, cancel)?;
             let names = project.scene.materials().iter().map(|m| m.name.clone()).collect();
             let (stats, interrupted) = (result.stats.to_json(), result.rendering.interrupted);
             let saved = Arc::new(result.into_saved_film());
             Ok(Film { saved, material_names: Arc::new(names), stats, interrupted })
         };
-        let (result, raised) = interruptible(py, &cancel, work);
-        let raised = raised.or_else(|| callback.and_then(|c| lock(&c.raised).take()));
-        let film = match result {
-            // An exception of Python is the cause of an error that follows it.
-            Some(Err(_)) | None if raised.is_some() => return Err(raised.map_or_else(panicked, Failure::from)),
-            Some(result) => result?,
-            None => return Err(panicked()),
-        };
+        let (film, raised) = supervised(py, progress.as_ref(), self.address(), work)?;
         let Some(raised) = raised else { return Ok(film) };
         if !raised.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py) {
             return Err(raised.into());
@@ -189,11 +145,19 @@ impl Scene {
         Err(error.into())
     }
 
+    /// An iterator over the per cents of one render, with the keywords of `render` except `progress`: `tqdm` can wrap it.
+    /// Its attribute `film` is the film.
+    #[pyo3(signature = (**options))]
+    fn render_steps<'py>(slf: &Bound<'py, Self>, options: Option<Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
+        let py = slf.py();
+        let options = options.unwrap_or_else(|| PyDict::new(py));
+        py.import("dunkelfeld._steps")?.call_method1("RenderSteps", (slf, options))
+    }
+
     /// The content of the scene as a dictionary, as `dunkelfeld inspect --json`.
     fn inspect<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Failure> {
         let inspection = self.with(py, |project| project.inspect())?;
-        let text = serde_json::to_string(&inspection).map_err(|e| setting("inspect", e.to_string(), "report it"))?;
-        Ok(py.import("json")?.call_method1("loads", (text,))?)
+        loaded(py, &inspection)
     }
 
     /// Names of the cameras.
@@ -218,6 +182,11 @@ impl Scene {
     #[getter]
     fn hazards(&self, py: Python<'_>) -> Result<Vec<String>, Failure> {
         self.with(py, |project| project.findings().hazards().map(|f| format!("{}: {}", f.place, f.message)).collect())
+    }
+
+    /// A table of the content and the hazards, for notebooks.
+    fn _repr_html_<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("dunkelfeld._html")?.call_method1("scene_html", (slf,))
     }
 
     fn __repr__(&self) -> String {

@@ -21,7 +21,7 @@ impl Sensor {
     #[new]
     fn new(name: String) -> Result<Self, Failure> {
         let model = dunkelfeld::find_sensor(&name)?;
-        Ok(Self { origin: name, model })
+        Ok(Self { origin: origin_of(name), model })
     }
 
     /// Name and source of the sensor.
@@ -67,6 +67,14 @@ impl Sensor {
     fn __reduce__<'py>(&self, py: Python<'py>) -> (Bound<'py, PyAny>, (String,)) {
         (py.get_type::<Self>().into_any(), (self.origin.clone(),))
     }
+}
+
+/// A preset by its name, a file by its absolute path: a copy may be made in another folder.
+fn origin_of(name: String) -> String {
+    if sensor_file::preset_names().any(|preset| preset == name) {
+        return name;
+    }
+    std::path::absolute(&name).map_or(name, |path| path.display().to_string())
 }
 
 /// Names of the preset sensors.

@@ -17,12 +17,25 @@ import copyreg
 import os
 import tempfile
 
+from . import emva
+from ._job import (
+    Camera,
+    CameraKeys,
+    LensKeys,
+    Light,
+    LightKeys,
+    Material,
+    MaterialKeys,
+    Object,
+    ObjectKeys,
+)
 from ._native import (
     NO_ID,
     DunkelfeldError,
     Film,
     InputError,
     Interrupted,
+    NoiseMap,
     OutOfMemoryError,
     OutputError,
     Scene,
@@ -31,43 +44,65 @@ from ._native import (
     SensorError,
     SettingError,
     __version__,
+    bench,
     merge,
+    ptc,
     sensors,
 )
+from ._results import EmvaAnalysis, EmvaDataset, Study
+from ._steps import RenderStep, RenderSteps
 
 __all__ = [
     "NO_ID",
+    "Camera",
+    "CameraKeys",
     "DunkelfeldError",
+    "EmvaAnalysis",
+    "EmvaDataset",
     "Film",
     "InputError",
     "Interrupted",
+    "LensKeys",
+    "Light",
+    "LightKeys",
+    "Material",
+    "MaterialKeys",
+    "NoiseMap",
+    "Object",
+    "ObjectKeys",
     "OutOfMemoryError",
     "OutputError",
+    "RenderStep",
+    "RenderSteps",
     "Scene",
     "SceneError",
     "Sensor",
     "SensorError",
     "SettingError",
+    "Study",
     "__version__",
+    "bench",
+    "emva",
     "merge",
+    "ptc",
     "sensors",
 ]
 
 
-def _film_of(data: bytes) -> Film:
+def _film_of(data: bytes, stats: str, material_names: list[str], interrupted: bool) -> Film:
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "a.film")
         with open(path, "wb") as file:
             file.write(data)
-        return Film.load(path)
+        return Film._restore(path, stats, material_names, interrupted)
 
 
-def _reduce_film(film: Film) -> tuple[object, tuple[bytes]]:
+def _reduce_film(film: Film) -> tuple[object, tuple[object, ...]]:
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "a.film")
         film.save(path)
         with open(path, "rb") as file:
-            return _film_of, (file.read(),)
+            return _film_of, (file.read(), *film._extras())
 
 
 copyreg.pickle(Film, _reduce_film)  # type: ignore[arg-type]

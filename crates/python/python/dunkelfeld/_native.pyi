@@ -2,10 +2,13 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ._results import EmvaAnalysis, EmvaDataset, Study
+from ._steps import RenderSteps
 
 __version__: str
 NO_ID: int
@@ -13,6 +16,9 @@ NO_ID: int
 _Path: TypeAlias = str | os.PathLike[str]
 _Job: TypeAlias = str | Mapping[str, Any]
 _Progress: TypeAlias = Callable[[str, float, float, float | None], object]
+
+_Strategy: TypeAlias = Literal["uniform", "sobel", "variance", "sensor"]
+_Denoiser: TypeAlias = Literal["off", "auto", "oidn", "builtin"]
 
 class DunkelfeldError(Exception):
     file: str | None
@@ -30,8 +36,9 @@ class OutOfMemoryError(DunkelfeldError): ...
 class Interrupted(KeyboardInterrupt):
     film: Film
 
+@final
 class Sensor:
-    def __init__(self, name: str) -> None: ...
+    def __new__(cls, name: str) -> Sensor: ...
     @property
     def name(self) -> str: ...
     @property
@@ -45,6 +52,7 @@ class Sensor:
     @property
     def is_color(self) -> bool: ...
 
+@final
 class Film:
     @property
     def shape(self) -> tuple[int, int]: ...
@@ -92,17 +100,37 @@ class Film:
         exposure_noise: str | None = None,
     ) -> NDArray[np.uint8]: ...
     def certificate(self, k: float = 1.0) -> dict[str, Any]: ...
+    def noise_map(self, k: float = 1.0) -> NoiseMap: ...
     def denoise(self, method: str = "auto") -> NDArray[np.float32]: ...
     def save(self, path: _Path) -> None: ...
     @staticmethod
     def load(path: _Path) -> Film: ...
     def _repr_png_(self) -> bytes: ...
+    def _extras(self) -> tuple[str, list[str], bool]: ...
+    @staticmethod
+    def _restore(path: _Path, stats: str, material_names: list[str], interrupted: bool) -> Film: ...
 
+@final
+class NoiseMap:
+    @property
+    def ratios(self) -> NDArray[np.float32]: ...
+    @property
+    def picture(self) -> NDArray[np.uint8]: ...
+    @property
+    def k(self) -> float: ...
+    @property
+    def hidden(self) -> float: ...
+    @property
+    def range(self) -> tuple[float, float]: ...
+    def _repr_png_(self) -> bytes: ...
+    def _repr_html_(self) -> str: ...
+
+@final
 class Scene:
-    def __init__(self, path: _Path) -> None: ...
+    def __new__(cls, path: _Path) -> Scene: ...
     @staticmethod
     def from_job(job: _Job, folder: _Path | None = None) -> Scene: ...
-    def set_overrides(self, overrides: _Job) -> None: ...
+    def set_overrides(self, overrides: _Job | None = None, /, **keys: Any) -> None: ...
     def render(
         self,
         *,
@@ -121,6 +149,23 @@ class Scene:
         checkpoint: _Path | None = None,
         progress: _Progress | None = None,
     ) -> Film: ...
+    def render_steps(
+        self,
+        *,
+        spp: float | None = None,
+        time: float | None = None,
+        noise: float | None = None,
+        width: int | None = None,
+        height: int | None = None,
+        camera: str | None = None,
+        seed: int | None = None,
+        frame: int | None = None,
+        threads: int | None = None,
+        strategy: str | None = None,
+        sensor: Sensor | str | None = None,
+        exposure: float | str | None = None,
+        checkpoint: _Path | None = None,
+    ) -> RenderSteps: ...
     def inspect(self) -> dict[str, Any]: ...
     @property
     def cameras(self) -> list[str]: ...
@@ -130,6 +175,84 @@ class Scene:
     def materials(self) -> list[str]: ...
     @property
     def hazards(self) -> list[str]: ...
+    def _repr_html_(self) -> str: ...
 
 def sensors() -> list[str]: ...
 def merge(paths: Sequence[_Path], threads: int = 0) -> Film: ...
+def job_keys(table: str) -> list[str]: ...
+def check_job_keys(table: str, keys: list[str], required: list[str]) -> None: ...
+def bench(
+    input: _Path,
+    output: _Path | None = None,
+    *,
+    quick: bool = False,
+    restart: bool = False,
+    spp: Sequence[int] | None = None,
+    seeds: int | None = None,
+    strategies: _Strategy | Sequence[_Strategy] | None = None,
+    noise: Sequence[float] | None = None,
+    effects: str | Sequence[str] | None = None,
+    denoise: _Denoiser | Sequence[_Denoiser] | None = None,
+    oidn: _Path | None = None,
+    effect_spp: int | None = None,
+    reference_spp: int | None = None,
+    width: int | None = None,
+    height: int | None = None,
+    camera: str | None = None,
+    sensor: Sensor | str | None = None,
+    exposure: float | str | None = None,
+    seed: int | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> Study: ...
+def ptc(
+    input: _Path | Sequence[_Path],
+    output: _Path | None = None,
+    *,
+    restart: bool = False,
+    frames: int | None = None,
+    spp: Sequence[int] | None = None,
+    denoise: _Denoiser | None = None,
+    oidn: _Path | None = None,
+    edges: float | None = None,
+    pictures_only: bool = False,
+    dark: float | None = None,
+    saturation: float | None = None,
+    width: int | None = None,
+    height: int | None = None,
+    camera: str | None = None,
+    sensor: Sensor | str | None = None,
+    exposure: float | str | None = None,
+    seed: int | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> Study: ...
+def emva_dataset(
+    sensor: Sensor | str,
+    output: _Path,
+    *,
+    levels: int | None = None,
+    size: tuple[int, int] | None = None,
+    wavelength: float | None = None,
+    spatial: int | None = None,
+    vary: str | None = None,
+    exposure: float | None = None,
+    bit_depth: int | None = None,
+    color: str | None = None,
+    seed: int | None = None,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> EmvaDataset: ...
+def emva_analyse(
+    input: _Path,
+    *,
+    release: str = "4.0",
+    general: bool = False,
+    pixel_pitch: float | None = None,
+    json: _Path | None = None,
+    html: _Path | None = None,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> EmvaAnalysis: ...

@@ -1,0 +1,103 @@
+//! Arguments of Python with a closed set of values, or with a unit.
+
+use crate::errors::{Failure, setting};
+use dunkelfeld::DenoiseMethod;
+use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::io::{Memory, QuantityError};
+use dunkelfeld::scene::Effect;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+
+/// Largest number of threads, as on the command line.
+const MOST_THREADS: usize = 1024;
+
+/// The value with a name.
+pub(crate) fn named<T: Copy>(what: &str, name: &str, all: &[(&str, T)]) -> Result<T, Failure> {
+    let found = all.iter().find(|(known, _)| *known == name).map(|(_, value)| *value);
+    found.ok_or_else(|| {
+        let names: Vec<&str> = all.iter().map(|(known, _)| *known).collect();
+        setting(what, format!("unknown value \"{name}\""), &format!("write one of {}", names.join(", ")))
+    })
+}
+
+/// A strategy by its name.
+pub(crate) fn strategy_of(what: &str, name: &str) -> Result<Strategy, Failure> {
+    named(what, name, &Strategy::ALL.map(|s| (s.name(), s)))
+}
+
+/// A denoiser by its name.
+pub(crate) fn method_of(name: &str) -> Result<DenoiseMethod, Failure> {
+    named("denoise", name, &DenoiseMethod::ALL.map(|m| (m.name(), m)))
+}
+
+/// An effect by its name.
+pub(crate) fn effect_of(name: &str) -> Result<Effect, Failure> {
+    let all: Vec<(&str, Effect)> = Effect::ALL.into_iter().map(|e| (e.name(), e)).collect();
+    named("effects", name, &all)
+}
+
+/// A number of threads; 0 means one per core.
+pub(crate) fn checked_threads(threads: Option<usize>) -> Result<Option<usize>, Failure> {
+    match threads {
+        Some(n) if n > MOST_THREADS => {
+            let help = format!("use at most {MOST_THREADS}; 0 means one for each core");
+            Err(setting("threads", format!("{n} threads are too many"), &help))
+        }
+        threads => Ok(threads),
+    }
+}
+
+/// A limit of memory: bytes, or a text such as "6GB".
+#[derive(FromPyObject)]
+pub(crate) enum MemoryArgument {
+    Bytes(u64),
+    Text(String),
+}
+
+impl MemoryArgument {
+    pub(crate) fn bytes(self) -> Result<u64, Failure> {
+        let bytes = match self {
+            Self::Bytes(bytes) => Some(bytes).filter(|b| *b > 0),
+            Self::Text(text) => {
+                let size: Memory = text
+                    .parse()
+                    .map_err(|e: QuantityError| setting("memory", e.to_string(), "write a size such as 6GB"))?;
+                size.whole()
+            }
+        };
+        bytes.ok_or_else(|| setting("memory", "is no size above zero", "pass bytes, or a text such as \"6GB\""))
+    }
+}
+
+/// One path, or several.
+#[derive(FromPyObject)]
+pub(crate) enum PathsArgument {
+    One(PathBuf),
+    Several(Vec<PathBuf>),
+}
+
+impl PathsArgument {
+    pub(crate) fn list(self) -> Vec<PathBuf> {
+        match self {
+            Self::One(path) => vec![path],
+            Self::Several(paths) => paths,
+        }
+    }
+}
+
+/// One name, or several.
+#[derive(FromPyObject)]
+pub(crate) enum NamesArgument {
+    One(String),
+    Several(Vec<String>),
+}
+
+impl NamesArgument {
+    /// The values with these names.
+    pub(crate) fn each<T>(self, value: impl Fn(&str) -> Result<T, Failure>) -> Result<Vec<T>, Failure> {
+        match self {
+            Self::One(name) => Ok(vec![value(&name)?]),
+            Self::Several(names) => names.iter().map(|name| value(name)).collect(),
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! EMVA 1288: data sets of simulated cameras, and the analysis of data sets. The module `dunkelfeld.emva` has the docstrings.
+
+use crate::arguments::{checked_threads, named};
+use crate::errors::{Failure, setting};
+use crate::json::loaded;
+use crate::progress::{completed, supervised};
+use crate::sensor::SensorArgument;
+use dunkelfeld::sensor::FilterColor;
+use dunkelfeld::{Session, find_sensor};
+use dunkelfeld_studies::emva::{
+    AnalyseOptions, DatasetOptions, DatasetPlan, DatasetSettings, Findings, TRUTH, Vary, read_measurement,
+    write_dataset,
+};
+use dunkelfeld_studies::emva1288::Release;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+
+fn cancelled() -> Failure {
+    setting("emva", "was cancelled", "call it again")
+}
+
+/// See `dunkelfeld.emva.dataset`.
+#[pyfunction]
+#[pyo3(signature = (sensor, output, *, levels=None, size=None, wavelength=None, spatial=None, vary=None, exposure=None,
+    bit_depth=None, color=None, seed=None, threads=None, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+pub(crate) fn emva_dataset<'py>(
+    py: Python<'py>,
+    sensor: SensorArgument,
+    output: PathBuf,
+    levels: Option<u32>,
+    size: Option<[u32; 2]>,
+    wavelength: Option<f64>,
+    spatial: Option<u32>,
+    vary: Option<&str>,
+    exposure: Option<f64>,
+    bit_depth: Option<u32>,
+    color: Option<&str>,
+    seed: Option<u64>,
+    threads: Option<usize>,
+    progress: Option<Py<PyAny>>,
+) -> Result<Bound<'py, PyDict>, Failure> {
+    let model = match sensor {
+        SensorArgument::Sensor(sensor) => sensor.model,
+        SensorArgument::Name(name) => find_sensor(&name)?,
+    };
+    let varied = [("exposure", Vary::Exposure), ("irradiance", Vary::Irradiance)];
+    let colors = [("red", FilterColor::Red), ("green", FilterColor::Green), ("blue", FilterColor::Blue)];
+    let options = DatasetOptions::default()
+        .with_levels(levels)
+        .with_size(size)
+        .with_wavelength(wavelength)
+        .with_spatial(spatial)
+        .with_vary(vary.map(|name| named("vary", name, &varied)).transpose()?)
+        .with_exposure(exposure)
+        .with_bit_depth(bit_depth)
+        .with_color(color.map(|name| named("color", name, &colors)).transpose()?)
+        .with_seed(seed);
+    let threads = checked_threads(threads)?.unwrap_or(0);
+    let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
+        let plan = DatasetPlan::new(&model, &DatasetSettings::from(options))?;
+        let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
+        write_dataset(&plan, &output, &session)
+    })?;
+    let written = completed(done)?.ok_or_else(cancelled)?;
+    let truth = output.join(TRUTH);
+    let entries = PyDict::new(py);
+    entries.set_item("descriptor", written.descriptor.display().to_string())?;
+    entries.set_item("truth", truth.display().to_string())?;
+    entries.set_item("frames", written.frames)?;
+    entries.set_item("figures", loaded(py, &written.truth)?)?;
+    Ok(entries)
+}
+
+/// See `dunkelfeld.emva.analyse`.
+#[pyfunction]
+#[pyo3(signature = (input, *, release="4.0", general=false, pixel_pitch=None, json=None, html=None, threads=None,
+    progress=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+pub(crate) fn emva_analyse<'py>(
+    py: Python<'py>,
+    input: PathBuf,
+    release: &str,
+    general: bool,
+    pixel_pitch: Option<f64>,
+    json: Option<PathBuf>,
+    html: Option<PathBuf>,
+    threads: Option<usize>,
+    progress: Option<Py<PyAny>>,
+) -> Result<Bound<'py, PyDict>, Failure> {
+    let release = named("release", release, &[("4.0", Release::R40), ("3.1", Release::R31)])?;
+    let options = AnalyseOptions::default().with_release(release).with_general(general).with_pixel_pitch(pixel_pitch);
+    options.check()?;
+    let threads = checked_threads(threads)?.unwrap_or(0);
+    let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
+        Findings::check_outputs(&input, json.as_deref(), html.as_deref())?;
+        let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
+        let Some(read) = read_measurement(&input, &session)? else { return Ok(None) };
+        let findings = options.analyse(&read)?;
+        if let Some(path) = &json {
+            findings.save_json(path)?;
+        }
+        if let Some(path) = &html {
+            findings.save_html(&read, path)?;
+        }
+        Ok(Some((findings, read.warnings)))
+    })?;
+    let (findings, warnings) = completed(done)?.ok_or_else(cancelled)?;
+    let quantities = PyDict::new(py);
+    for quantity in findings.quantities() {
+        quantities.set_item(quantity.symbol, loaded(py, quantity)?)?;
+    }
+    let notes: Vec<&String> = warnings.iter().chain(findings.notes()).collect();
+    let entries = PyDict::new(py);
+    entries.set_item("quantities", quantities)?;
+    entries.set_item("notes", notes)?;
+    entries.set_item("figures", loaded(py, &findings)?)?;
+    for (key, path) in [("json", json), ("html", html)] {
+        entries.set_item(key, path.map(|path| path.display().to_string()))?;
+    }
+    Ok(entries)
+}

@@ -1,0 +1,80 @@
+//! Long work with a progress function of Python, which Ctrl-C and an exception of this function cancel.
+
+use crate::errors::{Failure, setting};
+use crate::work::interruptible;
+use dunkelfeld::{Cancel, Error, Progress, ProgressState, Silent};
+use pyo3::prelude::*;
+use std::cell::Cell;
+use std::sync::{Mutex, MutexGuard};
+
+thread_local! {
+    /// The address of the scene whose progress function runs on this thread, or 0.
+    static REPORTS: Cell<usize> = const { Cell::new(0) };
+}
+
+/// Calls a function of Python with the progress. An exception cancels the work.
+struct Callback<'a> {
+    function: &'a Py<PyAny>,
+    /// The address of the scene, or 0.
+    scene: usize,
+    cancel: &'a Cancel,
+    raised: Mutex<Option<PyErr>>,
+}
+
+impl Progress for Callback<'_> {
+    fn update(&self, state: &ProgressState) {
+        let called = Python::attach(|py| {
+            let arguments = (state.stage.name(), state.fraction, state.elapsed, state.remaining);
+            let before = REPORTS.replace(self.scene);
+            let called = self.function.call1(py, arguments).map(|_| ());
+            REPORTS.set(before);
+            called
+        });
+        if let Err(e) = called {
+            self.cancel.cancel();
+            lock(&self.raised).get_or_insert(e);
+        }
+    }
+}
+
+/// The content of a lock. Its data stay valid if a thread panicked.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+/// Does the progress function of the scene with this address run on this thread?
+pub(crate) fn reports_about(scene: usize) -> bool {
+    REPORTS.get() == scene
+}
+
+/// Runs `work` on another thread. `function` is called with (stage, fraction, elapsed \[s\], remaining \[s\] or None). The
+/// second result is an exception of it, or of a handler of signals such as Ctrl-C, which cancelled the work.
+///
+/// # Errors
+/// Those of the work. An exception of Python is raised instead of an error that follows it.
+pub(crate) fn supervised<T: Send>(
+    py: Python<'_>,
+    function: Option<&Py<PyAny>>,
+    scene: usize,
+    work: impl FnOnce(&dyn Progress, &Cancel) -> Result<T, Error> + Send,
+) -> Result<(T, Option<PyErr>), Failure> {
+    let cancel = Cancel::new();
+    let callback = function.map(|function| Callback { function, scene, cancel: &cancel, raised: Mutex::default() });
+    let sink: &dyn Progress = callback.as_ref().map_or(&Silent, |callback| callback);
+    let (result, raised) = interruptible(py, &cancel, || work(sink, &cancel));
+    let raised = raised.or_else(|| callback.as_ref().and_then(|c| lock(&c.raised).take()));
+    match (result, raised) {
+        (Some(Ok(result)), raised) => Ok((result, raised)),
+        (_, Some(raised)) => Err(raised.into()),
+        (Some(Err(error)), None) => Err(error.into()),
+        (None, None) => Err(setting("work", "a thread panicked", "report it with the input")),
+    }
+}
+
+/// The result of [`supervised`] work that has no partial result.
+///
+/// # Errors
+/// The exception that cancelled the work.
+pub(crate) fn completed<T>((result, raised): (T, Option<PyErr>)) -> Result<T, Failure> {
+    raised.map_or(Ok(result), |raised| Err(raised.into()))
+}

@@ -1,0 +1,260 @@
+//! The studies of a scene: `bench` and `ptc`.
+
+use crate::arguments::{
+    MemoryArgument, NamesArgument, PathsArgument, checked_threads, effect_of, method_of, strategy_of,
+};
+use crate::errors::{Failure, setting};
+use crate::json::loaded;
+use crate::progress::{completed, supervised};
+use crate::sensor::{ExposureArgument, SensorArgument};
+use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
+use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, default_folder};
+use dunkelfeld_studies::photon_transfer::{
+    PtcOptions, PtcSettings, StackSettings, is_frame, ptc_folder, ptc_of_frames,
+};
+use dunkelfeld_studies::{Figures, ViewOptions};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::{Path, PathBuf};
+
+/// The results of a study.
+struct Study {
+    folder: PathBuf,
+    files: Vec<PathBuf>,
+    findings: Vec<String>,
+    figures: Figures,
+    /// Numbers of finished renders, of all renders, and of invalid samples.
+    numbers: [u64; 3],
+}
+
+impl Study {
+    fn entries<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyDict>, Failure> {
+        let text = |path: &PathBuf| path.display().to_string();
+        let entries = PyDict::new(py);
+        entries.set_item("folder", text(&self.folder))?;
+        entries.set_item("report", self.files.first().map(text))?;
+        entries.set_item("files", self.files.iter().map(text).collect::<Vec<_>>())?;
+        entries.set_item("findings", &self.findings)?;
+        entries.set_item("figures", loaded(py, &self.figures)?)?;
+        for (key, number) in ["finished", "renders", "invalid_samples"].into_iter().zip(self.numbers) {
+            entries.set_item(key, number)?;
+        }
+        Ok(entries)
+    }
+}
+
+/// The options of a view, from the keywords of Python.
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+fn view_options(
+    width: Option<u32>,
+    height: Option<u32>,
+    camera: Option<String>,
+    sensor: Option<SensorArgument>,
+    exposure: Option<ExposureArgument>,
+    seed: Option<u64>,
+    memory: Option<MemoryArgument>,
+    threads: Option<usize>,
+) -> Result<ViewOptions, Failure> {
+    Ok(ViewOptions::default()
+        .with_width(width)
+        .with_height(height)
+        .with_camera(camera)
+        .with_sensor(sensor.map(SensorArgument::option))
+        .with_exposure(exposure.map(ExposureArgument::option).transpose()?)
+        .with_seed(seed)
+        .with_memory(memory.map(MemoryArgument::bytes).transpose()?)
+        .with_threads(checked_threads(threads)?))
+}
+
+/// The project of a scene or job, with a view.
+fn open(input: &Path, view: &ViewOptions, sink: &dyn Progress) -> Result<Project, Error> {
+    sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
+    let mut project = Project::open_with(input, ProjectOptions::default().with_can_change(false))?;
+    view.apply(&mut project)?;
+    Ok(project)
+}
+
+/// Renders a scene or job many times with different seeds, and writes noise against time of each strategy and denoiser,
+/// the time until the noise is hidden, and cost and bias of each effect into the folder `output` (default: the name of
+/// the input with -bench): `report.html`, tables as CSV, charts as SVG. The options are those of `dunkelfeld bench`.
+///
+/// Returns a dictionary: `folder`, `report` and `files` (paths), `findings` (texts), `figures` (the rows of the tables
+/// noise, hidden, denoised, stages and effects, with the keys of the CSV; None where a number is unknown), `finished` and
+/// `renders` (numbers), `invalid_samples`.
+///
+/// Ctrl-C and an exception of `progress` end it; the same call continues with the missing renders.
+#[pyfunction]
+#[pyo3(signature = (input, output=None, *, quick=false, restart=false, spp=None, seeds=None, strategies=None, noise=None,
+    effects=None, denoise=None, oidn=None, effect_spp=None, reference_spp=None, width=None, height=None, camera=None,
+    sensor=None, exposure=None, seed=None, memory=None, threads=None, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+pub(crate) fn bench<'py>(
+    py: Python<'py>,
+    input: PathBuf,
+    output: Option<PathBuf>,
+    quick: bool,
+    restart: bool,
+    spp: Option<Vec<u32>>,
+    seeds: Option<u32>,
+    strategies: Option<NamesArgument>,
+    noise: Option<Vec<f64>>,
+    effects: Option<NamesArgument>,
+    denoise: Option<NamesArgument>,
+    oidn: Option<PathBuf>,
+    effect_spp: Option<u32>,
+    reference_spp: Option<u32>,
+    width: Option<u32>,
+    height: Option<u32>,
+    camera: Option<String>,
+    sensor: Option<SensorArgument>,
+    exposure: Option<ExposureArgument>,
+    seed: Option<u64>,
+    memory: Option<MemoryArgument>,
+    threads: Option<usize>,
+    progress: Option<Py<PyAny>>,
+) -> Result<Bound<'py, PyDict>, Failure> {
+    let strategies = strategies.map(|names| names.each(|name| strategy_of("strategies", name))).transpose()?;
+    let options = BenchOptions::default()
+        .with_quick(quick)
+        .with_spp(spp.unwrap_or_default())
+        .with_seeds(seeds)
+        .with_strategies(strategies.unwrap_or_default())
+        .with_noise(noise.unwrap_or_default())
+        .with_effects(effects.map(|names| names.each(effect_of)).transpose()?)
+        .with_denoise(denoise.map(|names| names.each(method_of)).transpose()?.unwrap_or_default())
+        .with_oidn(oidn)
+        .with_effect_spp(effect_spp)
+        .with_reference_spp(reference_spp);
+    let settings = BenchSettings::from(options);
+    settings.check()?;
+    let view = view_options(width, height, camera, sensor, exposure, seed, memory, threads)?;
+    let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
+        let project = open(&input, &view, sink)?;
+        let folder = output.unwrap_or_else(|| default_folder(&input, &project.inputs).path);
+        let session = Session::new(project.settings.threads)?.with_progress(sink).with_cancel(cancel);
+        let has_size = view.has_size();
+        let o = dunkelfeld_studies::bench::bench(project, &input, &settings, &folder, has_size, restart, &session)?;
+        let numbers = [o.finished[0] as u64, o.finished[1] as u64, o.invalid_samples];
+        Ok(Study { folder, files: o.files, findings: o.findings, figures: o.figures, numbers })
+    })?;
+    completed(done)?.entries(py)
+}
+
+/// Measures the photon transfer of a scene or job, as Kludt et al., or that of frames from files (.png, .tif, .bmp), and
+/// writes `report.html`, tables as CSV and charts as SVG into the folder `output` (default: the name of the input with
+/// -ptc). The options are those of `dunkelfeld ptc`. `dark` and `saturation` [DN] are for frames only; with frames, only
+/// `edges` is used beside them.
+///
+/// Returns a dictionary: `folder`, `report` and `files` (paths), `findings` (texts), `figures` (tables: of a scene series,
+/// lines and curves; of frames curves, lines and variance; None where a number is unknown), `finished` and `renders`
+/// (numbers; frames of files count as renders), `invalid_samples`.
+///
+/// Ctrl-C and an exception of `progress` end it; the same call continues with the missing renders.
+#[pyfunction]
+#[pyo3(signature = (input, output=None, *, restart=false, frames=None, spp=None, denoise=None, oidn=None, edges=None,
+    pictures_only=false, dark=None, saturation=None, width=None, height=None, camera=None, sensor=None, exposure=None,
+    seed=None, memory=None, threads=None, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+pub(crate) fn ptc<'py>(
+    py: Python<'py>,
+    input: PathsArgument,
+    output: Option<PathBuf>,
+    restart: bool,
+    frames: Option<u32>,
+    spp: Option<Vec<u32>>,
+    denoise: Option<&str>,
+    oidn: Option<PathBuf>,
+    edges: Option<f64>,
+    pictures_only: bool,
+    dark: Option<f64>,
+    saturation: Option<f64>,
+    width: Option<u32>,
+    height: Option<u32>,
+    camera: Option<String>,
+    sensor: Option<SensorArgument>,
+    exposure: Option<ExposureArgument>,
+    seed: Option<u64>,
+    memory: Option<MemoryArgument>,
+    threads: Option<usize>,
+    progress: Option<Py<PyAny>>,
+) -> Result<Bound<'py, PyDict>, Failure> {
+    let inputs = input.list();
+    if !inputs.is_empty() && inputs.iter().all(|path| is_frame(path)) {
+        let of_render = [
+            ("frames", frames.is_some()),
+            ("spp", spp.is_some()),
+            ("denoise", denoise.is_some() || oidn.is_some()),
+            ("pictures_only", pictures_only),
+            ("sensor", sensor.is_some()),
+            ("exposure", exposure.is_some()),
+            ("width or height", width.is_some() || height.is_some()),
+            ("camera", camera.is_some()),
+            ("seed", seed.is_some()),
+            ("restart", restart),
+            ("memory", memory.is_some()),
+            ("threads", threads.is_some()),
+        ];
+        if let Some((name, _)) = of_render.iter().find(|(_, given)| *given) {
+            let problem = "is a setting of a render, and the input is frames";
+            return Err(setting(name, problem, "leave it out, or give a scene"));
+        }
+        let defaults = StackSettings::default();
+        let settings = StackSettings::default()
+            .with_dark(dark.unwrap_or(defaults.dark))
+            .with_saturation(saturation)
+            .with_edges(edges.unwrap_or(defaults.edges));
+        return ptc_frames(py, &inputs, output, &settings, progress.as_ref());
+    }
+    let [input] = inputs.as_slice() else {
+        let problem = format!("{} inputs are neither one scene nor a stack of frames", inputs.len());
+        return Err(setting("input", problem, "give one scene or job, or frames (.png, .tif, .bmp) alone"));
+    };
+    for (name, value) in [("dark", dark), ("saturation", saturation)] {
+        if value.is_some() {
+            let problem = "is for frames; with a scene, the sensor has that value";
+            return Err(setting(name, problem, "leave it out, or give frames"));
+        }
+    }
+    let options = PtcOptions::default()
+        .with_frames(frames)
+        .with_spp(spp.unwrap_or_default())
+        .with_denoise(denoise.map(method_of).transpose()?)
+        .with_oidn(oidn)
+        .with_edges(edges)
+        .with_pictures_only(pictures_only);
+    let settings = PtcSettings::from(options);
+    settings.check()?;
+    let view = view_options(width, height, camera, sensor, exposure, seed, memory, threads)?;
+    let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
+        let project = open(input, &view, sink)?;
+        let folder = output.unwrap_or_else(|| ptc_folder(input, &project.inputs).path);
+        let session = Session::new(project.settings.threads)?.with_progress(sink).with_cancel(cancel);
+        let o = dunkelfeld_studies::photon_transfer::ptc(project, input, &settings, &folder, restart, &session)?;
+        let numbers = [o.finished[0] as u64, o.finished[1] as u64, o.invalid_samples];
+        Ok(Study { folder, files: o.files, findings: o.findings, figures: o.figures, numbers })
+    })?;
+    completed(done)?.entries(py)
+}
+
+/// The photon transfer of files.
+fn ptc_frames<'py>(
+    py: Python<'py>,
+    inputs: &[PathBuf],
+    output: Option<PathBuf>,
+    settings: &StackSettings,
+    progress: Option<&Py<PyAny>>,
+) -> Result<Bound<'py, PyDict>, Failure> {
+    let done = supervised(py, progress, 0, |sink, cancel| {
+        let session = Session::new(1)?.with_progress(sink).with_cancel(cancel);
+        let Some(stack) = ptc_of_frames(inputs, settings, &session)? else { return Ok(None) };
+        let first = inputs.first().map_or(Path::new(""), PathBuf::as_path);
+        let folder = output.unwrap_or_else(|| ptc_folder(first, &stack.inputs).path);
+        let files = stack.write(&folder)?;
+        let numbers = [inputs.len() as u64, inputs.len() as u64, 0];
+        Ok(Some(Study { folder, files, findings: stack.findings(), figures: stack.figures(), numbers }))
+    })?;
+    match completed(done)? {
+        Some(study) => study.entries(py),
+        None => Err(setting("ptc", "was cancelled", "call it again")),
+    }
+}
