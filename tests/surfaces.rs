@@ -76,7 +76,7 @@ fn sun(b: &mut SceneBuilder, from: DVec3) {
 }
 
 fn image(width: u32, height: u32, texels: Vec<[u8; 4]>) -> Image {
-    Image { name: "image".into(), width, height, texels: Texels::Rgba8(texels) }
+    Image { name: "image".into(), width, height, texels: Texels::Rgba8(texels).into() }
 }
 
 fn nearest() -> Texture {
@@ -174,7 +174,7 @@ fn a_single_bright_texel_of_a_sky_is_a_small_sun() {
     let mut texels = vec![[0.0f32; 3]; (w * h) as usize];
     texels[(j * w + i) as usize] = [40.0; 3];
     let mut b = floor_scene(plastic());
-    b.images.push(Image { name: "sky".into(), width: w, height: h, texels: Texels::RgbF32(texels) });
+    b.images.push(Image { name: "sky".into(), width: w, height: h, texels: Texels::RgbF32(texels).into() });
     let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::splat(2.5) };
     b.environment = Some(Environment { source, rotation });
     let turn = DQuat::from_rotation_y(f64::from(rotation));

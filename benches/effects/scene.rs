@@ -271,7 +271,7 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
 
 /// A texture of one texel.
 fn texture(b: &mut SceneBuilder, texel: [f32; 3]) -> Texture {
-    b.images.push(Image { name: "texel".into(), width: 1, height: 1, texels: Texels::RgbF32(vec![texel]) });
+    b.images.push(Image { name: "texel".into(), width: 1, height: 1, texels: Texels::RgbF32(vec![texel]).into() });
     Texture::new(ImageId(b.images.len() as u32 - 1), ColorEncoding::Linear)
 }
 

@@ -127,7 +127,7 @@ fn a_sun_in_a_dim_sky() {
     let m = b.add_material(crate::support::plastic());
     // The sky's pole is +y, so the floor faces +y.
     b.add_object("floor", rectangle(Vec3::new(-0.5, 0.0, 0.5), Vec3::X, Vec3::NEG_Z), m);
-    b.images.push(Image { name: "sky".into(), width: w, height: h, texels: Texels::RgbF32(texels) });
+    b.images.push(Image { name: "sky".into(), width: w, height: h, texels: Texels::RgbF32(texels).into() });
     let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
     b.environment = Some(Environment { source, rotation: 0.0 });
     let wo = DVec3::new(0.6, 0.7, 0.36).normalize();
@@ -192,7 +192,12 @@ fn in_the_dark_there_is_nothing() {
         gives(&build(b), 0.0, terms(16.0, 0.0), "in the dark");
     };
     let black_image = |b: &mut SceneBuilder| {
-        b.images.push(Image { name: "night".into(), width: 2, height: 2, texels: Texels::RgbF32(vec![[0.0; 3]; 4]) });
+        b.images.push(Image {
+            name: "night".into(),
+            width: 2,
+            height: 2,
+            texels: Texels::RgbF32(vec![[0.0; 3]; 4]).into(),
+        });
         ImageId(0)
     };
     dark(&|_| {});

@@ -158,7 +158,7 @@ fn unusable_attributes_are_hazards() {
             name: "map".into(),
             width: 1,
             height: 1,
-            texels: Texels::Rgba8(vec![[128, 128, 255, 255]]),
+            texels: Texels::Rgba8(vec![[128, 128, 255, 255]]).into(),
         });
         b
     };

@@ -155,7 +155,7 @@ fn mixture() -> SceneBuilder {
 fn sky() -> (Image, Environment) {
     // 8 x 4 texels with a bright one, so that importance sampling has an effect.
     let texels = (0..32).map(|i| [0.2 + (i % 5) as f32 * 0.1, 0.3, if i == 11 { 9.0 } else { 0.1 }]).collect();
-    let image = Image { name: "sky".into(), width: 8, height: 4, texels: Texels::RgbF32(texels) };
+    let image = Image { name: "sky".into(), width: 8, height: 4, texels: Texels::RgbF32(texels).into() };
     (
         image,
         Environment { source: EnvironmentSource::Image { image: ImageId(0), scale: Rgb::splat(1.5) }, rotation: 0.9 },
@@ -254,7 +254,8 @@ fn irradiance(scene: &Scene, receiver: &LightSampleContext, pixel: u32) -> f64 {
 fn textured_emission_follows_its_texture_and_coverage() {
     // A panel of 0.4 m at 0.3 m, its left half (x < 0) of radiance 5, its right half of 1.25: the irradiance beside it
     // is the integral of L cos cos / d^2, by the midpoint rule. Coverage 0.4 leaves 0.4 of that.
-    let image = Image { name: "halves".into(), width: 2, height: 1, texels: Texels::RgbF32(vec![[1.0; 3], [0.25; 3]]) };
+    let image =
+        Image { name: "halves".into(), width: 2, height: 1, texels: Texels::RgbF32(vec![[1.0; 3], [0.25; 3]]).into() };
     let texture = Texture { filter: Filter::Nearest, ..Texture::new(ImageId(0), ColorEncoding::Linear) };
     let at = DVec3::new(0.15, 0.05, 0.0);
     let expected: f64 = (0..400 * 400)

@@ -66,7 +66,7 @@ fn placed(mesh: Mesh, material: Material, images: Vec<Image>, to_world: DAffine3
 /// A normal map with the same tangent-space normal everywhere.
 fn flat_map(n: Vec3) -> Image {
     let [x, y, z] = n.to_array().map(|v| ((0.5 + 0.5 * v) * 65535.0).round() as u16);
-    Image { name: "map".into(), width: 1, height: 1, texels: Texels::Rgba16(vec![[x, y, z, 65535]]) }
+    Image { name: "map".into(), width: 1, height: 1, texels: Texels::Rgba16(vec![[x, y, z, 65535]]).into() }
 }
 
 #[test]
@@ -211,7 +211,7 @@ fn emission_uses_its_own_coordinates_and_transform() {
 #[test]
 fn energy_compensation_applies_to_constant_and_textured_surfaces() {
     // A white texture changes only the code path: its material is evaluated at each place.
-    let white = Image { name: "white".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[255; 4]]) };
+    let white = Image { name: "white".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[255; 4]]).into() };
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
     for base_color_texture in [None, Some(texture)] {
         let shade = |energy_compensation: bool| {

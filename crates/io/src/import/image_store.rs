@@ -104,7 +104,7 @@ impl ImageStore {
     pub(crate) fn add_measured(&mut self, header: &ImageHeader, place: &str) -> Result<ImageId, String> {
         self.budget.add(place, header);
         let ImageHeader { width, height, .. } = *header;
-        self.push(Image { name: String::new(), width, height, texels: Texels::Gray8(Vec::new()) })
+        self.push(Image { name: String::new(), width, height, texels: Texels::Gray8(Vec::new()).into() })
     }
 
     /// Adds an image.

@@ -269,7 +269,7 @@ impl Opened<'_> {
             Texels::RgbF32(texels) => repair(texels),
             _ => 0,
         };
-        Ok(Decoded { image: Image { name: name.to_owned(), width, height, texels }, repaired })
+        Ok(Decoded { image: Image { name: name.to_owned(), width, height, texels: texels.into() }, repaired })
     }
 }
 
@@ -497,7 +497,7 @@ mod tests {
         assert!(warnings.is_empty());
         // The images of the scene count as well.
         let limits = Limits { total_image_bytes: 39, ..Limits::default() };
-        let scene = Image { name: "wood".into(), width: 4, height: 4, texels: Texels::Gray8(vec![[0]; 16]) };
+        let scene = Image { name: "wood".into(), width: 4, height: 4, texels: Texels::Gray8(vec![[0]; 16]).into() };
         assert!(load_environment(&path, &limits, &[]).is_ok());
         let e = load_environment(&path, &limits, &[scene]).expect_err("beyond the budget");
         assert!(e.problem.contains("40 B") && e.place.contains("environment"), "{e}");

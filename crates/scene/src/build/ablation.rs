@@ -158,7 +158,7 @@ mod tests {
     fn everything() -> SceneBuilder {
         let mut scene = SceneBuilder { energy_compensation: true, ..SceneBuilder::default() };
         let texels = crate::Texels::Rgba8(vec![[10, 20, 30, 128]]);
-        scene.images.push(Image { name: "dot".into(), width: 1, height: 1, texels });
+        scene.images.push(Image { name: "dot".into(), width: 1, height: 1, texels: texels.into() });
         let texture = Texture::new(ImageId(0), ColorEncoding::Srgb);
         let volume = Volume {
             attenuation_color: Rgb::new(0.5, 0.6, 0.7),

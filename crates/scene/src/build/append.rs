@@ -120,7 +120,12 @@ mod tests {
         // One texture in every slot, so that a slot that `append` leaves out has a wrong image.
         let (color, channel) = (Some(texture), Some(ChannelTexture { texture, channel: 0 }));
         let mut scene = SceneBuilder::default();
-        scene.images.push(Image { name: "red".into(), width: 1, height: 1, texels: Texels::Rgb8(vec![[255, 0, 0]]) });
+        scene.images.push(Image {
+            name: "red".into(),
+            width: 1,
+            height: 1,
+            texels: Texels::Rgb8(vec![[255, 0, 0]]).into(),
+        });
         let material = scene.add_material(Material {
             name: "paint".into(),
             base_color_texture: color,

@@ -124,7 +124,7 @@ impl Hash {
         }
         let channels = if texels.is_float() { 3 } else { 4 };
         // By value: a channel that is not stored is hashed as its default.
-        with_texels!(texels, t => t.iter().for_each(|t| {
+        with_texels!(&**texels, t => t.iter().for_each(|t| {
             rgba(*t).iter().take(channels).for_each(|v| self.bytes(v.le_bytes().as_ref()));
         }));
     }
@@ -194,8 +194,9 @@ mod tests {
     /// Grey is three equal channels, and alpha that is not stored is opaque. The hash depends on the values only.
     #[test]
     fn images_are_hashed_by_their_values() {
-        let with =
-            |texels: Texels| fingerprint(|b| b.images.push(Image { name: "a".into(), width: 2, height: 1, texels }));
+        let with = |texels: Texels| {
+            fingerprint(|b| b.images.push(Image { name: "a".into(), width: 2, height: 1, texels: texels.into() }))
+        };
         let stored = with(Texels::Rgba8(vec![[7, 7, 7, 255], [200, 200, 200, 255]]));
         assert_eq!(with(Texels::Gray8(vec![[7], [200]])), stored);
         assert_eq!(with(Texels::GrayAlpha8(vec![[7, 255], [200, 255]])), stored);

@@ -9,6 +9,7 @@ use crate::material::Material;
 use crate::material::texture::{Image, Texels};
 use dunkelfeld_geometry::Mesh;
 use dunkelfeld_radiometry::Rgb;
+use std::sync::Arc;
 
 /// Longest time of an exposure \[s\].
 const MAX_SECONDS: f64 = 1e6;
@@ -161,7 +162,15 @@ fn is_radiance(v: Rgb) -> bool {
 /// Sets texels that are not finite or negative to zero. One of them would make every pixel invalid that samples it.
 pub(crate) fn repair_texels(images: &mut [Image], report: &mut BuildReport) {
     for image in images {
-        let count = match &mut image.texels {
+        let is_sound = match &*image.texels {
+            Texels::RgbF32(texels) => texels.iter().flatten().all(|&v| is_usable(v)),
+            Texels::GrayF32(texels) => texels.iter().flatten().all(|&v| is_usable(v)),
+            _ => true,
+        };
+        if is_sound {
+            continue;
+        }
+        let count = match Arc::make_mut(&mut image.texels) {
             Texels::RgbF32(texels) => blacken(texels),
             Texels::GrayF32(texels) => blacken(texels),
             _ => continue,
@@ -173,11 +182,14 @@ pub(crate) fn repair_texels(images: &mut [Image], report: &mut BuildReport) {
     }
 }
 
+fn is_usable(v: f32) -> bool {
+    v.is_finite() && v >= 0.0
+}
+
 /// Sets values that are no radiance to zero. Returns the number of texels that had any.
 fn blacken<const N: usize>(texels: &mut [[f32; N]]) -> usize {
-    let usable = |v: f32| v.is_finite() && v >= 0.0;
-    let broken = texels.iter_mut().filter(|t| !t.iter().all(|v| usable(*v)));
-    broken.map(|texel| *texel = texel.map(|v| if usable(v) { v } else { 0.0 })).count()
+    let broken = texels.iter_mut().filter(|t| !t.iter().all(|v| is_usable(*v)));
+    broken.map(|texel| *texel = texel.map(|v| if is_usable(v) { v } else { 0.0 })).count()
 }
 
 pub(crate) fn mesh_place(index: usize, name: &str) -> String {

@@ -215,7 +215,7 @@ mod tests {
     fn map() -> EnvironmentLight {
         let texels: Vec<[f32; 3]> =
             (0..32 * 16).map(|i| [(i % 7) as f32, 1.0, if i == 100 { 500.0 } else { 0.1 }]).collect();
-        let image = Image { name: "sky".into(), width: 32, height: 16, texels: Texels::RgbF32(texels) };
+        let image = Image { name: "sky".into(), width: 32, height: 16, texels: Texels::RgbF32(texels).into() };
         let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::splat(2.0) };
         EnvironmentLight::new(&Environment { source, rotation: 0.7 }, &[image])
     }
@@ -247,7 +247,7 @@ mod tests {
         // A grey map: the density is radiance over the total, texel by texel, whatever the latitude.
         for height in [1, 2, 5, 32] {
             let texels = (0..2 * height * height).map(|i| [1.0 + (i % 5) as f32; 3]).collect();
-            let image = Image { name: "grey".into(), width: 2 * height, height, texels: Texels::RgbF32(texels) };
+            let image = Image { name: "grey".into(), width: 2 * height, height, texels: Texels::RgbF32(texels).into() };
             let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
             let light = EnvironmentLight::new(&Environment { source, rotation: 0.3 }, &[image]);
             let total = 4.0 * PI * light.mean.g;
@@ -267,7 +267,7 @@ mod tests {
         // uniform: half of them within the angle that halves its solid angle, 1 / sqrt 2 of the whole.
         let (width, height) = (16, 4096);
         let texels: Vec<[f32; 3]> = (0..width * height).map(|i| [if i < width { 1e7 } else { 1e-3 }; 3]).collect();
-        let image = Image { name: "zenith".into(), width, height, texels: Texels::RgbF32(texels) };
+        let image = Image { name: "zenith".into(), width, height, texels: Texels::RgbF32(texels).into() };
         let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
         let light = EnvironmentLight::new(&Environment { source, rotation: 0.3 }, &[image]);
         let cap = PI / height as f32;
@@ -298,8 +298,12 @@ mod tests {
 
     #[test]
     fn a_black_environment_is_sampled() {
-        let image =
-            Image { name: "night".into(), width: 2, height: 1, texels: Texels::RgbF32(vec![[0.0; 3], [f32::NAN; 3]]) };
+        let image = Image {
+            name: "night".into(),
+            width: 2,
+            height: 1,
+            texels: Texels::RgbF32(vec![[0.0; 3], [f32::NAN; 3]]).into(),
+        };
         let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
         let light = EnvironmentLight::new(&Environment { source, rotation: 0.0 }, &[image]);
         let (d, l, pdf) = light.sample(&ANY, [0.3, 0.6]);

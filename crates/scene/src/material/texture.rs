@@ -1,6 +1,7 @@
 //! Images, and the textures that refer to them.
 
 use dunkelfeld_geometry::Vec2;
+use std::sync::Arc;
 
 /// Index into [`SceneBuilder::images`](crate::SceneBuilder::images).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
@@ -15,8 +16,8 @@ pub struct Image {
     pub width: u32,
     /// Height in texels, at least 1.
     pub height: u32,
-    /// The texels.
-    pub texels: Texels,
+    /// The texels. Copies of the image share them.
+    pub texels: Arc<Texels>,
 }
 
 /// Texel storage: 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4 channels (red, green, blue, alpha) of 8 or 16

@@ -74,7 +74,7 @@ impl Image {
     /// The linear value of one texel: red, green, blue, alpha.
     fn texel(&self, x: u32, y: u32, encoding: ColorEncoding) -> [f32; 4] {
         let i = y as usize * self.width as usize + x as usize;
-        with_texels!(&self.texels, t => linear(t[i], encoding))
+        with_texels!(&*self.texels, t => linear(t[i], encoding))
     }
 
     /// Mean linear value over all texels.
@@ -115,7 +115,7 @@ impl Texture {
         // Coordinates near the limit of f32 overflow in the conversion to texels.
         let Vec2 { x, y } = if texels.is_finite() { texels } else { Vec2::ZERO };
         // The format is decided once for each evaluation. The code below is compiled for each format.
-        with_texels!(&image.texels, t => self.filtered(t, [image.width, image.height], [x, y]))
+        with_texels!(&*image.texels, t => self.filtered(t, [image.width, image.height], [x, y]))
     }
 
     /// The linear value at coordinates counted in texels, which must be finite.
@@ -165,7 +165,7 @@ mod tests {
 
     fn ramp() -> Vec<Image> {
         let texels = Texels::Rgba8(vec![[0, 10, 0, 255], [255, 20, 0, 255], [0, 30, 255, 0], [255, 40, 255, 0]]);
-        vec![Image { name: "ramp".into(), width: 2, height: 2, texels }]
+        vec![Image { name: "ramp".into(), width: 2, height: 2, texels: texels.into() }]
     }
 
     fn texture() -> Texture {
@@ -205,7 +205,7 @@ mod tests {
     #[test]
     fn srgb_is_decoded_and_alpha_is_not() {
         let images =
-            vec![Image { name: "g".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[188, 0, 0, 188]]) }];
+            vec![Image { name: "g".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[188, 0, 0, 188]]).into() }];
         let v = Texture::new(ImageId(0), ColorEncoding::Srgb).eval(&images, Vec2::ZERO);
         assert!((v[0] - 0.502_886).abs() < 1e-4 && (v[3] - 188.0 / 255.0).abs() < 1e-6);
     }

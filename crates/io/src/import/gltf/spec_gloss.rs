@@ -121,7 +121,7 @@ fn bake(
             let place = name.clone();
             store.add(Image { name, width, height, texels }, &place)
         };
-        (add(color, Texels::Rgba8(colors))?, add(surface, Texels::Rgb8(surfaces))?)
+        (add(color, Texels::Rgba8(colors).into())?, add(surface, Texels::Rgb8(surfaces).into())?)
     };
     let surface = Texture { image: surface, encoding: ColorEncoding::Linear, ..template };
     material.base_color = Rgb::WHITE;

@@ -49,7 +49,7 @@ pub(super) fn normals_of_heights(image: &Image, channel: Option<u8>, strength: f
         name: format!("{} (normals)", image.name),
         width: image.width,
         height: image.height,
-        texels: Texels::Rgb16(texels.collect()),
+        texels: Texels::Rgb16(texels.collect()).into(),
     }
 }
 
@@ -97,7 +97,7 @@ fn convert(image: &Image, what: &str, channels: usize, f: impl Fn([f32; 4]) -> [
         (false, 3) => Texels::Rgb16(values.map(|[r, g, b, _]| [r, g, b].map(to_u16)).collect()),
         (false, _) => Texels::Rgba16(values.map(|t| t.map(to_u16)).collect()),
     };
-    Image { name: format!("{} ({what})", image.name), width: image.width, height: image.height, texels }
+    Image { name: format!("{} ({what})", image.name), width: image.width, height: image.height, texels: texels.into() }
 }
 
 /// A texel as stored, integers scaled to \[0, 1\]; opaque white if the image has fewer texels than its size.
@@ -116,7 +116,7 @@ mod tests {
 
     fn grey(width: u32, height: u32, f: impl Fn(u32, u32) -> f32) -> Image {
         let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| [f(x, y); 3]).collect();
-        Image { name: "g".into(), width, height, texels: Texels::RgbF32(texels) }
+        Image { name: "g".into(), width, height, texels: Texels::RgbF32(texels).into() }
     }
 
     fn normal(image: &Image, i: usize) -> [f32; 3] {
