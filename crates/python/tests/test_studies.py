@@ -144,6 +144,7 @@ BAD: list[tuple[Any, type[BaseException], str]] = [
     (lambda p, o: df.emva.dataset("imx174", o, levels=3), df.SettingError, "levels"),
     (lambda p, o: df.emva.dataset("imx174", o, size=(0, 16)), df.SettingError, "width"),
     (lambda p, o: df.emva.dataset("imx174", o, size=(16, 2**31)), df.SettingError, "height"),
+    (lambda p, o: df.emva.dataset("imx174", o, size=(32768, 32768)), df.SettingError, "pixels"),
     (lambda p, o: df.emva.dataset("imx174", o, exposure=float("nan")), df.SettingError, "exposure"),
     (lambda p, o: df.emva.dataset("imx174", o, exposure=-1.0), df.SettingError, "exposure"),
     (lambda p, o: df.emva.dataset("imx174", o, wavelength=float("inf")), df.SettingError, "wavelength"),

@@ -113,6 +113,10 @@ impl DatasetPlan {
         within("frames of a stack", s.stack, 3, 1000)?;
         within("width", s.width, 16, dunkelfeld::MAX_SIDE)?;
         within("height", s.height, 16, dunkelfeld::MAX_SIDE)?;
+        if u64::from(s.width) * u64::from(s.height) > dunkelfeld::MAX_PIXELS {
+            let problem = format!("{} x {} pixels are more than {}", s.width, s.height, dunkelfeld::MAX_PIXELS);
+            return Err(Error::setting("size", problem, "use smaller frames"));
+        }
         if !EXPOSURES.contains(&s.exposure.0) {
             let problem = format!("{} s is out of range", s.exposure.0);
             return Err(Error::setting("exposure", problem, "choose a time from 1 us to 100000 s"));
