@@ -30,7 +30,7 @@ fn floor_with(material: Material, image: Option<DVec3>, change: impl Fn(&mut Mes
     if let Some(n) = image {
         let texel = |v: f64| ((0.5 + 0.5 * v) * 65535.0).round() as u16;
         let texels = Texels::Rgba16(vec![[texel(n.x), texel(n.y), texel(n.z), 65535]]);
-        b.images.push(Image { name: "map".into(), width: 1, height: 1, texels });
+        b.images.push(Image { name: "map".into(), width: 1, height: 1, texels: texels.into() });
     }
     let m = b.add_material(material);
     let mut mesh = square(0.0, 1.0, false);

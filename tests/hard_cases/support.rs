@@ -155,7 +155,7 @@ pub(crate) fn sky(radiance: f32) -> Option<Environment> {
 pub(crate) fn two_halves(b: &mut SceneBuilder, above: f32, below: f32) {
     let image = ImageId(b.images.len() as u32);
     let texels = Texels::RgbF32(vec![[above; 3], [below; 3]]);
-    b.images.push(Image { name: "halves".into(), width: 1, height: 2, texels });
+    b.images.push(Image { name: "halves".into(), width: 1, height: 2, texels: texels.into() });
     b.environment = Some(Environment { source: EnvironmentSource::Image { image, scale: Rgb::WHITE }, rotation: 0.0 });
 }
 

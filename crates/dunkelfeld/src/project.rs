@@ -275,7 +275,8 @@ impl Project {
     fn account(&self, settings: &RenderSettings, outputs: Option<&OutputPaths>) -> (u64, MemoryAccount) {
         let (threads, none) = (thread_count(settings.threads), OutputPaths::default());
         let outputs = outputs.unwrap_or(&none);
-        render_account(RenderNeeds { scene: &self.scene.summary(), settings, outputs, threads })
+        let description = self.description.as_ref().map_or(0, |description| description.bytes());
+        render_account(RenderNeeds { scene: &self.scene.summary(), description, settings, outputs, threads })
     }
 
     /// The account of a render that may begin, as a command that writes the outputs of the project.

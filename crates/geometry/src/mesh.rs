@@ -22,6 +22,18 @@ pub struct Mesh {
 }
 
 impl Mesh {
+    /// Memory of the vertices and triangles \[bytes\].
+    pub fn bytes(&self) -> usize {
+        let Self { positions, triangles, normals, tangents, uvs, colors } = self;
+        size_of_val(&**positions)
+            + size_of_val(&**triangles)
+            + size_of_val(&**normals)
+            + size_of_val(&**tangents)
+            + size_of_val(&*uvs[0])
+            + size_of_val(&*uvs[1])
+            + size_of_val(&**colors)
+    }
+
     /// The three corner positions of a triangle.
     ///
     /// # Panics

@@ -209,19 +209,12 @@ impl Scene {
 
     /// Size of the scene in numbers.
     pub fn summary(&self) -> SceneSummary {
-        let mesh_bytes = |m: &Mesh| {
-            m.positions.len() * 12
-                + m.triangles.len() * 24
-                + m.normals.len() * 12
-                + (m.tangents.len() + m.colors.len()) * 16
-                + (m.uvs[0].len() + m.uvs[1].len()) * 8
-        };
         let image_bytes: usize = self.images.iter().map(|i| i.texels.bytes()).sum();
         let own = self.parts.iter().filter_map(|p| Some((p.facets.as_ref()?, p.mesh)));
         // Copies of a mesh share its triangles.
         let own: HashMap<u32, usize> = own.map(|(facets, mesh)| (mesh, facets.len())).collect();
         let facets = self.facets.len() + own.values().sum::<usize>();
-        let meshes: usize = self.meshes.iter().map(|m| mesh_bytes(m)).sum();
+        let meshes: usize = self.meshes.iter().map(|m| m.bytes()).sum();
         SceneSummary {
             placed_triangles: self.parts.iter().map(|p| self.meshes[p.mesh as usize].triangles.len() as u64).sum(),
             stored_triangles: self.meshes.iter().map(|m| m.triangles.len() as u64).sum(),

@@ -167,7 +167,7 @@ fn invalid_values_are_refused_by_name() {
             "do not fill",
             Box::new(|b| {
                 let texels = Texels::Rgba8(vec![[0; 4]; 3]);
-                b.images.push(Image { name: "i".into(), width: 2, height: 2, texels });
+                b.images.push(Image { name: "i".into(), width: 2, height: 2, texels: texels.into() });
             }),
         ),
     ];
@@ -225,7 +225,7 @@ fn a_scene_that_loses_every_triangle_is_an_error() {
 fn invalid_radiance_texels_are_replaced_by_black() {
     let texels = Texels::RgbF32(vec![[f32::NAN, 1.0, -1.0], [1.0, f32::INFINITY, 1.0]]);
     let mut b = square();
-    b.images.push(Image { name: "broken".into(), width: 2, height: 1, texels });
+    b.images.push(Image { name: "broken".into(), width: 2, height: 1, texels: texels.into() });
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
     b.materials[0] = Material { emission: Rgb::WHITE, emission_texture: Some(texture), ..Material::default() };
     let (scene, report) = b.build().expect("repaired");

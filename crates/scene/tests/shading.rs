@@ -158,7 +158,7 @@ fn below_the_interpolated_normal_the_geometric_normal_is_used() {
 /// Four texels of different red, one of them with alpha 0.2, the others opaque.
 fn quarters() -> Image {
     let texels = Texels::Rgba8(vec![[51, 0, 0, 255], [102, 0, 0, 51], [153, 0, 0, 255], [204, 0, 0, 255]]);
-    Image { name: "quarters".into(), width: 2, height: 2, texels }
+    Image { name: "quarters".into(), width: 2, height: 2, texels: texels.into() }
 }
 
 #[test]

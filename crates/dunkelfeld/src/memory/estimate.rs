@@ -91,6 +91,8 @@ fn pixels(width: u32, height: u32) -> u64 {
 #[derive(Clone, Copy)]
 pub(crate) struct RenderNeeds<'a> {
     pub(crate) scene: &'a SceneSummary,
+    /// Bytes of the description that is kept for changes, without the texels, which the scene shares.
+    pub(crate) description: u64,
     pub(crate) settings: &'a RenderSettings,
     pub(crate) outputs: &'a OutputPaths,
     pub(crate) threads: usize,
@@ -99,7 +101,7 @@ pub(crate) struct RenderNeeds<'a> {
 /// The account of a render. The first returned numbers are the scene and the textures. [`MemoryAccount::check`] takes
 /// them as memory that is already in use.
 pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryAccount) {
-    let RenderNeeds { scene, settings, outputs, threads } = required_samples;
+    let RenderNeeds { scene, description, settings, outputs, threads } = required_samples;
     let (width, height) = (settings.width, settings.height);
     let px = pixels(width, height);
     let planes = |bytes: u64| px.saturating_mul(bytes);
@@ -115,6 +117,7 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     account.add("program", &always(PROGRAM));
     account.add("scene", &always(geometry));
     account.add("textures", &always(scene.texture_bytes));
+    account.add("description", &always(description));
     account.add("film", &always(Film::expected_bytes(width, height, settings.film_layers(), settings.expected_spp())));
     account.add("planes", &always(planes(per_pixel::KEPT)));
     if settings.replay.is_some() || settings.samples.is_some() {
@@ -160,7 +163,7 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     let exr = if outputs.exr.is_some() || outputs.plan.is_some() { exr_bytes(px) } else { 0 };
     account.add("files", &[0, 0, 0, 0, planes(per_pixel::PICTURE).saturating_add(exr)]);
     account.add("threads", &always(THREAD * threads as u64));
-    (PROGRAM + scene.memory_bytes, account)
+    (PROGRAM + scene.memory_bytes + description, account)
 }
 
 /// The account of a merge of parts of that size.
@@ -247,7 +250,7 @@ mod tests {
 
     fn account_of(settings: &RenderSettings, outputs: &OutputPaths) -> MemoryAccount {
         let scene = SceneSummary { memory_bytes: 5_000_000, texture_bytes: 3_000_000, ..SceneSummary::default() };
-        render_account(RenderNeeds { scene: &scene, settings, outputs, threads: 2 }).1
+        render_account(RenderNeeds { scene: &scene, description: 0, settings, outputs, threads: 2 }).1
     }
 
     fn with(change: impl FnOnce(&mut RenderSettings, &mut OutputPaths)) -> MemoryAccount {

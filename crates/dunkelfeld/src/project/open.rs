@@ -30,7 +30,7 @@ pub struct ProjectOptions {
     /// outputs are marked.
     pub without: Vec<Effect>,
     /// Keep the description of the scene, so that [`Project::set_overrides`] can change it. It takes the memory of the
-    /// meshes and textures once more. Default true.
+    /// meshes once more. Default true.
     pub can_change: bool,
 }
 

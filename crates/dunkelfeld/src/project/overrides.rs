@@ -22,6 +22,13 @@ pub(super) struct Description {
     pub(super) cache: BuildCache,
 }
 
+impl Description {
+    /// Memory of the meshes \[bytes\]. The texels belong to the compiled scene as well.
+    pub(super) fn bytes(&self) -> u64 {
+        self.imported.scene.meshes.iter().map(|part| part.mesh.bytes() as u64).sum()
+    }
+}
+
 impl Project {
     /// Changes scene and settings by keys of a job file (`docs/job-file.md`), which are merged into the job: tables key by
     /// key, lists of tables (`[[object]]`, `[[material]]`, `[[light]]`) are extended, and every other value is replaced. No

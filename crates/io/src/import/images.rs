@@ -385,7 +385,7 @@ mod tests {
     }
 
     fn texels(bytes: &[u8], name: &str) -> Texels {
-        decode_image(bytes, name, &Limits::default()).expect("decodes").image.texels
+        (*decode_image(bytes, name, &Limits::default()).expect("decodes").image.texels).clone()
     }
 
     fn exr_file(channels: &[(&str, [f32; 2])]) -> Vec<u8> {
@@ -479,7 +479,7 @@ mod tests {
     fn values_that_are_no_radiance_are_repaired_and_counted() {
         let file = exr_file(&[("R", [f32::NAN, 1.0]), ("G", [-1.0, 2.0]), ("B", [f32::INFINITY, 3.0])]);
         let decoded = decode_image(&file, "a", &Limits::default()).expect("decodes");
-        assert_eq!(decoded.image.texels, Texels::RgbF32(vec![[0.0, 0.0, 65504.0], [1.0, 2.0, 3.0]]));
+        assert_eq!(*decoded.image.texels, Texels::RgbF32(vec![[0.0, 0.0, 65504.0], [1.0, 2.0, 3.0]]));
         assert_eq!(decoded.repaired, 1);
     }
 
@@ -492,7 +492,7 @@ mod tests {
         let (image, warnings) = load_environment(&path, &Limits::default(), &[]).expect("loads");
         assert_eq!((image.name.as_str(), image.width, image.height), ("sky.hdr", 2, 1));
         // Shared exponent, eight bits of mantissa: 64 and 2 are exact to 1 / 256 of the largest channel.
-        let Texels::RgbF32(texels) = image.texels else { panic!("floats were expected") };
+        let Texels::RgbF32(texels) = &*image.texels else { panic!("floats were expected") };
         assert!(texels[0].iter().zip([0.5, 2.0, 64.0]).all(|(a, b)| (a - b).abs() <= 0.25), "{texels:?}");
         assert!(warnings.is_empty());
         // The images of the scene count as well.

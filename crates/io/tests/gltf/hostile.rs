@@ -404,5 +404,5 @@ fn images_of_the_same_content_are_decoded_once() {
     std::fs::write(&path, a.gltf()).expect("write");
     let imported = load_scene(&path, &budget(64)).expect("one image of 64 B");
     assert_eq!(imported.scene.images.len(), 1);
-    assert_eq!(imported.scene.images[0].texels, dunkelfeld_scene::Texels::Gray8(vec![[7]; 64]));
+    assert_eq!(imported.scene.images[0].texels.as_ref(), &dunkelfeld_scene::Texels::Gray8(vec![[7]; 64]));
 }

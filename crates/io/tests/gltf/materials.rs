@@ -66,7 +66,7 @@ fn metallic_roughness_with_all_textures() {
     assert_eq!(imported.scene.images.len(), 2, "each image is decoded once");
     let image = &imported.scene.images[metallic.texture.image.0 as usize];
     assert_eq!((image.width, image.height), (2, 1));
-    assert_eq!(image.texels, Texels::Rgba8(vec![[0, 255, 0, 128], [0, 0, 255, 255]]));
+    assert_eq!(*image.texels, Texels::Rgba8(vec![[0, 255, 0, 128], [0, 0, 255, 255]]));
 }
 
 #[test]
@@ -272,7 +272,7 @@ fn specular_glossiness_textures_are_converted_texel_by_texel() {
     let color = image(m.base_color_texture.expect("colour").image);
     let surface = image(m.roughness_texture.expect("roughness").texture.image);
     assert_eq!(m.metallic_texture.map(|t| t.channel), Some(2));
-    let (Texels::Rgba8(color), Texels::Rgb8(surface)) = (&color.texels, &surface.texels) else {
+    let (Texels::Rgba8(color), Texels::Rgb8(surface)) = (&*color.texels, &*surface.texels) else {
         panic!("eight bits were expected")
     };
     // Full reflection leaves nothing diffuse: metals with the specular colour.
