@@ -210,7 +210,7 @@ fn a_normal_map_reflects_like_a_tilted_surface() {
     for with_tangents in [false, true] {
         let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
         let mut b = floor_scene(Material { normal_texture: Some(texture), ..plastic() });
-        b.images.push(Image { name: "map".into(), width: 1, height: 1, texels: map.clone() });
+        b.images.push(Image { name: "map".into(), width: 1, height: 1, texels: map.clone().into() });
         if with_tangents {
             Arc::make_mut(&mut b.meshes[0].mesh).tangents = vec![Vec4::new(1.0, 0.0, 0.0, -1.0); 4];
         }

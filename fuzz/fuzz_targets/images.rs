@@ -15,7 +15,7 @@ target!(|data| {
             let image = decoded.image;
             assert!(image.width.max(image.height) <= limits.image_side);
             let finite = |v: &f32| v.is_finite() && *v >= 0.0;
-            match &image.texels {
+            match &*image.texels {
                 Texels::GrayF32(texels) => assert!(texels.iter().flatten().all(finite)),
                 Texels::RgbF32(texels) => assert!(texels.iter().flatten().all(finite)),
                 _ => {}
