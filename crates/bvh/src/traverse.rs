@@ -186,7 +186,7 @@ fn object_ray(instance: &Instance, mesh: &MeshTree, world: &Ray) -> Option<(Ray,
 /// is tested against the box of the mesh at this pose.
 #[inline(never)]
 fn moving_ray((rest, motion): &(Transform, RigidMotion), mesh: &MeshTree, world: &Ray) -> Option<(Ray, f32)> {
-    let (ray, scale) = motion.moved(rest, f64::from(world.time)).unit_ray(world);
+    let (ray, scale) = motion.unit_ray(rest, world);
     mesh.tree.bounds.may_be_hit(&ray).then_some((ray, scale))
 }
 

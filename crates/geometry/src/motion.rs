@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use crate::{Aabb, Transform};
+use crate::{Aabb, Ray, Transform};
 
 /// Parts of a full turn in the bounds of a rotation.
 const STEPS_PER_TURN: f64 = 64.0;
@@ -107,6 +107,17 @@ impl RigidMotion {
         }
     }
 
+    /// [`Transform::unit_ray`] of the transform after the motion until the time of the ray.
+    #[inline]
+    pub fn unit_ray(&self, transform: &Transform, ray: &Ray) -> (Ray, f32) {
+        let t = f64::from(ray.time);
+        match self.spin {
+            // The object meets the ray where the object at rest meets the ray after the inverse motion.
+            None => transform.unit_ray_from(ray.origin.as_dvec3() - self.velocity * t, ray),
+            Some(_) => self.moved(transform, t).unit_ray(ray),
+        }
+    }
+
     /// A box around the box `bounds` at all times from `from` to `to` \[s\]. It may be larger than the smallest one.
     pub fn swept(&self, bounds: &Aabb, from: f64, to: f64) -> Aabb {
         if bounds.is_empty() {
@@ -181,6 +192,20 @@ mod tests {
             let p = DVec3::new(1.0, 0.4, -0.2);
             let there = map.transform_point3(motion().at(0.4).transform_point3(p));
             assert!((motion().mapped(&map).at(0.4).transform_point3(map.transform_point3(p)) - there).length() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_ray_meets_the_moved_object_as_the_moved_ray_meets_the_object() {
+        let rest = Transform::new(DAffine3::from_scale(DVec3::new(2.0, -1.0, 0.5))).unwrap();
+        for m in [motion(), RigidMotion::linear(DVec3::new(1.0, 2.0, 3.0))] {
+            for time in [-2.0, 0.0, 0.3, 9.0] {
+                let ray = Ray { time, ..Ray::new(Vec3::new(0.3, 4.0, -1.0), Vec3::new(0.6, -0.8, 0.0)) };
+                let (a, scale_a) = m.unit_ray(&rest, &ray);
+                let (b, scale_b) = m.moved(&rest, f64::from(time)).unit_ray(&ray);
+                assert!((a.origin - b.origin).length() <= 4e-7 * b.origin.length(), "{} {}", a.origin, b.origin);
+                assert_eq!((a.direction, scale_a, a.t_max, a.time), (b.direction, scale_b, b.t_max, b.time));
+            }
         }
     }
 

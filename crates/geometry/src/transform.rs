@@ -141,10 +141,16 @@ impl Transform {
     /// A direction of unit length prevents overflow and underflow in a traversal at any scale of the instance.
     #[inline]
     pub fn unit_ray(&self, ray: &Ray) -> (Ray, f32) {
+        self.unit_ray_from(ray.origin.as_dvec3(), ray)
+    }
+
+    /// [`Self::unit_ray`] of a ray with another origin in the world.
+    #[inline]
+    pub(crate) fn unit_ray_from(&self, origin: DVec3, ray: &Ray) -> (Ray, f32) {
         let direction = self.to_object.transform_vector3(ray.direction.as_dvec3());
         let scale = direction.length();
         let ray = Ray {
-            origin: self.to_object.transform_point3(ray.origin.as_dvec3()).as_vec3(),
+            origin: self.to_object.transform_point3(origin).as_vec3(),
             direction: (direction / scale).as_vec3(),
             t_max: (f64::from(ray.t_max) * scale) as f32,
             time: ray.time,
