@@ -214,7 +214,7 @@ impl<T> Elements<T> {
         T: Copy,
     {
         let stride = if row_stride == 0 { row } else { row_stride };
-        let rows = if row == 0 { 0 } else { values.len() / row };
+        let rows = values.len().checked_div(row).unwrap_or(0);
         if stride < row {
             let problem = format!("{stride} is less than the {row} elements of a row");
             return Err(Failure::new(Status::Argument, "row_stride", problem, "pass 0 for rows without a gap"));

@@ -52,13 +52,9 @@ pub enum ErrorPart {
     Help = 4,
 }
 
-/// An error of a call.
+/// An error of a call: its status, and its texts by [`ErrorPart`].
 #[derive(Debug)]
-pub(crate) struct Failure {
-    status: Status,
-    /// By [`ErrorPart`].
-    texts: [Option<String>; 5],
-}
+pub(crate) struct Failure(Box<(Status, [Option<String>; 5])>);
 
 thread_local! {
     static LAST: RefCell<[Option<CString>; 5]> = const { RefCell::new([const { None }; 5]) };
@@ -68,7 +64,7 @@ impl Failure {
     pub(crate) fn new(status: Status, place: &str, problem: impl Into<String>, help: &str) -> Self {
         let problem = problem.into();
         let message = format!("{place}: {problem}\n  help: {help}");
-        Self { status, texts: [Some(message), None, Some(place.into()), Some(problem), Some(help.into())] }
+        Self(Box::new((status, [Some(message), None, Some(place.into()), Some(problem), Some(help.into())])))
     }
 }
 
@@ -87,7 +83,7 @@ impl From<Error> for Failure {
         let parts = error.parts();
         let file = parts.file.map(|file| file.display().to_string());
         let [place, problem, help] = [parts.place, parts.problem, parts.help].map(|text| text.map(String::from));
-        Self { status, texts: [Some(message), file, place, problem, help] }
+        Self(Box::new((status, [Some(message), file, place, problem, help])))
     }
 }
 
@@ -105,7 +101,7 @@ pub(crate) fn call_for(work: impl FnOnce() -> Result<Status, Failure>) -> Status
     });
     let (status, texts) = match result {
         Ok(status) => (status, [const { None }; 5]),
-        Err(Failure { status, texts }) => (status, texts),
+        Err(Failure(error)) => *error,
     };
     // A thread that ends has no errors any more.
     let _ = LAST.try_with(|last| *last.borrow_mut() = texts.map(|text| text.map(|t| c_text(&t))));

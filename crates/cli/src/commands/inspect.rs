@@ -4,11 +4,11 @@ use crate::args::InspectArgs;
 use crate::outcome::{Outcome, print};
 use crate::words::{counted, power, three_digits};
 use dunkelfeld::io::{visible_json, visible_line};
-use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, ObjectEntry, Project};
+use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, ObjectEntry, Project, ProjectOptions};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Outcome, Error> {
-    let mut project = Project::open(&args.input)?;
+    let mut project = Project::open_with(&args.input, ProjectOptions::default().with_can_change(false))?;
     project.keep_needed_layers();
     let inspection = project.inspect();
     if args.json {
