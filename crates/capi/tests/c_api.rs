@@ -1,6 +1,8 @@
 //! The header is made, and programs in C and C++ are compiled with it by the compilers of the system and run, also under
 //! valgrind. Replay: `cargo test --workspace --test c_api NAME -- --nocapture`.
 
+#![allow(clippy::print_stdout, reason = "says which compiler or tool is not here")]
+
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
