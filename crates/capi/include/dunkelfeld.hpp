@@ -14,10 +14,12 @@
 #include <cstdint>
 #include <exception>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -61,7 +63,18 @@ inline std::string take(char *text) {
     return owned ? std::string(owned.get()) : std::string();
 }
 
-inline const char *text(const std::optional<std::string> &value) { return value ? value->c_str() : nullptr; }
+inline const char *text(const std::optional<std::string> &value) {
+    if (value && value->find('\0') != std::string::npos) throw std::invalid_argument("dunkelfeld: a text has a zero byte");
+    return value ? value->c_str() : nullptr;
+}
+
+/** Zero stands for a value that is not set. A zero that is set becomes one that the library refuses. */
+inline double number(const std::optional<double> &value) {
+    return !value ? 0.0 : *value == 0.0 ? std::numeric_limits<double>::quiet_NaN() : *value;
+}
+inline std::uint32_t size(const std::optional<std::uint32_t> &value) {
+    return !value ? 0 : *value == 0 ? std::numeric_limits<std::uint32_t>::max() : *value;
+}
 
 struct CloseScene {
     void operator()(DunkelfeldScene *scene) const noexcept { dunkelfeld_scene_close(scene); }
@@ -110,6 +123,8 @@ struct RenderOptions {
     std::optional<double> time, spp, noise;
     std::optional<std::uint64_t> seed;
     std::optional<std::uint32_t> frame, threads;
+    /** First sample and end of the samples of a part, which merge() joins with others. */
+    std::optional<std::pair<std::uint32_t, std::uint32_t>> samples;
     std::optional<std::string> strategy, sensor;
     /** Exposure time [s]; negative for the automatic one. */
     std::optional<double> exposure;
@@ -200,7 +215,7 @@ public:
 
     DunkelfeldCertificate certificate(double k = 1.0) const {
         DunkelfeldCertificate certificate = dunkelfeld_certificate();
-        check(dunkelfeld_film_certificate(get(), k, &certificate));
+        check(dunkelfeld_film_certificate(get(), detail::number(k), &certificate));
         return certificate;
     }
 
@@ -232,7 +247,7 @@ private:
     static DunkelfeldExposeOptions to_c(const ExposeOptions &options) {
         DunkelfeldExposeOptions c = dunkelfeld_expose_options();
         c.sensor = detail::text(options.sensor);
-        c.exposure = options.exposure.value_or(0.0);
+        c.exposure = detail::number(options.exposure);
         c.seed = options.seed.value_or(0);
         c.has_seed = options.seed.has_value();
         c.frame = options.frame.value_or(0);
@@ -262,8 +277,6 @@ private:
 class Interrupted : public Error {
 public:
     explicit Interrupted(Film film) : Error(DUNKELFELD_STATUS_INTERRUPTED), film(std::move(film)) {}
-    const char *what() const noexcept override { return "the render was cancelled"; }
-
     Film film;
 };
 
@@ -298,20 +311,21 @@ public:
     Film render(const RenderOptions &options = {}) {
         Progress progress{options.progress, nullptr};
         DunkelfeldRenderOptions c = dunkelfeld_render_options();
-        c.width = options.width.value_or(0);
-        c.height = options.height.value_or(0);
+        c.width = detail::size(options.width);
+        c.height = detail::size(options.height);
         c.camera = detail::text(options.camera);
-        c.time = options.time.value_or(0.0);
-        c.spp = options.spp.value_or(0.0);
-        c.noise = options.noise.value_or(0.0);
+        c.time = detail::number(options.time);
+        c.spp = detail::number(options.spp);
+        c.noise = detail::number(options.noise);
         c.seed = options.seed.value_or(0);
         c.has_seed = options.seed.has_value();
         c.frame = options.frame.value_or(0);
         c.has_frame = options.frame.has_value();
         c.threads = options.threads.value_or(0);
+        if (options.samples) std::tie(c.samples_from, c.samples_to) = *options.samples;
         c.strategy = detail::text(options.strategy);
         c.sensor = detail::text(options.sensor);
-        c.exposure = options.exposure.value_or(0.0);
+        c.exposure = detail::number(options.exposure);
         c.checkpoint = detail::text(options.checkpoint);
         c.progress = options.progress ? &Progress::call : nullptr;
         c.user = &progress;

@@ -12,6 +12,8 @@ use std::ffi::{c_char, c_int, c_void};
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
+    /// Number of bytes of the structure of the library.
+    pub struct_size: usize,
     /// Name of the stage, such as "refine".
     pub stage: *const c_char,
     /// Share of the stage that is done, 0 to 1.
@@ -24,7 +26,7 @@ pub struct Progress {
     pub samples: u64,
 }
 
-/// A function that is called about ten times a second, by threads of the render, one call at a time. Any value but 0 cancels the render.
+/// A function that is called about ten times a second, by threads of the render, one call at a time. It may use films and other scenes. Any value but 0 cancels the render.
 /// It must not throw an exception.
 pub type ProgressFunction = Option<extern "C" fn(user: *mut c_void, progress: *const Progress) -> c_int>;
 
@@ -54,8 +56,12 @@ pub struct RenderOptions {
     pub has_frame: i32,
     /// Number of the frame, if has_frame is not zero.
     pub frame: u32,
-    /// Number of threads; 0 stands for the number of the scene.
+    /// Number of threads, at most 1024; 0 stands for the number of the scene.
     pub threads: u32,
+    /// First sample of a part of a render.
+    pub samples_from: u32,
+    /// End of the samples of a part, which dunkelfeld_merge() joins with others; 0 for a whole render.
+    pub samples_to: u32,
     /// Allocation of the samples: "uniform", "sobel", "variance" or "sensor".
     pub strategy: *const c_char,
     /// Preset, sensor file, or "none".
@@ -171,6 +177,9 @@ impl RenderOptions {
         options.frame = (self.has_frame != 0).then_some(self.frame);
         options.threads = set(self.threads).map(|n| n as usize);
         options.strategy = strategy.map_err(unknown)?;
+        if self.samples_from > 0 || self.samples_to > 0 {
+            options.samples = Some(self.samples_from..self.samples_to);
+        }
         options.sensor = sensor(self.sensor)?;
         options.exposure = exposure(self.exposure)?;
         options.checkpoint = text(self.checkpoint).get("checkpoint")?.map(Into::into);

@@ -155,7 +155,8 @@ fn size_at(structure: *const usize, full: usize, name: &str) -> Result<usize, Fa
     }
     // SAFETY: the caller passes a structure, which begins with its size; the pointer is aligned and not NULL.
     let size = unsafe { structure.read() };
-    if (size_of::<usize>()..=full).contains(&size) {
+    // All fields end at multiples of a pointer's size.
+    if (size_of::<usize>()..=full).contains(&size) && size % size_of::<usize>() == 0 {
         return Ok(size);
     }
     let problem = format!("its struct_size is {size}, and the library knows {full} bytes");

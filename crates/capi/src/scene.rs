@@ -164,6 +164,7 @@ impl Progress for Caller<'_> {
         let Some(function) = self.function else { return };
         let stage = c_text(state.stage.name());
         let progress = CProgress {
+            struct_size: size_of::<CProgress>(),
             stage: stage.as_ptr(),
             fraction: state.fraction,
             elapsed: state.elapsed,

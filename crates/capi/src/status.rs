@@ -2,6 +2,7 @@
 
 use crate::pointers::c_text;
 use dunkelfeld::Error;
+use std::borrow::Cow;
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -82,7 +83,7 @@ impl From<Error> for Failure {
         let message = if caret.is_empty() { error.to_string() } else { format!("{error}\n{caret}") };
         let parts = error.parts();
         let file = parts.file.map(|file| file.display().to_string());
-        let [place, problem, help] = [parts.place, parts.problem, parts.help].map(|text| text.map(String::from));
+        let [place, problem, help] = [parts.place, parts.problem, parts.help].map(|text| text.map(Cow::into_owned));
         Self(Box::new((status, [Some(message), file, place, problem, help])))
     }
 }
@@ -100,6 +101,11 @@ pub(crate) fn call_for(work: impl FnOnce() -> Result<Status, Failure>) -> Status
         Err(Failure::new(Status::Internal, "the library", problem, "report it with the scene"))
     });
     let (status, texts) = match result {
+        Ok(Status::Interrupted) => {
+            let problem = "the render was cancelled";
+            let help = "use its film, which has the samples until then";
+            *Failure::new(Status::Interrupted, "render", problem, help).0
+        }
         Ok(status) => (status, [const { None }; 5]),
         Err(Failure(error)) => *error,
     };

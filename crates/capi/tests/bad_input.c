@@ -44,6 +44,16 @@ static int meddle(void *user, const DunkelfeldProgress *progress) {
     return 0;
 }
 
+/* A progress function that reads and exposes a film, while other threads of the render may report as well. */
+static int read_another(void *user, const DunkelfeldProgress *progress) {
+    float depth[24 * 16];
+    uint16_t frame[24 * 16];
+    (void)progress;
+    EXPECT(OK, dunkelfeld_film_read(user, DUNKELFELD_LAYER_DEPTH, depth, 24 * 16, 0));
+    EXPECT(OK, dunkelfeld_film_expose(user, NULL, 1, frame, 24 * 16));
+    return 0;
+}
+
 static void *read_film(void *film) {
     float depth[24 * 16];
     for (int i = 0; i < 50; i++) EXPECT(OK, dunkelfeld_film_read(film, DUNKELFELD_LAYER_DEPTH, depth, 24 * 16, 0));
@@ -52,7 +62,9 @@ static void *read_film(void *film) {
 }
 
 int main(int argc, char **argv) {
-    CHECK(argc == 2);
+    /* Another argument stands for few samples: under valgrind all takes longer. */
+    const int few = argc > 2;
+    CHECK(argc >= 2);
     DunkelfeldFilm *film = NULL, *other = NULL;
     char *text = NULL;
     uint32_t width = 0, height = 0, channels = 0;
@@ -105,10 +117,18 @@ int main(int argc, char **argv) {
     options.width = 1u << 31;
     EXPECT(SETTING, dunkelfeld_scene_render(scene, &options, &film));
     options.width = 0;
+    options.threads = 20000;
+    EXPECT(SETTING, dunkelfeld_scene_render(scene, &options, &film));
+    options.threads = 0;
+    options.samples_from = 5;
+    EXPECT(SETTING, dunkelfeld_scene_render(scene, &options, &film));
+    options.samples_from = 0;
     options.cancel = (DunkelfeldCancel *)scene;
     EXPECT(ARGUMENT, dunkelfeld_scene_render(scene, &options, &film));
     options.cancel = NULL;
     options.struct_size = 3;
+    EXPECT(ABI, dunkelfeld_scene_render(scene, &options, &film));
+    options.struct_size = offsetof(DunkelfeldRenderOptions, camera) + 4;
     EXPECT(ABI, dunkelfeld_scene_render(scene, &options, &film));
     options.struct_size = sizeof options + 8;
     EXPECT(ABI, dunkelfeld_scene_render(scene, &options, &film));
@@ -128,7 +148,7 @@ int main(int argc, char **argv) {
     options.progress = stop;
     options.user = &calls;
     CHECK(dunkelfeld_scene_render(scene, &options, &film) == DUNKELFELD_STATUS_INTERRUPTED);
-    CHECK(dunkelfeld_last_error(DUNKELFELD_ERROR_PART_MESSAGE) == NULL);
+    CHECK(strstr(dunkelfeld_last_error(DUNKELFELD_ERROR_PART_PROBLEM), "cancelled"));
     CHECK(calls > 0 && film);
     EXPECT(OK, dunkelfeld_film_close(film));
     DunkelfeldCancel *cancel = NULL;
@@ -147,6 +167,16 @@ int main(int argc, char **argv) {
     options.user = &meddled;
     EXPECT(OK, dunkelfeld_scene_render(scene, &options, &film));
     CHECK(meddled == DUNKELFELD_STATUS_BUSY);
+
+    options.progress = read_another;
+    options.user = film;
+    options.spp = few ? 40.0 : 4000.0;
+    for (uint32_t threads = 2; threads <= (few ? 2 : 32); threads *= 4) {
+        options.threads = threads;
+        EXPECT(OK, dunkelfeld_scene_render(scene, &options, &other));
+        EXPECT(OK, dunkelfeld_film_close(other));
+    }
+    other = NULL;
 
     /* Buffers. */
     static float mean[16][100];
@@ -220,6 +250,8 @@ int main(int argc, char **argv) {
     CHECK(memcmp(once, again, sizeof once) == 0);
     EXPECT(OK, dunkelfeld_film_close(other));
     EXPECT(INPUT, dunkelfeld_film_load(argv[1], &other));
+    EXPECT(INPUT, dunkelfeld_merge((const char *const[]){"a.film"}, 1, 0, &other));
+    CHECK(strstr(dunkelfeld_last_error(DUNKELFELD_ERROR_PART_PROBLEM), "saved film"));
     const char *parts[2] = {"a.film", NULL};
     EXPECT(SETTING, dunkelfeld_merge(parts, 0, 0, &other));
     EXPECT(ARGUMENT, dunkelfeld_merge(NULL, 2, 0, &other));

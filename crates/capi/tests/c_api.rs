@@ -77,7 +77,7 @@ impl Workshop {
             return;
         }
         let mut command = Command::new("valgrind");
-        command.args(["--quiet", "--error-exitcode=99", "--leak-check=full", "--errors-for-leak-kinds=definite"]);
+        command.args(["--quiet", "--fair-sched=yes", "--error-exitcode=99", "--leak-check=full", "--errors-for-leak-kinds=definite"]);
         self.finish(command.arg(program).args(arguments));
     }
 }
@@ -105,6 +105,13 @@ fn the_interface_is_that_of_its_version() {
     });
     let code: Vec<&str> = code.collect();
     insta::assert_snapshot!("interface", code.join("\n"));
+}
+
+#[test]
+fn the_version_for_cmake_is_that_of_the_package() {
+    let file = Path::new(PACKAGE).join("cmake/dunkelfeld-config-version.cmake");
+    let text = fs::read_to_string(file).expect("a file");
+    assert!(text.contains(&format!("PACKAGE_VERSION \"{}\"", env!("CARGO_PKG_VERSION"))), "{text}");
 }
 
 #[test]
@@ -141,7 +148,7 @@ fn programs_in_cpp_run() {
 fn no_memory_is_lost_or_read_beyond_its_end() {
     let shop = Workshop::new();
     shop.check_memory(&shop.c("../../examples/c/render.c"), &["job.toml", "out.pgm", "2"]);
-    shop.check_memory(&shop.c("tests/bad_input.c"), &["job.toml"]);
+    shop.check_memory(&shop.c("tests/bad_input.c"), &["job.toml", "few"]);
     if let Some(raii) = shop.cpp("tests/raii.cpp") {
         shop.check_memory(&raii, &["job.toml"]);
     }

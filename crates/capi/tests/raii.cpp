@@ -78,7 +78,27 @@ int main(int, char **argv) {
     thrown<dunkelfeld::Interrupted>([&] { scene.render(options); });
     other.join();
 
-    // Checkpoints of parts, merged.
+    // Zeros that are set, and texts with a zero byte.
+    dunkelfeld::RenderOptions zero;
+    zero.spp = 0.0;
+    CHECK(thrown<dunkelfeld::Error>([&] { scene.render(zero); }).status() == DUNKELFELD_STATUS_SETTING);
+    zero.spp.reset();
+    zero.width = 0;
+    CHECK(thrown<dunkelfeld::Error>([&] { scene.render(zero); }).status() == DUNKELFELD_STATUS_SETTING);
+    zero.width.reset();
+    zero.camera = std::string("a\0b", 3);
+    thrown<std::invalid_argument>([&] { scene.render(zero); });
+
+    // Parts of a render, merged: the film of one render.
+    dunkelfeld::RenderOptions part;
+    part.seed = 7;
+    part.strategy = "uniform";
+    for (const std::uint32_t from : {0u, 2u}) {
+        part.samples = {from, from + 2};
+        part.checkpoint = "part-" + std::to_string(from);
+        CHECK(scene.render(part).spp().at(0, 0) == 2);
+    }
+    CHECK(dunkelfeld::merge({"part-0", "part-2"}).mean().data == mean.data);
     thrown<dunkelfeld::Error>([] { dunkelfeld::merge({}); });
     CHECK(dunkelfeld::sensors().find("imx250") != std::string::npos);
     std::puts("all checks hold");

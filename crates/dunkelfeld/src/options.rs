@@ -16,6 +16,7 @@ use dunkelfeld_render::{
     Session, thread_count,
 };
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, SensorModel};
+use std::ops::Range;
 use std::path::PathBuf;
 
 /// The sensor of a render or of an exposure.
@@ -61,6 +62,9 @@ pub struct RenderOptions {
     pub frame: Option<u32>,
     /// Number of threads; 0 means one per core.
     pub threads: Option<usize>,
+    /// Range of the sample indices of a part of a render, which [`crate::merge`] joins with others. It replaces budget and
+    /// strategy.
+    pub samples: Option<Range<u32>>,
     /// Allocation of the samples.
     pub strategy: Option<Strategy>,
     /// The sensor. It is exposed as that of the project, unless `exposure` is set.
@@ -143,6 +147,14 @@ impl RenderOptions {
         s.frame = frame.unwrap_or(s.frame);
         s.threads = threads.unwrap_or(s.threads);
         s.strategy = strategy.or(s.strategy);
+        if self.samples.is_some() {
+            // Those of the job are for the whole render.
+            if time.or(spp).or(noise).is_none() {
+                s.budget = Budget::default();
+            }
+            s.strategy = strategy;
+            s.samples = self.samples;
+        }
         s.checkpoint = self.checkpoint.map(CheckpointSettings::new).or(s.checkpoint.take());
         Ok(())
     }
@@ -282,6 +294,7 @@ pub fn denoise_saved(saved: &SavedFilm, settings: &DenoiseSettings) -> Result<De
         return Err(Error::setting("denoise", "the denoiser is off", "use `auto`, `oidn` or `builtin`"));
     };
     let session = Session::new(saved.settings.threads)?;
-    denoise_film(&saved.film.sums, &*denoiser, &session)
+    session
+        .install(|| denoise_film(&saved.film.sums, &*denoiser, &session))
         .map_err(|e| Error::setting("denoise", e.to_string(), "use the denoiser `builtin`"))
 }

@@ -8,8 +8,8 @@ use dunkelfeld::scene::Effect;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
-/// Largest number of threads, as on the command line.
-const MOST_THREADS: usize = 1024;
+/// Largest number of threads.
+const MOST_THREADS: usize = dunkelfeld::MAX_THREADS;
 
 /// The value with a name.
 pub(crate) fn named<T: Copy>(what: &str, name: &str, all: &[(&str, T)]) -> Result<T, Failure> {

@@ -4,6 +4,7 @@ use dunkelfeld::Error;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyKeyboardInterrupt};
 use pyo3::prelude::*;
+use std::borrow::Cow;
 
 create_exception!(
     dunkelfeld,
@@ -46,13 +47,18 @@ pub(crate) fn setting(what: &str, problem: impl Into<String>, help: &str) -> Fai
     Error::setting(what, problem, help).into()
 }
 
+/// A fault of the library.
+pub(crate) fn internal(problem: &str) -> Failure {
+    Failure(DunkelfeldError::new_err(format!("{problem}\n  help: report it with the input")))
+}
+
 /// The exception of an error: its message, with the line and the caret of a text file.
 pub(crate) fn exception(error: &Error) -> PyErr {
     let caret = error.caret();
     let message = if caret.is_empty() { error.to_string() } else { format!("{error}\n{caret}") };
     let parts = error.parts();
     let file = parts.file.map(|file| file.display().to_string());
-    let [place, problem, help] = [parts.place, parts.problem, parts.help].map(|text| text.map(String::from));
+    let [place, problem, help] = [parts.place, parts.problem, parts.help].map(|text| text.map(Cow::into_owned));
     let error = match error {
         Error::Input(_) => InputError::new_err(message),
         Error::Setting { .. } => SettingError::new_err(message),

@@ -3,18 +3,20 @@
 use crate::errors::{Failure, setting};
 use dunkelfeld::io::toml_text;
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
+use pyo3::types::{PyBool, PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyMapping, PyString};
 use serde_json::{Map, Number, Value};
 
 /// Deepest nesting of dictionaries and lists.
 const DEEPEST: usize = 32;
+/// Largest number of items of a list.
+const MOST_ITEMS: usize = 1 << 20;
 
 /// The TOML text of a job: the text itself, or the text of a dictionary.
 pub(crate) fn job_text(job: &Bound<'_, PyAny>) -> Result<String, Failure> {
     if let Ok(text) = job.cast::<PyString>() {
         return Ok(text.to_string());
     }
-    let Ok(dictionary) = job.cast::<PyDict>() else {
+    let Ok(dictionary) = job.cast::<PyMapping>() else {
         let kind = job.get_type().name()?.to_string();
         return Err(setting("job", format!("a {kind} is neither a text nor a dictionary"), "pass TOML or a dict"));
     };
@@ -50,9 +52,10 @@ pub(crate) fn overrides_text(
     }
 }
 
-fn table_of(dictionary: &Bound<'_, PyDict>, place: &str, depth: usize) -> Result<Map<String, Value>, Failure> {
+fn table_of(dictionary: &Bound<'_, PyMapping>, place: &str, depth: usize) -> Result<Map<String, Value>, Failure> {
     let mut table = Map::new();
-    for (key, value) in dictionary.iter() {
+    for item in dictionary.items()?.iter() {
+        let (key, value): (Bound<'_, PyAny>, Bound<'_, PyAny>) = item.extract()?;
         let Ok(key) = key.cast::<PyString>() else {
             return Err(setting(place, "a key is not a text", "name keys as in a job file"));
         };
@@ -70,7 +73,7 @@ fn value_of(value: &Bound<'_, PyAny>, place: &str, depth: usize) -> Result<Value
     if depth > DEEPEST {
         return Err(setting(place, "is nested too deeply", "pass keys and values of a job file"));
     }
-    if let Ok(dictionary) = value.cast::<PyDict>() {
+    if let Ok(dictionary) = value.cast::<PyMapping>() {
         return Ok(Value::Object(table_of(dictionary, place, depth)?));
     }
     if let Ok(text) = value.cast::<PyString>() {
@@ -92,16 +95,25 @@ fn value_of(value: &Bound<'_, PyAny>, place: &str, depth: usize) -> Result<Value
         return Ok(Value::Number(number.ok_or_else(|| setting(place, "is not a finite number", "pass a number"))?));
     }
     // Scalars and arrays of numpy have a list of Python; so have tuples and other iterables.
-    if let Ok(plain) = value.call_method0("tolist") {
-        return value_of(&plain, place, depth + 1);
+    if value.hasattr("tolist")? {
+        return value_of(&value.call_method0("tolist")?, place, depth + 1);
     }
     if value.hasattr("__fspath__")? {
         return Ok(Value::String(value.call_method0("__fspath__")?.extract()?));
     }
-    let Ok(items) = value.try_iter() else {
+    let is_bytes = value.is_instance_of::<PyBytes>() || value.is_instance_of::<PyByteArray>();
+    if is_bytes || !value.hasattr("__iter__")? {
         let kind = value.get_type().name()?.to_string();
         return Err(setting(place, format!("a {kind} is no value of a job"), "pass numbers, texts, lists or dicts"));
-    };
-    let items = items.enumerate().map(|(i, item)| value_of(&item?, &format!("{place}[{i}]"), depth + 1));
-    Ok(Value::Array(items.collect::<Result<_, Failure>>()?))
+    }
+    let items = value
+        .try_iter()?
+        .take(MOST_ITEMS + 1)
+        .enumerate()
+        .map(|(i, item)| value_of(&item?, &format!("{place}[{i}]"), depth + 1));
+    let items = items.collect::<Result<Vec<_>, Failure>>()?;
+    if items.len() > MOST_ITEMS {
+        return Err(setting(place, "has too many items", "pass the values of a job file"));
+    }
+    Ok(Value::Array(items))
 }

@@ -1,11 +1,15 @@
 //! Long work with a progress function of Python, which Ctrl-C and an exception of this function cancel.
 
-use crate::errors::{Failure, setting};
+use crate::errors::{Failure, internal};
 use crate::work::interruptible;
 use dunkelfeld::{Cancel, Error, Progress, ProgressState, Silent};
 use pyo3::prelude::*;
 use std::cell::Cell;
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::time::Duration;
+
+/// Interval in which a lock is tried.
+const WAIT: Duration = Duration::from_millis(2);
 
 thread_local! {
     /// The address of the scene whose progress function runs on this thread, or 0.
@@ -42,6 +46,18 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
+/// The content of a lock, for which other work may wait long. `None` if the wait is given up.
+pub(crate) fn lock_unless<T>(mutex: &Mutex<T>, mut is_given_up: impl FnMut() -> bool) -> Option<MutexGuard<'_, T>> {
+    loop {
+        match mutex.try_lock() {
+            Ok(guard) => return Some(guard),
+            Err(TryLockError::Poisoned(guard)) => return Some(guard.into_inner()),
+            Err(TryLockError::WouldBlock) if is_given_up() => return None,
+            Err(TryLockError::WouldBlock) => std::thread::sleep(WAIT),
+        }
+    }
+}
+
 /// Does the progress function of the scene with this address run on this thread?
 pub(crate) fn reports_about(scene: usize) -> bool {
     REPORTS.get() == scene
@@ -67,7 +83,7 @@ pub(crate) fn supervised<T: Send>(
         (Some(Ok(result)), raised) => Ok((result, raised)),
         (_, Some(raised)) => Err(raised.into()),
         (Some(Err(error)), None) => Err(error.into()),
-        (None, None) => Err(setting("work", "a thread panicked", "report it with the input")),
+        (None, None) => Err(internal("a thread panicked")),
     }
 }
 

@@ -5,13 +5,15 @@ use crate::errors::{Failure, Interrupted, setting};
 use crate::film::Film;
 use crate::job::{job_text, overrides_text};
 use crate::json::loaded;
-use crate::progress::{lock, reports_about, supervised};
+use crate::progress::{lock, lock_unless, reports_about, supervised};
 use crate::sensor::{ExposureArgument, SensorArgument};
+use crate::work::SIGNALS;
 use dunkelfeld::{Cancel, Progress, Project, ProjectOptions, RenderOptions};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
 /// A scene or job file. `Scene(path)` opens a scene (`.glb`, `.gltf`, `.obj`, `.stl`, `.ply`) or a job (`.toml`).
 ///
@@ -41,7 +43,19 @@ impl Scene {
     /// Works on the project without the lock of the interpreter: a render on another thread may need that lock.
     fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Project) -> T + Send) -> Result<T, Failure> {
         self.check_idle()?;
-        Ok(py.detach(|| work(&mut lock(&self.project))))
+        let mut work = Some(work);
+        loop {
+            // A signal such as Ctrl-C ends a wait for a render on another thread.
+            let tried = py.detach(|| {
+                let began = Instant::now();
+                let mut project = lock_unless(&self.project, || began.elapsed() > SIGNALS)?;
+                work.take().map(|work| work(&mut project))
+            });
+            match tried {
+                Some(result) => return Ok(result),
+                None => py.check_signals()?,
+            }
+        }
     }
 
     fn open(path: PathBuf, text: Option<String>) -> Result<Self, Failure> {
@@ -93,11 +107,11 @@ impl Scene {
 
     /// Renders the scene. The defaults of all arguments are the settings of the job. `time` [s], `spp` and `noise` (k) limit
     /// the render; one of them replaces all limits of the job. `sensor` is a `Sensor`, the name of a preset or file, or
-    /// "none"; `exposure` is a time [s] or "auto". `progress` is called with (stage, fraction, elapsed [s], remaining [s] or None).
+    /// "none"; `exposure` is a time [s] or "auto". `samples` are the first sample and the end of a part, for `merge`. `progress` is called with (stage, fraction, elapsed [s], remaining [s] or None).
     ///
     /// Ctrl-C ends the render and raises `Interrupted`, whose `film` has the samples until then.
     #[pyo3(signature = (*, spp=None, time=None, noise=None, width=None, height=None, camera=None, seed=None, frame=None,
-        threads=None, strategy=None, sensor=None, exposure=None, checkpoint=None, progress=None))]
+        threads=None, samples=None, strategy=None, sensor=None, exposure=None, checkpoint=None, progress=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn render(
         &self,
@@ -111,6 +125,7 @@ impl Scene {
         seed: Option<u64>,
         frame: Option<u32>,
         threads: Option<usize>,
+        samples: Option<(u32, u32)>,
         strategy: Option<&str>,
         sensor: Option<SensorArgument>,
         exposure: Option<ExposureArgument>,
@@ -124,11 +139,14 @@ impl Scene {
         (options.width, options.height, options.camera) = (width, height, camera);
         (options.time, options.spp, options.noise) = (time, spp, noise);
         (options.seed, options.frame, options.threads, options.strategy) = (seed, frame, threads, strategy);
+        options.samples = samples.map(|(from, to)| from..to);
         options.sensor = sensor.map(SensorArgument::option);
         options.exposure = exposure.map(ExposureArgument::option).transpose()?;
         options.checkpoint = checkpoint;
         let work = |sink: &dyn Progress, cancel: &Cancel| {
-            let mut project = lock(&self.project);
+            let Some(mut project) = lock_unless(&self.project, || cancel.is_cancelled()) else {
+                return Err(dunkelfeld::Error::setting("render", "was cancelled before it began", "render again"));
+            };
             let result = project.render_options(options, sink, cancel)?;
             let names = project.scene.materials().iter().map(|m| m.name.clone()).collect();
             let (stats, interrupted) = (result.stats.to_json(), result.rendering.interrupted);
@@ -145,7 +163,7 @@ impl Scene {
         Err(error.into())
     }
 
-    /// An iterator over the per cents of one render, with the keywords of `render` except `progress`: `tqdm` can wrap it.
+    /// The steps of one render, one for each per cent, with the keywords of `render` except `progress`: `tqdm` can wrap it.
     /// Its attribute `film` is the film.
     #[pyo3(signature = (**options))]
     fn render_steps<'py>(slf: &Bound<'py, Self>, options: Option<Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {

@@ -8,7 +8,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
 /// Interval in which signals are looked at.
-const SIGNALS: Duration = Duration::from_millis(50);
+pub(crate) const SIGNALS: Duration = Duration::from_millis(50);
 
 /// Runs `work` on a pool of so many threads (0: one per core). The pool ends with it, so that a fork of the process finds no
 /// threads that it does not have.

@@ -4,6 +4,8 @@ use dunkelfeld_io::InputError;
 use dunkelfeld_io::visible::visible_line;
 use dunkelfeld_scene::{BuildError, CameraError};
 use dunkelfeld_sensor::SensorError;
+use std::borrow::Cow;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 /// All errors that end a render without an image. Names in the messages are escaped, so that a terminal does not
@@ -85,17 +87,48 @@ impl Error {
 
     /// The texts of the error one by one.
     pub fn parts(&self) -> ErrorParts<'_> {
-        let (file, place, problem, help) = match self {
-            Self::Input(e) => (Some(&*e.file), Some(e.place.as_str()), Some(e.problem.as_str()), Some(e.help.as_str())),
-            Self::Setting { what, problem, help } => (None, Some(&**what), Some(&**problem), Some(&**help)),
-            Self::Output { file, problem, help } => (Some(&**file), None, Some(&**problem), Some(&**help)),
-            Self::Memory { what, help } => (None, Some(&**what), None, Some(&**help)),
-            Self::MemoryNeeded { problem, help, .. } => (None, None, Some(&**problem), Some(&**help)),
-            Self::Camera(e) => (None, None, None, Some(camera_help(e))),
-            Self::Threads(problem) => (None, None, Some(&**problem), None),
-            Self::Build(_) | Self::Sensor(_) => (None, None, None, None),
+        let texts = |place: &'static str, problem: &dyn Display, help: &'static str| ErrorParts {
+            file: None,
+            place: Some(place.into()),
+            problem: Some(problem.to_string().into()),
+            help: Some(help.into()),
         };
-        ErrorParts { file, place, problem, help }
+        match self {
+            Self::Input(e) => ErrorParts {
+                file: Some(&e.file),
+                place: Some(e.place.as_str().into()),
+                problem: Some(e.problem.as_str().into()),
+                help: Some(e.help.as_str().into()),
+            },
+            Self::Setting { what, problem, help } => ErrorParts {
+                file: None,
+                place: Some(what.into()),
+                problem: Some(problem.into()),
+                help: Some(help.into()),
+            },
+            Self::Output { file, problem, help } => ErrorParts {
+                file: Some(file),
+                place: Some("output".into()),
+                problem: Some(problem.into()),
+                help: Some(help.into()),
+            },
+            Self::Memory { what, help } => ErrorParts {
+                file: None,
+                place: Some(what.into()),
+                problem: Some("there is not enough memory".into()),
+                help: Some(help.into()),
+            },
+            Self::MemoryNeeded { problem, help, .. } => ErrorParts {
+                file: None,
+                place: Some("memory".into()),
+                problem: Some(problem.into()),
+                help: Some(help.into()),
+            },
+            Self::Camera(e) => texts("camera", e, camera_help(e)),
+            Self::Build(e) => texts("scene", e, "correct the scene, or leave the part out"),
+            Self::Sensor(e) => texts("sensor", e, "change the value, or use another sensor"),
+            Self::Threads(problem) => texts("threads", problem, "use fewer threads, or end other programs"),
+        }
     }
 
     /// The line of the input file with a caret below the fault; empty where there is none.
@@ -108,17 +141,17 @@ impl Error {
 }
 
 /// The texts of an error, as far as it has them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ErrorParts<'a> {
     /// The file.
     pub file: Option<&'a Path>,
     /// The place in the file, the setting, or the object.
-    pub place: Option<&'a str>,
+    pub place: Option<Cow<'a, str>>,
     /// The fault.
-    pub problem: Option<&'a str>,
+    pub problem: Option<Cow<'a, str>>,
     /// Advice to the user.
-    pub help: Option<&'a str>,
+    pub help: Option<Cow<'a, str>>,
 }
 
 /// Advice for a camera that cannot be used.

@@ -58,6 +58,11 @@ impl SavedFilm {
         let checkpoint = read_checkpoint(path)?;
         let help = "use a file that a saved film has, such as `film.save(\"a.film\")` in Python";
         let fault = |problem: String| InputError::new(path, "the description", problem, help);
+        if crate::checkpoint::is_checkpoint(&checkpoint.text) {
+            let help = "continue it by a render with this checkpoint, or join parts by `merge`";
+            let problem = "is a checkpoint of a render, not a saved film";
+            return Err(InputError::new(path, "the description", problem, help).into());
+        }
         let Description { saved_film } =
             serde_json::from_str(&checkpoint.text).map_err(|e| fault(format!("is not that of a saved film: {e}")))?;
         let (Some(objects), Some(materials)) = (&checkpoint.objects, &checkpoint.materials) else {

@@ -6,6 +6,9 @@ use rayon::ThreadPool;
 use std::sync::Arc;
 use std::time::Instant;
 
+/// Largest number of threads of a session.
+pub const MAX_THREADS: usize = 1024;
+
 static SILENT: Silent = Silent;
 static NEVER: Cancel = Cancel::new();
 
@@ -24,8 +27,16 @@ impl Session<'static> {
     /// core.
     ///
     /// # Errors
-    /// The threads cannot be started.
+    /// More than [`MAX_THREADS`] threads; threads that cannot be started.
     pub fn new(threads: usize) -> Result<Self, Error> {
+        if threads > MAX_THREADS {
+            let problem = format!("{threads} is out of range");
+            return Err(Error::setting(
+                "threads",
+                problem,
+                format!("use at most {MAX_THREADS}, or 0 for one per core"),
+            ));
+        }
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .thread_name(|i| format!("dunkelfeld-{i}"))
@@ -89,7 +100,15 @@ impl<'a> Session<'a> {
 
     /// Runs `work` on the threads of the session.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        self.pool.install(work)
+        if rayon::current_thread_index().is_none() || self.pool.current_thread_index().is_some() {
+            return self.pool.install(work);
+        }
+        // A worker of another pool, such as one that calls a progress function, would take up other work of its pool while it
+        // waits. That work could wait for a lock that this thread holds. A thread without a pool only waits.
+        std::thread::scope(|scope| match scope.spawn(|| self.pool.install(work)).join() {
+            Ok(result) => result,
+            Err(panic) => std::panic::resume_unwind(panic),
+        })
     }
 
     /// Reports that `stage` begins, after so many samples.

@@ -1,4 +1,4 @@
-"""The progress of a render as an iterator."""
+"""The progress of a render as steps of a loop."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class _Stop(KeyboardInterrupt):
 
 
 class RenderSteps:
-    """An iterator over the 100 per cents of one render, from `Scene.render_steps`.
+    """The steps of one render, one for each per cent, from `Scene.render_steps`. It can be iterated over once.
 
     The render begins with the first step, on another thread. `len` is 100, so that `tqdm` shows the share that is done
     and the remaining time. After the last step, `film` is the film. An exception of the render is raised by the
@@ -56,17 +56,18 @@ class RenderSteps:
     @property
     def film(self) -> Film:
         """The film. Before the last step this ends the render, and the film has the samples until then."""
+        if self._thread is None:
+            raise ValueError("the render has not begun; iterate over the steps")
         self.close()
         if self._error is not None:
             raise self._error
-        if self._film is None:
-            raise ValueError("the render has not begun; iterate over the steps")
+        assert self._film is not None, "a render ends with a film or an error"
         return self._film
 
     def close(self) -> None:
         """Ends the render, if it works, and waits for its end."""
-        self._stop = True
         if self._thread is not None:
+            self._stop = True
             self._thread.join()
 
     def __iter__(self) -> Iterator[RenderStep]:

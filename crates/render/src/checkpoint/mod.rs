@@ -113,11 +113,25 @@ pub(crate) struct Restored {
     pub(crate) film: Film,
 }
 
+fn has_field(text: &str, name: &str) -> bool {
+    serde_json::from_str::<serde_json::Map<String, serde_json::Value>>(text).is_ok_and(|map| map.contains_key(name))
+}
+
+/// Is this the description of a render that can be continued, or of a part?
+pub(crate) fn is_checkpoint(text: &str) -> bool {
+    has_field(text, "key")
+}
+
 /// Reads a file and its description.
 pub(crate) fn load(path: &Path) -> Result<(Description, Checkpoint), Error> {
     let mut checkpoint = read_checkpoint(path)?;
     let help = "use a file that this version of the program wrote, or another name to begin anew";
     let fault = |problem: String| InputError::new(path, "the description", problem, help);
+    if has_field(&checkpoint.text, "saved_film") {
+        let help = "name another file; `Film.load` of Python, and `SavedFilm::read`, read this one";
+        let problem = "is a saved film, not a checkpoint: it cannot be continued or joined";
+        return Err(InputError::new(path, "the description", problem, help).into());
+    }
     let description: Description = serde_json::from_str(&std::mem::take(&mut checkpoint.text))
         .map_err(|e| fault(format!("is not that of a render: {e}")))?;
     let course = description.state.course.as_ref();
