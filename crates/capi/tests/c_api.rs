@@ -77,7 +77,13 @@ impl Workshop {
             return;
         }
         let mut command = Command::new("valgrind");
-        command.args(["--quiet", "--fair-sched=yes", "--error-exitcode=99", "--leak-check=full", "--errors-for-leak-kinds=definite"]);
+        command.args([
+            "--quiet",
+            "--fair-sched=yes",
+            "--error-exitcode=99",
+            "--leak-check=full",
+            "--errors-for-leak-kinds=definite",
+        ]);
         self.finish(command.arg(program).args(arguments));
     }
 }

@@ -12,6 +12,7 @@ import subprocess
 import threading
 import time
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
@@ -309,9 +310,14 @@ def test_parts_are_merged_to_the_film_of_one_render(tmp_path: Path, job: dict[st
     assert np.array_equal(df.merge(parts).mean, scene.render(spp=8, strategy="uniform").mean)
     saved = tmp_path / "saved.film"
     scene.render().save(saved)
-    for wrong in (lambda: df.merge([saved]), lambda: scene.render(checkpoint=saved), lambda: df.Film.load(parts[0])):
+    uses: list[Callable[[], object]] = [
+        lambda: df.merge([saved]),
+        lambda: scene.render(checkpoint=saved),
+        lambda: df.Film.load(parts[0]),
+    ]
+    for use in uses:
         with pytest.raises(df.InputError, match="saved film"):
-            wrong()
+            use()
 
 
 def test_ctrl_c_ends_the_wait_for_a_scene(job: dict[str, Any]) -> None:
@@ -331,7 +337,8 @@ def test_ctrl_c_ends_the_wait_for_a_scene(job: dict[str, Any]) -> None:
     busy = threading.Thread(target=render)
     busy.start()
     began.wait()
-    for use in (lambda: scene.render(spp=1), lambda: scene.objects):
+    waits: list[Callable[[], object]] = [lambda: scene.render(spp=1), lambda: scene.objects]
+    for use in waits:
         threading.Timer(0.3, lambda: signal.raise_signal(signal.SIGINT)).start()
         start = time.monotonic()
         with pytest.raises(KeyboardInterrupt):
