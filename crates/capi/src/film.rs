@@ -202,6 +202,7 @@ pub unsafe extern "C" fn dunkelfeld_film_expose(
     call(|| {
         let film = FILMS.get(film)?;
         let options = options.get("options")?.to_options()?;
+        buffer.check(count)?;
         let size = film.saved.film.sums.pixels() as u64 * u64::from(frames);
         if (count as u64) < size {
             let problem = format!("{count} elements are fewer than the {size} that are written");
@@ -293,6 +294,7 @@ pub unsafe extern "C" fn dunkelfeld_film_denoise(
     let (method, buffer) = unsafe { (Text::of(method), Elements::of(buffer)) };
     call(|| {
         let film = FILMS.get(film)?;
+        buffer.check(count)?;
         let method = match method.get("method")?.unwrap_or("auto") {
             "auto" => DenoiseMethod::Auto,
             "oidn" => DenoiseMethod::Oidn,

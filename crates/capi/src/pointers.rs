@@ -191,6 +191,11 @@ impl<T> Elements<T> {
         Ok(first)
     }
 
+    /// Checks a buffer before the work, so that its result is not lost.
+    pub(crate) fn check(&self, count: usize) -> Result<(), Failure> {
+        self.checked("buffer", count).map(|_| ())
+    }
+
     /// Elements to read.
     pub(crate) fn read(&self, name: &str, count: usize) -> Result<Vec<T>, Failure>
     where

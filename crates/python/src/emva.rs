@@ -44,6 +44,7 @@ pub(crate) fn emva_dataset<'py>(
     let model = match sensor {
         SensorArgument::Sensor(sensor) => sensor.model,
         SensorArgument::Name(name) => find_sensor(&name)?,
+        SensorArgument::Path(path) => find_sensor(&path.display().to_string())?,
     };
     let varied = [("exposure", Vary::Exposure), ("irradiance", Vary::Irradiance)];
     let colors = [("red", FilterColor::Red), ("green", FilterColor::Green), ("blue", FilterColor::Blue)];

@@ -81,6 +81,10 @@ pub(crate) fn exception(error: &Error) -> PyErr {
 /// Adds the exceptions to the module.
 pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = module.py();
+    // An error that Python makes has no texts.
+    for name in ["file", "place", "problem", "help"] {
+        py.get_type::<DunkelfeldError>().setattr(name, py.None())?;
+    }
     module.add("DunkelfeldError", py.get_type::<DunkelfeldError>())?;
     module.add("InputError", py.get_type::<InputError>())?;
     module.add("SettingError", py.get_type::<SettingError>())?;

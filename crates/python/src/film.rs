@@ -262,7 +262,7 @@ impl Film {
     /// The picture as PNG, for notebooks.
     fn _repr_png_<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyBytes>, Failure> {
         let frame = self.compute(py, |s| develop_film(&s.film, &s.settings))??;
-        let bytes = dunkelfeld::encode_picture(&frame.picture)?;
+        let bytes = py.detach(|| dunkelfeld::encode_picture(&frame.picture))?;
         Ok(PyBytes::new(py, &bytes))
     }
 }

@@ -6,6 +6,7 @@ use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::sensor::{Exposure, SensorModel};
 use dunkelfeld::{ExposureOption, SensorOption};
 use pyo3::prelude::*;
+use std::path::PathBuf;
 
 /// A sensor by the EMVA 1288 model: a preset (see `sensors()`) or a sensor file (`*.toml`).
 #[pyclass(frozen, module = "dunkelfeld", from_py_object)]
@@ -19,7 +20,8 @@ pub(crate) struct Sensor {
 #[pymethods]
 impl Sensor {
     #[new]
-    fn new(name: String) -> Result<Self, Failure> {
+    fn new(name: PathBuf) -> Result<Self, Failure> {
+        let name = name.display().to_string();
         let model = dunkelfeld::find_sensor(&name)?;
         Ok(Self { origin: origin_of(name), model })
     }
@@ -89,6 +91,7 @@ pub(crate) fn sensors() -> Vec<&'static str> {
 pub(crate) enum SensorArgument {
     Sensor(Sensor),
     Name(String),
+    Path(PathBuf),
 }
 
 impl SensorArgument {
@@ -97,6 +100,7 @@ impl SensorArgument {
             Self::Sensor(sensor) => SensorOption::Model(Box::new(sensor.model)),
             Self::Name(name) if name == "none" => SensorOption::None,
             Self::Name(name) => SensorOption::Named(name),
+            Self::Path(path) => SensorOption::Named(path.display().to_string()),
         }
     }
 }

@@ -98,6 +98,19 @@ def test_arrays_have_their_shapes_and_values(job: dict[str, Any]) -> None:
     assert df.Scene.from_job(job).render(sensor="none").picture().shape == (16, 24, 3)
 
 
+def test_a_sensor_file_is_a_path(tmp_path: Path, job: dict[str, Any]) -> None:
+    path = tmp_path / "small.toml"
+    path.write_text(
+        'name = "small"\nsource = "made up"\nbit_depth = 10\npixel_pitch_um = 3\nfull_well_e = 9000\ndark_noise_e = 2\n'
+        "gain_e_per_dn = 9\noffset_dn = 10\nquantum_efficiency = [[400, 0.4], [550, 0.7], [850, 0.2]]\n"
+    )
+    film = df.Scene.from_job(job).render(sensor=path)
+    assert df.Sensor(path).bit_depth == 10 and film.stats["sensor"]["name"] == "small"
+    assert np.array_equal(film.expose(path), film.expose())
+    error = df.DunkelfeldError("of a program")
+    assert error.file is None and error.help is None
+
+
 def test_one_sample_of_one_pixel_is_a_film(job: dict[str, Any]) -> None:
     film = df.Scene.from_job(job).render(spp=1, width=1, height=1)
     assert film.mean.shape == (1, 1, 3) and film.expose().shape == (1, 1, 1) and np.isinf(film.variance).all()

@@ -38,7 +38,7 @@ class Interrupted(KeyboardInterrupt):
 
 @final
 class Sensor:
-    def __new__(cls, name: str) -> Sensor: ...
+    def __new__(cls, name: _Path) -> Sensor: ...
     @property
     def name(self) -> str: ...
     @property
@@ -82,7 +82,7 @@ class Film:
     def interrupted(self) -> bool: ...
     def expose(
         self,
-        sensor: Sensor | str | None = None,
+        sensor: Sensor | _Path | None = None,
         exposure: float | str | None = None,
         frames: int = 1,
         *,
@@ -92,7 +92,7 @@ class Film:
     ) -> NDArray[np.uint16]: ...
     def picture(
         self,
-        sensor: Sensor | str | None = None,
+        sensor: Sensor | _Path | None = None,
         exposure: float | str | None = None,
         *,
         frame: int | None = None,
@@ -145,7 +145,7 @@ class Scene:
         threads: int | None = None,
         samples: tuple[int, int] | None = None,
         strategy: str | None = None,
-        sensor: Sensor | str | None = None,
+        sensor: Sensor | _Path | None = None,
         exposure: float | str | None = None,
         checkpoint: _Path | None = None,
         progress: _Progress | None = None,
@@ -164,7 +164,7 @@ class Scene:
         threads: int | None = None,
         samples: tuple[int, int] | None = None,
         strategy: str | None = None,
-        sensor: Sensor | str | None = None,
+        sensor: Sensor | _Path | None = None,
         exposure: float | str | None = None,
         checkpoint: _Path | None = None,
     ) -> RenderSteps: ...
@@ -201,7 +201,7 @@ def bench(
     width: int | None = None,
     height: int | None = None,
     camera: str | None = None,
-    sensor: Sensor | str | None = None,
+    sensor: Sensor | _Path | None = None,
     exposure: float | str | None = None,
     seed: int | None = None,
     memory: int | str | None = None,
@@ -224,7 +224,7 @@ def ptc(
     width: int | None = None,
     height: int | None = None,
     camera: str | None = None,
-    sensor: Sensor | str | None = None,
+    sensor: Sensor | _Path | None = None,
     exposure: float | str | None = None,
     seed: int | None = None,
     memory: int | str | None = None,
@@ -232,7 +232,7 @@ def ptc(
     progress: _Progress | None = None,
 ) -> Study: ...
 def emva_dataset(
-    sensor: Sensor | str,
+    sensor: Sensor | _Path,
     output: _Path,
     *,
     levels: int | None = None,

@@ -24,7 +24,7 @@ __all__ = ["analyse", "dataset"]
 
 
 def dataset(
-    sensor: Sensor | str,
+    sensor: Sensor | Path,
     output: Path,
     *,
     levels: int | None = None,
