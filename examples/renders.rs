@@ -3,6 +3,8 @@
 //!
 //!     cargo run --release --example renders -- scenes/inspection/inspection.toml 100 64 4
 
+#![allow(clippy::print_stdout, reason = "an example prints its result")]
+
 use dunkelfeld::{Cancel, Error, Project, RenderOptions, Silent};
 use std::time::Instant;
 
