@@ -76,6 +76,16 @@ inline std::uint32_t size(const std::optional<std::uint32_t> &value) {
     return !value ? 0 : *value == 0 ? std::numeric_limits<std::uint32_t>::max() : *value;
 }
 
+/** The options that renders and exposures share. */
+template <class C, class Options> void set_shared(C &c, const Options &options) {
+    c.sensor = text(options.sensor);
+    c.exposure = number(options.exposure);
+    c.seed = options.seed.value_or(0);
+    c.has_seed = options.seed.has_value();
+    c.frame = options.frame.value_or(0);
+    c.has_frame = options.frame.has_value();
+}
+
 struct CloseScene {
     void operator()(DunkelfeldScene *scene) const noexcept { dunkelfeld_scene_close(scene); }
 };
@@ -246,12 +256,7 @@ public:
 private:
     static DunkelfeldExposeOptions to_c(const ExposeOptions &options) {
         DunkelfeldExposeOptions c = dunkelfeld_expose_options();
-        c.sensor = detail::text(options.sensor);
-        c.exposure = detail::number(options.exposure);
-        c.seed = options.seed.value_or(0);
-        c.has_seed = options.seed.has_value();
-        c.frame = options.frame.value_or(0);
-        c.has_frame = options.frame.has_value();
+        detail::set_shared(c, options);
         c.exposure_noise = detail::text(options.exposure_noise);
         return c;
     }
@@ -317,15 +322,10 @@ public:
         c.time = detail::number(options.time);
         c.spp = detail::number(options.spp);
         c.noise = detail::number(options.noise);
-        c.seed = options.seed.value_or(0);
-        c.has_seed = options.seed.has_value();
-        c.frame = options.frame.value_or(0);
-        c.has_frame = options.frame.has_value();
+        detail::set_shared(c, options);
         c.threads = options.threads.value_or(0);
         if (options.samples) std::tie(c.samples_from, c.samples_to) = *options.samples;
         c.strategy = detail::text(options.strategy);
-        c.sensor = detail::text(options.sensor);
-        c.exposure = detail::number(options.exposure);
         c.checkpoint = detail::text(options.checkpoint);
         c.progress = options.progress ? &Progress::call : nullptr;
         c.user = &progress;

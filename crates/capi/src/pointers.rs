@@ -155,7 +155,7 @@ fn size_at(structure: *const usize, full: usize, name: &str) -> Result<usize, Fa
     }
     // SAFETY: the caller passes a structure, which begins with its size; the pointer is aligned and not NULL.
     let size = unsafe { structure.read() };
-    // All fields end at multiples of a pointer's size.
+    // The structures are aligned to pointers, so that the size of every version is a multiple of theirs.
     if (size_of::<usize>()..=full).contains(&size) && size % size_of::<usize>() == 0 {
         return Ok(size);
     }
