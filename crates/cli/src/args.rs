@@ -3,7 +3,7 @@
 use crate::choices::{denoisers, exposure_noises, strategies, vignettings};
 use crate::run_args::{MemoryArgs, RunArgs};
 #[cfg(feature = "studies")]
-use crate::studies::{BenchArgs, EmvaArgs, PtcArgs};
+use crate::studies::{BenchArgs, DatasetArgs, EmvaArgs, PtcArgs};
 use crate::values::{
     ExposureChoice, effect, exposure, length, noise_level, pause, pixel_sample, sample_range, samples_per_pixel,
     time_limit, whole, within,
@@ -39,6 +39,9 @@ pub(crate) enum Command {
     /// cost and influence of each effect of the scene.
     #[cfg(feature = "studies")]
     Bench(Box<BenchArgs>),
+    /// Make a data set: many images of a station, each a little different, with exact labels and the noise of a camera.
+    #[cfg(feature = "studies")]
+    Dataset(Box<DatasetArgs>),
     /// Denoise an EXR of this or another renderer: a layer beside those of the file, or a picture. The result is for
     /// display, not for measurement.
     Denoise(DenoiseArgs),

@@ -48,6 +48,8 @@ fn main() -> ExitCode {
         args::Command::Merge(a) => commands::merge::run(&a, started),
         #[cfg(feature = "studies")]
         args::Command::Bench(a) => studies::run_bench(&a),
+        #[cfg(feature = "studies")]
+        args::Command::Dataset(a) => studies::run_dataset(&a),
         args::Command::Denoise(a) => commands::denoise::run(&a),
         args::Command::Expose(a) => commands::expose::run(&a),
         #[cfg(feature = "studies")]

@@ -19,6 +19,6 @@ mod vertex;
 
 pub use estimator::{Estimator, PixelSample};
 pub use learned_roulette::LearnedRoulette;
-pub use pixel_ids::{PixelIds, pixel_ids};
+pub use pixel_ids::{Crossing, Passage, PixelIds, crossings, pixel_ids};
 pub use recorder::{ConnectionTally, PathTrace, TraceConnection, TraceScattering, TraceVertex};
 pub use training::TrainingBatch;

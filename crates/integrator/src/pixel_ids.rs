@@ -1,9 +1,12 @@
-//! Ids of a pixel: object and material of the first surface behind the centre of the pixel that scatters light.
+//! Ids of a pixel: object and material of the first surface behind the centre of the pixel that scatters light; and all
+//! surfaces that the ray of a pixel meets.
 
 use crate::ray_state::RayState;
 use crate::vertex::{SurfaceVertex, Vertex};
-use dunkelfeld_scene::{AllFeatures, Moment, RayGenerator, Scene};
+use dunkelfeld_geometry::Vec3;
+use dunkelfeld_scene::{AllFeatures, Moment, RayGenerator, Scene, SurfacePoint};
 use std::num::NonZeroU32;
+use std::ops::ControlFlow;
 
 /// Object and material at the centre of a pixel. An `Option` of it takes 8 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,30 +33,99 @@ impl PixelIds {
     }
 }
 
+/// The way of a ray behind a surface that it meets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Passage {
+    /// The surface covers less than half there, or bends no light: the ray goes straight on.
+    Open,
+    /// The surface is smooth and clear: the ray goes on in the direction that carries more light.
+    Clear,
+    /// The surface scatters light. The ray goes straight on, as if all surfaces from here on were absent.
+    Scattering,
+}
+
+/// A surface that the ray of a pixel meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossing {
+    /// Object and material of the surface.
+    pub ids: PixelIds,
+    /// The way of the ray behind it.
+    pub passage: Passage,
+    /// Share of the light that the surface covers there (alpha), in \[0, 1\].
+    pub coverage: f32,
+    /// The point on the surface \[m\], render space ([`Scene::world_origin`] is its origin in the world).
+    pub point: Vec3,
+    /// Unit geometric normal of the surface, world axes.
+    pub normal: Vec3,
+}
+
+/// Upper bound on the cost of a hostile file. No real scene has so many sheets behind one another.
+const MAX_CROSSINGS: u32 = 10_000;
+
 /// The ids of pixel (x, y), or `None` if no surface lies behind its centre. The ray passes a surface whose coverage is
 /// below one half. It also passes a smooth clear surface, in the direction that carries more light. The ids of the
 /// first such clear surface are returned if no other surface lies behind it. Moving objects are at the middle of the
 /// exposure.
 pub fn pixel_ids(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option<PixelIds> {
-    let Moment { time, y } =
-        scene.shutter().map_or(Moment { time: 0.0, y: y as f32 + 0.5 }, |shutter| shutter.middle(y));
-    let ray = camera.ray(x as f32 + 0.5, y).at_time(time);
+    let (mut first_clear, mut found) = (None, None);
+    let _ = crossings(scene, camera, [x, y], [0.5; 2], |crossing| match crossing.passage {
+        Passage::Open => ControlFlow::Continue(()),
+        Passage::Clear => {
+            first_clear = first_clear.or(Some(crossing.ids));
+            ControlFlow::Continue(())
+        }
+        Passage::Scattering => {
+            found = Some(crossing.ids);
+            ControlFlow::Break(())
+        }
+    });
+    found.or(first_clear)
+}
+
+/// Calls `visit` for the surfaces that the ray through a place of a pixel meets, in order, until it breaks or no surface is
+/// left. `place` is the place in the pixel, from its top left corner, in \[0, 1); (0.5, 0.5) is its centre. The ray passes
+/// open and clear surfaces as in [`pixel_ids`]. Behind the first surface that scatters, it goes straight on through all
+/// surfaces, which are then reported as [`Passage::Scattering`]. Moving objects are at the middle of the exposure.
+pub fn crossings(
+    scene: &Scene,
+    camera: &RayGenerator,
+    [x, row]: [u32; 2],
+    place: [f32; 2],
+    mut visit: impl FnMut(&Crossing) -> ControlFlow<()>,
+) -> ControlFlow<()> {
+    let middle = Moment { time: 0.0, y: row as f32 + 0.5 };
+    let Moment { time, y } = scene.shutter().map_or(middle, |shutter| shutter.middle(row));
+    let ray = camera.ray(x as f32 + place[0], y + (place[1] - 0.5)).at_time(time);
     let mut ray_state = RayState::from_camera::<AllFeatures>(scene, ray);
-    let mut first_clear = None;
-    // Upper bound on the cost of a hostile file. No real scene has so many sheets behind one another.
-    for _ in 0..10_000 {
+    let mut is_behind = false;
+    for _ in 0..MAX_CROSSINGS {
         let (mut interface, mut bsdf) = (None, None);
         let Some(hit) = ray_state.intersect_next::<AllFeatures>(scene, &mut interface) else { break };
-        if hit.open_tint().is_some() || scene.coverage(&hit.surface, ray_state.ray.direction) < 0.5 {
+        let (object, material) = scene.ids(&hit.surface);
+        let ids = PixelIds::new(object, material);
+        let coverage = scene.coverage(&hit.surface, ray_state.ray.direction);
+        let SurfacePoint { point, normal, .. } = hit.surface;
+        let at = |passage| Crossing { ids, passage, coverage, point, normal };
+        let is_open = hit.open_tint().is_some() || coverage < 0.5;
+        if is_behind || is_open {
+            visit(&at(if is_behind { Passage::Scattering } else { Passage::Open }))?;
             ray_state = ray_state.pass_through::<AllFeatures>(&hit);
             continue;
         }
-        let (object, material) = scene.ids(&hit.surface);
-        let here = PixelIds::new(object, material);
-        let at = SurfaceVertex::<AllFeatures>::new(scene, ray_state, hit, 0.5, &mut bsdf);
-        let Some(passed) = at.delta(0.5) else { return Some(here) };
-        first_clear = first_clear.or(Some(here));
-        ray_state = at.spawn_ray(passed.wi);
+        let straight = ray_state.pass_through::<AllFeatures>(&hit);
+        let (scattering, clear) = (at(Passage::Scattering), at(Passage::Clear));
+        let vertex = SurfaceVertex::<AllFeatures>::new(scene, ray_state, hit, 0.5, &mut bsdf);
+        ray_state = match vertex.delta(0.5) {
+            Some(passed) => {
+                visit(&clear)?;
+                vertex.spawn_ray(passed.wi)
+            }
+            None => {
+                visit(&scattering)?;
+                is_behind = true;
+                straight
+            }
+        };
     }
-    first_clear
+    ControlFlow::Continue(())
 }

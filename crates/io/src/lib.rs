@@ -3,7 +3,7 @@
 //! | folder | contents |
 //! |---|---|
 //! | [`import`] | scenes: glTF, OBJ and MTL, STL, PLY, IES profiles, textures |
-//! | [`formats`] | EXR, PNG, TIFF, layers, checkpoints, EMVA 1288 descriptors |
+//! | [`formats`] | EXR, PNG, TIFF, JPEG, layers, checkpoints, EMVA 1288 descriptors |
 //! | [`config`] | jobs and sensors in TOML, quantities with units |
 //! | [`files`] | opening with limits, atomic writing, locks, folders of results |
 
@@ -19,7 +19,7 @@ pub mod visible;
 pub use config::{job, quantity, sensor_file, toml_file};
 pub use error::{ImportWarning, InputError, SourceSpan};
 pub use files::{atomic, input, lock, names, new_folder, process, results};
-pub use formats::{checkpoint, emva_descriptor, exr, gray, layers, picture, png, tiff};
+pub use formats::{checkpoint, emva_descriptor, exr, gray, jpeg, layers, picture, png, tiff};
 #[cfg(feature = "gltf")]
 pub use import::gltf;
 #[cfg(feature = "obj")]

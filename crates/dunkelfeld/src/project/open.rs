@@ -12,7 +12,7 @@ use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
 use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_render::{Budget, DEFAULT_F_NUMBER, Error, RenderSettings, SensorChoice};
-use dunkelfeld_scene::{BuildCache, BuildError, BuildReport, Effect, Scene};
+use dunkelfeld_scene::{BuildCache, BuildError, BuildReport, Effect, Scene, SceneBuilder};
 use dunkelfeld_sensor::{Exposure, Optics};
 use std::path::Path;
 use std::time::Instant;
@@ -152,9 +152,21 @@ impl Project {
 pub(super) fn compile(
     path: &Path,
     job: Option<&Job>,
+    imported: Imported,
+    without: &[Effect],
+    cache: Option<&mut BuildCache>,
+) -> Result<Compiled, Error> {
+    compile_and(path, job, imported, without, cache, |_| Ok(()))
+}
+
+/// [`compile`] with a change of the description after those of the job.
+pub(super) fn compile_and(
+    path: &Path,
+    job: Option<&Job>,
     mut imported: Imported,
     without: &[Effect],
     cache: Option<&mut BuildCache>,
+    edit: impl FnOnce(&mut SceneBuilder) -> Result<(), Error>,
 ) -> Result<Compiled, Error> {
     let lens = job.map(|job| job.lens.clone()).unwrap_or_default();
     let f_number = lens.f_number.unwrap_or(DEFAULT_F_NUMBER);
@@ -166,6 +178,7 @@ pub(super) fn compile(
         None => (RenderSettings::default(), OutputPaths::default()),
     };
     inputs.extend(&imported.inputs);
+    edit(&mut imported.scene)?;
     for &effect in without {
         // An effect that is given twice is left out once.
         if settings.without.contains(&effect) {

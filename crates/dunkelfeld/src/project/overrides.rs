@@ -1,11 +1,11 @@
 //! Changes of an opened project by keys of a job: only the parts of the scene that change are built again.
 
 use super::Project;
-use super::open::{Compiled, GivenSettings, compile, film_part};
+use super::open::{Compiled, GivenSettings, compile_and, film_part};
 use dunkelfeld_io::import::Imported;
 use dunkelfeld_io::job::Job;
 use dunkelfeld_render::{Error, SensorChoice};
-use dunkelfeld_scene::{BuildCache, Effect};
+use dunkelfeld_scene::{BuildCache, Effect, SceneBuilder};
 
 /// The description of an opened project.
 #[derive(Debug)]
@@ -53,19 +53,37 @@ impl Project {
     /// built, and a project that was opened without [`ProjectOptions::can_change`](super::ProjectOptions::can_change). The
     /// project then stays as it was.
     pub fn set_overrides(&mut self, overrides: &str) -> Result<(), Error> {
-        let Some(description) = &mut self.description else {
-            let problem = "the description of the scene was not kept";
-            return Err(Error::setting(
-                "overrides",
-                problem,
-                "open the project with `ProjectOptions::can_change`, from a path in UTF-8",
-            ));
-        };
+        let description = kept(self.description.as_deref())?;
+        let changed = description.base.with_overrides(overrides)?;
+        self.change_to(changed, |_| Ok(()))
+    }
+
+    /// Replaces the job of the project by another one, and then changes the description of its scene by `edit`, for example
+    /// by more objects. Paths in the text are relative to the folder of the job that was opened, and errors have its name.
+    /// Memory and settings are as for [`Project::set_overrides`].
+    ///
+    /// # Errors
+    /// As [`Project::set_overrides`], and those of `edit`.
+    pub fn set_job(
+        &mut self,
+        text: &str,
+        edit: impl FnOnce(&mut SceneBuilder) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        let description = kept(self.description.as_deref())?;
+        let changed = Job::from_text(description.base.path(), text)?;
+        self.change_to(changed, edit)
+    }
+
+    fn change_to(
+        &mut self,
+        changed: Job,
+        edit: impl FnOnce(&mut SceneBuilder) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        let Some(description) = &mut self.description else { return Err(not_kept()) };
         let Description { base, job, imported, without, given, cache } = &mut **description;
-        let changed = base.with_overrides(overrides)?;
         let read = if changed.has_scene_of(job.as_ref().unwrap_or(base)) { None } else { Some(changed.load_scene()?) };
         let source = read.as_ref().unwrap_or(imported).clone();
-        let compiled = compile(changed.scene_path(), Some(&changed), source, without, Some(cache))?;
+        let compiled = compile_and(changed.scene_path(), Some(&changed), source, without, Some(cache), edit)?;
         let Compiled { scene, report, warnings, inputs, given: new, .. } = compiled;
         let mut settings = self.settings.clone();
         settings.update(&given.settings, &new.settings);
@@ -97,4 +115,16 @@ impl Project {
         (*job, *given) = (Some(changed), new);
         Ok(())
     }
+}
+
+fn kept(description: Option<&Description>) -> Result<&Description, Error> {
+    description.ok_or_else(not_kept)
+}
+
+fn not_kept() -> Error {
+    Error::setting(
+        "overrides",
+        "the description of the scene was not kept",
+        "open the project with `ProjectOptions::can_change`, from a path in UTF-8",
+    )
 }

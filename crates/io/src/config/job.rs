@@ -58,6 +58,7 @@ pub use lens::{FilterSettings, LensProjection, LensSettings};
 pub use materials::{AlphaKind, MaterialOverride};
 pub use motion::{LineScanSettings, RotationSettings};
 pub use objects::{Grid, ObjectOverride, Pivot, Placement};
+pub use patterns::matches;
 pub use place::{Place, bounds_of};
 pub use primitives::PrimitiveKind;
 pub use scene_files::{SceneFile, SceneFiles};
@@ -412,6 +413,11 @@ impl Job {
         inputs.extend(&job.inputs);
         job.inputs = inputs;
         Ok(job)
+    }
+
+    /// The file of the job, for messages; relative paths in the job are relative to its folder.
+    pub fn path(&self) -> &Path {
+        self.source.path()
     }
 
     /// Does another job read the same scene files in the same way?

@@ -78,6 +78,11 @@ impl TomlFile {
         Ok(Self { path: self.path.clone(), text })
     }
 
+    /// The text.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
     /// The origin of the text.
     pub fn path(&self) -> &Path {
         &self.path
@@ -202,8 +207,8 @@ pub fn toml_text(value: &impl Serialize) -> Result<String, String> {
     toml::to_string(value).map_err(|e| e.to_string())
 }
 
-/// See [`TomlFile::with_overrides`].
-fn merge(table: &mut Table, overrides: Table) {
+/// Merges tables as [`TomlFile::with_overrides`].
+pub fn merge(table: &mut Table, overrides: Table) {
     let are_tables = |list: &[Value]| list.iter().all(Value::is_table);
     for (key, value) in overrides {
         match (table.get_mut(&key), value) {

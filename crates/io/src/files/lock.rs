@@ -97,6 +97,24 @@ impl TargetLock {
         Err(refusal(&target, &path, None))
     }
 
+    /// [`TargetLock::acquire`] for work that someone else may do: `None` if another process holds the lock, or this one
+    /// already.
+    ///
+    /// # Errors
+    /// The lock file cannot be written, or is no lock file.
+    pub fn try_acquire(target: &Path) -> Result<Option<Self>, InputError> {
+        let target = resolved(target);
+        let path = lock_path(&target);
+        for _ in 0..ATTEMPTS {
+            match attempt_at(&path)? {
+                Attempt::Held(file) => return Ok(Some(Self { target, path, file })),
+                Attempt::Again => {}
+                Attempt::Busy(_) => return Ok(None),
+            }
+        }
+        Ok(None)
+    }
+
     /// The file or folder that is locked, by its whole name.
     pub fn target(&self) -> &Path {
         &self.target

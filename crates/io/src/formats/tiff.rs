@@ -16,23 +16,31 @@ use crate::picture::Picture;
 /// # Errors
 /// Those of the file system, a picture without pixels or of more than 4 GiB. An existing file stays as it was.
 pub fn write_tiff(path: &Path, picture: Picture<'_>, description: Option<&str>) -> io::Result<()> {
-    write_atomically(path, |file| {
-        let (width, height) = picture.size();
-        if width == 0 || height == 0 {
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, "a TIFF needs at least one pixel"));
-        }
-        match picture {
-            Picture::Gray8(p) => encode::<colortype::Gray8, _>(file, (width, height), p.data(), description),
-            Picture::Rgb8(p) => {
-                encode::<colortype::RGB8, _>(file, (width, height), p.data().as_flattened(), description)
-            }
-            Picture::Gray16(p) => encode::<colortype::Gray16, _>(file, (width, height), p.data(), description),
-            Picture::Rgb16(p) => {
-                encode::<colortype::RGB16, _>(file, (width, height), p.data().as_flattened(), description)
-            }
-        }
-        .map_err(explain)
-    })
+    write_atomically(path, |file| encode_picture(file, picture, description))
+}
+
+/// The bytes of such a file.
+///
+/// # Errors
+/// As [`write_tiff`], without those of the file system.
+pub fn tiff_bytes(picture: Picture<'_>, description: Option<&str>) -> io::Result<Vec<u8>> {
+    let mut bytes = io::Cursor::new(Vec::new());
+    encode_picture(&mut bytes, picture, description)?;
+    Ok(bytes.into_inner())
+}
+
+fn encode_picture(file: impl Write + Seek, picture: Picture<'_>, description: Option<&str>) -> io::Result<()> {
+    let (width, height) = picture.size();
+    if width == 0 || height == 0 {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "a TIFF needs at least one pixel"));
+    }
+    match picture {
+        Picture::Gray8(p) => encode::<colortype::Gray8, _>(file, (width, height), p.data(), description),
+        Picture::Rgb8(p) => encode::<colortype::RGB8, _>(file, (width, height), p.data().as_flattened(), description),
+        Picture::Gray16(p) => encode::<colortype::Gray16, _>(file, (width, height), p.data(), description),
+        Picture::Rgb16(p) => encode::<colortype::RGB16, _>(file, (width, height), p.data().as_flattened(), description),
+    }
+    .map_err(explain)
 }
 
 fn encode<C, W>(

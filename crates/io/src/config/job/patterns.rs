@@ -1,7 +1,7 @@
 //! Patterns of names with `*` and `?`, and lists of names.
 
 /// Does a name match a pattern with `*` and `?`? A name that contains these characters also matches literally.
-pub(super) fn matches(pattern: &str, name: &str) -> bool {
+pub fn matches(pattern: &str, name: &str) -> bool {
     pattern == name || (pattern.contains(['*', '?']) && glob(pattern, name))
 }
 

@@ -1,0 +1,107 @@
+//! `dunkelfeld dataset`: makes the images of a study, or checks a set.
+
+use super::dataset_args::DatasetArgs;
+use crate::bar::Sink;
+use crate::interrupt::cancel_on_interrupt;
+use crate::outcome::{Outcome, print, say, say_object};
+use crate::words::remaining;
+use dunkelfeld::{Error, Progress, ProgressState, Stage};
+use dunkelfeld_dataset::{RunOptions, RunProgress, RunState, SetForecast, Study, run as run_study, verify};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
+    if let Some(folder) = &args.verify {
+        return check(folder, args);
+    }
+    let path = args.study.clone().unwrap_or_default();
+    let sink = Sink::new(args.run.progress);
+    let study = Arc::new(Study::open(&path)?);
+    let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(&study.name));
+    let mut options = RunOptions::default();
+    options.count = args.count;
+    options.indices = (!args.index.is_empty()).then(|| args.index.clone());
+    options.jobs = args.jobs.map(usize::from);
+    options.threads = args.run.threads.map(usize::from);
+    options.seconds = args.time;
+    let cancel = cancel_on_interrupt();
+    let progress = SetProgress { sink: &sink };
+    let summary = run_study(&study, &folder, &options, &progress, &cancel)?;
+    drop(sink);
+    let (made, finished, count) = (summary.made, summary.finished, summary.count);
+    let rate = if summary.seconds > 0.0 { made as f64 / summary.seconds * 3600.0 } else { 0.0 };
+    let pace = if made > 0 { format!(", {rate:.0} an hour") } else { String::new() };
+    print(&format!("{made} images made{pace}; {finished} of {count} are in {}\n", folder.display()));
+    if finished == count {
+        for name in ["sheet.png", "report.html"].map(|name| folder.join(name)) {
+            if name.is_file() {
+                print(&format!("  {}\n", name.display()));
+            }
+        }
+    }
+    if summary.interrupted {
+        say("interrupted: the same command goes on");
+        return Ok(Outcome::Interrupted);
+    }
+    Ok(Outcome::Done)
+}
+
+/// The progress of a set, on the bar of a render.
+struct SetProgress<'a> {
+    sink: &'a Sink,
+}
+
+impl RunProgress for SetProgress<'_> {
+    fn update(&self, state: &RunState) {
+        match self.sink {
+            Sink::Bar(bar) => {
+                bar.set_length(state.count.max(1));
+                bar.set_position(state.finished);
+                bar.set_prefix("images");
+                let left = state.remaining.map_or(String::new(), |s| format!(", {}", remaining(s)));
+                bar.set_message(format!("{} of {}{left}", state.finished, state.count));
+            }
+            Sink::Json => say_object(&serde_json::json!({
+                "event": "images", "finished": state.finished, "count": state.count, "elapsed": state.elapsed,
+                "remaining": state.remaining,
+            })),
+            Sink::None => {}
+        }
+    }
+
+    fn forecast(&self, forecast: &SetForecast) {
+        let levels = &forecast.levels;
+        let least = levels.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = levels.iter().copied().fold(0.0, f64::max);
+        let reached = if levels.is_empty() {
+            "without a sensor there is no level of noise".into()
+        } else {
+            format!("99 % of the pixels are hidden at k = {least:.2} to {most:.2}")
+        };
+        self.sink.say(&format!("forecast: {:.2} s for the samples of an image; {reached}", forecast.seconds));
+    }
+}
+
+fn check(folder: &Path, args: &DatasetArgs) -> Result<Outcome, Error> {
+    let sink = Sink::new(args.run.progress);
+    let began = Instant::now();
+    let found = verify(folder, &|done, count| {
+        let fraction = done as f64 / count.max(1) as f64;
+        let elapsed = began.elapsed().as_secs_f64();
+        let remaining = (done > 0).then(|| elapsed * (1.0 / fraction - 1.0));
+        sink.update(&ProgressState { stage: Stage::Load, fraction, elapsed, remaining, samples: 0 });
+    })?;
+    drop(sink);
+    for fault in &found.faults {
+        say(&format!("flagged: {fault}"));
+    }
+    if found.more > 0 {
+        say(&format!("flagged: {} more faults", found.more));
+    }
+    print(&format!(
+        "{} of {} images are finished; {} files and {} annotations were checked\n",
+        found.finished, found.count, found.files, found.annotations
+    ));
+    Ok(if found.is_whole() { Outcome::Done } else { Outcome::Flagged })
+}

@@ -1,0 +1,226 @@
+//! `[[study.defect]]`: defects with drawn parameters.
+
+use crate::defects::{DefectKind, DefectSpec, PlacedDefect, add_defect};
+use crate::distribution::{Distribution, Fault, Named, Template};
+use crate::draws::Draws;
+use crate::study::{Names, Study};
+use dunkelfeld_geometry::DVec3;
+use dunkelfeld_io::quantity::{Angle, Length};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::SceneBuilder;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use toml::Value;
+
+/// Most defects of one entry in an image.
+const MOST: i64 = 1000;
+
+/// The parameters of one defect, with all values drawn. Lengths are lengths \[m\], angles \[rad\].
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DefectSettings {
+    /// Names the draws and the objects of the entry. By default the category.
+    #[serde(default)]
+    #[allow(dead_code, reason = "read before the other values are drawn")]
+    name: Option<String>,
+    #[serde(default)]
+    #[allow(dead_code, reason = "read before the other values are drawn")]
+    category: Option<String>,
+    kind: DefectKind,
+    /// Names or patterns of the objects.
+    on: Names,
+    #[serde(default)]
+    length: Option<Length>,
+    #[serde(default)]
+    width: Option<Length>,
+    #[serde(default)]
+    depth: Option<Length>,
+    #[serde(default)]
+    angle: Option<Angle>,
+    #[serde(default)]
+    curvature: Option<Angle>,
+    #[serde(default)]
+    roughness: Option<f64>,
+    #[serde(default)]
+    color: Option<[f64; 3]>,
+    #[serde(default)]
+    metallic: Option<f64>,
+    #[serde(default)]
+    strength: Option<f64>,
+    /// A direction of the world that the surface faces, within 60°.
+    #[serde(default)]
+    facing: Option<[f64; 3]>,
+}
+
+/// An entry of the study, as far as it is the same in all images.
+#[derive(Clone, Debug)]
+pub(crate) struct DefectEntry {
+    /// The number of the entry.
+    number: usize,
+    /// Name of draws and objects.
+    name: String,
+    pub(crate) category: String,
+    count: Template,
+    /// Most defects of an image.
+    most: u32,
+    rest: BTreeMap<String, Template>,
+}
+
+/// A defect in the scene of an image.
+#[derive(Clone, Debug)]
+pub(crate) struct AddedDefect {
+    pub(crate) kind: String,
+    pub(crate) placed: PlacedDefect,
+}
+
+/// The entries of a study.
+pub(crate) fn entries(study: &Study) -> Result<Vec<DefectEntry>, (usize, Fault)> {
+    let mut entries: Vec<DefectEntry> = Vec::new();
+    for (number, template) in study.defect.iter().enumerate() {
+        let at = |fault: Fault| (number, fault);
+        let rest = match template {
+            Template::Table(rest) => rest,
+            _ => return Err(at(Fault::new("the entry has no values that vary", "draw at least `length`"))),
+        };
+        let text = |key: &str| match rest.get(key) {
+            None => Ok(None),
+            Some(Template::Fixed(Value::String(text))) if !text.is_empty() => Ok(Some(text.clone())),
+            Some(_) => Err((number, Fault::new("not a text, the same in all images", "write it in quotes").below(key))),
+        };
+        let kind = text("kind")?.ok_or_else(|| {
+            at(Fault::new("the entry has no `kind`", "write `kind = \"scratch\"`, or another one of docs/datasets.md"))
+        })?;
+        let category = text("category")?.unwrap_or(kind);
+        let mut name = text("name")?.unwrap_or_else(|| category.clone());
+        if entries.iter().any(|entry| entry.name == name) {
+            name = format!("{name} #{}", number + 1);
+        }
+        let count = rest.get("count").cloned().unwrap_or(Template::Fixed(Value::Integer(1)));
+        let most = most(&count).filter(|most| (0..=MOST).contains(most)).ok_or_else(|| {
+            let help = "write a whole number, { integer = [0, 3] }, or a choice of whole numbers, at most 1000";
+            at(Fault::new("the largest number of defects is not known", help).below("count"))
+        })?;
+        entries.push(DefectEntry { number, name, category, count, most: most as u32, rest: rest.clone() });
+    }
+    Ok(entries)
+}
+
+fn no_object() -> Fault {
+    Fault::new("no object has such a name", "`dunkelfeld inspect` lists the objects").below("on")
+}
+
+/// The largest whole number that a template can give.
+fn most(count: &Template) -> Option<i64> {
+    match count {
+        Template::Fixed(Value::Integer(n)) => Some(*n),
+        Template::Drawn(Distribution::Integer { high, .. }) => Some(*high),
+        Template::Drawn(Distribution::Choice { values, .. } | Distribution::Sequence { values, .. }) => {
+            values.iter().map(most).collect::<Option<Vec<i64>>>()?.into_iter().max()
+        }
+        _ => None,
+    }
+}
+
+impl DefectEntry {
+    /// Category and name of each defect that an image may have.
+    pub(crate) fn slots(&self) -> impl Iterator<Item = (String, String)> {
+        (1..=self.most).map(|n| (self.category.clone(), self.object_name(n)))
+    }
+
+    fn object_name(&self, number: u32) -> String {
+        format!("{} {number}", self.name)
+    }
+
+    /// Adds the defects of an image to its scene. `drawn` receives all that was drawn.
+    pub(crate) fn apply(
+        &self,
+        study: &Study,
+        scene: &mut SceneBuilder,
+        draws: Draws,
+        drawn: &mut BTreeMap<String, Value>,
+    ) -> Result<Vec<AddedDefect>, (usize, Fault)> {
+        let at = |fault: Fault| (self.number, fault);
+        let mut named = study.named(draws);
+        let prefix = format!("defect[{}]", self.name);
+        let mut record = |name: &str, value: &Value| drop(drawn.insert(name.to_owned(), value.clone()));
+        let count = self.count.draw(draws, &format!("{prefix}.count"), &mut named, &mut record).map_err(at)?;
+        let count = count.as_integer().unwrap_or(0).clamp(0, i64::from(self.most)) as u32;
+        let mut added = Vec::new();
+        for number in 1..=count {
+            let place = format!("{prefix}[{number}]");
+            let settings = self.settings(&place, draws, &mut named, &mut record).map_err(at)?;
+            let kind = settings.kind;
+            let spec = self.spec(settings, self.object_name(number), scene).map_err(at)?;
+            let mut stream = draws.stream(&format!("{place}.place"));
+            let placed = add_defect(scene, &spec, &mut stream).map_err(|e| at(Fault::new(e.problem, e.help)))?;
+            added.push(AddedDefect { kind: format!("{kind:?}").to_lowercase(), placed });
+        }
+        Ok(added)
+    }
+
+    /// The parameters of a defect.
+    fn settings(
+        &self,
+        place: &str,
+        draws: Draws,
+        named: &mut dyn Named,
+        record: &mut dyn FnMut(&str, &Value),
+    ) -> Result<DefectSettings, Fault> {
+        let mut table = toml::Table::new();
+        for (key, template) in self.rest.iter().filter(|(key, _)| *key != "count") {
+            let value = template.draw(draws, &format!("{place}.{key}"), named, record).map_err(|e| e.below(key))?;
+            table.insert(key.clone(), value);
+        }
+        Value::Table(table)
+            .try_into()
+            .map_err(|e: toml::de::Error| Fault::new(e.message(), "see docs/datasets.md for the keys of defects"))
+    }
+
+    /// Checks the entry before the first image: its keys, and that its objects exist among `names`.
+    pub(crate) fn check(&self, study: &Study, names: &[String]) -> Result<(), (usize, Fault)> {
+        let draws = study.draws(0);
+        let place = format!("defect[{}][1]", self.name);
+        let settings = self.settings(&place, draws, &mut study.named(draws), &mut |_, _| {});
+        let checked = settings.and_then(|settings| match names.iter().any(|name| settings.on.match_name(name)) {
+            true => Ok(()),
+            false => Err(no_object()),
+        });
+        checked.map_err(|fault| (self.number, fault))
+    }
+
+    fn spec(&self, settings: DefectSettings, name: String, scene: &SceneBuilder) -> Result<DefectSpec, Fault> {
+        let on: Vec<usize> =
+            (0..scene.instances.len()).filter(|i| settings.on.match_name(&scene.instances[*i].name)).collect();
+        if on.is_empty() {
+            return Err(no_object());
+        }
+        let share = |key: &str, value: Option<f64>| match value {
+            Some(v) if !(0.0..=1.0).contains(&v) => {
+                Err(Fault::new(format!("{v} is out of range"), "write a number from 0 to 1").below(key))
+            }
+            v => Ok(v),
+        };
+        let length = |value: Option<Length>| value.map_or(0.0, |l| l.0);
+        let color = match settings.color {
+            Some(color) if !color.iter().all(|v| (0.0..=1.0).contains(v)) => {
+                return Err(Fault::new("not a colour", "write three numbers from 0 to 1").below("color"));
+            }
+            color => color.map(|[r, g, b]| Rgb::new(r as f32, g as f32, b as f32)),
+        };
+        Ok(DefectSpec {
+            name,
+            kind: settings.kind,
+            on,
+            length: length(settings.length),
+            width: length(settings.width),
+            depth: length(settings.depth),
+            angle: settings.angle.map(|a| a.0),
+            curvature: settings.curvature.map_or(0.0, |a| a.0),
+            roughness: share("roughness", settings.roughness)?,
+            color,
+            metallic: share("metallic", settings.metallic)?,
+            strength: share("strength", settings.strength)?.unwrap_or(1.0),
+            facing: settings.facing.map(DVec3::from),
+        })
+    }
+}

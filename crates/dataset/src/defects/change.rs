@@ -1,0 +1,97 @@
+//! Defects that change an object: missing, faded, shifted.
+
+use super::draw;
+use super::host::refuse_emitters;
+use super::material;
+use super::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
+use dunkelfeld_geometry::{DVec3, Mesh};
+use dunkelfeld_sampling::Pcg;
+use dunkelfeld_scene::{AlphaMode, Instance, Material, SceneBuilder};
+use std::sync::Arc;
+
+/// Changes one of the candidates.
+///
+/// # Errors
+/// If a candidate emits light, is a solid that shall fade, or has no extent.
+pub(super) fn change(
+    scene: &mut SceneBuilder,
+    spec: &DefectSpec,
+    stream: &mut Pcg,
+) -> Result<PlacedDefect, DefectProblem> {
+    refuse_emitters(scene, &spec.on)?;
+    let index = spec.on[draw::index(stream, spec.on.len())];
+    let Some((normal, tangents)) = largest_side(scene, &scene.instances[index]) else {
+        let problem = format!("the object \"{}\" has no extent", scene.instances[index].name);
+        return Err(DefectProblem::new(problem, "name an object with triangles"));
+    };
+    match spec.kind {
+        DefectKind::Missing => with_materials(scene, index, |m| material::absent(m, &spec.name)),
+        DefectKind::Faded => fade(scene, index, spec)?,
+        _ => {
+            let (sin, cos) = spec.angle.unwrap_or_else(|| draw::angle(stream)).sin_cos();
+            scene.instances[index].to_world.translation += (tangents[0] * cos + tangents[1] * sin) * spec.length;
+        }
+    }
+    let on = std::mem::replace(&mut scene.instances[index].name, spec.name.clone());
+    let [low, high] = scene.bounds_of(&scene.instances[index]).unwrap_or_default();
+    let extent = low.distance(high);
+    Ok(PlacedDefect { object: spec.name.clone(), at: 0.5 * (low + high), normal, on, extent })
+}
+
+/// Unit normal and two tangents of the largest side of the bounding box of an object, in the world. The box is that in
+/// the space of the meshes. `None` without an extent.
+fn largest_side(scene: &SceneBuilder, instance: &Instance) -> Option<(DVec3, [DVec3; 2])> {
+    let meshes = instance.meshes.iter().filter_map(|m| scene.meshes.get(*m)).map(|part| &part.mesh);
+    let used = meshes.flat_map(|mesh| mesh.triangles.iter().flatten().filter_map(|i| mesh.positions.get(*i as usize)));
+    let finite = used.filter(|p| p.is_finite()).map(|p| p.as_dvec3());
+    let (low, high) = finite.map(|p| (p, p)).reduce(|(a, b), (c, d)| (a.min(c), b.max(d)))?;
+    let axes = [0, 1, 2].map(|k| instance.to_world.matrix3.col(k));
+    let edges = [0, 1, 2].map(|k| axes[k].length() * (high[k] - low[k]));
+    // The largest side is at right angles to the shortest edge.
+    let thin = (0..3).reduce(|a, b| if edges[b] < edges[a] { b } else { a })?;
+    let (first, second) = ((thin + 1) % 3, (thin + 2) % 3);
+    let u = axes[first].try_normalize()?;
+    let normal = axes[first].cross(axes[second]).try_normalize()?;
+    (edges[first] > 0.0 || edges[second] > 0.0).then(|| (normal, [u, normal.cross(u)]))
+}
+
+fn fade(scene: &mut SceneBuilder, index: usize, spec: &DefectSpec) -> Result<(), DefectProblem> {
+    let instance = &scene.instances[index];
+    let of = |part: &usize| scene.meshes.get(*part).and_then(|m| scene.materials.get(m.material));
+    if instance.meshes.iter().filter_map(of).any(|m| material::clear_volume(m).is_some()) {
+        let problem = format!("the object \"{}\" is a clear solid, which cannot fade", instance.name);
+        return Err(DefectProblem::new(problem, "name a print, a label or an opaque object"));
+    }
+    let is_opaque = |m: &Material| m.alpha_mode == AlphaMode::Opaque;
+    let opaque: Vec<bool> = instance.meshes.iter().map(|part| of(part).is_some_and(is_opaque)).collect();
+    with_materials(scene, index, |m| material::faded(m, &spec.name, spec.strength));
+    // An opaque surface ignores the alpha of its vertex colours. From now on it counts.
+    for (part, _) in scene.instances[index].meshes.clone().into_iter().zip(opaque).filter(|(_, opaque)| *opaque) {
+        let Some(m) = scene.meshes.get_mut(part) else { continue };
+        if m.mesh.colors.iter().any(|c| c.w != 1.0) {
+            let colors = m.mesh.colors.iter().map(|c| c.truncate().extend(1.0)).collect();
+            m.mesh = Arc::new(Mesh { colors, ..(*m.mesh).clone() });
+        }
+    }
+    Ok(())
+}
+
+/// Gives an object materials of its own, made from its materials. Parts that other objects use are copied; the copies
+/// share the triangles.
+fn with_materials(scene: &mut SceneBuilder, index: usize, change: impl Fn(&Material) -> Material) {
+    let uses = |part: usize| scene.instances.iter().flat_map(|i| &i.meshes).filter(|m| **m == part).count();
+    let shared: Vec<bool> = scene.instances[index].meshes.iter().map(|part| uses(*part) > 1).collect();
+    for (k, shared) in shared.into_iter().enumerate() {
+        let part = scene.instances[index].meshes[k];
+        let Some(old) = scene.meshes.get(part).and_then(|m| scene.materials.get(m.material)) else { continue };
+        let new = material::add(scene, change(old));
+        if shared {
+            let mut copy = scene.meshes[part].clone();
+            copy.material = new;
+            scene.meshes.push(copy);
+            scene.instances[index].meshes[k] = scene.meshes.len() - 1;
+        } else {
+            scene.meshes[part].material = new;
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! The surfaces of the candidates, and uniform points on them.
+
+use super::draw;
+use super::material::{emits, is_absent};
+use super::surface::{corners_of, oriented_area};
+use super::{DefectProblem, DefectSpec};
+use dunkelfeld_geometry::DVec3;
+use dunkelfeld_sampling::Pcg;
+use dunkelfeld_scene::SceneBuilder;
+
+/// Smallest cosine between a normal and the direction that it must face: 60 degrees.
+const LEAST_COSINE: f64 = 0.5;
+
+/// A drawn point of a surface.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Anchor {
+    /// Index into [`SceneBuilder::instances`].
+    pub(super) instance: usize,
+    /// Index into [`SceneBuilder::meshes`].
+    pub(super) part: usize,
+    /// Position in the world at time 0 \[m\].
+    pub(super) point: DVec3,
+    /// Unit normal of the triangle in the world.
+    pub(super) normal: DVec3,
+}
+
+/// The triangles of the candidates with their areas in the world.
+pub(super) struct AreaTable {
+    /// Instance, part and triangle.
+    faces: Vec<[u32; 3]>,
+    /// Sums of the areas \[m²\].
+    cumulative: Vec<f64>,
+}
+
+impl AreaTable {
+    /// All triangles of the candidates that face the direction and are present.
+    ///
+    /// # Errors
+    /// If a candidate emits light, or if no triangle is left.
+    pub(super) fn new(scene: &SceneBuilder, spec: &DefectSpec) -> Result<Self, DefectProblem> {
+        refuse_emitters(scene, &spec.on)?;
+        let facing = spec.facing.and_then(DVec3::try_normalize);
+        let (mut faces, mut cumulative, mut sum, mut seen) = (Vec::new(), Vec::new(), 0.0, false);
+        for &index in &spec.on {
+            let Some(instance) = scene.instances.get(index) else { continue };
+            for &part in &instance.meshes {
+                let Some(m) = scene.meshes.get(part) else { continue };
+                if scene.materials.get(m.material).is_none_or(is_absent) {
+                    continue;
+                }
+                for triangle in 0..m.mesh.triangles.len() {
+                    let Some(corners) = corners_of(&m.mesh, triangle) else { continue };
+                    let oriented = oriented_area(&instance.to_world, &corners);
+                    let area = 0.5 * oriented.length();
+                    if !(area > 0.0 && area.is_finite()) {
+                        continue;
+                    }
+                    seen = true;
+                    let faces_it = |f: DVec3| oriented.dot(f) >= LEAST_COSINE * oriented.length();
+                    if facing.is_none_or(faces_it) {
+                        sum += area;
+                        faces.push([index as u32, part as u32, triangle as u32]);
+                        cumulative.push(sum);
+                    }
+                }
+            }
+        }
+        match (faces.is_empty(), seen) {
+            (false, _) => Ok(Self { faces, cumulative }),
+            (true, true) => Err(DefectProblem::new(
+                "no surface of the candidates faces the direction",
+                "turn the objects, name other ones, or leave the direction out",
+            )),
+            (true, false) => Err(DefectProblem::new("the candidates have no surface", "name objects with triangles")),
+        }
+    }
+
+    /// A point that is uniform by area.
+    pub(super) fn draw(&self, scene: &SceneBuilder, stream: &mut Pcg) -> Option<Anchor> {
+        let face = draw::entry(stream, &self.cumulative);
+        let (u, v) = (draw::uniform(stream), draw::uniform(stream));
+        let [index, part, triangle] = self.faces.get(face)?.map(|i| i as usize);
+        let instance = scene.instances.get(index)?;
+        let corners = corners_of(&scene.meshes.get(part)?.mesh, triangle)?;
+        let normal = oriented_area(&instance.to_world, &corners).try_normalize()?;
+        let [a, b, c] = corners.map(|p| instance.to_world.transform_point3(p));
+        // Uniform by area: Turk (1990).
+        let root = u.sqrt();
+        let point = a * (1.0 - root) + b * (root * (1.0 - v)) + c * (root * v);
+        Some(Anchor { instance: index, part, point, normal })
+    }
+}
+
+/// # Errors
+/// If a candidate emits light.
+pub(super) fn refuse_emitters(scene: &SceneBuilder, on: &[usize]) -> Result<(), DefectProblem> {
+    for instance in on.iter().filter_map(|i| scene.instances.get(*i)) {
+        let material = |part: &usize| scene.materials.get(scene.meshes.get(*part)?.material);
+        if instance.meshes.iter().filter_map(material).any(emits) {
+            let problem = format!("the object \"{}\" emits light", instance.name);
+            return Err(DefectProblem::new(problem, "name only objects that emit no light"));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,147 @@
+//! The materials of defects.
+
+use super::DefectSpec;
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::{AlphaMode, Material, SceneBuilder, Surface, Volume};
+
+/// Roughness of the walls of a scratch.
+const SCRATCH_ROUGHNESS: f32 = 0.3;
+
+/// True if a material emits light.
+pub(super) fn emits(m: &Material) -> bool {
+    m.unlit || !m.emission.is_black()
+}
+
+/// True if a constant coverage of zero makes the surface absent.
+pub(super) fn is_absent(m: &Material) -> bool {
+    match m.alpha_mode {
+        AlphaMode::Opaque => false,
+        AlphaMode::Mask { cutoff } => m.alpha < cutoff,
+        AlphaMode::Blend => m.alpha <= 0.0,
+    }
+}
+
+/// The volume of a solid that light can enter.
+pub(super) fn clear_volume(m: &Material) -> Option<Volume> {
+    match m.surface {
+        Surface::Solid(volume) if m.transmission > 0.0 && m.metallic < 1.0 => Some(volume),
+        _ => None,
+    }
+}
+
+/// Gas in a clear solid: index 1, above the solid in priority, so that it displaces the solid (Schmidt and Budge 2002).
+pub(super) fn gas(name: &str, host: &Volume, roughness: f32) -> Material {
+    Material {
+        name: name.into(),
+        roughness,
+        transmission: 1.0,
+        ior: 1.0,
+        surface: Surface::Solid(Volume { priority: host.priority.saturating_add(1), ..Volume::default() }),
+        ..Material::default()
+    }
+}
+
+/// The surface below with the changes of the defect. `has_uvs` is false if the patch has no texture coordinates; then
+/// all textures are dropped.
+pub(super) fn like_surface(host: &Material, spec: &DefectSpec, has_uvs: bool) -> Material {
+    let mut m = Material { name: spec.name.clone(), surface: Surface::Thin, ..host.clone() };
+    if !has_uvs {
+        drop_textures(&mut m);
+    }
+    override_with(&mut m, spec);
+    m
+}
+
+/// The walls of a scratch in an opaque surface: as [`like_surface`], without normal map and coat, with the roughness of
+/// a cut.
+pub(super) fn cut(host: &Material, spec: &DefectSpec, has_uvs: bool) -> Material {
+    let mut m = like_surface(host, spec, has_uvs);
+    (m.normal_texture, m.anisotropy, m.anisotropy_texture, m.clearcoat) = (None, 0.0, None, 0.0);
+    m.roughness_texture = None;
+    m.roughness = roughness_or(spec, SCRATCH_ROUGHNESS);
+    m
+}
+
+/// Roughness of a scratch in a clear solid.
+pub(super) fn cut_roughness(spec: &DefectSpec) -> f32 {
+    roughness_or(spec, SCRATCH_ROUGHNESS)
+}
+
+/// An opaque material of its own: a default colour and roughness, with the changes of the defect.
+pub(super) fn own(spec: &DefectSpec, color: Rgb, roughness: f32) -> Material {
+    let mut m = Material { name: spec.name.clone(), base_color: color, roughness, ..Material::default() };
+    override_with(&mut m, spec);
+    m
+}
+
+/// The roughness of the defect, or a default value.
+pub(super) fn roughness_or(spec: &DefectSpec, default: f32) -> f32 {
+    spec.roughness.map_or(default, |r| r as f32)
+}
+
+fn override_with(m: &mut Material, spec: &DefectSpec) {
+    if let Some(roughness) = spec.roughness {
+        (m.roughness, m.roughness_texture) = (roughness as f32, None);
+    }
+    if let Some(color) = spec.color {
+        (m.base_color, m.base_color_texture) = (color, None);
+    }
+    if let Some(metallic) = spec.metallic {
+        (m.metallic, m.metallic_texture) = (metallic as f32, None);
+    }
+}
+
+/// Removes all textures. Their factors remain.
+fn drop_textures(m: &mut Material) {
+    *m = Material {
+        base_color_texture: None,
+        alpha_texture: None,
+        metallic_texture: None,
+        roughness_texture: None,
+        normal_texture: None,
+        emission_texture: None,
+        specular_texture: None,
+        specular_color_texture: None,
+        transmission_texture: None,
+        diffuse_transmission_texture: None,
+        diffuse_transmission_color_texture: None,
+        clearcoat_texture: None,
+        clearcoat_roughness_texture: None,
+        sheen_color_texture: None,
+        anisotropy_texture: None,
+        ..std::mem::take(m)
+    };
+}
+
+/// A surface that no ray meets. It is no solid, transmits nothing and has no textures, so that its coverage is the
+/// constant 0.
+pub(super) fn absent(host: &Material, name: &str) -> Material {
+    Material {
+        name: format!("{name}: {}", host.name),
+        alpha: 0.0,
+        alpha_mode: AlphaMode::Mask { cutoff: 1.0 },
+        ..Material::default()
+    }
+}
+
+/// The surface with `1 - strength` of its coverage. Masks become soft: their alpha is a probability then.
+pub(super) fn faded(host: &Material, name: &str, strength: f64) -> Material {
+    let mut m = Material { name: format!("{name}: {}", host.name), ..host.clone() };
+    if m.alpha_mode == AlphaMode::Opaque {
+        // An opaque surface ignores its alpha. From now on alpha counts.
+        (m.alpha, m.alpha_texture) = (1.0, None);
+    }
+    m.alpha *= (1.0 - strength) as f32;
+    m.alpha_mode = AlphaMode::Blend;
+    m
+}
+
+/// Index of a material that is added to the scene.
+pub(super) fn add(scene: &mut SceneBuilder, material: Material) -> usize {
+    scene.add_material(material)
+}
+
+/// The material with the alpha of the vertex colours as its coverage.
+pub(super) fn covering_by_colors(m: Material) -> Material {
+    Material { alpha: 1.0, alpha_mode: AlphaMode::Blend, ..m }
+}

@@ -1,0 +1,205 @@
+//! Visible defects that are added to the description of a scene before it is compiled.
+//!
+//! A defect is geometry with a material. It takes part in light transport like all other objects. No image is painted
+//! afterwards.
+//!
+//! | kind | length | width | depth | made of |
+//! |---|---|---|---|---|
+//! | scratch | along the curve | across, in its middle | of the groove | opaque body: a strip with two ridges of the height `depth`; clear solid: a groove of air |
+//! | dent | diameter | not used | in its middle | opaque body: a round patch with the shading normals of a dent; clear solid: a hollow of air |
+//! | stain | largest extent, to 20 % | not used | not used | a patch with partial coverage |
+//! | dust | largest extent | not used | not used | an irregular particle on the surface |
+//! | fibre | along the curve | thickness | not used | a curved tube on the surface |
+//! | bubble | diameter | not used | not used | a sphere of gas in a clear solid |
+//! | inclusion | largest extent | not used | not used | an irregular opaque particle in a clear solid |
+//! | missing | not used | not used | not used | the object, with a coverage of zero |
+//! | faded | not used | not used | not used | the object, with a coverage of `1 - strength` |
+//! | shifted | distance | not used | not used | the object, moved along its largest side |
+//!
+//! Lengths are metres in the world. Angles are radians. A defect on a body that moves has the motion of the body.
+
+mod change;
+mod draw;
+mod host;
+mod material;
+mod particle;
+mod patch;
+mod place;
+mod round;
+mod scratch;
+mod shell;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod tree;
+mod volume;
+mod walk;
+
+use dunkelfeld_geometry::DVec3;
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::Pcg;
+use dunkelfeld_scene::SceneBuilder;
+use serde::Deserialize;
+
+/// Kind of a defect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum DefectKind {
+    /// A narrow groove.
+    Scratch,
+    /// A shallow round hollow.
+    Dent,
+    /// A coloured film with an irregular outline and a soft edge.
+    Stain,
+    /// An irregular particle on the surface.
+    Dust,
+    /// A thin curved fibre on the surface.
+    Fibre,
+    /// A sphere of gas inside a clear solid.
+    Bubble,
+    /// An irregular opaque particle inside a clear solid.
+    Inclusion,
+    /// The object is absent.
+    Missing,
+    /// The object covers only a part of the light, like a worn print.
+    Faded,
+    /// The object lies beside its place.
+    Shifted,
+}
+
+/// One defect with all its parameters drawn.
+#[derive(Clone, Debug)]
+pub(crate) struct DefectSpec {
+    /// Name of the added object. For missing, faded and shifted: the new name of the object that changes.
+    pub(crate) name: String,
+    /// Kind of the defect.
+    pub(crate) kind: DefectKind,
+    /// Indices into [`SceneBuilder::instances`]: the candidates.
+    ///
+    /// A point of the surface is drawn uniformly by area in the world over all of them. For bubble and inclusion a
+    /// point is drawn uniformly by volume over their clear solids, and drawn again if the defect has no room there. For
+    /// missing, faded and shifted one object is drawn, each with the same probability.
+    pub(crate) on: Vec<usize>,
+    /// Length \[m\]. The table of the module contains its meaning for each kind.
+    pub(crate) length: f64,
+    /// Width \[m\].
+    pub(crate) width: f64,
+    /// Depth \[m\].
+    pub(crate) depth: f64,
+    /// Direction in the tangent plane \[rad\], counter-clockwise from outside. Zero is the world's +x projected on this
+    /// plane, or +z if the normal is within 18 degrees of the x axis. `None`: drawn uniformly.
+    pub(crate) angle: Option<f64>,
+    /// Total turn \[rad\] of a scratch or a fibre over its length.
+    pub(crate) curvature: f64,
+    /// Perceptual roughness in \[0, 1\]. `None`: by kind and by the surface below.
+    pub(crate) roughness: Option<f64>,
+    /// Base colour, linear Rec. 709, in \[0, 1\]. `None`: by kind and by the surface below. A bubble, and a scratch or
+    /// a dent in a clear solid, have no colour.
+    pub(crate) color: Option<Rgb>,
+    /// 0 dielectric, 1 metal. `None`: by kind and by the surface below. The kinds without colour do not use it.
+    pub(crate) metallic: Option<f64>,
+    /// In \[0, 1\]. Stain: the largest coverage. Faded: the missing part of the coverage.
+    pub(crate) strength: f64,
+    /// Only points whose normal, by the winding of the triangle, has a cosine of at least 0.5 (60 degrees) with this
+    /// direction in the world. `None`: any.
+    pub(crate) facing: Option<DVec3>,
+}
+
+/// A defect in its place.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct PlacedDefect {
+    /// Name of the object.
+    pub(crate) object: String,
+    /// Place in the world at time 0 \[m\]: the drawn point. For missing, faded and shifted the middle of the bounds of
+    /// the object after the change.
+    pub(crate) at: DVec3,
+    /// Unit normal of the surface there, in the world at time 0. Bubble and inclusion have no surface, and have +y. For
+    /// missing, faded and shifted the normal of the largest side of the bounding box.
+    pub(crate) normal: DVec3,
+    /// Name of the object below, or around. For missing, faded and shifted the former name of the object.
+    pub(crate) on: String,
+    /// Largest extent \[m\].
+    pub(crate) extent: f64,
+}
+
+/// The reason why a defect cannot be made.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{problem}; {help}")]
+pub(crate) struct DefectProblem {
+    /// The problem.
+    pub(crate) problem: String,
+    /// Advice.
+    pub(crate) help: &'static str,
+}
+
+impl DefectProblem {
+    fn new(problem: impl Into<String>, help: &'static str) -> Self {
+        Self { problem: problem.into(), help }
+    }
+}
+
+/// Adds a defect to a scene. The result depends only on scene, description and stream.
+///
+/// # Errors
+/// If a number is out of its range, if no object or no surface fits, or if the defect finds no room.
+pub(crate) fn add_defect(
+    scene: &mut SceneBuilder,
+    spec: &DefectSpec,
+    stream: &mut Pcg,
+) -> Result<PlacedDefect, DefectProblem> {
+    check(scene, spec)?;
+    match spec.kind {
+        DefectKind::Scratch | DefectKind::Dent | DefectKind::Stain | DefectKind::Dust | DefectKind::Fibre => {
+            place::on_surface(scene, spec, stream)
+        }
+        DefectKind::Bubble | DefectKind::Inclusion => volume::inside(scene, spec, stream),
+        DefectKind::Missing | DefectKind::Faded | DefectKind::Shifted => change::change(scene, spec, stream),
+    }
+}
+
+/// Checks the numbers that the kind uses.
+fn check(scene: &SceneBuilder, spec: &DefectSpec) -> Result<(), DefectProblem> {
+    use DefectKind::{Dent, Faded, Fibre, Missing, Scratch, Stain};
+    let kind = spec.kind;
+    let size = |name: &str, value: f64| {
+        let problem = || DefectProblem::new(format!("the {name} of the defect is {value} m"), "give a size above 0");
+        if value > 0.0 && value.is_finite() { Ok(()) } else { Err(problem()) }
+    };
+    if !matches!(kind, Missing | Faded) {
+        size("length", spec.length)?;
+    }
+    if matches!(kind, Scratch | Fibre) {
+        size("width", spec.width)?;
+        fits(spec.width <= spec.length, "the defect is wider than long", "exchange `length` and `width`")?;
+        fits(spec.curvature.is_finite(), "the curvature is not finite", "give an angle")?;
+    }
+    if matches!(kind, Scratch | Dent) {
+        size("depth", spec.depth)?;
+    }
+    if kind == Scratch {
+        let help = "give at most half of the width, which is a slope of 69 degrees";
+        fits(spec.depth <= 0.5 * spec.width, "the scratch is too deep for its width", help)?;
+    }
+    if kind == Dent {
+        let help = "give at most a quarter of the diameter, which is a slope of 38 degrees";
+        fits(spec.depth <= 0.25 * spec.length, "the dent is too deep for its diameter", help)?;
+    }
+    if matches!(kind, Stain | Faded) {
+        fits((0.0..=1.0).contains(&spec.strength), "the strength is out of its range", "give a number from 0 to 1")?;
+    }
+    let share = |v: Option<f64>| v.is_none_or(|v| (0.0..=1.0).contains(&v));
+    fits(spec.angle.is_none_or(f64::is_finite), "the angle is not finite", "give an angle, or leave it out")?;
+    fits(share(spec.roughness), "the roughness is out of its range", "give a number from 0 to 1")?;
+    fits(share(spec.metallic), "the metallic value is out of its range", "give a number from 0 to 1")?;
+    let is_color = |c: Rgb| c.to_array().iter().all(|v| (0.0..=1.0).contains(v));
+    fits(spec.color.is_none_or(is_color), "the colour is out of its range", "give numbers from 0 to 1")?;
+    let has_direction = spec.facing.is_none_or(|f| f.is_finite() && f.try_normalize().is_some());
+    fits(has_direction, "the direction that the surface must face has no length", "give a vector other than 0")?;
+    let help = "name at least one object of the scene";
+    fits(!spec.on.is_empty(), "the defect has no candidates", help)?;
+    fits(spec.on.iter().all(|i| *i < scene.instances.len()), "a candidate is no object of the scene", help)
+}
+
+fn fits(condition: bool, problem: &str, help: &'static str) -> Result<(), DefectProblem> {
+    if condition { Ok(()) } else { Err(DefectProblem::new(problem, help)) }
+}

@@ -1,0 +1,359 @@
+//! Tests of the defects.
+
+use super::*;
+use crate::defects::host::AreaTable;
+use dunkelfeld_geometry::health::MeshHealth;
+use dunkelfeld_geometry::{DAffine3, DMat3, Mesh, RigidMotion, Vec2, Vec3, geometric_normal};
+use dunkelfeld_sampling::keyed_stream;
+use dunkelfeld_scene::{AlphaMode, Material, Surface, Volume, shapes};
+use std::sync::Arc;
+
+const SURFACE: [DefectKind; 5] =
+    [DefectKind::Scratch, DefectKind::Dent, DefectKind::Stain, DefectKind::Dust, DefectKind::Fibre];
+const INSIDE: [DefectKind; 2] = [DefectKind::Bubble, DefectKind::Inclusion];
+const CHANGE: [DefectKind; 3] = [DefectKind::Missing, DefectKind::Faded, DefectKind::Shifted];
+
+fn stream(seed: u64) -> Pcg {
+    keyed_stream(seed, 0, 0, 1)
+}
+
+fn spec(kind: DefectKind, on: &[usize]) -> DefectSpec {
+    DefectSpec {
+        name: "defect".into(),
+        kind,
+        on: on.to_vec(),
+        length: 0.05,
+        width: 0.002,
+        depth: 0.0005,
+        angle: None,
+        curvature: 0.3,
+        roughness: None,
+        color: None,
+        metallic: None,
+        strength: 0.5,
+        facing: None,
+    }
+}
+
+fn clear() -> Material {
+    let volume = Volume { priority: 4, ..Volume::default() };
+    Material { transmission: 1.0, ior: 1.49, surface: Surface::Solid(volume), ..Material::default() }
+}
+
+/// Object 0: an opaque sphere of radius 0.5 with smooth normals, turned and moved. Object 1: a clear box. Object 2: a
+/// plane that is as large as object 0 in total, a reflected one. Object 3: a lamp.
+fn scene() -> SceneBuilder {
+    let mut b = SceneBuilder::default();
+    let opaque = b.add_material(Material { roughness: 0.4, ..Material::default() });
+    let solid = b.add_material(clear());
+    let lamp = b.add_material(Material { emission: Rgb::WHITE, ..Material::default() });
+    b.add_object("ball", shapes::sphere(Vec3::ZERO, 0.5, 96, true), opaque);
+    b.add_object("block", shapes::cuboid(Vec3::new(2.0, 0.0, 0.0), Vec3::new(3.0, 0.5, 0.3)), solid);
+    b.add_object("plane", shapes::rectangle(Vec3::ZERO, Vec3::X, Vec3::NEG_Z), opaque);
+    b.add_object("lamp", shapes::rectangle(Vec3::splat(3.0), Vec3::X, Vec3::NEG_Z), lamp);
+    b.instances[0].to_world =
+        DAffine3::from_mat3_translation(DMat3::from_axis_angle(DVec3::new(0.6, 0.8, 0.0), 0.7), CENTER);
+    b.instances[2].to_world =
+        DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 2.0)), DVec3::new(0.0, -2.0, 0.0));
+    b
+}
+
+const CENTER: DVec3 = DVec3::new(-3.0, 0.2, 1.0);
+
+/// The mesh of the last object in the world, in f64.
+fn placed(b: &SceneBuilder) -> (Vec<DVec3>, Arc<Mesh>) {
+    let instance = b.instances.last().unwrap();
+    let mesh = b.meshes[instance.meshes[0]].mesh.clone();
+    (mesh.positions.iter().map(|p| instance.to_world.transform_point3(p.as_dvec3())).collect(), mesh)
+}
+
+/// The quantile of chi-squared with `k` degrees of freedom that a fraction of 1e-9 exceeds (Wilson and Hilferty 1931).
+fn bound(k: f64) -> f64 {
+    let s = 2.0 / (9.0 * k);
+    k * (1.0 - s + 6.0 * s.sqrt()).powi(3)
+}
+
+#[test]
+fn drawn_points_are_uniform_by_area() {
+    let b = scene();
+    let table = AreaTable::new(&b, &spec(DefectKind::Dust, &[0, 2])).unwrap();
+    // 8 bands of equal area of the sphere (of area 3.14 but for the facets), 8 rectangles of the plane (2 m²).
+    let sphere = MeshHealth::from_mesh(&b.meshes[0].mesh).area;
+    let (n, mut counts, mut stream) = (100_000, [0u32; 16], stream(5));
+    for _ in 0..n {
+        let anchor = table.draw(&b, &mut stream).unwrap();
+        let cell = if anchor.instance == 0 {
+            // Bands around an axis that the mesh does not have.
+            let z = (anchor.point - CENTER).normalize().dot(DVec3::new(0.48, 0.6, 0.64));
+            ((0.5 * (z + 1.0) * 8.0) as usize).min(7)
+        } else {
+            assert!((anchor.normal - DVec3::Y).length() < 1e-12, "a reflected object keeps its front");
+            let (x, z) = (-anchor.point.x, -anchor.point.z);
+            8 + 4 * ((2.0 * x) as usize).min(1) + ((2.0 * z) as usize).min(3)
+        };
+        counts[cell] += 1;
+    }
+    let total = sphere + 2.0;
+    // The facets are within 0.1 % of the area of the sphere, which adds at most 1e-6 n = 0.1 to the statistic.
+    let expected = |i: usize| f64::from(n) * if i < 8 { sphere / 8.0 } else { 0.25 } / total;
+    let chi: f64 = (0..16).map(|i| (f64::from(counts[i]) - expected(i)).powi(2) / expected(i)).sum();
+    assert!(chi < bound(15.0), "chi-squared {chi} of 15 degrees, {counts:?} (false alarm rate 1e-9)");
+}
+
+#[test]
+fn patches_follow_a_sphere() {
+    for kind in [DefectKind::Scratch, DefectKind::Dent, DefectKind::Stain] {
+        for seed in 0..8 {
+            let mut b = scene();
+            let spec = DefectSpec { length: 0.4, width: 0.02, depth: 1e-3, ..spec(kind, &[0]) };
+            let done = add_defect(&mut b, &spec, &mut stream(seed)).unwrap();
+            let (points, mesh) = placed(&b);
+            // The facets of the sphere are up to 0.5 (1 - cos(pi / 96)) = 2.7e-4 m below it. A ridge is 1e-3 m high.
+            let ridge = if kind == DefectKind::Scratch { 1e-3 } else { 0.0 };
+            for p in &points {
+                let height = (*p - CENTER).length() - 0.5;
+                assert!((-4e-4..ridge + 8e-4).contains(&height), "{kind:?} {seed}: {height}");
+            }
+            for t in 0..mesh.triangles.len() {
+                let middle = mesh.triangles[t].map(|i| points[i as usize]).iter().sum::<DVec3>() / 3.0;
+                let outward = (middle - CENTER).normalize();
+                let normal = geometric_normal(&mesh.corners(t)).as_dvec3();
+                let least = if kind == DefectKind::Scratch { 0.5 } else { 0.95 };
+                assert!(normal.dot(outward) > least, "{kind:?} winds inward: {normal} {outward}");
+            }
+            assert!(done.extent > 0.2 && done.extent < 0.5, "{kind:?}: {}", done.extent);
+            assert_eq!((done.object.as_str(), done.on.as_str()), ("defect", "ball"));
+            assert!(((done.at - CENTER).length() - 0.5).abs() < 4e-4);
+        }
+    }
+}
+
+#[test]
+fn the_normals_of_a_dent_are_those_of_its_bell() {
+    let mut b = scene();
+    let spec = DefectSpec { length: 0.2, depth: 0.01, facing: Some(DVec3::Y), ..spec(DefectKind::Dent, &[2]) };
+    let done = add_defect(&mut b, &spec, &mut stream(3)).unwrap();
+    let (points, mesh) = placed(&b);
+    for (p, n) in points.iter().zip(&mesh.normals) {
+        let way = *p - done.at;
+        let r = (way.x.hypot(way.z) / 0.1).min(1.0);
+        let slope = 0.5 * std::f64::consts::PI * 0.01 / 0.1 * (std::f64::consts::PI * r).sin();
+        let inward = -n.as_dvec3().dot(DVec3::new(way.x, 0.0, way.z).normalize_or_zero());
+        assert!((inward - slope / (1.0 + slope * slope).sqrt()).abs() < 1e-5, "{r}: {inward} {slope}");
+        assert!((n.length() - 1.0).abs() < 1e-5 && way.y.abs() < 5e-5);
+    }
+}
+
+#[test]
+fn texture_coordinates_continue_and_seams_are_cut() {
+    // Two triangles with texture coordinates that jump by 10 at the common edge.
+    let mut mesh = shapes::rectangle(Vec3::ZERO, Vec3::X, Vec3::NEG_Z);
+    let corners: Vec<Vec3> = (0..2).flat_map(|t| mesh.corners(t)).collect();
+    mesh.uvs[0] = corners.iter().enumerate().map(|(i, p)| Vec2::new(p.x + 10.0 * (i / 3) as f32, -p.z)).collect();
+    (mesh.positions, mesh.triangles, mesh.normals) = (corners, vec![[0, 1, 2], [3, 4, 5]], vec![]);
+    let mut b = SceneBuilder::default();
+    b.add_material(Material::default());
+    b.add_object("sheet", mesh, 0);
+    add_defect(&mut b, &DefectSpec { length: 0.8, depth: 0.01, ..spec(DefectKind::Dent, &[0]) }, &mut stream(1))
+        .unwrap();
+    let (points, mesh) = placed(&b);
+    assert_eq!(mesh.uvs[0].len(), points.len());
+    let mut sides = [0; 2];
+    for triangle in &mesh.triangles {
+        let uv = triangle.map(|i| mesh.uvs[0][i as usize]);
+        let p = triangle.map(|i| points[i as usize]);
+        let jump = f64::from(uv[0].x) - p[0].x;
+        sides[usize::from(jump > 5.0)] += 1;
+        for k in 0..3 {
+            assert!((f64::from(uv[k].x) - p[k].x - 10.0 * (jump / 10.0).round()).abs() < 1e-4, "{uv:?} {p:?}");
+            assert!((f64::from(uv[k].y) + p[k].z).abs() < 1e-4);
+        }
+    }
+    assert!(sides.iter().all(|n| *n > 100), "{sides:?}");
+}
+
+#[test]
+fn hollows_in_clear_solids_are_closed_and_displace_the_solid() {
+    for kind in [DefectKind::Scratch, DefectKind::Dent] {
+        let mut b = scene();
+        let done = add_defect(&mut b, &DefectSpec { width: 0.01, ..spec(kind, &[1]) }, &mut stream(2)).unwrap();
+        let part = b.meshes.last().unwrap();
+        let health = MeshHealth::from_mesh(&part.mesh);
+        assert!(health.is_closed() && health.signed_volume > 0.0, "{kind:?} {health:?}");
+        let Surface::Solid(volume) = b.materials[part.material].surface else { panic!("{kind:?} is no solid") };
+        assert_eq!((volume.priority, b.materials[part.material].ior), (5, 1.0));
+        let height = |p: &DVec3| (*p - done.at).dot(done.normal);
+        let offset = placed(&b).0.iter().map(height).fold(0.0, f64::max);
+        assert!(offset < 5e-5, "{offset}");
+        // The volume of the bell is depth * area * (1 / 2 - 2 / pi²). It starts above the surface.
+        if kind == DefectKind::Dent {
+            let bell =
+                (5e-4 + offset) * std::f64::consts::PI * 0.025f64.powi(2) * (0.5 - 2.0 / std::f64::consts::PI.powi(2));
+            assert!((health.signed_volume / bell - 1.0).abs() < 0.01, "{} {bell}", health.signed_volume);
+        }
+        let lowest = placed(&b).0.iter().map(height).fold(0.0, f64::min);
+        assert!((lowest / -5e-4 - 1.0).abs() < 0.02, "{kind:?}: {lowest}");
+    }
+}
+
+#[test]
+fn bodies_of_foreign_matter_are_closed_and_have_their_size() {
+    for kind in [DefectKind::Dust, DefectKind::Fibre, DefectKind::Bubble, DefectKind::Inclusion] {
+        for seed in 0..10 {
+            let mut b = scene();
+            let on = if INSIDE.contains(&kind) { 1 } else { 0 };
+            let done = add_defect(&mut b, &spec(kind, &[on]), &mut stream(seed)).unwrap();
+            let health = MeshHealth::from_mesh(&b.meshes.last().unwrap().mesh);
+            assert!(health.is_closed() && health.signed_volume > 0.0, "{kind:?} {health:?}");
+            let range = if kind == DefectKind::Fibre { 0.04..0.053 } else { 0.04..0.0501 };
+            assert!(range.contains(&done.extent), "{kind:?} {}", done.extent);
+            if kind == DefectKind::Dust {
+                let heights = placed(&b).0.into_iter().map(|p| (p - done.at).dot(done.normal));
+                let lowest = heights.fold(f64::INFINITY, f64::min);
+                assert!((-0.0025..0.0).contains(&lowest), "{lowest}");
+            }
+        }
+    }
+}
+
+#[test]
+fn bubbles_lie_inside_and_are_uniform() {
+    let b = scene();
+    let (n, mut counts, mut stream) = (4000, [0u32; 8], stream(9));
+    for _ in 0..n {
+        let mut b = b.clone();
+        let done = add_defect(&mut b, &spec(DefectKind::Bubble, &[1]), &mut stream).unwrap();
+        let (low, high) = (DVec3::new(2.0, 0.0, 0.0), DVec3::new(3.0, 0.5, 0.3));
+        let margin = (done.at - low).min(high - done.at).min_element();
+        assert!(margin >= 0.025, "{margin}");
+        assert!(placed(&b).0.iter().all(|p| p.cmpgt(low).all() && p.cmplt(high).all()));
+        let share = (done.at - low - 0.0255) / (high - low - 0.051);
+        let bit = |v: f64| usize::from(v > 0.5);
+        counts[4 * bit(share.x) + 2 * bit(share.y) + bit(share.z)] += 1;
+    }
+    let expected = f64::from(n) / 8.0;
+    let chi: f64 = counts.iter().map(|c| (f64::from(*c) - expected).powi(2) / expected).sum();
+    assert!(chi < bound(7.0), "chi-squared {chi} of 7 degrees, {counts:?} (false alarm rate 1e-9)");
+}
+
+#[test]
+fn the_result_depends_on_the_stream_alone() {
+    for kind in SURFACE.into_iter().chain(INSIDE).chain(CHANGE) {
+        let on = if INSIDE.contains(&kind) { 1 } else { 0 };
+        let run = |seed| {
+            let mut b = scene();
+            let done = add_defect(&mut b, &spec(kind, &[on]), &mut stream(seed)).unwrap();
+            (done, format!("{:?}", b.instances), placed(&b).1)
+        };
+        assert_eq!(run(1), run(1), "{kind:?}");
+        if !matches!(kind, DefectKind::Missing | DefectKind::Faded) {
+            assert_ne!(run(1), run(2), "{kind:?}");
+        }
+    }
+}
+
+#[test]
+fn every_defect_compiles_without_repairs_and_moves_with_its_body() {
+    let mut b = scene();
+    b.shutter = Some(dunkelfeld_scene::Shutter::Frame { exposure: 1e-3 });
+    let motion = RigidMotion::linear(DVec3::X);
+    b.instances[0].motion = motion;
+    b.instances[1].motion = motion;
+    for kind in SURFACE.into_iter().chain(INSIDE) {
+        for on in if INSIDE.contains(&kind) { 1..2 } else { 0..2 } {
+            let seed = 10 + on as u64;
+            add_defect(&mut b, &DefectSpec { width: 0.004, ..spec(kind, &[on]) }, &mut stream(seed)).unwrap();
+            assert_eq!(b.instances.last().unwrap().motion, motion, "{kind:?}");
+        }
+    }
+    b.add_camera("camera", DVec3::new(0.0, 0.0, 8.0), DVec3::ZERO, 0.8);
+    let (_, report) = b.build().unwrap();
+    let about = |f: &&dunkelfeld_scene::Finding| f.place.contains("defect") && f.message.contains("remove");
+    assert!(!report.findings.iter().any(|f| about(&f)), "{:?}", report.findings);
+}
+
+#[test]
+fn changed_objects_have_copies_of_what_they_share() {
+    for kind in CHANGE {
+        let mut b = scene();
+        let mut twin = b.instances[0].clone();
+        twin.name = "twin".into();
+        b.instances.push(twin);
+        let before = b.clone();
+        let done = add_defect(&mut b, &DefectSpec { angle: Some(0.5), ..spec(kind, &[0]) }, &mut stream(4)).unwrap();
+        assert_eq!((b.instances[0].name.as_str(), done.on.as_str()), ("defect", "ball"));
+        let twin = b.instances.last().unwrap();
+        assert_eq!((&twin.meshes, twin.to_world), (&before.instances[4].meshes, before.instances[4].to_world));
+        assert_eq!(b.materials[b.meshes[twin.meshes[0]].material], before.materials[0]);
+        let own = &b.meshes[b.instances[0].meshes[0]];
+        assert!(Arc::ptr_eq(&own.mesh, &before.meshes[0].mesh), "the triangles are not copied");
+        let m = &b.materials[own.material];
+        match kind {
+            DefectKind::Missing => assert!(m.alpha < 1.0 && m.alpha_mode == AlphaMode::Mask { cutoff: 1.0 }),
+            DefectKind::Faded => assert_eq!((m.alpha, m.alpha_mode), (0.5, AlphaMode::Blend)),
+            _ => {
+                let moved = b.instances[0].to_world.translation - before.instances[0].to_world.translation;
+                assert!((moved.length() - 0.05).abs() < 1e-12 && moved.dot(done.normal).abs() < 1e-12);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_made_is_refused() {
+    let refused = |spec: DefectSpec, word: &str| {
+        let mut b = scene();
+        let before = format!("{:?}", b.instances);
+        let error = add_defect(&mut b, &spec, &mut stream(1)).unwrap_err();
+        assert!(error.to_string().contains(word), "{error}");
+        assert_eq!(before, format!("{:?}", b.instances));
+    };
+    for kind in SURFACE.into_iter().chain(INSIDE) {
+        let on: &[usize] = if INSIDE.contains(&kind) { &[1] } else { &[0] };
+        for length in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            refused(DefectSpec { length, ..spec(kind, on) }, "size above 0");
+        }
+        let depth = if kind == DefectKind::Scratch { 0.01 } else { 0.0005 };
+        let large = DefectSpec { length: 30.0, width: 0.1, depth, ..spec(kind, if on == [0] { &[2] } else { on }) };
+        if kind != DefectKind::Dust {
+            refused(large, "no room");
+        }
+        refused(spec(kind, &[3]), "emits light");
+        refused(spec(kind, &[]), "no candidates");
+        refused(spec(kind, &[99]), "no object");
+        refused(DefectSpec { roughness: Some(f64::NAN), ..spec(kind, on) }, "roughness");
+        refused(DefectSpec { facing: Some(DVec3::ZERO), ..spec(kind, on) }, "no length");
+    }
+    refused(DefectSpec { facing: Some(DVec3::NEG_Y), ..spec(DefectKind::Dust, &[2]) }, "faces the direction");
+    refused(DefectSpec { width: f64::NAN, ..spec(DefectKind::Scratch, &[0]) }, "width");
+    refused(DefectSpec { depth: f64::NAN, ..spec(DefectKind::Dent, &[0]) }, "depth");
+    refused(DefectSpec { depth: 0.002, ..spec(DefectKind::Scratch, &[0]) }, "too deep");
+    refused(DefectSpec { strength: 2.0, ..spec(DefectKind::Stain, &[0]) }, "strength");
+    refused(spec(DefectKind::Bubble, &[0]), "no candidate is a clear solid");
+    refused(spec(DefectKind::Faded, &[1]), "cannot fade");
+    let mut b = scene();
+    Arc::make_mut(&mut b.meshes[1].mesh).triangles.pop();
+    let error = add_defect(&mut b, &spec(DefectKind::Bubble, &[1]), &mut stream(1)).unwrap_err();
+    assert!(error.to_string().contains("not closed"), "{error}");
+}
+
+#[test]
+fn rays_pass_a_missing_object_unchanged() {
+    for material in [
+        Material { base_color_texture: None, ..Material::default() },
+        Material { transmission: 0.7, base_color: Rgb::new(0.9, 0.5, 0.1), ..Material::default() },
+        clear(),
+    ] {
+        let mut b = SceneBuilder::default();
+        b.add_material(material);
+        b.add_object("ball", shapes::sphere(Vec3::ZERO, 0.5, 16, true), 0);
+        b.add_camera("camera", DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, 0.5);
+        add_defect(&mut b, &spec(DefectKind::Missing, &[0]), &mut stream(1)).unwrap();
+        let (scene, _) = b.build().unwrap();
+        // The ray passes the middle of the scene, wherever its origin is.
+        let ray = dunkelfeld_geometry::Ray::with_end(Vec3::new(0.03, 0.02, 2.0), Vec3::NEG_Z, 4.0);
+        assert_eq!(scene.shadow_transmittance(&ray, &dunkelfeld_scene::Interior::OUTSIDE), Rgb::WHITE);
+        let hit = scene.intersect(&ray).unwrap();
+        assert_eq!(scene.coverage(&hit, ray.direction), 0.0);
+    }
+}

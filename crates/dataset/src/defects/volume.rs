@@ -1,0 +1,136 @@
+//! Defects inside clear solids: bubbles and inclusions.
+
+use super::draw;
+use super::host::refuse_emitters;
+use super::material::{self, clear_volume};
+use super::particle::particle;
+use super::place::{Made, insert, rounding};
+use super::surface::LocalSurface;
+use super::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
+use dunkelfeld_geometry::health::MeshHealth;
+use dunkelfeld_geometry::{DVec3, Vec3};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::Pcg;
+use dunkelfeld_scene::{SceneBuilder, Volume, shapes};
+
+/// Number of points in a solid that are tried.
+const TRIES: usize = 512;
+/// Number of points in the bounding box for each of them.
+const DRAWS: usize = 10_000;
+/// Distance to the boundary over the radius of the defect.
+const CLEARANCE: f64 = 1.02;
+/// Circles of latitude of a bubble. Its radius deviates from the sphere by 0.12 %.
+const RINGS: u32 = 64;
+/// Burnt matter.
+const INCLUSION_COLOR: Rgb = Rgb::new(0.03, 0.025, 0.02);
+const INCLUSION_ROUGHNESS: f32 = 0.7;
+
+/// A closed part of a candidate that light can enter.
+struct Solid {
+    instance: usize,
+    part: usize,
+    volume: Volume,
+    /// Bounds in the space of the mesh.
+    low: DVec3,
+    size: DVec3,
+}
+
+/// The clear solids of the candidates, with the sums of their volumes [m³].
+fn solids(scene: &SceneBuilder, spec: &DefectSpec) -> Result<(Vec<Solid>, Vec<f64>), DefectProblem> {
+    let (mut solids, mut cumulative, mut sum, mut open) = (Vec::new(), Vec::new(), 0.0, None);
+    for &index in &spec.on {
+        let Some(instance) = scene.instances.get(index) else { continue };
+        for &part in &instance.meshes {
+            let Some(m) = scene.meshes.get(part) else { continue };
+            let Some(volume) = scene.materials.get(m.material).and_then(clear_volume) else { continue };
+            let health = MeshHealth::from_mesh(&m.mesh);
+            let content = health.signed_volume.abs() * instance.to_world.matrix3.determinant().abs();
+            if !(health.is_closed() && content > 0.0 && content.is_finite()) {
+                open = Some(&instance.name);
+                continue;
+            }
+            sum += content;
+            cumulative.push(sum);
+            let (low, high) = (health.bounds.min.as_dvec3(), health.bounds.max.as_dvec3());
+            solids.push(Solid { instance: index, part, volume, low, size: high - low });
+        }
+    }
+    match (solids.is_empty(), open) {
+        (false, _) => Ok((solids, cumulative)),
+        (true, Some(name)) => Err(DefectProblem::new(
+            format!("the object \"{name}\" is not closed"),
+            "repair its mesh: a solid needs an inside",
+        )),
+        (true, None) => Err(DefectProblem::new(
+            "no candidate is a clear solid",
+            "name an object whose material is solid and has a transmission above 0",
+        )),
+    }
+}
+
+/// Adds a defect inside a clear solid.
+///
+/// # Errors
+/// If no candidate is a closed clear solid, or if no point of 512 is far enough from the boundary.
+pub(super) fn inside(
+    scene: &mut SceneBuilder,
+    spec: &DefectSpec,
+    stream: &mut Pcg,
+) -> Result<PlacedDefect, DefectProblem> {
+    refuse_emitters(scene, &spec.on)?;
+    let (solids, cumulative) = solids(scene, spec)?;
+    let mesh = match spec.kind {
+        DefectKind::Bubble => shapes::sphere(Vec3::ZERO, (0.5 * spec.length) as f32, RINGS, true),
+        _ => particle(spec.length, draw::direction(stream), stream),
+    };
+    let radius = mesh.positions.iter().map(|p| p.as_dvec3().length()).fold(0.0, f64::max);
+    let clearance = CLEARANCE * radius + 8.0 * rounding(scene);
+    let Some((at, solid)) = find(scene, &solids, &cumulative, clearance, stream) else {
+        return Err(DefectProblem::new(
+            format!("the defect \"{}\" finds no room in the solid: no point of {TRIES} fits", spec.name),
+            "make it smaller, or name larger objects",
+        ));
+    };
+    let instance = &scene.instances[solid.instance];
+    let (on, motion) = (instance.name.clone(), instance.motion);
+    let material = match spec.kind {
+        DefectKind::Bubble => material::gas(&spec.name, &solid.volume, material::roughness_or(spec, 0.0)),
+        _ => material::own(spec, INCLUSION_COLOR, INCLUSION_ROUGHNESS),
+    };
+    insert(scene, &spec.name, Made { mesh, material }, at, motion);
+    Ok(PlacedDefect { object: spec.name.clone(), at, normal: DVec3::Y, on, extent: spec.length })
+}
+
+/// A point in one of the solids, uniform by volume over the points that are at least `clearance` \[m\] away from the
+/// boundary.
+fn find<'a>(
+    scene: &SceneBuilder,
+    solids: &'a [Solid],
+    cumulative: &[f64],
+    clearance: f64,
+    stream: &mut Pcg,
+) -> Option<(DVec3, &'a Solid)> {
+    let mut surfaces: Vec<Option<LocalSurface<'_>>> = solids.iter().map(|_| None).collect();
+    for _ in 0..TRIES {
+        let chosen = draw::entry(stream, cumulative);
+        let solid = solids.get(chosen)?;
+        let instance = scene.instances.get(solid.instance)?;
+        let middle = instance.to_world.transform_point3(solid.low + 0.5 * solid.size);
+        let surface = surfaces
+            .get_mut(chosen)?
+            .get_or_insert_with(|| LocalSurface::collect(scene, instance, &[solid.part], middle, f64::INFINITY));
+        // Twice the largest extent in the world, so that a ray from any point leaves the solid.
+        let reach = 2.0 * (0..3).map(|k| instance.to_world.matrix3.col(k).length() * solid.size[k]).sum::<f64>();
+        for _ in 0..DRAWS {
+            let u = DVec3::new(draw::uniform(stream), draw::uniform(stream), draw::uniform(stream));
+            let point = instance.to_world.transform_point3(solid.low + u * solid.size);
+            if surface.contains(point - middle, reach) {
+                if surface.distance(point - middle, clearance) >= clearance {
+                    return Some((point, solid));
+                }
+                break;
+            }
+        }
+    }
+    None
+}

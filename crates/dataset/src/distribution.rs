@@ -1,0 +1,414 @@
+//! Distributions: what a study may write in place of a value.
+
+use crate::draws::Draws;
+use crate::quantity::Quantity;
+use statrs::distribution::{ContinuousCDF, Normal};
+use std::collections::BTreeMap;
+use toml::{Table, Value};
+
+/// The keys that make an inline table a distribution.
+pub(crate) const KINDS: [&str; 9] =
+    ["uniform", "integer", "log_uniform", "normal", "log_normal", "choice", "sequence", "draw", "expression"];
+
+/// A fault in a study: the path of the key below the value that was read, the problem, the help.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Fault {
+    pub(crate) path: Vec<String>,
+    pub(crate) problem: String,
+    pub(crate) help: String,
+}
+
+impl Fault {
+    pub(crate) fn new(problem: impl Into<String>, help: impl Into<String>) -> Self {
+        Self { path: Vec::new(), problem: problem.into(), help: help.into() }
+    }
+
+    /// The same fault, seen from one level higher.
+    pub(crate) fn below(mut self, key: impl Into<String>) -> Self {
+        self.path.insert(0, key.into());
+        self
+    }
+}
+
+/// A value of a job, parts of which are drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Template {
+    /// The same in all images.
+    Fixed(Value),
+    List(Vec<Self>),
+    Table(BTreeMap<String, Self>),
+    Drawn(Distribution),
+}
+
+/// A distribution.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Distribution {
+    /// Uniform in [low, high).
+    Uniform { low: f64, high: f64, unit: String },
+    /// Each whole number from low to high with the same probability.
+    Integer { low: i64, high: i64 },
+    /// The logarithm is uniform.
+    LogUniform { low: f64, high: f64, unit: String },
+    /// Normal, restricted to [min, max].
+    Normal { mean: f64, deviation: f64, min: f64, max: f64, unit: String },
+    /// The logarithm is normal about that of the median, with a standard deviation of ln(factor).
+    LogNormal { median: f64, factor: f64, min: f64, max: f64, unit: String },
+    /// One of the values, by weights.
+    Choice { values: Vec<Template>, weights: Vec<f64> },
+    /// The values in turn, each for some images.
+    Sequence { values: Vec<Template>, repeat: u64 },
+    /// The value of a named draw.
+    Named(String),
+    /// A formula of named draws, whose value has the unit.
+    Expression { text: String, unit: String },
+}
+
+/// The values of named draws.
+pub(crate) trait Named {
+    /// The value of a draw.
+    fn value(&mut self, name: &str) -> Result<Value, Fault>;
+}
+
+impl Template {
+    /// Reads a value of a study.
+    pub(crate) fn parse(value: Value) -> Result<Self, Fault> {
+        match value {
+            Value::Array(items) => {
+                let items = items.into_iter().enumerate();
+                let list: Vec<Self> = items
+                    .map(|(i, item)| Self::parse(item).map_err(|e| e.below(i.to_string())))
+                    .collect::<Result<_, _>>()?;
+                let fixed: Option<Vec<Value>> = list.iter().map(Self::fixed).collect();
+                Ok(fixed.map_or(Self::List(list), |values| Self::Fixed(Value::Array(values))))
+            }
+            Value::Table(table) => match table.keys().find(|key| KINDS.contains(&key.as_str())).cloned() {
+                Some(kind) => Distribution::parse(&kind, table).map(Self::Drawn),
+                None => {
+                    let entries = table.into_iter();
+                    let map: BTreeMap<String, Self> = entries
+                        .map(|(key, value)| Ok((key.clone(), Self::parse(value).map_err(|e| e.below(key))?)))
+                        .collect::<Result<_, Fault>>()?;
+                    let fixed: Option<Table> = map.iter().map(|(k, v)| Some((k.clone(), v.fixed()?))).collect();
+                    Ok(fixed.map_or(Self::Table(map), |table| Self::Fixed(Value::Table(table))))
+                }
+            },
+            other => Ok(Self::Fixed(other)),
+        }
+    }
+
+    fn fixed(&self) -> Option<Value> {
+        match self {
+            Self::Fixed(value) => Some(value.clone()),
+            _ => None,
+        }
+    }
+
+    /// The value for an image. `name` is the name of the value; that of a drawn part is longer by its place. `drawn`
+    /// receives the name and the value of each distribution.
+    pub(crate) fn draw(
+        &self,
+        draws: Draws,
+        name: &str,
+        named: &mut dyn Named,
+        drawn: &mut dyn FnMut(&str, &Value),
+    ) -> Result<Value, Fault> {
+        match self {
+            Self::Fixed(value) => Ok(value.clone()),
+            Self::List(items) => {
+                let items = items.iter().enumerate().map(|(i, item)| {
+                    let name = format!("{name}[{}]", label(item, i));
+                    item.draw(draws, &name, named, drawn).map_err(|e| e.below(i.to_string()))
+                });
+                Ok(Value::Array(items.collect::<Result<_, _>>()?))
+            }
+            Self::Table(entries) => {
+                let entries = entries.iter().map(|(key, value)| {
+                    let name = if name.is_empty() { key.clone() } else { format!("{name}.{key}") };
+                    Ok((key.clone(), value.draw(draws, &name, named, drawn).map_err(|e| e.below(key))?))
+                });
+                Ok(Value::Table(entries.collect::<Result<_, Fault>>()?))
+            }
+            Self::Drawn(distribution) => {
+                let value = distribution.draw(draws, name, named, drawn)?;
+                drawn(name, &value);
+                Ok(value)
+            }
+        }
+    }
+}
+
+/// The name of an item of a list in the names of draws: that of an entry such as `[[object]]`, or its number. So entries
+/// can be added before it and do not change its draws.
+fn label(item: &Template, number: usize) -> String {
+    let name = match item {
+        Template::Table(entries) => entries.get("name").and_then(Template::fixed),
+        Template::Fixed(Value::Table(entries)) => entries.get("name").cloned(),
+        _ => None,
+    };
+    name.as_ref().and_then(Value::as_str).map_or_else(|| number.to_string(), str::to_owned)
+}
+
+impl Distribution {
+    fn parse(kind: &str, mut table: Table) -> Result<Self, Fault> {
+        let main = table.remove(kind).unwrap_or(Value::Boolean(false));
+        let allowed: &[&str] = match kind {
+            "normal" | "log_normal" => &["min", "max"],
+            "choice" => &["weights"],
+            "sequence" => &["repeat"],
+            "expression" => &["unit"],
+            _ => &[],
+        };
+        if let Some(other) = table.keys().find(|key| !allowed.contains(&key.as_str())) {
+            let help = if allowed.is_empty() {
+                format!("`{kind}` stands alone")
+            } else {
+                format!("beside `{kind}` there may be {}", allowed.join(" and "))
+            };
+            return Err(Fault::new(format!("unknown key `{other}` of a distribution"), help).below(other));
+        }
+        let pair = || pair(&main, kind).map_err(|e| e.below(kind));
+        Ok(match kind {
+            "uniform" => {
+                let [low, high, unit] = pair()?;
+                ordered(low.clone(), high.clone(), kind)?;
+                Self::Uniform { low: low.number, high: high.number, unit: unit.unit }
+            }
+            "integer" => {
+                let [low, high, _] = pair()?;
+                ordered(low.clone(), high.clone(), kind)?;
+                let whole = |q: &Quantity| {
+                    let fits = q.number.fract() == 0.0 && q.number.abs() < 9e15 && q.unit.is_empty();
+                    fits.then_some(q.number as i64)
+                };
+                let (Some(low), Some(high)) = (whole(&low), whole(&high)) else {
+                    return Err(Fault::new("the ends are no whole numbers", "write two whole numbers").below(kind));
+                };
+                Self::Integer { low, high }
+            }
+            "log_uniform" => {
+                let [low, high, unit] = pair()?;
+                ordered(low.clone(), high.clone(), kind)?;
+                above_zero(&low, kind)?;
+                Self::LogUniform { low: low.number, high: high.number, unit: unit.unit }
+            }
+            "normal" => {
+                let [mean, deviation, unit] = pair()?;
+                above_zero(&deviation, kind)?;
+                let (min, max) = limits(&table, &unit.unit)?;
+                check_mass(mean.number, deviation.number, min, max)?;
+                Self::Normal { mean: mean.number, deviation: deviation.number, min, max, unit: unit.unit }
+            }
+            "log_normal" => {
+                let items = main.as_array().filter(|items| items.len() == 2);
+                let quantities = items.and_then(|items| Some((Quantity::of(&items[0])?, Quantity::of(&items[1])?)));
+                let Some((median, factor)) =
+                    quantities.filter(|(m, f)| m.number > 0.0 && f.number > 1.0 && f.unit.is_empty())
+                else {
+                    let help = "write [median, factor]: 68 % of the values are within this factor of the median, as in [\"2mm\", 1.5]";
+                    return Err(Fault::new("not a median above zero and a factor above 1", help).below(kind));
+                };
+                let (min, max) = limits(&table, &median.unit)?;
+                check_mass(median.number.ln(), factor.number.ln(), min.max(0.0).ln(), max.ln())?;
+                Self::LogNormal { median: median.number, factor: factor.number, min, max, unit: median.unit }
+            }
+            "choice" | "sequence" => {
+                let Value::Array(items) = main else {
+                    return Err(Fault::new("not a list of values", "write the values in brackets").below(kind));
+                };
+                if items.is_empty() {
+                    return Err(Fault::new("the list is empty", "write at least one value").below(kind));
+                }
+                let values: Vec<Template> = (items.into_iter().enumerate())
+                    .map(|(i, item)| Template::parse(item).map_err(|e| e.below(i.to_string()).below(kind)))
+                    .collect::<Result<_, _>>()?;
+                if kind == "choice" {
+                    let weights = weights(table.remove("weights"), values.len()).map_err(|e| e.below("weights"))?;
+                    Self::Choice { values, weights }
+                } else {
+                    let repeat = match table.remove("repeat") {
+                        None => 1,
+                        Some(Value::Integer(n)) if n > 0 => n as u64,
+                        Some(_) => {
+                            return Err(Fault::new("not a whole number from 1", "write `repeat = 10`").below("repeat"));
+                        }
+                    };
+                    Self::Sequence { values, repeat }
+                }
+            }
+            "draw" => match main {
+                Value::String(name) => Self::Named(name),
+                _ => {
+                    return Err(
+                        Fault::new("not the name of a draw", "write the name of an entry of [study.draw]").below(kind)
+                    );
+                }
+            },
+            _ => {
+                let Value::String(text) = main else {
+                    return Err(Fault::new("not a formula", "write it in quotes, as in \"2 * load + 1\"").below(kind));
+                };
+                let unit = match table.remove("unit") {
+                    None => String::new(),
+                    Some(Value::String(unit)) => unit,
+                    Some(_) => return Err(Fault::new("not a unit", "write it in quotes, as in \"mm\"").below("unit")),
+                };
+                crate::expression::variables(&text).map_err(|problem| {
+                    Fault::new(problem, "use + - * / ^, functions such as sin, sqrt and exp, and names of [study.draw]")
+                        .below(kind)
+                })?;
+                Self::Expression { text, unit }
+            }
+        })
+    }
+
+    fn draw(
+        &self,
+        draws: Draws,
+        name: &str,
+        named: &mut dyn Named,
+        drawn: &mut dyn FnMut(&str, &Value),
+    ) -> Result<Value, Fault> {
+        Ok(match self {
+            Self::Uniform { low, high, unit } => {
+                Quantity::value((low + (high - low) * draws.uniform(name)).clamp(*low, *high), unit)
+            }
+            Self::Integer { low, high } => {
+                let count = (high - low + 1) as f64;
+                Value::Integer((low + (draws.uniform(name) * count) as i64).min(*high))
+            }
+            Self::LogUniform { low, high, unit } => {
+                let log = low.ln() + (high / low).ln() * draws.uniform(name);
+                Quantity::value(log.exp().clamp(*low, *high), unit)
+            }
+            Self::Normal { mean, deviation, min, max, unit } => {
+                let z = truncated(draws.uniform(name), (min - mean) / deviation, (max - mean) / deviation);
+                Quantity::value((mean + deviation * z).clamp(*min, *max), unit)
+            }
+            Self::LogNormal { median, factor, min, max, unit } => {
+                let (m, s) = (median.ln(), factor.ln());
+                let z = truncated(draws.uniform(name), (min.max(0.0).ln() - m) / s, (max.ln() - m) / s);
+                Quantity::value((m + s * z).exp().clamp(*min, *max), unit)
+            }
+            Self::Choice { values, weights } => {
+                let at = draws.uniform(name) * weights.iter().sum::<f64>();
+                let mut sum = 0.0;
+                let chosen = weights.iter().position(|w| {
+                    sum += w;
+                    at < sum
+                });
+                // Rounding can leave the sum below the last limit.
+                let last = weights.iter().rposition(|w| *w > 0.0).unwrap_or(0);
+                let chosen = chosen.unwrap_or(last).min(values.len() - 1);
+                values[chosen].draw(draws, &format!("{name}.choice[{chosen}]"), named, drawn)?
+            }
+            Self::Sequence { values, repeat } => {
+                let at = (draws.index / repeat % values.len() as u64) as usize;
+                values[at].draw(draws, &format!("{name}.sequence[{at}]"), named, drawn)?
+            }
+            Self::Named(draw) => named.value(draw).map_err(|e| e.below("draw"))?,
+            Self::Expression { text, unit } => {
+                let number = crate::expression::evaluate(text, |variable| {
+                    let value = named.value(variable)?;
+                    let number = Quantity::of(&value).map(|q| q.number);
+                    number
+                        .ok_or_else(|| Fault::new(format!("`{variable}` is no number: {value}"), "use a numeric draw"))
+                })
+                .map_err(|e| e.below("expression"))?;
+                Quantity::value(number, unit)
+            }
+        })
+    }
+}
+
+/// The quantile of a standard normal distribution restricted to [low, high]. The tail with more precision is used.
+fn truncated(u: f64, low: f64, high: f64) -> f64 {
+    let normal = Normal::standard();
+    if low > 0.0 {
+        return -truncated(1.0 - u, -high, -low);
+    }
+    let (a, b) = (normal.cdf(low), normal.cdf(high));
+    normal.inverse_cdf((a + (b - a) * u).clamp(f64::MIN_POSITIVE, 1.0 - f64::EPSILON)).clamp(low, high)
+}
+
+/// Two quantities of a list, of one kind, in one unit; the third value has that unit.
+fn pair(value: &Value, kind: &str) -> Result<[Quantity; 3], Fault> {
+    let help = format!("write two values of one kind, as in {{ {kind} = [\"1mm\", \"5mm\"] }}");
+    let items = value.as_array().filter(|items| items.len() == 2);
+    let Some((a, b)) = items.and_then(|items| Some((Quantity::of(&items[0])?, Quantity::of(&items[1])?))) else {
+        return Err(Fault::new("not a list of two numbers or quantities", help));
+    };
+    // A plain zero takes the unit of the other value.
+    let unit = if a.unit.is_empty() && a.number == 0.0 { &b.unit } else { &a.unit }.clone();
+    let (Some(low), Some(high)) = (a.number_in(&unit), b.number_in(&unit)) else {
+        return Err(Fault::new(format!("the units \"{}\" and \"{}\" differ", a.unit, b.unit), help));
+    };
+    let of = |number| Quantity { number, unit: unit.clone() };
+    Ok([of(low), of(high), of(0.0)])
+}
+
+fn ordered(low: Quantity, high: Quantity, kind: &str) -> Result<(), Fault> {
+    if low.number <= high.number {
+        return Ok(());
+    }
+    let problem = format!("the lower end {} is above the upper end {}", low.number, high.number);
+    Err(Fault::new(problem, "write the lower end first").below(kind))
+}
+
+fn above_zero(quantity: &Quantity, kind: &str) -> Result<(), Fault> {
+    if quantity.number > 0.0 {
+        return Ok(());
+    }
+    let what = if kind == "normal" { "the standard deviation" } else { "the lower end" };
+    Err(Fault::new(format!("{what} {} is not above zero", quantity.number), "write a number above zero").below(kind))
+}
+
+/// The limits of a truncated distribution, in its unit.
+fn limits(table: &Table, unit: &str) -> Result<(f64, f64), Fault> {
+    let limit = |key: &str, none: f64| match table.get(key) {
+        None => Ok(none),
+        Some(value) => match Quantity::of(value).and_then(|q| q.number_in(unit)) {
+            Some(number) => Ok(number),
+            None => Err(Fault::new(format!("not a quantity in \"{unit}\""), "use a unit of the same kind").below(key)),
+        },
+    };
+    let (min, max) = (limit("min", f64::NEG_INFINITY)?, limit("max", f64::INFINITY)?);
+    if min < max {
+        return Ok((min, max));
+    }
+    Err(Fault::new(format!("`min` {min} is not below `max` {max}"), "leave room between them").below("max"))
+}
+
+/// The limits must contain enough of the distribution for a draw with the precision of f64.
+fn check_mass(mean: f64, deviation: f64, min: f64, max: f64) -> Result<(), Fault> {
+    const LEAST: f64 = 1e-9;
+    let normal = Normal::standard();
+    let (low, high) = ((min - mean) / deviation, (max - mean) / deviation);
+    let mass = if low > 0.0 { normal.cdf(-low) - normal.cdf(-high) } else { normal.cdf(high) - normal.cdf(low) };
+    if mass >= LEAST {
+        return Ok(());
+    }
+    Err(Fault::new("`min` and `max` leave less than 1e-9 of the distribution", "move them toward the mean"))
+}
+
+fn weights(value: Option<Value>, count: usize) -> Result<Vec<f64>, Fault> {
+    let Some(value) = value else { return Ok(vec![1.0; count]) };
+    let numbers = value.as_array().map(|items| items.iter().map(plain_number).collect::<Option<Vec<f64>>>());
+    let Some(Some(weights)) = numbers else {
+        return Err(Fault::new("not a list of numbers", "write one number for each value"));
+    };
+    if weights.len() != count {
+        return Err(Fault::new(format!("{} weights for {count} values", weights.len()), "write one for each value"));
+    }
+    if weights.iter().any(|w| !(w.is_finite() && *w >= 0.0)) || !(weights.iter().sum::<f64>() > 0.0) {
+        return Err(Fault::new("the weights are not all from 0 up with a sum above 0", "write numbers from 0 up"));
+    }
+    Ok(weights)
+}
+
+fn plain_number(value: &Value) -> Option<f64> {
+    Quantity::of(value).filter(|q| q.unit.is_empty() && !value.is_str()).map(|q| q.number)
+}
+
+#[cfg(test)]
+#[path = "distribution_tests.rs"]
+mod tests;

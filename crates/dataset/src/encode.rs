@@ -1,0 +1,195 @@
+//! The files of an image: pictures, layers of labels, annotations.
+
+use crate::coco::{Annotation, CompressedRle, Segmentation as Shape};
+use crate::labels::LabelPlanes;
+use crate::outline::outline;
+use crate::pinhole::Pinhole;
+use crate::record::InstanceRecord;
+use crate::rle::{Rle, runs_of_labels};
+use crate::study::{ImageSettings, LabelSettings, LinearFormat, PictureFormat, Segmentation};
+use dunkelfeld::{Error, Frame, Picture, encode_picture};
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::jpeg::jpeg_bytes;
+use dunkelfeld_io::picture::Picture as File;
+use dunkelfeld_io::png::png_bytes;
+use dunkelfeld_io::tiff::tiff_bytes;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Unit of depth images \[m\].
+pub(crate) const DEPTH_UNIT: f32 = 1e-4;
+
+/// Files by their names in the folder of the set.
+pub(crate) type Files = Vec<(String, Vec<u8>)>;
+
+/// The labels of an image, from which the files of the whole set are put together.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct ImageLabels {
+    pub(crate) index: u64,
+    /// The image that the labels are of, relative to the folder of the set; empty if none is written.
+    pub(crate) file_name: String,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) annotations: Vec<Annotation>,
+    /// The camera without its lens errors; `None` for a telecentric lens.
+    pub(crate) camera: Option<Pinhole>,
+    pub(crate) poses: Vec<Pose>,
+}
+
+/// The pose of an object in the frame of the camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Pose {
+    /// Id of the instance.
+    pub(crate) instance: u16,
+    /// Rotation from the object to the camera, row by row.
+    pub(crate) r: [f64; 9],
+    /// Translation \[mm\].
+    pub(crate) t: [f64; 3],
+    /// Scale along the axes of the object.
+    pub(crate) scale: [f64; 3],
+}
+
+impl Pose {
+    pub(crate) fn new(instance: u16, (r, t, scale): ([f64; 9], [f64; 3], [f64; 3])) -> Self {
+        Self { instance, r, t, scale }
+    }
+}
+
+fn encoded(what: &str, result: std::io::Result<Vec<u8>>) -> Result<Vec<u8>, Error> {
+    result.map_err(|e| Error::setting(what, e.to_string(), "use another format or size"))
+}
+
+/// The images of a frame.
+pub(crate) fn images(files: &mut Files, name: &str, settings: &ImageSettings, frame: &Frame) -> Result<(), Error> {
+    match settings.picture {
+        PictureFormat::None => {}
+        PictureFormat::Png => files.push((format!("images/{name}.png"), encode_picture(&frame.picture)?)),
+        PictureFormat::Jpeg => {
+            let picture = match &frame.picture {
+                Picture::Gray(plane) => File::Gray8(plane),
+                Picture::Rgb(plane) => File::Rgb8(plane),
+            };
+            files.push((format!("images/{name}.jpg"), encoded("picture", jpeg_bytes(picture, settings.quality))?));
+        }
+    }
+    if settings.linear == LinearFormat::None && !settings.raw {
+        return Ok(());
+    }
+    let Some(sensor) = &frame.sensor else {
+        return Err(Error::setting(
+            "study.images",
+            "there is no sensor, so there are no grey values",
+            "choose a sensor",
+        ));
+    };
+    match settings.linear {
+        LinearFormat::None => {}
+        LinearFormat::Png => {
+            files.push((format!("linear/{name}.png"), encoded("linear", png_bytes(File::Gray16(&sensor.values)))?));
+        }
+        LinearFormat::Tiff => {
+            let bytes = tiff_bytes(File::Gray16(&sensor.values), None);
+            files.push((format!("linear/{name}.tif"), encoded("linear", bytes)?));
+        }
+    }
+    if settings.raw {
+        let bytes = sensor.values.data().iter().flat_map(|v| v.to_le_bytes()).collect();
+        files.push((format!("raw/{name}.raw"), bytes));
+    }
+    Ok(())
+}
+
+/// The layers of labels. `categories` are those of the instances.
+pub(crate) fn labels(
+    files: &mut Files,
+    name: &str,
+    settings: &LabelSettings,
+    planes: &LabelPlanes,
+    categories: &BTreeMap<u16, u16>,
+) -> Result<(), Error> {
+    if settings.masks {
+        files.push((format!("masks/{name}.png"), encoded("masks", png_bytes(File::Gray16(&planes.instances)))?));
+    }
+    if settings.semantic {
+        // The ids of instances are sparse: a table is faster than a map.
+        let mut table = vec![0u8; usize::from(u16::MAX) + 1];
+        for (instance, category) in categories {
+            table[usize::from(*instance)] = u8::try_from(*category).unwrap_or(u8::MAX);
+        }
+        let plane = planes.instances.map(|id| table[usize::from(*id)]);
+        files.push((format!("semantic/{name}.png"), encoded("semantic", png_bytes(File::Gray8(&plane)))?));
+    }
+    if let Some(coverage) = &planes.coverage {
+        files.push((format!("coverage/{name}.png"), encoded("coverage", png_bytes(File::Gray16(coverage)))?));
+    }
+    if let Some(depth) = &planes.depth {
+        let units: Plane<u16> = depth.map(|d| (d / DEPTH_UNIT).round().clamp(0.0, 65535.0) as u16);
+        files.push((format!("depth/{name}.png"), encoded("depth", png_bytes(File::Gray16(&units)))?));
+    }
+    if let Some(normals) = &planes.normals {
+        let units: Plane<[u16; 3]> = normals.map(|n| match n {
+            [0.0, 0.0, 0.0] => [0; 3],
+            n => n.map(|v| ((v * 32767.0).round() + 32768.0) as u16),
+        });
+        files.push((format!("normals/{name}.png"), encoded("normals", png_bytes(File::Rgb16(&units)))?));
+    }
+    Ok(())
+}
+
+/// The annotations of an image, without numbers. Instances without a visible pixel have none.
+pub(crate) fn annotations(
+    index: u64,
+    settings: &LabelSettings,
+    planes: &LabelPlanes,
+    instances: &[InstanceRecord],
+) -> Vec<Annotation> {
+    if settings.coco == Segmentation::None {
+        return Vec::new();
+    }
+    let mask = &planes.instances;
+    let (width, height) = (mask.width(), mask.height());
+    let runs: BTreeMap<u16, Rle> = runs_of_labels(mask.data(), width, height).unwrap_or_default();
+    (instances.iter())
+        .filter_map(|record| {
+            let rle = runs.get(&record.id)?;
+            let is_inside = |x: usize, y: usize| mask.data().get(y * width as usize + x) == Some(&record.id);
+            let polygons = match settings.coco {
+                Segmentation::Polygon => outline(record.bbox, is_inside).exact(),
+                _ => None,
+            };
+            let segmentation = polygons.map_or_else(|| Shape::Rle(CompressedRle::from(rle)), Shape::Polygons);
+            Some(Annotation {
+                id: 0,
+                image_id: index,
+                category_id: u32::from(record.category),
+                segmentation,
+                area: f64::from(rle.area()),
+                bbox: record.bbox.map(f64::from),
+                iscrowd: 0,
+                instance: u64::from(record.id),
+                name: record.name.clone(),
+                visible_fraction: if record.amodal > 0.0 { (record.visible / record.amodal).min(1.0) } else { 0.0 },
+                cnr: record.cnr,
+                size_mm: record.size_mm,
+                keypoints: None,
+                num_keypoints: None,
+            })
+        })
+        .collect()
+}
+
+/// The lines of YOLO of an image: the class is the id of the category less one.
+pub(crate) fn yolo(instances: &[InstanceRecord], [width, height]: [u32; 2]) -> String {
+    let lines = instances.iter().filter(|record| record.area > 0).filter_map(|record| {
+        let class = usize::from(record.category).checked_sub(1)?;
+        crate::yolo::line(class, record.bbox.map(f64::from), width, height)
+    });
+    lines.map(|line| line.trim_end().to_owned() + "\n").collect()
+}
+
+/// A value as a file of JSON.
+pub(crate) fn json(value: &impl Serialize) -> Vec<u8> {
+    let mut bytes = serde_json::to_vec(value).unwrap_or_default();
+    bytes.push(b'\n');
+    bytes
+}

@@ -1,0 +1,37 @@
+//! Data sets: many images of a station, each a little different, with exact labels and the noise of a camera.
+//!
+//! A [`Study`] is a job in which values may be distributions. [`run()`] makes a set of its images, [`verify()`] checks one, and
+//! a [`Worker`] makes single images for programs that distribute them.
+
+#![forbid(unsafe_code)]
+
+mod coco;
+mod defect;
+mod defects;
+mod distribution;
+mod draws;
+mod encode;
+mod expression;
+mod ids;
+mod labels;
+mod make;
+mod outline;
+mod pinhole;
+mod placement;
+mod quantity;
+mod record;
+mod report;
+mod rle;
+mod run;
+mod set;
+mod study;
+mod verify;
+mod visibility;
+mod yolo;
+
+pub use make::{Made, Worker};
+pub use record::{CertificateRecord, Cost, FileRecord, InstanceRecord, Record};
+pub use run::{RunOptions, RunProgress, RunState, RunSummary, SetForecast, run};
+pub use set::{Claim, Set};
+pub use study::{MAX_COUNT, Study};
+pub use verify::{Verified, verify};

@@ -1,0 +1,355 @@
+//! One image of a set with its labels and its record.
+
+use crate::coco::Annotation;
+use crate::defect::{AddedDefect, DefectEntry, entries};
+use crate::distribution::Fault;
+use crate::encode;
+use crate::ids::{Ids, ObjectLabel};
+use crate::labels::{LabelLayers, LabelPlanes, trace_labels};
+use crate::pinhole::{Pinhole, object_pose};
+use crate::placement::Placement;
+use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, Record};
+use crate::set::Set;
+use crate::study::{DrawnJob, MAX_COUNT, Study};
+use crate::visibility::{Bounds, Exposed, visibility};
+use dunkelfeld::film::FilmLayers;
+use dunkelfeld::guard::check_outputs;
+use dunkelfeld::sensor::ExposureNoise;
+use dunkelfeld::{Cancel, DenoiseMethod, Error, Project, ProjectResult, Session, Silent, Stage};
+use dunkelfeld_geometry::DAffine3;
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::input::InputFiles;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+use toml::Value;
+
+/// Makes images of a study. The scene is loaded once; each image builds only the parts again that differ.
+pub struct Worker {
+    study: Arc<Study>,
+    project: Project,
+    ids: Ids,
+    entries: Vec<DefectEntry>,
+    session: Session<'static>,
+    threads: usize,
+}
+
+/// An image, before its files are written.
+#[derive(Clone, Debug)]
+pub struct Made {
+    /// The record, which contains the hashes of the files.
+    pub record: Record,
+    /// The files by their names in the folder of the set.
+    pub files: Vec<(String, Vec<u8>)>,
+    /// The time it took.
+    pub cost: Cost,
+}
+
+/// The parts of the scene that the labels of an image need.
+struct SceneParts {
+    defects: Vec<AddedDefect>,
+    /// The transform of each object to the world, by its index.
+    poses: Vec<DAffine3>,
+}
+
+impl Worker {
+    /// Loads the scene of a study. `threads` is the number of threads of each image; 0 means one per core.
+    ///
+    /// # Errors
+    /// A job or scene that cannot be opened, labels and defects that match no object.
+    pub fn open(study: &Arc<Study>, threads: usize) -> Result<Self, Error> {
+        let job = study.job(0)?;
+        let project = Project::from_text(study.job_path(), &job.text).map_err(|e| in_study(study, e, 0))?;
+        let at = |(number, fault): (usize, Fault)| study.error(fault, &["study", "defect", &number.to_string()]);
+        let entries = entries(study).map_err(at)?;
+        entries.iter().try_for_each(|entry| entry.check(study, project.scene.object_names()).map_err(at))?;
+        let slots: Vec<(String, String)> = entries.iter().flat_map(DefectEntry::slots).collect();
+        let ids = Ids::new(study, project.scene.object_names(), &slots).map_err(|(number, problem)| {
+            let fault = Fault::new(problem, "`dunkelfeld inspect` lists the objects");
+            study.error(fault, &["study", "label", &number.to_string(), "objects"])
+        })?;
+        Ok(Self { study: study.clone(), project, ids, entries, session: Session::new(threads)?, threads })
+    }
+
+    /// The categories and instances of the set.
+    fn ids(&self) -> &Ids {
+        &self.ids
+    }
+
+    /// Opens the folder of a set of the study for its images, and creates it with its parents if there is none. A set may
+    /// grow; it never shrinks. By default it has the number of images of the study.
+    ///
+    /// # Errors
+    /// A set of another study or of another version of the program; a folder that contains other files, or files that the
+    /// images are made from; a folder that cannot be written to.
+    pub fn open_set(&self, folder: &Path, count: Option<u64>) -> Result<Set, Error> {
+        let count = checked_count(&self.study, count)?;
+        let mut inputs = self.project.inputs.clone();
+        inputs.extend(self.study.inputs());
+        check_outputs(&[("the set", folder)], &inputs)?;
+        check_folder(folder, &inputs)?;
+        Set::start(folder, &self.study, self.ids(), count)
+    }
+
+    /// The files that the images are made from.
+    pub fn project(&self) -> &Project {
+        &self.project
+    }
+
+    /// Makes an image: the same bytes alone, in any order, with any number of threads. `seconds` replaces the budget of the
+    /// job by a time, with which the image depends on the speed of the machine. `None` if it was cancelled.
+    ///
+    /// # Errors
+    /// Values that the scene refuses, a placement that is impossible, and the errors of a render.
+    pub fn make(&mut self, index: u64, seconds: Option<f64>, cancel: &Cancel) -> Result<Option<Made>, Error> {
+        let began = Instant::now();
+        let mut job = self.study.job(index)?;
+        let parts = self.change_scene(index, &mut job)?;
+        let change = began.elapsed().as_secs_f64();
+        self.choose_settings(&job.text, seconds);
+        let result = self.project.render_with(&Silent, cancel).map_err(|e| in_study(&self.study, e, index))?;
+        if result.rendering.interrupted {
+            return Ok(None);
+        }
+        let stage = |stages: &[Stage]| -> f64 {
+            result.rendering.stages.iter().filter(|(stage, _)| stages.contains(stage)).map(|(_, s)| s).sum()
+        };
+        let render = stage(&[Stage::Training, Stage::Pilot, Stage::Refine]);
+        let plan = stage(&[Stage::Plan]);
+        let expose = began.elapsed().as_secs_f64() - change - render - plan;
+        let made = self.label_and_encode(index, job, &parts, &result)?;
+        let cost = Cost { change, render, plan, expose, total: began.elapsed().as_secs_f64(), ..made.cost };
+        Ok(Some(Made { cost, ..made }))
+    }
+
+    /// Changes the scene to that of an image.
+    fn change_scene(&mut self, index: u64, job: &mut DrawnJob) -> Result<SceneParts, Error> {
+        let (study, entries) = (&self.study, &self.entries);
+        let draws = study.draws(index);
+        let drawn = &mut job.drawn;
+        let mut parts = SceneParts { defects: Vec::new(), poses: Vec::new() };
+        let changed = self.project.set_job(&job.text, |scene| {
+            for (number, template) in study.place.iter().enumerate() {
+                let at = |fault: Fault| study.error(fault, &["study", "place", &number.to_string()]);
+                let mut record = BTreeMap::new();
+                let name = format!("place[{number}]");
+                let value = template
+                    .draw(draws, &name, &mut study.named(draws), &mut |n, v| {
+                        drop(record.insert(n.to_owned(), v.clone()))
+                    })
+                    .map_err(at)?;
+                Placement::parse(value).and_then(|p| p.apply(scene, draws, &mut record)).map_err(at)?;
+                drawn.append(&mut record);
+            }
+            for entry in entries {
+                let added = entry.apply(study, scene, draws, drawn);
+                parts.defects.extend(added.map_err(|(number, fault)| {
+                    let fault = Fault { problem: format!("image {index}: {}", fault.problem), ..fault };
+                    study.error(fault, &["study", "defect", &number.to_string()])
+                })?);
+            }
+            parts.poses = scene.instances.iter().map(|instance| instance.to_world).collect();
+            Ok(())
+        });
+        changed.map_err(|e| in_study(study, e, index))?;
+        Ok(parts)
+    }
+
+    fn choose_settings(&mut self, job: &str, seconds: Option<f64>) {
+        let has_noise = job
+            .parse::<toml::Table>()
+            .is_ok_and(|table| table.get("sensor").and_then(|sensor| sensor.get("exposure_noise")).is_some());
+        let settings = &mut self.project.settings;
+        settings.threads = self.threads;
+        if settings.has_sensor() && !has_noise {
+            settings.exposure_noise = ExposureNoise::Matched;
+        }
+        let is_denoised = settings.denoise.method != DenoiseMethod::Off;
+        settings.layers = if is_denoised { FilmLayers::All } else { FilmLayers::Image };
+        if let Some(seconds) = seconds {
+            settings.budget.seconds = Some(seconds);
+        }
+    }
+
+    fn label_and_encode(
+        &self,
+        index: u64,
+        job: DrawnJob,
+        parts: &SceneParts,
+        result: &ProjectResult,
+    ) -> Result<Made, Error> {
+        let began = Instant::now();
+        let (study, scene, settings) = (&self.study, &self.project.scene, result.settings());
+        let size @ [width, height] = [settings.width, settings.height];
+        let objects = self.ids.label(scene.object_names()).map_err(|problem| {
+            study.error(
+                Fault::new(format!("image {index}: {problem}"), "rename one of the objects"),
+                &["study", "label"],
+            )
+        })?;
+        let camera = settings.view.clone().ok_or_else(|| Error::setting("camera", "there is none", "name a camera"))?;
+        let rays = scene.ray_generator(&camera, width, height)?;
+        let wanted = &study.labels;
+        let layers = LabelLayers { samples: wanted.coverage, depth: wanted.depth, normals: wanted.normals };
+        let planes = self.session.install(|| trace_labels(scene, (&rays, camera.to_world), size, &objects, layers));
+        let instances = self.instances(&planes, parts, &objects, result);
+        let label = began.elapsed().as_secs_f64();
+
+        let began = Instant::now();
+        let mut files = Vec::new();
+        let name = format!("{index:06}");
+        let exposed = result.frame.sensor.as_ref();
+        encode::images(&mut files, &name, &study.images, &result.frame)?;
+        let categories: BTreeMap<u16, u16> = instances.iter().map(|i| (i.id, i.category)).collect();
+        encode::labels(&mut files, &name, wanted, &planes, &categories)?;
+        let mut annotations: Vec<Annotation> = encode::annotations(index, wanted, &planes, &instances);
+        let file_name = files.iter().find(|(n, _)| n.starts_with("images/") || n.starts_with("linear/"));
+        let file_name = file_name.map(|(n, _)| n.clone()).unwrap_or_default();
+        let pinhole = Pinhole::new(&camera, size);
+        let poses: Vec<encode::Pose> = (0..)
+            .zip(&objects)
+            .filter_map(|(i, label)| {
+                let ObjectLabel { instance, .. } = (*label)?;
+                let is_in_film = instances.iter().any(|r| r.id == instance && r.defect.is_none());
+                let pose = object_pose(camera.to_world, *parts.poses.get(i as usize)?).filter(|_| is_in_film)?;
+                Some(encode::Pose::new(instance, pose))
+            })
+            .collect();
+        annotations.sort_by_key(|a| a.instance);
+        let labels = encode::ImageLabels { index, file_name, width, height, annotations, camera: pinhole, poses };
+        files.push((format!("labels/{name}.json"), encode::json(&labels)));
+        if wanted.yolo {
+            files.push((format!("labels/{name}.txt"), encode::yolo(&instances, size).into_bytes()));
+        }
+        let sums = &result.rendering.film.sums;
+        let certificate = exposed.and_then(|s| s.certified.as_ref()).map(|certified| {
+            let c = &certified.certificate;
+            let finite = |v: f64| v.is_finite().then_some(v);
+            let pixels = f64::from(width) * f64::from(height);
+            CertificateRecord {
+                k: c.k,
+                hidden: c.hidden,
+                median: finite(c.median),
+                p99: finite(c.p99),
+                saturated: c.saturated as f64 / pixels,
+            }
+        });
+        let record = Record {
+            index,
+            drawn: job.drawn.iter().map(|(name, value)| (name.clone(), json_of(value))).collect(),
+            seed: job.seed,
+            frame: job.frame,
+            width,
+            height,
+            exposure: exposed.map(|s| s.exposure.time().0),
+            samples: sums.total_samples(),
+            certificate,
+            matched: exposed.and_then(|s| s.matched.as_ref()).map(|m| m.share),
+            instances,
+            files: files.iter().map(|(name, content)| (name.clone(), FileRecord::of(content))).collect(),
+        };
+        let cost = Cost { label, write: began.elapsed().as_secs_f64(), ..Cost::default() };
+        Ok(Made { record, files, cost })
+    }
+
+    fn instances(
+        &self,
+        planes: &LabelPlanes,
+        parts: &SceneParts,
+        objects: &[Option<ObjectLabel>],
+        result: &ProjectResult,
+    ) -> Vec<InstanceRecord> {
+        let names = self.project.scene.object_names();
+        let mut known: BTreeMap<u16, (ObjectLabel, &str)> = BTreeMap::new();
+        for (label, name) in objects.iter().zip(names) {
+            if let Some(label) = label {
+                known.entry(label.instance).or_insert((*label, name));
+            }
+        }
+        let found = bounds_of(planes);
+        let exposed = result.frame.sensor.as_ref().map(|sensor| Exposed {
+            electrons: &sensor.electrons,
+            model: &sensor.model,
+            time: sensor.exposure.time(),
+        });
+        let is_defect = |id: u16| known.get(&id).is_some_and(|(label, _)| label.is_defect);
+        (planes.areas.iter())
+            .filter_map(|(id, area)| {
+                let (label, name) = known.get(id)?;
+                let (bounds, pixels) = found.get(id).copied().map_or((None, 0), |(b, n)| (Some(b), n));
+                let seen = bounds.zip(exposed.as_ref()).and_then(|(bounds, exposed)| {
+                    visibility(exposed, &planes.instances, *id, bounds, |other| other != *id && is_defect(other))
+                });
+                let defect = parts.defects.iter().find(|d| d.placed.object == *name);
+                Some(InstanceRecord {
+                    id: *id,
+                    name: (*name).to_owned(),
+                    category: label.category,
+                    bbox: bounds.map_or([0; 4], |b| [b.from[0], b.from[1], b.to[0] - b.from[0], b.to[1] - b.from[1]]),
+                    area: pixels,
+                    visible: area.visible,
+                    amodal: area.amodal,
+                    contrast: seen.map(|v| v.contrast),
+                    cnr: seen.map(|v| v.cnr),
+                    size_mm: defect.map(|d| d.placed.extent * 1e3),
+                    defect: defect.map(|d| d.kind.clone()),
+                })
+            })
+            .collect()
+    }
+}
+
+/// The box and the number of pixels of each instance of a mask.
+fn bounds_of(planes: &LabelPlanes) -> BTreeMap<u16, (Bounds, u64)> {
+    let mut found: BTreeMap<u16, (Bounds, u64)> = BTreeMap::new();
+    let width = planes.instances.width().max(1);
+    let mut pixels = (0u32..).zip(planes.instances.data()).filter(|(_, id)| **id != 0);
+    pixels.by_ref().for_each(|(i, id)| {
+        let (x, y) = (i % width, i / width);
+        let (bounds, count) = found.entry(*id).or_insert((Bounds { from: [x, y], to: [x + 1, y + 1] }, 0));
+        bounds.from = [bounds.from[0].min(x), bounds.from[1].min(y)];
+        bounds.to = [bounds.to[0].max(x + 1), bounds.to[1].max(y + 1)];
+        *count += 1;
+    });
+    found
+}
+
+/// A value of TOML as JSON.
+pub(crate) fn json_of(value: &Value) -> serde_json::Value {
+    serde_json::to_value(value).unwrap_or(serde_json::Value::Null)
+}
+
+/// An error of an image, as one of the study.
+pub(crate) fn in_study(study: &Study, error: Error, index: u64) -> Error {
+    match error {
+        Error::Input(e)
+            if e.file == study.job_path() && e.source_span.as_ref().is_none_or(|s| s.text != study.text()) =>
+        {
+            let InputError { file, place, problem, help, source_span } = study.in_study(e, index);
+            Error::Input(InputError { file, place, problem, help, source_span })
+        }
+        other => other,
+    }
+}
+
+/// The number of images of a set, by default that of its study.
+pub(crate) fn checked_count(study: &Study, count: Option<u64>) -> Result<u64, Error> {
+    let count = count.unwrap_or(study.count);
+    if (1..=MAX_COUNT).contains(&count) {
+        return Ok(count);
+    }
+    Err(Error::setting("count", format!("{count} is out of range"), "write a number of images from 1 to 1000000"))
+}
+
+/// A set must not be in a folder that contains files that it is made from.
+fn check_folder(folder: &Path, inputs: &InputFiles) -> Result<(), Error> {
+    match inputs.find_within(folder) {
+        None => Ok(()),
+        Some(input) => Err(Error::Output {
+            file: folder.into(),
+            problem: format!("holds {}, {} that this run reads", input.identity.path().display(), input.role.name()),
+            help: "name another folder with -o".into(),
+        }),
+    }
+}

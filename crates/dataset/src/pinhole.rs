@@ -1,0 +1,74 @@
+//! The camera of an image and the poses of its objects, in the frames of OpenCV and BOP.
+
+use dunkelfeld_geometry::{DAffine3, DMat3, DVec3};
+use dunkelfeld_scene::{Camera, Projection};
+use serde::{Deserialize, Serialize};
+
+/// A camera without its lens errors. The frame of the camera has x to the right, y down and z forward.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Pinhole {
+    /// Camera matrix \[pixels\], row by row; the middle of the first pixel is (0, 0).
+    pub(crate) k: [f64; 9],
+    /// Coefficients of OpenCV: k1, k2, p1, p2, k3, k4, k5, k6.
+    pub(crate) distortion: [f64; 8],
+    /// Rotation from the world to the camera, row by row.
+    pub(crate) r: [f64; 9],
+    /// Translation from the world to the camera \[mm\].
+    pub(crate) t: [f64; 3],
+}
+
+impl Pinhole {
+    /// The camera of an image of `width` x `height` pixels; `None` for a telecentric lens, which has no such matrix.
+    pub(crate) fn new(camera: &Camera, [width, height]: [u32; 2]) -> Option<Self> {
+        let Projection::Perspective { vertical_fov } = camera.projection else { return None };
+        let (whole, origin, step) =
+            camera.window.map_or(([width, height], [0.0; 2], 1.0), |window| (window.full, window.origin, window.step));
+        let [w, h] = whole.map(f64::from);
+        let fy = 0.5 * h / (0.5 * f64::from(vertical_fov)).tan();
+        let fx = fy / camera.lens.pixel_aspect;
+        let [px, py] = camera.lens.principal_point;
+        // In the whole film the optical axis is at this distance from its left and upper edge.
+        let (x, y) = (0.5 * w + px, 0.5 * h + py);
+        let (cx, cy) = ((x - origin[0]) / step - 0.5, (y - origin[1]) / step - 0.5);
+        let to_camera = world_to_camera(camera.to_world);
+        let [k1, k2, k3, k4, k5, k6] = camera.lens.distortion.radial;
+        let [p1, p2] = camera.lens.distortion.tangential;
+        Some(Self {
+            k: [fx / step, 0.0, cx, 0.0, fy / step, cy, 0.0, 0.0, 1.0],
+            distortion: [k1, k2, p1, p2, k3, k4, k5, k6],
+            r: rows(to_camera.matrix3),
+            t: (to_camera.translation * 1e3).to_array(),
+        })
+    }
+}
+
+/// The transform from the world to the frame of a camera, without scale.
+pub(crate) fn world_to_camera(to_world: DAffine3) -> DAffine3 {
+    let axes = to_world.matrix3;
+    let turned = DMat3::from_cols(
+        axes.x_axis.normalize_or_zero(),
+        -axes.y_axis.normalize_or_zero(),
+        -axes.z_axis.normalize_or_zero(),
+    );
+    let rotation = turned.transpose();
+    DAffine3 { matrix3: rotation, translation: -(rotation * to_world.translation) }
+}
+
+/// Pose of an object in the frame of the camera: rotation row by row, translation \[mm\], and the scale along the axes of the
+/// object, which a rotation does not contain. `None` for an object that is sheared, mirrored or flat.
+pub(crate) fn object_pose(camera: DAffine3, object: DAffine3) -> Option<([f64; 9], [f64; 3], [f64; 3])> {
+    let to_camera = world_to_camera(camera) * object;
+    let columns = [to_camera.matrix3.x_axis, to_camera.matrix3.y_axis, to_camera.matrix3.z_axis];
+    let scale = columns.map(DVec3::length);
+    let [x, y, z] = columns.map(|c| c.try_normalize());
+    let (x, y, z) = (x?, y?, z?);
+    let shear = x.dot(y).abs().max(y.dot(z).abs()).max(z.dot(x).abs());
+    let rotation = DMat3::from_cols(x, y, z);
+    (shear < 1e-6 && rotation.determinant() > 0.0)
+        .then(|| (rows(rotation), (to_camera.translation * 1e3).to_array(), scale))
+}
+
+fn rows(m: DMat3) -> [f64; 9] {
+    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
+    [x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z]
+}

@@ -1,0 +1,193 @@
+//! The labels of a set: a table of the categories, contrast-to-noise ratios, and visible shares.
+
+use super::bins::{Bins, Summary};
+use super::chart::counts::histogram;
+use super::chart::{COLORS, Chart, shortened};
+use super::frame::{charts, table};
+use super::page::swatch;
+use super::view::{Instance, Labels, SetView};
+use super::words::{counted, percent, rounded};
+use maud::{Markup, html};
+
+/// Contrast-to-noise ratios with a share in the table.
+const LEVELS: [f64; 3] = [1.0, 3.0, 5.0];
+/// Maximum number of histograms of categories.
+const CHARTS: usize = 24;
+/// Number of bins of the contrast-to-noise ratio and of the visible share.
+const BINS: usize = 20;
+/// The lowest contrast-to-noise ratio of a histogram. Lower ones are counted as unseen.
+const LOWEST: f64 = 0.01;
+
+/// A category with its position, its name and its labels.
+struct Row<'a> {
+    position: Option<usize>,
+    name: String,
+    is_defect: bool,
+    labels: &'a Labels,
+}
+
+fn rows(set: &SetView) -> Vec<Row<'_>> {
+    let row = |(id, labels): (&u64, _)| {
+        let position = set.position(*id);
+        let category = position.and_then(|i| set.head.categories.get(i));
+        let name = category.map_or_else(|| format!("{id} (not in set.json)"), |c| c.name.clone());
+        Row { position, name, is_defect: category.is_some_and(|c| c.is_defect), labels }
+    };
+    let mut rows: Vec<Row<'_>> = set.labels.iter().map(row).collect();
+    rows.sort_by_key(|r| (!r.is_defect, r.position.unwrap_or(usize::MAX)));
+    rows
+}
+
+/// The share of the defects with a contrast-to-noise ratio above three. None if none is known.
+pub(crate) fn findable(set: &SetView) -> Option<f64> {
+    let rows = rows(set);
+    let defects = rows.iter().filter(|r| r.is_defect).flat_map(|r| &r.labels.instances);
+    share_above(defects, 3.0)
+}
+
+/// The share of the known contrast-to-noise ratios above a level.
+fn share_above<'a>(instances: impl Iterator<Item = &'a Instance>, level: f64) -> Option<f64> {
+    let known = instances.map(|i| f64::from(i.cnr)).filter(|v| v.is_finite());
+    let (above, n) = known.fold((0_u64, 0_u64), |(above, n), v| (above + u64::from(v > level), n + 1));
+    (n > 0).then(|| above as f64 / n as f64)
+}
+
+/// The section of the labels.
+pub(crate) fn label_section(set: &SetView) -> Markup {
+    let rows = rows(set);
+    let cnr = cnr_charts(&rows);
+    let visible: Vec<Chart> = [("Defects", true, 1), ("Objects", false, 0)]
+        .into_iter()
+        .filter_map(|(name, is_defect, color)| {
+            let these = rows.iter().filter(|r| r.is_defect == is_defect).flat_map(|r| &r.labels.instances);
+            visible_chart(name, color, these)
+        })
+        .collect();
+    let unseen = rows.iter().filter(|r| r.is_defect).flat_map(|r| &r.labels.instances);
+    let unseen = unseen.filter(|i| f64::from(i.cnr) < LOWEST).count() as u64;
+    html! {
+        section {
+            h2 { "Labels" }
+            @if rows.is_empty() {
+                p { "The set has no categories." }
+            } @else {
+                (categories(set, &rows))
+                p.faint { "CNR is the contrast-to-noise ratio: the magnitude of the contrast divided by the noise. A \
+                    camera could find an instance whose CNR is high enough. Rose's criterion is 5. An instance without \
+                    visible pixels has the CNR 0. Ranges contain 90 % of the values." }
+            }
+            @if !cnr.is_empty() {
+                h3 { "Contrast-to-noise ratio of defects" }
+                p.faint { "The dotted lines are at 1, 3 and 5. All axes are equal." }
+                (charts(&cnr))
+                @if unseen > 0 {
+                    p.faint { "Not drawn: " (counted(unseen, "defect")) " with a CNR below " (LOWEST) "." }
+                }
+            }
+            @if !visible.is_empty() {
+                h3 { "Visible share of each instance" }
+                p.faint { "The share of the pixels of an instance that no other object hides." }
+                (charts(&visible))
+            }
+        }
+    }
+}
+
+fn categories(set: &SetView, rows: &[Row<'_>]) -> Markup {
+    let done = set.finished.len() as f64;
+    let range = |values: Summary, text: fn(f64) -> String| {
+        html! {
+            @if values.n == 0 { "-" } @else {
+                (text(values.median)) br; small { (text(values.low)) " to " (text(values.high)) }
+            }
+        }
+    };
+    let above = |labels: &Labels, level| share_above(labels.instances.iter(), level).map_or("-".into(), percent);
+    let of =
+        |labels: &Labels, part: fn(&Instance) -> f32| Summary::of(labels.instances.iter().map(|i| f64::from(part(i))));
+    let body = html! {
+        @for row in rows {
+            tr {
+                td.name { @if let Some(i) = row.position { (swatch(i)) } (shortened(&row.name, 80)) br;
+                    small { @if row.is_defect { "defect" } @else { "object" } } }
+                td.n { (row.labels.instances.len()) }
+                td.n { (row.labels.images) br; small { (percent(row.labels.images as f64 / done)) } }
+                td.n { (range(of(row.labels, |i| i.size), rounded)) }
+                td.n { (range(of(row.labels, |i| i.visible), |v| format!("{v:.0}"))) }
+                td.n { (range(of(row.labels, |i| i.contrast), rounded)) }
+                @for level in LEVELS { td.n { (above(row.labels, level)) } }
+            }
+        }
+    };
+    let headings = [
+        ("category", ""),
+        ("instances", ""),
+        ("images", ""),
+        ("size", "mm, median"),
+        ("visible", "pixels, median"),
+        ("contrast", "DN, median"),
+        ("CNR > 1", "share"),
+        ("CNR > 3", "share"),
+        ("CNR > 5", "share"),
+    ];
+    table("categories", &headings, body)
+}
+
+/// Histograms of the categories of defects on the same axis.
+fn cnr_charts(rows: &[Row<'_>]) -> Vec<Chart> {
+    let usable = |row: &Row<'_>| -> Vec<f64> {
+        let known = row.labels.instances.iter().map(|i| f64::from(i.cnr));
+        known.filter(|v| v.is_finite() && *v >= LOWEST).collect()
+    };
+    let all: Vec<(&Row<'_>, Vec<f64>)> =
+        rows.iter().filter(|r| r.is_defect).map(|r| (r, usable(r))).filter(|(_, v)| !v.is_empty()).collect();
+    let ends = |(a, b): (f64, f64), v: &f64| (a.min(*v), b.max(*v));
+    // The axis contains the levels.
+    let (low, high) = all.iter().flat_map(|(_, values)| values).fold((0.5, 10.0), ends);
+    let levels = [(1.0, "1"), (3.0, "3"), (5.0, "5")];
+    let chart = |(row, values): &(&Row<'_>, Vec<f64>)| {
+        let bins = Bins::within(values, low, high * 1.0001, BINS, true);
+        let heading = format!("{}, {}", shortened(&row.name, 32), counted(values.len() as u64, "instance"));
+        let color = row.position.unwrap_or(0) % COLORS;
+        histogram(&heading, "CNR, logarithmic", "instances", COLOR_OF[color], &bins, &levels)
+    };
+    all.iter().take(CHARTS).map(chart).collect()
+}
+
+/// The colour of the chart for the colour of a category in the images.
+const COLOR_OF: [usize; COLORS] = [0, 1, 2, 3, 5, 4];
+
+fn visible_chart<'a>(name: &str, color: usize, instances: impl Iterator<Item = &'a Instance>) -> Option<Chart> {
+    let shares = instances.filter(|i| i.amodal > 0.0).map(|i| f64::from(i.visible / i.amodal).clamp(0.0, 1.0));
+    let shares: Vec<f64> = shares.collect();
+    let bins = Bins::within(&shares, 0.0, 1.0, BINS, false);
+    let heading = format!("{name}, {}", counted(shares.len() as u64, "instance"));
+    (!shares.is_empty()).then(|| histogram(&heading, "visible share", "instances", color, &bins, &[]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn instance(cnr: f32) -> Instance {
+        Instance { visible: 10.0, amodal: 20.0, contrast: 1.0, cnr, size: f32::NAN }
+    }
+
+    #[test]
+    fn shares_are_of_the_known_ratios() {
+        let all = [0.0, 1.0, 1.5, 4.0, f32::NAN].map(instance);
+        assert_eq!([1.0, 3.0, 5.0].map(|level| share_above(all.iter(), level)), [Some(0.5), Some(0.25), Some(0.0)]);
+        assert_eq!(share_above([instance(f32::NAN)].iter(), 1.0), None);
+    }
+
+    #[test]
+    fn charts_have_the_instances_that_they_can_show() {
+        let labels = Labels { instances: [0.0, 0.2, 2.0, 9.0, f32::NAN].map(instance).into(), images: 1 };
+        let row = |is_defect| Row { position: Some(0), name: "a <b>".into(), is_defect, labels: &labels };
+        let charts = cnr_charts(&[row(true), row(false)]);
+        assert_eq!(charts.len(), 1);
+        assert!(charts[0].title.contains("3 instances"), "{}", charts[0].title);
+        assert!(visible_chart("x", 0, [instance(1.0)].iter()).is_some_and(|c| c.title.contains("1 instance")));
+        assert!(visible_chart("x", 0, [].iter()).is_none());
+    }
+}

@@ -1,0 +1,168 @@
+//! The page of a set: its head, a selection of its images, and the sections.
+
+use super::chart::shortened;
+use super::cost_section::{cost_section, image_seconds, noise_section};
+use super::draw_section::draw_section;
+use super::error::ReportError;
+use super::frame::{frame, head, tiles};
+use super::label_section::{findable, label_section};
+use super::overlay::{COLORS, is_dashed};
+use super::picture::{Pixels, data_uri, png};
+use super::sheet::Shown;
+use super::view::{SetView, image_ending};
+use super::words::{bytes, counted, duration, percent};
+use maud::{Markup, html};
+
+/// Maximum number of images in the page.
+const IMAGES: usize = 24;
+/// The long side of an image in the page [px], and its maximum number of bytes before compression. The bytes limit the
+/// size of the page.
+const SIDE: u32 = 256;
+const RAW: f64 = 65_536.0;
+/// Maximum number of sizes of images in the head.
+const SIZES: usize = 3;
+
+/// The page of a set as HTML.
+pub(crate) fn page(set: &SetView) -> Result<String, ReportError> {
+    let name = if set.head.study.is_empty() { "without a name" } else { &set.head.study };
+    let sections =
+        [top(set, name), images(set)?, label_section(set), draw_section(set), noise_section(set), cost_section(set)];
+    Ok(frame(&format!("{name} \u{b7} data set"), &sections))
+}
+
+fn top(set: &SetView, name: &str) -> Markup {
+    let (done, all) = (set.finished.len() as u64, set.head.count);
+    let mut sizes: Vec<(&[u64; 2], &u64)> = set.sizes.iter().collect();
+    sizes.sort_by_key(|(_, n)| std::cmp::Reverse(**n));
+    let mut facts: Vec<String> = sizes.iter().take(SIZES).map(|([w, h], _)| format!("{w} \u{d7} {h} pixels")).collect();
+    facts.extend((sizes.len() > SIZES).then(|| format!("{} other sizes", sizes.len() - SIZES)));
+    facts.extend((!set.head.study_hash.is_empty()).then(|| format!("study {}", shortened(&set.head.study_hash, 24))));
+    facts.extend((!set.head.program.is_empty()).then(|| shortened(&set.head.program, 40)));
+    html! {
+        (head(&format!("Data set: {name}"), &facts.join(" \u{b7} ")))
+        @if done < all {
+            div.banner { "Not finished: " (done) " of " (counted(all, "image")) ". The same command continues the set. \
+                This page uses the finished images." }
+        }
+        (tiles(&figures(set)))
+    }
+}
+
+/// The main figures of the set.
+fn figures(set: &SetView) -> Vec<(String, String)> {
+    let (done, all) = (set.finished.len() as u64, set.head.count);
+    let instances: usize = set.labels.values().map(|l| l.instances.len()).sum();
+    let used = set.labels.values().filter(|l| !l.instances.is_empty()).count() as u64;
+    let images = if done == all { done.to_string() } else { format!("{done} of {all}") };
+    let mut tiles = vec![
+        (images, if all == 1 { "image".into() } else { "images".into() }),
+        (instances.to_string(), format!("labels in {used} of {} categories", set.labels.len())),
+    ];
+    if set.head.categories.iter().any(|c| c.is_defect) && done > 0 {
+        tiles.push((percent(set.with_defects as f64 / done as f64), "of the images contain a defect".into()));
+    }
+    if let Some(share) = findable(set) {
+        tiles.push((percent(share), "of the defects have a contrast-to-noise ratio above 3".into()));
+    }
+    if let Some(seconds) = image_seconds(set).filter(|s| *s > 0.0) {
+        let rest = all.saturating_sub(done);
+        let more = match rest {
+            0 => format!("{} in all", duration(seconds * done as f64)),
+            _ => format!("{} more for {}", duration(seconds * rest as f64), counted(rest, "image")),
+        };
+        tiles.push((duration(seconds), format!("per image \u{b7} {more}")));
+    }
+    let total: u64 = set.bytes.values().map(|b| b[1]).fold(0, u64::saturating_add);
+    if total > 0 && done > 0 {
+        tiles.push((bytes(total as f64), format!("in files \u{b7} {} per image", bytes(total as f64 / done as f64))));
+    }
+    tiles
+}
+
+/// The size of an image in the page: its long side and its bytes are limited.
+fn thumb_size(image: &Pixels) -> [u32; 2] {
+    let [w, h] = image.size_within(SIDE);
+    let raw = f64::from(w) * f64::from(h) * image.channels as f64;
+    if raw <= RAW { [w, h] } else { image.size_within((f64::from(w.max(h)) * (RAW / raw).sqrt()) as u32) }
+}
+
+fn images(set: &SetView) -> Result<Markup, ReportError> {
+    let mut thumbs = Vec::new();
+    let mut categories = std::collections::BTreeSet::new();
+    let mut shape = 1.0_f64;
+    for index in set.evenly(IMAGES) {
+        let shown = Shown::read(set, index, thumb_size)?;
+        let (pixels, size) = (&shown.pixels, [shown.pixels.width, shown.pixels.height]);
+        if thumbs.is_empty() {
+            shape = (f64::from(size[0]) / f64::from(size[1].max(1))).clamp(0.5, 3.0);
+        }
+        let image = data_uri(&png(&pixels.data, size, pixels.channels)?);
+        let labels = data_uri(&png(&shown.labels.rgba, size, 4)?);
+        categories.extend(shown.categories.iter().copied());
+        let (file, name) =
+            (format!("images/{index:06}.{}", image_ending(&set.folder, index)), format!("image {index}"));
+        thumbs.push(html! {
+            figure {
+                a href=(file) {
+                    img src=(image) alt=(name) width=(size[0]) height=(size[1]);
+                    img.labels src=(labels) alt="" width=(size[0]) height=(size[1]);
+                }
+                figcaption { (index) " \u{b7} " (counted(shown.instances as u64, "label")) }
+            }
+        });
+    }
+    let n = thumbs.len();
+    Ok(html! {
+        section {
+            h2 { "Images" }
+            @if n == 0 {
+                p { "No image is finished." }
+            } @else {
+                p { (selection(n, set.finished.len())) " Outlines enclose the visible pixels of an instance. A box \
+                    encloses a small instance, or the bounding box if there is no mask. Each image is a link to its \
+                    file." }
+                ul.key {
+                    @for (i, category) in categories.iter().filter_map(|i| Some((*i, set.head.categories.get(*i)?))) {
+                        li { (swatch(i)) (shortened(&category.name, 80)) }
+                    }
+                }
+                input.choice #with-labels type="radio" name="labels" checked;
+                label for="with-labels" { "with labels" }
+                input.choice #without-labels type="radio" name="labels";
+                label for="without-labels" { "without" }
+                div.thumbs style={ "--shape:" (format!("{shape:.3}")) } { @for thumb in &thumbs { (thumb) } }
+            }
+        }
+    })
+}
+
+fn selection(n: usize, all: usize) -> String {
+    match n == all {
+        true => "All images, in order.".into(),
+        false => format!("{n} of {all} images, evenly over the set."),
+    }
+}
+
+/// The sign of a category, as in the images.
+pub(crate) fn swatch(position: usize) -> Markup {
+    let dash = if is_dashed(position) { " dash" } else { "" };
+    html! {
+        svg class="swatch" viewBox="0 0 16 16" aria-hidden="true" {
+            rect x="3" y="3" width="10" height="10" {}
+            rect class={ "o o" (position % COLORS.len()) (dash) } x="3" y="3" width="10" height="10" {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_of_the_page_have_a_maximum_number_of_bytes() {
+        for (width, height, channels) in [(4096, 3000, 1), (4096, 3000, 3), (600, 600, 3), (64, 32, 3), (1, 9000, 3)] {
+            let [w, h] = thumb_size(&Pixels { width, height, channels, data: Vec::new() });
+            assert!(f64::from(w * h) * channels as f64 <= 1.02 * RAW && w.max(h) <= SIDE, "{w} {h}");
+        }
+    }
+}

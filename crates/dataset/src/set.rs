@@ -1,0 +1,328 @@
+//! The folder of a set: its description, the claims of images, and the files of the whole set.
+
+use crate::coco::{Category as CocoCategory, Coco, Image, Info};
+use crate::encode::{DEPTH_UNIT, ImageLabels, json};
+use crate::ids::{Category, Ids, Instance};
+use crate::make::Made;
+use crate::record::{Cost, Record};
+use crate::report::{ReportError, SetView, SheetOptions, contact_sheet, page};
+use crate::study::{PictureFormat, Segmentation, Study};
+use dunkelfeld::{Error, written};
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::atomic::write_atomically;
+use dunkelfeld_io::input::{InputFiles, ReadFault, Role};
+use dunkelfeld_io::lock::TargetLock;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Version of the format of a set.
+const FORMAT: u32 = 1;
+/// The longest file of a set that is read back as text \[bytes\].
+const MAX_TEXT: u64 = 1 << 30;
+
+/// The description of a set, `set.json`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Manifest {
+    pub(crate) format: u32,
+    /// The version of the program: other versions may give other images.
+    pub(crate) program: String,
+    pub(crate) study: String,
+    pub(crate) study_hash: String,
+    pub(crate) count: u64,
+    pub(crate) categories: Vec<Category>,
+    pub(crate) instances: Vec<Instance>,
+}
+
+/// The folder of a set.
+#[derive(Clone, Debug)]
+pub struct Set {
+    path: PathBuf,
+    manifest: Manifest,
+}
+
+fn program() -> String {
+    concat!("dunkelfeld ", env!("CARGO_PKG_VERSION")).into()
+}
+
+impl Set {
+    /// Opens the folder of a set of a study for its images, and creates it with its parents if there is none. A set may
+    /// grow; it never shrinks.
+    ///
+    /// # Errors
+    /// A set of another study or of another version of the program; a folder that contains other files; a folder that
+    /// cannot be written to.
+    pub(crate) fn start(path: &Path, study: &Study, ids: &Ids, count: u64) -> Result<Self, Error> {
+        let fault = |problem: String, help: &str| Error::Output { file: path.into(), problem, help: help.into() };
+        fs::create_dir_all(path)
+            .map_err(|e| fault(format!("cannot be made: {e}"), "name a folder on a disk with room"))?;
+        let file = path.join("set.json");
+        // Two processes may start the same set.
+        let _lock = wait_for(&file)?;
+        let mut manifest = Manifest {
+            format: FORMAT,
+            program: program(),
+            study: study.name.clone(),
+            study_hash: study.hash().to_owned(),
+            count,
+            categories: ids.categories.clone(),
+            instances: ids.instances.clone(),
+        };
+        match Self::read(path) {
+            Ok(set) => {
+                let before = set.manifest;
+                if before.program != manifest.program {
+                    let problem = format!("holds a set of {}, and this is {}", before.program, manifest.program);
+                    return Err(fault(problem, "name another folder, or use that version"));
+                }
+                if before.study_hash != manifest.study_hash {
+                    let problem = format!("holds a set of another study, or of \"{}\" before a change", before.study);
+                    return Err(fault(problem, "name another folder for the changed study"));
+                }
+                manifest.count = manifest.count.max(before.count);
+                if manifest != before {
+                    put(path, "set.json", &json(&manifest))?;
+                }
+            }
+            Err(Error::Input(e)) if e.problem == MISSING => {
+                let is_foreign = |entry: &fs::DirEntry| {
+                    let name = entry.file_name();
+                    !name.to_string_lossy().starts_with("set.json") && !name.to_string_lossy().starts_with('.')
+                };
+                let entries = fs::read_dir(path).map_err(|e| fault(e.to_string(), "name another folder"))?;
+                if entries.flatten().any(|entry| is_foreign(&entry)) {
+                    return Err(fault("is not empty, and holds no set".into(), "name a new folder"));
+                }
+                put(path, "study.toml", study.text().as_bytes())?;
+                put(path, "set.json", &json(&manifest))?;
+            }
+            Err(e) => return Err(e),
+        }
+        for folder in ["records", "costs", "labels"] {
+            let folder = path.join(folder);
+            written(&folder, fs::create_dir_all(&folder))?;
+        }
+        Ok(Self { path: path.into(), manifest })
+    }
+
+    /// Opens a set that exists.
+    ///
+    /// # Errors
+    /// A folder without a set, a set of another format, a description that is broken.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let text = read_text(path, "set.json")?;
+        let file = path.join("set.json");
+        let fault = |problem: String| InputError::new(&file, "the whole file", problem, "make the set again");
+        let manifest: Manifest = serde_json::from_str(&text).map_err(|e| fault(format!("describes no set: {e}")))?;
+        if manifest.format != FORMAT {
+            let problem = format!("has the format {}, and this program reads {FORMAT}", manifest.format);
+            return Err(fault(problem).into());
+        }
+        Ok(Self { path: path.into(), manifest })
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Number of images that the set shall have.
+    pub fn count(&self) -> u64 {
+        self.manifest.count
+    }
+
+    /// Is an image finished?
+    pub fn is_finished(&self, index: u64) -> bool {
+        self.path.join(record_name(index)).is_file()
+    }
+
+    /// Claims an image: `None` if it is finished, or if another process or thread makes it. A claim ends with its process.
+    ///
+    /// # Errors
+    /// A claim that cannot be written.
+    pub fn claim(&self, index: u64) -> Result<Option<Claim>, Error> {
+        if self.is_finished(index) {
+            return Ok(None);
+        }
+        let lock = TargetLock::try_acquire(&self.path.join(record_name(index)))?;
+        Ok(lock.filter(|_| !self.is_finished(index)).map(|lock| Claim { index, _lock: lock }))
+    }
+
+    /// Writes the files of an image, and its record last: an image with a record is whole. Gives the record, and the cost
+    /// with the time of the files.
+    ///
+    /// # Errors
+    /// Those of the file system. Files without a record are replaced by the next attempt.
+    pub fn commit(&self, claim: Claim, made: Made) -> Result<(Record, Cost), Error> {
+        let began = Instant::now();
+        let Made { record, files, mut cost } = made;
+        for (name, content) in &files {
+            put(&self.path, name, content)?;
+        }
+        let seconds = began.elapsed().as_secs_f64();
+        cost.write += seconds;
+        cost.total += seconds;
+        put(&self.path, &format!("costs/{:06}.json", claim.index), &json(&cost))?;
+        put(&self.path, &record_name(claim.index), &json(&record))?;
+        Ok((record, cost))
+    }
+
+    /// The record of a finished image.
+    ///
+    /// # Errors
+    /// A record that is missing or broken.
+    pub fn record(&self, index: u64) -> Result<Record, Error> {
+        self.parsed(&record_name(index))
+    }
+
+    /// A file of the set as JSON.
+    pub(crate) fn parsed<T: serde::de::DeserializeOwned>(&self, name: &str) -> Result<T, Error> {
+        let text = read_text(&self.path, name)?;
+        serde_json::from_str(&text).map_err(|e| {
+            let help = "delete the file and run the same command, which makes the image again";
+            InputError::new(self.path.join(name), "the whole file", format!("is broken: {e}"), help).into()
+        })
+    }
+
+    /// Indices of the images without a record.
+    pub fn missing(&self) -> Vec<u64> {
+        (0..self.count()).filter(|index| !self.is_finished(*index)).collect()
+    }
+
+    /// Writes the files of the whole set from those of its finished images: `records.jsonl`, `coco.json`, `data.yaml`,
+    /// `scene_camera.json`, `scene_gt.json`, `sheet.png` and `report.html`. Another process that does the same writes the
+    /// same files.
+    ///
+    /// # Errors
+    /// Records that are broken, and those of the file system.
+    pub fn assemble(&self, study: &Study) -> Result<(), Error> {
+        let finished: Vec<u64> = (0..self.count()).filter(|index| self.is_finished(*index)).collect();
+        let mut coco = Coco {
+            info: Info {
+                description: self.manifest.study.clone(),
+                version: self.manifest.study_hash.clone(),
+                contributor: self.manifest.program.clone(),
+                ..Info::default()
+            },
+            ..Coco::default()
+        };
+        coco.categories = (self.manifest.categories.iter())
+            .map(|c| CocoCategory {
+                id: u32::from(c.id),
+                name: c.name.clone(),
+                supercategory: if c.is_defect { "defect" } else { "object" }.into(),
+                keypoints: None,
+                skeleton: None,
+            })
+            .collect();
+        let (mut cameras, mut poses) = (BTreeMap::new(), BTreeMap::new());
+        let lines = self.path.join("records.jsonl");
+        let result = write_atomically(&lines, |file| {
+            for index in &finished {
+                let record = self.record(*index).map_err(std::io::Error::other)?;
+                file.write_all(&json(&record))?;
+            }
+            Ok(())
+        });
+        written(&lines, result)?;
+        for index in &finished {
+            let labels: ImageLabels = self.parsed(&format!("labels/{index:06}.json"))?;
+            let ImageLabels { file_name, width, height, annotations, camera, poses: objects, .. } = labels;
+            coco.images.push(Image { id: *index, file_name, width, height });
+            for mut annotation in annotations {
+                annotation.id = coco.annotations.len() as u64 + 1;
+                coco.annotations.push(annotation);
+            }
+            if let Some(camera) = camera {
+                let entry = json!({
+                    "cam_K": camera.k, "depth_scale": DEPTH_UNIT * 1e3, "cam_R_w2c": camera.r, "cam_t_w2c": camera.t,
+                    "distortion": camera.distortion,
+                });
+                cameras.insert(index.to_string(), entry);
+            }
+            let objects: Vec<serde_json::Value> = (objects.iter())
+                .map(|p| json!({ "obj_id": p.instance, "cam_R_m2c": p.r, "cam_t_m2c": p.t, "scale": p.scale }))
+                .collect();
+            poses.insert(index.to_string(), objects);
+        }
+        if study.labels.coco != Segmentation::None {
+            put(&self.path, "coco.json", &json(&coco))?;
+        }
+        if study.labels.bop {
+            put(&self.path, "scene_camera.json", &json(&cameras))?;
+            put(&self.path, "scene_gt.json", &json(&poses))?;
+        }
+        if study.labels.yolo {
+            let names = self.manifest.categories.iter().map(|c| c.name.as_str());
+            put(&self.path, "data.yaml", crate::yolo::data_yaml(names).as_bytes())?;
+        }
+        if study.images.picture != PictureFormat::None {
+            let view = SetView::read(&self.path).map_err(report_error)?;
+            let sheet = contact_sheet(&view, SheetOptions::default()).map_err(report_error)?;
+            put(&self.path, "sheet.png", &sheet)?;
+            put(&self.path, "report.html", page(&view).map_err(report_error)?.as_bytes())?;
+        }
+        Ok(())
+    }
+}
+
+/// The claim of an image, until it is dropped.
+#[derive(Debug)]
+pub struct Claim {
+    /// Index of the image.
+    pub index: u64,
+    _lock: TargetLock,
+}
+
+pub(crate) fn record_name(index: u64) -> String {
+    format!("records/{index:06}.json")
+}
+
+/// The problem of a file that does not exist.
+pub(crate) const MISSING: &str = "does not exist";
+
+fn read_text(folder: &Path, name: &str) -> Result<String, Error> {
+    let bytes = read_bytes(folder, name)?;
+    let path = folder.join(name);
+    let text = String::from_utf8(bytes);
+    Ok(text.map_err(|_| InputError::new(path, "the whole file", "is not UTF-8 text", "make the image again"))?)
+}
+
+/// The content of a file of a set.
+pub(crate) fn read_bytes(folder: &Path, name: &str) -> Result<Vec<u8>, InputError> {
+    let path = folder.join(name);
+    InputFiles::new().read(&path, Role::Result, MAX_TEXT).map_err(|fault| match fault {
+        ReadFault::Missing => InputError::new(&path, "the file", MISSING, "run `dunkelfeld dataset` with the study"),
+        other => InputError::new(&path, "the file", other.problem(), "check the permissions, or make the set again"),
+    })
+}
+
+fn put(folder: &Path, name: &str, content: &[u8]) -> Result<(), Error> {
+    let path = folder.join(name);
+    if let Some(parent) = path.parent() {
+        written(&path, fs::create_dir_all(parent))?;
+    }
+    written(&path, write_atomically(&path, |file| file.write_all(content)))
+}
+
+fn report_error(error: ReportError) -> Error {
+    let ReportError { file, problem, help } = error;
+    InputError::new(file, "the file", problem, help).into()
+}
+
+/// Waits for another process that starts or finishes the same set, which takes milliseconds.
+fn wait_for(target: &Path) -> Result<TargetLock, Error> {
+    const PAUSES: u32 = 500;
+    for _ in 0..PAUSES {
+        if let Some(lock) = TargetLock::try_acquire(target)? {
+            return Ok(lock);
+        }
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    Ok(TargetLock::acquire(target)?)
+}

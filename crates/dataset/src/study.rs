@@ -1,0 +1,505 @@
+//! The study file: a job in which values may be distributions, and the table `[study]` that describes the set.
+
+use crate::distribution::{Fault, Named, Template};
+use crate::draws::Draws;
+use dunkelfeld::Error;
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::input::{InputFiles, Role};
+use dunkelfeld_io::job::Job;
+use dunkelfeld_io::toml_file::TomlFile;
+use dunkelfeld_sampling::hash_u64;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+use twox_hash::{XxHash3_64, XxHash3_128};
+
+/// The largest number of images of a set.
+pub const MAX_COUNT: u64 = 1_000_000;
+/// Keys of a job that belong to the set.
+const OWN_KEYS: [(&str, &str); 3] = [
+    ("seed", "write `seed` in [study]: each image has its own"),
+    ("frame", "remove it: it is the index of the image"),
+    ("output", "remove it: [study.images] describes the files of a set"),
+];
+
+/// `[study]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StudySettings {
+    /// Path of a job, relative to the study, whose keys the study extends and replaces.
+    #[serde(default)]
+    job: Option<PathBuf>,
+    /// Name of the set. By default that of the file.
+    #[serde(default)]
+    name: Option<String>,
+    /// Number of images. Default 100.
+    #[serde(default)]
+    count: Option<u64>,
+    /// Seed of all draws, samples, noise and devices. Default 0.
+    #[serde(default)]
+    seed: u64,
+    /// `"one"`, `"each"`, or the number of images in a row that come from the same device. Default `"one"`.
+    #[serde(default)]
+    device: Device,
+    /// Named draws.
+    #[serde(default)]
+    draw: Table,
+    /// Files of each image.
+    #[serde(default)]
+    images: ImageSettings,
+    /// Files of labels.
+    #[serde(default)]
+    labels: LabelSettings,
+    /// Categories of objects.
+    #[serde(default)]
+    label: Vec<LabelEntry>,
+    /// Placements of objects.
+    #[serde(default)]
+    place: Vec<Table>,
+    /// Defects.
+    #[serde(default)]
+    defect: Vec<Table>,
+}
+
+/// The device of an image: the pattern of its pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "Value")]
+pub(crate) enum Device {
+    /// All images are of one device.
+    #[default]
+    One,
+    /// So many images in a row are of one device.
+    Series(u64),
+}
+
+impl TryFrom<Value> for Device {
+    type Error = String;
+
+    fn try_from(value: Value) -> Result<Self, String> {
+        match &value {
+            Value::String(text) if text == "one" => Ok(Self::One),
+            Value::String(text) if text == "each" => Ok(Self::Series(1)),
+            Value::Integer(n) if *n > 0 => Ok(Self::Series(*n as u64)),
+            _ => Err("expected \"one\", \"each\", or the number of images of a device, from 1".into()),
+        }
+    }
+}
+
+/// `[study.images]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct ImageSettings {
+    /// The 8-bit picture, gamma 2.2. Default `"png"`.
+    pub(crate) picture: PictureFormat,
+    /// Quality of a JPEG, 1 to 100. Default 95.
+    pub(crate) quality: u8,
+    /// Linear grey values, 16 bit; a Bayer sensor gives its mosaic. Default `"none"`.
+    pub(crate) linear: LinearFormat,
+    /// Linear grey values without a header: rows from the top, little-endian, 16 bit. Default false.
+    pub(crate) raw: bool,
+}
+
+impl Default for ImageSettings {
+    fn default() -> Self {
+        Self { picture: PictureFormat::Png, quality: 95, linear: LinearFormat::None, raw: false }
+    }
+}
+
+/// Format of the 8-bit picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum PictureFormat {
+    Png,
+    Jpeg,
+    None,
+}
+
+/// Format of the linear image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum LinearFormat {
+    Png,
+    Tiff,
+    None,
+}
+
+/// `[study.labels]`: which labels are written.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct LabelSettings {
+    /// Instance id of each pixel, 16-bit PNG. Default true.
+    pub(crate) masks: bool,
+    /// Category id of each pixel, 8-bit PNG. Default false.
+    pub(crate) semantic: bool,
+    /// Share of the pixel that its instance covers, 16-bit PNG; the samples have this number on each side of a pixel. 1
+    /// means none. Default 1.
+    pub(crate) coverage: u32,
+    /// Depth along the axis of the camera, 16-bit PNG in units of 0.1 mm, 0 where there is none. Default false.
+    pub(crate) depth: bool,
+    /// Normals in the frame of the camera (x right, y down, z forward), 16-bit RGB PNG. Default false.
+    pub(crate) normals: bool,
+    /// Annotations in the format of COCO. Default `"rle"`.
+    pub(crate) coco: Segmentation,
+    /// Boxes in the format of YOLO. Default false.
+    pub(crate) yolo: bool,
+    /// Camera matrices and poses in the format of BOP. Default false.
+    pub(crate) bop: bool,
+}
+
+impl Default for LabelSettings {
+    fn default() -> Self {
+        Self {
+            masks: true,
+            semantic: false,
+            coverage: 1,
+            depth: false,
+            normals: false,
+            coco: Segmentation::Rle,
+            yolo: false,
+            bop: false,
+        }
+    }
+}
+
+/// Segmentation in COCO files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Segmentation {
+    /// Run-length encoding: exact.
+    Rle,
+    /// Outlines where an instance has no holes, otherwise run-length encoding.
+    Polygon,
+    /// No COCO file.
+    None,
+}
+
+/// `[[study.label]]`: objects that are labelled.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LabelEntry {
+    /// Name of the category.
+    pub(crate) category: String,
+    /// Names or patterns of objects. Each object is an instance.
+    pub(crate) objects: Names,
+}
+
+/// One name or several.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(untagged, expecting = "expected a name in quotes, or a list of names")]
+pub(crate) enum Names {
+    One(String),
+    Several(Vec<String>),
+}
+
+impl Names {
+    pub(crate) fn patterns(&self) -> &[String] {
+        match self {
+            Self::One(name) => std::slice::from_ref(name),
+            Self::Several(names) => names,
+        }
+    }
+
+    /// Does one of the patterns match a name?
+    pub(crate) fn match_name(&self, name: &str) -> bool {
+        self.patterns().iter().any(|pattern| dunkelfeld_io::job::matches(pattern, name))
+    }
+}
+
+#[derive(Deserialize)]
+struct StudyOnly {
+    study: StudySettings,
+}
+
+/// A study: a job, what varies in it, and what a set of its images contains.
+#[derive(Clone, Debug)]
+pub struct Study {
+    /// Name of the study.
+    pub name: String,
+    /// Number of images that the study names.
+    pub count: u64,
+    pub(crate) seed: u64,
+    pub(crate) device: Device,
+    pub(crate) images: ImageSettings,
+    pub(crate) labels: LabelSettings,
+    pub(crate) label: Vec<LabelEntry>,
+    pub(crate) place: Vec<Template>,
+    pub(crate) defect: Vec<Template>,
+    /// Number of the table in the study of each defect and placement, for errors.
+    draw: BTreeMap<String, Template>,
+    /// The keys of the job, as far as the study has them.
+    template: Template,
+    /// The keys of the named job.
+    base: Table,
+    source: TomlFile,
+    job_path: PathBuf,
+    hash: String,
+    inputs: InputFiles,
+}
+
+/// A job with all values drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct DrawnJob {
+    /// The text of the job.
+    pub(crate) text: String,
+    /// The name and value of each distribution of the job.
+    pub(crate) drawn: BTreeMap<String, Value>,
+    pub(crate) seed: u64,
+    pub(crate) frame: u32,
+}
+
+impl Study {
+    /// Reads a study.
+    ///
+    /// # Errors
+    /// A file that cannot be read, unknown keys and values out of range, with their place.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
+        let mut inputs = InputFiles::new();
+        let source = TomlFile::read(path.as_ref(), Role::Job, &mut inputs)?;
+        Ok(Self::from_toml(source, inputs)?)
+    }
+
+    /// A study from a text. Messages name `path`, and paths in the study are relative to its folder. The file need not
+    /// exist.
+    ///
+    /// # Errors
+    /// As [`Study::open`].
+    pub fn from_text(path: impl Into<PathBuf>, text: &str) -> Result<Self, Error> {
+        Ok(Self::from_toml(TomlFile::from_text(path, text), InputFiles::new())?)
+    }
+
+    fn from_toml(source: TomlFile, mut inputs: InputFiles) -> Result<Self, InputError> {
+        let StudyOnly { study } = source.parse().map_err(|e| match e.place.as_str() {
+            "study" => InputError::new(
+                source.path(),
+                "[study]",
+                "the file has no table [study]",
+                "write [study], or use `dunkelfeld render` for a job",
+            ),
+            _ => e,
+        })?;
+        let mut rest: Table = source.parse()?;
+        rest.remove("study");
+        for (key, help) in OWN_KEYS {
+            if rest.contains_key(key) {
+                return Err(source.error_at_key(&[key], format!("`{key}` is not for the images of a set"), help));
+            }
+        }
+        let at = |fault: Fault, path: &[&str]| {
+            let mut keys: Vec<&str> = path.to_vec();
+            keys.extend(fault.path.iter().map(String::as_str));
+            source.error_at_key(&keys, fault.problem, fault.help)
+        };
+        let template = Template::parse(Value::Table(rest)).map_err(|e| at(e, &[]))?;
+        let mut draw = BTreeMap::new();
+        for (name, value) in study.draw {
+            let parsed = Template::parse(value).map_err(|e| at(e, &["study", "draw", &name]))?;
+            draw.insert(name, parsed);
+        }
+        let list = |key: &str, tables: Vec<Table>| -> Result<Vec<Template>, InputError> {
+            (tables.into_iter().enumerate())
+                .map(|(i, table)| {
+                    Template::parse(Value::Table(table)).map_err(|e| at(e, &["study", key, &i.to_string()]))
+                })
+                .collect()
+        };
+        let (place, defect) = (list("place", study.place)?, list("defect", study.defect)?);
+        let count = study.count.unwrap_or(100);
+        if !(1..=MAX_COUNT).contains(&count) {
+            let problem = format!("{count} is out of range");
+            return Err(source.error_at_key(
+                &["study", "count"],
+                problem,
+                "write a number of images from 1 to 1000000",
+            ));
+        }
+        if !(1..=16).contains(&study.labels.coverage) {
+            let problem = format!("{} is out of range", study.labels.coverage);
+            let help = "write the number of samples on each side of a pixel, 1 to 16";
+            return Err(source.error_at_key(&["study", "labels", "coverage"], problem, help));
+        }
+        if !(1..=100).contains(&study.images.quality) {
+            let problem = format!("{} is out of range", study.images.quality);
+            return Err(source.error_at_key(&["study", "images", "quality"], problem, "write 1 to 100"));
+        }
+        let (base, job_path) = match &study.job {
+            None => (Table::new(), source.path().to_path_buf()),
+            Some(job) => {
+                let path = source.resolve(job);
+                let file = TomlFile::read(&path, Role::Job, &mut inputs).map_err(|e| {
+                    let problem = format!("{}: {}", path.display(), e.problem);
+                    source.error_at_key(&["study", "job"], problem, "name a job file")
+                })?;
+                let mut table: Table = file.parse()?;
+                OWN_KEYS.iter().for_each(|(key, _)| drop(table.remove(*key)));
+                (table, path)
+            }
+        };
+        let stem = source.path().file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+        let text = toml::to_string(&base).unwrap_or_default() + "\n" + source.text();
+        let study = Self {
+            name: study.name.unwrap_or(stem),
+            count,
+            seed: study.seed,
+            device: study.device,
+            images: study.images,
+            labels: study.labels,
+            label: study.label,
+            place,
+            defect,
+            draw,
+            template,
+            base,
+            hash: format!("{:032x}", XxHash3_128::oneshot(text.as_bytes())),
+            source,
+            job_path,
+            inputs,
+        };
+        study.check_names()?;
+        Ok(study)
+    }
+
+    /// Names of draws that do not exist are found before the first image.
+    fn check_names(&self) -> Result<(), InputError> {
+        if self.label.iter().any(|label| label.category.is_empty()) {
+            return Err(self.source.error_at_key(&["study", "label"], "a category has no name", "write `category`"));
+        }
+        self.job(0).map(drop)?;
+        Ok(())
+    }
+
+    /// The job of an image, with all values drawn.
+    pub(crate) fn job(&self, index: u64) -> Result<DrawnJob, InputError> {
+        let draws = self.draws(index);
+        let mut drawn = BTreeMap::new();
+        let mut record = |name: &str, value: &Value| drop(drawn.insert(name.to_owned(), value.clone()));
+        let mut named = self.named(draws);
+        let value = self.template.draw(draws, "", &mut named, &mut record).map_err(|e| self.error(e, &[]))?;
+        for name in self.draw.keys() {
+            named.value(name).map_err(|e| self.error(e, &["study", "draw", name]))?;
+        }
+        drawn.extend(named.values.iter().map(|(name, value)| (format!("draw.{name}"), value.clone())));
+        let mut table = self.base.clone();
+        if let Value::Table(own) = value {
+            if own.contains_key("budget") {
+                // Limits of the job would end the images as well.
+                table.remove("budget");
+            }
+            dunkelfeld_io::toml_file::merge(&mut table, own);
+        }
+        // TOML has signed numbers.
+        let device = match self.device {
+            Device::One => 0,
+            Device::Series(images) => index / images,
+        };
+        let seed = hash_u64([self.seed, XxHash3_64::oneshot(b"device"), device]) >> 1;
+        table.insert("seed".into(), Value::Integer(seed as i64));
+        let frame = u32::try_from(index).unwrap_or(u32::MAX);
+        table.insert("frame".into(), Value::Integer(i64::from(frame)));
+        let text = toml::to_string(&table).map_err(|e| {
+            InputError::new(self.source.path(), "the study", format!("makes no job: {e}"), "check its values")
+        })?;
+        Ok(DrawnJob { text, drawn, seed, frame })
+    }
+
+    pub(crate) fn draws(&self, index: u64) -> Draws {
+        Draws { seed: hash_u64([self.seed, XxHash3_64::oneshot(self.name.as_bytes())]), index }
+    }
+
+    /// The named draws of an image, computed when they are needed.
+    pub(crate) fn named(&self, draws: Draws) -> NamedDraws<'_> {
+        NamedDraws { templates: &self.draw, draws, values: BTreeMap::new(), pending: Vec::new() }
+    }
+
+    /// An error about a value of the study.
+    pub(crate) fn error(&self, fault: Fault, path: &[&str]) -> InputError {
+        let mut keys: Vec<&str> = path.to_vec();
+        keys.extend(fault.path.iter().map(String::as_str));
+        self.source.error_at_key(&keys, fault.problem, fault.help)
+    }
+
+    /// Hash of all texts of the study: sets of the same hash have the same images.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// The file of the study.
+    pub fn path(&self) -> &Path {
+        self.source.path()
+    }
+
+    /// The text of the study.
+    pub(crate) fn text(&self) -> &str {
+        self.source.text()
+    }
+
+    /// The file whose folder relative paths of the job refer to.
+    pub(crate) fn job_path(&self) -> &Path {
+        &self.job_path
+    }
+
+    /// The files of the study and of its job.
+    pub fn inputs(&self) -> &InputFiles {
+        &self.inputs
+    }
+
+    /// Reads the jobs of the first images, so that a distribution over a key that does not exist, or values out of range,
+    /// are found before the first image.
+    ///
+    /// # Errors
+    /// The first fault, with the study as its file.
+    pub fn check_jobs(&self, count: u64) -> Result<(), Error> {
+        const CHECKED: u64 = 64;
+        for index in 0..count.min(CHECKED) {
+            let job = self.job(index)?;
+            Job::from_text(&self.job_path, job.text).map_err(|e| self.in_study(e, index))?;
+        }
+        Ok(())
+    }
+
+    /// An error of the drawn job of an image, as an error of the study: with the line of the drawn job.
+    pub(crate) fn in_study(&self, error: InputError, index: u64) -> InputError {
+        if error.file != self.job_path {
+            return error;
+        }
+        InputError {
+            file: self.source.path().to_path_buf(),
+            place: format!("image {index}, job: {}", error.place),
+            ..error
+        }
+    }
+}
+
+/// The named draws of one image.
+pub(crate) struct NamedDraws<'a> {
+    templates: &'a BTreeMap<String, Template>,
+    draws: Draws,
+    pub(crate) values: BTreeMap<String, Value>,
+    /// Draws that wait for others.
+    pending: Vec<String>,
+}
+
+impl Named for NamedDraws<'_> {
+    fn value(&mut self, name: &str) -> Result<Value, Fault> {
+        if let Some(value) = self.values.get(name) {
+            return Ok(value.clone());
+        }
+        let Some(template) = self.templates.get(name) else {
+            let names: Vec<&str> = self.templates.keys().map(String::as_str).collect();
+            let help = match names.as_slice() {
+                [] => "add it to [study.draw]".to_owned(),
+                _ => format!("the draws of [study.draw] are {}", names.join(", ")),
+            };
+            return Err(Fault::new(format!("there is no draw `{name}`"), help));
+        };
+        if self.pending.iter().any(|pending| pending == name) {
+            let problem = format!("the draw `{name}` depends on itself");
+            return Err(Fault::new(problem, "let one of the draws not refer to the others"));
+        }
+        self.pending.push(name.to_owned());
+        let value = template.draw(self.draws, &format!("draw.{name}"), self, &mut |_, _| {})?;
+        self.pending.pop();
+        self.values.insert(name.to_owned(), value.clone());
+        Ok(value)
+    }
+}

@@ -1,0 +1,103 @@
+//! Visibility of an instance for a camera: contrast to its surroundings over the noise of the camera.
+
+use dunkelfeld_film::Plane;
+use dunkelfeld_radiometry::{Electrons, Seconds};
+use dunkelfeld_sensor::SensorModel;
+
+/// Distances of the surroundings from the instance \[pixels\], along rows and columns: farther than the first, at most the
+/// second.
+const RING: [i64; 2] = [1, 5];
+
+/// Pixels of an instance, as a box.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Bounds {
+    /// Left, top.
+    pub(crate) from: [u32; 2],
+    /// Right, bottom, exclusive.
+    pub(crate) to: [u32; 2],
+}
+
+/// Contrast of an instance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Visibility {
+    /// Mean of the instance minus mean of its surroundings \[DN\].
+    pub(crate) contrast: f64,
+    /// Magnitude of the contrast over the standard deviation of the temporal noise of the camera in the surroundings
+    /// (EMVA 1288, release 4): of one pixel.
+    pub(crate) cnr: f64,
+}
+
+/// The expected electrons of an image, and what turns them into grey values with noise.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Exposed<'a> {
+    pub(crate) electrons: &'a Plane<f32>,
+    pub(crate) model: &'a SensorModel,
+    pub(crate) time: Seconds,
+}
+
+/// The contrast of an instance to the pixels around it. Pixels of `is_excluded` instances are not part of the surroundings:
+/// other defects. `None` if nothing surrounds it, for example if it fills the image.
+pub(crate) fn visibility(
+    exposed: &Exposed<'_>,
+    instances: &Plane<u16>,
+    id: u16,
+    bounds: Bounds,
+    is_excluded: impl Fn(u16) -> bool,
+) -> Option<Visibility> {
+    let [width, height] = [instances.width(), instances.height()].map(i64::from);
+    let [x0, y0] = bounds.from.map(|v| i64::from(v) - RING[1]);
+    let [x1, y1] = bounds.to.map(|v| i64::from(v) + RING[1]);
+    let (x0, y0, x1, y1) = (x0.max(0), y0.max(0), x1.min(width), y1.min(height));
+    let (columns, rows) = ((x1 - x0).max(0) as usize, (y1 - y0).max(0) as usize);
+    let at = |x: i64, y: i64| (y * width + x) as usize;
+    let mut inside = vec![false; columns * rows];
+    let (mut sum, mut count) = (0.0, 0u64);
+    for y in y0..y1 {
+        for x in x0..x1 {
+            if instances.data()[at(x, y)] == id {
+                inside[(y - y0) as usize * columns + (x - x0) as usize] = true;
+                sum += f64::from(exposed.electrons.data()[at(x, y)]);
+                count += 1;
+            }
+        }
+    }
+    let near = dilated(&inside, columns, RING[0] as usize);
+    let far = dilated(&inside, columns, RING[1] as usize);
+    let (mut around, mut pixels) = (0.0, 0u64);
+    for (k, (near, far)) in near.iter().zip(&far).enumerate() {
+        let (x, y) = (x0 + (k % columns) as i64, y0 + (k / columns) as i64);
+        if *far && !*near && !is_excluded(instances.data()[at(x, y)]) {
+            around += f64::from(exposed.electrons.data()[at(x, y)]);
+            pixels += 1;
+        }
+    }
+    if count == 0 || pixels == 0 {
+        return None;
+    }
+    let (mean, around) = (sum / count as f64, around / pixels as f64);
+    let electrons = mean - around;
+    let gain = exposed.model.spec().system_gain;
+    let variance = exposed.model.temporal_variance(Electrons(around), exposed.time);
+    Some(Visibility { contrast: electrons * gain, cnr: electrons.abs() / variance.sqrt() })
+}
+
+/// The pixels within a distance of others, along rows and columns.
+fn dilated(mask: &[bool], columns: usize, distance: usize) -> Vec<bool> {
+    let Some(rows) = mask.len().checked_div(columns) else { return Vec::new() };
+    let mut wide = vec![false; mask.len()];
+    for y in 0..rows {
+        let row = &mask[y * columns..(y + 1) * columns];
+        for x in (0..columns).filter(|x| row[*x]) {
+            wide[y * columns + x.saturating_sub(distance)..=y * columns + (x + distance).min(columns - 1)].fill(true);
+        }
+    }
+    let mut all = vec![false; mask.len()];
+    for y in 0..rows {
+        for x in (0..columns).filter(|x| wide[y * columns + x]) {
+            for to in y.saturating_sub(distance)..=(y + distance).min(rows - 1) {
+                all[to * columns + x] = true;
+            }
+        }
+    }
+    all
+}

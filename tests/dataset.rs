@@ -1,0 +1,379 @@
+//! `dunkelfeld dataset` as its users have it: a small study, its files, and what happens when a run is killed, repeated or
+//! shared by two processes.
+//!
+//! Replay: `cargo test --workspace --test dataset NAME`.
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command as Process, Stdio};
+use std::time::Duration;
+use tempfile::TempDir;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
+
+/// A plate with two blocks and a ball under a lamp, from above.
+const STUDY: &str = r#"
+scene = "none"
+
+[study]
+name = "blocks"
+count = 6
+seed = 3
+device = 2
+
+[study.draw]
+supply = { uniform = [0.8, 1.2] }
+twice = { expression = "2 * supply" }
+
+[study.images]
+linear = "tiff"
+raw = true
+
+[study.labels]
+semantic = true
+depth = true
+normals = true
+yolo = true
+bop = true
+
+[[study.label]]
+category = "block"
+objects = "block *"
+
+[[study.label]]
+category = "ball"
+objects = ["ball"]
+
+[[study.place]]
+objects = "block *"
+center = [0, 0, 0]
+size = ["90mm", 0, "90mm"]
+turn = "360deg"
+clearance = "1mm"
+
+[[study.defect]]
+kind = "scratch"
+on = "plate"
+facing = [0, 1, 0]
+count = { integer = [0, 2] }
+length = { uniform = ["10mm", "30mm"] }
+width = "2mm"
+depth = "100um"
+
+[camera]
+name = "above"
+position = [{ uniform = ["-5mm", "5mm"] }, "300mm", "1mm"]
+look_at = [0, 0, 0]
+vertical_fov = "25deg"
+
+[film]
+width = 64
+height = 48
+
+[budget]
+spp = 8
+
+[sensor]
+exposure = "20ms"
+
+[[object]]
+name = "plate"
+kind = "box"
+size = ["120mm", "2mm", "120mm"]
+translate = [0, "-1mm", 0]
+
+[[object]]
+name = "block 1"
+kind = "box"
+size = ["12mm", "6mm", "12mm"]
+translate = [0, "3mm", 0]
+
+[[object]]
+name = "block 2"
+kind = "box"
+size = ["10mm", "8mm", "20mm"]
+translate = [0, "4mm", 0]
+
+[[object]]
+name = "ball"
+kind = "sphere"
+diameter = { log_uniform = ["6mm", "12mm"] }
+translate = ["40mm", "12mm", "30mm"]
+
+[[light]]
+name = "panel"
+kind = "panel"
+width = "100mm"
+position = ["150mm", "200mm", 0]
+target = [0, 0, 0]
+power = { expression = "1.5 * supply", unit = "W" }
+"#;
+
+struct Bench {
+    folder: TempDir,
+}
+
+impl Bench {
+    fn new(study: &str) -> Self {
+        let folder = TempDir::new().expect("a temporary folder");
+        fs::write(folder.path().join("study.toml"), study).expect("writable");
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn command(&self, line: &str) -> Command {
+        let mut command = Command::new(PROGRAM);
+        command.current_dir(self.folder.path()).args(line.split_whitespace()).args(["--progress", "none"]);
+        command
+    }
+
+    fn run(&self, line: &str) {
+        self.command(line).assert().success();
+    }
+
+    /// Standard error of a command that is refused with exit code 2.
+    fn refused(&self, line: &str) -> String {
+        let assert = self.command(line).assert().code(2);
+        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+    }
+
+    fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&fs::read(self.path(name)).expect(name)).expect(name)
+    }
+}
+
+/// All files of a set but the times, which differ from run to run.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![folder.to_path_buf()];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(&next).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            let name = path.strip_prefix(folder).expect("below").to_string_lossy().replace('\\', "/");
+            if path.is_dir() {
+                folders.push(path);
+            } else if !name.starts_with("costs/") && name != "report.html" {
+                found.insert(name, fs::read(&path).expect("readable"));
+            }
+        }
+    }
+    found
+}
+
+fn assert_same(a: &Path, b: &Path) {
+    let (a, b) = (files(a), files(b));
+    assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>());
+    for (name, content) in &a {
+        assert!(b[name] == *content, "{name} differs");
+    }
+}
+
+#[test]
+fn a_set_has_its_files_and_is_the_same_with_any_number_of_jobs() {
+    let bench = Bench::new(STUDY);
+    bench.run("dataset study.toml -o a --jobs 1 --threads 1");
+    bench.run("dataset study.toml -o b --jobs 3 --threads 2");
+    assert_same(&bench.path("a"), &bench.path("b"));
+    bench.command("dataset --verify a").assert().success();
+
+    let all = files(&bench.path("a"));
+    for name in [
+        "set.json",
+        "study.toml",
+        "coco.json",
+        "records.jsonl",
+        "scene_camera.json",
+        "scene_gt.json",
+        "data.yaml",
+        "images/000005.png",
+        "linear/000005.tif",
+        "raw/000005.raw",
+        "masks/000005.png",
+        "semantic/000005.png",
+        "depth/000005.png",
+        "normals/000005.png",
+        "labels/000005.json",
+        "labels/000005.txt",
+        "records/000005.json",
+    ] {
+        assert!(all.contains_key(name), "{name}");
+    }
+    assert!(!all.keys().any(|name| name.contains("000006") || name.ends_with(".lock")), "{:?}", all.keys());
+    assert_eq!(all["raw/000000.raw"].len(), 64 * 48 * 2);
+
+    // Two images in a row are of one device, and each image has its own frame.
+    let records: Vec<Value> = (0..6).map(|i| bench.json(&format!("a/records/{i:06}.json"))).collect();
+    assert_eq!(records[0]["seed"], records[1]["seed"]);
+    assert_ne!(records[1]["seed"], records[2]["seed"]);
+    assert_eq!(records[4]["frame"], 4);
+    for record in &records {
+        let drawn = record["drawn"].as_object().expect("draws");
+        for name in [
+            "camera.position[0]",
+            "draw.supply",
+            "draw.twice",
+            "light[panel].power",
+            "object[ball].diameter",
+            "defect[scratch].count",
+            "place[block 1].turn",
+        ] {
+            assert!(drawn.contains_key(name), "{name} in {:?}", drawn.keys());
+        }
+        let number = |name: &str| drawn[name].as_f64().expect("a number");
+        assert!((number("draw.twice") - 2.0 * number("draw.supply")).abs() < 1e-12);
+        assert!(record["matched"].as_f64().is_some_and(|share| (0.0..=1.0).contains(&share)));
+        assert_eq!(record["samples"], 8 * 64 * 48);
+    }
+    // Ids are those of the set, whatever an image shows.
+    let set = bench.json("a/set.json");
+    let ids: BTreeMap<String, u64> = (set["instances"].as_array().expect("instances").iter())
+        .map(|i| (i["name"].as_str().expect("a name").to_owned(), i["id"].as_u64().expect("an id")))
+        .collect();
+    assert_eq!(
+        ids.keys().map(String::as_str).collect::<Vec<_>>(),
+        ["ball", "block 1", "block 2", "scratch 1", "scratch 2"]
+    );
+    for instance in records.iter().flat_map(|r| r["instances"].as_array().expect("instances")) {
+        assert_eq!(instance["id"].as_u64(), ids.get(instance["name"].as_str().expect("a name")).copied());
+    }
+}
+
+#[test]
+fn one_image_is_the_same_alone() {
+    let bench = Bench::new(STUDY);
+    bench.run("dataset study.toml -o a");
+    bench.run("dataset study.toml -o b --index 4,1");
+    let (a, b) = (files(&bench.path("a")), files(&bench.path("b")));
+    let of_images: Vec<&String> = b.keys().filter(|name| name.contains('/')).collect();
+    assert!(of_images.iter().all(|name| name.contains("000001") || name.contains("000004")), "{of_images:?}");
+    for name in of_images {
+        assert!(a[name] == b[name], "{name} differs");
+    }
+    // The same command without the index goes on, and the set is that of one run.
+    bench.run("dataset study.toml -o b");
+    assert_same(&bench.path("a"), &bench.path("b"));
+}
+
+#[test]
+fn a_set_grows_and_refuses_another_study() {
+    let bench = Bench::new(STUDY);
+    bench.run("dataset study.toml -o grown --count 2");
+    bench.run("dataset study.toml -o grown --count 4");
+    bench.run("dataset study.toml -o at-once --count 4");
+    assert_same(&bench.path("grown"), &bench.path("at-once"));
+    fs::write(bench.path("other.toml"), STUDY.replace("seed = 3", "seed = 4")).expect("writable");
+    let message = bench.refused("dataset other.toml -o grown --count 4");
+    assert!(message.contains("another study") && message.contains("help:"), "{message}");
+}
+
+/// The kill comes at another moment in each run; the result must not depend on it.
+#[test]
+fn a_killed_run_goes_on_and_two_processes_share_a_set() {
+    let bench = Bench::new(&STUDY.replace("count = 6", "count = 12"));
+    bench.run("dataset study.toml -o alone");
+    let start = || {
+        Process::new(PROGRAM)
+            .current_dir(bench.folder.path())
+            .args(["dataset", "study.toml", "-o", "shared", "--jobs", "2", "--progress", "none"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the program starts")
+    };
+    for wait in [150, 400] {
+        let mut child = start();
+        std::thread::sleep(Duration::from_millis(wait));
+        child.kill().expect("it can be killed");
+        child.wait().expect("it ends");
+    }
+    let (mut a, mut b) = (start(), start());
+    assert!(a.wait().expect("it ends").success());
+    assert!(b.wait().expect("it ends").success());
+    assert_same(&bench.path("alone"), &bench.path("shared"));
+    bench.command("dataset --verify shared").assert().success();
+}
+
+#[test]
+fn a_check_finds_what_was_changed() {
+    let bench = Bench::new(STUDY);
+    bench.run("dataset study.toml -o a --count 2");
+    let check = || {
+        let assert = bench.command("dataset --verify a").assert().code(1);
+        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+    };
+    let image = bench.path("a/images/000001.png");
+    let before = fs::read(&image).expect("there");
+    fs::write(&image, b"no image").expect("writable");
+    assert!(check().contains("images/000001.png differs from its hash"));
+    fs::remove_file(&image).expect("there");
+    assert!(check().contains("images/000001.png does not exist"));
+    fs::write(&image, before).expect("writable");
+    bench.command("dataset --verify a").assert().success();
+
+    // The annotations against the mask: the record with the hash is changed as well.
+    let mut labels = bench.json("a/labels/000000.json");
+    let annotation = &mut labels["annotations"][0];
+    annotation["instance"] = Value::from(annotation["instance"].as_u64().expect("an id") + 1);
+    fs::write(bench.path("a/labels/000000.json"), labels.to_string()).expect("writable");
+    let message = check();
+    assert!(message.contains("labels/000000.json differs from its hash"), "{message}");
+    assert!(message.contains("differs from the annotation"), "{message}");
+    fs::remove_file(bench.path("a/records/000001.json")).expect("there");
+    check();
+    bench.refused("dataset --verify no-such-folder");
+    fs::write(bench.path("a/set.json"), "{}").expect("writable");
+    assert!(bench.refused("dataset --verify a").contains("set.json"));
+}
+
+#[test]
+fn bad_studies_are_refused_before_anything_is_written() {
+    let bench = Bench::new(STUDY);
+    for (from, to, words) in [
+        ("count = 6", "count = 0", "out of range"),
+        ("seed = 3", "sead = 3", "sead"),
+        ("device = 2", "device = 0", "each"),
+        ("spp = 8", "spp = { uniform = [8, 4] }", "above the upper end"),
+        ("spp = 8", "spp = { draw = \"none\" }", "no draw `none`"),
+        ("spp = 8", "sp = { uniform = [4, 8] }", "unknown key"),
+        ("\"2 * supply\"", "\"2 * twice\"", "depends on itself"),
+        ("\"2 * supply\"", "\"1 / (supply - supply)\"", "inf"),
+        ("[film]", "[output]\nimage = \"a.png\"\n\n[film]", "not for the images of a set"),
+        ("objects = [\"ball\"]", "objects = [\"bal\"]", "no object is called \"bal\""),
+        ("on = \"plate\"", "on = \"plat\"", "no object has such a name"),
+        ("kind = \"scratch\"", "kind = \"scrath\"", "scrath"),
+        ("size = [\"90mm\", 0, \"90mm\"]", "size = [\"20mm\", 0, \"20mm\"]", "finds no place"),
+        ("count = { integer = [0, 2] }", "count = { uniform = [0, 2] }", "not known"),
+        ("power = { expression", "pawer = { expression", "pawer"),
+        (
+            "diameter = { log_uniform = [\"6mm\", \"12mm\"] }",
+            "diameter = { log_uniform = [\"6ms\", \"12ms\"] }",
+            "diameter",
+        ),
+    ] {
+        let changed = STUDY.replacen(from, to, 1);
+        assert_ne!(changed, STUDY, "{from}");
+        fs::write(bench.path("bad.toml"), changed).expect("writable");
+        let message = bench.refused("dataset bad.toml -o bad");
+        assert!(
+            message.contains("bad.toml") && message.contains(words) && message.contains("help:"),
+            "{to}: {message}"
+        );
+        let written = bench.path("bad").join("records");
+        let images = fs::read_dir(written).map_or(0, |entries| entries.count());
+        assert_eq!(images, 0, "{to}");
+        let _ = fs::remove_dir_all(bench.path("bad"));
+    }
+    assert!(bench.refused("dataset study.toml -o x --index 6").contains("no image 6"));
+    assert!(bench.refused("dataset no.toml -o x").contains("no.toml"));
+    fs::create_dir(bench.path("mine")).expect("free");
+    fs::write(bench.path("mine/letter.txt"), "dear").expect("writable");
+    assert!(bench.refused("dataset study.toml -o mine").contains("not empty"));
+    assert!(bench.refused("dataset study.toml -o .").contains("holds"));
+    assert!(bench.refused("dataset study.toml -o study.toml").contains("study.toml"));
+}
