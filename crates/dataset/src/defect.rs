@@ -18,7 +18,7 @@ const MOST: i64 = 1000;
 /// The parameters of one defect, with all values drawn. Lengths are lengths \[m\], angles \[rad\].
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct DefectSettings {
+pub(crate) struct DefectSettings {
     /// Names the draws and the objects of the entry. By default the category.
     #[serde(default)]
     #[allow(dead_code, reason = "read before the other values are drawn")]
@@ -78,9 +78,12 @@ pub(crate) fn entries(study: &Study) -> Result<Vec<DefectEntry>, (usize, Fault)>
     let mut entries: Vec<DefectEntry> = Vec::new();
     for (number, template) in study.defect.iter().enumerate() {
         let at = |fault: Fault| (number, fault);
-        let rest = match template {
-            Template::Table(rest) => rest,
-            _ => return Err(at(Fault::new("the entry has no values that vary", "draw at least `length`"))),
+        let rest: BTreeMap<String, Template> = match template {
+            Template::Table(rest) => rest.clone(),
+            Template::Fixed(Value::Table(table)) => {
+                table.iter().map(|(key, value)| (key.clone(), Template::Fixed(value.clone()))).collect()
+            }
+            _ => return Err(at(Fault::new("the entry is no table", "write [[study.defect]] and its keys"))),
         };
         let text = |key: &str| match rest.get(key) {
             None => Ok(None),
@@ -100,7 +103,7 @@ pub(crate) fn entries(study: &Study) -> Result<Vec<DefectEntry>, (usize, Fault)>
             let help = "write a whole number, { integer = [0, 3] }, or a choice of whole numbers, at most 1000";
             at(Fault::new("the largest number of defects is not known", help).below("count"))
         })?;
-        entries.push(DefectEntry { number, name, category, count, most: most as u32, rest: rest.clone() });
+        entries.push(DefectEntry { number, name, category, count, most: most as u32, rest });
     }
     Ok(entries)
 }

@@ -2,7 +2,7 @@
 
 use crate::ids::ObjectLabel;
 use dunkelfeld_film::Plane;
-use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
+use dunkelfeld_geometry::{DAffine3, Vec3};
 use dunkelfeld_integrator::{Crossing, Passage, crossings};
 use dunkelfeld_scene::{RayGenerator, Scene};
 use rayon::prelude::*;
@@ -24,7 +24,8 @@ pub(crate) struct LabelLayers {
 /// The labels of an image.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct LabelPlanes {
-    /// Instance of each pixel, 0 for none: the one with the most samples of the pixel, and of equals the lowest.
+    /// Instance of each pixel, 0 for none: the one with the most samples of the pixel, and of equals the lowest. Defects come
+    /// first.
     pub(crate) instances: Plane<u16>,
     /// Share of the samples of the pixel that belong to its instance, 65535 for all. `None` with one sample.
     pub(crate) coverage: Option<Plane<u16>>,
@@ -102,39 +103,168 @@ impl Met {
     }
 }
 
+/// The camera of the labels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LabelCamera<'a> {
+    pub(crate) rays: &'a RayGenerator,
+    /// From the camera to the world.
+    pub(crate) pose: DAffine3,
+    /// Width and height of the film \[pixels\].
+    pub(crate) size: [u32; 2],
+}
+
+/// A box of pixels: left, top, right and bottom, the last two exclusive.
+pub(crate) type PixelBox = [u32; 4];
+
 /// Traces the labels of an image, on the threads of the current pool. `labels` are those of the objects of the scene, by
 /// index.
+///
+/// With several samples, each pixel has a first one in its centre. The others are taken where the pixels around have
+/// different instances, and in the boxes `refined`, which contain the defects. In a pixel with a sample of a defect the
+/// instance is that of the defect with the most samples, so that thin defects have no gaps.
 pub(crate) fn trace_labels(
     scene: &Scene,
-    (camera, pose): (&RayGenerator, DAffine3),
-    [width, height]: [u32; 2],
+    camera: LabelCamera<'_>,
     labels: &[Option<ObjectLabel>],
     layers: LabelLayers,
+    refined: &[PixelBox],
 ) -> LabelPlanes {
+    let [width, height] = camera.size;
     let side = layers.samples.max(1);
-    let share = 1.0 / f64::from(side * side);
-    let (eye, forward) = (pose.translation, -pose.matrix3.z_axis.normalize_or_zero());
-    let axes = [pose.matrix3.x_axis, -pose.matrix3.y_axis, forward].map(|axis| axis.normalize_or_zero().as_vec3());
-    let wants_surface = layers.depth || layers.normals;
-    let row_of = |y: u32| {
-        let mut row = Row::default();
-        let mut met = Met::default();
-        let mut counts: Vec<(u16, u32)> = Vec::new();
-        for x in 0..width {
-            counts.clear();
-            let mut surface = None;
-            let ray = |met: &mut Met, place: [f32; 2]| {
-                met.begin();
-                let _ = crossings(scene, camera, [x, y], place, |crossing| {
-                    met.visit(crossing, labels);
-                    ControlFlow::Continue(())
+    let tracer = Tracer { scene, camera, labels, layers };
+    let rows: Vec<CentreRow> = (0..height).into_par_iter().map(|y| tracer.centres(y)).collect();
+    let centres = plane(width, height, rows.iter().flat_map(|row| row.instances.iter().copied()));
+    let is_refined = if side > 1 { refined_pixels(&centres, refined) } else { Plane::new(width, height, false) };
+    let fine: Vec<FineRow> = (0..height).into_par_iter().map(|y| tracer.refine(y, &centres, &is_refined)).collect();
+    let mut areas: BTreeMap<u16, Area> = BTreeMap::new();
+    for (id, area) in fine.iter().flat_map(|row| &row.areas) {
+        let sum = areas.entry(*id).or_default();
+        sum.visible += area.visible;
+        sum.amodal += area.amodal;
+    }
+    for (row, y) in rows.iter().zip(0..) {
+        let flags = row_of(&is_refined, y);
+        for (id, _) in row.instances.iter().zip(flags).filter(|(id, refined)| **id != 0 && !**refined) {
+            areas.entry(*id).or_default().visible += 1.0;
+        }
+        for (_, id) in row.met.iter().filter(|(x, _)| !flags[*x as usize]) {
+            areas.entry(*id).or_default().amodal += 1.0;
+        }
+    }
+    LabelPlanes {
+        instances: plane(width, height, fine.iter().flat_map(|r| &r.instances).copied()),
+        coverage: (side > 1).then(|| plane(width, height, fine.iter().flat_map(|r| &r.coverage).copied())),
+        depth: layers.depth.then(|| plane(width, height, rows.iter().flat_map(|r| &r.depth).copied())),
+        normals: layers.normals.then(|| plane(width, height, rows.iter().flat_map(|r| &r.normals).copied())),
+        areas,
+    }
+}
+
+/// The pixels with samples beside their centre.
+fn refined_pixels(centres: &Plane<u16>, boxes: &[PixelBox]) -> Plane<bool> {
+    let (width, height) = (centres.width(), centres.height());
+    let mut refined = Plane::from_fn(width, height, |x, y| {
+        let at = |x: u32, y: u32| centres.data()[y as usize * width as usize + x as usize];
+        let here = at(x, y);
+        let near = |v: u32, end: u32| v.saturating_sub(1)..(v + 2).min(end);
+        near(y, height).any(|ny| near(x, width).any(|nx| at(nx, ny) != here))
+    });
+    for &[left, top, right, bottom] in boxes {
+        for y in top..bottom.min(height) {
+            let start = y as usize * width as usize;
+            let (from, to) = (left.min(width) as usize, right.min(width) as usize);
+            if from < to {
+                refined.data_mut()[start + from..start + to].fill(true);
+            }
+        }
+    }
+    refined
+}
+
+/// The row of a plane.
+fn row_of<T>(plane: &Plane<T>, y: usize) -> &[T] {
+    let width = plane.width() as usize;
+    &plane.data()[y * width..(y + 1) * width]
+}
+
+struct Tracer<'a> {
+    scene: &'a Scene,
+    camera: LabelCamera<'a>,
+    labels: &'a [Option<ObjectLabel>],
+    layers: LabelLayers,
+}
+
+/// The centres of a row of pixels.
+#[derive(Clone, Debug, Default)]
+struct CentreRow {
+    instances: Vec<u16>,
+    /// Column and id of each instance that a ray meets.
+    met: Vec<(u32, u16)>,
+    depth: Vec<f32>,
+    normals: Vec<[f32; 3]>,
+}
+
+/// The samples of a row of pixels.
+#[derive(Clone, Debug, Default)]
+struct FineRow {
+    instances: Vec<u16>,
+    coverage: Vec<u16>,
+    /// Areas in the refined pixels.
+    areas: BTreeMap<u16, Area>,
+}
+
+impl Tracer<'_> {
+    fn ray(&self, met: &mut Met, pixel: [u32; 2], place: [f32; 2]) {
+        met.begin();
+        let _ = crossings(self.scene, self.camera.rays, pixel, place, |crossing| {
+            met.visit(crossing, self.labels);
+            ControlFlow::Continue(())
+        });
+    }
+
+    fn centres(&self, y: u32) -> CentreRow {
+        let pose = self.camera.pose;
+        let forward = -pose.matrix3.z_axis.normalize_or_zero();
+        let axes = [pose.matrix3.x_axis, -pose.matrix3.y_axis, forward].map(|axis| axis.normalize_or_zero().as_vec3());
+        let (mut row, mut met) = (CentreRow::default(), Met::default());
+        for x in 0..self.camera.size[0] {
+            self.ray(&mut met, [x, y], [0.5; 2]);
+            row.instances.push(met.instance());
+            row.met.extend(met.all.iter().map(|id| (x, *id)));
+            if self.layers.depth || self.layers.normals {
+                let found = met.surface.map(|(crossing, _)| {
+                    let from_eye = self.scene.world_origin() + crossing.point.as_dvec3() - pose.translation;
+                    let is_back = crossing.normal.as_dvec3().dot(from_eye) > 0.0;
+                    let normal = if is_back { -crossing.normal } else { crossing.normal };
+                    (from_eye.dot(forward) as f32, axes.map(|axis: Vec3| axis.dot(normal)))
                 });
-            };
+                let (depth, normal) = found.unwrap_or_default();
+                row.depth.push(depth);
+                row.normals.push(normal);
+            }
+        }
+        row
+    }
+
+    fn refine(&self, y: u32, centres: &Plane<u16>, is_refined: &Plane<bool>) -> FineRow {
+        let side = self.layers.samples.max(1);
+        let share = 1.0 / f64::from(side * side);
+        let (mut row, mut met) = (FineRow::default(), Met::default());
+        let mut counts: Vec<(u16, u32)> = Vec::new();
+        for (x, (&centre, &refined)) in
+            (0..).zip(row_of(centres, y as usize).iter().zip(row_of(is_refined, y as usize)))
+        {
+            if !refined {
+                row.instances.push(centre);
+                row.coverage.push(if centre == 0 { 0 } else { u16::MAX });
+                continue;
+            }
+            counts.clear();
             for k in 0..side * side {
                 let place = [k % side, k / side].map(|i| (i as f32 + 0.5) / side as f32);
-                ray(&mut met, place);
+                self.ray(&mut met, [x, y], place);
                 let instance = met.instance();
-                match counts.iter_mut().find(|(id, _)| *id == instance) {
+                match counts.iter_mut().find(|(id, ..)| *id == instance) {
                     Some((_, count)) => *count += 1,
                     None => counts.push((instance, 1)),
                 }
@@ -144,66 +274,25 @@ pub(crate) fn trace_labels(
                 if instance != 0 {
                     row.areas.entry(instance).or_default().visible += share;
                 }
-                if place == [0.5; 2] {
-                    surface = met.surface;
-                }
             }
-            if wants_surface && side % 2 == 0 {
-                ray(&mut met, [0.5; 2]);
-                surface = met.surface;
-            }
-            let (instance, count) =
-                counts.iter().copied().max_by_key(|&(id, count)| (count, u16::MAX - id)).unwrap_or((0, 0));
+            let is_defect = |id: u16| self.labels.iter().flatten().any(|l| l.instance == id && l.is_defect);
+            let most = |defects: bool| {
+                let found = counts.iter().copied().filter(|(id, _)| !defects || is_defect(*id));
+                found.max_by_key(|&(id, count)| (count, u16::MAX - id))
+            };
+            let (instance, count) = most(true).or_else(|| most(false)).unwrap_or((0, 0));
+            let covered = if instance == 0 { 0.0 } else { f64::from(count) * share };
             row.instances.push(instance);
-            if side > 1 {
-                let covered = if instance == 0 { 0.0 } else { f64::from(count) * share };
-                row.coverage.push((covered * 65535.0).round() as u16);
-            }
-            if wants_surface {
-                let found = surface.map(|(crossing, _)| {
-                    let point = scene.world_origin() + crossing.point.as_dvec3();
-                    let from_eye = point - eye;
-                    let normal =
-                        if crossing.normal.as_dvec3().dot(from_eye) > 0.0 { -crossing.normal } else { crossing.normal };
-                    (depth_of(from_eye, forward), axes.map(|axis: Vec3| axis.dot(normal)))
-                });
-                let (depth, normal) = found.unwrap_or_default();
-                row.depth.push(depth);
-                row.normals.push(normal);
-            }
+            row.coverage.push((covered * 65535.0).round() as u16);
         }
         row
-    };
-    let rows: Vec<Row> = (0..height).into_par_iter().map(row_of).collect();
-    let mut areas: BTreeMap<u16, Area> = BTreeMap::new();
-    for (id, area) in rows.iter().flat_map(|row| &row.areas) {
-        let sum = areas.entry(*id).or_default();
-        sum.visible += area.visible;
-        sum.amodal += area.amodal;
     }
-    LabelPlanes {
-        instances: plane(width, height, rows.iter().flat_map(|r| &r.instances).copied()),
-        coverage: (side > 1).then(|| plane(width, height, rows.iter().flat_map(|r| &r.coverage).copied())),
-        depth: layers.depth.then(|| plane(width, height, rows.iter().flat_map(|r| &r.depth).copied())),
-        normals: layers.normals.then(|| plane(width, height, rows.iter().flat_map(|r| &r.normals).copied())),
-        areas,
-    }
-}
-
-fn depth_of(from_eye: DVec3, forward: DVec3) -> f32 {
-    from_eye.dot(forward) as f32
-}
-
-/// The labels of a row.
-#[derive(Clone, Debug, Default)]
-struct Row {
-    instances: Vec<u16>,
-    coverage: Vec<u16>,
-    depth: Vec<f32>,
-    normals: Vec<[f32; 3]>,
-    areas: BTreeMap<u16, Area>,
 }
 
 fn plane<T: Clone + Default>(width: u32, height: u32, values: impl Iterator<Item = T>) -> Plane<T> {
     Plane::from_vec(width, height, values.collect()).unwrap_or_else(|| Plane::new(width, height, T::default()))
 }
+
+#[cfg(test)]
+#[path = "label_tests.rs"]
+mod tests;

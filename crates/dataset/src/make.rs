@@ -5,8 +5,8 @@ use crate::defect::{AddedDefect, DefectEntry, entries};
 use crate::distribution::Fault;
 use crate::encode;
 use crate::ids::{Ids, ObjectLabel};
-use crate::labels::{LabelLayers, LabelPlanes, trace_labels};
-use crate::pinhole::{Pinhole, object_pose};
+use crate::labels::{LabelCamera, LabelLayers, LabelPlanes, PixelBox, trace_labels};
+use crate::pinhole::{Pinhole, image_box, object_pose};
 use crate::placement::Placement;
 use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, Record};
 use crate::set::Set;
@@ -16,11 +16,11 @@ use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{Cancel, DenoiseMethod, Error, Project, ProjectResult, Session, Silent, Stage};
-use dunkelfeld_geometry::DAffine3;
+use dunkelfeld_geometry::{DAffine3, DVec3};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::InputFiles;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Component, Path};
 use std::sync::Arc;
 use std::time::Instant;
 use toml::Value;
@@ -46,9 +46,22 @@ pub struct Made {
     pub cost: Cost,
 }
 
+impl Made {
+    /// Are the files those of the record, with names inside the folder of a set? A copy from another process may be damaged.
+    pub fn is_whole(&self) -> bool {
+        let is_inside = |name: &str| Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+        let is_same = |(name, content): &(String, Vec<u8>)| {
+            is_inside(name) && self.record.files.get(name).is_some_and(|record| *record == FileRecord::of(content))
+        };
+        self.files.len() == self.record.files.len() && self.files.iter().all(is_same)
+    }
+}
+
 /// The parts of the scene that the labels of an image need.
 struct SceneParts {
     defects: Vec<AddedDefect>,
+    /// The bounds of each defect in the world.
+    boxes: Vec<[DVec3; 2]>,
     /// The transform of each object to the world, by its index.
     poses: Vec<DAffine3>,
 }
@@ -128,7 +141,7 @@ impl Worker {
         let (study, entries) = (&self.study, &self.entries);
         let draws = study.draws(index);
         let drawn = &mut job.drawn;
-        let mut parts = SceneParts { defects: Vec::new(), poses: Vec::new() };
+        let mut parts = SceneParts { defects: Vec::new(), boxes: Vec::new(), poses: Vec::new() };
         let changed = self.project.set_job(&job.text, |scene| {
             for (number, template) in study.place.iter().enumerate() {
                 let at = |fault: Fault| study.error(fault, &["study", "place", &number.to_string()]);
@@ -149,6 +162,9 @@ impl Worker {
                     study.error(fault, &["study", "defect", &number.to_string()])
                 })?);
             }
+            let is_defect = |name: &String| parts.defects.iter().any(|defect| defect.placed.object == *name);
+            let boxes = scene.instances.iter().filter(|i| is_defect(&i.name)).filter_map(|i| scene.bounds_of(i));
+            parts.boxes = boxes.collect();
             parts.poses = scene.instances.iter().map(|instance| instance.to_world).collect();
             Ok(())
         });
@@ -192,7 +208,13 @@ impl Worker {
         let rays = scene.ray_generator(&camera, width, height)?;
         let wanted = &study.labels;
         let layers = LabelLayers { samples: wanted.coverage, depth: wanted.depth, normals: wanted.normals };
-        let planes = self.session.install(|| trace_labels(scene, (&rays, camera.to_world), size, &objects, layers));
+        let refined: Vec<PixelBox> = parts
+            .boxes
+            .iter()
+            .map(|bounds| image_box(&camera, size, *bounds).unwrap_or([0, 0, width, height]))
+            .collect();
+        let labelled = LabelCamera { rays: &rays, pose: camera.to_world, size };
+        let planes = self.session.install(|| trace_labels(scene, labelled, &objects, layers, &refined));
         let instances = self.instances(&planes, parts, &objects, result);
         let label = began.elapsed().as_secs_f64();
 

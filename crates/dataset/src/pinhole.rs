@@ -42,6 +42,36 @@ impl Pinhole {
     }
 }
 
+/// A box of pixels that contains the image of a box of the world, with a margin for clear covers: left, top, right, bottom.
+/// `None` if it is not known: for a telecentric or distorting lens, and for a box that reaches behind the camera.
+pub(crate) fn image_box(camera: &Camera, size: [u32; 2], [low, high]: [DVec3; 2]) -> Option<[u32; 4]> {
+    /// Pixels beside the share of the film by which a cover of a few millimetres moves a point.
+    const MARGIN: f64 = 4.0;
+    const SHARE: f64 = 0.01;
+    let pinhole = Pinhole::new(camera, size).filter(|pinhole| pinhole.distortion == [0.0; 8])?;
+    let to_camera = world_to_camera(camera.to_world);
+    let mut bounds = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    for corner in 0..8 {
+        let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+        let point = to_camera.transform_point3(DVec3::new(pick(0), pick(1), pick(2)));
+        if point.z <= 0.0 {
+            return None;
+        }
+        let x = pinhole.k[0] * point.x / point.z + pinhole.k[2] + 0.5;
+        let y = pinhole.k[4] * point.y / point.z + pinhole.k[5] + 0.5;
+        bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x), bounds[3].max(y)];
+    }
+    let [width, height] = size.map(f64::from);
+    let margin = MARGIN + SHARE * width.max(height);
+    let [left, top, right, bottom] = bounds;
+    Some([
+        (left - margin).clamp(0.0, width) as u32,
+        (top - margin).clamp(0.0, height) as u32,
+        (right + margin).ceil().clamp(0.0, width) as u32,
+        (bottom + margin).ceil().clamp(0.0, height) as u32,
+    ])
+}
+
 /// The transform from the world to the frame of a camera, without scale.
 pub(crate) fn world_to_camera(to_world: DAffine3) -> DAffine3 {
     let axes = to_world.matrix3;

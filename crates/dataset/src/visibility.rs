@@ -101,3 +101,49 @@ fn dilated(mask: &[bool], columns: usize, distance: usize) -> Vec<bool> {
     }
     all
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_io::sensor_file::preset;
+
+    #[test]
+    fn contrast_and_noise_are_those_of_the_model() {
+        let model = preset("imx250").expect("a preset");
+        let time = Seconds(0.01);
+        // A square of 900 electrons on 400, next to another defect of 5000 electrons.
+        let at = |x: u32, y: u32| (8..12).contains(&x) && (8..12).contains(&y);
+        let other = |x: u32, y: u32| (14..16).contains(&x) && (8..12).contains(&y);
+        let electrons = Plane::from_fn(24, 20, |x, y| {
+            if at(x, y) {
+                900.0
+            } else if other(x, y) {
+                5000.0
+            } else {
+                400.0
+            }
+        });
+        let ids = Plane::from_fn(24, 20, |x, y| {
+            if at(x, y) {
+                3
+            } else if other(x, y) {
+                4
+            } else {
+                0
+            }
+        });
+        let exposed = Exposed { electrons: &electrons, model: &model, time };
+        let bounds = Bounds { from: [8, 8], to: [12, 12] };
+        let found = visibility(&exposed, &ids, 3, bounds, |id| id == 4).expect("surroundings");
+        let spec = model.spec();
+        assert!((found.contrast - 500.0 * spec.system_gain).abs() < 1e-9);
+        let variance = 400.0 + model.dark_variance(time) + 1.0 / (12.0 * spec.system_gain.powi(2));
+        assert!((found.cnr - 500.0 / variance.sqrt()).abs() < 1e-9, "{found:?}");
+        // With the other one in its surroundings the contrast is smaller.
+        let mixed = visibility(&exposed, &ids, 3, bounds, |_| false).expect("surroundings");
+        assert!(mixed.contrast < found.contrast);
+        // Nothing surrounds an instance that fills the image.
+        let full = Plane::new(24, 20, 3);
+        assert_eq!(visibility(&exposed, &full, 3, Bounds { from: [0, 0], to: [24, 20] }, |_| false), None);
+    }
+}

@@ -33,7 +33,10 @@ pub(crate) fn stack<T: Element + Copy>(
 }
 
 /// The same buffer, number by number.
-fn flat<T: Pod>(pixels: Vec<[T; 3]>) -> Vec<T> {
+pub(crate) fn flat<T: Pod, const N: usize>(pixels: Vec<[T; N]>) -> Vec<T>
+where
+    [T; N]: Pod,
+{
     match bytemuck::allocation::try_cast_vec(pixels) {
         Ok(values) => values,
         // The capacity is no multiple of a pixel.

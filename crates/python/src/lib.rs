@@ -8,6 +8,7 @@ mod commands;
 mod emva;
 mod errors;
 mod film;
+mod inputs;
 mod job;
 mod json;
 mod keys;
@@ -16,6 +17,7 @@ mod progress;
 mod scene;
 mod sensor;
 mod studies;
+mod study;
 mod work;
 
 use pyo3::prelude::*;
@@ -29,6 +31,11 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<film::Film>()?;
     module.add_class::<noise_map::NoiseMap>()?;
     module.add_class::<sensor::Sensor>()?;
+    module.add_class::<study::Study>()?;
+    module.add_class::<study::StudyWorker>()?;
+    module.add_class::<study::Made>()?;
+    module.add_class::<study::DataSet>()?;
+    module.add_function(wrap_pyfunction!(inputs::read_image, module)?)?;
     module.add_function(wrap_pyfunction!(sensor::sensors, module)?)?;
     module.add_function(wrap_pyfunction!(commands::merge, module)?)?;
     module.add_function(wrap_pyfunction!(studies::bench, module)?)?;

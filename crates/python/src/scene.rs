@@ -3,6 +3,7 @@
 use crate::arguments::{checked_threads, strategy_of};
 use crate::errors::{Failure, Interrupted, setting};
 use crate::film::Film;
+use crate::inputs::names_of;
 use crate::job::{job_text, overrides_text};
 use crate::json::loaded;
 use crate::progress::{lock, lock_unless, reports_about, supervised};
@@ -200,6 +201,12 @@ impl Scene {
     #[getter]
     fn hazards(&self, py: Python<'_>) -> Result<Vec<String>, Failure> {
         self.with(py, |project| project.findings().hazards().map(|f| format!("{}: {}", f.place, f.message)).collect())
+    }
+
+    /// The absolute paths of the files that the scene was made from: scene, textures, sensor and job.
+    #[getter]
+    fn inputs(&self, py: Python<'_>) -> Result<Vec<PathBuf>, Failure> {
+        self.with(py, |project| names_of(project.inputs.iter()))
     }
 
     /// A table of the content and the hazards, for notebooks.

@@ -87,7 +87,8 @@ pub(crate) struct DefectSpec {
     /// Depth \[m\].
     pub(crate) depth: f64,
     /// Direction in the tangent plane \[rad\], counter-clockwise from outside. Zero is the world's +x projected on this
-    /// plane, or +z if the normal is within 18 degrees of the x axis. `None`: drawn uniformly.
+    /// plane, or +z if the normal is within 18 degrees of the x axis. For shifted, zero is an edge of the largest side
+    /// of the bounding box. `None`: drawn uniformly.
     pub(crate) angle: Option<f64>,
     /// Total turn \[rad\] of a scratch or a fibre over its length.
     pub(crate) curvature: f64,
@@ -157,13 +158,17 @@ pub(crate) fn add_defect(
     }
 }
 
+/// Smallest size \[m\]. Smaller bodies lose their shape in f32.
+const SMALLEST: f64 = 1e-9;
+
 /// Checks the numbers that the kind uses.
 fn check(scene: &SceneBuilder, spec: &DefectSpec) -> Result<(), DefectProblem> {
     use DefectKind::{Dent, Faded, Fibre, Missing, Scratch, Stain};
     let kind = spec.kind;
     let size = |name: &str, value: f64| {
-        let problem = || DefectProblem::new(format!("the {name} of the defect is {value} m"), "give a size above 0");
-        if value > 0.0 && value.is_finite() { Ok(()) } else { Err(problem()) }
+        let problem = format!("the {name} of the defect is {value} m");
+        let is_size = value >= SMALLEST && value.is_finite();
+        if is_size { Ok(()) } else { Err(DefectProblem::new(problem, "give a size above 0, at least 1 nm")) }
     };
     if !matches!(kind, Missing | Faded) {
         size("length", spec.length)?;

@@ -59,8 +59,8 @@ fn icosphere(levels: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     (points, triangles)
 }
 
-/// An irregular closed particle around the origin with this largest extent \[m\], with flat faces. `up` is the direction
-/// in which it is flattest.
+/// An irregular closed particle around the origin with this largest extent \[m\], with flat faces. `up` is the
+/// direction in which it is flattest.
 ///
 /// A sphere is cut by random planes, stretched and turned. So it is convex before the division into triangles.
 pub(super) fn particle(extent: f64, up: DVec3, stream: &mut Pcg) -> Mesh {

@@ -74,7 +74,12 @@ impl Project {
         };
         let is_vignetted = camera(&self.scene, &settings)?.has_vignetting();
         let silent = quiet.clone().with_cancel(cancel);
+        // Without files and without a time there is nothing to find out.
+        let is_needed = outputs.is_some() || settings.budget.seconds.is_some();
         let dry_run = |film: &RenderedFilm| {
+            if !is_needed {
+                return Ok(());
+            }
             let mut frame = develop_film(film, &settings)?;
             denoise(&mut frame, &film.sums, &silent)?;
             match outputs {

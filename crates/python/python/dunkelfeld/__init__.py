@@ -17,7 +17,7 @@ import copyreg
 import os
 import tempfile
 
-from . import emva
+from . import dataset, emva
 from ._job import (
     Camera,
     CameraKeys,
@@ -82,6 +82,7 @@ __all__ = [
     "Study",
     "__version__",
     "bench",
+    "dataset",
     "emva",
     "merge",
     "ptc",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, TypedDict
 
-__all__ = ["EmvaAnalysis", "EmvaDataset", "Study"]
+__all__ = ["EmvaAnalysis", "EmvaDataset", "Forecast", "SetSummary", "Study", "Verified"]
 
 
 class Study(TypedDict):
@@ -54,3 +54,46 @@ class EmvaAnalysis(TypedDict):
     """Path of the file with the results."""
     html: str | None
     """Path of the report."""
+
+
+class Forecast(TypedDict):
+    """The forecast of a run with a time."""
+
+    seconds: float
+    """Seconds for the samples of an image."""
+    levels: list[float]
+    """For each measured image with a sensor, the k at which 99 % of its unsaturated pixels are hidden."""
+
+
+class SetSummary(TypedDict):
+    """The result of `Study.run`."""
+
+    made: int
+    """Images that this run made."""
+    finished: int
+    """Images of the set that are finished."""
+    count: int
+    """Images of the set."""
+    seconds: float
+    """Wall-clock time [s]."""
+    forecast: Forecast | None
+    """None without `time`, and for sets of few images."""
+
+
+class Verified(TypedDict):
+    """The result of `DataSet.verify`."""
+
+    is_whole: bool
+    """Are all images finished, and without a fault?"""
+    count: int
+    """Images of the set."""
+    finished: int
+    """Images that are finished."""
+    files: int
+    """Files that were compared with their hashes."""
+    annotations: int
+    """Annotations that were compared with the masks."""
+    faults: list[str]
+    """The first faults, with their files."""
+    more: int
+    """Number of faults that are not listed."""

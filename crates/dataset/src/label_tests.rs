@@ -1,0 +1,143 @@
+//! Labels against closed forms: areas, occlusion, clear covers, defects.
+
+use crate::make::{Made, Worker};
+use crate::record::InstanceRecord;
+use crate::study::Study;
+use dunkelfeld::Cancel;
+use std::sync::Arc;
+
+/// Pixels on each side of the film, which is 40 mm wide.
+const SIDE: u32 = 64;
+
+/// A telecentric view from above.
+fn make(study: &str, scene: &str) -> Made {
+    let text = format!(
+        "scene = \"none\"\n[study]\nname = \"test\"\n{study}\n[film]\nwidth = {SIDE}\nheight = {SIDE}\n[budget]\nspp = 1\n\
+         [sensor]\nmodel = \"none\"\n[camera]\nname = \"above\"\nposition = [0, \"200mm\", 0]\nlook_at = [0, 0, 0]\n\
+         [lens]\nprojection = \"telecentric\"\nfield_height = \"40mm\"\n[environment]\nradiance = 1\n{scene}"
+    );
+    let study = Arc::new(Study::from_text("test.toml", &text).unwrap_or_else(|e| panic!("{e}\n{}", e.caret())));
+    let mut worker = Worker::open(&study, 2).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()));
+    worker.make(0, None, &Cancel::new()).unwrap_or_else(|e| panic!("{e}\n{}", e.caret())).expect("an image")
+}
+
+fn instance<'a>(made: &'a Made, name: &str) -> &'a InstanceRecord {
+    made.record.instances.iter().find(|i| i.name == name).unwrap_or_else(|| panic!("{name} in {:?}", made.record))
+}
+
+fn file<'a>(made: &'a Made, name: &str) -> &'a [u8] {
+    made.files.iter().find(|(n, _)| n == name).map(|(_, bytes)| &bytes[..]).unwrap_or_else(|| panic!("{name}"))
+}
+
+const FLOOR: &str = "[[object]]\nname = \"floor\"\nkind = \"plane\"\nsize = [\"60mm\", \"60mm\"]\n";
+
+fn object(name: &str, rest: &str) -> String {
+    format!("[[object]]\nname = \"{name}\"\n{rest}\n")
+}
+
+#[test]
+fn areas_are_those_of_the_shapes() {
+    let study = "[study.labels]\ncoverage = 16\n[[study.label]]\ncategory = \"part\"\nobjects = [\"disc\", \"block\"]";
+    let disc = object(
+        "disc",
+        "kind = \"cylinder\"\ndiameter = \"14mm\"\nheight = \"2mm\"\ntranslate = [\"-9mm\", \"1mm\", \"-7mm\"]",
+    );
+    let block = object(
+        "block",
+        "kind = \"box\"\nsize = [\"9mm\", \"3mm\", \"11mm\"]\ntranslate = [\"10mm\", \"2mm\", \"8mm\"]\nrotate = [0, \"30deg\", 0]",
+    );
+    let made = make(study, &format!("{FLOOR}{disc}{block}"));
+    let pixel = 40.0 / f64::from(SIDE);
+    for (name, area, edge) in [
+        // The cylinder is a polygon of many sides.
+        ("disc", std::f64::consts::PI * 49.0, std::f64::consts::PI * 14.0),
+        ("block", 99.0, 40.0),
+    ] {
+        let found = instance(&made, name);
+        let expected = area / pixel.powi(2);
+        // 256 samples a pixel: an edge pixel has an error of some hundredths, of either sign.
+        let tolerance = 0.02 * edge / pixel + 0.003 * expected;
+        assert!((found.visible - expected).abs() < tolerance, "{name}: {} and {expected}", found.visible);
+        assert_eq!(found.visible, found.amodal, "nothing hides it");
+        assert!((found.area as f64 - expected).abs() < 0.5 * edge / pixel, "{name}: {}", found.area);
+    }
+}
+
+#[test]
+fn a_hidden_part_counts_as_amodal() {
+    let study = "[[study.label]]\ncategory = \"part\"\nobjects = \"*er\"";
+    let under = object("under", "kind = \"box\"\nsize = [\"20mm\", \"2mm\", \"10mm\"]\ntranslate = [0, \"1mm\", 0]");
+    let over =
+        object("cover", "kind = \"box\"\nsize = [\"10mm\", \"2mm\", \"20mm\"]\ntranslate = [\"5mm\", \"9mm\", 0]");
+    let made = make(study, &format!("{FLOOR}{under}{over}"));
+    let (under, over) = (instance(&made, "under"), instance(&made, "cover"));
+    // 20 x 10 mm are 32 x 16 pixels, of which the right half is hidden.
+    assert_eq!((under.amodal, under.visible, under.area), (512.0, 256.0, 256));
+    assert_eq!(under.bbox, [16, 24, 16, 16]);
+    assert_eq!((over.amodal, over.visible), (512.0, 512.0));
+}
+
+#[test]
+fn a_flat_clear_cover_changes_no_label_of_a_telecentric_view() {
+    let study =
+        "[study.labels]\nsemantic = true\ncoverage = 4\n[[study.label]]\ncategory = \"part\"\nobjects = \"ball\"";
+    let ball = object("ball", "kind = \"sphere\"\ndiameter = \"15mm\"\ntranslate = [\"3mm\", \"8mm\", \"-4mm\"]");
+    let cover = "[[object]]\nname = \"sheet\"\nkind = \"box\"\nsize = [\"80mm\", \"3mm\", \"80mm\"]\ntranslate = [0, \"30mm\", 0]\n\
+        material = \"pmma\"\n[[material]]\nname = \"pmma\"\nnew = true\nbase_color = 1\ntransmission = 1\nroughness = 0\nior = 1.49\nsolid = true\n";
+    let open = make(study, &format!("{FLOOR}{ball}"));
+    let covered = make(study, &format!("{FLOOR}{ball}{cover}"));
+    for name in ["masks/000000.png", "semantic/000000.png", "coverage/000000.png"] {
+        assert!(file(&open, name) == file(&covered, name), "{name}");
+    }
+    assert!(instance(&covered, "ball").area > 300);
+}
+
+#[test]
+fn depth_and_normals_are_in_the_frame_of_the_camera() {
+    let study = "[study.labels]\ndepth = true\nnormals = true";
+    let ramp = object("ramp", "kind = \"box\"\nsize = [\"80mm\", \"2mm\", \"80mm\"]\nrotate = [0, 0, \"30deg\"]");
+    let made = make(study, &ramp);
+    let folder = tempfile::tempdir().expect("a folder");
+    let read = |name: &str| {
+        let path = folder.path().join("a.png");
+        std::fs::write(&path, file(&made, name)).expect("writable");
+        image::open(&path).expect("a PNG")
+    };
+    let (depth, normals) = (read("depth/000000.png").into_luma16(), read("normals/000000.png").into_rgb16());
+    for (x, y) in [(10, 10), (32, 50), (60, 3)] {
+        // Right in the image is +x, where the ramp rises: its upper face is y = x tan 30° + 1 mm / cos 30°.
+        let across = (f64::from(x) + 0.5) / f64::from(SIDE) * 40.0 - 20.0;
+        let expected = 200.0 - across * (30f64).to_radians().tan() - 1.0 / (30f64).to_radians().cos();
+        let found = f64::from(depth.get_pixel(x, y).0[0]) * 0.1;
+        assert!((found - expected).abs() < 0.06, "{x}, {y}: {found} and {expected}");
+        let normal = normals.get_pixel(x, y).0.map(|v| (f64::from(v) - 32768.0) / 32767.0);
+        // The face looks to the left and up, toward the camera.
+        let expected = [-0.5, 0.0, -(0.75f64).sqrt()];
+        assert!(normal.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{normal:?}");
+    }
+}
+
+#[test]
+fn defects_have_their_own_labels_also_where_they_show_nothing() {
+    let block =
+        object("print", "kind = \"box\"\nsize = [\"10mm\", \"0.1mm\", \"10mm\"]\ntranslate = [0, \"0.1mm\", 0]");
+    let scene = format!("{FLOOR}{block}");
+    let label = "[[study.label]]\ncategory = \"print\"\nobjects = \"print\"\n";
+    let whole = make(label, &scene);
+    let made = make(&format!("{label}[[study.defect]]\nkind = \"missing\"\non = \"print\"\n"), &scene);
+    let (print, missing) = (instance(&whole, "print"), instance(&made, "missing 1"));
+    assert_eq!((missing.area, missing.bbox), (print.area, print.bbox), "the label is where the print was");
+    assert_eq!(missing.defect.as_deref(), Some("missing"));
+    assert!(!made.record.instances.iter().any(|i| i.name == "print"));
+
+    // A scratch of a tenth of a pixel in width has a mask without gaps if the pixels have several samples.
+    let scratch = "[study.labels]\ncoverage = 8\n[[study.defect]]\nkind = \"scratch\"\non = \"floor\"\nfacing = [0, 1, 0]\n\
+        length = \"20mm\"\nwidth = \"150um\"\ndepth = \"20um\"\n";
+    let made = make(scratch, FLOOR);
+    let found = instance(&made, "scratch 1");
+    let longest = u64::from(found.bbox[2].max(found.bbox[3]));
+    assert!(found.area >= longest, "{found:?}");
+    let area = found.visible * (40.0f64 / f64::from(SIDE)).powi(2);
+    assert!((0.5..=4.0).contains(&area), "20 mm x 150 um with thinner ends are about 2.5 mm²: {area}");
+    assert!(found.size_mm.is_some_and(|s| (10.0..=20.5).contains(&s)), "{found:?}");
+}
