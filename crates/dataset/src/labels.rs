@@ -2,7 +2,7 @@
 
 use crate::ids::ObjectLabel;
 use dunkelfeld_film::Plane;
-use dunkelfeld_geometry::{DAffine3, Vec3};
+use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
 use dunkelfeld_integrator::{Crossing, Passage, crossings};
 use dunkelfeld_scene::{RayGenerator, Scene};
 use rayon::prelude::*;
@@ -68,6 +68,7 @@ impl Met {
         self.all.clear();
     }
 
+    /// Receives a surface.
     fn visit(&mut self, crossing: &Crossing, labels: &[Option<ObjectLabel>]) {
         let label = labels.get(crossing.ids.object() as usize).copied().flatten();
         if let Some(label) = label
@@ -103,6 +104,17 @@ impl Met {
     }
 }
 
+/// The objects of an image.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LabelObjects<'a> {
+    /// The label of each object, by its index in the scene.
+    pub(crate) labels: &'a [Option<ObjectLabel>],
+    /// The bounds of each labelled object \[m\], world space.
+    pub(crate) bounds: &'a [[DVec3; 2]],
+    /// Boxes of pixels that contain the defects.
+    pub(crate) refined: &'a [PixelBox],
+}
+
 /// The camera of the labels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LabelCamera<'a> {
@@ -116,22 +128,27 @@ pub(crate) struct LabelCamera<'a> {
 /// A box of pixels: left, top, right and bottom, the last two exclusive.
 pub(crate) type PixelBox = [u32; 4];
 
-/// Traces the labels of an image, on the threads of the current pool. `labels` are those of the objects of the scene, by
-/// index.
+/// Traces the labels of an image, on the threads of the current pool.
 ///
 /// With several samples, each pixel has a first one in its centre. The others are taken where the pixels around have
-/// different instances, and in the boxes `refined`, which contain the defects. In a pixel with a sample of a defect the
+/// different instances, and in the boxes of the defects. In a pixel with a sample of a defect the
 /// instance is that of the defect with the most samples, so that thin defects have no gaps.
 pub(crate) fn trace_labels(
     scene: &Scene,
     camera: LabelCamera<'_>,
-    labels: &[Option<ObjectLabel>],
+    LabelObjects { labels, bounds, refined }: LabelObjects<'_>,
     layers: LabelLayers,
-    refined: &[PixelBox],
 ) -> LabelPlanes {
     let [width, height] = camera.size;
     let side = layers.samples.max(1);
-    let tracer = Tracer { scene, camera, labels, layers };
+    // Rounding of f32 and of the transforms is far below this share of the coordinates.
+    let grown = |[low, high]: [DVec3; 2]| {
+        let (low, high) = (low - scene.world_origin(), high - scene.world_origin());
+        let margin = 1e-5 * low.abs().max(high.abs()).max_element() + 1e-7;
+        [(low - margin).as_vec3(), (high + margin).as_vec3()]
+    };
+    let objects = bounds.iter().copied().map(grown).collect();
+    let tracer = Tracer { scene, camera, labels, layers, objects };
     let rows: Vec<CentreRow> = (0..height).into_par_iter().map(|y| tracer.centres(y)).collect();
     let centres = plane(width, height, rows.iter().flat_map(|row| row.instances.iter().copied()));
     let is_refined = if side > 1 { refined_pixels(&centres, refined) } else { Plane::new(width, height, false) };
@@ -192,6 +209,18 @@ struct Tracer<'a> {
     camera: LabelCamera<'a>,
     labels: &'a [Option<ObjectLabel>],
     layers: LabelLayers,
+    /// Bounds of the labelled objects \[m\], render space.
+    objects: Vec<[Vec3; 2]>,
+}
+
+/// Does the ray meet a box behind a crossing? The point of the crossing may lie on the box (Kay and Kajiya 1986).
+fn meets([low, high]: &[Vec3; 2], crossing: &Crossing) -> bool {
+    let inverse = crossing.direction.recip();
+    let (a, b) = ((*low - crossing.point) * inverse, (*high - crossing.point) * inverse);
+    // The margin of the box keeps the point off its planes, where a zero times an infinity would be no number.
+    let near = a.min(b).max_element();
+    let far = a.max(b).min_element();
+    !(near > far || far < 0.0)
 }
 
 /// The centres of a row of pixels.
@@ -218,6 +247,11 @@ impl Tracer<'_> {
         met.begin();
         let _ = crossings(self.scene, self.camera.rays, pixel, place, |crossing| {
             met.visit(crossing, self.labels);
+            // Behind the first surface that scatters, only objects with a label matter.
+            let is_behind = crossing.passage == Passage::Scattering;
+            if is_behind && !self.objects.iter().any(|bounds| meets(bounds, crossing)) {
+                return ControlFlow::Break(());
+            }
             ControlFlow::Continue(())
         });
     }

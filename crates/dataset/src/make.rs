@@ -5,7 +5,7 @@ use crate::defect::{AddedDefect, DefectEntry, entries};
 use crate::distribution::Fault;
 use crate::encode;
 use crate::ids::{Ids, ObjectLabel};
-use crate::labels::{LabelCamera, LabelLayers, LabelPlanes, PixelBox, trace_labels};
+use crate::labels::{LabelCamera, LabelLayers, LabelObjects, LabelPlanes, PixelBox, trace_labels};
 use crate::pinhole::{Pinhole, image_box, object_pose};
 use crate::placement::Placement;
 use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, Record};
@@ -62,6 +62,8 @@ struct SceneParts {
     defects: Vec<AddedDefect>,
     /// The bounds of each defect in the world.
     boxes: Vec<[DVec3; 2]>,
+    /// The bounds of each labelled object in the world.
+    labelled: Vec<[DVec3; 2]>,
     /// The transform of each object to the world, by its index.
     poses: Vec<DAffine3>,
 }
@@ -138,10 +140,10 @@ impl Worker {
 
     /// Changes the scene to that of an image.
     fn change_scene(&mut self, index: u64, job: &mut DrawnJob) -> Result<SceneParts, Error> {
-        let (study, entries) = (&self.study, &self.entries);
+        let (study, entries, ids) = (&self.study, &self.entries, &self.ids);
         let draws = study.draws(index);
         let drawn = &mut job.drawn;
-        let mut parts = SceneParts { defects: Vec::new(), boxes: Vec::new(), poses: Vec::new() };
+        let mut parts = SceneParts { defects: Vec::new(), boxes: Vec::new(), labelled: Vec::new(), poses: Vec::new() };
         let changed = self.project.set_job(&job.text, |scene| {
             for (number, template) in study.place.iter().enumerate() {
                 let at = |fault: Fault| study.error(fault, &["study", "place", &number.to_string()]);
@@ -165,6 +167,10 @@ impl Worker {
             let is_defect = |name: &String| parts.defects.iter().any(|defect| defect.placed.object == *name);
             let boxes = scene.instances.iter().filter(|i| is_defect(&i.name)).filter_map(|i| scene.bounds_of(i));
             parts.boxes = boxes.collect();
+            let names: Vec<String> = scene.instances.iter().map(|i| i.name.clone()).collect();
+            let labels = ids.label(&names).unwrap_or_default();
+            let labelled = scene.instances.iter().zip(&labels).filter(|(_, label)| label.is_some());
+            parts.labelled = labelled.filter_map(|(instance, _)| scene.bounds_of(instance)).collect();
             parts.poses = scene.instances.iter().map(|instance| instance.to_world).collect();
             Ok(())
         });
@@ -214,7 +220,8 @@ impl Worker {
             .map(|bounds| image_box(&camera, size, *bounds).unwrap_or([0, 0, width, height]))
             .collect();
         let labelled = LabelCamera { rays: &rays, pose: camera.to_world, size };
-        let planes = self.session.install(|| trace_labels(scene, labelled, &objects, layers, &refined));
+        let on_film = LabelObjects { labels: &objects, bounds: &parts.labelled, refined: &refined };
+        let planes = self.session.install(|| trace_labels(scene, labelled, on_film, layers));
         let instances = self.instances(&planes, parts, &objects, result);
         let label = began.elapsed().as_secs_f64();
 

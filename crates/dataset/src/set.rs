@@ -159,16 +159,28 @@ impl Set {
     /// # Errors
     /// Those of the file system. Files without a record are replaced by the next attempt.
     pub fn commit(&self, claim: Claim, made: Made) -> Result<(Record, Cost), Error> {
+        let written = self.write(made);
+        drop(claim);
+        written
+    }
+
+    /// As [`Set::commit`], also for an image that another process has claimed, which may stall. Each file is replaced as a
+    /// whole. So this is for images that are the same from each process: those without a budget by time.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn write(&self, made: Made) -> Result<(Record, Cost), Error> {
         let began = Instant::now();
         let Made { record, files, mut cost } = made;
+        let index = record.index;
         for (name, content) in &files {
             put(&self.path, name, content)?;
         }
         let seconds = began.elapsed().as_secs_f64();
         cost.write += seconds;
         cost.total += seconds;
-        put(&self.path, &format!("costs/{:06}.json", claim.index), &json(&cost))?;
-        put(&self.path, &record_name(claim.index), &json(&record))?;
+        put(&self.path, &format!("costs/{index:06}.json"), &json(&cost))?;
+        put(&self.path, &record_name(index), &json(&record))?;
         Ok((record, cost))
     }
 

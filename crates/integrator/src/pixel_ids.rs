@@ -57,6 +57,8 @@ pub struct Crossing {
     pub point: Vec3,
     /// Unit geometric normal of the surface, world axes.
     pub normal: Vec3,
+    /// Unit direction of the ray that meets it, world axes.
+    pub direction: Vec3,
 }
 
 /// Upper bound on the cost of a hostile file. No real scene has so many sheets behind one another.
@@ -105,7 +107,8 @@ pub fn crossings(
         let ids = PixelIds::new(object, material);
         let coverage = scene.coverage(&hit.surface, ray_state.ray.direction);
         let SurfacePoint { point, normal, .. } = hit.surface;
-        let at = |passage| Crossing { ids, passage, coverage, point, normal };
+        let direction = ray_state.ray.direction;
+        let at = |passage| Crossing { ids, passage, coverage, point, normal, direction };
         let is_open = hit.open_tint().is_some() || coverage < 0.5;
         if is_behind || is_open {
             visit(&at(if is_behind { Passage::Scattering } else { Passage::Open }))?;

@@ -9,7 +9,7 @@ use crate::work::{SIGNALS, interruptible};
 use dunkelfeld::{Cancel, Error};
 use dunkelfeld_dataset::{
     Cost, Made as MadeImage, Record, RunOptions, RunProgress, RunState, RunSummary, Set, SetForecast,
-    Study as StudyFile, Worker, run, verify,
+    Study as SetStudy, Worker, run, verify,
 };
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
@@ -20,7 +20,7 @@ use std::time::Instant;
 
 /// A study: a job whose values may be distributions, and a description of the images and labels of a data set.
 #[pyclass(frozen, module = "dunkelfeld.dataset")]
-pub(crate) struct Study(Arc<StudyFile>);
+pub(crate) struct Study(Arc<SetStudy>);
 
 #[pymethods]
 impl Study {
@@ -29,7 +29,7 @@ impl Study {
     fn new(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
         // A copy may be made in another folder.
         let path = std::path::absolute(&path).unwrap_or(path);
-        Ok(Self(Arc::new(py.detach(|| StudyFile::open(path))?)))
+        Ok(Self(Arc::new(py.detach(|| SetStudy::open(path))?)))
     }
 
     /// Name of the study.
@@ -174,7 +174,7 @@ impl RunProgress for Reports<'_> {
 #[pyclass(frozen, module = "dunkelfeld.dataset")]
 pub(crate) struct StudyWorker {
     worker: Mutex<Worker>,
-    study: Arc<StudyFile>,
+    study: Arc<SetStudy>,
     inputs: Vec<PathBuf>,
 }
 
@@ -221,6 +221,12 @@ impl StudyWorker {
     fn open(&self, py: Python<'_>, folder: PathBuf, count: Option<u64>) -> Result<DataSet, Failure> {
         let folder = std::path::absolute(&folder).unwrap_or(folder);
         Ok(DataSet(self.with(py, |worker| worker.open_set(&folder, count))??))
+    }
+
+    /// Has the last image a budget by time? Then its bytes depend on the speed of the machine.
+    #[getter]
+    fn is_timed(&self, py: Python<'_>) -> PyResult<bool> {
+        self.with(py, |worker| worker.project().settings.budget.seconds.is_some())
     }
 
     /// The absolute paths of the files that image 0 is made from: the scene with its textures, sensors, job and study. Files
@@ -335,9 +341,11 @@ impl DataSet {
     }
 
     /// Writes the files of an image, and its record last. Returns False, and writes nothing, if the image is finished or if
-    /// another process makes it at this moment. Raises `SettingError` for an image whose files differ from the hashes of its
-    /// record, and for an index outside of the set.
-    fn commit(&self, py: Python<'_>, made: &Made) -> Result<bool, Failure> {
+    /// another process makes it at this moment. With `force` the image is written also then, because that process may stall;
+    /// this is for images without a budget by time, which are the same from each process. Raises `SettingError` for an image
+    /// whose files differ from the hashes of its record, and for an index outside of the set.
+    #[pyo3(signature = (made, *, force=false))]
+    fn commit(&self, py: Python<'_>, made: &Made, force: bool) -> Result<bool, Failure> {
         let (index, count) = (made.index(), self.0.count());
         if index >= count {
             let problem = format!("there is no image {index}: the set has {count}, counted from 0");
@@ -348,8 +356,11 @@ impl DataSet {
                 let problem = format!("the files of image {index} differ from its record");
                 return Err(Error::setting("image", problem, "make the image again; the copy was damaged"));
             }
-            let Some(claim) = self.0.claim(index)? else { return Ok(false) };
-            self.0.commit(claim, made.0.clone()).map(|_| true)
+            match self.0.claim(index)? {
+                Some(claim) => self.0.commit(claim, made.0.clone()).map(|_| true),
+                None if force && !self.0.is_finished(index) => self.0.write(made.0.clone()).map(|_| true),
+                None => Ok(false),
+            }
         });
         Ok(committed?)
     }

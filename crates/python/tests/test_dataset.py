@@ -193,6 +193,25 @@ def test_damaged_copies_are_refused(study: Study, tmp_path: Path) -> None:
     assert data.missing() == [0, 1] and not (tmp_path / "outside.png").exists()
 
 
+def test_a_stalled_process_holds_an_image_until_it_is_written_by_force(study: Study, tmp_path: Path) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    worker = study.worker()
+    data = worker.open(tmp_path / "set", count=2)
+    made = worker.make(1)
+    assert not worker.is_timed
+    # The lock of a process that writes, and does not go on.
+    lock = tmp_path / "set/records/000001.json.lock"
+    holder = {"process": 1, "host": "h", "since": "2026-11-23T16:20:42Z", "program": "dunkelfeld", "by_file": False}
+    lock.write_text("lock file of dunkelfeld\n" + json.dumps(holder))
+    with lock.open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert not data.commit(made) and data.missing() == [0, 1]
+        assert data.commit(made, force=True) and data.missing() == [0]
+        assert not data.commit(made, force=True)
+    worker.make(0, time=0.2)
+    assert worker.is_timed
+
+
 def test_a_reader_has_the_arrays_of_the_files(study: Study, folder: Path) -> None:
     reader = SetReader(folder)
     assert len(reader) == 5 == len(list(reader)) and reader.indices == [0, 1, 2, 3, 4]

@@ -3,7 +3,7 @@
 use super::draw;
 use super::host::refuse_emitters;
 use super::material;
-use super::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
+use super::spec::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
 use dunkelfeld_geometry::{DVec3, Mesh};
 use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::{AlphaMode, Instance, Material, SceneBuilder};

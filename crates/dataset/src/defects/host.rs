@@ -2,8 +2,8 @@
 
 use super::draw;
 use super::material::{emits, is_absent};
+use super::spec::{DefectProblem, DefectSpec};
 use super::surface::{corners_of, oriented_area};
-use super::{DefectProblem, DefectSpec};
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::SceneBuilder;

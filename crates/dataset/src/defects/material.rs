@@ -1,6 +1,6 @@
 //! The materials of defects.
 
-use super::DefectSpec;
+use super::spec::DefectSpec;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{AlphaMode, Material, SceneBuilder, Surface, Volume};
 

@@ -2,7 +2,7 @@
 
 use super::draw::{self, Harmonics};
 use super::material;
-use super::place::{Made, Site};
+use super::site::{Made, Site};
 use super::walk::Course;
 use dunkelfeld_geometry::{DMat3, DVec3, Mesh};
 use dunkelfeld_radiometry::Rgb;

@@ -3,8 +3,8 @@
 use super::draw::Harmonics;
 use super::material;
 use super::patch::Patch;
-use super::place::{Made, Site};
 use super::shell;
+use super::site::{Made, Site};
 use super::walk::{Footing, tangent_at};
 use dunkelfeld_geometry::{DVec3, Vec3};
 use dunkelfeld_radiometry::Rgb;

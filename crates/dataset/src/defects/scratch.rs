@@ -3,8 +3,8 @@
 use super::draw::{self, Harmonics};
 use super::material;
 use super::patch::Patch;
-use super::place::{Made, Site};
 use super::shell;
+use super::site::{Made, Site};
 use super::walk::Course;
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_sampling::Pcg;

@@ -3,7 +3,7 @@
 use super::*;
 use crate::defects::host::AreaTable;
 use dunkelfeld_geometry::health::MeshHealth;
-use dunkelfeld_geometry::{DAffine3, DMat3, Mesh, RigidMotion, Vec2, Vec3, geometric_normal};
+use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, RigidMotion, Vec2, Vec3, geometric_normal};
 use dunkelfeld_sampling::keyed_stream;
 use dunkelfeld_scene::{AlphaMode, Material, Surface, Volume, shapes};
 use std::sync::Arc;

@@ -138,7 +138,8 @@ class Cluster:
     def again(self, attempt: Attempt) -> None:
         """Submits the task of an attempt again, which ends."""
         self._end(attempt)
-        if not self._attempts.get(attempt.name):
+        # Attempts that seem to stall do not count.
+        if all(other.is_repeated for other in self._attempts.get(attempt.name, ())):
             self._submit(attempt.name, attempt.kind, attempt.call, attempt.limit_factor)
 
     def fail(self, attempt: Attempt, problem: str) -> None:

@@ -142,14 +142,18 @@ def _folder() -> Iterator[Path]:
 
 
 def make_image(
-    source: Source, index: int, time: float | None, threads: int, folder: str | None
+    source: Source, index: int, time: float | None, threads: int, folder: str | None, force: bool
 ) -> tuple[str, Made | bool, int]:
-    """Makes an image: the address of the worker, the image or (with `folder`) whether it was written, its size [bytes]."""
+    """Makes an image: the address of the worker, the image or (with `folder`) whether it was written, its size [bytes].
+
+    With `force` it is written also if another process has claimed it, unless its bytes depend on the speed of the machine.
+    """
     with _borrowed(source, threads, is_study=True) as worker:
         made = worker.make(index, time)
+        is_forced = force and not worker.is_timed
     size = sum(entry["bytes"] for entry in made.record["files"].values())
     address: str = dask().get_worker().address
-    return address, made if folder is None else DataSet(folder).commit(made), size
+    return address, made if folder is None else DataSet(folder).commit(made, force=is_forced), size
 
 
 def render_part(source: Source, samples: tuple[int, int], threads: int, options: dict[str, Any]) -> bytes:

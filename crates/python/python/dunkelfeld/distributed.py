@@ -15,6 +15,7 @@ on the worker that makes it, so the first result counts. See `docs/distributed.m
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 import time as clock
@@ -45,8 +46,8 @@ PARTS_PER_THREAD = 4
 """Parts of an image for each thread of the cluster: a slow worker delays the end by a fraction of its share."""
 WRITERS = 4
 """Threads of the client that write images."""
-HELD_AGAIN = 60.0
-"""Seconds after which a worker makes an image again that another process has claimed and not finished."""
+HELD = 2.0
+"""With `shared`, multiples of `patience` after which an image is written although another process has claimed it."""
 
 
 class MakeSummary(TypedDict):
@@ -95,7 +96,8 @@ def make(
     job; images then depend on the speed of the workers.
 
     The workers send the files to this process, which writes them. With `shared` the workers write them: `folder` is then
-    on a file system that all of them share. The files that image 0 is made from, and `files` beside them, are sent to
+    on a file system that all of them share. A worker that stalls while it writes is passed over, except for images with a
+    budget by time, whose bytes differ from attempt to attempt. The files that image 0 is made from, and `files` beside them, are sent to
     each worker process once. Without `ship` the workers read them by their paths.
 
     A worker without a sign of life for `patience` [s] counts as stalled. Its images are also given to other workers.
@@ -140,7 +142,8 @@ class _SetMaker:
         missing = set(self.set.missing())
         self.pending = deque(index for index in wanted if index in missing)
         self.total, self.finished, self.ended = len(wanted), len(wanted) - len(self.pending), 0
-        # Images that another process has claimed: when they are looked at again, and until when.
+        # Images that another process has claimed: when they are looked at again, and until when. A worker may stall while
+        # it writes.
         self.held: list[tuple[float, float, Attempt, Made | None]] = []
         self.made, self.received = 0, 0
         self.workers: Counter[str] = Counter()
@@ -168,7 +171,7 @@ class _SetMaker:
                     if self.set.is_finished(index):
                         self._end()
                     else:
-                        cluster.start(str(index), "image", make_image, source, index, time, self.threads, target)
+                        cluster.start(str(index), "image", make_image, source, index, time, self.threads, target, False)
                 event = cluster.wait()
                 if event is None:
                     continue
@@ -179,7 +182,8 @@ class _SetMaker:
                     attempt.worker, result, size = value
                     image = result if isinstance(result, Made) else None
                     self.received += size if image is not None else 0
-                    self._write(cluster, writers, attempt, image, clock.monotonic() + HELD_AGAIN)
+                    wait = math.inf if attempt.call[-1] else HELD * cluster.patience
+                    self._write(cluster, writers, attempt, image, clock.monotonic() + wait)
                 else:
                     self._written(cluster, attempt, *value)
             repeated = cluster.repeated
@@ -228,6 +232,7 @@ class _SetMaker:
             if due > now:
                 self.held.append((due, until, attempt, image))
             elif image is None and until < now and not self.set.is_finished(int(attempt.name)):
+                attempt.call = (*attempt.call[:-1], True)
                 cluster.again(attempt)
             else:
                 self._write(cluster, writers, attempt, image, until)
