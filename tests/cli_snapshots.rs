@@ -15,11 +15,12 @@ use bench::Bench;
 use std::fs;
 
 /// The commands of the program, subcommands of subcommands included.
-const COMMANDS: [&str; 13] = [
+const COMMANDS: [&str; 14] = [
     "",
     "render",
     "merge",
     "bench",
+    "dataset",
     "denoise",
     "expose",
     "emva",

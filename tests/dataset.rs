@@ -272,6 +272,20 @@ fn a_set_grows_and_refuses_another_study() {
     assert!(message.contains("another study") && message.contains("help:"), "{message}");
 }
 
+#[test]
+fn an_image_whose_draws_do_not_fit_does_not_end_the_set() {
+    let wide = "size = [{ sequence = [\"90mm\", \"90mm\", \"12mm\"] }, 0, \"90mm\"]";
+    let bench = Bench::new(&STUDY.replace("size = [\"90mm\", 0, \"90mm\"]", wide));
+    let assert = bench.command("dataset study.toml -o a --jobs 1").assert().code(1);
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    for words in ["image 2", "image 5", "finds no place", "help:"] {
+        assert!(message.contains(words), "{words} in {message}");
+    }
+    let finished = (0..6).filter(|i| bench.path(&format!("a/records/{i:06}.json")).is_file()).collect::<Vec<_>>();
+    assert_eq!(finished, [0, 1, 3, 4]);
+    bench.command("dataset --verify a").assert().code(1);
+}
+
 /// The kill comes at another moment in each run; the result must not depend on it.
 #[test]
 fn a_killed_run_goes_on_and_two_processes_share_a_set() {

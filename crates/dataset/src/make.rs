@@ -146,7 +146,10 @@ impl Worker {
         let mut parts = SceneParts { defects: Vec::new(), boxes: Vec::new(), labelled: Vec::new(), poses: Vec::new() };
         let changed = self.project.set_job(&job.text, |scene| {
             for (number, template) in study.place.iter().enumerate() {
-                let at = |fault: Fault| study.error(fault, &["study", "place", &number.to_string()]);
+                let at = |fault: Fault| {
+                    let fault = Fault { problem: format!("image {index}: {}", fault.problem), ..fault };
+                    study.error(fault, &["study", "place", &number.to_string()])
+                };
                 let mut record = BTreeMap::new();
                 let name = format!("place[{number}]");
                 let value = template

@@ -61,7 +61,8 @@ pub trait RunProgress: Sync {
 }
 
 /// The result of a run.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct RunSummary {
     /// Images that this run made.
     pub made: u64,
@@ -73,13 +74,16 @@ pub struct RunSummary {
     pub seconds: f64,
     /// Was it cancelled?
     pub interrupted: bool,
+    /// Images that could not be made, with the errors.
+    pub failed: Vec<(u64, String)>,
 }
 
 /// Makes the missing images of a set. Several processes can run on the same folder: each image is made by one of them. The
 /// process that finds all images finished writes the files of the whole set.
 ///
 /// # Errors
-/// Errors of the study, of its scene and of the folder. An image that cannot be made ends the run; finished images remain.
+/// Errors of the study, of its scene and of the folder. An image that cannot be made, because its draws do not fit, ends a run
+/// that has made none before. Otherwise it is in the summary, and the other images are made.
 pub fn run(
     study: &Arc<Study>,
     folder: &Path,
@@ -122,6 +126,7 @@ pub fn run(
         progress,
         cancel,
         failed: Mutex::new(None),
+        unmade: Mutex::new(Vec::new()),
         stop: AtomicBool::new(false),
     };
     shared.report();
@@ -152,7 +157,7 @@ pub fn run(
             shared.work(Ok(first));
         }
     });
-    let Shared { made, failed, .. } = shared;
+    let Shared { made, failed, unmade, .. } = shared;
     if let Ok(Some(e)) = failed.into_inner() {
         return Err(e);
     }
@@ -167,6 +172,7 @@ pub fn run(
         count: set.count(),
         seconds: began.elapsed().as_secs_f64(),
         interrupted,
+        failed: unmade.into_inner().unwrap_or_default(),
     })
 }
 
@@ -198,6 +204,8 @@ struct Shared<'a> {
     progress: &'a dyn RunProgress,
     cancel: &'a Cancel,
     failed: Mutex<Option<Error>>,
+    /// Images that could not be made.
+    unmade: Mutex<Vec<(u64, String)>>,
     stop: AtomicBool,
 }
 
@@ -229,7 +237,17 @@ impl Shared<'_> {
             let seconds = self.seconds();
             let Some(&index) = self.wanted.get(self.next.fetch_add(1, Ordering::Relaxed)) else { return Ok(None) };
             let Some(claim) = self.set.claim(index)? else { continue };
-            let Some(image) = worker.make(index, seconds, self.cancel)? else { return Ok(None) };
+            let image = match worker.make(index, seconds, self.cancel) {
+                Ok(Some(image)) => image,
+                Ok(None) => return Ok(None),
+                Err(e @ Error::Input(_)) if self.made.load(Ordering::Relaxed) > 0 => {
+                    if let Ok(mut unmade) = self.unmade.lock() {
+                        unmade.push((index, e.to_string()));
+                    }
+                    continue;
+                }
+                Err(e) => return Err(e),
+            };
             let record = self.set.commit(claim, image)?;
             if let Ok(mut beside) = self.beside.lock() {
                 beside.0 += record.1.total - record.1.render;

@@ -16,14 +16,14 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
         return check(folder, args);
     }
     let path = args.study.clone().unwrap_or_default();
-    let sink = Sink::new(args.run.progress);
+    let sink = Sink::new(args.progress);
     let study = Arc::new(Study::open(&path)?);
     let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(&study.name));
     let mut options = RunOptions::default();
     options.count = args.count;
     options.indices = (!args.index.is_empty()).then(|| args.index.clone());
     options.jobs = args.jobs.map(usize::from);
-    options.threads = args.run.threads.map(usize::from);
+    options.threads = args.threads.map(usize::from);
     options.seconds = args.time;
     let cancel = cancel_on_interrupt();
     let progress = SetProgress { sink: &sink };
@@ -44,8 +44,20 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
         say("interrupted: the same command goes on");
         return Ok(Outcome::Interrupted);
     }
-    Ok(Outcome::Done)
+    // The message of an image has its own line with the help.
+    summary
+        .failed
+        .iter()
+        .take(LISTED)
+        .for_each(|(_, message)| say(&format!("flagged: {}", message.replace("\n  help:", "; help:"))));
+    if let Some(more) = summary.failed.len().checked_sub(LISTED).filter(|more| *more > 0) {
+        say(&format!("flagged: {more} more images could not be made"));
+    }
+    Ok(if summary.failed.is_empty() { Outcome::Done } else { Outcome::Flagged })
 }
+
+/// Images that could not be made, of which messages are shown.
+const LISTED: usize = 10;
 
 /// The progress of a set, on the bar of a render.
 struct SetProgress<'a> {
@@ -84,7 +96,7 @@ impl RunProgress for SetProgress<'_> {
 }
 
 fn check(folder: &Path, args: &DatasetArgs) -> Result<Outcome, Error> {
-    let sink = Sink::new(args.run.progress);
+    let sink = Sink::new(args.progress);
     let began = Instant::now();
     let found = verify(folder, &|done, count| {
         let fraction = done as f64 / count.max(1) as f64;

@@ -1,18 +1,16 @@
 //! Flags of `dataset`.
 
-use crate::run_args::RunArgs;
+use crate::run_args::ProgressKind;
 use crate::values::{time_limit, whole, within};
 use clap::Args;
 use dunkelfeld_dataset::MAX_COUNT;
 use std::path::PathBuf;
 
 /// Flags of `dataset`.
-///
-/// A study is a job in which values may be distributions, with a table [study]; see docs/datasets.md. The same command
-/// continues a set. Several processes may make one set together.
 #[derive(Debug, Args)]
 pub(crate) struct DatasetArgs {
-    /// The study.
+    /// The study: a job in which values may be distributions, with a table [study] (docs/datasets.md). The same command
+    /// continues a set, and several processes may make one set together.
     #[arg(value_name = "STUDY.toml", required_unless_present = "verify")]
     pub(crate) study: Option<PathBuf>,
     /// The folder of the set [default: the name of the study, in this folder].
@@ -35,6 +33,10 @@ pub(crate) struct DatasetArgs {
     /// or missing.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["study", "output", "count", "index", "time", "jobs", "threads"])]
     pub(crate) verify: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) run: RunArgs,
+    /// Threads of each image [default: 1, and with --jobs 1 one per core].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
+    pub(crate) threads: Option<u16>,
+    /// Progress on standard error.
+    #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
+    pub(crate) progress: ProgressKind,
 }
