@@ -273,6 +273,18 @@ fn a_set_grows_and_refuses_another_study() {
 }
 
 #[test]
+fn a_time_for_the_whole_set_replaces_the_budget_of_the_job() {
+    let bench = Bench::new(&STUDY.replace("count = 6", "count = 16"));
+    let assert = bench.command("dataset study.toml -o a --time 8s --jobs 2").assert().success();
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(message.contains("forecast:") && message.contains("hidden at k ="), "{message}");
+    let samples: Vec<u64> =
+        (0..16).map(|i| bench.json(&format!("a/records/{i:06}.json"))["samples"].as_u64().expect("a number")).collect();
+    // Half a second for each image is far more than the eight samples a pixel of the job, on any machine that renders at all.
+    assert!(samples.iter().sum::<u64>() > 16 * 8 * 64 * 48, "{samples:?}");
+}
+
+#[test]
 fn an_image_whose_draws_do_not_fit_does_not_end_the_set() {
     let wide = "size = [{ sequence = [\"90mm\", \"90mm\", \"12mm\"] }, 0, \"90mm\"]";
     let bench = Bench::new(&STUDY.replace("size = [\"90mm\", 0, \"90mm\"]", wide));

@@ -15,7 +15,7 @@ use crate::visibility::{Bounds, Exposed, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
 use dunkelfeld::sensor::ExposureNoise;
-use dunkelfeld::{Cancel, DenoiseMethod, Error, Project, ProjectResult, Session, Silent, Stage};
+use dunkelfeld::{Budget, Cancel, DenoiseMethod, Error, Project, ProjectResult, Session, Silent, Stage};
 use dunkelfeld_geometry::{DAffine3, DVec3};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::InputFiles;
@@ -193,7 +193,7 @@ impl Worker {
         let is_denoised = settings.denoise.method != DenoiseMethod::Off;
         settings.layers = if is_denoised { FilmLayers::All } else { FilmLayers::Image };
         if let Some(seconds) = seconds {
-            settings.budget.seconds = Some(seconds);
+            settings.budget = Budget::default().with_seconds(seconds);
         }
     }
 

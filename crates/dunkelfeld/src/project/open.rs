@@ -10,10 +10,10 @@ use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
-use dunkelfeld_radiometry::Seconds;
+use dunkelfeld_radiometry::{Celsius, Seconds};
 use dunkelfeld_render::{Budget, DEFAULT_F_NUMBER, Error, RenderSettings, SensorChoice};
 use dunkelfeld_scene::{BuildCache, BuildError, BuildReport, Effect, Scene, SceneBuilder};
-use dunkelfeld_sensor::{Exposure, Optics};
+use dunkelfeld_sensor::{Exposure, Optics, Published, SensorModel};
 use std::path::Path;
 use std::time::Instant;
 
@@ -281,11 +281,25 @@ fn sensor_of(sensor: &job::SensorSettings, optics: Optics, inputs: &mut InputFil
         job::SensorChoice::Preset(name) => dunkelfeld_io::sensor_file::preset(name)?,
         job::SensorChoice::File(path) => dunkelfeld_io::sensor_file::load_sensor_recorded(path, inputs)?,
     };
+    let model = adjusted(model, sensor)?;
     let exposure = match sensor.exposure {
         job::Exposure::Auto => None,
         job::Exposure::Seconds(s) => Some(Exposure::new(Seconds(s))?),
     };
     Ok(SensorChoice::Emva { model: Box::new(model), optics, exposure })
+}
+
+/// A sensor with the gain and the temperature of a job.
+fn adjusted(model: SensorModel, sensor: &job::SensorSettings) -> Result<SensorModel, Error> {
+    if sensor.gain.is_none() && sensor.temperature.is_none() {
+        return Ok(model);
+    }
+    let mut spec = model.spec().clone();
+    spec.system_gain *= sensor.gain.unwrap_or(1.0);
+    spec.temperature = sensor.temperature.map_or(spec.temperature, Celsius);
+    // Figures were published for the sensor as it is.
+    spec.published = Published::default();
+    Ok(SensorModel::new(spec)?)
 }
 
 /// Pixel pitch \[m\] of a sensor.

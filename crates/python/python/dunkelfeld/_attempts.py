@@ -81,7 +81,7 @@ class Cluster:
     """
 
     REFRESH = 1.0
-    """Seconds between two looks at the workers."""
+    """Least seconds between two looks at the workers."""
     LEAST_RESULTS = 3
     """Results of a kind before their median counts."""
 
@@ -112,7 +112,7 @@ class Cluster:
         self._seconds: dict[str, deque[float]] = {}
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._token = f"dunkelfeld-{os.urandom(6).hex()}"
-        self._watched = float("-inf")
+        self._watched, self._interval = float("-inf"), self.REFRESH
 
     def __enter__(self) -> Self:
         return self
@@ -205,10 +205,10 @@ class Cluster:
         return None
 
     def watch(self) -> None:
-        """Looks at the workers, about once a second. Tasks of stalled workers, and tasks that take long, start again
+        """Looks at the workers, once a second or in the interval of heartbeats. Tasks of stalled workers, and tasks that take long, start again
         elsewhere."""
         now = time.monotonic()
-        if now - self._watched < self.REFRESH:
+        if now - self._watched < self._interval:
             return
         self._watched = now
         if self.client.status not in {"running", "connecting"}:
@@ -218,6 +218,8 @@ class Cluster:
         if self.client.status != "running":
             return
         newest = max((worker["last_seen"] for worker in workers.values()), default=0.0)
+        # The list of many workers costs the scheduler time, and has news only after a heartbeat.
+        self._interval = max(self.REFRESH, _heartbeat(len(workers)))
         silence = max(self.patience, 4 * _heartbeat(len(workers)))
         self.silent = {address for address, worker in workers.items() if newest - worker["last_seen"] > silence}
         self._healthy = {a: int(worker["nthreads"]) for a, worker in workers.items() if a not in self.silent}

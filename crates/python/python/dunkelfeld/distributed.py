@@ -44,6 +44,8 @@ FAN_IN = 8
 """Parts of an image that one task merges."""
 PARTS_PER_THREAD = 4
 """Parts of an image for each thread of the cluster: a slow worker delays the end by a fraction of its share."""
+SAMPLES_PER_PART = 16
+"""Least samples per pixel of a part by default: the transfer and merge of a part take about the time of a few samples."""
 WRITERS = 4
 """Threads of the client that write images."""
 HELD = 2.0
@@ -273,7 +275,7 @@ def render(
     """Renders `spp` samples of each pixel of a scene or job file on the workers of a Dask `client`.
 
     The film is that of `Scene(job).render(samples=(0, spp))`, bit by bit. The samples are divided into `parts` ranges
-    (default: 4 for each thread of the cluster). The workers merge the parts as a tree, and this process receives the
+    (default: 4 for each thread of the cluster, but at least 16 samples per pixel each). The workers merge the parts as a tree, and this process receives the
     whole. `width` to `exposure` are those of `Scene.render`, the other arguments those of `make`. `progress` is called
     with (finished tasks, all tasks, elapsed [s], remaining [s] or None); tasks are parts and merges.
 
@@ -296,7 +298,9 @@ def render(
         while parts is None and cluster.threads == 0:
             cluster.wait()
             cluster.watch()
-        nodes = tree(min(spp, parts or PARTS_PER_THREAD * cluster.threads), spp)
+        if parts is None:
+            parts = max(1, min(PARTS_PER_THREAD * cluster.threads, spp // SAMPLES_PER_PART))
+        nodes = tree(min(spp, parts), spp)
 
         def report() -> None:
             if progress is not None:

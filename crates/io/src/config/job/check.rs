@@ -36,6 +36,14 @@ pub(super) fn noise<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::E
     real(d, *NOISE_LEVELS.start(), *NOISE_LEVELS.end()).map(Some)
 }
 
+pub(super) fn gain<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 0.01, 100.0).map(Some)
+}
+
+pub(super) fn temperature<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, -100.0, 200.0).map(Some)
+}
+
 pub(super) fn pilot_spp<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {
     whole(d, 1, 65_536)
 }
