@@ -157,7 +157,7 @@ fn a_scene_file_without_a_job_takes_overrides_and_keeps_adjusted_settings() {
 fn gain_and_temperature_of_a_job_change_its_sensor() {
     let model = |keys: &str| {
         let text = format!("scene = 'none'\n[[object]]\nname = 'o'\nkind = 'sphere'\ndiameter = 1\n[sensor]\n{keys}");
-        let project = dunkelfeld::Project::from_text("sensor.toml", &text).unwrap_or_else(|e| panic!("{e}"));
+        let project = Project::from_text("sensor.toml", &text).unwrap_or_else(|e| panic!("{e}"));
         match project.settings.sensor {
             SensorChoice::Emva { model, .. } => model.spec().clone(),
             SensorChoice::None => panic!("no sensor"),
@@ -174,7 +174,7 @@ fn gain_and_temperature_of_a_job_change_its_sensor() {
         [("gain = 0", "gain"), ("temperature = 300", "temperature"), ("model = 'none'\ngain = 2", "no sensor")]
     {
         let text = format!("scene = 'none'\n[sensor]\n{keys}");
-        let error = dunkelfeld::Project::from_text("sensor.toml", &text).expect_err("refused").to_string();
+        let error = Project::from_text("sensor.toml", &text).expect_err("refused").to_string();
         assert!(error.contains(words) && error.contains("help:"), "{error}");
     }
 }

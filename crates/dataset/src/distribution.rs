@@ -399,7 +399,7 @@ fn weights(value: Option<Value>, count: usize) -> Result<Vec<f64>, Fault> {
     if weights.len() != count {
         return Err(Fault::new(format!("{} weights for {count} values", weights.len()), "write one for each value"));
     }
-    if weights.iter().any(|w| !(w.is_finite() && *w >= 0.0)) || !(weights.iter().sum::<f64>() > 0.0) {
+    if weights.iter().any(|w| !(w.is_finite() && *w >= 0.0)) || weights.iter().all(|w| *w == 0.0) {
         return Err(Fault::new("the weights are not all from 0 up with a sum above 0", "write numbers from 0 up"));
     }
     Ok(weights)

@@ -49,7 +49,7 @@ impl Placement {
         let placement: Self =
             value.try_into().map_err(|e: toml::de::Error| Fault::new(e.message(), "see docs/datasets.md"))?;
         let edges = placement.size.map(|l| l.0);
-        if edges.iter().any(|edge| !(*edge >= 0.0)) {
+        if edges.iter().any(|edge| *edge < 0.0) {
             return Err(Fault::new("an edge of the region is below zero", "write lengths from 0 up").below("size"));
         }
         if placement.clearance.is_some_and(|c| c.0 < 0.0) {
