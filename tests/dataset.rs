@@ -295,7 +295,41 @@ fn an_image_whose_draws_do_not_fit_does_not_end_the_set() {
     }
     let finished = (0..6).filter(|i| bench.path(&format!("a/records/{i:06}.json")).is_file()).collect::<Vec<_>>();
     assert_eq!(finished, [0, 1, 3, 4]);
+    // The images that can be made are a set of their own, also after another run.
+    bench.command("dataset study.toml -o a --jobs 1").assert().code(1);
+    assert_eq!(bench.json("a/coco.json")["images"].as_array().map(Vec::len), Some(4));
     bench.command("dataset --verify a").assert().code(1);
+}
+
+#[test]
+fn a_study_that_made_nothing_can_be_corrected() {
+    let small = STUDY.replace("size = [\"90mm\", 0, \"90mm\"]", "size = [\"20mm\", 0, \"20mm\"]");
+    let bench = Bench::new(&small);
+    assert!(bench.refused("dataset study.toml -o a --count 1").contains("finds no place"));
+    fs::write(bench.path("study.toml"), STUDY).expect("writable");
+    bench.run("dataset study.toml -o a --count 1");
+    assert_eq!(fs::read_to_string(bench.path("a/study.toml")).expect("a study"), STUDY);
+    // A set that was edited by hand is refused, and ends.
+    let text = fs::read_to_string(bench.path("a/set.json")).expect("a set");
+    fs::write(bench.path("a/set.json"), text.replace("\"count\":1,", "\"count\":18446744073709551615,"))
+        .expect("writable");
+    assert!(bench.refused("dataset --verify a").contains("count"));
+    assert!(bench.refused("dataset study.toml -o a").contains("count"));
+}
+
+#[test]
+fn sensors_and_their_noise_may_vary() {
+    let drawn = "[sensor]\nexposure = { sequence = [\"20ms\", \"10ms\"] }\nexposure_noise = { sequence = [\"matched\", \"plain\"] }\n\
+        gain = { uniform = [0.5, 2] }\nmodel = { choice = [\"imx250\", \"imx174\"] }";
+    let bench = Bench::new(&STUDY.replace("[sensor]\nexposure = \"20ms\"", drawn));
+    bench.run("dataset study.toml -o a --count 4 --jobs 1");
+    let matched: Vec<bool> =
+        (0..4).map(|i| bench.json(&format!("a/records/{i:06}.json"))["matched"].is_number()).collect();
+    assert_eq!(matched, [true, false, true, false]);
+    bench.run("dataset study.toml -o b --count 4 --index 3,1 --jobs 1");
+    for name in ["images/000001.png", "raw/000003.raw", "records/000003.json"] {
+        assert!(fs::read(bench.path("a").join(name)).ok() == fs::read(bench.path("b").join(name)).ok(), "{name}");
+    }
 }
 
 /// The kill comes at another moment in each run; the result must not depend on it.
@@ -376,6 +410,8 @@ fn bad_studies_are_refused_before_anything_is_written() {
         ("size = [\"90mm\", 0, \"90mm\"]", "size = [\"20mm\", 0, \"20mm\"]", "finds no place"),
         ("count = { integer = [0, 2] }", "count = { uniform = [0, 2] }", "not known"),
         ("power = { expression", "pawer = { expression", "pawer"),
+        ("name = \"blocks\"", "name = \"../blocks\"", "not the name of a set"),
+        ("center = [0, 0, 0]", "center = [nan, 0, 0]", "finite"),
         (
             "diameter = { log_uniform = [\"6mm\", \"12mm\"] }",
             "diameter = { log_uniform = [\"6ms\", \"12ms\"] }",

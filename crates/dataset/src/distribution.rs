@@ -115,8 +115,14 @@ impl Template {
         match self {
             Self::Fixed(value) => Ok(value.clone()),
             Self::List(items) => {
+                let mut labels: Vec<String> = Vec::new();
+                for (i, item) in items.iter().enumerate() {
+                    let label = label(item, i);
+                    let same = labels.iter().filter(|other| other.split(" #").next() == Some(label.as_str())).count();
+                    labels.push(if same > 0 { format!("{label} #{}", same + 1) } else { label });
+                }
                 let items = items.iter().enumerate().map(|(i, item)| {
-                    let name = format!("{name}[{}]", label(item, i));
+                    let name = format!("{name}[{}]", labels[i]);
                     item.draw(draws, &name, named, drawn).map_err(|e| e.below(i.to_string()))
                 });
                 Ok(Value::Array(items.collect::<Result<_, _>>()?))

@@ -95,6 +95,19 @@ fn a_draw_depends_on_seed_index_and_name_alone() {
 }
 
 #[test]
+fn entries_of_one_name_have_their_own_numbers() {
+    let cubes =
+        template("[{ name = \"cube\", x = { uniform = [0, 1] } }, { name = \"cube\", x = { uniform = [0, 1] } }]");
+    let mut names = Vec::new();
+    let value = cubes.expect("a list").draw(Draws { seed: 7, index: 3 }, "object", &mut NoDraws, &mut |name, _| {
+        names.push(name.to_owned());
+    });
+    assert_eq!(names, ["object[cube].x", "object[cube #2].x"]);
+    let value = value.expect("values");
+    assert_ne!(value[0]["x"], value[1]["x"]);
+}
+
+#[test]
 fn numbers_of_neighbouring_images_are_independent() {
     // Pairs of neighbours on a grid of 4 x 4 cells.
     let template = template("{ uniform = [0, 1] }").expect("a distribution");

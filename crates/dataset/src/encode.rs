@@ -123,7 +123,8 @@ pub(crate) fn labels(
         files.push((format!("coverage/{name}.png"), encoded("coverage", png_bytes(File::Gray16(coverage)))?));
     }
     if let Some(depth) = &planes.depth {
-        let units: Plane<u16> = depth.map(|d| (d / DEPTH_UNIT).round().clamp(0.0, 65535.0) as u16);
+        let in_range = |d: f32| if (0.0..=65535.0).contains(&d) { d as u16 } else { 0 };
+        let units: Plane<u16> = depth.map(|d| in_range((d / DEPTH_UNIT).round()));
         files.push((format!("depth/{name}.png"), encoded("depth", png_bytes(File::Gray16(&units)))?));
     }
     if let Some(normals) = &planes.normals {

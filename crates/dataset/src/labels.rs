@@ -72,6 +72,7 @@ impl Met {
     fn visit(&mut self, crossing: &Crossing, labels: &[Option<ObjectLabel>]) {
         let label = labels.get(crossing.ids.object() as usize).copied().flatten();
         if let Some(label) = label
+            && (label.is_defect || crossing.coverage >= LEAST_COVERAGE)
             && !self.all.contains(&label.instance)
         {
             self.all.push(label.instance);

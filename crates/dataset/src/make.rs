@@ -14,7 +14,6 @@ use crate::study::{DrawnJob, MAX_COUNT, Study};
 use crate::visibility::{Bounds, Exposed, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
-use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{Budget, Cancel, DenoiseMethod, Error, Project, ProjectResult, Session, Silent, Stage};
 use dunkelfeld_geometry::{DAffine3, DVec3};
 use dunkelfeld_io::InputError;
@@ -84,6 +83,11 @@ impl Worker {
             let fault = Fault::new(problem, "`dunkelfeld inspect` lists the objects");
             study.error(fault, &["study", "label", &number.to_string(), "objects"])
         })?;
+        if study.labels.semantic && ids.categories.len() > usize::from(u8::MAX) {
+            let problem = format!("{} categories do not fit into 8 bits", ids.categories.len());
+            let fault = Fault::new(problem, "use at most 255 categories, or only `masks`");
+            return Err(study.error(fault, &["study", "labels", "semantic"]).into());
+        }
         Ok(Self { study: study.clone(), project, ids, entries, session: Session::new(threads)?, threads })
     }
 
@@ -122,7 +126,7 @@ impl Worker {
         let mut job = self.study.job(index)?;
         let parts = self.change_scene(index, &mut job)?;
         let change = began.elapsed().as_secs_f64();
-        self.choose_settings(&job.text, seconds);
+        self.choose_settings(seconds);
         let result = self.project.render_with(&Silent, cancel).map_err(|e| in_study(&self.study, e, index))?;
         if result.rendering.interrupted {
             return Ok(None);
@@ -181,15 +185,9 @@ impl Worker {
         Ok(parts)
     }
 
-    fn choose_settings(&mut self, job: &str, seconds: Option<f64>) {
-        let has_noise = job
-            .parse::<toml::Table>()
-            .is_ok_and(|table| table.get("sensor").and_then(|sensor| sensor.get("exposure_noise")).is_some());
+    fn choose_settings(&mut self, seconds: Option<f64>) {
         let settings = &mut self.project.settings;
         settings.threads = self.threads;
-        if settings.has_sensor() && !has_noise {
-            settings.exposure_noise = ExposureNoise::Matched;
-        }
         let is_denoised = settings.denoise.method != DenoiseMethod::Off;
         settings.layers = if is_denoised { FilmLayers::All } else { FilmLayers::Image };
         if let Some(seconds) = seconds {

@@ -49,6 +49,11 @@ impl Placement {
         let placement: Self =
             value.try_into().map_err(|e: toml::de::Error| Fault::new(e.message(), "see docs/datasets.md"))?;
         let edges = placement.size.map(|l| l.0);
+        let numbers =
+            placement.center.iter().chain(&placement.size).map(|l| l.0).chain(placement.clearance.map(|c| c.0));
+        if numbers.chain(placement.turn.map(|t| t.0)).any(|v| !v.is_finite()) {
+            return Err(Fault::new("a number of the placement is not finite", "write lengths and angles"));
+        }
         if edges.iter().any(|edge| *edge < 0.0) {
             return Err(Fault::new("an edge of the region is below zero", "write lengths from 0 up").below("size"));
         }

@@ -126,6 +126,7 @@ pub fn run(
         progress,
         cancel,
         failed: Mutex::new(None),
+        has_images: (0..set.count()).any(|index| set.is_finished(index)),
         unmade: Mutex::new(Vec::new()),
         stop: AtomicBool::new(false),
     };
@@ -163,7 +164,9 @@ pub fn run(
     }
     let interrupted = cancel.is_cancelled();
     let finished = (0..set.count()).filter(|index| set.is_finished(*index)).count() as u64;
-    if finished == set.count() && !interrupted {
+    let unmade = unmade.into_inner().unwrap_or_default();
+    // Images that cannot be made stay away, and do not keep the others from use.
+    if finished + unmade.len() as u64 >= set.count() && !interrupted {
         set.assemble(study)?;
     }
     Ok(RunSummary {
@@ -172,7 +175,7 @@ pub fn run(
         count: set.count(),
         seconds: began.elapsed().as_secs_f64(),
         interrupted,
-        failed: unmade.into_inner().unwrap_or_default(),
+        failed: unmade,
     })
 }
 
@@ -204,6 +207,8 @@ struct Shared<'a> {
     progress: &'a dyn RunProgress,
     cancel: &'a Cancel,
     failed: Mutex<Option<Error>>,
+    /// Had the set images before?
+    has_images: bool,
     /// Images that could not be made.
     unmade: Mutex<Vec<(u64, String)>>,
     stop: AtomicBool,
@@ -240,7 +245,7 @@ impl Shared<'_> {
             let image = match worker.make(index, seconds, self.cancel) {
                 Ok(Some(image)) => image,
                 Ok(None) => return Ok(None),
-                Err(e @ Error::Input(_)) if self.made.load(Ordering::Relaxed) > 0 => {
+                Err(e @ Error::Input(_)) if self.made.load(Ordering::Relaxed) > 0 || self.has_images => {
                     if let Ok(mut unmade) = self.unmade.lock() {
                         unmade.push((index, e.to_string()));
                     }
@@ -249,7 +254,10 @@ impl Shared<'_> {
                 Err(e) => return Err(e),
             };
             let record = self.set.commit(claim, image)?;
-            if let Ok(mut beside) = self.beside.lock() {
+            // The first image pays for cold caches.
+            if let Ok(mut beside) = self.beside.lock()
+                && self.made.load(Ordering::Relaxed) > 0
+            {
                 beside.0 += record.1.total - record.1.render;
                 beside.1 += 1;
             }

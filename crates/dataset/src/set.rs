@@ -1,12 +1,12 @@
 //! The folder of a set: its description, the claims of images, and the files of the whole set.
 
 use crate::coco::{Category as CocoCategory, Coco, Image, Info};
-use crate::encode::{DEPTH_UNIT, ImageLabels, json};
+use crate::encode::{ImageLabels, json};
 use crate::ids::{Category, Ids, Instance};
 use crate::make::Made;
 use crate::record::{Cost, Record};
 use crate::report::{ReportError, SetView, SheetOptions, contact_sheet, page};
-use crate::study::{PictureFormat, Segmentation, Study};
+use crate::study::{MAX_COUNT, PictureFormat, Segmentation, Study};
 use dunkelfeld::{Error, written};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::atomic::write_atomically;
@@ -76,17 +76,23 @@ impl Set {
         match Self::read(path) {
             Ok(set) => {
                 let before = set.manifest;
-                if before.program != manifest.program {
+                let is_empty = !(0..before.count).any(|index| path.join(record_name(index)).is_file());
+                if is_empty {
+                    // Nothing was made: the study may have been corrected.
+                    put(path, "set.json", &json(&manifest))?;
+                } else if before.program != manifest.program {
                     let problem = format!("holds a set of {}, and this is {}", before.program, manifest.program);
                     return Err(fault(problem, "name another folder, or use that version"));
                 }
-                if before.study_hash != manifest.study_hash {
+                if !is_empty && before.study_hash != manifest.study_hash {
                     let problem = format!("holds a set of another study, or of \"{}\" before a change", before.study);
                     return Err(fault(problem, "name another folder for the changed study"));
                 }
-                manifest.count = manifest.count.max(before.count);
-                if manifest != before {
-                    put(path, "set.json", &json(&manifest))?;
+                if !is_empty {
+                    manifest.count = manifest.count.max(before.count);
+                    if manifest != before {
+                        put(path, "set.json", &json(&manifest))?;
+                    }
                 }
             }
             Err(Error::Input(e)) if e.problem == MISSING => {
@@ -98,11 +104,11 @@ impl Set {
                 if entries.flatten().any(|entry| is_foreign(&entry)) {
                     return Err(fault("is not empty, and holds no set".into(), "name a new folder"));
                 }
-                put(path, "study.toml", study.text().as_bytes())?;
                 put(path, "set.json", &json(&manifest))?;
             }
             Err(e) => return Err(e),
         }
+        put(path, "study.toml", study.text().as_bytes())?;
         for folder in ["records", "costs", "labels"] {
             let folder = path.join(folder);
             written(&folder, fs::create_dir_all(&folder))?;
@@ -122,6 +128,9 @@ impl Set {
         if manifest.format != FORMAT {
             let problem = format!("has the format {}, and this program reads {FORMAT}", manifest.format);
             return Err(fault(problem).into());
+        }
+        if !(1..=MAX_COUNT).contains(&manifest.count) {
+            return Err(fault(format!("has a count of {}, which no set has", manifest.count)).into());
         }
         Ok(Self { path: path.into(), manifest })
     }
@@ -252,7 +261,7 @@ impl Set {
             }
             if let Some(camera) = camera {
                 let entry = json!({
-                    "cam_K": camera.k, "depth_scale": DEPTH_UNIT * 1e3, "cam_R_w2c": camera.r, "cam_t_w2c": camera.t,
+                    "cam_K": camera.k, "depth_scale": 0.1, "cam_R_w2c": camera.r, "cam_t_w2c": camera.t,
                     "distortion": camera.distortion,
                 });
                 cameras.insert(index.to_string(), entry);

@@ -16,6 +16,8 @@ use twox_hash::{XxHash3_64, XxHash3_128};
 
 /// The largest number of images of a set.
 pub const MAX_COUNT: u64 = 1_000_000;
+/// The longest chain of named draws.
+const DEEPEST: usize = 64;
 /// Keys of a job that belong to the set.
 const OWN_KEYS: [(&str, &str); 3] = [
     ("seed", "write `seed` in [study]: each image has its own"),
@@ -336,9 +338,15 @@ impl Study {
             }
         };
         let stem = source.path().file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-        let text = toml::to_string(&base).unwrap_or_default() + "\n" + source.text();
+        let name = study.name.unwrap_or(stem);
+        let is_name = |name: &str| !name.is_empty() && !name.contains(['/', '\\', '\0']) && name != "." && name != "..";
+        if !is_name(&name) {
+            let help = "write a name without slashes, which can be the name of a folder";
+            return Err(source.error_at_key(&["study", "name"], format!("{name:?} is not the name of a set"), help));
+        }
+        let text = format!("{name}\n{}\n{}", toml::to_string(&base).unwrap_or_default(), source.text());
         let study = Self {
-            name: study.name.unwrap_or(stem),
+            name,
             count,
             seed: study.seed,
             device: study.device,
@@ -386,6 +394,12 @@ impl Study {
                 table.remove("budget");
             }
             dunkelfeld_io::toml_file::merge(&mut table, own);
+        }
+        let sensor = table.entry("sensor").or_insert_with(|| Value::Table(Table::new()));
+        if let Value::Table(sensor) = sensor
+            && sensor.get("model").and_then(Value::as_str) != Some("none")
+        {
+            sensor.entry("exposure_noise").or_insert_with(|| Value::String("matched".into()));
         }
         // TOML has signed numbers.
         let device = match self.device {
@@ -492,6 +506,10 @@ impl Named for NamedDraws<'_> {
             };
             return Err(Fault::new(format!("there is no draw `{name}`"), help));
         };
+        if self.pending.len() >= DEEPEST {
+            let problem = format!("more than {DEEPEST} draws wait for each other");
+            return Err(Fault::new(problem, "shorten the chain of draws"));
+        }
         if self.pending.iter().any(|pending| pending == name) {
             let problem = format!("the draw `{name}` depends on itself");
             return Err(Fault::new(problem, "let one of the draws not refer to the others"));

@@ -35,8 +35,28 @@ pub(crate) struct Exposed<'a> {
     pub(crate) time: Seconds,
 }
 
+/// Sums of expected electrons over pixels behind one colour of the filter array.
+#[derive(Clone, Copy, Debug, Default)]
+struct Mean {
+    sum: f64,
+    pixels: u64,
+}
+
+impl Mean {
+    fn add(&mut self, electrons: f64) {
+        self.sum += electrons;
+        self.pixels += 1;
+    }
+
+    fn value(self) -> Option<f64> {
+        (self.pixels > 0).then(|| self.sum / self.pixels as f64)
+    }
+}
+
 /// The contrast of an instance to the pixels around it. Pixels of `is_excluded` instances are not part of the surroundings:
-/// other defects. `None` if nothing surrounds it, for example if it fills the image.
+/// other defects. Electrons above saturation do not count. Behind a colour filter array, pixels of one colour are compared
+/// with each other, and the result is that of the colour with the largest ratio. `None` if nothing surrounds the instance,
+/// for example if it fills the image, and if both sides are saturated.
 pub(crate) fn visibility(
     exposed: &Exposed<'_>,
     instances: &Plane<u16>,
@@ -44,41 +64,46 @@ pub(crate) fn visibility(
     bounds: Bounds,
     is_excluded: impl Fn(u16) -> bool,
 ) -> Option<Visibility> {
+    let spec = exposed.model.spec();
+    let saturation = exposed.model.saturation().0;
+    // A filter array repeats after two rows and two columns.
+    let has_filter = spec.quantum_efficiency.filter().is_some();
+    let phase = |x: i64, y: i64| if has_filter { (y % 2 * 2 + x % 2) as usize } else { 0 };
     let [width, height] = [instances.width(), instances.height()].map(i64::from);
     let [x0, y0] = bounds.from.map(|v| i64::from(v) - RING[1]);
     let [x1, y1] = bounds.to.map(|v| i64::from(v) + RING[1]);
     let (x0, y0, x1, y1) = (x0.max(0), y0.max(0), x1.min(width), y1.min(height));
     let (columns, rows) = ((x1 - x0).max(0) as usize, (y1 - y0).max(0) as usize);
     let at = |x: i64, y: i64| (y * width + x) as usize;
+    let electrons = |x: i64, y: i64| f64::from(exposed.electrons.data()[at(x, y)]).min(saturation);
     let mut inside = vec![false; columns * rows];
-    let (mut sum, mut count) = (0.0, 0u64);
+    let (mut means, mut rings) = ([Mean::default(); 4], [Mean::default(); 4]);
     for y in y0..y1 {
         for x in x0..x1 {
             if instances.data()[at(x, y)] == id {
                 inside[(y - y0) as usize * columns + (x - x0) as usize] = true;
-                sum += f64::from(exposed.electrons.data()[at(x, y)]);
-                count += 1;
+                means[phase(x, y)].add(electrons(x, y));
             }
         }
     }
     let near = dilated(&inside, columns, RING[0] as usize);
     let far = dilated(&inside, columns, RING[1] as usize);
-    let (mut around, mut pixels) = (0.0, 0u64);
     for (k, (near, far)) in near.iter().zip(&far).enumerate() {
         let (x, y) = (x0 + (k % columns) as i64, y0 + (k / columns) as i64);
         if *far && !*near && !is_excluded(instances.data()[at(x, y)]) {
-            around += f64::from(exposed.electrons.data()[at(x, y)]);
-            pixels += 1;
+            rings[phase(x, y)].add(electrons(x, y));
         }
     }
-    if count == 0 || pixels == 0 {
-        return None;
-    }
-    let (mean, around) = (sum / count as f64, around / pixels as f64);
-    let electrons = mean - around;
-    let gain = exposed.model.spec().system_gain;
-    let variance = exposed.model.temporal_variance(Electrons(around), exposed.time);
-    Some(Visibility { contrast: electrons * gain, cnr: electrons.abs() / variance.sqrt() })
+    let of_phase = |(mean, ring): (&Mean, &Mean)| {
+        let (mean, ring) = (mean.value()?, ring.value()?);
+        if mean >= saturation && ring >= saturation {
+            return None;
+        }
+        let variance = exposed.model.temporal_variance(Electrons(ring), exposed.time);
+        let difference = mean - ring;
+        Some(Visibility { contrast: difference * spec.system_gain, cnr: difference.abs() / variance.sqrt() })
+    };
+    means.iter().zip(&rings).filter_map(of_phase).max_by(|a, b| a.cnr.total_cmp(&b.cnr))
 }
 
 /// The pixels within a distance of others, along rows and columns.
@@ -106,6 +131,7 @@ fn dilated(mask: &[bool], columns: usize, distance: usize) -> Vec<bool> {
 mod tests {
     use super::*;
     use dunkelfeld_io::sensor_file::preset;
+    use dunkelfeld_sensor::{BayerPattern, ColorFilter, Efficiency};
 
     #[test]
     fn contrast_and_noise_are_those_of_the_model() {
@@ -142,6 +168,29 @@ mod tests {
         // With the other one in its surroundings the contrast is smaller.
         let mixed = visibility(&exposed, &ids, 3, bounds, |_| false).expect("surroundings");
         assert!(mixed.contrast < found.contrast);
+        // Saturated on both sides, and on one.
+        let bright = electrons.map(|e| e * 1e4);
+        assert_eq!(visibility(&Exposed { electrons: &bright, ..exposed }, &ids, 3, bounds, |id| id == 4), None);
+        let half = Plane::from_fn(24, 20, |x, y| if at(x, y) { 1e7 } else { 400.0 });
+        let found =
+            visibility(&Exposed { electrons: &half, ..exposed }, &ids, 3, bounds, |_| false).expect("a contrast");
+        assert!((found.contrast - (model.saturation().0 - 400.0) * spec.system_gain).abs() < 1e-6);
+        // Behind a filter array equal colours are compared: a plate and a print of the same colour have no contrast.
+        let mut spec = model.spec().clone();
+        let curve = spec.quantum_efficiency.curves()[0].clone();
+        let filter = ColorFilter {
+            pattern: BayerPattern::Rggb,
+            curves: [curve.clone(), curve.clone(), curve],
+            white_balance: true,
+        };
+        spec.quantum_efficiency = Efficiency::Mosaic(filter);
+        let bayer = SensorModel::new(spec).expect("a sensor");
+        let mosaic = Plane::from_fn(24, 20, |x, y| [300.0, 900.0, 900.0, 200.0][(y % 2 * 2 + x % 2) as usize]);
+        let odd = Plane::from_fn(24, 20, |x, y| u16::from(x == 9 && (8..13).contains(&y)));
+        let colored = Exposed { electrons: &mosaic, model: &bayer, time };
+        let none =
+            visibility(&colored, &odd, 1, Bounds { from: [9, 8], to: [10, 13] }, |_| false).expect("surroundings");
+        assert_eq!((none.contrast, none.cnr), (0.0, 0.0));
         // Nothing surrounds an instance that fills the image.
         let full = Plane::new(24, 20, 3);
         assert_eq!(visibility(&exposed, &full, 3, Bounds { from: [0, 0], to: [24, 20] }, |_| false), None);

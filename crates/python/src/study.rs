@@ -62,7 +62,8 @@ impl Study {
     /// `time` [s] is for all missing images together, instead of the budget of the job. `progress` is called with (finished
     /// images, all images, elapsed [s], remaining [s] or None), from the threads of the run.
     ///
-    /// Returns a dictionary: `made`, `finished` and `count` (images), `seconds`, `forecast` (None without `time`). Ctrl-C
+    /// Returns a dictionary: `made`, `finished` and `count` (images), `seconds`, `failed` (index and message of
+    /// images whose draws do not fit), `forecast` (None without `time`). Ctrl-C
     /// and an exception of `progress` end the run; finished images remain, and the same call continues.
     #[pyo3(signature = (folder, *, count=None, indices=None, jobs=None, threads=None, time=None, progress=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
@@ -96,13 +97,14 @@ impl Study {
         if let Some(raised) = raised.or_else(|| lock(&sink.raised).take()) {
             return Err(raised.into());
         }
-        let RunSummary { made, finished, count, seconds, .. } =
+        let RunSummary { made, finished, count, seconds, failed, .. } =
             result.ok_or_else(|| internal("a thread panicked"))??;
         let entries = PyDict::new(py);
         for (name, number) in [("made", made), ("finished", finished), ("count", count)] {
             entries.set_item(name, number)?;
         }
         entries.set_item("seconds", seconds)?;
+        entries.set_item("failed", failed)?;
         let forecast = lock(&sink.forecast).take().map(|forecast| {
             let entries = PyDict::new(py);
             entries.set_item("seconds", forecast.seconds)?;

@@ -76,6 +76,8 @@ class SetSummary(TypedDict):
     """Images of the set."""
     seconds: float
     """Wall-clock time [s]."""
+    failed: list[tuple[int, str]]
+    """Index and message of each image whose draws do not fit."""
     forecast: Forecast | None
     """None without `time`, and for sets of few images."""
 
