@@ -280,8 +280,8 @@ fn a_time_for_the_whole_set_replaces_the_budget_of_the_job() {
     assert!(message.contains("forecast:") && message.contains("hidden at k ="), "{message}");
     let samples: Vec<u64> =
         (0..16).map(|i| bench.json(&format!("a/records/{i:06}.json"))["samples"].as_u64().expect("a number")).collect();
-    // Half a second for each image is far more than the eight samples a pixel of the job, on any machine that renders at all.
-    assert!(samples.iter().sum::<u64>() > 16 * 8 * 64 * 48, "{samples:?}");
+    // With the budget of the job each image would have as many samples. How many a time gives is up to the machine.
+    assert!(samples.iter().any(|n| *n != 8 * 64 * 48), "{samples:?}");
 }
 
 #[test]

@@ -353,6 +353,9 @@ fn pair(value: &Value, kind: &str) -> Result<[Quantity; 3], Fault> {
 }
 
 fn ordered(low: Quantity, high: Quantity, kind: &str) -> Result<(), Fault> {
+    if !(high.number - low.number).is_finite() {
+        return Err(Fault::new("the range is wider than numbers reach", "write smaller numbers").below(kind));
+    }
     if low.number <= high.number {
         return Ok(());
     }
@@ -405,7 +408,10 @@ fn weights(value: Option<Value>, count: usize) -> Result<Vec<f64>, Fault> {
     if weights.len() != count {
         return Err(Fault::new(format!("{} weights for {count} values", weights.len()), "write one for each value"));
     }
-    if weights.iter().any(|w| !(w.is_finite() && *w >= 0.0)) || weights.iter().all(|w| *w == 0.0) {
+    if weights.iter().any(|w| !(w.is_finite() && *w >= 0.0))
+        || weights.iter().all(|w| *w == 0.0)
+        || weights.iter().sum::<f64>().is_infinite()
+    {
         return Err(Fault::new("the weights are not all from 0 up with a sum above 0", "write numbers from 0 up"));
     }
     Ok(weights)

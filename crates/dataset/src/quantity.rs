@@ -46,7 +46,7 @@ impl Quantity {
         }
         let find = |unit: &str| UNITS.iter().find(|(name, ..)| *name == unit);
         let (from, to) = (find(&self.unit)?, find(unit)?);
-        (from.1 == to.1).then(|| self.number * from.2 / to.2)
+        (from.1 == to.1).then(|| self.number * from.2 / to.2).filter(|number| number.is_finite())
     }
 
     /// The quantity of a number or a text; `None` for other values and for texts that do not begin with a finite number.
@@ -104,6 +104,7 @@ mod tests {
         }
         let in_unit = |text: &str, unit: &str| Quantity::of_text(text).expect("a quantity").number_in(unit);
         assert_eq!(in_unit("1mm", "um"), Some(1000.0));
+        assert_eq!(in_unit("1e308mm", "nm"), None, "beyond the range of f64");
         assert_eq!(in_unit("30us", "ms"), Some(0.03));
         assert_eq!(in_unit("0", "W"), Some(0.0));
         assert_eq!([in_unit("1mm", "ms"), in_unit("1", "mm"), in_unit("1deg", "rad")], [None; 3]);

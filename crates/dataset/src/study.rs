@@ -227,7 +227,7 @@ pub struct Study {
     pub(crate) label: Vec<LabelEntry>,
     pub(crate) place: Vec<Template>,
     pub(crate) defect: Vec<Template>,
-    /// Number of the table in the study of each defect and placement, for errors.
+    /// The named draws.
     draw: BTreeMap<String, Template>,
     /// The keys of the job, as far as the study has them.
     template: Template,
