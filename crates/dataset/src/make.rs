@@ -252,7 +252,6 @@ impl Worker {
         if wanted.yolo {
             files.push((format!("labels/{name}.txt"), encode::yolo(&instances, size).into_bytes()));
         }
-        let sums = &result.rendering.film.sums;
         let certificate = exposed.and_then(|s| s.certified.as_ref()).map(|certified| {
             let c = &certified.certificate;
             let finite = |v: f64| v.is_finite().then_some(v);
@@ -273,7 +272,7 @@ impl Worker {
             width,
             height,
             exposure: exposed.map(|s| s.exposure.time().0),
-            samples: sums.total_samples(),
+            samples: result.stats.samples,
             certificate,
             matched: exposed.and_then(|s| s.matched.as_ref()).map(|m| m.share),
             instances,

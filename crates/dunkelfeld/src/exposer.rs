@@ -13,7 +13,7 @@ use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
-use dunkelfeld_render::film_noise::{FilmNoise, levels, per_luminance, sensor_noise, signal_scatter};
+use dunkelfeld_render::film_noise::{Certified, FilmNoise, levels, per_luminance, sensor_noise, signal_scatter};
 use dunkelfeld_render::parallel::mean_without_gaps;
 use dunkelfeld_render::{Error, RenderedFilm, thread_count};
 use dunkelfeld_sensor::{
@@ -28,6 +28,7 @@ use std::path::Path;
 #[derive(Clone, Debug)]
 pub struct Exposer {
     device: Device,
+    response: Response,
     exposure: Exposure,
     seed: u64,
     electrons: Plane<f32>,
@@ -46,12 +47,24 @@ impl Exposer {
     /// # Errors
     /// Settings outside their range, or outside the ranges of the sensor.
     pub fn of_film(film: &RenderedFilm, settings: &ExposeSettings) -> Result<Self, Error> {
+        Self::of_film_and_mean(film, mean_without_gaps(&film.sums), settings)
+    }
+
+    /// [`Self::of_film`] with the mean radiance of the film, [`mean_without_gaps`]: for several cameras of one film.
+    ///
+    /// # Errors
+    /// As [`Self::of_film`].
+    pub fn of_film_and_mean(
+        film: &RenderedFilm,
+        radiance: Plane<[f32; 3]>,
+        settings: &ExposeSettings,
+    ) -> Result<Self, Error> {
         check(settings)?;
         let ExposeSettings { model, optics, .. } = settings;
-        let radiance = mean_without_gaps(&film.sums);
         let is_matched = settings.exposure_noise == ExposureNoise::Matched;
         let known = |response: Response, exposure: Exposure, _: &Plane<[f32; 3]>| {
-            is_matched.then(|| CompensationInputs::from_noise(&FilmNoise::exposed(response, model, exposure, film)))
+            let noise = || FilmNoise::exposed(response, model, exposure, film).pixel_variances();
+            is_matched.then(|| CompensationInputs::from_variances(&noise()))
         };
         if settings.vignetting.is_some() {
             let problem = "the lens of a render darkens its corners during the render";
@@ -74,7 +87,8 @@ impl Exposer {
         let known = known(response, exposure, &radiance);
         let device = Device::with_readout(model.clone(), settings.seed, [radiance.width(), radiance.height()], readout);
         let (electrons, invalid) = (mean.plane, mean.invalid);
-        Ok(Self { device, exposure, seed: settings.seed, electrons, known, no_light, invalid, invalid_variances: 0 })
+        let seed = settings.seed;
+        Ok(Self { device, response, exposure, seed, electrons, known, no_light, invalid, invalid_variances: 0 })
     }
 
     /// Reads an EXR and combines it with a camera. Binning, the stages of a line scan, the wavelengths of the channels
@@ -146,6 +160,11 @@ impl Exposer {
     /// Expected photo-electrons of each pixel.
     pub fn electrons(&self) -> &Plane<f32> {
         &self.electrons
+    }
+
+    /// The certificate at `k` of the film that is exposed, for this camera. Runs on the threads of the current pool.
+    pub fn certify(&self, film: &RenderedFilm, k: f64) -> Option<Certified> {
+        FilmNoise::exposed(self.response, self.model(), self.exposure, film).certify(k)
     }
 
     /// Grey values \[DN\] of the frame with this number. They are a function of image, settings, seed and number. Runs
@@ -323,7 +342,8 @@ impl NoiseLayers {
         };
         let views = |rows: Range<u32>| response.kinds().iter().map(|weights| view(weights, &rows)).collect();
         let own = Plane::from_fn(width, height, |x, y| response.at(x, y).electrons(*mean.at(x, y)).0 as f32);
-        CompensationInputs::from_noise(&FilmNoise::from_estimates(own, counts.clone(), views, response, Some(sensor)))
+        let noise = FilmNoise::from_estimates(own, counts.clone(), views, response, Some(sensor));
+        CompensationInputs::from_variances(&noise.pixel_variances())
     }
 }
 

@@ -131,7 +131,16 @@ fn expose(
     let key = FrameKey { seed: settings.seed, frame: settings.frame };
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
     let measured = film.map(|film| FilmNoise::exposed(response, model, exposure, film));
-    let noise = measured.as_ref().filter(|_| is_matched).map(CompensationInputs::from_noise);
+    let k = settings.budget.noise.unwrap_or(DEFAULT_TARGET);
+    let (noise, certified) = match &measured {
+        None => (None, None),
+        Some(measured) if is_matched => {
+            let variances = measured.pixel_variances();
+            let certified = measured.certify_by(variances.data().iter().map(|pixel| pixel.noise), k);
+            (Some(CompensationInputs::from_variances(&variances)), certified)
+        }
+        Some(measured) => (None, measured.certify(k)),
+    };
     let mut values = Plane::new(width, height, 0u16);
     values.data_mut().par_chunks_mut(width as usize).enumerate().try_for_each(|(y, row)| {
         let rows = y as u32..y as u32 + 1;
@@ -144,9 +153,7 @@ fn expose(
         (Some(measured), Some(noise)) => Matched::new(measured, noise, &electrons, model, exposure),
         _ => Matched::nowhere(width, height),
     });
-    // So does the certificate.
-    drop((device, noise));
-    let certified = measured.as_ref().and_then(|m| m.certify(settings.budget.noise.unwrap_or(DEFAULT_TARGET)));
+    drop((device, noise, measured));
     // The expected electrons decide. A full well may be below the largest grey value, so that a grey value reaches it
     // or not by its noise.
     let full = (model.saturation().0 - model.dark_electrons(exposure.time()).0) as f32;

@@ -46,7 +46,7 @@ mod stats;
 mod views;
 
 pub use black_image::black_image;
-pub use commands::denoise::{DenoisedFile, check_denoise_output, denoise_exr};
+pub use commands::denoise::{DenoisedFile, check_denoise_output, denoise_exr, read_radiance};
 pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, expose_exr};
 pub use commands::init::init;
 pub use commands::merge::{MergeSettings, Merged, merge};
@@ -75,6 +75,7 @@ pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, Sensor
 pub use dunkelfeld_film::NO_ID;
 pub use dunkelfeld_io::job::DEFAULT_SENSOR;
 pub use dunkelfeld_render::film_noise::Certified;
+pub use dunkelfeld_render::parallel::mean_without_gaps;
 pub use dunkelfeld_render::{
     Budget, Cancel, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_PILOT_SPP, DEFAULT_SPP, DenoiseMethod,
     DenoiseSettings, Error, FORECAST_LEVELS, Forecast, ForecastLevel, MAX_PIXELS, MAX_SIDE, MAX_THREADS, OIDN_VARIABLE,

@@ -1,7 +1,7 @@
 //! The noise of a film for noise-matched exposure: the variance of every pixel, and the pixels where it is reliable.
 
 use dunkelfeld_film::Plane;
-use dunkelfeld_render::film_noise::FilmNoise;
+use dunkelfeld_render::film_noise::{FilmNoise, PixelVariance};
 use dunkelfeld_sensor::{Exposure, SensorModel, matched_where};
 
 /// The pixels where noise-matched exposure holds. There, frames of independent renders have the variance of the
@@ -61,9 +61,8 @@ pub(crate) struct CompensationInputs {
 }
 
 impl CompensationInputs {
-    pub(crate) fn from_noise(measured: &FilmNoise<'_>) -> Self {
-        let variances = measured.without_outliers();
-        Self { variance: variances.map(|t| t.1), is_rare: variances.map(|t| t.0) }
+    pub(crate) fn from_variances(variances: &Plane<PixelVariance>) -> Self {
+        Self { variance: variances.map(|pixel| pixel.variance), is_rare: variances.map(|pixel| pixel.is_rare) }
     }
 
     /// The pixels where the method holds, for a sensor with these mean electrons.

@@ -5,7 +5,6 @@
 
 use dunkelfeld_film::{Film, PixelSums};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_render::parallel::map_tile_rows;
 use serde::Serialize;
 use std::cmp::Ordering;
 
@@ -44,24 +43,36 @@ struct Candidate {
     lift: f64,
 }
 
-/// Computes them, on the threads of the current pool. The result depends only on the film, not on the process or thread
-/// that took its samples.
-pub(crate) fn heaviest(film: &Film) -> Heaviest {
-    let sums: Vec<f64> = map_tile_rows(film, |_, sums| sums.iter().map(luminance).sum());
-    let mean = sums.iter().sum::<f64>() / film.pixels().max(1) as f64;
-    let dominates = |c: &Candidate| c.share >= 0.5 && c.lift > mean;
-    let of_piece = |first: usize, sums: &[PixelSums]| {
-        let (mut dominated, mut worst) = (0, Vec::with_capacity(MAX_LISTED + 1));
-        for candidate in (first..).zip(sums).filter_map(|(i, p)| candidate(i, p)) {
-            dominated += u64::from(dominates(&candidate));
-            insert(&mut worst, candidate);
+/// The heavy samples of some pixels of a film.
+#[derive(Default)]
+pub(crate) struct HeavyPiece {
+    worst: Vec<Candidate>,
+    /// Increases of the pixels of which one sample is half or more.
+    lifts: Vec<f64>,
+    /// Sum of the luminances of all pixels.
+    luminance: f64,
+}
+
+impl HeavyPiece {
+    /// Adds a pixel with its number in the image.
+    pub(crate) fn add(&mut self, pixel: usize, sums: &PixelSums) {
+        self.luminance += luminance(sums);
+        if let Some(candidate) = candidate(pixel, sums) {
+            if candidate.share >= 0.5 {
+                self.lifts.push(candidate.lift);
+            }
+            insert(&mut self.worst, candidate);
         }
-        (dominated, worst)
-    };
-    let pieces: Vec<(u64, Vec<Candidate>)> = map_tile_rows(film, of_piece);
-    let dominated = pieces.iter().map(|(dominated, _)| dominated).sum();
+    }
+}
+
+/// Computes them from all pieces of a film, in their order. The result depends only on the film, not on the process or
+/// thread that took its samples.
+pub(crate) fn heaviest(film: &Film, pieces: Vec<HeavyPiece>) -> Heaviest {
+    let mean = pieces.iter().map(|piece| piece.luminance).sum::<f64>() / film.pixels().max(1) as f64;
+    let dominated = pieces.iter().flat_map(|piece| &piece.lifts).filter(|lift| **lift > mean).count() as u64;
     let mut worst = Vec::with_capacity(MAX_LISTED + 1);
-    pieces.into_iter().flat_map(|(_, worst)| worst).for_each(|candidate| insert(&mut worst, candidate));
+    pieces.into_iter().flat_map(|piece| piece.worst).for_each(|candidate| insert(&mut worst, candidate));
     let width = film.width() as usize;
     let samples = worst
         .iter()
@@ -70,7 +81,7 @@ pub(crate) fn heaviest(film: &Film) -> Heaviest {
             luminance: c.luminance,
             share: c.share,
             lift: c.lift,
-            dominates: dominates(c),
+            dominates: c.share >= 0.5 && c.lift > mean,
         })
         .collect();
     Heaviest { samples, dominated }
@@ -119,6 +130,7 @@ fn luminance(sums: &PixelSums) -> f64 {
 mod tests {
     use super::*;
     use dunkelfeld_film::{Accumulate, Sample};
+    use dunkelfeld_render::parallel::fold_tile_rows;
 
     fn film(bright: &[(usize, u32, f32)]) -> Film {
         let mut sums = [PixelSums::default(); 12];
@@ -133,15 +145,19 @@ mod tests {
         film
     }
 
+    fn heaviest_of(film: &Film) -> Heaviest {
+        heaviest(film, fold_tile_rows(film, HeavyPiece::add))
+    }
+
     #[test]
     fn an_even_image_has_no_heavy_samples() {
-        let found = heaviest(&film(&[]));
+        let found = heaviest_of(&film(&[]));
         assert!(found.samples.is_empty() && found.dominated == 0);
     }
 
     #[test]
     fn outliers_are_sorted_and_have_share_and_lift() {
-        let found = heaviest(&film(&[(5, 3, 201.0), (7, 15, 31.0), (0, 0, 9.0)]));
+        let found = heaviest_of(&film(&[(5, 3, 201.0), (7, 15, 31.0), (0, 0, 9.0)]));
         let names: Vec<&str> = found.samples.iter().map(|s| s.sample.as_str()).collect();
         assert_eq!(names, ["1,1,3", "3,1,15", "0,0,0"]);
         let first = &found.samples[0];
@@ -155,7 +171,7 @@ mod tests {
     #[test]
     fn eight_at_most_and_ties_go_to_the_first_pixels() {
         let all: Vec<(usize, u32, f32)> = (0..12).rev().map(|p| (p, 2, 50.0)).collect();
-        let found = heaviest(&film(&all));
+        let found = heaviest_of(&film(&all));
         assert_eq!(found.samples.len(), 8);
         assert_eq!(found.samples[7].sample, "3,1,2");
     }
@@ -178,7 +194,7 @@ mod tests {
         film.add_rows(0, &sums).expect("memory");
         for threads in [1, 3] {
             let pool = dunkelfeld_render::Session::new(threads).expect("threads");
-            let found = pool.install(|| heaviest(&film));
+            let found = pool.install(|| heaviest_of(&film));
             assert_eq!(found.dominated, heavy.len() as u64);
             let first: Vec<String> = found.samples.iter().take(heavy.len()).map(|s| s.sample.clone()).collect();
             // Each raises its pixel a little less than the one before.

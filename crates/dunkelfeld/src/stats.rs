@@ -2,15 +2,15 @@
 
 use crate::frame::Frame;
 use crate::memory::MemoryStats;
-use crate::outliers::{HeavySample, heaviest};
+use crate::outliers::{HeavyPiece, HeavySample, heaviest};
 use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_adaptive::certificate::Certificate;
-use dunkelfeld_film::{Film, PixelSums};
+use dunkelfeld_film::PixelSums;
 use dunkelfeld_render::ForecastLevel;
 use dunkelfeld_render::Rendering;
 use dunkelfeld_render::Stage;
 use dunkelfeld_render::film_noise::Certified;
-use dunkelfeld_render::parallel::map_tile_rows;
+use dunkelfeld_render::parallel::fold_tile_rows;
 use dunkelfeld_render::{RenderSettings, SensorChoice};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -227,26 +227,22 @@ struct Totals {
 }
 
 impl Totals {
-    /// Runs on the threads of the current pool: a large film takes seconds to read. Rows of tiles are summed in their
-    /// order, so that the sums are the same for any number of threads.
-    fn from_film(film: &Film) -> Self {
-        let pieces = map_tile_rows(film, |_, sums| Self::of_piece(sums));
-        pieces.iter().fold(Self::default(), |all, piece| all.and(piece))
+    /// Sums rows of tiles in their order, so that the sums are the same for any number of threads.
+    fn from_pieces<'a>(pieces: impl Iterator<Item = &'a Self>) -> Self {
+        pieces.fold(Self::default(), |all, piece| all.and(piece))
     }
 
-    fn of_piece(pixels: &[PixelSums]) -> Self {
-        pixels.iter().fold(Self::default(), |all, p| {
-            let n = p.count();
-            all.and(&Self {
-                mean: p.mean(),
-                variance: p.variance_of_mean(),
-                samples: n.into(),
-                invalid: p.invalid.into(),
-                range: Some([n, n]),
-                without: u64::from(n == 0),
-                black: u64::from(n > 0 && p.mean() == [0.0; 3]),
-            })
-        })
+    fn add(&mut self, p: &PixelSums) {
+        let n = p.count();
+        *self = self.and(&Self {
+            mean: p.mean(),
+            variance: p.variance_of_mean(),
+            samples: n.into(),
+            invalid: p.invalid.into(),
+            range: Some([n, n]),
+            without: u64::from(n == 0),
+            black: u64::from(n > 0 && p.mean() == [0.0; 3]),
+        });
     }
 
     fn and(self, other: &Self) -> Self {
@@ -272,7 +268,13 @@ impl Stats {
     /// end.
     pub fn new(rendering: &Rendering, frame: &Frame, settings: &RenderSettings) -> Self {
         let film = &rendering.film.sums;
-        let totals = Totals::from_film(film);
+        // A large film takes seconds to read.
+        let pieces = fold_tile_rows(film, |(totals, heavy): &mut (Totals, HeavyPiece), pixel, sums| {
+            totals.add(sums);
+            heavy.add(pixel, sums);
+        });
+        let totals = Totals::from_pieces(pieces.iter().map(|(totals, _)| totals));
+        let heavy = heaviest(film, pieces.into_iter().map(|(_, heavy)| heavy).collect());
         let n = film.pixels().max(1) as f64;
         let samples_were_taken = |stage: &Stage| matches!(stage, Stage::Pilot | Stage::Refine);
         let rendering_seconds: f64 =
@@ -282,7 +284,6 @@ impl Stats {
             *seconds.entry(stage.name().to_string()).or_insert(0.0) += s;
         }
         let samples = totals.samples;
-        let heavy = heaviest(film);
         Self {
             version: STATS_VERSION,
             program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
@@ -406,7 +407,7 @@ fn sensor_stats(frame: &Frame, settings: &RenderSettings) -> Option<SensorStats>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld_film::{Accumulate, Sample};
+    use dunkelfeld_film::{Accumulate, Film, Sample};
     use dunkelfeld_radiometry::Rgb;
 
     #[test]
@@ -421,8 +422,9 @@ mod tests {
         }
         let mut film = Film::new(width, height);
         film.add_rows(0, &sums).expect("memory");
-        let of =
-            |threads| dunkelfeld_render::Session::new(threads).expect("threads").install(|| Totals::from_film(&film));
+        let totals =
+            || Totals::from_pieces(fold_tile_rows(&film, |totals: &mut Totals, _, sums| totals.add(sums)).iter());
+        let of = |threads| dunkelfeld_render::Session::new(threads).expect("threads").install(totals);
         let (one, three) = (of(1), of(3));
         assert_eq!((one.mean, one.samples, one.range), (three.mean, three.samples, three.range));
         let counts = film.sample_counts();

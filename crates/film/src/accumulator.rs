@@ -70,8 +70,19 @@ impl RadianceSum {
     /// The sum as floating-point numbers [W/(m^2 sr)].
     #[inline]
     pub fn to_f64(self) -> [f64; 3] {
-        self.0.map(|v| v as f64 * (-RADIANCE_BITS as f64).exp2())
+        self.0.map(|v| number(v) * (-RADIANCE_BITS as f64).exp2())
     }
+}
+
+#[inline]
+fn weighted(v: [f64; 3], weights: [f64; 3]) -> f64 {
+    weights[0] * v[0] + weights[1] * v[1] + weights[2] * v[2]
+}
+
+/// A sum as a floating-point number. Most sums fit into 64 bits, whose conversion is an instruction.
+#[inline]
+fn number(v: u128) -> f64 {
+    u64::try_from(v).map_or_else(|_| v as f64, |v| v as f64)
 }
 
 /// `v * 2^48` as an integer. Lost bits are rounded to nearest even. `v` is finite and in `[0, 2^46)`.
@@ -270,13 +281,19 @@ impl PixelSums {
         spread.map(|s| s / ((used - 1) as f64 * n))
     }
 
+    /// Mean of a weighted sum of the channels. Zero without samples.
+    #[inline]
+    pub fn weighted_mean(&self, weights: [f64; 3]) -> f64 {
+        weighted(self.mean(), weights)
+    }
+
     /// Mean, and estimated variance of that mean, of a weighted sum of the channels: [`Self::mean`] and
     /// [`Self::variance_of_mean`] of `sum w_c L_c`. The variance includes the covariance of the channels, which their
     /// variances alone do not contain. Without samples the mean is zero. With fewer than two batches the variance is
     /// infinite.
     pub fn weighted_mean_and_variance(&self, weights: [f64; 3]) -> (f64, f64) {
-        let weigh = |v: [f64; 3]| weights[0] * v[0] + weights[1] * v[1] + weights[2] * v[2];
-        let mean = weigh(self.mean());
+        let weigh = |v: [f64; 3]| weighted(v, weights);
+        let mean = self.weighted_mean(weights);
         let (mut used, mut spread) = (0u32, 0.0);
         for (batch, &count) in self.batches.iter().zip(&self.counts).filter(|(_, c)| **c > 0) {
             used += 1;

@@ -14,6 +14,8 @@ pub(crate) const COLUMNS: usize = 36;
 /// Columns of a film without the layers that only auxiliary outputs need. They come first.
 const IMAGE_COLUMNS: usize = 24;
 const RADIANCE: usize = 12;
+/// The column of the number of samples.
+pub(crate) const COUNT: usize = 12;
 const _: () = assert!(RADIANCE == 3 * BATCHES, "the columns are those of four batches");
 
 impl FilmLayers {
@@ -27,11 +29,11 @@ impl FilmLayers {
 }
 
 /// The number of a pixel in a column.
-#[inline]
+#[inline(always)]
 pub(crate) fn get(sums: &PixelSums, column: usize) -> u128 {
     match column {
         0..RADIANCE => sums.batches[column / 3].0[column % 3],
-        12 => sums.counts.iter().map(|&count| u128::from(count)).sum(),
+        COUNT => sums.counts.iter().map(|&count| u128::from(count)).sum(),
         13..16 => ordered_difference(share(sums, column - 12), sums.counts[column - 12].into()),
         16 => sums.invalid.into(),
         17 => (sums.heaviest_key >> 32).into(),
@@ -50,12 +52,12 @@ pub(crate) fn get(sums: &PixelSums, column: usize) -> u128 {
 }
 
 /// Inverts [`get`], for a pixel whose earlier columns are set.
-#[inline]
+#[inline(always)]
 pub(crate) fn set(sums: &mut PixelSums, column: usize, value: u128) {
     match column {
         0..RADIANCE => sums.batches[column / 3].0[column % 3] = value,
         // The first batch has all samples until the values of the other batches are read.
-        12 => sums.counts[0] = value as u32,
+        COUNT => sums.counts[0] = value as u32,
         13..16 => {
             let count = undo_difference(share(sums, column - 12), value) as u32;
             sums.counts[column - 12] = count;
@@ -109,7 +111,7 @@ fn rest_of_normals(sums: &PixelSums) -> u64 {
 /// The column from which a column may be stored as a difference: an earlier one with often nearly the same values.
 /// Green and blue use red. The red of a later batch uses the red of the first batch.
 #[inline]
-pub(crate) fn reference(column: usize) -> Option<usize> {
+pub(crate) const fn reference(column: usize) -> Option<usize> {
     match column {
         3 | 6 | 9 => Some(0),
         0..RADIANCE if !column.is_multiple_of(3) => Some(column - column % 3),
@@ -118,6 +120,18 @@ pub(crate) fn reference(column: usize) -> Option<usize> {
         _ => None,
     }
 }
+
+/// A function for each column, `$f::<0>` and so on. The column is a constant in each of them, so that a loop over pixels
+/// reads or writes one number of each, without a decision.
+macro_rules! of_columns {
+    ($f:ident) => {
+        of_columns!($f; 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31 32 33 34 35)
+    };
+    ($f:ident; $($column:literal)*) => {
+        [$($f::<$column>),*]
+    };
+}
+pub(crate) use of_columns;
 
 /// The sums as a film with these layers returns them.
 #[cfg(test)]

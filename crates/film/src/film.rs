@@ -189,11 +189,20 @@ impl Film {
     pub fn add_rows(&mut self, first: u32, sums: &[PixelSums]) -> Result<(), OutOfMemory> {
         let width = self.width as usize;
         assert!(width == 0 || sums.len().is_multiple_of(width), "{} sums are no whole rows", sums.len());
-        for (y, row) in (first..).zip(sums.chunks(width.max(1))) {
+        // A tile is unpacked once for all of its rows.
+        let (mut y, mut sums) = (first, sums);
+        while width > 0 && !sums.is_empty() {
+            let rows = (TILE_SIDE - y % TILE_SIDE).min((sums.len() / width) as u32);
+            let (of_band, rest) = sums.split_at(rows as usize * width);
             let band = &mut self.rows[(y / TILE_SIDE) as usize];
-            for (tile, sums) in row.chunks(TILE_SIDE as usize).enumerate() {
-                band.add(tile, (0..).map(|x| (x, y % TILE_SIDE)).zip(sums))?;
+            for (tile, left) in (0..width).step_by(TILE_SIDE as usize).enumerate() {
+                let lines = (y % TILE_SIDE..).zip(of_band.chunks(width));
+                let of_tile = lines.flat_map(|(y, line)| {
+                    (0..).zip(&line[left..width.min(left + TILE_SIDE as usize)]).map(move |(x, sums)| ((x, y), sums))
+                });
+                band.add(tile, of_tile)?;
             }
+            (y, sums) = (y + rows, rest);
         }
         Ok(())
     }
@@ -255,7 +264,22 @@ impl Film {
 
     /// Number of samples per pixel.
     pub fn sample_counts(&self) -> Plane<u32> {
-        self.map(PixelSums::count)
+        let mut counts = Plane::new(self.width, self.height, 0);
+        let (width, side) = (self.width as usize, TILE_SIDE as usize);
+        for (row, counts) in self.rows.iter().zip(counts.data_mut().chunks_mut((width * side).max(1))) {
+            for (tile, packed) in row.tiles.iter().enumerate().filter(|(_, packed)| !packed.is_empty()) {
+                let of_tile = packed.counts(&row.pages);
+                for (to, from) in counts.chunks_mut(width).zip(of_tile.chunks(side)) {
+                    to.iter_mut().skip(tile * side).zip(from).for_each(|(to, from)| *to = *from);
+                }
+            }
+        }
+        counts
+    }
+
+    /// Has each pixel samples?
+    pub fn has_all_pixels(&self) -> bool {
+        !self.sample_counts().data().contains(&0)
     }
 
     /// Number of samples of the whole film.
@@ -293,6 +317,18 @@ impl TileRow {
             (slot(x, y), sums)
         });
         self.tiles[tile].add(&mut self.pages, self.layers, sums)
+    }
+
+    /// Calls `f` with column, row (counted from its first) and sums of each pixel, tile by tile. `sums` is memory that
+    /// several calls can share.
+    pub fn visit(&self, sums: &mut Vec<PixelSums>, mut f: impl FnMut(u32, u32, &PixelSums)) {
+        for (left, packed) in (0..self.width).step_by(TILE_SIDE as usize).zip(&self.tiles) {
+            packed.unpack(&self.pages, self.layers, sums);
+            let columns = (self.width - left).min(TILE_SIDE);
+            for (y, row) in (0..self.height).zip(sums.chunks(TILE_SIDE as usize)) {
+                (left..left + columns).zip(row).for_each(|(x, sums)| f(x, y, sums));
+            }
+        }
     }
 
     /// Appends the sums of some of its rows of pixels, counted from its first.
@@ -408,6 +444,15 @@ mod tests {
         a.read_rows(7..19, &mut read);
         assert_eq!(read, of_a[(7 * width) as usize..(19 * width) as usize]);
         assert_eq!(a.pixel(36, 20), of_a[36 + 20 * 37]);
+        let mut visited = vec![None; (width * height) as usize];
+        for (row, top) in a.tile_rows().iter().zip((0..).step_by(TILE_SIDE as usize)) {
+            row.visit(&mut Vec::new(), |x, y, sums| {
+                let before = visited[((top + y) * width + x) as usize].replace(*sums);
+                assert_eq!(before, None, "once");
+            });
+        }
+        assert!(visited.iter().zip(&of_a).all(|(visited, sums)| *visited == Some(*sums)));
+        assert_eq!(a.sample_counts(), a.map(PixelSums::count));
         a.merge(&b).expect("alike");
         let mut both = of_a;
         both.iter_mut().zip(&of_b).for_each(|(a, b)| a.merge(b));

@@ -9,7 +9,7 @@
 //! bytes, and usually needs six or seven.
 
 use crate::accumulator::PixelSums;
-use crate::columns::{COLUMNS, get, reference, set};
+use crate::columns::{COLUMNS, COUNT, get, of_columns, reference, set};
 use crate::film::{FilmLayers, OutOfMemory};
 
 /// Pixels along the side of a tile.
@@ -175,6 +175,22 @@ impl Tile {
         if self.has_reference >> column & 1 == 0 { None } else { reference(column) }
     }
 
+    /// The number of samples of each pixel, row by row: one column, which is not a difference from another one.
+    pub(crate) fn counts(&self, pages: &Pages) -> [u32; PIXELS] {
+        let before = |widths: &[u8]| widths.iter().map(|&width| usize::from(width)).sum();
+        let earlier = (self.has_base & ((1 << COUNT) - 1)).count_ones() as usize;
+        let base = self.base(COUNT, &mut self.bases[earlier..].iter());
+        let mut counts = [base as u32; PIXELS];
+        let own = self.pages.iter().skip(before(&self.widths[..COUNT])).take(self.widths[COUNT].into());
+        for (shift, &page) in own.enumerate() {
+            let bytes = counts.iter_mut().zip(pages.get(page));
+            bytes.for_each(|(count, &byte)| {
+                *count = count.wrapping_add(u32::from(byte).unbounded_shl(8 * shift as u32))
+            });
+        }
+        counts
+    }
+
     /// Replaces `out` by the sums of all pixels, row by row.
     pub(crate) fn unpack(&self, pages: &Pages, layers: FilmLayers, out: &mut Vec<PixelSums>) {
         out.clear();
@@ -183,43 +199,31 @@ impl Tile {
             return;
         }
         let (mut own, mut bases) = (self.pages.iter(), self.bases.iter());
-        for column in 0..layers.columns() {
+        for (column, set_column) in SET_COLUMN.iter().enumerate().take(layers.columns()) {
             let base = self.base(column, &mut bases);
-            // Halves of 64 bits, to which the compiler can widen many bytes at once.
             let mut halves = [[0u64; PIXELS]; 2];
             for shift in 0..self.widths[column] {
                 let Some(&page) = own.next() else { break };
                 let half = &mut halves[usize::from(shift / 8)];
                 half.iter_mut().zip(pages.get(page)).for_each(|(v, &byte)| *v |= u64::from(byte) << (8 * (shift % 8)));
             }
-            let reference = self.reference(column);
-            for ((sums, &low), &high) in out.iter_mut().zip(&halves[0]).zip(&halves[1]) {
-                let value = (u128::from(high) << 64 | u128::from(low)).wrapping_add(base);
-                set(sums, column, undo_difference(reference.map(|r| get(sums, r)), value));
-            }
+            set_column(out, &halves, base, self.reference(column).is_some());
         }
     }
 
     /// Replaces the contents by the sums of all pixels. Without enough memory nothing changes.
     fn pack(&mut self, pages: &mut Pages, layers: FilmLayers, sums: &[PixelSums]) -> Result<(), OutOfMemory> {
-        let numbers = |column: usize, reference: Option<usize>| {
-            let mut numbers = [0u128; PIXELS];
-            let of = |sums: &PixelSums| difference(reference.map(|r| get(sums, r)), get(sums, column));
-            numbers.iter_mut().zip(sums).for_each(|(number, sums)| *number = of(sums));
-            numbers
-        };
-        let range = |column: usize, reference: Option<usize>| {
+        let numbers = |column: usize, is_difference: bool| GET_COLUMN[column](sums, is_difference);
+        let range = |column: usize, is_difference: bool| {
             let bounds = |(low, high): (u128, u128), &number: &u128| (low.min(number), high.max(number));
-            numbers(column, reference).iter().fold((u128::MAX, 0), bounds)
+            numbers(column, is_difference).iter().fold((u128::MAX, 0), bounds)
         };
         let mut packed = Self::default();
         let mut bases = [0u128; COLUMNS];
         for (column, base) in bases.iter_mut().enumerate().take(layers.columns()) {
-            let (mut low, mut high) = range(column, None);
-            if let Some(reference) = reference(column)
-                && high != low
-            {
-                let differences = range(column, Some(reference));
+            let (mut low, mut high) = range(column, false);
+            if reference(column).is_some() && high != low {
+                let differences = range(column, true);
                 if bytes_of(differences.1 - differences.0) < bytes_of(high - low) {
                     (low, high) = differences;
                     packed.has_reference |= 1 << column;
@@ -250,7 +254,7 @@ impl Tile {
         let mut own = packed.pages.iter();
         for (column, base) in bases.into_iter().enumerate().take(layers.columns()) {
             let mut halves = [[0u64; PIXELS]; 2];
-            for (slot, number) in numbers(column, packed.reference(column)).iter().enumerate() {
+            for (slot, number) in numbers(column, packed.reference(column).is_some()).iter().enumerate() {
                 let value = number - base;
                 (halves[0][slot], halves[1][slot]) = (value as u64, (value >> 64) as u64);
             }
@@ -262,6 +266,40 @@ impl Tile {
         }
         *self = packed;
         Ok(())
+    }
+}
+
+/// Halves of 64 bits of the numbers of a column, to which the compiler can widen many bytes at once.
+type Halves = [[u64; PIXELS]; 2];
+
+const GET_COLUMN: [fn(&[PixelSums], bool) -> [u128; PIXELS]; COLUMNS] = of_columns!(get_column);
+const SET_COLUMN: [fn(&mut [PixelSums], &Halves, u128, bool); COLUMNS] = of_columns!(set_column);
+
+/// The numbers of a column, or their differences from its [`reference`].
+fn get_column<const COLUMN: usize>(sums: &[PixelSums], is_difference: bool) -> [u128; PIXELS] {
+    let mut numbers = [0; PIXELS];
+    let numbers_of = numbers.iter_mut().zip(sums);
+    match reference(COLUMN) {
+        Some(reference) if is_difference => {
+            numbers_of.for_each(|(number, p)| *number = difference(Some(get(p, reference)), get(p, COLUMN)));
+        }
+        _ => numbers_of.for_each(|(number, p)| *number = get(p, COLUMN)),
+    }
+    numbers
+}
+
+/// Sets the numbers of a column from their distances to a base. The columns before it are set.
+fn set_column<const COLUMN: usize>(sums: &mut [PixelSums], halves: &Halves, base: u128, is_difference: bool) {
+    let values = halves[0]
+        .iter()
+        .zip(&halves[1])
+        .map(|(&low, &high)| (u128::from(high) << 64 | u128::from(low)).wrapping_add(base));
+    let pixels = sums.iter_mut().zip(values);
+    match reference(COLUMN) {
+        Some(reference) if is_difference => {
+            pixels.for_each(|(p, value)| set(p, COLUMN, undo_difference(Some(get(p, reference)), value)));
+        }
+        _ => pixels.for_each(|(p, value)| set(p, COLUMN, value)),
     }
 }
 

@@ -8,7 +8,7 @@ use crate::plan::forecast::{Forecast, Throughput};
 use crate::plan::{FIRST_LOOK, NoiseVerdict, Planner, State};
 use crate::progress::Stage;
 use crate::rendered_film::RenderedFilm;
-use crate::round::pass::Stride;
+use crate::round::pass::{Portion, Stride};
 use crate::round::{ProgressReporter, RoundWork, TILE, abort_at, deadline, run};
 use crate::session::Session;
 use crate::settings::{DEFAULT_SPP, RenderSettings};
@@ -165,6 +165,11 @@ struct Renderer<'a> {
     planner: Planner<'a>,
     costs: CostMap,
     stride: Stride,
+    /// Number of passes so far, and the samples per second of the last one, for passes that are watched.
+    passes: u64,
+    rate: Option<f64>,
+    /// Seconds for which the render waited for a receiver of its film.
+    waited: f64,
     stages: Vec<(Stage, f64)>,
     invalid: Vec<PixelSample>,
     connections: ConnectionTally,
@@ -208,6 +213,9 @@ impl<'a> Renderer<'a> {
             planner: Planner::new(settings),
             costs: CostMap::new(TileGrid::new(width, height, TILE)),
             stride: Stride::default(),
+            passes: 0,
+            rate: None,
+            waited: 0.0,
             stages: Vec::new(),
             invalid: Vec::new(),
             connections: ConnectionTally::default(),
@@ -336,14 +344,15 @@ impl<'a> Renderer<'a> {
                 .then(|| deadline(self.started, limits.seconds, self.closing(&course)))
                 .flatten();
             self.course = Some(course.clone());
-            let (before, began) = (self.taken, Instant::now());
+            let (before, began, waited) = (self.taken, Instant::now(), self.waited);
             let work = self.round(&target, course.stage, guard, &reporter)?;
             if self.session.is_cancelled() {
                 self.target = Some(target);
                 return Ok(StopReason::Samples);
             }
             // Includes the samples of this round that an earlier process took.
-            course.schedule.record(self.taken - course.schedule.taken(), work, began.elapsed().as_secs_f64());
+            let seconds = began.elapsed().as_secs_f64() - (self.waited - waited);
+            course.schedule.record(self.taken - course.schedule.taken(), work, seconds);
             if self.taken > before {
                 course.work_per_sample = work / (self.taken - before) as f64;
             }
@@ -490,10 +499,12 @@ impl<'a> Renderer<'a> {
         let mut units = self.costs.cut(&increment, self.session.threads());
         let work = makespan(&units, self.session.threads());
         loop {
-            let most = self.stride.samples();
-            let is_last = increment.data().iter().all(|&n| n <= most);
+            let portion = self.portion();
+            let needed = plan::total(&increment);
+            portion.limit(increment.data_mut(), self.passes);
+            self.passes += 1;
+            let is_last = plan::total(&increment) == needed;
             if !is_last {
-                increment.data_mut().iter_mut().for_each(|n| *n = (*n).min(most));
                 units = self.costs.cut(&increment, self.session.threads());
             }
             let pass = Pass { target, increment: &increment, units: &units, deadline, stage };
@@ -503,6 +514,18 @@ impl<'a> Renderer<'a> {
             }
             increment = plan::increment(&self.counts, target);
             units = self.costs.cut(&increment, self.session.threads());
+        }
+    }
+
+    /// The samples of the next pass.
+    fn portion(&self) -> Portion {
+        let most = self.stride.samples();
+        match self.session.progress().film_interval() {
+            None => Portion { samples: most, one_in: 1 },
+            Some(interval) => {
+                let Portion { samples, one_in } = Portion::watched(interval, self.pixels(), self.rate);
+                Portion { samples: samples.min(most), one_in }
+            }
         }
     }
 
@@ -556,6 +579,15 @@ impl<'a> Renderer<'a> {
         self.invalid.sort_by_key(|s| (s.y, s.x, s.index));
         self.invalid.truncate(crate::round::MAX_LISTED);
         self.spend(stage, began);
+        if self.session.progress().film_interval().is_some() {
+            let seconds = began.elapsed().as_secs_f64();
+            if result.samples > 0 && seconds > 0.0 {
+                self.rate = Some(result.samples as f64 / seconds);
+            }
+            let began = Instant::now();
+            self.session.progress().film(&self.film);
+            self.waited += began.elapsed().as_secs_f64();
+        }
         let dearest = result.tiles.iter().map(|&(.., seconds)| seconds).fold(0.0, f64::max);
         self.stride.measured(dearest.min(began.elapsed().as_secs_f64()));
         if result.out_of_memory {

@@ -1,6 +1,6 @@
 //! The noise of a film relative to the noise of a sensor. Plans and certificates are computed from it.
 
-use crate::parallel::map_tile_rows;
+use crate::parallel::map_film_at;
 use crate::rendered_film::RenderedFilm;
 use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_pixels};
@@ -8,7 +8,7 @@ use dunkelfeld_adaptive::required_samples::{RequiredSamples, SensorNoise, requir
 use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, SensorVarianceRange, pixel_features};
 use dunkelfeld_adaptive::variance::neighbours::{PredictedNoise, neighbour_noise, predicted_noise_row};
 use dunkelfeld_adaptive::variance::pixel::{BLOCK, pixel_noise_of_blocks};
-use dunkelfeld_adaptive::variance::pooled::{PixelNoise, noise_row};
+use dunkelfeld_adaptive::variance::pooled::{PixelNoise, pooled_pixel};
 use dunkelfeld_film::{Film, PixelSums, Plane, Scatter};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sensor::{Exposure, ImageExposure, Response, SensorError, SensorModel, Weights};
@@ -50,29 +50,31 @@ impl SignalModel {
         mean.map(|&pixel| weights.electrons(pixel).0 as f32)
     }
 
-    /// Estimates of some rows of pixels of a film, as signals of each kind of pixel. The sums of few rows are unpacked
-    /// at a time.
+    /// Estimates of some rows of pixels of a film, from the first row of a tile on, as signals of each kind of pixel.
     fn evidence(&self, film: &RenderedFilm, rows: Range<u32>) -> Vec<NoiseInputs> {
         let (width, height, kinds) = (film.sums.width(), rows.len() as u32, self.response.kinds());
-        let pixels = width as usize * rows.len();
-        let (mut counts, mut normals) = (Vec::with_capacity(pixels), Vec::with_capacity(pixels));
-        let mut seen: Vec<Vec<Seen>> = kinds.iter().map(|_| Vec::with_capacity(pixels)).collect();
-        let mut sums = Vec::new();
-        for top in rows.clone().step_by(Film::TILE as usize) {
-            sums.clear();
-            film.sums.read_rows(top..(top + Film::TILE).min(rows.end), &mut sums);
-            counts.extend(sums.iter().map(PixelSums::count));
-            normals.extend(sums.iter().map(PixelSums::mean_normal));
-            for (seen, &weights) in seen.iter_mut().zip(kinds) {
-                seen.extend(sums.iter().map(|p| Seen::from_sums(p, weights)));
-            }
+        let mut counts = Plane::new(width, height, 0);
+        let mut normals = Plane::new(width, height, [0.0; 3]);
+        let mut seen: Vec<Plane<Seen>> = kinds.iter().map(|_| Plane::new(width, height, Seen::default())).collect();
+        let mut buffer = Vec::new();
+        let tile = |y: u32| (y / Film::TILE) as usize;
+        for (row, top) in
+            film.sums.tile_rows()[tile(rows.start)..].iter().zip((rows.start..rows.end).step_by(Film::TILE as usize))
+        {
+            let first = (top - rows.start) as usize * width as usize;
+            row.visit(&mut buffer, |x, y, sums| {
+                let pixel = first + y as usize * width as usize + x as usize;
+                counts.data_mut()[pixel] = sums.count();
+                normals.data_mut()[pixel] = sums.mean_normal();
+                for (seen, &weights) in seen.iter_mut().zip(kinds) {
+                    seen.data_mut()[pixel] = Seen::from_sums(sums, weights);
+                }
+            });
         }
         let objects =
             Plane::from_fn(width, height, |x, y| film.ids.at(x, rows.start + y).map_or(u32::MAX, |l| l.object()));
-        let surface = pixel_features(&objects, &Plane::of_pixels(width, height, normals));
-        let counts = Plane::of_pixels(width, height, counts);
-        let of_kind = |seen: Vec<Seen>| {
-            let seen = Plane::of_pixels(width, height, seen);
+        let surface = pixel_features(&objects, &normals);
+        let of_kind = |seen: Plane<Seen>| {
             let (mean, variance) = (seen.map(|s| s.mean), seen.map(|s| s.variance));
             NoiseInputs {
                 counts: counts.clone(),
@@ -89,6 +91,7 @@ impl SignalModel {
 }
 
 /// Signal statistics of a pixel for one kind of pixel of the sensor.
+#[derive(Clone, Copy, Default)]
 struct Seen {
     mean: f32,
     variance: f32,
@@ -141,13 +144,6 @@ pub fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<SensorNoi
     })
 }
 
-/// [`dunkelfeld_adaptive::variance::pooled::noise`], with rows distributed over the threads of the current pool.
-fn pooled(evidence: &NoiseInputs) -> Plane<PixelNoise> {
-    let rows: Vec<_> = (0..evidence.height()).into_par_iter().map(|y| noise_row(evidence, y)).collect();
-    let unknown = |_: &f32| PixelNoise::UNKNOWN;
-    Plane::from_vec(evidence.width(), evidence.height(), rows.concat()).unwrap_or_else(|| evidence.mean.map(unknown))
-}
-
 /// [`dunkelfeld_adaptive::variance::pixel::pixel_noise`] of some rows of an image that begin and end with a row of
 /// blocks, distributed in the same way.
 fn pixel_noise(evidence: &NoiseInputs, rows: Range<u32>) -> Vec<PixelNoise> {
@@ -164,6 +160,7 @@ const BAND: u32 = 64;
 /// Rows above and below that influence the result: whole blocks, and more than the radius of any neighbourhood.
 const HALO: u32 = BLOCK;
 const _: () = assert!(BAND.is_multiple_of(BLOCK) && HALO >= 8 && HALO.is_multiple_of(BLOCK));
+const _: () = assert!(BLOCK.is_multiple_of(Film::TILE), "a band begins with a row of tiles");
 
 /// A certificate together with the ratios from which it is computed.
 #[derive(Clone, Debug, PartialEq)]
@@ -173,6 +170,23 @@ pub struct Certified {
     /// Variance of the rendered mean over that of the sensor, per pixel: the layer `hidden.Y`. Infinite where it is
     /// unknown.
     pub ratios: Plane<f32>,
+}
+
+/// The noise of a pixel from its own samples, with and without rare samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelVariance {
+    /// The noise with all samples, for the certificate ([`FilmNoise::pixel_noise`]).
+    pub noise: PixelNoise,
+    /// Does the pixel contain a rare sample? Without a sensor no sample is rare.
+    pub is_rare: bool,
+    /// The variance of the mean \[e^-2\]. Pixels with a rare sample do not contribute to the variance of their neighbours.
+    /// Infinite where the pixel has samples in fewer than two batches. Its neighbours determine the noise of its samples,
+    /// but not whether one of them is rare.
+    pub variance: f32,
+}
+
+impl PixelVariance {
+    const UNKNOWN: Self = Self { noise: PixelNoise::UNKNOWN, is_rare: false, variance: f32::INFINITY };
 }
 
 /// Estimates of some rows of an image, as signals of each kind of pixel.
@@ -196,20 +210,11 @@ pub struct FilmNoise<'a> {
 impl<'a> FilmNoise<'a> {
     /// Noise of a film, in the unit of `signal_model`.
     pub fn new(signal_model: &SignalModel, film: &'a RenderedFilm) -> Self {
-        let (signal_model, width) = (*signal_model, film.sums.width());
-        let signal = |first: usize, sums: &[PixelSums]| -> Vec<(f32, u32)> {
-            let place = |pixel: usize| (pixel as u32 % width, (pixel / width as usize) as u32);
-            let of_pixel = |(pixel, p): (usize, &PixelSums)| {
-                let (x, y) = place(pixel);
-                (p.weighted_mean_and_variance(signal_model.response.at(x, y).0).0 as f32, p.count())
-            };
-            (first..).zip(sums).map(of_pixel).collect()
-        };
-        let signals = map_tile_rows(&film.sums, signal);
-        let mut pixels = signals.iter().flatten();
-        let mut counts = Plane::new(width, film.sums.height(), 0);
-        let mean = Plane::from_fn(width, film.sums.height(), |_, _| pixels.next().map_or(0.0, |p| p.0));
-        counts.data_mut().iter_mut().zip(signals.iter().flatten()).for_each(|(count, p)| *count = p.1);
+        let signal_model = *signal_model;
+        let [signals] = map_film_at(&film.sums, |x, y, sums| {
+            [(sums.weighted_mean(signal_model.response.at(x, y).0) as f32, sums.count())]
+        });
+        let (mean, counts) = (signals.map(|s| s.0), signals.map(|s| s.1));
         let views = move |rows: Range<u32>| signal_model.evidence(film, rows);
         Self { mean, counts, sensor: signal_model.sensor, views: Box::new(views), response: signal_model.response }
     }
@@ -276,22 +281,27 @@ impl<'a> FilmNoise<'a> {
         self.by_bands(PixelNoise::UNKNOWN, pixel_noise)
     }
 
-    /// For each pixel: does it contain a rare sample, and the variance of its mean \[e^-2\]. Pixels with a rare sample
-    /// do not contribute to the variance of their neighbours. Without a sensor no sample is rare. The variance is
-    /// infinite where the pixel has samples in fewer than two batches. Its neighbours determine the noise of its
-    /// samples, but not whether one of them is rare.
-    pub fn without_outliers(&self) -> Plane<(bool, f32)> {
-        self.by_bands((false, f32::INFINITY), |evidence, rows| {
-            let outliers = match self.sensor {
-                None => evidence.mean.map(|_| false),
-                Some(sensor) => outliers(evidence, &pooled(evidence), sensor),
-            };
+    /// The noise of each pixel from its own samples, with and without rare samples.
+    pub fn pixel_variances(&self) -> Plane<PixelVariance> {
+        self.by_bands(PixelVariance::UNKNOWN, |evidence, rows| {
+            let outliers = self.sensor.and_then(|sensor| outliers(evidence, sensor));
             let width = evidence.width() as usize;
             let pixels = rows.start as usize * width..rows.end as usize * width;
-            let own = &evidence.variance.data()[pixels.clone()];
-            let estimates = variance_without_outliers(evidence, &outliers, rows);
-            let known = |(&own, estimates): (&f32, f32)| if own.is_finite() { estimates } else { f32::INFINITY };
-            outliers.data()[pixels].iter().copied().zip(own.iter().zip(estimates).map(known)).collect()
+            let all = pixel_noise(evidence, rows.clone());
+            let others = outliers.as_ref().map(|is_rare| {
+                let mut others = evidence.clone();
+                let variances = others.variance.data_mut().iter_mut().zip(is_rare.data());
+                variances.filter(|(_, is_rare)| **is_rare).for_each(|(v, _)| *v = f32::INFINITY);
+                pixel_noise(&others, rows)
+            });
+            let own = evidence.variance.data()[pixels.clone()].iter().zip(&evidence.counts.data()[pixels.clone()]);
+            let of_pixel = |(i, (all, (own, &count))): (usize, (&PixelNoise, (&f32, &u32)))| {
+                let is_rare = outliers.as_ref().is_some_and(|outliers| outliers.data()[pixels.start + i]);
+                let without = others.as_ref().filter(|_| !is_rare).map_or(all, |others| &others[i]);
+                let variance = if own.is_finite() { without.of_mean(count) } else { f32::INFINITY };
+                PixelVariance { noise: *all, is_rare, variance }
+            };
+            all.iter().zip(own).enumerate().map(of_pixel).collect()
         })
     }
 
@@ -302,13 +312,13 @@ impl<'a> FilmNoise<'a> {
 
     /// Certifies at `k`; `None` without a sensor.
     pub fn certify(&self, k: f64) -> Option<Certified> {
-        self.certify_by(&self.pixel_noise(), k)
+        self.certify_by(self.pixel_noise().data().iter().copied(), k)
     }
 
-    /// The certificate at `k` from given [`Self::pixel_noise`] noise.
-    pub fn certify_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<Certified> {
+    /// The certificate at `k` from given [`Self::pixel_noise`] of all pixels, row by row.
+    pub fn certify_by(&self, noise: impl Iterator<Item = PixelNoise>, k: f64) -> Option<Certified> {
         let sensor = self.sensor?;
-        let pixels = noise.data().iter().zip(self.counts.data()).zip(self.mean.data());
+        let pixels = noise.zip(self.counts.data()).zip(self.mean.data());
         let claims = pixels.map(|((noise, &n), &mean)| {
             let render = noise.of_mean(n);
             Claim {
@@ -331,40 +341,27 @@ const MIN_VISIBLE_RISE: f64 = 1.0;
 const MIN_RISE_OVER_PIXEL: f64 = 0.5;
 
 /// Pixels with a sample that raises them that far above the mean of their neighbourhood. The other samples of the pixel
-/// hardly influence the decision, so that the remaining samples are distributed like bounded samples.
-fn outliers(evidence: &NoiseInputs, noise: &Plane<PixelNoise>, sensor: SensorNoise) -> Plane<bool> {
-    let mut samples = evidence.counts.data().iter().zip(evidence.largest.data()).zip(evidence.mean.data());
-    noise.map(|around| {
-        samples.next().is_some_and(|((&n, &largest), &own)| {
-            let seen = MIN_VISIBLE_RISE * sensor.variance(f64::from(around.mean)).sqrt();
-            let lift = f64::from(largest - around.mean) / f64::from(n.max(1));
-            // Relative to the mean of the other samples. The noise of a single sample is unknown anyway.
-            let lift_of_own = f64::from(largest - own) / f64::from(n.max(2) - 1);
-            lift > seen && lift_of_own > MIN_RISE_OVER_PIXEL * seen
-        })
-    })
-}
-
-/// The variance of the mean of each pixel of some rows \[e^-2\] from its own samples. Only pixels without a rare sample
-/// determine the variance of the light that every pixel might have sampled.
-fn variance_without_outliers(evidence: &NoiseInputs, is_rare: &Plane<bool>, rows: Range<u32>) -> Vec<f32> {
-    let mut others = evidence.clone();
-    let variances = others.variance.data_mut().iter_mut();
-    variances.zip(is_rare.data()).filter(|(_, outliers)| **outliers).for_each(|(v, _)| *v = f32::INFINITY);
-    let width = evidence.width() as usize;
-    let pixels = rows.start as usize * width..rows.end as usize * width;
-    let is_rare = &is_rare.data()[pixels.clone()];
-    let mut estimates = pixel_noise(&others, rows.clone());
-    if is_rare.contains(&true) {
-        let all = pixel_noise(evidence, rows);
-        estimates
-            .iter_mut()
-            .zip(all)
-            .zip(is_rare)
-            .filter(|(_, outliers)| **outliers)
-            .for_each(|((estimates, all), _)| *estimates = all);
-    }
-    estimates.iter().zip(&evidence.counts.data()[pixels]).map(|(noise, &n)| noise.of_mean(n)).collect()
+/// hardly influence the decision, so that the remaining samples are distributed like bounded samples. `None` if there is
+/// none.
+fn outliers(evidence: &NoiseInputs, sensor: SensorNoise) -> Option<Plane<bool>> {
+    let (width, height) = (evidence.width(), evidence.height());
+    let is_rare = |x: u32, y: u32| {
+        let (n, largest) = (*evidence.counts.at(x, y), *evidence.largest.at(x, y));
+        let lift = |mean: f32| f64::from(largest - mean) / f64::from(n.max(1));
+        // Relative to the mean of the other samples. The noise of a single sample is unknown anyway.
+        let lift_of_own = f64::from(largest - evidence.mean.at(x, y)) / f64::from(n.max(2) - 1);
+        let seen = |mean: f32| MIN_VISIBLE_RISE * sensor.variance(f64::from(mean)).sqrt();
+        let is_above = |mean: f32| {
+            let seen = seen(mean);
+            lift(mean) > seen && lift_of_own > MIN_RISE_OVER_PIXEL * seen
+        };
+        // A neighbourhood with more light has a higher threshold. That of most pixels need not be known.
+        is_above(0.0) && is_above(pooled_pixel(evidence, x, y).mean)
+    };
+    let rows: Vec<Vec<bool>> =
+        (0..height).into_par_iter().map(|y| (0..width).map(|x| is_rare(x, y)).collect()).collect();
+    let outliers = Plane::of_pixels(width, height, rows.concat());
+    outliers.data().contains(&true).then_some(outliers)
 }
 
 #[cfg(test)]

@@ -15,28 +15,36 @@ pub fn map_film_to<T: Send + Clone + Default, const N: usize>(
     film: &Film,
     f: impl Fn(&PixelSums) -> [T; N] + Sync,
 ) -> [Plane<T>; N] {
+    map_film_at(film, |_, _, sums| f(sums))
+}
+
+/// [`map_film_to`] for a function of column, row and sums.
+pub fn map_film_at<T: Send + Clone + Default, const N: usize>(
+    film: &Film,
+    f: impl Fn(u32, u32, &PixelSums) -> [T; N] + Sync,
+) -> [Plane<T>; N] {
     let mut planes = [(); N].map(|()| Plane::new(film.width(), film.height(), T::default()));
-    let pixels = (film.width() as usize * Film::TILE as usize).max(1);
-    let mut chunks = planes.each_mut().map(|plane| plane.data_mut().chunks_mut(pixels));
-    let rows: Vec<_> =
-        film.tile_rows().iter().map(|row| (row, chunks.each_mut().map(|c| c.next().unwrap_or_default()))).collect();
-    rows.into_par_iter().for_each_init(Vec::new, |sums, (row, mut to)| {
-        sums.clear();
-        row.read_rows(0..row.height(), sums);
-        for (pixel, sums) in sums.iter().enumerate() {
-            to.iter_mut().zip(f(sums)).for_each(|(to, value)| to[pixel] = value);
-        }
+    let width = film.width() as usize;
+    let mut chunks = planes.each_mut().map(|plane| plane.data_mut().chunks_mut((width * Film::TILE as usize).max(1)));
+    let tops = (0..film.height()).step_by(Film::TILE as usize);
+    let chunks = || chunks.each_mut().map(|c| c.next().unwrap_or_default());
+    let rows: Vec<_> = film.tile_rows().iter().zip(tops).zip(std::iter::repeat_with(chunks)).collect();
+    rows.into_par_iter().for_each_init(Vec::new, |buffer, ((row, top), mut to)| {
+        row.visit(buffer, |x, y, sums| {
+            let pixel = y as usize * width + x as usize;
+            to.iter_mut().zip(f(x, top + y, sums)).for_each(|(to, value)| to[pixel] = value);
+        });
     });
     planes
 }
 
-/// A value for each row of tiles of a film, in their order, from the number of its first pixel and the sums of its pixels.
-pub fn map_tile_rows<T: Send>(film: &Film, f: impl Fn(usize, &[PixelSums]) -> T + Sync) -> Vec<T> {
-    let pixels = film.width() as usize * Film::TILE as usize;
-    let of_row = |sums: &mut Vec<PixelSums>, (number, row): (usize, &TileRow)| {
-        sums.clear();
-        row.read_rows(0..row.height(), sums);
-        f(number * pixels, sums)
+/// A value for each row of tiles of a film, in their order: `f` adds each pixel, with its number in the image and its sums.
+pub fn fold_tile_rows<T: Send + Default>(film: &Film, f: impl Fn(&mut T, usize, &PixelSums) + Sync) -> Vec<T> {
+    let width = film.width() as usize;
+    let of_row = |buffer: &mut Vec<PixelSums>, (number, row): (usize, &TileRow)| {
+        let (mut value, first) = (T::default(), number * width * Film::TILE as usize);
+        row.visit(buffer, |x, y, sums| f(&mut value, first + y as usize * width + x as usize, sums));
+        value
     };
     film.tile_rows().par_iter().enumerate().map_init(Vec::new, of_row).collect()
 }
@@ -67,11 +75,16 @@ mod tests {
         }
         let mut film = Film::new(37, 41);
         film.add_rows(0, &sums).expect("memory");
-        let first_red = |first, sums: &[PixelSums]| (first, sums.len(), sums[1].mean()[0]);
-        assert_eq!(
-            map_tile_rows(&film, first_red),
-            [(0, 592, 0.0), (592, 592, 593.0 * f64::from(u8::from(593 % 3 == 0))), (1184, 333, 1185.0)]
-        );
+        // The first pixel that is added, the number of pixels, and the sum of their red.
+        let sums_of_row = |row: &mut (Option<usize>, usize, f64), pixel: usize, sums: &PixelSums| {
+            row.0.get_or_insert(pixel);
+            row.1 += 1;
+            assert_eq!(sums.mean()[0], if pixel.is_multiple_of(3) { pixel as f64 } else { 0.0 });
+            row.2 += sums.mean()[0];
+        };
+        let red = |pixels: std::ops::Range<usize>| pixels.filter(|p| p.is_multiple_of(3)).sum::<usize>() as f64;
+        let wanted = [0..592, 592..1184, 1184..1517].map(|range| (Some(range.start), range.len(), red(range)));
+        assert_eq!(fold_tile_rows(&film, sums_of_row), wanted);
         assert_eq!(mean_without_gaps(&film), film.mean_without_gaps());
     }
 }

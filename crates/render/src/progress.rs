@@ -1,6 +1,7 @@
 //! Progress of a long render, and its cancellation.
 
 use crate::plan::forecast::Forecast;
+use crate::rendered_film::RenderedFilm;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -66,6 +67,16 @@ pub trait Progress: Sync {
 
     /// Receives the forecast of the pilot. Called once, only with a sensor.
     fn forecast(&self, _: &Forecast) {}
+
+    /// The time between two films ([`Self::film`]) \[s\]; `None` if they are not needed. The render then takes its samples
+    /// in passes of about this duration. No bit of its result depends on it.
+    fn film_interval(&self) -> Option<f64> {
+        None
+    }
+
+    /// Receives the film after each pass, if it has an interval. The render waits meanwhile. After the first pass one pixel
+    /// in sixteen has a sample.
+    fn film(&self, _: &RenderedFilm) {}
 }
 
 /// Ignores the progress.

@@ -5,7 +5,7 @@
 use dunkelfeld_film::{Plane, Scatter};
 
 /// Pixels lie on different surfaces if the cosine between their normals is below this (26 degrees).
-const SIMILAR: f32 = 0.9;
+pub(crate) const SIMILAR: f32 = 0.9;
 
 /// The surface properties of a pixel that affect its noise: pixels with similar features have similar noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -4,3 +4,4 @@ pub mod inputs;
 pub mod neighbours;
 pub mod pixel;
 pub mod pooled;
+mod similarity;

@@ -25,11 +25,12 @@
 use dunkelfeld_film::{Plane, Scatter};
 
 use crate::variance::inputs::NoiseInputs;
-use crate::variance::pooled::{PixelNoise, Pool, pixel};
+use crate::variance::pooled::{PixelNoise, pooled_pixel};
+use crate::variance::similarity::{SIDE, SLOTS, Similarity, cell, slot};
 
 /// Side of a block \[pixels\]. If the scatter of its samples is known, the certified variance of a pixel depends on its
 /// block alone.
-pub const BLOCK: u32 = 16;
+pub const BLOCK: u32 = SIDE;
 
 /// Sides of the cells whose pixels may share a sample: the first cell with another sample as large, or the last.
 const CELLS: [u32; 3] = [4, 8, BLOCK];
@@ -55,10 +56,12 @@ pub fn pixel_noise_of_blocks(evidence: &NoiseInputs, row_of_blocks: u32) -> Vec<
         return noise;
     }
     for left in (0..width).step_by(BLOCK as usize) {
-        let block = Block::new(evidence, left, top);
-        for (row, of_block) in block.noise().chunks(block.width as usize).enumerate() {
-            let start = row * width as usize + left as usize;
-            noise[start..start + of_block.len()].copy_from_slice(of_block);
+        let of_block = Block::new(evidence, left, top).noise();
+        for (y, row) in (0..height).zip(noise.chunks_mut(width as usize)) {
+            let row = row.iter_mut().skip(left as usize).take(BLOCK as usize);
+            for (x, noise) in (0..).zip(row) {
+                *noise = of_block[slot(x, y)].unwrap_or_else(|| pooled_pixel(evidence, left + x, top + y));
+            }
         }
     }
     noise
@@ -71,32 +74,6 @@ pub fn pixel_noise(evidence: &NoiseInputs) -> Plane<PixelNoise> {
     Plane::from_vec(width, height, noise).unwrap_or_else(|| Plane::new(width, height, PixelNoise::UNKNOWN))
 }
 
-/// Variances of the mean of a pixel, from its samples.
-#[derive(Clone, Copy)]
-struct BatchVariances {
-    /// Number of samples.
-    count: f64,
-    /// Variance from the spread of batches.
-    batches: f64,
-    /// Variance as of independent samples: all of it, and the part of the largest sample.
-    all: f64,
-    largest: f64,
-}
-
-impl BatchVariances {
-    fn by(evidence: &NoiseInputs, x: u32, y: u32) -> Option<Self> {
-        let (batches, Scatter { all, largest }) =
-            (f64::from(*evidence.variance.at(x, y)), (*evidence.scatter.at(x, y))?);
-        let is_known = batches.is_finite() && all.is_finite() && largest.is_finite() && largest >= 0.0;
-        is_known.then_some(Self { count: f64::from(*evidence.counts.at(x, y)), batches, all, largest })
-    }
-
-    /// Squared distance of the largest sample from the mean. It does not depend on the number of the other samples.
-    fn deviation(&self) -> f64 {
-        self.count * self.count * self.largest
-    }
-}
-
 /// Evenness of the samples of a cell: their variance by batches over that of independent ones, and the mean of
 /// the cell.
 #[derive(Clone, Copy)]
@@ -105,113 +82,212 @@ struct Evenness {
     mean: f32,
 }
 
-/// The pixels of a block.
-struct Block<'a> {
-    evidence: &'a NoiseInputs,
-    left: u32,
-    top: u32,
-    width: u32,
-    height: u32,
-    /// Row by row. `None` if the scatter of a pixel or its variance by batches is unknown.
-    pixels: Vec<Option<BatchVariances>>,
+/// The pixels of a block, by slots. A pixel is known if both the scatter of its samples and its variance by batches are.
+/// The numbers of the others are 0.
+struct Block {
+    similarity: Similarity,
+    known: [bool; SLOTS],
+    /// Number of samples, and its reciprocal.
+    count: [f64; SLOTS],
+    per_sample: [f64; SLOTS],
+    mean: [f64; SLOTS],
+    /// Variance of the mean from the spread of batches.
+    batches: [f64; SLOTS],
+    /// Variance of the mean as of independent samples: all of it, and the part of the largest sample.
+    all: [f64; SLOTS],
+    largest: [f64; SLOTS],
+    /// Squared distance of the largest sample from the mean. It does not depend on the number of the other samples.
+    deviation: [f64; SLOTS],
 }
 
-impl<'a> Block<'a> {
-    fn new(evidence: &'a NoiseInputs, left: u32, top: u32) -> Self {
+impl Block {
+    fn new(evidence: &NoiseInputs, left: u32, top: u32) -> Self {
+        let zero = [0.0; SLOTS];
+        let mut block = Self {
+            similarity: Similarity::new(),
+            known: [false; SLOTS],
+            count: zero,
+            per_sample: zero,
+            mean: zero,
+            batches: zero,
+            all: zero,
+            largest: zero,
+            deviation: zero,
+        };
         let (width, height) = ((evidence.width() - left).min(BLOCK), (evidence.height() - top).min(BLOCK));
-        let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        let pixels = places.map(|(x, y)| BatchVariances::by(evidence, left + x, top + y)).collect();
-        Self { evidence, left, top, width, height, pixels }
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            block.set(slot(x, y), evidence, left + x, top + y);
+        }
+        block
     }
 
-    /// Column and row in the image of the pixel with an index in the block.
-    fn place(&self, pixel: usize) -> (u32, u32) {
-        (self.left + pixel as u32 % self.width, self.top + pixel as u32 / self.width)
+    fn set(&mut self, slot: usize, evidence: &NoiseInputs, x: u32, y: u32) {
+        let (batches, Some(Scatter { all, largest })) =
+            (f64::from(*evidence.variance.at(x, y)), *evidence.scatter.at(x, y))
+        else {
+            return;
+        };
+        if !(batches.is_finite() && all.is_finite() && largest.is_finite() && largest >= 0.0) {
+            return;
+        }
+        let count = f64::from(*evidence.counts.at(x, y));
+        self.similarity.set(slot, evidence, x, y);
+        self.known[slot] = true;
+        (self.count[slot], self.per_sample[slot]) = (count, count.recip());
+        self.mean[slot] = f64::from(*evidence.mean.at(x, y));
+        (self.batches[slot], self.all[slot], self.largest[slot]) = (batches, all, largest);
+        self.deviation[slot] = count * count * largest;
     }
 
-    /// The pixels of a pixel's cell with which it may share estimates, including itself, with their variances.
-    fn similar(&self, pixel: usize, cell: u32) -> impl Iterator<Item = (usize, BatchVariances)> {
-        let (x, y) = (pixel as u32 % self.width / cell * cell, pixel as u32 / self.width / cell * cell);
-        let rows = y..(y + cell).min(self.height);
-        let columns = x..(x + cell).min(self.width);
-        let others = rows.flat_map(move |y| columns.clone().map(move |x| (y * self.width + x) as usize));
-        others.filter_map(move |other| {
-            let is_used = other == pixel || self.are_alike(pixel, other);
-            self.pixels[other].filter(|_| is_used).map(|own| (other, own))
-        })
+    fn known(&self, cell: std::ops::Range<usize>) -> impl Iterator<Item = usize> {
+        cell.filter(|&slot| self.known[slot])
     }
 
-    fn are_alike(&self, one: usize, other: usize) -> bool {
-        let (e, a, b) = (self.evidence, self.place(one), self.place(other));
-        let (n, m) = (u64::from(*e.counts.at(a.0, a.1)), u64::from(*e.counts.at(b.0, b.1)));
-        n <= 2 * m
-            && m <= 2 * n
-            && e.level.at(a.0, a.1).is_like(e.level.at(b.0, b.1))
-            && e.surface.at(a.0, a.1).is_like(e.surface.at(b.0, b.1))
-    }
-
-    /// The evenness of the samples in the cell of a pixel. `None` if it is unknown.
-    fn evenness(&self, pixel: usize) -> Option<Evenness> {
-        self.pixels[pixel]?;
-        let (mut pool, mut batches, mut all) = (Pool::default(), 0.0, 0.0);
-        for (neighbour, own) in self.similar(pixel, EVENNESS) {
-            let (x, y) = self.place(neighbour);
-            pool.add(own.batches, f64::from(*self.evidence.mean.at(x, y)));
-            batches += own.batches;
-            all += own.all;
+    /// The evenness of the samples of pixels that share their estimates with these weights. `None` if it is unknown.
+    fn evenness_of(&self, cell: std::ops::Range<usize>, weight: impl Fn(usize) -> f64) -> Option<Evenness> {
+        let (mut pixels, mut means, mut batches, mut all) = (0.0, 0.0, 0.0, 0.0);
+        for slot in cell {
+            let weight = weight(slot);
+            pixels += weight;
+            means += weight * self.mean[slot];
+            batches += weight * self.batches[slot];
+            all += weight * self.all[slot];
         }
         // Without variance there is nothing to correct.
         let rho = if batches == 0.0 { 0.0 } else { batches / all };
-        let PixelNoise { mean, .. } = pool.noise();
-        rho.is_finite().then_some(Evenness { rho, mean })
+        rho.is_finite().then_some(Evenness { rho, mean: (means / pixels) as f32 })
+    }
+
+    /// The evenness of the samples in the cell of each pixel. `None` if it is unknown.
+    fn evenness(&self) -> [Option<Evenness>; SLOTS] {
+        let mut evenness = [None; SLOTS];
+        let mut weights = [0.0; SLOTS];
+        for start in (0..SLOTS).step_by((EVENNESS * EVENNESS) as usize) {
+            let cell = cell(start, EVENNESS);
+            if self.similarity.is_uniform(cell.clone()) {
+                let of_cell = self.evenness_of(cell.clone(), |slot| f64::from(u8::from(self.known[slot])));
+                self.known(cell).for_each(|slot| evenness[slot] = of_cell);
+                continue;
+            }
+            for pixel in self.known(cell.clone()) {
+                self.similarity.weigh(pixel, cell.clone(), &mut weights);
+                evenness[pixel] = self.evenness_of(cell.clone(), |slot| f64::from(weights[slot]));
+            }
+        }
+        evenness
     }
 
     /// The parts that each pixel takes of the largest samples of others and of its own.
-    fn shared(&self, evenness: &[Option<Evenness>]) -> Vec<f64> {
-        let mut shared = vec![0.0; self.pixels.len()];
-        let mut similar = Vec::with_capacity(self.pixels.len());
-        for (pixel, (own, even)) in self.pixels.iter().zip(evenness).enumerate() {
-            let (Some(own), Some(even)) = (own, even) else { continue };
-            if own.largest <= 0.0 {
+    fn shared(&self, evenness: &[Option<Evenness>; SLOTS]) -> [f64; SLOTS] {
+        let mut shared = [0.0; SLOTS];
+        let uniform = CELLS.map(|side| UniformCells::new(self, side));
+        // What all pixels of a uniform cell share, times their numbers of samples.
+        let mut of_cells = CELLS.map(|_| [0.0; SLOTS]);
+        let mut weights = [0.0; SLOTS];
+        for pixel in self.known(0..SLOTS) {
+            let Some(even) = evenness[pixel] else { continue };
+            if self.largest[pixel] <= 0.0 {
                 continue;
             }
-            for cell in CELLS {
-                similar.clear();
-                similar.extend(self.similar(pixel, cell));
-                if similar
-                    .iter()
-                    .any(|&(neighbour, other)| neighbour != pixel && other.deviation() >= AS_LARGE * own.deviation())
-                {
-                    break;
+            let mut is_weighed = false;
+            for (i, side) in CELLS.into_iter().enumerate() {
+                let (cell, is_last) = (cell(pixel, side), side == BLOCK);
+                let as_large = AS_LARGE * self.deviation[pixel];
+                let part = even.rho * self.largest[pixel];
+                if let Some(of_cell) = uniform[i].at(pixel) {
+                    if is_last || of_cell.largest_beside(pixel) >= as_large {
+                        of_cells[i][cell.start] += part / of_cell.per_sample;
+                        break;
+                    }
+                    continue;
                 }
+                if !is_weighed {
+                    self.similarity.weigh(pixel, 0..SLOTS, &mut weights);
+                    is_weighed = true;
+                }
+                let weights = &weights[cell.clone()];
+                let mut others = weights.iter().zip(&self.deviation[cell.clone()]).zip(cell.clone());
+                if !is_last && !others.any(|((&w, &d), slot)| w > 0.0 && slot != pixel && d >= as_large) {
+                    continue;
+                }
+                // With similar samples, the variances of the means differ by the numbers of samples.
+                let per_sample = &self.per_sample[cell.clone()];
+                let parts: f64 = weights.iter().zip(per_sample).map(|(&w, r)| f64::from(w) * r).sum();
+                let share = part / parts;
+                let shared = shared[cell].iter_mut().zip(weights).zip(per_sample);
+                shared.for_each(|((shared, &w), r)| *shared += share * f64::from(w) * r);
+                break;
             }
-            // With similar samples, the variances of the means differ by the numbers of samples.
-            let parts: f64 = similar.iter().map(|(_, other)| other.count.recip()).sum();
-            for (neighbour, other) in &similar {
-                shared[*neighbour] += even.rho * own.largest / (other.count * parts);
+        }
+        for (side, of_cells) in CELLS.into_iter().zip(&of_cells) {
+            for pixel in self.known(0..SLOTS) {
+                shared[pixel] += of_cells[cell(pixel, side).start] * self.per_sample[pixel];
             }
         }
         shared
     }
 
-    /// The noise of its pixels, row by row.
-    fn noise(&self) -> Vec<PixelNoise> {
-        let evenness: Vec<_> = (0..self.pixels.len()).map(|pixel| self.evenness(pixel)).collect();
+    /// The noise of its pixels, by slots. `None` if it is unknown, or out of the range of f32.
+    fn noise(&self) -> [Option<PixelNoise>; SLOTS] {
+        let evenness = self.evenness();
         let shared = self.shared(&evenness);
-        let known = |i: usize, count| own(&self.pixels[i]?, &evenness[i]?, shared[i], count);
-        let noise = |i| {
-            let (x, y) = self.place(i);
-            known(i, *self.evidence.counts.at(x, y)).unwrap_or_else(|| pixel(self.evidence, x, y))
-        };
-        (0..self.pixels.len()).map(noise).collect()
+        std::array::from_fn(|slot| {
+            let Evenness { rho, mean } = evenness[slot]?;
+            let body = rho * (self.all[slot] - self.largest[slot]).max(0.0);
+            let variance = (self.count[slot] * (body + shared[slot])) as f32;
+            variance.is_finite().then_some(PixelNoise { variance, mean })
+        })
     }
 }
 
-/// The noise of a pixel with `count` samples. `None` if it is out of the range of f32.
-fn own(own: &BatchVariances, even: &Evenness, shared: f64, count: u32) -> Option<PixelNoise> {
-    let body = even.rho * (own.all - own.largest).max(0.0);
-    let variance = (f64::from(count) * (body + shared)) as f32;
-    variance.is_finite().then_some(PixelNoise { variance, mean: even.mean })
+/// The cells of one size of a block, as far as all of their pixels may share.
+struct UniformCells {
+    side: u32,
+    cells: Vec<Option<UniformCell>>,
+}
+
+/// A cell whose pixels may share.
+struct UniformCell {
+    /// Sum of the reciprocal numbers of samples.
+    per_sample: f64,
+    /// The pixel with the largest deviation, that deviation, and the next one.
+    first: usize,
+    largest: f64,
+    second: f64,
+}
+
+impl UniformCells {
+    fn new(block: &Block, side: u32) -> Self {
+        let of_cell = |start: usize| {
+            let cell = cell(start, side);
+            block.similarity.is_uniform(cell.clone()).then(|| {
+                let mut of_cell = UniformCell { per_sample: 0.0, first: SLOTS, largest: -1.0, second: -1.0 };
+                for slot in block.known(cell) {
+                    of_cell.per_sample += block.per_sample[slot];
+                    let deviation = block.deviation[slot];
+                    if deviation > of_cell.largest {
+                        (of_cell.first, of_cell.second) = (slot, of_cell.largest);
+                        of_cell.largest = deviation;
+                    } else {
+                        of_cell.second = of_cell.second.max(deviation);
+                    }
+                }
+                of_cell
+            })
+        };
+        Self { side, cells: (0..SLOTS).step_by((side * side) as usize).map(of_cell).collect() }
+    }
+
+    fn at(&self, slot: usize) -> Option<&UniformCell> {
+        self.cells[slot / (self.side * self.side) as usize].as_ref()
+    }
+}
+
+impl UniformCell {
+    /// The largest deviation of the other pixels.
+    fn largest_beside(&self, pixel: usize) -> f64 {
+        if pixel == self.first { self.second } else { self.largest }
+    }
 }
 
 #[cfg(test)]

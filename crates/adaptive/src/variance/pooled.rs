@@ -42,7 +42,7 @@ impl PixelNoise {
 /// If the planes differ in size.
 pub fn noise_row(evidence: &NoiseInputs, y: u32) -> Vec<PixelNoise> {
     assert!(evidence.is_consistent(), "planes differ in size");
-    (0..evidence.width()).map(|x| pixel(evidence, x, y)).collect()
+    (0..evidence.width()).map(|x| pooled_pixel(evidence, x, y)).collect()
 }
 
 /// The noise of all pixels.
@@ -60,8 +60,8 @@ fn similar_neighbours(evidence: &NoiseInputs, x: u32, y: u32) -> impl Iterator<I
     })
 }
 
-/// The noise of one pixel.
-pub(crate) fn pixel(evidence: &NoiseInputs, x: u32, y: u32) -> PixelNoise {
+/// The noise of the pixel (x, y).
+pub fn pooled_pixel(evidence: &NoiseInputs, x: u32, y: u32) -> PixelNoise {
     let mut pool = Pool::default();
     for (nx, ny) in similar_neighbours(evidence, x, y) {
         let (n, variance) = (*evidence.counts.at(nx, ny), *evidence.variance.at(nx, ny));

@@ -9,8 +9,8 @@ use crate::stats::Stats;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
 use dunkelfeld_film::Film;
 use dunkelfeld_render::{
-    Cancel, DenoiseMethod, EXR_PER_MEGAPIXEL, Error, OutputDryRun, Progress, RenderedFilm, Session, Silent, Stage,
-    camera, render_with_dry_run,
+    Cancel, DenoiseMethod, EXR_PER_MEGAPIXEL, Error, OutputDryRun, Progress, RenderSettings, RenderedFilm, Rendering,
+    Session, Silent, Stage, camera, render, render_with_dry_run,
 };
 use std::time::Instant;
 
@@ -41,6 +41,25 @@ impl Project {
     /// As [`Project::render_with`], and outputs that could not be written, or that are inputs.
     pub fn render_to_files(&self, progress: &dyn Progress, cancel: &Cancel) -> Result<ProjectResult, Error> {
         self.render_for(Some(&self.outputs), progress, cancel)
+    }
+
+    /// Renders without an exposure: the film, and the settings that expose it ([`Project::fitted`]), with the answer to:
+    /// does the lens darken the image towards its corners? For programs that expose the film themselves, also during the
+    /// render ([`Progress::film`]).
+    ///
+    /// # Errors
+    /// As [`Project::render_with`].
+    pub fn render_film(
+        &self,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+    ) -> Result<(Rendering, RenderSettings, bool), Error> {
+        let session = Session::new(self.settings.threads)?.with_progress(progress).with_cancel(cancel);
+        let settings = self.fitted()?;
+        self.checked_account_for(&settings, None)?;
+        let is_vignetted = camera(&self.scene, &settings)?.has_vignetting();
+        let rendering = render(&self.scene, &settings, &session)?;
+        Ok((rendering, settings, is_vignetted))
     }
 
     fn render_for(

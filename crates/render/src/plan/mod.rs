@@ -144,7 +144,7 @@ impl<'a> Planner<'a> {
         let (signal_model, image) = self.exposed(&state.film.sums)?;
         let measured = FilmNoise::new(&signal_model, state.film);
         let own = measured.pixel_noise();
-        let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.is_hidden());
+        let is_hidden = measured.certify_by(own.data().iter().copied(), k).is_some_and(|c| c.certificate.is_hidden());
         let required_samples = measured.needs_by(&own, k);
         let spp = mean_count(state.counts);
         let weights = &self.shares.weights;
