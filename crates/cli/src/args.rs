@@ -54,6 +54,9 @@ pub(crate) enum Command {
     /// noise-matched frames. Writes a report.
     #[cfg(feature = "studies")]
     Ptc(Box<PtcArgs>),
+    /// Show a scene, a film or an EXR in the browser, behind a camera whose knobs can be turned while it renders.
+    #[cfg(feature = "view")]
+    View(ViewArgs),
     /// Write a first job: for a scene with all its names, or of a preset station.
     Init(InitArgs),
     /// List the contents of a scene, and the hazards for a render.
@@ -301,6 +304,34 @@ pub(crate) struct ExposeArgs {
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+}
+
+/// Flags of `view`.
+///
+/// The program prints the address of the page, and opens it in the browser of the desktop. Files that the page saves go to the
+/// output folder, jobs to the folder of the scene; no file is replaced.
+#[cfg(feature = "view")]
+#[derive(Debug, Args)]
+pub(crate) struct ViewArgs {
+    /// A scene (.gltf, .glb, .obj, .stl, .ply), a job (.toml), a saved film (.film) or an EXR of any renderer.
+    #[arg(value_name = "SCENE|JOB.toml|FILM|IN.exr")]
+    pub(crate) input: PathBuf,
+    /// Print the address, and open no browser.
+    #[arg(long)]
+    pub(crate) no_open: bool,
+    /// The port on 127.0.0.1 [default: a free one].
+    #[arg(long, value_name = "PORT", allow_negative_numbers = true, value_parser = within(1..=u16::MAX))]
+    pub(crate) port: Option<u16>,
+    /// Listen on this address instead of 127.0.0.1, as in 0.0.0.0:8080. The address of the page then contains a random token:
+    /// whoever has it can use the page.
+    #[arg(long, value_name = "ADDRESS", conflicts_with = "port")]
+    pub(crate) listen: Option<std::net::SocketAddr>,
+    /// The folder of saved pictures and films [default: this folder].
+    #[arg(short = 'o', long = "output", value_name = "FOLDER")]
+    pub(crate) output: Option<PathBuf>,
+    /// Threads of the exposures and measurements beside the render [default: one per core].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
+    pub(crate) threads: Option<u16>,
 }
 
 /// Flags of `init`.

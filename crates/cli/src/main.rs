@@ -56,6 +56,8 @@ fn main() -> ExitCode {
         args::Command::Emva(a) => studies::run_emva(&a),
         #[cfg(feature = "studies")]
         args::Command::Ptc(a) => studies::run_photon_transfer(&a),
+        #[cfg(feature = "view")]
+        args::Command::View(a) => commands::view::run(&a),
         args::Command::Init(a) => commands::init::run(&a),
         args::Command::Inspect(a) => commands::inspect::run(&a),
         args::Command::Sensors(a) => commands::sensors::run(&a),

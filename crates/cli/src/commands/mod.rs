@@ -7,3 +7,5 @@ pub(crate) mod inspect;
 pub(crate) mod merge;
 pub(crate) mod render;
 pub(crate) mod sensors;
+#[cfg(feature = "view")]
+pub(crate) mod view;

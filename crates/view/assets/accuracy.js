@@ -1,0 +1,160 @@
+// The noise level k of the render, its time, and the verdict in words.
+
+import { duration, number, percent, plain } from "./format.js";
+
+/** @typedef {import("./protocol").State} State */
+/** @typedef {"none" | "no" | "look" | "measure"} VerdictLevel */
+/** @typedef {{ level: VerdictLevel, title: string, text: string }} Verdict */
+/**
+ * The time of a level: `since` when it was measured, `after` when it is foretold.
+ * @typedef {{ kind: "since" | "after" | "unknown", seconds: number }} LevelTime
+ */
+
+// At k = 1 the noise of the render is as large as that of the camera: the eye sees no difference.
+const LOOK = 1;
+// At k = 0.5 the total noise is sqrt(1 + 0.25) = 1.12 times that of the camera alone.
+const MEASURE = 0.5;
+const ENOUGH = 4; // measured points from which the level is extrapolated
+
+/**
+ * The measured points with a known level.
+ * @param {State} state
+ * @returns {{ seconds: number, k: number }[]}
+ */
+export function measuredLevels(state) {
+  return state.curve.flatMap(({ seconds, k99 }) =>
+    (k99 !== null && k99 > 0 && seconds > 0 ? [{ seconds, k: k99 }] : []));
+}
+
+/**
+ * The foretold points with a known time, the earliest first.
+ * @param {State} state
+ * @returns {{ seconds: number, k: number }[]}
+ */
+export function foretoldLevels(state) {
+  return state.forecast
+    .flatMap(({ k, seconds }) => (seconds !== null && seconds > 0 && k > 0 ? [{ seconds, k }] : []))
+    .sort((a, b) => a.seconds - b.seconds);
+}
+
+/**
+ * The level that 99 % of the pixels reach now.
+ * @param {State} state
+ * @returns {number | null}
+ */
+export function levelNow(state) {
+  return measuredLevels(state).at(-1)?.k ?? null;
+}
+
+/**
+ * The time at which the level reaches k: the end of the last stretch above k, so that a level that
+ * was reached and lost again does not count.
+ * @param {State} state
+ * @param {number} k
+ * @returns {LevelTime}
+ */
+export function timeOfLevel(state, k) {
+  const measured = measuredLevels(state);
+  const last = measured.at(-1);
+  if (last && last.k <= k) {
+    let first = measured.length - 1;
+    while (first > 0 && (measured[first - 1]?.k ?? Infinity) <= k) first -= 1;
+    const after = measured[first] ?? last;
+    const before = measured[first - 1];
+    return { kind: "since", seconds: before ? between(before, after, k) : after.seconds };
+  }
+  // The forecast starts where the measurement ends.
+  const known = foretoldLevels(state).filter(
+    (point) => !last || (point.k < last.k && point.seconds > last.seconds));
+  const points = last ? [last, ...known] : known;
+  const next = points.findIndex((point) => point.k <= k);
+  const after = points[next];
+  if (after) {
+    const before = points[next - 1];
+    return { kind: "after", seconds: before ? between(before, after, k) : extend(after, k) };
+  }
+  const end = points.at(-1);
+  // One measured point may be far off; without a forecast a few of them are needed.
+  if (!end || (known.length === 0 && measured.length < ENOUGH)) return { kind: "unknown", seconds: 0 };
+  return { kind: "after", seconds: extend(end, k) };
+}
+
+/**
+ * Interpolation on the logarithmic scales of the plot.
+ * @param {{ seconds: number, k: number }} a
+ * @param {{ seconds: number, k: number }} b
+ * @param {number} k
+ */
+function between(a, b, k) {
+  if (a.k === b.k) return b.seconds;
+  const part = Math.log(k / a.k) / Math.log(b.k / a.k);
+  return a.seconds * (b.seconds / a.seconds) ** Math.min(1, Math.max(0, part));
+}
+
+/**
+ * The standard deviation of a Monte Carlo mean falls with the root of the time.
+ * @param {{ seconds: number, k: number }} point
+ * @param {number} k
+ */
+function extend(point, k) {
+  return point.seconds * (point.k / k) ** 2;
+}
+
+/**
+ * The time of the target in words.
+ * @param {State} state
+ * @param {number} k
+ * @returns {string}
+ */
+export function timeSentence(state, k) {
+  const time = timeOfLevel(state, k);
+  const start = `99 % of the pixels are hidden beneath the camera's noise at k = ${plain(k, 2)}`;
+  if (time.kind === "since") return `${start} since ${duration(time.seconds)}.`;
+  if (time.kind === "unknown") return `The time until 99 % of the pixels are hidden at k = ${plain(k, 2)} is not known yet.`;
+  const after = `${start} after about ${duration(time.seconds)}`;
+  if (state.render.state === "paused") return `${after} (paused now).`;
+  if (state.render.state !== "running" && state.render.state !== "loading") {
+    return `${after} (not running).`;
+  }
+  const left = time.seconds - state.render.elapsed;
+  return left > 0.5 ? `${after} (in ${duration(left)}).` : `${after}.`;
+}
+
+/**
+ * The meaning of a level for the noise of the picture: independent variances add.
+ * @param {number} k
+ */
+export function levelMeaning(k) {
+  const more = (Math.sqrt(1 + k * k) - 1) * 100;
+  return `At k = ${plain(k, 2)} or below, the noise of a pixel is at most ${plain(more, 2)} % larger than that of the camera alone.`;
+}
+
+/**
+ * @param {State} state
+ * @returns {Verdict}
+ */
+export function verdict(state) {
+  const k = levelNow(state);
+  if (k === null) {
+    const text = state.certificate
+      ? `${percent(state.certificate.hidden)} of the pixels are hidden at k = ${plain(state.certificate.k, 2)}.`
+      : "The noise of the render is not measured yet, or there is no sensor to compare it with.";
+    return { level: "none", title: "No verdict yet", text };
+  }
+  if (k <= Math.min(state.target, MEASURE)) {
+    return {
+      level: "measure", title: "Good enough for measurement",
+      text: "A camera could not tell this picture from one without render noise.",
+    };
+  }
+  if (k <= LOOK) {
+    return {
+      level: "look", title: "Good enough for a look",
+      text: "The eye sees only the noise of the camera. Measured variances are still too large.",
+    };
+  }
+  return {
+    level: "no", title: "Not yet",
+    text: "The noise of the render is larger than the noise of the camera in some pixels.",
+  };
+}

@@ -1,0 +1,154 @@
+// Requests to the server, and its answers as typed values.
+
+/** @typedef {import("./protocol").Fault} FaultText */
+
+/** An answer of the server that states a problem. */
+export class Fault extends Error {
+  /**
+   * @param {number} status
+   * @param {FaultText} text
+   */
+  constructor(status, text) {
+    super(text.problem);
+    this.status = status;
+    this.text = text;
+  }
+}
+
+/** The server gave no answer. */
+export class Unreachable extends Error {}
+
+/**
+ * @param {string} path
+ * @param {unknown} body
+ * @returns {Promise<Response>}
+ */
+async function post(path, body) {
+  let answer;
+  try {
+    answer = await fetch(path, {
+      method: "POST",
+      headers: { "content-type": "application/json" },
+      body: JSON.stringify(body),
+    });
+  } catch {
+    throw new Unreachable("The server does not answer.");
+  }
+  if (!answer.ok) throw new Fault(answer.status, await readFault(answer));
+  return answer;
+}
+
+/**
+ * A proxy or a crash may answer without the JSON of the contract, so nothing is assumed here.
+ * @param {Response} answer
+ * @returns {Promise<FaultText>}
+ */
+async function readFault(answer) {
+  const plain = { problem: `The server answered with status ${answer.status}.`, place: null, help: null };
+  try {
+    const found = await answer.json();
+    return typeof found?.problem === "string"
+      ? { problem: found.problem, place: found.place ?? null, help: found.help ?? null }
+      : plain;
+  } catch {
+    return plain;
+  }
+}
+
+/**
+ * @template T
+ * @param {string} path
+ * @param {unknown} body
+ * @returns {Promise<T>}
+ */
+export async function postJson(path, body) {
+  const answer = await post(path, body);
+  try {
+    return /** @type {T} */ (await answer.json());
+  } catch {
+    throw new Unreachable("The answer of the server ended early.");
+  }
+}
+
+/**
+ * Header and payload of a binary answer.
+ * @template H
+ * @param {string} path
+ * @param {unknown} body
+ * @returns {Promise<{ header: H, buffer: ArrayBuffer, offset: number }>}
+ */
+async function postBinary(path, body) {
+  const answer = await post(path, body);
+  let buffer;
+  try {
+    buffer = await answer.arrayBuffer();
+  } catch {
+    throw new Unreachable("The answer of the server ended early.");
+  }
+  const length = new DataView(buffer).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  // The payload starts at a multiple of 4, so a typed array can view it without a copy. All
+  // platforms with a browser are little-endian, as the payload is.
+  return { header, buffer, offset: Math.ceil((4 + length) / 4) * 4 };
+}
+
+/**
+ * @param {{ camera: import("./protocol").Camera, frame: number, tone: import("./protocol").Tone }} body
+ * @returns {Promise<import("./protocol").Frame>}
+ */
+export async function requestFrame(body) {
+  /** @type {{ header: import("./protocol").FrameHeader, buffer: ArrayBuffer, offset: number }} */
+  const { header, buffer, offset } = await postBinary("/api/frame", body);
+  const pixels = header.width * header.height;
+  const values = header.format === "gray16"
+    ? new Uint16Array(buffer, offset, pixels)
+    : new Uint8Array(buffer, offset, 3 * pixels);
+  return { header, values };
+}
+
+/**
+ * @param {{ camera: import("./protocol").Camera, map: import("./protocol").MapName }} body
+ * @returns {Promise<import("./protocol").FilmMap>}
+ */
+export async function requestMap(body) {
+  /** @type {{ header: import("./protocol").MapHeader, buffer: ArrayBuffer, offset: number }} */
+  const { header, buffer, offset } = await postBinary("/api/map", body);
+  return { header, values: new Float32Array(buffer, offset, header.width * header.height) };
+}
+
+/**
+ * Follows the state of the server, and connects again by itself.
+ * @param {(state: import("./protocol").State) => void} onState
+ * @param {(connected: boolean) => void} onConnection
+ */
+export function followState(onState, onConnection) {
+  let wait = 500;
+  const connect = () => {
+    const source = new EventSource("/api/events");
+    let received = false;
+    source.addEventListener("open", async () => {
+      wait = 500;
+      onConnection(true);
+      // The events may start with the next change, which can be far away when nothing renders.
+      try {
+        const answer = await fetch("/api/state");
+        const state = await answer.json();
+        if (answer.ok && !received) onState(state);
+      } catch {
+        // The source of the events reports a lost connection itself.
+      }
+    });
+    source.addEventListener("state", (event) => {
+      received = true;
+      onState(JSON.parse(event.data));
+    });
+    source.addEventListener("error", () => {
+      // The browser gives up after some kinds of error, so the page makes a new connection itself.
+      source.close();
+      onConnection(false);
+      setTimeout(connect, wait);
+      wait = Math.min(wait * 1.5, 4000);
+    });
+  };
+  connect();
+}

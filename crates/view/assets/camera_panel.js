@@ -1,0 +1,277 @@
+// The settings of the camera: they change the picture without new samples.
+
+import { box, button, element, input, select, setOptions, setText, setValue, show } from "./dom.js";
+import { count, exposure, number, parseExposure, percent, quantity } from "./format.js";
+
+/** @typedef {import("./store.js").Store} Store */
+/** @typedef {import("./protocol").Camera} Camera */
+
+const LIGHT_RANGE = 2; // decades on each side of the factor 1 of a light
+
+/** @param {Store} store */
+export function cameraPanel(store) {
+  followKnobs(store);
+  store.on(["camera", "state"], () => showKnobs(store));
+  store.on(["kept", "camera"], () => showKept(store));
+  store.on("picture", () => {
+    showFrame(store);
+    showExposure(store);
+  });
+}
+
+/** @param {Store} store */
+function followKnobs(store) {
+  /**
+   * @param {string} id
+   * @param {"input" | "change"} event
+   * @param {(value: string) => Partial<Camera> | null} change null: the text is no value
+   */
+  const knob = (id, event, change) => {
+    const target = box(id);
+    target.addEventListener(event, () => {
+      const value = target instanceof HTMLInputElement || target instanceof HTMLSelectElement ? target.value : "";
+      const next = change(value);
+      if (next) store.changeCamera(next);
+      else showKnobs(store, true);
+    });
+  };
+  knob("sensor", "change", (value) => ({ sensor: value === "" ? null : value }));
+  knob("exposure", "input", (value) => ({ exposure: rounded(10 ** Number(value)) }));
+  knob("exposure-value", "change", (value) => {
+    const seconds = parseExposure(value);
+    return seconds === null ? null : { exposure: seconds };
+  });
+  knob("exposure-auto", "change", () => ({
+    exposure: input("exposure-auto").checked ? null : shownExposure(store),
+  }));
+  knob("gain", "input", (value) => ({ gain: rounded(10 ** Number(value)) }));
+  knob("gain-value", "change", (value) => (Number(value) > 0 ? { gain: Number(value) } : null));
+  knob("temperature", "input", (value) => ({ temperature: Number(value) }));
+  knob("temperature-value", "change", (value) => (value === "" ? null : { temperature: Number(value) }));
+  knob("temperature-model", "change", () => ({
+    temperature: input("temperature-model").checked ? null : Number(input("temperature").value),
+  }));
+  knob("black-level", "change", (value) => (Number(value) >= 0 && value !== "" ? { black_level: Number(value) } : null));
+  knob("black-level-model", "change", () => ({
+    black_level: input("black-level-model").checked ? null : store.frameA?.header.black ?? 0,
+  }));
+  knob("noise", "change", (value) => ({ noise: /** @type {Camera["noise"]} */ (value) }));
+  knob("device", "change", (value) => (Number(value) >= 0 && value !== "" ? { device: Math.round(Number(value)) } : null));
+  knob("denoise", "change", (value) => ({ denoise: /** @type {Camera["denoise"]} */ (value) }));
+  knob("vignetting", "change", () => ({ vignetting: input("vignetting").checked }));
+  button("device-next").addEventListener("click", () => {
+    store.changeCamera({ device: (store.camera?.device ?? 0) + 1 });
+  });
+  button("camera-reset").addEventListener("click", () => {
+    if (store.server) store.changeCamera(structuredClone(store.server.camera));
+  });
+}
+
+/**
+ * A slider gives more digits than it has steps.
+ * @param {number} value
+ */
+function rounded(value) {
+  return Number(value.toPrecision(4));
+}
+
+/**
+ * The exposure that the picture has now: the start of a manual exposure.
+ * @param {Store} store
+ */
+function shownExposure(store) {
+  const [low, high] = store.server?.ranges.exposure ?? [1e-6, 1];
+  return rounded(store.camera?.exposure ?? store.frameA?.header.exposure ?? Math.sqrt(low * high));
+}
+
+/**
+ * @param {Store} store
+ * @param {boolean} force also writes to the control that the user edits
+ */
+function showKnobs(store, force = false) {
+  const { camera, server } = store;
+  if (!camera || !server) return;
+  /**
+   * @param {string} id
+   * @param {string} value
+   */
+  const write = (id, value) => {
+    if (force) input(id).value = value;
+    else setValue(input(id), value);
+  };
+  setOptions(select("sensor"), [
+    ...server.sensors.map(({ name, bits, colour }) => ({
+      value: name, text: `${name} (${bits} bits, ${colour ? "colour" : "grey"})`,
+    })),
+    { value: "", text: "none: radiance 1 is white" },
+  ]);
+  setValue(select("sensor"), camera.sensor ?? "");
+  const sensor = server.sensors.find(({ name }) => name === camera.sensor);
+  setText(box("sensor-facts"), sensor
+    ? `saturation ${count(sensor.saturation)} e⁻, dark noise ${number(sensor.dark_noise)} e⁻, pixel ${number(sensor.pixel)} µm`
+    : "No sensor: no noise of the camera, no grey values.");
+
+  showExposure(store, force);
+  input("exposure-auto").checked = camera.exposure === null;
+
+  setRange("gain", ...logarithms(server.ranges.gain), 200);
+  write("gain", String(Math.log10(camera.gain)));
+  write("gain-value", String(camera.gain));
+  input("gain").setAttribute("aria-valuetext", `factor ${number(camera.gain)}`);
+
+  const [coldest, hottest] = server.ranges.temperature;
+  setRange("temperature", coldest, hottest, hottest - coldest);
+  if (camera.temperature !== null) write("temperature", String(camera.temperature));
+  write("temperature-value", camera.temperature === null ? "" : String(camera.temperature));
+  input("temperature-model").checked = camera.temperature === null;
+  write("black-level", camera.black_level === null
+    ? String(store.frameA?.header.format === "gray16" ? store.frameA.header.black : "")
+    : String(camera.black_level));
+  input("black-level-model").checked = camera.black_level === null;
+  setValue(select("noise"), camera.noise);
+  write("device", String(camera.device));
+  setValue(select("denoise"), camera.denoise);
+  input("vignetting").checked = camera.vignetting;
+
+  for (const id of ["exposure", "exposure-value", "exposure-auto", "gain", "gain-value", "temperature",
+    "temperature-value", "temperature-model", "black-level", "black-level-model", "device", "vignetting"]) {
+    input(id).disabled = camera.sensor === null;
+  }
+  select("noise").disabled = camera.sensor === null;
+  button("device-next").disabled = camera.sensor === null;
+  showLights(store);
+}
+
+/**
+ * @param {Store} store
+ * @param {boolean} force
+ */
+function showExposure(store, force = false) {
+  const { camera, server } = store;
+  if (!camera || !server) return;
+  const seconds = camera.exposure ?? store.frameA?.header.exposure ?? null;
+  setRange("exposure", ...logarithms(server.ranges.exposure), 400);
+  const text = seconds === null ? "" : exposure(seconds);
+  if (seconds !== null && document.activeElement !== input("exposure")) {
+    input("exposure").value = String(Math.log10(seconds));
+  }
+  if (force) input("exposure-value").value = text;
+  else setValue(input("exposure-value"), text);
+  input("exposure").setAttribute("aria-valuetext", camera.exposure === null ? `automatic, ${text}` : text);
+}
+
+/**
+ * @param {[number, number]} range
+ * @returns {[number, number]}
+ */
+function logarithms([low, high]) {
+  return [Math.log10(low), Math.log10(high)];
+}
+
+/**
+ * @param {string} id
+ * @param {number} low
+ * @param {number} high
+ * @param {number} steps
+ */
+function setRange(id, low, high, steps) {
+  const target = input(id);
+  if (target.min === String(low) && target.max === String(high)) return;
+  target.min = String(low);
+  target.max = String(high);
+  target.step = String((high - low) / Math.max(1, Math.round(steps)));
+}
+
+/**
+ * Sliders for the light layers. They are made again only when the lights change.
+ * @param {Store} store
+ */
+function showLights(store) {
+  const { camera, server } = store;
+  const lights = server?.scene?.per_light.on ? server.scene.lights : [];
+  show(box("light-factors"), lights.length > 0);
+  const list = box("light-factors-list");
+  const names = JSON.stringify(lights.map(({ name }) => name));
+  if (list.dataset["names"] !== names) {
+    list.dataset["names"] = names;
+    list.replaceChildren(...lights.map(({ name }, index) => lightRow(store, name, index)));
+  }
+  lights.forEach(({ name }, index) => {
+    const factor = camera?.lights?.[name] ?? 1;
+    setValue(input(`light-factor-${index}`), String(factor > 0 ? Math.log10(factor) : -LIGHT_RANGE));
+    setValue(input(`light-factor-value-${index}`), String(factor));
+  });
+}
+
+/**
+ * @param {Store} store
+ * @param {string} name
+ * @param {number} index
+ */
+function lightRow(store, name, index) {
+  /** @param {number} factor */
+  const change = (factor) => {
+    const lights = store.server?.scene?.lights ?? [];
+    const all = Object.fromEntries(lights.map((light) => [light.name, store.camera?.lights?.[light.name] ?? 1]));
+    store.changeCamera({ lights: { ...all, [name]: factor } });
+  };
+  const slider = element("input", {
+    id: `light-factor-${index}`, type: "range", min: -LIGHT_RANGE, max: LIGHT_RANGE, step: 0.02, value: 0,
+    title: "Factor of this light on a logarithmic scale. The render is not started again",
+  });
+  const value = element("input", {
+    id: `light-factor-value-${index}`, type: "number", min: 0, step: "any", class: "number",
+    "aria-label": `Factor of the light ${name}`, title: "Factor of this light. 0 switches it off",
+  });
+  slider.addEventListener("input", () => change(rounded(10 ** Number(slider.value))));
+  value.addEventListener("change", () => {
+    if (value.value !== "" && Number(value.value) >= 0) change(Number(value.value));
+    else showKnobs(store, true);
+  });
+  return element("div", { class: "row" },
+    element("label", { for: slider.id, title: name }, name), slider, value);
+}
+
+/** @param {Store} store */
+function showFrame(store) {
+  const header = store.frameA?.header;
+  if (!header) return;
+  setText(box("frame-exposure"), header.no_light ? "no light in the image"
+    : header.exposure === null ? number(null) : exposure(header.exposure));
+  setText(box("frame-mean"), quantity(header.mean_value, header.format === "gray16" ? "DN" : ""));
+  setText(box("frame-electrons"), quantity(header.mean_electrons, "e⁻"));
+  setText(box("frame-saturated"), percent(header.saturated));
+  setText(box("frame-matched"), header.matched === null ? number(null) : percent(header.matched));
+  setText(box("frame-compute"), quantity(header.compute * 1e3, "ms", 2));
+  if (store.camera?.black_level === null && header.format === "gray16") {
+    setValue(input("black-level"), String(header.black));
+  }
+}
+
+/**
+ * Lists the settings of B that differ from A.
+ * @param {Store} store
+ */
+function showKept(store) {
+  const { camera, kept } = store;
+  if (!camera || !kept) {
+    setText(box("kept-facts"), number(null));
+    return;
+  }
+  /** @type {Record<keyof Camera, string>} */
+  const texts = {
+    sensor: kept.sensor ?? "no sensor",
+    exposure: kept.exposure === null ? "automatic exposure" : exposure(kept.exposure),
+    gain: `gain ${number(kept.gain)}`,
+    temperature: kept.temperature === null ? "temperature of the model" : `${number(kept.temperature)} °C`,
+    black_level: kept.black_level === null ? "black level of the model" : `black level ${kept.black_level}`,
+    noise: `noise ${kept.noise}`,
+    device: `device ${kept.device}`,
+    denoise: `denoiser ${kept.denoise}`,
+    vignetting: kept.vignetting ? "vignetting" : "no vignetting",
+    lights: "other lights",
+  };
+  const keys = /** @type {(keyof Camera)[]} */ (Object.keys(texts));
+  const different = keys.filter((key) => JSON.stringify(camera[key]) !== JSON.stringify(kept[key]));
+  setText(box("kept-facts"), different.length === 0 ? "the same as A" : different.map((key) => texts[key]).join(", "));
+}

@@ -1,0 +1,98 @@
+// The legend of a map: colours, unit, values, opacity.
+
+import { mapScale, paintScale, shareOf, valueAt } from "./colormap.js";
+import { box, byId, element, input, select, setText, setValue, show } from "./dom.js";
+import { percent, plain } from "./format.js";
+
+/** @typedef {import("./store.js").Store} Store */
+
+const TITLES = {
+  ratio: "Ratio k: render σ / camera σ",
+  samples: "Samples in a pixel",
+  recent: "Samples since the last picture",
+  render_sigma: "Render σ",
+  camera_sigma: "Camera σ",
+  difference: "Difference: without less with",
+};
+
+/**
+ * @param {Store} store
+ * @param {import("./pictures.js").Pictures} pictures
+ * @param {() => void} redraw
+ */
+export function legend(store, pictures, redraw) {
+  let target = 0;
+  store.on("map", () => showLegend(store));
+  store.on("state", () => {
+    // A new target moves the boundary of the ratio, without a request.
+    if (store.server && store.server.target !== target) {
+      target = store.server.target;
+      if (store.map === "ratio") pictures.paintMap();
+    }
+  });
+  input("map-opacity").addEventListener("input", () => {
+    store.mapOpacity = Number(input("map-opacity").value);
+    redraw();
+  });
+  select("map-colours").addEventListener("change", () => {
+    store.mapColours = select("map-colours").value === "cividis" ? "cividis" : "viridis";
+    pictures.paintMap();
+  });
+}
+
+/**
+ * Steps of the opacity by key.
+ * @param {Store} store
+ * @param {() => void} redraw
+ */
+export function stepOpacity(store, redraw) {
+  store.mapOpacity = store.mapOpacity > 0.75 ? 0.6 : store.mapOpacity > 0.45 ? 0.3 : 1;
+  setValue(input("map-opacity"), String(store.mapOpacity));
+  redraw();
+}
+
+/** @param {Store} store */
+function showLegend(store) {
+  const { map, filmMap } = store;
+  show(box("legend"), map !== "none");
+  if (map === "none") return;
+  const unit = filmMap?.header.unit ?? "";
+  setText(box("legend-title"), unit === "" || unit === "1" || TITLES[map].toLowerCase().includes(unit.toLowerCase()) ? TITLES[map] : `${TITLES[map]} [${unit}]`);
+  select("map-colours").disabled = map === "ratio" || map === "difference";
+  if (!filmMap) {
+    setText(box("legend-note"), "Waiting for the map.");
+    box("legend-ticks").replaceChildren();
+    return;
+  }
+  const target = store.server?.target ?? 0.5;
+  const scale = mapScale(map, filmMap.header, target, store.mapColours);
+  paintScale(scale, byId("legend-bar", HTMLCanvasElement));
+  const values = [0, 0.25, 0.5, 0.75, 1].map((share) => valueAt(scale, share));
+  box("legend-ticks").replaceChildren(...values.map((value) => {
+    const middle = map === "ratio" && value === values[2];
+    const tick = element("span", middle ? { class: "target" } : {},
+      `${plain(value, 3)}${middle ? " target" : ""}`);
+    tick.style.top = `${(1 - shareOf(scale, value)) * 100}%`;
+    return tick;
+  }));
+  setText(box("legend-note"), noteOf(map, filmMap.values, target));
+}
+
+/**
+ * @param {string} map
+ * @param {Float32Array} values
+ * @param {number} target
+ */
+function noteOf(map, values, target) {
+  let known = 0;
+  let hidden = 0;
+  for (const value of values) {
+    if (!Number.isFinite(value)) continue;
+    known += 1;
+    if (value <= target) hidden += 1;
+  }
+  const unknown = values.length - known;
+  const rest = unknown > 0 ? ` No colour: unknown (${percent(unknown / values.length)}).` : "";
+  if (map !== "ratio") return rest.trim();
+  return `${percent(known > 0 ? hidden / known : 0)} at or below the target.${rest}`;
+}

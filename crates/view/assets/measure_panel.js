@@ -1,0 +1,223 @@
+// The measurements: regions, line profile, light path and photon transfer.
+
+import { drawPlot, rangeOf } from "./chart.js";
+import { box, button, byId, element, input, setText, setValue, svg } from "./dom.js";
+import { count, number, numbers, percent, plain, quantity } from "./format.js";
+
+/** @typedef {import("./store.js").Store} Store */
+/** @typedef {import("./measurements.js").Measurements} Measurements */
+
+const WIDTH = 352;
+const LOW = 150; // heights of the plots
+const HIGH = 170;
+
+/** @param {number} value */
+const grey = (value) => plain(value, 5);
+
+/**
+ * @param {Store} store
+ * @param {Measurements} measurements
+ */
+export function measurePanel(store, measurements) {
+  followTexts(store);
+  input("transfer-on").addEventListener("change", () => {
+    measurements.wantTransfer(input("transfer-on").checked);
+  });
+  const update = () => {
+    showShapes(store);
+    showRegions(measurements);
+    showPath(store);
+    // A hidden plot is drawn when its panel is shown.
+    if (box("panel-measure").hidden) return;
+    drawHistogram(measurements);
+    drawProfile(measurements);
+    drawTransfer(measurements);
+  };
+  store.on(["shapes", "measures"], update);
+  store.on("path", () => showPath(store));
+  update();
+  return update;
+}
+
+/**
+ * Texts with coordinates: the way to a region or a line without a pointer.
+ * @param {Store} store
+ */
+function followTexts(store) {
+  for (const index of /** @type {const} */ ([0, 1])) {
+    const text = input(`region${index + 1}`);
+    text.addEventListener("change", () => {
+      const [x0, y0, x1, y1] = numbers(text.value);
+      if (text.value.trim() === "") {
+        store.setRegion(index, null);
+      } else if (x0 !== undefined && y0 !== undefined && x1 !== undefined && y1 !== undefined) {
+        const first = store.clamp({ x: Math.min(x0, x1), y: Math.min(y0, y1) });
+        const last = store.clamp({ x: Math.max(x0, x1) - 1, y: Math.max(y0, y1) - 1 });
+        store.setRegion(index, [first.x, first.y, Math.max(first.x, last.x) + 1, Math.max(first.y, last.y) + 1]);
+      } else {
+        showShapes(store, true);
+      }
+    });
+    button(`region${index + 1}-clear`).addEventListener("click", () => store.setRegion(index, null));
+  }
+  input("line").addEventListener("change", () => {
+    const [x0, y0, x1, y1] = numbers(input("line").value);
+    if (input("line").value.trim() === "") {
+      store.setLine(null);
+    } else if (x0 !== undefined && y0 !== undefined && x1 !== undefined && y1 !== undefined) {
+      store.setLine({ from: store.clamp({ x: x0, y: y0 }), to: store.clamp({ x: x1, y: y1 }) });
+    } else {
+      showShapes(store, true);
+    }
+  });
+  button("line-clear").addEventListener("click", () => store.setLine(null));
+}
+
+/**
+ * @param {Store} store
+ * @param {boolean} force
+ */
+function showShapes(store, force = false) {
+  /**
+   * @param {string} id
+   * @param {string} value
+   */
+  const write = (id, value) => {
+    if (force) input(id).value = value;
+    else setValue(input(id), value);
+  };
+  store.regions.forEach((region, index) => write(`region${index + 1}`, region?.join(" ") ?? ""));
+  const { line } = store;
+  write("line", line ? `${line.from.x} ${line.from.y} ${line.to.x} ${line.to.y}` : "");
+}
+
+/** @param {Measurements} measurements */
+function showRegions(measurements) {
+  const { regions, regionIndices } = measurements;
+  for (const index of [0, 1]) {
+    const place = regionIndices.indexOf(index);
+    const region = place >= 0 ? regions?.regions[place] : undefined;
+    /**
+     * @param {string} name
+     * @param {string} text
+     */
+    const cell = (name, text) => setText(box(`region${index + 1}-${name}`), text);
+    cell("pixels", count(region?.pixels));
+    cell("mean", number(region?.mean, 5));
+    cell("variance", number(region?.variance, 4));
+    cell("span", region ? `${grey(region.min)}, ${grey(region.max)}` : number(null));
+    cell("snr", number(region?.snr, 4));
+    cell("saturated", percent(region?.saturated));
+  }
+  setText(box("contrast"), quantity(regions?.contrast, "DN", 4));
+  setText(box("cnr"), number(regions?.cnr, 4));
+}
+
+/**
+ * A plot without data states the way to get some.
+ * @param {SVGSVGElement} target
+ * @param {number} height
+ * @param {string} text
+ */
+function drawEmpty(target, height, text) {
+  target.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
+  target.setAttribute("aria-label", text);
+  target.replaceChildren(
+    svg("rect", { class: "frame", x: 0.5, y: 0.5, width: WIDTH - 1, height: height - 1 }),
+    svg("text", { class: "empty", x: WIDTH / 2, y: height / 2, "text-anchor": "middle" }, text),
+  );
+}
+
+/** @param {Measurements} measurements */
+function drawHistogram(measurements) {
+  const target = byId("histogram", SVGSVGElement);
+  const { regions, regionIndices } = measurements;
+  if (!regions || regions.regions.length === 0) {
+    drawEmpty(target, LOW, "Draw a region on the image, or type its corners.");
+    return;
+  }
+  const edges = regions.regions.flatMap(({ histogram: { low, width, counts } }) => [low, low + width * counts.length]);
+  // Regions of different size are compared by the share of their pixels.
+  const shares = regions.regions.map(({ histogram, pixels }) => histogram.counts.map((n) => (100 * n) / Math.max(1, pixels)));
+  const [low, high] = rangeOf(edges, 0.02);
+  drawPlot(target, {
+    width: WIDTH, height: LOW,
+    x: { low, high, log: false, label: "grey value [DN]", format: grey },
+    y: { low: 0, high: Math.max(1e-6, ...shares.flat()) * 1.08, log: false, label: "pixels [%]", format: (v) => plain(v, 2) },
+    series: regions.regions.map(({ histogram }, place) => ({
+      kind: /** @type {const} */ ("bars"), style: `bars${(regionIndices[place] ?? 0) + 1}`,
+      x: histogram.counts.map((_, index) => histogram.low + index * histogram.width),
+      y: shares[place] ?? [],
+    })),
+    summary: regions.regions.map((region, place) =>
+      `Region ${(regionIndices[place] ?? 0) + 1}: mean ${number(region.mean)} DN, variance ${number(region.variance)}.`).join(" "),
+  });
+}
+
+/** @param {Measurements} measurements */
+function drawProfile(measurements) {
+  const target = byId("profile", SVGSVGElement);
+  const { line } = measurements;
+  if (!line || line.values.length === 0) {
+    drawEmpty(target, HIGH, "Draw a line on the image, or type its ends.");
+    return;
+  }
+  const { values, expected, sigma, length } = line;
+  const step = values.length > 1 ? length / (values.length - 1) : 1;
+  const x = values.map((_, index) => index * step);
+  const bottom = expected.map((value, index) => value - (sigma[index] ?? 0));
+  const top = expected.map((value, index) => value + (sigma[index] ?? 0));
+  const [low, high] = rangeOf([...values, ...bottom, ...top]);
+  drawPlot(target, {
+    width: WIDTH, height: HIGH,
+    x: { low: 0, high: Math.max(1, (values.length - 1) * step), log: false, label: "distance [pixels]", format: grey },
+    y: { low, high, log: false, label: "grey value [DN]", format: grey },
+    series: [
+      { kind: "band", style: "band", x, y: bottom, top },
+      { kind: "line", style: "value", x, y: values },
+      { kind: "line", style: "expected", x, y: expected },
+    ],
+    summary: `Grey values along ${number(length)} pixels, from ${number(Math.min(...values))} to ${number(Math.max(...values))} DN.`,
+  });
+}
+
+/** @param {Measurements} measurements */
+function drawTransfer(measurements) {
+  const target = byId("transfer", SVGSVGElement);
+  const { transfer } = measurements;
+  setText(box("transfer-gain"), quantity(transfer?.gain, "DN/e⁻", 4));
+  setText(box("transfer-slope"), quantity(transfer?.line.slope, "DN/e⁻", 4));
+  setText(box("transfer-dark"), quantity(transfer?.dark, "DN", 4));
+  if (!transfer || transfer.points.length === 0) {
+    drawEmpty(target, HIGH, transfer ? "The picture has no regions for it." : "Not computed yet.");
+    return;
+  }
+  const means = transfer.points.map(({ mean }) => mean);
+  const variances = transfer.points.map(({ variance }) => variance);
+  const [, right] = rangeOf([0, ...means]);
+  const [, top] = rangeOf([0, ...variances]);
+  const { slope, offset } = transfer.line;
+  // The line of the model has the slope K and passes through the dark signal.
+  const dark = offset + slope * transfer.dark;
+  const ends = [Math.max(0, transfer.dark), right];
+  drawPlot(target, {
+    width: WIDTH, height: HIGH,
+    x: { low: 0, high: right, log: false, label: "mean [DN]", format: grey },
+    y: { low: 0, high: top, log: false, label: "variance [DN²]", format: grey },
+    series: [
+      { kind: "points", style: "point", x: means, y: variances },
+      { kind: "line", style: "model", x: ends, y: ends.map((mean) => dark + transfer.gain * (mean - transfer.dark)) },
+    ],
+    summary: `Photon transfer: slope ${number(slope, 4)}, model ${number(transfer.gain, 4)} DN per electron.`,
+  });
+}
+
+/** @param {Store} store */
+function showPath(store) {
+  const path = store.showPath ? store.path : null;
+  setText(box("path-facts"), path
+    ? `Sample ${count(path.index)}, luminance ${number(path.luminance)}, ${path.vertices.length} vertices.`
+    : store.showPath ? "Move the cursor to a pixel, or pin one." : "Switch on the tool Path and pin a pixel.");
+  box("path-list").replaceChildren(...(path?.vertices ?? []).map(({ x, event, object }) =>
+    element("li", {}, `${event}${object ? `: ${object}` : ""}${x === null ? " (behind the camera)" : ""}`)));
+}

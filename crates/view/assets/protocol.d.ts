@@ -1,0 +1,143 @@
+// The types of the contract between the page and the server (version 1).
+// The server does not need this file to serve the page; it types the modules.
+
+export interface Fault { problem: string; place: string | null; help: string | null }
+
+export interface Note { level: "warning" | "info"; text: string; help: string | null }
+
+export interface CurvePoint { seconds: number; spp: number; k99: number | null; hidden: number }
+export interface ForecastPoint { k: number; seconds: number | null; spp: number | null }
+
+export interface Sensor {
+  name: string; bits: number; colour: boolean;
+  saturation: number; dark_noise: number; pixel: number;
+}
+
+export interface Light { name: string; kind: string; on: boolean; factor: number; power: string }
+export type Colour = [number, number, number];
+export interface Material {
+  name: string; roughness: number | null; metallic: number | null; color: Colour | null;
+}
+export interface Effect { name: string; title: string; used: boolean; left_out: boolean }
+
+export interface Scene {
+  cameras: string[]; camera: string;
+  lights: Light[]; materials: Material[]; effects: Effect[];
+  per_light: { on: boolean; bytes: number; lights: number };
+}
+
+export interface Render {
+  stage: string; fraction: number; elapsed: number; remaining: number | null;
+  state: "loading" | "running" | "paused" | "finished" | "failed" | "none";
+  reason: string | null; restarted: number; samples_per_second: number;
+}
+
+export interface Film { id: number; samples: number; spp: number; seconds: number; first: boolean }
+
+export interface Certificate {
+  k: number; hidden: number; median: number | null; p99: number | null;
+  saturated: number; film: number;
+}
+
+export interface State {
+  version: string; title: string; path: string;
+  source: "render" | "film" | "exr";
+  width: number; height: number;
+  film: Film | null;
+  render: Render;
+  error: Fault | null;
+  notes: Note[];
+  curve: CurvePoint[];
+  forecast: ForecastPoint[];
+  target: number;
+  certificate: Certificate | null;
+  sensors: Sensor[];
+  camera: Camera;
+  ranges: { exposure: [number, number]; gain: [number, number]; temperature: [number, number] };
+  scene: Scene | null;
+  saved: string[];
+}
+
+export type Noise = "plain" | "matched" | "none";
+export type Denoise = "off" | "auto" | "builtin" | "oidn";
+export type Tone = "gamma" | "linear" | "log";
+export type MapName =
+  "ratio" | "samples" | "recent" | "render_sigma" | "camera_sigma" | "difference";
+
+/** The knobs that need no new samples. */
+export interface Camera {
+  sensor: string | null;
+  exposure: number | null;
+  gain: number;
+  temperature: number | null;
+  black_level: number | null;
+  noise: Noise;
+  device: number;
+  denoise: Denoise;
+  vignetting: boolean;
+  lights: Record<string, number> | null;
+}
+
+export interface FrameHeader {
+  width: number; height: number;
+  format: "gray16" | "rgb8";
+  white: number; black: number;
+  film: number;
+  exposure: number | null; no_light: boolean;
+  saturated: number; matched: number | null;
+  mean_value: number; mean_electrons: number;
+  compute: number;
+}
+
+export interface MapHeader {
+  width: number; height: number; format: "f32"; unit: string;
+  film: number; compute: number; low: number; high: number;
+}
+
+export interface Frame { header: FrameHeader; values: Uint16Array | Uint8Array }
+export interface FilmMap { header: MapHeader; values: Float32Array }
+
+export interface Probe {
+  x: number; y: number;
+  value: number | null; electrons: number | null; radiance: Colour;
+  camera_sigma: number | null; render_sigma: number | null; ratio: number | null;
+  samples: number; object: string | null; material: string | null; depth: number | null;
+  heaviest: { index: number; share: number } | null;
+}
+
+export interface Region {
+  pixels: number; mean: number; variance: number; min: number; max: number;
+  snr: number | null; saturated: number;
+  histogram: { low: number; width: number; counts: number[] };
+}
+export interface Regions { regions: Region[]; contrast: number | null; cnr: number | null }
+
+export interface Line { values: number[]; expected: number[]; sigma: number[]; length: number }
+
+export interface PathVertex { x: number | null; y: number | null; object: string | null; event: string }
+export interface LightPath { index: number; luminance: number; vertices: PathVertex[] }
+
+export interface PhotonTransfer {
+  points: { mean: number; variance: number }[];
+  gain: number; line: { slope: number; offset: number }; dark: number;
+}
+
+export interface SceneChange {
+  camera?: string;
+  lights?: Record<string, { on: boolean; factor: number }>;
+  without?: string[];
+  materials?: Record<string, { roughness?: number; metallic?: number; color?: Colour }>;
+  per_light?: boolean;
+}
+
+export type Ablation =
+  { state: "running"; fraction: number } |
+  { state: "finished"; mean: number; largest: number; sigma: number; significant: boolean };
+
+export type SaveKind = "png" | "tiff" | "exr" | "checkpoint" | "job";
+
+declare global {
+  interface Window {
+    dunkelfeld: { readonly state: State | null; frame(): Frame | null; idle(): Promise<void> };
+  }
+}

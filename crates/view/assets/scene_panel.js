@@ -1,0 +1,293 @@
+// The settings of the scene: each change starts the render again.
+
+import { box, element, input, select, setOptions, setText, setValue, show } from "./dom.js";
+import { bytes, fromHex, number, toHex } from "./format.js";
+import { Debounce } from "./requests.js";
+
+/** @typedef {import("./store.js").Store} Store */
+/** @typedef {import("./protocol").Scene} Scene */
+/** @typedef {import("./protocol").SceneChange} SceneChange */
+
+const DELAY = 400; // ms without a further change before the render starts again
+const HOLD = 1500; // ms in which states from before a change must not move the controls back
+const FILTER_FROM = 8; // materials from which a filter helps
+
+export class ScenePanel {
+  /**
+   * The state that the user wants. It follows the server while no change waits.
+   * @type {Scene | null}
+   */
+  #scene = null;
+  /**
+   * Keys of the contract that changed.
+   * @type {Set<keyof SceneChange>}
+   */
+  #changed = new Set();
+  #heldUntil = 0;
+  #send = new Debounce(DELAY, () => void this.#sendChange());
+  #shape = "";
+
+  /**
+   * @param {Store} store
+   * @param {(path: string, body: unknown) => Promise<boolean>} act
+   */
+  constructor(store, act) {
+    this.store = store;
+    this.act = act;
+    store.on("state", () => this.show());
+    select("scene-camera").addEventListener("change", () => {
+      this.#change("camera", (scene) => {
+        scene.camera = select("scene-camera").value;
+      });
+    });
+    input("per-light").addEventListener("change", () => {
+      this.#change("per_light", (scene) => {
+        scene.per_light.on = input("per-light").checked;
+      });
+    });
+    input("material-filter").addEventListener("input", () => this.#filter());
+  }
+
+  /**
+   * @param {keyof SceneChange} key
+   * @param {(scene: Scene) => void} edit
+   */
+  #change(key, edit) {
+    if (!this.#scene) return;
+    edit(this.#scene);
+    this.#changed.add(key);
+    this.#send.call();
+  }
+
+  async #sendChange() {
+    const scene = this.#scene;
+    if (!scene) return;
+    /** @type {SceneChange} */
+    const change = {};
+    if (this.#changed.has("camera")) change.camera = scene.camera;
+    if (this.#changed.has("lights")) {
+      change.lights = Object.fromEntries(scene.lights.map(({ name, on, factor }) => [name, { on, factor }]));
+    }
+    if (this.#changed.has("without")) {
+      change.without = scene.effects.filter((effect) => effect.left_out).map(({ name }) => name);
+    }
+    if (this.#changed.has("per_light")) change.per_light = scene.per_light.on;
+    if (this.#changed.has("materials")) {
+      change.materials = Object.fromEntries(scene.materials.map(({ name, roughness, metallic, color }) => [name, {
+        ...(roughness !== null && { roughness }),
+        ...(metallic !== null && { metallic }),
+        ...(color !== null && { color }),
+      }]));
+    }
+    this.#changed.clear();
+    this.#heldUntil = Infinity;
+    const accepted = await this.act("/api/scene", change);
+    // A refused change is taken back at once: the controls show the state of the server again.
+    this.#heldUntil = accepted ? performance.now() + HOLD : 0;
+    this.show();
+  }
+
+  show() {
+    const state = this.store.server;
+    if (!state) return;
+    show(box("scene-none"), state.scene === null);
+    show(box("scene-knobs"), state.scene !== null);
+    const times = state.render.restarted;
+    setText(box("scene-restarts"), `Started again ${times} ${times === 1 ? "time" : "times"}.`);
+    if (!state.scene) return;
+    const held = this.#send.waiting || performance.now() < this.#heldUntil;
+    const scene = held && this.#scene ? this.#scene : structuredClone(state.scene);
+    this.#scene = scene;
+    this.#write(scene);
+  }
+
+  /** @param {Scene} scene */
+  #write(scene) {
+    const shape = JSON.stringify([
+      scene.lights.map(({ name }) => name),
+      scene.materials.map(({ name, roughness, metallic, color }) => [name, roughness === null, metallic === null, color === null]),
+      scene.effects.map(({ name, title }) => [name, title]),
+    ]);
+    if (shape !== this.#shape) {
+      this.#shape = shape;
+      this.#build(scene);
+    }
+    setOptions(select("scene-camera"), scene.cameras.map((name) => ({ value: name, text: name })));
+    setValue(select("scene-camera"), scene.camera);
+    scene.lights.forEach((light, index) => {
+      input(`light-on-${index}`).checked = light.on;
+      // The text of the power may follow the factor, so it must not build the list again.
+      setText(box(`light-facts-${index}`), `${light.kind}, ${light.power}`);
+      this.#writePair(`light-power-${index}`, light.factor > 0 ? Math.log10(light.factor) : -2, light.factor);
+    });
+    input("per-light").checked = scene.per_light.on;
+    const { bytes: memory, lights } = scene.per_light;
+    setText(box("per-light-memory"),
+      `It needs ${bytes(memory)} of memory for ${lights} ${lights === 1 ? "light" : "lights"}, and it starts the render again.`);
+    scene.materials.forEach((material, index) => this.#writeMaterial(material, index));
+    scene.effects.forEach((effect, index) => {
+      input(`effect-${index}`).checked = !effect.left_out;
+      input(`effect-${index}`).disabled = !effect.used && !effect.left_out;
+    });
+  }
+
+  /**
+   * A slider with a number beside it.
+   * @param {string} id
+   * @param {number} place
+   * @param {number} value
+   */
+  #writePair(id, place, value) {
+    if (document.activeElement?.id !== id) setValue(input(id), String(place));
+    setValue(input(`${id}-value`), String(value));
+  }
+
+  /**
+   * @param {import("./protocol").Material} material
+   * @param {number} index
+   */
+  #writeMaterial({ roughness, metallic, color }, index) {
+    if (roughness !== null) this.#writePair(`material-roughness-${index}`, roughness, roughness);
+    if (metallic !== null) this.#writePair(`material-metallic-${index}`, metallic, metallic);
+    if (color === null) return;
+    setValue(input(`material-colour-${index}`), toHex(color));
+    box(`material-chip-${index}`).style.background = toHex(color);
+    setText(box(`material-linear-${index}`), color.map((value) => number(value, 2)).join(", "));
+  }
+
+  /** @param {Scene} scene */
+  #build(scene) {
+    box("lights").replaceChildren(...scene.lights.map((light, index) => this.#lightItem(light, index)));
+    box("materials").replaceChildren(...scene.materials.map((material, index) => this.#materialItem(material, index)));
+    box("effects").replaceChildren(...scene.effects.map((effect, index) => this.#effectItem(effect, index)));
+    show(input("material-filter"), scene.materials.length >= FILTER_FROM);
+    this.#filter();
+  }
+
+  /**
+   * @param {import("./protocol").Light} light
+   * @param {number} index
+   */
+  #lightItem(light, index) {
+    const on = element("input", { type: "checkbox", id: `light-on-${index}` });
+    on.addEventListener("change", () => this.#change("lights", (scene) => {
+      const found = scene.lights[index];
+      if (found) found.on = on.checked;
+    }));
+    return element("div", { class: "item" },
+      element("div", { class: "head" },
+        element("label", { class: "check", title: `Switches the light ${light.name} on or off. The render starts again` },
+          on, light.name),
+        element("span", { class: "facts number", id: `light-facts-${index}` })),
+      ...this.#pair({
+        id: `light-power-${index}`, label: "Power ×", name: light.name, low: -2, high: 2, log: true,
+        title: "Factor of the power of this light on a logarithmic scale. The render starts again",
+        set: (value) => this.#change("lights", (scene) => {
+          const found = scene.lights[index];
+          if (found) found.factor = value;
+        }),
+      }));
+  }
+
+  /**
+   * @param {import("./protocol").Material} material
+   * @param {number} index
+   */
+  #materialItem(material, index) {
+    const item = element("details", { class: "item", "data-name": material.name.toLowerCase() },
+      element("summary", { title: "Shows the values of this material" }, material.name,
+        ...(material.color ? [element("span", { class: "chip", id: `material-chip-${index}` })] : [])));
+    /**
+     * @param {"roughness" | "metallic"} key
+     * @param {string} label
+     * @param {string} title
+     */
+    const slider = (key, label, title) => {
+      if (material[key] === null) return;
+      item.append(...this.#pair({
+        id: `material-${key}-${index}`, label, name: material.name, low: 0, high: 1, log: false, title,
+        set: (value) => this.#change("materials", (scene) => {
+          const found = scene.materials[index];
+          if (found) found[key] = value;
+        }),
+      }));
+    };
+    slider("roughness", "Roughness", "0 is a mirror, 1 is matt. The render starts again");
+    slider("metallic", "Metallic", "0 is a dielectric, 1 is a metal. The render starts again");
+    if (material.color) item.append(this.#colourRow(material.name, index));
+    if (material.roughness === null && material.metallic === null && material.color === null) {
+      item.append(element("p", { class: "facts" }, "Textures set all values of this material."));
+    }
+    return item;
+  }
+
+  /**
+   * @param {string} name
+   * @param {number} index
+   */
+  #colourRow(name, index) {
+    const colour = element("input", {
+      type: "color", id: `material-colour-${index}`, "aria-label": `Colour of ${name}`,
+      title: "Base colour. The render starts again",
+    });
+    colour.addEventListener("input", () => this.#change("materials", (scene) => {
+      const found = scene.materials[index];
+      if (!found) return;
+      found.color = fromHex(colour.value);
+      this.#writeMaterial(found, index);
+    }));
+    return element("div", { class: "row colour" },
+      element("label", { for: colour.id }, "Colour"), colour,
+      element("span", { class: "facts number", id: `material-linear-${index}`, title: "Linear red, green and blue" }));
+  }
+
+  /**
+   * @param {import("./protocol").Effect} effect
+   * @param {number} index
+   */
+  #effectItem(effect, index) {
+    const on = element("input", { type: "checkbox", id: `effect-${index}`, "data-effect": effect.name });
+    on.addEventListener("change", () => this.#change("without", (scene) => {
+      const found = scene.effects[index];
+      if (found) found.left_out = !on.checked;
+    }));
+    return element("label", {
+      class: "check", title: effect.used ? "Leaves the effect out of the render, which starts again" : "The scene does not use this effect",
+    }, on, effect.used ? effect.title : `${effect.title} (not used)`);
+  }
+
+  /**
+   * @param {{ id: string, label: string, name: string, low: number, high: number, log: boolean,
+   *   title: string, set: (value: number) => void }} options
+   * @returns {HTMLElement[]}
+   */
+  #pair({ id, label, name, low, high, log, title, set }) {
+    const slider = element("input", { id, type: "range", min: low, max: high, step: (high - low) / 200, title });
+    const value = element("input", {
+      id: `${id}-value`, type: "number", step: "any", min: 0, class: "number", title,
+      "aria-label": `${label} of ${name}`,
+    });
+    slider.addEventListener("input", () => {
+      const next = Number((log ? 10 ** Number(slider.value) : Number(slider.value)).toPrecision(3));
+      value.value = String(next);
+      set(next);
+    });
+    value.addEventListener("change", () => {
+      const next = Number(value.value);
+      if (value.value === "" || !(next >= 0) || (!log && next > high)) {
+        this.show();
+        return;
+      }
+      slider.value = String(log ? Math.log10(Math.max(next, 1e-9)) : next);
+      set(next);
+    });
+    return [element("div", { class: "row" }, element("label", { for: id }, label), slider, value)];
+  }
+
+  #filter() {
+    const text = input("material-filter").value.trim().toLowerCase();
+    for (const item of box("materials").children) {
+      if (item instanceof HTMLElement) show(item, (item.dataset["name"] ?? "").includes(text));
+    }
+  }
+}

@@ -1,0 +1,230 @@
+// The state of the page. Modules change it through methods and listen to topics.
+
+/** @typedef {import("./protocol").State} State */
+/** @typedef {import("./protocol").Camera} Camera */
+/** @typedef {import("./protocol").Frame} Frame */
+/** @typedef {import("./protocol").FilmMap} FilmMap */
+/** @typedef {import("./protocol").MapName} MapName */
+/** @typedef {import("./protocol").Tone} Tone */
+/** @typedef {"move" | "region1" | "region2" | "line"} Tool */
+/** @typedef {{ x: number, y: number }} Pixel */
+/** @typedef {[number, number, number, number]} Box x0, y0, x1, y1; x1 and y1 are exclusive */
+/** @typedef {{ from: Pixel, to: Pixel }} Segment */
+/**
+ * @typedef {"state" | "connection" | "camera" | "kept" | "view" | "frame" | "picture" | "map"
+ *   | "mapChoice" | "tool" | "shapes" | "pin" | "cursor" | "probe" | "path" | "measures"} Topic
+ */
+
+export class Store {
+  /**
+   * The newest state of the server.
+   * @type {State | null}
+   */
+  server = null;
+  connected = false;
+  /** Counts the connections: answers of an earlier server are outdated. */
+  session = 0;
+
+  /**
+   * The knobs of the picture A.
+   * @type {Camera | null}
+   */
+  camera = null;
+  /**
+   * The kept knobs of the picture B.
+   * @type {Camera | null}
+   */
+  kept = null;
+  /** The number of the frame of the camera: the seed of its temporal noise. */
+  frameNumber = 0;
+  /** @type {Tone} */
+  tone = "gamma";
+  live = false;
+  compare = false;
+  /** Position of the line between A and B, as a share of the width of the view. */
+  divider = 0.5;
+
+  /** @type {MapName | "none"} */
+  map = "none";
+  mapOpacity = 1;
+  /** @type {"viridis" | "cividis"} */
+  mapColours = "viridis";
+
+  /** @type {Frame | null} */
+  frameA = null;
+  /** @type {Frame | null} */
+  frameB = null;
+  /** @type {FilmMap | null} */
+  filmMap = null;
+  framesPerSecond = 0;
+
+  /** @type {Tool} */
+  tool = "move";
+  showPath = false;
+  /** @type {[Box | null, Box | null]} */
+  regions = [null, null];
+  /** @type {Segment | null} */
+  line = null;
+  /** @type {Pixel | null} */
+  pin = null;
+  /** @type {Pixel | null} */
+  cursor = null;
+  /** @type {import("./protocol").Probe | null} */
+  probe = null;
+  /** @type {import("./protocol").LightPath | null} */
+  path = null;
+
+  /** @type {Map<Topic, (() => void)[]>} */
+  #listeners = new Map();
+
+  /**
+   * @param {Topic | Topic[]} topics
+   * @param {() => void} listener
+   */
+  on(topics, listener) {
+    for (const topic of Array.isArray(topics) ? topics : [topics]) {
+      const list = this.#listeners.get(topic) ?? [];
+      list.push(listener);
+      this.#listeners.set(topic, list);
+    }
+  }
+
+  /** @param {Topic} topic */
+  emit(topic) {
+    for (const listener of this.#listeners.get(topic) ?? []) listener();
+  }
+
+  /** @param {State} state */
+  setServer(state) {
+    this.server = state;
+    // The knobs start from the job once. Later states must not move a knob of the user.
+    if (this.camera === null) {
+      this.camera = structuredClone(state.camera);
+      this.emit("camera");
+    } else if (!state.scene?.per_light.on && (this.camera.lights || this.kept?.lights)) {
+      // The film has no layers for the lights any more, so the factors mean nothing.
+      this.camera = { ...this.camera, lights: null };
+      if (this.kept) this.kept = { ...this.kept, lights: null };
+      this.emit("camera");
+    }
+    this.emit("state");
+  }
+
+  /** @param {boolean} connected */
+  setConnected(connected) {
+    if (connected) this.session += 1;
+    this.connected = connected;
+    this.emit("connection");
+  }
+
+  /** @param {Partial<Camera>} change */
+  changeCamera(change) {
+    if (!this.camera) return;
+    this.camera = { ...this.camera, ...change };
+    this.emit("camera");
+  }
+
+  /** Keeps the knobs of this moment as B. */
+  keep() {
+    if (!this.camera) return;
+    this.kept = structuredClone(this.camera);
+    this.emit("kept");
+  }
+
+  /** Exchanges the knobs of A and B. */
+  swap() {
+    if (!this.camera || !this.kept) return;
+    [this.camera, this.kept] = [this.kept, this.camera];
+    this.emit("camera");
+    this.emit("kept");
+  }
+
+  /** @param {boolean} compare */
+  setCompare(compare) {
+    if (compare && !this.kept) this.keep();
+    this.compare = compare;
+    this.emit("view");
+  }
+
+  /** @param {number} share */
+  setDivider(share) {
+    this.divider = Math.min(1, Math.max(0, share));
+    this.emit("view");
+  }
+
+  /** @param {boolean} live */
+  setLive(live) {
+    this.live = live;
+    this.framesPerSecond = 0;
+    this.emit("view");
+  }
+
+  /** @param {Tone} tone */
+  setTone(tone) {
+    this.tone = tone;
+    this.emit("view");
+  }
+
+  /** @param {number} step */
+  stepFrame(step = 1) {
+    this.frameNumber += step;
+    this.emit("frame");
+  }
+
+  /** @param {MapName | "none"} map */
+  setMap(map) {
+    if (this.map === map) return;
+    this.map = map;
+    this.filmMap = null;
+    this.emit("mapChoice");
+  }
+
+  /** @param {Tool} tool */
+  setTool(tool) {
+    this.tool = tool;
+    this.emit("tool");
+  }
+
+  /**
+   * @param {0 | 1} index
+   * @param {Box | null} region
+   */
+  setRegion(index, region) {
+    this.regions[index] = region;
+    this.emit("shapes");
+  }
+
+  /** @param {Segment | null} line */
+  setLine(line) {
+    this.line = line;
+    this.emit("shapes");
+  }
+
+  /** @param {Pixel | null} pin */
+  setPin(pin) {
+    this.pin = pin && this.clamp(pin);
+    this.emit("pin");
+  }
+
+  /**
+   * The nearest pixel of the film.
+   * @param {Pixel} pixel
+   * @returns {Pixel}
+   */
+  clamp(pixel) {
+    const { width, height } = this.server ?? { width: 1, height: 1 };
+    return {
+      x: Math.min(width - 1, Math.max(0, Math.floor(pixel.x))),
+      y: Math.min(height - 1, Math.max(0, Math.floor(pixel.y))),
+    };
+  }
+
+  /**
+   * True where the answer is a colour picture, with the tone applied by the server.
+   * @param {Camera} camera
+   */
+  isColour(camera) {
+    if (camera.sensor === null) return true;
+    return this.server?.sensors.find((sensor) => sensor.name === camera.sensor)?.colour ?? false;
+  }
+}

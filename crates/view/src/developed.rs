@@ -1,0 +1,347 @@
+//! A film behind a camera: frames, maps and certificates, and a store of the last ones.
+
+use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Tone};
+use crate::snapshot::{Content, Snapshot};
+use dunkelfeld::film::Plane;
+use dunkelfeld::io::sensor_file::find_sensor;
+use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Seconds};
+use dunkelfeld::sensor::{Exposure, ExposureNoise, PRESETS, SensorModel, display};
+use dunkelfeld::{
+    Certified, DenoiseMethod, DenoiseSettings, ExposeSettings, Exposer, Picture, RenderedFilm, SensorChoice, Session,
+    denoise_film, find_denoiser,
+};
+use std::sync::{Arc, Mutex, OnceLock};
+use std::time::Instant;
+
+/// The name of the sensor of the job in the list of sensors.
+pub(crate) const OWN_SENSOR: &str = "as in the job";
+/// Films behind cameras that are kept: two states that are compared, and one that changes.
+const KEPT: usize = 4;
+
+/// The sensors that the view knows: that of the job, and the presets. No other file is read for a name.
+#[derive(Clone, Debug)]
+pub(crate) struct Sensors {
+    own: Option<Box<SensorModel>>,
+}
+
+impl Sensors {
+    pub(crate) fn new(choice: &SensorChoice) -> Self {
+        let own = if let SensorChoice::Emva { model, .. } = choice { Some(model.clone()) } else { None };
+        Self { own }
+    }
+
+    /// Names with models, the sensor of the job first.
+    pub(crate) fn all(&self) -> Vec<(String, SensorModel)> {
+        let own = self.own.iter().map(|model| (OWN_SENSOR.to_owned(), (**model).clone()));
+        let presets = PRESETS.iter().filter_map(|(name, _)| Some(((*name).to_owned(), find_sensor(name).ok()?)));
+        own.chain(presets).collect()
+    }
+
+    /// The model of a camera. `None` without a sensor.
+    pub(crate) fn model(&self, camera: &Camera, binning: u32) -> Result<Option<SensorModel>, Fault> {
+        let Some(name) = &camera.sensor else { return Ok(None) };
+        let unknown = || Fault::new(format!("{name:?} is no sensor of the list"), "choose a sensor of the list");
+        let model = if name == OWN_SENSOR {
+            (**self.own.as_ref().ok_or_else(unknown)?).clone()
+        } else if PRESETS.iter().any(|(preset, _)| preset == name) {
+            let model = find_sensor(name).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))?;
+            model.binned(binning).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))?
+        } else {
+            return Err(unknown());
+        };
+        if !(camera.gain.is_finite() && (0.01..=100.0).contains(&camera.gain)) {
+            return Err(Fault::new(
+                format!("the gain {} is out of range", camera.gain),
+                "use a factor from 0.01 to 100",
+            ));
+        }
+        let mut spec = model.spec().clone();
+        spec.system_gain *= camera.gain;
+        spec.temperature = camera.temperature.map_or(spec.temperature, Celsius);
+        spec.offset = camera.black_level.map_or(spec.offset, DigitalNumber);
+        SensorModel::new(spec).map(Some).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))
+    }
+}
+
+/// A film behind a camera.
+#[derive(Debug)]
+pub(crate) struct Developed {
+    pub(crate) snapshot: Arc<Snapshot>,
+    camera: Camera,
+    /// `None` without a sensor.
+    pub(crate) exposer: Option<Exposer>,
+    /// The mean that is shown, if it is denoised.
+    denoised: Option<Plane<[f32; 3]>>,
+    certified: OnceLock<Option<Certified>>,
+}
+
+impl Developed {
+    /// Runs on the threads of the session.
+    fn new(snapshot: Arc<Snapshot>, camera: &Camera, sensors: &Sensors, session: &Session<'_>) -> Result<Self, Fault> {
+        if camera.vignetting != snapshot.is_vignetted {
+            return Err(Fault::new(
+                "the vignetting of a film is rendered",
+                "set `vignetting` of the lens in the job, which starts the render again",
+            ));
+        }
+        if camera.lights.is_some() {
+            return Err(Fault::new("there is one film for all lights", "change the power of the lights of the scene"));
+        }
+        let denoised = match (camera.denoise, snapshot.film()) {
+            (Denoise::Off, _) => None,
+            (method, Some(film)) => Some(denoised(film, &snapshot.settings.denoise, method, session)?),
+            (_, None) => return Err(Fault::new("an EXR is shown as it is", "denoise it by `dunkelfeld denoise`")),
+        };
+        let model = sensors.model(camera, snapshot.settings.readout.binning)?;
+        let exposer = match model {
+            None => None,
+            Some(model) => Some(Self::exposer(&snapshot, camera, model, denoised.as_ref())?),
+        };
+        Ok(Self { snapshot, camera: camera.clone(), exposer, denoised, certified: OnceLock::new() })
+    }
+
+    fn exposer(
+        snapshot: &Snapshot,
+        camera: &Camera,
+        model: SensorModel,
+        denoised: Option<&Plane<[f32; 3]>>,
+    ) -> Result<Exposer, Fault> {
+        let mut settings = match ExposeSettings::of_render(&snapshot.settings)? {
+            Some(settings) => settings.with_model(model),
+            None => ExposeSettings::new(model)?,
+        };
+        settings.exposure = match camera.exposure {
+            None => None,
+            Some(time) => Some(Exposure::new(Seconds(time)).map_err(dunkelfeld::Error::from)?),
+        };
+        settings.seed = camera.device;
+        settings.exposure_noise = match camera.noise {
+            // The remaining noise of a denoised image is unknown.
+            Noise::Matched if denoised.is_none() => ExposureNoise::Matched,
+            _ => ExposureNoise::Plain,
+        };
+        let film = match &snapshot.content {
+            Content::Film(film) => film,
+            Content::Exr(path) => return Ok(Exposer::open(path, &settings)?),
+        };
+        let Some(denoised) = denoised else {
+            return Ok(Exposer::of_film_and_mean(film, snapshot.mean().clone(), &settings)?);
+        };
+        if settings.exposure.is_none() {
+            // The exposure is that of the unbiased mean.
+            let plain = Exposer::of_film_and_mean(film, snapshot.mean().clone(), &settings)?;
+            settings.exposure = Some(plain.exposure());
+        }
+        Ok(Exposer::of_film_and_mean(film, denoised.clone(), &settings)?)
+    }
+
+    /// The film behind a camera with a fixed exposure, without the store.
+    pub(crate) fn at_exposure_of(
+        &self,
+        other: Arc<Snapshot>,
+        sensors: &Sensors,
+        session: &Session<'_>,
+    ) -> Result<Self, Fault> {
+        let mut camera = self.camera.without_noise();
+        camera.exposure = self.exposer.as_ref().map(|exposer| exposer.exposure().time().0);
+        Self::new(other, &camera, sensors, session)
+    }
+
+    fn mean(&self) -> &Plane<[f32; 3]> {
+        self.denoised.as_ref().unwrap_or_else(|| self.snapshot.mean())
+    }
+
+    /// The ratios of the noise of the render to that of the camera. `None` without a sensor.
+    pub(crate) fn certified(&self) -> Option<&Certified> {
+        let certify = || self.exposer.as_ref()?.certify(self.snapshot.film()?, 1.0);
+        self.certified.get_or_init(certify).as_ref()
+    }
+
+    /// Expected grey value \[DN\] of a pixel with so many photo-electrons, up to saturation.
+    pub(crate) fn expected(exposer: &Exposer, electrons: f32) -> f64 {
+        let model = exposer.model();
+        let dark = model.dark_electrons(exposer.exposure().time()).0;
+        let charge = (f64::from(electrons) + dark).min(model.spec().full_well.0);
+        (model.spec().system_gain * charge + model.spec().offset.0).clamp(0.0, f64::from(model.max_value()))
+    }
+
+    /// Temporal standard deviation of the camera \[DN\] of a pixel with so many photo-electrons.
+    pub(crate) fn camera_sigma(exposer: &Exposer, electrons: f32) -> f64 {
+        let model = exposer.model();
+        let variance = model.temporal_variance(Electrons(electrons.max(0.0).into()), exposer.exposure().time());
+        model.spec().system_gain * variance.sqrt()
+    }
+
+    /// Grey values \[DN\] of a frame. `None` without a sensor.
+    pub(crate) fn values(&self, frame: u32) -> Result<Option<Plane<u16>>, Fault> {
+        let Some(exposer) = &self.exposer else { return Ok(None) };
+        Ok(Some(match self.camera.noise {
+            Noise::None => exposer.electrons().map(|&e| (Self::expected(exposer, e) + 0.5) as u16),
+            Noise::Plain | Noise::Matched => exposer.frame(frame)?,
+        }))
+    }
+
+    /// A frame with its description: grey values of a monochrome sensor, or a picture in colours.
+    pub(crate) fn frame(&self, frame: u32, tone: Tone) -> Result<(FrameHeader, Vec<u8>), Fault> {
+        let began = Instant::now();
+        let [width, height] = self.snapshot.size();
+        let mut header = FrameHeader {
+            width,
+            height,
+            format: "rgb8",
+            white: 1.0,
+            black: 0.0,
+            film: self.snapshot.id,
+            exposure: None,
+            no_light: false,
+            saturated: 0.0,
+            matched: None,
+            mean_value: 0.0,
+            mean_electrons: 0.0,
+            compute: 0.0,
+        };
+        let payload = match (&self.exposer, self.values(frame)?) {
+            (Some(exposer), Some(values)) => {
+                let model = exposer.model();
+                header.white = model.saturation_value().0;
+                header.black = model.spec().offset.0;
+                header.exposure = Some(exposer.exposure().time().0);
+                header.no_light = exposer.no_light();
+                header.saturated = exposer.saturated();
+                header.matched = exposer.matched();
+                header.mean_value = mean(values.data().iter().map(|&v| f64::from(v)));
+                header.mean_electrons = mean(exposer.electrons().data().iter().map(|&e| f64::from(e)));
+                match model.spec().quantum_efficiency.filter() {
+                    None => {
+                        header.format = "gray16";
+                        values.data().iter().flat_map(|v| v.to_le_bytes()).collect()
+                    }
+                    Some(_) => match Picture::from_values(&values, model) {
+                        Picture::Rgb(picture) => toned(picture.data(), tone),
+                        Picture::Gray(_) => Vec::new(),
+                    },
+                }
+            }
+            _ => toned(display::linear_to_8bit(self.mean()).data(), tone),
+        };
+        header.compute = began.elapsed().as_secs_f64();
+        Ok((header, payload))
+    }
+
+    /// A map of the film. Unknown values are NaN. `difference` \[DN\] is that of an ablation.
+    pub(crate) fn map(&self, kind: MapKind, difference: Option<&[f32]>) -> Result<(MapHeader, Vec<u8>), Fault> {
+        let began = Instant::now();
+        let [width, height] = self.snapshot.size();
+        let without = || Fault::new("there is no sensor, so there is no noise to compare with", "choose a sensor");
+        let of_camera = || self.exposer.as_ref().ok_or_else(without);
+        let ratio = |v: f32| if v.is_finite() { v.sqrt() } else { f32::NAN };
+        let counts = |plane: &Plane<u32>| plane.data().iter().map(|&n| n as f32).collect::<Vec<f32>>();
+        let (unit, values) = match kind {
+            MapKind::Samples => ("samples", counts(&self.snapshot.counts)),
+            MapKind::Recent => ("samples", self.snapshot.recent.as_ref().map(counts).unwrap_or_default()),
+            MapKind::Ratio => {
+                let certified = self.certified().ok_or_else(without)?;
+                ("", certified.ratios.data().iter().map(|&v| ratio(v)).collect())
+            }
+            MapKind::CameraSigma => {
+                let exposer = of_camera()?;
+                let sigma = |&e: &f32| Self::camera_sigma(exposer, e) as f32;
+                ("DN", exposer.electrons().data().iter().map(sigma).collect())
+            }
+            MapKind::RenderSigma => {
+                let (exposer, certified) = (of_camera()?, self.certified().ok_or_else(without)?);
+                let pixels = exposer.electrons().data().iter().zip(certified.ratios.data());
+                ("DN", pixels.map(|(&e, &v)| ratio(v) * Self::camera_sigma(exposer, e) as f32).collect())
+            }
+            MapKind::Difference => match difference {
+                Some(difference) if difference.len() == self.snapshot.counts.data().len() => {
+                    ("DN", difference.to_vec())
+                }
+                _ => return Err(Fault::new("no effect was left out for a comparison", "measure an effect first")),
+            },
+        };
+        if values.is_empty() {
+            return Err(Fault::new("there is one picture only", "wait for the next one"));
+        }
+        let mut known: Vec<f32> = values.iter().copied().filter(|v| v.is_finite()).collect();
+        let mut quantile = |share: f64| {
+            let last = known.len().checked_sub(1)?;
+            let (_, value, _) = known.select_nth_unstable_by((share * last as f64) as usize, f32::total_cmp);
+            Some(f64::from(*value))
+        };
+        let (low, high) = (quantile(0.01).unwrap_or(0.0), quantile(0.99).unwrap_or(0.0));
+        let payload = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let (film, compute) = (self.snapshot.id, began.elapsed().as_secs_f64());
+        Ok((MapHeader { width, height, format: "f32", unit, film, compute, low, high }, payload))
+    }
+}
+
+fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let n = values.len().max(1) as f64;
+    values.sum::<f64>() / n
+}
+
+/// A picture of gamma 2.2 with another tone curve.
+fn toned(picture: &[[u8; 3]], tone: Tone) -> Vec<u8> {
+    let table: [u8; 256] = std::array::from_fn(|code| {
+        let linear = (code as f64 / 255.0).powf(display::GAMMA);
+        let value = match tone {
+            Tone::Gamma => return code as u8,
+            Tone::Linear => linear,
+            Tone::Log => (1.0 + 1000.0 * linear).ln() / 1001f64.ln(),
+        };
+        (255.0 * value + 0.5) as u8
+    });
+    picture.iter().flatten().map(|&code| table[usize::from(code)]).collect()
+}
+
+fn denoised(
+    film: &RenderedFilm,
+    settings: &DenoiseSettings,
+    method: Denoise,
+    session: &Session<'_>,
+) -> Result<Plane<[f32; 3]>, Fault> {
+    let mut settings = settings.clone();
+    settings.method = match method {
+        Denoise::Auto => DenoiseMethod::Auto,
+        Denoise::Oidn => DenoiseMethod::Oidn,
+        Denoise::Builtin | Denoise::Off => DenoiseMethod::Builtin,
+    };
+    let denoiser = find_denoiser(&settings)?.ok_or_else(|| Fault::new("there is no denoiser", "choose `builtin`"))?;
+    let denoised = denoise_film(&film.sums, &*denoiser, session);
+    Ok(denoised.map_err(|e| Fault::new(e.to_string(), "choose the denoiser `builtin`"))?.mean)
+}
+
+/// The last films behind cameras.
+#[derive(Debug, Default)]
+pub(crate) struct Store(Mutex<Vec<Arc<Developed>>>);
+
+impl Store {
+    /// The film behind a camera, computed on the threads of the session if it is not stored.
+    pub(crate) fn get(
+        &self,
+        snapshot: &Arc<Snapshot>,
+        camera: &Camera,
+        sensors: &Sensors,
+        session: &Session<'_>,
+    ) -> Result<Arc<Developed>, Fault> {
+        let is_it = |d: &Arc<Developed>| d.snapshot.id == snapshot.id && d.camera == *camera;
+        if let Ok(mut kept) = self.0.lock() {
+            // Films of an earlier moment are not shown again, except in a comparison, which asks for the present one.
+            kept.retain(|d| d.snapshot.id == snapshot.id);
+            if let Some(place) = kept.iter().position(is_it) {
+                let found = kept.remove(place);
+                kept.push(found.clone());
+                return Ok(found);
+            }
+        }
+        let made = Arc::new(session.install(|| Developed::new(snapshot.clone(), camera, sensors, session))?);
+        if let Ok(mut kept) = self.0.lock() {
+            if kept.len() >= KEPT {
+                kept.remove(0);
+            }
+            kept.push(made.clone());
+        }
+        Ok(made)
+    }
+}

@@ -1,0 +1,413 @@
+//! The thread that renders. It begins again when the scene changes, and publishes its film.
+
+use crate::developed::{Developed, Sensors};
+use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, ForecastPoint, Note};
+use crate::scene_change::{SceneChange, SceneParts};
+use crate::shared::{Shared, lock};
+use crate::snapshot::Snapshot;
+use dunkelfeld::film::{FilmLayers, Plane};
+use dunkelfeld::{
+    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, Forecast, ForecastLevel, Progress, ProgressState, Project,
+    ProjectOptions, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, find_sensor,
+};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
+
+/// The most samples per pixel of a view.
+const MAX_SPP: f64 = 65_536.0;
+/// Seconds between two films at the beginning of a render, and later.
+const FIRST_INTERVAL: f64 = 0.4;
+const LATER_INTERVAL: f64 = 1.0;
+/// Seconds after which the films are published less often.
+const EARLY: f64 = 8.0;
+/// The copy of a film may take this share of the time of the render.
+const COPY_SHARE: f64 = 0.02;
+/// The analysis of a film may take this share of the time of the threads.
+const ANALYSIS_SHARE: f64 = 0.04;
+/// Pause between two looks at the files of the scene.
+const WATCH_EVERY: Duration = Duration::from_millis(700);
+
+/// Renders until the view ends.
+pub(crate) fn run(shared: &Arc<Shared>) {
+    let mut project: Option<Project> = None;
+    let mut opened_without = Vec::new();
+    loop {
+        let (change, is_reloaded) = {
+            let mut control = lock(&shared.control);
+            if control.quit {
+                return;
+            }
+            let change = control.change.take();
+            (change, std::mem::take(&mut control.reload))
+        };
+        let cancel = Arc::new(Cancel::new());
+        *lock(&shared.cancel) = cancel.clone();
+        let change = change.unwrap_or_else(|| lock(&shared.live).change.clone());
+        if is_reloaded || project.is_none() || opened_without != change.without {
+            project = None;
+        }
+        let result = prepare(shared, &mut project, &change, &cancel);
+        opened_without.clone_from(&change.without);
+        if let Err(error) = result.and_then(|()| project.as_ref().map_or(Ok(()), |p| render(shared, p, &cancel))) {
+            if project.is_some() && lock(&shared.live).change != change {
+                // The scene stays as it was before the change.
+                project = None;
+            }
+            shared.update(|live| {
+                live.error = Some(Fault::from(error));
+                live.render.state = Activity::Failed;
+            });
+        }
+        // Until there is something to do.
+        let mut control = lock(&shared.control);
+        while !(control.quit || control.change.is_some() || control.reload) {
+            let jobs = std::mem::take(&mut control.jobs);
+            if let (false, Some(project)) = (jobs.is_empty(), &project) {
+                drop(control);
+                jobs.into_iter().for_each(|job| job(project));
+                control = lock(&shared.control);
+                continue;
+            }
+            control = shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// Opens the project, or changes it.
+fn prepare(
+    shared: &Arc<Shared>,
+    project: &mut Option<Project>,
+    change: &SceneChange,
+    cancel: &Cancel,
+) -> Result<(), Error> {
+    let is_first = lock(&shared.live).settings.is_none();
+    let mut opened = match project.take() {
+        Some(project) => project,
+        None => {
+            shared.update(|live| live.render.state = Activity::Loading);
+            let options = ProjectOptions::default().with_without(change.without.clone());
+            Project::open_with(&shared.subject.path, options)?
+        }
+    };
+    if cancel.is_cancelled() {
+        *project = Some(opened);
+        return Ok(());
+    }
+    let parts = if is_first { SceneParts::new(&opened.inspect()) } else { lock(&shared.live).parts.clone() };
+    let text = toml::to_string(&change.overrides(&parts))
+        .map_err(|e| Error::setting("scene", e.to_string(), "use other values"))?;
+    opened.set_overrides(&text)?;
+    opened.settings.camera = change.camera.clone().or(opened.settings.camera.take());
+    opened.settings.budget = Budget::default().with_spp(MAX_SPP);
+    opened.settings.layers = FilmLayers::All;
+    let settings = opened.fitted()?;
+    let is_vignetted = dunkelfeld::camera(&opened.scene, &settings)?.has_vignetting();
+    let note = |text: String| Note { level: "warning", text, help: None };
+    let findings = opened.findings();
+    let notes = opened.warnings.iter().map(|w| note(w.to_string()));
+    let notes = notes.chain(findings.findings.iter().map(|f| note(format!("{}: {}", f.place, f.message)))).collect();
+    shared.update(|live| {
+        live.notes = notes;
+        live.materials = opened.scene.materials().iter().map(|m| m.name.clone()).collect();
+        live.is_vignetted = is_vignetted;
+        live.parts = parts;
+        live.change = change.clone();
+        live.error = None;
+        live.files = opened.inputs.iter().map(|file| file.identity.path().to_owned()).collect();
+        if is_first {
+            live.sensors = Sensors::new(&settings.sensor);
+            live.settings = Some(settings);
+        }
+    });
+    *project = Some(opened);
+    Ok(())
+}
+
+/// Renders a project until it is cancelled or has the most samples.
+fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Result<(), Error> {
+    if cancel.is_cancelled() {
+        return Ok(());
+    }
+    let settings = project.fitted()?;
+    let is_vignetted = dunkelfeld::camera(&project.scene, &settings)?.has_vignetting();
+    let is_restart = shared.snapshot().is_some();
+    shared.update(|live| {
+        live.curve.clear();
+        live.forecast.clear();
+        live.render.state = Activity::Running;
+        live.render.reason = None;
+        live.render.restarted += u32::from(is_restart);
+    });
+    let watcher = Watcher {
+        shared,
+        project,
+        settings: (settings, is_vignetted),
+        cancel,
+        is_restart,
+        time: Mutex::new(Times { began: Instant::now(), paused: 0.0, next: 0.0, is_published: false }),
+        next_note: AtomicU64::new(0),
+    };
+    let (rendering, _, _) = project.render_film(&watcher, cancel)?;
+    if !cancel.is_cancelled() {
+        watcher.publish(&rendering.film);
+        shared.update(|live| {
+            live.render.state = Activity::Finished;
+            live.render.remaining = None;
+            live.render.reason = Some(format!("the image has {MAX_SPP} samples per pixel, the most of a view"));
+        });
+    }
+    Ok(())
+}
+
+/// The times of a render \[s\].
+struct Times {
+    began: Instant,
+    paused: f64,
+    /// When the next film is due, and whether one of this render is shown.
+    next: f64,
+    is_published: bool,
+}
+
+/// Receives progress and films of a render.
+struct Watcher<'a> {
+    shared: &'a Arc<Shared>,
+    project: &'a Project,
+    settings: (RenderSettings, bool),
+    cancel: &'a Cancel,
+    is_restart: bool,
+    time: Mutex<Times>,
+    /// Milliseconds of the clock after which the pages are told of progress.
+    next_note: AtomicU64,
+}
+
+impl Watcher<'_> {
+    /// Seconds of the render, without pauses.
+    fn seconds(&self) -> f64 {
+        let time = lock(&self.time);
+        time.began.elapsed().as_secs_f64() - time.paused
+    }
+
+    fn publish(&self, film: &RenderedFilm) {
+        let seconds = self.seconds();
+        let before = self.shared.snapshot();
+        let id = before.as_ref().map_or(1, |before| before.id + 1);
+        let is_first = !std::mem::replace(&mut lock(&self.time).is_published, true);
+        let earlier = before.as_deref().filter(|_| !is_first);
+        let snapshot = Arc::new(Snapshot::new(id, film.clone(), self.settings.clone(), seconds, earlier));
+        *lock(&self.shared.snapshot) = Some(snapshot);
+        self.shared.notify();
+        self.shared.wake.notify_all();
+    }
+}
+
+impl Progress for Watcher<'_> {
+    fn update(&self, progress: &ProgressState) {
+        let now = self.shared.began.elapsed().as_millis() as u64;
+        let due = self.next_note.load(Ordering::Relaxed);
+        let next = now + 200;
+        if now < due || self.next_note.compare_exchange(due, next, Ordering::Relaxed, Ordering::Relaxed).is_err() {
+            return;
+        }
+        let seconds = self.seconds();
+        self.shared.update(|live| {
+            live.render.stage = progress.stage.name().into();
+            live.render.elapsed = seconds;
+            live.render.samples_per_second = if seconds > 0.0 { progress.samples as f64 / seconds } else { 0.0 };
+            // The end of a view is its target.
+            let known = live.forecast.iter().filter(|point| point.k <= live.target * (1.0 + 1e-9));
+            let expected = known.filter_map(|point| point.seconds).reduce(f64::min);
+            live.render.remaining = expected.map(|expected| (expected - seconds).max(0.0));
+            live.render.fraction = expected.map_or(0.0, |expected| (seconds / expected).clamp(0.0, 1.0));
+        });
+    }
+
+    fn forecast(&self, forecast: &Forecast) {
+        let pixels = f64::from(self.settings.0.width) * f64::from(self.settings.0.height);
+        let point = |level: &ForecastLevel| ForecastPoint {
+            k: level.k,
+            seconds: level.seconds,
+            spp: level.samples.map(|samples| samples / pixels.max(1.0)),
+        };
+        self.shared.update(|live| live.forecast = forecast.levels.iter().map(point).collect());
+    }
+
+    fn film_interval(&self) -> Option<f64> {
+        Some(if self.seconds() < EARLY { FIRST_INTERVAL } else { LATER_INTERVAL })
+    }
+
+    fn film(&self, film: &RenderedFilm) {
+        let (seconds, next) = (self.seconds(), lock(&self.time).next);
+        // After a restart the earlier picture stays until each pixel has a sample.
+        let is_better = || !self.is_restart || lock(&self.time).is_published || film.sums.has_all_pixels();
+        if seconds >= next && !self.cancel.is_cancelled() && is_better() {
+            self.publish(film);
+            let copied = self.seconds() - seconds;
+            lock(&self.time).next = seconds + copied / COPY_SHARE;
+        }
+        // A pause holds the render here.
+        let began = Instant::now();
+        let mut control = lock(&self.shared.control);
+        let mut is_paused = false;
+        loop {
+            let jobs = std::mem::take(&mut control.jobs);
+            if !jobs.is_empty() {
+                drop(control);
+                jobs.into_iter().for_each(|job| job(self.project));
+                control = lock(&self.shared.control);
+                continue;
+            }
+            if !control.is_paused || self.cancel.is_cancelled() {
+                break;
+            }
+            if !is_paused {
+                is_paused = true;
+                self.shared.update(|live| live.render.state = Activity::Paused);
+            }
+            control = self.shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
+        }
+        drop(control);
+        if is_paused {
+            lock(&self.time).paused += began.elapsed().as_secs_f64();
+            self.shared.update(|live| live.render.state = Activity::Running);
+        }
+    }
+}
+
+/// Certifies the films that are published, at a small share of the time, until the view ends.
+pub(crate) fn analyse(shared: &Arc<Shared>) {
+    let (mut last, mut curve_of) = (0, None);
+    loop {
+        let (snapshot, camera) = {
+            let mut control = lock(&shared.control);
+            loop {
+                if control.quit {
+                    return;
+                }
+                let camera = lock(&shared.live).camera();
+                match shared.snapshot() {
+                    Some(snapshot) if snapshot.id != last || curve_of.as_ref() != Some(&camera.without_noise()) => {
+                        break (snapshot, camera);
+                    }
+                    _ => {}
+                }
+                control = shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
+            }
+        };
+        let began = Instant::now();
+        last = snapshot.id;
+        let sensors = lock(&shared.live).sensors.clone();
+        let camera = camera.without_noise();
+        let certified = shared.store.get(&snapshot, &camera, &sensors, &shared.session).ok().and_then(|developed| {
+            let certified = shared.session.install(|| developed.certified().cloned())?;
+            Some((certified.certificate.p99, developed))
+        });
+        let target = lock(&shared.live).target;
+        let state = certified.as_ref().and_then(|(_, developed)| certificate_of(&snapshot, developed, target));
+        let is_other_camera = curve_of.as_ref() != Some(&camera);
+        shared.update(|live| {
+            if is_other_camera {
+                live.curve.clear();
+            }
+            live.certificate = state;
+            if let Some(state) = state {
+                let (seconds, spp) = (snapshot.seconds, snapshot.spp());
+                let k99 = state.p99.map(f64::sqrt);
+                live.add_point(CurvePoint { seconds, spp, k99, hidden: state.hidden });
+            }
+        });
+        curve_of = Some(camera);
+        // The analysis runs on all threads beside the render.
+        let pause = began.elapsed().as_secs_f64() / ANALYSIS_SHARE * 0.5;
+        let control = lock(&shared.control);
+        if !control.quit {
+            drop(shared.wake.wait_timeout_while(control, Duration::from_secs_f64(pause.min(20.0)), |c| !c.quit));
+        }
+    }
+}
+
+/// The certificate of a film at a level.
+pub(crate) fn certificate_of(snapshot: &Snapshot, developed: &Developed, k: f64) -> Option<CertificateState> {
+    let certified = developed.certified()?;
+    let exposer = developed.exposer.as_ref()?;
+    let known = |ratio: f64| ratio.is_finite().then_some(ratio);
+    // The shares of another level follow from the ratios of the pixels that are not saturated.
+    let model = exposer.model();
+    let full = model.saturation().0 - model.dark_electrons(exposer.exposure().time()).0;
+    let pixels = certified.ratios.data().iter().zip(exposer.electrons().data());
+    let (mut counted, mut hidden) = (0u64, 0u64);
+    for (&ratio, _) in pixels.filter(|(_, e)| f64::from(**e) < full) {
+        counted += 1;
+        hidden += u64::from(f64::from(ratio) <= k * k);
+    }
+    let certificate = &certified.certificate;
+    Some(CertificateState {
+        k,
+        hidden: if counted == 0 { 1.0 } else { hidden as f64 / counted as f64 },
+        median: known(certificate.median),
+        p99: known(certificate.p99),
+        saturated: certificate.saturated as f64 / certified.ratios.data().len().max(1) as f64,
+        film: snapshot.id,
+    })
+}
+
+/// Shows an EXR of any renderer.
+pub(crate) fn show_exr(shared: &Arc<Shared>, path: PathBuf, mean: Plane<[f32; 3]>) -> Result<(), Error> {
+    let mut settings = RenderSettings::default();
+    (settings.width, settings.height) = (mean.width(), mean.height());
+    let model = Box::new(find_sensor(DEFAULT_SENSOR)?);
+    let ExposeSettings { optics, .. } = ExposeSettings::new((*model).clone())?;
+    settings.sensor = SensorChoice::Emva { model, optics, exposure: None };
+    *lock(&shared.snapshot) = Some(Arc::new(Snapshot::of_exr(path, mean, settings.clone())));
+    shared.update(|live| {
+        live.sensors = Sensors::new(&settings.sensor);
+        live.settings = Some(settings);
+        live.render.state = Activity::None;
+        live.render.stage = "exr".into();
+    });
+    Ok(())
+}
+
+/// Shows a film of a file.
+pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
+    let SavedFilm { film, settings, is_vignetted } = saved;
+    let snapshot = Snapshot::new(1, film, (settings.clone(), is_vignetted), 0.0, None);
+    *lock(&shared.snapshot) = Some(Arc::new(snapshot));
+    shared.update(|live| {
+        live.sensors = Sensors::new(&settings.sensor);
+        live.settings = Some(settings);
+        live.is_vignetted = is_vignetted;
+        live.render.state = Activity::None;
+        live.render.stage = "film".into();
+    });
+    shared.wake.notify_all();
+}
+
+/// Reloads the scene when one of its files changes, until the view ends.
+pub(crate) fn watch_files(shared: &Arc<Shared>) {
+    let stamp = |path: &PathBuf| {
+        let data = std::fs::metadata(path).ok()?;
+        Some((data.modified().ok()?, data.len()))
+    };
+    let mut seen: BTreeMap<PathBuf, Option<(SystemTime, u64)>> = BTreeMap::new();
+    loop {
+        let control = lock(&shared.control);
+        if control.quit {
+            return;
+        }
+        drop(shared.wake.wait_timeout_while(control, WATCH_EVERY, |control| !control.quit));
+        let files = lock(&shared.live).files.clone();
+        let now: BTreeMap<PathBuf, _> = files.iter().map(|path| (path.clone(), stamp(path))).collect();
+        // A file that is gone is being replaced.
+        let has_changed = |(path, stamp): (&PathBuf, &Option<_>)| {
+            stamp.is_some() && seen.get(path).is_some_and(|before| before != stamp)
+        };
+        let is_changed = now.iter().any(has_changed);
+        seen.extend(now.into_iter().filter(|(_, stamp)| stamp.is_some()));
+        if is_changed {
+            shared.control(|control| control.reload = true);
+        }
+    }
+}

@@ -1,0 +1,587 @@
+//! The messages between the page and the server, as JSON.
+
+use dunkelfeld::Error;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// A refusal: the answer of a request that cannot be met.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct Fault {
+    pub(crate) problem: String,
+    pub(crate) place: Option<String>,
+    pub(crate) help: Option<String>,
+}
+
+impl Fault {
+    pub(crate) fn new(problem: impl Into<String>, help: impl Into<String>) -> Self {
+        Self { problem: problem.into(), place: None, help: Some(help.into()) }
+    }
+}
+
+impl From<Error> for Fault {
+    fn from(error: Error) -> Self {
+        let text = error.to_string();
+        match text.split_once("\n  help: ") {
+            Some((problem, help)) => Self::new(problem, help),
+            None => Self { problem: text, place: None, help: None },
+        }
+    }
+}
+
+/// The knobs of the camera, which need no new samples.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Camera {
+    /// A name of the list of sensors; `None`: no sensor, radiance 1 W/(m² sr) is white.
+    pub(crate) sensor: Option<String>,
+    /// Exposure time \[s\]; `None`: automatic.
+    pub(crate) exposure: Option<f64>,
+    /// Factor of the system gain of the sensor.
+    pub(crate) gain: f64,
+    /// Temperature of the sensor [°C]; `None`: that of the model.
+    pub(crate) temperature: Option<f64>,
+    /// Grey value without light \[DN\]; `None`: that of the model.
+    pub(crate) black_level: Option<f64>,
+    pub(crate) noise: Noise,
+    /// Seed of the fixed pattern and of the noise.
+    pub(crate) device: u64,
+    pub(crate) denoise: Denoise,
+    pub(crate) vignetting: bool,
+    /// Factor of each light, in the mode with a film for each.
+    pub(crate) lights: Option<BTreeMap<String, f64>>,
+}
+
+impl Camera {
+    /// The camera for statistics of the unbiased film, which do not depend on the frame.
+    pub(crate) fn without_noise(&self) -> Self {
+        Self { noise: Noise::Plain, denoise: Denoise::Off, device: 0, ..self.clone() }
+    }
+}
+
+/// The noise of the camera that is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Noise {
+    Plain,
+    Matched,
+    /// The expected grey values.
+    None,
+}
+
+/// The denoiser of the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Denoise {
+    Off,
+    Auto,
+    Builtin,
+    Oidn,
+}
+
+/// The tone curve of a picture in colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Tone {
+    Gamma,
+    Linear,
+    Log,
+}
+
+/// The state of the view.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct State {
+    pub(crate) version: &'static str,
+    pub(crate) title: String,
+    pub(crate) path: String,
+    pub(crate) source: SourceKind,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) film: Option<FilmState>,
+    pub(crate) render: RenderState,
+    pub(crate) error: Option<Fault>,
+    pub(crate) notes: Vec<Note>,
+    pub(crate) curve: Vec<CurvePoint>,
+    pub(crate) forecast: Vec<ForecastPoint>,
+    pub(crate) target: f64,
+    pub(crate) certificate: Option<CertificateState>,
+    pub(crate) sensors: Vec<SensorState>,
+    pub(crate) camera: Camera,
+    pub(crate) ranges: Ranges,
+    pub(crate) scene: Option<SceneState>,
+    pub(crate) saved: Vec<String>,
+}
+
+/// The origin of the pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum SourceKind {
+    Render,
+    Film,
+    Exr,
+}
+
+/// The film that is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct FilmState {
+    pub(crate) id: u64,
+    pub(crate) samples: u64,
+    pub(crate) spp: f64,
+    pub(crate) seconds: f64,
+    pub(crate) first: bool,
+}
+
+/// The state of the render.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct RenderState {
+    pub(crate) stage: String,
+    pub(crate) fraction: f64,
+    pub(crate) elapsed: f64,
+    pub(crate) remaining: Option<f64>,
+    pub(crate) state: Activity,
+    pub(crate) reason: Option<String>,
+    pub(crate) restarted: u32,
+    pub(crate) samples_per_second: f64,
+}
+
+/// Does something render?
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Activity {
+    Loading,
+    Running,
+    Paused,
+    Finished,
+    Failed,
+    None,
+}
+
+/// A message about the scene.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct Note {
+    pub(crate) level: &'static str,
+    pub(crate) text: String,
+    pub(crate) help: Option<String>,
+}
+
+/// The noise at some time of the render.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct CurvePoint {
+    pub(crate) seconds: f64,
+    pub(crate) spp: f64,
+    pub(crate) k99: Option<f64>,
+    pub(crate) hidden: f64,
+}
+
+/// The expected time of a level of noise.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct ForecastPoint {
+    pub(crate) k: f64,
+    pub(crate) seconds: Option<f64>,
+    pub(crate) spp: Option<f64>,
+}
+
+/// The certificate of a film.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct CertificateState {
+    pub(crate) k: f64,
+    pub(crate) hidden: f64,
+    pub(crate) median: Option<f64>,
+    pub(crate) p99: Option<f64>,
+    pub(crate) saturated: f64,
+    pub(crate) film: u64,
+}
+
+/// A sensor of the list.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct SensorState {
+    pub(crate) name: String,
+    pub(crate) bits: u32,
+    pub(crate) colour: bool,
+    pub(crate) saturation: f64,
+    pub(crate) dark_noise: f64,
+    pub(crate) pixel: f64,
+}
+
+/// The ranges of knobs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct Ranges {
+    pub(crate) exposure: [f64; 2],
+    pub(crate) gain: [f64; 2],
+    pub(crate) temperature: [f64; 2],
+}
+
+/// The parts of the scene that can be changed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct SceneState {
+    pub(crate) cameras: Vec<String>,
+    pub(crate) camera: String,
+    pub(crate) lights: Vec<LightState>,
+    pub(crate) materials: Vec<MaterialState>,
+    pub(crate) effects: Vec<EffectState>,
+    pub(crate) per_light: PerLight,
+}
+
+/// A light.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct LightState {
+    pub(crate) name: String,
+    pub(crate) kind: String,
+    pub(crate) on: bool,
+    pub(crate) factor: f64,
+    pub(crate) power: String,
+}
+
+/// A material.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct MaterialState {
+    pub(crate) name: String,
+    pub(crate) roughness: Option<f64>,
+    pub(crate) metallic: Option<f64>,
+    pub(crate) color: Option<[f64; 3]>,
+}
+
+/// An effect of the scene.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct EffectState {
+    pub(crate) name: String,
+    pub(crate) title: String,
+    pub(crate) used: bool,
+    pub(crate) left_out: bool,
+}
+
+/// The mode with a film for each light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct PerLight {
+    pub(crate) on: bool,
+    pub(crate) bytes: u64,
+    pub(crate) lights: usize,
+}
+
+/// A request of a frame.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct FrameRequest {
+    pub(crate) camera: Camera,
+    pub(crate) frame: u32,
+    pub(crate) tone: Tone,
+}
+
+/// The description of a frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct FrameHeader {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) format: &'static str,
+    pub(crate) white: f64,
+    pub(crate) black: f64,
+    pub(crate) film: u64,
+    pub(crate) exposure: Option<f64>,
+    pub(crate) no_light: bool,
+    pub(crate) saturated: f64,
+    pub(crate) matched: Option<f64>,
+    pub(crate) mean_value: f64,
+    pub(crate) mean_electrons: f64,
+    pub(crate) compute: f64,
+}
+
+/// A request of a map.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MapRequest {
+    pub(crate) camera: Camera,
+    pub(crate) map: MapKind,
+}
+
+/// The maps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum MapKind {
+    Ratio,
+    Samples,
+    Recent,
+    RenderSigma,
+    CameraSigma,
+    Difference,
+}
+
+/// The description of a map.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct MapHeader {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) format: &'static str,
+    pub(crate) unit: &'static str,
+    pub(crate) film: u64,
+    pub(crate) compute: f64,
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+}
+
+/// A request about a pixel.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ProbeRequest {
+    pub(crate) camera: Camera,
+    pub(crate) frame: u32,
+    pub(crate) x: u32,
+    pub(crate) y: u32,
+}
+
+/// A pixel.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Probe {
+    pub(crate) x: u32,
+    pub(crate) y: u32,
+    pub(crate) value: Option<u16>,
+    pub(crate) electrons: Option<f32>,
+    pub(crate) radiance: [f32; 3],
+    pub(crate) camera_sigma: Option<f64>,
+    pub(crate) render_sigma: Option<f64>,
+    pub(crate) ratio: Option<f64>,
+    pub(crate) samples: u32,
+    pub(crate) object: Option<String>,
+    pub(crate) material: Option<String>,
+    pub(crate) depth: Option<f32>,
+    pub(crate) heaviest: Option<HeavyProbe>,
+}
+
+/// The largest sample of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct HeavyProbe {
+    pub(crate) index: u32,
+    pub(crate) share: f64,
+}
+
+/// A request about regions.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RegionsRequest {
+    pub(crate) camera: Camera,
+    pub(crate) frame: u32,
+    /// Left, top, right and bottom \[pixels\], the last two exclusive.
+    pub(crate) regions: Vec<[u32; 4]>,
+}
+
+/// Regions and their contrast.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Regions {
+    pub(crate) regions: Vec<Region>,
+    /// Mean of the first less that of the second \[DN\].
+    pub(crate) contrast: Option<f64>,
+    /// Contrast-to-noise ratio: the contrast over the temporal noise of one pixel of the camera.
+    pub(crate) cnr: Option<f64>,
+}
+
+/// The grey values of a region.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Region {
+    pub(crate) pixels: u64,
+    pub(crate) mean: f64,
+    pub(crate) variance: f64,
+    pub(crate) min: u16,
+    pub(crate) max: u16,
+    /// Mean above the black level over the standard deviation.
+    pub(crate) snr: Option<f64>,
+    pub(crate) saturated: f64,
+    pub(crate) histogram: Histogram,
+}
+
+/// Numbers of pixels by grey value.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Histogram {
+    /// The first grey value, and the number of grey values of a bin.
+    pub(crate) low: u32,
+    pub(crate) width: u32,
+    pub(crate) counts: Vec<u64>,
+}
+
+/// A request of a line profile.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LineRequest {
+    pub(crate) camera: Camera,
+    pub(crate) frame: u32,
+    pub(crate) from: [f64; 2],
+    pub(crate) to: [f64; 2],
+}
+
+/// A line profile \[DN\].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Line {
+    pub(crate) values: Vec<u16>,
+    pub(crate) expected: Vec<f64>,
+    pub(crate) sigma: Vec<f64>,
+    /// \[pixels\]
+    pub(crate) length: f64,
+}
+
+/// A request of a path.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PathRequest {
+    pub(crate) x: u32,
+    pub(crate) y: u32,
+    pub(crate) index: Option<u32>,
+}
+
+/// A path.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct PathAnswer {
+    pub(crate) index: u32,
+    pub(crate) luminance: f64,
+    pub(crate) vertices: Vec<PathVertex>,
+}
+
+/// A vertex of a path, with its place on the film \[pixels\].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct PathVertex {
+    pub(crate) x: Option<f64>,
+    pub(crate) y: Option<f64>,
+    pub(crate) object: Option<String>,
+    pub(crate) event: String,
+}
+
+/// A request of a photon transfer.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PhotonTransferRequest {
+    pub(crate) camera: Camera,
+}
+
+/// The photon transfer of two frames.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct PhotonTransfer {
+    pub(crate) points: Vec<TransferPoint>,
+    /// The system gain K of the model [DN/e].
+    pub(crate) gain: f64,
+    pub(crate) line: TransferLine,
+    /// Grey value without light \[DN\].
+    pub(crate) dark: f64,
+}
+
+/// Mean \[DN\] and temporal variance [DN²].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct TransferPoint {
+    pub(crate) mean: f64,
+    pub(crate) variance: f64,
+}
+
+/// A straight line through the points.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct TransferLine {
+    pub(crate) slope: f64,
+    pub(crate) offset: f64,
+}
+
+/// A change of the scene. Keys that are left out stay.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SceneRequest {
+    #[serde(default)]
+    pub(crate) camera: Option<String>,
+    #[serde(default)]
+    pub(crate) lights: Option<BTreeMap<String, LightChange>>,
+    #[serde(default)]
+    pub(crate) without: Option<Vec<String>>,
+    #[serde(default)]
+    pub(crate) materials: Option<BTreeMap<String, MaterialChange>>,
+    #[serde(default)]
+    pub(crate) per_light: Option<bool>,
+}
+
+/// A change of a light.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LightChange {
+    pub(crate) on: bool,
+    pub(crate) factor: f64,
+}
+
+/// A change of a material.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MaterialChange {
+    #[serde(default)]
+    pub(crate) roughness: Option<f64>,
+    #[serde(default)]
+    pub(crate) metallic: Option<f64>,
+    #[serde(default)]
+    pub(crate) color: Option<[f64; 3]>,
+}
+
+/// A request of an ablation.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct AblationRequest {
+    pub(crate) effect: String,
+    pub(crate) camera: Camera,
+    pub(crate) frame: u32,
+}
+
+/// The state of an ablation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(tag = "state", rename_all = "lowercase")]
+pub(crate) enum AblationAnswer {
+    Running {
+        fraction: f64,
+    },
+    Finished {
+        /// Mean and largest difference \[DN\], the image without the effect less the image with it.
+        mean: f64,
+        largest: f64,
+        /// Standard deviation of the mean difference by the noise of both renders \[DN\].
+        sigma: f64,
+        significant: bool,
+    },
+}
+
+/// Control of the render.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RenderRequest {
+    pub(crate) action: Action,
+}
+
+/// The actions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Action {
+    Pause,
+    Resume,
+    Restart,
+}
+
+/// A level of noise.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct TargetRequest {
+    pub(crate) k: f64,
+}
+
+/// A request of files.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SaveRequest {
+    pub(crate) what: Vec<SaveKind>,
+    /// The stem of the names.
+    pub(crate) name: String,
+    pub(crate) camera: Camera,
+    pub(crate) frame: u32,
+}
+
+/// The kinds of files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum SaveKind {
+    Png,
+    Tiff,
+    Exr,
+    Checkpoint,
+    Job,
+}
+
+/// The files that were written.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct Saved {
+    pub(crate) files: Vec<String>,
+}

@@ -1,0 +1,234 @@
+//! Files of what is shown.
+
+use crate::developed::OWN_SENSOR;
+use crate::protocol::{Camera, Denoise, Fault, Noise, SaveKind, SaveRequest, Saved, SourceKind};
+use crate::shared::{Shared, lock};
+use crate::snapshot::Snapshot;
+use dunkelfeld::radiometry::Seconds;
+use dunkelfeld::sensor::{Exposure, ExposureNoise};
+use dunkelfeld::{
+    Error, Frame, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, develop_film, encode_layers, save_exr,
+    save_linear, save_picture, save_text,
+};
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// The longest stem of a file name \[bytes\].
+const MAX_NAME: usize = 100;
+
+/// Writes files of what is shown. No file is replaced.
+pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Fault> {
+    check_name(&request.name)?;
+    let snapshot = shared.snapshot().ok_or_else(|| Fault::new("there is no picture yet", "wait for the first one"))?;
+    let files: Vec<(SaveKind, PathBuf)> =
+        request.what.iter().map(|&kind| (kind, path_of(shared, kind, &request.name))).collect();
+    for (_, file) in &files {
+        if file.exists() {
+            let problem = format!("{} exists", file.display());
+            return Err(Fault::new(problem, "use another name"));
+        }
+    }
+    let Some(film) = snapshot.film() else {
+        return Err(Fault::new("an EXR is shown as it is", "write frames of it by `dunkelfeld expose`"));
+    };
+    let settings = settings_of(shared, &snapshot, &request.camera, request.frame)?;
+    let needs_frame = files.iter().any(|(kind, _)| matches!(kind, SaveKind::Png | SaveKind::Tiff | SaveKind::Exr));
+    if needs_frame && (request.camera.noise == Noise::None || request.camera.denoise != Denoise::Off) {
+        return Err(Fault::new(
+            "only pictures with the noise of the camera and without a denoiser are saved",
+            "choose plain or matched noise, and switch the denoiser off",
+        ));
+    }
+    let frame = if needs_frame {
+        Some(shared.session.install(|| develop_film(film, &settings)).map_err(Fault::from)?)
+    } else {
+        None
+    };
+    let mut saved = Saved { files: Vec::new() };
+    for (kind, file) in files {
+        shared.session.install(|| write(shared, kind, &file, (&snapshot, film), &settings, frame.as_ref(), request))?;
+        saved.files.push(file.to_string_lossy().into_owned());
+    }
+    shared.update(|live| live.saved.extend(saved.files.iter().cloned()));
+    Ok(saved)
+}
+
+/// A stem of a file name is no path.
+fn check_name(name: &str) -> Result<(), Fault> {
+    let is_plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ');
+    if name.is_empty() || name.len() > MAX_NAME || name.starts_with('.') || !name.chars().all(is_plain) {
+        return Err(Fault::new(
+            format!("{name:?} is not usable as a file name"),
+            "use letters, digits, `-`, `_` and `.`",
+        ));
+    }
+    Ok(())
+}
+
+fn path_of(shared: &Shared, kind: SaveKind, name: &str) -> PathBuf {
+    let beside = |ending: &str| shared.subject.output.join(format!("{name}.{ending}"));
+    match kind {
+        SaveKind::Png => beside("png"),
+        SaveKind::Tiff => beside("tif"),
+        SaveKind::Exr => beside("exr"),
+        SaveKind::Checkpoint => beside("film"),
+        // Paths in a job are relative to its folder.
+        SaveKind::Job => shared.subject.path.with_file_name(format!("{name}.toml")),
+    }
+}
+
+/// The settings of the film with the camera that is shown.
+fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32) -> Result<RenderSettings, Fault> {
+    let sensors = lock(&shared.live).sensors.clone();
+    let mut settings = snapshot.settings.clone();
+    let exposure = camera.exposure.map(|time| Exposure::new(Seconds(time))).transpose().map_err(Error::from)?;
+    settings.sensor = match sensors.model(camera, settings.readout.binning)? {
+        None => SensorChoice::None,
+        Some(model) => match (&settings.sensor, dunkelfeld::ExposeSettings::new(model.clone())?) {
+            (SensorChoice::Emva { optics, .. }, _) => {
+                SensorChoice::Emva { model: Box::new(model), optics: *optics, exposure }
+            }
+            (SensorChoice::None, new) => SensorChoice::Emva { model: Box::new(model), optics: new.optics, exposure },
+        },
+    };
+    settings.seed = camera.device;
+    settings.frame = frame;
+    settings.exposure_noise =
+        if camera.noise == Noise::Matched { ExposureNoise::Matched } else { ExposureNoise::Plain };
+    settings.budget.noise = Some(lock(&shared.live).target);
+    Ok(settings)
+}
+
+fn write(
+    shared: &Shared,
+    kind: SaveKind,
+    file: &Path,
+    (snapshot, film): (&Snapshot, &RenderedFilm),
+    settings: &RenderSettings,
+    frame: Option<&Frame>,
+    request: &SaveRequest,
+) -> Result<(), Fault> {
+    let frame = || frame.ok_or_else(|| Fault::new("there is no frame", "save a picture"));
+    match kind {
+        SaveKind::Png => save_picture(frame()?, file)?,
+        SaveKind::Tiff => save_linear(frame()?, file)?,
+        SaveKind::Exr => {
+            let layers = encode_layers(film, frame()?, settings);
+            save_exr(file, layers)?;
+        }
+        SaveKind::Checkpoint => {
+            let (film, settings, is_vignetted) = (film.clone(), settings.clone(), snapshot.is_vignetted);
+            SavedFilm { film, settings, is_vignetted }.write(file)?;
+        }
+        SaveKind::Job => save_text(file, &job_of(shared, &request.camera, request.frame, snapshot)?)?,
+    }
+    Ok(())
+}
+
+/// The job that makes the picture: that of the view with the changes of the scene and of the camera.
+fn job_of(shared: &Shared, camera: &Camera, frame: u32, snapshot: &Snapshot) -> Result<String, Fault> {
+    if shared.subject.kind != SourceKind::Render {
+        return Err(Fault::new("a stored film has no scene", "open the scene or its job"));
+    }
+    let path = &shared.subject.path;
+    let is_job = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let mut job = if is_job {
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| Fault::new(format!("{} cannot be read: {e}", path.display()), "restore the file"))?;
+        text.parse::<Table>().map_err(|e| Fault::new(e.to_string(), "mend the job"))?
+    } else {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Table::from_iter([("scene".to_owned(), Value::from(name))])
+    };
+    let (change, parts, target) = {
+        let live = lock(&shared.live);
+        (live.change.clone(), live.parts.clone(), live.target)
+    };
+    for (key, entries) in change.overrides(&parts) {
+        match (job.get_mut(&key), entries) {
+            (Some(Value::Array(before)), Value::Array(entries)) => before.extend(entries),
+            (_, entries) => drop(job.insert(key, entries)),
+        }
+    }
+    if let Some(name) = &change.camera {
+        job.insert("camera".into(), name.clone().into());
+    }
+    job.insert("frame".into(), i64::from(frame).into());
+    job.insert("seed".into(), i64::try_from(camera.device).unwrap_or(i64::MAX).into());
+    let sensor = job.entry("sensor").or_insert_with(|| Table::new().into());
+    if let Value::Table(sensor) = sensor {
+        describe_sensor(sensor, camera)?;
+    }
+    // The samples of the picture: a job by noise ends at the same level.
+    let [width, height] = snapshot.size();
+    let film = job.entry("film").or_insert_with(|| Table::new().into());
+    if let Value::Table(film) = film
+        && film.is_empty()
+    {
+        film.insert("width".into(), i64::from(width).into());
+        film.insert("height".into(), i64::from(height).into());
+    }
+    let budget = if camera.sensor.is_some() {
+        ("noise".to_owned(), Value::from(target))
+    } else {
+        ("spp".to_owned(), Value::from(snapshot.spp()))
+    };
+    job.insert("budget".into(), Table::from_iter([budget]).into());
+    // Outputs of the job before are not replaced.
+    job.remove("output");
+    if !change.without.is_empty() {
+        let names: Vec<&str> = change.without.iter().map(|effect| effect.name()).collect();
+        let text = toml::to_string(&job).map_err(|e| Fault::new(e.to_string(), "save another picture"))?;
+        return Ok(format!("# Render it with --without {}\n{text}", names.join(",")));
+    }
+    toml::to_string(&job).map_err(|e| Fault::new(e.to_string(), "save another picture"))
+}
+
+fn describe_sensor(sensor: &mut Table, camera: &Camera) -> Result<(), Fault> {
+    match camera.sensor.as_deref() {
+        None => {
+            *sensor = Table::from_iter([("model".to_owned(), Value::from("none"))]);
+            return Ok(());
+        }
+        Some(OWN_SENSOR) => {
+            let before = sensor.get("gain").and_then(|gain| gain.as_float().or(gain.as_integer().map(|v| v as f64)));
+            if camera.gain != 1.0 {
+                sensor.insert("gain".into(), (before.unwrap_or(1.0) * camera.gain).into());
+            }
+        }
+        Some(name) => {
+            sensor.insert("model".into(), name.into());
+            sensor.remove("temperature");
+            sensor.insert("gain".into(), camera.gain.into());
+        }
+    }
+    if camera.black_level.is_some() {
+        return Err(Fault::new(
+            "a job has no key for the black level",
+            "write a sensor file with this `offset`, or use the black level of the model",
+        ));
+    }
+    match camera.exposure {
+        None => drop(sensor.insert("exposure".into(), "auto".into())),
+        Some(time) => drop(sensor.insert("exposure".into(), format!("{time}s").into())),
+    }
+    camera.temperature.map(|temperature| sensor.insert("temperature".into(), temperature.into()));
+    let noise = if camera.noise == Noise::Matched { "matched" } else { "plain" };
+    sensor.insert("exposure_noise".into(), noise.into());
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_files_stay_in_their_folder() {
+        for name in ["view", "part 7-a_2.1", "Grauwert-ä"] {
+            assert_eq!(check_name(name), Ok(()), "{name}");
+        }
+        for name in ["", ".", "..", ".hidden", "a/b", "a\\b", "/etc/x", "a\0b", "a:b", &"x".repeat(101)] {
+            assert!(check_name(name).is_err(), "{name:?}");
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! The changes of the scene that the page asked for, as keys of a job.
+
+use crate::protocol::{Fault, LightChange, MaterialChange, SceneRequest};
+use dunkelfeld::Inspection;
+use dunkelfeld::scene::Effect;
+use std::collections::BTreeMap;
+use toml::{Table, Value};
+
+/// All changes since the scene was opened.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct SceneChange {
+    pub(crate) camera: Option<String>,
+    pub(crate) lights: BTreeMap<String, LightChange>,
+    pub(crate) materials: BTreeMap<String, MaterialChange>,
+    pub(crate) without: Vec<Effect>,
+}
+
+/// The parts of the scene as it was opened, by which changes are checked.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SceneParts {
+    pub(crate) cameras: Vec<String>,
+    /// Names, kinds and powers \[W\] of the lights.
+    pub(crate) lights: Vec<(String, String, f64)>,
+    pub(crate) materials: Vec<String>,
+    pub(crate) effects: Vec<(String, bool)>,
+}
+
+impl SceneParts {
+    pub(crate) fn new(inspection: &Inspection) -> Self {
+        let mut lights: Vec<(String, String, f64)> = Vec::new();
+        for light in &inspection.lights {
+            match lights.iter_mut().find(|(name, ..)| *name == light.name) {
+                Some((.., watts)) => *watts += light.watts,
+                None => lights.push((light.name.clone(), light.kind.clone(), light.watts)),
+            }
+        }
+        Self {
+            cameras: inspection.cameras.iter().map(|camera| camera.name.clone()).collect(),
+            lights,
+            materials: inspection.materials.iter().map(|material| material.name.clone()).collect(),
+            effects: inspection.effects.iter().map(|effect| (effect.name.clone(), effect.on)).collect(),
+        }
+    }
+}
+
+impl SceneChange {
+    /// Adds a request.
+    ///
+    /// # Errors
+    /// A name that the scene does not have, and a number out of range.
+    pub(crate) fn add(&mut self, request: SceneRequest, parts: &SceneParts) -> Result<(), Fault> {
+        let unknown =
+            |what: &str, name: &str| Fault::new(format!("the scene has no {what} {name:?}"), "reload the page");
+        if request.per_light == Some(true) {
+            return Err(Fault::new("films for each light are not available", "change the power of the lights"));
+        }
+        let mut next = self.clone();
+        if let Some(camera) = request.camera {
+            if !parts.cameras.contains(&camera) {
+                return Err(unknown("camera", &camera));
+            }
+            next.camera = Some(camera);
+        }
+        if let Some(lights) = request.lights {
+            for (name, change) in &lights {
+                if !parts.lights.iter().any(|(light, ..)| light == name) {
+                    return Err(unknown("light", name));
+                }
+                if !(change.factor.is_finite() && (0.0..=1e6).contains(&change.factor)) {
+                    return Err(Fault::new(
+                        format!("the factor {} of a light is out of range", change.factor),
+                        "use 0 to 1000000",
+                    ));
+                }
+            }
+            next.lights = lights;
+        }
+        if let Some(materials) = request.materials {
+            if let Some(name) = materials.keys().find(|name| !parts.materials.contains(name)) {
+                return Err(unknown("material", name));
+            }
+            next.materials = materials;
+        }
+        if let Some(names) = request.without {
+            let effect = |name: &String| {
+                let help = "choose an effect of the list";
+                let found = Effect::ALL.into_iter().find(|effect| effect.name() == name);
+                found.ok_or_else(|| Fault::new(format!("{name:?} is no effect"), help))
+            };
+            next.without = names.iter().map(effect).collect::<Result<_, _>>()?;
+        }
+        *self = next;
+        Ok(())
+    }
+
+    /// The keys of a job that make the changes of lights and materials.
+    pub(crate) fn overrides(&self, parts: &SceneParts) -> Table {
+        let mut table = Table::new();
+        let mut lights = Vec::new();
+        for (name, change) in &self.lights {
+            let Some((_, _, watts)) = parts.lights.iter().find(|(light, ..)| light == name) else { continue };
+            let mut entry = Table::from_iter([("name".to_owned(), Value::from(name.clone()))]);
+            if !change.on {
+                entry.insert("enabled".into(), false.into());
+            } else if change.factor != 1.0 {
+                entry.insert("power".into(), (watts * change.factor).into());
+            } else {
+                continue;
+            }
+            lights.push(Value::Table(entry));
+        }
+        let mut materials = Vec::new();
+        for (name, change) in &self.materials {
+            let mut entry = Table::from_iter([("name".to_owned(), Value::from(name.clone()))]);
+            change.roughness.map(|v| entry.insert("roughness".into(), v.into()));
+            change.metallic.map(|v| entry.insert("metallic".into(), v.into()));
+            change.color.map(|c| entry.insert("base_color".into(), c.map(Value::from).to_vec().into()));
+            if entry.len() > 1 {
+                materials.push(Value::Table(entry));
+            }
+        }
+        for (key, entries) in [("light", lights), ("material", materials)] {
+            if !entries.is_empty() {
+                table.insert(key.into(), Value::Array(entries));
+            }
+        }
+        table
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parts() -> SceneParts {
+        SceneParts {
+            cameras: vec!["above".into()],
+            lights: vec![("bar \"left\"".into(), "mesh".into(), 0.25), ("sun".into(), "point".into(), 2.0)],
+            materials: vec!["steel".into()],
+            effects: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn changes_become_keys_of_a_job() {
+        let mut change = SceneChange::default();
+        let request = r#"{"camera": "above",
+            "lights": {"bar \"left\"": {"on": true, "factor": 2.0}, "sun": {"on": false, "factor": 1.0}},
+            "materials": {"steel": {"roughness": 0.3, "color": [0.1, 0.2, 0.3]}}}"#;
+        change.add(serde_json::from_str(request).expect("JSON"), &parts()).expect("names of the scene");
+        let text = toml::to_string(&change.overrides(&parts())).expect("TOML");
+        let read: Table = text.parse().expect("TOML");
+        let light = |i: usize| read["light"][i].clone();
+        assert_eq!(light(0)["name"].as_str(), Some("bar \"left\""));
+        assert_eq!(light(0)["power"].as_float(), Some(0.5));
+        assert_eq!(light(1)["enabled"].as_bool(), Some(false));
+        assert_eq!(read["material"][0]["base_color"][2].as_float(), Some(0.3));
+        // A later request replaces the lights, and leaves the materials.
+        change.add(serde_json::from_str(r#"{"lights": {}}"#).expect("JSON"), &parts()).expect("valid");
+        let table = change.overrides(&parts());
+        assert!(!table.contains_key("light") && table.contains_key("material"));
+    }
+
+    #[test]
+    fn unknown_names_and_numbers_are_refused_and_change_nothing() {
+        for request in [
+            r#"{"camera": "left"}"#,
+            r#"{"lights": {"moon": {"on": true, "factor": 1}}}"#,
+            r#"{"lights": {"sun": {"on": true, "factor": -1}}}"#,
+            r#"{"materials": {"gold": {}}}"#,
+            r#"{"without": ["gravity"]}"#,
+            r#"{"camera": "above", "without": ["gravity"]}"#,
+            r#"{"per_light": true}"#,
+        ] {
+            let mut change = SceneChange::default();
+            let fault = change.add(serde_json::from_str(request).expect("JSON"), &parts());
+            assert!(fault.is_err(), "{request}");
+            assert_eq!(change, SceneChange::default(), "{request}");
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! Who may ask: pages of this server only.
+
+use axum::body::Body;
+use axum::extract::{Request, State};
+use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, COOKIE, HOST, ORIGIN, SET_COOKIE};
+use axum::http::header::{REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+/// The cookie of the token.
+const COOKIE_NAME: &str = "dunkelfeld-view";
+
+/// Decides about requests. A page of another site could send requests to the loopback interface, and a name of another site
+/// could lead to it (DNS rebinding). So the name of the host and the origin must be those of this server.
+#[derive(Clone, Debug)]
+pub(crate) struct Guard {
+    /// Names of this server with its port.
+    hosts: Arc<Vec<String>>,
+    /// A server on other interfaces also needs a token.
+    token: Option<Arc<str>>,
+}
+
+impl Guard {
+    /// For a server that listens on this address. `token` is required if it is not on the loopback interface.
+    pub(crate) fn new(address: SocketAddr, token: Option<String>) -> Self {
+        let port = address.port();
+        let mut hosts = vec![format!("127.0.0.1:{port}"), format!("localhost:{port}"), format!("[::1]:{port}")];
+        hosts.push(address.to_string());
+        Self { hosts: Arc::new(hosts), token: token.map(Into::into) }
+    }
+
+    /// The reason why a request is refused.
+    fn refusal(&self, method: &Method, headers: &HeaderMap, is_first: bool) -> Option<&'static str> {
+        let text = |name| headers.get(name).and_then(|value: &HeaderValue| value.to_str().ok());
+        let is_own = |host: &str| self.hosts.iter().any(|own| own.eq_ignore_ascii_case(host));
+        // With a token, the server may have any name.
+        if self.token.is_none() && !text(HOST).is_some_and(is_own) {
+            return Some("the request names another host");
+        }
+        if let Some(origin) = text(ORIGIN) {
+            let host = origin.strip_prefix("http://").unwrap_or_default();
+            let is_same = if self.token.is_none() { is_own(host) } else { text(HOST) == Some(host) };
+            if !is_same {
+                return Some("the request comes from another page");
+            }
+        }
+        if text("sec-fetch-site".parse().unwrap_or(ORIGIN)).is_some_and(|site| site == "cross-site") && !is_first {
+            return Some("the request comes from another site");
+        }
+        let is_json = text(CONTENT_TYPE).is_some_and(|kind| kind.split(';').next() == Some("application/json"));
+        if *method == Method::POST && !is_json {
+            return Some("the body is not JSON");
+        }
+        if !is_first && !self.has_token(headers) {
+            return Some("the token is missing: open the address that the program has printed");
+        }
+        None
+    }
+
+    fn has_token(&self, headers: &HeaderMap) -> bool {
+        let Some(token) = &self.token else { return true };
+        let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
+        let mut pairs = cookies.flat_map(|cookies| cookies.split(';')).filter_map(|pair| pair.trim().split_once('='));
+        pairs.any(|(name, value)| name == COOKIE_NAME && is_equal(value, token))
+    }
+
+    /// Does the query contain the token?
+    fn is_invited(&self, query: Option<&str>) -> bool {
+        let Some(token) = &self.token else { return true };
+        let mut pairs = query.unwrap_or_default().split('&').filter_map(|pair| pair.split_once('='));
+        pairs.any(|(name, value)| name == "token" && is_equal(value, token))
+    }
+}
+
+/// Compares in a time that does not depend on the place of a difference.
+fn is_equal(a: &str, b: &str) -> bool {
+    a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |all, (a, b)| all | (a ^ b)) == 0
+}
+
+/// Refuses foreign requests, and adds the headers of security to all answers.
+pub(super) async fn check(State(guard): State<Guard>, request: Request, next: Next) -> Response {
+    let is_page = request.uri().path() == "/";
+    let is_invited = is_page && guard.is_invited(request.uri().query());
+    let refusal = guard.refusal(request.method(), request.headers(), is_invited);
+    let mut response = match refusal {
+        Some(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
+        None => next.run(request).await,
+    };
+    let headers = response.headers_mut();
+    let policy = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; \
+                  connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+    for (name, value) in [
+        (CACHE_CONTROL, "no-store"),
+        (CONTENT_SECURITY_POLICY, policy),
+        (REFERRER_POLICY, "no-referrer"),
+        (X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (X_FRAME_OPTIONS, "DENY"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    if let (None, true, Some(token)) = (refusal, is_invited, &guard.token)
+        && let Ok(cookie) = format!("{COOKIE_NAME}={token}; Path=/; HttpOnly; SameSite=Strict").parse()
+    {
+        headers.insert(SET_COOKIE, cookie);
+    }
+    response.map(Body::new)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn headers(entries: &[(&'static str, &str)]) -> HeaderMap {
+        entries.iter().map(|(name, value)| (name.parse().expect("name"), value.parse().expect("value"))).collect()
+    }
+
+    fn refuses(guard: &Guard, method: Method, entries: &[(&'static str, &str)]) -> bool {
+        guard.refusal(&method, &headers(entries), false).is_some()
+    }
+
+    #[test]
+    fn foreign_hosts_origins_and_forms_are_refused() {
+        let guard = Guard::new(([127, 0, 0, 1], 7000).into(), None);
+        let own = ("host", "127.0.0.1:7000");
+        assert!(!refuses(&guard, Method::GET, &[own]));
+        assert!(!refuses(&guard, Method::GET, &[("host", "LocalHost:7000")]));
+        assert!(!refuses(&guard, Method::GET, &[("host", "[::1]:7000")]));
+        let json = ("content-type", "application/json; charset=utf-8");
+        assert!(!refuses(&guard, Method::POST, &[own, json, ("origin", "http://127.0.0.1:7000")]));
+        for entries in [
+            &[][..],
+            &[("host", "evil.example:7000")],
+            &[("host", "127.0.0.1:7001")],
+            &[("host", "127.0.0.1")],
+            &[own, ("origin", "http://evil.example")],
+            &[own, ("origin", "https://127.0.0.1:7000")],
+            &[own, ("origin", "null")],
+            &[own, ("sec-fetch-site", "cross-site")],
+        ] {
+            assert!(refuses(&guard, Method::GET, entries), "{entries:?}");
+        }
+        assert!(refuses(&guard, Method::POST, &[own]), "a form of another page");
+        assert!(refuses(&guard, Method::POST, &[own, ("content-type", "text/plain")]));
+    }
+
+    #[test]
+    fn a_token_is_required_where_one_is_set() {
+        let guard = Guard::new(([0, 0, 0, 0], 7000).into(), Some("0123abcd".into()));
+        let host = ("host", "station:7000");
+        assert!(refuses(&guard, Method::GET, &[host]));
+        assert!(refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view=0123abce")]));
+        assert!(refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view=")]));
+        assert!(!refuses(&guard, Method::GET, &[host, ("cookie", "a=b; dunkelfeld-view=0123abcd")]));
+        assert!(guard.is_invited(Some("a=b&token=0123abcd")) && !guard.is_invited(Some("token=0123abc")));
+        assert!(!guard.is_invited(None));
+        let other = ("origin", "http://evil.example");
+        assert!(refuses(&guard, Method::GET, &[host, other, ("cookie", "dunkelfeld-view=0123abcd")]));
+    }
+}

@@ -1,0 +1,167 @@
+//! The requests that the server answers.
+
+use super::assets::{INDEX, file};
+use super::guard::{Guard, check};
+use crate::desk;
+use crate::protocol::{Fault, FrameRequest, MapRequest, SaveRequest};
+use crate::save::save;
+use crate::shared::Shared;
+use axum::extract::rejection::JsonRejection;
+use axum::extract::{DefaultBodyLimit, Path, State};
+use axum::http::StatusCode;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{Html, IntoResponse, Response};
+use axum::routing::{get, post};
+use axum::{Json, Router, middleware};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::Semaphore;
+use tokio_stream::wrappers::WatchStream;
+use tokio_stream::{Stream, StreamExt};
+
+/// Computations at the same time. Others wait for their turn.
+const AT_ONCE: usize = 2;
+/// The longest body of a request \[bytes\].
+const MAX_BODY: usize = 64 * 1024;
+/// Least time between two states of a page.
+const STATE_EVERY: Duration = Duration::from_millis(200);
+
+/// The state of all handlers.
+#[derive(Clone)]
+struct App {
+    shared: Arc<Shared>,
+    turns: Arc<Semaphore>,
+}
+
+/// The routes of the server.
+pub(crate) fn router(shared: Arc<Shared>, guard: Guard) -> Router {
+    let app = App { shared, turns: Arc::new(Semaphore::new(AT_ONCE)) };
+    Router::new()
+        .route("/", get(|| async { Html(INDEX) }))
+        .route("/assets/{name}", get(asset))
+        .route("/api/state", get(state))
+        .route("/api/events", get(events))
+        .route("/api/frame", post(frame))
+        .route("/api/map", post(map))
+        .route("/api/probe", post(|app, body| answer(app, body, |shared, request| desk::probe(shared, &request))))
+        .route("/api/regions", post(|app, body| answer(app, body, |shared, request| desk::regions(shared, &request))))
+        .route("/api/line", post(|app, body| answer(app, body, |shared, request| desk::line(shared, &request))))
+        .route("/api/path", post(|app, body| answer(app, body, |shared, request| desk::path(shared, &request))))
+        .route("/api/ablation", post(|app, body| answer(app, body, |shared, request| desk::ablation(shared, &request))))
+        .route(
+            "/api/photon-transfer",
+            post(|app, body| answer(app, body, |shared, request| desk::photon_transfer(shared, &request))),
+        )
+        .route("/api/scene", post(|app, body| answer(app, body, |s, request| desk::scene(s, request).map(done))))
+        .route("/api/render", post(|app, body| answer(app, body, |s, request| desk::render(s, request).map(done))))
+        .route("/api/target", post(|app, body| answer(app, body, |s, request| desk::target(s, request).map(done))))
+        .route("/api/save", post(|app, body| answer(app, body, |shared, request: SaveRequest| save(shared, &request))))
+        .layer(DefaultBodyLimit::max(MAX_BODY))
+        .layer(middleware::from_fn_with_state(guard, check))
+        .with_state(app)
+}
+
+/// The answer of a request that only changes something.
+#[derive(Serialize)]
+struct Done {}
+
+fn done((): ()) -> Done {
+    Done {}
+}
+
+async fn asset(Path(name): Path<String>) -> Response {
+    match file(&name) {
+        Some((kind, content)) => ([(CONTENT_TYPE, kind)], content).into_response(),
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+async fn state(State(app): State<App>) -> Response {
+    Json(app.shared.state()).into_response()
+}
+
+/// The states, as server-sent events. A page that reads slowly gets the newest state when it reads again.
+async fn events(State(app): State<App>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let states = WatchStream::new(app.shared.changed.subscribe()).then(move |_| {
+        let shared = app.shared.clone();
+        async move {
+            let event = Event::default().event("state").json_data(shared.state()).unwrap_or_default();
+            tokio::time::sleep(STATE_EVERY).await;
+            Ok(event)
+        }
+    });
+    Sse::new(states).keep_alive(KeepAlive::default())
+}
+
+/// Runs a computation on a thread that may wait, when it is its turn.
+async fn compute<T: Send + 'static>(
+    app: App,
+    work: impl FnOnce(&Arc<Shared>) -> Result<T, Fault> + Send + 'static,
+) -> Result<T, Fault> {
+    let failed = || Fault::new("the computation has failed", "reload the page");
+    let _turn = app.turns.acquire_owned().await.map_err(|_| failed())?;
+    let shared = app.shared;
+    tokio::task::spawn_blocking(move || work(&shared)).await.map_err(|_| failed())?
+}
+
+fn refused(fault: Fault, status: StatusCode) -> Response {
+    (status, Json(fault)).into_response()
+}
+
+/// The body of a request.
+fn body<T>(body: Result<Json<T>, JsonRejection>) -> Result<T, Response> {
+    let Json(request) = body.map_err(|e| refused(Fault::new(e.body_text(), "reload the page"), e.status()))?;
+    Ok(request)
+}
+
+async fn answer<Q, A>(
+    State(app): State<App>,
+    request: Result<Json<Q>, JsonRejection>,
+    work: fn(&Arc<Shared>, Q) -> Result<A, Fault>,
+) -> Response
+where
+    Q: DeserializeOwned + Send + 'static,
+    A: Serialize + Send + 'static,
+{
+    let request = match body(request) {
+        Ok(request) => request,
+        Err(response) => return response,
+    };
+    match compute(app, move |shared| work(shared, request)).await {
+        Ok(answer) => Json(answer).into_response(),
+        Err(fault) => refused(fault, StatusCode::UNPROCESSABLE_ENTITY),
+    }
+}
+
+async fn frame(State(app): State<App>, request: Result<Json<FrameRequest>, JsonRejection>) -> Response {
+    match body(request) {
+        Ok(request) => binary(compute(app, move |shared| desk::frame(shared, &request)).await),
+        Err(response) => response,
+    }
+}
+
+async fn map(State(app): State<App>, request: Result<Json<MapRequest>, JsonRejection>) -> Response {
+    match body(request) {
+        Ok(request) => binary(compute(app, move |shared| desk::map(shared, &request)).await),
+        Err(response) => response,
+    }
+}
+
+/// The length of a header, the header as JSON, and the numbers from the next multiple of four bytes on.
+fn binary<H: Serialize>(result: Result<(H, Vec<u8>), Fault>) -> Response {
+    let (header, payload) = match result {
+        Ok(result) => result,
+        Err(fault) => return refused(fault, StatusCode::UNPROCESSABLE_ENTITY),
+    };
+    let Ok(header) = serde_json::to_vec(&header) else { return StatusCode::INTERNAL_SERVER_ERROR.into_response() };
+    let mut bytes = Vec::with_capacity(payload.len() + header.len() + 8);
+    bytes.extend((header.len() as u32).to_le_bytes());
+    bytes.extend(header);
+    bytes.resize(bytes.len().next_multiple_of(4), 0);
+    bytes.extend(payload);
+    ([(CONTENT_TYPE, "application/octet-stream")], bytes).into_response()
+}

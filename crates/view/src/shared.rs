@@ -1,0 +1,294 @@
+//! The state that the render, the analysis and the server share.
+
+use crate::ablation::Ablation;
+use crate::developed::{OWN_SENSOR, Sensors, Store};
+use crate::protocol::{
+    Activity, Camera, CertificateState, CurvePoint, Denoise, EffectState, Fault, FilmState, ForecastPoint, LightState,
+    MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
+};
+use crate::scene_change::{SceneChange, SceneParts};
+use crate::snapshot::Snapshot;
+use dunkelfeld::sensor::ExposureNoise;
+use dunkelfeld::{Cancel, Project, RenderSettings, SensorChoice, Session};
+use std::path::PathBuf;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+use tokio::sync::watch;
+
+/// The level at which a view begins: total noise 12 % above that of the sensor.
+const DEFAULT_TARGET: f64 = 0.5;
+/// The most points of a measured curve.
+const MAX_CURVE: usize = 400;
+
+/// Locks a state. A thread that failed with the lock leaves plain data behind, which stay usable.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What the view shows.
+#[derive(Clone, Debug)]
+pub(crate) struct Subject {
+    pub(crate) path: PathBuf,
+    pub(crate) kind: SourceKind,
+    /// The folder of the files that are saved.
+    pub(crate) output: PathBuf,
+}
+
+/// Work for the thread that renders, which has the scene.
+pub(crate) type Job = Box<dyn FnOnce(&Project) + Send>;
+
+/// The requests to the thread that renders.
+#[derive(Default)]
+pub(crate) struct Control {
+    pub(crate) jobs: Vec<Job>,
+    pub(crate) is_paused: bool,
+    /// A change of the scene, or of its files, that begins the render again.
+    pub(crate) change: Option<SceneChange>,
+    pub(crate) reload: bool,
+    pub(crate) quit: bool,
+}
+
+/// The data of the page that change during the view.
+#[derive(Debug)]
+pub(crate) struct Live {
+    pub(crate) render: RenderState,
+    pub(crate) error: Option<Fault>,
+    pub(crate) notes: Vec<Note>,
+    pub(crate) curve: Vec<CurvePoint>,
+    pub(crate) forecast: Vec<ForecastPoint>,
+    pub(crate) target: f64,
+    pub(crate) certificate: Option<CertificateState>,
+    /// The settings with which the scene was opened.
+    pub(crate) settings: Option<RenderSettings>,
+    pub(crate) is_vignetted: bool,
+    pub(crate) parts: SceneParts,
+    pub(crate) materials: Vec<String>,
+    pub(crate) change: SceneChange,
+    pub(crate) saved: Vec<String>,
+    pub(crate) sensors: Sensors,
+    /// The camera of the last frame that a page asked for.
+    pub(crate) shown: Option<Camera>,
+    /// The files of the scene.
+    pub(crate) files: Vec<PathBuf>,
+}
+
+/// The state that all threads share.
+pub(crate) struct Shared {
+    pub(crate) subject: Subject,
+    pub(crate) live: Mutex<Live>,
+    pub(crate) snapshot: Mutex<Option<Arc<Snapshot>>>,
+    pub(crate) control: Mutex<Control>,
+    pub(crate) wake: Condvar,
+    /// Ends the render that runs.
+    pub(crate) cancel: Mutex<Arc<Cancel>>,
+    pub(crate) store: Store,
+    pub(crate) ablation: Mutex<Option<Arc<Ablation>>>,
+    /// The threads of exposures and measurements.
+    pub(crate) session: Session<'static>,
+    pub(crate) changed: watch::Sender<u64>,
+    pub(crate) began: Instant,
+}
+
+impl Shared {
+    pub(crate) fn new(subject: Subject, session: Session<'static>) -> Self {
+        let render = RenderState {
+            stage: "load".into(),
+            fraction: 0.0,
+            elapsed: 0.0,
+            remaining: None,
+            state: Activity::Loading,
+            reason: None,
+            restarted: 0,
+            samples_per_second: 0.0,
+        };
+        let live = Live {
+            render,
+            error: None,
+            notes: Vec::new(),
+            curve: Vec::new(),
+            forecast: Vec::new(),
+            target: DEFAULT_TARGET,
+            certificate: None,
+            settings: None,
+            is_vignetted: false,
+            parts: SceneParts::default(),
+            materials: Vec::new(),
+            change: SceneChange::default(),
+            saved: Vec::new(),
+            sensors: Sensors::new(&SensorChoice::None),
+            shown: None,
+            files: Vec::new(),
+        };
+        Self {
+            subject,
+            live: Mutex::new(live),
+            snapshot: Mutex::new(None),
+            control: Mutex::new(Control::default()),
+            wake: Condvar::new(),
+            cancel: Mutex::new(Arc::new(Cancel::new())),
+            store: Store::default(),
+            ablation: Mutex::new(None),
+            session,
+            changed: watch::Sender::new(0),
+            began: Instant::now(),
+        }
+    }
+
+    /// Tells the pages that the state has changed.
+    pub(crate) fn notify(&self) {
+        self.changed.send_modify(|version| *version += 1);
+    }
+
+    /// Changes the state, and tells the pages.
+    pub(crate) fn update(&self, change: impl FnOnce(&mut Live)) {
+        change(&mut lock(&self.live));
+        self.notify();
+    }
+
+    /// Changes the requests to the thread that renders, and wakes it.
+    pub(crate) fn control(&self, change: impl FnOnce(&mut Control)) {
+        let mut control = lock(&self.control);
+        change(&mut control);
+        if control.change.is_some() || control.reload || control.quit {
+            lock(&self.cancel).cancel();
+        }
+        drop(control);
+        self.wake.notify_all();
+    }
+
+    pub(crate) fn snapshot(&self) -> Option<Arc<Snapshot>> {
+        lock(&self.snapshot).clone()
+    }
+
+    /// The state of the page.
+    pub(crate) fn state(&self) -> State {
+        let snapshot = self.snapshot();
+        let live = lock(&self.live);
+        let settings = live.settings.as_ref();
+        let [width, height] = match (&snapshot, settings) {
+            (Some(snapshot), _) => snapshot.size(),
+            (None, Some(settings)) => [settings.width, settings.height],
+            (None, None) => [0, 0],
+        };
+        let sensor = |(name, model): (String, dunkelfeld::sensor::SensorModel)| {
+            let spec = model.spec();
+            SensorState {
+                name,
+                bits: spec.bit_depth,
+                colour: spec.quantum_efficiency.filter().is_some(),
+                saturation: model.saturation().0,
+                dark_noise: spec.dark_noise.0,
+                pixel: spec.pixel_pitch.micrometres(),
+            }
+        };
+        let title = self.subject.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        State {
+            version: env!("CARGO_PKG_VERSION"),
+            title,
+            path: self.subject.path.to_string_lossy().into_owned(),
+            source: self.subject.kind,
+            width,
+            height,
+            film: snapshot.as_ref().map(|snapshot| FilmState {
+                id: snapshot.id,
+                samples: snapshot.samples,
+                spp: snapshot.spp(),
+                seconds: snapshot.seconds,
+                first: snapshot.has_gaps(),
+            }),
+            render: live.render.clone(),
+            error: live.error.clone(),
+            notes: live.notes.clone(),
+            curve: live.curve.clone(),
+            forecast: live.forecast.clone(),
+            target: live.target,
+            certificate: live.certificate,
+            sensors: live.sensors.all().into_iter().map(sensor).collect(),
+            camera: live.first_camera(),
+            ranges: Ranges { exposure: [1e-6, 100.0], gain: [0.01, 100.0], temperature: [-100.0, 200.0] },
+            scene: (self.subject.kind == SourceKind::Render && settings.is_some()).then(|| live.scene()),
+            saved: live.saved.clone(),
+        }
+    }
+}
+
+impl Live {
+    /// The camera that is shown.
+    pub(crate) fn camera(&self) -> Camera {
+        self.shown.clone().unwrap_or_else(|| self.first_camera())
+    }
+
+    /// The camera of the job: the start of the knobs.
+    pub(crate) fn first_camera(&self) -> Camera {
+        let settings = self.settings.as_ref();
+        let exposure = match settings.map(|settings| &settings.sensor) {
+            Some(SensorChoice::Emva { exposure, .. }) => exposure.map(|exposure| exposure.time().0),
+            _ => None,
+        };
+        Camera {
+            sensor: settings.is_some_and(RenderSettings::has_sensor).then(|| OWN_SENSOR.to_owned()),
+            exposure,
+            gain: 1.0,
+            temperature: None,
+            black_level: None,
+            noise: match settings.map(|settings| settings.exposure_noise) {
+                Some(ExposureNoise::Matched) => Noise::Matched,
+                _ => Noise::Plain,
+            },
+            device: settings.map_or(0, |settings| settings.seed),
+            denoise: Denoise::Off,
+            vignetting: self.is_vignetted,
+            lights: None,
+        }
+    }
+
+    fn scene(&self) -> SceneState {
+        let (parts, change) = (&self.parts, &self.change);
+        let first = parts.cameras.first().cloned().unwrap_or_default();
+        let of_job = self.settings.as_ref().and_then(|settings| settings.camera.clone());
+        SceneState {
+            cameras: parts.cameras.clone(),
+            camera: change.camera.clone().or(of_job).unwrap_or(first),
+            lights: (parts.lights.iter())
+                .map(|(name, kind, watts)| {
+                    let changed = change.lights.get(name);
+                    LightState {
+                        name: name.clone(),
+                        kind: kind.clone(),
+                        on: changed.is_none_or(|c| c.on),
+                        factor: changed.map_or(1.0, |c| c.factor),
+                        power: format!("{watts:.3} W"),
+                    }
+                })
+                .collect(),
+            materials: (parts.materials.iter())
+                .map(|name| {
+                    let changed = change.materials.get(name).copied().unwrap_or_default();
+                    let (roughness, metallic, color) = (changed.roughness, changed.metallic, changed.color);
+                    MaterialState { name: name.clone(), roughness, metallic, color }
+                })
+                .collect(),
+            effects: (parts.effects.iter())
+                .map(|(name, used)| EffectState {
+                    name: name.clone(),
+                    title: name.replace('-', " "),
+                    used: *used,
+                    left_out: change.without.iter().any(|effect| effect.name() == name),
+                })
+                .collect(),
+            per_light: PerLight { on: false, bytes: 0, lights: parts.lights.len() },
+        }
+    }
+
+    /// Adds a point of the measured curve. A long curve loses every second of its earlier points.
+    pub(crate) fn add_point(&mut self, point: CurvePoint) {
+        if self.curve.len() >= MAX_CURVE {
+            let mut number = 0;
+            self.curve.retain(|_| {
+                number += 1;
+                number % 2 == 0
+            });
+        }
+        self.curve.push(point);
+    }
+}

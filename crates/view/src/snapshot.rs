@@ -1,0 +1,97 @@
+//! A film at some moment of its render.
+
+use dunkelfeld::film::Plane;
+use dunkelfeld::{RenderSettings, RenderedFilm, mean_without_gaps};
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+/// The origin of the pixels of a snapshot.
+#[derive(Debug)]
+pub(crate) enum Content {
+    Film(RenderedFilm),
+    /// An EXR of any renderer.
+    Exr(PathBuf),
+}
+
+/// A film that no longer changes, with the settings that expose it.
+#[derive(Debug)]
+pub(crate) struct Snapshot {
+    /// A number that grows with each content.
+    pub(crate) id: u64,
+    pub(crate) content: Content,
+    /// The settings with the lens combined with the camera.
+    pub(crate) settings: RenderSettings,
+    pub(crate) is_vignetted: bool,
+    /// Samples per pixel, and those since the snapshot before.
+    pub(crate) counts: Plane<u32>,
+    pub(crate) recent: Option<Plane<u32>>,
+    pub(crate) samples: u64,
+    /// Seconds of the render, without pauses.
+    pub(crate) seconds: f64,
+    mean: OnceLock<Plane<[f32; 3]>>,
+}
+
+impl Snapshot {
+    /// Takes a film. `before` is the snapshot before, if it is of the same render.
+    pub(crate) fn new(
+        id: u64,
+        film: RenderedFilm,
+        (settings, is_vignetted): (RenderSettings, bool),
+        seconds: f64,
+        before: Option<&Self>,
+    ) -> Self {
+        let counts = film.sums.sample_counts();
+        let samples = counts.data().iter().map(|&n| u64::from(n)).sum();
+        let recent = before.map(|before| {
+            let mut earlier = before.counts.data().iter();
+            counts.map(|&n| n.saturating_sub(earlier.next().copied().unwrap_or(0)))
+        });
+        let (content, mean) = (Content::Film(film), OnceLock::new());
+        Self { id, content, settings, is_vignetted, counts, recent, samples, seconds, mean }
+    }
+
+    /// An EXR, from its mean radiance.
+    pub(crate) fn of_exr(path: PathBuf, mean: Plane<[f32; 3]>, settings: RenderSettings) -> Self {
+        let counts = Plane::new(mean.width(), mean.height(), 0);
+        Self {
+            id: 1,
+            content: Content::Exr(path),
+            settings,
+            is_vignetted: false,
+            counts,
+            recent: None,
+            samples: 0,
+            seconds: 0.0,
+            mean: OnceLock::from(mean),
+        }
+    }
+
+    /// The sums of the samples, if there are some.
+    pub(crate) fn film(&self) -> Option<&RenderedFilm> {
+        match &self.content {
+            Content::Film(film) => Some(film),
+            Content::Exr(_) => None,
+        }
+    }
+
+    /// Width and height \[pixels\].
+    pub(crate) fn size(&self) -> [u32; 2] {
+        [self.counts.width(), self.counts.height()]
+    }
+
+    /// Mean samples per pixel.
+    pub(crate) fn spp(&self) -> f64 {
+        self.samples as f64 / self.counts.data().len().max(1) as f64
+    }
+
+    /// Are there pixels without samples?
+    pub(crate) fn has_gaps(&self) -> bool {
+        self.film().is_some() && self.counts.data().contains(&0)
+    }
+
+    /// Mean radiance [W/(m² sr)], without gaps. Runs on the threads of the current pool.
+    pub(crate) fn mean(&self) -> &Plane<[f32; 3]> {
+        let empty = || Plane::new(self.counts.width(), self.counts.height(), [0.0; 3]);
+        self.mean.get_or_init(|| self.film().map_or_else(empty, |film| mean_without_gaps(&film.sums)))
+    }
+}
