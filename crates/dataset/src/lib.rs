@@ -25,6 +25,7 @@ mod rle;
 mod run;
 mod set;
 mod study;
+mod time_shares;
 mod verify;
 mod visibility;
 mod yolo;

@@ -4,6 +4,7 @@ use crate::make::{Worker, checked_count};
 use crate::record::Record;
 use crate::set::Set;
 use crate::study::Study;
+use crate::time_shares::{Share, TimeShares};
 use derive_setters::Setters;
 use dunkelfeld::{Cancel, Error};
 use std::path::Path;
@@ -24,8 +25,8 @@ pub struct RunOptions {
     pub jobs: Option<usize>,
     /// Threads of each image; by default one, and with one job at a time one per core.
     pub threads: Option<usize>,
-    /// Wall-clock seconds of the whole run. Each image gets its share of the time that is left, instead of the budget of the
-    /// job.
+    /// Wall-clock seconds of the whole run. Each image gets an equal share of the time that is left, instead of the budget of
+    /// the job.
     pub seconds: Option<f64>,
 }
 
@@ -43,9 +44,9 @@ pub struct RunState {
 }
 
 /// What a time for the whole set buys, measured on images from its beginning, middle and end.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct SetForecast {
-    /// Seconds of one image.
+    /// Mean budget of the renders of these images \[s\].
     pub seconds: f64,
     /// For each measured image with a sensor, the k at which 99 % of its unsaturated pixels are hidden.
     pub levels: Vec<f64>,
@@ -56,7 +57,7 @@ pub trait RunProgress: Sync {
     /// Receives the progress after each image.
     fn update(&self, state: &RunState);
 
-    /// Receives the forecast of a run with a time, before its other images are made.
+    /// Receives the forecast of a run with a time, after its first images.
     fn forecast(&self, _: &SetForecast) {}
 }
 
@@ -112,17 +113,24 @@ pub fn run(
     wanted.retain(|index| !set.is_finished(*index));
     let already = total - wanted.len() as u64;
     let tests = if options.seconds.is_some() { tests_first(&mut wanted) } else { 0 };
+    let jobs = jobs.min(wanted.len()).max(1);
+    let mut workers: Vec<Option<Result<Worker, Error>>> = (1..jobs).map(|_| None).collect();
+    workers.insert(0, Some(Ok(first)));
+    let mut shares = None;
+    if let (Some(seconds), Some(index)) = (options.seconds, wanted.first()) {
+        let outside = load_together(&mut workers, study, threads, *index, cancel);
+        shares = Some(TimeShares::new(seconds, wanted.len() as u64, jobs, outside));
+    }
     let shared = Shared {
         set: &set,
         wanted: &wanted,
         next: AtomicUsize::new(0),
         made: AtomicU64::new(0),
-        beside: Mutex::new((0.0, 0)),
         total,
         already,
         began,
-        deadline: options.seconds,
-        jobs,
+        shares: shares.map(Mutex::new),
+        tests: Mutex::new(Tests { left: tests, made: 0, forecast: SetForecast::default() }),
         progress,
         cancel,
         failed: Mutex::new(None),
@@ -131,31 +139,15 @@ pub fn run(
         stop: AtomicBool::new(false),
     };
     shared.report();
-    let mut first = Some(first);
-    if tests > 0 {
-        let mut levels = Vec::new();
-        let seconds = shared.seconds().unwrap_or_default();
-        let mut worker = first.take();
-        for _ in 0..tests {
-            let Some(worker) = worker.as_mut() else { break };
-            match shared.next_image(worker) {
-                Ok(Some(record)) => {
-                    levels.extend(record.certificate.and_then(|c| c.p99).map(f64::sqrt));
-                }
-                Ok(None) => break,
-                Err(e) => return Err(e),
-            }
-        }
-        progress.forecast(&SetForecast { seconds, levels });
-        first = worker;
-    }
     std::thread::scope(|scope| {
         let shared = &shared;
-        for _ in 1..jobs.min(wanted.len()) {
-            scope.spawn(move || shared.work(Worker::open(study, threads)));
+        let mut workers = workers.into_iter().enumerate();
+        let first = workers.next();
+        for (job, worker) in workers {
+            scope.spawn(move || shared.work(job, worker.unwrap_or_else(|| Worker::open(study, threads))));
         }
-        if let Some(first) = first {
-            shared.work(Ok(first));
+        if let Some((job, Some(first))) = first {
+            shared.work(job, first);
         }
     });
     let Shared { made, failed, unmade, .. } = shared;
@@ -179,9 +171,11 @@ pub fn run(
     })
 }
 
+/// Number of images of the forecast.
+const TESTS: usize = 3;
+
 /// Puts the first, the middle and the last image first, if there are enough others; gives their number.
 fn tests_first(wanted: &mut [u64]) -> usize {
-    const TESTS: usize = 3;
     let n = wanted.len();
     if n < 4 * TESTS {
         return 0;
@@ -191,19 +185,49 @@ fn tests_first(wanted: &mut [u64]) -> usize {
     TESTS
 }
 
+/// Loads the scenes of all workers but the first, which makes an image meanwhile. So all images begin with the same time,
+/// and the first one that counts has warm caches. Gives the seconds of that image outside of its render.
+fn load_together(
+    workers: &mut [Option<Result<Worker, Error>>],
+    study: &Arc<Study>,
+    threads: usize,
+    index: u64,
+    cancel: &Cancel,
+) -> f64 {
+    /// Time of the samples \[s\].
+    const SHORT: f64 = 0.02;
+    let Some((Some(Ok(first)), others)) = workers.split_first_mut() else { return 0.0 };
+    std::thread::scope(|scope| {
+        for worker in others {
+            scope.spawn(move || *worker = Some(Worker::open(study, threads)));
+        }
+        // An image that cannot be made is named when it shall be written.
+        let made = first.make(index, Some(SHORT), cancel).ok().flatten();
+        made.map_or(0.0, |made| made.cost.change + made.cost.label + made.cost.write)
+    })
+}
+
+/// The images of the forecast.
+struct Tests {
+    /// Number of images that have not ended.
+    left: usize,
+    made: u64,
+    /// With the sum of the seconds.
+    forecast: SetForecast,
+}
+
 /// The parts of a run that its threads share.
 struct Shared<'a> {
     set: &'a Set,
     wanted: &'a [u64],
     next: AtomicUsize,
     made: AtomicU64,
-    /// Seconds of the images beside their samples, and the number of images.
-    beside: Mutex<(f64, u64)>,
     total: u64,
     already: u64,
     began: Instant,
-    deadline: Option<f64>,
-    jobs: usize,
+    /// The time of the run, if it has one.
+    shares: Option<Mutex<TimeShares>>,
+    tests: Mutex<Tests>,
     progress: &'a dyn RunProgress,
     cancel: &'a Cancel,
     failed: Mutex<Option<Error>>,
@@ -223,53 +247,79 @@ impl Shared<'_> {
         self.progress.update(&RunState { finished, count: self.total, elapsed, remaining });
     }
 
-    /// The seconds of the samples of the next image, if the run has a time.
-    fn seconds(&self) -> Option<f64> {
-        /// Less time gives no useful image.
-        const LEAST: f64 = 0.02;
-        let left = self.deadline? - self.began.elapsed().as_secs_f64();
-        let images = self.wanted.len().saturating_sub(self.next.load(Ordering::Relaxed)).max(1);
-        let beside = self.beside.lock().map_or(0.0, |beside| beside.0 / beside.1.max(1) as f64);
-        Some((left * self.jobs as f64 / images as f64 - beside).max(LEAST))
+    /// The share of the next image, if the run has a time.
+    fn begin(&self, job: usize) -> Option<Share> {
+        let mut shares = self.shares.as_ref()?.lock().ok()?;
+        Some(shares.begin(job, self.began.elapsed().as_secs_f64()))
     }
 
-    /// Makes the next image that nobody else makes; `None` at the end.
-    fn next_image(&self, worker: &mut Worker) -> Result<Option<Record>, Error> {
+    /// Ends an image; `is_made` is false if it was not made.
+    fn end(&self, job: usize, share: Option<Share>, is_made: bool) {
+        let (Some(share), Some(Ok(mut shares))) = (share, self.shares.as_ref().map(Mutex::lock)) else { return };
+        if is_made {
+            shares.finish(job, share, self.began.elapsed().as_secs_f64());
+        } else {
+            shares.release(job);
+        }
+    }
+
+    /// Counts an image of the forecast, which is reported after the last one of them.
+    fn test(&self, position: usize, made: Option<(Share, &Record)>) {
+        let Ok(mut tests) = self.tests.lock() else { return };
+        if position >= TESTS || tests.left == 0 {
+            return;
+        }
+        if let Some((share, record)) = made {
+            tests.made += 1;
+            tests.forecast.seconds += share.seconds;
+            tests.forecast.levels.extend(record.certificate.as_ref().and_then(|c| c.p99).map(f64::sqrt));
+        }
+        tests.left -= 1;
+        if tests.left == 0 && tests.made > 0 {
+            let mean = tests.forecast.seconds / tests.made as f64;
+            self.progress.forecast(&SetForecast { seconds: mean, levels: tests.forecast.levels.clone() });
+        }
+    }
+
+    /// Makes the next image that nobody else makes. False at the end.
+    fn next_image(&self, job: usize, worker: &mut Worker) -> Result<bool, Error> {
         loop {
             if self.stop.load(Ordering::Relaxed) || self.cancel.is_cancelled() {
-                return Ok(None);
+                return Ok(false);
             }
-            let seconds = self.seconds();
-            let Some(&index) = self.wanted.get(self.next.fetch_add(1, Ordering::Relaxed)) else { return Ok(None) };
-            let Some(claim) = self.set.claim(index)? else { continue };
-            let image = match worker.make(index, seconds, self.cancel) {
+            let position = self.next.fetch_add(1, Ordering::Relaxed);
+            let Some(&index) = self.wanted.get(position) else { return Ok(false) };
+            let share = self.begin(job);
+            let Some(claim) = self.set.claim(index)? else {
+                self.end(job, share, false);
+                self.test(position, None);
+                continue;
+            };
+            let image = match worker.make(index, share.map(|share| share.seconds), self.cancel) {
                 Ok(Some(image)) => image,
-                Ok(None) => return Ok(None),
+                Ok(None) => return Ok(false),
                 Err(e @ Error::Input(_)) if self.made.load(Ordering::Relaxed) > 0 || self.has_images => {
                     if let Ok(mut unmade) = self.unmade.lock() {
                         unmade.push((index, e.to_string()));
                     }
+                    self.end(job, share, false);
+                    self.test(position, None);
                     continue;
                 }
                 Err(e) => return Err(e),
             };
-            let record = self.set.commit(claim, image)?;
-            // The first image pays for cold caches.
-            if let Ok(mut beside) = self.beside.lock()
-                && self.made.load(Ordering::Relaxed) > 0
-            {
-                beside.0 += record.1.total - record.1.render;
-                beside.1 += 1;
-            }
+            let (record, _) = self.set.commit(claim, image)?;
+            self.end(job, share, true);
+            self.test(position, share.map(|share| (share, &record)));
             self.made.fetch_add(1, Ordering::Relaxed);
             self.report();
-            return Ok(Some(record.0));
+            return Ok(true);
         }
     }
 
-    fn work(&self, worker: Result<Worker, Error>) {
+    fn work(&self, job: usize, worker: Result<Worker, Error>) {
         let result = worker.and_then(|mut worker| {
-            while self.next_image(&mut worker)?.is_some() {}
+            while self.next_image(job, &mut worker)? {}
             Ok(())
         });
         if let Err(e) = result {
