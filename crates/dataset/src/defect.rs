@@ -14,6 +14,8 @@ use toml::Value;
 
 /// Most defects of one entry in an image.
 const MOST: i64 = 1000;
+/// The keys of all kinds.
+const COMMON_KEYS: [&str; 5] = ["kind", "on", "name", "category", "count"];
 
 /// The parameters of one defect, with all values drawn. Lengths are lengths \[m\], angles \[rad\].
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -93,16 +95,14 @@ pub(crate) fn entries(study: &Study) -> Result<Vec<DefectEntry>, (usize, Fault)>
         let kind = text("kind")?.ok_or_else(|| {
             at(Fault::new("the entry has no `kind`", "write `kind = \"scratch\"`, or another one of docs/datasets.md"))
         })?;
+        check_keys(&kind, &rest).map_err(at)?;
         let category = text("category")?.unwrap_or(kind);
         let mut name = text("name")?.unwrap_or_else(|| category.clone());
         if entries.iter().any(|entry| entry.name == name) {
             name = format!("{name} #{}", number + 1);
         }
         let count = rest.get("count").cloned().unwrap_or(Template::Fixed(Value::Integer(1)));
-        let most = most(&count).filter(|most| (0..=MOST).contains(most)).ok_or_else(|| {
-            let help = "write a whole number, { integer = [0, 3] }, or a choice of whole numbers, at most 1000";
-            at(Fault::new("the largest number of defects is not known", help).below("count"))
-        })?;
+        let most = most(&count, study, &mut BTreeMap::new()).map_err(|e| at(e.below("count")))?;
         entries.push(DefectEntry { number, name, category, count, most: most as u32, rest });
     }
     Ok(entries)
@@ -112,16 +112,54 @@ fn no_object() -> Fault {
     Fault::new("no object has such a name", "`dunkelfeld inspect` lists the objects").below("on")
 }
 
-/// The largest whole number that a template can give.
-fn most(count: &Template) -> Option<i64> {
-    match count {
-        Template::Fixed(Value::Integer(n)) => Some(*n),
-        Template::Drawn(Distribution::Integer { high, .. }) => Some(*high),
-        Template::Drawn(Distribution::Choice { values, .. } | Distribution::Sequence { values, .. }) => {
-            values.iter().map(most).collect::<Option<Vec<i64>>>()?.into_iter().max()
+/// A key that the kind does not use would have no effect. Unknown kinds are refused with the other values.
+fn check_keys(kind: &str, entry: &BTreeMap<String, Template>) -> Result<(), Fault> {
+    let Ok(known) = Value::String(kind.into()).try_into::<DefectKind>() else { return Ok(()) };
+    let keys = || COMMON_KEYS.iter().chain(known.keys()).copied();
+    match entry.keys().find(|key| !keys().any(|known| known == *key)) {
+        None => Ok(()),
+        Some(key) => {
+            let help = format!("the keys of `kind = \"{kind}\"` are {}", keys().collect::<Vec<_>>().join(", "));
+            Err(Fault::new(format!("the kind \"{kind}\" does not use the key `{key}`"), help).below(key))
         }
-        _ => None,
     }
+}
+
+/// The largest number of defects that a template can give. That of a formula is the largest one that is allowed. `known`
+/// has the numbers of the draws that were read.
+fn most<'a>(
+    count: &'a Template,
+    study: &'a Study,
+    known: &mut BTreeMap<&'a str, Result<i64, Fault>>,
+) -> Result<i64, Fault> {
+    let help =
+        "write a whole number, { integer = [0, 3] }, a choice of whole numbers, a draw of these, or an expression";
+    let largest = match count {
+        Template::Fixed(Value::Integer(n)) => *n,
+        Template::Drawn(Distribution::Integer { high, .. }) => *high,
+        Template::Drawn(Distribution::Choice { values, .. } | Distribution::Sequence { values, .. }) => {
+            let numbers: Vec<i64> = values.iter().map(|value| most(value, study, known)).collect::<Result<_, _>>()?;
+            numbers.into_iter().max().unwrap_or(0)
+        }
+        Template::Drawn(Distribution::Named(name)) => {
+            if let Some(found) = known.get(name.as_str()) {
+                return found.clone();
+            }
+            let Some(template) = study.named_template(name) else { return Ok(MOST) };
+            // For draws that depend on themselves, which are refused elsewhere.
+            known.insert(name, Ok(MOST));
+            let found = most(template, study, known)
+                .map_err(|fault| Fault::new(format!("in the draw `{name}`: {}", fault.problem), fault.help));
+            known.insert(name, found.clone());
+            found?
+        }
+        Template::Drawn(Distribution::Expression { unit, .. }) if unit.is_empty() => MOST,
+        _ => return Err(Fault::new("the largest number of defects is not known", help)),
+    };
+    if (0..=MOST).contains(&largest) {
+        return Ok(largest);
+    }
+    Err(Fault::new(format!("{largest} defects are out of range"), "write a whole number from 0 to 1000"))
 }
 
 impl DefectEntry {
@@ -146,8 +184,7 @@ impl DefectEntry {
         let mut named = study.named(draws);
         let prefix = format!("defect[{}]", self.name);
         let mut record = |name: &str, value: &Value| drop(drawn.insert(name.to_owned(), value.clone()));
-        let count = self.count.draw(draws, &format!("{prefix}.count"), &mut named, &mut record).map_err(at)?;
-        let count = count.as_integer().unwrap_or(0).clamp(0, i64::from(self.most)) as u32;
+        let count = self.number(draws, &mut named, &mut record).map_err(at)?;
         let mut added = Vec::new();
         for number in 1..=count {
             let place = format!("{prefix}[{number}]");
@@ -159,6 +196,32 @@ impl DefectEntry {
             added.push(AddedDefect { kind: format!("{kind:?}").to_lowercase(), placed });
         }
         Ok(added)
+    }
+
+    /// The number of defects of an image.
+    fn number(&self, draws: Draws, named: &mut dyn Named, record: &mut dyn FnMut(&str, &Value)) -> Result<u32, Fault> {
+        let name = format!("defect[{}].count", self.name);
+        let value = self.count.draw(draws, &name, named, record).map_err(|e| e.below("count"))?;
+        let number = value.as_integer().and_then(|n| u32::try_from(n).ok()).filter(|n| *n <= self.most);
+        number.ok_or_else(|| {
+            let draw = match &self.count {
+                Template::Drawn(Distribution::Named(draw)) => format!(", by the draw `{draw}`"),
+                _ => String::new(),
+            };
+            let problem = format!("the number of defects \"{}\" is {value}{draw}", self.name);
+            let help =
+                format!("let it be a whole number from 0 to {MOST}; `round` and `floor` of an expression give one");
+            Fault::new(problem, help).below("count")
+        })
+    }
+
+    /// Checks the number of defects of an image.
+    pub(crate) fn check_count(&self, study: &Study, index: u64) -> Result<(), (usize, Fault)> {
+        let draws = study.draws(index);
+        let number = self.number(draws, &mut study.named(draws), &mut |_, _| {});
+        number
+            .map(drop)
+            .map_err(|fault| (self.number, Fault { problem: format!("image {index}: {}", fault.problem), ..fault }))
     }
 
     /// The parameters of a defect.
@@ -181,6 +244,7 @@ impl DefectEntry {
 
     /// Checks the entry before the first image: its keys, and that its objects exist among `names`.
     pub(crate) fn check(&self, study: &Study, names: &[String]) -> Result<(), (usize, Fault)> {
+        self.check_count(study, 0)?;
         let draws = study.draws(0);
         let place = format!("defect[{}][1]", self.name);
         let settings = self.settings(&place, draws, &mut study.named(draws), &mut |_, _| {});
@@ -227,3 +291,7 @@ impl DefectEntry {
         })
     }
 }
+
+#[cfg(test)]
+#[path = "defect_tests.rs"]
+mod tests;

@@ -2,6 +2,8 @@
 
 use crate::draws::Draws;
 use crate::quantity::Quantity;
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::toml_file::TomlFile;
 use statrs::distribution::{ContinuousCDF, Normal};
 use std::collections::BTreeMap;
 use toml::{Table, Value};
@@ -21,6 +23,25 @@ pub(crate) struct Fault {
 impl Fault {
     pub(crate) fn new(problem: impl Into<String>, help: impl Into<String>) -> Self {
         Self { path: Vec::new(), problem: problem.into(), help: help.into() }
+    }
+
+    /// The fault as an error of a study. The path is that of the value that was read; that of the fault is below it.
+    pub(crate) fn in_file(self, source: &TomlFile, path: &[&str]) -> InputError {
+        let mut keys: Vec<&str> = path.to_vec();
+        keys.extend(self.path.iter().map(String::as_str));
+        let mut error = source.error_at_key(&keys, self.problem, self.help);
+        match keys.as_slice() {
+            ["study", table @ ("draw" | "images" | "labels"), key, ..] => {
+                error.place = format!("[study.{table}] {key}");
+            }
+            ["study", list @ ("label" | "place" | "defect"), number, rest @ ..] => {
+                let number = number.parse::<usize>().map_or(1, |number| number + 1);
+                let key = rest.first().map_or_else(String::new, |key| format!(", {key}"));
+                error.place = format!("[[study.{list}]] {number}{key}");
+            }
+            _ => {}
+        }
+        error
     }
 
     /// The same fault, seen from one level higher.
@@ -320,10 +341,19 @@ impl Distribution {
                         .ok_or_else(|| Fault::new(format!("`{variable}` is no number: {value}"), "use a numeric draw"))
                 })
                 .map_err(|e| e.below("expression"))?;
-                Quantity::value(number, unit)
+                match whole(number) {
+                    Some(whole) if unit.is_empty() => Value::Integer(whole),
+                    _ => Quantity::value(number, unit),
+                }
             }
         })
     }
+}
+
+/// A number without a fraction, as an integer. Keys with numbers take integers as well. From 2^53 on, neighbours of f64
+/// differ by more than 1.
+fn whole(number: f64) -> Option<i64> {
+    (number.fract() == 0.0 && number.abs() < 2f64.powi(53)).then_some(number as i64)
 }
 
 /// The quantile of a standard normal distribution restricted to [low, high]. The tail with more precision is used.

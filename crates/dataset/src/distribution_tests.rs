@@ -73,6 +73,43 @@ fn sequences_take_their_values_in_turn() {
     assert_eq!(values, ["\"a\"", "\"a\"", "\"b\"", "\"b\"", "1.0", "1.0", "\"a\"", "\"a\""]);
 }
 
+/// The draw `n` is the index of the image, and `q` a quarter of it.
+struct Index(u64);
+
+impl Named for Index {
+    fn value(&mut self, name: &str) -> Result<Value, Fault> {
+        match name {
+            "n" => Ok(Value::Integer(self.0 as i64)),
+            "q" => Ok(Value::Float(self.0 as f64 / 4.0)),
+            _ => NoDraws.value(name),
+        }
+    }
+}
+
+/// Rounding to integers has closed forms in whole numbers: floor(i / 4) = i div 4, ceil(i / 4) = (i + 3) div 4, and
+/// round(i / 4) = (i + 2) div 4 from 0 on, because halves are rounded up.
+#[test]
+fn formulas_with_whole_values_are_integers() {
+    let value = |text: &str, i: u64| {
+        let template = template(text).expect("a formula");
+        template.draw(Draws { seed: 7, index: i }, "x", &mut Index(i), &mut |_, _| {}).expect("a value")
+    };
+    for i in 0..20u64 {
+        let whole = |n: u64| Value::Integer(n as i64);
+        assert_eq!(value("{ expression = \"floor(q)\" }", i), whole(i / 4));
+        assert_eq!(value("{ expression = \"ceil(q)\" }", i), whole(i.div_ceil(4)));
+        assert_eq!(value("{ expression = \"round(q)\" }", i), whole((i + 2) / 4));
+        assert_eq!(value("{ expression = \"2 * n + 1\" }", i), whole(2 * i + 1));
+        let quarter = value("{ expression = \"q\" }", i);
+        assert_eq!(quarter.is_integer(), i % 4 == 0, "{quarter}");
+        assert_eq!(Quantity::of(&quarter).map(|q| q.number), Some(i as f64 / 4.0));
+    }
+    assert_eq!(value("{ expression = \"4 * q\", unit = \"mm\" }", 3), Value::String("3mm".into()));
+    assert_eq!(value("{ expression = \"-n\" }", 0), Value::Integer(0));
+    // Beyond 2^53 not all whole numbers are numbers of f64.
+    assert!(value("{ expression = \"2^60\" }", 0).is_float());
+}
+
 #[test]
 fn a_draw_depends_on_seed_index_and_name_alone() {
     let several = template("[{ uniform = [0, 1] }, 5, { uniform = [0, 1] }]").expect("a list");

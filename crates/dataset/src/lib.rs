@@ -15,6 +15,7 @@ mod expression;
 mod ids;
 mod labels;
 mod make;
+mod named;
 mod outline;
 mod pinhole;
 mod placement;

@@ -1,7 +1,9 @@
 //! The study file: a job in which values may be distributions, and the table `[study]` that describes the set.
 
+use crate::defect::entries;
 use crate::distribution::{Fault, Named, Template};
 use crate::draws::Draws;
+use crate::named::NamedDraws;
 use dunkelfeld::Error;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::{InputFiles, Role};
@@ -16,8 +18,6 @@ use twox_hash::{XxHash3_64, XxHash3_128};
 
 /// The largest number of images of a set.
 pub const MAX_COUNT: u64 = 1_000_000;
-/// The longest chain of named draws.
-const DEEPEST: usize = 64;
 /// Keys of a job that belong to the set.
 const OWN_KEYS: [(&str, &str); 3] = [
     ("seed", "write `seed` in [study]: each image has its own"),
@@ -287,11 +287,7 @@ impl Study {
                 return Err(source.error_at_key(&[key], format!("`{key}` is not for the images of a set"), help));
             }
         }
-        let at = |fault: Fault, path: &[&str]| {
-            let mut keys: Vec<&str> = path.to_vec();
-            keys.extend(fault.path.iter().map(String::as_str));
-            source.error_at_key(&keys, fault.problem, fault.help)
-        };
+        let at = |fault: Fault, path: &[&str]| fault.in_file(&source, path);
         let template = Template::parse(Value::Table(rest)).map_err(|e| at(e, &[]))?;
         let mut draw = BTreeMap::new();
         for (name, value) in study.draw {
@@ -422,14 +418,17 @@ impl Study {
 
     /// The named draws of an image, computed when they are needed.
     pub(crate) fn named(&self, draws: Draws) -> NamedDraws<'_> {
-        NamedDraws { templates: &self.draw, draws, values: BTreeMap::new(), pending: Vec::new() }
+        NamedDraws::new(&self.draw, draws)
+    }
+
+    /// The distribution of a named draw.
+    pub(crate) fn named_template(&self, name: &str) -> Option<&Template> {
+        self.draw.get(name)
     }
 
     /// An error about a value of the study.
     pub(crate) fn error(&self, fault: Fault, path: &[&str]) -> InputError {
-        let mut keys: Vec<&str> = path.to_vec();
-        keys.extend(fault.path.iter().map(String::as_str));
-        self.source.error_at_key(&keys, fault.problem, fault.help)
+        fault.in_file(&self.source, path)
     }
 
     /// Hash of all texts of the study: sets of the same hash have the same images.
@@ -457,16 +456,19 @@ impl Study {
         &self.inputs
     }
 
-    /// Reads the jobs of the first images, so that a distribution over a key that does not exist, or values out of range,
-    /// are found before the first image.
+    /// Reads the jobs and the numbers of defects of the first images, so that a distribution over a key that does not exist,
+    /// or values out of range, are found before the first image.
     ///
     /// # Errors
     /// The first fault, with the study as its file.
     pub fn check_jobs(&self, count: u64) -> Result<(), Error> {
         const CHECKED: u64 = 64;
+        let at = |(number, fault): (usize, Fault)| self.error(fault, &["study", "defect", &number.to_string()]);
+        let entries = entries(self).map_err(at)?;
         for index in 0..count.min(CHECKED) {
             let job = self.job(index)?;
             Job::from_text(&self.job_path, job.text).map_err(|e| self.in_study(e, index))?;
+            entries.iter().try_for_each(|entry| entry.check_count(self, index).map_err(at))?;
         }
         Ok(())
     }
@@ -481,44 +483,6 @@ impl Study {
             place: format!("image {index}, job: {}", error.place),
             ..error
         }
-    }
-}
-
-/// The named draws of one image.
-pub(crate) struct NamedDraws<'a> {
-    templates: &'a BTreeMap<String, Template>,
-    draws: Draws,
-    pub(crate) values: BTreeMap<String, Value>,
-    /// Draws that wait for others.
-    pending: Vec<String>,
-}
-
-impl Named for NamedDraws<'_> {
-    fn value(&mut self, name: &str) -> Result<Value, Fault> {
-        if let Some(value) = self.values.get(name) {
-            return Ok(value.clone());
-        }
-        let Some(template) = self.templates.get(name) else {
-            let names: Vec<&str> = self.templates.keys().map(String::as_str).collect();
-            let help = match names.as_slice() {
-                [] => "add it to [study.draw]".to_owned(),
-                _ => format!("the draws of [study.draw] are {}", names.join(", ")),
-            };
-            return Err(Fault::new(format!("there is no draw `{name}`"), help));
-        };
-        if self.pending.len() >= DEEPEST {
-            let problem = format!("more than {DEEPEST} draws wait for each other");
-            return Err(Fault::new(problem, "shorten the chain of draws"));
-        }
-        if self.pending.iter().any(|pending| pending == name) {
-            let problem = format!("the draw `{name}` depends on itself");
-            return Err(Fault::new(problem, "let one of the draws not refer to the others"));
-        }
-        self.pending.push(name.to_owned());
-        let value = template.draw(self.draws, &format!("draw.{name}"), self, &mut |_, _| {})?;
-        self.pending.pop();
-        self.values.insert(name.to_owned(), value.clone());
-        Ok(value)
     }
 }
 
@@ -566,8 +530,13 @@ mod tests {
         assert_eq!(listed("## Defects", "| key |"), defect);
         let kinds = listed("## Defects", "| kind |");
         for kind in &kinds {
-            let read: Result<crate::defects::DefectKind, _> = Value::String(kind.clone()).try_into();
-            assert!(read.is_ok(), "{kind}");
+            let known: crate::defects::DefectKind = Value::String(kind.clone()).try_into().expect("a kind");
+            let row = page.lines().find(|line| line.starts_with(&format!("| `{kind}` |"))).expect("a row");
+            let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+            let sizes = ["length", "width", "depth"].into_iter().zip(&cells[3..6]).filter(|(_, cell)| **cell != "-");
+            let other = cells[6].split('`').skip(1).step_by(2);
+            let on_page: BTreeSet<&str> = sizes.map(|(key, _)| key).chain(other).collect();
+            assert_eq!(on_page, known.keys().iter().copied().collect(), "{kind}");
         }
         assert_eq!(kinds.len(), 10);
         // Each distribution of the page can be read.

@@ -30,6 +30,26 @@ pub(crate) enum DefectKind {
     Shifted,
 }
 
+impl DefectKind {
+    /// The keys of a study that this kind uses, beside those of all kinds.
+    pub(crate) fn keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Scratch => {
+                &["length", "width", "depth", "angle", "curvature", "roughness", "color", "metallic", "facing"]
+            }
+            Self::Dent => &["length", "depth", "roughness", "color", "metallic", "facing"],
+            Self::Stain => &["length", "roughness", "color", "metallic", "strength", "facing"],
+            Self::Dust => &["length", "roughness", "color", "metallic", "facing"],
+            Self::Fibre => &["length", "width", "angle", "curvature", "roughness", "color", "metallic", "facing"],
+            Self::Bubble => &["length", "roughness"],
+            Self::Inclusion => &["length", "roughness", "color", "metallic"],
+            Self::Missing => &[],
+            Self::Faded => &["strength"],
+            Self::Shifted => &["length", "angle"],
+        }
+    }
+}
+
 /// One defect with all its parameters drawn.
 #[derive(Clone, Debug)]
 pub(crate) struct DefectSpec {

@@ -1,0 +1,105 @@
+//! Entries of defects: numbers by draws and formulas, and keys that a kind does not use.
+
+use super::*;
+
+fn study(draws: &str, entry: &str) -> Result<Study, dunkelfeld::Error> {
+    let text = format!("scene = \"none\"\n[study]\n[study.draw]\n{draws}\n[[study.defect]]\non = \"plate\"\n{entry}\n");
+    Study::from_text("study.toml", &text)
+}
+
+/// The largest number of defects of the entry, and the numbers of the first images.
+fn numbers(draws: &str, count: &str) -> (u32, Vec<u32>) {
+    let study = study(draws, &format!("kind = \"dust\"\nlength = \"1mm\"\ncount = {count}")).expect("a study");
+    let entry = entries(&study).expect("entries").remove(0);
+    let number = |index| {
+        let draws = study.draws(index);
+        entry.number(draws, &mut study.named(draws), &mut |_, _| {}).expect("a number")
+    };
+    (entry.most, (0..12).map(number).collect())
+}
+
+#[test]
+fn draws_and_formulas_give_numbers_of_defects() {
+    let turn = "n = { sequence = [0, 1, 2, 5] }";
+    let in_turn = [0, 1, 2, 5, 0, 1, 2, 5, 0, 1, 2, 5];
+    assert_eq!(numbers(turn, "{ draw = \"n\" }"), (5, in_turn.to_vec()));
+    assert_eq!(numbers(turn, "{ expression = \"2 * n + 1\" }"), (1000, in_turn.map(|n| 2 * n + 1).to_vec()));
+    assert_eq!(numbers(turn, "{ expression = \"floor(n / 2)\" }"), (1000, in_turn.map(|n| n / 2).to_vec()));
+    let chain = format!("{turn}\nm = {{ draw = \"n\" }}");
+    assert_eq!(numbers(&chain, "{ choice = [{ draw = \"m\" }, 3], weights = [1, 0] }"), (5, in_turn.to_vec()));
+    let formula = format!("{turn}\nm = {{ expression = \"n * n\" }}");
+    assert_eq!(numbers(&formula, "{ draw = \"m\" }"), (1000, in_turn.map(|n| n * n).to_vec()));
+}
+
+#[test]
+fn numbers_of_defects_that_are_not_whole_are_refused_with_the_draw() {
+    for (draws, count, words) in [
+        ("n = { sequence = [0.5] }", "{ draw = \"n\" }", "in the draw `n`"),
+        ("n = { uniform = [0, 3] }", "{ draw = \"n\" }", "in the draw `n`"),
+        ("n = { integer = [0, 1001] }", "{ draw = \"n\" }", "1001 defects are out of range"),
+        ("n = { integer = [-2, -1] }\nm = { draw = \"n\" }", "{ draw = \"m\" }", "in the draw `n`"),
+        ("n = { sequence = [-1, 3] }", "{ draw = \"n\" }", "in the draw `n`: -1 defects are out of range"),
+        ("n = { sequence = [1, 3] }\nm = { expression = \"-n\" }", "{ draw = \"m\" }", "is -1, by the draw `m`"),
+        ("n = { sequence = [1, 3] }", "{ expression = \"n / 2\" }", "\"dust\" is 0.5"),
+        ("n = { sequence = [1, 3] }\nm = { expression = \"n / 2\" }", "{ draw = \"m\" }", "is 0.5, by the draw `m`"),
+        (
+            "n = { sequence = [1, 3] }",
+            "{ expression = \"400 * n\" }",
+            "image 1: the number of defects \"dust\" is 1200",
+        ),
+        ("n = { sequence = [1, 3] }", "{ expression = \"n\", unit = \"mm\" }", "not known"),
+    ] {
+        let study = study(draws, &format!("kind = \"dust\"\nlength = \"1mm\"\ncount = {count}")).expect("a study");
+        let error = study.check_jobs(4).expect_err(count).to_string();
+        assert!(error.contains(words) && error.contains("[[study.defect]] 1, count"), "{count}: {error}");
+    }
+}
+
+#[test]
+fn a_key_that_the_kind_does_not_use_is_refused() {
+    for (kind, key, value) in [
+        ("stain", "width", "\"1mm\""),
+        ("dust", "depth", "\"1mm\""),
+        ("scratch", "strength", "0.5"),
+        ("dent", "angle", "\"3deg\""),
+        ("bubble", "color", "[1, 1, 1]"),
+        ("missing", "length", "{ uniform = [1, 2] }"),
+        ("faded", "facing", "[0, 1, 0]"),
+        ("shifted", "roughness", "0.1"),
+        ("fibre", "lenght", "\"1mm\""),
+    ] {
+        let study = study("", &format!("kind = \"{kind}\"\n{key} = {value}")).expect("a study");
+        let error = study.check_jobs(1).expect_err(kind).to_string();
+        let known: DefectKind = Value::String(kind.into()).try_into().expect("a kind");
+        assert!(
+            error.contains(&format!("`{key}`")) && error.contains(&format!("[[study.defect]] 1, {key}")),
+            "{error}"
+        );
+        let help = error.split_once("help:").expect("help").1;
+        for known in COMMON_KEYS.iter().chain(known.keys()) {
+            assert!(help.contains(known), "{known} in {help}");
+        }
+    }
+}
+
+#[test]
+fn errors_of_draws_have_their_names() {
+    for (draws, words) in [
+        ("load = { uniform = [2, 1] }", "[study.draw] load"),
+        ("load = { expression = \"1 +\" }", "[study.draw] load"),
+        ("load = { sequence = [1] }\ninverse = { expression = \"1 / (load - load)\" }", "[study.draw] inverse"),
+        ("load = { expression = \"2 * lode\" }", "[study.draw] load"),
+        ("load = { choice = [1, 2], weights = [1] }", "[study.draw] load"),
+    ] {
+        let error = study(draws, "kind = \"missing\"").expect_err(draws).to_string();
+        assert!(error.contains(words), "{draws}: {error}");
+    }
+    // At the key that refers to the draw.
+    let draws = "load = { sequence = [1] }\ninverse = { expression = \"1 / (load - load)\" }";
+    let study = Study::from_text(
+        "study.toml",
+        &format!("scene = \"none\"\n[study]\n[study.draw]\n{draws}\n[budget]\nspp = {{ draw = \"inverse\" }}\n"),
+    );
+    let error = study.expect_err("infinite").to_string();
+    assert!(error.contains("[budget] spp") && error.contains("in the draw `inverse`"), "{error}");
+}
