@@ -308,7 +308,8 @@ fn a_study_that_made_nothing_can_be_corrected() {
     assert!(bench.refused("dataset study.toml -o a --count 1").contains("finds no place"));
     fs::write(bench.path("study.toml"), STUDY).expect("writable");
     bench.run("dataset study.toml -o a --count 1");
-    assert_eq!(fs::read_to_string(bench.path("a/study.toml")).expect("a study"), STUDY);
+    let written = fs::read_to_string(bench.path("a/study.toml")).expect("a study");
+    assert_eq!(written, format!("# The study of study.toml.\n{STUDY}"));
     // A set that was edited by hand is refused, and ends.
     let text = fs::read_to_string(bench.path("a/set.json")).expect("a set");
     fs::write(bench.path("a/set.json"), text.replace("\"count\":1,", "\"count\":18446744073709551615,"))
@@ -330,6 +331,109 @@ fn sensors_and_their_noise_may_vary() {
     for name in ["images/000001.png", "raw/000003.raw", "records/000003.json"] {
         assert!(fs::read(bench.path("a").join(name)).ok() == fs::read(bench.path("b").join(name)).ok(), "{name}");
     }
+}
+
+/// A bench with a study whose job and scene are in other folders, and whose file alone has no name for the set.
+fn split_bench() -> Bench {
+    let bench = Bench::new("");
+    for folder in ["studies", "jobs"] {
+        fs::create_dir(bench.path(folder)).expect("free");
+    }
+    let obj = "o tile\nv -0.02 0 -0.02\nv 0.02 0 -0.02\nv 0.02 0 0.02\nv -0.02 0 0.02\nf 4 3 2 1\n";
+    fs::write(bench.path("jobs/tile.obj"), obj).expect("writable");
+    let job = "scene = \"tile.obj\"\n[film]\nwidth = 24\nheight = 16\n[budget]\nspp = 4\n[sensor]\nexposure = \"20ms\"\n\
+        [camera]\nposition = [0, \"200mm\", \"1mm\"]\nlook_at = [0, 0, 0]\n[environment]\nradiance = 1\n";
+    fs::write(bench.path("jobs/job.toml"), job).expect("writable");
+    let study = "[study]\njob = \"../jobs/job.toml\"\ncount = 3 # images\n[study.draw]\nn = { integer = [0, 3] }\n\
+        [study.labels]\nyolo = true\nbop = true\n[[study.label]]\ncategory = \"tile\"\nobjects = \"tile\"\n\
+        [[study.defect]]\nkind = \"dust\"\non = \"tile\"\nlength = \"2mm\"\ncount = { draw = \"n\" }\n\
+        [environment]\nradiance = { uniform = [1, 2] }\n[budget]\nspp = { expression = \"8 * n + 8\" }\n";
+    fs::write(bench.path("studies/tiles.toml"), study).expect("writable");
+    bench
+}
+
+#[test]
+fn the_study_of_a_set_makes_the_same_images_from_its_folder() {
+    let bench = split_bench();
+    bench.run("dataset studies/tiles.toml -o sets/one --jobs 1");
+    let text = fs::read_to_string(bench.path("sets/one/study.toml")).expect("a study");
+    assert!(text.starts_with("# The study of tiles.toml") && text.contains("count = 3 # images"), "{text}");
+    assert!(text.contains("name = \"tiles\"") && text.contains("folder = \"../../studies\""), "{text}");
+    assert!(!text.contains(&*bench.folder.path().to_string_lossy()), "{text}");
+    bench.run("dataset sets/one/study.toml -o again --jobs 1");
+    let (a, b) = (files(&bench.path("sets/one")), files(&bench.path("again")));
+    for name in a.keys().filter(|name| name.contains('/')) {
+        assert!(a[name] == b[name], "{name} differs");
+    }
+    // The draw is the number of defects, and the formula of it the number of samples.
+    for i in 0..3 {
+        let record = bench.json(&format!("sets/one/records/{i:06}.json"));
+        let n = record["drawn"]["draw.n"].as_u64().expect("a whole number");
+        assert_eq!(record["drawn"]["defect[dust].count"].as_u64(), Some(n));
+        assert_eq!(record["samples"].as_u64(), Some((8 * n + 8) * 24 * 16));
+    }
+}
+
+#[test]
+fn a_set_has_hashes_of_its_inputs_and_refuses_others() {
+    let bench = split_bench();
+    bench.run("dataset studies/tiles.toml -o a --count 1 --jobs 1");
+    let set = bench.json("a/set.json");
+    let inputs: Vec<&str> =
+        set["inputs"].as_array().expect("a list").iter().map(|i| i["path"].as_str().expect("a path")).collect();
+    assert_eq!(inputs, ["../jobs/job.toml", "../jobs/tile.obj", "tiles.toml"]);
+    for file in ["jobs/tile.obj", "jobs/job.toml"] {
+        let before = fs::read_to_string(bench.path(file)).expect(file);
+        fs::write(bench.path(file), format!("{before}\n# a comment\n")).expect("writable");
+        let message = bench.refused("dataset studies/tiles.toml -o a --count 2");
+        assert!(message.contains(&format!("another \"../{file}\"")) && message.contains("help:"), "{message}");
+        fs::write(bench.path(file), before).expect("writable");
+    }
+    bench.run("dataset studies/tiles.toml -o a --count 2 --jobs 1");
+    // A set of the format without hashes.
+    fs::write(bench.path("a/set.json"), "{\"format\":1,\"study\":\"tiles\"}").expect("writable");
+    for line in ["dataset studies/tiles.toml -o a", "dataset --verify a"] {
+        let message = bench.refused(line);
+        assert!(message.contains("format 1, of an older version") && message.contains("help:"), "{message}");
+    }
+}
+
+#[test]
+fn a_check_compares_the_files_of_the_whole_set() {
+    let bench = split_bench();
+    bench.run("dataset studies/tiles.toml -o a --jobs 1");
+    bench.run("dataset --verify a");
+    let check = || {
+        let assert = bench.command("dataset --verify a").assert().code(1);
+        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+    };
+    for name in ["coco.json", "records.jsonl", "data.yaml", "scene_camera.json", "scene_gt.json", "sheet.png"] {
+        let path = bench.path("a").join(name);
+        let before = fs::read(&path).expect(name);
+        let mut other = before.clone();
+        let middle = other.len() / 2;
+        other[middle] ^= 1;
+        for (changed, words) in [
+            (Some(other), "differs from the file that the finished images give"),
+            (Some(before[..before.len() - 1].to_vec()), "differs from the file"),
+            (Some([&before[..], b"\n"].concat()), "differs from the file"),
+            (None, "does not exist"),
+        ] {
+            match changed {
+                Some(content) => fs::write(&path, content).expect("writable"),
+                None => fs::remove_file(&path).expect("there"),
+            }
+            let message = check();
+            assert!(message.contains(&format!("{name} {words}")), "{name}: {message}");
+            assert_eq!(message.matches("flagged:").count(), 1, "{message}");
+        }
+        fs::write(&path, before).expect("writable");
+    }
+    // The page contains times, and is only there.
+    fs::write(bench.path("a/report.html"), "a page").expect("writable");
+    bench.run("dataset --verify a");
+    fs::remove_file(bench.path("a/report.html")).expect("there");
+    assert!(check().contains("report.html does not exist"));
 }
 
 /// The kill comes at another moment in each run; the result must not depend on it.
@@ -409,6 +513,10 @@ fn bad_studies_are_refused_before_anything_is_written() {
         ("kind = \"scratch\"", "kind = \"scrath\"", "scrath"),
         ("size = [\"90mm\", 0, \"90mm\"]", "size = [\"20mm\", 0, \"20mm\"]", "finds no place"),
         ("count = { integer = [0, 2] }", "count = { uniform = [0, 2] }", "not known"),
+        ("count = { integer = [0, 2] }", "count = { draw = \"supply\" }", "in the draw `supply`"),
+        ("count = { integer = [0, 2] }", "count = { expression = \"supply / 9\" }", "number of defects \"scratch\""),
+        ("depth = \"100um\"", "strength = 0.5", "[[study.defect]] 1, strength"),
+        ("{ uniform = [0.8, 1.2] }", "{ uniform = [1.2, 0.8] }", "[study.draw] supply"),
         ("power = { expression", "pawer = { expression", "pawer"),
         ("name = \"blocks\"", "name = \"../blocks\"", "not the name of a set"),
         ("center = [0, 0, 0]", "center = [nan, 0, 0]", "finite"),

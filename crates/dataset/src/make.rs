@@ -5,6 +5,7 @@ use crate::defect::{AddedDefect, DefectEntry, entries};
 use crate::distribution::Fault;
 use crate::encode;
 use crate::ids::{Ids, ObjectLabel};
+use crate::inputs::input_records;
 use crate::labels::{LabelCamera, LabelLayers, LabelObjects, LabelPlanes, PixelBox, trace_labels};
 use crate::pinhole::{Pinhole, image_box, object_pose};
 use crate::placement::Placement;
@@ -100,15 +101,16 @@ impl Worker {
     /// grow; it never shrinks. By default it has the number of images of the study.
     ///
     /// # Errors
-    /// A set of another study or of another version of the program; a folder that contains other files, or files that the
-    /// images are made from; a folder that cannot be written to.
+    /// A set of another study, of other input files or of another version of the program; a folder that contains other
+    /// files, or files that the images are made from; a folder that cannot be written to.
     pub fn open_set(&self, folder: &Path, count: Option<u64>) -> Result<Set, Error> {
         let count = checked_count(&self.study, count)?;
         let mut inputs = self.project.inputs.clone();
         inputs.extend(self.study.inputs());
         check_outputs(&[("the set", folder)], &inputs)?;
         check_folder(folder, &inputs)?;
-        Set::start(folder, &self.study, self.ids(), count)
+        let records = input_records(&self.study, &self.project.inputs)?;
+        Set::start(folder, &self.study, self.ids(), records, count)
     }
 
     /// The files that the images are made from.

@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use twox_hash::XxHash3_128;
 
+/// Version of the format of a set. In format 1, `set.json` had no `inputs` and no `files`.
+pub(crate) const FORMAT: u32 = 2;
+
 /// The record of an image. It is a function of the study and the index: it contains no times and names no machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -159,7 +159,7 @@ pub fn run(
     let unmade = unmade.into_inner().unwrap_or_default();
     // Images that cannot be made stay away, and do not keep the others from use.
     if finished + unmade.len() as u64 >= set.count() && !interrupted {
-        set.assemble(study)?;
+        set.assemble()?;
     }
     Ok(RunSummary {
         made: made.into_inner(),

@@ -3,9 +3,11 @@
 use crate::coco::{Category as CocoCategory, Coco, Image, Info};
 use crate::encode::{ImageLabels, json};
 use crate::ids::{Category, Ids, Instance};
+use crate::inputs::{InputRecord, changed_input};
 use crate::make::Made;
-use crate::record::{Cost, Record};
+use crate::record::{Cost, FORMAT, Record};
 use crate::report::{ReportError, SetView, SheetOptions, contact_sheet, page};
+use crate::resolved::resolved_study;
 use crate::study::{MAX_COUNT, PictureFormat, Segmentation, Study};
 use dunkelfeld::{Error, written};
 use dunkelfeld_io::InputError;
@@ -20,8 +22,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Version of the format of a set.
-const FORMAT: u32 = 1;
+/// The page of a set, which contains times.
+pub(crate) const REPORT: &str = "report.html";
 /// The longest file of a set that is read back as text \[bytes\].
 const MAX_TEXT: u64 = 1 << 30;
 
@@ -34,10 +36,23 @@ pub(crate) struct Manifest {
     pub(crate) program: String,
     pub(crate) study: String,
     pub(crate) study_hash: String,
+    /// The files that the images are made from.
+    pub(crate) inputs: Vec<InputRecord>,
+    /// The files of the whole set.
+    pub(crate) files: Vec<String>,
     pub(crate) count: u64,
     pub(crate) categories: Vec<Category>,
     pub(crate) instances: Vec<Instance>,
 }
+
+/// The part of `set.json` that all formats have.
+#[derive(Deserialize)]
+struct Head {
+    format: u32,
+}
+
+/// Writes the content of a file.
+pub(crate) type Content<'a> = dyn Fn(&mut dyn Write) -> std::io::Result<()> + 'a;
 
 /// The folder of a set.
 #[derive(Clone, Debug)]
@@ -55,9 +70,15 @@ impl Set {
     /// grow; it never shrinks.
     ///
     /// # Errors
-    /// A set of another study or of another version of the program; a folder that contains other files; a folder that
-    /// cannot be written to.
-    pub(crate) fn start(path: &Path, study: &Study, ids: &Ids, count: u64) -> Result<Self, Error> {
+    /// A set of another study, of other input files or of another version of the program; a folder that contains other
+    /// files; a folder that cannot be written to.
+    pub(crate) fn start(
+        path: &Path,
+        study: &Study,
+        ids: &Ids,
+        inputs: Vec<InputRecord>,
+        count: u64,
+    ) -> Result<Self, Error> {
         let fault = |problem: String, help: &str| Error::Output { file: path.into(), problem, help: help.into() };
         fs::create_dir_all(path)
             .map_err(|e| fault(format!("cannot be made: {e}"), "name a folder on a disk with room"))?;
@@ -69,6 +90,8 @@ impl Set {
             program: program(),
             study: study.name.clone(),
             study_hash: study.hash().to_owned(),
+            inputs,
+            files: files_of(study),
             count,
             categories: ids.categories.clone(),
             instances: ids.instances.clone(),
@@ -87,6 +110,10 @@ impl Set {
                 if !is_empty && before.study_hash != manifest.study_hash {
                     let problem = format!("holds a set of another study, or of \"{}\" before a change", before.study);
                     return Err(fault(problem, "name another folder for the changed study"));
+                }
+                if !is_empty && let Some(change) = changed_input(&before.inputs, &manifest.inputs, study) {
+                    let problem = format!("holds images that were made from {change}");
+                    return Err(fault(problem, "restore the file, or name another folder for the new images"));
                 }
                 if !is_empty {
                     manifest.count = manifest.count.max(before.count);
@@ -108,7 +135,8 @@ impl Set {
             }
             Err(e) => return Err(e),
         }
-        put(path, "study.toml", study.text().as_bytes())?;
+        let text = resolved_study(study, path, manifest.inputs.len() > 1);
+        put(path, "study.toml", text.as_bytes())?;
         for folder in ["records", "costs", "labels"] {
             let folder = path.join(folder);
             written(&folder, fs::create_dir_all(&folder))?;
@@ -124,11 +152,15 @@ impl Set {
         let text = read_text(path, "set.json")?;
         let file = path.join("set.json");
         let fault = |problem: String| InputError::new(&file, "the whole file", problem, "make the set again");
-        let manifest: Manifest = serde_json::from_str(&text).map_err(|e| fault(format!("describes no set: {e}")))?;
-        if manifest.format != FORMAT {
-            let problem = format!("has the format {}, and this program reads {FORMAT}", manifest.format);
-            return Err(fault(problem).into());
+        let broken = |e: serde_json::Error| fault(format!("describes no set: {e}"));
+        let Head { format } = serde_json::from_str(&text).map_err(broken)?;
+        if format != FORMAT {
+            let age = if format < FORMAT { "an older" } else { "a newer" };
+            let problem = format!("is of format {format}, of {age} version; this program reads format {FORMAT}");
+            let help = "use the version that made the set, or make the set again in another folder";
+            return Err(InputError::new(&file, "format", problem, help).into());
         }
+        let manifest: Manifest = serde_json::from_str(&text).map_err(broken)?;
         if !(1..=MAX_COUNT).contains(&manifest.count) {
             return Err(fault(format!("has a count of {}, which no set has", manifest.count)).into());
         }
@@ -215,14 +247,80 @@ impl Set {
         (0..self.count()).filter(|index| !self.is_finished(*index)).collect()
     }
 
+    /// Indices of the finished images.
+    fn finished(&self) -> Vec<u64> {
+        (0..self.count()).filter(|index| self.is_finished(*index)).collect()
+    }
+
     /// Writes the files of the whole set from those of its finished images: `records.jsonl`, `coco.json`, `data.yaml`,
-    /// `scene_camera.json`, `scene_gt.json`, `sheet.png` and `report.html`. Another process that does the same writes the
-    /// same files.
+    /// `scene_camera.json`, `scene_gt.json`, `sheet.png` and `report.html`, as far as the study has them. Another process
+    /// that does the same writes the same files.
     ///
     /// # Errors
     /// Records that are broken, and those of the file system.
-    pub fn assemble(&self, study: &Study) -> Result<(), Error> {
-        let finished: Vec<u64> = (0..self.count()).filter(|index| self.is_finished(*index)).collect();
+    pub fn assemble(&self) -> Result<(), Error> {
+        self.each_file(&mut |name, content| {
+            let path = self.path.join(name);
+            written(&path, write_atomically(&path, |file| content(file)))
+        })?;
+        if self.has_file(REPORT) {
+            let view = SetView::read(&self.path).map_err(report_error)?;
+            put(&self.path, REPORT, page(&view).map_err(report_error)?.as_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// The names of the files of the whole set.
+    pub(crate) fn files(&self) -> &[String] {
+        &self.manifest.files
+    }
+
+    fn has_file(&self, name: &str) -> bool {
+        self.manifest.files.iter().any(|file| file == name)
+    }
+
+    /// Gives the name and the content of each file of the whole set but `report.html`, which contains times. They are a
+    /// function of the finished images.
+    ///
+    /// # Errors
+    /// Records, labels and images that are broken, and those of `visit`.
+    pub(crate) fn each_file(
+        &self,
+        visit: &mut dyn FnMut(&str, &Content<'_>) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        let finished = self.finished();
+        visit("records.jsonl", &|out| {
+            for index in &finished {
+                let record = self.record(*index).map_err(std::io::Error::other)?;
+                out.write_all(&json(&record))?;
+            }
+            Ok(())
+        })?;
+        if ["coco.json", "scene_camera.json", "scene_gt.json"].iter().any(|name| self.has_file(name)) {
+            let Annotations { coco, cameras, poses } = self.annotations(&finished)?;
+            let contents: [(&str, &dyn Fn() -> Vec<u8>); 3] = [
+                ("coco.json", &|| json(&coco)),
+                ("scene_camera.json", &|| json(&cameras)),
+                ("scene_gt.json", &|| json(&poses)),
+            ];
+            for (name, content) in contents.iter().filter(|(name, _)| self.has_file(name)) {
+                visit(name, &|out| out.write_all(&content()))?;
+            }
+        }
+        if self.has_file("data.yaml") {
+            let text = crate::yolo::data_yaml(self.manifest.categories.iter().map(|c| c.name.as_str()));
+            visit("data.yaml", &|out| out.write_all(text.as_bytes()))?;
+        }
+        if self.has_file("sheet.png") {
+            let view = SetView::read(&self.path).map_err(report_error)?;
+            let sheet = contact_sheet(&view, SheetOptions::default()).map_err(report_error)?;
+            visit("sheet.png", &|out| out.write_all(&sheet))?;
+        }
+        Ok(())
+    }
+
+    /// The annotations of images, in the formats of COCO and BOP.
+    fn annotations(&self, finished: &[u64]) -> Result<Annotations, Error> {
         let mut coco = Coco {
             info: Info {
                 description: self.manifest.study.clone(),
@@ -242,16 +340,7 @@ impl Set {
             })
             .collect();
         let (mut cameras, mut poses) = (BTreeMap::new(), BTreeMap::new());
-        let lines = self.path.join("records.jsonl");
-        let result = write_atomically(&lines, |file| {
-            for index in &finished {
-                let record = self.record(*index).map_err(std::io::Error::other)?;
-                file.write_all(&json(&record))?;
-            }
-            Ok(())
-        });
-        written(&lines, result)?;
-        for index in &finished {
+        for index in finished {
             let labels: ImageLabels = self.parsed(&format!("labels/{index:06}.json"))?;
             let ImageLabels { file_name, width, height, annotations, camera, poses: objects, .. } = labels;
             coco.images.push(Image { id: *index, file_name, width, height });
@@ -271,25 +360,32 @@ impl Set {
                 .collect();
             poses.insert(index.to_string(), objects);
         }
-        if study.labels.coco != Segmentation::None {
-            put(&self.path, "coco.json", &json(&coco))?;
-        }
-        if study.labels.bop {
-            put(&self.path, "scene_camera.json", &json(&cameras))?;
-            put(&self.path, "scene_gt.json", &json(&poses))?;
-        }
-        if study.labels.yolo {
-            let names = self.manifest.categories.iter().map(|c| c.name.as_str());
-            put(&self.path, "data.yaml", crate::yolo::data_yaml(names).as_bytes())?;
-        }
-        if study.images.picture != PictureFormat::None {
-            let view = SetView::read(&self.path).map_err(report_error)?;
-            let sheet = contact_sheet(&view, SheetOptions::default()).map_err(report_error)?;
-            put(&self.path, "sheet.png", &sheet)?;
-            put(&self.path, "report.html", page(&view).map_err(report_error)?.as_bytes())?;
-        }
-        Ok(())
+        Ok(Annotations { coco, cameras, poses })
     }
+}
+
+/// The annotations of images.
+struct Annotations {
+    coco: Coco,
+    /// Cameras of BOP by the index of the image.
+    cameras: BTreeMap<String, serde_json::Value>,
+    /// Poses of BOP by the index of the image.
+    poses: BTreeMap<String, Vec<serde_json::Value>>,
+}
+
+/// The files of the whole set that a study has.
+fn files_of(study: &Study) -> Vec<String> {
+    let (labels, has_picture) = (&study.labels, study.images.picture != PictureFormat::None);
+    let files = [
+        ("records.jsonl", true),
+        ("coco.json", labels.coco != Segmentation::None),
+        ("scene_camera.json", labels.bop),
+        ("scene_gt.json", labels.bop),
+        ("data.yaml", labels.yolo),
+        ("sheet.png", has_picture),
+        (REPORT, has_picture),
+    ];
+    files.iter().filter(|(_, is_wanted)| *is_wanted).map(|(name, _)| (*name).to_owned()).collect()
 }
 
 /// The claim of an image, until it is dropped.

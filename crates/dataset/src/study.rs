@@ -32,6 +32,9 @@ struct StudySettings {
     /// Path of a job, relative to the study, whose keys the study extends and replaces.
     #[serde(default)]
     job: Option<PathBuf>,
+    /// The folder that relative paths refer to, relative to the study. By default that of the study.
+    #[serde(default)]
+    folder: Option<PathBuf>,
     /// Name of the set. By default that of the file.
     #[serde(default)]
     name: Option<String>,
@@ -234,6 +237,7 @@ pub struct Study {
     /// The keys of the named job.
     base: Table,
     source: TomlFile,
+    folder: PathBuf,
     job_path: PathBuf,
     hash: String,
     inputs: InputFiles,
@@ -320,10 +324,12 @@ impl Study {
             let problem = format!("{} is out of range", study.images.quality);
             return Err(source.error_at_key(&["study", "images", "quality"], problem, "write 1 to 100"));
         }
+        let own = source.path().parent().unwrap_or(Path::new(""));
+        let folder = study.folder.as_ref().map_or(own.to_path_buf(), |folder| own.join(folder));
         let (base, job_path) = match &study.job {
-            None => (Table::new(), source.path().to_path_buf()),
+            None => (Table::new(), folder.join(source.path().file_name().unwrap_or_default())),
             Some(job) => {
-                let path = source.resolve(job);
+                let path = folder.join(job);
                 let file = TomlFile::read(&path, Role::Job, &mut inputs).map_err(|e| {
                     let problem = format!("{}: {}", path.display(), e.problem);
                     source.error_at_key(&["study", "job"], problem, "name a job file")
@@ -356,6 +362,7 @@ impl Study {
             base,
             hash: format!("{:032x}", XxHash3_128::oneshot(text.as_bytes())),
             source,
+            folder,
             job_path,
             inputs,
         };
@@ -444,6 +451,11 @@ impl Study {
     /// The text of the study.
     pub(crate) fn text(&self) -> &str {
         self.source.text()
+    }
+
+    /// The folder that relative paths of the study refer to.
+    pub(crate) fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// The file whose folder relative paths of the job refer to.

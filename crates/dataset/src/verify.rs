@@ -1,13 +1,15 @@
-//! The check of a finished set: files, hashes, and labels against masks.
+//! The check of a finished set: files, hashes, labels against masks, and the files of the whole set against the images.
 
-use crate::coco::{Coco, Segmentation};
+use crate::coco::Segmentation;
 use crate::encode::ImageLabels;
 use crate::record::{FileRecord, Record};
-use crate::set::{Set, read_bytes};
+use crate::set::{Content, REPORT, Set, read_bytes};
 use dunkelfeld::{Error, InputError};
 use dunkelfeld_io::gray::read_gray;
+use dunkelfeld_io::input::{InputFiles, MAX_STREAMED, OpenFile, ReadFault, Role};
 use dunkelfeld_io::loader::Limits;
 use std::collections::BTreeMap;
+use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
 /// Findings of one kind that are listed; the others are counted.
@@ -20,7 +22,7 @@ pub struct Verified {
     pub count: u64,
     /// Images that are finished.
     pub finished: u64,
-    /// Files that were read and compared with their hashes.
+    /// Files that were read and compared: with their hashes, or with the images.
     pub files: u64,
     /// Annotations that were compared with the masks.
     pub annotations: u64,
@@ -46,7 +48,8 @@ impl Verified {
 }
 
 /// Checks a set: the description, the record of each image, the size and the hash of each file, the masks against the
-/// records and the annotations, and the annotations of the whole set against those of the images.
+/// records and the annotations, and the files of the whole set byte by byte against those that the finished images give.
+/// `report.html` contains times and must only exist. An unfinished set may have no files of the whole set.
 ///
 /// # Errors
 /// A folder without a set.
@@ -68,21 +71,70 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
     }
     progress(set.count(), set.count());
     found.annotations = annotations;
-    let is_there = |name: &str| folder.join(name).exists();
-    if is_there("coco.json") {
-        match set.parsed::<Coco>("coco.json") {
-            Ok(coco) if coco.annotations.len() as u64 != annotations => found.fault(format!(
-                "coco.json has {} annotations, and the images have {annotations}",
-                coco.annotations.len()
-            )),
-            Ok(coco) if coco.images.len() as u64 != found.finished => {
-                found.fault(format!("coco.json has {} images, and {} are finished", coco.images.len(), found.finished));
-            }
-            Ok(_) => {}
-            Err(e) => found.fault(one_line(&e)),
+    check_whole(&set, &mut found);
+    Ok(found)
+}
+
+/// Compares the files of the whole set with those that the finished images give.
+fn check_whole(set: &Set, found: &mut Verified) {
+    let is_there = |name: &str| set.path().join(name).exists();
+    let is_finished = found.finished == found.count;
+    for name in ["study.toml", REPORT] {
+        let is_expected = name != REPORT || (is_finished && set.files().iter().any(|file| file == REPORT));
+        if is_expected && !is_there(name) {
+            found.fault(format!("{name} does not exist"));
         }
     }
-    Ok(found)
+    if !is_finished && !set.files().iter().any(|name| is_there(name)) {
+        return;
+    }
+    let compared = set.each_file(&mut |name, content| {
+        if is_finished || is_there(name) {
+            found.files += 1;
+            if let Some(problem) = difference(&set.path().join(name), content) {
+                found.fault(format!("{name} {problem}"));
+            }
+        }
+        Ok(())
+    });
+    if let Err(e) = compared {
+        found.fault(format!("the files of the whole set cannot be compared: {}", one_line(&e)));
+    }
+}
+
+/// The difference of a file from its content, as the continuation of its name. `None` if there is none.
+fn difference(path: &Path, content: &Content<'_>) -> Option<String> {
+    let file = match InputFiles::new().open(path, Role::Result, MAX_STREAMED) {
+        Ok(file) => file,
+        Err(ReadFault::Missing) => return Some("does not exist".into()),
+        Err(fault) => return Some(fault.problem()),
+    };
+    let mut comparison = Comparison { file: BufReader::new(file), is_same: true };
+    if let Err(e) = content(&mut comparison) {
+        return Some(format!("cannot be compared: {}", e.to_string().replace("\n  help:", "; help:")));
+    }
+    let is_longer = comparison.file.read(&mut [0]).map_or(true, |count| count > 0);
+    (is_longer || !comparison.is_same).then(|| "differs from the file that the finished images give".into())
+}
+
+/// Compares with a file all that is written.
+struct Comparison {
+    file: BufReader<OpenFile>,
+    is_same: bool,
+}
+
+impl Write for Comparison {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if self.is_same {
+            let mut there = vec![0; bytes.len()];
+            self.is_same = self.file.read_exact(&mut there).is_ok() && there == bytes;
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
 }
 
 fn one_line(error: &Error) -> String {

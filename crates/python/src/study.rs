@@ -368,12 +368,13 @@ impl DataSet {
     }
 
     /// Writes the files of the whole set from those of its finished images: `records.jsonl`, `coco.json`, `report.html` and
-    /// so on. `study` is that of the set.
-    fn assemble(&self, py: Python<'_>, study: &Study) -> Result<(), Failure> {
-        Ok(py.detach(|| self.0.assemble(&study.0))?)
+    /// so on.
+    fn assemble(&self, py: Python<'_>) -> Result<(), Failure> {
+        Ok(py.detach(|| self.0.assemble())?)
     }
 
-    /// Checks the set as `dunkelfeld dataset --verify`: the size and the hash of each file, and labels against masks.
+    /// Checks the set as `dunkelfeld dataset --verify`: the size and the hash of each file, labels against masks, and the files
+    /// of the whole set against those that the images give.
     ///
     /// Returns a dictionary: `count` and `finished` (images), `files` and `annotations` (numbers that were checked), `faults`
     /// (texts), `more` (number of faults that are not listed), `is_whole`.

@@ -154,7 +154,7 @@ def test_single_images_make_the_same_set(study: Study, folder: Path, tmp_path: P
         assert not data.is_finished(index) and data.commit(made) and data.is_finished(index)
         assert not data.commit(made)
         assert data.record(index) == made.record
-    data.assemble(study)
+    data.assemble()
     assert_same(folder, tmp_path / "set")
     found = pickle.loads(pickle.dumps(data)).verify()
     assert found["is_whole"] and found["finished"] == 5 and found["annotations"] > 5 and found["faults"] == []

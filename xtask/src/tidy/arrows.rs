@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 21] = [
+const HOMES: [(&str, &[&str]); 22] = [
     ("rayon", &["render", "dunkelfeld", "studies", "bvh", "dataset"]),
     ("obvhs", &["bvh"]),
     ("rustc-hash", &["geometry", "bvh", "integrator"]),
@@ -23,6 +23,7 @@ const HOMES: [(&str, &[&str]); 21] = [
     ("png", &["io"]),
     ("tiff", &["io"]),
     ("toml", &["dataset", "io"]),
+    ("toml_edit", &["dataset"]),
     ("rustix", &["io"]),
     ("signal-hook", &["cli"]),
     ("tempfile", &["io"]),

@@ -29,8 +29,8 @@ pub(crate) struct DatasetArgs {
     /// Images that are made at the same time. Each has its own scene in memory [default: one per core].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
     pub(crate) jobs: Option<u16>,
-    /// Check a finished set instead: its files by their hashes, and labels against masks. Exit code 1 if something is wrong
-    /// or missing.
+    /// Check a finished set instead: its files by their hashes, labels against masks, and the files of the whole set against
+    /// those that the images give. Exit code 1 if something is wrong or missing.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["study", "output", "count", "index", "time", "jobs", "threads"])]
     pub(crate) verify: Option<PathBuf>,
     /// Threads of each image [default: 1, and with --jobs 1 one per core].

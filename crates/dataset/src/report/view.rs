@@ -3,6 +3,7 @@
 
 use super::draws::Draws;
 use super::error::ReportError;
+use crate::record::FORMAT;
 use dunkelfeld_io::input::{InputFiles, ReadFault, Role};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -12,13 +13,10 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// The format of `set.json` that this program reads.
-const FORMAT: u64 = 1;
-
 /// The head of a set: `set.json`.
 #[derive(Clone, Debug, Deserialize)]
 pub(crate) struct Head {
-    pub(crate) format: u64,
+    pub(crate) format: u32,
     #[serde(default)]
     pub(crate) program: String,
     #[serde(default)]

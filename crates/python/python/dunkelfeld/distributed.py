@@ -191,7 +191,7 @@ class _SetMaker:
             repeated = cluster.repeated
         finished = self.set.count - len(self.set.missing())
         if finished == self.set.count:
-            self.set.assemble(self.study)
+            self.set.assemble()
         return MakeSummary(
             made=self.made,
             finished=finished,

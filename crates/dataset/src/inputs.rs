@@ -1,0 +1,165 @@
+//! The files that the images of a set are made from, with hashes of their contents. They are the same on every machine.
+
+use crate::study::Study;
+use dunkelfeld::Error;
+use dunkelfeld_io::input::{InputFiles, MAX_STREAMED, ReadFault, Role};
+use dunkelfeld_io::job::Job;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::io::Read;
+use std::path::{Component, Path};
+use twox_hash::XxHash3_128;
+
+/// Images whose jobs are read for the names of their files.
+const JOBS: u64 = 64;
+
+/// An input file of a set.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct InputRecord {
+    /// The path relative to the folder that paths of the study refer to, with slashes. The name alone for the study itself
+    /// and for a file that the study or a job names by an absolute path.
+    pub(crate) path: String,
+    /// XXH3 of the content, 128 bits as hexadecimal digits; `None` for a file that cannot be read.
+    pub(crate) hash: Option<String>,
+}
+
+/// The input files of a study, each once, by path: `read`, which the first image reads, and those that the jobs of the
+/// first 64 images name. Libraries belong to the machine and are left out.
+///
+/// # Errors
+/// A job of these images that is not valid.
+pub(crate) fn input_records(study: &Study, read: &InputFiles) -> Result<Vec<InputRecord>, Error> {
+    let mut inputs = study.inputs().clone();
+    inputs.extend(read);
+    // The number of images of the set has no effect, so that a set that grows keeps its list.
+    for index in 0..JOBS {
+        let job = study.job(index)?;
+        let job = Job::from_text(study.job_path(), job.text).map_err(|e| study.in_study(e, index))?;
+        inputs.extend(job.inputs());
+    }
+    let mut paths = BTreeSet::new();
+    let files = inputs.iter().filter(|input| !matches!(input.role, Role::Library | Role::Report));
+    let records: BTreeSet<InputRecord> = files
+        .map(|input| input.identity.path())
+        // The text of a job is not that of a file.
+        .filter(|path| *path != study.job_path() || study.inputs().iter().any(|i| i.identity.path() == *path))
+        .filter(|path| paths.insert(path.to_path_buf()))
+        .map(|path| InputRecord { path: name_of(path, study), hash: hash_of(path) })
+        .collect();
+    Ok(records.into_iter().collect())
+}
+
+/// The first file that differs between two lists, with the difference. The study itself may have another name: its text is
+/// compared by the hash of the study.
+pub(crate) fn changed_input(before: &[InputRecord], now: &[InputRecord], study: &Study) -> Option<String> {
+    let own = hash_of(study.path());
+    let others = |list: &'_ [InputRecord]| -> Vec<InputRecord> {
+        list.iter().filter(|file| own.is_none() || file.hash != own).cloned().collect()
+    };
+    let (before, now) = (others(before), others(now));
+    let is_known = |list: &[InputRecord], file: &InputRecord| list.iter().any(|other| other.path == file.path);
+    if let Some(file) = now.iter().find(|file| !before.contains(file)) {
+        return Some(match (is_known(&before, file), &file.hash) {
+            (true, Some(_)) => format!("another \"{}\"", file.path),
+            (true, None) => format!("\"{}\", which cannot be read now", file.path),
+            (false, _) => format!("other files: \"{}\" was not among them", file.path),
+        });
+    }
+    let file = before.iter().find(|file| !now.contains(file))?;
+    Some(if is_known(&now, file) {
+        format!("another \"{}\"", file.path)
+    } else {
+        format!("\"{}\", which is not used now", file.path)
+    })
+}
+
+/// The name of an input in a set.
+fn name_of(path: &Path, study: &Study) -> String {
+    let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    match path.strip_prefix(study.folder()) {
+        Ok(relative) if !relative.has_root() && path != study.path() => {
+            let mut parts: Vec<String> = Vec::new();
+            for part in relative.components() {
+                match part {
+                    Component::ParentDir if parts.last().is_some_and(|last| last != "..") => drop(parts.pop()),
+                    Component::ParentDir => parts.push("..".into()),
+                    Component::Normal(part) => parts.push(part.to_string_lossy().into_owned()),
+                    _ => {}
+                }
+            }
+            parts.join("/")
+        }
+        _ => name,
+    }
+}
+
+/// The hash of the content of a file; `None` if it cannot be read.
+fn hash_of(path: &Path) -> Option<String> {
+    let hash = || -> Result<u128, ReadFault> {
+        let mut file = InputFiles::new().open(path, Role::Result, MAX_STREAMED)?;
+        let (mut hash, mut buffer) = (XxHash3_128::new(), vec![0; 1 << 16]);
+        loop {
+            match file.read(&mut buffer)? {
+                0 => return Ok(hash.finish_128()),
+                count => hash.write(buffer.get(..count).unwrap_or_default()),
+            }
+        }
+    };
+    hash().ok().map(|hash| format!("{hash:032x}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    const STUDY: &str = "scene = \"part.obj\"\n[study]\njob = \"../jobs/job.toml\"\nname = \"s\"\n[camera]\n\
+        position = [0, 1, 0]\nlook_at = [0, 0, 0]\n[sensor]\nmodel = { sequence = [\"imx250\", \"own.toml\"] }\n";
+
+    /// A study with a job, and a sensor that image 1 has.
+    fn files(folder: &Path) -> Study {
+        for name in ["studies", "jobs"] {
+            fs::create_dir_all(folder.join(name)).expect("a folder");
+        }
+        fs::write(folder.join("studies/study.toml"), STUDY).expect("written");
+        fs::write(folder.join("jobs/job.toml"), "[film]\nwidth = 8\nheight = 8\n").expect("written");
+        fs::write(folder.join("jobs/part.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").expect("written");
+        fs::write(folder.join("jobs/own.toml"), "a sensor").expect("written");
+        Study::open(folder.join("studies/study.toml")).expect("a study")
+    }
+
+    #[test]
+    fn inputs_are_the_same_in_any_folder() {
+        let [a, b] = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
+        let list = input_records(&files(a.path()), &InputFiles::new()).expect("inputs");
+        assert_eq!(list, input_records(&files(b.path()), &InputFiles::new()).expect("inputs"));
+        let paths: Vec<&str> = list.iter().map(|file| file.path.as_str()).collect();
+        assert_eq!(paths, ["../jobs/job.toml", "../jobs/own.toml", "../jobs/part.obj", "study.toml"]);
+        // The value of the reference implementation is that of one call for the whole content.
+        let expected = format!("{:032x}", XxHash3_128::oneshot(b"a sensor"));
+        assert_eq!(list[1].hash.as_deref(), Some(expected.as_str()));
+    }
+
+    #[test]
+    fn changes_are_named_and_another_name_of_the_study_is_none() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let study = files(folder.path());
+        let list = |study: &Study| input_records(study, &InputFiles::new()).expect("inputs");
+        let before = list(&study);
+        assert_eq!(changed_input(&before, &before, &study), None);
+        let other = folder.path().join("studies/renamed.toml");
+        fs::copy(study.path(), &other).expect("copied");
+        let renamed = Study::open(&other).expect("a study");
+        assert_eq!(changed_input(&before, &list(&renamed), &renamed), None);
+        let obj = folder.path().join("jobs/part.obj");
+        fs::write(&obj, "v 0 0 0\n").expect("written");
+        assert_eq!(changed_input(&before, &list(&study), &study).as_deref(), Some("another \"../jobs/part.obj\""));
+        fs::remove_file(&obj).expect("removed");
+        let words = changed_input(&before, &list(&study), &study).expect("a change");
+        assert!(words.contains("\"../jobs/part.obj\", which cannot be read now"), "{words}");
+        let less: Vec<InputRecord> = before.iter().filter(|file| !file.path.ends_with("obj")).cloned().collect();
+        assert!(changed_input(&before, &less, &study).is_some_and(|words| words.contains("not used now")));
+        assert!(changed_input(&less, &before, &study).is_some_and(|words| words.contains("was not among them")));
+    }
+}
