@@ -15,7 +15,7 @@ use bench::Bench;
 use std::fs;
 
 /// The commands of the program, subcommands of subcommands included.
-const COMMANDS: [&str; 14] = [
+const COMMANDS: [&str; 15] = [
     "",
     "render",
     "merge",
@@ -27,6 +27,7 @@ const COMMANDS: [&str; 14] = [
     "emva dataset",
     "emva analyse",
     "ptc",
+    "view",
     "init",
     "inspect",
     "sensors",

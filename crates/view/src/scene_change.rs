@@ -6,6 +6,9 @@ use dunkelfeld::scene::Effect;
 use std::collections::BTreeMap;
 use toml::{Table, Value};
 
+/// Kinds of lights without a power.
+const NO_POWER: [&str; 2] = ["environment", "sun"];
+
 /// All changes since the scene was opened.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct SceneChange {
@@ -63,8 +66,12 @@ impl SceneChange {
         }
         if let Some(lights) = request.lights {
             for (name, change) in &lights {
-                if !parts.lights.iter().any(|(light, ..)| light == name) {
+                let Some((_, kind, _)) = parts.lights.iter().find(|(light, ..)| light == name) else {
                     return Err(unknown("light", name));
+                };
+                if change.factor != 1.0 && NO_POWER.contains(&&kind[..]) {
+                    let problem = format!("the light {name:?} comes from infinitely far away, and has no power");
+                    return Err(Fault::new(problem, "switch it off, or change it in the job"));
                 }
                 if !(change.factor.is_finite() && (0.0..=1e6).contains(&change.factor)) {
                     return Err(Fault::new(

@@ -5,7 +5,10 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 22] = [
+const HOMES: [(&str, &[&str]); 25] = [
+    ("axum", &["view"]),
+    ("tokio", &["view"]),
+    ("tokio-stream", &["view"]),
     ("rayon", &["render", "dunkelfeld", "studies", "bvh", "dataset"]),
     ("obvhs", &["bvh"]),
     ("rustc-hash", &["geometry", "bvh", "integrator"]),
@@ -22,7 +25,7 @@ const HOMES: [(&str, &[&str]); 22] = [
     ("exr", &["io"]),
     ("png", &["io"]),
     ("tiff", &["io"]),
-    ("toml", &["dataset", "io"]),
+    ("toml", &["dataset", "io", "view"]),
     ("toml_edit", &["dataset"]),
     ("rustix", &["io"]),
     ("signal-hook", &["cli"]),
