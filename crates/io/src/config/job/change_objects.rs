@@ -34,7 +34,8 @@ impl Job {
             ];
             let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
             let all = [&moves[..], &copies[..], &[matrix][..], &others[..]].concat();
-            if let (false, Some(key)) = (o.visible, given(&all)) {
+            // A new object keeps its keys: a study removes it in some of its images.
+            if let (false, None, Some(key)) = (o.visible, o.kind, given(&all)) {
                 let problem = format!("`{key}` has no effect on an object that `visible = false` removes");
                 return Err(self.object_error(i, key, problem, "remove one of them"));
             }

@@ -29,7 +29,7 @@ pub struct ObjectOverride {
     /// Height \[m\] of a cylinder, along y.
     #[serde(default, deserialize_with = "check::positive_length")]
     pub height: Option<f64>,
-    /// `false` removes the objects, from the labels too. Default true.
+    /// `false` removes the objects, from the labels too; with `kind` the object is not made. Default true.
     #[serde(default = "yes")]
     pub visible: bool,
     /// Translation \[m\] in the world, after rotation and scale.
