@@ -59,6 +59,8 @@ pub struct Crossing {
     pub normal: Vec3,
     /// Unit direction of the ray that meets it, world axes.
     pub direction: Vec3,
+    /// Unit direction of the ray behind it, world axes. It differs from `direction` only for [`Passage::Clear`].
+    pub onward: Vec3,
 }
 
 /// Upper bound on the cost of a hostile file. No real scene has so many sheets behind one another.
@@ -108,7 +110,7 @@ pub fn crossings(
         let coverage = scene.coverage(&hit.surface, ray_state.ray.direction);
         let SurfacePoint { point, normal, .. } = hit.surface;
         let direction = ray_state.ray.direction;
-        let at = |passage| Crossing { ids, passage, coverage, point, normal, direction };
+        let at = |passage| Crossing { ids, passage, coverage, point, normal, direction, onward: direction };
         let is_open = hit.open_tint().is_some() || coverage < 0.5;
         if is_behind || is_open {
             visit(&at(if is_behind { Passage::Scattering } else { Passage::Open }))?;
@@ -120,7 +122,7 @@ pub fn crossings(
         let vertex = SurfaceVertex::<AllFeatures>::new(scene, ray_state, hit, 0.5, &mut bsdf);
         ray_state = match vertex.delta(0.5) {
             Some(passed) => {
-                visit(&clear)?;
+                visit(&Crossing { onward: passed.wi, ..clear })?;
                 vertex.spawn_ray(passed.wi)
             }
             None => {
