@@ -2,6 +2,7 @@
 
 use super::Project;
 use super::open::{Compiled, GivenSettings, compile_and, film_part};
+use dunkelfeld_geometry::DVec3;
 use dunkelfeld_io::import::Imported;
 use dunkelfeld_io::job::Job;
 use dunkelfeld_render::{Error, SensorChoice};
@@ -72,6 +73,42 @@ impl Project {
         let description = kept(self.description.as_deref())?;
         let changed = Job::from_text(description.base.path(), text)?;
         self.change_to(changed, edit)
+    }
+
+    /// The names of the objects that the scene has with another job in place of that of the project, without a build.
+    /// Objects without meshes are left out. Scene files are read only if the job names others than the project.
+    ///
+    /// # Errors
+    /// Names that match nothing, files that cannot be read, and a project that was opened without
+    /// [`ProjectOptions::can_change`](super::ProjectOptions::can_change).
+    pub fn object_names_of(&self, job: &Job) -> Result<Vec<String>, Error> {
+        let description = kept(self.description.as_deref())?;
+        let current = description.job.as_ref().unwrap_or(&description.base);
+        let mut scene = if job.has_scene_of(current) { description.imported.clone() } else { job.load_scene()? }.scene;
+        // Its image takes time to read, and contains no object.
+        let mut job = job.clone();
+        job.environment = None;
+        job.apply_overrides(&mut scene)?;
+        Ok(scene.instances.into_iter().filter(|object| !object.meshes.is_empty()).map(|object| object.name).collect())
+    }
+
+    /// The size of a unit of the vertices of an object along its three axes \[m\], after the import and before the job
+    /// changes the object: by the unit of its file and the scales of its nodes. A copy `part 3` has that of `part`. 1 for
+    /// objects that the scene files do not have, and along axes without an extent.
+    pub fn imported_scale_of(&self, name: &str) -> DVec3 {
+        let Some(description) = self.description.as_deref() else { return DVec3::ONE };
+        let objects = &description.imported.scene.instances;
+        let without_number = |name: &str| {
+            let (rest, number) = name.rsplit_once(' ')?;
+            number.bytes().all(|b| b.is_ascii_digit()).then(|| rest.to_owned())
+        };
+        let names = std::iter::successors(Some(name.to_owned()), |name| without_number(name));
+        let found = names.filter_map(|name| objects.iter().find(|object| object.name == name)).next();
+        let length = |axis: DVec3| Some(axis.length()).filter(|v| *v > 0.0 && v.is_finite()).unwrap_or(1.0);
+        found.map_or(DVec3::ONE, |object| {
+            let axes = &object.to_world.matrix3;
+            DVec3::new(length(axes.x_axis), length(axes.y_axis), length(axes.z_axis))
+        })
     }
 
     fn change_to(
