@@ -3,6 +3,7 @@
 use crate::defects::{DefectKind, DefectSpec, PlacedDefect, add_defect};
 use crate::distribution::{Distribution, Fault, Named, Template};
 use crate::draws::Draws;
+use crate::names::ObjectNames;
 use crate::study::{Names, Study};
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_io::quantity::{Angle, Length};
@@ -189,6 +190,10 @@ impl DefectEntry {
         for number in 1..=count {
             let place = format!("{prefix}[{number}]");
             let settings = self.settings(&place, draws, &mut named, &mut record).map_err(at)?;
+            // An image may lack the objects of a defect, and then has no such defect.
+            if !scene.instances.iter().any(|object| settings.on.match_name(&object.name)) {
+                continue;
+            }
             let kind = settings.kind;
             let spec = self.spec(settings, self.object_name(number), scene).map_err(at)?;
             let mut stream = draws.stream(&format!("{place}.place"));
@@ -242,13 +247,13 @@ impl DefectEntry {
             .map_err(|e: toml::de::Error| Fault::new(e.message(), "see docs/datasets.md for the keys of defects"))
     }
 
-    /// Checks the entry before the first image: its keys, and that its objects exist among `names`.
-    pub(crate) fn check(&self, study: &Study, names: &[String]) -> Result<(), (usize, Fault)> {
+    /// Checks the entry before the first image: its keys, and that an image has its objects.
+    pub(crate) fn check(&self, study: &Study, names: &mut ObjectNames<'_>) -> Result<(), (usize, Fault)> {
         self.check_count(study, 0)?;
         let draws = study.draws(0);
         let place = format!("defect[{}][1]", self.name);
         let settings = self.settings(&place, draws, &mut study.named(draws), &mut |_, _| {});
-        let checked = settings.and_then(|settings| match names.iter().any(|name| settings.on.match_name(name)) {
+        let checked = settings.and_then(|settings| match names.any(|name| settings.on.match_name(name)) {
             true => Ok(()),
             false => Err(no_object()),
         });

@@ -1,6 +1,7 @@
 //! The files of an image: pictures, layers of labels, annotations.
 
 use crate::coco::{Annotation, CompressedRle, Segmentation as Shape};
+use crate::keypoints::InstancePoints;
 use crate::labels::LabelPlanes;
 use crate::outline::outline;
 use crate::pinhole::Pinhole;
@@ -34,6 +35,9 @@ pub(crate) struct ImageLabels {
     /// The camera without its lens errors; `None` for a telecentric lens.
     pub(crate) camera: Option<Pinhole>,
     pub(crate) poses: Vec<Pose>,
+    /// The key points of all objects of the image that have some, also of hidden ones.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) keypoints: Vec<InstancePoints>,
 }
 
 /// The pose of an object in the frame of the camera.
@@ -143,6 +147,7 @@ pub(crate) fn annotations(
     settings: &LabelSettings,
     planes: &LabelPlanes,
     instances: &[InstanceRecord],
+    points: &[InstancePoints],
 ) -> Vec<Annotation> {
     if settings.coco == Segmentation::None {
         return Vec::new();
@@ -153,6 +158,7 @@ pub(crate) fn annotations(
     (instances.iter())
         .filter_map(|record| {
             let rle = runs.get(&record.id)?;
+            let points = points.iter().find(|points| points.instance == record.id);
             let is_inside = |x: usize, y: usize| mask.data().get(y * width as usize + x) == Some(&record.id);
             let polygons = match settings.coco {
                 Segmentation::Polygon => outline(record.bbox, is_inside).exact(),
@@ -172,18 +178,22 @@ pub(crate) fn annotations(
                 visible_fraction: if record.amodal > 0.0 { (record.visible / record.amodal).min(1.0) } else { 0.0 },
                 cnr: record.cnr,
                 size_mm: record.size_mm,
-                keypoints: None,
-                num_keypoints: None,
+                keypoints: points.map(InstancePoints::coco),
+                num_keypoints: points.map(InstancePoints::in_film),
             })
         })
         .collect()
 }
 
-/// The lines of YOLO of an image: the class is the id of the category less one.
-pub(crate) fn yolo(instances: &[InstanceRecord], [width, height]: [u32; 2]) -> String {
+/// The lines of YOLO of an image: the class is the id of the category less one. Instances with key points have them behind
+/// their box.
+pub(crate) fn yolo(instances: &[InstanceRecord], points: &[InstancePoints], [width, height]: [u32; 2]) -> String {
     let lines = instances.iter().filter(|record| record.area > 0).filter_map(|record| {
         let class = usize::from(record.category).checked_sub(1)?;
-        crate::yolo::line(class, record.bbox.map(f64::from), width, height)
+        let points = points.iter().find(|points| points.instance == record.id);
+        let points = points.iter().flat_map(|points| &points.points).map(|point| (point.x, point.y, point.v));
+        let line = crate::yolo::line(class, record.bbox.map(f64::from), width, height)?;
+        Some(line + &crate::yolo::keypoints(points, width, height))
     });
     lines.map(|line| line.trim_end().to_owned() + "\n").collect()
 }

@@ -1,6 +1,8 @@
 //! Ids of instances: stable over a whole set, in any order of its images.
 
-use crate::study::{LabelEntry, Study};
+use crate::label_entry::{KeyPoint, LabelEntry};
+use crate::names::ObjectNames;
+use crate::study::Study;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use twox_hash::XxHash3_64;
@@ -16,6 +18,12 @@ pub(crate) struct Category {
     pub(crate) id: u16,
     pub(crate) name: String,
     pub(crate) is_defect: bool,
+    /// Names of the key points of its objects.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) keypoints: Vec<String>,
+    /// Pairs of key points that a line joins, as positions in `keypoints` from 1.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) skeleton: Vec<[u32; 2]>,
 }
 
 /// An instance of a category.
@@ -31,7 +39,7 @@ pub(crate) struct Instance {
 }
 
 /// The categories and instances of a set.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Ids {
     pub(crate) categories: Vec<Category>,
     pub(crate) instances: Vec<Instance>,
@@ -48,22 +56,31 @@ pub(crate) struct ObjectLabel {
 }
 
 impl Ids {
-    /// The ids of a study. `names` are the objects of its first image without defects, and `slots` are the category and the
-    /// name of each defect that an image may have.
+    /// The ids of a study. `names` are the objects of its images without defects, and `slots` are the category and the name
+    /// of each defect that an image may have. The ids are a function of the study, and do not depend on the number of its
+    /// images.
     ///
     /// # Errors
     /// A pattern that matches no object, and more instances than ids: the number of the entry of `[[study.label]]`, and the
     /// problem.
-    pub(crate) fn new(study: &Study, names: &[String], slots: &[(String, String)]) -> Result<Self, (usize, String)> {
+    pub(crate) fn new(
+        study: &Study,
+        names: &mut ObjectNames<'_>,
+        slots: &[(String, String)],
+    ) -> Result<Self, (usize, String)> {
         let mut ids = Self::default();
         for (i, entry) in study.label.iter().enumerate() {
             let category = ids.category(&entry.category, false);
-            let matching: Vec<&String> = names.iter().filter(|name| entry.objects.match_name(name)).collect();
-            let is_matched = |pattern: &String| names.iter().any(|n| dunkelfeld_io::job::matches(pattern, n));
-            if let Some(pattern) = entry.objects.patterns().iter().find(|pattern| !is_matched(pattern)) {
-                return Err((i, format!("no object is called \"{pattern}\"")));
+            if let Some(known) = ids.categories.iter_mut().find(|c| c.id == category) {
+                known.keypoints = entry.keypoints.iter().map(|point| point.name.clone()).collect();
+                known.skeleton.clone_from(&entry.skeleton);
             }
-            for name in matching {
+            for pattern in entry.objects.patterns() {
+                if !names.any(|name| dunkelfeld_io::job::matches(pattern, name)) {
+                    return Err((i, format!("no object is called \"{pattern}\"")));
+                }
+            }
+            for name in names.listed().iter().filter(|name| entry.objects.match_name(name)) {
                 ids.add(name, category);
             }
             ids.patterns.push((entry.clone(), category));
@@ -86,7 +103,8 @@ impl Ids {
             }
             None => {
                 let id = self.categories.len() as u16 + 1;
-                self.categories.push(Category { id, name: name.to_owned(), is_defect });
+                let (keypoints, skeleton) = Default::default();
+                self.categories.push(Category { id, name: name.to_owned(), is_defect, keypoints, skeleton });
                 id
             }
         }
@@ -100,8 +118,14 @@ impl Ids {
         }
     }
 
+    /// The key points of an object that is no defect.
+    pub(crate) fn keypoints(&self, name: &str) -> &[KeyPoint] {
+        let found = self.patterns.iter().find(|(entry, _)| entry.objects.match_name(name));
+        found.map_or(&[], |(entry, _)| &entry.keypoints)
+    }
+
     /// The labels of the objects of one image, by the index of the object. Objects of the same name share a label. An
-    /// object that the first image does not have gets an id from a hash of its name.
+    /// object without an id of its own gets one from a hash of its name.
     ///
     /// # Errors
     /// Two names with the same hash.

@@ -6,20 +6,24 @@ use crate::distribution::Fault;
 use crate::encode;
 use crate::ids::{Ids, ObjectLabel};
 use crate::inputs::input_records;
+use crate::keypoints::{InstancePoints, PointObject, film_points};
 use crate::labels::{LabelCamera, LabelLayers, LabelObjects, LabelPlanes, PixelBox, trace_labels};
+use crate::names::ObjectNames;
 use crate::pinhole::{Pinhole, image_box, object_pose};
 use crate::placement::Placement;
 use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, Record};
 use crate::set::Set;
+use crate::stable::Hulls;
 use crate::study::{DrawnJob, MAX_COUNT, Study};
 use crate::visibility::{Bounds, Exposed, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{Budget, Cancel, DenoiseMethod, Error, Project, ProjectResult, Session, Silent, Stage};
-use dunkelfeld_geometry::{DAffine3, DVec3};
+use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::InputFiles;
-use std::collections::BTreeMap;
+use dunkelfeld_scene::RayGenerator;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 use std::sync::Arc;
 use std::time::Instant;
@@ -31,6 +35,7 @@ pub struct Worker {
     project: Project,
     ids: Ids,
     entries: Vec<DefectEntry>,
+    hulls: Hulls,
     session: Session<'static>,
     threads: usize,
 }
@@ -64,8 +69,10 @@ struct SceneParts {
     boxes: Vec<[DVec3; 2]>,
     /// The bounds of each labelled object in the world.
     labelled: Vec<[DVec3; 2]>,
-    /// The transform of each object to the world, by its index.
-    poses: Vec<DAffine3>,
+    /// The transform of each object to the world and its motion, by its index.
+    poses: Vec<(DAffine3, RigidMotion)>,
+    /// The diagonal of the bounds of each object with key points, by its index.
+    pointed: BTreeMap<usize, f64>,
 }
 
 impl Worker {
@@ -78,9 +85,12 @@ impl Worker {
         let project = Project::from_text(study.job_path(), &job.text).map_err(|e| in_study(study, e, 0))?;
         let at = |(number, fault): (usize, Fault)| study.error(fault, &["study", "defect", &number.to_string()]);
         let entries = entries(study).map_err(at)?;
-        entries.iter().try_for_each(|entry| entry.check(study, project.scene.object_names()).map_err(at))?;
+        let mut names = ObjectNames::new(study, &project);
+        entries.iter().try_for_each(|entry| entry.check(study, &mut names).map_err(at))?;
+        Placement::check(study, &mut names)
+            .map_err(|(number, fault)| study.error(fault, &["study", "place", &number.to_string()]))?;
         let slots: Vec<(String, String)> = entries.iter().flat_map(DefectEntry::slots).collect();
-        let ids = Ids::new(study, project.scene.object_names(), &slots).map_err(|(number, problem)| {
+        let ids = Ids::new(study, &mut names, &slots).map_err(|(number, problem)| {
             let fault = Fault::new(problem, "`dunkelfeld inspect` lists the objects");
             study.error(fault, &["study", "label", &number.to_string(), "objects"])
         })?;
@@ -89,7 +99,16 @@ impl Worker {
             let fault = Fault::new(problem, "use at most 255 categories, or only `masks`");
             return Err(study.error(fault, &["study", "labels", "semantic"]).into());
         }
-        Ok(Self { study: study.clone(), project, ids, entries, session: Session::new(threads)?, threads })
+        let counts: BTreeSet<usize> = ids.categories.iter().map(|category| category.keypoints.len()).collect();
+        if study.labels.yolo && counts.len() > 1 {
+            let fault = Fault::new(
+                "YOLO has the same number of key points in all categories, and those of the study differ",
+                "give all categories, also those of defects, the same number, or write `yolo = false`",
+            );
+            return Err(study.error(fault, &["study", "labels", "yolo"]).into());
+        }
+        let session = Session::new(threads)?;
+        Ok(Self { study: study.clone(), project, ids, entries, hulls: Hulls::default(), session, threads })
     }
 
     /// The categories and instances of the set.
@@ -146,10 +165,16 @@ impl Worker {
 
     /// Changes the scene to that of an image.
     fn change_scene(&mut self, index: u64, job: &mut DrawnJob) -> Result<SceneParts, Error> {
-        let (study, entries, ids) = (&self.study, &self.entries, &self.ids);
+        let (study, entries, ids, hulls) = (&self.study, &self.entries, &self.ids, &mut self.hulls);
         let draws = study.draws(index);
         let drawn = &mut job.drawn;
-        let mut parts = SceneParts { defects: Vec::new(), boxes: Vec::new(), labelled: Vec::new(), poses: Vec::new() };
+        let mut parts = SceneParts {
+            defects: Vec::new(),
+            boxes: Vec::new(),
+            labelled: Vec::new(),
+            poses: Vec::new(),
+            pointed: BTreeMap::new(),
+        };
         let changed = self.project.set_job(&job.text, |scene| {
             for (number, template) in study.place.iter().enumerate() {
                 let at = |fault: Fault| {
@@ -163,7 +188,7 @@ impl Worker {
                         drop(record.insert(n.to_owned(), v.clone()))
                     })
                     .map_err(at)?;
-                Placement::parse(value).and_then(|p| p.apply(scene, draws, &mut record)).map_err(at)?;
+                Placement::parse(value).and_then(|p| p.apply(scene, draws, hulls, &mut record)).map_err(at)?;
                 drawn.append(&mut record);
             }
             for entry in entries {
@@ -180,10 +205,24 @@ impl Worker {
             let labels = ids.label(&names).unwrap_or_default();
             let labelled = scene.instances.iter().zip(&labels).filter(|(_, label)| label.is_some());
             parts.labelled = labelled.filter_map(|(instance, _)| scene.bounds_of(instance)).collect();
-            parts.poses = scene.instances.iter().map(|instance| instance.to_world).collect();
+            parts.poses = scene.instances.iter().map(|instance| (instance.to_world, instance.motion)).collect();
+            let pointed = scene.instances.iter().enumerate().filter(|(i, object)| {
+                let has_label = labels.get(*i).is_some_and(Option::is_some) && !is_defect(&object.name);
+                has_label && !ids.keypoints(&object.name).is_empty()
+            });
+            let diagonals = pointed.filter_map(|(i, object)| Some((i, scene.bounds_of(object)?)));
+            parts.pointed = diagonals.map(|(i, [low, high])| (i, low.distance(high))).collect();
             Ok(())
         });
         changed.map_err(|e| in_study(study, e, index))?;
+        let cameras = self.project.scene.cameras();
+        if let Some(name) = job.camera.as_ref().filter(|name| !cameras.iter().any(|camera| camera.name == **name)) {
+            let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
+            let problem = format!("image {index}: there is no camera \"{name}\"");
+            let fault = Fault::new(problem, format!("the cameras are {}", names.join(", ")));
+            return Err(study.error(fault, study.camera_key()).into());
+        }
+        self.project.settings.camera.clone_from(&job.camera);
         Ok(parts)
     }
 
@@ -226,6 +265,7 @@ impl Worker {
         let on_film = LabelObjects { labels: &objects, bounds: &parts.labelled, refined: &refined };
         let planes = self.session.install(|| trace_labels(scene, labelled, on_film, layers));
         let instances = self.instances(&planes, parts, &objects, result);
+        let points = self.keypoints(parts, &objects, &rays, size);
         let label = began.elapsed().as_secs_f64();
 
         let began = Instant::now();
@@ -235,7 +275,7 @@ impl Worker {
         encode::images(&mut files, &name, &study.images, &result.frame)?;
         let categories: BTreeMap<u16, u16> = instances.iter().map(|i| (i.id, i.category)).collect();
         encode::labels(&mut files, &name, wanted, &planes, &categories)?;
-        let mut annotations: Vec<Annotation> = encode::annotations(index, wanted, &planes, &instances);
+        let mut annotations: Vec<Annotation> = encode::annotations(index, wanted, &planes, &instances, &points);
         let file_name = files.iter().find(|(n, _)| n.starts_with("images/") || n.starts_with("linear/"));
         let file_name = file_name.map(|(n, _)| n.clone()).unwrap_or_default();
         let pinhole = Pinhole::new(&camera, size);
@@ -244,15 +284,25 @@ impl Worker {
             .filter_map(|(i, label)| {
                 let ObjectLabel { instance, .. } = (*label)?;
                 let is_in_film = instances.iter().any(|r| r.id == instance && r.defect.is_none());
-                let pose = object_pose(camera.to_world, *parts.poses.get(i as usize)?).filter(|_| is_in_film)?;
+                let pose = object_pose(camera.to_world, parts.poses.get(i as usize)?.0).filter(|_| is_in_film)?;
                 Some(encode::Pose::new(instance, pose))
             })
             .collect();
         annotations.sort_by_key(|a| a.instance);
-        let labels = encode::ImageLabels { index, file_name, width, height, annotations, camera: pinhole, poses };
+        let yolo = wanted.yolo.then(|| encode::yolo(&instances, &points, size));
+        let labels = encode::ImageLabels {
+            index,
+            file_name,
+            width,
+            height,
+            annotations,
+            camera: pinhole,
+            poses,
+            keypoints: points,
+        };
         files.push((format!("labels/{name}.json"), encode::json(&labels)));
-        if wanted.yolo {
-            files.push((format!("labels/{name}.txt"), encode::yolo(&instances, size).into_bytes()));
+        if let Some(yolo) = yolo {
+            files.push((format!("labels/{name}.txt"), yolo.into_bytes()));
         }
         let certificate = exposed.and_then(|s| s.certified.as_ref()).map(|certified| {
             let c = &certified.certificate;
@@ -282,6 +332,33 @@ impl Worker {
         };
         let cost = Cost { label, write: began.elapsed().as_secs_f64(), ..Cost::default() };
         Ok(Made { record, files, cost })
+    }
+
+    /// The key points of the objects of an image, by instance. Of objects with one name the first counts.
+    fn keypoints(
+        &self,
+        parts: &SceneParts,
+        objects: &[Option<ObjectLabel>],
+        rays: &RayGenerator,
+        size: [u32; 2],
+    ) -> Vec<InstancePoints> {
+        let scene = &self.project.scene;
+        let mut found: BTreeMap<u16, InstancePoints> = BTreeMap::new();
+        for (&index, &diagonal) in &parts.pointed {
+            let (Some(Some(label)), Some(name)) = (objects.get(index), scene.object_names().get(index)) else {
+                continue;
+            };
+            let Some(&(to_world, motion)) = parts.poses.get(index).filter(|_| !found.contains_key(&label.instance))
+            else {
+                continue;
+            };
+            // Key points have true lengths, and vertices those of their file.
+            let to_world = to_world * DAffine3::from_scale(self.project.imported_scale_of(name).recip());
+            let object = PointObject { index: index as u32, to_world, motion, diagonal };
+            let points = film_points(scene, rays, size, &object, self.ids.keypoints(name));
+            found.insert(label.instance, InstancePoints { instance: label.instance, name: name.clone(), points });
+        }
+        found.into_values().collect()
     }
 
     fn instances(

@@ -2,13 +2,16 @@
 
 use crate::distribution::Fault;
 use crate::draws::{Draws, uniform};
-use crate::study::Names;
+use crate::names::ObjectNames;
+use crate::stable::{Hulls, choose};
+use crate::study::{Names, Study};
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3};
 use dunkelfeld_io::quantity::{Angle, Length};
 use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::SceneBuilder;
 use serde::Deserialize;
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 use toml::Value;
 
 /// Places that are tried for an object before the placement is given up.
@@ -24,7 +27,11 @@ pub(crate) struct Placement {
     center: [Length; 3],
     /// Edges of the region along x, y and z \[m\]. With a height of 0 the objects rest on a plane.
     size: [Length; 3],
+    /// The orientation of an object before its rotation about the vertical. Default `"given"`.
+    #[serde(default)]
+    rest: Rest,
     /// Range of the rotation about the vertical through the centre of the object: from minus half of it to plus half of it.
+    /// Default 0, and a full turn with stable poses.
     #[serde(default)]
     turn: Option<Angle>,
     /// Least distance between the objects that are placed \[m\]. Default 0.
@@ -33,6 +40,17 @@ pub(crate) struct Placement {
     /// May objects that are placed overlap? Default false.
     #[serde(default)]
     overlap: bool,
+}
+
+/// The orientation of an object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Rest {
+    /// That of the job.
+    #[default]
+    Given,
+    /// A stable pose on a plane, with its probability after a drop.
+    Stable,
 }
 
 /// A vertical cylinder around an object that was placed.
@@ -63,25 +81,53 @@ impl Placement {
         Ok(placement)
     }
 
+    /// Checks the entries of a study before the first image: their keys, and that an image has their objects.
+    ///
+    /// # Errors
+    /// The number of the entry, and the fault.
+    pub(crate) fn check(study: &Study, names: &mut ObjectNames<'_>) -> Result<(), (usize, Fault)> {
+        let draws = study.draws(0);
+        for (number, template) in study.place.iter().enumerate() {
+            let at = |fault: Fault| (number, fault);
+            let drawn = template.draw(draws, &format!("place[{number}]"), &mut study.named(draws), &mut |_, _| {});
+            let placement = drawn.and_then(Self::parse).map_err(at)?;
+            if !names.any(|name| placement.objects.match_name(name)) {
+                let help = "`dunkelfeld inspect` lists the objects";
+                return Err(at(Fault::new("no object has such a name", help).below("objects")));
+            }
+        }
+        Ok(())
+    }
+
     /// Moves the objects. An object lies in the region with its whole bounds, which rest on the drawn height; two of them
-    /// never share a part of the vertical cylinders around their bounds. `drawn` receives position and rotation.
+    /// never share a part of the vertical cylinders around their bounds. `drawn` receives the position, the rotation, and the
+    /// stable pose.
     pub(crate) fn apply(
         &self,
         scene: &mut SceneBuilder,
         draws: Draws,
+        hulls: &mut Hulls,
         drawn: &mut BTreeMap<String, Value>,
     ) -> Result<(), Fault> {
         let found: Vec<usize> =
             (0..scene.instances.len()).filter(|i| self.objects.match_name(&scene.instances[*i].name)).collect();
-        if found.is_empty() {
-            return Err(
-                Fault::new("no object has such a name", "`dunkelfeld inspect` lists the objects").below("objects")
-            );
-        }
         let mut occupied: Vec<Occupied> = Vec::new();
         for i in found {
             let name = scene.instances[i].name.clone();
             let mut stream = draws.stream(&format!("place[{name}]"));
+            if self.rest == Rest::Stable {
+                let poses = hulls.stable_poses(scene, &scene.instances[i]).map_err(|problem| {
+                    let problem = format!("\"{name}\" has no stable pose: {problem}");
+                    Fault::new(problem, "write `rest = \"given\"` for it").below("rest")
+                })?;
+                let pose = choose(&poses, draws.uniform(&format!("place[{name}].rest")));
+                if let Some(pose) = pose {
+                    let object = &mut scene.instances[i];
+                    object.to_world = DAffine3::from_quat(pose.rotation()) * object.to_world;
+                    drawn.insert(format!("place[{name}].face"), Value::Integer(pose.face as i64));
+                    drawn.insert(format!("place[{name}].probability"), Value::Float(pose.probability));
+                }
+            }
             let Some([low, high]) = scene.bounds_of(&scene.instances[i]) else { continue };
             let center = (low + high) * 0.5;
             let shape =
@@ -111,9 +157,10 @@ impl Placement {
             return None;
         }
         let clearance = self.clearance.map_or(0.0, |c| c.0);
+        let range = self.turn.map(|turn| turn.0).or((self.rest == Rest::Stable).then_some(TAU));
         for _ in 0..TRIES {
             let place = [(); 3].map(|()| 2.0 * uniform(stream) - 1.0);
-            let angle = self.turn.map_or(0.0, |turn| turn.0 * (uniform(stream) - 0.5));
+            let angle = range.map_or(0.0, |range| range * (uniform(stream) - 0.5));
             let bottom = middle + DVec3::from(place) * room;
             let at = Occupied { center: bottom + DVec3::Y * shape.half, ..shape };
             let is_free = |other: &Occupied| {

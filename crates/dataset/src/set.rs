@@ -308,7 +308,9 @@ impl Set {
             }
         }
         if self.has_file("data.yaml") {
-            let text = crate::yolo::data_yaml(self.manifest.categories.iter().map(|c| c.name.as_str()));
+            let names = self.manifest.categories.iter().map(|c| c.name.as_str());
+            let keypoints = self.manifest.categories.first().map_or(0, |c| c.keypoints.len());
+            let text = crate::yolo::data_yaml(names, keypoints);
             visit("data.yaml", &|out| out.write_all(text.as_bytes()))?;
         }
         if self.has_file("sheet.png") {
@@ -335,8 +337,8 @@ impl Set {
                 id: u32::from(c.id),
                 name: c.name.clone(),
                 supercategory: if c.is_defect { "defect" } else { "object" }.into(),
-                keypoints: None,
-                skeleton: None,
+                keypoints: (!c.keypoints.is_empty()).then(|| c.keypoints.clone()),
+                skeleton: (!c.keypoints.is_empty()).then(|| c.skeleton.clone()),
             })
             .collect();
         let (mut cameras, mut poses) = (BTreeMap::new(), BTreeMap::new());

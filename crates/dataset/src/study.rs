@@ -4,6 +4,7 @@ use crate::defect::entries;
 use crate::distribution::{Fault, Named, Template};
 use crate::draws::Draws;
 use crate::named::NamedDraws;
+use crate::label_entry::{self, LabelEntry};
 use dunkelfeld::Error;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::{InputFiles, Role};
@@ -47,6 +48,9 @@ struct StudySettings {
     /// `"one"`, `"each"`, or the number of images in a row that come from the same device. Default `"one"`.
     #[serde(default)]
     device: Device,
+    /// Name of the camera of the images.
+    #[serde(default)]
+    camera: Option<Value>,
     /// Named draws.
     #[serde(default)]
     draw: Table,
@@ -179,16 +183,6 @@ pub(crate) enum Segmentation {
     None,
 }
 
-/// `[[study.label]]`: objects that are labelled.
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct LabelEntry {
-    /// Name of the category.
-    pub(crate) category: String,
-    /// Names or patterns of objects. Each object is an instance.
-    pub(crate) objects: Names,
-}
-
 /// One name or several.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(untagged, expecting = "expected a name in quotes, or a list of names")]
@@ -232,8 +226,10 @@ pub struct Study {
     pub(crate) defect: Vec<Template>,
     /// The named draws.
     draw: BTreeMap<String, Template>,
+    /// Name of the camera of the images.
+    camera: Option<Template>,
     /// The keys of the job, as far as the study has them.
-    template: Template,
+    pub(crate) template: Template,
     /// The keys of the named job.
     base: Table,
     source: TomlFile,
@@ -252,6 +248,8 @@ pub(crate) struct DrawnJob {
     pub(crate) drawn: BTreeMap<String, Value>,
     pub(crate) seed: u64,
     pub(crate) frame: u32,
+    /// Name of the camera, where the job does not select it.
+    pub(crate) camera: Option<String>,
 }
 
 impl Study {
@@ -298,6 +296,7 @@ impl Study {
             let parsed = Template::parse(value).map_err(|e| at(e, &["study", "draw", &name]))?;
             draw.insert(name, parsed);
         }
+        let camera = study.camera.map(Template::parse).transpose().map_err(|e| at(e, &["study", "camera"]))?;
         let list = |key: &str, tables: Vec<Table>| -> Result<Vec<Template>, InputError> {
             (tables.into_iter().enumerate())
                 .map(|(i, table)| {
@@ -358,6 +357,7 @@ impl Study {
             place,
             defect,
             draw,
+            camera,
             template,
             base,
             hash: format!("{:032x}", XxHash3_128::oneshot(text.as_bytes())),
@@ -372,9 +372,8 @@ impl Study {
 
     /// Names of draws that do not exist are found before the first image.
     fn check_names(&self) -> Result<(), InputError> {
-        if self.label.iter().any(|label| label.category.is_empty()) {
-            return Err(self.source.error_at_key(&["study", "label"], "a category has no name", "write `category`"));
-        }
+        label_entry::check(&self.label)
+            .map_err(|(number, fault)| self.error(fault, &["study", "label", &number.to_string()]))?;
         self.job(0).map(drop)?;
         Ok(())
     }
@@ -390,8 +389,21 @@ impl Study {
             named.value(name).map_err(|e| self.error(e, &["study", "draw", name]))?;
         }
         drawn.extend(named.values.iter().map(|(name, value)| (format!("draw.{name}"), value.clone())));
+        let selected = self.camera.as_ref().map(|camera| {
+            let chosen =
+                camera.draw(draws, "camera", &mut named, &mut |n, v| drop(drawn.insert(n.to_owned(), v.clone())));
+            chosen.and_then(|name| name.as_str().map(str::to_owned).ok_or_else(no_camera_name))
+        });
+        let mut selected = selected.transpose().map_err(|e| self.error(e, &["study", "camera"]))?;
         let mut table = self.base.clone();
-        if let Value::Table(own) = value {
+        if let Value::Table(mut own) = value {
+            // A name selects one of the cameras of the job, and does not replace them.
+            if let (Some(Value::String(name)), Some(Value::Array(_) | Value::Table(_))) =
+                (own.get("camera"), table.get("camera"))
+            {
+                selected.get_or_insert(name.clone());
+                own.remove("camera");
+            }
             if own.contains_key("budget") {
                 // Limits of the job would end the images as well.
                 table.remove("budget");
@@ -416,7 +428,12 @@ impl Study {
         let text = toml::to_string(&table).map_err(|e| {
             InputError::new(self.source.path(), "the study", format!("makes no job: {e}"), "check its values")
         })?;
-        Ok(DrawnJob { text, drawn, seed, frame })
+        Ok(DrawnJob { text, drawn, seed, frame, camera: selected })
+    }
+
+    /// The key that selects the camera.
+    pub(crate) fn camera_key(&self) -> &[&str] {
+        if self.camera.is_some() { &["study", "camera"] } else { &["camera"] }
     }
 
     pub(crate) fn draws(&self, index: u64) -> Draws {
@@ -496,6 +513,10 @@ impl Study {
             ..error
         }
     }
+}
+
+fn no_camera_name() -> Fault {
+    Fault::new("not the name of a camera", "write the name of a camera, or a distribution over names")
 }
 
 #[cfg(test)]

@@ -18,13 +18,27 @@ pub(crate) fn line(class: usize, bbox: [f64; 4], width: u32, height: u32) -> Opt
     Some(format!("{class} {cx:.6} {cy:.6} {w:.6} {h:.6}"))
 }
 
-/// The text of `data.yaml`: the folder of the images and the names of the classes by their numbers.
+/// The end of a line with key points: ` x y v` for each of them. The places [px] become fractions of `width` and `height`
+/// of the image [px], with six decimals.
+pub(crate) fn keypoints(points: impl IntoIterator<Item = (f64, f64, u8)>, width: u32, height: u32) -> String {
+    let mut text = String::new();
+    for (x, y, v) in points {
+        _ = write!(text, " {:.6} {:.6} {v}", x / f64::from(width), y / f64::from(height));
+    }
+    text
+}
+
+/// The text of `data.yaml`: the folder of the images and the names of the classes by their numbers. With key points it has
+/// `kpt_shape`: their number, and three numbers for each.
 ///
 /// The file belongs into the folder that contains `images` and `labels`. It has no key `path`: readers then use the
 /// folder of the file. Training and validation both use `images`, because readers require both keys. Names can contain
 /// any characters.
-pub(crate) fn data_yaml<S: AsRef<str>>(names: impl IntoIterator<Item = S>) -> String {
+pub(crate) fn data_yaml<S: AsRef<str>>(names: impl IntoIterator<Item = S>, keypoints: usize) -> String {
     let mut text = "train: images\nval: images\n".to_owned();
+    if keypoints > 0 {
+        _ = writeln!(text, "kpt_shape: [{keypoints}, 3]");
+    }
     let mut lines = String::new();
     for (class, name) in names.into_iter().enumerate() {
         // Writing to a string cannot fail.
@@ -91,9 +105,17 @@ mod tests {
     }
 
     #[test]
+    fn key_points_become_fractions() {
+        assert_eq!(keypoints([(2.0, 3.0, 2), (0.0, 0.0, 0)], 8, 16), " 0.250000 0.187500 2 0.000000 0.000000 0");
+        assert_eq!(keypoints([], 8, 16), "");
+        let yaml = data_yaml(["part"], 4);
+        assert_eq!(yaml, "train: images\nval: images\nkpt_shape: [4, 3]\nnames:\n  0: \"part\"\n");
+    }
+
+    #[test]
     fn names_are_quoted() {
-        assert_eq!(data_yaml(["screw", "no"]), "train: images\nval: images\nnames:\n  0: \"screw\"\n  1: \"no\"\n");
-        assert_eq!(data_yaml([""; 0]), "train: images\nval: images\nnames: {}\n");
+        assert_eq!(data_yaml(["screw", "no"], 0), "train: images\nval: images\nnames:\n  0: \"screw\"\n  1: \"no\"\n");
+        assert_eq!(data_yaml([""; 0], 0), "train: images\nval: images\nnames: {}\n");
         assert_eq!(quoted("a: \"b\" \\ #c"), r##""a: \"b\" \\ #c""##);
         assert_eq!(
             quoted("x\ny\t\0\u{85}\u{2028}\u{feff}\u{ffff}"),

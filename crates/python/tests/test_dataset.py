@@ -301,6 +301,46 @@ def test_pycocotools_has_the_masks_of_the_set(folder: Path) -> None:
     assert seen == sum(len(item["annotations"]) for item in reader) > 5
 
 
+def test_pycocotools_scores_the_key_points(study: Study, tmp_path: Path) -> None:
+    tools = pytest.importorskip("pycocotools.coco")
+    evaluation = pytest.importorskip("pycocotools.cocoeval")
+    points = '''keypoints = [
+        { name = "centre", at = [0, 0, 0] }, { name = "edge", at = ["5mm", 0, 0] }, { name = "top", at = [0, "3mm", 0] }]
+    skeleton = [[1, 2], [1, 3]]
+    '''
+    text = study.path.read_text().replace("yolo = true", "yolo = false")
+    path = tmp_path / "study.toml"
+    path.write_text(text.replace('objects = "block *"\n[[study.label]]', f'objects = "block *"\n{points}[[study.label]]'))
+    folder = tmp_path / "set"
+    Study(path).run(folder)
+    coco = tools.COCO(str(folder / "coco.json"))
+    block, ball = coco.loadCats(coco.getCatIds())
+    assert block["keypoints"] == ["centre", "edge", "top"] and block["skeleton"] == [[1, 2], [1, 3]]
+    assert "keypoints" not in ball
+    found = []
+    for annotation in coco.loadAnns(coco.getAnnIds(catIds=[block["id"]])):
+        places = np.array(annotation["keypoints"]).reshape(3, 3)
+        assert annotation["num_keypoints"] == (places[:, 2] > 0).sum()
+        # The centre of a block is inside of it, and the middle of block 1 is hidden under its upper side.
+        assert set(places[:, 2]) <= {0, 1, 2} and places[0, 2] < 2
+        left, top, width, height = annotation["bbox"]
+        if places[0, 2] and left > 0 and top > 0 and left + width < 64 and top + height < 48:
+            assert left - 1 < places[0, 0] < left + width + 1 and top - 1 < places[0, 1] < top + height + 1
+        found.append({
+            "image_id": annotation["image_id"], "category_id": block["id"], "keypoints": annotation["keypoints"],
+            "score": 1.0,
+        })  # fmt: skip
+    assert len(found) >= 5
+    score = evaluation.COCOeval(coco, coco.loadRes(found), "keypoints")
+    score.params.catIds, score.params.kpt_oks_sigmas = [block["id"]], np.full(3, 0.05)
+    # The areas of this small film are below those of people.
+    score.params.areaRng, score.params.areaRngLbl = [[0, 1e10]] * 3, ["all", "medium", "large"]
+    score.evaluate()
+    score.accumulate()
+    score.summarize()
+    assert score.stats[0] == pytest.approx(1.0)
+
+
 def test_hugging_face_takes_the_items(folder: Path, tmp_path: Path) -> None:
     datasets = pytest.importorskip("datasets")
 

@@ -5,13 +5,14 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 25] = [
+const HOMES: [(&str, &[&str]); 26] = [
     ("axum", &["view"]),
     ("tokio", &["view"]),
     ("tokio-stream", &["view"]),
     ("rayon", &["render", "dunkelfeld", "studies", "bvh", "dataset"]),
     ("obvhs", &["bvh"]),
     ("rustc-hash", &["geometry", "bvh", "integrator"]),
+    ("parry3d-f64", &["dataset"]),
     ("maud", &["dataset", "studies"]),
     ("annotate-snippets", &["io"]),
     ("clap", &["cli"]),
