@@ -115,6 +115,8 @@ impl Placement {
         for i in found {
             let name = scene.instances[i].name.clone();
             let mut stream = draws.stream(&format!("place[{name}]"));
+            let Some([low, high]) = scene.bounds_of(&scene.instances[i]) else { continue };
+            let before = (low + high) * 0.5;
             if self.rest == Rest::Stable {
                 let poses = hulls.stable_poses(scene, &scene.instances[i]).map_err(|problem| {
                     let problem = format!("\"{name}\" has no stable pose: {problem}");
@@ -123,7 +125,8 @@ impl Placement {
                 let pose = choose(&poses, draws.uniform(&format!("place[{name}].rest")));
                 if let Some(pose) = pose {
                     let object = &mut scene.instances[i];
-                    object.to_world = DAffine3::from_quat(pose.rotation()) * object.to_world;
+                    let turned = DAffine3::from_rotation_translation(pose.rotation(), before);
+                    object.to_world = turned * DAffine3::from_translation(-before) * object.to_world;
                     drawn.insert(format!("place[{name}].face"), Value::Integer(pose.face as i64));
                     drawn.insert(format!("place[{name}].probability"), Value::Float(pose.probability));
                 }
@@ -140,7 +143,7 @@ impl Placement {
             let turned = DAffine3::from_rotation_translation(DQuat::from_rotation_y(angle), placed.center);
             let object = &mut scene.instances[i];
             object.to_world = turned * DAffine3::from_translation(-center) * object.to_world;
-            for (axis, length) in ["x", "y", "z"].iter().zip((placed.center - center).to_array()) {
+            for (axis, length) in ["x", "y", "z"].iter().zip((placed.center - before).to_array()) {
                 drawn.insert(format!("place[{name}].{axis}"), Value::String(format!("{}mm", length * 1e3)));
             }
             drawn.insert(format!("place[{name}].turn"), Value::String(format!("{}deg", angle.to_degrees())));
