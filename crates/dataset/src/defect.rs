@@ -3,8 +3,9 @@
 use crate::defects::{DefectKind, DefectSpec, PlacedDefect, add_defect};
 use crate::distribution::{Distribution, Fault, Named, Template};
 use crate::draws::Draws;
+use crate::label_entry::Names;
 use crate::names::ObjectNames;
-use crate::study::{Names, Study};
+use crate::study::Study;
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_io::quantity::{Angle, Length};
 use dunkelfeld_radiometry::Rgb;

@@ -1,7 +1,6 @@
 //! `[[study.label]]`: categories of objects, and key points on them.
 
 use crate::distribution::Fault;
-use crate::study::Names;
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_io::quantity::Length;
 use serde::Deserialize;
@@ -23,6 +22,28 @@ pub(crate) struct LabelEntry {
     /// Pairs of key points that a line joins, as positions in `keypoints` from 1.
     #[serde(default)]
     pub(crate) skeleton: Vec<[u32; 2]>,
+}
+
+/// One name or several.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(untagged, expecting = "expected a name in quotes, or a list of names")]
+pub(crate) enum Names {
+    One(String),
+    Several(Vec<String>),
+}
+
+impl Names {
+    pub(crate) fn patterns(&self) -> &[String] {
+        match self {
+            Self::One(name) => std::slice::from_ref(name),
+            Self::Several(names) => names,
+        }
+    }
+
+    /// Does one of the patterns match a name?
+    pub(crate) fn match_name(&self, name: &str) -> bool {
+        self.patterns().iter().any(|pattern| dunkelfeld_io::job::matches(pattern, name))
+    }
 }
 
 /// A key point of an object.

@@ -2,9 +2,10 @@
 
 use crate::distribution::Fault;
 use crate::draws::{Draws, uniform};
+use crate::label_entry::Names;
 use crate::names::ObjectNames;
 use crate::stable::{Hulls, choose};
-use crate::study::{Names, Study};
+use crate::study::Study;
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3};
 use dunkelfeld_io::quantity::{Angle, Length};
 use dunkelfeld_sampling::Pcg;

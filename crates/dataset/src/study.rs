@@ -3,8 +3,8 @@
 use crate::defect::entries;
 use crate::distribution::{Fault, Named, Template};
 use crate::draws::Draws;
+use crate::label_entry::{LabelEntry, check};
 use crate::named::NamedDraws;
-use crate::label_entry::{self, LabelEntry};
 use dunkelfeld::Error;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::{InputFiles, Role};
@@ -183,28 +183,6 @@ pub(crate) enum Segmentation {
     None,
 }
 
-/// One name or several.
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
-#[serde(untagged, expecting = "expected a name in quotes, or a list of names")]
-pub(crate) enum Names {
-    One(String),
-    Several(Vec<String>),
-}
-
-impl Names {
-    pub(crate) fn patterns(&self) -> &[String] {
-        match self {
-            Self::One(name) => std::slice::from_ref(name),
-            Self::Several(names) => names,
-        }
-    }
-
-    /// Does one of the patterns match a name?
-    pub(crate) fn match_name(&self, name: &str) -> bool {
-        self.patterns().iter().any(|pattern| dunkelfeld_io::job::matches(pattern, name))
-    }
-}
-
 #[derive(Deserialize)]
 struct StudyOnly {
     study: StudySettings,
@@ -226,7 +204,6 @@ pub struct Study {
     pub(crate) defect: Vec<Template>,
     /// The named draws.
     draw: BTreeMap<String, Template>,
-    /// Name of the camera of the images.
     camera: Option<Template>,
     /// The keys of the job, as far as the study has them.
     pub(crate) template: Template,
@@ -372,8 +349,7 @@ impl Study {
 
     /// Names of draws that do not exist are found before the first image.
     fn check_names(&self) -> Result<(), InputError> {
-        label_entry::check(&self.label)
-            .map_err(|(number, fault)| self.error(fault, &["study", "label", &number.to_string()]))?;
+        check(&self.label).map_err(|(i, fault)| self.error(fault, &["study", "label", &i.to_string()]))?;
         self.job(0).map(drop)?;
         Ok(())
     }

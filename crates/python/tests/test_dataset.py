@@ -304,13 +304,15 @@ def test_pycocotools_has_the_masks_of_the_set(folder: Path) -> None:
 def test_pycocotools_scores_the_key_points(study: Study, tmp_path: Path) -> None:
     tools = pytest.importorskip("pycocotools.coco")
     evaluation = pytest.importorskip("pycocotools.cocoeval")
-    points = '''keypoints = [
+    points = """keypoints = [
         { name = "centre", at = [0, 0, 0] }, { name = "edge", at = ["5mm", 0, 0] }, { name = "top", at = [0, "3mm", 0] }]
     skeleton = [[1, 2], [1, 3]]
-    '''
+    """
     text = study.path.read_text().replace("yolo = true", "yolo = false")
     path = tmp_path / "study.toml"
-    path.write_text(text.replace('objects = "block *"\n[[study.label]]', f'objects = "block *"\n{points}[[study.label]]'))
+    path.write_text(
+        text.replace('objects = "block *"\n[[study.label]]', f'objects = "block *"\n{points}[[study.label]]')
+    )
     folder = tmp_path / "set"
     Study(path).run(folder)
     coco = tools.COCO(str(folder / "coco.json"))
