@@ -213,6 +213,11 @@ impl Project {
         }
     }
 
+    /// The text of the job as it is now, with its overrides. `None` for a scene without a job.
+    pub fn job_text(&self) -> Option<&str> {
+        self.job.as_ref().map(|job| job.text())
+    }
+
     /// Leaves sums out of the film that neither the outputs nor the denoiser need ([`RenderSettings::layers`]). Call it
     /// after both are set, and only if no other data of the film is needed.
     pub fn keep_needed_layers(&mut self) {

@@ -18,37 +18,31 @@ pub(crate) const OWN_SENSOR: &str = "as in the job";
 /// Films behind cameras that are kept: two states that are compared, and one that changes.
 const KEPT: usize = 4;
 
-/// The sensors that the view knows: that of the job, and the presets. No other file is read for a name.
+/// The sensors that the view knows, by name: that of the job, and the presets. No other file is read for a name.
 #[derive(Clone, Debug)]
-pub(crate) struct Sensors {
-    own: Option<Box<SensorModel>>,
-}
+pub(crate) struct Sensors(Arc<[(String, SensorModel)]>);
 
 impl Sensors {
     pub(crate) fn new(choice: &SensorChoice) -> Self {
-        let own = if let SensorChoice::Emva { model, .. } = choice { Some(model.clone()) } else { None };
-        Self { own }
+        let own = if let SensorChoice::Emva { model, .. } = choice { Some((**model).clone()) } else { None };
+        let own = own.into_iter().map(|model| (OWN_SENSOR.to_owned(), model));
+        let presets = PRESETS.iter().filter_map(|(name, _)| Some(((*name).to_owned(), find_sensor(name).ok()?)));
+        Self(own.chain(presets).collect())
     }
 
     /// Names with models, the sensor of the job first.
-    pub(crate) fn all(&self) -> Vec<(String, SensorModel)> {
-        let own = self.own.iter().map(|model| (OWN_SENSOR.to_owned(), (**model).clone()));
-        let presets = PRESETS.iter().filter_map(|(name, _)| Some(((*name).to_owned(), find_sensor(name).ok()?)));
-        own.chain(presets).collect()
+    pub(crate) fn all(&self) -> &[(String, SensorModel)] {
+        &self.0
     }
 
     /// The model of a camera. `None` without a sensor.
     pub(crate) fn model(&self, camera: &Camera, binning: u32) -> Result<Option<SensorModel>, Fault> {
         let Some(name) = &camera.sensor else { return Ok(None) };
         let unknown = || Fault::new(format!("{name:?} is no sensor of the list"), "choose a sensor of the list");
-        let model = if name == OWN_SENSOR {
-            (**self.own.as_ref().ok_or_else(unknown)?).clone()
-        } else if PRESETS.iter().any(|(preset, _)| preset == name) {
-            let model = find_sensor(name).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))?;
-            model.binned(binning).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))?
-        } else {
-            return Err(unknown());
-        };
+        let (_, model) = self.0.iter().find(|(known, _)| known == name).ok_or_else(unknown)?;
+        // The sensor of a job is binned as its film is.
+        let binning = if name == OWN_SENSOR { 1 } else { binning };
+        let model = model.binned(binning).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))?;
         if !(camera.gain.is_finite() && (0.01..=100.0).contains(&camera.gain)) {
             return Err(Fault::new(
                 format!("the gain {} is out of range", camera.gain),

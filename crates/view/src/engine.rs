@@ -83,7 +83,12 @@ fn prepare(
     change: &SceneChange,
     cancel: &Cancel,
 ) -> Result<(), Error> {
-    let is_first = lock(&shared.live).settings.is_none();
+    let (mut parts, is_first) = {
+        let live = lock(&shared.live);
+        (live.parts.clone(), live.settings.is_none())
+    };
+    let is_open = project.is_some();
+    let is_job = shared.subject.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     let mut opened = match project.take() {
         Some(project) => project,
         None => {
@@ -96,7 +101,14 @@ fn prepare(
         *project = Some(opened);
         return Ok(());
     }
-    let parts = if is_first { SceneParts::new(&opened.inspect()) } else { lock(&shared.live).parts.clone() };
+    if !is_open {
+        // Powers are those of the files. A scene without an effect does not list it.
+        let read = SceneParts::new(&opened.inspect());
+        let effects = if change.without.is_empty() || is_first { read.effects.clone() } else { parts.effects };
+        parts = SceneParts { effects, ..read };
+    }
+    // The text before the changes is that of the file.
+    let job = if is_open { lock(&shared.live).job.clone() } else { opened.job_text().map(str::to_owned) };
     let text = toml::to_string(&change.overrides(&parts))
         .map_err(|e| Error::setting("scene", e.to_string(), "use other values"))?;
     opened.set_overrides(&text)?;
@@ -115,9 +127,10 @@ fn prepare(
         live.is_vignetted = is_vignetted;
         live.parts = parts;
         live.change = change.clone();
+        live.job = job.filter(|_| is_job);
         live.error = None;
         live.files = opened.inputs.iter().map(|file| file.identity.path().to_owned()).collect();
-        if is_first {
+        if !is_open {
             live.sensors = Sensors::new(&settings.sensor);
             live.settings = Some(settings);
         }
@@ -293,7 +306,9 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
                     }
                     _ => {}
                 }
-                control = shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
+                // A film may be published between the look and the wait.
+                let waited = shared.wake.wait_timeout(control, Duration::from_secs(1));
+                control = waited.unwrap_or_else(PoisonError::into_inner).0;
             }
         };
         let began = Instant::now();

@@ -130,15 +130,13 @@ fn job_of(shared: &Shared, camera: &Camera, frame: u32, snapshot: &Snapshot) -> 
     if shared.subject.kind != SourceKind::Render {
         return Err(Fault::new("a stored film has no scene", "open the scene or its job"));
     }
-    let path = &shared.subject.path;
-    let is_job = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-    let mut job = if is_job {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| Fault::new(format!("{} cannot be read: {e}", path.display()), "restore the file"))?;
-        text.parse::<Table>().map_err(|e| Fault::new(e.to_string(), "mend the job"))?
-    } else {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Table::from_iter([("scene".to_owned(), Value::from(name))])
+    let text = lock(&shared.live).job.clone();
+    let mut job = match text {
+        Some(text) => text.parse::<Table>().map_err(|e| Fault::new(e.to_string(), "repair the job"))?,
+        None => {
+            let name = shared.subject.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            Table::from_iter([("scene".to_owned(), Value::from(name))])
+        }
     };
     let (change, parts, target) = {
         let live = lock(&shared.live);

@@ -100,7 +100,7 @@ impl SceneChange {
         Ok(())
     }
 
-    /// The keys of a job that make the changes of lights and materials.
+    /// The keys of a job that make the changes of lights and materials. Names that the scene no longer has are left out.
     pub(crate) fn overrides(&self, parts: &SceneParts) -> Table {
         let mut table = Table::new();
         let mut lights = Vec::new();
@@ -117,7 +117,7 @@ impl SceneChange {
             lights.push(Value::Table(entry));
         }
         let mut materials = Vec::new();
-        for (name, change) in &self.materials {
+        for (name, change) in self.materials.iter().filter(|(name, _)| parts.materials.contains(name)) {
             let mut entry = Table::from_iter([("name".to_owned(), Value::from(name.clone()))]);
             change.roughness.map(|v| entry.insert("roughness".into(), v.into()));
             change.metallic.map(|v| entry.insert("metallic".into(), v.into()));

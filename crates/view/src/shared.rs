@@ -70,6 +70,8 @@ pub(crate) struct Live {
     pub(crate) shown: Option<Camera>,
     /// The files of the scene.
     pub(crate) files: Vec<PathBuf>,
+    /// The text of the job, before the changes of the page.
+    pub(crate) job: Option<String>,
 }
 
 /// The state that all threads share.
@@ -101,6 +103,7 @@ impl Shared {
             restarted: 0,
             samples_per_second: 0.0,
         };
+        let files = vec![subject.path.clone()];
         let live = Live {
             render,
             error: None,
@@ -117,7 +120,8 @@ impl Shared {
             saved: Vec::new(),
             sensors: Sensors::new(&SensorChoice::None),
             shown: None,
-            files: Vec::new(),
+            files,
+            job: None,
         };
         Self {
             subject,
@@ -170,10 +174,10 @@ impl Shared {
             (None, Some(settings)) => [settings.width, settings.height],
             (None, None) => [0, 0],
         };
-        let sensor = |(name, model): (String, dunkelfeld::sensor::SensorModel)| {
+        let sensor = |(name, model): &(String, dunkelfeld::sensor::SensorModel)| {
             let spec = model.spec();
             SensorState {
-                name,
+                name: name.clone(),
                 bits: spec.bit_depth,
                 colour: spec.quantum_efficiency.filter().is_some(),
                 saturation: model.saturation().0,
@@ -203,7 +207,7 @@ impl Shared {
             forecast: live.forecast.clone(),
             target: live.target,
             certificate: live.certificate,
-            sensors: live.sensors.all().into_iter().map(sensor).collect(),
+            sensors: live.sensors.all().iter().map(sensor).collect(),
             camera: live.first_camera(),
             ranges: Ranges { exposure: [1e-6, 100.0], gain: [0.01, 100.0], temperature: [-100.0, 200.0] },
             scene: (self.subject.kind == SourceKind::Render && settings.is_some()).then(|| live.scene()),

@@ -420,6 +420,11 @@ impl Job {
         self.source.path()
     }
 
+    /// The text of the job.
+    pub fn text(&self) -> &str {
+        self.source.text()
+    }
+
     /// Does another job read the same scene files in the same way?
     pub fn has_scene_of(&self, other: &Self) -> bool {
         self.scene == other.scene && self.import == other.import

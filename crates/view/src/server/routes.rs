@@ -20,6 +20,7 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Semaphore;
+use tokio::time::Instant;
 use tokio_stream::wrappers::WatchStream;
 use tokio_stream::{Stream, StreamExt};
 
@@ -86,12 +87,13 @@ async fn state(State(app): State<App>) -> Response {
 
 /// The states, as server-sent events. A page that reads slowly gets the newest state when it reads again.
 async fn events(State(app): State<App>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let mut next = Instant::now();
     let states = WatchStream::new(app.shared.changed.subscribe()).then(move |_| {
-        let shared = app.shared.clone();
+        let (shared, due) = (app.shared.clone(), next);
+        next = due.max(Instant::now()) + STATE_EVERY;
         async move {
-            let event = Event::default().event("state").json_data(shared.state()).unwrap_or_default();
-            tokio::time::sleep(STATE_EVERY).await;
-            Ok(event)
+            tokio::time::sleep_until(due).await;
+            Ok(Event::default().event("state").json_data(shared.state()).unwrap_or_default())
         }
     });
     Sse::new(states).keep_alive(KeepAlive::default())

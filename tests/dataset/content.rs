@@ -1,0 +1,165 @@
+//! Objects of some images, cameras, key points and poses.
+
+use crate::bench::{Bench, STUDY};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+
+/// A washer that image 0 does not have, and a nut in its place in one image of four.
+const VARIANTS: &str = r#"
+[[object]]
+name = { sequence = ["washer", "washer", "washer", "nut"] }
+kind = "cylinder"
+diameter = "10mm"
+height = "2mm"
+translate = ["-40mm", "1mm", "-30mm"]
+visible = { sequence = [false, true, true, true] }
+"#;
+
+#[test]
+fn objects_of_some_images_have_labels_placements_and_defects_there() {
+    let added = "[[study.label]]\ncategory = \"fastener\"\nobjects = [\"washer\", \"nut\"]\n\
+        [[study.place]]\nobjects = \"washer\"\ncenter = [\"-40mm\", 0, \"-30mm\"]\nsize = [\"20mm\", 0, \"20mm\"]\n\
+        [[study.defect]]\nkind = \"dust\"\non = \"washer\"\nlength = \"8mm\"\n";
+    let text = STUDY.replace("[[study.place]]\n", &format!("{added}[[study.place]]\n")) + VARIANTS;
+    let bench = Bench::new(&text);
+    bench.run("dataset study.toml -o a");
+    bench.command("dataset --verify a").assert().success();
+    let set = bench.json("a/set.json");
+    let ids: BTreeMap<&str, u64> = (set["instances"].as_array().expect("instances").iter())
+        .map(|i| (i["name"].as_str().expect("a name"), i["id"].as_u64().expect("an id")))
+        .collect();
+    let expected = ["ball", "block 1", "block 2", "dust 1", "nut", "scratch 1", "scratch 2", "washer"];
+    assert_eq!(ids.keys().copied().collect::<Vec<_>>(), expected);
+    let mut names = Vec::new();
+    for index in 0..6 {
+        let record = bench.json(&format!("a/records/{index:06}.json"));
+        let instances = record["instances"].as_array().expect("instances");
+        let found: Vec<&str> = ["washer", "nut", "dust 1"]
+            .into_iter()
+            .filter(|name| instances.iter().any(|i| i["name"] == **name && i["id"].as_u64() == ids.get(name).copied()))
+            .collect();
+        assert_eq!(record["drawn"].get("place[washer].x").is_some(), found.contains(&"washer"), "{index}");
+        names.push(found.join(" and "));
+    }
+    // Image 0 lacks the washer, and image 3 has the nut.
+    assert_eq!(names, ["", "washer and dust 1", "washer and dust 1", "nut", "", "washer and dust 1"]);
+    // Alone and in a larger set the ids are the same.
+    bench.run("dataset study.toml -o b --count 1");
+    bench.run("dataset study.toml -o b --count 4");
+    for name in ["masks/000003.png", "labels/000001.json"] {
+        assert!(fs::read(bench.path("a").join(name)).ok() == fs::read(bench.path("b").join(name)).ok(), "{name}");
+    }
+    for (from, to) in
+        [("\"nut\"]\n[[study.place]]", "\"nat\"]\n[[study.place]]"), ("on = \"washer\"", "on = \"wascher\"")]
+    {
+        fs::write(bench.path("bad.toml"), text.replace(from, to)).expect("writable");
+        let message = bench.refused("dataset bad.toml -o bad");
+        assert!(message.contains("bad.toml") && message.contains("no object"), "{message}");
+    }
+    fs::write(bench.path("bad.toml"), text.replace("objects = \"washer\"", "objects = \"wascher\"")).expect("writable");
+    assert!(bench.refused("dataset bad.toml -o bad").contains("no object has such a name"));
+}
+
+#[test]
+fn a_study_draws_one_of_several_cameras() {
+    let (before, rest) = STUDY.split_once("[camera]").expect("a camera");
+    let (_, after) = rest.split_once("[film]").expect("a film");
+    let cameras = "[[camera]]\nname = \"left\"\nposition = [\"-80mm\", \"300mm\", \"1mm\"]\nlook_at = [0, 0, 0]\n\
+        vertical_fov = \"25deg\"\n[[camera]]\nname = \"right\"\nposition = [\"80mm\", \"280mm\", \"1mm\"]\n\
+        look_at = [0, 0, 0]\nvertical_fov = \"30deg\"\n";
+    let choice = "camera = { sequence = [\"right\", \"left\"] }";
+    // In one file, and in a study of a job with the cameras.
+    let one = format!("{before}{cameras}[film]{after}").replace("device = 2", &format!("device = 2\n{choice}"));
+    let bench = Bench::new(&one);
+    bench.run("dataset study.toml -o a --count 4");
+    let scene = before.split_once("[study]").expect("a study").1;
+    let fixed = format!("scene = \"none\"\n{cameras}[film]{after}")
+        .replace("{ expression = \"1.5 * supply\", unit = \"W\" }", "\"1.5W\"")
+        .replace("{ log_uniform = [\"6mm\", \"12mm\"] }", "\"8mm\"");
+    fs::write(bench.path("station.toml"), fixed).expect("writable");
+    fs::write(bench.path("both.toml"), format!("{choice}\n[study]\njob = \"station.toml\"{scene}")).expect("writable");
+    bench.run("dataset both.toml -o b --count 4");
+    for set in ["a", "b"] {
+        let cameras = bench.json(&format!("{set}/scene_camera.json"));
+        for index in 0..4 {
+            let record = bench.json(&format!("{set}/records/{index:06}.json"));
+            let is_right = index % 2 == 0;
+            assert_eq!(record["drawn"]["camera"], if is_right { "right" } else { "left" });
+            let camera = &cameras[index.to_string()];
+            // The focal length is 24 pixels over the tangent of half of the field.
+            let (half, place) = if is_right { (15f64, [80.0, 280.0, 1.0]) } else { (12.5, [-80.0, 300.0, 1.0]) };
+            let focal = camera["cam_K"][4].as_f64().expect("a number");
+            assert!((focal - 24.0 / half.to_radians().tan()).abs() < 1e-3, "{set} {index}: {focal}");
+            // R c + t = 0 at the place of the camera.
+            let number = |key: &str, i: usize| camera[key][i].as_f64().expect("a number");
+            for row in 0..3 {
+                let sum: f64 = (0..3).map(|k| number("cam_R_w2c", 3 * row + k) * place[k]).sum();
+                assert!((sum + number("cam_t_w2c", row)).abs() < 1e-6, "{set} {index}");
+            }
+        }
+        bench.command(&format!("dataset --verify {set}")).assert().success();
+    }
+    fs::write(bench.path("bad.toml"), one.replace("[\"right\", \"left\"]", "[\"right\", \"top\"]")).expect("writable");
+    let assert = bench.command("dataset bad.toml -o c --count 2 --jobs 1").assert().code(1);
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(message.contains("no camera \"top\"") && message.contains("left, right"), "{message}");
+}
+
+#[test]
+fn key_points_and_stable_poses_are_in_all_files() {
+    let points = "keypoints = [{ name = \"low\", at = [\"-5mm\", 0, 0] }, { name = \"high\", at = [\"5mm\", 0, 0] }]\n\
+        skeleton = [[1, 2]]\n";
+    let text = STUDY
+        .replace("objects = \"block *\"\n\n", &format!("objects = \"block *\"\n{points}\n"))
+        .replace("objects = [\"ball\"]\n", &format!("objects = [\"ball\"]\n{points}"))
+        .replace("turn = \"360deg\"", "rest = \"stable\"");
+    let text = text.split("[[study.defect]]").next().expect("a part").to_owned()
+        + "[camera]"
+        + text.split("[camera]").nth(1).expect("a camera");
+    let bench = Bench::new(&text);
+    bench.run("dataset study.toml -o a");
+    bench.command("dataset --verify a").assert().success();
+    let coco = bench.json("a/coco.json");
+    for category in coco["categories"].as_array().expect("categories") {
+        assert_eq!(category["keypoints"], serde_json::json!(["low", "high"]));
+        assert_eq!(category["skeleton"], serde_json::json!([[1, 2]]));
+    }
+    let yaml = fs::read_to_string(bench.path("a/data.yaml")).expect("data.yaml");
+    assert!(yaml.contains("kpt_shape: [2, 3]"), "{yaml}");
+    let mut faces = std::collections::BTreeSet::new();
+    for index in 0..6 {
+        let record = bench.json(&format!("a/records/{index:06}.json"));
+        let labels = bench.json(&format!("a/labels/{index:06}.json"));
+        let (camera, poses) = (&labels["camera"], labels["poses"].as_array().expect("poses"));
+        let lines = fs::read_to_string(bench.path(&format!("a/labels/{index:06}.txt"))).expect("lines");
+        assert!(lines.lines().all(|line| line.split(' ').count() == 5 + 6), "{lines}");
+        for entry in labels["keypoints"].as_array().expect("key points") {
+            // By the pose and the camera matrix of the same file: u = fx x / z + cx.
+            let Some(pose) = poses.iter().find(|pose| pose["instance"] == entry["instance"]) else { continue };
+            let number = |value: &Value| value.as_f64().expect("a number");
+            for (at, point) in [-5.0, 5.0].into_iter().zip(entry["points"].as_array().expect("points")) {
+                let [x, y, z] = [0, 1, 2].map(|k| number(&pose["r"][3 * k]) * at + number(&pose["t"][k]));
+                let u = number(&camera["k"][0]) * x / z + number(&camera["k"][2]) + 0.5;
+                let v = number(&camera["k"][4]) * y / z + number(&camera["k"][5]) + 0.5;
+                assert!((number(&point["x"]) - u).abs() < 1e-4 && (number(&point["y"]) - v).abs() < 1e-4, "{point}");
+            }
+            let annotation = (labels["annotations"].as_array().expect("annotations").iter())
+                .find(|annotation| annotation["instance"] == entry["instance"])
+                .expect("an annotation");
+            assert_eq!(annotation["num_keypoints"], 2);
+        }
+        for name in ["block 1", "block 2"] {
+            let drawn = |key: &str| record["drawn"][format!("place[{name}].{key}")].as_f64().expect("a number");
+            faces.insert((name, drawn("face") as i64));
+            assert!((0.0..1.0).contains(&drawn("probability")));
+        }
+        // A block of 10 x 8 x 20 mm rests: the height of its centre above the plane is half of an edge.
+        let lift = record["drawn"]["place[block 2].y"].as_str().expect("a length");
+        let height = 4.0 + lift.trim_end_matches("mm").parse::<f64>().expect("a number");
+        assert!([5.0, 4.0, 10.0].iter().any(|half| (height - half).abs() < 1e-6), "{height}");
+    }
+    assert!(faces.len() > 3, "{faces:?}");
+    fs::write(bench.path("bad.toml"), text.replacen(points, "", 1)).expect("writable");
+    assert!(bench.refused("dataset bad.toml -o bad").contains("same number of key points"));
+}

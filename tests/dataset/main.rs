@@ -1,0 +1,9 @@
+//! `dunkelfeld dataset` as its users have it: a small study, its files, and what happens when a run is killed, repeated or
+//! shared by two processes.
+//!
+//! Replay: `cargo test --workspace --test dataset NAME`.
+
+mod bench;
+mod content;
+mod runs;
+mod set_files;
