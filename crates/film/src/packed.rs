@@ -272,8 +272,13 @@ impl Tile {
 /// Halves of 64 bits of the numbers of a column, to which the compiler can widen many bytes at once.
 type Halves = [[u64; PIXELS]; 2];
 
-const GET_COLUMN: [fn(&[PixelSums], bool) -> [u128; PIXELS]; COLUMNS] = of_columns!(get_column);
-const SET_COLUMN: [fn(&mut [PixelSums], &Halves, u128, bool); COLUMNS] = of_columns!(set_column);
+/// Reads the numbers of a column, or their differences.
+type GetColumn = fn(&[PixelSums], bool) -> [u128; PIXELS];
+/// Sets the numbers of a column from halves, base and whether they are differences.
+type SetColumn = fn(&mut [PixelSums], &Halves, u128, bool);
+
+const GET_COLUMN: [GetColumn; COLUMNS] = of_columns!(get_column);
+const SET_COLUMN: [SetColumn; COLUMNS] = of_columns!(set_column);
 
 /// The numbers of a column, or their differences from its [`reference`].
 fn get_column<const COLUMN: usize>(sums: &[PixelSums], is_difference: bool) -> [u128; PIXELS] {

@@ -109,8 +109,9 @@ impl Similarity {
         let (mut count, mut half) = (self.count[first], self.half[first]);
         for slot in known {
             let dot: f32 = normal(slot).iter().zip(&of_first).map(|(a, b)| a * b).sum();
-            // A comparison with NaN is false as well.
-            if self.object[slot] != self.object[first] || !(dot >= NEAR) {
+            // A scalar product that is NaN is not near.
+            let is_near = dot >= NEAR;
+            if self.object[slot] != self.object[first] || !is_near {
                 return false;
             }
             (least, most) = (least.max(self.least[slot]), most.min(self.most[slot]));
@@ -170,7 +171,7 @@ mod tests {
                 }),
             };
             let mut similarity = Similarity::new();
-            let is_known = |x: u32, y: u32| (x * 7 + y * 3) % 11 != 0;
+            let is_known = |x: u32, y: u32| !(x * 7 + y * 3).is_multiple_of(11);
             let pixels = || (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y)));
             pixels().filter(|&(x, y)| is_known(x, y)).for_each(|(x, y)| similarity.set(slot(x, y), &evidence, x, y));
             let like = |a: (u32, u32), b: (u32, u32)| {

@@ -115,8 +115,9 @@ fn refused(fault: Fault, status: StatusCode) -> Response {
 }
 
 /// The body of a request.
-fn body<T>(body: Result<Json<T>, JsonRejection>) -> Result<T, Response> {
-    let Json(request) = body.map_err(|e| refused(Fault::new(e.body_text(), "reload the page"), e.status()))?;
+fn body<T>(body: Result<Json<T>, JsonRejection>) -> Result<T, Box<Response>> {
+    let Json(request) =
+        body.map_err(|e| Box::new(refused(Fault::new(e.body_text(), "reload the page"), e.status())))?;
     Ok(request)
 }
 
@@ -131,7 +132,7 @@ where
 {
     let request = match body(request) {
         Ok(request) => request,
-        Err(response) => return response,
+        Err(response) => return *response,
     };
     match compute(app, move |shared| work(shared, request)).await {
         Ok(answer) => Json(answer).into_response(),
@@ -142,14 +143,14 @@ where
 async fn frame(State(app): State<App>, request: Result<Json<FrameRequest>, JsonRejection>) -> Response {
     match body(request) {
         Ok(request) => binary(compute(app, move |shared| desk::frame(shared, &request)).await),
-        Err(response) => response,
+        Err(response) => *response,
     }
 }
 
 async fn map(State(app): State<App>, request: Result<Json<MapRequest>, JsonRejection>) -> Response {
     match body(request) {
         Ok(request) => binary(compute(app, move |shared| desk::map(shared, &request)).await),
-        Err(response) => response,
+        Err(response) => *response,
     }
 }
 
