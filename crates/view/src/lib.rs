@@ -1,8 +1,8 @@
 //! `dunkelfeld view`: a render in the browser, behind a camera whose knobs can be turned while it renders.
 //!
 //! The noise of a sensor is a function of the film. So exposure time, gain, sensor and frame need no new samples: the server
-//! exposes the film as it is. A thread renders and publishes copies of its film ([`engine`]). A frame is
-//! computed when a page asks for it ([`developed`]), so that a page that reads slowly slows nothing.
+//! exposes the film as it is. A thread renders and publishes copies of its film (`engine`). A frame is
+//! computed when a page asks for it (`developed`), so that a page that reads slowly slows nothing.
 //!
 //! The server listens on the loopback interface. It answers only requests of its own page, reads no file that a request
 //! names, and writes only new files in the folders of the scene and of the outputs.
