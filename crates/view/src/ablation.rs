@@ -1,7 +1,7 @@
 //! The influence of an effect: the image against one that the effect is left out of.
 
 use crate::developed::Developed;
-use crate::protocol::{AblationAnswer, Fault};
+use crate::protocol::{AblationAnswer, Camera, Fault};
 use crate::shared::{Shared, lock};
 use crate::snapshot::Snapshot;
 use dunkelfeld::film::FilmLayers;
@@ -19,8 +19,8 @@ const SIGNIFICANT: f64 = 5.0;
 #[derive(Debug)]
 pub(crate) struct Ablation {
     effect: String,
-    /// The film that is compared.
-    film: u64,
+    /// The camera with which the images are compared, and the render.
+    camera: Camera,
     restarted: u32,
     /// Progress in thousandths.
     progress: AtomicU32,
@@ -54,12 +54,13 @@ pub(crate) fn ask(shared: &Arc<Shared>, effect: &str, with: Arc<Developed>) -> R
     let found = Effect::ALL.into_iter().find(|e| e.name() == effect).ok_or_else(unknown)?;
     let restarted = lock(&shared.live).render.restarted;
     let mut slot = lock(&shared.ablation);
-    if let Some(ablation) = slot.as_ref().filter(|a| a.effect == effect && a.restarted == restarted) {
+    if let Some(ablation) =
+        slot.as_ref().filter(|a| a.effect == effect && a.restarted == restarted && a.camera == *with.camera())
+    {
         return match ablation.result.get() {
             None => {
                 Ok(AblationAnswer::Running { fraction: f64::from(ablation.progress.load(Ordering::Relaxed)) / 1e3 })
             }
-            Some(Ok(comparison)) if ablation.film == with.snapshot.id => Ok(comparison.answer),
             Some(Ok(comparison)) => Ok(comparison.answer),
             Some(Err(fault)) => {
                 let fault = fault.clone();
@@ -73,7 +74,7 @@ pub(crate) fn ask(shared: &Arc<Shared>, effect: &str, with: Arc<Developed>) -> R
     }
     let ablation = Arc::new(Ablation {
         effect: effect.to_owned(),
-        film: with.snapshot.id,
+        camera: with.camera().clone(),
         restarted,
         progress: AtomicU32::new(0),
         cancel: Cancel::new(),

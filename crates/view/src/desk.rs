@@ -43,7 +43,7 @@ pub(crate) fn frame(shared: &Shared, request: &FrameRequest) -> Result<(FrameHea
         is_new
     };
     if is_new {
-        shared.wake.notify_all();
+        shared.wake();
     }
     shared.session.install(|| developed.frame(request.frame, request.tone))
 }
@@ -84,17 +84,15 @@ pub(crate) fn photon_transfer(shared: &Shared, request: &PhotonTransferRequest) 
 /// A change of the scene: the render starts again.
 pub(crate) fn scene(shared: &Shared, request: SceneRequest) -> Result<(), Fault> {
     needs_scene(shared)?;
-    let (mut change, parts) = {
+    shared.control(|control| {
+        // A change that waits or is being made is not lost.
+        let waiting = control.change.clone().or_else(|| control.in_progress.clone());
         let live = lock(&shared.live);
-        (live.change.clone(), live.parts.clone())
-    };
-    // A change that waits is not lost.
-    if let Some(waiting) = &lock(&shared.control).change {
-        change = waiting.clone();
-    }
-    change.add(request, &parts)?;
-    shared.control(|control| control.change = Some(change));
-    Ok(())
+        let mut change = waiting.unwrap_or_else(|| live.change.clone());
+        change.add(request, &live.parts)?;
+        control.change = Some(change);
+        Ok(())
+    })
 }
 
 /// A path of a sample, traced by the thread that renders.
@@ -160,7 +158,7 @@ pub(crate) fn target(shared: &Shared, request: TargetRequest) -> Result<(), Faul
         live.certificate = state.or(live.certificate);
         live.curve.iter_mut().for_each(|point| {
             // The share of an earlier film at another level is not known.
-            if state.is_none_or(|state| point.k99 != state.p99.map(f64::sqrt)) {
+            if state.is_none_or(|state| point.k99 != state.p99) {
                 point.hidden = if point.k99.is_some_and(|k99| k99 <= request.k) { 0.99 } else { 0.0 };
             }
         });

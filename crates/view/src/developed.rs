@@ -20,29 +20,34 @@ const KEPT: usize = 4;
 
 /// The sensors that the view knows, by name: that of the job, and the presets. No other file is read for a name.
 #[derive(Clone, Debug)]
-pub(crate) struct Sensors(Arc<[(String, SensorModel)]>);
+pub(crate) struct Sensors {
+    /// Names with models, the sensor of the job first.
+    all: Arc<Vec<(String, SensorModel)>>,
+}
 
 impl Sensors {
     pub(crate) fn new(choice: &SensorChoice) -> Self {
         let own = if let SensorChoice::Emva { model, .. } = choice { Some((**model).clone()) } else { None };
-        let own = own.into_iter().map(|model| (OWN_SENSOR.to_owned(), model));
+        let own = own.map(|model| (OWN_SENSOR.to_owned(), model));
         let presets = PRESETS.iter().filter_map(|(name, _)| Some(((*name).to_owned(), find_sensor(name).ok()?)));
-        Self(own.chain(presets).collect())
+        Self { all: Arc::new(own.into_iter().chain(presets).collect()) }
     }
 
     /// Names with models, the sensor of the job first.
     pub(crate) fn all(&self) -> &[(String, SensorModel)] {
-        &self.0
+        &self.all
     }
 
     /// The model of a camera. `None` without a sensor.
     pub(crate) fn model(&self, camera: &Camera, binning: u32) -> Result<Option<SensorModel>, Fault> {
         let Some(name) = &camera.sensor else { return Ok(None) };
         let unknown = || Fault::new(format!("{name:?} is no sensor of the list"), "choose a sensor of the list");
-        let (_, model) = self.0.iter().find(|(known, _)| known == name).ok_or_else(unknown)?;
-        // The sensor of a job is binned as its film is.
-        let binning = if name == OWN_SENSOR { 1 } else { binning };
-        let model = model.binned(binning).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))?;
+        let (_, model) = self.all.iter().find(|(listed, _)| listed == name).ok_or_else(unknown)?;
+        let model = if name == OWN_SENSOR {
+            model.clone()
+        } else {
+            model.clone().binned(binning).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))?
+        };
         if !(camera.gain.is_finite() && (0.01..=100.0).contains(&camera.gain)) {
             return Err(Fault::new(
                 format!("the gain {} is out of range", camera.gain),
@@ -139,6 +144,11 @@ impl Developed {
         let mut camera = self.camera.without_noise();
         camera.exposure = self.exposer.as_ref().map(|exposer| exposer.exposure().time().0);
         Self::new(other, &camera, sensors, session)
+    }
+
+    /// The camera.
+    pub(crate) fn camera(&self) -> &Camera {
+        &self.camera
     }
 
     fn mean(&self) -> &Plane<[f32; 3]> {

@@ -3,18 +3,17 @@
 use crate::developed::{Developed, Sensors};
 use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, ForecastPoint, Note};
 use crate::scene_change::{SceneChange, SceneParts};
-use crate::shared::{Shared, lock};
+use crate::shared::{Shared, Stamp, lock};
 use crate::snapshot::Snapshot;
 use dunkelfeld::film::{FilmLayers, Plane};
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, Forecast, ForecastLevel, Progress, ProgressState, Project,
     ProjectOptions, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, find_sensor,
 };
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 /// The most samples per pixel of a view.
 const MAX_SPP: f64 = 65_536.0;
@@ -35,27 +34,32 @@ pub(crate) fn run(shared: &Arc<Shared>) {
     let mut project: Option<Project> = None;
     let mut opened_without = Vec::new();
     loop {
-        let (change, is_reloaded) = {
+        let (change, is_reloaded, cancel) = {
             let mut control = lock(&shared.control);
             if control.quit {
                 return;
             }
-            let change = control.change.take();
-            (change, std::mem::take(&mut control.reload))
+            // A request from here on cancels this render. The lock keeps it from cancelling the one before.
+            let cancel = Arc::new(Cancel::new());
+            *lock(&shared.cancel) = cancel.clone();
+            let change = control.change.take().unwrap_or_else(|| lock(&shared.live).change.clone());
+            control.in_progress = Some(change.clone());
+            (change, std::mem::take(&mut control.reload), cancel)
         };
-        let cancel = Arc::new(Cancel::new());
-        *lock(&shared.cancel) = cancel.clone();
-        let change = change.unwrap_or_else(|| lock(&shared.live).change.clone());
         if is_reloaded || project.is_none() || opened_without != change.without {
             project = None;
         }
         let result = prepare(shared, &mut project, &change, &cancel);
         opened_without.clone_from(&change.without);
+        {
+            let mut control = lock(&shared.control);
+            let unfinished = control
+                .in_progress
+                .take()
+                .filter(|change| result.is_ok() && cancel.is_cancelled() && lock(&shared.live).change != *change);
+            control.change = control.change.take().or(unfinished);
+        }
         if let Err(error) = result.and_then(|()| project.as_ref().map_or(Ok(()), |p| render(shared, p, &cancel))) {
-            if project.is_some() && lock(&shared.live).change != change {
-                // The scene stays as it was before the change.
-                project = None;
-            }
             shared.update(|live| {
                 live.error = Some(Fault::from(error));
                 live.render.state = Activity::Failed;
@@ -83,32 +87,16 @@ fn prepare(
     change: &SceneChange,
     cancel: &Cancel,
 ) -> Result<(), Error> {
-    let (mut parts, is_first) = {
-        let live = lock(&shared.live);
-        (live.parts.clone(), live.settings.is_none())
-    };
-    let is_open = project.is_some();
-    let is_job = shared.subject.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-    let mut opened = match project.take() {
-        Some(project) => project,
-        None => {
-            shared.update(|live| live.render.state = Activity::Loading);
-            let options = ProjectOptions::default().with_without(change.without.clone());
-            Project::open_with(&shared.subject.path, options)?
-        }
+    let (mut opened, parts) = match project.take() {
+        Some(project) => (project, lock(&shared.live).parts.clone()),
+        None => open(shared, change)?,
     };
     if cancel.is_cancelled() {
         *project = Some(opened);
         return Ok(());
     }
-    if !is_open {
-        // Powers are those of the files. A scene without an effect does not list it.
-        let read = SceneParts::new(&opened.inspect());
-        let effects = if change.without.is_empty() || is_first { read.effects.clone() } else { parts.effects };
-        parts = SceneParts { effects, ..read };
-    }
-    // The text before the changes is that of the file.
-    let job = if is_open { lock(&shared.live).job.clone() } else { opened.job_text().map(str::to_owned) };
+    // A file that has changed may no longer contain a part that the page has changed.
+    let change = change.restricted_to(&parts);
     let text = toml::to_string(&change.overrides(&parts))
         .map_err(|e| Error::setting("scene", e.to_string(), "use other values"))?;
     opened.set_overrides(&text)?;
@@ -126,17 +114,36 @@ fn prepare(
         live.materials = opened.scene.materials().iter().map(|m| m.name.clone()).collect();
         live.is_vignetted = is_vignetted;
         live.parts = parts;
-        live.change = change.clone();
-        live.job = job.filter(|_| is_job);
+        live.change = change;
         live.error = None;
-        live.files = opened.inputs.iter().map(|file| file.identity.path().to_owned()).collect();
-        if !is_open {
-            live.sensors = Sensors::new(&settings.sensor);
-            live.settings = Some(settings);
+        for file in opened.inputs.iter() {
+            let path = file.identity.path();
+            live.files.entry(path.to_owned()).or_insert_with(|| stamp(path));
         }
+        live.sensors = Sensors::new(&settings.sensor);
+        live.settings = Some(settings);
     });
     *project = Some(opened);
     Ok(())
+}
+
+/// Opens the project, with its parts before any change.
+fn open(shared: &Arc<Shared>, change: &SceneChange) -> Result<(Project, SceneParts), Error> {
+    shared.update(|live| {
+        live.render.state = Activity::Loading;
+        // A file that changes while it is read is read again.
+        let before = live.files.keys().chain([&shared.subject.path]);
+        live.files = before.map(|path| (path.clone(), stamp(path))).collect();
+    });
+    let options = ProjectOptions::default().with_without(change.without.clone());
+    let opened = Project::open_with(&shared.subject.path, options)?;
+    let mut parts = SceneParts::new(&opened.inspect(), opened.scene.materials());
+    // An effect that is left out is not used any more.
+    let before = lock(&shared.live).parts.effects.clone();
+    for (name, used) in &mut parts.effects {
+        *used |= change.without.iter().any(|effect| effect.name() == name) && before.contains(&(name.clone(), true));
+    }
+    Ok((opened, parts))
 }
 
 /// Renders a project until it is cancelled or has the most samples.
@@ -212,7 +219,7 @@ impl Watcher<'_> {
         let snapshot = Arc::new(Snapshot::new(id, film.clone(), self.settings.clone(), seconds, earlier));
         *lock(&self.shared.snapshot) = Some(snapshot);
         self.shared.notify();
-        self.shared.wake.notify_all();
+        self.shared.wake();
     }
 }
 
@@ -329,8 +336,7 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
             live.certificate = state;
             if let Some(state) = state {
                 let (seconds, spp) = (snapshot.seconds, snapshot.spp());
-                let k99 = state.p99.map(f64::sqrt);
-                live.add_point(CurvePoint { seconds, spp, k99, hidden: state.hidden });
+                live.add_point(CurvePoint { seconds, spp, k99: state.p99, hidden: state.hidden });
             }
         });
         curve_of = Some(camera);
@@ -347,7 +353,8 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
 pub(crate) fn certificate_of(snapshot: &Snapshot, developed: &Developed, k: f64) -> Option<CertificateState> {
     let certified = developed.certified()?;
     let exposer = developed.exposer.as_ref()?;
-    let known = |ratio: f64| ratio.is_finite().then_some(ratio);
+    // The certificate has ratios of variances, the page levels k.
+    let known = |ratio: f64| ratio.is_finite().then(|| ratio.sqrt());
     // The shares of another level follow from the ratios of the pixels that are not saturated.
     let model = exposer.model();
     let full = model.saturation().0 - model.dark_electrons(exposer.exposure().time()).0;
@@ -400,28 +407,29 @@ pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
     shared.wake.notify_all();
 }
 
+/// The present version of a file.
+fn stamp(path: &Path) -> Stamp {
+    let data = std::fs::metadata(path).ok()?;
+    Some((data.modified().ok()?, data.len()))
+}
+
 /// Reloads the scene when one of its files changes, until the view ends.
 pub(crate) fn watch_files(shared: &Arc<Shared>) {
-    let stamp = |path: &PathBuf| {
-        let data = std::fs::metadata(path).ok()?;
-        Some((data.modified().ok()?, data.len()))
-    };
-    let mut seen: BTreeMap<PathBuf, Option<(SystemTime, u64)>> = BTreeMap::new();
     loop {
         let control = lock(&shared.control);
         if control.quit {
             return;
         }
         drop(shared.wake.wait_timeout_while(control, WATCH_EVERY, |control| !control.quit));
-        let files = lock(&shared.live).files.clone();
-        let now: BTreeMap<PathBuf, _> = files.iter().map(|path| (path.clone(), stamp(path))).collect();
-        // A file that is gone is being replaced.
-        let has_changed = |(path, stamp): (&PathBuf, &Option<_>)| {
-            stamp.is_some() && seen.get(path).is_some_and(|before| before != stamp)
-        };
-        let is_changed = now.iter().any(has_changed);
-        seen.extend(now.into_iter().filter(|(_, stamp)| stamp.is_some()));
-        if is_changed {
+        let seen = lock(&shared.live).files.clone();
+        let changed: Vec<(PathBuf, Stamp)> = (seen.into_iter())
+            .map(|(path, seen)| (stamp(&path), path, seen))
+            // A file that is gone is being replaced.
+            .filter(|(now, _, seen)| now.is_some() && now != seen)
+            .map(|(now, path, _)| (path, now))
+            .collect();
+        if !changed.is_empty() {
+            lock(&shared.live).files.extend(changed);
             shared.control(|control| control.reload = true);
         }
     }

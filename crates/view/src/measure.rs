@@ -126,7 +126,8 @@ pub(crate) fn line(developed: &Developed, frame: u32, from: [f64; 2], to: [f64; 
     let mut line = Line { values: Vec::new(), expected: Vec::new(), sigma: Vec::new(), length };
     for step in 0..steps {
         let share = if steps > 1 { step as f64 / (steps - 1) as f64 } else { 0.0 };
-        let [x, y] = [0, 1].map(|axis| (from[axis] + share * (to[axis] - from[axis])) as u32);
+        let [x, y] = [0, 1].map(|axis| (from[axis] + share * (to[axis] - from[axis])).round() as u32);
+        let [x, y] = [x.min(values.width() - 1), y.min(values.height() - 1)];
         let electrons = *exposer.electrons().at(x, y);
         line.values.push(*values.at(x, y));
         line.expected.push(Developed::expected(exposer, electrons));

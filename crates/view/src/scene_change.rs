@@ -1,13 +1,13 @@
 //! The changes of the scene that the page asked for, as keys of a job.
 
-use crate::protocol::{Fault, LightChange, MaterialChange, SceneRequest};
+use crate::protocol::{Fault, LightChange, MaterialChange, MaterialState, SceneRequest};
 use dunkelfeld::Inspection;
-use dunkelfeld::scene::Effect;
+use dunkelfeld::scene::{Effect, Material};
 use std::collections::BTreeMap;
 use toml::{Table, Value};
 
 /// Kinds of lights without a power.
-const NO_POWER: [&str; 2] = ["environment", "sun"];
+const NO_POWER: [&str; 3] = ["environment", "sun", "directional"];
 
 /// All changes since the scene was opened.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -24,12 +24,13 @@ pub(crate) struct SceneParts {
     pub(crate) cameras: Vec<String>,
     /// Names, kinds and powers \[W\] of the lights.
     pub(crate) lights: Vec<(String, String, f64)>,
-    pub(crate) materials: Vec<String>,
+    /// The materials that a job can change.
+    pub(crate) materials: Vec<MaterialState>,
     pub(crate) effects: Vec<(String, bool)>,
 }
 
 impl SceneParts {
-    pub(crate) fn new(inspection: &Inspection) -> Self {
+    pub(crate) fn new(inspection: &Inspection, materials: &[Material]) -> Self {
         let mut lights: Vec<(String, String, f64)> = Vec::new();
         for light in &inspection.lights {
             match lights.iter_mut().find(|(name, ..)| *name == light.name) {
@@ -40,13 +41,49 @@ impl SceneParts {
         Self {
             cameras: inspection.cameras.iter().map(|camera| camera.name.clone()).collect(),
             lights,
-            materials: inspection.materials.iter().map(|material| material.name.clone()).collect(),
+            materials: of_materials(inspection, materials),
             effects: inspection.effects.iter().map(|effect| (effect.name.clone(), effect.on)).collect(),
         }
     }
 }
 
+/// The values of the materials in use, each name once. A value that a texture multiplies is `None`. Materials that emit
+/// belong to lights, which have knobs of their own.
+fn of_materials(inspection: &Inspection, materials: &[Material]) -> Vec<MaterialState> {
+    let is_used = |name: &str| inspection.materials.iter().any(|used| used.name == name);
+    // The plate behind the LEDs of a lamp is no material of the job either.
+    let is_plate = |name: &str| {
+        name.strip_suffix(" plate").is_some_and(|lamp| inspection.lights.iter().any(|light| light.name == lamp))
+    };
+    // The decimal number that the f32 was read from.
+    let decimal = |value: f32| value.to_string().parse().unwrap_or_else(|_| f64::from(value));
+    let mut list: Vec<MaterialState> = Vec::new();
+    for material in
+        materials.iter().filter(|m| m.emission.is_black() && !m.unlit && is_used(&m.name) && !is_plate(&m.name))
+    {
+        if list.iter().any(|listed| listed.name == material.name) {
+            continue;
+        }
+        list.push(MaterialState {
+            name: material.name.clone(),
+            roughness: material.roughness_texture.is_none().then(|| decimal(material.roughness)),
+            metallic: material.metallic_texture.is_none().then(|| decimal(material.metallic)),
+            color: material.base_color_texture.is_none().then(|| material.base_color.to_array().map(decimal)),
+        });
+    }
+    list
+}
+
 impl SceneChange {
+    /// The changes of the parts that the scene has.
+    pub(crate) fn restricted_to(&self, parts: &SceneParts) -> Self {
+        let mut change = self.clone();
+        change.camera = change.camera.filter(|camera| parts.cameras.contains(camera));
+        change.lights.retain(|name, _| parts.lights.iter().any(|(light, ..)| light == name));
+        change.materials.retain(|name, _| parts.materials.iter().any(|material| material.name == *name));
+        change
+    }
+
     /// Adds a request.
     ///
     /// # Errors
@@ -83,8 +120,17 @@ impl SceneChange {
             next.lights = lights;
         }
         if let Some(materials) = request.materials {
-            if let Some(name) = materials.keys().find(|name| !parts.materials.contains(name)) {
-                return Err(unknown("material", name));
+            for (name, change) in &materials {
+                if !parts.materials.iter().any(|material| material.name == *name) {
+                    return Err(unknown("material", name));
+                }
+                let mut values = change.roughness.iter().chain(&change.metallic).chain(change.color.iter().flatten());
+                if let Some(value) = values.find(|value| !(0.0..=1.0).contains(*value)) {
+                    return Err(Fault::new(
+                        format!("the value {value} of the material {name:?} is out of range"),
+                        "use 0 to 1",
+                    ));
+                }
             }
             next.materials = materials;
         }
@@ -117,11 +163,15 @@ impl SceneChange {
             lights.push(Value::Table(entry));
         }
         let mut materials = Vec::new();
-        for (name, change) in self.materials.iter().filter(|(name, _)| parts.materials.contains(name)) {
-            let mut entry = Table::from_iter([("name".to_owned(), Value::from(name.clone()))]);
-            change.roughness.map(|v| entry.insert("roughness".into(), v.into()));
-            change.metallic.map(|v| entry.insert("metallic".into(), v.into()));
-            change.color.map(|c| entry.insert("base_color".into(), c.map(Value::from).to_vec().into()));
+        for base in &parts.materials {
+            let Some(change) = self.materials.get(&base.name) else { continue };
+            let mut entry = Table::from_iter([("name".to_owned(), Value::from(base.name.clone()))]);
+            // A page sends all values of a material; those of the scene need no key.
+            let changed = |value: Option<f64>, base: Option<f64>| value.filter(|_| value != base);
+            changed(change.roughness, base.roughness).map(|v| entry.insert("roughness".into(), v.into()));
+            changed(change.metallic, base.metallic).map(|v| entry.insert("metallic".into(), v.into()));
+            let color = change.color.filter(|_| change.color != base.color);
+            color.map(|c| entry.insert("base_color".into(), c.map(Value::from).to_vec().into()));
             if entry.len() > 1 {
                 materials.push(Value::Table(entry));
             }
@@ -142,8 +192,17 @@ mod tests {
     fn parts() -> SceneParts {
         SceneParts {
             cameras: vec!["above".into()],
-            lights: vec![("bar \"left\"".into(), "mesh".into(), 0.25), ("sun".into(), "point".into(), 2.0)],
-            materials: vec!["steel".into()],
+            lights: vec![
+                ("bar \"left\"".into(), "mesh".into(), 0.25),
+                ("sun".into(), "point".into(), 2.0),
+                ("moonlight".into(), "directional".into(), 1.0),
+            ],
+            materials: vec![MaterialState {
+                name: "steel".into(),
+                roughness: Some(0.5),
+                metallic: Some(1.0),
+                color: Some([0.9, 0.9, 0.9]),
+            }],
             effects: Vec::new(),
         }
     }
@@ -153,7 +212,7 @@ mod tests {
         let mut change = SceneChange::default();
         let request = r#"{"camera": "above",
             "lights": {"bar \"left\"": {"on": true, "factor": 2.0}, "sun": {"on": false, "factor": 1.0}},
-            "materials": {"steel": {"roughness": 0.3, "color": [0.1, 0.2, 0.3]}}}"#;
+            "materials": {"steel": {"roughness": 0.3, "metallic": 1.0, "color": [0.1, 0.2, 0.3]}}}"#;
         change.add(serde_json::from_str(request).expect("JSON"), &parts()).expect("names of the scene");
         let text = toml::to_string(&change.overrides(&parts())).expect("TOML");
         let read: Table = text.parse().expect("TOML");
@@ -162,6 +221,9 @@ mod tests {
         assert_eq!(light(0)["power"].as_float(), Some(0.5));
         assert_eq!(light(1)["enabled"].as_bool(), Some(false));
         assert_eq!(read["material"][0]["base_color"][2].as_float(), Some(0.3));
+        assert_eq!(read["material"][0].get("metallic"), None, "the value of the scene needs no key");
+        // A scene without these parts has no such changes.
+        assert!(change.restricted_to(&SceneParts::default()).overrides(&parts()).is_empty());
         // A later request replaces the lights, and leaves the materials.
         change.add(serde_json::from_str(r#"{"lights": {}}"#).expect("JSON"), &parts()).expect("valid");
         let table = change.overrides(&parts());
@@ -175,6 +237,9 @@ mod tests {
             r#"{"lights": {"moon": {"on": true, "factor": 1}}}"#,
             r#"{"lights": {"sun": {"on": true, "factor": -1}}}"#,
             r#"{"materials": {"gold": {}}}"#,
+            r#"{"materials": {"steel": {"roughness": 1.5}}}"#,
+            r#"{"materials": {"steel": {"color": [0.5, 0.5, -0.1]}}}"#,
+            r#"{"lights": {"moonlight": {"on": true, "factor": 2}}}"#,
             r#"{"without": ["gravity"]}"#,
             r#"{"camera": "above", "without": ["gravity"]}"#,
             r#"{"per_light": true}"#,

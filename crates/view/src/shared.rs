@@ -10,9 +10,10 @@ use crate::scene_change::{SceneChange, SceneParts};
 use crate::snapshot::Snapshot;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{Cancel, Project, RenderSettings, SensorChoice, Session};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 use tokio::sync::watch;
 
 /// The level at which a view begins: total noise 12 % above that of the sensor.
@@ -42,11 +43,17 @@ pub(crate) type Job = Box<dyn FnOnce(&Project) + Send>;
 pub(crate) struct Control {
     pub(crate) jobs: Vec<Job>,
     pub(crate) is_paused: bool,
-    /// A change of the scene, or of its files, that begins the render again.
+    /// A change of the scene that begins the render again.
     pub(crate) change: Option<SceneChange>,
+    /// The change that the thread that renders is making.
+    pub(crate) in_progress: Option<SceneChange>,
+    /// A change of the files of the scene, which begins the render again.
     pub(crate) reload: bool,
     pub(crate) quit: bool,
 }
+
+/// Time of the last change of a file, and its length \[bytes\]. `None` without a file.
+pub(crate) type Stamp = Option<(SystemTime, u64)>;
 
 /// The data of the page that change during the view.
 #[derive(Debug)]
@@ -68,10 +75,8 @@ pub(crate) struct Live {
     pub(crate) sensors: Sensors,
     /// The camera of the last frame that a page asked for.
     pub(crate) shown: Option<Camera>,
-    /// The files of the scene.
-    pub(crate) files: Vec<PathBuf>,
-    /// The text of the job, before the changes of the page.
-    pub(crate) job: Option<String>,
+    /// The files of the scene, as they were when they were read.
+    pub(crate) files: BTreeMap<PathBuf, Stamp>,
 }
 
 /// The state that all threads share.
@@ -85,6 +90,8 @@ pub(crate) struct Shared {
     pub(crate) cancel: Mutex<Arc<Cancel>>,
     pub(crate) store: Store,
     pub(crate) ablation: Mutex<Option<Arc<Ablation>>>,
+    /// Held while files are written.
+    pub(crate) writes: Mutex<()>,
     /// The threads of exposures and measurements.
     pub(crate) session: Session<'static>,
     pub(crate) changed: watch::Sender<u64>,
@@ -120,8 +127,7 @@ impl Shared {
             saved: Vec::new(),
             sensors: Sensors::new(&SensorChoice::None),
             shown: None,
-            files,
-            job: None,
+            files: BTreeMap::new(),
         };
         Self {
             subject,
@@ -132,6 +138,7 @@ impl Shared {
             cancel: Mutex::new(Arc::new(Cancel::new())),
             store: Store::default(),
             ablation: Mutex::new(None),
+            writes: Mutex::new(()),
             session,
             changed: watch::Sender::new(0),
             began: Instant::now(),
@@ -149,14 +156,22 @@ impl Shared {
         self.notify();
     }
 
-    /// Changes the requests to the thread that renders, and wakes it.
-    pub(crate) fn control(&self, change: impl FnOnce(&mut Control)) {
+    /// Changes the requests to the thread that renders, and wakes it. `change` may lock `live`.
+    pub(crate) fn control<T>(&self, change: impl FnOnce(&mut Control) -> T) -> T {
         let mut control = lock(&self.control);
-        change(&mut control);
+        let result = change(&mut control);
         if control.change.is_some() || control.reload || control.quit {
             lock(&self.cancel).cancel();
         }
         drop(control);
+        self.wake.notify_all();
+        result
+    }
+
+    /// Wakes the threads that wait for a film or a camera. A thread that has just looked for one gets the signal too,
+    /// because it holds the lock until it waits.
+    pub(crate) fn wake(&self) {
+        drop(lock(&self.control));
         self.wake.notify_all();
     }
 
@@ -266,10 +281,14 @@ impl Live {
                 })
                 .collect(),
             materials: (parts.materials.iter())
-                .map(|name| {
-                    let changed = change.materials.get(name).copied().unwrap_or_default();
-                    let (roughness, metallic, color) = (changed.roughness, changed.metallic, changed.color);
-                    MaterialState { name: name.clone(), roughness, metallic, color }
+                .map(|base| {
+                    let changed = change.materials.get(&base.name).copied().unwrap_or_default();
+                    MaterialState {
+                        name: base.name.clone(),
+                        roughness: changed.roughness.or(base.roughness),
+                        metallic: changed.metallic.or(base.metallic),
+                        color: changed.color.or(base.color),
+                    }
                 })
                 .collect(),
             effects: (parts.effects.iter())
