@@ -24,7 +24,7 @@ mod snapshot;
 
 use crate::protocol::SourceKind;
 use crate::server::{Guard, router};
-use crate::shared::{Shared, Subject};
+use crate::shared::{Shared, Subject, lock};
 use dunkelfeld::film::Plane;
 use dunkelfeld::{Cancel, Error, SavedFilm, Session, read_radiance};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -70,6 +70,10 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, ready: impl Fn
         })?;
         Stored::Scene
     };
+    if !options.output.is_dir() {
+        let problem = format!("{} is no folder", options.output.display());
+        return Err(Error::setting("output", problem, "make it, or choose another one"));
+    }
     let kind = match stored {
         Stored::Film(_) => SourceKind::Film,
         Stored::Exr(_) => SourceKind::Exr,
@@ -117,8 +121,9 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, ready: impl Fn
             }
         });
         shared.control(|control| control.quit = true);
-        // Computations that run end by themselves.
+        // Computations that run end by themselves. Files that are being written become whole.
         runtime.shutdown_timeout(Duration::from_secs(1));
+        drop(lock(&shared.writes));
         served.map_err(fault)
     })
 }

@@ -22,8 +22,11 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     let snapshot = shared.snapshot().ok_or_else(|| Fault::new("there is no picture yet", "wait for the first one"))?;
     let files: Vec<(SaveKind, PathBuf)> =
         request.what.iter().map(|&kind| (kind, path_of(shared, kind, &request.name))).collect();
-    for (_, file) in &files {
-        if file.exists() {
+    // Of two requests with one name, the second finds the files of the first.
+    let _writes = lock(&shared.writes);
+    for (i, (_, file)) in files.iter().enumerate() {
+        // A link is not followed: its target may be anywhere.
+        if file.symlink_metadata().is_ok() || files[..i].iter().any(|(_, earlier)| earlier == file) {
             let problem = format!("{} exists", file.display());
             return Err(Fault::new(problem, "use another name"));
         }
@@ -113,7 +116,11 @@ fn write(
         SaveKind::Png => save_picture(frame()?, file)?,
         SaveKind::Tiff => save_linear(frame()?, file)?,
         SaveKind::Exr => {
-            let layers = encode_layers(film, frame()?, settings);
+            // Seed and frame in the file are those of its samples, so that its plan makes them again. Its layers do not
+            // depend on the device.
+            let mut settings = settings.clone();
+            (settings.seed, settings.frame) = (snapshot.settings.seed, snapshot.settings.frame);
+            let layers = encode_layers(film, frame()?, &settings);
             save_exr(file, layers)?;
         }
         SaveKind::Checkpoint => {
@@ -152,7 +159,10 @@ fn job_of(shared: &Shared, camera: &Camera, frame: u32, snapshot: &Snapshot) -> 
         job.insert("camera".into(), name.clone().into());
     }
     job.insert("frame".into(), i64::from(frame).into());
-    job.insert("seed".into(), i64::try_from(camera.device).unwrap_or(i64::MAX).into());
+    let seed = i64::try_from(camera.device).map_err(|_| {
+        Fault::new(format!("the device {} has no place in a job", camera.device), format!("use 0 to {}", i64::MAX))
+    })?;
+    job.insert("seed".into(), seed.into());
     let sensor = job.entry("sensor").or_insert_with(|| Table::new().into());
     if let Value::Table(sensor) = sensor {
         describe_sensor(sensor, camera)?;

@@ -26,7 +26,8 @@ pub(crate) fn run(args: &ViewArgs) -> Result<Outcome, Error> {
             open(address);
         }
     })?;
-    Ok(Outcome::Done)
+    // Only an interrupt ends a view.
+    Ok(Outcome::Interrupted)
 }
 
 /// Opens the page in the browser of the desktop, if there is one.
