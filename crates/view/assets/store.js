@@ -15,6 +15,19 @@
  *   | "mapChoice" | "tool" | "shapes" | "pin" | "cursor" | "probe" | "path" | "measures"} Topic
  */
 
+/**
+ * The knobs after a change of the job: those that were as in the job stay so.
+ * @param {Camera} knobs
+ * @param {Camera} before
+ * @param {Camera} after
+ * @returns {Camera}
+ */
+function follow(knobs, before, after) {
+  const keys = /** @type {(keyof Camera)[]} */ (Object.keys(after));
+  const moved = keys.filter((key) => JSON.stringify(knobs[key]) !== JSON.stringify(before[key]));
+  return { ...structuredClone(after), ...Object.fromEntries(moved.map((key) => [key, knobs[key]])) };
+}
+
 export class Store {
   /**
    * The newest state of the server.
@@ -96,10 +109,19 @@ export class Store {
 
   /** @param {State} state */
   setServer(state) {
+    const before = this.server?.camera;
     this.server = state;
-    // The knobs start from the job once. Later states must not move a knob of the user.
-    if (this.camera === null) {
+    // The knobs start from the job. Later states must not move a knob of the user. The other knobs follow a job that has
+    // been loaded or has changed.
+    if (this.camera === null || !before) {
       this.camera = structuredClone(state.camera);
+      this.emit("camera");
+    } else if (JSON.stringify(before) !== JSON.stringify(state.camera)) {
+      this.camera = follow(this.camera, before, state.camera);
+      if (this.kept) {
+        this.kept = follow(this.kept, before, state.camera);
+        this.emit("kept");
+      }
       this.emit("camera");
     } else if (!state.scene?.per_light.on && (this.camera.lights || this.kept?.lights)) {
       // The film has no layers for the lights any more, so the factors mean nothing.
