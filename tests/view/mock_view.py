@@ -1,0 +1,554 @@
+"""The synthetic data of the server of the tests: a render that can be held at any second, which no real render can.
+
+Each request is checked against docs/view-protocol.md. One that breaks it gets the status 400.
+"""
+
+import math
+import threading
+import time
+
+import numpy as np
+
+SENSORS = [
+    {"name": "imx250", "bits": 12, "colour": False, "saturation": 10500, "dark_noise": 2.3, "pixel": 3.45},
+    {"name": "imx250-8bit", "bits": 8, "colour": False, "saturation": 10500, "dark_noise": 2.3, "pixel": 3.45},
+    {"name": "imx264-colour", "bits": 8, "colour": True, "saturation": 10600, "dark_noise": 2.4, "pixel": 3.45},
+    {"name": "ccd-icx285", "bits": 12, "colour": False, "saturation": 18000, "dark_noise": 8.1, "pixel": 6.45},
+]
+LIGHTS = [("ring light", "area", "0.25 W"), ("bar left", "area", "0.1 W"), ("room", "environment", "2 W/m²")]
+MATERIALS = [
+    {"name": "anodised aluminium", "roughness": 0.35, "metallic": 1.0, "color": [0.52, 0.52, 0.55]},
+    {"name": "PMMA cover <clear>", "roughness": 0.02, "metallic": None, "color": [0.9, 0.92, 0.95]},
+    {"name": "solder mask", "roughness": 0.45, "metallic": 0.0, "color": [0.02, 0.18, 0.06]},
+    {"name": "label paper", "roughness": None, "metallic": None, "color": None},
+]
+EFFECTS = [
+    ("covers", "light through covers", True),
+    ("interreflection", "interreflection", True),
+    ("defocus", "depth of field", True),
+    ("fog", "media", False),
+]
+CAMERA_KEYS = {
+    "sensor",
+    "exposure",
+    "gain",
+    "temperature",
+    "black_level",
+    "noise",
+    "device",
+    "denoise",
+    "vignetting",
+    "lights",
+}
+JOB_CAMERA = {
+    "sensor": "imx250",
+    "exposure": None,
+    "gain": 1.0,
+    "temperature": None,
+    "black_level": None,
+    "noise": "matched",
+    "device": 1,
+    "denoise": "off",
+    "vignetting": True,
+    "lights": None,
+}
+RANGES = {"exposure": [1e-5, 1.0], "gain": [0.1, 16.0], "temperature": [-20, 80]}
+MAPS = {"ratio", "samples", "recent", "render_sigma", "camera_sigma", "difference"}
+K_START = 3.4  # k99 after one second
+
+
+class Fault(Exception):
+    def __init__(self, status, problem, place=None, help_=None):
+        super().__init__(problem)
+        self.status = status
+        self.body = {"problem": problem, "place": place, "help": help_}
+
+
+def make_scene(width, height):
+    """Radiance of a lit panel with screws, a slot and a scratch; ids of the objects; noise shape."""
+    y, x = np.mgrid[0:height, 0:width].astype(np.float64)
+    u, v = x / width - 0.5, y / height - 0.5
+    aspect = height / width
+    light = 0.75 * np.exp(-((u - 0.12) ** 2 + (v * aspect + 0.06) ** 2) / 0.14) + 0.06
+    radiance = light * (0.5 + 0.02 * np.sin(y * 0.9))
+    objects = np.ones((height, width), np.int32)
+    noise = 0.4 + 0.3 * np.abs(u)
+    frame = (np.abs(u) > 0.44) | (np.abs(v) > 0.43)
+    radiance[frame], objects[frame], noise[frame] = light[frame] * 0.08, 0, 0.5
+    for cx, cy in [(-0.36, -0.34), (0.36, -0.34), (-0.36, 0.34), (0.36, 0.34)]:
+        d = np.hypot(u - cx, (v - cy) * aspect)
+        screw = d < 0.035
+        radiance[screw] = light[screw] * (0.55 + 0.4 * np.cos(d[screw] * 260) ** 2)
+        slot = screw & (np.abs((u - cx) - (v - cy) * aspect) < 0.007)
+        radiance[slot] = 0.02
+        objects[screw], noise[screw] = 2, 1.3
+    cover = (np.abs(u - 0.05) < 0.17) & (np.abs(v) < 0.2)
+    radiance[cover] = radiance[cover] * 0.55 + 0.05 * np.exp(-(((u - 0.1) / 0.03) ** 2))[cover]
+    objects[cover], noise[cover] = 3, 1.0
+    edge = cover & ((np.abs(np.abs(u - 0.05) - 0.17) < 0.006) | (np.abs(np.abs(v) - 0.2) < 0.008))
+    radiance[edge] *= 2.1
+    noise[edge] = 2.0
+    scratch = (np.abs(v - 0.32 - 0.3 * u) < 0.003) & (np.abs(u) < 0.3)
+    radiance[scratch] *= 1.5
+    caustic = 0.25 * np.exp(-((u + 0.25) ** 2 + (v * aspect - 0.1) ** 2) / 0.0015)
+    radiance += caustic
+    noise += 4 * caustic
+    return radiance, objects, noise
+
+
+class MockView:
+    def __init__(self, options):
+        self.width, self.height = options.width, options.height
+        self.options = options
+        self.radiance, self.objects, self.noise = make_scene(self.width, self.height)
+        self.lock = threading.RLock()
+        self.target, self.restarted, self.paused = 0.5, 0, False
+        self.camera_name, self.per_light = "front", False
+        self.lights = {name: {"on": True, "factor": 1.0} for name, _, _ in LIGHTS}
+        self.materials = [dict(m) for m in MATERIALS]
+        self.left_out, self.saved, self.ablations = set(), [], {}
+        self.log, self.settings = [], {"delay": 0.0, "fault": None, "frozen": options.freeze}
+        self.begin, self.paused_at, self.film_offset = time.time(), 0.0, 0
+        self.films = {}
+
+    # State ---------------------------------------------------------------------------------------
+    def seconds(self):
+        if self.settings["frozen"] is not None:
+            return self.settings["frozen"]
+        if self.paused:
+            return self.paused_at
+        return (time.time() - self.begin) * self.options.speed
+
+    def film(self):
+        seconds = self.seconds()
+        if seconds < 0.3:
+            return None
+        step = int(seconds) if seconds >= 1 else 0
+        step = min(step, 120)
+        spp = max(0.25, 12.0 * step)
+        return {
+            "id": self.film_offset + step + 1,
+            "samples": int(spp * self.width * self.height),
+            "spp": spp,
+            "seconds": float(step),
+            "first": step == 0,
+        }
+
+    def level(self, seconds):
+        return K_START / math.sqrt(max(seconds, 0.1)) * (1 + 0.06 * math.sin(3 * math.log(seconds + 1)))
+
+    def state(self):
+        seconds, film = self.seconds(), self.film()
+        render = {
+            "stage": "render",
+            "fraction": min(1, seconds / 120),
+            "elapsed": seconds,
+            "remaining": max(0.0, 120 - seconds),
+            "state": "running",
+            "reason": None,
+            "restarted": self.restarted,
+            "samples_per_second": 3.7e6,
+        }
+        if film is None:
+            render.update(state="loading", stage="build the acceleration structure")
+        elif seconds >= 120:
+            render.update(state="finished", reason="The time of the job was used.", remaining=None)
+        elif self.paused:
+            render.update(state="paused")
+        if self.options.source != "render":
+            render.update(state="none", samples_per_second=0.0, remaining=None, stage="")
+        times = [t for t in np.geomspace(1, max(1.01, min(seconds, 120)), 24)] if seconds >= 1 else []
+        curve = [
+            {
+                "seconds": t,
+                "spp": 12 * t,
+                "k99": None if t < 1.1 else self.level(t),
+                "hidden": min(1.0, 0.4 + 0.13 * math.log2(t + 1)),
+            }
+            for t in times
+        ]
+        forecast = (
+            []
+            if film is None or film["first"]
+            else [
+                {"k": k, "seconds": (K_START / k) ** 2 * 0.97, "spp": 12 * (K_START / k) ** 2}
+                for k in (2, 1, 0.7, 0.5, 0.25)
+            ]
+        )
+        now = self.level(seconds) if film else None
+        certificate = (
+            None
+            if not film or film["first"]
+            else {
+                "k": self.target,
+                "hidden": min(0.9999, 0.99 ** ((now / self.target) ** 2)),
+                "median": now / 4.1,
+                "p99": now,
+                "saturated": 214,
+                "film": film["id"],
+            }
+        )
+        scene = None
+        if self.options.source == "render":
+            scene = {
+                "cameras": ["front", "oblique 30°"],
+                "camera": self.camera_name,
+                "lights": [{"name": n, "kind": k, "power": p, **self.lights[n]} for n, k, p in LIGHTS],
+                "materials": self.materials,
+                "effects": [{"name": n, "title": t, "used": u, "left_out": n in self.left_out} for n, t, u in EFFECTS],
+                "per_light": {"on": self.per_light, "bytes": self.width * self.height * 96 * 3, "lights": 3},
+            }
+        return {
+            "version": "0.9.0",
+            "title": "panel.toml",
+            "path": "jobs/panel.toml",
+            "source": self.options.source,
+            "width": self.width,
+            "height": self.height,
+            "film": film,
+            "render": render,
+            "error": self.settings.get("error"),
+            "notes": [
+                {
+                    "level": "warning",
+                    "text": "1.2 % of the light passes two covers, which no path connects.",
+                    "help": "The image is darker there by at most 0.4 DN.",
+                },
+                {"level": "info", "text": 'The mesh "<b>bolt</b>" has 12 open edges.', "help": None},
+            ],
+            "curve": curve,
+            "forecast": forecast,
+            "target": self.target,
+            "certificate": certificate,
+            "sensors": SENSORS,
+            "camera": JOB_CAMERA,
+            "ranges": RANGES,
+            "scene": scene,
+            "saved": self.saved,
+        }
+
+    # Film ----------------------------------------------------------------------------------------
+    def need_film(self):
+        film = self.film()
+        if film is None:
+            raise Fault(422, "There is no picture yet.", None, "Wait for the first picture.")
+        return film
+
+    def signal(self, camera, film):
+        """Electrons of the film and their standard deviation by the render, exposure."""
+        sensor = next((s for s in SENSORS if s["name"] == camera["sensor"]), SENSORS[0])
+        factor = 1.0
+        if camera["lights"]:
+            factor = sum(camera["lights"].values()) / max(1, len(camera["lights"]))
+        power = sum(light["factor"] * light["on"] for light in self.lights.values()) / len(self.lights)
+        factor *= power
+        auto = 0.8 * sensor["saturation"] / (self.radiance.max() * max(factor, 1e-6)) / 1e6
+        exposure = camera["exposure"] if camera["exposure"] is not None else float(np.clip(auto, *RANGES["exposure"]))
+        electrons = self.radiance * factor * exposure * 1e6
+        if camera["vignetting"]:
+            y, x = np.mgrid[-1 : 1 : self.height * 1j, -1 : 1 : self.width * 1j]
+            electrons = electrons * (1 - 0.18 * (x * x + y * y))
+        camera_variance = electrons + sensor["dark_noise"] ** 2
+        level = self.level(max(0.4, film["seconds"]))
+        ratio = level * 0.42 * self.noise * (0.35 if camera["denoise"] != "off" else 1.0)
+        return sensor, exposure, electrons, np.sqrt(camera_variance), ratio * np.sqrt(camera_variance)
+
+    def expose(self, camera, frame, film):
+        sensor, exposure, electrons, camera_sigma, render_sigma = self.signal(camera, film)
+        content = np.random.default_rng(film["id"]).standard_normal(electrons.shape)
+        got = electrons + render_sigma * content
+        if film["first"]:
+            got = np.repeat(np.repeat(got[::8, ::8], 8, 0), 8, 1)[: self.height, : self.width]
+        pattern = np.random.default_rng(1000 + camera["device"]).standard_normal(electrons.shape)
+        got = got * (1 + 0.004 * pattern)
+        if camera["noise"] != "none":
+            spread = camera_sigma
+            if camera["noise"] == "matched":
+                spread = np.sqrt(np.maximum(0, camera_sigma**2 - render_sigma**2))
+            got = got + spread * np.random.default_rng(frame * 7919 + camera["device"]).standard_normal(electrons.shape)
+        white = 2 ** sensor["bits"] - 1
+        black = camera["black_level"] if camera["black_level"] is not None else (white + 1) // 64
+        gain = (white - black) / sensor["saturation"] * camera["gain"]
+        dn = np.clip(np.rint(black + gain * np.maximum(got, -50)), 0, white)
+        matched = float(np.mean(render_sigma <= camera_sigma)) if camera["noise"] == "matched" else None
+        return {
+            "sensor": sensor,
+            "exposure": exposure,
+            "electrons": electrons,
+            "camera_sigma": camera_sigma,
+            "render_sigma": render_sigma,
+            "white": white,
+            "black": black,
+            "gain": gain,
+            "dn": dn,
+            "matched": matched,
+        }
+
+    def check_camera(self, camera):
+        if not isinstance(camera, dict) or set(camera) != CAMERA_KEYS:
+            raise Fault(400, f"The camera must have the keys {sorted(CAMERA_KEYS)}.")
+        if (
+            camera["exposure"] is not None
+            and not RANGES["exposure"][0] * 0.999 <= camera["exposure"] <= RANGES["exposure"][1] * 1.001
+        ):
+            raise Fault(
+                422, f"The exposure of {camera['exposure']} s is out of range.", "exposure", "Use 10 us to 1 s."
+            )
+        if camera["denoise"] == "oidn":
+            raise Fault(
+                422,
+                "Open Image Denoise is not installed.",
+                "denoise",
+                "Install the library, or use the built-in filter.",
+            )
+        if camera["noise"] not in ("plain", "matched", "none") or not isinstance(camera["device"], int):
+            raise Fault(400, "The noise or the device is invalid.")
+        if camera["lights"] is not None and not self.per_light:
+            raise Fault(422, "The film has no layer for each light.", "lights", None)
+        if camera["sensor"] is not None and camera["sensor"] not in [s["name"] for s in SENSORS]:
+            raise Fault(422, f"There is no sensor {camera['sensor']}.", "sensor", None)
+        return camera
+
+    # Answers -------------------------------------------------------------------------------------
+    def frame(self, body):
+        camera = self.check_camera(body["camera"])
+        if set(body) != {"camera", "frame", "tone"} or body["tone"] not in ("gamma", "linear", "log"):
+            raise Fault(400, "The frame needs camera, frame and tone.")
+        begin, film = time.time(), self.need_film()
+        shot = self.expose(camera, body["frame"], film)
+        colour = camera["sensor"] is None or shot["sensor"]["colour"]
+        header = {
+            "width": self.width,
+            "height": self.height,
+            "format": "rgb8" if colour else "gray16",
+            "white": shot["white"],
+            "black": shot["black"],
+            "film": film["id"],
+            "exposure": shot["exposure"],
+            "no_light": False,
+            "saturated": float(np.mean(shot["dn"] >= shot["white"])),
+            "matched": shot["matched"],
+            "mean_value": float(shot["dn"].mean()),
+            "mean_electrons": float(shot["electrons"].mean()),
+            "compute": time.time() - begin,
+        }
+        if colour:
+            share = np.clip(shot["dn"] / shot["white"], 0, 1)
+            curve = {"gamma": share ** (1 / 2.2), "linear": share, "log": np.log1p(1000 * share) / math.log(1001)}[
+                body["tone"]
+            ]
+            tint = np.array([1.0, 0.97, 0.9])
+            data = np.rint(255 * np.clip(curve[..., None] * tint, 0, 1)).astype(np.uint8).tobytes()
+        else:
+            data = shot["dn"].astype("<u2").tobytes()
+        return header, data
+
+    def map(self, body):
+        camera = self.check_camera(body["camera"])
+        if set(body) != {"camera", "map"} or body["map"] not in MAPS:
+            raise Fault(400, "The map is invalid.")
+        begin, film = time.time(), self.need_film()
+        shot = self.expose(camera, 0, film)
+        ratio = shot["render_sigma"] / shot["camera_sigma"]
+        spp = film["spp"] * (0.4 + self.noise)
+        name = body["map"]
+        if name == "difference" and not self.ablations:
+            raise Fault(422, "No ablation was computed.")
+        values, unit = {
+            "ratio": (ratio, ""),
+            "samples": (np.rint(spp), "samples"),
+            "recent": (np.rint(12 * self.noise), "samples"),
+            "render_sigma": (shot["render_sigma"] * shot["gain"], "DN"),
+            "camera_sigma": (shot["camera_sigma"] * shot["gain"], "DN"),
+            "difference": (
+                -40 * (self.objects == 3) * self.radiance
+                + np.random.default_rng(4).standard_normal(self.radiance.shape),
+                "DN",
+            ),
+        }[name]
+        values = values.astype(np.float32)
+        if name == "ratio":
+            values[shot["dn"] >= shot["white"]] = np.nan
+            values[:12, :12] = np.inf
+        known = values[np.isfinite(values)]
+        low, high = np.quantile(known, [0.01, 0.99])
+        return {
+            "width": self.width,
+            "height": self.height,
+            "format": "f32",
+            "unit": unit,
+            "film": film["id"],
+            "compute": time.time() - begin,
+            "low": float(low),
+            "high": float(high),
+        }, values.astype("<f4").tobytes()
+
+    def probe(self, body):
+        camera, film = self.check_camera(body["camera"]), self.need_film()
+        x, y = body["x"], body["y"]
+        if not (0 <= x < self.width and 0 <= y < self.height):
+            raise Fault(422, "The pixel is not on the film.")
+        shot = self.expose(camera, body["frame"], film)
+        names = [
+            (None, None),
+            ("front panel", "anodised aluminium"),
+            ("screw M3 (7)", "steel, turned"),
+            ("window of the display", "PMMA cover <clear>"),
+        ]
+        name, material = names[self.objects[y, x]]
+        at = lambda plane: float(plane[y, x])
+        return {
+            "x": x,
+            "y": y,
+            "value": at(shot["dn"]),
+            "electrons": at(shot["electrons"]),
+            "radiance": [at(self.radiance)] * 3,
+            "camera_sigma": at(shot["camera_sigma"]) * shot["gain"],
+            "render_sigma": at(shot["render_sigma"]) * shot["gain"],
+            "ratio": at(shot["render_sigma"] / shot["camera_sigma"]),
+            "samples": int(film["spp"] * (0.4 + at(self.noise))),
+            "object": name,
+            "material": material,
+            "depth": 0.412 + 0.0001 * x if name else None,
+            "heaviest": {"index": 1174, "share": 0.043} if name else None,
+        }
+
+    def regions(self, body):
+        camera, film = self.check_camera(body["camera"]), self.need_film()
+        if not 1 <= len(body["regions"]) <= 2:
+            raise Fault(400, "1 or 2 regions are allowed.")
+        shot, found = self.expose(camera, body["frame"], film), []
+        for x0, y0, x1, y1 in body["regions"]:
+            if not (0 <= x0 < x1 <= self.width and 0 <= y0 < y1 <= self.height):
+                raise Fault(422, "A region is not on the film.")
+            dn = shot["dn"][y0:y1, x0:x1]
+            bins = max(1, min(64, int(dn.max() - dn.min() + 1)))
+            width = max(1, math.ceil((dn.max() - dn.min() + 1) / bins))
+            counts = np.bincount(((dn - dn.min()) // width).astype(int).ravel())
+            found.append(
+                {
+                    "pixels": int(dn.size),
+                    "mean": float(dn.mean()),
+                    "variance": float(dn.var()),
+                    "min": float(dn.min()),
+                    "max": float(dn.max()),
+                    "snr": float((dn.mean() - shot["black"]) / dn.std()) if dn.std() > 0 else None,
+                    "saturated": float(np.mean(dn >= shot["white"])),
+                    "histogram": {"low": float(dn.min()), "width": width, "counts": counts.tolist()},
+                }
+            )
+        contrast = found[0]["mean"] - found[1]["mean"] if len(found) == 2 else None
+        cnr = None if contrast is None else abs(contrast) / float(shot["camera_sigma"].mean() * shot["gain"])
+        return {"regions": found, "contrast": contrast, "cnr": cnr}
+
+    def line(self, body):
+        camera, film = self.check_camera(body["camera"]), self.need_film()
+        shot = self.expose(camera, body["frame"], film)
+        (x0, y0), (x1, y1) = body["from"], body["to"]
+        count = max(abs(x1 - x0), abs(y1 - y0)) + 1
+        xs = np.rint(np.linspace(x0, x1, count)).astype(int)
+        ys = np.rint(np.linspace(y0, y1, count)).astype(int)
+        pick = lambda plane: plane[ys, xs].tolist()
+        return {
+            "values": pick(shot["dn"]),
+            "expected": pick(np.clip(shot["black"] + shot["gain"] * shot["electrons"], 0, shot["white"])),
+            "sigma": pick(shot["gain"] * shot["camera_sigma"]),
+            "length": math.hypot(x1 - x0, y1 - y0),
+        }
+
+    def path(self, body):
+        x, y = body["x"], body["y"]
+        return {
+            "index": body["index"] if body["index"] is not None else 1174,
+            "luminance": 3.81,
+            "vertices": [
+                {"x": x + 0.5, "y": y + 0.5, "object": "front panel", "event": "diffuse reflection"},
+                {
+                    "x": self.width * 0.62,
+                    "y": self.height * 0.3,
+                    "object": "window of the display",
+                    "event": "specular transmission",
+                },
+                {"x": None, "y": None, "object": "lens hood", "event": "diffuse reflection"},
+                {"x": self.width * 0.3, "y": self.height * 0.2, "object": "screw M3 (2)", "event": "glossy reflection"},
+                {"x": self.width * 0.5, "y": self.height * 0.05, "object": "ring light", "event": "emission"},
+            ],
+        }
+
+    def photon_transfer(self, body):
+        camera, film = self.check_camera(body["camera"]), self.need_film()
+        shot = self.expose(camera, 0, film)
+        generator = np.random.default_rng(film["id"])
+        electrons = np.linspace(0, 0.9 * shot["sensor"]["saturation"], 40)
+        mean = shot["black"] + shot["gain"] * electrons
+        variance = (
+            shot["gain"] ** 2
+            * (electrons + shot["sensor"]["dark_noise"] ** 2)
+            * (1 + 0.04 * generator.standard_normal(40))
+        )
+        slope, offset = np.polyfit(mean, variance, 1)
+        return {
+            "points": [{"mean": float(m), "variance": float(v)} for m, v in zip(mean, variance)],
+            "gain": shot["gain"],
+            "line": {"slope": float(slope), "offset": float(offset)},
+            "dark": float(shot["black"]),
+        }
+
+    def restart(self):
+        self.film_offset = (self.film() or {"id": self.film_offset})["id"]
+        self.begin, self.restarted, self.paused = time.time(), self.restarted + 1, False
+
+    def scene(self, body):
+        if self.options.source != "render":
+            raise Fault(422, "Nothing renders here.")
+        if not body or set(body) - {"camera", "lights", "without", "materials", "per_light"}:
+            raise Fault(400, "The change of the scene is invalid.")
+        with self.lock:
+            self.camera_name = body.get("camera", self.camera_name)
+            for name, light in body.get("lights", {}).items():
+                if set(light) != {"on", "factor"}:
+                    raise Fault(400, "A light needs on and factor.")
+                self.lights[name] = light
+            if "without" in body:
+                self.left_out = set(body["without"])
+            for name, change in body.get("materials", {}).items():
+                next(m for m in self.materials if m["name"] == name).update(change)
+            self.per_light = body.get("per_light", self.per_light)
+            self.restart()
+        return {}
+
+    def ablation(self, body):
+        self.check_camera(body["camera"])
+        begin = self.ablations.setdefault(body["effect"], time.time())
+        fraction = (time.time() - begin) / 1.5
+        if fraction < 1:
+            return {"state": "running", "fraction": fraction}
+        return {"state": "finished", "mean": -3.12, "largest": 41.7, "sigma": 1.04, "significant": True}
+
+    def render(self, body):
+        action = body["action"]
+        if action == "pause":
+            self.paused_at, self.paused = self.seconds(), True
+        elif action == "resume":
+            self.begin, self.paused = time.time() - self.paused_at / self.options.speed, False
+        elif action == "restart":
+            self.restart()
+        else:
+            raise Fault(400, "The action is unknown.")
+        return {}
+
+    def set_target(self, body):
+        if not 0.05 <= body["k"] <= 4:
+            raise Fault(422, "k must be 0.05 to 4.")
+        self.target = body["k"]
+        return {}
+
+    def save(self, body):
+        self.check_camera(body["camera"])
+        ends = {"png": ".png", "tiff": ".tiff", "exr": ".exr", "checkpoint": ".dfc", "job": ".toml"}
+        files = [body["name"] + ends[what] for what in body["what"]]
+        for file in files:
+            if file in self.saved:
+                raise Fault(422, f"The file {file} exists.", file, "Choose another name.")
+        self.saved = self.saved + files
+        return {"files": files}

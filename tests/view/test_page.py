@@ -1,0 +1,311 @@
+"""The pictures and knobs of the page, with a server of synthetic data."""
+
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from mock_page import FROZEN, WIDTH, overlaps
+from mock_view import JOB_CAMERA
+from page import PATIENCE, tone_value
+from selenium.webdriver.common.keys import Keys
+
+
+def test_first_picture_and_tone(mock_page):
+    page = mock_page(*FROZEN)
+    frame = page.frame()
+    header, data = page.mock.frame({"camera": JOB_CAMERA, "frame": 0, "tone": "gamma"})
+    assert frame["values"] == np.frombuffer(data, "<u2").tolist()
+    assert frame["header"]["film"] == header["film"] and frame["header"]["format"] == "gray16"
+    page.click("one-to-one")
+    x0, y0 = page.origin()
+    before = len(page.log("/api/frame"))
+    for name in ["gamma", "linear", "log"]:
+        page.set("tone", name)
+        page.settle()
+        for x, y in [(10, 10), (160, 120), (300, 200), (91, 177)]:
+            expected = tone_value(frame["values"][y * WIDTH + x], header, name)
+            assert page.pixel(x0 + x, y0 + y) == [expected] * 3 + [255], (name, x, y)
+    assert len(page.log("/api/frame")) == before, "the tone of a grey picture needs no request"
+
+
+def test_progressive_one_in_flight(mock_page):
+    page = mock_page("--speed", "3")
+    page.mock.settings["delay"] = 0.12
+    page.click("compare")
+    page.set("map", "samples")
+    films = set()
+    end = time.monotonic() + PATIENCE
+    while len(films) < 6 and time.monotonic() < end:
+        films.add(page.film())
+        assert films - {None} or page.frame() is None, "a picture that was shown is gone"
+    page.mock.settings["frozen"] = page.mock.seconds()
+    page.settle()
+    assert len(films) >= 6, films
+    pictures = [e for e in page.log() if e["path"] in ("/api/frame", "/api/map") and e["end"]]
+    assert not overlaps(pictures), "more than one picture was requested at a time"
+    # Each film is shown once behind A and once behind B; the first requests have no B.
+    last = page.mock.film()["id"]
+    assert len(page.log("/api/frame")) <= 2 * (last + 2), "a film was requested twice"
+
+
+def test_newest_knob_counts(mock_page):
+    page = mock_page(*FROZEN)
+    page.mock.settings["delay"] = 0.2
+    before = len(page.log("/api/frame"))
+    page.js("""const e = document.getElementById('gain'); let n = 0;
+        const t = setInterval(() => { e.value = String(n / 40); e.dispatchEvent(new Event('input')); if (++n > 20) { clearInterval(t); window.moved = true; } }, 15)""")
+    page.wait(lambda: page.js("return window.moved"), "the end of the movement")
+    page.settle()
+    requests = page.log("/api/frame")[before:]
+    # 21 positions in a third of a second, and 0.2 s for each answer.
+    assert len(requests) < 15, len(requests)
+    assert not overlaps(requests)
+    final = float(page.value("gain-value"))
+    assert abs(requests[-1]["body"]["camera"]["gain"] - final) < 1e-9 and abs(final - 10**0.5) < 0.05
+
+
+def test_camera_knobs(mock_page):
+    page = mock_page(*FROZEN)
+    for id_, value, key, expected in [
+        ("exposure-value", "2 ms", "exposure", 0.002),
+        ("exposure-value", "350us", "exposure", 350e-6),
+        ("exposure-value", "0,1 s", "exposure", 0.1),
+        ("gain-value", "2.5", "gain", 2.5),
+        ("temperature-value", "41.5", "temperature", 41.5),
+        ("black-level", "32", "black_level", 32),
+        ("noise", "none", "noise", "none"),
+        ("device", "7", "device", 7),
+        ("denoise", "builtin", "denoise", "builtin"),
+        ("sensor", "ccd-icx285", "sensor", "ccd-icx285"),
+    ]:
+        page.set(id_, value)
+        page.settle()
+        assert (
+            page.camera()[key] == pytest.approx(expected)
+            if isinstance(expected, float)
+            else page.camera()[key] == expected
+        ), (id_, value)
+    page.set("exposure-value", "long")
+    assert page.value("exposure-value") == "100 ms"
+    for id_, key in [
+        ("exposure-auto", "exposure"),
+        ("temperature-model", "temperature"),
+        ("black-level-model", "black_level"),
+    ]:
+        page.click(id_)
+        page.settle()
+        assert page.camera()[key] is None, id_
+    assert page.value("exposure-value").endswith("ms")
+    page.click("exposure-auto")
+    page.settle()
+    assert page.camera()["exposure"] > 0
+    page.click("vignetting")
+    page.settle()
+    assert page.camera()["vignetting"] is False
+    page.click("device-next")
+    page.settle()
+    assert page.camera()["device"] == 8
+    page.set("sensor", "")
+    page.settle()
+    assert page.camera()["sensor"] is None
+    assert page.frame()["header"]["format"] == "rgb8" and page.element("gain").get_attribute("disabled")
+    before = len(page.log("/api/frame"))
+    page.set("tone", "linear")
+    page.settle()
+    assert page.last("/api/frame")["tone"] == "linear" and len(page.log("/api/frame")) == before + 1
+    page.click("camera-reset")
+    page.settle()
+    assert page.camera() == JOB_CAMERA
+
+
+def test_refused_camera(mock_page):
+    page = mock_page(*FROZEN)
+    old = page.frame()["values"]
+    page.set("map", "samples")
+    page.settle()
+    page.set("denoise", "oidn")
+    page.settle()
+    assert "Open Image Denoise is not installed." in page.text("problems") and page.frame()["values"] == old
+    page.hold(21.4)
+    assert page.state()["film"]["id"] == 22
+    assert len([e for e in page.log("/api/frame") if e["body"]["camera"]["denoise"] == "oidn"]) == 1, (
+        "a refused request is not repeated"
+    )
+    page.set("denoise", "off")
+    page.settle()
+    assert page.text("problems") == "" and page.frame()["header"]["film"] == 22
+    page.assert_quiet_console(refusals=True)
+
+
+def test_scene_debounce(mock_page):
+    page = mock_page()
+    page.tab("scene")
+    before = page.mock.restarted
+    page.js("""const e = document.getElementById('light-power-0');
+        for (let n = 0; n < 6; n++) { e.value = String(n / 10); e.dispatchEvent(new Event('input')); }""")
+    changed = time.time()
+    page.idle()
+    requests = page.log("/api/scene")
+    assert len(requests) == 1 and requests[0]["start"] - changed > 0.2
+    lights = requests[0]["body"]["lights"]
+    assert set(lights) == {"ring light", "bar left", "room"} and abs(lights["ring light"]["factor"] - 10**0.5) < 0.02
+    assert page.mock.restarted == before + 1
+    page.js("document.querySelectorAll('#materials details').forEach(d => d.open = true)")
+    page.js("""for (const [id, value] of [['material-roughness-0', '0.8'], ['material-colour-2', '#ff8000']]) {
+          const e = document.getElementById(id); e.value = value; e.dispatchEvent(new Event('input')); }
+        for (const id of ['effect-0', 'light-on-1']) document.getElementById(id).click()""")
+    page.idle()
+    body = page.last("/api/scene")
+    assert len(page.log("/api/scene")) == 2 and set(body) == {"materials", "without", "lights"}
+    assert body["materials"]["anodised aluminium"]["roughness"] == 0.8 and body["without"] == ["covers"]
+    colour = body["materials"]["solder mask"]["color"]
+    assert abs(colour[0] - 1) < 1e-6 and abs(colour[1] - 0.2159) < 1e-3 and colour[2] == 0
+    assert "metallic" not in body["materials"]["PMMA cover <clear>"] and body["lights"]["bar left"]["on"] is False
+    # The states of the server no longer contain the effect, so the box stays empty.
+    page.wait(lambda: page.state()["scene"]["effects"][0]["left_out"], "the state without the effect")
+    assert page.checked("effect-0") is False
+    page.set("scene-camera", "oblique 30°")
+    page.idle()
+    assert page.last("/api/scene") == {"camera": "oblique 30°"}
+    page.wait(lambda: page.text("scene-restarts") == "Started again 3 times.", what="count of restarts")
+
+
+def test_per_light(mock_page):
+    page = mock_page("--speed", "3")
+    page.tab("scene")
+    assert "22.1 MB" in page.text("per-light-memory") and "3 lights" in page.text("per-light-memory")
+    assert page.js("return document.getElementById('light-factors').hidden")
+    page.click("per-light")
+    page.idle()
+    assert page.last("/api/scene") == {"per_light": True}
+    page.wait(lambda: not page.js("return document.getElementById('light-factors').hidden"), what="factors")
+    page.wait(lambda: page.mock.film() is not None, "a film")
+    page.set("light-factor-value-1", "0")
+    page.settle()
+    wanted = {"ring light": 1, "bar left": 0, "room": 1}
+    page.wait(lambda: page.camera()["lights"] == wanted, what="frame with the factors")
+    page.click("per-light")
+    page.idle()
+    page.wait(lambda: page.mock.film() is not None, "a film")
+    page.wait(lambda: page.camera()["lights"] is None, what="camera without lights")
+
+
+def test_compare(mock_page):
+    page = mock_page(*FROZEN)
+    page.click("one-to-one")
+    x0, y0 = page.origin()
+    page.click("keep")
+    page.set("gain-value", "0.3")
+    page.click("compare")
+    page.settle()
+    assert page.text("kept-facts") == "gain 1.00"
+    gains = {entry["body"]["camera"]["gain"] for entry in page.log("/api/frame")[-2:]}
+    assert gains == {0.3, 1}
+    assert page.pixel(x0 + 120, y0 + 120)[0] < page.pixel(x0 + 200, y0 + 120)[0] - 40
+    bright = page.pixel(x0 + 200, y0 + 120)
+    _, _, width, height = page.canvas()
+    page.mouse((width / 2, height / 2), (width / 2 + 60, height / 2), (width * 0.75, height / 2), drag=True)
+    page.settle()
+    assert page.pixel(x0 + 200, y0 + 120) != bright, "A covers the place now"
+    assert abs(int(page.element("divider").get_attribute("aria-valuenow")) - 75) <= 1
+    page.keys(Keys.HOME, focus="divider")
+    page.settle()
+    assert page.pixel(x0 + 200, y0 + 120) == bright
+    page.keys("x")
+    page.settle()
+    assert page.value("gain-value") == "1"
+
+
+def test_live(mock_page):
+    page = mock_page(*FROZEN)
+    page.js("document.getElementById('live').click()")
+    page.wait(lambda: len(page.log("/api/frame")) >= 6, "frames")
+    assert page.text("frame-rate").endswith("frames/s"), page.text("frame-rate")
+    numbers = [entry["body"]["frame"] for entry in page.log("/api/frame")]
+    assert numbers == sorted(numbers) and len(set(numbers)) == len(numbers)
+    page.mock.settings["delay"] = 0.4
+    slow = len(page.log("/api/frame")) + 1
+    page.wait(lambda: len(page.log("/api/frame")) >= slow + 4, "slow frames")
+    requests = page.log("/api/frame")[slow : slow + 4]
+    assert not overlaps(requests[:-1])
+    steps = [b["body"]["frame"] - a["body"]["frame"] for a, b in pairwise(requests)]
+    assert min(steps) >= 2, "a slow server must not get a queue of frames"
+    page.click("live")
+    page.settle()
+    assert page.attribute("live", "aria-pressed") == "false" and page.text("frame-rate").startswith("frame ")
+    last = page.last("/api/frame")["frame"]
+    assert page.text("frame-rate").split()[-1] == str(last)
+
+
+def test_save(mock_page):
+    page = mock_page(*FROZEN)
+    page.tab("save")
+    assert page.value("save-name") == "panel"
+    page.set("save-name", "a<i>b")
+    for kind in ["tiff", "job"]:
+        page.click(f"save-{kind}")
+    page.click("save")
+    page.idle()
+    assert page.last("/api/save")["what"] == ["png", "tiff", "job"]
+    page.wait(lambda: "a<i>b.png" in page.text("saved"), what="list")
+    assert page.js("return document.querySelectorAll('#saved i').length") == 0
+    page.click("save")
+    page.idle()
+    assert "exists" in page.text("problems") and "Nothing" in page.text("save-result")
+    page.set("save-name", "../x")
+    page.click("save")
+    assert "folder" in page.text("save-result") and len(page.log("/api/save")) == 2
+    page.set("save-name", "second")
+    page.chord(Keys.CONTROL, "s")
+    page.idle()
+    assert page.last("/api/save")["name"] == "second" and page.text("problems") == ""
+    page.assert_quiet_console(refusals=True)
+
+
+def test_reconnect(mock_page):
+    page = mock_page(*FROZEN)
+    assert page.text("connection") == "connected"
+    page.stop()
+    page.wait(lambda: page.text("connection") == "disconnected: reconnecting", "a lost connection")
+    before = page.frame()["header"]["film"]
+    page.set("gain-value", "2")
+    page.settle()
+    page.start(page.port, "--freeze", "5.2")
+    page.wait(lambda: page.text("connection") == "connected", "the connection")
+    page.wait(lambda: (page.frame()["header"]["film"]) == 6, what="picture of the new server")
+    assert before != 6 and page.camera()["gain"] == 2
+    # A new server with the same number of its film: its picture is another one.
+    page.stop()
+    page.wait(lambda: page.text("connection") != "connected", "a lost connection")
+    page.start(page.port, "--freeze", "5.2")
+    page.wait(lambda: page.log("/api/frame"), "the picture of the third server")
+    # The browser itself writes the lost connection to the console.
+    page.console()
+
+
+def test_film_source(mock_page):
+    page = mock_page("--source", "film", *FROZEN)
+    page.tab("scene")
+    assert page.js("return document.getElementById('scene-knobs').hidden") and not page.js(
+        "return document.getElementById('scene-none').hidden"
+    )
+    assert page.element("pause").get_attribute("disabled") and page.element("ablation-start").get_attribute("disabled")
+
+
+def test_no_film_and_error(mock_page):
+    page = mock_page("--freeze", "0.1")
+    assert page.frame() is None and "Waiting" in page.text("empty") and not page.log("/api/frame")
+    page.mock.settings["error"] = {
+        "problem": "The mesh <b>x</b> is empty.",
+        "place": "scene.gltf: mesh 3",
+        "help": "Export it again.",
+    }
+    page.wait(lambda: "The mesh <b>x</b> is empty." in page.text("problems"), what="error")
+    page.mock.settings["error"] = None
+    page.mock.settings["frozen"] = 0.5
+    page.wait(lambda: page.frame() is not None, what="coarse picture")
+    assert "coarse picture" in page.text("stage-text")
+    assert page.element("verdict").get_attribute("data-level") == "none"
+    page.click("notes-open")
+    assert "<b>bolt</b>" in page.text("notes-list")

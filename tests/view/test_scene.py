@@ -1,0 +1,271 @@
+"""The knobs of the scene, the control of the render, and changes of the job."""
+
+import numpy as np
+import pytest
+from images import assert_equal_means, layers, mean_and_variance
+from jobs import station
+from page import Page, wait_for
+
+# Light of the left lamp only, at a fixed exposure, so that electrons are proportional to the light.
+FIXED = station(sensor='exposure = "5ms"')
+
+
+def save_layers(running, name, spp=16):
+    """The layers of the film at this moment, which then has at least so many samples per pixel."""
+    running.wait_for_film(spp)
+    saved = running.post("save", {"what": ["exr"], "name": name, "camera": running.camera(), "frame": 0})
+    return layers(running.folder / saved["files"][0])
+
+
+def index_of(running, kind, name):
+    """The place of a light, a material or an effect in the lists of the page."""
+    return [part["name"] for part in running.state()["scene"][kind]].index(name)
+
+
+def restart_by(running, page, change):
+    """Makes a change on the page, and waits for the first picture of the new scene.
+
+    The picture before stays until then: at no time there is none, or one with pixels without samples.
+    """
+    before = running.wait_for_film(1)
+    change()
+
+    def is_new():
+        state = page.state()
+        assert state["error"] is None, state["error"]
+        assert page.film() is not None and not state["film"]["first"]
+        return state["render"]["restarted"] > before["render"]["restarted"] and page.film() > before["film"]["id"]
+
+    wait_for(is_new, "the picture of the changed scene")
+    page.idle()
+
+
+def test_lights(view, open_page):
+    running = view(job=FIXED)
+    page = open_page(running)
+    page.tab("scene")
+    both = save_layers(running, "both")
+    left, right = (index_of(running, "lights", name) for name in ["left", "right"])
+    restart_by(running, page, lambda: page.click(f"light-on-{right}"))
+    one = save_layers(running, "left")
+    assert mean_and_variance(one)[0] < mean_and_variance(both)[0]
+    # The halves of the plate beyond ball and lid: the one at the side of the lamp is brighter.
+    assert one["G"][:, :10].mean() > one["G"][:, -10:].mean()
+    restart_by(running, page, lambda: page.set(f"light-power-{left}-value", "2"))
+    double = save_layers(running, "double")
+    assert_equal_means(double, one, factor=2)
+    # Light adds: both lamps are the left one and the right one.
+    restart_by(running, page, lambda: page.click(f"light-on-{right}"))
+    restart_by(running, page, lambda: page.click(f"light-on-{left}"))
+    other = save_layers(running, "right")
+    # Without the body of a lamp that is off, less than a hundredth of the light comes another way.
+    total = mean_and_variance(one)[0] + mean_and_variance(other)[0]
+    noise = sum(mean_and_variance(exr)[1] for exr in (one, other, both)) ** 0.5
+    assert abs(mean_and_variance(both)[0] - total) < 6.1 * noise + 0.01 * total
+    page.wait(lambda: page.text("scene-restarts") == "Started again 4 times.", "the number of restarts")
+    page.assert_quiet_console()
+
+
+def test_materials(view, open_page):
+    running = view(job=FIXED)
+    page = open_page(running)
+    page.tab("scene")
+    before = save_layers(running, "before")
+    plate = index_of(running, "materials", "plate")
+    state = running.state()["scene"]["materials"][plate]
+    assert (state["roughness"], state["metallic"], state["color"]) == (0.8, 0, [0.4, 0.4, 0.4])
+    assert page.value(f"material-roughness-{plate}-value") == "0.8"
+    # Lamps have knobs among the lights only.
+    assert [material["name"] for material in running.state()["scene"]["materials"]] == ["plate", "ball", "lid"]
+    page.js("document.querySelectorAll('#materials details').forEach(d => d.open = true)")
+    restart_by(running, page, lambda: page.set(f"material-colour-{plate}", "#000000", "input"))
+    dark = save_layers(running, "dark")
+    lid = before["G"][30:42, 60:75].mean()
+    assert dark["G"][:, :10].mean() < 0.3 * before["G"][:, :10].mean()
+    assert dark["G"][30:42, 60:75].mean() > 0.8 * lid, "the lid has its own material"
+    restart_by(running, page, lambda: page.set(f"material-metallic-{plate}-value", "1"))
+    state = running.state()["scene"]["materials"][plate]
+    assert (state["roughness"], state["metallic"], state["color"]) == (0.8, 1, [0, 0, 0])
+    page.assert_quiet_console()
+
+
+def test_cameras_and_effects(view, open_page):
+    job = (
+        FIXED.replace("[camera]", '[[camera]]\nname = "above"', 1)
+        + """
+[[camera]]
+name = "beside"
+position = ["400mm", "100mm", 0]
+look_at = [0, 0, 0]
+vertical_fov = "30deg"
+"""
+    )
+    running = view(job=job)
+    page = open_page(running)
+    page.tab("scene")
+    assert running.state()["scene"]["camera"] == "above"
+    above = save_layers(running, "above")
+    restart_by(running, page, lambda: page.set("scene-camera", "beside"))
+    beside = save_layers(running, "beside")
+    # The plate fills the view from above. From the side, the upper rows see beyond it.
+    assert np.isfinite(above["depth.Z"]).all() and (above["depth.Z"] > 0).all()
+    assert beside["depth.Z"].max() > above["depth.Z"].max()
+    assert running.state()["scene"]["camera"] == "beside"
+    effect = index_of(running, "effects", "smooth-normals")
+    assert page.checked(f"effect-{effect}")
+    restart_by(running, page, lambda: page.click(f"effect-{effect}"))
+    assert running.state()["scene"]["effects"][effect] == {
+        "name": "smooth-normals", "title": "smooth normals", "used": True, "left_out": True,
+    }  # fmt: skip
+    flat = save_layers(running, "flat")
+    # The normals of the ball are those of its triangles, so fewer directions remain.
+    of_ball = (
+        beside["id.object"] == np.bincount(beside["id.object"].ravel()[beside["id.object"].ravel() < 100]).argmin()
+    )
+    assert of_ball.any()
+    assert not np.allclose(flat["normal.Y"], beside["normal.Y"], atol=1e-3)
+    # The change of the camera is not lost by that of the effect.
+    assert running.state()["scene"]["camera"] == "beside"
+    restart_by(running, page, lambda: page.click(f"effect-{effect}"))
+    assert running.state()["scene"]["effects"][effect]["left_out"] is False
+    page.assert_quiet_console()
+
+
+def test_two_changes_at_once_are_both_made(view):
+    running = view(job=FIXED)
+    running.wait_for_film(1)
+    for _ in range(5):
+        running.post("scene", {"lights": {"left": {"on": False, "factor": 1}}})
+        running.post("scene", {"materials": {"lid": {"roughness": 0.9}}})
+        running.post("scene", {"lights": {"left": {"on": True, "factor": 3}}})
+        state = running.wait(lambda state: state["scene"]["lights"][0]["factor"] == 3, "the last change")
+        assert state["scene"]["lights"][0]["on"] is True
+        assert next(m for m in state["scene"]["materials"] if m["name"] == "lid")["roughness"] == 0.9
+        running.post("scene", {"lights": {}, "materials": {}})
+        running.wait(lambda state: state["scene"]["lights"][0]["factor"] == 1, "the scene of the job")
+    assert running.state()["error"] is None
+
+
+def test_influence_of_an_effect(view, open_page):
+    running = view(job=FIXED)
+    page = open_page(running)
+    running.wait_for_film(8)
+    page.tab("noise")
+    page.set("ablation-effect", "smooth-normals")
+    page.js("document.getElementById('ablation-start').click()")
+    page.wait(lambda: "DN" in page.text("ablation-result"), "the comparison")
+    page.click("ablation-map")
+    assert page.value("map") == "difference" and page.text("problems") == ""
+    page.assert_quiet_console()
+
+
+def test_pause_and_target(view, open_page):
+    running = view(job=FIXED)
+    page = open_page(running)
+    running.wait_for_film(2)
+    page.click("pause")
+    paused = running.wait(lambda state: state["render"]["state"] == "paused", "the pause")
+    # The knobs of the camera work during the pause, and a path is traced.
+    page.wait(lambda: page.film() == paused["film"]["id"], "the picture of the last film")
+    page.set("gain-value", "2")
+    assert page.text("problems") == ""
+    assert running.post("path", {"x": 30, "y": 36, "index": 0})["vertices"]
+    again = running.state()
+    assert again["film"] == paused["film"] and again["render"]["elapsed"] == paused["render"]["elapsed"]
+    page.click("pause")
+    running.wait(lambda state: state["film"]["samples"] > paused["film"]["samples"], "samples after the pause")
+    # A change during a pause is made; the render stays paused.
+    running.pause()
+    running.post("scene", {"lights": {"left": {"on": False, "factor": 1}}})
+    running.wait(lambda state: state["render"]["restarted"] == 1 and state["render"]["state"] == "paused", "the change")
+    running.post("render", {"action": "resume"})
+    running.wait_for_film(4)
+
+
+def test_verdict(view, open_page):
+    running = view(job=station(width=64, height=48, sensor='exposure = "5ms"'))
+    page = open_page(running)
+    page.tab("noise")
+    running.wait_for_film(16)
+    # In the dark the noise of the camera hides any noise of the render.
+    page.set("exposure-value", "20 us")
+    page.wait(lambda: page.attribute("verdict", "data-level") == "measure", "a hidden noise")
+    certificate = running.state()["certificate"]
+    assert certificate["k"] == 0.5 and certificate["hidden"] >= 0.99 and certificate["p99"] <= 0.5
+    # Ratios of one film: the share of the pixels below a level, and its quantiles.
+    page.set("exposure-value", "2 ms")
+    paused = running.pause()
+    camera = running.camera(exposure=2e-3)
+    header, ratios = running.picture("map", {"camera": camera, "map": "ratio"})
+
+    def is_certified(state):
+        """The certificate of the last film, with the camera of the page: its median is the one of the ratios."""
+        certificate = state["certificate"]
+        is_last = certificate["film"] == paused["film"]["id"]
+        return is_last and certificate["median"] == pytest.approx(np.nanmedian(ratios), rel=0.01)
+
+    certificate = running.wait(is_certified, "the certificate of the last film")["certificate"]
+    assert header["film"] == certificate["film"]
+    assert certificate["p99"] == pytest.approx(np.nanquantile(ratios, 0.99), rel=0.05)
+    level = float(np.clip(np.nanquantile(ratios, 0.3), 0.05, 4))
+    running.post("target", {"k": level})
+    assert running.state()["certificate"]["hidden"] == pytest.approx(np.mean(ratios <= level), abs=0.01)
+    running.post("render", {"action": "resume"})
+    # In bright light the noise of the camera hides less.
+    page.set("target", "0.05")
+    page.set("exposure-value", "5 ms")
+    page.wait(lambda: page.attribute("verdict", "data-level") == "no", "a noise that is not hidden")
+    assert running.state()["target"] == 0.05
+    # The curve and its values are those of the server.
+    running.wait(lambda state: len(state["curve"]) >= 3, "a curve")
+    page.wait(lambda: page.js("return document.querySelectorAll('#curve .measured').length") == 1, "the curve")
+    page.assert_quiet_console()
+
+
+def test_a_changed_job_is_loaded_again(view, tmp_path, open_page):
+    running = view(job=FIXED)
+    page = open_page(running)
+    job = tmp_path / "station.toml"
+    before = running.wait_for_film(2)
+    # A knob of the user stays, the others follow the job.
+    page.set("gain-value", "2")
+    assert page.value("exposure-value") == "5 ms"
+    job.write_text(station(width=80, sensor='exposure = "8ms"', left=1.5))
+    running.wait(lambda state: state["width"] == 80 and state["film"]["id"] > before["film"]["id"], "the new job")
+    page.wait(lambda: page.frame()["header"]["width"] == 80, "a picture of the new job")
+    assert page.value("exposure-value") == "8 ms" and page.value("gain-value") == "2"
+    assert running.state()["scene"]["lights"][0]["power"] == "1.500 W"
+    # A new light has its knobs, and lights that are gone have none.
+    more = '[[light]]\nname = "third"\nkind = "point"\nposition = [0, "250mm", 0]\npower = 0.1\n'
+    job.write_text(station(more=more).replace('name = "right"', 'name = "front"'))
+    names = ["left", "front", "third"]
+    running.wait(lambda state: [light["name"] for light in state["scene"]["lights"]] == names, "the new lights")
+    page.wait(lambda: page.js("return document.querySelectorAll('#lights input[type=checkbox]').length") == 3, "knobs")
+    page.assert_quiet_console()
+
+
+def test_a_broken_job_states_its_error_until_it_is_mended(view, tmp_path, open_page):
+    running = view(job=FIXED)
+    page = open_page(running)
+    job = tmp_path / "station.toml"
+    for broken, word in [('scene = "none', "station.toml"), ('scene = "none"\nwide = 3\n', "wide"), ("", "scene")]:
+        film = running.wait_for_film(1)["film"]["id"]
+        job.write_text(broken)
+        page.wait(lambda word=word: word in page.text("problems"), "the error")
+        assert page.frame() is not None, "the picture before the fault stays"
+        job.write_text(FIXED)
+        page.wait(lambda film=film: page.text("problems") == "" and page.film() > film, "the mended job")
+    page.assert_quiet_console()
+
+
+def test_a_job_that_is_broken_from_the_start(view, tmp_path, driver):
+    running = view(job='scene = "none"\n[film]\nwidth = "wide"\n')
+    page = Page(driver, running.url)
+    page.wait(lambda: "width" in page.text("problems"), "the error")
+    assert page.frame() is None
+    (tmp_path / "station.toml").write_text(FIXED)
+    page.wait(lambda: page.frame() is not None and page.text("problems") == "", "the mended job")
+    # The knobs are those of the job, not those of the time without one.
+    assert page.value("sensor") == "as in the job" and page.value("exposure-value") == "5 ms"
+    assert page.value("device") == "3"
+    page.assert_quiet_console()
