@@ -3,7 +3,7 @@
 use super::assets::{INDEX, file};
 use super::guard::{Guard, check};
 use crate::desk;
-use crate::protocol::{Fault, FrameRequest, MapRequest, SaveRequest};
+use crate::protocol::{Fault, FrameRequest, MapRequest, PathRequest, SaveRequest};
 use crate::save::save;
 use crate::shared::Shared;
 use axum::extract::rejection::JsonRejection;
@@ -26,6 +26,9 @@ use tokio_stream::{Stream, StreamExt};
 
 /// Computations at the same time. Others wait for their turn.
 const AT_ONCE: usize = 2;
+/// Requests at the same time that wait for the thread that renders. They hold no turn of the computations, so that pictures
+/// are shown while a scene is loaded.
+const WAITING: usize = 2;
 /// The longest body of a request \[bytes\].
 const MAX_BODY: usize = 64 * 1024;
 /// Least time between two states of a page.
@@ -36,11 +39,12 @@ const STATE_EVERY: Duration = Duration::from_millis(200);
 struct App {
     shared: Arc<Shared>,
     turns: Arc<Semaphore>,
+    waits: Arc<Semaphore>,
 }
 
 /// The routes of the server.
 pub(crate) fn router(shared: Arc<Shared>, guard: Guard) -> Router {
-    let app = App { shared, turns: Arc::new(Semaphore::new(AT_ONCE)) };
+    let app = App { shared, turns: Arc::new(Semaphore::new(AT_ONCE)), waits: Arc::new(Semaphore::new(WAITING)) };
     Router::new()
         .route("/", get(|| async { Html(INDEX) }))
         .route("/assets/{name}", get(asset))
@@ -51,7 +55,7 @@ pub(crate) fn router(shared: Arc<Shared>, guard: Guard) -> Router {
         .route("/api/probe", post(|app, body| answer(app, body, |shared, request| desk::probe(shared, &request))))
         .route("/api/regions", post(|app, body| answer(app, body, |shared, request| desk::regions(shared, &request))))
         .route("/api/line", post(|app, body| answer(app, body, |shared, request| desk::line(shared, &request))))
-        .route("/api/path", post(|app, body| answer(app, body, |shared, request| desk::path(shared, &request))))
+        .route("/api/path", post(path))
         .route("/api/ablation", post(|app, body| answer(app, body, |shared, request| desk::ablation(shared, &request))))
         .route(
             "/api/photon-transfer",
@@ -87,26 +91,29 @@ async fn state(State(app): State<App>) -> Response {
 
 /// The states, as server-sent events. A page that reads slowly gets the newest state when it reads again.
 async fn events(State(app): State<App>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let mut next = Instant::now();
-    let states = WatchStream::new(app.shared.changed.subscribe()).then(move |_| {
-        let (shared, due) = (app.shared.clone(), next);
-        next = due.max(Instant::now()) + STATE_EVERY;
-        async move {
-            tokio::time::sleep_until(due).await;
-            Ok(Event::default().event("state").json_data(shared.state()).unwrap_or_default())
-        }
-    });
+    let changes = WatchStream::new(app.shared.changed.subscribe()).throttle(STATE_EVERY);
+    // The state is that of the moment at which the event is sent.
+    let states =
+        changes.map(move |_| Ok(Event::default().event("state").json_data(app.shared.state()).unwrap_or_default()));
     Sse::new(states).keep_alive(KeepAlive::default())
 }
 
-/// Runs a computation on a thread that may wait, when it is its turn.
+/// Runs a computation when it is its turn.
 async fn compute<T: Send + 'static>(
     app: App,
     work: impl FnOnce(&Arc<Shared>) -> Result<T, Fault> + Send + 'static,
 ) -> Result<T, Fault> {
+    run(app.shared, app.turns, work).await
+}
+
+/// Runs work on a thread that may wait, when `turns` has a place.
+async fn run<T: Send + 'static>(
+    shared: Arc<Shared>,
+    turns: Arc<Semaphore>,
+    work: impl FnOnce(&Arc<Shared>) -> Result<T, Fault> + Send + 'static,
+) -> Result<T, Fault> {
     let failed = || Fault::new("the computation has failed", "reload the page");
-    let _turn = app.turns.acquire_owned().await.map_err(|_| failed())?;
-    let shared = app.shared;
+    let _turn = turns.acquire_owned().await.map_err(|_| failed())?;
     tokio::task::spawn_blocking(move || work(&shared)).await.map_err(|_| failed())?
 }
 
@@ -137,6 +144,16 @@ where
     match compute(app, move |shared| work(shared, request)).await {
         Ok(answer) => Json(answer).into_response(),
         Err(fault) => refused(fault, StatusCode::UNPROCESSABLE_ENTITY),
+    }
+}
+
+async fn path(State(app): State<App>, request: Result<Json<PathRequest>, JsonRejection>) -> Response {
+    match body(request) {
+        Ok(request) => match run(app.shared, app.waits, move |shared| desk::path(shared, &request)).await {
+            Ok(answer) => Json(answer).into_response(),
+            Err(fault) => refused(fault, StatusCode::UNPROCESSABLE_ENTITY),
+        },
+        Err(response) => response,
     }
 }
 
