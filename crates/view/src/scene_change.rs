@@ -106,9 +106,16 @@ impl SceneChange {
                 let Some((_, kind, _)) = parts.lights.iter().find(|(light, ..)| light == name) else {
                     return Err(unknown("light", name));
                 };
+                if kind == "environment" && !change.on {
+                    let problem = format!("{name:?} is the environment, which has no switch");
+                    return Err(Fault::new(
+                        problem,
+                        "write `radiance = 0` or `scale = 0` in `[environment]` of the job",
+                    ));
+                }
                 if change.factor != 1.0 && NO_POWER.contains(&&kind[..]) {
                     let problem = format!("the light {name:?} comes from infinitely far away, and has no power");
-                    return Err(Fault::new(problem, "switch it off, or change it in the job"));
+                    return Err(Fault::new(problem, "change it in the job"));
                 }
                 if !(change.factor.is_finite() && (0.0..=1e6).contains(&change.factor)) {
                     return Err(Fault::new(
@@ -196,6 +203,7 @@ mod tests {
                 ("bar \"left\"".into(), "mesh".into(), 0.25),
                 ("sun".into(), "point".into(), 2.0),
                 ("moonlight".into(), "directional".into(), 1.0),
+                ("sky".into(), "environment".into(), 1.0),
             ],
             materials: vec![MaterialState {
                 name: "steel".into(),
@@ -240,6 +248,7 @@ mod tests {
             r#"{"materials": {"steel": {"roughness": 1.5}}}"#,
             r#"{"materials": {"steel": {"color": [0.5, 0.5, -0.1]}}}"#,
             r#"{"lights": {"moonlight": {"on": true, "factor": 2}}}"#,
+            r#"{"lights": {"sky": {"on": false, "factor": 1}}}"#,
             r#"{"without": ["gravity"]}"#,
             r#"{"camera": "above", "without": ["gravity"]}"#,
             r#"{"per_light": true}"#,

@@ -223,7 +223,11 @@ impl Shared {
             target: live.target,
             certificate: live.certificate,
             sensors: live.sensors.all().iter().map(sensor).collect(),
-            camera: live.first_camera(),
+            camera: Camera {
+                // The picture may still be that before a change of the lens.
+                vignetting: snapshot.as_ref().map_or(live.is_vignetted, |snapshot| snapshot.is_vignetted),
+                ..live.first_camera()
+            },
             ranges: Ranges { exposure: [1e-6, 100.0], gain: [0.01, 100.0], temperature: [-100.0, 200.0] },
             scene: (self.subject.kind == SourceKind::Render && settings.is_some()).then(|| live.scene()),
             saved: live.saved.clone(),
