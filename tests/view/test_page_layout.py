@@ -39,7 +39,7 @@ def test_layout(mock_page):
             page.hold(frozen)
             assert not page.js(cut), (width, frozen, page.js(cut))
     page.set("target", 0.5)
-    for tab, (width, height) in [(tab, size) for size in SIZES for tab in TABS]:
+    for tab, (width, height) in [(tab, size) for size in SIZES[::2] for tab in TABS]:
         page.size(width, height)
         page.tab(tab)
         page.hold(1.2)

@@ -1,10 +1,13 @@
 """The knobs of the scene, the control of the render, and changes of the job."""
 
+import json
+
 import numpy as np
 import pytest
 from images import assert_equal_means, layers, mean_and_variance
 from jobs import station
 from page import Page, wait_for
+from program import ROOT
 
 # Light of the left lamp only, at a fixed exposure, so that electrons are proportional to the light.
 FIXED = station(sensor='exposure = "5ms"')
@@ -172,6 +175,7 @@ def test_pause_and_target(view, open_page):
     assert running.post("path", {"x": 30, "y": 36, "index": 0})["vertices"]
     again = running.state()
     assert again["film"] == paused["film"] and again["render"]["elapsed"] == paused["render"]["elapsed"]
+    page.wait(lambda: page.state()["render"]["state"] == "paused", "the pause on the page")
     page.click("pause")
     running.wait(lambda state: state["film"]["samples"] > paused["film"]["samples"], "samples after the pause")
     # A change during a pause is made; the render stays paused.
@@ -241,7 +245,14 @@ def test_a_changed_job_is_loaded_again(view, tmp_path, open_page):
     names = ["left", "front", "third"]
     running.wait(lambda state: [light["name"] for light in state["scene"]["lights"]] == names, "the new lights")
     page.wait(lambda: page.js("return document.querySelectorAll('#lights input[type=checkbox]').length") == 3, "knobs")
-    page.assert_quiet_console()
+    # Vignetting is a part of the film: the knob follows.
+    assert page.checked("vignetting") is False
+    job.write_text(station(more='[lens]\nvignetting = "cos4"\n'))
+    page.wait(lambda: page.checked("vignetting"), "the knob of the vignetting")
+    page.wait(lambda: page.film() == page.state()["film"]["id"], "a picture with vignetting")
+    page.idle()
+    assert page.text("problems") == ""
+    page.assert_quiet_console(refusals=True)
 
 
 def test_a_broken_job_states_its_error_until_it_is_mended(view, tmp_path, open_page):
@@ -268,4 +279,62 @@ def test_a_job_that_is_broken_from_the_start(view, tmp_path, driver):
     # The knobs are those of the job, not those of the time without one.
     assert page.value("sensor") == "as in the job" and page.value("exposure-value") == "5 ms"
     assert page.value("device") == "3"
+    page.assert_quiet_console()
+
+
+def test_light_from_infinitely_far_away(view, open_page):
+    sun = '[[light]]\nname = "sun"\nkind = "sun"\nirradiance = 2\ndirection = [1, 2, 0]\n'
+    running = view(job=FIXED + sun + "[environment]\nradiance = 0.5\n")
+    page = open_page(running)
+    page.tab("scene")
+    before = save_layers(running, "before", 4)
+    lights = {light["name"]: light["kind"] for light in running.state()["scene"]["lights"]}
+    assert {"left", "right", "sun"} < set(lights) and "environment" in lights.values()
+    index = index_of(running, "lights", "sun")
+    # The view cannot change its power, and takes the knob back. The render goes on.
+    page.set(f"light-power-{index}-value", "2")
+    assert "sun" in page.text("problems") and page.value(f"light-power-{index}-value") == "1"
+    assert running.state()["render"]["restarted"] == 0 and running.state()["error"] is None
+    index = next(i for i, light in enumerate(running.state()["scene"]["lights"]) if light["kind"] == "environment")
+    page.click(f"light-on-{index}")
+    assert "environment" in page.text("problems") and page.checked(f"light-on-{index}")
+    # All lights but the environment are off: its radiance on a white surface is the most that remains.
+    for name in ["left", "right", "sun"]:
+        index = index_of(running, "lights", name)
+        restart_by(running, page, lambda index=index: page.click(f"light-on-{index}"))
+        assert page.text("problems") == "", name
+    rest = save_layers(running, "rest", 4)
+    assert before["G"].mean() > 0.5 and rest["G"].mean() < 0.5
+    page.assert_quiet_console(refusals=True)
+
+
+def test_the_inspection_scene(view, tmp_path, open_page):
+    """A scene with a cover of clear plastic: all tabs, maps and measurements of the page, without a message."""
+    text = (ROOT / "scenes/inspection/inspection.toml").read_text()
+    text = text.replace('"inspection.glb"', json.dumps(str(ROOT / "scenes/inspection/inspection.glb")))
+    running = view(job=text.replace("= 512", "= 96"))
+    page = open_page(running)
+    running.wait_for_film(4)
+    page.wait(lambda: page.state()["certificate"] is not None, "a certificate")
+    for name in ["ratio", "samples", "recent", "render_sigma", "camera_sigma", "none"]:
+        page.set("map", name)
+        assert page.text("problems") == "", name
+    page.set("region1", "10 10 40 40")
+    page.set("region2", "50 50 60 60")
+    page.set("line", "0 48 95 48")
+    page.click("transfer-on")
+    page.click("path")
+    page.mouse(*[(x, 100) for x in (200, 220)], drag=True)
+    for name in ["scene", "noise", "measure", "save", "camera"]:
+        page.tab(name)
+    assert page.text("problems") == ""
+    assert page.text("region1-mean") != "\u2013" and page.text("cnr") != "\u2013"
+    materials = [material["name"] for material in running.state()["scene"]["materials"]]
+    assert "pmma" in materials
+    restart_by(running, page, lambda: page.set(f"material-roughness-{materials.index('pmma')}-value", "0.4"))
+    page.click("live")
+    shown = page.text("frame-rate")
+    page.wait(lambda: page.text("frame-rate") not in (shown, "0.0 frames/s"), "live frames")
+    page.js("document.getElementById('live').click()")
+    assert page.text("problems") == ""
     page.assert_quiet_console()

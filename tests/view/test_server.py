@@ -24,12 +24,12 @@ def raw(running, data, end=False):
     With `end` the client sends nothing more, which the server would otherwise wait for.
     """
     with socket.create_connection((running.host, running.port), PATIENCE) as connection:
-        with contextlib.suppress(ConnectionError):
+        with contextlib.suppress(OSError):
             connection.sendall(data)
             if end:
                 connection.shutdown(socket.SHUT_WR)
         answer = b""
-        with contextlib.suppress(ConnectionError):
+        with contextlib.suppress(OSError):
             while chunk := connection.recv(65536):
                 answer += chunk
     found = re.match(rb"HTTP/1\.[01] (\d{3}) ", answer)
