@@ -122,9 +122,8 @@ fn refused(fault: Fault, status: StatusCode) -> Response {
 }
 
 /// The body of a request.
-fn body<T>(body: Result<Json<T>, JsonRejection>) -> Result<T, Box<Response>> {
-    let Json(request) =
-        body.map_err(|e| Box::new(refused(Fault::new(e.body_text(), "reload the page"), e.status())))?;
+fn body<T>(body: Result<Json<T>, JsonRejection>) -> Result<T, (Fault, StatusCode)> {
+    let Json(request) = body.map_err(|e| (Fault::new(e.body_text(), "reload the page"), e.status()))?;
     Ok(request)
 }
 
@@ -139,7 +138,7 @@ where
 {
     let request = match body(request) {
         Ok(request) => request,
-        Err(response) => return *response,
+        Err((fault, status)) => return refused(fault, status),
     };
     match compute(app, move |shared| work(shared, request)).await {
         Ok(answer) => Json(answer).into_response(),
@@ -153,21 +152,21 @@ async fn path(State(app): State<App>, request: Result<Json<PathRequest>, JsonRej
             Ok(answer) => Json(answer).into_response(),
             Err(fault) => refused(fault, StatusCode::UNPROCESSABLE_ENTITY),
         },
-        Err(response) => response,
+        Err((fault, status)) => refused(fault, status),
     }
 }
 
 async fn frame(State(app): State<App>, request: Result<Json<FrameRequest>, JsonRejection>) -> Response {
     match body(request) {
         Ok(request) => binary(compute(app, move |shared| desk::frame(shared, &request)).await),
-        Err(response) => *response,
+        Err((fault, status)) => refused(fault, status),
     }
 }
 
 async fn map(State(app): State<App>, request: Result<Json<MapRequest>, JsonRejection>) -> Response {
     match body(request) {
         Ok(request) => binary(compute(app, move |shared| desk::map(shared, &request)).await),
-        Err(response) => *response,
+        Err((fault, status)) => refused(fault, status),
     }
 }
 
