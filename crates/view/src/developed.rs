@@ -18,7 +18,7 @@ pub(crate) const OWN_SENSOR: &str = "as in the job";
 /// Films behind cameras that are kept: two states that are compared, and one that changes.
 const KEPT: usize = 4;
 
-/// The sensors that the view knows, by name: that of the job, and the presets. No other file is read for a name.
+/// The sensors that the view knows: that of the job, and the presets. No other file is read for a name.
 #[derive(Clone, Debug)]
 pub(crate) struct Sensors {
     /// Names with models, the sensor of the job first.

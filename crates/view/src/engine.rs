@@ -143,6 +143,8 @@ fn open(shared: &Arc<Shared>, change: &SceneChange) -> Result<(Project, ScenePar
     for (name, used) in &mut parts.effects {
         *used |= change.without.iter().any(|effect| effect.name() == name) && before.contains(&(name.clone(), true));
     }
+    let is_job = shared.subject.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    lock(&shared.live).job = opened.job_text().filter(|_| is_job).map(str::to_owned);
     Ok((opened, parts))
 }
 
@@ -313,9 +315,7 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
                     }
                     _ => {}
                 }
-                // A film may be published between the look and the wait.
-                let waited = shared.wake.wait_timeout(control, Duration::from_secs(1));
-                control = waited.unwrap_or_else(PoisonError::into_inner).0;
+                control = shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
             }
         };
         let began = Instant::now();

@@ -153,7 +153,7 @@ impl SceneChange {
         Ok(())
     }
 
-    /// The keys of a job that make the changes of lights and materials. Names that the scene no longer has are left out.
+    /// The keys of a job that make the changes of lights and materials.
     pub(crate) fn overrides(&self, parts: &SceneParts) -> Table {
         let mut table = Table::new();
         let mut lights = Vec::new();

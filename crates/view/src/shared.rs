@@ -77,6 +77,8 @@ pub(crate) struct Live {
     pub(crate) shown: Option<Camera>,
     /// The files of the scene, as they were when they were read.
     pub(crate) files: BTreeMap<PathBuf, Stamp>,
+    /// The text of the job as it was read; `None` for a scene without a job.
+    pub(crate) job: Option<String>,
 }
 
 /// The state that all threads share.
@@ -110,7 +112,6 @@ impl Shared {
             restarted: 0,
             samples_per_second: 0.0,
         };
-        let files = vec![subject.path.clone()];
         let live = Live {
             render,
             error: None,
@@ -128,6 +129,7 @@ impl Shared {
             sensors: Sensors::new(&SensorChoice::None),
             shown: None,
             files: BTreeMap::new(),
+            job: None,
         };
         Self {
             subject,
