@@ -58,6 +58,10 @@ pub struct Limits {
     pub at_least: u64,
     /// The caller checks the noise of the image on the way, and ends the render when its target is reached.
     pub stop_on_noise: bool,
+    /// Samples per pixel of the pilot at most, if there is such a limit: for a render that a user ends long before its
+    /// other limits.
+    #[serde(default)]
+    pub max_pilot_spp: Option<u32>,
 }
 
 /// Properties of the image and the run that the schedule needs.
@@ -323,6 +327,7 @@ impl Schedule {
         // A render with a noise target may end long before its budget: its pilot is no larger than necessary.
         let share = if self.limits.stop_on_noise { 0.0 } else { PILOT_SHARE.0 };
         let pilot = f64::from(self.settings.pilot_spp).max(share * spp).min(PILOT_SHARE.1 * spp).max(MIN_PILOT);
+        let pilot = self.limits.max_pilot_spp.map_or(pilot, |most| pilot.min(f64::from(most).max(MIN_PILOT)));
         // Whole samples per pixel, and full sets of film batches if there are enough.
         let whole = if pilot >= 8.0 { (pilot / 4.0).floor() * 4.0 } else { pilot.floor() };
         (whole as u64).saturating_mul(pixels)

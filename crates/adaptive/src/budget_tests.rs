@@ -391,7 +391,7 @@ fn a_render_with_a_noise_target_keeps_its_other_limits() {
 #[test]
 fn a_pilot_measures_its_variance_also_on_a_machine_that_is_slow_at_first() {
     for budget in [0.02, 0.05, 0.1, 0.2, 0.4] {
-        let limits = Limits { seconds: Some(budget), samples: None, at_least: 0, stop_on_noise: false };
+        let limits = Limits { seconds: Some(budget), ..Limits::default() };
         let mut schedule = Schedule::new(limits, Settings { pixels: 1000, pilot_spp: 16, closing_seconds: 0.0 });
         let (mut now, mut pilot) = (0.0, 0);
         while let Step::Round(round) = schedule.next(now, 1.0) {
@@ -434,4 +434,25 @@ fn a_pilot_grows_until_it_is_large_enough_and_never_beyond_its_share() {
     // nothing.
     assert_eq!(run(100_000, &[16, 500]).0[..3], [4000, 16_000, 24_000]);
     assert_eq!(run(100_000, &[4, 500]).0[..2], [4000, 8000]);
+}
+
+#[test]
+fn the_pilot_of_a_large_budget_can_be_limited() {
+    let settings = Settings { pixels: 100, pilot_spp: 16, closing_seconds: 0.0 };
+    let pilot = |max_pilot_spp| {
+        let limits = Limits { samples: Some(6_553_600), max_pilot_spp, ..Limits::default() };
+        let mut schedule = Schedule::new(limits, settings);
+        loop {
+            match schedule.next(0.0, 1.0) {
+                Step::Round(round) if round.phase == Phase::Pilot => {
+                    schedule.record(round.samples, round.samples as f64, 0.1)
+                }
+                Step::Round(round) => break (schedule.taken(), round.replan),
+                other => panic!("{other:?}"),
+            }
+        }
+    };
+    assert_eq!(pilot(None), (13_104 * 100, true));
+    assert_eq!(pilot(Some(32)), (3200, true));
+    assert_eq!(pilot(Some(1)), (400, true), "a variance needs a sample in each batch");
 }

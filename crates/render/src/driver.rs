@@ -375,6 +375,7 @@ impl<'a> Renderer<'a> {
             samples,
             at_least: preview.min(samples.unwrap_or(u64::MAX)),
             stop_on_noise: budget.noise.is_some(),
+            max_pilot_spp: self.settings.max_pilot_spp,
         }
     }
 

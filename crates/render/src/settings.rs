@@ -93,6 +93,10 @@ pub struct RenderSettings {
     pub strategy: Option<Strategy>,
     /// Samples per pixel of the pilot.
     pub pilot_spp: u32,
+    /// Samples per pixel of the pilot at most. By default a pilot has a fifth of the samples of the budget; a render that
+    /// a user ends long before its limits needs less.
+    #[setters(into)]
+    pub max_pilot_spp: Option<u32>,
     /// Number of training paths of the learned Russian roulette ([`LearnedRoulette`](dunkelfeld_integrator::LearnedRoulette)),
     /// at most [`MAX_TRAINING_PATHS`]; 0 selects survival probabilities by the throughput of a path. A replay needs the
     /// number of the render, and so do parts of a render. `None` selects a number by the size of the film
@@ -165,6 +169,7 @@ impl RenderSettings {
             budget: Budget::default(),
             strategy: None,
             pilot_spp: DEFAULT_PILOT_SPP,
+            max_pilot_spp: None,
             training_paths: None,
             sobel_floor: dunkelfeld_adaptive::weights::SOBEL_FLOOR,
             seed: 0,
@@ -200,6 +205,7 @@ impl RenderSettings {
             budget,
             strategy,
             pilot_spp,
+            max_pilot_spp,
             training_paths,
             sobel_floor,
             seed,

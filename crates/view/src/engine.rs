@@ -17,6 +17,8 @@ use std::time::{Duration, Instant};
 
 /// The most samples per pixel of a view.
 const MAX_SPP: f64 = 65_536.0;
+/// Samples per pixel of the pilot, after which the plan follows.
+const PILOT_SPP: u32 = 32;
 /// Seconds between two films at the beginning of a render, and later.
 const FIRST_INTERVAL: f64 = 0.4;
 const LATER_INTERVAL: f64 = 1.0;
@@ -102,6 +104,7 @@ fn prepare(
     opened.set_overrides(&text)?;
     opened.settings.camera = change.camera.clone().or(opened.settings.camera.take());
     opened.settings.budget = Budget::default().with_spp(MAX_SPP);
+    opened.settings.max_pilot_spp = Some(PILOT_SPP);
     opened.settings.layers = FilmLayers::All;
     let settings = opened.fitted()?;
     let is_vignetted = dunkelfeld::camera(&opened.scene, &settings)?.has_vignetting();
