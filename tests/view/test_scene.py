@@ -210,7 +210,8 @@ def test_verdict(view, open_page):
 
     certificate = running.wait(is_certified, "the certificate of the last film")["certificate"]
     assert header["film"] == certificate["film"]
-    assert certificate["p99"] == pytest.approx(np.nanquantile(ratios, 0.99), rel=0.05)
+    # The certificate leaves saturated pixels out.
+    assert np.nanquantile(ratios, 0.98) <= certificate["p99"] <= np.nanquantile(ratios, 0.995)
     level = float(np.clip(np.nanquantile(ratios, 0.3), 0.05, 4))
     running.post("target", {"k": level})
     assert running.state()["certificate"]["hidden"] == pytest.approx(np.mean(ratios <= level), abs=0.01)

@@ -53,6 +53,9 @@ pub(crate) fn ask(shared: &Arc<Shared>, effect: &str, with: Arc<Developed>) -> R
     let unknown = || Fault::new(format!("{effect:?} is no effect"), "choose an effect of the list");
     let found = Effect::ALL.into_iter().find(|e| e.name() == effect).ok_or_else(unknown)?;
     let restarted = lock(&shared.live).render.restarted;
+    if with.snapshot.restarted != restarted || lock(&shared.control).change.is_some() {
+        return Err(Fault::new("the picture is that of the scene before its change", "wait for the next picture"));
+    }
     let mut slot = lock(&shared.ablation);
     if let Some(ablation) =
         slot.as_ref().filter(|a| a.effect == effect && a.restarted == restarted && a.camera == *with.camera())
@@ -111,7 +114,9 @@ fn compare(shared: &Arc<Shared>, effect: Effect, with: &Developed, ablation: &Ab
     }
     let snapshot = Snapshot::new(0, rendering.film, (settings, is_vignetted), 0.0, None);
     let without = with.at_exposure_of(Arc::new(snapshot), &sensors, &shared.session)?;
-    shared.session.install(|| difference(with, &without))
+    with.certify(&shared.session);
+    without.certify(&shared.session);
+    difference(with, &without)
 }
 
 /// The difference of two images of one camera, and its standard deviation by the noise of the renders.
@@ -131,8 +136,10 @@ fn difference(with: &Developed, without: &Developed) -> Result<Comparison, Fault
     };
     let sum = variance(with).zip(variance(without)).map_or(f64::INFINITY, |(a, b)| a + b);
     let sigma = sum.sqrt() / n;
-    let is_known = sigma.is_finite();
-    let significant = is_known && mean.abs() > SIGNIFICANT * sigma;
-    let sigma = if is_known { sigma } else { 0.0 };
+    if !sigma.is_finite() {
+        let problem = "the noise of a pixel is unknown, so that a difference cannot be judged";
+        return Err(Fault::new(problem, "wait for more samples"));
+    }
+    let significant = mean.abs() > SIGNIFICANT * sigma;
     Ok(Comparison { answer: AblationAnswer::Finished { mean, largest, sigma, significant }, difference })
 }

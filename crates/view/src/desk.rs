@@ -7,8 +7,8 @@ use crate::measure;
 use crate::path::trace_path;
 use crate::protocol::{
     AblationAnswer, AblationRequest, Action, Camera, Fault, FrameHeader, FrameRequest, Line, LineRequest, MapHeader,
-    MapRequest, Noise, PathAnswer, PathRequest, PhotonTransfer, PhotonTransferRequest, Probe, ProbeRequest, Regions,
-    RegionsRequest, RenderRequest, SceneRequest, SourceKind, TargetRequest,
+    MapKind, MapRequest, Noise, PathAnswer, PathRequest, PhotonTransfer, PhotonTransferRequest, Probe, ProbeRequest,
+    Regions, RegionsRequest, RenderRequest, SceneRequest, SourceKind, TargetRequest,
 };
 use crate::shared::{Shared, lock};
 use dunkelfeld::Project;
@@ -50,7 +50,13 @@ pub(crate) fn frame(shared: &Shared, request: &FrameRequest) -> Result<(FrameHea
 
 /// A map.
 pub(crate) fn map(shared: &Shared, request: &MapRequest) -> Result<(MapHeader, Vec<u8>), Fault> {
-    let developed = developed(shared, &request.camera)?;
+    let is_noise = matches!(request.map, MapKind::Ratio | MapKind::RenderSigma | MapKind::CameraSigma);
+    // A denoised image has no noise that is known.
+    let camera = if is_noise { request.camera.without_noise() } else { request.camera.clone() };
+    let developed = developed(shared, &camera)?;
+    if is_noise {
+        developed.certify(&shared.session);
+    }
     let ablation = lock(&shared.ablation).clone();
     let difference = ablation.as_ref().and_then(|ablation| ablation.difference());
     shared.session.install(|| developed.map(request.map, difference))
@@ -58,9 +64,11 @@ pub(crate) fn map(shared: &Shared, request: &MapRequest) -> Result<(MapHeader, V
 
 /// A pixel.
 pub(crate) fn probe(shared: &Shared, request: &ProbeRequest) -> Result<Probe, Fault> {
+    let unbiased = developed(shared, &request.camera.without_noise())?;
+    unbiased.certify(&shared.session);
     let developed = developed(shared, &request.camera)?;
     let materials = lock(&shared.live).materials.clone();
-    shared.session.install(|| measure::probe(&developed, &materials, request.frame, [request.x, request.y]))
+    shared.session.install(|| measure::probe(&developed, &unbiased, &materials, request.frame, [request.x, request.y]))
 }
 
 /// Regions.
@@ -148,13 +156,17 @@ pub(crate) fn target(shared: &Shared, request: TargetRequest) -> Result<(), Faul
         let (low, high) = (TARGETS.start(), TARGETS.end());
         return Err(Fault::new(format!("the level {} is out of range", request.k), format!("use {low} to {high}")));
     }
-    let camera = lock(&shared.live).camera().without_noise();
+    let camera = {
+        let mut live = lock(&shared.live);
+        live.target = request.k;
+        live.camera().without_noise()
+    };
     // The shares of another level need no new analysis.
     let state = developed(shared, &camera).ok().and_then(|developed| {
-        shared.session.install(|| engine::certificate_of(&developed.snapshot, &developed, request.k))
+        developed.certify(&shared.session);
+        engine::certificate_of(&developed.snapshot, &developed, request.k)
     });
     shared.update(|live| {
-        live.target = request.k;
         live.certificate = state.or(live.certificate);
         live.curve.iter_mut().for_each(|point| {
             // The share of an earlier film at another level is not known.

@@ -143,7 +143,8 @@ impl Developed {
     ) -> Result<Self, Fault> {
         let mut camera = self.camera.without_noise();
         camera.exposure = self.exposer.as_ref().map(|exposer| exposer.exposure().time().0);
-        Self::new(other, &camera, sensors, session)
+        other.find_mean(session);
+        session.install(|| Self::new(other, &camera, sensors, session))
     }
 
     /// The camera.
@@ -155,10 +156,16 @@ impl Developed {
         self.denoised.as_ref().unwrap_or_else(|| self.snapshot.mean())
     }
 
-    /// The ratios of the noise of the render to that of the camera. `None` without a sensor.
-    pub(crate) fn certified(&self) -> Option<&Certified> {
+    /// Computes [`Self::certified`], once. Not for threads of the session: while such a thread waits for others it takes up
+    /// other work, which could wait for this result.
+    pub(crate) fn certify(&self, session: &Session<'_>) {
         let certify = || self.exposer.as_ref()?.certify(self.snapshot.film()?, 1.0);
-        self.certified.get_or_init(certify).as_ref()
+        self.certified.get_or_init(|| session.install(certify));
+    }
+
+    /// The ratios of the noise of the render to that of the camera. `None` without a sensor, and before [`Self::certify`].
+    pub(crate) fn certified(&self) -> Option<&Certified> {
+        self.certified.get()?.as_ref()
     }
 
     /// Expected grey value \[DN\] of a pixel with so many photo-electrons, up to saturation.
@@ -339,6 +346,7 @@ impl Store {
                 return Ok(found);
             }
         }
+        snapshot.find_mean(session);
         let made = Arc::new(session.install(|| Developed::new(snapshot.clone(), camera, sensors, session))?);
         if let Ok(mut kept) = self.0.lock() {
             if kept.len() >= KEPT {

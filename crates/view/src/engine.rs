@@ -93,6 +93,8 @@ fn prepare(
         Some(project) => (project, lock(&shared.live).parts.clone()),
         None => open(shared, change)?,
     };
+    // A change that comes now is checked by the parts that were read.
+    lock(&shared.live).parts = parts.clone();
     if cancel.is_cancelled() {
         *project = Some(opened);
         return Ok(());
@@ -221,7 +223,9 @@ impl Watcher<'_> {
         let id = before.as_ref().map_or(1, |before| before.id + 1);
         let is_first = !std::mem::replace(&mut lock(&self.time).is_published, true);
         let earlier = before.as_deref().filter(|_| !is_first);
-        let snapshot = Arc::new(Snapshot::new(id, film.clone(), self.settings.clone(), seconds, earlier));
+        let mut snapshot = Snapshot::new(id, film.clone(), self.settings.clone(), seconds, earlier);
+        snapshot.restarted = lock(&self.shared.live).render.restarted;
+        let snapshot = Arc::new(snapshot);
         *lock(&self.shared.snapshot) = Some(snapshot);
         self.shared.notify();
         self.shared.wake();
@@ -326,18 +330,25 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
         let sensors = lock(&shared.live).sensors.clone();
         let camera = camera.without_noise();
         let certified = shared.store.get(&snapshot, &camera, &sensors, &shared.session).ok().and_then(|developed| {
-            let certified = shared.session.install(|| developed.certified().cloned())?;
-            Some((certified.certificate.p99, developed))
+            developed.certify(&shared.session);
+            developed.certified().is_some().then_some(developed)
         });
-        let target = lock(&shared.live).target;
-        let state = certified.as_ref().and_then(|(_, developed)| certificate_of(&snapshot, developed, target));
+        let certified_at = |k: f64| certified.as_ref().and_then(|developed| certificate_of(&snapshot, developed, k));
+        let mut target = lock(&shared.live).target;
+        let mut state = certified_at(target);
+        // The target may move meanwhile.
+        while target != lock(&shared.live).target {
+            target = lock(&shared.live).target;
+            state = certified_at(target);
+        }
         let is_other_camera = curve_of.as_ref() != Some(&camera);
         shared.update(|live| {
             if is_other_camera {
                 live.curve.clear();
             }
             live.certificate = state;
-            if let Some(state) = state {
+            // The render may have started again meanwhile.
+            if let Some(state) = state.filter(|_| snapshot.restarted == live.render.restarted) {
                 let (seconds, spp) = (snapshot.seconds, snapshot.spp());
                 live.add_point(CurvePoint { seconds, spp, k99: state.p99, hidden: state.hidden });
             }

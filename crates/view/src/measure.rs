@@ -18,11 +18,19 @@ fn no_sensor() -> Fault {
     Fault::new("there is no sensor, so there are no grey values", "choose a sensor")
 }
 
-/// The values of a pixel.
-pub(crate) fn probe(developed: &Developed, materials: &[String], frame: u32, [x, y]: [u32; 2]) -> Result<Probe, Fault> {
+/// The values of a pixel. Those of the noise are of the unbiased film behind the same camera.
+pub(crate) fn probe(
+    developed: &Developed,
+    unbiased: &Developed,
+    materials: &[String],
+    frame: u32,
+    [x, y]: [u32; 2],
+) -> Result<Probe, Fault> {
     let snapshot = &developed.snapshot;
     let [width, height] = snapshot.size();
-    if x >= width || y >= height {
+    let is_outside = |[width, height]: [u32; 2]| x >= width || y >= height;
+    // The film may have changed between the two.
+    if is_outside([width, height]) || is_outside(unbiased.snapshot.size()) {
         let problem = format!("the pixel {x}, {y} is outside {width} x {height}");
         return Err(Fault::new(problem, "choose a pixel of the image"));
     }
@@ -30,9 +38,9 @@ pub(crate) fn probe(developed: &Developed, materials: &[String], frame: u32, [x,
     let sums = film.map(|film| film.sums.pixel(x, y)).unwrap_or_default();
     let values = developed.values(frame)?;
     let electrons = developed.exposer.as_ref().map(|exposer| *exposer.electrons().at(x, y));
-    let camera_sigma =
-        developed.exposer.as_ref().zip(electrons).map(|(exposer, e)| Developed::camera_sigma(exposer, e));
-    let ratio = developed.certified().map(|c| f64::from(*c.ratios.at(x, y)).sqrt()).filter(|ratio| ratio.is_finite());
+    let of_film = unbiased.exposer.as_ref();
+    let camera_sigma = of_film.map(|exposer| Developed::camera_sigma(exposer, *exposer.electrons().at(x, y)));
+    let ratio = unbiased.certified().map(|c| f64::from(*c.ratios.at(x, y)).sqrt()).filter(|ratio| ratio.is_finite());
     let ids = film.and_then(|film| *film.ids.at(x, y));
     let mean = sums.mean();
     let total = dunkelfeld::radiometry::Rgb::new(mean[0] as f32, mean[1] as f32, mean[2] as f32).luminance()

@@ -42,6 +42,11 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
             "choose plain or matched noise, and switch the denoiser off",
         ));
     }
+    // What is refused is refused before the first file.
+    let job = match files.iter().any(|(kind, _)| *kind == SaveKind::Job) {
+        true => job_of(shared, &request.camera, request.frame, &snapshot)?,
+        false => String::new(),
+    };
     let frame = if needs_frame {
         Some(shared.session.install(|| develop_film(film, &settings)).map_err(Fault::from)?)
     } else {
@@ -49,10 +54,11 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     };
     let mut saved = Saved { files: Vec::new() };
     for (kind, file) in files {
-        shared.session.install(|| write(shared, kind, &file, (&snapshot, film), &settings, frame.as_ref(), request))?;
-        saved.files.push(file.to_string_lossy().into_owned());
+        shared.session.install(|| write(kind, &file, (&snapshot, film), &settings, frame.as_ref(), &job))?;
+        let name = file.to_string_lossy().into_owned();
+        saved.files.push(name.clone());
+        shared.update(|live| live.saved.push(name));
     }
-    shared.update(|live| live.saved.extend(saved.files.iter().cloned()));
     Ok(saved)
 }
 
@@ -103,13 +109,12 @@ fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32
 }
 
 fn write(
-    shared: &Shared,
     kind: SaveKind,
     file: &Path,
     (snapshot, film): (&Snapshot, &RenderedFilm),
     settings: &RenderSettings,
     frame: Option<&Frame>,
-    request: &SaveRequest,
+    job: &str,
 ) -> Result<(), Fault> {
     let frame = || frame.ok_or_else(|| Fault::new("there is no frame", "save a picture"));
     match kind {
@@ -127,7 +132,7 @@ fn write(
             let (film, settings, is_vignetted) = (film.clone(), settings.clone(), snapshot.is_vignetted);
             SavedFilm { film, settings, is_vignetted }.write(file)?;
         }
-        SaveKind::Job => save_text(file, &job_of(shared, &request.camera, request.frame, snapshot)?)?,
+        SaveKind::Job => save_text(file, job)?,
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! A film at some moment of its render.
 
 use dunkelfeld::film::Plane;
-use dunkelfeld::{RenderSettings, RenderedFilm, mean_without_gaps};
+use dunkelfeld::{RenderSettings, RenderedFilm, Session, mean_without_gaps};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
@@ -28,6 +28,8 @@ pub(crate) struct Snapshot {
     pub(crate) samples: u64,
     /// Seconds of the render, without pauses.
     pub(crate) seconds: f64,
+    /// The number of restarts before its render.
+    pub(crate) restarted: u32,
     mean: OnceLock<Plane<[f32; 3]>>,
 }
 
@@ -46,8 +48,8 @@ impl Snapshot {
             let mut earlier = before.counts.data().iter();
             counts.map(|&n| n.saturating_sub(earlier.next().copied().unwrap_or(0)))
         });
-        let (content, mean) = (Content::Film(film), OnceLock::new());
-        Self { id, content, settings, is_vignetted, counts, recent, samples, seconds, mean }
+        let (content, mean, restarted) = (Content::Film(film), OnceLock::new(), 0);
+        Self { id, content, settings, is_vignetted, counts, recent, samples, seconds, restarted, mean }
     }
 
     /// An EXR, from its mean radiance.
@@ -62,6 +64,7 @@ impl Snapshot {
             recent: None,
             samples: 0,
             seconds: 0.0,
+            restarted: 0,
             mean: OnceLock::from(mean),
         }
     }
@@ -89,9 +92,19 @@ impl Snapshot {
         self.film().is_some() && self.counts.data().contains(&0)
     }
 
-    /// Mean radiance [W/(m² sr)], without gaps. Runs on the threads of the current pool.
+    /// Computes [`Self::mean`], once. Not for threads of the session: while such a thread waits for others it takes up other
+    /// work, which could wait for this result.
+    pub(crate) fn find_mean(&self, session: &Session<'_>) {
+        self.mean.get_or_init(|| session.install(|| self.read_mean()));
+    }
+
+    /// Mean radiance [W/(m² sr)], without gaps, after [`Self::find_mean`].
     pub(crate) fn mean(&self) -> &Plane<[f32; 3]> {
+        self.mean.get_or_init(|| self.read_mean())
+    }
+
+    fn read_mean(&self) -> Plane<[f32; 3]> {
         let empty = || Plane::new(self.counts.width(), self.counts.height(), [0.0; 3]);
-        self.mean.get_or_init(|| self.film().map_or_else(empty, |film| mean_without_gaps(&film.sums)))
+        self.film().map_or_else(empty, |film| mean_without_gaps(&film.sums))
     }
 }

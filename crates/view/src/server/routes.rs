@@ -112,8 +112,13 @@ async fn run<T: Send + 'static>(
     work: impl FnOnce(&Arc<Shared>) -> Result<T, Fault> + Send + 'static,
 ) -> Result<T, Fault> {
     let failed = || Fault::new("the computation has failed", "reload the page");
-    let _turn = turns.acquire_owned().await.map_err(|_| failed())?;
-    tokio::task::spawn_blocking(move || work(&shared)).await.map_err(|_| failed())?
+    let turn = turns.acquire_owned().await.map_err(|_| failed())?;
+    // The work goes on if the page is closed, and keeps its turn.
+    let work = move || {
+        let _turn = turn;
+        work(&shared)
+    };
+    tokio::task::spawn_blocking(work).await.map_err(|_| failed())?
 }
 
 fn refused(fault: Fault, status: StatusCode) -> Response {
