@@ -86,7 +86,7 @@ def test_no_file_is_replaced(view, tmp_path, open_page):
 
 
 @pytest.mark.parametrize(
-    "name", ["", ".", "..", "../out", "a/b", "/tmp/out", "a\\b", ".hidden", "a\0b", "a\nb", "C:out", "x" * 101, "a*"]
+    "name", ["", ".", "..", "../out", "a/b", "/out", "a\\b", ".hidden", "a\0b", "a\nb", "C:out", "x" * 101, "a*"]
 )
 def test_names_stay_in_the_folder(view, tmp_path, name):
     folder = tmp_path / "inner"
