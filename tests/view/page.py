@@ -6,7 +6,7 @@ import time
 from selenium.webdriver.common.action_chains import ActionChains
 
 # A condition that is not met after this time is a failure. It is several times the time that a slow machine needs.
-PATIENCE = 60.0
+PATIENCE = 120.0
 
 # Marks of requests that the server refuses: the browser itself writes them to its console.
 REFUSALS = ("400 (", "403 (", "409 (", "422 (")
@@ -62,11 +62,17 @@ class Page:
         return self.driver.execute_script(script, *arguments)
 
     def idle(self):
-        """Waits until no request is in flight, no debounced change waits, and the canvas is painted."""
+        """Waits until no request is in flight, no debounced change waits, and the canvas is painted.
+
+        The live view requests a frame every 100 ms. If a frame takes longer, a request is always in flight, so only
+        the paint is waited for.
+        """
         self.driver.set_script_timeout(PATIENCE)
         self.driver.execute_async_script(
             "const done = arguments[0];"
-            "window.dunkelfeld.idle().then(() => requestAnimationFrame(() => requestAnimationFrame(done)))"
+            "const live = document.getElementById('live').getAttribute('aria-pressed') === 'true';"
+            "const ready = live ? Promise.resolve() : window.dunkelfeld.idle();"
+            "ready.then(() => requestAnimationFrame(() => requestAnimationFrame(done)))"
         )
 
     def wait(self, condition, what="condition", seconds=PATIENCE):
