@@ -156,6 +156,16 @@ impl Schedule {
         }
     }
 
+    /// Continues a render that had other limits: its samples count, and a plan that it made stays.
+    pub fn start_at(&mut self, taken: u64, phase: Phase) {
+        (self.taken, self.phase) = (taken, phase);
+    }
+
+    /// The present phase.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
     /// Corrects the estimate of the seconds that follow the last sample.
     pub fn set_closing_seconds(&mut self, seconds: f64) {
         self.settings.closing_seconds = finite_or_zero(seconds);

@@ -1,17 +1,17 @@
 //! The render loop: pilot, plan and rounds until the budget is met.
 
-use crate::checkpoint::{
-    AdaptiveState, CheckpointWriter, Restored, ResumedWork, Snapshot, State as Stored, began, film_rows,
-};
+mod resume;
+
+use crate::checkpoint::{AdaptiveState, CheckpointWriter, ResumedWork, Snapshot};
 use crate::error::Error;
 use crate::plan::forecast::{Forecast, Throughput};
 use crate::plan::{FIRST_LOOK, NoiseVerdict, Planner, State};
-use crate::progress::Stage;
-use crate::rendered_film::RenderedFilm;
+use crate::rendered_film::{RenderedFilm, material_names};
 use crate::round::pass::{Portion, Stride};
 use crate::round::{ProgressReporter, RoundWork, TILE, abort_at, deadline, run};
 use crate::session::Session;
 use crate::settings::{DEFAULT_SPP, RenderSettings};
+use crate::stage::Stage;
 use crate::training::train;
 use crate::validate::validate;
 use crate::view::camera;
@@ -115,7 +115,12 @@ pub fn render_with_dry_run(
         let began = Instant::now();
         let sums = Film::with_layers(settings.width, settings.height, settings.film_layers());
         let ids = pixel_id_plane(scene, &camera, settings.width, settings.height);
-        let film = RenderedFilm { sums, ids, object_names: scene.object_names().to_vec() };
+        let film = RenderedFilm {
+            sums,
+            ids,
+            object_names: scene.object_names().to_vec(),
+            material_names: material_names(scene),
+        };
         let trained = Instant::now();
         let roulette = train(scene, &camera, settings);
         let training_time = trained.elapsed();
@@ -180,6 +185,8 @@ struct Renderer<'a> {
     /// Data of an earlier process: the plan of its last round, and the reason for its end.
     target: Option<Plane<u32>>,
     stopped: Option<StopReason>,
+    /// The phase of a render with another budget, which this one continues.
+    continued: Option<Phase>,
 }
 
 /// Next step of the schedule.
@@ -224,63 +231,7 @@ impl<'a> Renderer<'a> {
             course: None,
             target: None,
             stopped: None,
-        }
-    }
-
-    /// Restores the state that an earlier process stored.
-    fn restore(&mut self, saved: Restored) {
-        let Restored { state, shares, target, film } = saved;
-        let rendered = film.sample_counts();
-        self.counts.data_mut().iter_mut().zip(rendered.data()).for_each(|(count, n)| *count += n);
-        self.taken = film.total_samples();
-        self.film.sums = film;
-        let (started, seconds) = began(self.started, state.elapsed);
-        self.started = started;
-        self.earlier = ResumedWork { seconds, samples: self.taken, was_complete: state.stop.is_some() };
-        self.invalid = state.invalid();
-        self.connections = state.connections();
-        if let Some(shares) = shares {
-            self.planner = Planner::resumed(self.settings, shares, state.planner, state.forecast);
-        }
-        self.stages = state.stages;
-        self.course = state.course;
-        if let (Some(_), Some(course)) = (&target, &self.course) {
-            // The open round took the time that the completed stages do not account for.
-            let accounted: f64 = self.stages.iter().map(|(_, seconds)| seconds).sum();
-            self.stages.push((course.stage, (state.elapsed - accounted).max(0.0)));
-        }
-        self.course.iter_mut().for_each(|course| course.schedule.wake());
-        (self.target, self.stopped) = (target, state.stop);
-    }
-
-    /// The state that is stored beside film and plan.
-    fn state(&self, stop: Option<StopReason>) -> Stored {
-        Stored {
-            elapsed: 0.0,
-            stop,
-            course: self.course.clone(),
-            planner: self.planner.state(),
-            forecast: self.planner.forecast().cloned(),
-            connections: [self.connections.attempts, self.connections.converged, self.connections.rays],
-            stages: self.stages.clone(),
-            invalid: self.invalid.iter().map(|s| [s.x, s.y, s.index]).collect(),
-        }
-    }
-
-    /// Stores a checkpoint between two rounds. `stop` is the reason for the end of the render, or `None` if it
-    /// continues. Without a reason, and unless `must` is set, it is stored only when one is due.
-    fn keep(&self, stop: Option<StopReason>, must: bool) {
-        let Some(writer) = &self.writer else { return };
-        let state = self.state(stop);
-        let shares = self.course.is_some().then(|| self.planner.shares());
-        let snapshot = Snapshot { state: &state, shares, target: self.target.as_ref() };
-        let mut rows = film_rows(&self.film.sums);
-        if must {
-            writer.keep(snapshot, &mut rows);
-        } else {
-            let closing = self.course.as_ref().map_or(0.0, |course| self.closing(course));
-            let deadline = deadline(self.started, self.settings.budget.seconds, closing);
-            writer.keep_if_due(snapshot, deadline, &mut rows);
+            continued: None,
         }
     }
 
@@ -386,7 +337,10 @@ impl<'a> Renderer<'a> {
         // If the noise ends the render, the pilot begins with a few samples that determine its size.
         let pilot_spp = self.settings.pilot_spp.min(if limits.stop_on_noise { FIRST_LOOK } else { u32::MAX });
         let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };
-        let schedule = Schedule::new(limits, settings);
+        let mut schedule = Schedule::new(limits, settings);
+        if let Some(phase) = self.continued {
+            schedule.start_at(self.taken, phase);
+        }
         AdaptiveState { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, rehearsed: false }
     }
 
@@ -586,7 +540,7 @@ impl<'a> Renderer<'a> {
                 self.rate = Some(result.samples as f64 / seconds);
             }
             let began = Instant::now();
-            self.session.progress().film(&self.film);
+            self.show_film();
             self.waited += began.elapsed().as_secs_f64();
         }
         let dearest = result.tiles.iter().map(|&(.., seconds)| seconds).fold(0.0, f64::max);

@@ -21,16 +21,18 @@ mod round;
 mod saved_film;
 mod session;
 mod settings;
+mod stage;
 mod training;
 mod validate;
 mod view;
 
+pub use checkpoint::FilmInProgress;
 pub use checkpoint::ResumedWork;
 pub use driver::{EXR_PER_MEGAPIXEL, OutputDryRun, Rendering, render, render_with_dry_run, thread_count};
 pub use error::{Error, ErrorParts, camera_help, written};
 pub use merge::{JoinedParts, PartSummary};
 pub use plan::forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
-pub use progress::{Cancel, Progress, ProgressState, Silent, Stage};
+pub use progress::{Cancel, Progress, ProgressState, Silent};
 pub use render_key::RenderKey;
 pub use rendered_film::RenderedFilm;
 pub use round::TILE;
@@ -41,6 +43,7 @@ pub use settings::{
     DenoiseMethod, DenoiseSettings, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, MIN_TRAINED_PIXELS, MIN_TRAINED_SECONDS,
     OIDN_VARIABLE, PIXELS_PER_TRAINING_PATH, RenderSettings, SensorChoice, TRAINING_PATHS, UNKNOWN_SPP, lock,
 };
+pub use stage::Stage;
 pub use training::train;
 pub use validate::validate;
 pub use view::{camera, find_camera};

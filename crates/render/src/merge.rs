@@ -4,9 +4,9 @@ use crate::checkpoint::exposure_recipe::{ExposureRecipe, labels_of};
 use crate::checkpoint::{Description, ResumedWork, State, film_rows, load, text_of};
 use crate::driver::Rendering;
 use crate::error::{Error, written};
-use crate::progress::Stage;
 use crate::rendered_film::RenderedFilm;
 use crate::settings::RenderSettings;
+use crate::stage::Stage;
 use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_adaptive::{plan, weights};
 use dunkelfeld_film::{Film, Plane};
@@ -70,7 +70,8 @@ impl JoinedParts {
         let samples = first.samples.start..last.samples.end;
         let (key, recipe) = (first.description.key.clone(), first.recipe.clone());
         let state = together(&parts);
-        let description = Description { key, samples: Some(samples), recipe: Some(recipe.clone()), state };
+        let description =
+            Description { key, samples: Some(samples), recipe: Some(recipe.clone()), is_open: false, state };
         Ok(Self { parts: parts.iter().map(Part::summary).collect(), film, ids, description, recipe })
     }
 
@@ -143,7 +144,12 @@ impl JoinedParts {
             earlier: ResumedWork { seconds: state.elapsed, samples: film.total_samples(), was_complete: true },
             checkpoint_fault: None,
             stages: state.stages,
-            film: RenderedFilm { sums: film, ids: labels_of(&objects, &materials), object_names: recipe.object_names },
+            film: RenderedFilm {
+                sums: film,
+                ids: labels_of(&objects, &materials),
+                object_names: recipe.object_names,
+                material_names: recipe.material_names,
+            },
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Progress of a long render, and its cancellation.
 
+use crate::checkpoint::FilmInProgress;
 use crate::plan::forecast::Forecast;
-use crate::rendered_film::RenderedFilm;
-use serde::{Deserialize, Serialize};
+use crate::stage::Stage;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The progress of a render.
@@ -18,46 +18,6 @@ pub struct ProgressState {
     pub remaining: Option<f64>,
     /// Camera samples taken so far.
     pub samples: u64,
-}
-
-/// Stages of a render.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-pub enum Stage {
-    /// Reading files.
-    Load,
-    /// Building the acceleration structure and tables.
-    Build,
-    /// Training of the learned Russian roulette.
-    Training,
-    /// The uniform pilot.
-    Pilot,
-    /// Planning, and a trial of the final steps.
-    Plan,
-    /// Rounds with samples by the plan.
-    Refine,
-    /// Electrons and grey values.
-    Expose,
-    /// Denoising of a picture for display.
-    Denoise,
-    /// Writing files.
-    Write,
-}
-
-impl Stage {
-    /// Name for messages and statistics.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Load => "load",
-            Self::Build => "build",
-            Self::Training => "training",
-            Self::Pilot => "pilot",
-            Self::Plan => "plan",
-            Self::Refine => "refine",
-            Self::Expose => "expose",
-            Self::Denoise => "denoise",
-            Self::Write => "write",
-        }
-    }
 }
 
 /// A sink for the progress of a render. Called from worker threads, about ten times a second.
@@ -76,7 +36,7 @@ pub trait Progress: Sync {
 
     /// Receives the film after each pass, if it has an interval. The render waits meanwhile. After the first pass one pixel
     /// in sixteen has a sample.
-    fn film(&self, _: &RenderedFilm) {}
+    fn film(&self, _: FilmInProgress<'_>) {}
 }
 
 /// Ignores the progress.

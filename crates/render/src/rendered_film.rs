@@ -2,6 +2,7 @@
 
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::PixelIds;
+use dunkelfeld_scene::Scene;
 
 /// Exact sums per pixel, and the surface at the centre of each pixel.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,12 +13,19 @@ pub struct RenderedFilm {
     pub ids: Plane<Option<PixelIds>>,
     /// Names of the objects, by id.
     pub object_names: Vec<String>,
+    /// Names of the materials, by id. A file of an earlier version has none.
+    pub material_names: Vec<String>,
 }
 
 impl RenderedFilm {
     /// A film without objects in its pixels.
     pub fn without_ids(sums: Film) -> Self {
         let ids = Plane::new(sums.width(), sums.height(), None);
-        Self { sums, ids, object_names: Vec::new() }
+        Self { sums, ids, object_names: Vec::new(), material_names: Vec::new() }
     }
+}
+
+/// Names of the materials, by id.
+pub(crate) fn material_names(scene: &Scene) -> Vec<String> {
+    scene.materials().iter().map(|material| material.name.clone()).collect()
 }

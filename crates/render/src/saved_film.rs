@@ -1,6 +1,7 @@
 //! A film in a file: its sums to the last bit, the ids of its pixels, and the settings that expose it.
 
 use crate::checkpoint::exposure_recipe::{ExposureRecipe, labels_of, numbers_of};
+use crate::checkpoint::has_field;
 use crate::error::{Error, written};
 use crate::rendered_film::RenderedFilm;
 use crate::settings::RenderSettings;
@@ -9,7 +10,8 @@ use dunkelfeld_io::checkpoint::{CheckpointHead, read_checkpoint, write_checkpoin
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// A rendered film together with its exposure. A file of it has the format of checkpoints, and cannot be continued.
+/// A rendered film together with its exposure. A file of it has the format of checkpoints, and cannot be continued. A
+/// checkpoint is read as well.
 #[derive(Clone, Debug)]
 pub struct SavedFilm {
     /// The film.
@@ -25,6 +27,12 @@ struct Description {
     saved_film: ExposureRecipe,
 }
 
+/// The part of the description of a checkpoint that exposes its film.
+#[derive(Deserialize)]
+struct OfCheckpoint {
+    recipe: Option<ExposureRecipe>,
+}
+
 impl SavedFilm {
     /// Writes the film, completely or not at all.
     ///
@@ -32,7 +40,7 @@ impl SavedFilm {
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), Error> {
         let Self { film, settings, is_vignetted } = self;
-        let saved_film = ExposureRecipe::new(settings, *is_vignetted, &film.object_names);
+        let saved_film = ExposureRecipe::new(settings, *is_vignetted, [&film.object_names, &film.material_names]);
         let [objects, materials] = numbers_of(&film.ids);
         let stored = serde_json::to_string(&Description { saved_film }).map_err(Into::into).and_then(|text| {
             let head = CheckpointHead {
@@ -50,7 +58,7 @@ impl SavedFilm {
         written(path, stored)
     }
 
-    /// Reads a film that [`Self::write`] wrote.
+    /// Reads a film that [`Self::write`] wrote, or that of a checkpoint.
     ///
     /// # Errors
     /// The file cannot be read, or is another one.
@@ -58,13 +66,16 @@ impl SavedFilm {
         let checkpoint = read_checkpoint(path)?;
         let help = "use a file that a saved film has, such as `film.save(\"a.film\")` in Python";
         let fault = |problem: String| InputError::new(path, "the description", problem, help);
-        if crate::checkpoint::is_checkpoint(&checkpoint.text) {
-            let help = "continue it by a render with this checkpoint, or join parts by `merge`";
-            let problem = "is a checkpoint of a render, not a saved film";
-            return Err(InputError::new(path, "the description", problem, help).into());
-        }
-        let Description { saved_film } =
-            serde_json::from_str(&checkpoint.text).map_err(|e| fault(format!("is not that of a saved film: {e}")))?;
+        let unreadable = |e| fault(format!("is not that of a saved film: {e}"));
+        let saved_film = if has_field(&checkpoint.text, "key") {
+            let found: OfCheckpoint = serde_json::from_str(&checkpoint.text).map_err(unreadable)?;
+            let help = "write it again by a render with this checkpoint";
+            let problem = "is a checkpoint of an earlier version, without sensor and names";
+            found.recipe.ok_or_else(|| InputError::new(path, "the description", problem, help))?
+        } else {
+            let found: Description = serde_json::from_str(&checkpoint.text).map_err(unreadable)?;
+            found.saved_film
+        };
         let (Some(objects), Some(materials)) = (&checkpoint.objects, &checkpoint.materials) else {
             return Err(fault("has no ids of objects and materials".into()).into());
         };
@@ -72,6 +83,7 @@ impl SavedFilm {
         let sums = checkpoint.film;
         let settings = saved_film.settings(sums.width(), sums.height());
         let is_vignetted = saved_film.is_vignetted;
-        Ok(Self { film: RenderedFilm { sums, ids, object_names: saved_film.object_names }, settings, is_vignetted })
+        let ExposureRecipe { object_names, material_names, .. } = saved_film;
+        Ok(Self { film: RenderedFilm { sums, ids, object_names, material_names }, settings, is_vignetted })
     }
 }

@@ -1,7 +1,8 @@
 //! A run: its clock, its progress, its cancellation switch, and its threads.
 
 use crate::error::Error;
-use crate::progress::{Cancel, Progress, ProgressState, Silent, Stage};
+use crate::progress::{Cancel, Progress, ProgressState, Silent};
+use crate::stage::Stage;
 use rayon::ThreadPool;
 use std::sync::Arc;
 use std::time::Instant;

@@ -10,9 +10,9 @@ use crate::protocol::{
     MapKind, MapRequest, Noise, PathAnswer, PathRequest, PhotonTransfer, PhotonTransferRequest, Probe, ProbeRequest,
     Regions, RegionsRequest, RenderRequest, SceneRequest, SourceKind, TargetRequest,
 };
-use crate::shared::{Shared, lock};
-use dunkelfeld::Project;
+use crate::shared::{Job, Shared, lock};
 use dunkelfeld::trace::PixelSample;
+use dunkelfeld::{FilmInProgress, Project};
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::time::Duration;
@@ -115,11 +115,18 @@ pub(crate) fn path(shared: &Shared, request: &PathRequest) -> Result<PathAnswer,
     let none = || Fault::new("no sample of the pixel has light", "choose a brighter pixel, or a number of a sample");
     let index = request.index.or_else(heaviest).ok_or_else(none)?;
     let at = PixelSample { x: request.x, y: request.y, index };
+    at_render(shared, move |project, _| trace_path(project, at))?
+}
+
+/// Runs work on the thread that renders, between two passes.
+pub(crate) fn at_render<T: Send + 'static>(
+    shared: &Shared,
+    work: impl FnOnce(&Project, Option<FilmInProgress<'_>>) -> T + Send + 'static,
+) -> Result<T, Fault> {
     let (answer, waiting) = channel();
-    let job = move |project: &Project| drop(answer.send(trace_path(project, at)));
-    shared.control(|control| control.jobs.push(Box::new(job)));
-    let late = || Fault::new("the render is busy", "ask again when it runs");
-    waiting.recv_timeout(PATIENCE).map_err(|_| late())?
+    let job: Job = Box::new(move |project, film| drop(answer.send(work(project, film))));
+    shared.control(|control| control.jobs.push(job));
+    waiting.recv_timeout(PATIENCE).map_err(|_| Fault::new("the render is busy", "ask again when it runs"))
 }
 
 /// Compares the image with one that an effect is left out of. Starts the comparison, or reports its state.

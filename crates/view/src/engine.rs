@@ -7,8 +7,8 @@ use crate::shared::{Shared, Stamp, lock};
 use crate::snapshot::Snapshot;
 use dunkelfeld::film::{FilmLayers, Plane};
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, Forecast, ForecastLevel, Progress, ProgressState, Project,
-    ProjectOptions, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, find_sensor,
+    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, ForecastLevel, Progress,
+    ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, find_sensor,
 };
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -73,7 +73,7 @@ pub(crate) fn run(shared: &Arc<Shared>) {
             let jobs = std::mem::take(&mut control.jobs);
             if let (false, Some(project)) = (jobs.is_empty(), &project) {
                 drop(control);
-                jobs.into_iter().for_each(|job| job(project));
+                jobs.into_iter().for_each(|job| job(project, None));
                 control = lock(&shared.control);
                 continue;
             }
@@ -267,7 +267,8 @@ impl Progress for Watcher<'_> {
         Some(if self.seconds() < EARLY { FIRST_INTERVAL } else { LATER_INTERVAL })
     }
 
-    fn film(&self, film: &RenderedFilm) {
+    fn film(&self, present: FilmInProgress<'_>) {
+        let film = present.film();
         let (seconds, next) = (self.seconds(), lock(&self.time).next);
         // After a restart the earlier picture stays until each pixel has a sample.
         let is_better = || !self.is_restart || lock(&self.time).is_published || film.sums.has_all_pixels();
@@ -284,7 +285,7 @@ impl Progress for Watcher<'_> {
             let jobs = std::mem::take(&mut control.jobs);
             if !jobs.is_empty() {
                 drop(control);
-                jobs.into_iter().for_each(|job| job(self.project));
+                jobs.into_iter().for_each(|job| job(self.project, Some(present)));
                 control = lock(&self.shared.control);
                 continue;
             }

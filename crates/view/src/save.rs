@@ -1,5 +1,6 @@
 //! Files of what is shown.
 
+use crate::desk::at_render;
 use crate::developed::OWN_SENSOR;
 use crate::protocol::{Camera, Denoise, Fault, Noise, SaveKind, SaveRequest, Saved, SourceKind};
 use crate::shared::{Shared, lock};
@@ -42,9 +43,24 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
             "choose plain or matched noise, and switch the denoiser off",
         ));
     }
+    let kinds = || files.iter().map(|(kind, _)| *kind);
+    let is_continued = kinds().any(|kind| kind == SaveKind::Checkpoint) && shared.subject.kind == SourceKind::Render;
+    if is_continued && snapshot.restarted != lock(&shared.live).render.restarted {
+        return Err(Fault::new("the picture is that of the scene before its change", "wait for the next picture"));
+    }
+    if is_continued && kinds().any(|kind| kind == SaveKind::Job) && request.camera.device != snapshot.settings.seed {
+        return Err(Fault::new(
+            "a job has one seed for the samples and the device, so that it cannot continue this film",
+            format!("choose the device {}, or save the job alone", snapshot.settings.seed),
+        ));
+    }
+    let continued =
+        files.iter().find(|(kind, _)| is_continued && *kind == SaveKind::Checkpoint).map(|(_, file)| file.as_path());
+    // The frame of a continued film is that of its samples.
+    let frame_of_job = if is_continued { snapshot.settings.frame } else { request.frame };
     // What is refused is refused before the first file.
     let job = match files.iter().any(|(kind, _)| *kind == SaveKind::Job) {
-        true => job_of(shared, &request.camera, request.frame, &snapshot)?,
+        true => job_of(shared, &request.camera, frame_of_job, &snapshot, continued)?,
         false => String::new(),
     };
     let frame = if needs_frame {
@@ -54,12 +70,22 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     };
     let mut saved = Saved { files: Vec::new() };
     for (kind, file) in files {
-        shared.session.install(|| write(kind, &file, (&snapshot, film), &settings, frame.as_ref(), &job))?;
+        let is_written = kind == SaveKind::Checkpoint && is_continued && save_checkpoint(shared, &file, &settings)?;
+        if !is_written {
+            shared.session.install(|| write(kind, &file, (&snapshot, film), &settings, frame.as_ref(), &job))?;
+        }
         let name = file.to_string_lossy().into_owned();
         saved.files.push(name.clone());
         shared.update(|live| live.saved.push(name));
     }
     Ok(saved)
+}
+
+/// Writes the film of the render that runs, so that the command line can continue it. Returns false if no render runs.
+fn save_checkpoint(shared: &Shared, file: &Path, settings: &RenderSettings) -> Result<bool, Fault> {
+    let (file, settings) = (file.to_owned(), settings.clone());
+    let written = at_render(shared, move |_, film| film.map(|film| film.save(&file, &settings)))?;
+    Ok(written.transpose()?.is_some())
 }
 
 /// A stem of a file name is no path.
@@ -137,8 +163,15 @@ fn write(
     Ok(())
 }
 
-/// The job that makes the picture: that of the view with the changes of the scene and of the camera.
-fn job_of(shared: &Shared, camera: &Camera, frame: u32, snapshot: &Snapshot) -> Result<String, Fault> {
+/// The job that makes the picture: that of the view with the changes of the scene and of the camera. Its first line names
+/// options of the command line, such as a checkpoint that is saved with it.
+fn job_of(
+    shared: &Shared,
+    camera: &Camera,
+    frame: u32,
+    snapshot: &Snapshot,
+    checkpoint: Option<&Path>,
+) -> Result<String, Fault> {
     if shared.subject.kind != SourceKind::Render {
         return Err(Fault::new("a stored film has no scene", "open the scene or its job"));
     }
@@ -189,12 +222,28 @@ fn job_of(shared: &Shared, camera: &Camera, frame: u32, snapshot: &Snapshot) -> 
     job.insert("budget".into(), Table::from_iter([budget]).into());
     // Outputs of the job before are not replaced.
     job.remove("output");
+    let mut options = Vec::new();
+    if let Some(file) = checkpoint {
+        options.push(format!("--checkpoint {:?}", path_from(&shared.subject.path, file)?));
+    }
     if !change.without.is_empty() {
         let names: Vec<&str> = change.without.iter().map(|effect| effect.name()).collect();
-        let text = toml::to_string(&job).map_err(|e| Fault::new(e.to_string(), "save another picture"))?;
-        return Ok(format!("# Render it with --without {}\n{text}", names.join(",")));
+        options.push(format!("--without {}", names.join(",")));
     }
-    toml::to_string(&job).map_err(|e| Fault::new(e.to_string(), "save another picture"))
+    let text = toml::to_string(&job).map_err(|e| Fault::new(e.to_string(), "save another picture"))?;
+    // A job has no keys for these options.
+    Ok(if options.is_empty() { text } else { format!("# Render it with {}\n{text}", options.join(" ")) })
+}
+
+/// The path of a file from the folder of `scene`: its name if it is in this folder, and otherwise the whole path.
+fn path_from(scene: &Path, file: &Path) -> Result<String, Fault> {
+    let folder = |path: &Path| {
+        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        parent.canonicalize().map_err(|e| Fault::new(format!("{}: {e}", parent.display()), "save to another folder"))
+    };
+    let (name, of_file) = (file.file_name().unwrap_or_default(), folder(file)?);
+    let path = if of_file == folder(scene)? { PathBuf::from(name) } else { of_file.join(name) };
+    Ok(path.to_string_lossy().into_owned())
 }
 
 fn describe_sensor(sensor: &mut Table, camera: &Camera) -> Result<(), Fault> {

@@ -9,7 +9,7 @@ use crate::protocol::{
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::snapshot::Snapshot;
 use dunkelfeld::sensor::ExposureNoise;
-use dunkelfeld::{Cancel, Project, RenderSettings, SensorChoice, Session};
+use dunkelfeld::{Cancel, FilmInProgress, Project, RenderSettings, SensorChoice, Session};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -35,8 +35,8 @@ pub(crate) struct Subject {
     pub(crate) output: PathBuf,
 }
 
-/// Work for the thread that renders, which has the scene.
-pub(crate) type Job = Box<dyn FnOnce(&Project) + Send>;
+/// Work for the thread that renders, which has the scene and, while it renders, the film.
+pub(crate) type Job = Box<dyn FnOnce(&Project, Option<FilmInProgress<'_>>) + Send>;
 
 /// The requests to the thread that renders.
 #[derive(Default)]

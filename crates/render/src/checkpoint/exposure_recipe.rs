@@ -23,13 +23,16 @@ pub(crate) struct ExposureRecipe {
     pub(crate) is_vignetted: bool,
     pub(crate) object_names: Vec<String>,
     #[serde(default)]
+    pub(crate) material_names: Vec<String>,
+    #[serde(default)]
     pub(crate) training_paths: u32,
     /// Does a given plan determine the samples?
     pub(crate) is_replay: bool,
 }
 
 impl ExposureRecipe {
-    pub(crate) fn new(settings: &RenderSettings, is_vignetted: bool, object_names: &[String]) -> Self {
+    /// The settings of a render, and the names of objects and materials.
+    pub(crate) fn new(settings: &RenderSettings, is_vignetted: bool, names: [&[String]; 2]) -> Self {
         Self {
             seed: settings.seed,
             frame: settings.frame,
@@ -38,7 +41,8 @@ impl ExposureRecipe {
             exposure_noise: settings.exposure_noise,
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
             is_vignetted,
-            object_names: object_names.to_vec(),
+            object_names: names[0].to_vec(),
+            material_names: names[1].to_vec(),
             training_paths: settings.training_paths(),
             is_replay: settings.replay.is_some(),
         }
@@ -70,7 +74,7 @@ impl ExposureRecipe {
             ((&self.sensor, self.readout) != (&other.sensor, other.readout), "sensor, lens or exposure"),
             (self.exposure_noise != other.exposure_noise, "exposure noise"),
             (self.is_vignetted != other.is_vignetted, "vignetting"),
-            (self != other, "names of objects, or choice of effects left out"),
+            (self != other, "names of objects or materials, or choice of effects left out"),
         ]
         .into_iter()
         .find_map(|(differs, what)| differs.then_some(what))
@@ -146,7 +150,8 @@ mod tests {
             let readout = Readout { binning: 2, line_scan_stages: 4 };
             let settings =
                 RenderSettings { sensor, readout, seed, frame, training_paths, ..RenderSettings::without_sensor() };
-            let text = serde_json::to_string(&ExposureRecipe::new(&settings, true, &["a".into()])).expect("plain data");
+            let text =
+                serde_json::to_string(&ExposureRecipe::new(&settings, true, [&["a".into()], &[]])).expect("plain data");
             let recipe: ExposureRecipe = serde_json::from_str(&text).expect("the text that was written");
             let back = recipe.settings(settings.width, settings.height);
             assert_eq!(format!("{back:?}"), format!("{settings:?}"));

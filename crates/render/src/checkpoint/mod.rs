@@ -8,12 +8,13 @@
 pub(crate) mod exposure_recipe;
 
 use crate::checkpoint::exposure_recipe::{ExposureRecipe, numbers_of};
-use crate::error::Error;
+use crate::error::{Error, written};
 use crate::plan::PlannerState;
 use crate::plan::forecast::Forecast;
-use crate::progress::Stage;
 use crate::render_key::RenderKey;
+use crate::rendered_film::{RenderedFilm, material_names};
 use crate::settings::{CheckpointSettings, RenderSettings};
+use crate::stage::Stage;
 use dunkelfeld_adaptive::budget::{Schedule, StopReason};
 use dunkelfeld_adaptive::weights::Shares;
 use dunkelfeld_film::{Film, PixelSums, Plane};
@@ -53,8 +54,11 @@ pub(crate) struct Description {
     pub(crate) key: RenderKey,
     /// The film holds these samples of every pixel, if it is a part.
     pub(crate) samples: Option<Range<u32>>,
-    /// Settings for the exposure of a merged part.
+    /// Settings for the exposure of the film without its scene. Files of earlier versions have them in parts only.
     pub(crate) recipe: Option<ExposureRecipe>,
+    /// May a render with another budget and another sensor continue this one? See [`FilmInProgress::save`].
+    #[serde(default)]
+    pub(crate) is_open: bool,
     pub(crate) state: State,
 }
 
@@ -111,15 +115,13 @@ pub(crate) struct Restored {
     pub(crate) shares: Option<Shares>,
     pub(crate) target: Option<Plane<u32>>,
     pub(crate) film: Film,
+    /// Is it continued with a budget of its own?
+    pub(crate) is_open: bool,
 }
 
-fn has_field(text: &str, name: &str) -> bool {
+/// Does a description have this field?
+pub(crate) fn has_field(text: &str, name: &str) -> bool {
     serde_json::from_str::<serde_json::Map<String, serde_json::Value>>(text).is_ok_and(|map| map.contains_key(name))
-}
-
-/// Is this the description of a render that can be continued, or of a part?
-pub(crate) fn is_checkpoint(text: &str) -> bool {
-    has_field(text, "key")
 }
 
 /// Reads a file and its description.
@@ -146,9 +148,8 @@ pub(crate) struct CheckpointWriter {
     settings: CheckpointSettings,
     key: RenderKey,
     samples: Option<Range<u32>>,
-    /// Data of a part that a merge needs.
-    recipe: Option<ExposureRecipe>,
-    numbers: Option<[Plane<u32>; 2]>,
+    recipe: ExposureRecipe,
+    numbers: [Plane<u32>; 2],
     size: (u32, u32),
     started: Instant,
     clock: Mutex<Clock>,
@@ -196,13 +197,16 @@ impl CheckpointWriter {
         let saved = path.exists().then(|| stored(path, &key, render)).transpose()?;
         let earlier = saved.as_ref().map_or(0.0, |s| s.state.elapsed);
         let pixels = f64::from(render.width) * f64::from(render.height);
-        let is_part = render.samples.is_some();
         let writer = Self {
             settings,
             key,
             samples: render.samples.clone(),
-            recipe: is_part.then(|| ExposureRecipe::new(render, camera.has_vignetting(), scene.object_names())),
-            numbers: is_part.then(|| numbers_of(labels)),
+            recipe: ExposureRecipe::new(
+                render,
+                camera.has_vignetting(),
+                [scene.object_names(), &material_names(scene)],
+            ),
+            numbers: numbers_of(labels),
             size: (render.width, render.height),
             started: began(started, earlier).0,
             clock: Mutex::new(Clock {
@@ -228,14 +232,14 @@ impl CheckpointWriter {
         let is_in_time = deadline.is_none_or(|d| Instant::now() + clock.took.mul_f64(MARGIN) < d);
         // With an interval of 0 s, as in tests, a checkpoint is written at every opportunity.
         if (is_due || self.settings.seconds == 0.0) && is_in_time {
-            self.write(&mut clock, snapshot, rows);
+            self.store(&mut clock, snapshot, rows);
         }
     }
 
     /// Writes a checkpoint of the present state.
     pub(crate) fn keep(&self, snapshot: Snapshot<'_>, rows: Rows<'_>) {
         if let Ok(mut clock) = self.clock.lock() {
-            self.write(&mut clock, snapshot, rows);
+            self.store(&mut clock, snapshot, rows);
         }
     }
 
@@ -245,32 +249,82 @@ impl CheckpointWriter {
     }
 
     /// A failed write does not end the render. The previous checkpoint stays, and the error is stored.
-    fn write(&self, clock: &mut Clock, snapshot: Snapshot<'_>, rows: Rows<'_>) {
+    fn store(&self, clock: &mut Clock, snapshot: Snapshot<'_>, rows: Rows<'_>) {
         let began = Instant::now();
         let description = Description {
             key: self.key.clone(),
             samples: self.samples.clone(),
-            recipe: self.recipe.clone(),
+            recipe: Some(self.recipe.clone()),
+            is_open: false,
             state: State { elapsed: self.started.elapsed().as_secs_f64(), ..snapshot.state.clone() },
         };
-        let (width, height) = self.size;
-        let [objects, materials] = self.numbers.as_ref().map_or([None, None], |[o, m]| [Some(o), Some(m)]);
-        let result = text_of(&description).and_then(|text| {
-            let head = CheckpointHead {
-                width,
-                height,
-                text: &text,
-                weights: snapshot.shares.map(|s| &s.weights),
-                caps: snapshot.shares.and_then(|s| s.caps.as_ref()),
-                target: snapshot.target,
-                objects,
-                materials,
-            };
-            write_checkpoint(&self.settings.path, &head, rows)
-        });
+        let result = write(&self.settings.path, self.size, &description, snapshot, &self.numbers, rows);
         clock.fault = result.err().map(|e| e.to_string());
         clock.took = began.elapsed();
         clock.last = Instant::now();
+    }
+}
+
+fn write(
+    path: &Path,
+    (width, height): (u32, u32),
+    description: &Description,
+    snapshot: Snapshot<'_>,
+    [objects, materials]: &[Plane<u32>; 2],
+    rows: Rows<'_>,
+) -> std::io::Result<()> {
+    let head = CheckpointHead {
+        width,
+        height,
+        text: &text_of(description)?,
+        weights: snapshot.shares.map(|s| &s.weights),
+        caps: snapshot.shares.and_then(|s| s.caps.as_ref()),
+        target: snapshot.target,
+        objects: Some(objects),
+        materials: Some(materials),
+    };
+    write_checkpoint(path, &head, rows)
+}
+
+/// The film of a render that runs, for a receiver of [`crate::Progress::film`].
+#[derive(Clone, Copy)]
+pub struct FilmInProgress<'a> {
+    pub(crate) film: &'a RenderedFilm,
+    pub(crate) scene: &'a Scene,
+    pub(crate) camera: &'a RayGenerator,
+    pub(crate) settings: &'a RenderSettings,
+    pub(crate) roulette: Option<&'a LearnedRoulette>,
+    pub(crate) elapsed: f64,
+    pub(crate) snapshot: Snapshot<'a>,
+}
+
+impl FilmInProgress<'_> {
+    /// The film.
+    pub fn film(&self) -> &RenderedFilm {
+        self.film
+    }
+
+    /// Writes a checkpoint of the render to a file, completely or not at all. A render of the same samples continues it
+    /// with the plan of this render, with its own budget, and with its own sensor. The file contains the sensor of `shown`
+    /// for those who expose the film.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn save(&self, path: &Path, shown: &RenderSettings) -> Result<(), Error> {
+        let description = Description {
+            key: RenderKey::new(self.scene, self.camera, self.settings, self.roulette),
+            samples: self.settings.samples.clone(),
+            recipe: Some(ExposureRecipe::new(
+                shown,
+                self.camera.has_vignetting(),
+                [&self.film.object_names, &self.film.material_names],
+            )),
+            is_open: true,
+            state: State { elapsed: self.elapsed, ..self.snapshot.state.clone() },
+        };
+        let (size, numbers) = ((self.settings.width, self.settings.height), numbers_of(&self.film.ids));
+        let result = write(path, size, &description, self.snapshot, &numbers, &mut film_rows(&self.film.sums));
+        written(path, result)
     }
 }
 
@@ -284,6 +338,10 @@ fn stored(path: &Path, key: &RenderKey, render: &RenderSettings) -> Result<Resto
     let (description, stored) = load(path)?;
     let other = if description.samples != render.samples {
         Some(format!("not the same part, {} there and {} here", part(&description.samples), part(&render.samples)))
+    } else if description.is_open && render.replay.is_some() {
+        Some("it has a plan of its own, and here a plan is given".into())
+    } else if description.is_open {
+        description.key.samples().difference(&key.samples())
     } else {
         description.key.difference(key)
     };
@@ -298,7 +356,7 @@ fn stored(path: &Path, key: &RenderKey, render: &RenderSettings) -> Result<Resto
         return Err(InputError::new(path, "the film", problem, help).into());
     }
     let shares = weights.map(|weights| Shares { weights, caps });
-    Ok(Restored { state: description.state, shares, target, film })
+    Ok(Restored { state: description.state, shares, target, film, is_open: description.is_open })
 }
 
 /// The start of a render without its pauses, and the seconds from that start to `started`. If the clock does not reach

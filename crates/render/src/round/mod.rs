@@ -8,7 +8,8 @@
 pub(crate) mod pass;
 
 use crate::checkpoint::{CheckpointWriter, Snapshot};
-use crate::progress::{Cancel, Progress, ProgressState, Stage};
+use crate::progress::{Cancel, Progress, ProgressState};
+use crate::stage::Stage;
 use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, TileRect, WorkUnit};
 use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane, TileRow};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelSample};

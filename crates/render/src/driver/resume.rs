@@ -1,0 +1,87 @@
+//! The state of a render that a later process needs: stored, and restored.
+
+use super::Renderer;
+use crate::checkpoint::{FilmInProgress, Restored, ResumedWork, Snapshot, State, began, film_rows};
+use crate::plan::Planner;
+use crate::round::deadline;
+use dunkelfeld_adaptive::budget::StopReason;
+
+impl Renderer<'_> {
+    /// Restores the state that an earlier process stored.
+    pub(super) fn restore(&mut self, saved: Restored) {
+        let Restored { state, shares, target, film, is_open } = saved;
+        let rendered = film.sample_counts();
+        self.counts.data_mut().iter_mut().zip(rendered.data()).for_each(|(count, n)| *count += n);
+        self.taken = film.total_samples();
+        self.film.sums = film;
+        self.invalid = state.invalid();
+        self.connections = state.connections();
+        if let Some(shares) = shares {
+            self.planner = Planner::resumed(self.settings, shares, state.planner, state.forecast);
+        }
+        if is_open {
+            // The budget is that of this render: its time begins now, and its samples contain those of the film.
+            self.earlier = ResumedWork { seconds: state.elapsed, samples: self.taken, was_complete: false };
+            self.continued = state.course.map(|course| course.schedule.phase());
+            return;
+        }
+        let (started, seconds) = began(self.started, state.elapsed);
+        self.started = started;
+        self.earlier = ResumedWork { seconds, samples: self.taken, was_complete: state.stop.is_some() };
+        self.stages = state.stages;
+        self.course = state.course;
+        if let (Some(_), Some(course)) = (&target, &self.course) {
+            // The open round took the time that the completed stages do not account for.
+            let accounted: f64 = self.stages.iter().map(|(_, seconds)| seconds).sum();
+            self.stages.push((course.stage, (state.elapsed - accounted).max(0.0)));
+        }
+        self.course.iter_mut().for_each(|course| course.schedule.wake());
+        (self.target, self.stopped) = (target, state.stop);
+    }
+
+    /// The state that is stored beside film and plan.
+    pub(super) fn state(&self, stop: Option<StopReason>) -> State {
+        State {
+            elapsed: 0.0,
+            stop,
+            course: self.course.clone(),
+            planner: self.planner.state(),
+            forecast: self.planner.forecast().cloned(),
+            connections: [self.connections.attempts, self.connections.converged, self.connections.rays],
+            stages: self.stages.clone(),
+            invalid: self.invalid.iter().map(|s| [s.x, s.y, s.index]).collect(),
+        }
+    }
+
+    /// Stores a checkpoint between two rounds. `stop` is the reason for the end of the render, or `None` if it
+    /// continues. Without a reason, and unless `must` is set, it is stored only when one is due.
+    pub(super) fn keep(&self, stop: Option<StopReason>, must: bool) {
+        let Some(writer) = &self.writer else { return };
+        let state = self.state(stop);
+        let shares = self.course.is_some().then(|| self.planner.shares());
+        let snapshot = Snapshot { state: &state, shares, target: self.target.as_ref() };
+        let mut rows = film_rows(&self.film.sums);
+        if must {
+            writer.keep(snapshot, &mut rows);
+        } else {
+            let closing = self.course.as_ref().map_or(0.0, |course| self.closing(course));
+            let deadline = deadline(self.started, self.settings.budget.seconds, closing);
+            writer.keep_if_due(snapshot, deadline, &mut rows);
+        }
+    }
+
+    /// Shows the film to a receiver of it.
+    pub(super) fn show_film(&self) {
+        let state = self.state(None);
+        let shares = self.course.is_some().then(|| self.planner.shares());
+        self.session.progress().film(FilmInProgress {
+            film: &self.film,
+            scene: self.scene,
+            camera: self.camera,
+            settings: self.settings,
+            roulette: self.roulette.as_ref(),
+            elapsed: self.started.elapsed().as_secs_f64() - self.waited,
+            snapshot: Snapshot { state: &state, shares, target: None },
+        });
+    }
+}
