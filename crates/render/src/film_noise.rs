@@ -170,6 +170,26 @@ pub struct Certified {
     /// Variance of the rendered mean over that of the sensor, per pixel: the layer `hidden.Y`. Infinite where it is
     /// unknown.
     pub ratios: Plane<f32>,
+    /// The pixels that the certificate leaves out because they are saturated beyond doubt.
+    pub saturated: Plane<bool>,
+}
+
+impl Certified {
+    /// The ratios of the pixels that the certificate counts, row by row.
+    pub fn counted(&self) -> impl Iterator<Item = f32> + '_ {
+        let pixels = self.ratios.data().iter().zip(self.saturated.data());
+        pixels.filter(|(_, is_saturated)| !**is_saturated).map(|(&ratio, _)| ratio)
+    }
+
+    /// The share of the counted pixels that are hidden at `k`, in \[0, 1\]; 1 if none is counted. It is
+    /// [`Certificate::hidden`] of a certificate at `k`.
+    pub fn hidden_at(&self, k: f64) -> f64 {
+        let limit = k * k;
+        let (counted, hidden) = self
+            .counted()
+            .fold((0u64, 0u64), |(all, hidden), ratio| (all + 1, hidden + u64::from(f64::from(ratio) <= limit)));
+        if counted == 0 { 1.0 } else { hidden as f64 / counted as f64 }
+    }
 }
 
 /// The noise of a pixel from its own samples, with and without rare samples.
@@ -318,17 +338,17 @@ impl<'a> FilmNoise<'a> {
     /// The certificate at `k` from given [`Self::pixel_noise`] of all pixels, row by row.
     pub fn certify_by(&self, noise: impl Iterator<Item = PixelNoise>, k: f64) -> Option<Certified> {
         let sensor = self.sensor?;
+        let (width, height) = (self.mean.width(), self.mean.height());
+        let mut left_out = Vec::with_capacity(self.mean.data().len());
         let pixels = noise.zip(self.counts.data()).zip(self.mean.data());
         let claims = pixels.map(|((noise, &n), &mean)| {
             let render = noise.of_mean(n);
-            Claim {
-                render,
-                sensor: sensor.variance(f64::from(mean)) as f32,
-                saturated: sensor.is_saturated(f64::from(mean), f64::from(render)),
-            }
+            let saturated = sensor.is_saturated(f64::from(mean), f64::from(render));
+            left_out.push(saturated);
+            Claim { render, sensor: sensor.variance(f64::from(mean)) as f32, saturated }
         });
-        let (certificate, ratios) = certify_pixels([self.mean.width(), self.mean.height()], claims, k);
-        Some(Certified { certificate, ratios })
+        let (certificate, ratios) = certify_pixels([width, height], claims, k);
+        Some(Certified { certificate, ratios, saturated: Plane::of_pixels(width, height, left_out) })
     }
 }
 
@@ -369,6 +389,38 @@ mod tests {
     use super::*;
     use dunkelfeld_film::{Accumulate, Sample};
     use dunkelfeld_sampling::mix64;
+
+    /// The share at a level is that of a certificate at this level. Means are at both sides of saturation, some of them
+    /// not beyond doubt: these count.
+    #[test]
+    fn the_share_at_a_level_is_that_of_its_certificate() {
+        let (width, height, n) = (32, 8, 16u32);
+        let sensor = SensorNoise { floor: 10.0, saturation: 1000.0 };
+        // The standard deviation of a mean is 20 e, so that doubt ends at 1060 e: three of them above saturation.
+        let mean = Plane::from_fn(width, height, |x, y| 700.0 + 30.0 * x as f32 + y as f32);
+        let noise = PixelNoise { variance: 400.0 * n as f32, ..PixelNoise::UNKNOWN };
+        let response = Response::constant(Weights([1.0; 3]));
+        let views = |_: Range<u32>| Vec::new();
+        let measured =
+            FilmNoise::from_estimates(mean.clone(), Plane::new(width, height, n), views, response, Some(sensor));
+        let at = |k: f64| {
+            // One pixel has no variance.
+            let noise = (0..width * height).map(|i| if i == 3 { PixelNoise::UNKNOWN } else { noise });
+            measured.certify_by(noise, k).expect("a sensor")
+        };
+        let certified = at(0.5);
+        let beyond = mean.data().iter().filter(|&&m| m > 1060.0).count() as u64;
+        let above = mean.data().iter().filter(|&&m| m > 1000.0).count() as u64;
+        assert!(0 < beyond && beyond < above);
+        assert_eq!(certified.certificate.saturated, beyond);
+        assert_eq!(certified.counted().count() as u64, certified.certificate.pixels);
+        let mut shares = Vec::new();
+        for k in [0.1, 0.62, 0.65, 0.7, 0.74, 2.0] {
+            assert_eq!(certified.hidden_at(k), at(k).certificate.hidden, "{k}");
+            shares.push(certified.hidden_at(k));
+        }
+        assert!(shares[0] == 0.0 && shares[1] < shares[4] && (0.9..1.0).contains(&shares[5]), "{shares:?}");
+    }
 
     /// Green and blue columns. Their noise is equal for a sensor that counts all light alike. Green light has ten times
     /// the luminance of blue light, which must not separate the columns.

@@ -367,22 +367,12 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
 /// The certificate of a film at a level.
 pub(crate) fn certificate_of(snapshot: &Snapshot, developed: &Developed, k: f64) -> Option<CertificateState> {
     let certified = developed.certified()?;
-    let exposer = developed.exposer.as_ref()?;
     // The certificate has ratios of variances, the page levels k.
     let known = |ratio: f64| ratio.is_finite().then(|| ratio.sqrt());
-    // The shares of another level follow from the ratios of the pixels that are not saturated.
-    let model = exposer.model();
-    let full = model.saturation().0 - model.dark_electrons(exposer.exposure().time()).0;
-    let pixels = certified.ratios.data().iter().zip(exposer.electrons().data());
-    let (mut counted, mut hidden) = (0u64, 0u64);
-    for (&ratio, _) in pixels.filter(|(_, e)| f64::from(**e) < full) {
-        counted += 1;
-        hidden += u64::from(f64::from(ratio) <= k * k);
-    }
     let certificate = &certified.certificate;
     Some(CertificateState {
         k,
-        hidden: if counted == 0 { 1.0 } else { hidden as f64 / counted as f64 },
+        hidden: certified.hidden_at(k),
         median: known(certificate.median),
         p99: known(certificate.p99),
         saturated: certificate.saturated as f64 / certified.ratios.data().len().max(1) as f64,

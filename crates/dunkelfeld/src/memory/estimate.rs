@@ -55,8 +55,10 @@ mod per_pixel {
     pub(super) const PLAN: u64 = 22;
     /// Shares without measured noise: luminance and gradients.
     pub(super) const SOBEL: u64 = 28;
-    /// Ratios (4), and their quantiles (4).
-    pub(super) const CERTIFICATE: u64 = 8;
+    /// Ratios (4) and saturated pixels (1).
+    pub(super) const CERTIFIED: u64 = 5;
+    /// These, and quantiles (4).
+    pub(super) const CERTIFICATE: u64 = CERTIFIED + 4;
     /// Rare samples and matched variances, during their computation.
     pub(super) const MATCHED: u64 = 13;
     /// Electrons (4) and grey values (2), the picture (3).
@@ -151,7 +153,7 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
         // The mean is freed before the noise is estimated, the device before the certificate.
         let noise = planes(per_pixel::NOISE + matched);
         let stop_on_noise = noise.saturating_add(bands.max(planes(per_pixel::CERTIFICATE)));
-        account.add("certificate", &[0, 0, stop_on_noise, planes(4), planes(4)]);
+        account.add("certificate", &[0, 0, stop_on_noise, planes(per_pixel::CERTIFIED), planes(per_pixel::CERTIFIED)]);
         account.add("exposure", &[0, 0, frame, frame, frame]);
     } else {
         account.add("exposure", &[0, 0, planes(per_pixel::MEAN + per_pixel::FRAME), frame, frame]);
@@ -178,7 +180,7 @@ pub(crate) fn merge_account((width, height): (u32, u32), outputs: &OutputPaths, 
     account.add("planes", &[planes(24), planes(24), planes(24)]);
     let bands = noise_bands(width, height, MAX_KINDS, threads);
     let stop_on_noise = per_pixel::NOISE + per_pixel::CERTIFICATE + per_pixel::MATCHED + per_pixel::DEVICE;
-    account.add("certificate", &[0, planes(stop_on_noise).saturating_add(bands), planes(4)]);
+    account.add("certificate", &[0, planes(stop_on_noise).saturating_add(bands), planes(per_pixel::CERTIFIED)]);
     account.add("exposure", &[0, planes(per_pixel::FRAME), planes(per_pixel::FRAME)]);
     let exr = if outputs.exr.is_some() { exr_bytes(px) } else { 0 };
     account.add("files", &[0, 0, planes(per_pixel::PICTURE).saturating_add(exr)]);
