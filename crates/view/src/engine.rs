@@ -375,7 +375,7 @@ pub(crate) fn certificate_of(snapshot: &Snapshot, developed: &Developed, k: f64)
         hidden: certified.hidden_at(k),
         median: known(certificate.median),
         p99: known(certificate.p99),
-        saturated: certificate.saturated as f64 / certified.ratios.data().len().max(1) as f64,
+        saturated: certificate.saturated,
         film: snapshot.id,
     })
 }

@@ -187,7 +187,8 @@ pub(crate) struct CertificateState {
     pub(crate) hidden: f64,
     pub(crate) median: Option<f64>,
     pub(crate) p99: Option<f64>,
-    pub(crate) saturated: f64,
+    /// Pixels that are left out because they are saturated beyond doubt.
+    pub(crate) saturated: u64,
     pub(crate) film: u64,
 }
 
