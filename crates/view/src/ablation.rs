@@ -1,5 +1,6 @@
 //! The influence of an effect: the image against one that the effect is left out of.
 
+use crate::desk::earlier_scene;
 use crate::developed::Developed;
 use crate::protocol::{AblationAnswer, Camera, Fault};
 use crate::shared::{Shared, lock};
@@ -54,7 +55,7 @@ pub(crate) fn ask(shared: &Arc<Shared>, effect: &str, with: Arc<Developed>) -> R
     let found = Effect::ALL.into_iter().find(|e| e.name() == effect).ok_or_else(unknown)?;
     let restarted = lock(&shared.live).render.restarted;
     if with.snapshot.restarted != restarted || lock(&shared.control).change.is_some() {
-        return Err(Fault::new("the picture is that of the scene before its change", "wait for the next picture"));
+        return Err(earlier_scene());
     }
     let mut slot = lock(&shared.ablation);
     if let Some(ablation) =
@@ -96,14 +97,12 @@ pub(crate) fn ask(shared: &Arc<Shared>, effect: &str, with: Arc<Developed>) -> R
 }
 
 fn compare(shared: &Arc<Shared>, effect: Effect, with: &Developed, ablation: &Ablation) -> Result<Comparison, Fault> {
-    let (change, parts, sensors) = {
-        let live = lock(&shared.live);
-        (live.change.clone(), live.parts.clone(), live.sensors.clone())
-    };
+    let scene = with.snapshot.scene.clone();
+    let change = &scene.change;
     let mut without = change.without.clone();
     without.push(effect);
     let mut project = Project::open_with(&shared.subject.path, ProjectOptions::default().with_without(without))?;
-    let text = toml::to_string(&change.overrides(&parts)).map_err(|e| Fault::new(e.to_string(), "reload the page"))?;
+    let text = toml::to_string(&change.overrides(&scene.parts)).map_err(|e| Fault::new(e.to_string(), "reload the page"))?;
     project.set_overrides(&text)?;
     project.settings.camera = change.camera.clone().or(project.settings.camera.take());
     project.settings.budget = Budget::default().with_spp(with.snapshot.spp().clamp(1.0, MAX_SPP));
@@ -112,8 +111,8 @@ fn compare(shared: &Arc<Shared>, effect: Effect, with: &Developed, ablation: &Ab
     if ablation.cancel.is_cancelled() || lock(&shared.control).quit {
         return Err(Fault::new("another comparison has begun", "ask again"));
     }
-    let snapshot = Snapshot::new(0, rendering.film, (settings, is_vignetted), 0.0, None);
-    let without = with.at_exposure_of(Arc::new(snapshot), &sensors, &shared.session)?;
+    let snapshot = Snapshot::new(0, rendering.film, (settings, is_vignetted), scene, 0.0, None);
+    let without = with.at_exposure_of(Arc::new(snapshot), &shared.session)?;
     with.certify(&shared.session);
     without.certify(&shared.session);
     difference(with, &without)

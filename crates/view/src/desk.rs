@@ -27,10 +27,14 @@ fn no_picture() -> Fault {
     Fault::new("there is no picture yet", "wait for the first one")
 }
 
+/// The fault of a request about the scene of the picture, which the thread that renders no longer has.
+pub(crate) fn earlier_scene() -> Fault {
+    Fault::new("the picture is that of the scene before its change", "wait for the next picture")
+}
+
 fn developed(shared: &Shared, camera: &Camera) -> Result<Arc<Developed>, Fault> {
     let snapshot = shared.snapshot().ok_or_else(no_picture)?;
-    let sensors = lock(&shared.live).sensors.clone();
-    shared.store.get(&snapshot, camera, &sensors, &shared.session)
+    shared.store.get(&snapshot, camera, &shared.session)
 }
 
 /// A frame. Its camera becomes that of the statistics.
@@ -64,11 +68,12 @@ pub(crate) fn map(shared: &Shared, request: &MapRequest) -> Result<(MapHeader, V
 
 /// A pixel.
 pub(crate) fn probe(shared: &Shared, request: &ProbeRequest) -> Result<Probe, Fault> {
-    let unbiased = developed(shared, &request.camera.without_noise())?;
+    // Both are of one picture.
+    let snapshot = shared.snapshot().ok_or_else(no_picture)?;
+    let unbiased = shared.store.get(&snapshot, &request.camera.without_noise(), &shared.session)?;
     unbiased.certify(&shared.session);
-    let developed = developed(shared, &request.camera)?;
-    let materials = lock(&shared.live).materials.clone();
-    shared.session.install(|| measure::probe(&developed, &unbiased, &materials, request.frame, [request.x, request.y]))
+    let developed = shared.store.get(&snapshot, &request.camera, &shared.session)?;
+    shared.session.install(|| measure::probe(&developed, &unbiased, request.frame, [request.x, request.y]))
 }
 
 /// Regions.
@@ -103,8 +108,8 @@ pub(crate) fn scene(shared: &Shared, request: SceneRequest) -> Result<(), Fault>
     })
 }
 
-/// A path of a sample, traced by the thread that renders.
-pub(crate) fn path(shared: &Shared, request: &PathRequest) -> Result<PathAnswer, Fault> {
+/// A path of a sample of the picture, traced by the thread that renders.
+pub(crate) fn path(shared: &Arc<Shared>, request: &PathRequest) -> Result<PathAnswer, Fault> {
     needs_scene(shared)?;
     let snapshot = shared.snapshot().ok_or_else(no_picture)?;
     let [width, height] = snapshot.size();
@@ -115,7 +120,11 @@ pub(crate) fn path(shared: &Shared, request: &PathRequest) -> Result<PathAnswer,
     let none = || Fault::new("no sample of the pixel has light", "choose a brighter pixel, or a number of a sample");
     let index = request.index.or_else(heaviest).ok_or_else(none)?;
     let at = PixelSample { x: request.x, y: request.y, index };
-    at_render(shared, move |project, _| trace_path(project, at))?
+    let (number, state) = (snapshot.scene.number, shared.clone());
+    at_render(shared, move |project, _| {
+        let is_same = lock(&state.live).scene_number == number;
+        if is_same { trace_path(project, at) } else { Err(earlier_scene()) }
+    })?
 }
 
 /// Runs work on the thread that renders, between two passes.
@@ -183,4 +192,74 @@ pub(crate) fn target(shared: &Shared, request: TargetRequest) -> Result<(), Faul
         });
     });
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shared::Subject;
+    use crate::snapshot::{PictureScene, Snapshot};
+    use dunkelfeld::{Cancel, Session, Silent};
+
+    const JOB: &str = "scene = 'none'\nfilm = { width = 16, height = 16 }\nbudget = { spp = 2 }\n\
+        camera = { look_at = [0, 0, 0], position = [0, 0.3, 0.4] }\n\
+        [[object]]\nname = 'ball'\nkind = 'sphere'\ndiameter = '400mm'\n[environment]\nradiance = 1\n";
+
+    /// A view with a picture of a small scene, its third one.
+    fn view() -> (Arc<Shared>, Project) {
+        let project = Project::from_text("ball.toml", JOB).expect("a job");
+        let (rendering, settings, is_vignetted) =
+            project.render_film(&Silent, &Cancel::new()).expect("a render without files");
+        let materials = project.scene.materials().iter().map(|_| "of the picture".to_owned()).collect();
+        let scene = Arc::new(PictureScene { number: 3, materials, ..PictureScene::default() });
+        let snapshot = Snapshot::new(1, rendering.film, (settings, is_vignetted), scene, 0.0, None);
+        let subject = Subject { path: "ball.toml".into(), kind: SourceKind::Render, output: ".".into() };
+        let shared = Arc::new(Shared::new(subject, Session::new(1).expect("a thread")));
+        *lock(&shared.snapshot) = Some(Arc::new(snapshot));
+        lock(&shared.live).scene_number = 3;
+        (shared, project)
+    }
+
+    /// The answer of a path while this thread is the one that renders.
+    fn path_of(shared: &Arc<Shared>, project: &Project) -> Result<PathAnswer, Fault> {
+        std::thread::scope(|scope| {
+            let asked = scope.spawn(|| path(shared, &PathRequest { x: 8, y: 8, index: Some(1) }));
+            loop {
+                let jobs = shared.control(|control| std::mem::take(&mut control.jobs));
+                if !jobs.is_empty() {
+                    jobs.into_iter().for_each(|job| job(project));
+                    break;
+                }
+                std::thread::yield_now();
+            }
+            asked.join().expect("no panic")
+        })
+    }
+
+    /// The path of a sample is that of the picture, or refused: another scene has other paths.
+    #[test]
+    fn paths_belong_to_the_scene_of_the_picture() {
+        let (shared, project) = view();
+        let path = path_of(&shared, &project).expect("the scene of the picture");
+        let film = shared.snapshot().expect("a picture");
+        let film = film.film().expect("a film");
+        assert!(path.vertices.len() > 1);
+        // The largest sample of the pixel has the luminance that the film has of it.
+        let (index, luminance) = film.sums.pixel(8, 8).heaviest().expect("light");
+        if index == 1 {
+            assert_eq!(path.luminance as f32, luminance);
+        } else {
+            assert!(path.luminance as f32 <= luminance);
+        }
+        lock(&shared.live).scene_number = 4;
+        assert_eq!(path_of(&shared, &project), Err(earlier_scene()));
+    }
+
+    #[test]
+    fn names_are_those_of_the_picture() {
+        let (shared, _) = view();
+        let camera = lock(&shared.live).first_camera();
+        let found = probe(&shared, &ProbeRequest { camera, frame: 0, x: 8, y: 8 }).expect("a pixel");
+        assert_eq!((found.object.as_deref(), found.material.as_deref()), (Some("ball"), Some("of the picture")));
+    }
 }

@@ -19,7 +19,7 @@ pub(crate) const OWN_SENSOR: &str = "as in the job";
 const KEPT: usize = 4;
 
 /// The sensors that the view knows: that of the job, and the presets. No other file is read for a name.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Sensors {
     /// Names with models, the sensor of the job first.
     all: Arc<Vec<(String, SensorModel)>>,
@@ -76,7 +76,7 @@ pub(crate) struct Developed {
 
 impl Developed {
     /// Runs on the threads of the session.
-    fn new(snapshot: Arc<Snapshot>, camera: &Camera, sensors: &Sensors, session: &Session<'_>) -> Result<Self, Fault> {
+    fn new(snapshot: Arc<Snapshot>, camera: &Camera, session: &Session<'_>) -> Result<Self, Fault> {
         if camera.vignetting != snapshot.is_vignetted {
             return Err(Fault::new(
                 "the vignetting of a film is rendered",
@@ -91,7 +91,7 @@ impl Developed {
             (method, Some(film)) => Some(denoised(film, &snapshot.settings.denoise, method, session)?),
             (_, None) => return Err(Fault::new("an EXR is shown as it is", "denoise it by `dunkelfeld denoise`")),
         };
-        let model = sensors.model(camera, snapshot.settings.readout.binning)?;
+        let model = snapshot.scene.sensors.model(camera, snapshot.settings.readout.binning)?;
         let exposer = match model {
             None => None,
             Some(model) => Some(Self::exposer(&snapshot, camera, model, denoised.as_ref())?),
@@ -138,13 +138,12 @@ impl Developed {
     pub(crate) fn at_exposure_of(
         &self,
         other: Arc<Snapshot>,
-        sensors: &Sensors,
         session: &Session<'_>,
     ) -> Result<Self, Fault> {
         let mut camera = self.camera.without_noise();
         camera.exposure = self.exposer.as_ref().map(|exposer| exposer.exposure().time().0);
         other.find_mean(session);
-        session.install(|| Self::new(other, &camera, sensors, session))
+        session.install(|| Self::new(other, &camera, session))
     }
 
     /// The camera.
@@ -333,7 +332,6 @@ impl Store {
         &self,
         snapshot: &Arc<Snapshot>,
         camera: &Camera,
-        sensors: &Sensors,
         session: &Session<'_>,
     ) -> Result<Arc<Developed>, Fault> {
         let is_it = |d: &Arc<Developed>| d.snapshot.id == snapshot.id && d.camera == *camera;
@@ -347,7 +345,7 @@ impl Store {
             }
         }
         snapshot.find_mean(session);
-        let made = Arc::new(session.install(|| Developed::new(snapshot.clone(), camera, sensors, session))?);
+        let made = Arc::new(session.install(|| Developed::new(snapshot.clone(), camera, session))?);
         if let Ok(mut kept) = self.0.lock() {
             if kept.len() >= KEPT {
                 kept.remove(0);

@@ -4,12 +4,13 @@ use crate::developed::{Developed, Sensors};
 use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, ForecastPoint, Note};
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::shared::{Shared, Stamp, lock};
-use crate::snapshot::Snapshot;
+use crate::snapshot::{PictureScene, Snapshot};
 use dunkelfeld::film::{FilmLayers, Plane};
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, ForecastLevel, Progress,
     ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, find_sensor,
 };
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -89,6 +90,7 @@ fn prepare(
     change: &SceneChange,
     cancel: &Cancel,
 ) -> Result<(), Error> {
+    lock(&shared.live).scene_number += 1;
     let (mut opened, parts) = match project.take() {
         Some(project) => (project, lock(&shared.live).parts.clone()),
         None => open(shared, change)?,
@@ -114,18 +116,19 @@ fn prepare(
     let findings = opened.findings();
     let notes = opened.warnings.iter().map(|w| note(w.to_string()));
     let notes = notes.chain(findings.findings.iter().map(|f| note(format!("{}: {}", f.place, f.message)))).collect();
+    // Files and presets are read without the lock.
+    let sensors = Sensors::new(&settings.sensor);
+    let files = stamps(opened.inputs.iter().map(|file| file.identity.path()));
     shared.update(|live| {
         live.notes = notes;
-        live.materials = opened.scene.materials().iter().map(|m| m.name.clone()).collect();
         live.is_vignetted = is_vignetted;
         live.parts = parts;
         live.change = change;
         live.error = None;
-        for file in opened.inputs.iter() {
-            let path = file.identity.path();
-            live.files.entry(path.to_owned()).or_insert_with(|| stamp(path));
+        for (path, stamp) in files {
+            live.files.entry(path).or_insert(stamp);
         }
-        live.sensors = Sensors::new(&settings.sensor);
+        live.sensors = sensors;
         live.settings = Some(settings);
     });
     *project = Some(opened);
@@ -134,11 +137,12 @@ fn prepare(
 
 /// Opens the project, with its parts before any change.
 fn open(shared: &Arc<Shared>, change: &SceneChange) -> Result<(Project, SceneParts), Error> {
+    // A file that changes while it is read is read again.
+    let before: Vec<PathBuf> = lock(&shared.live).files.keys().cloned().collect();
+    let files = stamps(before.iter().chain([&shared.subject.path]).map(PathBuf::as_path));
     shared.update(|live| {
         live.render.state = Activity::Loading;
-        // A file that changes while it is read is read again.
-        let before = live.files.keys().chain([&shared.subject.path]);
-        live.files = before.map(|path| (path.clone(), stamp(path))).collect();
+        live.files = files;
     });
     let options = ProjectOptions::default().with_without(change.without.clone());
     let opened = Project::open_with(&shared.subject.path, options)?;
@@ -161,6 +165,17 @@ fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Resu
     let settings = project.fitted()?;
     let is_vignetted = dunkelfeld::camera(&project.scene, &settings)?.has_vignetting();
     let is_restart = shared.snapshot().is_some();
+    let scene = {
+        let live = lock(&shared.live);
+        PictureScene {
+            number: live.scene_number,
+            change: live.change.clone(),
+            parts: live.parts.clone(),
+            materials: project.scene.materials().iter().map(|m| m.name.clone()).collect(),
+            job: live.job.clone(),
+            sensors: live.sensors.clone(),
+        }
+    };
     shared.update(|live| {
         live.curve.clear();
         live.forecast.clear();
@@ -172,6 +187,7 @@ fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Resu
         shared,
         project,
         settings: (settings, is_vignetted),
+        scene: Arc::new(scene),
         cancel,
         is_restart,
         time: Mutex::new(Times { began: Instant::now(), paused: 0.0, next: 0.0, is_published: false }),
@@ -203,6 +219,7 @@ struct Watcher<'a> {
     shared: &'a Arc<Shared>,
     project: &'a Project,
     settings: (RenderSettings, bool),
+    scene: Arc<PictureScene>,
     cancel: &'a Cancel,
     is_restart: bool,
     time: Mutex<Times>,
@@ -223,7 +240,7 @@ impl Watcher<'_> {
         let id = before.as_ref().map_or(1, |before| before.id + 1);
         let is_first = !std::mem::replace(&mut lock(&self.time).is_published, true);
         let earlier = before.as_deref().filter(|_| !is_first);
-        let mut snapshot = Snapshot::new(id, film.clone(), self.settings.clone(), seconds, earlier);
+        let mut snapshot = Snapshot::new(id, film.clone(), self.settings.clone(), self.scene.clone(), seconds, earlier);
         snapshot.restarted = lock(&self.shared.live).render.restarted;
         let snapshot = Arc::new(snapshot);
         *lock(&self.shared.snapshot) = Some(snapshot);
@@ -328,9 +345,8 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
         };
         let began = Instant::now();
         last = snapshot.id;
-        let sensors = lock(&shared.live).sensors.clone();
         let camera = camera.without_noise();
-        let certified = shared.store.get(&snapshot, &camera, &sensors, &shared.session).ok().and_then(|developed| {
+        let certified = shared.store.get(&snapshot, &camera, &shared.session).ok().and_then(|developed| {
             developed.certify(&shared.session);
             developed.certified().is_some().then_some(developed)
         });
@@ -380,6 +396,11 @@ pub(crate) fn certificate_of(snapshot: &Snapshot, developed: &Developed, k: f64)
     })
 }
 
+/// The data of a stored picture, which has no scene.
+fn scene_of_file(settings: &RenderSettings) -> Arc<PictureScene> {
+    Arc::new(PictureScene { sensors: Sensors::new(&settings.sensor), ..PictureScene::default() })
+}
+
 /// Shows an EXR of any renderer.
 pub(crate) fn show_exr(shared: &Arc<Shared>, path: PathBuf, mean: Plane<[f32; 3]>) -> Result<(), Error> {
     let mut settings = RenderSettings::default();
@@ -387,9 +408,10 @@ pub(crate) fn show_exr(shared: &Arc<Shared>, path: PathBuf, mean: Plane<[f32; 3]
     let model = Box::new(find_sensor(DEFAULT_SENSOR)?);
     let ExposeSettings { optics, .. } = ExposeSettings::new((*model).clone())?;
     settings.sensor = SensorChoice::Emva { model, optics, exposure: None };
-    *lock(&shared.snapshot) = Some(Arc::new(Snapshot::of_exr(path, mean, settings.clone())));
+    let scene = scene_of_file(&settings);
+    *lock(&shared.snapshot) = Some(Arc::new(Snapshot::of_exr(path, mean, settings.clone(), scene.clone())));
     shared.update(|live| {
-        live.sensors = Sensors::new(&settings.sensor);
+        live.sensors = scene.sensors.clone();
         live.settings = Some(settings);
         live.render.state = Activity::None;
         live.render.stage = "exr".into();
@@ -400,10 +422,11 @@ pub(crate) fn show_exr(shared: &Arc<Shared>, path: PathBuf, mean: Plane<[f32; 3]
 /// Shows a film of a file.
 pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
     let SavedFilm { film, settings, is_vignetted } = saved;
-    let snapshot = Snapshot::new(1, film, (settings.clone(), is_vignetted), 0.0, None);
+    let scene = scene_of_file(&settings);
+    let snapshot = Snapshot::new(1, film, (settings.clone(), is_vignetted), scene.clone(), 0.0, None);
     *lock(&shared.snapshot) = Some(Arc::new(snapshot));
     shared.update(|live| {
-        live.sensors = Sensors::new(&settings.sensor);
+        live.sensors = scene.sensors.clone();
         live.settings = Some(settings);
         live.is_vignetted = is_vignetted;
         live.render.state = Activity::None;
@@ -416,6 +439,11 @@ pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
 fn stamp(path: &Path) -> Stamp {
     let data = std::fs::metadata(path).ok()?;
     Some((data.modified().ok()?, data.len()))
+}
+
+/// The present versions of files.
+fn stamps<'a>(paths: impl Iterator<Item = &'a Path>) -> BTreeMap<PathBuf, Stamp> {
+    paths.map(|path| (path.to_owned(), stamp(path))).collect()
 }
 
 /// Reloads the scene when one of its files changes, until the view ends.

@@ -18,19 +18,16 @@ fn no_sensor() -> Fault {
     Fault::new("there is no sensor, so there are no grey values", "choose a sensor")
 }
 
-/// The values of a pixel. Those of the noise are of the unbiased film behind the same camera.
+/// The values of a pixel. Those of the noise are of the unbiased film of the same picture behind the same camera.
 pub(crate) fn probe(
     developed: &Developed,
     unbiased: &Developed,
-    materials: &[String],
     frame: u32,
     [x, y]: [u32; 2],
 ) -> Result<Probe, Fault> {
     let snapshot = &developed.snapshot;
     let [width, height] = snapshot.size();
-    let is_outside = |[width, height]: [u32; 2]| x >= width || y >= height;
-    // The film may have changed between the two.
-    if is_outside([width, height]) || is_outside(unbiased.snapshot.size()) {
+    if x >= width || y >= height {
         let problem = format!("the pixel {x}, {y} is outside {width} x {height}");
         return Err(Fault::new(problem, "choose a pixel of the image"));
     }
@@ -58,7 +55,7 @@ pub(crate) fn probe(
         ratio,
         samples: sums.count(),
         object: ids.and_then(|ids| film?.object_names.get(ids.object() as usize).cloned()),
-        material: ids.and_then(|ids| materials.get(ids.material() as usize).cloned()),
+        material: ids.and_then(|ids| snapshot.scene.materials.get(ids.material() as usize).cloned()),
         depth: (depth > 0.0).then_some(depth),
         heaviest: heaviest.map(|(index, luminance)| HeavyProbe { index, share: f64::from(luminance / total).min(1.0) }),
     })

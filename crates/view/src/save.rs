@@ -4,7 +4,7 @@ use crate::desk::at_render;
 use crate::developed::OWN_SENSOR;
 use crate::protocol::{Camera, Denoise, Fault, Noise, SaveKind, SaveRequest, Saved, SourceKind};
 use crate::shared::{Shared, lock};
-use crate::snapshot::Snapshot;
+use crate::snapshot::{PictureScene, Snapshot};
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
@@ -114,10 +114,9 @@ fn path_of(shared: &Shared, kind: SaveKind, name: &str) -> PathBuf {
 
 /// The settings of the film with the camera that is shown.
 fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32) -> Result<RenderSettings, Fault> {
-    let sensors = lock(&shared.live).sensors.clone();
     let mut settings = snapshot.settings.clone();
     let exposure = camera.exposure.map(|time| Exposure::new(Seconds(time))).transpose().map_err(Error::from)?;
-    settings.sensor = match sensors.model(camera, settings.readout.binning)? {
+    settings.sensor = match snapshot.scene.sensors.model(camera, settings.readout.binning)? {
         None => SensorChoice::None,
         Some(model) => match (&settings.sensor, dunkelfeld::ExposeSettings::new(model.clone())?) {
             (SensorChoice::Emva { optics, .. }, _) => {
@@ -175,19 +174,16 @@ fn job_of(
     if shared.subject.kind != SourceKind::Render {
         return Err(Fault::new("a stored film has no scene", "open the scene or its job"));
     }
-    let text = lock(&shared.live).job.clone();
-    let mut job = match text {
+    let PictureScene { change, parts, job, .. } = &*snapshot.scene;
+    let target = lock(&shared.live).target;
+    let mut job = match job {
         Some(text) => text.parse::<Table>().map_err(|e| Fault::new(e.to_string(), "repair the job"))?,
         None => {
             let name = shared.subject.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             Table::from_iter([("scene".to_owned(), Value::from(name))])
         }
     };
-    let (change, parts, target) = {
-        let live = lock(&shared.live);
-        (live.change.clone(), live.parts.clone(), live.target)
-    };
-    for (key, entries) in change.overrides(&parts) {
+    for (key, entries) in change.overrides(parts) {
         match (job.get_mut(&key), entries) {
             (Some(Value::Array(before)), Value::Array(entries)) => before.extend(entries),
             (_, entries) => drop(job.insert(key, entries)),

@@ -69,7 +69,8 @@ pub(crate) struct Live {
     pub(crate) settings: Option<RenderSettings>,
     pub(crate) is_vignetted: bool,
     pub(crate) parts: SceneParts,
-    pub(crate) materials: Vec<String>,
+    /// Counts the scenes of the thread that renders.
+    pub(crate) scene_number: u64,
     pub(crate) change: SceneChange,
     pub(crate) saved: Vec<String>,
     pub(crate) sensors: Sensors,
@@ -123,7 +124,7 @@ impl Shared {
             settings: None,
             is_vignetted: false,
             parts: SceneParts::default(),
-            materials: Vec::new(),
+            scene_number: 0,
             change: SceneChange::default(),
             saved: Vec::new(),
             sensors: Sensors::new(&SensorChoice::None),

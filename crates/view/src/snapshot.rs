@@ -1,9 +1,11 @@
 //! A film at some moment of its render.
 
+use crate::developed::Sensors;
+use crate::scene_change::{SceneChange, SceneParts};
 use dunkelfeld::film::Plane;
 use dunkelfeld::{RenderSettings, RenderedFilm, Session, mean_without_gaps};
 use std::path::PathBuf;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// The origin of the pixels of a snapshot.
 #[derive(Debug)]
@@ -11,6 +13,20 @@ pub(crate) enum Content {
     Film(RenderedFilm),
     /// An EXR of any renderer.
     Exr(PathBuf),
+}
+
+/// The scene of a picture. Answers about a picture are of its scene, which may be older than the newest one.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct PictureScene {
+    /// Counts the scenes of the thread that renders.
+    pub(crate) number: u64,
+    pub(crate) change: SceneChange,
+    pub(crate) parts: SceneParts,
+    /// Names by their number in the film.
+    pub(crate) materials: Vec<String>,
+    /// The text of the job as it was read; `None` for a scene without a job.
+    pub(crate) job: Option<String>,
+    pub(crate) sensors: Sensors,
 }
 
 /// A film that no longer changes, with the settings that expose it.
@@ -30,15 +46,17 @@ pub(crate) struct Snapshot {
     pub(crate) seconds: f64,
     /// The number of restarts before its render.
     pub(crate) restarted: u32,
+    pub(crate) scene: Arc<PictureScene>,
     mean: OnceLock<Plane<[f32; 3]>>,
 }
 
 impl Snapshot {
-    /// Takes a film. `before` is the snapshot before, if it is of the same render.
+    /// Takes a film of a scene. `before` is the snapshot before, if it is of the same render.
     pub(crate) fn new(
         id: u64,
         film: RenderedFilm,
         (settings, is_vignetted): (RenderSettings, bool),
+        scene: Arc<PictureScene>,
         seconds: f64,
         before: Option<&Self>,
     ) -> Self {
@@ -49,11 +67,16 @@ impl Snapshot {
             counts.map(|&n| n.saturating_sub(earlier.next().copied().unwrap_or(0)))
         });
         let (content, mean, restarted) = (Content::Film(film), OnceLock::new(), 0);
-        Self { id, content, settings, is_vignetted, counts, recent, samples, seconds, restarted, mean }
+        Self { id, content, settings, is_vignetted, counts, recent, samples, seconds, restarted, scene, mean }
     }
 
     /// An EXR, from its mean radiance.
-    pub(crate) fn of_exr(path: PathBuf, mean: Plane<[f32; 3]>, settings: RenderSettings) -> Self {
+    pub(crate) fn of_exr(
+        path: PathBuf,
+        mean: Plane<[f32; 3]>,
+        settings: RenderSettings,
+        scene: Arc<PictureScene>,
+    ) -> Self {
         let counts = Plane::new(mean.width(), mean.height(), 0);
         Self {
             id: 1,
@@ -65,6 +88,7 @@ impl Snapshot {
             samples: 0,
             seconds: 0.0,
             restarted: 0,
+            scene,
             mean: OnceLock::from(mean),
         }
     }
