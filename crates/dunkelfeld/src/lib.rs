@@ -65,7 +65,7 @@ pub use options::{
 };
 pub use outliers::HeavySample;
 pub use outputs::{
-    OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear,
+    OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear, save_new,
     save_picture, save_plan, save_text,
 };
 pub use project::{Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene};

@@ -501,6 +501,25 @@ pub fn load_plan_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SavedP
     }
 }
 
+/// Writes a file that must not exist, by a function of this module: no file is replaced, also not one that appears during the
+/// write. `save` writes a file of the same name in a hidden folder beside `path`; when it is complete, it is moved to `path`.
+///
+/// # Errors
+/// Those of `save`; if `path` exists or cannot be written.
+pub fn save_new(path: &Path, save: impl FnOnce(&Path) -> Result<(), Error>) -> Result<(), Error> {
+    let mut failed = None;
+    let result = dunkelfeld_io::atomic::write_new(path, |partial| {
+        save(partial).map_err(|e| {
+            failed = Some(match e {
+                Error::Output { problem, help, .. } => Error::Output { file: path.into(), problem, help },
+                other => other,
+            });
+            std::io::Error::other("the file cannot be made")
+        })
+    });
+    failed.map_or_else(|| written(path, result), Err)
+}
+
 /// Writes text.
 ///
 /// # Errors

@@ -9,7 +9,7 @@ use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
     Error, Frame, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, develop_film, encode_layers, save_exr,
-    save_linear, save_picture, save_text,
+    save_linear, save_new, save_picture, save_text,
 };
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -23,7 +23,7 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     let snapshot = shared.snapshot().ok_or_else(|| Fault::new("there is no picture yet", "wait for the first one"))?;
     let files: Vec<(SaveKind, PathBuf)> =
         request.what.iter().map(|&kind| (kind, path_of(shared, kind, &request.name))).collect();
-    // Of two requests with one name, the second finds the files of the first.
+    // Of two requests with one name, the second finds the files of the first, and writes none of its files.
     let _writes = lock(&shared.writes);
     for (i, (_, file)) in files.iter().enumerate() {
         // A link is not followed: its target may be anywhere.
@@ -72,7 +72,9 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     for (kind, file) in files {
         let is_written = kind == SaveKind::Checkpoint && is_continued && save_checkpoint(shared, &file, &settings)?;
         if !is_written {
-            shared.session.install(|| write(kind, &file, (&snapshot, film), &settings, frame.as_ref(), &job))?;
+            let write = |path: &Path| write(kind, path, (&snapshot, film), &settings, frame.as_ref(), &job);
+            // A file that has appeared meanwhile is not replaced either.
+            shared.session.install(|| save_new(&file, write))?;
         }
         let name = file.to_string_lossy().into_owned();
         saved.files.push(name.clone());
@@ -84,7 +86,9 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
 /// Writes the film of the render that runs, so that the command line can continue it. Returns false if no render runs.
 fn save_checkpoint(shared: &Shared, file: &Path, settings: &RenderSettings) -> Result<bool, Fault> {
     let (file, settings) = (file.to_owned(), settings.clone());
-    let written = at_render(shared, move |_, film| film.map(|film| film.save(&file, &settings)))?;
+    let written = at_render(shared, move |_, film| {
+        film.map(|film| save_new(&file, |path| film.save(path, &settings)))
+    })?;
     Ok(written.transpose()?.is_some())
 }
 
@@ -140,8 +144,8 @@ fn write(
     settings: &RenderSettings,
     frame: Option<&Frame>,
     job: &str,
-) -> Result<(), Fault> {
-    let frame = || frame.ok_or_else(|| Fault::new("there is no frame", "save a picture"));
+) -> Result<(), Error> {
+    let frame = || frame.ok_or_else(|| Error::setting("save", "there is no frame", "save a picture"));
     match kind {
         SaveKind::Png => save_picture(frame()?, file)?,
         SaveKind::Tiff => save_linear(frame()?, file)?,

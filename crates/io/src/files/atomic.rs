@@ -5,10 +5,10 @@ use std::fs;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 
 use crate::files::faults::{self, Operation, retry};
-use crate::files::partial::{folder_of, new_file, resolved, sync_folder};
+use crate::files::partial::{folder_of, new_file, new_folder, resolved, sync_folder};
 
 /// Writes a file. Readers read either the complete old contents or the complete new ones, also after a crash.
 ///
@@ -33,6 +33,32 @@ where
         result.and_then(|()| partial.finish(&target))
     };
     write().map_err(|e| explain(path, folder_of(&target), &e))
+}
+
+/// Writes a file that must not exist: neither a file nor a link of this name is replaced, also not one that appears during
+/// the write. `write` writes a file of the same name in a hidden folder beside `path`. When it is complete, it is moved to `path`.
+///
+/// # Errors
+/// The error of `write`; that of the file system, of the kind [`io::ErrorKind::AlreadyExists`] if `path` exists. No partial
+/// file remains.
+pub fn write_new(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> io::Result<()> {
+    let folder = folder_of(path);
+    let fault = |e: io::Error| explain(path, folder, &e);
+    let Some(name) = path.file_name() else {
+        return Err(fault(io::Error::new(io::ErrorKind::InvalidInput, "it names no file")));
+    };
+    let hidden = new_folder(path).map_err(fault)?;
+    let partial = hidden.path().join(name);
+    write(&partial)?;
+    let mut left = Some(TempPath::try_from_path(partial).map_err(fault)?);
+    let rename = || match left.take().map(|partial| partial.persist_noclobber(path)) {
+        Some(Err(e)) => {
+            left = Some(e.path);
+            Err(e.error)
+        }
+        _ => Ok(()),
+    };
+    retry(Operation::Rename, rename).and_then(|()| sync_folder(folder)).map_err(fault)
 }
 
 /// A file under a temporary name. Writes are complete or fail. Signals and short writes are handled.
@@ -155,6 +181,7 @@ pub(crate) fn cause(folder: &Path, error: &io::Error) -> String {
         }
         // The message of an encoder about its data.
         _ if error.raw_os_error().is_none() => error.to_string(),
+        io::ErrorKind::AlreadyExists => "the file exists; use another name".to_string(),
         _ => format!("{error}; check the disk {} is on, or write elsewhere", folder.display()),
     }
 }
@@ -215,6 +242,45 @@ mod tests {
         write_atomically(&path, |_| Err(io::Error::other("failed"))).expect_err("the writer fails");
         assert_eq!(fs::read_to_string(&path).expect("readable"), "second");
         assert_eq!(names(folder.path()), ["a.film"]);
+    }
+
+    #[test]
+    fn a_new_file_replaces_none_that_appears_during_its_write() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.txt");
+        let write = |text: &'static str| {
+            move |partial: &Path| -> io::Result<()> { write_atomically(partial, |w| w.write_all(text.as_bytes())) }
+        };
+        write_new(&path, write("first")).expect("no such file");
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "first");
+        assert_eq!(names(folder.path()), ["a.txt"]);
+        let error = write_new(&path, write("second")).expect_err("it exists");
+        assert_eq!(error.kind(), io::ErrorKind::AlreadyExists);
+        assert!(error.to_string().contains("a.txt: the file exists"), "{error}");
+        fs::remove_file(&path).expect("own file");
+        // Another program writes it meanwhile.
+        let meanwhile = |partial: &Path| {
+            assert_eq!((partial.file_name(), partial.extension()), (path.file_name(), path.extension()));
+            fs::write(&path, "of another program")?;
+            write("third")(partial)
+        };
+        assert_eq!(write_new(&path, meanwhile).expect_err("it appeared").kind(), io::ErrorKind::AlreadyExists);
+        assert_eq!(fs::read_to_string(&path).expect("readable"), "of another program");
+        assert_eq!(names(folder.path()), ["a.txt"]);
+        let failed = write_new(&folder.path().join("b.txt"), |_| Err(io::Error::other("failed")));
+        assert_eq!(failed.expect_err("the writer fails").to_string(), "failed");
+        assert_eq!(names(folder.path()), ["a.txt"]);
+        // A link that leads nowhere is not followed.
+        #[cfg(unix)]
+        {
+            let (link, target) = (folder.path().join("link"), folder.path().join("target"));
+            std::os::unix::fs::symlink(&target, &link).expect("links work");
+            assert_eq!(write_new(&link, write("x")).expect_err("a link").kind(), io::ErrorKind::AlreadyExists);
+            assert!(!target.exists() && fs::symlink_metadata(&link).expect("present").is_symlink());
+        }
+        for impossible in [Path::new(""), &folder.path().join("no/a.txt")] {
+            write_new(impossible, write("x")).expect_err("no such folder");
+        }
     }
 
     #[test]
