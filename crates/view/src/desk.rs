@@ -3,6 +3,7 @@
 use crate::ablation;
 use crate::developed::Developed;
 use crate::engine;
+use crate::hidden_shares::TARGETS;
 use crate::measure;
 use crate::path::trace_path;
 use crate::protocol::{
@@ -16,9 +17,6 @@ use dunkelfeld::{FilmInProgress, Project};
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::time::Duration;
-
-/// The range of the target k.
-const TARGETS: std::ops::RangeInclusive<f64> = 0.05..=4.0;
 
 /// Seconds that a request waits for the thread that renders.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -183,13 +181,13 @@ pub(crate) fn target(shared: &Shared, request: TargetRequest) -> Result<(), Faul
         engine::certificate_of(&developed.snapshot, &developed, request.k)
     });
     shared.update(|live| {
-        live.certificate = state.or(live.certificate);
-        live.curve.iter_mut().for_each(|point| {
-            // The share of an earlier film at another level is not known.
-            if state.is_none_or(|state| point.k99 != state.p99) {
-                point.hidden = if point.k99.is_some_and(|k99| k99 <= request.k) { 0.99 } else { 0.0 };
-            }
-        });
+        live.certificate = state.filter(|state| state.k == live.target).or(live.certificate);
+        // Another request may have moved the target meanwhile.
+        let target = live.target;
+        for point in &mut live.curve {
+            let exact = live.certificate.filter(|state| state.film == point.film && state.k == target);
+            point.hidden = exact.map_or_else(|| point.shares.at(target), |state| state.hidden);
+        }
     });
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! The thread that renders. It begins again when the scene changes, and publishes its film.
 
 use crate::developed::{Developed, Sensors};
+use crate::hidden_shares::HiddenShares;
 use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, ForecastPoint, Note};
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::shared::{Shared, Stamp, lock};
@@ -325,7 +326,7 @@ impl Progress for Watcher<'_> {
 
 /// Certifies the films that are published, at a small share of the time, until the view ends.
 pub(crate) fn analyse(shared: &Arc<Shared>) {
-    let (mut last, mut curve_of) = (0, None);
+    let mut last = 0;
     loop {
         let (snapshot, camera) = {
             let mut control = lock(&shared.control);
@@ -333,7 +334,10 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
                 if control.quit {
                     return;
                 }
-                let camera = lock(&shared.live).camera();
+                let (camera, curve_of) = {
+                    let live = lock(&shared.live);
+                    (live.camera(), live.curve_of.clone())
+                };
                 match shared.snapshot() {
                     Some(snapshot) if snapshot.id != last || curve_of.as_ref() != Some(&camera.without_noise()) => {
                         break (snapshot, camera);
@@ -351,26 +355,31 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
             developed.certified().is_some().then_some(developed)
         });
         let certified_at = |k: f64| certified.as_ref().and_then(|developed| certificate_of(&snapshot, developed, k));
-        let mut target = lock(&shared.live).target;
-        let mut state = certified_at(target);
+        let certified = certified.as_ref().and_then(|developed| developed.certified());
+        let shares = certified.map(|certified| Arc::new(HiddenShares::new(certified)));
         // The target may move meanwhile.
-        while target != lock(&shared.live).target {
-            target = lock(&shared.live).target;
-            state = certified_at(target);
-        }
-        let is_other_camera = curve_of.as_ref() != Some(&camera);
-        shared.update(|live| {
-            if is_other_camera {
+        loop {
+            let target = lock(&shared.live).target;
+            let state = certified_at(target);
+            let mut live = lock(&shared.live);
+            if live.target != target {
+                continue;
+            }
+            if live.curve_of.as_ref() != Some(&camera) {
                 live.curve.clear();
+                live.curve_of = Some(camera);
             }
             live.certificate = state;
             // The render may have started again meanwhile.
-            if let Some(state) = state.filter(|_| snapshot.restarted == live.render.restarted) {
-                let (seconds, spp) = (snapshot.seconds, snapshot.spp());
-                live.add_point(CurvePoint { seconds, spp, k99: state.p99, hidden: state.hidden });
+            if let (Some(state), Some(shares)) = (state, shares)
+                && snapshot.restarted == live.render.restarted
+            {
+                let (seconds, spp, film) = (snapshot.seconds, snapshot.spp(), snapshot.id);
+                live.add_point(CurvePoint { seconds, spp, k99: state.p99, hidden: state.hidden, film, shares });
             }
-        });
-        curve_of = Some(camera);
+            break;
+        }
+        shared.notify();
         // The analysis runs on all threads beside the render.
         let pause = began.elapsed().as_secs_f64() / ANALYSIS_SHARE * 0.5;
         let control = lock(&shared.control);

@@ -13,6 +13,7 @@ mod ablation;
 mod desk;
 mod developed;
 mod engine;
+mod hidden_shares;
 mod measure;
 mod path;
 mod protocol;

@@ -1,8 +1,10 @@
 //! The messages between the page and the server, as JSON.
 
+use crate::hidden_shares::HiddenShares;
 use dunkelfeld::Error;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// A refusal: the answer of a request that cannot be met.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -164,12 +166,17 @@ pub(crate) struct Note {
 }
 
 /// The noise at some time of the render.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct CurvePoint {
     pub(crate) seconds: f64,
     pub(crate) spp: f64,
     pub(crate) k99: Option<f64>,
     pub(crate) hidden: f64,
+    /// The film, and its shares at other targets.
+    #[serde(skip)]
+    pub(crate) film: u64,
+    #[serde(skip)]
+    pub(crate) shares: Arc<HiddenShares>,
 }
 
 /// The expected time of a level of noise.

@@ -62,6 +62,8 @@ pub(crate) struct Live {
     pub(crate) error: Option<Fault>,
     pub(crate) notes: Vec<Note>,
     pub(crate) curve: Vec<CurvePoint>,
+    /// The camera of the curve, without its noise.
+    pub(crate) curve_of: Option<Camera>,
     pub(crate) forecast: Vec<ForecastPoint>,
     pub(crate) target: f64,
     pub(crate) certificate: Option<CertificateState>,
@@ -118,6 +120,7 @@ impl Shared {
             error: None,
             notes: Vec::new(),
             curve: Vec::new(),
+            curve_of: None,
             forecast: Vec::new(),
             target: DEFAULT_TARGET,
             certificate: None,
