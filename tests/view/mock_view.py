@@ -218,6 +218,7 @@ class MockView:
             ],
             "curve": curve,
             "forecast": forecast,
+            "forecast_from": "plan",
             "target": self.target,
             "certificate": certificate,
             "sensors": SENSORS,

@@ -130,6 +130,17 @@ export function levelMeaning(k) {
 }
 
 /**
+ * The origin of the foretold points in words.
+ * @param {State} state
+ */
+export function forecastNote(state) {
+  if (foretoldLevels(state).length === 0) return "";
+  return state.forecast_from === "plan"
+    ? "The foretold points are those of the plan of the render, for the camera of the job."
+    : "The camera is not that of the job, so the foretold points follow from the measured ones: k falls with the root of the number of samples.";
+}
+
+/**
  * @param {State} state
  * @returns {Verdict}
  */

@@ -1,7 +1,7 @@
 // The verdict, the plot of the noise level against time with its target, and the ablation.
 
 import {
-  foretoldLevels, levelMeaning, levelNow, measuredLevels, timeOfLevel, timeSentence, verdict,
+  forecastNote, foretoldLevels, levelMeaning, levelNow, measuredLevels, timeOfLevel, timeSentence, verdict,
 } from "./accuracy.js";
 import { drawPlot, placer, plotArea } from "./chart.js";
 import { box, button, byId, input, press, select, setOptions, setText, setValue, svg } from "./dom.js";
@@ -113,6 +113,7 @@ export class NoisePanel {
     setValue(input("target"), String(state.target));
     setText(box("target-time"), timeSentence(state, state.target));
     setText(box("target-meaning"), levelMeaning(state.target));
+    setText(box("forecast-note"), forecastNote(state));
     const { certificate, film, render } = state;
     setText(box("noise-k99"), number(levelNow(state)));
     // The certificate may still be that of an earlier target.

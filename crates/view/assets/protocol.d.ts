@@ -49,6 +49,7 @@ export interface State {
   notes: Note[];
   curve: CurvePoint[];
   forecast: ForecastPoint[];
+  forecast_from: "plan" | "points";
   target: number;
   certificate: Certificate | null;
   sensors: Sensor[];

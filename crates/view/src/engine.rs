@@ -179,7 +179,7 @@ fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Resu
     };
     shared.update(|live| {
         live.curve.clear();
-        live.forecast.clear();
+        live.plan.clear();
         live.render.state = Activity::Running;
         live.render.reason = None;
         live.render.restarted += u32::from(is_restart);
@@ -264,8 +264,7 @@ impl Progress for Watcher<'_> {
             live.render.elapsed = seconds;
             live.render.samples_per_second = if seconds > 0.0 { progress.samples as f64 / seconds } else { 0.0 };
             // The end of a view is its target.
-            let known = live.forecast.iter().filter(|point| point.k <= live.target * (1.0 + 1e-9));
-            let expected = known.filter_map(|point| point.seconds).reduce(f64::min);
+            let expected = live.seconds_to_target();
             live.render.remaining = expected.map(|expected| (expected - seconds).max(0.0));
             live.render.fraction = expected.map_or(0.0, |expected| (seconds / expected).clamp(0.0, 1.0));
         });
@@ -273,12 +272,14 @@ impl Progress for Watcher<'_> {
 
     fn forecast(&self, forecast: &Forecast) {
         let pixels = f64::from(self.settings.0.width) * f64::from(self.settings.0.height);
+        // The clock of a plan goes on during a pause.
+        let paused = lock(&self.time).paused;
         let point = |level: &ForecastLevel| ForecastPoint {
             k: level.k,
-            seconds: level.seconds,
+            seconds: level.seconds.map(|seconds| seconds - paused),
             spp: level.samples.map(|samples| samples / pixels.max(1.0)),
         };
-        self.shared.update(|live| live.forecast = forecast.levels.iter().map(point).collect());
+        self.shared.update(|live| live.plan = forecast.levels.iter().map(point).collect());
     }
 
     fn film_interval(&self) -> Option<f64> {

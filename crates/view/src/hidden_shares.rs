@@ -8,7 +8,7 @@ pub(crate) const TARGETS: std::ops::RangeInclusive<f64> = 0.05..=4.0;
 const LEVELS: usize = 256;
 
 /// The shares at 256 levels in equal ratios from the smallest to the largest target.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct HiddenShares(Vec<f32>);
 
 /// A level of the table.

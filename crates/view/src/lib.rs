@@ -15,6 +15,7 @@ mod developed;
 mod engine;
 mod hidden_shares;
 mod measure;
+mod outlook;
 mod path;
 mod protocol;
 mod save;

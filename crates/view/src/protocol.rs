@@ -104,6 +104,7 @@ pub(crate) struct State {
     pub(crate) notes: Vec<Note>,
     pub(crate) curve: Vec<CurvePoint>,
     pub(crate) forecast: Vec<ForecastPoint>,
+    pub(crate) forecast_from: ForecastSource,
     pub(crate) target: f64,
     pub(crate) certificate: Option<CertificateState>,
     pub(crate) sensors: Vec<SensorState>,
@@ -185,6 +186,16 @@ pub(crate) struct ForecastPoint {
     pub(crate) k: f64,
     pub(crate) seconds: Option<f64>,
     pub(crate) spp: Option<f64>,
+}
+
+/// The origin of a forecast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum ForecastSource {
+    /// The plan of the render, which is for the camera of the job.
+    Plan,
+    /// The measured points of the camera that is shown.
+    Points,
 }
 
 /// The certificate of a film.

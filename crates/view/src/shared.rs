@@ -2,8 +2,10 @@
 
 use crate::ablation::Ablation;
 use crate::developed::{OWN_SENSOR, Sensors, Store};
+use crate::outlook::{from_measured, seconds_at};
 use crate::protocol::{
-    Activity, Camera, CertificateState, CurvePoint, Denoise, EffectState, Fault, FilmState, ForecastPoint, LightState,
+    Activity, Camera, CertificateState, CurvePoint, Denoise, EffectState, Fault, FilmState, ForecastPoint,
+    ForecastSource, LightState,
     MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
 };
 use crate::scene_change::{SceneChange, SceneParts};
@@ -64,7 +66,8 @@ pub(crate) struct Live {
     pub(crate) curve: Vec<CurvePoint>,
     /// The camera of the curve, without its noise.
     pub(crate) curve_of: Option<Camera>,
-    pub(crate) forecast: Vec<ForecastPoint>,
+    /// The forecast of the plan, for the camera of the job. Its seconds are without pauses.
+    pub(crate) plan: Vec<ForecastPoint>,
     pub(crate) target: f64,
     pub(crate) certificate: Option<CertificateState>,
     /// The settings with which the scene was opened.
@@ -121,7 +124,7 @@ impl Shared {
             notes: Vec::new(),
             curve: Vec::new(),
             curve_of: None,
-            forecast: Vec::new(),
+            plan: Vec::new(),
             target: DEFAULT_TARGET,
             certificate: None,
             settings: None,
@@ -206,6 +209,7 @@ impl Shared {
                 pixel: spec.pixel_pitch.micrometres(),
             }
         };
+        let (forecast, forecast_from) = live.forecast();
         let title = self.subject.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         State {
             version: env!("CARGO_PKG_VERSION"),
@@ -225,7 +229,8 @@ impl Shared {
             error: live.error.clone(),
             notes: live.notes.clone(),
             curve: live.curve.clone(),
-            forecast: live.forecast.clone(),
+            forecast,
+            forecast_from,
             target: live.target,
             certificate: live.certificate,
             sensors: live.sensors.all().iter().map(sensor).collect(),
@@ -268,6 +273,26 @@ impl Live {
             denoise: Denoise::Off,
             vignetting: self.is_vignetted,
             lights: None,
+        }
+    }
+
+    /// The expected noise of the camera that is shown, and its origin.
+    pub(crate) fn forecast(&self) -> (Vec<ForecastPoint>, ForecastSource) {
+        let camera = self.camera().without_noise();
+        if camera == self.first_camera().without_noise() && !self.plan.is_empty() {
+            return (self.plan.clone(), ForecastSource::Plan);
+        }
+        let is_measured = self.curve_of.as_ref() == Some(&camera);
+        (if is_measured { from_measured(&self.curve) } else { Vec::new() }, ForecastSource::Points)
+    }
+
+    /// The seconds of the render at which the camera that is shown reaches the target, as far as they are known.
+    pub(crate) fn seconds_to_target(&self) -> Option<f64> {
+        let (forecast, _) = self.forecast();
+        let is_measured = self.curve_of == Some(self.camera().without_noise());
+        match self.curve.last().filter(|point| is_measured && point.k99.is_some_and(|k99| k99 <= self.target)) {
+            Some(point) => Some(point.seconds),
+            None => seconds_at(&forecast, self.target),
         }
     }
 

@@ -1,0 +1,113 @@
+//! The expected noise of a render: for the camera of the job from its plan, for others from the measured points.
+
+use crate::protocol::{CurvePoint, ForecastPoint};
+
+/// The levels of an outlook from measured points, as those of a plan ([`dunkelfeld::FORECAST_LEVELS`]).
+const LEVELS: [f64; 4] = [1.0, 0.7, 0.5, 0.25];
+/// The newest points of which the median is taken, and the fewest that suffice.
+const NEWEST: usize = 5;
+const FEWEST: usize = 3;
+
+/// The samples and seconds at which the noise will have fallen to some levels, from the measured points of one camera.
+///
+/// The variance of a Monte Carlo mean falls with the number of its samples n, and k is a ratio of standard deviations. So
+/// k^2 n is constant while the samples are distributed over the pixels as now. Its median over the newest points gives n at
+/// each level, and the samples per second of the newer half of the samples give the time. Levels that are reached are left
+/// out. Empty with fewer than three points.
+pub(crate) fn from_measured(curve: &[CurvePoint]) -> Vec<ForecastPoint> {
+    let known: Vec<(&CurvePoint, f64)> = curve
+        .iter()
+        .filter_map(|point| Some((point, point.k99.filter(|k| *k > 0.0)?)))
+        .filter(|(point, _)| point.spp > 0.0 && point.seconds > 0.0)
+        .collect();
+    let newest = &known[known.len().saturating_sub(NEWEST)..];
+    let Some(&(last, k99)) = newest.last().filter(|_| newest.len() >= FEWEST) else { return Vec::new() };
+    let mut products: Vec<f64> = newest.iter().map(|(point, k)| k * k * point.spp).collect();
+    products.sort_by(f64::total_cmp);
+    let product = products[products.len() / 2];
+    let earlier = known.iter().map(|(point, _)| *point).find(|point| 2.0 * point.spp >= last.spp);
+    let rate = earlier
+        .filter(|earlier| earlier.spp < last.spp && earlier.seconds < last.seconds)
+        .map_or(last.spp / last.seconds, |earlier| (last.spp - earlier.spp) / (last.seconds - earlier.seconds));
+    let is_ahead = |k: &f64| *k < k99 && product / (k * k) > last.spp;
+    let point = |k: f64| {
+        let spp = product / (k * k);
+        ForecastPoint { k, seconds: Some(last.seconds + (spp - last.spp) / rate), spp: Some(spp) }
+    };
+    LEVELS.into_iter().filter(is_ahead).map(point).collect()
+}
+
+/// The seconds at which the noise will have fallen to `k`. Between two points on the logarithms of both, beyond them by the
+/// root law.
+pub(crate) fn seconds_at(forecast: &[ForecastPoint], k: f64) -> Option<f64> {
+    let mut points: Vec<(f64, f64)> =
+        forecast.iter().filter_map(|point| Some((point.k, point.seconds.filter(|s| *s > 0.0)?))).collect();
+    points.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let below = points.iter().position(|point| point.0 <= k);
+    let root = |(level, seconds): (f64, f64)| seconds * (level / k).powi(2);
+    match below {
+        None => points.last().map(|&end| root(end)),
+        Some(0) => points.first().map(|&first| root(first)),
+        Some(i) => {
+            let ((k0, s0), (k1, s1)) = (points[i - 1], points[i]);
+            Some(s0 * (s1 / s0).powf((k / k0).ln() / (k1 / k0).ln()))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    fn curve(points: &[(f64, f64, f64)]) -> Vec<CurvePoint> {
+        let point = |&(seconds, spp, k99): &(f64, f64, f64)| CurvePoint {
+            seconds,
+            spp,
+            k99: Some(k99),
+            hidden: 0.0,
+            film: 0,
+            shares: Arc::default(),
+        };
+        points.iter().map(point).collect()
+    }
+
+    /// A render of the root law: 2 s without samples, then 10 samples per pixel and second, k = 8 / sqrt(n).
+    #[test]
+    fn the_root_law_is_continued() {
+        let law = |seconds: f64| (seconds, 10.0 * (seconds - 2.0), 8.0 / (10.0 * (seconds - 2.0)).sqrt());
+        let points: Vec<_> = [3.0, 4.0, 5.0, 7.0, 9.0, 12.0].map(law).to_vec();
+        let outlook = from_measured(&curve(&points));
+        // k is 0.8 at 12 s: the level 1 is reached.
+        assert_eq!(outlook.iter().map(|point| point.k).collect::<Vec<_>>(), [0.7, 0.5, 0.25]);
+        for point in &outlook {
+            let spp = (8.0 / point.k).powi(2);
+            assert!((point.spp.expect("known") - spp).abs() < 1e-9 * spp);
+            assert!((point.seconds.expect("known") - (2.0 + spp / 10.0)).abs() < 1e-9 * spp);
+        }
+        // One point that is far off does not move it, and two points are too few.
+        let mut off = points.clone();
+        off[4].2 *= 3.0;
+        assert_eq!(from_measured(&curve(&off)), outlook);
+        assert_eq!(from_measured(&curve(&points[..2])), []);
+        let mut unknown = curve(&points);
+        unknown.iter_mut().for_each(|point| point.k99 = None);
+        assert_eq!(from_measured(&unknown), []);
+    }
+
+    #[test]
+    fn times_between_and_beyond_levels() {
+        let point = |k: f64, seconds| ForecastPoint { k, seconds, spp: None };
+        let forecast = [point(1.0, Some(10.0)), point(0.7, None), point(0.5, Some(40.0)), point(0.25, Some(320.0))];
+        let close = |k: f64, seconds: f64| {
+            let found = seconds_at(&forecast, k).expect("known");
+            assert!((found - seconds).abs() < 1e-9 * seconds, "{k}: {found}");
+        };
+        [(1.0, 10.0), (0.5, 40.0), (0.25, 320.0)].into_iter().for_each(|(k, seconds)| close(k, seconds));
+        close(0.5f64.sqrt(), 20.0);
+        close(2.0, 2.5);
+        close(0.125, 1280.0);
+        assert_eq!(seconds_at(&[], 0.5), None);
+        assert_eq!(seconds_at(&[point(0.5, None)], 0.5), None);
+    }
+}
