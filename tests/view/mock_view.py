@@ -346,14 +346,14 @@ class MockView:
 
     def map(self, body):
         camera = self.check_camera(body["camera"])
-        if set(body) != {"camera", "map"} or body["map"] not in MAPS:
+        if set(body) != {"camera", "map", "effect"} or body["map"] not in MAPS:
             raise Fault(400, "The map is invalid.")
         begin, film = time.time(), self.need_film()
         shot = self.expose(camera, 0, film)
         ratio = shot["render_sigma"] / shot["camera_sigma"]
         spp = film["spp"] * (0.4 + self.noise)
         name = body["map"]
-        if name == "difference" and not self.ablations:
+        if name == "difference" and body["effect"] not in self.ablations:
             raise Fault(422, "No ablation was computed.")
         values, unit = {
             "ratio": (ratio, ""),

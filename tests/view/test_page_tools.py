@@ -116,7 +116,7 @@ def test_maps_and_ablation(mock_page):
         page.set("map", "none")
     page.set("map", "ratio")
     page.settle()
-    _, data = page.mock.map({"camera": JOB_CAMERA, "map": "ratio"})
+    _, data = page.mock.map({"camera": JOB_CAMERA, "map": "ratio", "effect": None})
     ratio = np.frombuffer(data, "<f4").reshape(HEIGHT, WIDTH)
     for target in [0.5, 0.2]:
         page.set("target", target)
@@ -145,7 +145,13 @@ def test_maps_and_ablation(mock_page):
     page.click("ablation-map")
     page.settle()
     assert page.last("/api/map")["map"] == "difference" and page.value("map") == "difference"
-    assert "[DN]" in page.text("legend-title")
+    assert page.last("/api/map")["effect"] == "covers" and "[DN]" in page.text("legend-title")
+    # A restart makes it invalid.
+    page.click("restart")
+    page.wait(lambda: "compute the ablation again" in page.text("ablation-result"), what="dropped ablation")
+    page.settle()
+    assert page.value("map") == "none" and page.js("return document.querySelector('#map option[value=difference]').disabled")
+    assert page.text("problems") == ""
 
 
 def test_probe_and_keys(mock_page):

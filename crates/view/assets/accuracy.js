@@ -137,7 +137,7 @@ export function forecastNote(state) {
   if (foretoldLevels(state).length === 0) return "";
   return state.forecast_from === "plan"
     ? "The foretold points are those of the plan of the render, for the camera of the job."
-    : "The camera is not that of the job, so the foretold points follow from the measured ones: k falls with the root of the number of samples.";
+    : "The foretold points follow from the measured ones: k falls with the root of the number of samples. The plan of the render is for the camera of the job.";
 }
 
 /**

@@ -107,7 +107,7 @@ export async function requestFrame(body) {
 }
 
 /**
- * @param {{ camera: import("./protocol").Camera, map: import("./protocol").MapName }} body
+ * @param {{ camera: import("./protocol").Camera, map: import("./protocol").MapName, effect: string | null }} body
  * @returns {Promise<import("./protocol").FilmMap>}
  */
 export async function requestMap(body) {

@@ -28,6 +28,10 @@ export class Measurements {
   transferWanted = false;
   /** @type {{ effect: string, result: Ablation } | null} */
   ablation = null;
+  /** True after a restart has made the ablation invalid. */
+  ablationIsOld = false;
+  /** The number of restarts of the render that is compared. */
+  #restarted = 0;
 
   #cursor = new Debounce(CURSOR_DELAY, () => this.probe());
   #frame = new Throttle(FRAME_INTERVAL, () => this.refresh());
@@ -59,6 +63,7 @@ export class Measurements {
     store.on("connection", () => {
       this.#transferKey = "";
     });
+    store.on("state", () => this.#dropOldAblation());
     store.on("camera", () => {
       // The fault of a refused camera is outdated; each new answer states its own.
       for (const key of ["probe", "path", "regions", "line", "transfer", "ablation"]) problems.clear(key);
@@ -161,9 +166,21 @@ export class Measurements {
    */
   ablate(effect, onProgress) {
     this.ablation = { effect, result: { state: "running", fraction: 0 } };
+    this.ablationIsOld = false;
+    this.#restarted = this.store.server?.render.restarted ?? 0;
+    this.store.ablated = effect;
     this.#onAblation = onProgress;
     onProgress();
     this.#askAblation();
+  }
+
+  /** The difference is that of one render: after a restart it is measured again. */
+  #dropOldAblation() {
+    if (!this.ablation || this.store.server?.render.restarted === this.#restarted) return;
+    this.ablation = null;
+    this.ablationIsOld = true;
+    if (this.store.map === "difference") this.store.setMap("none");
+    this.#onAblation();
   }
 
   #askAblation() {
@@ -176,7 +193,7 @@ export class Measurements {
         // Another effect may have been chosen meanwhile; it has a request of its own.
         if (this.ablation?.effect !== effect) return;
         this.ablation = { effect, result };
-        if (result.state === "running") setTimeout(() => this.#askAblation(), ABLATION_INTERVAL);
+        if (result.state !== "finished") setTimeout(() => this.#askAblation(), ABLATION_INTERVAL);
       } catch (error) {
         this.ablation = null;
         throw error;

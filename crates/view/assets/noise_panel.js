@@ -250,7 +250,7 @@ export class NoisePanel {
     if (select("ablation-effect").selectedIndex < 0 && effects[0]) select("ablation-effect").value = effects[0].name;
     select("ablation-effect").disabled = effects.length === 0;
     button("ablation-start").disabled = effects.length === 0
-      || this.measurements.ablation?.result.state === "running";
+      || ["waiting", "running"].includes(this.measurements.ablation?.result.state ?? "");
   }
 
   #showAblation() {
@@ -270,10 +270,14 @@ export class NoisePanel {
 
   #ablationText() {
     const { ablation } = this.measurements;
-    if (!ablation) return "No ablation was computed.";
+    if (!ablation) {
+      return this.measurements.ablationIsOld
+        ? "The render has started again: compute the ablation again." : "No ablation was computed.";
+    }
     const title = this.store.server?.scene?.effects.find(({ name }) => name === ablation.effect)?.title
       ?? ablation.effect;
     const { result } = ablation;
+    if (result.state === "waiting") return `Waits for another ablation before that without ${title}.`;
     if (result.state === "running") return `Renders without ${title}: ${percent(result.fraction)}.`;
     const sign = result.significant
       ? "The difference is larger than the noise of both renders."

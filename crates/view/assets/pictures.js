@@ -140,7 +140,8 @@ export class Pictures {
 
   /** @param {number} [film] */
   #mapKey(film = this.store.server?.film?.id ?? 0) {
-    return JSON.stringify([film, this.store.map, this.store.camera]);
+    const { map, camera, ablated } = this.store;
+    return JSON.stringify([film, map, camera, map === "difference" ? ablated : null]);
   }
 
   /** @param {"a" | "b"} kind */
@@ -178,10 +179,10 @@ export class Pictures {
 
   async #fetchMap() {
     const { store, viewer } = this;
-    const { map, camera, session } = store;
+    const { map, camera, session, ablated } = store;
     if (map === "none" || !camera) return;
     const asked = this.#mapKey();
-    const filmMap = await requestMap({ camera, map });
+    const filmMap = await requestMap({ camera, map, effect: map === "difference" ? ablated : null });
     if (session !== store.session || map !== store.map) return;
     this.#shown.map = asked;
     store.filmMap = filmMap;

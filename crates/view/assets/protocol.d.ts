@@ -132,6 +132,7 @@ export interface SceneChange {
 }
 
 export type Ablation =
+  { state: "waiting" } |
   { state: "running"; fraction: number } |
   { state: "finished"; mean: number; largest: number; sigma: number; significant: boolean };
 

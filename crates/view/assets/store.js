@@ -59,6 +59,11 @@ export class Store {
 
   /** @type {MapName | "none"} */
   map = "none";
+  /**
+   * The effect of the map of the difference.
+   * @type {string | null}
+   */
+  ablated = null;
   mapOpacity = 1;
   /** @type {"viridis" | "cividis"} */
   mapColours = "viridis";

@@ -59,7 +59,8 @@ pub(crate) fn map(shared: &Shared, request: &MapRequest) -> Result<(MapHeader, V
     if is_noise {
         developed.certify(&shared.session);
     }
-    let ablation = lock(&shared.ablation).clone();
+    let scene = developed.snapshot.scene.number;
+    let ablation = lock(&shared.ablations).difference(scene, &camera, request.effect.as_deref());
     let difference = ablation.as_ref().and_then(|ablation| ablation.difference());
     shared.session.install(|| developed.map(request.map, difference))
 }
@@ -140,7 +141,7 @@ pub(crate) fn at_render<T: Send + 'static>(
 pub(crate) fn ablation(shared: &Arc<Shared>, request: &AblationRequest) -> Result<AblationAnswer, Fault> {
     needs_scene(shared)?;
     let developed = developed(shared, &request.camera.without_noise())?;
-    ablation::ask(shared, &request.effect, developed)
+    ablation::ask(shared, &request.effect, &developed)
 }
 
 /// Pauses the render, continues it, or starts it again.

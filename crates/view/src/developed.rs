@@ -267,7 +267,10 @@ impl Developed {
                 Some(difference) if difference.len() == self.snapshot.counts.data().len() => {
                     ("DN", difference.to_vec())
                 }
-                _ => return Err(Fault::new("no effect was left out for a comparison", "measure an effect first")),
+                _ => {
+                    let problem = "the influence of this effect was not measured for this scene and camera";
+                    return Err(Fault::new(problem, "measure again"));
+                }
             },
         };
         if values.is_empty() {

@@ -91,7 +91,12 @@ fn prepare(
     change: &SceneChange,
     cancel: &Cancel,
 ) -> Result<(), Error> {
-    lock(&shared.live).scene_number += 1;
+    let number = {
+        let mut live = lock(&shared.live);
+        live.scene_number += 1;
+        live.scene_number
+    };
+    lock(&shared.ablations).keep_only(number);
     let (mut opened, parts) = match project.take() {
         Some(project) => (project, lock(&shared.live).parts.clone()),
         None => open(shared, change)?,

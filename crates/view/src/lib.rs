@@ -16,6 +16,7 @@ mod engine;
 mod hidden_shares;
 mod measure;
 mod outlook;
+mod panics;
 mod path;
 mod protocol;
 mod save;

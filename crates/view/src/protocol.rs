@@ -309,6 +309,9 @@ pub(crate) struct FrameHeader {
 pub(crate) struct MapRequest {
     pub(crate) camera: Camera,
     pub(crate) map: MapKind,
+    /// The effect of a map of the difference; `None`: the newest comparison.
+    #[serde(default)]
+    pub(crate) effect: Option<String>,
 }
 
 /// The maps.
@@ -541,6 +544,8 @@ pub(crate) struct AblationRequest {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "state", rename_all = "lowercase")]
 pub(crate) enum AblationAnswer {
+    /// Another comparison runs.
+    Waiting,
     Running {
         fraction: f64,
     },

@@ -1,6 +1,6 @@
 //! The state that the render, the analysis and the server share.
 
-use crate::ablation::Ablation;
+use crate::ablation::Ablations;
 use crate::developed::{OWN_SENSOR, Sensors, Store};
 use crate::outlook::{from_measured, seconds_at};
 use crate::protocol::{
@@ -97,7 +97,7 @@ pub(crate) struct Shared {
     /// Ends the render that runs.
     pub(crate) cancel: Mutex<Arc<Cancel>>,
     pub(crate) store: Store,
-    pub(crate) ablation: Mutex<Option<Arc<Ablation>>>,
+    pub(crate) ablations: Mutex<Ablations>,
     /// Held while files are written.
     pub(crate) writes: Mutex<()>,
     /// The threads of exposures and measurements.
@@ -146,7 +146,7 @@ impl Shared {
             wake: Condvar::new(),
             cancel: Mutex::new(Arc::new(Cancel::new())),
             store: Store::default(),
-            ablation: Mutex::new(None),
+            ablations: Mutex::default(),
             writes: Mutex::new(()),
             session,
             changed: watch::Sender::new(0),
