@@ -283,6 +283,26 @@ def test_a_job_that_is_broken_from_the_start(view, tmp_path, driver):
     page.assert_quiet_console()
 
 
+def test_a_scene_file_that_is_broken_from_the_start(view, tmp_path, driver):
+    """The fault is in a file that the scene names, not in the job: it is watched too."""
+    vertices = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.3, 0]], "<f4").tobytes()
+    gltf = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [0.3, 0.3, 0]}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"uri": "part.bin", "byteLength": 36}],
+    }  # fmt: skip
+    (tmp_path / "part.gltf").write_text(json.dumps(gltf))
+    (tmp_path / "part.bin").write_bytes(vertices[:18])
+    running = view(job=FIXED.replace('scene = "none"', 'scene = "part.gltf"'))
+    page = Page(driver, running.url)
+    page.wait(lambda: "part.gltf" in page.text("problems"), "the error")
+    assert page.frame() is None
+    (tmp_path / "part.bin").write_bytes(vertices)
+    page.wait(lambda: page.frame() is not None and page.text("problems") == "", "the corrected scene")
+    page.assert_quiet_console()
+
+
 def test_light_from_infinitely_far_away(view, open_page):
     sun = '[[light]]\nname = "sun"\nkind = "sun"\nirradiance = 2\ndirection = [1, 2, 0]\n'
     running = view(job=FIXED + sun + "[environment]\nradiance = 0.5\n")

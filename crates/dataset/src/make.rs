@@ -434,8 +434,7 @@ pub(crate) fn in_study(study: &Study, error: Error, index: u64) -> Error {
         Error::Input(e)
             if e.file == study.job_path() && e.source_span.as_ref().is_none_or(|s| s.text != study.text()) =>
         {
-            let InputError { file, place, problem, help, source_span } = study.in_study(e, index);
-            Error::Input(InputError { file, place, problem, help, source_span })
+            Error::Input(study.in_study(e, index))
         }
         other => other,
     }

@@ -2,7 +2,7 @@
 
 use crate::visible::{visible_columns, visible_line};
 use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A place in a text, with the text, so that a message can show line and caret.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,7 +35,13 @@ pub struct InputError {
     pub help: String,
     /// The text around the place, for text files.
     pub source_span: Option<Box<SourceSpan>>,
+    /// The files that were read or requested before a scene was refused, as far as they are known.
+    pub read: Option<Box<ReadFiles>>,
 }
+
+/// Files that were read or requested before an error.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ReadFiles(pub Vec<PathBuf>);
 
 impl InputError {
     /// An error without a text span.
@@ -45,7 +51,18 @@ impl InputError {
         problem: impl Into<String>,
         help: impl Into<String>,
     ) -> Self {
-        Self { file: file.into(), place: place.into(), problem: problem.into(), help: help.into(), source_span: None }
+        Self { file: file.into(), place: place.into(), problem: problem.into(), help: help.into(), source_span: None, read: None }
+    }
+
+    /// Adds files that were read or requested before.
+    pub fn with_read_files<'a>(mut self, files: impl IntoIterator<Item = &'a Path>) -> Self {
+        self.read.get_or_insert_default().0.extend(files.into_iter().map(Path::to_owned));
+        self
+    }
+
+    /// The files that were read or requested before a scene was refused, as far as they are known.
+    pub fn read_files(&self) -> impl Iterator<Item = &Path> {
+        self.read.iter().flat_map(|read| &read.0).map(PathBuf::as_path)
     }
 
     /// The line with the offending part and a caret under it, as in compilers; empty without a span. Only the part of a

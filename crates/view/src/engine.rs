@@ -8,7 +8,7 @@ use crate::shared::{Shared, Stamp, lock};
 use crate::snapshot::{PictureScene, Snapshot};
 use dunkelfeld::film::{FilmLayers, Plane};
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, ForecastLevel, Progress,
+    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, ForecastLevel, InputFiles, Progress,
     ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, find_sensor,
 };
 use std::collections::BTreeMap;
@@ -151,7 +151,16 @@ fn open(shared: &Arc<Shared>, change: &SceneChange) -> Result<(Project, ScenePar
         live.files = files;
     });
     let options = ProjectOptions::default().with_without(change.without.clone());
-    let opened = Project::open_with(&shared.subject.path, options)?;
+    let mut read = InputFiles::new();
+    let opened = Project::open_recorded(&shared.subject.path, options, &mut read);
+    // The file with the fault is among those that are watched.
+    let files = stamps(read.iter().map(|file| file.identity.path()));
+    shared.update(|live| {
+        for (path, stamp) in files {
+            live.files.entry(path).or_insert(stamp);
+        }
+    });
+    let opened = opened?;
     let mut parts = SceneParts::new(&opened.inspect(), opened.scene.materials());
     // An effect that is left out is not used any more.
     let before = lock(&shared.live).parts.effects.clone();

@@ -7,7 +7,7 @@ use crate::outputs::OutputPaths;
 use crate::shutter::{expose_for, report_strobes};
 use derive_setters::Setters;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
-use dunkelfeld_io::input::InputFiles;
+use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
 use dunkelfeld_radiometry::{Celsius, Seconds};
@@ -76,11 +76,32 @@ impl Project {
     /// # Errors
     /// As [`Project::open`], and for an effect that cannot be left out.
     pub fn open_with(path: impl AsRef<Path>, options: ProjectOptions) -> Result<Self, Error> {
+        Self::open_recorded(path, options, &mut InputFiles::new())
+    }
+
+    /// [`Project::open_with`], and records the files that are read or requested, also if an error ends it: then as far as
+    /// they are known. Such a file may have the fault.
+    ///
+    /// # Errors
+    /// As [`Project::open_with`].
+    pub fn open_recorded(
+        path: impl AsRef<Path>,
+        options: ProjectOptions,
+        inputs: &mut InputFiles,
+    ) -> Result<Self, Error> {
         let path = path.as_ref();
         let began = Instant::now();
         let is_job = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        inputs.add(path, if is_job { Role::Job } else { Role::Scene });
         let job = if is_job { Some(Job::from_file(path)?) } else { None };
-        Self::of_job(path, job, began, options)
+        if let Some(job) = &job {
+            inputs.extend(job.inputs());
+        }
+        let opened = Self::of_job(path, job, began, options, inputs);
+        if let Ok(project) = &opened {
+            inputs.extend(&project.inputs);
+        }
+        opened
     }
 
     /// Opens a job from a text. Messages name `path`, and input paths of the job are relative to its folder. The file need
@@ -101,15 +122,24 @@ impl Project {
     pub fn from_text(path: impl AsRef<Path>, text: &str) -> Result<Self, Error> {
         let began = Instant::now();
         let job = Job::from_text(path.as_ref(), text)?;
-        Self::of_job(path.as_ref(), Some(job), began, ProjectOptions::default())
+        Self::of_job(path.as_ref(), Some(job), began, ProjectOptions::default(), &mut InputFiles::new())
     }
 
-    fn of_job(path: &Path, job: Option<Job>, began: Instant, options: ProjectOptions) -> Result<Self, Error> {
+    fn of_job(
+        path: &Path,
+        job: Option<Job>,
+        began: Instant,
+        options: ProjectOptions,
+        read: &mut InputFiles,
+    ) -> Result<Self, Error> {
         let ProjectOptions { started, without, can_change } = options;
         let imported = match &job {
-            Some(job) => job.load_scene()?,
-            None => load_scene(path, &ImportOptions::default())?,
+            Some(job) => job.load_scene(),
+            None => load_scene(path, &ImportOptions::default()),
         };
+        let imported =
+            imported.inspect_err(|e| e.read_files().for_each(|path| read.add(path, Role::Scene)))?;
+        read.extend(&imported.inputs);
         let mut description = None;
         let compiled = if can_change {
             let mut cache = BuildCache::default();

@@ -21,6 +21,7 @@ pub mod obj;
 pub(crate) mod options;
 #[cfg(feature = "ply")]
 pub mod ply;
+mod recorded;
 #[cfg(feature = "stl")]
 pub mod stl;
 #[cfg(any(feature = "gltf", feature = "obj"))]

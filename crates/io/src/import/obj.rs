@@ -23,6 +23,7 @@ mod textures;
 use crate::error::InputError;
 use crate::import::image_store::ImageStore;
 use crate::import::options::{ImportOptions, Imported};
+use crate::import::recorded::recorded;
 use crate::import::warnings::Warnings;
 use crate::input::Role;
 use crate::loader::AssetLoader;
@@ -68,6 +69,12 @@ use textures::{Textures, load_beside};
 /// If the file cannot be read, is no text, is beyond the limits, or contains no visible face.
 pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
     let loader = AssetLoader::new(path, options.limits);
+    let result = import(path, options, &loader);
+    recorded(loader, result)
+}
+
+/// [`load_obj`] without the list of the input files.
+fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<Imported, InputError> {
     let bytes = loader.read_scene()?;
     let refuse = |problem: &str, help: &str| InputError::new(path, "the file", problem, help);
     let Some((source, note)) = text::decode(bytes) else {
@@ -110,10 +117,10 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
         return Err(too_large());
     }
 
-    let libraries = Libraries::load(&parsed, &loader, &mut warnings);
+    let libraries = Libraries::load(&parsed, loader, &mut warnings);
     measure_images(path, options, &parsed, &libraries, &assembly)?;
     let store = ImageStore::decoding(&options.limits);
-    let mut materials = Materials::new(&parsed, &libraries, Textures::new(&loader, store));
+    let mut materials = Materials::new(&parsed, &libraries, Textures::new(loader, store));
     let mut scene = SceneBuilder {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         ..SceneBuilder::default()
@@ -140,7 +147,7 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
     loader.take_remarks().into_iter().for_each(|(place, message)| warnings.push(place, message));
     scene.materials = materials.list;
     scene.images = materials.textures.store.into_images();
-    Ok(Imported { scene, warnings: warnings.finish(), inputs: loader.into_inputs() })
+    Ok(Imported { scene, warnings: warnings.finish(), ..Imported::default() })
 }
 
 /// Sums the images of all materials in use from their headers, before decoding.

@@ -5,7 +5,7 @@ use crate::error::InputError;
 use crate::import::load_scene;
 use crate::import::options::{ImportOptions, Imported};
 use crate::loader::Limits;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 impl Job {
     /// The first scene file, or the job's own file if the scene is empty: for messages.
@@ -40,7 +40,13 @@ impl Job {
                 up: file.up.or(options.up),
                 ..options
             };
-            let mut imported = load_scene(&file.path, &own).map_err(|e| self.scene_error(e))?;
+            let mut imported = load_scene(&file.path, &own).map_err(|e| {
+                // The files of the scenes before, and those of this one.
+                let before = all.iter().flat_map(|all| all.inputs.iter()).map(|file| file.identity.path());
+                let read = e.read.clone().unwrap_or_default();
+                let error = self.scene_error(InputError { read: None, ..e });
+                error.with_read_files(before.chain(read.0.iter().map(PathBuf::as_path)))
+            })?;
             if !file.prefix.is_empty() {
                 imported.scene.prefix_names(&file.prefix);
             }

@@ -29,6 +29,7 @@ mod validate;
 use crate::error::InputError;
 use crate::import::image_store::ImageStore;
 use crate::import::options::{ImportOptions, Imported};
+use crate::import::recorded::recorded;
 use crate::import::warnings::Warnings;
 use crate::loader::AssetLoader;
 use accessor::{Accessors, Stored};
@@ -58,9 +59,15 @@ use texture::Textures;
 /// If the file or one of its buffers cannot be read, the JSON is malformed, an extension is required that is not
 /// supported, a limit is exceeded, or no mesh of the file can be used.
 pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
-    let mut warnings = Warnings::new(path);
     let loader = AssetLoader::new(path, options.limits);
-    let asset = Asset::load(&loader, &mut warnings)?;
+    let result = import(path, options, &loader);
+    recorded(loader, result)
+}
+
+/// [`load_gltf`] without the list of the input files.
+fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<Imported, InputError> {
+    let mut warnings = Warnings::new(path);
+    let asset = Asset::load(loader, &mut warnings)?;
     let accessors = Accessors::new(&asset);
     let (hierarchy, motions) = hierarchy(path, options, &asset, &accessors, &mut warnings)?;
     measure_images(path, options, &asset, &accessors, &hierarchy.shown)?;
@@ -68,8 +75,8 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
         path,
         asset: &asset,
         accessors: &accessors,
-        textures: Textures::new(&asset, &accessors, &loader, ImageStore::decoding(&options.limits)),
-        loader: &loader,
+        textures: Textures::new(&asset, &accessors, loader, ImageStore::decoding(&options.limits)),
+        loader,
         options,
         warnings,
         motions,
@@ -85,7 +92,7 @@ pub fn load_gltf(path: &Path, options: &ImportOptions) -> Result<Imported, Input
     loader.take_remarks().into_iter().for_each(|(place, message)| importer.warnings.push(place, message));
     let mut scene = importer.scene;
     scene.images = importer.textures.store.into_images();
-    Ok(Imported { scene, warnings: importer.warnings.finish(), inputs: loader.into_inputs() })
+    Ok(Imported { scene, warnings: importer.warnings.finish(), ..Imported::default() })
 }
 
 /// The node hierarchy at the time of the animation, and the motion of each node (`None` if it is not rigid). There are no
