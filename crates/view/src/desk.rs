@@ -5,6 +5,7 @@ use crate::developed::Developed;
 use crate::engine;
 use crate::hidden_shares::TARGETS;
 use crate::measure;
+use crate::panics::caught;
 use crate::path::trace_path;
 use crate::protocol::{
     AblationAnswer, AblationRequest, Action, Camera, Fault, FrameHeader, FrameRequest, Line, LineRequest, MapHeader,
@@ -132,9 +133,12 @@ pub(crate) fn at_render<T: Send + 'static>(
     work: impl FnOnce(&Project, Option<FilmInProgress<'_>>) -> T + Send + 'static,
 ) -> Result<T, Fault> {
     let (answer, waiting) = channel();
-    let job: Job = Box::new(move |project, film| drop(answer.send(work(project, film))));
+    let job: Job = Box::new(move |project, film| {
+        // A fault of the program ends the answer, and not the render.
+        drop(answer.send(caught("work beside the render", "ask again", || work(project, film))));
+    });
     shared.control(|control| control.jobs.push(job));
-    waiting.recv_timeout(PATIENCE).map_err(|_| Fault::new("the render is busy", "ask again when it runs"))
+    waiting.recv_timeout(PATIENCE).map_err(|_| Fault::new("the render is busy", "ask again when it runs"))?
 }
 
 /// Compares the image with one that an effect is left out of. Starts the comparison, or reports its state.

@@ -2,6 +2,7 @@
 
 use crate::developed::{Developed, Sensors};
 use crate::hidden_shares::HiddenShares;
+use crate::panics::caught;
 use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, ForecastPoint, Note};
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::shared::{Shared, Stamp, lock};
@@ -30,6 +31,8 @@ const EARLY: f64 = 8.0;
 const COPY_SHARE: f64 = 0.02;
 /// The analysis of a film may take this share of the time of the threads.
 const ANALYSIS_SHARE: f64 = 0.04;
+/// The help for a fault of the program.
+const AFTER_PANIC: &str = "start the render again, and report this fault";
 /// Pause between two looks at the files of the scene.
 const WATCH_EVERY: Duration = Duration::from_millis(700);
 
@@ -53,7 +56,8 @@ pub(crate) fn run(shared: &Arc<Shared>) {
         if is_reloaded || project.is_none() || opened_without != change.without {
             project = None;
         }
-        let result = prepare(shared, &mut project, &change, &cancel);
+        let result = caught("the load of the scene", AFTER_PANIC, || prepare(shared, &mut project, &change, &cancel))
+            .and_then(|result| result.map_err(Fault::from));
         opened_without.clone_from(&change.without);
         {
             let mut control = lock(&shared.control);
@@ -63,9 +67,14 @@ pub(crate) fn run(shared: &Arc<Shared>) {
                 .filter(|change| result.is_ok() && cancel.is_cancelled() && lock(&shared.live).change != *change);
             control.change = control.change.take().or(unfinished);
         }
-        if let Err(error) = result.and_then(|()| project.as_ref().map_or(Ok(()), |p| render(shared, p, &cancel))) {
+        let rendered = result.and_then(|()| match &project {
+            Some(project) => caught("the render", AFTER_PANIC, || render(shared, project, &cancel))
+                .and_then(|result| result.map_err(Fault::from)),
+            None => Ok(()),
+        });
+        if let Err(fault) = rendered {
             shared.update(|live| {
-                live.error = Some(Fault::from(error));
+                live.error = Some(fault);
                 live.render.state = Activity::Failed;
             });
         }
@@ -365,9 +374,14 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
         let began = Instant::now();
         last = snapshot.id;
         let camera = camera.without_noise();
-        let certified = shared.store.get(&snapshot, &camera, &shared.session).ok().and_then(|developed| {
+        let certify = || {
+            let developed = shared.store.get(&snapshot, &camera, &shared.session).ok()?;
             developed.certify(&shared.session);
             developed.certified().is_some().then_some(developed)
+        };
+        let certified = caught("the analysis of the noise", AFTER_PANIC, certify).unwrap_or_else(|fault| {
+            shared.update(|live| live.error = Some(fault));
+            None
         });
         let certified_at = |k: f64| certified.as_ref().and_then(|developed| certificate_of(&snapshot, developed, k));
         let certified = certified.as_ref().and_then(|developed| developed.certified());
