@@ -4,6 +4,7 @@ use crate::developed::Developed;
 use crate::protocol::{
     Fault, HeavyProbe, Histogram, Line, PhotonTransfer, Probe, Region, Regions, TransferLine, TransferPoint,
 };
+use dunkelfeld::Exposer;
 use dunkelfeld::film::Plane;
 
 /// The most values of a line profile.
@@ -13,6 +14,9 @@ const MAX_BINS: u32 = 256;
 /// Points of a photon transfer, and the fewest pixels of one.
 const POINTS: usize = 24;
 const LEAST_PIXELS: usize = 64;
+/// A pixel is part of it if its expected grey value is so many standard deviations above zero. The values that are cut off
+/// then change the variance by less than 0.1 %.
+const CUT: f64 = 4.0;
 
 fn no_sensor() -> Fault {
     Fault::new("there is no sensor, so there are no grey values", "choose a sensor")
@@ -61,6 +65,13 @@ pub(crate) fn probe(
     })
 }
 
+/// Mean grey value without light \[DN\]: the offset, and the dark signal of the exposure (EMVA 1288: `mu_y.dark`).
+fn dark_value(exposer: &Exposer) -> f64 {
+    let model = exposer.model();
+    let dark = model.dark_electrons(exposer.exposure().time()).0;
+    model.spec().offset.0 + model.spec().system_gain * dark
+}
+
 /// The grey values of regions, and the contrast of two.
 pub(crate) fn regions(developed: &Developed, frame: u32, regions: &[[u32; 4]]) -> Result<Regions, Fault> {
     if regions.is_empty() || regions.len() > 2 {
@@ -74,8 +85,7 @@ pub(crate) fn regions(developed: &Developed, frame: u32, regions: &[[u32; 4]]) -
         [a, b] => {
             let contrast = a.mean - b.mean;
             // The noise of a pixel at the mean of the second region, the background.
-            let background = (b.mean - exposer.model().spec().offset.0) / exposer.model().spec().system_gain
-                - exposer.model().dark_electrons(exposer.exposure().time()).0;
+            let background = (b.mean - dark_value(exposer)) / exposer.model().spec().system_gain;
             let sigma = Developed::camera_sigma(exposer, background.max(0.0) as f32);
             (Some(contrast), (sigma > 0.0).then(|| contrast.abs() / sigma))
         }
@@ -110,7 +120,7 @@ fn of_region(developed: &Developed, values: &Plane<u16>, [x0, y0, x1, y1]: [u32;
         variance,
         min,
         max,
-        snr: (variance > 0.0).then(|| (mean - model.spec().offset.0) / variance.sqrt()),
+        snr: (variance > 0.0).then(|| (mean - dark_value(exposer)) / variance.sqrt()),
         saturated: inside.iter().filter(|&&v| v >= full).count() as f64 / n,
         histogram: Histogram { low: min.into(), width: bin, counts },
     })
@@ -148,11 +158,15 @@ pub(crate) fn photon_transfer(developed: &Developed) -> Result<PhotonTransfer, F
     let model = exposer.model();
     let (a, b) = (exposer.frame(0)?, exposer.frame(1)?);
     let full = model.saturation_value().0;
-    let pixels = exposer.electrons().data().iter().map(|&e| Developed::expected(exposer, e));
-    let mut pixels: Vec<(f64, f64, f64)> = (pixels.zip(a.data()).zip(b.data()))
-        .map(|((expected, &a), &b)| (expected, f64::from(a), f64::from(b)))
-        // Saturation cuts the noise off.
-        .filter(|(expected, ..)| *expected < 0.9 * full)
+    let pattern = model.spec().system_gain * model.spec().fixed_pattern.dsnu.0;
+    // Saturation cuts the noise off, and so does the grey value zero.
+    let is_whole = |e: f32| {
+        let expected = Developed::expected(exposer, e);
+        let sigma = Developed::camera_sigma(exposer, e).hypot(pattern);
+        (expected < 0.9 * full && expected > CUT * sigma).then_some(expected)
+    };
+    let mut pixels: Vec<(f64, f64, f64)> = (exposer.electrons().data().iter().zip(a.data()).zip(b.data()))
+        .filter_map(|((&e, &a), &b)| Some((is_whole(e)?, f64::from(a), f64::from(b))))
         .collect();
     pixels.sort_by(|a, b| a.0.total_cmp(&b.0));
     let size = pixels.len().div_ceil(POINTS).max(LEAST_PIXELS);
@@ -171,16 +185,110 @@ pub(crate) fn photon_transfer(developed: &Developed) -> Result<PhotonTransfer, F
     let squares: f64 = points.iter().map(|p| (p.mean - mean_x).powi(2)).sum();
     if points.len() < 3 || squares <= 0.0 {
         return Err(Fault::new(
-            "the image has too few grey values below saturation for a photon transfer",
-            "shorten the exposure",
+            "the image has too few grey values between zero and saturation for a photon transfer",
+            "change the exposure, or raise the black level",
         ));
     }
     let slope = products / squares;
-    let dark = model.spec().offset.0;
+    let dark = dark_value(exposer);
     Ok(PhotonTransfer {
         points,
         gain: model.spec().system_gain,
         line: TransferLine { slope, offset: mean_y - slope * mean_x },
         dark,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::developed::{OWN_SENSOR, Sensors, Store};
+    use crate::protocol::{Camera, Denoise, Noise};
+    use crate::snapshot::{PictureScene, Snapshot};
+    use dunkelfeld::film::{Accumulate, Film, PixelSums, Sample};
+    use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Rgb};
+    use dunkelfeld::sensor::{DarkCurrent, SensorModel};
+    use dunkelfeld::{ExposeSettings, RenderSettings, RenderedFilm, SensorChoice, Session, find_sensor};
+    use std::sync::Arc;
+
+    const SIZE: [u32; 2] = [256, 400];
+
+    /// A film whose radiance rises from column to column up to `most`, behind a sensor with so many dark electrons a second,
+    /// a gain of 0.3 DN per electron and a dark noise of 5 electrons, for 0.5 s.
+    fn developed(most: f32, black_level: f64, rate: f64) -> Arc<Developed> {
+        let mut spec = find_sensor("imx250").expect("a preset").spec().clone();
+        spec.offset = DigitalNumber(black_level);
+        spec.system_gain = 0.3;
+        spec.dark_noise = Electrons(5.0);
+        spec.row_noise = Electrons(0.0);
+        spec.dark_current = DarkCurrent { rate, reference: Celsius(25.0), doubling: 8.0 };
+        spec.temperature = Celsius(25.0);
+        spec.defects = Default::default();
+        spec.published = Default::default();
+        let model = SensorModel::new(spec).expect("a sensor");
+        let [width, height] = SIZE;
+        let mut sums = vec![PixelSums::default(); (width * height) as usize];
+        for (i, sums) in sums.iter_mut().enumerate() {
+            let radiance = most * (i as u32 % width) as f32 / width as f32;
+            sums.add(0, &Sample { radiance: Rgb::splat(radiance), ..Sample::MISS });
+        }
+        let mut film = Film::new(width, height);
+        film.add_rows(0, &sums).expect("memory");
+        let optics = ExposeSettings::new(model.clone()).expect("a sensor").optics;
+        let sensor = SensorChoice::Emva { model: Box::new(model), optics, exposure: None };
+        let mut settings = RenderSettings::default();
+        (settings.width, settings.height, settings.sensor) = (width, height, sensor);
+        let scene = PictureScene { sensors: Sensors::new(&settings.sensor), ..PictureScene::default() };
+        let film = RenderedFilm::without_ids(film);
+        let snapshot = Arc::new(Snapshot::new(1, film, (settings, false), Arc::new(scene), 0.0, None));
+        let camera = Camera {
+            sensor: Some(OWN_SENSOR.to_owned()),
+            exposure: Some(0.5),
+            gain: 1.0,
+            temperature: None,
+            black_level: None,
+            noise: Noise::Plain,
+            device: 3,
+            denoise: Denoise::Off,
+            vignetting: false,
+            lights: None,
+        };
+        Store::default().get(&snapshot, &camera, &Session::new(1).expect("a thread")).expect("a sensor")
+    }
+
+    /// The signal of a camera without light is zero, whatever its dark signal: 200 electrons, 60 DN above the black level.
+    #[test]
+    fn the_signal_leaves_the_dark_signal_out() {
+        let dark = developed(0.0, 40.0, 400.0);
+        let region = &regions(&dark, 0, &[[0, 0, SIZE[0], SIZE[1]]]).expect("a region").regions[0];
+        // sqrt(25 + 200) e times 0.3 is 4.5 DN, and the fixed pattern is less. The mean of 102400 pixels has a standard
+        // deviation of 0.003 of it.
+        assert!((region.mean - 100.0).abs() < 0.3 && region.variance > 18.0, "{region:?}");
+        assert!(region.snr.expect("noise").abs() < 0.06, "{region:?}");
+        let exposer = dark.exposer.as_ref().expect("a sensor");
+        assert!((dark_value(exposer) - 100.0).abs() < 1e-9);
+    }
+
+    /// Without a black level the grey value zero cuts the noise of dark pixels off. The slope of the remaining points is K,
+    /// and all points lie on the line of the model.
+    #[test]
+    fn the_photon_transfer_leaves_cut_noise_out() {
+        let lit = developed(1.0, 0.0, 0.0);
+        let most = lit.exposer.as_ref().expect("a sensor").electrons().data().iter().copied().fold(0.0, f32::max);
+        for black_level in [0.0, 64.0] {
+            // The brightest column has 100 electrons, 30 DN. Four standard deviations above zero are about 9 DN.
+            let transfer = photon_transfer(&developed(100.0 / most, black_level, 0.0)).expect("grey values");
+            // The variance of 4000 pixels has a relative standard deviation of 2.2 %. The slope over a range from 55 to 125
+            // times K^2 has one of 2.5 %.
+            assert!((transfer.line.slope / 0.3 - 1.0).abs() < 0.13, "{black_level}: {:?}", transfer.line);
+            assert!((transfer.dark - black_level).abs() < 1e-9);
+            for point in &transfer.points {
+                let model = 0.09 * 25.0 + 0.3 * (point.mean - black_level) + 1.0 / 12.0;
+                assert!((point.variance / model - 1.0).abs() < 0.14, "{black_level}: {point:?}, {model}");
+            }
+            let lowest = transfer.points.iter().map(|point| point.mean).fold(f64::INFINITY, f64::min);
+            assert!(if black_level == 0.0 { lowest > 8.0 } else { lowest < 66.0 }, "{lowest}");
+        }
+        assert!(photon_transfer(&developed(0.0, 0.0, 0.0)).is_err());
+    }
 }

@@ -1,9 +1,8 @@
 //! The expected noise of a render: for the camera of the job from its plan, for others from the measured points.
 
 use crate::protocol::{CurvePoint, ForecastPoint};
+use dunkelfeld::FORECAST_LEVELS;
 
-/// The levels of an outlook from measured points, as those of a plan ([`dunkelfeld::FORECAST_LEVELS`]).
-const LEVELS: [f64; 4] = [1.0, 0.7, 0.5, 0.25];
 /// The newest points of which the median is taken, and the fewest that suffice.
 const NEWEST: usize = 5;
 const FEWEST: usize = 3;
@@ -34,7 +33,7 @@ pub(crate) fn from_measured(curve: &[CurvePoint]) -> Vec<ForecastPoint> {
         let spp = product / (k * k);
         ForecastPoint { k, seconds: Some(last.seconds + (spp - last.spp) / rate), spp: Some(spp) }
     };
-    LEVELS.into_iter().filter(is_ahead).map(point).collect()
+    FORECAST_LEVELS.into_iter().filter(is_ahead).map(point).collect()
 }
 
 /// The seconds at which the noise will have fallen to `k`. Between two points on the logarithms of both, beyond them by the

@@ -402,7 +402,7 @@ pub(crate) struct Region {
     pub(crate) variance: f64,
     pub(crate) min: u16,
     pub(crate) max: u16,
-    /// Mean above the black level over the standard deviation.
+    /// Mean above the mean without light, which contains the dark signal, over the standard deviation (EMVA 1288).
     pub(crate) snr: Option<f64>,
     pub(crate) saturated: f64,
     pub(crate) histogram: Histogram,
@@ -477,7 +477,7 @@ pub(crate) struct PhotonTransfer {
     /// The system gain K of the model [DN/e].
     pub(crate) gain: f64,
     pub(crate) line: TransferLine,
-    /// Grey value without light \[DN\].
+    /// Mean grey value without light \[DN\], with the dark signal of the exposure.
     pub(crate) dark: f64,
 }
 
