@@ -4,16 +4,19 @@ import contextlib
 import itertools
 import json
 import math
+import os
 import re
 import resource
 import signal
 import socket
+import subprocess
 import time
+from pathlib import Path
 
 import pytest
 from jobs import station
 from page import PATIENCE, Page, wait_for
-from program import Refused, View
+from program import PROGRAM, Refused, View
 
 SMALL = station(width=64, height=48)
 
@@ -233,19 +236,62 @@ def test_odd_values_in_each_request(running):
 
 def test_a_token_where_others_can_connect(view, driver):
     running = view(None, "--listen", "0.0.0.0:0", job=SMALL)
-    token = re.fullmatch(r"http://0\.0\.0\.0:\d+/\?token=([0-9a-f]{32})", running.url)[1]
-    running.host = "127.0.0.1"
+    token = re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=([0-9a-f]{32})", running.url)[1]
+    # The address for other computers, if this one is in a network.
+    for found in re.findall(r"http://\S+", running.text()):
+        assert re.fullmatch(rf"http://[\d.]+:{running.port}/\?token={token}", found) and "0.0.0.0" not in found
     assert running.request("GET", "/")[0] == 403 and running.request("GET", "/api/state")[0] == 403
     assert running.request("GET", "/assets/main.js")[0] == 403
     assert running.request("GET", f"/?token={'0' * 32}")[0] == 403
     assert running.request("GET", f"/api/state?token={token}")[0] == 403, "the token of the address opens the page only"
     status, headers, _ = running.request("GET", f"/?token={token}")
     assert status == 200 and "HttpOnly" in headers["set-cookie"] and "SameSite=Strict" in headers["set-cookie"]
-    assert running.request("GET", "/api/state", headers={"cookie": f"dunkelfeld-view={token}"})[0] == 200
+    assert running.request("GET", "/api/state", headers={"cookie": f"dunkelfeld-view-{running.port}={token}"})[0] == 200
     page = Page(driver, f"http://127.0.0.1:{running.port}/?token={token}")
     page.wait(lambda: page.frame() is not None, "the first picture")
     page.assert_quiet_console()
     driver.delete_all_cookies()
+
+
+def test_two_views_with_tokens_in_one_browser(view, driver, tmp_path):
+    """Browsers send the cookies of a host to all of its ports: the second view must not lock the first one out."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    views = [view(tmp_path / "small.toml", "--listen", "0.0.0.0:0") for _ in range(2)]
+    for running in views:
+        page = Page(driver, running.url)
+        page.wait(lambda page=page: page.frame() is not None, "the first picture")
+    driver.get(f"http://127.0.0.1:{views[0].port}/")
+    page.wait(lambda: page.frame() is not None, "the picture of the first view")
+    page.console()
+    driver.delete_all_cookies()
+
+
+def test_the_browser_of_the_desktop(tmp_path):
+    """It gets the token by a private file, and is not ended by Ctrl-C in the terminal."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "bin").mkdir()
+    browser = tmp_path / "bin" / "xdg-open"
+    browser.write_text(f'#!/bin/sh\ntrap "touch {tmp_path}/interrupted" INT\ncp "$1" {tmp_path}/page.html\n'
+                       f'echo "$1" > {tmp_path}/opened.tmp\nmv {tmp_path}/opened.tmp {tmp_path}/opened\nsleep 20\n')  # fmt: skip
+    browser.chmod(0o755)
+    environment = {**os.environ, "DISPLAY": ":9", "PATH": f"{tmp_path}/bin:{os.environ['PATH']}"}
+    process = subprocess.Popen([PROGRAM, "view", "--listen", "0.0.0.0:0", "small.toml"], cwd=tmp_path, env=environment,
+                               stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True)  # fmt: skip
+    try:
+        address = process.stdout.readline().strip()
+        token = address.split("token=")[1]
+        wait_for(lambda: (tmp_path / "opened").exists(), "the browser")
+        file = Path((tmp_path / "opened").read_text().strip())
+        assert token not in str(file) and address in (tmp_path / "page.html").read_text()
+        assert file.stat().st_mode & 0o777 == 0o600 and file.parent.stat().st_mode & 0o777 == 0o700
+        # As the terminal does: to the group of the program.
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(PATIENCE) == 130
+        assert not file.exists() and not file.parent.exists() and not (tmp_path / "interrupted").exists()
+    finally:
+        process.stdout.close()
+        process.kill()
+        process.wait()
 
 
 def memory(running):

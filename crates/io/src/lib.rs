@@ -18,7 +18,7 @@ pub mod visible;
 
 pub use config::{job, quantity, sensor_file, toml_file};
 pub use error::{ImportWarning, InputError, SourceSpan};
-pub use files::{atomic, input, lock, names, new_folder, process, results};
+pub use files::{atomic, input, lock, names, new_folder, private_file, process, results};
 pub use formats::{checkpoint, emva_descriptor, exr, gray, jpeg, layers, picture, png, tiff};
 #[cfg(feature = "gltf")]
 pub use import::gltf;

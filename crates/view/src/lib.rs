@@ -10,6 +10,7 @@
 #![forbid(unsafe_code)]
 
 mod ablation;
+mod address;
 mod desk;
 mod developed;
 mod engine;
@@ -24,6 +25,8 @@ mod scene_change;
 mod server;
 mod shared;
 mod snapshot;
+
+pub use crate::address::PageAddress;
 
 use crate::protocol::SourceKind;
 use crate::server::{Guard, router};
@@ -54,12 +57,17 @@ impl Default for ViewOptions {
     }
 }
 
-/// Shows a scene, a job, a saved film or an EXR until `cancel` ends it. `ready` receives the address of the page.
+/// Shows a scene, a job, a saved film or an EXR until `cancel` ends it. `ready` receives the addresses of the page.
 ///
 /// # Errors
 /// An address that cannot be listened on, a film that cannot be read. Faults of a scene appear on the page, which shows
 /// the scene when they are mended.
-pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, ready: impl FnOnce(&str)) -> Result<(), Error> {
+pub fn serve(
+    path: &Path,
+    options: &ViewOptions,
+    cancel: &Cancel,
+    ready: impl FnOnce(&PageAddress),
+) -> Result<(), Error> {
     let ends_in = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     let stored = if ends_in("film") {
         Stored::Film(Box::new(SavedFilm::read(path)?))
@@ -93,10 +101,7 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, ready: impl Fn
     listener.set_nonblocking(true).map_err(fault)?;
     let address = listener.local_addr().map_err(fault)?;
     let token = if address.ip().is_loopback() { None } else { Some(random_token()?) };
-    let page = match &token {
-        None => format!("http://{address}/"),
-        Some(token) => format!("http://{address}/?token={token}"),
-    };
+    let page = PageAddress::new(address, token.as_deref());
     let subject = Subject { path: path.to_owned(), kind, output: options.output.clone() };
     let shared = Arc::new(Shared::new(subject, Session::new(options.threads)?));
     let runtime = tokio::runtime::Builder::new_current_thread()

@@ -4,7 +4,8 @@ use crate::args::ViewArgs;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use dunkelfeld::Error;
-use dunkelfeld_view::{ViewOptions, serve};
+use dunkelfeld::io::PrivateFile;
+use dunkelfeld_view::{PageAddress, ViewOptions, serve};
 use std::process::{Command, Stdio};
 
 pub(crate) fn run(args: &ViewArgs) -> Result<Outcome, Error> {
@@ -19,19 +20,26 @@ pub(crate) fn run(args: &ViewArgs) -> Result<Outcome, Error> {
     }
     options.threads = args.threads.map_or(0, usize::from);
     let cancel = cancel_on_interrupt();
+    // The page that leads to the address stays until the end: a browser may be slow.
+    let mut redirect = None;
     serve(&args.input, &options, &cancel, |address| {
-        print(&format!("{address}\n"));
+        print(&format!("{}\n", address.local));
+        if let Some(network) = &address.network {
+            say(&format!("for other computers: {network}"));
+        }
         say("Ctrl-C ends the view");
         if !args.no_open {
-            open(address);
+            redirect = open(address);
         }
     })?;
+    drop(redirect);
     // Only an interrupt ends a view.
     Ok(Outcome::Interrupted)
 }
 
-/// Opens the page in the browser of the desktop, if there is one.
-fn open(address: &str) {
+/// Opens the page in the browser of the desktop, if there is one. A token does not stand in the list of processes: the browser
+/// opens a file that leads to it.
+fn open(address: &PageAddress) -> Option<PrivateFile> {
     let programs: &[&str] = match std::env::consts::OS {
         "macos" => &["open"],
         "windows" => &["explorer"],
@@ -39,11 +47,17 @@ fn open(address: &str) {
         _ if std::env::var_os("DISPLAY").or(std::env::var_os("WAYLAND_DISPLAY")).is_none() => &[],
         _ => &["xdg-open"],
     };
+    let redirect = if address.has_token { Some(address.redirect().ok()?) } else { None };
+    let target = redirect.as_ref().map_or(address.local.as_ref(), |file| file.path().as_os_str());
     for program in programs {
         let mut command = Command::new(program);
-        command.arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        command.arg(target).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        // Ctrl-C in the terminal ends the view, and not a browser that it has started.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
         if command.spawn().is_ok() {
-            return;
+            return redirect;
         }
     }
+    None
 }

@@ -9,5 +9,6 @@ pub mod lock;
 pub mod names;
 pub mod new_folder;
 pub(crate) mod partial;
+pub mod private_file;
 pub mod process;
 pub mod results;

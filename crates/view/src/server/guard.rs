@@ -10,8 +10,10 @@ use axum::response::{IntoResponse, Response};
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-/// The cookie of the token.
-const COOKIE_NAME: &str = "dunkelfeld-view";
+/// The cookie of the token of the server of a port. A browser sends the cookies of a host to all of its ports.
+fn cookie_name(port: u16) -> String {
+    format!("dunkelfeld-view-{port}")
+}
 
 /// Decides about requests. A page of another site could send requests to the loopback interface, and a name of another site
 /// could lead to it (DNS rebinding). So the name of the host and the origin must be those of this server.
@@ -19,6 +21,7 @@ const COOKIE_NAME: &str = "dunkelfeld-view";
 pub(crate) struct Guard {
     /// Names of this server with its port.
     hosts: Arc<Vec<String>>,
+    cookie: Arc<str>,
     /// A server on other interfaces also needs a token.
     token: Option<Arc<str>>,
 }
@@ -29,7 +32,7 @@ impl Guard {
         let port = address.port();
         let mut hosts = vec![format!("127.0.0.1:{port}"), format!("localhost:{port}"), format!("[::1]:{port}")];
         hosts.push(address.to_string());
-        Self { hosts: Arc::new(hosts), token: token.map(Into::into) }
+        Self { hosts: Arc::new(hosts), cookie: cookie_name(port).into(), token: token.map(Into::into) }
     }
 
     /// The reason why a request is refused.
@@ -64,7 +67,7 @@ impl Guard {
         let Some(token) = &self.token else { return true };
         let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
         let mut pairs = cookies.flat_map(|cookies| cookies.split(';')).filter_map(|pair| pair.trim().split_once('='));
-        pairs.any(|(name, value)| name == COOKIE_NAME && is_equal(value, token))
+        pairs.any(|(name, value)| name == &*self.cookie && is_equal(value, token))
     }
 
     /// Does the query contain the token?
@@ -102,7 +105,7 @@ pub(super) async fn check(State(guard): State<Guard>, request: Request, next: Ne
         headers.insert(name, HeaderValue::from_static(value));
     }
     if let (None, true, Some(token)) = (refusal, is_invited, &guard.token)
-        && let Ok(cookie) = format!("{COOKIE_NAME}={token}; Path=/; HttpOnly; SameSite=Strict").parse()
+        && let Ok(cookie) = format!("{}={token}; Path=/; HttpOnly; SameSite=Strict", guard.cookie).parse()
     {
         headers.insert(SET_COOKIE, cookie);
     }
@@ -151,12 +154,15 @@ mod tests {
         let guard = Guard::new(([0, 0, 0, 0], 7000).into(), Some("0123abcd".into()));
         let host = ("host", "station:7000");
         assert!(refuses(&guard, Method::GET, &[host]));
-        assert!(refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view=0123abce")]));
-        assert!(refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view=")]));
-        assert!(!refuses(&guard, Method::GET, &[host, ("cookie", "a=b; dunkelfeld-view=0123abcd")]));
+        assert!(refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view-7000=0123abce")]));
+        assert!(refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view-7000=")]));
+        assert!(!refuses(&guard, Method::GET, &[host, ("cookie", "a=b; dunkelfeld-view-7000=0123abcd")]));
+        // The cookie of a view on another port of the same host comes too, and does not disturb.
+        assert!(!refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view-7001=f00d; dunkelfeld-view-7000=0123abcd")]));
+        assert!(refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view-7001=0123abcd")]));
         assert!(guard.is_invited(Some("a=b&token=0123abcd")) && !guard.is_invited(Some("token=0123abc")));
         assert!(!guard.is_invited(None));
         let other = ("origin", "http://evil.example");
-        assert!(refuses(&guard, Method::GET, &[host, other, ("cookie", "dunkelfeld-view=0123abcd")]));
+        assert!(refuses(&guard, Method::GET, &[host, other, ("cookie", "dunkelfeld-view-7000=0123abcd")]));
     }
 }
