@@ -57,7 +57,7 @@ pub use guard::DefaultPath;
 pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, ObjectEntry, inspect,
 };
-pub use memory::{MemoryAccount, MemoryItem, MemoryStats};
+pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats};
 pub use noise_compensation::Matched;
 pub use options::{
     ExposeOptions, ExposureOption, RenderOptions, SensorOption, certify_film, denoise_saved, expose_film,

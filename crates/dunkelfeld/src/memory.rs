@@ -3,6 +3,7 @@
 
 pub(crate) mod estimate;
 
+pub use estimate::KeptFilms;
 pub(crate) use estimate::{RenderNeeds, denoise_account, expose_account, merge_account, render_account};
 
 use dunkelfeld_film::Film;

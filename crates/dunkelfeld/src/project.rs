@@ -14,7 +14,7 @@ use crate::film_part::FilmPart;
 use crate::frame::Frame;
 use crate::guard::check_outputs;
 use crate::inspect::{Inspection, camera_entry, inspect};
-use crate::memory::{MemoryAccount, RenderNeeds, render_account};
+use crate::memory::{KeptFilms, MemoryAccount, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
 use crate::shutter::{check_shutter, splitter_of};
 use crate::stats::Stats;
@@ -274,27 +274,33 @@ impl Project {
 
     /// The memory account of a render with the present settings, as a command that writes the outputs of the project.
     pub fn memory(&self) -> MemoryAccount {
-        self.account(&self.settings, Some(&self.outputs)).1
+        self.account(&self.settings, Some(&self.outputs), KeptFilms::default()).1
     }
 
-    fn account(&self, settings: &RenderSettings, outputs: Option<&OutputPaths>) -> (u64, MemoryAccount) {
+    fn account(
+        &self,
+        settings: &RenderSettings,
+        outputs: Option<&OutputPaths>,
+        kept: KeptFilms,
+    ) -> (u64, MemoryAccount) {
         let (threads, none) = (thread_count(settings.threads), OutputPaths::default());
         let outputs = outputs.unwrap_or(&none);
         let description = self.description.as_ref().map_or(0, |description| description.bytes());
-        render_account(RenderNeeds { scene: &self.scene.summary(), description, settings, outputs, threads })
+        render_account(RenderNeeds { scene: &self.scene.summary(), description, settings, outputs, threads, kept })
     }
 
     /// The account of a render that may begin, as a command that writes the outputs of the project.
     pub fn checked_account(&self, settings: &RenderSettings) -> Result<MemoryAccount, Error> {
-        self.checked_account_for(settings, Some(&self.outputs))
+        self.checked_account_for(settings, Some(&self.outputs), KeptFilms::default())
     }
 
     fn checked_account_for(
         &self,
         settings: &RenderSettings,
         outputs: Option<&OutputPaths>,
+        kept: KeptFilms,
     ) -> Result<MemoryAccount, Error> {
-        let (held, account) = self.account(settings, outputs);
+        let (held, account) = self.account(settings, outputs, kept);
         let help = "render fewer pixels (--width, --height), without --exr or a denoiser, or with smaller textures";
         account.check(settings.memory_limit, held, help)?;
         Ok(account)

@@ -16,7 +16,7 @@ use std::time::Instant;
 /// The name of the sensor of the job in the list of sensors.
 pub(crate) const OWN_SENSOR: &str = "as in the job";
 /// Films behind cameras that are kept: two states that are compared, and one that changes.
-const KEPT: usize = 4;
+pub(crate) const KEPT: usize = 4;
 
 /// The sensors that the view knows: that of the job, and the presets. No other file is read for a name.
 #[derive(Clone, Debug, Default)]

@@ -9,8 +9,9 @@ use crate::shared::{Shared, Stamp, lock};
 use crate::snapshot::{PictureScene, Snapshot};
 use dunkelfeld::film::{FilmLayers, Plane};
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, ForecastLevel, InputFiles, Progress,
-    ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, find_sensor,
+    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, ForecastLevel, InputFiles,
+    KeptFilms, Progress, ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm, SavedFilm, SensorChoice,
+    find_sensor,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -35,6 +36,12 @@ const ANALYSIS_SHARE: f64 = 0.04;
 const AFTER_PANIC: &str = "start the render again, and report this fault";
 /// Pause between two looks at the files of the scene.
 const WATCH_EVERY: Duration = Duration::from_millis(700);
+
+/// The data that a view keeps beside its render: the film that is shown and the one before, which requests may still use; the
+/// exposures of the store; an analysis. For each of both films its mean (25 while gaps are filled) and two planes of samples
+/// (8), and for two requests at a time a frame, a picture or a map, and its bytes (13).
+const KEPT: KeptFilms =
+    KeptFilms { films: 2, exposures: crate::developed::KEPT as u64, analyses: 1, bytes_per_pixel: 2 * (25 + 8 + 13) };
 
 /// Renders until the view ends.
 pub(crate) fn run(shared: &Arc<Shared>) {
@@ -217,7 +224,7 @@ fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Resu
         time: Mutex::new(Times { began: Instant::now(), paused: 0.0, next: 0.0, is_published: false }),
         next_note: AtomicU64::new(0),
     };
-    let (rendering, _, _) = project.render_film(&watcher, cancel)?;
+    let (rendering, _, _) = project.render_film_beside(KEPT, &watcher, cancel)?;
     if !cancel.is_cancelled() {
         watcher.publish(&rendering.film);
         shared.update(|live| {

@@ -61,6 +61,11 @@ mod per_pixel {
     pub(super) const CERTIFICATE: u64 = CERTIFIED + 4;
     /// Rare samples and matched variances, during their computation.
     pub(super) const MATCHED: u64 = 13;
+    /// Object and material of each pixel of a film.
+    pub(super) const IDS: u64 = 8;
+    /// An exposure that is kept: mean (12), electrons (4), matched variance (5), device (8), certified values and their
+    /// quantiles (9).
+    pub(super) const EXPOSURE: u64 = 38;
     /// Electrons (4) and grey values (2), the picture (3).
     pub(super) const FRAME: u64 = 9;
     /// Defects and fixed pattern of the device.
@@ -98,12 +103,27 @@ pub(crate) struct RenderNeeds<'a> {
     pub(crate) settings: &'a RenderSettings,
     pub(crate) outputs: &'a OutputPaths,
     pub(crate) threads: usize,
+    /// Data of films that the program keeps beside the render.
+    pub(crate) kept: KeptFilms,
+}
+
+/// Copies of its film that a program keeps during a render, and their data.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct KeptFilms {
+    /// Copies of the film, each with the ids of its pixels.
+    pub films: u64,
+    /// Exposures of them ([`Exposer`](crate::Exposer)), each with a mean image and a certificate.
+    pub exposures: u64,
+    /// Analyses of the noise at the same time.
+    pub analyses: u64,
+    /// Bytes per pixel of other planes and pictures.
+    pub bytes_per_pixel: u64,
 }
 
 /// The account of a render. The first returned numbers are the scene and the textures. [`MemoryAccount::check`] takes
 /// them as memory that is already in use.
 pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryAccount) {
-    let RenderNeeds { scene, description, settings, outputs, threads } = required_samples;
+    let RenderNeeds { scene, description, settings, outputs, threads, kept } = required_samples;
     let (width, height) = (settings.width, settings.height);
     let px = pixels(width, height);
     let planes = |bytes: u64| px.saturating_mul(bytes);
@@ -137,6 +157,15 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
         _ => 1,
     };
     let bands = noise_bands(width, height, kinds, threads);
+    if kept != KeptFilms::default() {
+        let film = Film::expected_bytes(width, height, settings.film_layers(), settings.expected_spp());
+        let films = film.saturating_add(planes(per_pixel::IDS)).saturating_mul(kept.films);
+        let exposures = planes(per_pixel::EXPOSURE).saturating_mul(kept.exposures);
+        let analyses = planes(per_pixel::NOISE).saturating_add(bands).saturating_mul(kept.analyses);
+        let others = planes(kept.bytes_per_pixel);
+        let bytes = films.saturating_add(exposures).saturating_add(analyses).saturating_add(others);
+        account.add("kept films", &always(bytes));
+    }
     if plans {
         let noise = if is_measured {
             let before = planes(per_pixel::NOISE + per_pixel::EXPECTED);
@@ -252,7 +281,7 @@ mod tests {
 
     fn account_of(settings: &RenderSettings, outputs: &OutputPaths) -> MemoryAccount {
         let scene = SceneSummary { memory_bytes: 5_000_000, texture_bytes: 3_000_000, ..SceneSummary::default() };
-        render_account(RenderNeeds { scene: &scene, description: 0, settings, outputs, threads: 2 }).1
+        render_account(RenderNeeds { scene: &scene, description: 0, settings, outputs, threads: 2, kept: KeptFilms::default() }).1
     }
 
     fn with(change: impl FnOnce(&mut RenderSettings, &mut OutputPaths)) -> MemoryAccount {
@@ -282,6 +311,26 @@ mod tests {
         assert!(bytes(&exr, "files") > bytes(&plain, "files"));
         let part = with(|s, _| s.samples = Some(0..8));
         assert!(bytes(&part, "plan") > 0 && bytes(&part, "noise and plan") == 0, "{}", part.table());
+    }
+
+    /// Each film, exposure and analysis that is kept adds its own bytes.
+    #[test]
+    fn kept_films_are_added() {
+        let scene = SceneSummary::default();
+        let settings = RenderSettings::default();
+        let outputs = OutputPaths::default();
+        let kept = |kept: KeptFilms| {
+            let needs =
+                RenderNeeds { scene: &scene, description: 0, settings: &settings, outputs: &outputs, threads: 2, kept };
+            bytes(&render_account(needs).1, "kept films")
+        };
+        let none = KeptFilms::default();
+        let px = pixels(settings.width, settings.height);
+        assert_eq!(kept(none), 0);
+        assert_eq!(kept(KeptFilms { exposures: 3, bytes_per_pixel: 7, ..none }), px * (3 * 38 + 7));
+        let film = bytes(&account_of(&settings, &outputs), "film") + 8 * px;
+        assert_eq!(kept(KeptFilms { films: 2, ..none }), 2 * film);
+        assert!(kept(KeptFilms { analyses: 1, ..none }) > 20 * px);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::{CommandClock, Project, ProjectResult};
 use crate::denoising::{denoise_frame, find_denoiser};
 use crate::frame::{Frame, develop_film};
-use crate::memory::MemoryStats;
+use crate::memory::{KeptFilms, MemoryStats};
 use crate::outputs::{OutputPaths, Written};
 use crate::stats::Stats;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
@@ -54,9 +54,23 @@ impl Project {
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<(Rendering, RenderSettings, bool), Error> {
+        self.render_film_beside(KeptFilms::default(), progress, cancel)
+    }
+
+    /// [`Project::render_film`] of a program that keeps copies of the film meanwhile. The memory account of the render
+    /// contains them, so that a render that does not fit with them is refused.
+    ///
+    /// # Errors
+    /// As [`Project::render_with`].
+    pub fn render_film_beside(
+        &self,
+        kept: KeptFilms,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+    ) -> Result<(Rendering, RenderSettings, bool), Error> {
         let session = Session::new(self.settings.threads)?.with_progress(progress).with_cancel(cancel);
         let settings = self.fitted()?;
-        self.checked_account_for(&settings, None)?;
+        self.checked_account_for(&settings, None, kept)?;
         let is_vignetted = camera(&self.scene, &settings)?.has_vignetting();
         let rendering = render(&self.scene, &settings, &session)?;
         Ok((rendering, settings, is_vignetted))
@@ -86,7 +100,7 @@ impl Project {
             // The time reserved for it is less.
             settings.denoise.method = DenoiseMethod::Builtin;
         }
-        let account = self.checked_account_for(&settings, outputs)?;
+        let account = self.checked_account_for(&settings, outputs, KeptFilms::default())?;
         let denoise = |frame: &mut Frame, film: &Film, session: &Session<'_>| match &denoiser {
             Some(denoiser) => denoise_frame(frame, film, &**denoiser, &settings, session).map(Some),
             None => Ok(None),
