@@ -171,6 +171,16 @@ def test_folder_of_the_outputs(view, tmp_path):
     assert {file.name for file in (tmp_path / "out").iterdir()} == {"a.png", "a.film"}
 
 
+def test_a_view_that_does_not_fit_into_memory(view, tmp_path):
+    """The account of a view contains its copies of the film, which that of a render does not have."""
+    job = station(width=1024, height=1024, more='[budget]\nmemory = "600MB"\n')
+    running = view(job=job)
+    error = running.wait(lambda state: state["error"] or state["film"], "the account")["error"]
+    assert error and "600 MB" in error["problem"] and "kept films" in error["problem"], error
+    # The command itself fits.
+    run("render", "station.toml", "--spp", "0.01", "-o", "small.png", cwd=tmp_path)
+
+
 def test_outputs_of_a_job_are_not_written(view, tmp_path):
     running = view(job=station(more='[output]\nimage = "picture.png"\nexr = "layers.exr"\nstats = "stats.json"\n'))
     state = running.wait(lambda state: state["film"] and state["film"]["seconds"] > 1.5, "a longer render")

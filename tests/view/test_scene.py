@@ -227,6 +227,29 @@ def test_verdict(view, open_page):
     page.assert_quiet_console()
 
 
+def test_forecast_of_another_camera(view):
+    """The expected samples of a camera that is not that of the job are those at which it reaches the level."""
+    running = view(job=station(width=48, height=36, sensor='exposure = "5ms"'))
+    state = running.wait(lambda state: state["forecast"] and state["forecast_from"] == "plan", "the plan")
+    assert state["forecast"][-1]["k"] == 0.25
+    # A shot of the page makes its camera the one that is shown. In less light the camera hides more.
+    running.frame(exposure=1e-3)
+    state = running.wait(lambda state: state["forecast_from"] == "points" and state["forecast"], "another forecast")
+    level = state["forecast"][0]
+    assert level["spp"] > state["film"]["spp"] or level["k"] < state["curve"][-1]["k99"]
+    running.pause()
+    running.post("render", {"action": "resume"})
+
+    def reached(state):
+        return state["curve"] and state["curve"][-1]["k99"] is not None and state["curve"][-1]["k99"] <= level["k"]
+
+    state = running.wait(reached, "the level")
+    first = next(point for point in state["curve"] if point["k99"] is not None and point["k99"] <= level["k"])
+    # The level is between this point and the one before, which may have half as many samples.
+    assert 0.4 < level["spp"] / first["spp"] < 2.5, (level, first)
+    assert state["render"]["state"] == "running"
+
+
 def test_a_changed_job_is_loaded_again(view, tmp_path, open_page):
     running = view(job=FIXED)
     page = open_page(running)

@@ -230,7 +230,7 @@ mod tests {
             loop {
                 let jobs = shared.control(|control| std::mem::take(&mut control.jobs));
                 if !jobs.is_empty() {
-                    jobs.into_iter().for_each(|job| job(project));
+                    jobs.into_iter().for_each(|job| job(project, None));
                     break;
                 }
                 std::thread::yield_now();
