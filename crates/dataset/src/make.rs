@@ -20,7 +20,6 @@ use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{Budget, Cancel, DenoiseMethod, Error, Project, ProjectResult, Session, Silent, Stage};
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
-use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_scene::RayGenerator;
 use std::collections::{BTreeMap, BTreeSet};

@@ -65,8 +65,8 @@ pub use options::{
 };
 pub use outliers::HeavySample;
 pub use outputs::{
-    OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear, save_new,
-    save_picture, save_plan, save_text,
+    OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear,
+    save_new, save_picture, save_plan, save_text,
 };
 pub use project::{Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene};
 pub use stations::{STATIONS, Station};

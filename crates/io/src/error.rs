@@ -51,7 +51,14 @@ impl InputError {
         problem: impl Into<String>,
         help: impl Into<String>,
     ) -> Self {
-        Self { file: file.into(), place: place.into(), problem: problem.into(), help: help.into(), source_span: None, read: None }
+        Self {
+            file: file.into(),
+            place: place.into(),
+            problem: problem.into(),
+            help: help.into(),
+            source_span: None,
+            read: None,
+        }
     }
 
     /// Adds files that were read or requested before.

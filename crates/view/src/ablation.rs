@@ -100,8 +100,9 @@ impl Ablations {
 
     fn find(&self, effect: Effect, with: &Developed) -> Option<Arc<Ablation>> {
         let (camera, scene) = (with.camera(), with.snapshot.scene.number);
-        let is_it =
-            |a: &&Arc<Ablation>| a.effect == effect && a.scene == scene && a.camera == *camera && !a.cancel.is_cancelled();
+        let is_it = |a: &&Arc<Ablation>| {
+            a.effect == effect && a.scene == scene && a.camera == *camera && !a.cancel.is_cancelled()
+        };
         self.list.iter().find(is_it).cloned()
     }
 
@@ -208,7 +209,8 @@ fn compare(shared: &Arc<Shared>, effect: Effect, with: &Developed, ablation: &Ab
     let mut without = change.without.clone();
     without.push(effect);
     let mut project = Project::open_with(&shared.subject.path, ProjectOptions::default().with_without(without))?;
-    let text = toml::to_string(&change.overrides(&scene.parts)).map_err(|e| Fault::new(e.to_string(), "reload the page"))?;
+    let text =
+        toml::to_string(&change.overrides(&scene.parts)).map_err(|e| Fault::new(e.to_string(), "reload the page"))?;
     project.set_overrides(&text)?;
     project.settings.camera = change.camera.clone().or(project.settings.camera.take());
     project.settings.budget = Budget::default().with_spp(with.snapshot.spp().clamp(1.0, MAX_SPP));

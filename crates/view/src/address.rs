@@ -21,11 +21,7 @@ impl PageAddress {
         Self::with_network(listen, token, outward)
     }
 
-    fn with_network(
-        listen: SocketAddr,
-        token: Option<&str>,
-        network: impl FnOnce(IpAddr) -> Option<IpAddr>,
-    ) -> Self {
+    fn with_network(listen: SocketAddr, token: Option<&str>, network: impl FnOnce(IpAddr) -> Option<IpAddr>) -> Self {
         let query = token.map_or(String::new(), |token| format!("?token={token}"));
         let page = |ip: IpAddr| format!("http://{}/{query}", SocketAddr::new(ip, listen.port()));
         let has_token = token.is_some();

@@ -135,11 +135,7 @@ impl Developed {
     }
 
     /// The film behind a camera with a fixed exposure, without the store.
-    pub(crate) fn at_exposure_of(
-        &self,
-        other: Arc<Snapshot>,
-        session: &Session<'_>,
-    ) -> Result<Self, Fault> {
+    pub(crate) fn at_exposure_of(&self, other: Arc<Snapshot>, session: &Session<'_>) -> Result<Self, Fault> {
         let mut camera = self.camera.without_noise();
         camera.exposure = self.exposer.as_ref().map(|exposer| exposer.exposure().time().0);
         other.find_mean(session);

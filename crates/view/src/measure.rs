@@ -23,12 +23,7 @@ fn no_sensor() -> Fault {
 }
 
 /// The values of a pixel. Those of the noise are of the unbiased film of the same picture behind the same camera.
-pub(crate) fn probe(
-    developed: &Developed,
-    unbiased: &Developed,
-    frame: u32,
-    [x, y]: [u32; 2],
-) -> Result<Probe, Fault> {
+pub(crate) fn probe(developed: &Developed, unbiased: &Developed, frame: u32, [x, y]: [u32; 2]) -> Result<Probe, Fault> {
     let snapshot = &developed.snapshot;
     let [width, height] = snapshot.size();
     if x >= width || y >= height {

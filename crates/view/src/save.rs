@@ -86,9 +86,8 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
 /// Writes the film of the render that runs, so that the command line can continue it. Returns false if no render runs.
 fn save_checkpoint(shared: &Shared, file: &Path, settings: &RenderSettings) -> Result<bool, Fault> {
     let (file, settings) = (file.to_owned(), settings.clone());
-    let written = at_render(shared, move |_, film| {
-        film.map(|film| save_new(&file, |path| film.save(path, &settings)))
-    })?;
+    let written =
+        at_render(shared, move |_, film| film.map(|film| save_new(&file, |path| film.save(path, &settings))))?;
     Ok(written.transpose()?.is_some())
 }
 

@@ -5,8 +5,8 @@ use crate::developed::{OWN_SENSOR, Sensors, Store};
 use crate::outlook::{from_measured, seconds_at};
 use crate::protocol::{
     Activity, Camera, CertificateState, CurvePoint, Denoise, EffectState, Fault, FilmState, ForecastPoint,
-    ForecastSource, LightState,
-    MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
+    ForecastSource, LightState, MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState,
+    SourceKind, State,
 };
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::snapshot::Snapshot;

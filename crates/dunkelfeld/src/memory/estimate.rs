@@ -281,7 +281,15 @@ mod tests {
 
     fn account_of(settings: &RenderSettings, outputs: &OutputPaths) -> MemoryAccount {
         let scene = SceneSummary { memory_bytes: 5_000_000, texture_bytes: 3_000_000, ..SceneSummary::default() };
-        render_account(RenderNeeds { scene: &scene, description: 0, settings, outputs, threads: 2, kept: KeptFilms::default() }).1
+        render_account(RenderNeeds {
+            scene: &scene,
+            description: 0,
+            settings,
+            outputs,
+            threads: 2,
+            kept: KeptFilms::default(),
+        })
+        .1
     }
 
     fn with(change: impl FnOnce(&mut RenderSettings, &mut OutputPaths)) -> MemoryAccount {

@@ -137,8 +137,7 @@ impl Project {
             Some(job) => job.load_scene(),
             None => load_scene(path, &ImportOptions::default()),
         };
-        let imported =
-            imported.inspect_err(|e| e.read_files().for_each(|path| read.add(path, Role::Scene)))?;
+        let imported = imported.inspect_err(|e| e.read_files().for_each(|path| read.add(path, Role::Scene)))?;
         read.extend(&imported.inputs);
         let mut description = None;
         let compiled = if can_change {

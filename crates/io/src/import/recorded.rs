@@ -49,7 +49,8 @@ mod tests {
             assert!(error.read_files().any(|file| file == path(name)), "{name}: {:?}", error.read);
         }
         // A scene that can be read has the same list.
-        let bytes: Vec<u8> = [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let bytes: Vec<u8> =
+            [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
         fs::write(path("a.bin"), bytes).expect("writable");
         let imported = load_scene(&path("a.gltf"), &ImportOptions::default()).expect("a triangle");
         assert_eq!(imported.inputs.iter().count(), 2);

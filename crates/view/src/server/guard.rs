@@ -158,7 +158,11 @@ mod tests {
         assert!(refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view-7000=")]));
         assert!(!refuses(&guard, Method::GET, &[host, ("cookie", "a=b; dunkelfeld-view-7000=0123abcd")]));
         // The cookie of a view on another port of the same host comes too, and does not disturb.
-        assert!(!refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view-7001=f00d; dunkelfeld-view-7000=0123abcd")]));
+        assert!(!refuses(
+            &guard,
+            Method::GET,
+            &[host, ("cookie", "dunkelfeld-view-7001=f00d; dunkelfeld-view-7000=0123abcd")]
+        ));
         assert!(refuses(&guard, Method::GET, &[host, ("cookie", "dunkelfeld-view-7001=0123abcd")]));
         assert!(guard.is_invited(Some("a=b&token=0123abcd")) && !guard.is_invited(Some("token=0123abc")));
         assert!(!guard.is_invited(None));
