@@ -2,8 +2,10 @@
 //! memory.
 
 pub(crate) mod estimate;
+mod light_films;
 
 pub(crate) use estimate::{RenderNeeds, denoise_account, expose_account, merge_account, render_account};
+pub(crate) use light_films::{LightFilmsNeeds, light_films_account};
 
 use dunkelfeld_film::Film;
 use dunkelfeld_io::process::{can_reserve, peak_memory};
