@@ -3,7 +3,7 @@
 use crate::developed::Developed;
 use crate::protocol::{AblationAnswer, Camera, Fault};
 use crate::shared::{Shared, lock};
-use crate::snapshot::Snapshot;
+use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::{Budget, Cancel, Error, Progress, ProgressState, Project, ProjectOptions};
@@ -100,6 +100,8 @@ fn compare(shared: &Arc<Shared>, effect: Effect, with: &Developed, ablation: &Ab
         let live = lock(&shared.live);
         (live.change.clone(), live.parts.clone(), live.sensors.clone())
     };
+    // One film is enough, as the factors of the lights do not change.
+    let change = change.with_factors(&parts, with.camera().lights.as_ref())?;
     let mut without = change.without.clone();
     without.push(effect);
     let mut project = Project::open_with(&shared.subject.path, ProjectOptions::default().with_without(without))?;
@@ -112,7 +114,7 @@ fn compare(shared: &Arc<Shared>, effect: Effect, with: &Developed, ablation: &Ab
     if ablation.cancel.is_cancelled() || lock(&shared.control).quit {
         return Err(Fault::new("another comparison has begun", "ask again"));
     }
-    let snapshot = Snapshot::new(0, rendering.film, (settings, is_vignetted), 0.0, None);
+    let snapshot = Snapshot::new(0, Content::Film(rendering.film), (settings, is_vignetted), 0.0, None);
     let without = with.at_exposure_of(Arc::new(snapshot), &sensors, &shared.session)?;
     with.certify(&shared.session);
     without.certify(&shared.session);

@@ -3,6 +3,7 @@
 use crate::ablation;
 use crate::developed::Developed;
 use crate::engine;
+use crate::light_films::{Scenes, check_number};
 use crate::measure;
 use crate::path::trace_path;
 use crate::protocol::{
@@ -11,7 +12,6 @@ use crate::protocol::{
     Regions, RegionsRequest, RenderRequest, SceneRequest, SourceKind, TargetRequest,
 };
 use crate::shared::{Shared, lock};
-use dunkelfeld::Project;
 use dunkelfeld::trace::PixelSample;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
@@ -96,6 +96,10 @@ pub(crate) fn scene(shared: &Shared, request: SceneRequest) -> Result<(), Fault>
         // A change that waits or is being made is not lost.
         let waiting = control.change.clone().or_else(|| control.in_progress.clone());
         let live = lock(&shared.live);
+        if let (Some(true), Some((lights, memory))) = (request.per_light, &live.light_films) {
+            check_number(*lights)?;
+            memory.check()?;
+        }
         let mut change = waiting.unwrap_or_else(|| live.change.clone());
         change.add(request, &live.parts)?;
         control.change = Some(change);
@@ -111,12 +115,19 @@ pub(crate) fn path(shared: &Shared, request: &PathRequest) -> Result<PathAnswer,
     if request.x >= width || request.y >= height {
         return Err(Fault::new("the pixel is outside the image", "choose a pixel of the image"));
     }
-    let heaviest = || snapshot.film()?.sums.pixel(request.x, request.y).heaviest().map(|(index, _)| index);
+    // Of several films, the sample is that of the one with the heaviest sample.
+    let factors = snapshot.factors(lock(&shared.live).camera().lights.as_ref())?;
+    let heaviest = snapshot.heaviest(&factors, request.x, request.y);
     let none = || Fault::new("no sample of the pixel has light", "choose a brighter pixel, or a number of a sample");
-    let index = request.index.or_else(heaviest).ok_or_else(none)?;
+    let index = request.index.or(heaviest.map(|heaviest| heaviest.index)).ok_or_else(none)?;
+    let light = snapshot.light(heaviest.map_or(0, |heaviest| heaviest.film)).map(str::to_owned);
     let at = PixelSample { x: request.x, y: request.y, index };
     let (answer, waiting) = channel();
-    let job = move |project: &Project| drop(answer.send(trace_path(project, at)));
+    let job = move |scenes: Scenes<'_>| {
+        let gone = || Fault::new("the films of the lights have changed", "ask again for the new picture");
+        let path = scenes.of_film(light.as_deref()).ok_or_else(gone).and_then(|project| trace_path(project, at));
+        drop(answer.send(path));
+    };
     shared.control(|control| control.jobs.push(Box::new(job)));
     let late = || Fault::new("the render is busy", "ask again when it runs");
     waiting.recv_timeout(PATIENCE).map_err(|_| late())?

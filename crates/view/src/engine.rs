@@ -1,10 +1,11 @@
 //! The thread that renders. It begins again when the scene changes, and publishes its film.
 
 use crate::developed::{Developed, Sensors};
+use crate::light_films::{self, LightScene, Scenes};
 use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, ForecastPoint, Note};
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::shared::{Shared, Stamp, lock};
-use crate::snapshot::Snapshot;
+use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::{FilmLayers, Plane};
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, Forecast, ForecastLevel, Progress, ProgressState, Project,
@@ -34,6 +35,7 @@ const WATCH_EVERY: Duration = Duration::from_millis(700);
 /// Renders until the view ends.
 pub(crate) fn run(shared: &Arc<Shared>) {
     let mut project: Option<Project> = None;
+    let mut lights: Vec<LightScene> = Vec::new();
     let mut opened_without = Vec::new();
     loop {
         let (change, is_reloaded, cancel) = {
@@ -51,7 +53,12 @@ pub(crate) fn run(shared: &Arc<Shared>) {
         if is_reloaded || project.is_none() || opened_without != change.without {
             project = None;
         }
-        let result = prepare(shared, &mut project, &change, &cancel);
+        // Those before are of another scene.
+        lights.clear();
+        let result = prepare(shared, &mut project, &change, &cancel).and_then(|()| {
+            lights = light_films::open(shared, project.as_mut(), &cancel)?;
+            Ok(())
+        });
         opened_without.clone_from(&change.without);
         {
             let mut control = lock(&shared.control);
@@ -61,7 +68,8 @@ pub(crate) fn run(shared: &Arc<Shared>) {
                 .filter(|change| result.is_ok() && cancel.is_cancelled() && lock(&shared.live).change != *change);
             control.change = control.change.take().or(unfinished);
         }
-        if let Err(error) = result.and_then(|()| project.as_ref().map_or(Ok(()), |p| render(shared, p, &cancel))) {
+        let scenes = project.as_ref().map(|whole| Scenes { whole, lights: &lights });
+        if let Err(error) = result.and_then(|()| scenes.map_or(Ok(()), |scenes| render(shared, scenes, &cancel))) {
             shared.update(|live| {
                 live.error = Some(Fault::from(error));
                 live.render.state = Activity::Failed;
@@ -71,9 +79,9 @@ pub(crate) fn run(shared: &Arc<Shared>) {
         let mut control = lock(&shared.control);
         while !(control.quit || control.change.is_some() || control.reload) {
             let jobs = std::mem::take(&mut control.jobs);
-            if let (false, Some(project)) = (jobs.is_empty(), &project) {
+            if let (false, Some(scenes)) = (jobs.is_empty(), scenes) {
                 drop(control);
-                jobs.into_iter().for_each(|job| job(project));
+                jobs.into_iter().for_each(|job| job(scenes));
                 control = lock(&shared.control);
                 continue;
             }
@@ -110,6 +118,8 @@ fn prepare(
     opened.settings.layers = FilmLayers::All;
     let settings = opened.fitted()?;
     let is_vignetted = dunkelfeld::camera(&opened.scene, &settings)?.has_vignetting();
+    let lights = opened.light_names().len();
+    let light_films = Some((lights, opened.memory_of_light_films(&settings, lights)));
     let note = |text: String| Note { level: "warning", text, help: None };
     let findings = opened.findings();
     let notes = opened.warnings.iter().map(|w| note(w.to_string()));
@@ -120,6 +130,7 @@ fn prepare(
         live.is_vignetted = is_vignetted;
         live.parts = parts;
         live.change = change;
+        live.light_films = light_films;
         live.error = None;
         for file in opened.inputs.iter() {
             let path = file.identity.path();
@@ -154,10 +165,11 @@ fn open(shared: &Arc<Shared>, change: &SceneChange) -> Result<(Project, ScenePar
 }
 
 /// Renders a project until it is cancelled or has the most samples.
-fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Result<(), Error> {
+fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Result<(), Error> {
     if cancel.is_cancelled() {
         return Ok(());
     }
+    let project = scenes.whole;
     let settings = project.fitted()?;
     let is_vignetted = dunkelfeld::camera(&project.scene, &settings)?.has_vignetting();
     let is_restart = shared.snapshot().is_some();
@@ -170,16 +182,19 @@ fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Resu
     });
     let watcher = Watcher {
         shared,
-        project,
+        scenes,
         settings: (settings, is_vignetted),
         cancel,
         is_restart,
         time: Mutex::new(Times { began: Instant::now(), paused: 0.0, next: 0.0, is_published: false }),
         next_note: AtomicU64::new(0),
     };
-    let (rendering, _, _) = project.render_film(&watcher, cancel)?;
+    let content = match scenes.lights {
+        [] => Content::Film(project.render_film(&watcher, cancel)?.0.film),
+        lights => light_films::render(&watcher, lights, cancel)?,
+    };
     if !cancel.is_cancelled() {
-        watcher.publish(&rendering.film);
+        watcher.publish(content);
         shared.update(|live| {
             live.render.state = Activity::Finished;
             live.render.remaining = None;
@@ -199,9 +214,9 @@ struct Times {
 }
 
 /// Receives progress and films of a render.
-struct Watcher<'a> {
+pub(crate) struct Watcher<'a> {
     shared: &'a Arc<Shared>,
-    project: &'a Project,
+    scenes: Scenes<'a>,
     settings: (RenderSettings, bool),
     cancel: &'a Cancel,
     is_restart: bool,
@@ -212,23 +227,67 @@ struct Watcher<'a> {
 
 impl Watcher<'_> {
     /// Seconds of the render, without pauses.
-    fn seconds(&self) -> f64 {
+    pub(crate) fn seconds(&self) -> f64 {
         let time = lock(&self.time);
         time.began.elapsed().as_secs_f64() - time.paused
     }
 
-    fn publish(&self, film: &RenderedFilm) {
+    /// Is the next film due?
+    pub(crate) fn is_due(&self) -> bool {
+        self.seconds() >= lock(&self.time).next && !self.cancel.is_cancelled()
+    }
+
+    /// After a restart the earlier picture stays until each pixel has a sample.
+    pub(crate) fn needs_all_pixels(&self) -> bool {
+        self.is_restart && !lock(&self.time).is_published
+    }
+
+    /// Postpones the next film after one that was due at `began` and took `copy` to publish \[s\].
+    pub(crate) fn copied(&self, began: f64, copy: f64) {
+        lock(&self.time).next = began + copy / COPY_SHARE;
+    }
+
+    pub(crate) fn publish(&self, content: Content) {
         let seconds = self.seconds();
         let before = self.shared.snapshot();
         let id = before.as_ref().map_or(1, |before| before.id + 1);
         let is_first = !std::mem::replace(&mut lock(&self.time).is_published, true);
         let earlier = before.as_deref().filter(|_| !is_first);
-        let mut snapshot = Snapshot::new(id, film.clone(), self.settings.clone(), seconds, earlier);
+        let mut snapshot = Snapshot::new(id, content, self.settings.clone(), seconds, earlier);
         snapshot.restarted = lock(&self.shared.live).render.restarted;
         let snapshot = Arc::new(snapshot);
         *lock(&self.shared.snapshot) = Some(snapshot);
         self.shared.notify();
         self.shared.wake();
+    }
+
+    /// Does the work that waits for the scene, and holds the render while it is paused.
+    pub(crate) fn hold(&self) {
+        let began = Instant::now();
+        let mut control = lock(&self.shared.control);
+        let mut is_paused = false;
+        loop {
+            let jobs = std::mem::take(&mut control.jobs);
+            if !jobs.is_empty() {
+                drop(control);
+                jobs.into_iter().for_each(|job| job(self.scenes));
+                control = lock(&self.shared.control);
+                continue;
+            }
+            if !control.is_paused || self.cancel.is_cancelled() {
+                break;
+            }
+            if !is_paused {
+                is_paused = true;
+                self.shared.update(|live| live.render.state = Activity::Paused);
+            }
+            control = self.shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
+        }
+        drop(control);
+        if is_paused {
+            lock(&self.time).paused += began.elapsed().as_secs_f64();
+            self.shared.update(|live| live.render.state = Activity::Running);
+        }
     }
 }
 
@@ -268,40 +327,12 @@ impl Progress for Watcher<'_> {
     }
 
     fn film(&self, film: &RenderedFilm) {
-        let (seconds, next) = (self.seconds(), lock(&self.time).next);
-        // After a restart the earlier picture stays until each pixel has a sample.
-        let is_better = || !self.is_restart || lock(&self.time).is_published || film.sums.has_all_pixels();
-        if seconds >= next && !self.cancel.is_cancelled() && is_better() {
-            self.publish(film);
-            let copied = self.seconds() - seconds;
-            lock(&self.time).next = seconds + copied / COPY_SHARE;
+        if self.is_due() && (!self.needs_all_pixels() || film.sums.has_all_pixels()) {
+            let began = self.seconds();
+            self.publish(Content::Film(film.clone()));
+            self.copied(began, self.seconds() - began);
         }
-        // A pause holds the render here.
-        let began = Instant::now();
-        let mut control = lock(&self.shared.control);
-        let mut is_paused = false;
-        loop {
-            let jobs = std::mem::take(&mut control.jobs);
-            if !jobs.is_empty() {
-                drop(control);
-                jobs.into_iter().for_each(|job| job(self.project));
-                control = lock(&self.shared.control);
-                continue;
-            }
-            if !control.is_paused || self.cancel.is_cancelled() {
-                break;
-            }
-            if !is_paused {
-                is_paused = true;
-                self.shared.update(|live| live.render.state = Activity::Paused);
-            }
-            control = self.shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
-        }
-        drop(control);
-        if is_paused {
-            lock(&self.time).paused += began.elapsed().as_secs_f64();
-            self.shared.update(|live| live.render.state = Activity::Running);
-        }
+        self.hold();
     }
 }
 
@@ -351,6 +382,10 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
             if let Some(state) = state.filter(|_| snapshot.restarted == live.render.restarted) {
                 let (seconds, spp) = (snapshot.seconds, snapshot.spp());
                 live.add_point(CurvePoint { seconds, spp, k99: state.p99, hidden: state.hidden });
+                // The pilots of single lights do not predict the noise of their sum.
+                if let (Content::Lights(_), Some(k99)) = (&snapshot.content, state.p99) {
+                    live.forecast = light_films::forecast([seconds, spp], k99, live.target);
+                }
             }
         });
         curve_of = Some(camera);
@@ -409,7 +444,7 @@ pub(crate) fn show_exr(shared: &Arc<Shared>, path: PathBuf, mean: Plane<[f32; 3]
 /// Shows a film of a file.
 pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
     let SavedFilm { film, settings, is_vignetted } = saved;
-    let snapshot = Snapshot::new(1, film, (settings.clone(), is_vignetted), 0.0, None);
+    let snapshot = Snapshot::new(1, Content::Film(film), (settings.clone(), is_vignetted), 0.0, None);
     *lock(&shared.snapshot) = Some(Arc::new(snapshot));
     shared.update(|live| {
         live.sensors = Sensors::new(&settings.sensor);

@@ -13,6 +13,8 @@ mod ablation;
 mod desk;
 mod developed;
 mod engine;
+mod light_films;
+mod light_sum;
 mod measure;
 mod path;
 mod protocol;

@@ -34,25 +34,22 @@ pub(crate) fn probe(
         let problem = format!("the pixel {x}, {y} is outside {width} x {height}");
         return Err(Fault::new(problem, "choose a pixel of the image"));
     }
-    let film = snapshot.film();
-    let sums = film.map(|film| film.sums.pixel(x, y)).unwrap_or_default();
+    let film = snapshot.films().next();
+    let sums = snapshot.sums_at(x, y);
     let values = developed.values(frame)?;
     let electrons = developed.exposer.as_ref().map(|exposer| *exposer.electrons().at(x, y));
     let of_film = unbiased.exposer.as_ref();
     let camera_sigma = of_film.map(|exposer| Developed::camera_sigma(exposer, *exposer.electrons().at(x, y)));
     let ratio = unbiased.certified().map(|c| f64::from(*c.ratios.at(x, y)).sqrt()).filter(|ratio| ratio.is_finite());
     let ids = film.and_then(|film| *film.ids.at(x, y));
-    let mean = sums.mean();
-    let total = dunkelfeld::radiometry::Rgb::new(mean[0] as f32, mean[1] as f32, mean[2] as f32).luminance()
-        * sums.count() as f32;
-    let heaviest = sums.heaviest().filter(|_| total > 0.0);
+    let heaviest = snapshot.heaviest(&developed.factors, x, y);
     let depth = sums.mean_depth();
     Ok(Probe {
         x,
         y,
         value: values.map(|values| *values.at(x, y)),
         electrons,
-        radiance: *snapshot.mean().at(x, y),
+        radiance: *developed.radiance().at(x, y),
         camera_sigma,
         render_sigma: ratio.zip(camera_sigma).map(|(ratio, sigma)| ratio * sigma),
         ratio,
@@ -60,7 +57,7 @@ pub(crate) fn probe(
         object: ids.and_then(|ids| film?.object_names.get(ids.object() as usize).cloned()),
         material: ids.and_then(|ids| materials.get(ids.material() as usize).cloned()),
         depth: (depth > 0.0).then_some(depth),
-        heaviest: heaviest.map(|(index, luminance)| HeavyProbe { index, share: f64::from(luminance / total).min(1.0) }),
+        heaviest: heaviest.map(|heaviest| HeavyProbe { index: heaviest.index, share: heaviest.share }),
     })
 }
 

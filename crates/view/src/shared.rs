@@ -2,6 +2,7 @@
 
 use crate::ablation::Ablation;
 use crate::developed::{OWN_SENSOR, Sensors, Store};
+use crate::light_films::Scenes;
 use crate::protocol::{
     Activity, Camera, CertificateState, CurvePoint, Denoise, EffectState, Fault, FilmState, ForecastPoint, LightState,
     MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
@@ -9,7 +10,7 @@ use crate::protocol::{
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::snapshot::Snapshot;
 use dunkelfeld::sensor::ExposureNoise;
-use dunkelfeld::{Cancel, Project, RenderSettings, SensorChoice, Session};
+use dunkelfeld::{Cancel, LightFilmsMemory, RenderSettings, SensorChoice, Session};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -36,7 +37,7 @@ pub(crate) struct Subject {
 }
 
 /// Work for the thread that renders, which has the scene.
-pub(crate) type Job = Box<dyn FnOnce(&Project) + Send>;
+pub(crate) type Job = Box<dyn FnOnce(Scenes<'_>) + Send>;
 
 /// The requests to the thread that renders.
 #[derive(Default)]
@@ -71,6 +72,8 @@ pub(crate) struct Live {
     pub(crate) parts: SceneParts,
     pub(crate) materials: Vec<String>,
     pub(crate) change: SceneChange,
+    /// The number of lights that are on, and the memory of a film for each.
+    pub(crate) light_films: Option<(usize, LightFilmsMemory)>,
     pub(crate) saved: Vec<String>,
     pub(crate) sensors: Sensors,
     /// The camera of the last frame that a page asked for.
@@ -125,6 +128,7 @@ impl Shared {
             parts: SceneParts::default(),
             materials: Vec::new(),
             change: SceneChange::default(),
+            light_films: None,
             saved: Vec::new(),
             sensors: Sensors::new(&SensorChoice::None),
             shown: None,
@@ -215,7 +219,7 @@ impl Shared {
                 samples: snapshot.samples,
                 spp: snapshot.spp(),
                 seconds: snapshot.seconds,
-                first: snapshot.has_gaps(),
+                first: snapshot.has_gaps,
             }),
             render: live.render.clone(),
             error: live.error.clone(),
@@ -305,7 +309,11 @@ impl Live {
                     left_out: change.without.iter().any(|effect| effect.name() == name),
                 })
                 .collect(),
-            per_light: PerLight { on: false, bytes: 0, lights: parts.lights.len() },
+            per_light: PerLight {
+                on: change.per_light,
+                bytes: self.light_films.as_ref().map_or(0, |(_, memory)| memory.bytes()),
+                lights: self.light_films.as_ref().map_or(0, |(lights, _)| *lights),
+            },
         }
     }
 
