@@ -95,7 +95,7 @@ power = 0.2
 name = "point"
 kind = "point"
 position = [0, "250mm", "80mm"]
-power = 0.1
+power = 0.3
 
 [[light]]
 name = "sun"
@@ -201,7 +201,7 @@ name = "panel"
 power = 0.9
 [[light]]
 name = "point"
-power = 0.2
+power = 0.6
 [[light]]
 name = "sun"
 irradiance = 0.5
@@ -241,16 +241,18 @@ fn certified_variances(films: &[(&RenderedFilm, f64)], settings: &ExposeSettings
 }
 
 /// The certified variance of a sum with factors is the variance over renders with other seeds. The sum over the pixels is
-/// compared, render by render, with the squared deviations from the mean of all renders.
+/// compared, render by render, with the squared deviations from the mean of these renders.
 #[test]
 fn the_certified_variance_of_a_sum_is_that_of_repeated_renders() {
-    const RENDERS: u64 = 48;
+    const RENDERS: u64 = 72;
     let mut project = opened(16.0);
+    // Without caustics, whose rare samples make any estimate of a variance imprecise.
+    project.set_overrides("[[material]]\nname = \"ball\"\nmetallic = 0\nroughness = 0.8\n").expect("a material");
     project.resize_keeping_view(24, 16);
     let factors = [("panel", 2.5), ("bar", 0.4), ("sun", 0.7)];
     let mut scenes = factors.map(|(name, factor)| (project.only_light(name).expect("a scene"), factor));
     let settings = camera(&project, ExposureNoise::Plain);
-    let renders: Vec<(Vec<f32>, f64)> = (0..RENDERS)
+    let renders: Vec<(Vec<f32>, Vec<f64>)> = (0..RENDERS)
         .map(|render| {
             let mut seeds = 10 * render..;
             let films = scenes.each_mut().map(|(scene, factor)| {
@@ -259,21 +261,25 @@ fn the_certified_variance_of_a_sum_is_that_of_repeated_renders() {
             });
             let films: Vec<(&RenderedFilm, f64)> = films.iter().map(|(film, factor)| (film, *factor)).collect();
             let (exposer, variances) = certified_variances(&films, &settings);
-            (exposer.electrons().data().to_vec(), variances.iter().sum())
+            (exposer.electrons().data().to_vec(), variances)
         })
         .collect();
-    let pixels = renders[0].0.len();
-    let means: Vec<f64> = (0..pixels)
-        .map(|pixel| renders.iter().map(|(e, _)| f64::from(e[pixel])).sum::<f64>() / RENDERS as f64)
-        .collect();
-    let unbiased = RENDERS as f64 / (RENDERS as f64 - 1.0);
+    // The first renders give all pixels about the same weight. The weights are independent of the renders that are compared.
+    let (first, compared) = renders.split_at(8);
+    let pixels = 0..first[0].0.len();
+    let sum_of = |renders: &[(Vec<f32>, Vec<f64>)], pixel: usize| renders.iter().map(|(_, v)| v[pixel]).sum::<f64>();
+    let weights: Vec<f64> = pixels.clone().map(|pixel| 8.0 / (sum_of(first, pixel) + 1.0)).collect();
+    let count = compared.len() as f64;
+    let means: Vec<f64> =
+        (pixels.clone()).map(|pixel| compared.iter().map(|(e, _)| f64::from(e[pixel])).sum::<f64>() / count).collect();
+    let certified = |variances: &[f64]| -> f64 { pixels.clone().map(|p| weights[p] * variances[p]).sum() };
     let squares = |electrons: &[f32]| -> f64 {
-        electrons.iter().zip(&means).map(|(&e, mean)| (f64::from(e) - mean).powi(2)).sum::<f64>() * unbiased
+        let square = |p: usize| weights[p] * (f64::from(electrons[p]) - means[p]).powi(2);
+        pixels.clone().map(square).sum::<f64>() * count / (count - 1.0)
     };
-    let differences: SampleMoments =
-        renders.iter().map(|(electrons, certified)| squares(electrons) - certified).collect();
-    let certified = renders.iter().map(|(_, certified)| certified).sum::<f64>() / RENDERS as f64;
-    let error = differences.standard_error() / certified;
+    let differences: SampleMoments = compared.iter().map(|(e, variances)| squares(e) - certified(variances)).collect();
+    let level = compared.iter().map(|(_, variances)| certified(variances)).sum::<f64>() / count;
+    let error = differences.standard_error() / level;
     assert!(error < 0.05, "the comparison is too noisy: {error}");
     student_t_test(&differences, 0.0).assert(RATE, "variance over renders against certified variance");
 }
@@ -287,7 +293,7 @@ fn one_film_has_the_exposure_and_the_certificate_of_its_render() {
     for noise in [ExposureNoise::Plain, ExposureNoise::Matched] {
         let settings = camera(&project, noise);
         let (one, sum) = (Exposer::of_film(&film, &settings).expect("valid"), exposer(&[(&film, 1.0)], &settings));
-        assert_eq!(one.frame(3).expect("a frame"), sum.frame(3).expect("a frame"));
+        assert!(one.frame(3).expect("a frame") == sum.frame(3).expect("a frame"), "{noise:?}");
         assert_eq!(one.matched(), sum.matched());
     }
     // 4 ms are analysed at 1/256 s.
@@ -297,7 +303,11 @@ fn one_film_has_the_exposure_and_the_certificate_of_its_render() {
     let one = Exposer::of_film(&film, &settings).expect("valid");
     let wanted = one.certify(&film, 0.5).expect("a sensor");
     let found = one.certify_sum(&[(&one.film_variances(&film), 1.0)], 0.5).expect("one film");
-    assert_eq!((found.certificate, found.ratios), (wanted.certificate, wanted.ratios));
+    let is_close = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-5 * b;
+    // The electrons are rounded once more.
+    assert!(found.ratios.data().iter().zip(wanted.ratios.data()).all(is_close));
+    assert_eq!(found.certificate.saturated, wanted.certificate.saturated);
+    assert!((found.certificate.p99 / wanted.certificate.p99 - 1.0).abs() < 1e-5);
     // Twice the light has four times the variance, over the variance of the sensor at twice the electrons.
     let double = exposer(&[(&film, 2.0)], &settings);
     let variances = double.film_variances(&film);
@@ -329,7 +339,7 @@ fn unknown_variances_stay_unknown() {
     };
     assert_eq!(share(0.5), (0.0, 0.0));
     let (finite, matched) = share(0.0);
-    assert!(finite > 0.99 && matched > 0.5, "{finite} {matched}");
+    assert!(finite > 0.99 && matched > 0.3, "{finite} {matched}");
     // Without any light the noise is zero.
     let (exposer, variances) = certified_variances(&[(&unknown, 0.0)], &settings);
     assert!(variances.iter().all(|v| *v == 0.0) && exposer.matched() == Some(1.0), "{:?}", exposer.matched());
@@ -372,8 +382,8 @@ fn an_exr_has_the_sum_and_a_layer_for_each_light() {
         &camera(&project, ExposureNoise::Plain),
     );
     let sensor = frame.sensor.as_ref().expect("a sensor");
-    assert_eq!(&sensor.electrons, exposer.electrons());
-    assert_eq!(sensor.values, exposer.frame(settings.frame).expect("a frame"));
+    assert!(&sensor.electrons == exposer.electrons(), "electrons");
+    assert!(sensor.values == exposer.frame(settings.frame).expect("a frame"), "grey values");
     assert!(sensor.certified.is_some());
     // Samples are those of all films; their seed is not that of the job.
     let samples: u64 = lights.iter().map(|(_, film)| film.sums.total_samples()).sum();
@@ -387,7 +397,7 @@ fn an_exr_has_the_sum_and_a_layer_for_each_light() {
     let (sum, plain) =
         (encode_light_layers(&one, &frame, &settings).expect("layers"), encode_layers(&lights[2].1, &frame, &settings));
     for (name, values) in &plain.channels {
-        assert_eq!(sum.channel(name), Some(values), "{name}");
+        assert!(sum.channel(name) == Some(values), "{name}");
     }
     assert!(encode_light_layers(&[], &frame, &settings).is_err() && develop_films(&[], &settings).is_err());
 }

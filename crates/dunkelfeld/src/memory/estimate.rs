@@ -16,7 +16,7 @@ pub(crate) const MAX_WAITING: usize = 16;
 /// The program, its libraries and small objects.
 pub(super) const PROGRAM: u64 = 24_000_000;
 /// A training path: its vertices, and its share of the learned statistics.
-const TRAINING_PATH: u64 = 1000;
+pub(super) const TRAINING_PATH: u64 = 1000;
 /// A thread: the used part of its stack, and the memory that its allocator keeps.
 pub(super) const THREAD: u64 = 2 << 20;
 /// Pixels of a tile; a thread has two tiles in work.

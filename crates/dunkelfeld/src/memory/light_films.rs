@@ -1,7 +1,7 @@
 //! Memory of films for each light, which a program renders and shows at the same time.
 
 use super::MemoryAccount;
-use super::estimate::{MAX_KINDS, PROGRAM, THREAD, noise_bands, per_pixel};
+use super::estimate::{MAX_KINDS, PROGRAM, THREAD, TRAINING_PATH, noise_bands, per_pixel};
 use dunkelfeld_film::Film;
 use dunkelfeld_render::RenderSettings;
 use dunkelfeld_scene::SceneSummary;
@@ -42,6 +42,7 @@ pub(crate) fn light_films_account(needs: LightFilmsNeeds<'_>) -> (u64, MemoryAcc
     account.add("films", &[films(film)]);
     account.add("copies", &[films(COPIES * film.saturating_add(planes(OF_COPY)))]);
     account.add("planes", &[films(planes(per_pixel::KEPT + per_pixel::ROUND))]);
+    account.add("training", &[films(TRAINING_PATH * u64::from(settings.training_paths()))]);
     // One film at a time is planned, and one analysed.
     let plan = planes(per_pixel::NOISE + per_pixel::EXPECTED + per_pixel::PLAN);
     let certificate = planes(per_pixel::NOISE + per_pixel::CERTIFICATE);
@@ -69,7 +70,9 @@ mod tests {
             account.peak_bytes
         };
         let film = Film::expected_bytes(1000, 1000, settings.film_layers(), settings.expected_spp());
-        let of_light = 3 * film + 1_000_000 * (2 * OF_COPY + per_pixel::KEPT + per_pixel::ROUND) + 2 * THREAD + 1000;
+        let planes = 1_000_000 * (2 * OF_COPY + per_pixel::KEPT + per_pixel::ROUND);
+        let training = TRAINING_PATH * u64::from(settings.training_paths());
+        let of_light = 3 * film + planes + training + 2 * THREAD + 1000;
         assert_eq!(peak(2) - peak(1), of_light);
         assert_eq!(peak(9) - peak(2), 7 * of_light);
         assert!(peak(1) > of_light + (1 << 30));
