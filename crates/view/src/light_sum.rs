@@ -16,13 +16,16 @@ pub(crate) const MAX_FACTOR: f64 = 1e6;
 /// Results of an analysis that are kept for a film: those of two cameras that are compared.
 const KEPT: usize = 2;
 
+/// Mean radiance [W/(m² sr)] of each pixel.
+type Mean = Plane<[f32; 3]>;
+
 /// The film of a light that no longer changes, with results that do not depend on its factor.
 #[derive(Debug)]
 pub(crate) struct LightFilm {
     pub(crate) name: String,
     pub(crate) film: Arc<RenderedFilm>,
-    mean: OnceLock<Plane<[f32; 3]>>,
-    denoised: Mutex<Option<(Denoise, Arc<Plane<[f32; 3]>>)>>,
+    mean: OnceLock<Mean>,
+    denoised: Mutex<Option<(Denoise, Arc<Mean>)>>,
     /// The noise for cameras, each with the octave of its exposure.
     variances: Mutex<Vec<(Camera, i32, Arc<FilmVariances>)>>,
 }
@@ -34,7 +37,7 @@ impl LightFilm {
     }
 
     /// Mean radiance [W/(m² sr)], without gaps.
-    fn mean(&self) -> &Plane<[f32; 3]> {
+    fn mean(&self) -> &Mean {
         self.mean.get_or_init(|| mean_without_gaps(&self.film.sums))
     }
 
@@ -42,8 +45,8 @@ impl LightFilm {
     fn denoised(
         &self,
         method: Denoise,
-        denoise: impl FnOnce(&RenderedFilm) -> Result<Plane<[f32; 3]>, Fault>,
-    ) -> Result<Arc<Plane<[f32; 3]>>, Fault> {
+        denoise: impl FnOnce(&RenderedFilm) -> Result<Mean, Fault>,
+    ) -> Result<Arc<Mean>, Fault> {
         let kept = self.denoised.lock().unwrap_or_else(PoisonError::into_inner).clone();
         if let Some((_, mean)) = kept.filter(|(kept, _)| *kept == method) {
             return Ok(mean);
@@ -97,7 +100,7 @@ pub(crate) fn factors(films: &[LightFilm], lights: Option<&BTreeMap<String, f64>
 }
 
 /// The mean of the picture [W/(m² sr)].
-pub(crate) fn mean(films: &[LightFilm], factors: &[f64]) -> Result<Plane<[f32; 3]>, Fault> {
+pub(crate) fn mean(films: &[LightFilm], factors: &[f64]) -> Result<Mean, Fault> {
     let means: Vec<_> = films.iter().map(LightFilm::mean).zip(factors.iter().copied()).collect();
     Ok(sum_of_means(&means)?)
 }
@@ -107,10 +110,10 @@ pub(crate) fn denoised_mean(
     films: &[LightFilm],
     factors: &[f64],
     method: Denoise,
-    denoise: impl Fn(&RenderedFilm) -> Result<Plane<[f32; 3]>, Fault>,
-) -> Result<Plane<[f32; 3]>, Fault> {
+    denoise: impl Fn(&RenderedFilm) -> Result<Mean, Fault>,
+) -> Result<Mean, Fault> {
     let lit = films.iter().zip(factors).filter(|(_, factor)| **factor > 0.0);
-    let means: Vec<(Arc<Plane<[f32; 3]>>, f64)> =
+    let means: Vec<(Arc<Mean>, f64)> =
         lit.map(|(light, &factor)| Ok((light.denoised(method, &denoise)?, factor))).collect::<Result<_, Fault>>()?;
     if means.is_empty() {
         return mean(films, factors);
