@@ -242,9 +242,10 @@ impl Watcher<'_> {
         self.is_restart && !lock(&self.time).is_published
     }
 
-    /// Postpones the next film after one that was due at `began` and took `copy` to publish \[s\].
-    pub(crate) fn copied(&self, began: f64, copy: f64) {
-        lock(&self.time).next = began + copy / COPY_SHARE;
+    /// Postpones the next film after one that was due at `began` and took `copy` to publish \[s\], so that copies take this
+    /// share of the time.
+    pub(crate) fn copied(&self, began: f64, copy: f64, share: f64) {
+        lock(&self.time).next = began + copy / share;
     }
 
     pub(crate) fn publish(&self, content: Content) {
@@ -330,7 +331,7 @@ impl Progress for Watcher<'_> {
         if self.is_due() && (!self.needs_all_pixels() || film.sums.has_all_pixels()) {
             let began = self.seconds();
             self.publish(Content::Film(film.clone()));
-            self.copied(began, self.seconds() - began);
+            self.copied(began, self.seconds() - began, COPY_SHARE);
         }
         self.hold();
     }

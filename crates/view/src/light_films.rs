@@ -13,6 +13,9 @@ use std::time::Instant;
 
 /// The most lights with films. Each has threads of its own.
 const MAX_LIGHTS: usize = 64;
+/// The copies of the films may take this share of the time of the render: more than those of one film, so that many lights
+/// do not make pictures rare.
+const COPY_SHARE: f64 = 0.05;
 /// The step between the seeds of two lights: 2^64 over the golden ratio.
 const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
@@ -182,7 +185,8 @@ impl Rounds<'_> {
         }
         let began = self.watcher.seconds();
         self.watcher.publish(content(self.lights, films));
-        self.watcher.copied(began, state.copy_seconds + self.watcher.seconds() - began);
+        let copy = state.copy_seconds + self.watcher.seconds() - began;
+        self.watcher.copied(began, copy, COPY_SHARE);
     }
 }
 
