@@ -3,7 +3,7 @@
 use crate::ablation;
 use crate::developed::Developed;
 use crate::engine;
-use crate::light_films::{Scenes, check_number};
+use crate::light_films::check_number;
 use crate::measure;
 use crate::path::trace_path;
 use crate::protocol::{
@@ -11,6 +11,7 @@ use crate::protocol::{
     MapKind, MapRequest, Noise, PathAnswer, PathRequest, PhotonTransfer, PhotonTransferRequest, Probe, ProbeRequest,
     Regions, RegionsRequest, RenderRequest, SceneRequest, SourceKind, TargetRequest,
 };
+use crate::scenes::Scenes;
 use crate::shared::{Shared, lock};
 use dunkelfeld::trace::PixelSample;
 use std::sync::Arc;

@@ -1,9 +1,10 @@
 //! The thread that renders. It begins again when the scene changes, and publishes its film.
 
 use crate::developed::{Developed, Sensors};
-use crate::light_films::{self, LightScene, Scenes};
+use crate::light_films;
 use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, ForecastPoint, Note};
 use crate::scene_change::{SceneChange, SceneParts};
+use crate::scenes::{LightScene, Scenes};
 use crate::shared::{Shared, Stamp, lock};
 use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::{FilmLayers, Plane};

@@ -20,6 +20,7 @@ mod path;
 mod protocol;
 mod save;
 mod scene_change;
+mod scenes;
 mod server;
 mod shared;
 mod snapshot;

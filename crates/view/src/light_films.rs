@@ -5,6 +5,7 @@
 use crate::engine::Watcher;
 use crate::light_sum::LightFilm;
 use crate::protocol::ForecastPoint;
+use crate::scenes::LightScene;
 use crate::shared::{Shared, lock};
 use crate::snapshot::Content;
 use dunkelfeld::{Cancel, Error, FORECAST_LEVELS, Progress, ProgressState, Project, RenderedFilm};
@@ -18,31 +19,6 @@ const MAX_LIGHTS: usize = 64;
 const COPY_SHARE: f64 = 0.05;
 /// The step between the seeds of two lights: 2^64 over the golden ratio.
 const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
-
-/// A light with the scene in which it alone emits.
-pub(crate) struct LightScene {
-    pub(crate) name: String,
-    pub(crate) project: Project,
-}
-
-/// The scenes of a render.
-#[derive(Clone, Copy)]
-pub(crate) struct Scenes<'a> {
-    /// With all lights.
-    pub(crate) whole: &'a Project,
-    /// With single lights, if each has a film.
-    pub(crate) lights: &'a [LightScene],
-}
-
-impl<'a> Scenes<'a> {
-    /// The scene of a film: that of a light, or of all. `None` if the light has no film any more.
-    pub(crate) fn of_film(&self, light: Option<&str>) -> Option<&'a Project> {
-        match light {
-            None => Some(self.whole),
-            Some(name) => self.lights.iter().find(|light| light.name == name).map(|light| &light.project),
-        }
-    }
-}
 
 /// The scenes of the lights, if each is to have a film.
 ///

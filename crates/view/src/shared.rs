@@ -2,12 +2,12 @@
 
 use crate::ablation::Ablation;
 use crate::developed::{OWN_SENSOR, Sensors, Store};
-use crate::light_films::Scenes;
 use crate::protocol::{
     Activity, Camera, CertificateState, CurvePoint, Denoise, EffectState, Fault, FilmState, ForecastPoint, LightState,
     MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
 };
 use crate::scene_change::{SceneChange, SceneParts};
+use crate::scenes::Scenes;
 use crate::snapshot::Snapshot;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{Cancel, LightFilmsMemory, RenderSettings, SensorChoice, Session};
