@@ -2,9 +2,9 @@
 
 use crate::commands::denoise::{invalid_variances_of, radiance_of};
 use crate::commands::expose::{ExposeSettings, check};
-use crate::frame::Picture;
+use crate::frame::{Frame, Picture, SensorFrame};
 use crate::memory::expose_account;
-use crate::noise_compensation::CompensationInputs;
+use crate::noise_compensation::{CompensationInputs, Matched};
 use crate::outputs::{FilmOfSensor, VIGNETTING, attributes};
 use dunkelfeld_adaptive::required_samples::SensorNoise;
 use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures, pixel_features};
@@ -13,9 +13,13 @@ use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
-use dunkelfeld_render::film_noise::{Certified, FilmNoise, levels, per_luminance, sensor_noise, signal_scatter};
+use dunkelfeld_radiometry::Seconds;
+use dunkelfeld_render::film_noise::{
+    Certified, FilmNoise, certify_variances, levels, per_luminance, sensor_noise, signal_scatter,
+};
 use dunkelfeld_render::parallel::mean_without_gaps;
 use dunkelfeld_render::{Error, RenderedFilm, thread_count};
+use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::{
     Device, Exposure, ExposureNoise, FrameKey, ImageExposure, Optics, Readout, Response, SensorModel, Weights,
     electrons,
@@ -59,12 +63,37 @@ impl Exposer {
         radiance: Plane<[f32; 3]>,
         settings: &ExposeSettings,
     ) -> Result<Self, Error> {
+        Self::of_films_and_mean(&[(film, 1.0)], radiance, settings)
+    }
+
+    /// [`Self::of_film`] for the sum of independent films of one camera, each multiplied by a factor of zero or more, such as
+    /// those of single lights ([`Project::only_light`](crate::Project::only_light)). The variance of the sum is that of the
+    /// films times the squares of the factors. `radiance` is the sum of their means, [`sum_of_means`](crate::sum_of_means).
+    ///
+    /// # Errors
+    /// As [`Self::of_film`], and films of different sizes.
+    pub fn of_films_and_mean(
+        films: &[(&RenderedFilm, f64)],
+        radiance: Plane<[f32; 3]>,
+        settings: &ExposeSettings,
+    ) -> Result<Self, Error> {
         check(settings)?;
+        let size = [radiance.width(), radiance.height()];
+        check_films(size, films.iter().map(|(film, factor)| ([film.sums.width(), film.sums.height()], *factor)))?;
         let ExposeSettings { model, optics, .. } = settings;
         let is_matched = settings.exposure_noise == ExposureNoise::Matched;
         let known = |response: Response, exposure: Exposure, _: &Plane<[f32; 3]>| {
-            let noise = || FilmNoise::exposed(response, model, exposure, film).pixel_variances();
-            is_matched.then(|| CompensationInputs::from_variances(&noise()))
+            // A sample can be rare with one factor and hidden in the noise of the camera with another one.
+            let noise = |(film, factor): (&RenderedFilm, f64)| {
+                let variances = FilmNoise::exposed(response.scaled(factor), model, exposure, film).pixel_variances();
+                CompensationInputs::from_variances(&variances)
+            };
+            let dark = || CompensationInputs {
+                variance: Plane::new(size[0], size[1], 0.0),
+                is_rare: Plane::new(size[0], size[1], false),
+            };
+            let lit = films.iter().copied().filter(|(_, factor)| *factor > 0.0);
+            is_matched.then(|| CompensationInputs::sum(lit.map(noise)).unwrap_or_else(dark))
         };
         if settings.vignetting.is_some() {
             let problem = "the lens of a render darkens its corners during the render";
@@ -167,6 +196,39 @@ impl Exposer {
         FilmNoise::exposed(self.response, self.model(), self.exposure, film).certify(k)
     }
 
+    /// The variances of the means of a film behind this camera, for [`Self::certify_sum`]. They hold for cameras of the same
+    /// model and optics whose [`Self::exposure_octave`] is the same. Runs on the threads of the current pool.
+    pub fn film_variances(&self, film: &RenderedFilm) -> FilmVariances {
+        let time = Seconds(f64::from(self.exposure_octave()).exp2());
+        // The shortest exposure may be within its octave.
+        let exposure = Exposure::new(time).unwrap_or(self.exposure);
+        let response = self.response.scaled(exposure.time().0 / self.exposure.time().0);
+        let variance = FilmNoise::exposed(response, self.model(), exposure, film).variances_of_mean();
+        FilmVariances { seconds: exposure.time().0, variance }
+    }
+
+    /// The largest whole number n for which the exposure time is at least 2^n s.
+    pub fn exposure_octave(&self) -> i32 {
+        self.exposure.time().0.log2().floor() as i32
+    }
+
+    /// The certificate at `k` of the sum of independent films ([`Self::of_films_and_mean`]), for this camera. A variance that
+    /// is unknown in one film is unknown in the sum, unless the factor is zero.
+    ///
+    /// # Errors
+    /// Films of another size, and factors below zero.
+    pub fn certify_sum(&self, films: &[(&FilmVariances, f64)], k: f64) -> Result<Certified, Error> {
+        let of = |film: &FilmVariances| [film.variance.width(), film.variance.height()];
+        check_films(self.size(), films.iter().map(|(film, factor)| (of(film), *factor)))?;
+        let time = self.exposure.time().0;
+        let scaled: Vec<(&[f32], f64)> = (films.iter().filter(|(_, factor)| *factor > 0.0))
+            .map(|(film, factor)| (film.variance.data(), (factor * time / film.seconds).powi(2)))
+            .collect();
+        let variances = (0..self.electrons.data().len())
+            .map(|pixel| scaled.iter().map(|(variance, scale)| f64::from(variance[pixel]) * scale).sum::<f64>() as f32);
+        Ok(certify_variances(&self.electrons, sensor_noise(self.model(), self.exposure), variances, k))
+    }
+
     /// Grey values \[DN\] of the frame with this number. They are a function of image, settings, seed and number. Runs
     /// on the threads of the current pool.
     ///
@@ -184,6 +246,21 @@ impl Exposer {
             }
         })?;
         Ok(values)
+    }
+
+    /// The frame with this number, and a certificate.
+    pub(crate) fn into_frame(self, number: u32, certified: Certified, without: &[Effect]) -> Result<Frame, Error> {
+        let values = self.frame(number)?;
+        let (exposure, model) = (self.exposure, self.model().clone());
+        let matched = self
+            .known
+            .as_ref()
+            .map(|known| Matched::of_known(known, (&self.electrons, &self.electrons), &model, exposure));
+        let (picture, saturated) = (Picture::from_values(&values, &model), self.saturated());
+        let Self { electrons, response, no_light, .. } = self;
+        let certified = Some(certified);
+        let sensor = SensorFrame { electrons, values, exposure, model, saturated, response, certified, matched };
+        Ok(Frame { picture, sensor: Some(sensor), no_light, without: without.to_vec(), denoised: None })
     }
 
     /// Was the image so dark that no automatic exposure exists? The longest one was used then.
@@ -222,6 +299,30 @@ impl Exposer {
         let electrons = self.electrons.data();
         electrons.iter().filter(|&&e| e >= full).count() as f64 / electrons.len().max(1) as f64
     }
+}
+
+/// The variances of the means of a film [e^-2], as the certificate uses them, for some exposure time. They are proportional to
+/// its square.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FilmVariances {
+    /// The exposure time \[s\].
+    seconds: f64,
+    /// Infinite where it is unknown.
+    variance: Plane<f32>,
+}
+
+/// Checks films that are added: sizes \[pixels\] and factors.
+pub(crate) fn check_films(size: [u32; 2], films: impl Iterator<Item = ([u32; 2], f64)>) -> Result<(), Error> {
+    for (of_film, factor) in films {
+        if of_film != size {
+            let problem = format!("a film has {of_film:?} pixels, another one {size:?}");
+            return Err(Error::setting("films", problem, "add films of one size"));
+        }
+        if !(factor.is_finite() && factor >= 0.0) {
+            return Err(Error::setting("films", format!("the factor {factor} is out of range"), "use 0 or more"));
+        }
+    }
+    Ok(())
 }
 
 /// The share of light behind a thin lens that reaches a pixel, relative to the axis in the middle of the image: cos^4 of the

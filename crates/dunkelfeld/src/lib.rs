@@ -32,6 +32,7 @@ mod frame;
 pub mod guard;
 pub mod guide;
 mod inspect;
+mod light_films;
 mod memory;
 mod noise_compensation;
 mod oidn_library;
@@ -51,12 +52,13 @@ pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, expose_ex
 pub use commands::init::init;
 pub use commands::merge::{MergeSettings, Merged, merge};
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser};
-pub use exposer::Exposer;
+pub use exposer::{Exposer, FilmVariances};
 pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
 pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, ObjectEntry, inspect,
 };
+pub use light_films::{FilmOfLight, develop_films, encode_light_layers, sum_of_means};
 pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats};
 pub use noise_compensation::Matched;
 pub use options::{
@@ -68,7 +70,9 @@ pub use outputs::{
     OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear,
     save_new, save_picture, save_plan, save_text,
 };
-pub use project::{Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene};
+pub use project::{
+    LightFilmsMemory, Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene,
+};
 pub use stations::{STATIONS, Station};
 pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};
 

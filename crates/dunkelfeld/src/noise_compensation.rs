@@ -1,7 +1,7 @@
 //! The noise of a film for noise-matched exposure: the variance of every pixel, and the pixels where it is reliable.
 
 use dunkelfeld_film::Plane;
-use dunkelfeld_render::film_noise::{FilmNoise, PixelVariance};
+use dunkelfeld_render::film_noise::{FilmNoise, PixelVariance, sensor_noise};
 use dunkelfeld_sensor::{Exposure, SensorModel, matched_where};
 
 /// The pixels where noise-matched exposure holds. There, frames of independent renders have the variance of the
@@ -27,10 +27,23 @@ impl Matched {
         model: &SensorModel,
         exposure: Exposure,
     ) -> Self {
-        let Some(sensor) = measured.sensor else { return Self::nowhere(electrons.width(), electrons.height()) };
+        match measured.sensor {
+            Some(_) => Self::of_known(known, (electrons, &measured.mean), model, exposure),
+            None => Self::nowhere(electrons.width(), electrons.height()),
+        }
+    }
+
+    /// [`Self::new`] for electrons with the mean signal of their film.
+    pub(crate) fn of_known(
+        known: &CompensationInputs,
+        (electrons, mean): (&Plane<f32>, &Plane<f32>),
+        model: &SensorModel,
+        exposure: Exposure,
+    ) -> Self {
+        let sensor = sensor_noise(model, exposure);
         let held = known.held(electrons, model, exposure);
         let mut pixels = known.variance.data().iter().zip(known.is_rare.data());
-        let ratios = measured.mean.map(|&mean| match pixels.next() {
+        let ratios = mean.map(|&mean| match pixels.next() {
             Some((v, false)) => v / sensor.variance(f64::from(mean)) as f32,
             _ => f32::INFINITY,
         });
@@ -63,6 +76,15 @@ pub(crate) struct CompensationInputs {
 impl CompensationInputs {
     pub(crate) fn from_variances(variances: &Plane<PixelVariance>) -> Self {
         Self { variance: variances.map(|pixel| pixel.variance), is_rare: variances.map(|pixel| pixel.is_rare) }
+    }
+
+    /// The noise of the sum of independent means. A rare sample in one of them is one in the sum.
+    pub(crate) fn sum(parts: impl Iterator<Item = Self>) -> Option<Self> {
+        parts.reduce(|mut sum, part| {
+            sum.variance.data_mut().iter_mut().zip(part.variance.data()).for_each(|(sum, v)| *sum += v);
+            sum.is_rare.data_mut().iter_mut().zip(part.is_rare.data()).for_each(|(sum, rare)| *sum |= rare);
+            sum
+        })
     }
 
     /// The pixels where the method holds, for a sensor with these mean electrons.

@@ -230,12 +230,12 @@ pub(crate) fn save_values(values: &Plane<u16>, words: &str, path: &Path) -> Resu
 /// auxiliary layers are left out.
 pub fn encode_layers(film: &RenderedFilm, frame: &Frame, settings: &RenderSettings) -> ExrLayers {
     let mut layers = layers_of_rows(film, frame, 0..film.sums.height());
-    layers.attributes = layer_attributes(frame, settings, &film.object_names);
+    layers.attributes = layer_attributes(frame, settings, &film.object_names).to_string();
     layers
 }
 
 /// The attribute of an EXR with all layers.
-fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) -> String {
+pub(crate) fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) -> serde_json::Value {
     serde_json::json!({
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
         "seed": settings.seed,
@@ -249,7 +249,6 @@ fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) 
         "objects": names,
         "without": settings.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
     })
-    .to_string()
 }
 
 /// The layers of some rows of pixels, without attributes. The names of the channels are the same for all rows. Runs on
@@ -274,7 +273,7 @@ fn layers_of_rows(film: &RenderedFilm, frame: &Frame, rows: Range<u32>) -> ExrLa
 }
 
 /// The same for a few rows of pixels with these sums.
-fn layers_of_band(
+pub(crate) fn layers_of_band(
     layers: FilmLayers,
     sums: &[PixelSums],
     labels: &Plane<Option<PixelIds>>,
@@ -325,7 +324,7 @@ fn layers_of_band(
 }
 
 /// A plane with one value per pixel.
-fn plane<T: Clone>(width: u32, height: u32, values: impl Iterator<Item = T>, missing: T) -> Plane<T> {
+pub(crate) fn plane<T: Clone>(width: u32, height: u32, values: impl Iterator<Item = T>, missing: T) -> Plane<T> {
     Plane::from_vec(width, height, values.collect()).unwrap_or_else(|| Plane::new(width, height, missing))
 }
 
@@ -424,7 +423,7 @@ impl Written<'_> {
     /// Writes all layers in strips. The layers of a whole image would take more memory than its film.
     fn write_layers(&self, path: &Path) -> std::io::Result<()> {
         let mut first = layers_of_rows(self.film, self.frame, 0..self.film.sums.height().min(1));
-        first.attributes = layer_attributes(self.frame, self.settings, &self.film.object_names);
+        first.attributes = layer_attributes(self.frame, self.settings, &self.film.object_names).to_string();
         if self.is_vignetted {
             set_attribute(&mut first, VIGNETTING, "cos4");
         }

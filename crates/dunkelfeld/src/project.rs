@@ -1,13 +1,15 @@
 //! A scene or job file with its settings: it can be opened, adjusted, rendered and saved.
 
 mod findings;
+mod one_light;
 mod open;
 mod overrides;
 mod rendering;
 
+pub use one_light::LightFilmsMemory;
 pub use open::ProjectOptions;
 use open::{film_part, pitch_of, whole_film};
-use overrides::Description;
+use overrides::{Description, kept_description};
 
 use crate::camera_fit::{FilmSize, Fitted, Misfit, fit};
 use crate::film_part::FilmPart;

@@ -337,19 +337,33 @@ impl<'a> FilmNoise<'a> {
 
     /// The certificate at `k` from given [`Self::pixel_noise`] of all pixels, row by row.
     pub fn certify_by(&self, noise: impl Iterator<Item = PixelNoise>, k: f64) -> Option<Certified> {
-        let sensor = self.sensor?;
-        let (width, height) = (self.mean.width(), self.mean.height());
-        let mut left_out = Vec::with_capacity(self.mean.data().len());
-        let pixels = noise.zip(self.counts.data()).zip(self.mean.data());
-        let claims = pixels.map(|((noise, &n), &mean)| {
-            let render = noise.of_mean(n);
-            let saturated = sensor.is_saturated(f64::from(mean), f64::from(render));
-            left_out.push(saturated);
-            Claim { render, sensor: sensor.variance(f64::from(mean)) as f32, saturated }
-        });
-        let (certificate, ratios) = certify_pixels([width, height], claims, k);
-        Some(Certified { certificate, ratios, saturated: Plane::of_pixels(width, height, left_out) })
+        let variances = noise.zip(self.counts.data()).map(|(noise, &n)| noise.of_mean(n));
+        Some(certify_variances(&self.mean, self.sensor?, variances, k))
     }
+
+    /// The variance of the mean of each pixel, as the certificate uses it. Infinite where it is unknown.
+    pub fn variances_of_mean(&self) -> Plane<f32> {
+        let mut counts = self.counts.data().iter();
+        self.pixel_noise().map(|noise| noise.of_mean(counts.next().copied().unwrap_or(0)))
+    }
+}
+
+/// The certificate at `k` from the mean electrons of each pixel and the variances of these means [e^-2], row by row.
+pub fn certify_variances(
+    mean: &Plane<f32>,
+    sensor: SensorNoise,
+    variances: impl Iterator<Item = f32>,
+    k: f64,
+) -> Certified {
+    let (width, height) = (mean.width(), mean.height());
+    let mut left_out = Vec::with_capacity(mean.data().len());
+    let claims = variances.zip(mean.data()).map(|(render, &mean)| {
+        let saturated = sensor.is_saturated(f64::from(mean), f64::from(render));
+        left_out.push(saturated);
+        Claim { render, sensor: sensor.variance(f64::from(mean)) as f32, saturated }
+    });
+    let (certificate, ratios) = certify_pixels([width, height], claims, k);
+    Certified { certificate, ratios, saturated: Plane::of_pixels(width, height, left_out) }
 }
 
 /// A sample is rare if it raises its pixel by more than this number of standard deviations of the sensor, so that it is

@@ -211,6 +211,11 @@ impl Response {
         Self { weights: [weights; 3], pattern: None }
     }
 
+    /// The response to light whose radiance has been multiplied by a factor.
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self { weights: self.weights.map(|weights| Weights(weights.0.map(|w| w * factor))), pattern: self.pattern }
+    }
+
     /// The weights of the pixel in column `x` and row `y`.
     #[inline]
     pub fn at(&self, x: u32, y: u32) -> Weights {

@@ -183,7 +183,7 @@ function setRange(id, low, high, steps) {
 }
 
 /**
- * Sliders for the light layers. They are made again only when the lights change.
+ * Sliders for the films of the lights. They are made again only when the lights change.
  * @param {Store} store
  */
 function showLights(store) {

@@ -129,7 +129,7 @@ export class Store {
       }
       this.emit("camera");
     } else if (!state.scene?.per_light.on && (this.camera.lights || this.kept?.lights)) {
-      // The film has no layers for the lights any more, so the factors mean nothing.
+      // The lights have no films of their own any more, so the factors mean nothing.
       this.camera = { ...this.camera, lights: null };
       if (this.kept) this.kept = { ...this.kept, lights: null };
       this.emit("camera");

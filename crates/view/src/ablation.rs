@@ -5,7 +5,7 @@ use crate::developed::Developed;
 use crate::panics::caught;
 use crate::protocol::{AblationAnswer, Camera, Fault};
 use crate::shared::{Shared, lock};
-use crate::snapshot::Snapshot;
+use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::{Budget, Cancel, Error, Progress, ProgressState, Project, ProjectOptions};
@@ -205,7 +205,8 @@ fn work(shared: &Arc<Shared>) {
 
 fn compare(shared: &Arc<Shared>, effect: Effect, with: &Developed, ablation: &Ablation) -> Result<Comparison, Fault> {
     let scene = with.snapshot.scene.clone();
-    let change = &scene.change;
+    // One film is enough, as the factors of the lights do not change.
+    let change = scene.change.with_factors(&scene.parts, with.camera().lights.as_ref())?;
     let mut without = change.without.clone();
     without.push(effect);
     let mut project = Project::open_with(&shared.subject.path, ProjectOptions::default().with_without(without))?;
@@ -219,7 +220,8 @@ fn compare(shared: &Arc<Shared>, effect: Effect, with: &Developed, ablation: &Ab
     if ablation.cancel.is_cancelled() || lock(&shared.control).quit {
         return Err(Fault::new("the comparison was ended, for another one or another scene", "compute it again"));
     }
-    let snapshot = Snapshot::new(0, rendering.film, (settings, is_vignetted), scene, 0.0, None);
+    let content = Content::Film(rendering.film);
+    let snapshot = Snapshot::new(0, content, (settings, is_vignetted), scene, 0.0, None);
     let without = with.at_exposure_of(Arc::new(snapshot), &shared.session)?;
     with.certify(&shared.session);
     without.certify(&shared.session);

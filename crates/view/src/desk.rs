@@ -4,6 +4,7 @@ use crate::ablation;
 use crate::developed::Developed;
 use crate::engine;
 use crate::hidden_shares::TARGETS;
+use crate::light_films::check_number;
 use crate::measure;
 use crate::panics::caught;
 use crate::path::trace_path;
@@ -12,9 +13,10 @@ use crate::protocol::{
     MapKind, MapRequest, Noise, PathAnswer, PathRequest, PhotonTransfer, PhotonTransferRequest, Probe, ProbeRequest,
     Regions, RegionsRequest, RenderRequest, SceneRequest, SourceKind, TargetRequest,
 };
+use crate::scenes::Scenes;
 use crate::shared::{Job, Shared, lock};
+use dunkelfeld::FilmInProgress;
 use dunkelfeld::trace::PixelSample;
-use dunkelfeld::{FilmInProgress, Project};
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::time::Duration;
@@ -101,6 +103,10 @@ pub(crate) fn scene(shared: &Shared, request: SceneRequest) -> Result<(), Fault>
         // A change that waits or is being made is not lost.
         let waiting = control.change.clone().or_else(|| control.in_progress.clone());
         let live = lock(&shared.live);
+        if let (Some(true), Some((lights, memory))) = (request.per_light, &live.light_films) {
+            check_number(*lights)?;
+            memory.check()?;
+        }
         let mut change = waiting.unwrap_or_else(|| live.change.clone());
         change.add(request, &live.parts)?;
         control.change = Some(change);
@@ -116,26 +122,30 @@ pub(crate) fn path(shared: &Arc<Shared>, request: &PathRequest) -> Result<PathAn
     if request.x >= width || request.y >= height {
         return Err(Fault::new("the pixel is outside the image", "choose a pixel of the image"));
     }
-    let heaviest = || snapshot.film()?.sums.pixel(request.x, request.y).heaviest().map(|(index, _)| index);
+    // Of several films, the sample is that of the one with the heaviest sample.
+    let factors = snapshot.factors(lock(&shared.live).camera().lights.as_ref())?;
+    let heaviest = snapshot.heaviest(&factors, request.x, request.y);
     let none = || Fault::new("no sample of the pixel has light", "choose a brighter pixel, or a number of a sample");
-    let index = request.index.or_else(heaviest).ok_or_else(none)?;
+    let index = request.index.or(heaviest.map(|heaviest| heaviest.index)).ok_or_else(none)?;
+    let light = snapshot.light(heaviest.map_or(0, |heaviest| heaviest.film)).map(str::to_owned);
     let at = PixelSample { x: request.x, y: request.y, index };
     let (number, state) = (snapshot.scene.number, shared.clone());
-    at_render(shared, move |project, _| {
+    at_render(shared, move |scenes, _| {
         let is_same = lock(&state.live).scene_number == number;
-        if is_same { trace_path(project, at) } else { Err(earlier_scene()) }
+        let project = scenes.of_film(light.as_deref()).filter(|_| is_same).ok_or_else(earlier_scene)?;
+        trace_path(project, at)
     })?
 }
 
 /// Runs work on the thread that renders, between two passes.
 pub(crate) fn at_render<T: Send + 'static>(
     shared: &Shared,
-    work: impl FnOnce(&Project, Option<FilmInProgress<'_>>) -> T + Send + 'static,
+    work: impl FnOnce(Scenes<'_>, Option<FilmInProgress<'_>>) -> T + Send + 'static,
 ) -> Result<T, Fault> {
     let (answer, waiting) = channel();
-    let job: Job = Box::new(move |project, film| {
+    let job: Job = Box::new(move |scenes, film| {
         // A fault of the program ends the answer, and not the render.
-        drop(answer.send(caught("work beside the render", "ask again", || work(project, film))));
+        drop(answer.send(caught("work beside the render", "ask again", || work(scenes, film))));
     });
     shared.control(|control| control.jobs.push(job));
     waiting.recv_timeout(PATIENCE).map_err(|_| Fault::new("the render is busy", "ask again when it runs"))?
@@ -201,8 +211,8 @@ pub(crate) fn target(shared: &Shared, request: TargetRequest) -> Result<(), Faul
 mod tests {
     use super::*;
     use crate::shared::Subject;
-    use crate::snapshot::{PictureScene, Snapshot};
-    use dunkelfeld::{Cancel, Session, Silent};
+    use crate::snapshot::{Content, PictureScene, Snapshot};
+    use dunkelfeld::{Cancel, Project, Session, Silent};
 
     const JOB: &str = "scene = 'none'\nfilm = { width = 16, height = 16 }\nbudget = { spp = 2 }\n\
         camera = { look_at = [0, 0, 0], position = [0, 0.3, 0.4] }\n\
@@ -211,11 +221,11 @@ mod tests {
     /// A view with a picture of a small scene, its third one.
     fn view() -> (Arc<Shared>, Project) {
         let project = Project::from_text("ball.toml", JOB).expect("a job");
-        let (rendering, settings, is_vignetted) =
+        let (mut rendering, settings, is_vignetted) =
             project.render_film(&Silent, &Cancel::new()).expect("a render without files");
-        let materials = project.scene.materials().iter().map(|_| "of the picture".to_owned()).collect();
-        let scene = Arc::new(PictureScene { number: 3, materials, ..PictureScene::default() });
-        let snapshot = Snapshot::new(1, rendering.film, (settings, is_vignetted), scene, 0.0, None);
+        rendering.film.material_names.fill("of the picture".to_owned());
+        let scene = Arc::new(PictureScene { number: 3, ..PictureScene::default() });
+        let snapshot = Snapshot::new(1, Content::Film(rendering.film), (settings, is_vignetted), scene, 0.0, None);
         let subject = Subject { path: "ball.toml".into(), kind: SourceKind::Render, output: ".".into() };
         let shared = Arc::new(Shared::new(subject, Session::new(1).expect("a thread")));
         *lock(&shared.snapshot) = Some(Arc::new(snapshot));
@@ -230,7 +240,7 @@ mod tests {
             loop {
                 let jobs = shared.control(|control| std::mem::take(&mut control.jobs));
                 if !jobs.is_empty() {
-                    jobs.into_iter().for_each(|job| job(project, None));
+                    jobs.into_iter().for_each(|job| job(Scenes { whole: project, lights: &[] }, None));
                     break;
                 }
                 std::thread::yield_now();
@@ -245,7 +255,7 @@ mod tests {
         let (shared, project) = view();
         let path = path_of(&shared, &project).expect("the scene of the picture");
         let film = shared.snapshot().expect("a picture");
-        let film = film.film().expect("a film");
+        let film = film.films().next().expect("a film");
         assert!(path.vertices.len() > 1);
         // The largest sample of the pixel has the luminance that the film has of it.
         let (index, luminance) = film.sums.pixel(8, 8).heaviest().expect("light");

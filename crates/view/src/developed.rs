@@ -1,5 +1,6 @@
 //! A film behind a camera: frames, maps and certificates, and a store of the last ones.
 
+use crate::light_sum;
 use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Tone};
 use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::Plane;
@@ -62,13 +63,17 @@ impl Sensors {
     }
 }
 
-/// A film behind a camera.
+/// A film behind a camera, or those of the lights.
 #[derive(Debug)]
 pub(crate) struct Developed {
     pub(crate) snapshot: Arc<Snapshot>,
     camera: Camera,
     /// `None` without a sensor.
     pub(crate) exposer: Option<Exposer>,
+    /// The factor of each film.
+    pub(crate) factors: Vec<f64>,
+    /// The unbiased mean of the films of the lights.
+    sum: Option<Plane<[f32; 3]>>,
     /// The mean that is shown, if it is denoised.
     denoised: Option<Plane<[f32; 3]>>,
     certified: OnceLock<Option<Certified>>,
@@ -83,28 +88,29 @@ impl Developed {
                 "set `vignetting` of the lens in the job, which starts the render again",
             ));
         }
-        if camera.lights.is_some() {
-            return Err(Fault::new("there is one film for all lights", "change the power of the lights of the scene"));
-        }
-        let denoised = match (camera.denoise, snapshot.film()) {
+        let factors = snapshot.factors(camera.lights.as_ref())?;
+        let denoise = |film: &RenderedFilm| denoised(film, &snapshot.settings.denoise, camera.denoise, session);
+        let denoised = match (camera.denoise, &snapshot.content) {
             (Denoise::Off, _) => None,
-            (method, Some(film)) => Some(denoised(film, &snapshot.settings.denoise, method, session)?),
-            (_, None) => return Err(Fault::new("an EXR is shown as it is", "denoise it by `dunkelfeld denoise`")),
+            (_, Content::Film(film)) => Some(denoise(film)?),
+            (method, Content::Lights(films)) => Some(light_sum::denoised_mean(films, &factors, method, denoise)?),
+            (_, Content::Exr(_)) => {
+                return Err(Fault::new("an EXR is shown as it is", "denoise it by `dunkelfeld denoise`"));
+            }
+        };
+        let sum = match &snapshot.content {
+            Content::Lights(films) => Some(light_sum::mean(films, &factors)?),
+            Content::Film(_) | Content::Exr(_) => None,
         };
         let model = snapshot.scene.sensors.model(camera, snapshot.settings.readout.binning)?;
-        let exposer = match model {
-            None => None,
-            Some(model) => Some(Self::exposer(&snapshot, camera, model, denoised.as_ref())?),
-        };
-        Ok(Self { snapshot, camera: camera.clone(), exposer, denoised, certified: OnceLock::new() })
+        let (camera, certified) = (camera.clone(), OnceLock::new());
+        let mut developed = Self { snapshot, camera, exposer: None, factors, sum, denoised, certified };
+        developed.exposer = model.map(|model| developed.expose(model)).transpose()?;
+        Ok(developed)
     }
 
-    fn exposer(
-        snapshot: &Snapshot,
-        camera: &Camera,
-        model: SensorModel,
-        denoised: Option<&Plane<[f32; 3]>>,
-    ) -> Result<Exposer, Fault> {
+    fn expose(&self, model: SensorModel) -> Result<Exposer, Fault> {
+        let Self { snapshot, camera, denoised, .. } = self;
         let mut settings = match ExposeSettings::of_render(&snapshot.settings)? {
             Some(settings) => settings.with_model(model),
             None => ExposeSettings::new(model)?,
@@ -119,25 +125,27 @@ impl Developed {
             Noise::Matched if denoised.is_none() => ExposureNoise::Matched,
             _ => ExposureNoise::Plain,
         };
-        let film = match &snapshot.content {
-            Content::Film(film) => film,
-            Content::Exr(path) => return Ok(Exposer::open(path, &settings)?),
-        };
+        if let Content::Exr(path) = &snapshot.content {
+            return Ok(Exposer::open(path, &settings)?);
+        }
+        let films: Vec<(&RenderedFilm, f64)> = snapshot.films().zip(self.factors.iter().copied()).collect();
         let Some(denoised) = denoised else {
-            return Ok(Exposer::of_film_and_mean(film, snapshot.mean().clone(), &settings)?);
+            return Ok(Exposer::of_films_and_mean(&films, self.radiance().clone(), &settings)?);
         };
         if settings.exposure.is_none() {
             // The exposure is that of the unbiased mean.
-            let plain = Exposer::of_film_and_mean(film, snapshot.mean().clone(), &settings)?;
+            let plain = Exposer::of_films_and_mean(&films, self.radiance().clone(), &settings)?;
             settings.exposure = Some(plain.exposure());
         }
-        Ok(Exposer::of_film_and_mean(film, denoised.clone(), &settings)?)
+        Ok(Exposer::of_films_and_mean(&films, denoised.clone(), &settings)?)
     }
 
     /// The film behind a camera with a fixed exposure, without the store.
     pub(crate) fn at_exposure_of(&self, other: Arc<Snapshot>, session: &Session<'_>) -> Result<Self, Fault> {
         let mut camera = self.camera.without_noise();
         camera.exposure = self.exposer.as_ref().map(|exposer| exposer.exposure().time().0);
+        // The scene of the other film has the power that the factors give.
+        camera.lights = None;
         other.find_mean(session);
         session.install(|| Self::new(other, &camera, session))
     }
@@ -147,14 +155,23 @@ impl Developed {
         &self.camera
     }
 
+    /// The unbiased mean radiance [W/(m² sr)].
+    pub(crate) fn radiance(&self) -> &Plane<[f32; 3]> {
+        self.sum.as_ref().unwrap_or_else(|| self.snapshot.mean())
+    }
+
     fn mean(&self) -> &Plane<[f32; 3]> {
-        self.denoised.as_ref().unwrap_or_else(|| self.snapshot.mean())
+        self.denoised.as_ref().unwrap_or_else(|| self.radiance())
     }
 
     /// Computes [`Self::certified`], once. Not for threads of the session: while such a thread waits for others it takes up
     /// other work, which could wait for this result.
     pub(crate) fn certify(&self, session: &Session<'_>) {
-        let certify = || self.exposer.as_ref()?.certify(self.snapshot.film()?, 1.0);
+        let certify = || match (self.exposer.as_ref()?, &self.snapshot.content) {
+            (exposer, Content::Film(film)) => exposer.certify(film, 1.0),
+            (exposer, Content::Lights(films)) => light_sum::certify(films, &self.factors, (exposer, &self.camera), 1.0),
+            (_, Content::Exr(_)) => None,
+        };
         self.certified.get_or_init(|| session.install(certify));
     }
 

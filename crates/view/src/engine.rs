@@ -2,16 +2,17 @@
 
 use crate::developed::{Developed, Sensors};
 use crate::hidden_shares::HiddenShares;
+use crate::light_films;
 use crate::panics::caught;
 use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, ForecastPoint, Note};
 use crate::scene_change::{SceneChange, SceneParts};
+use crate::scenes::{LightScene, Scenes};
 use crate::shared::{Shared, Stamp, lock};
-use crate::snapshot::{PictureScene, Snapshot};
+use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::film::{FilmLayers, Plane};
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, ForecastLevel, InputFiles,
-    KeptFilms, Progress, ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm, SavedFilm, SensorChoice,
-    find_sensor,
+    KeptFilms, Progress, ProgressState, Project, ProjectOptions, RenderSettings, SavedFilm, SensorChoice, find_sensor,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -46,6 +47,7 @@ const KEPT: KeptFilms =
 /// Renders until the view ends.
 pub(crate) fn run(shared: &Arc<Shared>) {
     let mut project: Option<Project> = None;
+    let mut lights: Vec<LightScene> = Vec::new();
     let mut opened_without = Vec::new();
     loop {
         let (change, is_reloaded, cancel) = {
@@ -63,8 +65,14 @@ pub(crate) fn run(shared: &Arc<Shared>) {
         if is_reloaded || project.is_none() || opened_without != change.without {
             project = None;
         }
-        let result = caught("the load of the scene", AFTER_PANIC, || prepare(shared, &mut project, &change, &cancel))
-            .and_then(|result| result.map_err(Fault::from));
+        // Those before are of another scene.
+        lights.clear();
+        let result = caught("the load of the scene", AFTER_PANIC, || {
+            prepare(shared, &mut project, &change, &cancel)?;
+            lights = light_films::open(shared, project.as_mut(), &cancel)?;
+            Ok::<(), Error>(())
+        })
+        .and_then(|result| result.map_err(Fault::from));
         opened_without.clone_from(&change.without);
         {
             let mut control = lock(&shared.control);
@@ -74,8 +82,9 @@ pub(crate) fn run(shared: &Arc<Shared>) {
                 .filter(|change| result.is_ok() && cancel.is_cancelled() && lock(&shared.live).change != *change);
             control.change = control.change.take().or(unfinished);
         }
-        let rendered = result.and_then(|()| match &project {
-            Some(project) => caught("the render", AFTER_PANIC, || render(shared, project, &cancel))
+        let scenes = project.as_ref().map(|whole| Scenes { whole, lights: &lights });
+        let rendered = result.and_then(|()| match scenes {
+            Some(scenes) => caught("the render", AFTER_PANIC, || render(shared, scenes, &cancel))
                 .and_then(|result| result.map_err(Fault::from)),
             None => Ok(()),
         });
@@ -89,9 +98,9 @@ pub(crate) fn run(shared: &Arc<Shared>) {
         let mut control = lock(&shared.control);
         while !(control.quit || control.change.is_some() || control.reload) {
             let jobs = std::mem::take(&mut control.jobs);
-            if let (false, Some(project)) = (jobs.is_empty(), &project) {
+            if let (false, Some(scenes)) = (jobs.is_empty(), scenes) {
                 drop(control);
-                jobs.into_iter().for_each(|job| job(project, None));
+                jobs.into_iter().for_each(|job| job(scenes, None));
                 control = lock(&shared.control);
                 continue;
             }
@@ -134,6 +143,8 @@ fn prepare(
     opened.settings.layers = FilmLayers::All;
     let settings = opened.fitted()?;
     let is_vignetted = dunkelfeld::camera(&opened.scene, &settings)?.has_vignetting();
+    let lights = opened.light_names().len();
+    let light_films = Some((lights, opened.memory_of_light_films(&settings, lights)));
     let note = |text: String| Note { level: "warning", text, help: None };
     let findings = opened.findings();
     let notes = opened.warnings.iter().map(|w| note(w.to_string()));
@@ -146,6 +157,7 @@ fn prepare(
         live.is_vignetted = is_vignetted;
         live.parts = parts;
         live.change = change;
+        live.light_films = light_films;
         live.error = None;
         for (path, stamp) in files {
             live.files.entry(path).or_insert(stamp);
@@ -189,10 +201,11 @@ fn open(shared: &Arc<Shared>, change: &SceneChange) -> Result<(Project, ScenePar
 }
 
 /// Renders a project until it is cancelled or has the most samples.
-fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Result<(), Error> {
+fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Result<(), Error> {
     if cancel.is_cancelled() {
         return Ok(());
     }
+    let project = scenes.whole;
     let settings = project.fitted()?;
     let is_vignetted = dunkelfeld::camera(&project.scene, &settings)?.has_vignetting();
     let is_restart = shared.snapshot().is_some();
@@ -202,7 +215,6 @@ fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Resu
             number: live.scene_number,
             change: live.change.clone(),
             parts: live.parts.clone(),
-            materials: project.scene.materials().iter().map(|m| m.name.clone()).collect(),
             job: live.job.clone(),
             sensors: live.sensors.clone(),
         }
@@ -216,7 +228,7 @@ fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Resu
     });
     let watcher = Watcher {
         shared,
-        project,
+        scenes,
         settings: (settings, is_vignetted),
         scene: Arc::new(scene),
         cancel,
@@ -224,9 +236,12 @@ fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Resu
         time: Mutex::new(Times { began: Instant::now(), paused: 0.0, next: 0.0, is_published: false }),
         next_note: AtomicU64::new(0),
     };
-    let (rendering, _, _) = project.render_film_beside(KEPT, &watcher, cancel)?;
+    let content = match scenes.lights {
+        [] => Content::Film(project.render_film_beside(KEPT, &watcher, cancel)?.0.film),
+        lights => light_films::render(&watcher, lights, cancel)?,
+    };
     if !cancel.is_cancelled() {
-        watcher.publish(&rendering.film);
+        watcher.publish(content);
         shared.update(|live| {
             live.render.state = Activity::Finished;
             live.render.remaining = None;
@@ -246,9 +261,9 @@ struct Times {
 }
 
 /// Receives progress and films of a render.
-struct Watcher<'a> {
+pub(crate) struct Watcher<'a> {
     shared: &'a Arc<Shared>,
-    project: &'a Project,
+    scenes: Scenes<'a>,
     settings: (RenderSettings, bool),
     scene: Arc<PictureScene>,
     cancel: &'a Cancel,
@@ -260,23 +275,68 @@ struct Watcher<'a> {
 
 impl Watcher<'_> {
     /// Seconds of the render, without pauses.
-    fn seconds(&self) -> f64 {
+    pub(crate) fn seconds(&self) -> f64 {
         let time = lock(&self.time);
         time.began.elapsed().as_secs_f64() - time.paused
     }
 
-    fn publish(&self, film: &RenderedFilm) {
+    /// Is the next film due?
+    pub(crate) fn is_due(&self) -> bool {
+        self.seconds() >= lock(&self.time).next && !self.cancel.is_cancelled()
+    }
+
+    /// After a restart the earlier picture stays until each pixel has a sample.
+    pub(crate) fn needs_all_pixels(&self) -> bool {
+        self.is_restart && !lock(&self.time).is_published
+    }
+
+    /// Postpones the next film after one that was due at `began` and took `copy` to publish \[s\], so that copies take this
+    /// share of the time.
+    pub(crate) fn copied(&self, began: f64, copy: f64, share: f64) {
+        lock(&self.time).next = began + copy / share;
+    }
+
+    pub(crate) fn publish(&self, content: Content) {
         let seconds = self.seconds();
         let before = self.shared.snapshot();
         let id = before.as_ref().map_or(1, |before| before.id + 1);
         let is_first = !std::mem::replace(&mut lock(&self.time).is_published, true);
         let earlier = before.as_deref().filter(|_| !is_first);
-        let mut snapshot = Snapshot::new(id, film.clone(), self.settings.clone(), self.scene.clone(), seconds, earlier);
+        let mut snapshot = Snapshot::new(id, content, self.settings.clone(), self.scene.clone(), seconds, earlier);
         snapshot.restarted = lock(&self.shared.live).render.restarted;
         let snapshot = Arc::new(snapshot);
         *lock(&self.shared.snapshot) = Some(snapshot);
         self.shared.notify();
         self.shared.wake();
+    }
+
+    /// Does the work that waits for the scene, and holds the render while it is paused.
+    pub(crate) fn hold(&self, present: Option<FilmInProgress<'_>>) {
+        let began = Instant::now();
+        let mut control = lock(&self.shared.control);
+        let mut is_paused = false;
+        loop {
+            let jobs = std::mem::take(&mut control.jobs);
+            if !jobs.is_empty() {
+                drop(control);
+                jobs.into_iter().for_each(|job| job(self.scenes, present));
+                control = lock(&self.shared.control);
+                continue;
+            }
+            if !control.is_paused || self.cancel.is_cancelled() {
+                break;
+            }
+            if !is_paused {
+                is_paused = true;
+                self.shared.update(|live| live.render.state = Activity::Paused);
+            }
+            control = self.shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
+        }
+        drop(control);
+        if is_paused {
+            lock(&self.time).paused += began.elapsed().as_secs_f64();
+            self.shared.update(|live| live.render.state = Activity::Running);
+        }
     }
 }
 
@@ -318,40 +378,12 @@ impl Progress for Watcher<'_> {
 
     fn film(&self, present: FilmInProgress<'_>) {
         let film = present.film();
-        let (seconds, next) = (self.seconds(), lock(&self.time).next);
-        // After a restart the earlier picture stays until each pixel has a sample.
-        let is_better = || !self.is_restart || lock(&self.time).is_published || film.sums.has_all_pixels();
-        if seconds >= next && !self.cancel.is_cancelled() && is_better() {
-            self.publish(film);
-            let copied = self.seconds() - seconds;
-            lock(&self.time).next = seconds + copied / COPY_SHARE;
+        if self.is_due() && (!self.needs_all_pixels() || film.sums.has_all_pixels()) {
+            let began = self.seconds();
+            self.publish(Content::Film(film.clone()));
+            self.copied(began, self.seconds() - began, COPY_SHARE);
         }
-        // A pause holds the render here.
-        let began = Instant::now();
-        let mut control = lock(&self.shared.control);
-        let mut is_paused = false;
-        loop {
-            let jobs = std::mem::take(&mut control.jobs);
-            if !jobs.is_empty() {
-                drop(control);
-                jobs.into_iter().for_each(|job| job(self.project, Some(present)));
-                control = lock(&self.shared.control);
-                continue;
-            }
-            if !control.is_paused || self.cancel.is_cancelled() {
-                break;
-            }
-            if !is_paused {
-                is_paused = true;
-                self.shared.update(|live| live.render.state = Activity::Paused);
-            }
-            control = self.shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
-        }
-        drop(control);
-        if is_paused {
-            lock(&self.time).paused += began.elapsed().as_secs_f64();
-            self.shared.update(|live| live.render.state = Activity::Running);
-        }
+        self.hold(Some(present));
     }
 }
 
@@ -468,7 +500,8 @@ pub(crate) fn show_exr(shared: &Arc<Shared>, path: PathBuf, mean: Plane<[f32; 3]
 pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
     let SavedFilm { film, settings, is_vignetted } = saved;
     let scene = scene_of_file(&settings);
-    let snapshot = Snapshot::new(1, film, (settings.clone(), is_vignetted), scene.clone(), 0.0, None);
+    let content = Content::Film(film);
+    let snapshot = Snapshot::new(1, content, (settings.clone(), is_vignetted), scene.clone(), 0.0, None);
     *lock(&shared.snapshot) = Some(Arc::new(snapshot));
     shared.update(|live| {
         live.sensors = scene.sensors.clone();

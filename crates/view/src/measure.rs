@@ -30,33 +30,30 @@ pub(crate) fn probe(developed: &Developed, unbiased: &Developed, frame: u32, [x,
         let problem = format!("the pixel {x}, {y} is outside {width} x {height}");
         return Err(Fault::new(problem, "choose a pixel of the image"));
     }
-    let film = snapshot.film();
-    let sums = film.map(|film| film.sums.pixel(x, y)).unwrap_or_default();
+    let film = snapshot.films().next();
+    let sums = snapshot.sums_at(x, y);
     let values = developed.values(frame)?;
     let electrons = developed.exposer.as_ref().map(|exposer| *exposer.electrons().at(x, y));
     let of_film = unbiased.exposer.as_ref();
     let camera_sigma = of_film.map(|exposer| Developed::camera_sigma(exposer, *exposer.electrons().at(x, y)));
     let ratio = unbiased.certified().map(|c| f64::from(*c.ratios.at(x, y)).sqrt()).filter(|ratio| ratio.is_finite());
     let ids = film.and_then(|film| *film.ids.at(x, y));
-    let mean = sums.mean();
-    let total = dunkelfeld::radiometry::Rgb::new(mean[0] as f32, mean[1] as f32, mean[2] as f32).luminance()
-        * sums.count() as f32;
-    let heaviest = sums.heaviest().filter(|_| total > 0.0);
+    let heaviest = snapshot.heaviest(&developed.factors, x, y);
     let depth = sums.mean_depth();
     Ok(Probe {
         x,
         y,
         value: values.map(|values| *values.at(x, y)),
         electrons,
-        radiance: *snapshot.mean().at(x, y),
+        radiance: *developed.radiance().at(x, y),
         camera_sigma,
         render_sigma: ratio.zip(camera_sigma).map(|(ratio, sigma)| ratio * sigma),
         ratio,
         samples: sums.count(),
         object: ids.and_then(|ids| film?.object_names.get(ids.object() as usize).cloned()),
-        material: ids.and_then(|ids| snapshot.scene.materials.get(ids.material() as usize).cloned()),
+        material: ids.and_then(|ids| film?.material_names.get(ids.material() as usize).cloned()),
         depth: (depth > 0.0).then_some(depth),
-        heaviest: heaviest.map(|(index, luminance)| HeavyProbe { index, share: f64::from(luminance / total).min(1.0) }),
+        heaviest: heaviest.map(|heaviest| HeavyProbe { index: heaviest.index, share: heaviest.share }),
     })
 }
 
@@ -199,7 +196,7 @@ mod tests {
     use super::*;
     use crate::developed::{OWN_SENSOR, Sensors, Store};
     use crate::protocol::{Camera, Denoise, Noise};
-    use crate::snapshot::{PictureScene, Snapshot};
+    use crate::snapshot::{Content, PictureScene, Snapshot};
     use dunkelfeld::film::{Accumulate, Film, PixelSums, Sample};
     use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Rgb};
     use dunkelfeld::sensor::{DarkCurrent, SensorModel};
@@ -235,7 +232,7 @@ mod tests {
         (settings.width, settings.height, settings.sensor) = (width, height, sensor);
         let scene = PictureScene { sensors: Sensors::new(&settings.sensor), ..PictureScene::default() };
         let film = RenderedFilm::without_ids(film);
-        let snapshot = Arc::new(Snapshot::new(1, film, (settings, false), Arc::new(scene), 0.0, None));
+        let snapshot = Arc::new(Snapshot::new(1, Content::Film(film), (settings, false), Arc::new(scene), 0.0, None));
         let camera = Camera {
             sensor: Some(OWN_SENSOR.to_owned()),
             exposure: Some(0.5),

@@ -2,14 +2,15 @@
 
 use crate::desk::at_render;
 use crate::developed::OWN_SENSOR;
+use crate::light_sum;
 use crate::protocol::{Camera, Denoise, Fault, Noise, SaveKind, SaveRequest, Saved, SourceKind};
 use crate::shared::{Shared, lock};
-use crate::snapshot::{PictureScene, Snapshot};
+use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
-    Error, Frame, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, develop_film, encode_layers, save_exr,
-    save_linear, save_new, save_picture, save_text,
+    Error, Frame, RenderSettings, SavedFilm, SensorChoice, develop_film, develop_films, encode_layers,
+    encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
 };
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -32,9 +33,18 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
             return Err(Fault::new(problem, "use another name"));
         }
     }
-    let Some(film) = snapshot.film() else {
-        return Err(Fault::new("an EXR is shown as it is", "write frames of it by `dunkelfeld expose`"));
-    };
+    let is_film = files.iter().any(|(kind, _)| *kind == SaveKind::Checkpoint);
+    match &snapshot.content {
+        Content::Exr(_) => {
+            return Err(Fault::new("an EXR is shown as it is", "write frames of it by `dunkelfeld expose`"));
+        }
+        Content::Lights(_) if is_film => {
+            let help = "save an EXR, which has a layer for each light, or use one film for all lights";
+            return Err(Fault::new("a file has one film, and each light has its own", help));
+        }
+        Content::Lights(_) | Content::Film(_) => {}
+    }
+    let factors = snapshot.factors(request.camera.lights.as_ref())?;
     let settings = settings_of(shared, &snapshot, &request.camera, request.frame)?;
     let needs_frame = files.iter().any(|(kind, _)| matches!(kind, SaveKind::Png | SaveKind::Tiff | SaveKind::Exr));
     if needs_frame && (request.camera.noise == Noise::None || request.camera.denoise != Denoise::Off) {
@@ -64,7 +74,12 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
         false => String::new(),
     };
     let frame = if needs_frame {
-        Some(shared.session.install(|| develop_film(film, &settings)).map_err(Fault::from)?)
+        let frame = shared.session.install(|| match &snapshot.content {
+            Content::Film(film) => develop_film(film, &settings).map(Some),
+            Content::Lights(films) => develop_films(&light_sum::with_names(films, &factors), &settings).map(Some),
+            Content::Exr(_) => Ok(None),
+        });
+        frame.map_err(Fault::from)?
     } else {
         None
     };
@@ -72,7 +87,7 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     for (kind, file) in files {
         let is_written = kind == SaveKind::Checkpoint && is_continued && save_checkpoint(shared, &file, &settings)?;
         if !is_written {
-            let write = |path: &Path| write(kind, path, (&snapshot, film), &settings, frame.as_ref(), &job);
+            let write = |path: &Path| write(kind, path, (&snapshot, &factors), &settings, frame.as_ref(), &job);
             // A file that has appeared meanwhile is not replaced either.
             shared.session.install(|| save_new(&file, write))?;
         }
@@ -139,7 +154,7 @@ fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32
 fn write(
     kind: SaveKind,
     file: &Path,
-    (snapshot, film): (&Snapshot, &RenderedFilm),
+    (snapshot, factors): (&Snapshot, &[f64]),
     settings: &RenderSettings,
     frame: Option<&Frame>,
     job: &str,
@@ -153,12 +168,19 @@ fn write(
             // depend on the device.
             let mut settings = settings.clone();
             (settings.seed, settings.frame) = (snapshot.settings.seed, snapshot.settings.frame);
-            let layers = encode_layers(film, frame()?, &settings);
-            save_exr(file, layers)?;
+            match &snapshot.content {
+                Content::Film(film) => save_exr(file, encode_layers(film, frame()?, &settings))?,
+                Content::Lights(films) => {
+                    save_exr(file, encode_light_layers(&light_sum::with_names(films, factors), frame()?, &settings)?)?;
+                }
+                Content::Exr(_) => {}
+            }
         }
         SaveKind::Checkpoint => {
-            let (film, settings, is_vignetted) = (film.clone(), settings.clone(), snapshot.is_vignetted);
-            SavedFilm { film, settings, is_vignetted }.write(file)?;
+            if let Content::Film(film) = &snapshot.content {
+                let (film, settings, is_vignetted) = (film.clone(), settings.clone(), snapshot.is_vignetted);
+                SavedFilm { film, settings, is_vignetted }.write(file)?;
+            }
         }
         SaveKind::Job => save_text(file, job)?,
     }
@@ -186,6 +208,7 @@ fn job_of(
             Table::from_iter([("scene".to_owned(), Value::from(name))])
         }
     };
+    let change = change.with_factors(parts, camera.lights.as_ref())?;
     for (key, entries) in change.overrides(parts) {
         match (job.get_mut(&key), entries) {
             (Some(Value::Array(before)), Value::Array(entries)) => before.extend(entries),

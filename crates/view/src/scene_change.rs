@@ -16,6 +16,8 @@ pub(crate) struct SceneChange {
     pub(crate) lights: BTreeMap<String, LightChange>,
     pub(crate) materials: BTreeMap<String, MaterialChange>,
     pub(crate) without: Vec<Effect>,
+    /// Has each light a film?
+    pub(crate) per_light: bool,
 }
 
 /// The parts of the scene as it was opened, by which changes are checked.
@@ -91,10 +93,8 @@ impl SceneChange {
     pub(crate) fn add(&mut self, request: SceneRequest, parts: &SceneParts) -> Result<(), Fault> {
         let unknown =
             |what: &str, name: &str| Fault::new(format!("the scene has no {what} {name:?}"), "reload the page");
-        if request.per_light == Some(true) {
-            return Err(Fault::new("films for each light are not available", "change the power of the lights"));
-        }
         let mut next = self.clone();
+        next.per_light = request.per_light.unwrap_or(next.per_light);
         if let Some(camera) = request.camera {
             if !parts.cameras.contains(&camera) {
                 return Err(unknown("camera", &camera));
@@ -151,6 +151,34 @@ impl SceneChange {
         }
         *self = next;
         Ok(())
+    }
+
+    /// The change with the power of the lights times the factors of a camera.
+    ///
+    /// # Errors
+    /// A factor of a light without a power, other than 1. A sun or a directional light may have the factor 0.
+    pub(crate) fn with_factors(
+        &self,
+        parts: &SceneParts,
+        factors: Option<&BTreeMap<String, f64>>,
+    ) -> Result<Self, Fault> {
+        let mut change = self.clone();
+        for (name, kind, _) in &parts.lights {
+            let factor = factors.and_then(|factors| factors.get(name)).copied().unwrap_or(1.0);
+            let light = change.lights.entry(name.clone()).or_insert(LightChange { on: true, factor: 1.0 });
+            if factor == 1.0 || !light.on {
+                continue;
+            }
+            if !NO_POWER.contains(&&kind[..]) {
+                light.factor *= factor;
+            } else if factor == 0.0 && kind != "environment" {
+                light.on = false;
+            } else {
+                let problem = format!("the light {name:?} has the factor {factor}, and no power");
+                return Err(Fault::new(problem, "set its factor to 1, or change it in the job"));
+            }
+        }
+        Ok(change)
     }
 
     /// The keys of a job that make the changes of lights and materials.
@@ -238,6 +266,35 @@ mod tests {
         assert!(!table.contains_key("light") && table.contains_key("material"));
     }
 
+    /// Factors of a camera are those of the power. Lights without a power have none.
+    #[test]
+    fn factors_of_lights_become_their_power() {
+        let mut change = SceneChange::default();
+        let request = r#"{"per_light": true, "lights": {"bar \"left\"": {"on": true, "factor": 2.0}}}"#;
+        change.add(serde_json::from_str(request).expect("JSON"), &parts()).expect("names of the scene");
+        assert!(change.per_light);
+        let factors = |list: &[(&str, f64)]| -> BTreeMap<String, f64> {
+            list.iter().map(|(name, factor)| ((*name).to_owned(), *factor)).collect()
+        };
+        let given = factors(&[("bar \"left\"", 0.5), ("sun", 3.0), ("moonlight", 0.0), ("sky", 1.0)]);
+        let table = change.with_factors(&parts(), Some(&given)).expect("powers").overrides(&parts());
+        let entries: Vec<String> =
+            table["light"].as_array().expect("a list").iter().map(|entry| entry.to_string()).collect();
+        assert_eq!(entries, [r#"{ enabled = false, name = "moonlight" }"#, r#"{ name = "sun", power = 6.0 }"#]);
+        assert_eq!(
+            change.with_factors(&parts(), None).expect("no factors").overrides(&parts()),
+            change.overrides(&parts())
+        );
+        for wrong in [("moonlight", 0.5), ("sky", 2.0), ("sky", 0.0)] {
+            assert!(change.with_factors(&parts(), Some(&factors(&[wrong]))).is_err(), "{wrong:?}");
+        }
+        // A light that is off stays off.
+        change.lights.insert("sun".into(), LightChange { on: false, factor: 1.0 });
+        let given = factors(&[("sun", 3.0)]);
+        let changed = change.with_factors(&parts(), Some(&given)).expect("off");
+        assert_eq!(changed.lights["sun"], LightChange { on: false, factor: 1.0 });
+    }
+
     #[test]
     fn unknown_names_and_numbers_are_refused_and_change_nothing() {
         for request in [
@@ -251,7 +308,6 @@ mod tests {
             r#"{"lights": {"sky": {"on": false, "factor": 1}}}"#,
             r#"{"without": ["gravity"]}"#,
             r#"{"camera": "above", "without": ["gravity"]}"#,
-            r#"{"per_light": true}"#,
         ] {
             let mut change = SceneChange::default();
             let fault = change.add(serde_json::from_str(request).expect("JSON"), &parts());

@@ -9,9 +9,10 @@ use crate::protocol::{
     SourceKind, State,
 };
 use crate::scene_change::{SceneChange, SceneParts};
+use crate::scenes::Scenes;
 use crate::snapshot::Snapshot;
 use dunkelfeld::sensor::ExposureNoise;
-use dunkelfeld::{Cancel, FilmInProgress, Project, RenderSettings, SensorChoice, Session};
+use dunkelfeld::{Cancel, FilmInProgress, LightFilmsMemory, RenderSettings, SensorChoice, Session};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -37,8 +38,8 @@ pub(crate) struct Subject {
     pub(crate) output: PathBuf,
 }
 
-/// Work for the thread that renders, which has the scene and, while it renders, the film.
-pub(crate) type Job = Box<dyn FnOnce(&Project, Option<FilmInProgress<'_>>) + Send>;
+/// Work for the thread that renders, which has the scenes and, while it renders one film, this film.
+pub(crate) type Job = Box<dyn FnOnce(Scenes<'_>, Option<FilmInProgress<'_>>) + Send>;
 
 /// The requests to the thread that renders.
 #[derive(Default)]
@@ -77,6 +78,8 @@ pub(crate) struct Live {
     /// Counts the scenes of the thread that renders.
     pub(crate) scene_number: u64,
     pub(crate) change: SceneChange,
+    /// The number of lights that are on, and the memory of a film for each.
+    pub(crate) light_films: Option<(usize, LightFilmsMemory)>,
     pub(crate) saved: Vec<String>,
     pub(crate) sensors: Sensors,
     /// The camera of the last frame that a page asked for.
@@ -132,6 +135,7 @@ impl Shared {
             parts: SceneParts::default(),
             scene_number: 0,
             change: SceneChange::default(),
+            light_films: None,
             saved: Vec::new(),
             sensors: Sensors::new(&SensorChoice::None),
             shown: None,
@@ -223,7 +227,7 @@ impl Shared {
                 samples: snapshot.samples,
                 spp: snapshot.spp(),
                 seconds: snapshot.seconds,
-                first: snapshot.has_gaps(),
+                first: snapshot.has_gaps,
             }),
             render: live.render.clone(),
             error: live.error.clone(),
@@ -334,7 +338,11 @@ impl Live {
                     left_out: change.without.iter().any(|effect| effect.name() == name),
                 })
                 .collect(),
-            per_light: PerLight { on: false, bytes: 0, lights: parts.lights.len() },
+            per_light: PerLight {
+                on: change.per_light,
+                bytes: self.light_films.as_ref().map_or(0, |(_, memory)| memory.bytes()),
+                lights: self.light_films.as_ref().map_or(0, |(lights, _)| *lights),
+            },
         }
     }
 

@@ -1,9 +1,13 @@
-//! A film at some moment of its render.
+//! The film, or the films of the lights, at some moment of a render.
 
 use crate::developed::Sensors;
+use crate::light_sum::{self, LightFilm};
+use crate::protocol::Fault;
 use crate::scene_change::{SceneChange, SceneParts};
-use dunkelfeld::film::Plane;
+use dunkelfeld::film::{PixelSums, Plane};
+use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::{RenderSettings, RenderedFilm, Session, mean_without_gaps};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
@@ -11,6 +15,8 @@ use std::sync::{Arc, OnceLock};
 #[derive(Debug)]
 pub(crate) enum Content {
     Film(RenderedFilm),
+    /// A film for each light.
+    Lights(Vec<LightFilm>),
     /// An EXR of any renderer.
     Exr(PathBuf),
 }
@@ -22,14 +28,23 @@ pub(crate) struct PictureScene {
     pub(crate) number: u64,
     pub(crate) change: SceneChange,
     pub(crate) parts: SceneParts,
-    /// Names by their number in the film.
-    pub(crate) materials: Vec<String>,
     /// The text of the job as it was read; `None` for a scene without a job.
     pub(crate) job: Option<String>,
     pub(crate) sensors: Sensors,
 }
 
-/// A film that no longer changes, with the settings that expose it.
+/// The heaviest sample of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Heaviest {
+    /// The number of its film.
+    pub(crate) film: usize,
+    /// The number of the sample.
+    pub(crate) index: u32,
+    /// Its share of the light of the pixel, in \[0, 1\].
+    pub(crate) share: f64,
+}
+
+/// Films that no longer change, with the settings that expose it.
 #[derive(Debug)]
 pub(crate) struct Snapshot {
     /// A number that grows with each content.
@@ -42,6 +57,8 @@ pub(crate) struct Snapshot {
     pub(crate) counts: Plane<u32>,
     pub(crate) recent: Option<Plane<u32>>,
     pub(crate) samples: u64,
+    /// Are there pixels without samples in a film?
+    pub(crate) has_gaps: bool,
     /// Seconds of the render, without pauses.
     pub(crate) seconds: f64,
     /// The number of restarts before its render.
@@ -51,23 +68,31 @@ pub(crate) struct Snapshot {
 }
 
 impl Snapshot {
-    /// Takes a film of a scene. `before` is the snapshot before, if it is of the same render.
+    /// Takes films of a scene. `before` is the snapshot before, if it is of the same render.
     pub(crate) fn new(
         id: u64,
-        film: RenderedFilm,
+        content: Content,
         (settings, is_vignetted): (RenderSettings, bool),
         scene: Arc<PictureScene>,
         seconds: f64,
         before: Option<&Self>,
     ) -> Self {
-        let counts = film.sums.sample_counts();
+        let mut has_gaps = false;
+        let size = films_of(&content).next().map(|film| [film.sums.width(), film.sums.height()]);
+        let [width, height] = size.unwrap_or_default();
+        let mut counts = Plane::new(width, height, 0);
+        for film in films_of(&content) {
+            let of_film = film.sums.sample_counts();
+            has_gaps |= of_film.data().contains(&0);
+            counts.data_mut().iter_mut().zip(of_film.data()).for_each(|(sum, n)| *sum += n);
+        }
         let samples = counts.data().iter().map(|&n| u64::from(n)).sum();
         let recent = before.map(|before| {
             let mut earlier = before.counts.data().iter();
             counts.map(|&n| n.saturating_sub(earlier.next().copied().unwrap_or(0)))
         });
-        let (content, mean, restarted) = (Content::Film(film), OnceLock::new(), 0);
-        Self { id, content, settings, is_vignetted, counts, recent, samples, seconds, restarted, scene, mean }
+        let (mean, restarted) = (OnceLock::new(), 0);
+        Self { id, content, settings, is_vignetted, counts, recent, samples, has_gaps, seconds, restarted, scene, mean }
     }
 
     /// An EXR, from its mean radiance.
@@ -86,6 +111,7 @@ impl Snapshot {
             counts,
             recent: None,
             samples: 0,
+            has_gaps: false,
             seconds: 0.0,
             restarted: 0,
             scene,
@@ -93,11 +119,56 @@ impl Snapshot {
         }
     }
 
-    /// The sums of the samples, if there are some.
-    pub(crate) fn film(&self) -> Option<&RenderedFilm> {
+    /// The films: one, one for each light, or none of an EXR.
+    pub(crate) fn films(&self) -> impl Iterator<Item = &RenderedFilm> {
+        films_of(&self.content)
+    }
+
+    /// The factor of each film, from factors by the names of lights.
+    ///
+    /// # Errors
+    /// A factor out of range, and factors where all lights have one film.
+    pub(crate) fn factors(&self, lights: Option<&BTreeMap<String, f64>>) -> Result<Vec<f64>, Fault> {
+        if let Content::Lights(films) = &self.content {
+            return light_sum::factors(films, lights);
+        }
+        if lights.is_some_and(|lights| lights.values().any(|factor| *factor != 1.0)) {
+            let help = "switch the film for each light on and wait for its picture, or change the power of the lights";
+            return Err(Fault::new("there is one film for all lights", help));
+        }
+        Ok(self.films().map(|_| 1.0).collect())
+    }
+
+    /// The sums of the samples of a pixel in all films.
+    pub(crate) fn sums_at(&self, x: u32, y: u32) -> PixelSums {
+        let mut sums = PixelSums::default();
+        self.films().for_each(|film| sums.merge(&film.sums.pixel(x, y)));
+        sums
+    }
+
+    /// The sample with the largest share of the light of a pixel, for films with these factors. `None` for a black pixel.
+    pub(crate) fn heaviest(&self, factors: &[f64], x: u32, y: u32) -> Option<Heaviest> {
+        let mut total = 0.0;
+        let mut heaviest: Option<(usize, u32, f64)> = None;
+        for (film, (rendered, &factor)) in self.films().zip(factors).enumerate() {
+            let sums = rendered.sums.pixel(x, y);
+            let [r, g, b] = sums.mean().map(|v| v as f32);
+            total += factor * f64::from(Rgb::new(r, g, b).luminance());
+            let Some((index, luminance)) = sums.heaviest().filter(|_| factor > 0.0) else { continue };
+            let part = factor * f64::from(luminance) / f64::from(sums.count().max(1));
+            if heaviest.is_none_or(|(.., largest)| part > largest) {
+                heaviest = Some((film, index, part));
+            }
+        }
+        let (film, index, part) = heaviest.filter(|_| total > 0.0)?;
+        Some(Heaviest { film, index, share: (part / total).min(1.0) })
+    }
+
+    /// The name of the light of a film, if each has one.
+    pub(crate) fn light(&self, film: usize) -> Option<&str> {
         match &self.content {
-            Content::Film(film) => Some(film),
-            Content::Exr(_) => None,
+            Content::Lights(films) => films.get(film).map(|light| &light.name[..]),
+            Content::Film(_) | Content::Exr(_) => None,
         }
     }
 
@@ -111,24 +182,33 @@ impl Snapshot {
         self.samples as f64 / self.counts.data().len().max(1) as f64
     }
 
-    /// Are there pixels without samples?
-    pub(crate) fn has_gaps(&self) -> bool {
-        self.film().is_some() && self.counts.data().contains(&0)
-    }
-
     /// Computes [`Self::mean`], once. Not for threads of the session: while such a thread waits for others it takes up other
     /// work, which could wait for this result.
     pub(crate) fn find_mean(&self, session: &Session<'_>) {
-        self.mean.get_or_init(|| session.install(|| self.read_mean()));
+        match &self.content {
+            Content::Lights(films) => light_sum::find_means(films, session),
+            Content::Film(_) | Content::Exr(_) => {
+                self.mean.get_or_init(|| session.install(|| self.read_mean()));
+            }
+        }
     }
 
-    /// Mean radiance [W/(m² sr)], without gaps, after [`Self::find_mean`].
+    /// Mean radiance [W/(m² sr)], without gaps, after [`Self::find_mean`]. Each film of a light has its own.
     pub(crate) fn mean(&self) -> &Plane<[f32; 3]> {
         self.mean.get_or_init(|| self.read_mean())
     }
 
     fn read_mean(&self) -> Plane<[f32; 3]> {
         let empty = || Plane::new(self.counts.width(), self.counts.height(), [0.0; 3]);
-        self.film().map_or_else(empty, |film| mean_without_gaps(&film.sums))
+        self.films().next().map_or_else(empty, |film| mean_without_gaps(&film.sums))
     }
+}
+
+fn films_of(content: &Content) -> impl Iterator<Item = &RenderedFilm> {
+    let (one, lights): (_, &[LightFilm]) = match content {
+        Content::Film(film) => (Some(film), &[]),
+        Content::Lights(films) => (None, films),
+        Content::Exr(_) => (None, &[]),
+    };
+    one.into_iter().chain(lights.iter().map(|light| &*light.film))
 }

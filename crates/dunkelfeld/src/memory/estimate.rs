@@ -14,11 +14,11 @@ use dunkelfeld_sensor::ExposureNoise;
 pub(crate) const MAX_WAITING: usize = 16;
 
 /// The program, its libraries and small objects.
-const PROGRAM: u64 = 24_000_000;
+pub(super) const PROGRAM: u64 = 24_000_000;
 /// A training path: its vertices, and its share of the learned statistics.
-const TRAINING_PATH: u64 = 1000;
+pub(super) const TRAINING_PATH: u64 = 1000;
 /// A thread: the used part of its stack, and the memory that its allocator keeps.
-const THREAD: u64 = 2 << 20;
+pub(super) const THREAD: u64 = 2 << 20;
 /// Pixels of a tile; a thread has two tiles in work.
 const TILE_PIXELS: u64 = (dunkelfeld_render::TILE * dunkelfeld_render::TILE) as u64;
 /// A strip of an EXR, its blocks before they are written, and their sources: the maximum in bytes.
@@ -32,15 +32,15 @@ const NOISE_ROWS: u64 = 96;
 const NOISE_SHARED: u64 = 40;
 const NOISE_ESTIMATES: u64 = 120;
 /// Kinds of pixels of a sensor behind a colour filter array.
-const MAX_KINDS: u64 = 3;
+pub(super) const MAX_KINDS: u64 = 3;
 const SUMS: u64 = size_of::<PixelSums>() as u64;
 
 /// Bytes per pixel of planes, one constant for each group.
-mod per_pixel {
+pub(super) mod per_pixel {
     /// Ids at each pixel's centre (8), samples so far (4), weights (4), sample counts at which a pixel is finished (4).
-    pub(super) const KEPT: u64 = 20;
+    pub(in crate::memory) const KEPT: u64 = 20;
     /// The plan of a round and its increments (8), work units (1).
-    pub(super) const ROUND: u64 = 9;
+    pub(in crate::memory) const ROUND: u64 = 9;
     /// A plan that is replayed: as read, in the settings of the render, and limited to its samples.
     pub(super) const REPLAY: u64 = 12;
     /// The additional data of a checkpoint: object and material numbers (8).
@@ -48,17 +48,17 @@ mod per_pixel {
     /// The mean (12), the mask of pixels with samples (1), and a copy for filling gaps (12).
     pub(super) const MEAN: u64 = 25;
     /// Signal and counts (8), each pixel's noise from its own samples (12).
-    pub(super) const NOISE: u64 = 20;
+    pub(in crate::memory) const NOISE: u64 = 20;
     /// The image in the channels of the sensor (4), estimates from neighbours (8).
-    pub(super) const EXPECTED: u64 = 12;
+    pub(in crate::memory) const EXPECTED: u64 = 12;
     /// Required samples from both estimates (10), shares, levels and targets of the forecast (12).
-    pub(super) const PLAN: u64 = 22;
+    pub(in crate::memory) const PLAN: u64 = 22;
     /// Shares without measured noise: luminance and gradients.
     pub(super) const SOBEL: u64 = 28;
     /// Ratios (4) and saturated pixels (1).
     pub(super) const CERTIFIED: u64 = 5;
     /// These, and quantiles (4).
-    pub(super) const CERTIFICATE: u64 = CERTIFIED + 4;
+    pub(in crate::memory) const CERTIFICATE: u64 = CERTIFIED + 4;
     /// Rare samples and matched variances, during their computation.
     pub(super) const MATCHED: u64 = 13;
     /// Object and material of each pixel of a film.
@@ -67,9 +67,9 @@ mod per_pixel {
     /// quantiles (9).
     pub(super) const EXPOSURE: u64 = 38;
     /// Electrons (4) and grey values (2), the picture (3).
-    pub(super) const FRAME: u64 = 9;
+    pub(in crate::memory) const FRAME: u64 = 9;
     /// Defects and fixed pattern of the device.
-    pub(super) const DEVICE: u64 = 8;
+    pub(in crate::memory) const DEVICE: u64 = 8;
     /// The film's inputs of a denoiser: mean, albedo, normal with variances (72), depth with variance (8).
     pub(super) const FEATURES: u64 = 80;
     /// The built-in filter: variances, averages and result (36). One of them exists twice while tiles are assembled
@@ -266,7 +266,7 @@ fn denoiser_bytes(px: u64, method: DenoiseMethod) -> u64 {
 }
 
 /// Rows whose noise is estimated at a time.
-fn noise_bands(width: u32, height: u32, kinds: u64, threads: usize) -> u64 {
+pub(super) fn noise_bands(width: u32, height: u32, kinds: u64, threads: usize) -> u64 {
     let rows = u64::from(height).min(NOISE_ROWS.saturating_mul(threads as u64));
     let sums = u64::from(Film::TILE) * SUMS * threads as u64;
     u64::from(width) * (rows * (NOISE_SHARED + kinds * NOISE_ESTIMATES) + sums)

@@ -116,8 +116,8 @@ impl Project {
         changed: Job,
         edit: impl FnOnce(&mut SceneBuilder) -> Result<(), Error>,
     ) -> Result<(), Error> {
-        let Some(description) = &mut self.description else { return Err(not_kept()) };
-        let Description { base, job, imported, without, given, cache } = &mut **description;
+        let description = kept_description(self.description.as_deref_mut())?;
+        let Description { base, job, imported, without, given, cache } = description;
         let read = if changed.has_scene_of(job.as_ref().unwrap_or(base)) { None } else { Some(changed.load_scene()?) };
         let source = read.as_ref().unwrap_or(imported).clone();
         let compiled = compile_and(changed.scene_path(), Some(&changed), source, without, Some(cache), edit)?;
@@ -152,6 +152,10 @@ impl Project {
         (*job, *given) = (Some(changed), new);
         Ok(())
     }
+}
+
+pub(super) fn kept_description(description: Option<&mut Description>) -> Result<&mut Description, Error> {
+    description.ok_or_else(not_kept)
 }
 
 fn kept(description: Option<&Description>) -> Result<&Description, Error> {

@@ -1,5 +1,6 @@
 //! Summary of a scene for reports: lights and their power, parts and their numbers of triangles.
 
+use crate::build::one_light::ENVIRONMENT;
 use crate::light::delta::DeltaLight;
 use crate::light::mesh_light::MeshLight;
 use crate::light::{Light, NO_LIGHT};
@@ -128,8 +129,8 @@ impl Scene {
                 }
                 Light::Environment => {
                     list.push(LightInfo {
-                        name: "environment".into(),
-                        kind: "environment".into(),
+                        name: ENVIRONMENT.into(),
+                        kind: ENVIRONMENT.into(),
                         power: self.lights.power(light, self.radius),
                         radiance: self.lights.environment.as_ref().map(|e| e.mean),
                         bounds: None,
