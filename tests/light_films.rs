@@ -401,3 +401,71 @@ fn an_exr_has_the_sum_and_a_layer_for_each_light() {
     }
     assert!(encode_light_layers(&[], &frame, &settings).is_err() && develop_films(&[], &settings).is_err());
 }
+
+/// With covers of clear plastic, whose light the connection through covers samples.
+#[test]
+#[ignore = "long: .ci/run runs it"]
+fn films_of_lights_behind_covers_add_up() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes/inspection/inspection.toml");
+    let mut project = Project::open(path).expect("a shipped scene");
+    project.resize_keeping_view(WIDTH, HEIGHT);
+    project.settings.budget = Budget::default().with_spp(128.0);
+    let whole = regions(&[(&film(&project), 1.0)]);
+    let lights = films(&mut project, 400);
+    let weighted: Vec<(&RenderedFilm, f64)> = lights.iter().map(|(_, film)| (film, 1.0)).collect();
+    for (number, (whole, sum)) in whole.iter().zip(regions(&weighted)).enumerate() {
+        let error = (whole[1] + sum[1]).sqrt();
+        assert!(error < 0.08 * whole[0], "region {number} is too noisy: {error}");
+        z_test(sum[0] - whole[0], error, 0.0).assert(RATE, &format!("region and channel {number}"));
+    }
+}
+
+/// Frames of independent renders with matched noise scatter as frames of the camera do, also for a sum with factors.
+#[test]
+#[ignore = "long: .ci/run runs it"]
+fn matched_noise_of_a_sum_has_the_variance_of_the_camera() {
+    const FRAMES: u32 = 40;
+    let mut project = opened(48.0);
+    project.set_overrides("[[material]]\nname = \"ball\"\nmetallic = 0\nroughness = 0.8\n").expect("a material");
+    project.resize_keeping_view(48, 36);
+    let mut scenes =
+        [("panel", 2.0), ("bar", 0.5)].map(|(name, factor)| (project.only_light(name).expect("a scene"), factor));
+    let settings = [ExposureNoise::Plain, ExposureNoise::Matched]
+        .map(|noise| project.fitted().expect("a valid job").with_exposure_noise(noise));
+    let mut seeds = 5000..;
+    let mut frames: [Vec<Plane<u16>>; 2] = [Vec::new(), Vec::new()];
+    let mut electrons = vec![0.0; 48 * 36];
+    let mut is_held = vec![true; 48 * 36];
+    for number in 0..FRAMES {
+        let films = scenes.each_mut().map(|(scene, factor)| {
+            scene.settings.seed = seeds.next().expect("no end");
+            (film(scene), *factor)
+        });
+        let films = films.each_ref().map(|(film, factor)| FilmOfLight { name: "", film, factor: *factor });
+        for (frames, settings) in frames.iter_mut().zip(&settings) {
+            let frame = develop_films(&films, &settings.clone().with_frame(number)).expect("a frame");
+            let sensor = frame.sensor.expect("a sensor");
+            let means = electrons.iter_mut().zip(sensor.electrons.data());
+            means.for_each(|(sum, &e)| *sum += 0.5 * f64::from(e) / f64::from(FRAMES));
+            if let Some(matched) = sensor.matched {
+                is_held.iter_mut().zip(matched.held.data()).for_each(|(all, held)| *all &= held);
+            }
+            frames.push(sensor.values);
+        }
+    }
+    let camera = camera(&project, ExposureNoise::Plain);
+    let time = camera.exposure.expect("a fixed one").time();
+    let [plain, matched] = frames.map(|frames| -> SampleMoments {
+        let held = (0..electrons.len()).filter(|pixel| is_held[*pixel]);
+        held.map(|pixel| {
+            let values: SampleMoments = frames.iter().map(|frame| f64::from(frame.data()[pixel])).collect();
+            let of_camera = camera.model.temporal_variance(dunkelfeld::radiometry::Electrons(electrons[pixel]), time);
+            values.variance() / (camera.model.spec().system_gain.powi(2) * of_camera)
+        })
+        .collect()
+    });
+    // With all of the noise of the camera, that of the renders is too much.
+    assert!(matched.count() > 200 && matched.standard_error() < 0.02, "{}", matched.count());
+    assert!(plain.mean() > 1.0 + 6.0 * plain.standard_error(), "{}", plain.mean());
+    student_t_test(&matched, 1.0).assert(RATE, "variance of frames with matched noise over that of the camera");
+}

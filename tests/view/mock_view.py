@@ -196,7 +196,11 @@ class MockView:
                 "lights": [{"name": n, "kind": k, "power": p, **self.lights[n]} for n, k, p in LIGHTS],
                 "materials": self.materials,
                 "effects": [{"name": n, "title": t, "used": u, "left_out": n in self.left_out} for n, t, u in EFFECTS],
-                "per_light": {"on": self.per_light, "bytes": self.width * self.height * 96 * 3, "lights": 3},
+                "per_light": {
+                    "on": self.per_light,
+                    "bytes": self.width * self.height * 96 * 3,
+                    "lights": self.lights_on(),
+                },
             }
         return {
             "version": "0.9.0",
@@ -304,8 +308,11 @@ class MockView:
             )
         if camera["noise"] not in ("plain", "matched", "none") or not isinstance(camera["device"], int):
             raise Fault(400, "The noise or the device is invalid.")
-        if camera["lights"] is not None and not self.per_light:
-            raise Fault(422, "The film has no layer for each light.", "lights", None)
+        factors = (camera["lights"] or {}).values()
+        if not self.per_light and any(factor != 1 for factor in factors):
+            raise Fault(422, "There is one film for all lights.", "lights", None)
+        if not all(0 <= factor <= 1e6 for factor in factors):
+            raise Fault(422, "The factor of a light is out of range.", "lights", "Use 0 to 1000000.")
         if camera["sensor"] is not None and camera["sensor"] not in [s["name"] for s in SENSORS]:
             raise Fault(422, f"There is no sensor {camera['sensor']}.", "sensor", None)
         return camera
@@ -495,6 +502,9 @@ class MockView:
             "dark": float(shot["black"]),
         }
 
+    def lights_on(self):
+        return sum(light["on"] for light in self.lights.values())
+
     def restart(self):
         self.film_offset = (self.film() or {"id": self.film_offset})["id"]
         self.begin, self.restarted, self.paused = time.time(), self.restarted + 1, False
@@ -504,6 +514,8 @@ class MockView:
             raise Fault(422, "Nothing renders here.")
         if not body or set(body) - {"camera", "lights", "without", "materials", "per_light"}:
             raise Fault(400, "The change of the scene is invalid.")
+        if body.get("per_light") and self.lights_on() == 0:
+            raise Fault(422, "No light is on, so there is nothing to give a film to.", None, "Switch a light on.")
         with self.lock:
             self.camera_name = body.get("camera", self.camera_name)
             for name, light in body.get("lights", {}).items():
