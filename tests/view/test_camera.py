@@ -159,6 +159,23 @@ def test_probe_has_the_values_of_the_exr(film, stored, open_page):
     page.assert_quiet_console()
 
 
+def test_certificate_is_that_of_the_command(view, tmp_path):
+    """The plan of the film renders it again: both count the same pixels, of which some are saturated."""
+    running = view(job=station(sensor='exposure = "5ms"'))
+    running.wait_for_film(40)
+    film = running.pause()["film"]["id"]
+    state = running.wait(lambda state: state["certificate"]["film"] == film, "the certificate of the last film")
+    running.post("save", {"what": ["exr"], "name": "plan", "camera": running.camera(), "frame": 0})
+    run("render", "station.toml", "--replay", "plan.exr", "-o", "again.png", "--stats", "again.json", cwd=tmp_path)
+    certificate = json.loads((tmp_path / "again.json").read_text())["certificate"]
+    assert certificate["saturated"] > 0 and certificate["k"] == state["target"]
+    shown = state["certificate"]
+    assert (shown["hidden"], shown["saturated"]) == (certificate["hidden"], certificate["saturated"])
+    assert shown["p99"] ** 2 == pytest.approx(certificate["ratio_p99"], rel=1e-9)
+    assert shown["median"] ** 2 == pytest.approx(certificate["ratio_p50"], rel=1e-9)
+    assert state["curve"][-1]["hidden"] == certificate["hidden"]
+
+
 def test_measurements_are_those_of_the_frame(film):
     _, values = film.frame(frame=4)
     camera = film.camera()

@@ -150,7 +150,9 @@ def test_maps_and_ablation(mock_page):
     page.click("restart")
     page.wait(lambda: "compute the ablation again" in page.text("ablation-result"), what="dropped ablation")
     page.settle()
-    assert page.value("map") == "none" and page.js("return document.querySelector('#map option[value=difference]').disabled")
+    assert page.value("map") == "none" and page.js(
+        "return document.querySelector('#map option[value=difference]').disabled"
+    )
     assert page.text("problems") == ""
 
 

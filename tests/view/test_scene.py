@@ -7,7 +7,7 @@ import pytest
 from images import assert_equal_means, layers, mean_and_variance
 from jobs import station
 from page import Page, wait_for
-from program import ROOT
+from program import ROOT, Refused
 
 # Light of the left lamp only, at a fixed exposure, so that electrons are proportional to the light.
 FIXED = station(sensor='exposure = "5ms"')
@@ -160,6 +160,37 @@ def test_influence_of_an_effect(view, open_page):
     page.click("ablation-map")
     assert page.value("map") == "difference" and page.text("problems") == ""
     page.assert_quiet_console()
+
+
+def test_ablations_of_two_pages(view):
+    """Two cameras at the same time: both comparisons end, each with its own difference. A restart drops them."""
+    running = view(job=station(width=48, height=36, sensor='exposure = "5ms"'))
+    running.wait_for_film(2)
+    running.pause()
+    cameras = [running.camera(exposure=exposure) for exposure in (1e-3, 2e-3)]
+    states, answers = set(), [None, None]
+
+    def ask():
+        for place, camera in enumerate(cameras):
+            answers[place] = running.post("ablation", {"effect": "smooth-normals", "camera": camera, "frame": 0})
+            states.add((place, answers[place]["state"]))
+        return all(answer["state"] == "finished" for answer in answers)
+
+    wait_for(ask, "both comparisons")
+    assert {(0, "running"), (1, "waiting")} <= states or (1, "running") in states, states
+    # The exposure is twice as long: so are all differences, except those of saturated pixels.
+    body = {"map": "difference", "effect": "smooth-normals"}
+    first, second = (running.picture("map", {**body, "camera": camera})[1] for camera in cameras)
+    assert first.any() and np.median(second[first != 0] / first[first != 0]) == pytest.approx(2, rel=1e-3)
+    with pytest.raises(Refused) as refusal:
+        running.picture("map", {**body, "effect": "nothing", "camera": cameras[0]})
+    assert "measure again" in refusal.value.fault["help"]
+    before = running.state()
+    running.post("render", {"action": "restart"})
+    running.wait(lambda state: state["film"]["id"] > before["film"]["id"], "the new picture")
+    with pytest.raises(Refused) as refusal:
+        running.picture("map", {**body, "camera": cameras[0]})
+    assert "measure again" in refusal.value.fault["help"]
 
 
 def test_pause_and_target(view, open_page):

@@ -3,16 +3,17 @@
 use crate::developed::{Developed, Sensors};
 use crate::hidden_shares::HiddenShares;
 use crate::light_films;
+use crate::outlook::of_plan;
 use crate::panics::caught;
-use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, ForecastPoint, Note};
+use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, Note};
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::scenes::{LightScene, Scenes};
 use crate::shared::{Shared, Stamp, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::film::{FilmLayers, Plane};
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, ForecastLevel, InputFiles,
-    KeptFilms, Progress, ProgressState, Project, ProjectOptions, RenderSettings, SavedFilm, SensorChoice, find_sensor,
+    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, InputFiles, KeptFilms, Progress,
+    ProgressState, Project, ProjectOptions, RenderSettings, SavedFilm, SensorChoice, find_sensor,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -362,14 +363,8 @@ impl Progress for Watcher<'_> {
 
     fn forecast(&self, forecast: &Forecast) {
         let pixels = f64::from(self.settings.0.width) * f64::from(self.settings.0.height);
-        // The clock of a plan goes on during a pause.
-        let paused = lock(&self.time).paused;
-        let point = |level: &ForecastLevel| ForecastPoint {
-            k: level.k,
-            seconds: level.seconds.map(|seconds| seconds - paused),
-            spp: level.samples.map(|samples| samples / pixels.max(1.0)),
-        };
-        self.shared.update(|live| live.plan = forecast.levels.iter().map(point).collect());
+        let plan = of_plan(&forecast.levels, pixels, lock(&self.time).paused);
+        self.shared.update(|live| live.plan = plan);
     }
 
     fn film_interval(&self) -> Option<f64> {

@@ -1,11 +1,21 @@
 //! The expected noise of a render: for the camera of the job from its plan, for others from the measured points.
 
 use crate::protocol::{CurvePoint, ForecastPoint};
-use dunkelfeld::FORECAST_LEVELS;
+use dunkelfeld::{FORECAST_LEVELS, ForecastLevel};
 
 /// The newest points of which the median is taken, and the fewest that suffice.
 const NEWEST: usize = 5;
 const FEWEST: usize = 3;
+
+/// The levels of a plan for an image of so many pixels. The clock of a plan goes on during a pause, that of a view does not.
+pub(crate) fn of_plan(levels: &[ForecastLevel], pixels: f64, paused: f64) -> Vec<ForecastPoint> {
+    let point = |level: &ForecastLevel| ForecastPoint {
+        k: level.k,
+        seconds: level.seconds.map(|seconds| seconds - paused),
+        spp: level.samples.map(|samples| samples / pixels.max(1.0)),
+    };
+    levels.iter().map(point).collect()
+}
 
 /// The samples and seconds at which the noise will have fallen to some levels, from the measured points of one camera.
 ///
@@ -92,6 +102,15 @@ mod tests {
         let mut unknown = curve(&points);
         unknown.iter_mut().for_each(|point| point.k99 = None);
         assert_eq!(from_measured(&unknown), []);
+    }
+
+    #[test]
+    fn a_plan_is_without_pauses() {
+        let level =
+            |k, samples, seconds| ForecastLevel { k, samples, seconds, actual_samples: None, actual_seconds: None };
+        let plan = of_plan(&[level(1.0, Some(3000.0), Some(70.0)), level(0.5, None, None)], 100.0, 60.0);
+        let point = |k, seconds, spp| ForecastPoint { k, seconds, spp };
+        assert_eq!(plan, [point(1.0, Some(10.0), Some(30.0)), point(0.5, None, None)]);
     }
 
     #[test]

@@ -14,7 +14,7 @@ pub struct PrivateFile {
 }
 
 impl PrivateFile {
-    /// Writes a file with this text, and with a random name with this ending (with its dot).
+    /// Writes a file with this text, and with a random name that has this ending, as `.html`.
     ///
     /// # Errors
     /// The folder of temporary files cannot be written to.
@@ -28,7 +28,7 @@ impl PrivateFile {
         }
         let folder = builder.tempdir()?;
         // The default of the library is private to the user.
-        let mut file = Builder::new().suffix(ending).tempfile_in(folder.path())?;
+        let mut file = Builder::new().prefix("page-").suffix(ending).tempfile_in(folder.path())?;
         file.write_all(text.as_bytes())?;
         file.flush()?;
         Ok(Self { file, _folder: folder })
