@@ -1,6 +1,5 @@
 //! The influence of an effect: the image against one that the effect is left out of.
 
-use crate::desk::earlier_scene;
 use crate::developed::Developed;
 use crate::panics::caught;
 use crate::protocol::{AblationAnswer, Camera, Fault};
@@ -161,7 +160,7 @@ pub(crate) fn ask(shared: &Arc<Shared>, effect: &str, with: &Arc<Developed>) -> 
     let effect = Effect::ALL.into_iter().find(|e| e.name() == effect).ok_or_else(unknown)?;
     let scene = lock(&shared.live).scene_number;
     if with.snapshot.scene.number != scene || lock(&shared.control).change.is_some() {
-        return Err(earlier_scene());
+        return Err(Fault::earlier_scene());
     }
     let mut ablations = lock(&shared.ablations);
     ablations.keep_only(scene);

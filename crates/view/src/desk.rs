@@ -28,11 +28,6 @@ fn no_picture() -> Fault {
     Fault::new("there is no picture yet", "wait for the first one")
 }
 
-/// The fault of a request about the scene of the picture, which the thread that renders no longer has.
-pub(crate) fn earlier_scene() -> Fault {
-    Fault::new("the picture is that of the scene before its change", "wait for the next picture")
-}
-
 fn developed(shared: &Shared, camera: &Camera) -> Result<Arc<Developed>, Fault> {
     let snapshot = shared.snapshot().ok_or_else(no_picture)?;
     shared.store.get(&snapshot, camera, &shared.session)
@@ -132,7 +127,7 @@ pub(crate) fn path(shared: &Arc<Shared>, request: &PathRequest) -> Result<PathAn
     let (number, state) = (snapshot.scene.number, shared.clone());
     at_render(shared, move |scenes, _| {
         let is_same = lock(&state.live).scene_number == number;
-        let project = scenes.of_film(light.as_deref()).filter(|_| is_same).ok_or_else(earlier_scene)?;
+        let project = scenes.of_film(light.as_deref()).filter(|_| is_same).ok_or_else(Fault::earlier_scene)?;
         trace_path(project, at)
     })?
 }
@@ -265,7 +260,7 @@ mod tests {
             assert!(path.luminance as f32 <= luminance);
         }
         lock(&shared.live).scene_number = 4;
-        assert_eq!(path_of(&shared, &project), Err(earlier_scene()));
+        assert_eq!(path_of(&shared, &project), Err(Fault::earlier_scene()));
     }
 
     #[test]

@@ -14,6 +14,7 @@ mod address;
 mod desk;
 mod developed;
 mod engine;
+mod fault;
 mod hidden_shares;
 mod light_films;
 mod light_sum;

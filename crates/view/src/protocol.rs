@@ -1,34 +1,11 @@
 //! The messages between the page and the server, as JSON.
 
+pub(crate) use crate::fault::Fault;
+
 use crate::hidden_shares::HiddenShares;
-use dunkelfeld::Error;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-
-/// A refusal: the answer of a request that cannot be met.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(crate) struct Fault {
-    pub(crate) problem: String,
-    pub(crate) place: Option<String>,
-    pub(crate) help: Option<String>,
-}
-
-impl Fault {
-    pub(crate) fn new(problem: impl Into<String>, help: impl Into<String>) -> Self {
-        Self { problem: problem.into(), place: None, help: Some(help.into()) }
-    }
-}
-
-impl From<Error> for Fault {
-    fn from(error: Error) -> Self {
-        let text = error.to_string();
-        match text.split_once("\n  help: ") {
-            Some((problem, help)) => Self::new(problem, help),
-            None => Self { problem: text, place: None, help: None },
-        }
-    }
-}
 
 /// The knobs of the camera, which need no new samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
