@@ -148,8 +148,8 @@ def test_probe_has_the_values_of_the_exr(film, stored, open_page):
         assert found["value"] == values[y, x]
     for x, name in [(33, "ball"), (63, "lid"), (48, "plate")]:
         found = film.post("probe", {"camera": camera, "frame": 0, "x": x, "y": 36})
-        # A saved film has the names of the objects, not those of the materials.
-        assert (found["object"], found["material"]) == (name, None)
+        # Objects and materials of the scene have the same names.
+        assert (found["object"], found["material"]) == (name, name)
     page = open_page(film)
     page.click("one-to-one")
     x0, y0 = page.origin(96, 72)

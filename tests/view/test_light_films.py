@@ -215,11 +215,11 @@ def test_factors_without_the_mode(view):
 
 
 def test_too_little_memory(view):
-    tight = view(job=FIXED.replace("width = 96", "width = 960") + '[budget]\nmemory = "150MB"\n')
+    tight = view(job=FIXED.replace("width = 96", "width = 960") + '[budget]\nmemory = "190MB"\n')
     tight.wait_for_film(0.1)
     with pytest.raises(Refused) as refusal:
         tight.post("scene", {"per_light": True})
-    assert refusal.value.status == 422 and "150 MB" in refusal.value.fault["problem"]
+    assert refusal.value.status == 422 and "190 MB" in refusal.value.fault["problem"]
     assert tight.state()["render"]["restarted"] == 0 and tight.state()["error"] is None
     film = tight.state()["film"]
     tight.wait(lambda state: state["film"]["id"] > film["id"], "the next film of the render that goes on")
