@@ -154,7 +154,7 @@ fn a_scene_file_without_a_job_takes_overrides_and_keeps_adjusted_settings() {
 
 /// The gain scales grey values of equal electrons, and the temperature sets the dark current, which doubles every few kelvin.
 #[test]
-fn gain_and_temperature_of_a_job_change_its_sensor() {
+fn gain_temperature_and_black_level_of_a_job_change_its_sensor() {
     let model = |keys: &str| {
         let text = format!("scene = 'none'\n[[object]]\nname = 'o'\nkind = 'sphere'\ndiameter = 1\n[sensor]\n{keys}");
         let project = Project::from_text("sensor.toml", &text).unwrap_or_else(|e| panic!("{e}"));
@@ -163,16 +163,18 @@ fn gain_and_temperature_of_a_job_change_its_sensor() {
             SensorChoice::None => panic!("no sensor"),
         }
     };
-    let (plain, changed) = (model("model = 'imx174'"), model("model = 'imx174'\ngain = 2.5\ntemperature = 45"));
+    let (plain, changed) = (model("model = 'imx174'"), model("model = 'imx174'\ngain = 2.5\ntemperature = 45\nblack_level = 77.5"));
     assert_eq!(changed.system_gain, 2.5 * plain.system_gain);
-    assert_eq!(
-        (changed.dark_noise, changed.full_well, changed.offset),
-        (plain.dark_noise, plain.full_well, plain.offset)
-    );
-    assert_eq!(changed.temperature.0, 45.0);
-    for (keys, words) in
-        [("gain = 0", "gain"), ("temperature = 300", "temperature"), ("model = 'none'\ngain = 2", "no sensor")]
-    {
+    assert_eq!((changed.dark_noise, changed.full_well), (plain.dark_noise, plain.full_well));
+    assert_eq!((changed.temperature.0, changed.offset.0), (45.0, 77.5));
+    for (keys, words) in [
+        ("gain = 0", "gain"),
+        ("temperature = 300", "temperature"),
+        ("black_level = -1", "black_level"),
+        ("black_level = 65535", "offset"),
+        ("model = 'none'\ngain = 2", "no sensor"),
+        ("model = 'none'\nblack_level = 2", "no sensor"),
+    ] {
         let text = format!("scene = 'none'\n[sensor]\n{keys}");
         let error = Project::from_text("sensor.toml", &text).expect_err("refused").to_string();
         assert!(error.contains(words) && error.contains("help:"), "{error}");

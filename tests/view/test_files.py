@@ -32,6 +32,7 @@ def test_a_saved_job_makes_the_scene_again(view, tmp_path, open_page):
     page.set("gain-value", "1.5")
     page.set("exposure-value", "7 ms")
     page.set("noise", "matched")
+    page.set("black-level", "96")
     page.set("save-name", "again")
     page.click("save-job")
     page.click("save-exr")
@@ -47,6 +48,7 @@ def test_a_saved_job_makes_the_scene_again(view, tmp_path, open_page):
     assert abs(ratio.mean() / wanted.mean() - 1) < 0.01
     text = (tmp_path / "again.toml").read_text()
     assert "imx174" in text and "gain = 1.5" in text and '"0.007s"' in text and "matched" in text
+    assert "black_level = 96" in text
     page.assert_quiet_console()
 
 

@@ -283,15 +283,11 @@ fn describe_sensor(sensor: &mut Table, camera: &Camera) -> Result<(), Fault> {
         Some(name) => {
             sensor.insert("model".into(), name.into());
             sensor.remove("temperature");
+            sensor.remove("black_level");
             sensor.insert("gain".into(), camera.gain.into());
         }
     }
-    if camera.black_level.is_some() {
-        return Err(Fault::new(
-            "a job has no key for the black level",
-            "write a sensor file with this `offset`, or use the black level of the model",
-        ));
-    }
+    camera.black_level.map(|level| sensor.insert("black_level".into(), level.into()));
     match camera.exposure {
         None => drop(sensor.insert("exposure".into(), "auto".into())),
         Some(time) => drop(sensor.insert("exposure".into(), format!("{time}s").into())),

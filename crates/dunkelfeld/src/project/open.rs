@@ -10,7 +10,7 @@ use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
-use dunkelfeld_radiometry::{Celsius, Seconds};
+use dunkelfeld_radiometry::{Celsius, DigitalNumber, Seconds};
 use dunkelfeld_render::{Budget, DEFAULT_F_NUMBER, Error, RenderSettings, SensorChoice};
 use dunkelfeld_scene::{BuildCache, BuildError, BuildReport, Effect, Scene, SceneBuilder};
 use dunkelfeld_sensor::{Exposure, Optics, Published, SensorModel};
@@ -318,14 +318,15 @@ fn sensor_of(sensor: &job::SensorSettings, optics: Optics, inputs: &mut InputFil
     Ok(SensorChoice::Emva { model: Box::new(model), optics, exposure })
 }
 
-/// A sensor with the gain and the temperature of a job.
+/// A sensor with the gain, the temperature and the black level of a job.
 fn adjusted(model: SensorModel, sensor: &job::SensorSettings) -> Result<SensorModel, Error> {
-    if sensor.gain.is_none() && sensor.temperature.is_none() {
+    if (sensor.gain, sensor.temperature, sensor.black_level) == (None, None, None) {
         return Ok(model);
     }
     let mut spec = model.spec().clone();
     spec.system_gain *= sensor.gain.unwrap_or(1.0);
     spec.temperature = sensor.temperature.map_or(spec.temperature, Celsius);
+    spec.offset = sensor.black_level.map_or(spec.offset, DigitalNumber);
     // Figures were published for the sensor as it is.
     spec.published = Published::default();
     Ok(SensorModel::new(spec)?)

@@ -440,7 +440,7 @@ impl Job {
             .and_then(|()| lens::check_lens(&job.lens, &job.film, &job.sensor.model))
             .map_err(|(key, problem, help)| file.error_at_key(&key, problem, help))?;
         job.camera.complete(&file, &job.lens, &job.film, &job.sensor.model)?;
-        for key in ["exposure", "exposure_noise", "gain", "temperature"].map(|key| ["sensor", key]) {
+        for key in ["exposure", "exposure_noise", "gain", "temperature", "black_level"].map(|key| ["sensor", key]) {
             if job.sensor.model == SensorChoice::None && file.has_key(&key) {
                 let problem = "there is no sensor to expose";
                 return Err(file.error_at_key(&key, problem, "name a [sensor] model, or remove this"));

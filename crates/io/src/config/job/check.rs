@@ -44,6 +44,10 @@ pub(super) fn temperature<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>
     real(d, -100.0, 200.0).map(Some)
 }
 
+pub(super) fn black_level<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 0.0, 65_535.0).map(Some)
+}
+
 pub(super) fn pilot_spp<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {
     whole(d, 1, 65_536)
 }

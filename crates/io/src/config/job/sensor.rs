@@ -26,6 +26,10 @@ pub struct SensorSettings {
     /// Temperature of the sensor \[°C\], -100 to 200, which sets the dark current. Default: that of the model.
     #[serde(deserialize_with = "super::check::temperature")]
     pub temperature: Option<f64>,
+    /// Offset of the grey values \[DN\], 0 to 65535 and at most 90 % of the largest grey value: the black level. Default: that of the
+    /// model.
+    #[serde(deserialize_with = "super::check::black_level")]
+    pub black_level: Option<f64>,
 }
 
 /// The choice of a sensor.
