@@ -163,7 +163,8 @@ fn gain_temperature_and_black_level_of_a_job_change_its_sensor() {
             SensorChoice::None => panic!("no sensor"),
         }
     };
-    let (plain, changed) = (model("model = 'imx174'"), model("model = 'imx174'\ngain = 2.5\ntemperature = 45\nblack_level = 77.5"));
+    let (plain, changed) =
+        (model("model = 'imx174'"), model("model = 'imx174'\ngain = 2.5\ntemperature = 45\nblack_level = 77.5"));
     assert_eq!(changed.system_gain, 2.5 * plain.system_gain);
     assert_eq!((changed.dark_noise, changed.full_well), (plain.dark_noise, plain.full_well));
     assert_eq!((changed.temperature.0, changed.offset.0), (45.0, 77.5));

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from images import grey_values, layers, picture, write_exr
 from jobs import COLOUR_SENSOR, station
-from program import View, run
+from program import Refused, View, run
 
 OWN = "as in the job"
 
@@ -199,6 +199,55 @@ def test_measurements_are_those_of_the_frame(film):
     # The slope of variance over mean is the system gain. The line has 24 points with at least 280 pixels each: a
     # relative standard deviation of 9 % of each variance, 2 % of the slope; six of these.
     assert transfer["line"]["slope"] == pytest.approx(transfer["gain"], rel=0.12)
+
+
+def natural_vignetting(width=96, height=72, vertical_fov=30):
+    """The fourth power of the cosine of the field angle, at the centres of the pixels of the station."""
+    half = np.tan(np.radians(vertical_fov / 2))
+    x = (2 * (np.arange(width) + 0.5) / width - 1) * half * width / height
+    y = (2 * (np.arange(height) + 0.5) / height - 1) * half
+    return (1 + x[None, :] ** 2 + y[:, None] ** 2) ** -2.0
+
+
+@pytest.mark.parametrize("rendered", [False, True])
+@pytest.mark.parametrize("noise", ["plain", "matched"])
+def test_vignetting_is_a_knob_without_new_samples(view, tmp_path, open_page, rendered, noise):
+    lens = '[lens]\nvignetting = "cos4"\n' if rendered else ""
+    running = view(job=station(sensor='exposure = "2ms"', more=lens))
+    running.wait_for_film(16)
+    running.pause()
+    assert running.camera()["vignetting"] is rendered
+    share = natural_vignetting()
+    factor = 1 / share if rendered else share
+    own, other = running.camera(noise=noise), running.camera(noise=noise, vignetting=not rendered)
+    for x, y in [(0, 0), (95, 71), (48, 36), (20, 60)]:
+        one, two = (running.post("probe", {"camera": c, "frame": 0, "x": x, "y": y}) for c in [own, other])
+        assert two["electrons"] == pytest.approx(one["electrons"] * factor[y, x], rel=1e-5)
+        assert two["radiance"] == pytest.approx(np.multiply(one["radiance"], factor[y, x]), rel=1e-5)
+        assert one["samples"] == two["samples"]
+    # The noise of the render has the same factor, in all pixels where it is known.
+    ask = [{"map": "render_sigma", "camera": camera} for camera in [own, other]]
+    one, two = (running.picture("map", body)[1] for body in ask)
+    known = np.isfinite(one)
+    assert known.mean() > 0.9 and (known == np.isfinite(two)).all()
+    assert two[known] == pytest.approx((one * factor)[known], rel=1e-3)
+    # The page has the knob, and the files have its value.
+    page = open_page(running)
+    page.set("noise", noise)
+    page.click("vignetting")
+    assert page.text("problems") == "" and page.checked("vignetting") is not rendered
+    _, values = values_of(page)
+    body = {"what": ["png", "tiff", "job"], "name": "other", "camera": page.camera(), "frame": 0}
+    running.post("save", body)
+    assert (grey_values(tmp_path / "other.tif") == values).all()
+    wanted = "none" if rendered else "cos4"
+    assert f'vignetting = "{wanted}"' in (tmp_path / "other.toml").read_text()
+    for what, word in [(["exr"], "layers"), (["checkpoint", "job"], "continue")]:
+        with pytest.raises(Refused) as refusal:
+            running.post("save", {**body, "what": what, "name": "refused"})
+        assert word in refusal.value.fault["problem"]
+    assert running.state()["render"]["restarted"] == 0
+    page.assert_quiet_console()
 
 
 def test_refused_knobs_keep_the_picture(film, open_page):

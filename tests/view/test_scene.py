@@ -300,7 +300,7 @@ def test_a_changed_job_is_loaded_again(view, tmp_path, open_page):
     names = ["left", "front", "third"]
     running.wait(lambda state: [light["name"] for light in state["scene"]["lights"]] == names, "the new lights")
     page.wait(lambda: page.js("return document.querySelectorAll('#lights input[type=checkbox]').length") == 3, "knobs")
-    # Vignetting is a part of the film: the knob follows.
+    # The knob of the vignetting follows the job.
     assert page.checked("vignetting") is False
     job.write_text(station(more='[lens]\nvignetting = "cos4"\n'))
     page.wait(lambda: page.checked("vignetting"), "the knob of the vignetting")

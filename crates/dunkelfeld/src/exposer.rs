@@ -27,6 +27,7 @@ use dunkelfeld_sensor::{
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 /// An image and a camera. It computes frames.
 #[derive(Clone, Debug)]
@@ -36,6 +37,8 @@ pub struct Exposer {
     exposure: Exposure,
     seed: u64,
     electrons: Plane<f32>,
+    /// The transmission of another lens than that of the films. `None` if they have the same.
+    transmission: Option<Arc<Plane<f32>>>,
     /// The noise of the electrons, as far as the file contains it. `None` if all of the camera's noise is drawn.
     known: Option<CompensationInputs>,
     no_light: bool,
@@ -77,6 +80,35 @@ impl Exposer {
         radiance: Plane<[f32; 3]>,
         settings: &ExposeSettings,
     ) -> Result<Self, Error> {
+        Self::of_films(films, radiance, None, settings)
+    }
+
+    /// [`Self::of_films_and_mean`] behind a lens with another transmission than that of the films. `transmission` is the
+    /// ratio of both in each pixel, above zero. `radiance` is the sum of the means times the transmission
+    /// ([`through_lens`]). The variances get its square.
+    ///
+    /// # Errors
+    /// As [`Self::of_films_and_mean`], and a transmission of another size or out of range.
+    pub fn behind_lens(
+        films: &[(&RenderedFilm, f64)],
+        radiance: Plane<[f32; 3]>,
+        transmission: Arc<Plane<f32>>,
+        settings: &ExposeSettings,
+    ) -> Result<Self, Error> {
+        let is_same_size = (transmission.width(), transmission.height()) == (radiance.width(), radiance.height());
+        if !is_same_size || !transmission.data().iter().all(|t| t.is_finite() && *t > 0.0) {
+            let problem = "is not above zero in each pixel of the films";
+            return Err(Error::setting("transmission", problem, "pass a plane of the size of the films"));
+        }
+        Self::of_films(films, radiance, Some(transmission), settings)
+    }
+
+    fn of_films(
+        films: &[(&RenderedFilm, f64)],
+        radiance: Plane<[f32; 3]>,
+        transmission: Option<Arc<Plane<f32>>>,
+        settings: &ExposeSettings,
+    ) -> Result<Self, Error> {
         check(settings)?;
         let size = [radiance.width(), radiance.height()];
         check_films(size, films.iter().map(|(film, factor)| ([film.sums.width(), film.sums.height()], *factor)))?;
@@ -93,13 +125,21 @@ impl Exposer {
                 is_rare: Plane::new(size[0], size[1], false),
             };
             let lit = films.iter().copied().filter(|(_, factor)| *factor > 0.0);
-            is_matched.then(|| CompensationInputs::sum(lit.map(noise)).unwrap_or_else(dark))
+            is_matched.then(|| {
+                let mut sum = CompensationInputs::sum(lit.map(noise)).unwrap_or_else(dark);
+                if let Some(transmission) = &transmission {
+                    let pixels = sum.variance.data_mut().iter_mut().zip(transmission.data());
+                    pixels.for_each(|(variance, t)| *variance *= t * t);
+                }
+                sum
+            })
         };
         if settings.vignetting.is_some() {
             let problem = "the lens of a render darkens its corners during the render";
             return Err(Error::setting("vignetting", problem, "set it in the lens of the render"));
         }
-        Self::new(radiance, settings, (model, *optics, settings.readout), known)
+        let exposer = Self::new(radiance, settings, (model, *optics, settings.readout), known)?;
+        Ok(Self { transmission, ..exposer })
     }
 
     /// Combines mean radiance [W/(m^2 sr)] with a camera, and with the noise that the electrons have, for matched
@@ -117,7 +157,19 @@ impl Exposer {
         let device = Device::with_readout(model.clone(), settings.seed, [radiance.width(), radiance.height()], readout);
         let (electrons, invalid) = (mean.plane, mean.invalid);
         let seed = settings.seed;
-        Ok(Self { device, response, exposure, seed, electrons, known, no_light, invalid, invalid_variances: 0 })
+        let (transmission, invalid_variances) = (None, 0);
+        Ok(Self {
+            device,
+            response,
+            exposure,
+            seed,
+            electrons,
+            transmission,
+            known,
+            no_light,
+            invalid,
+            invalid_variances,
+        })
     }
 
     /// Reads an EXR and combines it with a camera. Binning, the stages of a line scan, the wavelengths of the channels
@@ -160,7 +212,7 @@ impl Exposer {
             let (width, height) = (radiance.width(), radiance.height());
             // Transmission of the lens, relative to its axis.
             let share = Plane::from_fn(width, height, |x, y| cosine_fourth(x, y, width, height, distance));
-            radiance = darkened(&radiance, &share);
+            radiance = through_lens(&radiance, &share);
             noise = noise.map(|noise| noise.darkened(&share));
         }
         let invalid_variances = noise.as_ref().map_or(0, |noise| invalid_variances_of(&noise.variance));
@@ -193,7 +245,10 @@ impl Exposer {
 
     /// The certificate at `k` of the film that is exposed, for this camera. Runs on the threads of the current pool.
     pub fn certify(&self, film: &RenderedFilm, k: f64) -> Option<Certified> {
-        FilmNoise::exposed(self.response, self.model(), self.exposure, film).certify(k)
+        match self.transmission {
+            None => FilmNoise::exposed(self.response, self.model(), self.exposure, film).certify(k),
+            Some(_) => self.certify_sum(&[(&self.film_variances(film), 1.0)], k).ok(),
+        }
     }
 
     /// The variances of the means of a film behind this camera, for [`Self::certify_sum`]. They hold for cameras of the same
@@ -224,8 +279,13 @@ impl Exposer {
         let scaled: Vec<(&[f32], f64)> = (films.iter().filter(|(_, factor)| *factor > 0.0))
             .map(|(film, factor)| (film.variance.data(), (factor * time / film.seconds).powi(2)))
             .collect();
+        let squared =
+            |pixel: usize| self.transmission.as_ref().map_or(1.0, |plane| f64::from(plane.data()[pixel]).powi(2));
         let variances = (0..self.electrons.data().len())
-            .map(|pixel| scaled.iter().map(|(variance, scale)| f64::from(variance[pixel]) * scale).sum::<f64>() as f32);
+            .map(|pixel| {
+                (pixel, scaled.iter().map(|(variance, scale)| f64::from(variance[pixel]) * scale).sum::<f64>())
+            })
+            .map(|(pixel, sum)| (sum * squared(pixel)) as f32);
         Ok(certify_variances(&self.electrons, sensor_noise(self.model(), self.exposure), variances, k))
     }
 
@@ -334,11 +394,11 @@ fn cosine_fourth(x: u32, y: u32, width: u32, height: u32, distance: f64) -> f64 
     (1.0 + tangent_squared).powi(-2)
 }
 
-/// The image behind a lens with this relative transmission.
-fn darkened(radiance: &Plane<[f32; 3]>, share: &Plane<f64>) -> Plane<[f32; 3]> {
-    let mut shares = share.data().iter();
+/// The image behind a lens with this transmission, relative to that of the image.
+pub fn through_lens<T: Copy + Into<f64>>(radiance: &Plane<[f32; 3]>, transmission: &Plane<T>) -> Plane<[f32; 3]> {
+    let mut shares = transmission.data().iter();
     radiance.map(|&pixel| {
-        let share = shares.next().copied().unwrap_or(1.0);
+        let share: f64 = shares.next().map_or(1.0, |&share| share.into());
         pixel.map(|v| (f64::from(v) * share) as f32)
     })
 }
@@ -399,7 +459,7 @@ impl NoiseLayers {
             });
             PixelLayers { counts, surface, scatter }
         });
-        let [variance, covariance] = [&self.variance, &self.covariance].map(|plane| darkened(plane, &squares));
+        let [variance, covariance] = [&self.variance, &self.covariance].map(|plane| through_lens(plane, &squares));
         Self { variance, covariance, pixels }
     }
 

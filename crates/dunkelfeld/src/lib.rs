@@ -52,13 +52,13 @@ pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, expose_ex
 pub use commands::init::init;
 pub use commands::merge::{MergeSettings, Merged, merge};
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser};
-pub use exposer::{Exposer, FilmVariances};
+pub use exposer::{Exposer, FilmVariances, through_lens};
 pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
 pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, ObjectEntry, inspect,
 };
-pub use light_films::{FilmOfLight, develop_films, encode_light_layers, sum_of_means};
+pub use light_films::{FilmOfLight, develop_behind_lens, develop_films, encode_light_layers, sum_of_means};
 pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats};
 pub use noise_compensation::Matched;
 pub use options::{

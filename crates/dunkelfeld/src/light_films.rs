@@ -2,7 +2,7 @@
 //! the lights is the sum of the means times the factors, and its variance is the sum of the variances times their squares.
 
 use crate::commands::expose::ExposeSettings;
-use crate::exposer::{Exposer, check_films};
+use crate::exposer::{Exposer, check_films, through_lens};
 use crate::frame::{Frame, develop};
 use crate::outputs::{layer_attributes, layers_of_band, plane};
 use dunkelfeld_film::{Film, PixelSums, Plane};
@@ -12,6 +12,7 @@ use dunkelfeld_render::parallel::mean_without_gaps;
 use dunkelfeld_render::{Error, RenderSettings, RenderedFilm};
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// A film with the name of its light, and the factor of its radiance.
 #[derive(Clone, Copy, Debug)]
@@ -56,13 +57,33 @@ pub fn sum_of_means(means: &[(&Plane<[f32; 3]>, f64)]) -> Result<Plane<[f32; 3]>
 /// # Errors
 /// As [`sum_of_means`], and an exposure outside the ranges of the sensor.
 pub fn develop_films(films: &[FilmOfLight<'_>], settings: &RenderSettings) -> Result<Frame, Error> {
+    develop_behind_lens(films, None, settings)
+}
+
+/// [`develop_films`] behind a lens with another transmission than that of the films ([`Exposer::behind_lens`]), if one is
+/// given.
+///
+/// # Errors
+/// As [`develop_films`] and [`Exposer::behind_lens`].
+pub fn develop_behind_lens(
+    films: &[FilmOfLight<'_>],
+    transmission: Option<Arc<Plane<f32>>>,
+    settings: &RenderSettings,
+) -> Result<Frame, Error> {
     let means: Vec<(Plane<[f32; 3]>, f64)> =
         films.iter().map(|light| (mean_without_gaps(&light.film.sums), light.factor)).collect();
     let mean = sum_of_means(&means.iter().map(|(mean, factor)| (mean, *factor)).collect::<Vec<_>>())?;
     drop(means);
+    let mean = match &transmission {
+        None => mean,
+        Some(transmission) => through_lens(&mean, transmission),
+    };
     let Some(camera) = ExposeSettings::of_render(settings)? else { return develop(&mean, settings) };
     let weighted: Vec<(&RenderedFilm, f64)> = films.iter().map(|light| (light.film, light.factor)).collect();
-    let exposer = Exposer::of_films_and_mean(&weighted, mean, &camera)?;
+    let exposer = match transmission {
+        None => Exposer::of_films_and_mean(&weighted, mean, &camera)?,
+        Some(transmission) => Exposer::behind_lens(&weighted, mean, transmission, &camera)?,
+    };
     let lit = films.iter().filter(|light| light.factor > 0.0);
     let variances: Vec<_> = lit.map(|light| (exposer.film_variances(light.film), light.factor)).collect();
     let k = settings.budget.noise.unwrap_or(dunkelfeld_adaptive::required_samples::DEFAULT_TARGET);

@@ -9,7 +9,7 @@ use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise, PRESETS, SensorModel, display};
 use dunkelfeld::{
     Certified, DenoiseMethod, DenoiseSettings, ExposeSettings, Exposer, Picture, RenderedFilm, SensorChoice, Session,
-    denoise_film, find_denoiser,
+    denoise_film, find_denoiser, through_lens,
 };
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Instant;
@@ -72,7 +72,9 @@ pub(crate) struct Developed {
     pub(crate) exposer: Option<Exposer>,
     /// The factor of each film.
     pub(crate) factors: Vec<f64>,
-    /// The unbiased mean of the films of the lights.
+    /// The transmission of the lens, if it is another one than that of the film.
+    pub(crate) transmission: Option<Arc<Plane<f32>>>,
+    /// The unbiased mean of the films of the lights, or behind another lens.
     sum: Option<Plane<[f32; 3]>>,
     /// The mean that is shown, if it is denoised.
     denoised: Option<Plane<[f32; 3]>>,
@@ -82,12 +84,10 @@ pub(crate) struct Developed {
 impl Developed {
     /// Runs on the threads of the session.
     fn new(snapshot: Arc<Snapshot>, camera: &Camera, session: &Session<'_>) -> Result<Self, Fault> {
-        if camera.vignetting != snapshot.is_vignetted {
-            return Err(Fault::new(
-                "the vignetting of a film is rendered",
-                "set `vignetting` of the lens in the job, which starts the render again",
-            ));
-        }
+        let transmission = match camera.vignetting == snapshot.is_vignetted {
+            true => None,
+            false => Some(snapshot.other_transmission()?),
+        };
         let factors = snapshot.factors(camera.lights.as_ref())?;
         let denoise = |film: &RenderedFilm| denoised(film, &snapshot.settings.denoise, camera.denoise, session);
         let denoised = match (camera.denoise, &snapshot.content) {
@@ -102,9 +102,16 @@ impl Developed {
             Content::Lights(films) => Some(light_sum::mean(films, &factors)?),
             Content::Film(_) | Content::Exr(_) => None,
         };
+        let (sum, denoised) = match &transmission {
+            None => (sum, denoised),
+            Some(transmission) => {
+                let mean = sum.as_ref().unwrap_or_else(|| snapshot.mean());
+                (Some(through_lens(mean, transmission)), denoised.map(|mean| through_lens(&mean, transmission)))
+            }
+        };
         let model = snapshot.scene.sensors.model(camera, snapshot.settings.readout.binning)?;
         let (camera, certified) = (camera.clone(), OnceLock::new());
-        let mut developed = Self { snapshot, camera, exposer: None, factors, sum, denoised, certified };
+        let mut developed = Self { snapshot, camera, exposer: None, factors, transmission, sum, denoised, certified };
         developed.exposer = model.map(|model| developed.expose(model)).transpose()?;
         Ok(developed)
     }
@@ -129,15 +136,16 @@ impl Developed {
             return Ok(Exposer::open(path, &settings)?);
         }
         let films: Vec<(&RenderedFilm, f64)> = snapshot.films().zip(self.factors.iter().copied()).collect();
-        let Some(denoised) = denoised else {
-            return Ok(Exposer::of_films_and_mean(&films, self.radiance().clone(), &settings)?);
+        let of_mean = |mean: &Plane<[f32; 3]>, settings: &ExposeSettings| match &self.transmission {
+            None => Exposer::of_films_and_mean(&films, mean.clone(), settings),
+            Some(transmission) => Exposer::behind_lens(&films, mean.clone(), transmission.clone(), settings),
         };
+        let Some(denoised) = denoised else { return Ok(of_mean(self.radiance(), &settings)?) };
         if settings.exposure.is_none() {
             // The exposure is that of the unbiased mean.
-            let plain = Exposer::of_films_and_mean(&films, self.radiance().clone(), &settings)?;
-            settings.exposure = Some(plain.exposure());
+            settings.exposure = Some(of_mean(self.radiance(), &settings)?.exposure());
         }
-        Ok(Exposer::of_films_and_mean(&films, denoised.clone(), &settings)?)
+        Ok(of_mean(denoised, &settings)?)
     }
 
     /// The film behind a camera with a fixed exposure, without the store.

@@ -208,7 +208,8 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
     }
     let project = scenes.whole;
     let settings = project.fitted()?;
-    let is_vignetted = dunkelfeld::camera(&project.scene, &settings)?.has_vignetting();
+    let camera = dunkelfeld::camera(&project.scene, &settings)?;
+    let is_vignetted = camera.has_vignetting();
     let is_restart = shared.snapshot().is_some();
     let scene = {
         let live = lock(&shared.live);
@@ -218,6 +219,8 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
             parts: live.parts.clone(),
             job: live.job.clone(),
             sensors: live.sensors.clone(),
+            camera: Some(camera),
+            ..PictureScene::default()
         }
     };
     shared.update(|live| {

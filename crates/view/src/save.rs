@@ -9,8 +9,8 @@ use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
-    Error, Frame, RenderSettings, SavedFilm, SensorChoice, develop_film, develop_films, encode_layers,
-    encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
+    Error, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop_behind_lens, develop_film,
+    encode_layers, encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
 };
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -64,6 +64,16 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
             format!("choose the device {}, or save the job alone", snapshot.settings.seed),
         ));
     }
+    let is_other_lens = request.camera.vignetting != snapshot.is_vignetted;
+    if is_other_lens && kinds().any(|kind| kind == SaveKind::Exr) {
+        let problem = "the layers of an EXR have the vignetting of the film";
+        return Err(Fault::new(problem, "save them with that, or render the job with the other one"));
+    }
+    if is_other_lens && is_continued && kinds().any(|kind| kind == SaveKind::Job) {
+        let problem = "the job has another vignetting than the film, so that it cannot continue it";
+        return Err(Fault::new(problem, "save the job alone, or choose the vignetting of the film"));
+    }
+    let transmission = if is_other_lens { Some(snapshot.other_transmission()?) } else { None };
     let continued =
         files.iter().find(|(kind, _)| is_continued && *kind == SaveKind::Checkpoint).map(|(_, file)| file.as_path());
     // The frame of a continued film is that of its samples.
@@ -75,8 +85,15 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     };
     let frame = if needs_frame {
         let frame = shared.session.install(|| match &snapshot.content {
-            Content::Film(film) => develop_film(film, &settings).map(Some),
-            Content::Lights(films) => develop_films(&light_sum::with_names(films, &factors), &settings).map(Some),
+            Content::Film(film) if transmission.is_none() => develop_film(film, &settings).map(Some),
+            Content::Film(film) => {
+                let film = FilmOfLight { name: "", film, factor: 1.0 };
+                develop_behind_lens(&[film], transmission.clone(), &settings).map(Some)
+            }
+            Content::Lights(films) => {
+                let films = light_sum::with_names(films, &factors);
+                develop_behind_lens(&films, transmission.clone(), &settings).map(Some)
+            }
             Content::Exr(_) => Ok(None),
         });
         frame.map_err(Fault::from)?
@@ -242,6 +259,12 @@ fn job_of(
         ("spp".to_owned(), Value::from(snapshot.spp()))
     };
     job.insert("budget".into(), Table::from_iter([budget]).into());
+    if camera.vignetting != snapshot.is_vignetted {
+        let lens = job.entry("lens").or_insert_with(|| Table::new().into());
+        if let Value::Table(lens) = lens {
+            lens.insert("vignetting".into(), if camera.vignetting { "cos4" } else { "none" }.into());
+        }
+    }
     // Outputs of the job before are not replaced.
     job.remove("output");
     let mut options = Vec::new();

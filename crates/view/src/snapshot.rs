@@ -6,6 +6,7 @@ use crate::protocol::Fault;
 use crate::scene_change::{SceneChange, SceneParts};
 use dunkelfeld::film::{PixelSums, Plane};
 use dunkelfeld::radiometry::Rgb;
+use dunkelfeld::scene::RayGenerator;
 use dunkelfeld::{RenderSettings, RenderedFilm, Session, mean_without_gaps};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -31,6 +32,24 @@ pub(crate) struct PictureScene {
     /// The text of the job as it was read; `None` for a scene without a job.
     pub(crate) job: Option<String>,
     pub(crate) sensors: Sensors,
+    /// `None` for a stored picture.
+    pub(crate) camera: Option<RayGenerator>,
+    /// The natural vignetting of the camera, computed when it is needed.
+    pub(crate) vignetting: OnceLock<Option<Arc<Plane<f32>>>>,
+}
+
+impl PictureScene {
+    /// The natural vignetting of each pixel, at its centre. `None` for parallel rays, and without a camera.
+    fn vignetting(&self, [width, height]: [u32; 2]) -> Option<Arc<Plane<f32>>> {
+        let of_pixel = |camera: &RayGenerator, x: u32, y: u32| {
+            camera.natural_vignetting(f64::from(x) + 0.5, f64::from(y) + 0.5).unwrap_or(1.0) as f32
+        };
+        let plane = || {
+            let camera = self.camera.as_ref().filter(|camera| camera.natural_vignetting(0.0, 0.0).is_some())?;
+            Some(Arc::new(Plane::from_fn(width, height, |x, y| of_pixel(camera, x, y))))
+        };
+        self.vignetting.get_or_init(plane).clone()
+    }
 }
 
 /// The heaviest sample of a pixel.
@@ -170,6 +189,18 @@ impl Snapshot {
             Content::Lights(films) => films.get(film).map(|light| &light.name[..]),
             Content::Film(_) | Content::Exr(_) => None,
         }
+    }
+
+    /// The transmission of a lens with the other choice of vignetting, relative to that of the film.
+    ///
+    /// # Errors
+    /// A stored picture, and parallel rays.
+    pub(crate) fn other_transmission(&self) -> Result<Arc<Plane<f32>>, Fault> {
+        let Some(shares) = self.scene.vignetting(self.size()) else {
+            let problem = "the lens is unknown, or its rays are parallel and have no vignetting";
+            return Err(Fault::new(problem, "open the scene or its job, with a camera of perspective"));
+        };
+        Ok(if self.is_vignetted { Arc::new(shares.map(|share| 1.0 / share)) } else { shares })
     }
 
     /// Width and height \[pixels\].

@@ -175,6 +175,13 @@ impl RayGenerator {
         self.darkens
     }
 
+    /// The fourth power of the cosine of the angle between axis and chief ray through the film point (x, y), in pixels from
+    /// the top left corner: the natural vignetting of a thin lens, whether the camera has it or not. `None` for parallel
+    /// rays.
+    pub fn natural_vignetting(&self, x: f64, y: f64) -> Option<f64> {
+        (!self.parallel).then(|| cosine_fourth(self.seen(x, y)))
+    }
+
     /// The ray through the film point (x, y), in pixels from the top left corner. Two uniform numbers choose the point
     /// of the aperture. Without numbers, or without a finite aperture, the result is the chief ray.
     #[inline]
@@ -188,13 +195,7 @@ impl RayGenerator {
         };
         // The scene lies within its radius of the origin. Up to there the ray meets no surface.
         let start = (-from.dot(direction) - self.clearance).max(0.0);
-        let weight = if self.darkens {
-            // The fourth power of the cosine.
-            let secant_squared = 1.0 + right * right + up * up;
-            1.0 / (secant_squared * secant_squared)
-        } else {
-            1.0
-        };
+        let weight = if self.darkens { cosine_fourth([right, up]) } else { 1.0 };
         let ray = Ray::new((from + start * direction).as_vec3(), direction.as_vec3());
         CameraRay { ray, weight: weight as f32, start: start as f32 }
     }
@@ -263,6 +264,13 @@ impl RayGenerator {
     pub fn forward(&self) -> DVec3 {
         -self.axes.z_axis
     }
+}
+
+/// The fourth power of the cosine, for a place on a film at unit distance.
+#[inline]
+fn cosine_fourth([right, up]: [f64; 2]) -> f64 {
+    let secant_squared = 1.0 + right * right + up * up;
+    1.0 / (secant_squared * secant_squared)
 }
 
 /// Checks the numbers of a camera. The error contains the problem and the valid range.
