@@ -1,0 +1,214 @@
+"""Figures of the live view: first picture, latency of the knobs, frames a second, and the cost to the render.
+
+It starts the program on scenes/inspection/inspection.toml, with the page in a headless Chromium, and prints a table. With
+`--pictures FOLDER` it also writes the screenshots of docs/view.md. Nothing else should run on the machine.
+
+    pip install numpy selenium
+    DUNKELFELD=target/release/dunkelfeld python benches/view.py
+"""
+
+import argparse
+import json
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "view"))
+
+from page import Page
+from program import ROOT, View
+
+SCENE = ROOT / "scenes" / "inspection"
+# The time from a change on the page to the painted picture.
+CHANGE = """
+const [id, value, done] = arguments;
+const began = performance.now();
+const control = document.getElementById(id);
+if (control.type === "checkbox") control.click();
+else {
+  control.value = value;
+  control.dispatchEvent(new Event("change", {bubbles: true}));
+}
+window.dunkelfeld.idle().then(() => requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now() - began))));
+"""
+
+
+def job(folder, width, height):
+    """The job of the inspection scene with another number of pixels."""
+    text = (SCENE / "inspection.toml").read_text()
+    text = text.replace('"inspection.glb"', json.dumps(str(SCENE / "inspection.glb")))
+    changed = text.replace("width = 512", f"width = {width}").replace("height = 512", f"height = {height}")
+    assert changed != text or (width, height) == (512, 512)
+    path = Path(folder) / f"{width}x{height}.toml"
+    path.write_text(changed)
+    return path
+
+
+def shown(driver, view):
+    """The page of a view, with a picture."""
+    page = Page(driver, view.url)
+    page.wait(lambda: page.frame() is not None, "a picture")
+    return page
+
+
+def first_picture(folder):
+    """Seconds from the end of the load to the first picture, and from the start of the program."""
+    began = time.monotonic()
+    view = View(job(folder, 512, 512), folder=folder)
+    try:
+        loaded = None
+        while True:
+            state = view.state()
+            if loaded is None and state["render"]["state"] == "running":
+                loaded = time.monotonic()
+            if state["film"]:
+                break
+            time.sleep(0.002)
+        view.frame()
+        now = time.monotonic()
+        return now - loaded, now - began
+    finally:
+        view.close()
+
+
+def quantiles(values):
+    values = sorted(values)
+    return statistics.median(values), values[min(len(values) - 1, int(0.95 * len(values)))]
+
+
+def knobs(view, page, count):
+    """Latencies [ms] of the knobs on the page: median and 95 %."""
+    changes = {
+        "exposure": [("exposure-value", f"{3 + 0.1 * i} ms") for i in range(count)],
+        "gain": [("gain-value", str(1 + 0.05 * i)) for i in range(count)],
+        "device": [("device", str(i + 1)) for i in range(count)],
+        "black level": [("black-level", str(10 + i)) for i in range(count)],
+        "sensor": [("sensor", ["imx174", "imx250"][i % 2]) for i in range(count)],
+        "noise (none, plain)": [("noise", ["none", "plain"][i % 2]) for i in range(count)],
+    }
+    page.driver.set_script_timeout(120)
+    found = {}
+    for name, steps in changes.items():
+        times = [page.driver.execute_async_script(CHANGE, *step) for step in steps]
+        found[name] = quantiles(times)
+    found["matched noise, first time"] = quantiles([page.driver.execute_async_script(CHANGE, "noise", "matched")])
+    page.driver.execute_async_script(CHANGE, "noise", "plain")
+    return found
+
+
+def frame_rate(page, seconds):
+    """Frames a second of the live view, as the page measures it."""
+    page.js("document.getElementById('live').click()")
+    time.sleep(seconds)
+    rate = page.text("frame-rate")
+    page.js("document.getElementById('live').click()")
+    return float(rate.split()[0])
+
+
+def samples_per_second(view, seconds):
+    """Samples a second, from the progress of the render."""
+    before = view.state()
+    time.sleep(seconds)
+    after = view.state()
+    samples = after["film"]["samples"] - before["film"]["samples"]
+    return samples / (after["film"]["seconds"] - before["film"]["seconds"])
+
+
+def cost(folder, driver, rounds, seconds):
+    """Samples a second with a page (still, live) over those without a page, in turns."""
+    view = View(job(folder, 1024, 1024), folder=folder)
+    try:
+        view.wait_for_film(1)
+        rates = {"none": [], "page": [], "live": []}
+        for _ in range(rounds):
+            driver.get("about:blank")
+            time.sleep(1)
+            rates["none"].append(samples_per_second(view, seconds))
+            page = Page(driver, view.url)
+            time.sleep(1)
+            rates["page"].append(samples_per_second(view, seconds))
+            page.js("document.getElementById('live').click()")
+            time.sleep(1)
+            rates["live"].append(samples_per_second(view, seconds))
+        driver.get("about:blank")
+        mean = {name: statistics.mean(values) for name, values in rates.items()}
+        return {name: 1 - mean[name] / mean["none"] for name in ["page", "live"]}
+    finally:
+        view.close()
+
+
+def screenshots(folder, driver, target):
+    """The pictures of docs/view.md."""
+    view = View(job(folder, 512, 512), folder=folder)
+    try:
+        page = Page(driver, view.url)
+        view.wait_for_film(16)
+        page.set("sensor", "imx250")
+        page.driver.save_screenshot(str(target / "view-camera.png"))
+        page.tab("noise")
+        page.set("map", "ratio")
+        page.wait(lambda: page.state()["certificate"] is not None, "a certificate")
+        page.idle()
+        page.driver.save_screenshot(str(target / "view-noise.png"))
+        page.set("map", "none")
+        page.tab("measure")
+        page.set("region1", "150 210 200 260")
+        page.set("region2", "230 330 280 380")
+        page.set("line", "60 300 460 300")
+        page.idle()
+        page.driver.save_screenshot(str(target / "view-measure.png"))
+    finally:
+        view.close()
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pictures", type=Path, help="folder of the screenshots")
+    parser.add_argument("--only-pictures", action="store_true")
+    arguments = parser.parse_args()
+    options = webdriver.ChromeOptions()
+    options.binary_location = "/usr/bin/chromium"
+    for argument in ["headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage"]:
+        options.add_argument(f"--{argument}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options, Service("/usr/bin/chromedriver"))
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            if arguments.pictures:
+                screenshots(folder, driver, arguments.pictures)
+            if arguments.only_pictures:
+                return
+            times = [first_picture(folder) for _ in range(7)]
+            after_load, from_start = zip(*times, strict=True)
+            print(f"first picture after the load, 512 x 512: median {statistics.median(after_load):.2f} s")
+            print(
+                f"  largest {max(after_load):.2f} s; from the start of the program {statistics.median(from_start):.2f} s"
+            )
+            for width, height in [(1024, 1024), (2592, 1944)]:
+                view = View(job(folder, width, height), folder=folder)
+                try:
+                    view.wait_for_film(0.5)
+                    for state in ["running", "paused"]:
+                        if state == "paused":
+                            view.pause()
+                        page = shown(driver, view)
+                        print(f"{width} x {height}, render {state}: live view {frame_rate(page, 8):.1f} frames/s")
+                        if width == 1024:
+                            for name, (median, high) in knobs(view, page, 20).items():
+                                print(f"  {name}: median {median:.0f} ms, 95 % {high:.0f} ms")
+                    driver.get("about:blank")
+                finally:
+                    view.close()
+            for name, share in cost(folder, driver, 5, 8).items():
+                print(f"cost of a page to the render, 1024 x 1024, {name}: {100 * share:.1f} %")
+    finally:
+        driver.quit()
+
+
+if __name__ == "__main__":
+    main()
