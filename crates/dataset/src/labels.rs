@@ -1,6 +1,7 @@
 //! Labels of an image: the instance at each pixel, seen through clear covers, with coverage, depth and normals.
 
 use crate::ids::ObjectLabel;
+use crate::surface_path::SurfacePath;
 use dunkelfeld_film::Plane;
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
 use dunkelfeld_integrator::{Crossing, Passage, crossings};
@@ -19,6 +20,8 @@ pub(crate) struct LabelLayers {
     pub(crate) samples: u32,
     pub(crate) depth: bool,
     pub(crate) normals: bool,
+    /// The surfaces below the defects.
+    pub(crate) surfaces: bool,
 }
 
 /// The labels of an image.
@@ -33,6 +36,8 @@ pub(crate) struct LabelPlanes {
     pub(crate) depth: Option<Plane<f32>>,
     /// Unit normal toward the camera in its frame: x right, y down, z forward; 0 where there is no surface.
     pub(crate) normals: Option<Plane<[f32; 3]>>,
+    /// The surface that each pixel shows without the defects.
+    pub(crate) surfaces: Option<Plane<SurfacePath>>,
     /// Area of each instance that is in the film.
     pub(crate) areas: BTreeMap<u16, Area>,
 }
@@ -59,6 +64,8 @@ struct Met {
     all: Vec<u16>,
     /// The first surface that scatters, or else the first clear one.
     surface: Option<(Crossing, bool)>,
+    /// The surfaces without those of defects.
+    below: SurfacePath,
 }
 
 impl Met {
@@ -71,6 +78,7 @@ impl Met {
     /// Receives a surface.
     fn visit(&mut self, crossing: &Crossing, labels: &[Option<ObjectLabel>]) {
         let label = labels.get(crossing.ids.object() as usize).copied().flatten();
+        self.below.visit(crossing, label, LEAST_COVERAGE);
         if let Some(label) = label
             && (label.is_defect || crossing.coverage >= LEAST_COVERAGE)
             && !self.all.contains(&label.instance)
@@ -174,6 +182,7 @@ pub(crate) fn trace_labels(
         coverage: (side > 1).then(|| plane(width, height, fine.iter().flat_map(|r| &r.coverage).copied())),
         depth: layers.depth.then(|| plane(width, height, rows.iter().flat_map(|r| &r.depth).copied())),
         normals: layers.normals.then(|| plane(width, height, rows.iter().flat_map(|r| &r.normals).copied())),
+        surfaces: layers.surfaces.then(|| plane(width, height, rows.iter().flat_map(|r| &r.surfaces).copied())),
         areas,
     }
 }
@@ -232,6 +241,7 @@ struct CentreRow {
     met: Vec<(u32, u16)>,
     depth: Vec<f32>,
     normals: Vec<[f32; 3]>,
+    surfaces: Vec<SurfacePath>,
 }
 
 /// The samples of a row of pixels.
@@ -250,7 +260,8 @@ impl Tracer<'_> {
             met.visit(crossing, self.labels);
             // Behind the first surface that scatters, only objects with a label matter.
             let is_behind = crossing.passage == Passage::Scattering;
-            if is_behind && !self.objects.iter().any(|bounds| meets(bounds, crossing)) {
+            let is_known = met.below.is_decided || !self.layers.surfaces;
+            if is_behind && is_known && !self.objects.iter().any(|bounds| meets(bounds, crossing)) {
                 return ControlFlow::Break(());
             }
             ControlFlow::Continue(())
@@ -266,6 +277,9 @@ impl Tracer<'_> {
             self.ray(&mut met, [x, y], [0.5; 2]);
             row.instances.push(met.instance());
             row.met.extend(met.all.iter().map(|id| (x, *id)));
+            if self.layers.surfaces {
+                row.surfaces.push(met.below);
+            }
             if self.layers.depth || self.layers.normals {
                 let found = met.surface.map(|(crossing, _)| {
                     let from_eye = self.scene.world_origin() + crossing.point.as_dvec3() - pose.translation;

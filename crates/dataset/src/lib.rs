@@ -33,6 +33,8 @@ mod run;
 mod set;
 mod stable;
 mod study;
+mod surface_path;
+mod surroundings;
 mod time_shares;
 mod verify;
 mod visibility;

@@ -254,7 +254,8 @@ impl Worker {
         let camera = settings.view.clone().ok_or_else(|| Error::setting("camera", "there is none", "name a camera"))?;
         let rays = scene.ray_generator(&camera, width, height)?;
         let wanted = &study.labels;
-        let layers = LabelLayers { samples: wanted.coverage, depth: wanted.depth, normals: wanted.normals };
+        let surfaces = result.frame.sensor.is_some() && !parts.defects.is_empty();
+        let layers = LabelLayers { samples: wanted.coverage, depth: wanted.depth, normals: wanted.normals, surfaces };
         let refined: Vec<PixelBox> = parts
             .boxes
             .iter()
@@ -377,6 +378,7 @@ impl Worker {
         let found = bounds_of(planes);
         let exposed = result.frame.sensor.as_ref().map(|sensor| Exposed {
             electrons: &sensor.electrons,
+            ratios: sensor.certified.as_ref().map(|certified| &certified.ratios),
             model: &sensor.model,
             time: sensor.exposure.time(),
         });
@@ -386,7 +388,9 @@ impl Worker {
                 let (label, name) = known.get(id)?;
                 let (bounds, pixels) = found.get(id).copied().map_or((None, 0), |(b, n)| (Some(b), n));
                 let seen = bounds.zip(exposed.as_ref()).and_then(|(bounds, exposed)| {
-                    visibility(exposed, &planes.instances, *id, bounds, |other| other != *id && is_defect(other))
+                    let surfaces = planes.surfaces.as_ref().filter(|_| label.is_defect);
+                    let is_other = |other| other != *id && is_defect(other);
+                    visibility(exposed, &planes.instances, *id, bounds, is_other, surfaces)
                 });
                 let defect = parts.defects.iter().find(|d| d.placed.object == *name);
                 Some(InstanceRecord {
@@ -398,7 +402,8 @@ impl Worker {
                     visible: area.visible,
                     amodal: area.amodal,
                     contrast: seen.map(|v| v.contrast),
-                    cnr: seen.map(|v| v.cnr),
+                    contrast_error: seen.and_then(|v| v.error),
+                    cnr: seen.and_then(|v| v.cnr),
                     size_mm: defect.map(|d| d.placed.extent * 1e3),
                     defect: defect.map(|d| d.kind.clone()),
                 })

@@ -73,7 +73,10 @@ pub struct InstanceRecord {
     pub amodal: f64,
     /// Mean of the instance minus mean of its surroundings \[DN\]; `None` if one of them has no pixels, or without a sensor.
     pub contrast: Option<f64>,
-    /// Magnitude of the contrast over the temporal noise of a pixel.
+    /// Standard error of the contrast by the noise of the render \[DN\].
+    #[serde(default)]
+    pub contrast_error: Option<f64>,
+    /// Magnitude of the contrast, less the share of the error, over the temporal noise of a pixel.
     pub cnr: Option<f64>,
     /// Largest extent of a defect \[mm\].
     pub size_mm: Option<f64>,
