@@ -207,6 +207,19 @@ def test_one_cluster_continues_shares_ships_and_refuses(
     with pytest.raises(df.InputError, match="finds no place") as caught:
         distributed.make(bad, tmp_path / "bad", client, ship=False)
     assert caught.value.help and caught.value.file == str(bad)
+    with pytest.raises(df.InputError, match="finds no place") as shipped:
+        distributed.make(bad, tmp_path / "bad-shipped", client)
+    assert shipped.value.file == str(bad) and str(bad) in str(shipped.value)
+    # Image 2 has no place for its blocks. It is left out, as by one process, with the same message.
+    some = tmp_path / "some.toml"
+    some.write_text(
+        STUDY.replace('size = ["90mm", 0, "90mm"]', 'size = [{ sequence = ["90mm", "90mm", "20mm", "90mm"] }, 0, "90mm"]')
+    )
+    expected = Study(some).run(tmp_path / "some", count=4, jobs=1)
+    summary = distributed.make(some, tmp_path / "some-shipped", client, count=4)
+    assert (summary["made"], summary["finished"]) == (3, 3)
+    assert summary["failed"] == expected["failed"] and [index for index, _ in summary["failed"]] == [2]
+    assert_same(tmp_path / "some", tmp_path / "some-shipped")
     changed = tmp_path / "changed.toml"
     changed.write_text(STUDY)
     before = Study(changed)

@@ -85,7 +85,14 @@ class Cluster:
     LEAST_RESULTS = 3
     """Results of a kind before their median counts."""
 
-    def __init__(self, client: Any, patience: float, stall: float, retries: int) -> None:
+    def __init__(
+        self,
+        client: Any,
+        patience: float,
+        stall: float,
+        retries: int,
+        refused: tuple[type[BaseException], ...] = (),
+    ) -> None:
         if getattr(client, "asynchronous", False):
             raise setting("client", "is asynchronous", "pass a Client that was made without asynchronous=True")
         if retries < 0:
@@ -95,6 +102,8 @@ class Cluster:
         if not stall >= 1:
             raise setting("stall", f"{stall} is out of range", "pass a factor of 1 or more")
         self.client = client
+        self.refused = refused
+        """Errors of the work that end a task with the event "refused" instead of the call."""
         self.patience, self.stall, self.retries = patience, stall, retries
         self.threads = 0
         """Threads of the workers that do not stall."""
@@ -176,7 +185,7 @@ class Cluster:
                 attempt.future.release()
 
     def wait(self) -> Event | None:
-        """The next event of a running task, or None: an attempt, "finished" or the kind of `follow`, and the result.
+        """The next event of a running task, or None: an attempt, "finished", "refused" or the kind of `follow`, and the result.
 
         Raises the error of the task.
         """
@@ -198,6 +207,8 @@ class Cluster:
         if problem == "error":
             error = attempt.future.exception()
             # Errors of the work itself would come again everywhere.
+            if isinstance(error, self.refused):
+                return attempt, "refused", error
             if not isinstance(error, (self._dask.KilledWorker, ConnectionError, TimeoutError)):
                 raise error
             problem = str(error)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ._attempts import dask, setting
-from ._native import DataSet, Made, Scene, Study, StudyWorker, __version__, merge
+from ._native import DataSet, DunkelfeldError, Made, Scene, Study, StudyWorker, __version__, merge
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -35,6 +35,8 @@ class Source:
     """Hash of the version, of the study, and of the contents of all files."""
     variable: str | None
     """Name of the variable of Dask that has the files."""
+    places: tuple[str, str] = ("", "")
+    """The path on the client as it was given, and the folder of the sent files there."""
 
 
 @contextmanager
@@ -58,7 +60,8 @@ def shipped(
     variable = dask().Variable(f"dunkelfeld-{fingerprint}-{os.urandom(4).hex()}", client=client)
     variable.set(content)
     try:
-        yield Source(Path(os.path.relpath(path, root)).as_posix(), fingerprint, variable.name)
+        below = Path(os.path.relpath(path, root)).as_posix()
+        yield Source(below, fingerprint, variable.name, (str(path), root))
     finally:
         variable.delete()
 
@@ -101,6 +104,28 @@ def _path_of(source: Source) -> Path:
                 place.write_bytes(data)
             _folders[source.fingerprint] = folder
     return folder / source.path
+
+
+@contextmanager
+def _named(source: Source) -> Iterator[None]:
+    """Errors name the files of the client instead of the copies on this worker."""
+    try:
+        yield
+    except DunkelfeldError as error:
+        folder = _folders.get(source.fingerprint)
+        if folder is None or source.variable is None:
+            raise
+        given, root = source.places
+
+        def original(text: str) -> str:
+            return text.replace(str(folder / source.path), given).replace(str(folder), root)
+
+        error.args = tuple(original(part) if isinstance(part, str) else part for part in error.args)
+        for name in ("file", "place", "problem", "help"):
+            text = getattr(error, name, None)
+            if text is not None:
+                setattr(error, name, original(str(text)))
+        raise
 
 
 def _keep_freed_memory() -> None:
@@ -165,7 +190,7 @@ def make_image(
 
     With `force` it is written also if another process has claimed it, unless its bytes depend on the speed of the machine.
     """
-    with _borrowed(source, threads, is_study=True) as worker:
+    with _named(source), _borrowed(source, threads, is_study=True) as worker:
         made = worker.make(index, time)
         is_forced = force and not worker.is_timed
     size = sum(entry["bytes"] for entry in made.record["files"].values())
@@ -175,7 +200,7 @@ def make_image(
 
 def render_part(source: Source, samples: tuple[int, int], threads: int, options: dict[str, Any]) -> bytes:
     """Renders a range of samples: a checkpoint, compressed."""
-    with _borrowed(source, threads, is_study=False) as scene, _folder() as folder:
+    with _named(source), _borrowed(source, threads, is_study=False) as scene, _folder() as folder:
         path = folder / "part.film"
         scene.render(samples=samples, threads=threads, checkpoint=path, **options)
         return zlib.compress(path.read_bytes(), 1)

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 
 from ._attempts import Attempt, Cluster, setting
-from ._native import Film, Made, Scene, Study, merge
+from ._native import Film, InputError, Made, Scene, Study, merge
 from ._tasks import file_of, make_image, merge_parts, render_part, shipped
 
 if TYPE_CHECKING:
@@ -48,6 +48,8 @@ SAMPLES_PER_PART = 16
 """Least samples per pixel of a part by default: the transfer and merge of a part take about the time of a few samples."""
 WRITERS = 4
 """Threads of the client that write images."""
+HOPELESS = 16
+"""Images that cannot be made, after which a set without images is given up."""
 HELD = 2.0
 """With `shared`, multiples of `patience` after which an image is written although another process has claimed it."""
 
@@ -69,6 +71,8 @@ class MakeSummary(TypedDict):
     """Size of the files that the client received [bytes]."""
     workers: dict[str, int]
     """Number of images by the address of their worker."""
+    failed: list[tuple[int, str]]
+    """Index and message of each image whose draws do not fit, as of `Study.run`."""
 
 
 def make(
@@ -107,6 +111,8 @@ def make(
     fail `retries` times because of its worker.
 
     `progress` is called with (finished images, all images, elapsed [s], remaining [s] or None).
+
+    An image whose draws do not fit is left out, and is in `failed`. If no image can be made, its error is raised.
 
     Raises the errors of the study, `SettingError` if a worker has other files or another version of the package, and
     `DunkelfeldError` if an image fails too often or the scheduler is lost.
@@ -148,6 +154,7 @@ class _SetMaker:
         # it writes.
         self.held: list[tuple[float, float, Attempt, Made | None]] = []
         self.made, self.received = 0, 0
+        self.failed: list[tuple[int, InputError]] = []
         self.workers: Counter[str] = Counter()
 
     def run(
@@ -160,12 +167,12 @@ class _SetMaker:
     ) -> MakeSummary:
         target = str(self.set.path) if shared else None
         with (
-            Cluster(self.client, *limits) as cluster,
+            Cluster(self.client, *limits, refused=(InputError,)) as cluster,
             shipped(self.client, self.study.path, self.study.hash, self.inputs, files, ship) as source,
             ThreadPoolExecutor(WRITERS) as writers,
         ):
             self._report()
-            while self.finished < self.total:
+            while self.finished + len(self.failed) < self.total:
                 cluster.watch()
                 self._look_at_held(cluster, writers)
                 while self.pending and cluster.has_room():
@@ -180,6 +187,8 @@ class _SetMaker:
                 attempt, kind, value = event
                 if kind == "finished":
                     cluster.fetch(attempt)
+                elif kind == "refused":
+                    self._refused(cluster, attempt, value)
                 elif kind == "fetched":
                     attempt.worker, result, size = value
                     image = result if isinstance(result, Made) else None
@@ -190,7 +199,10 @@ class _SetMaker:
                     self._written(cluster, attempt, *value)
             repeated = cluster.repeated
         finished = self.set.count - len(self.set.missing())
-        if finished == self.set.count:
+        if self.failed and finished == 0:
+            raise self.failed[0][1]
+        # Images that cannot be made do not keep the others from use.
+        if finished + len(self.failed) >= self.set.count:
             self.set.assemble()
         return MakeSummary(
             made=self.made,
@@ -200,7 +212,15 @@ class _SetMaker:
             repeated=repeated,
             received=self.received,
             workers=dict(self.workers),
+            failed=sorted((index, _message(error)) for index, error in self.failed),
         )
+
+    def _refused(self, cluster: Cluster, attempt: Attempt, error: InputError) -> None:
+        """Leaves out an image that cannot be made."""
+        cluster.drop(attempt.name)
+        self.failed.append((int(attempt.name), error))
+        if len(self.failed) >= HOPELESS and len(self.set.missing()) == self.set.count:
+            raise error
 
     def _write(
         self, cluster: Cluster, writers: ThreadPoolExecutor, attempt: Attempt, image: Made | None, until: float
@@ -249,6 +269,11 @@ class _SetMaker:
             elapsed = clock.monotonic() - self.began
             left = self.total - self.finished
             self.progress(self.finished, self.total, elapsed, elapsed / self.ended * left if self.ended else None)
+
+
+def _message(error: InputError) -> str:
+    """The message of an error as in `Study.run`, without the line of the file."""
+    return f"{error.file}: {error.place}: {error.problem}\n  help: {error.help}"
 
 
 def render(
