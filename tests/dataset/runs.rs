@@ -110,11 +110,16 @@ fn a_time_for_the_whole_set_replaces_the_budget_of_the_job() {
     let bench = Bench::new(&STUDY.replace("count = 6", "count = 16"));
     let assert = bench.command("dataset study.toml -o a --time 8s --jobs 2").assert().success();
     let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
-    assert!(message.contains("forecast:") && message.contains("hidden at k ="), "{message}");
+    assert!(message.contains("forecast from 3 test images:") && message.contains("hidden at k ="), "{message}");
     let samples: Vec<u64> =
         (0..16).map(|i| bench.json(&format!("a/records/{i:06}.json"))["samples"].as_u64().expect("a number")).collect();
     // With the budget of the job each image would have as many samples. How many a time gives is up to the machine.
     assert!(samples.iter().any(|n| *n != 8 * 64 * 48), "{samples:?}");
+    // A time in which not even the scenes are loaded.
+    let assert = bench.command("dataset study.toml -o b --count 6 --time 10ms --jobs 1").assert().success();
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(message.contains("forecast from the first image, as a test:"), "{message}");
+    assert!(message.contains("warning: the time budget of 0.0 s was missed by"), "{message}");
 }
 
 #[test]

@@ -42,7 +42,7 @@ mod yolo;
 
 pub use make::{Made, Worker};
 pub use record::{CertificateRecord, Cost, FileRecord, InstanceRecord, Record};
-pub use run::{RunOptions, RunProgress, RunState, RunSummary, SetForecast, run};
+pub use run::{LevelGap, RunOptions, RunProgress, RunState, RunSummary, SetForecast, run};
 pub use set::{Claim, Set};
 pub use study::{MAX_COUNT, Study};
 pub use verify::{Verified, verify};

@@ -43,13 +43,42 @@ pub struct RunState {
     pub remaining: Option<f64>,
 }
 
-/// What a time for the whole set buys, measured on images from its beginning, middle and end.
+/// The result of a time for the whole set, measured on its first images: one from the beginning, and in sets of 12 and more
+/// images also one from the middle and one from the end.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct SetForecast {
+    /// Number of these images.
+    pub images: u64,
     /// Mean budget of the renders of these images \[s\].
     pub seconds: f64,
-    /// For each measured image with a sensor, the k at which 99 % of its unsaturated pixels are hidden.
+    /// For each of these images whose level is known, the k at which 99 % of its unsaturated pixels are hidden.
     pub levels: Vec<f64>,
+    /// The reason for an image without a level; that of the last such image.
+    pub gap: Option<LevelGap>,
+}
+
+/// A reason why an image has no level of noise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LevelGap {
+    /// The study has no sensor.
+    NoSensor,
+    /// All pixels are saturated.
+    Saturated,
+    /// The noise of more than 1 % of the pixels is unknown, for example since they have too few samples.
+    UnknownNoise,
+}
+
+impl LevelGap {
+    /// The level of an image, or the reason why there is none.
+    fn level(record: &Record) -> Result<f64, Self> {
+        let certificate = record.certificate.as_ref().ok_or(Self::NoSensor)?;
+        match certificate.p99 {
+            _ if certificate.saturated >= 1.0 => Err(Self::Saturated),
+            Some(ratio) => Ok(ratio.sqrt()),
+            None => Err(Self::UnknownNoise),
+        }
+    }
 }
 
 /// A sink for the progress of a run. Called from the threads of the run.
@@ -73,6 +102,8 @@ pub struct RunSummary {
     pub count: u64,
     /// Wall-clock seconds.
     pub seconds: f64,
+    /// The time that it had, if it took more than 2 % and 0.2 s longer \[s\].
+    pub missed: Option<f64>,
     /// Was it cancelled?
     pub interrupted: bool,
     /// Images that could not be made, with the errors.
@@ -130,7 +161,7 @@ pub fn run(
         already,
         began,
         shares: shares.map(Mutex::new),
-        tests: Mutex::new(Tests { left: tests, made: 0, forecast: SetForecast::default() }),
+        tests: Mutex::new(Tests { first: tests, left: tests, made: 0, forecast: SetForecast::default() }),
         progress,
         cancel,
         failed: Mutex::new(None),
@@ -161,24 +192,28 @@ pub fn run(
     if finished + unmade.len() as u64 >= set.count() && !interrupted {
         set.assemble()?;
     }
+    let seconds = began.elapsed().as_secs_f64();
+    let is_missed = |limit: &f64| seconds > limit + (0.02 * limit).max(0.2) && !interrupted;
     Ok(RunSummary {
         made: made.into_inner(),
         finished,
         count: set.count(),
-        seconds: began.elapsed().as_secs_f64(),
+        seconds,
+        missed: options.seconds.filter(is_missed),
         interrupted,
         failed: unmade,
     })
 }
 
-/// Number of images of the forecast.
+/// Most images of the forecast.
 const TESTS: usize = 3;
 
-/// Puts the first, the middle and the last image first, if there are enough others; gives their number.
+/// Puts the first, the middle and the last image first, if there are enough others; gives the number of images of the
+/// forecast. In a small set it is the first image alone.
 fn tests_first(wanted: &mut [u64]) -> usize {
     let n = wanted.len();
     if n < 4 * TESTS {
-        return 0;
+        return n.min(1);
     }
     wanted.swap(1, n / 2);
     wanted.swap(2, n - 1);
@@ -209,6 +244,8 @@ fn load_together(
 
 /// The images of the forecast.
 struct Tests {
+    /// The forecast is made from so many images, the first ones.
+    first: usize,
     /// Number of images that have not ended.
     left: usize,
     made: u64,
@@ -266,18 +303,22 @@ impl Shared<'_> {
     /// Counts an image of the forecast, which is reported after the last one of them.
     fn test(&self, position: usize, made: Option<(Share, &Record)>) {
         let Ok(mut tests) = self.tests.lock() else { return };
-        if position >= TESTS || tests.left == 0 {
+        if position >= tests.first || tests.left == 0 {
             return;
         }
         if let Some((share, record)) = made {
             tests.made += 1;
             tests.forecast.seconds += share.seconds;
-            tests.forecast.levels.extend(record.certificate.as_ref().and_then(|c| c.p99).map(f64::sqrt));
+            match LevelGap::level(record) {
+                Ok(level) => tests.forecast.levels.push(level),
+                Err(gap) => tests.forecast.gap = Some(gap),
+            }
         }
         tests.left -= 1;
         if tests.left == 0 && tests.made > 0 {
             let mean = tests.forecast.seconds / tests.made as f64;
-            self.progress.forecast(&SetForecast { seconds: mean, levels: tests.forecast.levels.clone() });
+            let forecast = SetForecast { images: tests.made, seconds: mean, ..tests.forecast.clone() };
+            self.progress.forecast(&forecast);
         }
     }
 
@@ -327,6 +368,49 @@ impl Shared<'_> {
             if let Ok(mut failed) = self.failed.lock() {
                 failed.get_or_insert(e);
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::CertificateRecord;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn a_small_set_has_one_test_image_and_others_three() {
+        let mut few: Vec<u64> = (0..11).collect();
+        assert_eq!((tests_first(&mut few), &few[..3]), (1, &[0, 1, 2][..]));
+        let mut many: Vec<u64> = (0..12).collect();
+        assert_eq!((tests_first(&mut many), &many[..3]), (3, &[0, 6, 11][..]));
+        assert_eq!(tests_first(&mut []), 0);
+    }
+
+    #[test]
+    fn an_image_without_a_level_has_its_true_reason() {
+        let certificate = CertificateRecord { k: 1.0, hidden: 0.5, median: None, p99: Some(0.25), saturated: 0.5 };
+        let record = |certificate| Record {
+            index: 0,
+            drawn: BTreeMap::new(),
+            seed: 0,
+            frame: 0,
+            width: 1,
+            height: 1,
+            exposure: None,
+            samples: 1,
+            certificate,
+            matched: None,
+            instances: Vec::new(),
+            files: BTreeMap::new(),
+        };
+        for (certificate, expected) in [
+            (Some(certificate), Ok(0.5)),
+            (Some(CertificateRecord { p99: None, ..certificate }), Err(LevelGap::UnknownNoise)),
+            (Some(CertificateRecord { saturated: 1.0, ..certificate }), Err(LevelGap::Saturated)),
+            (None, Err(LevelGap::NoSensor)),
+        ] {
+            assert_eq!(LevelGap::level(&record(certificate)), expected);
         }
     }
 }

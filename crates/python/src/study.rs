@@ -107,6 +107,7 @@ impl Study {
         entries.set_item("failed", failed)?;
         let forecast = lock(&sink.forecast).take().map(|forecast| {
             let entries = PyDict::new(py);
+            entries.set_item("images", forecast.images)?;
             entries.set_item("seconds", forecast.seconds)?;
             entries.set_item("levels", forecast.levels)?;
             Ok::<_, PyErr>(entries)

@@ -139,6 +139,9 @@ def test_a_time_for_the_whole_set_has_a_forecast(study: Study, tmp_path: Path) -
     summary = study.run(tmp_path / "set", count=12, time=2.0)
     assert summary["finished"] == 12 and summary["forecast"] is not None
     assert summary["forecast"]["seconds"] > 0 and len(summary["forecast"]["levels"]) == 3
+    assert summary["forecast"]["images"] == 3
+    small = study.run(tmp_path / "small", count=2, time=1.0)
+    assert small["forecast"] is not None and small["forecast"]["images"] == 1
 
 
 def test_single_images_make_the_same_set(study: Study, folder: Path, tmp_path: Path) -> None:

@@ -4,9 +4,9 @@ use super::dataset_args::DatasetArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say, say_object};
-use crate::words::remaining;
+use crate::words::{remaining, seconds};
 use dunkelfeld::{Error, Progress, ProgressState, Stage};
-use dunkelfeld_dataset::{RunOptions, RunProgress, RunState, SetForecast, Study, run as run_study, verify};
+use dunkelfeld_dataset::{LevelGap, RunOptions, RunProgress, RunState, SetForecast, Study, run as run_study, verify};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -43,6 +43,11 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
     if summary.interrupted {
         say("interrupted: the same command goes on");
         return Ok(Outcome::Interrupted);
+    }
+    if let Some(limit) = summary.missed {
+        let over = seconds(summary.seconds - limit);
+        let all = seconds(summary.seconds);
+        say(&format!("warning: the time budget of {} was missed by {over}; it took {all} in all", seconds(limit)));
     }
     // The message of an image has its own line with the help.
     summary
@@ -83,16 +88,27 @@ impl RunProgress for SetProgress<'_> {
     }
 
     fn forecast(&self, forecast: &SetForecast) {
-        let levels = &forecast.levels;
-        let least = levels.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = levels.iter().copied().fold(0.0, f64::max);
-        let reached = if levels.is_empty() {
-            "without a sensor there is no level of noise".into()
-        } else {
-            format!("99 % of the pixels are hidden at k = {least:.2} to {most:.2}")
-        };
-        self.sink.say(&format!("forecast: {:.2} s for the samples of an image; {reached}", forecast.seconds));
+        self.sink.say(&forecast_line(forecast));
     }
+}
+
+/// The line of a forecast.
+fn forecast_line(forecast: &SetForecast) -> String {
+    let levels = &forecast.levels;
+    let least = levels.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = levels.iter().copied().fold(0.0, f64::max);
+    let reached = match (levels.len(), forecast.gap) {
+        (0, Some(LevelGap::NoSensor)) => "without a sensor there is no level of noise".into(),
+        (0, Some(LevelGap::Saturated)) => "all pixels are saturated, so that there is no level of noise".into(),
+        (0, _) => "the level of noise is not known: more than 1 % of the pixels have too few samples".into(),
+        (1, _) => format!("99 % of its pixels are hidden at k = {most:.2}"),
+        _ => format!("99 % of their pixels are hidden at k = {least:.2} to {most:.2}, by image"),
+    };
+    let images = match forecast.images {
+        1 => "the first image, as a test".to_owned(),
+        n => format!("{n} test images"),
+    };
+    format!("forecast from {images}: {:.2} s for the samples of an image; {reached}", forecast.seconds)
 }
 
 fn check(folder: &Path, args: &DatasetArgs) -> Result<Outcome, Error> {

@@ -59,6 +59,8 @@ class EmvaAnalysis(TypedDict):
 class Forecast(TypedDict):
     """The forecast of a run with a time."""
 
+    images: int
+    """Number of test images: 3, or 1 with less than 12 missing images."""
     seconds: float
     """Seconds for the samples of an image."""
     levels: list[float]
@@ -79,7 +81,7 @@ class SetSummary(TypedDict):
     failed: list[tuple[int, str]]
     """Index and message of each image whose draws do not fit."""
     forecast: Forecast | None
-    """None without `time`, and for sets of few images."""
+    """None without `time`, and if no test image was made."""
 
 
 class Verified(TypedDict):
