@@ -15,8 +15,12 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use toml::Value;
 
-/// Places that are tried for an object before the placement is given up.
+/// Places that are tried for an object before all objects of the entry are drawn again.
 const TRIES: u32 = 2000;
+/// The same after the first time.
+const LATER_TRIES: u32 = 200;
+/// The objects of an entry are drawn so many times before the placement is given up.
+const ATTEMPTS: u32 = 1000;
 
 /// One entry, with all values drawn.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -112,10 +116,10 @@ impl Placement {
     ) -> Result<(), Fault> {
         let found: Vec<usize> =
             (0..scene.instances.len()).filter(|i| self.objects.match_name(&scene.instances[*i].name)).collect();
-        let mut occupied: Vec<Occupied> = Vec::new();
+        // The object, the centre of its bounds as given, and its cylinder in its pose.
+        let mut shapes: Vec<(usize, DVec3, Occupied)> = Vec::new();
         for i in found {
             let name = scene.instances[i].name.clone();
-            let mut stream = draws.stream(&format!("place[{name}]"));
             let Some([low, high]) = scene.bounds_of(&scene.instances[i]) else { continue };
             let before = (low + high) * 0.5;
             if self.rest == Rest::Stable {
@@ -136,14 +140,16 @@ impl Placement {
             let center = (low + high) * 0.5;
             let shape =
                 Occupied { center, radius: 0.5 * (high - low).with_y(0.0).length(), half: 0.5 * (high.y - low.y) };
-            let (placed, angle) = self.find(shape, &occupied, &mut stream).ok_or_else(|| {
-                let problem = format!("\"{name}\" finds no place after {TRIES} tries");
-                Fault::new(problem, "use a larger region, fewer objects or a smaller clearance").below("size")
-            })?;
-            occupied.push(placed);
+            shapes.push((i, before, shape));
+        }
+        let named: Vec<(&str, Occupied)> =
+            shapes.iter().map(|(i, _, shape)| (scene.instances[*i].name.as_str(), *shape)).collect();
+        let places = self.arrange(&named, draws)?;
+        for ((i, before, shape), (placed, angle)) in shapes.into_iter().zip(places) {
             let turned = DAffine3::from_rotation_translation(DQuat::from_rotation_y(angle), placed.center);
             let object = &mut scene.instances[i];
-            object.to_world = turned * DAffine3::from_translation(-center) * object.to_world;
+            object.to_world = turned * DAffine3::from_translation(-shape.center) * object.to_world;
+            let name = &object.name;
             for (axis, length) in ["x", "y", "z"].iter().zip((placed.center - before).to_array()) {
                 drawn.insert(format!("place[{name}].{axis}"), Value::String(format!("{}mm", length * 1e3)));
             }
@@ -152,7 +158,40 @@ impl Placement {
         Ok(())
     }
 
-    fn find(&self, shape: Occupied, occupied: &[Occupied], stream: &mut Pcg) -> Option<(Occupied, f64)> {
+    /// The places and the rotations of objects, by their names. If an object finds no place beside those before it, all
+    /// of them are drawn again.
+    fn arrange(&self, shapes: &[(&str, Occupied)], draws: Draws) -> Result<Vec<(Occupied, f64)>, Fault> {
+        let mut last = "";
+        for attempt in 0..ATTEMPTS {
+            let (mut occupied, mut places) = (Vec::new(), Vec::new());
+            for (name, shape) in shapes {
+                let (key, tries) = match attempt {
+                    0 => (format!("place[{name}]"), TRIES),
+                    n => (format!("place[{name}] again {n}"), LATER_TRIES),
+                };
+                let Some(place) = self.find(*shape, &occupied, &mut draws.stream(&key), tries) else {
+                    last = name;
+                    break;
+                };
+                occupied.push(place.0);
+                places.push(place);
+            }
+            if places.len() == shapes.len() {
+                return Ok(places);
+            }
+            // Alone it does not fit either.
+            if occupied.is_empty() {
+                break;
+            }
+        }
+        let problem = match shapes.first() {
+            Some((first, _)) if *first == last => format!("\"{last}\" finds no place in the region"),
+            _ => format!("\"{last}\" finds no place, also after the objects of the entry were drawn {ATTEMPTS} times"),
+        };
+        Err(Fault::new(problem, "use a larger region, fewer objects or a smaller clearance").below("size"))
+    }
+
+    fn find(&self, shape: Occupied, occupied: &[Occupied], stream: &mut Pcg, tries: u32) -> Option<(Occupied, f64)> {
         let half_size = DVec3::from(self.size.map(|l| 0.5 * l.0));
         let middle = DVec3::from(self.center.map(|l| l.0));
         // Horizontally the cylinder lies in the region; vertically the bottom does.
@@ -162,7 +201,7 @@ impl Placement {
         }
         let clearance = self.clearance.map_or(0.0, |c| c.0);
         let range = self.turn.map(|turn| turn.0).or((self.rest == Rest::Stable).then_some(TAU));
-        for _ in 0..TRIES {
+        for _ in 0..tries {
             let place = [(); 3].map(|()| 2.0 * uniform(stream) - 1.0);
             let angle = range.map_or(0.0, |range| range * (uniform(stream) - 0.5));
             let bottom = middle + DVec3::from(place) * room;
@@ -177,5 +216,45 @@ impl Placement {
             }
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn placement(edge: &str) -> Placement {
+        let text = format!("objects = \"*\"\ncenter = [0, 0, 0]\nsize = [\"{edge}\", 0, \"{edge}\"]\n");
+        Placement::parse(Value::Table(text.parse().expect("TOML"))).expect("a placement")
+    }
+
+    /// Two cylinders of the radius 5 mm have their centres in a square with an edge shorter by 10 mm. They fit if its diagonal
+    /// is 10 mm or more: in a region of 18 mm (11.3 mm), where most first places leave no room for the second one. The
+    /// diagonal of a region of 17 mm is 9.9 mm.
+    #[test]
+    fn a_tight_placement_is_drawn_again() {
+        let shape = Occupied { center: DVec3::ZERO, radius: 0.005, half: 0.001 };
+        let shapes = [("a", shape), ("b", shape)];
+        let (tight, small) = (placement("18mm"), placement("17mm"));
+        let mut again = 0;
+        for index in 0..64 {
+            let draws = Draws { seed: 7, index };
+            let places = tight.arrange(&shapes, draws).unwrap_or_else(|e| panic!("{index}: {e:?}"));
+            let [(a, _), (b, _)] = places[..] else { panic!("{places:?}") };
+            assert!(a.center.with_y(0.0).distance(b.center.with_y(0.0)) >= 0.01);
+            assert!([a, b].iter().all(|o| o.center.x.abs().max(o.center.z.abs()) <= 0.004 + 1e-12));
+            assert_eq!(places.iter().map(|p| p.0.center).collect::<Vec<_>>(), {
+                let same = tight.arrange(&shapes, draws).expect("the same");
+                same.iter().map(|p| p.0.center).collect::<Vec<_>>()
+            });
+            // The first place of the first object, if the second one fits beside it.
+            let first = tight.find(shape, &[], &mut draws.stream("place[a]"), TRIES).expect("a place");
+            again += u32::from(first.0.center != a.center);
+        }
+        assert!(again > 16, "{again} of 64 were drawn again");
+        let fault = small.arrange(&shapes, Draws { seed: 7, index: 0 }).err().expect("no room");
+        assert!(fault.problem.contains("\"b\" finds no place, also after"), "{fault:?}");
+        let alone = placement("9mm").arrange(&shapes, Draws { seed: 7, index: 0 }).err().expect("no room");
+        assert!(alone.problem.contains("\"a\" finds no place in the region"), "{alone:?}");
     }
 }
