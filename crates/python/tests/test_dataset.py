@@ -281,6 +281,11 @@ def test_shards_hold_the_files_and_are_the_same_again(folder: Path, tmp_path: Pa
     assert members["000004.json"] == (folder / "labels/000004.json").read_bytes()
     with pytest.raises(ValueError, match="images_per_shard"):
         webdataset(folder, tmp_path / "c", images_per_shard=0)
+    # Larger shards of the same set leave none of the smaller ones, and no other file is touched.
+    (tmp_path / "b" / "blocks-other-000009.tar").write_bytes(b"")
+    larger = webdataset(folder, tmp_path / "b", images_per_shard=5)
+    names = sorted(file.name for file in (tmp_path / "b").iterdir())
+    assert names == ["blocks-000000.tar", "blocks-other-000009.tar"] and [s.name for s in larger] == names[:1]
 
 
 def test_webdataset_reads_the_shards(folder: Path, tmp_path: Path) -> None:

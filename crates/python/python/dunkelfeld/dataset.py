@@ -20,6 +20,7 @@ import io
 import json
 import operator
 import os
+import re
 import tarfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -119,7 +120,8 @@ def webdataset(
     Shards are named `STUDY-000000.tar` and so on. The key of an image is its index with six digits. Its members are the
     files of the set, unchanged: `KEY.png` or `KEY.jpg` is the image, `KEY.mask.png`, `KEY.linear.tif` and so on are
     arrays, `KEY.json` has the annotations, `KEY.record.json` the record, `KEY.txt` the boxes of YOLO. The same set gives
-    the same bytes. A shard appears whole or not at all.
+    the same bytes. A shard appears whole or not at all. Shards of this name with higher numbers, of an earlier call with more
+    images or smaller shards, are removed: they would contain images twice.
     """
     if images_per_shard < 1:
         raise ValueError(f"images_per_shard is {images_per_shard}; pass 1 or more")
@@ -145,6 +147,11 @@ def webdataset(
         finally:
             partial.unlink(missing_ok=True)
         shards.append(shard)
+    name = re.escape(Path(reader.name).name)
+    for file in target.iterdir():
+        found = re.fullmatch(rf"{name}-(\d{{6,}})\.tar", file.name)
+        if found and int(found[1]) >= len(shards):
+            file.unlink()
     return shards
 
 
