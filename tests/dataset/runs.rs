@@ -144,6 +144,10 @@ fn a_study_that_made_nothing_can_be_corrected() {
     let small = STUDY.replace("size = [\"90mm\", 0, \"90mm\"]", "size = [\"20mm\", 0, \"20mm\"]");
     let bench = Bench::new(&small);
     assert!(bench.refused("dataset study.toml -o a --count 1").contains("finds no place"));
+    assert!(!bench.path("a").exists(), "nothing was made, and nothing was there before");
+    fs::create_dir(bench.path("a")).expect("free");
+    assert!(bench.refused("dataset study.toml -o a --count 1").contains("finds no place"));
+    assert!(bench.path("a/set.json").is_file(), "the folder was there before");
     fs::write(bench.path("study.toml"), STUDY).expect("writable");
     bench.run("dataset study.toml -o a --count 1");
     let written = fs::read_to_string(bench.path("a/study.toml")).expect("a study");
@@ -224,7 +228,15 @@ fn a_check_finds_what_was_changed() {
     assert!(message.contains("labels/000000.json differs from its hash"), "{message}");
     assert!(message.contains("differs from the annotation"), "{message}");
     fs::remove_file(bench.path("a/records/000001.json")).expect("there");
-    check();
+    assert!(check().contains("flagged: 1 of 2 images are not finished; help:"));
+    // A set of another version: its images are checked, and not compared with what this version makes of them.
+    let text = fs::read_to_string(bench.path("a/set.json")).expect("a set");
+    let program = concat!("dunkelfeld ", env!("CARGO_PKG_VERSION"));
+    fs::write(bench.path("a/set.json"), text.replace(program, "dunkelfeld 0.0.1")).expect("writable");
+    let message = check();
+    assert!(message.contains(&format!("holds a set of dunkelfeld 0.0.1, and this is {program}")), "{message}");
+    assert!(!message.contains("coco.json") && message.contains("labels/000000.json differs"), "{message}");
+    fs::write(bench.path("a/set.json"), text).expect("writable");
     bench.refused("dataset --verify no-such-folder");
     fs::write(bench.path("a/set.json"), "{}").expect("writable");
     assert!(bench.refused("dataset --verify a").contains("set.json"));
@@ -245,7 +257,12 @@ fn bad_studies_are_refused_before_anything_is_written() {
         ("[film]", "[output]\nimage = \"a.png\"\n\n[film]", "not for the images of a set"),
         ("objects = [\"ball\"]", "objects = [\"bal\"]", "no object is called \"bal\""),
         ("on = \"plate\"", "on = \"plat\"", "no object has such a name"),
-        ("kind = \"scratch\"", "kind = \"scrath\"", "scrath"),
+        ("kind = \"scratch\"", "kind = \"scrath\"", "[[study.defect]] 1, kind"),
+        ("kind = \"scratch\"", "kind = \"scrath\"", "did you mean \"scratch\"? The kinds are scratch, dent,"),
+        ("width = \"2mm\"\n", "", "`kind = \"scratch\"` needs the key `width`"),
+        ("on = \"plate\"\n", "", "needs the key `on`"),
+        ("{ uniform = [0.8, 1.2] }", "{ unifrm = [0.8, 1.2] }", "unknown distribution `unifrm`"),
+        ("{ log_uniform = [\"6mm\"", "{ loguniform = [\"6mm\"", "did you mean `log_uniform`?"),
         ("size = [\"90mm\", 0, \"90mm\"]", "size = [\"20mm\", 0, \"20mm\"]", "finds no place"),
         ("count = { integer = [0, 2] }", "count = { uniform = [0, 2] }", "not known"),
         ("count = { integer = [0, 2] }", "count = { draw = \"supply\" }", "in the draw `supply`"),
@@ -255,6 +272,7 @@ fn bad_studies_are_refused_before_anything_is_written() {
         ("power = { expression", "pawer = { expression", "pawer"),
         ("name = \"blocks\"", "name = \"../blocks\"", "not the name of a set"),
         ("center = [0, 0, 0]", "center = [nan, 0, 0]", "finite"),
+        ("linear = \"tiff\"", "picture = \"none\"\nlinear = \"tiff\"", "[study.labels] yolo"),
         (
             "diameter = { log_uniform = [\"6mm\", \"12mm\"] }",
             "diameter = { log_uniform = [\"6ms\", \"12ms\"] }",
@@ -275,10 +293,27 @@ fn bad_studies_are_refused_before_anything_is_written() {
         let _ = fs::remove_dir_all(bench.path("bad"));
     }
     assert!(bench.refused("dataset study.toml -o x --index 6").contains("no image 6"));
+    assert!(bench.refused("dataset study.toml -o x --index -1").contains("write a whole number from 0 to 999999"));
     assert!(bench.refused("dataset no.toml -o x").contains("no.toml"));
     fs::create_dir(bench.path("mine")).expect("free");
     fs::write(bench.path("mine/letter.txt"), "dear").expect("writable");
     assert!(bench.refused("dataset study.toml -o mine").contains("not empty"));
     assert!(bench.refused("dataset study.toml -o .").contains("holds"));
     assert!(bench.refused("dataset study.toml -o study.toml").contains("study.toml"));
+}
+
+#[test]
+fn a_run_warns_if_the_noise_of_few_pixels_is_matched() {
+    for (spp, is_low) in [(2, true), (4096, false)] {
+        let small = STUDY.replace("spp = 8", &format!("spp = {spp}")).replace("width = 64", "width = 16");
+        let bench = Bench::new(&small.replace("height = 48", "height = 12"));
+        let assert = bench.command("dataset study.toml -o a --count 1").assert().success();
+        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        let share = bench.json("a/records/000000.json")["matched"].as_f64().expect("a share");
+        assert_eq!(
+            (share < 0.9, message.contains("warning: noise-matched exposure holds for only")),
+            (is_low, is_low),
+            "{share}: {message}"
+        );
+    }
 }

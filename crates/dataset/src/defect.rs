@@ -7,6 +7,7 @@ use crate::label_entry::Names;
 use crate::names::ObjectNames;
 use crate::study::Study;
 use dunkelfeld_geometry::DVec3;
+use dunkelfeld_io::names::nearest_names;
 use dunkelfeld_io::quantity::{Angle, Length};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::SceneBuilder;
@@ -114,17 +115,33 @@ fn no_object() -> Fault {
     Fault::new("no object has such a name", "`dunkelfeld inspect` lists the objects").below("on")
 }
 
-/// A key that the kind does not use would have no effect. Unknown kinds are refused with the other values.
+/// Refuses an unknown kind, keys that the kind does not use, which would have no effect, and the lack of a key.
 fn check_keys(kind: &str, entry: &BTreeMap<String, Template>) -> Result<(), Fault> {
-    let Ok(known) = Value::String(kind.into()).try_into::<DefectKind>() else { return Ok(()) };
+    let Ok(known) = Value::String(kind.into()).try_into::<DefectKind>() else {
+        let list = DefectKind::NAMES.join(", ");
+        let help = match nearest_names(kind, DefectKind::NAMES).first() {
+            Some(near) => format!("did you mean \"{near}\"? The kinds are {list}"),
+            None => format!("the kinds are {list}"),
+        };
+        return Err(Fault::new(format!("there is no kind \"{kind}\" of defects"), help).below("kind"));
+    };
     let keys = || COMMON_KEYS.iter().chain(known.keys()).copied();
     match entry.keys().find(|key| !keys().any(|known| known == *key)) {
-        None => Ok(()),
+        None => {}
         Some(key) => {
             let help = format!("the keys of `kind = \"{kind}\"` are {}", keys().collect::<Vec<_>>().join(", "));
-            Err(Fault::new(format!("the kind \"{kind}\" does not use the key `{key}`"), help).below(key))
+            let problem = format!("the kind \"{kind}\" does not use the key `{key}`");
+            return Err(Fault::new(problem, help).below(key));
         }
     }
+    if let Some(key) = known.required().iter().find(|key| !entry.contains_key(**key)) {
+        let problem = format!("a defect with `kind = \"{kind}\"` needs the key `{key}`");
+        return Err(Fault::new(problem, format!("write a length, for example `{key} = \"1mm\"`")));
+    }
+    if !entry.contains_key("on") {
+        return Err(Fault::new("a defect needs the key `on`", "write names or patterns of objects"));
+    }
+    Ok(())
 }
 
 /// The largest number of defects that a template can give. That of a formula is the largest one that is allowed. `known`

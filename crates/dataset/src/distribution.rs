@@ -3,6 +3,7 @@
 use crate::draws::Draws;
 use crate::quantity::Quantity;
 use dunkelfeld_io::InputError;
+use dunkelfeld_io::names::nearest_names;
 use dunkelfeld_io::toml_file::TomlFile;
 use statrs::distribution::{ContinuousCDF, Normal};
 use std::collections::BTreeMap;
@@ -90,6 +91,22 @@ pub(crate) trait Named {
     fn value(&mut self, name: &str) -> Result<Value, Fault>;
 }
 
+/// The fault of a table whose only key looks like a distribution.
+fn misspelt(table: &Table) -> Option<Fault> {
+    // Keys of distributions stand beside parameters alone.
+    const PARAMETERS: [&str; 5] = ["min", "max", "weights", "repeat", "unit"];
+    let mut keys = table.iter().filter(|(key, _)| !PARAMETERS.contains(&key.as_str()));
+    let (key, value) = keys.next().filter(|_| keys.next().is_none())?;
+    // A short key may be one of the job, as `raw` or `drag`.
+    let is_long = key.len() >= 5 && matches!(value, Value::Array(_) | Value::String(_));
+    let near = *nearest_names(key, KINDS).first().filter(|_| is_long)?;
+    // A part of the name is not near: `normal_map` is no distribution.
+    (key.len().abs_diff(near.len()) <= 2 && !key.contains(near)).then(|| {
+        let help = format!("did you mean `{near}`? known distributions: {}", KINDS.join(", "));
+        Fault::new(format!("unknown distribution `{key}`"), help).below(key)
+    })
+}
+
 impl Template {
     /// Reads a value of a study.
     pub(crate) fn parse(value: Value) -> Result<Self, Fault> {
@@ -105,6 +122,9 @@ impl Template {
             Value::Table(table) => match table.keys().find(|key| KINDS.contains(&key.as_str())).cloned() {
                 Some(kind) => Distribution::parse(&kind, table).map(Self::Drawn),
                 None => {
+                    if let Some(fault) = misspelt(&table) {
+                        return Err(fault);
+                    }
                     let entries = table.into_iter();
                     let map: BTreeMap<String, Self> = entries
                         .map(|(key, value)| Ok((key.clone(), Self::parse(value).map_err(|e| e.below(key))?)))

@@ -141,3 +141,34 @@ fn defects_have_their_own_labels_also_where_they_show_nothing() {
     assert!((0.5..=4.0).contains(&area), "20 mm x 150 um with thinner ends are about 2.5 mm²: {area}");
     assert!(found.size_mm.is_some_and(|s| (10.0..=20.5).contains(&s)), "{found:?}");
 }
+
+/// A stain at the end of a floor, beyond the film, and a missing block.
+#[test]
+fn records_have_the_place_of_defects_also_outside_of_the_film() {
+    let study = "[study.labels]\nyolo = true\n[[study.defect]]\nkind = \"scratch\"\non = \"far\"\nfacing = [0, 1, 0]\n\
+        length = \"2mm\"\nwidth = \"0.2mm\"\ndepth = \"20um\"\n\
+        [[study.defect]]\nkind = \"missing\"\non = \"block\"\n";
+    let far = object("far", "kind = \"box\"\nsize = [\"9mm\", \"2mm\", \"9mm\"]\ntranslate = [\"70mm\", \"1mm\", 0]");
+    let block = object(
+        "block",
+        "kind = \"box\"\nsize = [\"4mm\", \"2mm\", \"4mm\"]\ntranslate = [\"3mm\", \"1mm\", \"5mm\"]\nrotate = [0, \"90deg\", 0]",
+    );
+    let made = make(study, &format!("{FLOOR}{far}{block}"));
+    let scratch = instance(&made, "scratch 1");
+    assert_eq!((scratch.area, scratch.visible, scratch.amodal, scratch.bbox), (0, 0.0, 0.0, [0; 4]));
+    let place = scratch.place.as_ref().expect("a place");
+    let inner = place.object.expect("a position");
+    assert_eq!(place.on, "far");
+    // The box is not turned: its frame is 70 mm to the right and 1 mm up.
+    for (world, (inner, shift)) in place.world.iter().zip(inner.iter().zip([0.07, 0.001, 0.0])) {
+        assert!((world - inner - shift).abs() < 1e-9, "{place:?}");
+    }
+    assert!((place.world[1] - 0.002).abs() < 1e-9 && (place.normal[1] - 1.0).abs() < 1e-9, "{place:?}");
+    assert!(place.angle_deg.is_some_and(|angle| (0.0..360.0).contains(&angle)), "{place:?}");
+    let missing = instance(&made, "missing 1").place.as_ref().expect("a place");
+    assert_eq!((missing.on.as_str(), missing.angle_deg), ("block", None));
+    assert!(missing.object.expect("a position").iter().all(|v| v.abs() < 1e-6), "{missing:?}");
+    assert!((missing.world[0] - 0.003).abs() < 1e-6 && (missing.world[2] - 0.005).abs() < 1e-6, "{missing:?}");
+    let lines = String::from_utf8_lossy(file(&made, "labels/000000.txt")).into_owned();
+    assert_eq!(lines.lines().count(), 1, "only the missing block is in the film: {lines}");
+}

@@ -41,7 +41,7 @@ mod visibility;
 mod yolo;
 
 pub use make::{Made, Worker};
-pub use record::{CertificateRecord, Cost, FileRecord, InstanceRecord, Record};
+pub use record::{CertificateRecord, Cost, FileRecord, InstanceRecord, PlaceRecord, Record};
 pub use run::{LevelGap, RunOptions, RunProgress, RunState, RunSummary, SetForecast, run};
 pub use set::{Claim, Set};
 pub use study::{MAX_COUNT, Study};

@@ -2,6 +2,7 @@
 
 use crate::coco::Annotation;
 use crate::defect::{AddedDefect, DefectEntry, entries};
+use crate::defects::PlacedDefect;
 use crate::distribution::Fault;
 use crate::encode;
 use crate::ids::{Ids, ObjectLabel};
@@ -11,10 +12,10 @@ use crate::labels::{LabelCamera, LabelLayers, LabelObjects, LabelPlanes, PixelBo
 use crate::names::ObjectNames;
 use crate::pinhole::{Pinhole, image_box, object_pose};
 use crate::placement::Placement;
-use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, Record};
+use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, PlaceRecord, Record};
 use crate::set::Set;
 use crate::stable::Hulls;
-use crate::study::{DrawnJob, MAX_COUNT, Study};
+use crate::study::{DrawnJob, MAX_COUNT, PictureFormat, Study};
 use crate::visibility::{Bounds, Exposed, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
@@ -98,6 +99,11 @@ impl Worker {
             let fault = Fault::new(problem, "use at most 255 categories, or only `masks`");
             return Err(study.error(fault, &["study", "labels", "semantic"]).into());
         }
+        if study.labels.yolo && study.images.picture == PictureFormat::None {
+            let problem = "YOLO needs the pictures in `images/`, which `picture = \"none\"` leaves out";
+            let fault = Fault::new(problem, "write `picture = \"png\"` in [study.images], or `yolo = false`");
+            return Err(study.error(fault, &["study", "labels", "yolo"]).into());
+        }
         let counts: BTreeSet<usize> = ids.categories.iter().map(|category| category.keypoints.len()).collect();
         if study.labels.yolo && counts.len() > 1 {
             let fault = Fault::new(
@@ -151,8 +157,15 @@ impl Worker {
         if result.rendering.interrupted {
             return Ok(None);
         }
+        // The sum of no stage is a positive zero.
         let stage = |stages: &[Stage]| -> f64 {
-            result.rendering.stages.iter().filter(|(stage, _)| stages.contains(stage)).map(|(_, s)| s).sum()
+            result
+                .rendering
+                .stages
+                .iter()
+                .filter(|(stage, _)| stages.contains(stage))
+                .map(|(_, s)| s)
+                .fold(0.0, |sum, s| sum + s)
         };
         let render = stage(&[Stage::Training, Stage::Pilot, Stage::Refine]);
         let plan = stage(&[Stage::Plan]);
@@ -361,6 +374,26 @@ impl Worker {
         found.into_values().collect()
     }
 
+    /// The place of a defect in the world and in the frame of its object.
+    fn place(&self, placed: &PlacedDefect, parts: &SceneParts) -> PlaceRecord {
+        let names = self.project.scene.object_names();
+        // Of an object that changes, the name is that of the defect.
+        let of = |wanted: &str| names.iter().position(|name| name == wanted);
+        let host = of(&placed.on).or_else(|| of(&placed.object));
+        let object = host.and_then(|i| parts.poses.get(i)).and_then(|(to_world, _)| {
+            let to_world = *to_world * DAffine3::from_scale(self.project.imported_scale_of(&placed.on).recip());
+            let position = to_world.inverse().transform_point3(placed.at);
+            position.is_finite().then(|| position.to_array())
+        });
+        PlaceRecord {
+            on: placed.on.clone(),
+            world: placed.at.to_array(),
+            object,
+            normal: placed.normal.to_array(),
+            angle_deg: placed.angle.map(f64::to_degrees),
+        }
+    }
+
     fn instances(
         &self,
         planes: &LabelPlanes,
@@ -383,7 +416,12 @@ impl Worker {
             time: sensor.exposure.time(),
         });
         let is_defect = |id: u16| known.get(&id).is_some_and(|(label, _)| label.is_defect);
-        (planes.areas.iter())
+        // A defect outside of the film has no area.
+        let mut areas = planes.areas.clone();
+        for (id, _) in known.iter().filter(|(_, (label, _))| label.is_defect) {
+            areas.entry(*id).or_default();
+        }
+        (areas.iter())
             .filter_map(|(id, area)| {
                 let (label, name) = known.get(id)?;
                 let (bounds, pixels) = found.get(id).copied().map_or((None, 0), |(b, n)| (Some(b), n));
@@ -394,6 +432,7 @@ impl Worker {
                 });
                 let defect = parts.defects.iter().find(|d| d.placed.object == *name);
                 Some(InstanceRecord {
+                    place: defect.map(|d| self.place(&d.placed, parts)),
                     id: *id,
                     name: (*name).to_owned(),
                     category: label.category,

@@ -82,6 +82,26 @@ pub struct InstanceRecord {
     pub size_mm: Option<f64>,
     /// Kind of a defect.
     pub defect: Option<String>,
+    /// Place of a defect.
+    #[serde(default)]
+    pub place: Option<PlaceRecord>,
+}
+
+/// The place of a defect at the start of the exposure.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlaceRecord {
+    /// Name of the object below, or around. For missing, faded and shifted the name of the object itself.
+    pub on: String,
+    /// Position in the world \[m\]: the drawn point of the surface or of the volume. For missing, faded and shifted the middle
+    /// of the bounds of the object.
+    pub world: [f64; 3],
+    /// The same in the frame of the object, as that of its key points \[m\]; `None` if the object is flat in an axis.
+    pub object: Option<[f64; 3]>,
+    /// Unit normal of the surface, world axes. Inside of a solid +y.
+    pub normal: [f64; 3],
+    /// Direction in the plane of the surface, drawn or given \[deg\]; `None` if the kind has none.
+    pub angle_deg: Option<f64>,
 }
 
 /// Size and hash of a file.

@@ -108,6 +108,9 @@ pub struct RunSummary {
     pub interrupted: bool,
     /// Images that could not be made, with the errors.
     pub failed: Vec<(u64, String)>,
+    /// Mean share of the pixels of the images that this run made for which noise-matched exposure holds; `None` with plain
+    /// noise.
+    pub matched: Option<f64>,
 }
 
 /// Makes the missing images of a set. Several processes can run on the same folder: each image is made by one of them. The
@@ -135,6 +138,7 @@ pub fn run(
     let threads = options.threads.unwrap_or(if jobs > 1 { 1 } else { 0 });
 
     let first = Worker::open(study, threads)?;
+    let is_new = !folder.exists();
     let set = first.open_set(folder, Some(count))?;
     let mut wanted: Vec<u64> = match &options.indices {
         Some(indices) => indices.clone(),
@@ -167,6 +171,7 @@ pub fn run(
         failed: Mutex::new(None),
         has_images: (0..set.count()).any(|index| set.is_finished(index)),
         unmade: Mutex::new(Vec::new()),
+        matched: Mutex::new((0.0, 0)),
         stop: AtomicBool::new(false),
     };
     shared.report();
@@ -181,8 +186,11 @@ pub fn run(
             shared.work(job, first);
         }
     });
-    let Shared { made, failed, unmade, .. } = shared;
+    let Shared { made, failed, unmade, matched, .. } = shared;
     if let Ok(Some(e)) = failed.into_inner() {
+        if is_new && made.load(Ordering::Relaxed) == 0 {
+            set.discard();
+        }
         return Err(e);
     }
     let interrupted = cancel.is_cancelled();
@@ -202,6 +210,7 @@ pub fn run(
         missed: options.seconds.filter(is_missed),
         interrupted,
         failed: unmade,
+        matched: matched.into_inner().ok().and_then(|(sum, images)| (images > 0).then(|| sum / f64::from(images))),
     })
 }
 
@@ -272,6 +281,8 @@ struct Shared<'a> {
     has_images: bool,
     /// Images that could not be made.
     unmade: Mutex<Vec<(u64, String)>>,
+    /// Sum of the matched shares of the images that were made, and their number.
+    matched: Mutex<(f64, u32)>,
     stop: AtomicBool,
 }
 
@@ -351,6 +362,9 @@ impl Shared<'_> {
             };
             let (record, _) = self.set.commit(claim, image)?;
             self.end(job, share, true);
+            if let (Some(share), Ok(mut matched)) = (record.matched, self.matched.lock()) {
+                *matched = (matched.0 + share, matched.1 + 1);
+            }
             self.test(position, share.map(|share| (share, &record)));
             self.made.fetch_add(1, Ordering::Relaxed);
             self.report();

@@ -65,7 +65,17 @@ fn program() -> String {
     concat!("dunkelfeld ", env!("CARGO_PKG_VERSION")).into()
 }
 
+/// The message about a set of another version.
+fn other_program(before: &str) -> String {
+    format!("holds a set of {before}, and this is {}", program())
+}
+
 impl Set {
+    /// The problem of a set of another version of the program.
+    pub(crate) fn other_version(&self) -> Option<String> {
+        (self.manifest.program != program()).then(|| other_program(&self.manifest.program))
+    }
+
     /// Opens the folder of a set of a study for its images, and creates it with its parents if there is none. A set may
     /// grow; it never shrinks.
     ///
@@ -104,7 +114,7 @@ impl Set {
                     // Nothing was made: the study may have been corrected.
                     put(path, "set.json", &json(&manifest))?;
                 } else if before.program != manifest.program {
-                    let problem = format!("holds a set of {}, and this is {}", before.program, manifest.program);
+                    let problem = other_program(&before.program);
                     return Err(fault(problem, "name another folder, or use that version"));
                 }
                 if !is_empty && before.study_hash != manifest.study_hash {
@@ -142,6 +152,20 @@ impl Set {
             written(&folder, fs::create_dir_all(&folder))?;
         }
         Ok(Self { path: path.into(), manifest })
+    }
+
+    /// Removes the folder of a set without images. A folder that contains any other file is left.
+    pub(crate) fn discard(&self) {
+        // Claims and partial files of other processes are in these folders, which then are not empty.
+        let folders = fs::read_dir(&self.path).into_iter().flatten().flatten().filter(|entry| entry.path().is_dir());
+        if folders.map(|entry| fs::remove_dir(entry.path())).any(|removed| removed.is_err()) {
+            return;
+        }
+        for name in ["study.toml", "set.json"] {
+            // A file that stays is in a folder that stays.
+            let _ = fs::remove_file(self.path.join(name));
+        }
+        let _ = fs::remove_dir(&self.path);
     }
 
     /// Opens a set that exists.

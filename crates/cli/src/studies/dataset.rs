@@ -44,6 +44,12 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
         say("interrupted: the same command goes on");
         return Ok(Outcome::Interrupted);
     }
+    if let Some(share) = summary.matched.filter(|share| *share < LEAST_MATCHED) {
+        let percent = (100.0 * share).floor();
+        say(&format!(
+            "warning: noise-matched exposure holds for only {percent} % of the pixels of these images; the others are noisier than the camera; help: use more samples per pixel"
+        ));
+    }
     if let Some(limit) = summary.missed {
         let over = seconds(summary.seconds - limit);
         let all = seconds(summary.seconds);
@@ -61,6 +67,8 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
     Ok(if summary.failed.is_empty() { Outcome::Done } else { Outcome::Flagged })
 }
 
+/// Share of the pixels with matched noise below which a run warns.
+const LEAST_MATCHED: f64 = 0.9;
 /// Images that could not be made, of which messages are shown.
 const LISTED: usize = 10;
 
@@ -126,6 +134,14 @@ fn check(folder: &Path, args: &DatasetArgs) -> Result<Outcome, Error> {
     }
     if found.more > 0 {
         say(&format!("flagged: {} more faults", found.more));
+    }
+    if found.finished < found.count {
+        let missing = found.count - found.finished;
+        say(&format!(
+            "flagged: {missing} of {} images are not finished; help: `dunkelfeld dataset` with the study and -o {} makes them",
+            found.count,
+            folder.display()
+        ));
     }
     print(&format!(
         "{} of {} images are finished; {} files and {} annotations were checked\n",

@@ -1,7 +1,7 @@
 //! Flags of `dataset`.
 
 use crate::run_args::ProgressKind;
-use crate::values::{time_limit, whole, within};
+use crate::values::{time_limit, within};
 use clap::Args;
 use dunkelfeld_dataset::MAX_COUNT;
 use std::path::PathBuf;
@@ -20,7 +20,7 @@ pub(crate) struct DatasetArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=MAX_COUNT))]
     pub(crate) count: Option<u64>,
     /// Make only these images, counted from 0.
-    #[arg(long, value_name = "N,N,...", value_delimiter = ',', allow_negative_numbers = true, value_parser = whole::<u64>)]
+    #[arg(long, value_name = "N,N,...", value_delimiter = ',', allow_negative_numbers = true, value_parser = within(0..=MAX_COUNT - 1))]
     pub(crate) index: Vec<u64>,
     /// Wall-clock time for all missing images, as in 8h, instead of the budget of the job. It depends on the speed of the
     /// machine how many samples the images have.

@@ -24,18 +24,21 @@ pub(super) fn change(
         let problem = format!("the object \"{}\" has no extent", scene.instances[index].name);
         return Err(DefectProblem::new(problem, "name an object with triangles"));
     };
+    let mut angle = None;
     match spec.kind {
         DefectKind::Missing => with_materials(scene, index, |m| material::absent(m, &spec.name)),
         DefectKind::Faded => fade(scene, index, spec)?,
         _ => {
-            let (sin, cos) = spec.angle.unwrap_or_else(|| draw::angle(stream)).sin_cos();
+            let direction = spec.angle.unwrap_or_else(|| draw::angle(stream));
+            angle = Some(direction);
+            let (sin, cos) = direction.sin_cos();
             scene.instances[index].to_world.translation += (tangents[0] * cos + tangents[1] * sin) * spec.length;
         }
     }
     let on = std::mem::replace(&mut scene.instances[index].name, spec.name.clone());
     let [low, high] = scene.bounds_of(&scene.instances[index]).unwrap_or_default();
     let extent = low.distance(high);
-    Ok(PlacedDefect { object: spec.name.clone(), at: 0.5 * (low + high), normal, on, extent })
+    Ok(PlacedDefect { object: spec.name.clone(), at: 0.5 * (low + high), normal, on, extent, angle })
 }
 
 /// Unit normal and two tangents of the largest side of the bounding box of an object, in the world. The box is that in

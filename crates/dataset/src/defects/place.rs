@@ -40,9 +40,16 @@ pub(super) fn on_surface(
         let Some(made) = attempt(scene, spec, &anchor, rounding, stream) else { continue };
         let instance = &scene.instances[anchor.instance];
         let (on, motion) = (instance.name.clone(), instance.motion);
-        let extent = extent_of(&made.mesh);
+        let (extent, angle) = (extent_of(&made.mesh), made.angle);
         insert(scene, &spec.name, made, anchor.point, motion);
-        return Ok(PlacedDefect { object: spec.name.clone(), at: anchor.point, normal: anchor.normal, on, extent });
+        return Ok(PlacedDefect {
+            object: spec.name.clone(),
+            at: anchor.point,
+            normal: anchor.normal,
+            on,
+            extent,
+            angle,
+        });
     }
     Err(DefectProblem::new(
         format!("the defect \"{}\" finds no room on the surface: no place of {TRIES} fits", spec.name),

@@ -75,12 +75,12 @@ pub(super) fn dent(site: &Site<'_>) -> Option<Made> {
         };
         let mesh = shell::closed(&patch, surface, |_| offset, bottom, normal);
         let roughness = material::roughness_or(spec, site.host.roughness);
-        return Some(Made { mesh, material: material::gas(&spec.name, volume, roughness) });
+        return Some(Made { mesh, angle: None, material: material::gas(&spec.name, volume, roughness) });
     }
     // The rim is below the surface, so that no gap is visible at grazing angles.
     let height = |i: usize| if is_rim(i) { -site.lift } else { offset };
     let (mesh, has_uvs) = patch.mesh(surface, Some(site.below), height, normal);
-    Some(Made { mesh, material: material::like_surface(site.host, spec, has_uvs) })
+    Some(Made { mesh, angle: None, material: material::like_surface(site.host, spec, has_uvs) })
 }
 
 /// A stain with an irregular outline.
@@ -98,5 +98,5 @@ pub(super) fn stain(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
     };
     mesh.colors = (0..patch.feet.len()).map(|i| Vec3::ONE.extend(coverage(i) as f32)).collect();
     let own = material::own(spec, STAIN_COLOR, STAIN_ROUGHNESS);
-    Some(Made { mesh, material: material::covering_by_colors(own) })
+    Some(Made { mesh, angle: None, material: material::covering_by_colors(own) })
 }

@@ -28,6 +28,8 @@ pub(super) struct Site<'a> {
 pub(super) struct Made {
     pub(super) mesh: Mesh,
     pub(super) material: Material,
+    /// Direction in the tangent plane \[rad\], drawn or given. `None` if the kind has none.
+    pub(super) angle: Option<f64>,
 }
 
 /// The step of f32 at the radius of the scene \[m\].

@@ -31,6 +31,21 @@ pub(crate) enum DefectKind {
 }
 
 impl DefectKind {
+    /// All kinds by their names in a study.
+    pub(crate) const NAMES: [&str; 10] =
+        ["scratch", "dent", "stain", "dust", "fibre", "bubble", "inclusion", "missing", "faded", "shifted"];
+
+    /// The keys that the kind needs.
+    pub(crate) fn required(self) -> &'static [&'static str] {
+        match self {
+            Self::Scratch => &["length", "width", "depth"],
+            Self::Dent => &["length", "depth"],
+            Self::Fibre => &["length", "width"],
+            Self::Stain | Self::Dust | Self::Bubble | Self::Inclusion | Self::Shifted => &["length"],
+            Self::Missing | Self::Faded => &[],
+        }
+    }
+
     /// The keys of a study that this kind uses, beside those of all kinds.
     pub(crate) fn keys(self) -> &'static [&'static str] {
         match self {
@@ -104,6 +119,8 @@ pub(crate) struct PlacedDefect {
     pub(crate) on: String,
     /// Largest extent \[m\].
     pub(crate) extent: f64,
+    /// Direction in the tangent plane \[rad\], drawn or given. `None` if the kind has none.
+    pub(crate) angle: Option<f64>,
 }
 
 /// The reason why a defect cannot be made.

@@ -97,8 +97,8 @@ pub(super) fn inside(
         DefectKind::Bubble => material::gas(&spec.name, &solid.volume, material::roughness_or(spec, 0.0)),
         _ => material::own(spec, INCLUSION_COLOR, INCLUSION_ROUGHNESS),
     };
-    insert(scene, &spec.name, Made { mesh, material }, at, motion);
-    Ok(PlacedDefect { object: spec.name.clone(), at, normal: DVec3::Y, on, extent: spec.length })
+    insert(scene, &spec.name, Made { mesh, angle: None, material }, at, motion);
+    Ok(PlacedDefect { object: spec.name.clone(), at, normal: DVec3::Y, on, extent: spec.length, angle: None })
 }
 
 /// A point in one of the solids, uniform by volume over the points that are at least `clearance` \[m\] away from the
