@@ -149,13 +149,10 @@ fn cnr_charts(rows: &[Row<'_>]) -> Vec<Chart> {
         let bins = Bins::within(values, low, high * 1.0001, BINS, true);
         let heading = format!("{}, {}", shortened(&row.name, 32), counted(values.len() as u64, "instance"));
         let color = row.position.unwrap_or(0) % COLORS;
-        histogram(&heading, "CNR, logarithmic", "instances", COLOR_OF[color], &bins, &levels)
+        histogram(&heading, "CNR, logarithmic", "instances", COLORS + color, &bins, &levels)
     };
     all.iter().take(CHARTS).map(chart).collect()
 }
-
-/// The colour of the chart for the colour of a category in the images.
-const COLOR_OF: [usize; COLORS] = [0, 1, 2, 3, 5, 4];
 
 fn visible_chart<'a>(name: &str, color: usize, instances: impl Iterator<Item = &'a Instance>) -> Option<Chart> {
     let shares = instances.filter(|i| i.amodal > 0.0).map(|i| f64::from(i.visible / i.amodal).clamp(0.0, 1.0));
@@ -189,5 +186,15 @@ mod tests {
         assert!(charts[0].title.contains("3 instances"), "{}", charts[0].title);
         assert!(visible_chart("x", 0, [instance(1.0)].iter()).is_some_and(|c| c.title.contains("1 instance")));
         assert!(visible_chart("x", 0, [].iter()).is_none());
+    }
+
+    #[test]
+    fn a_category_has_one_colour_in_images_legend_and_charts() {
+        let (chart, page) = (include_str!("chart.css"), include_str!("page.css"));
+        for (i, [r, g, b]) in crate::report::overlay::COLORS.into_iter().enumerate() {
+            let color = format!("#{r:02x}{g:02x}{b:02x}");
+            assert!(chart.contains(&format!(".fill.k{i} {{ fill: {color}; }}")), "{i}");
+            assert!(page.contains(&format!(".o{i} {{ stroke: {color}; }}")), "{i}");
+        }
     }
 }

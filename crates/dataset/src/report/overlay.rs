@@ -190,7 +190,7 @@ impl Canvas {
             };
             let category = self.pens.get(&id).map_or(COLORS.len() - 1, |p| p.category);
             let [x, y] = self.place(at);
-            match is_dashed(category) && (x + y) % 8 >= 5 {
+            match is_gap(category, x + y) {
                 true => [0, 0, 0, HALO],
                 false => {
                     let [r, g, b] = COLORS[category % COLORS.len()];
@@ -202,9 +202,22 @@ impl Canvas {
     }
 }
 
-/// Does a category have dashed lines? Categories beyond the number of colours have them.
-pub(crate) fn is_dashed(category: usize) -> bool {
-    category / COLORS.len() % 2 == 1
+/// Styles of lines. Categories with the same colour have them in turn.
+pub(crate) const STYLES: usize = 4;
+
+/// The style of the lines of a category: 0 solid, 1 dashes, 2 dots, 3 dashes and dots.
+pub(crate) fn style_of(category: usize) -> usize {
+    category / COLORS.len() % STYLES
+}
+
+/// Is a pixel of a line of a category in a gap? `along` counts the pixels of the line.
+fn is_gap(category: usize, along: i64) -> bool {
+    match style_of(category) {
+        0 => false,
+        1 => along.rem_euclid(8) >= 5,
+        2 => along.rem_euclid(4) >= 2,
+        _ => matches!(along.rem_euclid(12), 5..=6 | 9..=11),
+    }
 }
 
 #[cfg(test)]
@@ -222,6 +235,17 @@ mod tests {
     fn pixel(overlay: &Overlay, x: u32, y: u32) -> [u8; 4] {
         let at = 4 * (y * overlay.size[0] + x) as usize;
         std::array::from_fn(|i| overlay.rgba[at + i])
+    }
+
+    #[test]
+    fn categories_differ_in_colour_or_style() {
+        let of = |category: usize| {
+            let gaps: Vec<bool> = (0..24).map(|along| is_gap(category, along)).collect();
+            (COLORS[category % COLORS.len()], gaps)
+        };
+        let all: std::collections::HashSet<_> = (0..COLORS.len() * STYLES).map(of).collect();
+        assert_eq!(all.len(), 24);
+        assert_eq!(of(24), of(0));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::draw_section::draw_section;
 use super::error::ReportError;
 use super::frame::{frame, head, tiles};
 use super::label_section::{findable, label_section};
-use super::overlay::{COLORS, is_dashed};
+use super::overlay::{COLORS, style_of};
 use super::picture::{Pixels, data_uri, png};
 use super::sheet::Shown;
 use super::view::{SetView, image_ending};
@@ -145,7 +145,7 @@ fn selection(n: usize, all: usize) -> String {
 
 /// The sign of a category, as in the images.
 pub(crate) fn swatch(position: usize) -> Markup {
-    let dash = if is_dashed(position) { " dash" } else { "" };
+    let dash = ["", " dash", " dots", " both"][style_of(position)];
     html! {
         svg class="swatch" viewBox="0 0 16 16" aria-hidden="true" {
             rect x="3" y="3" width="10" height="10" {}

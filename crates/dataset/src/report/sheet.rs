@@ -3,7 +3,7 @@
 use super::chart::shortened;
 use super::error::ReportError;
 use super::font;
-use super::overlay::{COLORS, Overlay, is_dashed};
+use super::overlay::{COLORS, Overlay, style_of};
 use super::picture::{Mask, Pixels, png};
 use super::view::{Record, SetView, image_ending};
 use std::collections::BTreeSet;
@@ -128,7 +128,12 @@ impl Canvas {
         const SIDE: u32 = 14;
         for (dx, dy) in (0..SIDE).flat_map(|dy| (0..SIDE).map(move |dx| (dx, dy))) {
             let depth = dx.min(dy).min(SIDE - 1 - dx).min(SIDE - 1 - dy);
-            let is_gap = is_dashed(category) && ((5..9).contains(&dx) || (5..9).contains(&dy));
+            let is_gap = match style_of(category) {
+                0 => false,
+                1 => (5..9).contains(&dx) || (5..9).contains(&dy),
+                2 => (dx % 4 >= 2) != (dy % 4 >= 2),
+                _ => (6..8).contains(&dx) || (9..12).contains(&dy),
+            };
             let color = if depth < 3 && !is_gap { COLORS[category % COLORS.len()] } else { [0; 3] };
             self.set([x + dx, y + dy], color);
         }

@@ -20,7 +20,7 @@ const LETTER: f64 = 7.4;
 /// A level across a histogram, with its name.
 pub(crate) type Level<'a> = (f64, &'a str);
 
-/// Draws a histogram. `heading` is above it, `axis` below it. The count is of images or of instances: `of`.
+/// Draws a histogram. `color` is that of a series, or `COLORS` more than that of a category. `heading` is above it, `axis` below it. The count is of images or of instances: `of`.
 pub(crate) fn histogram(heading: &str, axis: &str, of: &str, color: usize, bins: &Bins, levels: &[Level<'_>]) -> Chart {
     let mut chart = Chart::new(&format!("Histogram: {heading}"), SIZE[0], SIZE[1]);
     chart.text("heading", [0.0, 16.0], "start", &shortened(heading, 54));
@@ -30,7 +30,11 @@ pub(crate) fn histogram(heading: &str, axis: &str, of: &str, color: usize, bins:
         chart.line("grid", [LEFT, y.place(tick)], [RIGHT, y.place(tick)]);
         chart.text("tick", [LEFT - 7.0, y.place(tick) + 4.5], "end", &label(tick));
     }
-    let class = format!("fill s{}", color % COLORS);
+    let class = match color.checked_sub(COLORS) {
+        // A category has the colour of its lines in the images.
+        Some(category) => format!("fill k{}", category % COLORS),
+        None => format!("fill s{color}"),
+    };
     for (i, count) in bins.counts.iter().enumerate().filter(|(_, n)| **n > 0) {
         let [from, to] = bins.edges(i);
         let (a, b, top) = (x.place(from), x.place(to), y.place(*count as f64).min(BOTTOM - 1.0));
