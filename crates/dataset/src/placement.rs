@@ -252,9 +252,9 @@ mod tests {
             again += u32::from(first.0.center != a.center);
         }
         assert!(again > 16, "{again} of 64 were drawn again");
-        let fault = small.arrange(&shapes, Draws { seed: 7, index: 0 }).err().expect("no room");
+        let fault = small.arrange(&shapes, Draws { seed: 7, index: 0 }).expect_err("no room");
         assert!(fault.problem.contains("\"b\" finds no place, also after"), "{fault:?}");
-        let alone = placement("9mm").arrange(&shapes, Draws { seed: 7, index: 0 }).err().expect("no room");
+        let alone = placement("9mm").arrange(&shapes, Draws { seed: 7, index: 0 }).expect_err("no room");
         assert!(alone.problem.contains("\"a\" finds no place in the region"), "{alone:?}");
     }
 }
