@@ -213,7 +213,9 @@ def test_one_cluster_continues_shares_ships_and_refuses(
     # Image 2 has no place for its blocks. It is left out, as by one process, with the same message.
     some = tmp_path / "some.toml"
     some.write_text(
-        STUDY.replace('size = ["90mm", 0, "90mm"]', 'size = [{ sequence = ["90mm", "90mm", "20mm", "90mm"] }, 0, "90mm"]')
+        STUDY.replace(
+            'size = ["90mm", 0, "90mm"]', 'size = [{ sequence = ["90mm", "90mm", "20mm", "90mm"] }, 0, "90mm"]'
+        )
     )
     expected = Study(some).run(tmp_path / "some", count=4, jobs=1)
     summary = distributed.make(some, tmp_path / "some-shipped", client, count=4)
