@@ -326,7 +326,14 @@ fn adjusted(model: SensorModel, sensor: &job::SensorSettings) -> Result<SensorMo
     let mut spec = model.spec().clone();
     spec.system_gain *= sensor.gain.unwrap_or(1.0);
     spec.temperature = sensor.temperature.map_or(spec.temperature, Celsius);
-    spec.offset = sensor.black_level.map_or(spec.offset, DigitalNumber);
+    if let Some(level) = sensor.black_level {
+        let most = (0.9 * f64::from(model.max_value())).floor();
+        if level > most {
+            let problem = format!("the offset {level} DN is above 90 % of the largest grey value");
+            return Err(Error::setting("[sensor] black_level", problem, format!("write 0 to {most}")));
+        }
+        spec.offset = DigitalNumber(level);
+    }
     // Figures were published for the sensor as it is.
     spec.published = Published::default();
     Ok(SensorModel::new(spec)?)
