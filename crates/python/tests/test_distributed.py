@@ -211,14 +211,14 @@ def test_one_cluster_continues_shares_ships_and_refuses(
         distributed.make(bad, tmp_path / "bad-shipped", client)
     assert shipped.value.file == str(bad) and str(bad) in str(shipped.value)
     # Image 2 has no place for its blocks. It is left out, as by one process, with the same message.
-    some = tmp_path / "some.toml"
-    some.write_text(
+    partial = tmp_path / "some.toml"
+    partial.write_text(
         STUDY.replace(
             'size = ["90mm", 0, "90mm"]', 'size = [{ sequence = ["90mm", "90mm", "20mm", "90mm"] }, 0, "90mm"]'
         )
     )
-    expected = Study(some).run(tmp_path / "some", count=4, jobs=1)
-    summary = distributed.make(some, tmp_path / "some-shipped", client, count=4)
+    expected = Study(partial).run(tmp_path / "some", count=4, jobs=1)
+    summary = distributed.make(partial, tmp_path / "some-shipped", client, count=4)
     assert (summary["made"], summary["finished"]) == (3, 3)
     assert summary["failed"] == expected["failed"] and [index for index, _ in summary["failed"]] == [2]
     assert_same(tmp_path / "some", tmp_path / "some-shipped")
