@@ -230,14 +230,16 @@ def test_vignetting_is_a_knob_without_new_samples(view, tmp_path, open_page, ren
     one, two = (running.picture("map", body)[1] for body in ask)
     known = np.isfinite(one)
     assert known.mean() > 0.9 and (known == np.isfinite(two)).all()
-    assert two[known] == pytest.approx((one * factor)[known], rel=1e-3)
+    # Samples above saturation count less, so that the brightest pixels differ.
+    error = np.abs(two / (one * factor) - 1)[known]
+    assert (error < 0.005).mean() > 0.99 and np.median(error) < 1e-5
     # The page has the knob, and the files have its value.
     page = open_page(running)
     page.set("noise", noise)
     page.click("vignetting")
     assert page.text("problems") == "" and page.checked("vignetting") is not rendered
     _, values = values_of(page)
-    body = {"what": ["png", "tiff", "job"], "name": "other", "camera": page.camera(), "frame": 0}
+    body = {"what": ["png", "tiff", "job"], "name": "other", "camera": other, "frame": 0}
     running.post("save", body)
     assert (grey_values(tmp_path / "other.tif") == values).all()
     wanted = "none" if rendered else "cos4"
