@@ -427,6 +427,13 @@ fn a_film_that_is_saved_during_a_render_is_continued_with_another_budget() {
         // The time begins now.
         let timed = goes_on(Budget::default().with_seconds(0.4), "time");
         assert!(timed.film.sums.total_samples() > before.total_samples());
+        // A time in the file that none can be counts for nothing, and no time of the view against the budget.
+        fs::write(&path, &saved).expect("writable");
+        set_elapsed(&path, "1e300");
+        let settings = kept(&path, &adaptive().with_budget(Budget::default().with_seconds(0.4)));
+        let timed = run(&scene, &settings).expect("it goes on");
+        assert!(timed.earlier.seconds == 0.0 && timed.earlier.has_own_budget, "{name}");
+        assert!(timed.film.sums.total_samples() > before.total_samples(), "{name}");
         // The level of the noise is that of the sensor here.
         let hidden = goes_on(Budget::default().with_noise(2.0).with_spp(20_000.0), "noise");
         assert!(hidden.stop == dunkelfeld::adaptive::StopReason::NoiseTarget, "{name}: {:?}", hidden.stop);

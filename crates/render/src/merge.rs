@@ -141,7 +141,12 @@ impl JoinedParts {
             weights: weights::uniform(film.width(), film.height()),
             forecast: None,
             threads,
-            earlier: ResumedWork { seconds: state.elapsed, samples: film.total_samples(), was_complete: true },
+            earlier: ResumedWork {
+                seconds: state.elapsed,
+                samples: film.total_samples(),
+                was_complete: true,
+                has_own_budget: false,
+            },
             checkpoint_fault: None,
             stages: state.stages,
             film: RenderedFilm {

@@ -46,6 +46,8 @@ pub struct ResumedWork {
     pub samples: u64,
     /// Was the render complete already?
     pub was_complete: bool,
+    /// Had it a budget of its own? Then its time does not count against that of this render.
+    pub has_own_budget: bool,
 }
 
 /// The text of a checkpoint file.

@@ -21,13 +21,16 @@ impl Renderer<'_> {
         }
         if is_open {
             // The budget is that of this render: its time begins now, and its samples contain those of the film.
-            self.earlier = ResumedWork { seconds: state.elapsed, samples: self.taken, was_complete: false };
+            let (_, seconds) = began(self.started, state.elapsed);
+            self.earlier = ResumedWork { seconds, samples: self.taken, was_complete: false, has_own_budget: true };
+            self.stages = state.stages;
             self.continued = state.course.map(|course| course.schedule.phase());
             return;
         }
         let (started, seconds) = began(self.started, state.elapsed);
         self.started = started;
-        self.earlier = ResumedWork { seconds, samples: self.taken, was_complete: state.stop.is_some() };
+        let was_complete = state.stop.is_some();
+        self.earlier = ResumedWork { seconds, samples: self.taken, was_complete, has_own_budget: false };
         self.stages = state.stages;
         self.course = state.course;
         if let (Some(_), Some(course)) = (&target, &self.course) {
