@@ -24,6 +24,8 @@ from page import Page
 from program import ROOT, View
 
 SCENE = ROOT / "scenes" / "inspection"
+# Samples per pixel of the pictures.
+PICTURE_SPP = 128
 # The time from a change on the page to the painted picture.
 CHANGE = """
 const [id, value, done] = arguments;
@@ -38,10 +40,10 @@ window.dunkelfeld.idle().then(() => requestAnimationFrame(() => requestAnimation
 """
 
 
-def job(folder, width, height):
-    """The job of the inspection scene with another number of pixels."""
-    text = (SCENE / "inspection.toml").read_text()
-    text = text.replace('"inspection.glb"', json.dumps(str(SCENE / "inspection.glb")))
+def job(folder, width, height, name="inspection"):
+    """A job of the inspection scene with another number of pixels."""
+    text = (SCENE / f"{name}.toml").read_text()
+    text = text.replace(f'"{name}.glb"', json.dumps(str(SCENE / f"{name}.glb")))
     changed = text.replace("width = 512", f"width = {width}").replace("height = 512", f"height = {height}")
     assert changed != text or (width, height) == (512, 512)
     path = Path(folder) / f"{width}x{height}.toml"
@@ -143,11 +145,11 @@ def cost(folder, driver, rounds, seconds):
 
 
 def screenshots(folder, driver, target):
-    """The pictures of docs/view.md."""
-    view = View(job(folder, 512, 512), folder=folder)
+    """The pictures of docs/view.md: the scene without a cover, in which little noise is left after a minute."""
+    view = View(job(folder, 512, 512, "inspection-open"), folder=folder)
     try:
         page = Page(driver, view.url)
-        view.wait_for_film(16)
+        view.wait_for_film(PICTURE_SPP)
         page.set("sensor", "imx250")
         page.driver.save_screenshot(str(target / "view-camera.png"))
         page.tab("noise")

@@ -6,6 +6,10 @@ use crate::stage::Stage;
 use rayon::ThreadPool;
 use std::sync::Arc;
 use std::time::Instant;
+use thread_priority::{ThreadPriority, ThreadPriorityValue, set_current_thread_priority};
+
+/// The priority of threads in the background, from 0 (least) to 99: a nice value of 11 on Linux, where other threads have 0.
+const BACKGROUND: u8 = 20;
 
 /// Largest number of threads of a session.
 pub const MAX_THREADS: usize = 1024;
@@ -30,6 +34,23 @@ impl Session<'static> {
     /// # Errors
     /// More than [`MAX_THREADS`] threads; threads that cannot be started.
     pub fn new(threads: usize) -> Result<Self, Error> {
+        Self::with_threads(threads, |_| {})
+    }
+
+    /// A session as that of [`Session::new`], whose threads have a lower priority: they take the time that other threads and
+    /// programs leave. For long work beside a program that a person uses. Where the system refuses the priority, the threads
+    /// are as others.
+    ///
+    /// # Errors
+    /// As [`Session::new`].
+    pub fn in_background(threads: usize) -> Result<Self, Error> {
+        Self::with_threads(threads, |_| {
+            let priority = ThreadPriorityValue::try_from(BACKGROUND).map(ThreadPriority::Crossplatform);
+            let _ = priority.map(set_current_thread_priority);
+        })
+    }
+
+    fn with_threads(threads: usize, start: impl Fn(usize) + Send + Sync + 'static) -> Result<Self, Error> {
         if threads > MAX_THREADS {
             let problem = format!("{threads} is out of range");
             return Err(Error::setting(
@@ -41,6 +62,7 @@ impl Session<'static> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .thread_name(|i| format!("dunkelfeld-{i}"))
+            .start_handler(start)
             .build()
             .map_err(|e| Error::Threads(e.to_string()))?;
         Ok(Self { started: Instant::now(), progress: &SILENT, cancel: &NEVER, pool: Arc::new(pool) })
@@ -129,5 +151,28 @@ impl std::fmt::Debug for Session<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let mut text = f.debug_struct("Session");
         text.field("threads", &self.threads()).field("is_cancelled", &self.is_cancelled()).finish_non_exhaustive()
+    }
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    /// The nice value of this thread, from its line of /proc (proc_pid_stat(5)).
+    fn nice() -> i32 {
+        let line = std::fs::read_to_string("/proc/thread-self/stat").expect("a line of this thread");
+        // The name of the thread in parentheses may contain blanks.
+        let after_name = line.rsplit(')').next().expect("a name");
+        after_name.split_whitespace().nth(16).expect("the field 19").parse().expect("a number")
+    }
+
+    /// Threads in the background have a lower priority than the others, and the caller keeps its own.
+    #[test]
+    fn background_threads_have_a_lower_priority() {
+        let own = nice();
+        let of = |session: Session<'_>| session.install(nice);
+        assert_eq!(of(Session::new(2).expect("threads")), own);
+        assert!(of(Session::in_background(2).expect("threads")) > own);
+        assert_eq!(nice(), own);
     }
 }

@@ -7,7 +7,7 @@ use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::scene::Effect;
-use dunkelfeld::{Budget, Cancel, Error, Progress, ProgressState, Project, ProjectOptions};
+use dunkelfeld::{Budget, Cancel, Error, KeptFilms, Progress, ProgressState, Project, ProjectOptions};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
@@ -215,15 +215,16 @@ fn compare(shared: &Arc<Shared>, effect: Effect, with: &Developed, ablation: &Ab
     project.settings.camera = change.camera.clone().or(project.settings.camera.take());
     project.settings.budget = Budget::default().with_spp(with.snapshot.spp().clamp(1.0, MAX_SPP));
     project.settings.layers = FilmLayers::All;
-    let (rendering, settings, is_vignetted) = project.render_film(ablation, &ablation.cancel)?;
+    let (rendering, settings, is_vignetted) =
+        project.render_film_beside(KeptFilms::default(), ablation, &ablation.cancel)?;
     if ablation.cancel.is_cancelled() || lock(&shared.control).quit {
         return Err(Fault::new("the comparison was ended, for another one or another scene", "compute it again"));
     }
     let content = Content::Film(rendering.film);
     let snapshot = Snapshot::new(0, content, (settings, is_vignetted), scene, 0.0, None);
     let without = with.at_exposure_of(Arc::new(snapshot), &shared.session)?;
-    with.certify(&shared.session);
-    without.certify(&shared.session);
+    with.certify(&shared.background);
+    without.certify(&shared.background);
     difference(with, &without)
 }
 

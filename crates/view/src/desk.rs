@@ -222,7 +222,8 @@ mod tests {
         let scene = Arc::new(PictureScene { number: 3, ..PictureScene::default() });
         let snapshot = Snapshot::new(1, Content::Film(rendering.film), (settings, is_vignetted), scene, 0.0, None);
         let subject = Subject { path: "ball.toml".into(), kind: SourceKind::Render, output: ".".into() };
-        let shared = Arc::new(Shared::new(subject, Session::new(1).expect("a thread")));
+        let session = Session::new(1).expect("a thread");
+        let shared = Arc::new(Shared::new(subject, session.clone(), session));
         *lock(&shared.snapshot) = Some(Arc::new(snapshot));
         lock(&shared.live).scene_number = 3;
         (shared, project)

@@ -413,7 +413,7 @@ pub(crate) fn analyse(shared: &Arc<Shared>) {
         let camera = camera.without_noise();
         let certify = || {
             let developed = shared.store.get(&snapshot, &camera, &shared.session).ok()?;
-            developed.certify(&shared.session);
+            developed.certify(&shared.background);
             developed.certified().is_some().then_some(developed)
         };
         let certified = caught("the analysis of the noise", AFTER_PANIC, certify).unwrap_or_else(|fault| {

@@ -107,7 +107,8 @@ pub fn serve(
     let token = if address.ip().is_loopback() { None } else { Some(random_token()?) };
     let page = PageAddress::new(address, token.as_deref());
     let subject = Subject { path: path.to_owned(), kind, output: options.output.clone() };
-    let shared = Arc::new(Shared::new(subject, Session::new(options.threads)?));
+    let (session, background) = (Session::new(options.threads)?, Session::in_background(options.threads)?);
+    let shared = Arc::new(Shared::new(subject, session, background));
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .max_blocking_threads(8)

@@ -7,7 +7,7 @@ use crate::light_sum::LightFilm;
 use crate::scenes::LightScene;
 use crate::shared::{Shared, lock};
 use crate::snapshot::Content;
-use dunkelfeld::{Cancel, Error, FilmInProgress, Progress, ProgressState, Project, RenderedFilm};
+use dunkelfeld::{Cancel, Error, FilmInProgress, KeptFilms, Progress, ProgressState, Project, RenderedFilm};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -163,7 +163,7 @@ impl Turn<'_> {
 
     fn render(self, project: &Project) -> Result<Arc<RenderedFilm>, Error> {
         self.wait();
-        let result = project.render_film(&self, self.rounds.cancel);
+        let result = project.render_film_beside(KeptFilms::default(), &self, self.rounds.cancel);
         if result.is_err() {
             self.rounds.cancel.cancel();
         }

@@ -105,12 +105,14 @@ pub(crate) struct Shared {
     pub(crate) writes: Mutex<()>,
     /// The threads of exposures and measurements.
     pub(crate) session: Session<'static>,
+    /// The threads of analyses that no page waits for.
+    pub(crate) background: Session<'static>,
     pub(crate) changed: watch::Sender<u64>,
     pub(crate) began: Instant,
 }
 
 impl Shared {
-    pub(crate) fn new(subject: Subject, session: Session<'static>) -> Self {
+    pub(crate) fn new(subject: Subject, session: Session<'static>, background: Session<'static>) -> Self {
         let render = RenderState {
             stage: "load".into(),
             fraction: 0.0,
@@ -153,6 +155,7 @@ impl Shared {
             ablations: Mutex::default(),
             writes: Mutex::new(()),
             session,
+            background,
             changed: watch::Sender::new(0),
             began: Instant::now(),
         }

@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 26] = [
+const HOMES: [(&str, &[&str]); 27] = [
     ("axum", &["view"]),
     ("tokio", &["view"]),
     ("tokio-stream", &["view"]),
+    ("thread-priority", &["render"]),
     ("rayon", &["render", "dunkelfeld", "studies", "bvh", "dataset"]),
     ("obvhs", &["bvh"]),
     ("rustc-hash", &["geometry", "bvh", "integrator"]),

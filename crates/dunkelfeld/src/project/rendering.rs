@@ -54,11 +54,12 @@ impl Project {
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<(Rendering, RenderSettings, bool), Error> {
-        self.render_film_beside(KeptFilms::default(), progress, cancel)
+        self.film_of(Session::new(self.settings.threads)?, KeptFilms::default(), progress, cancel)
     }
 
-    /// [`Project::render_film`] of a program that keeps copies of the film meanwhile. The memory account of the render
-    /// contains them, so that a render that does not fit with them is refused.
+    /// [`Project::render_film`] of a program that keeps copies of the film meanwhile, and that a person uses. The memory
+    /// account of the render contains the copies, so that a render that does not fit with them is refused. The threads of the
+    /// render leave the processor to those of the program ([`Session::in_background`]).
     ///
     /// # Errors
     /// As [`Project::render_with`].
@@ -68,7 +69,17 @@ impl Project {
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<(Rendering, RenderSettings, bool), Error> {
-        let session = Session::new(self.settings.threads)?.with_progress(progress).with_cancel(cancel);
+        self.film_of(Session::in_background(self.settings.threads)?, kept, progress, cancel)
+    }
+
+    fn film_of(
+        &self,
+        session: Session<'_>,
+        kept: KeptFilms,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+    ) -> Result<(Rendering, RenderSettings, bool), Error> {
+        let session = session.with_progress(progress).with_cancel(cancel);
         let settings = self.fitted()?;
         self.checked_account_for(&settings, None, kept)?;
         let is_vignetted = camera(&self.scene, &settings)?.has_vignetting();
