@@ -158,12 +158,9 @@ impl std::fmt::Debug for Session<'_> {
 mod tests {
     use super::*;
 
-    /// The nice value of this thread, from its line of /proc (proc_pid_stat(5)).
+    /// The nice value of this thread (getpriority(2): on Linux it is that of a thread).
     fn nice() -> i32 {
-        let line = std::fs::read_to_string("/proc/thread-self/stat").expect("a line of this thread");
-        // The name of the thread in parentheses may contain blanks.
-        let after_name = line.rsplit(')').next().expect("a name");
-        after_name.split_whitespace().nth(16).expect("the field 19").parse().expect("a number")
+        rustix::process::getpriority_process(None).expect("a priority")
     }
 
     /// Threads in the background have a lower priority than the others, and the caller keeps its own.

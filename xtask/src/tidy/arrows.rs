@@ -29,7 +29,7 @@ const HOMES: [(&str, &[&str]); 27] = [
     ("tiff", &["io"]),
     ("toml", &["dataset", "io", "view"]),
     ("toml_edit", &["dataset"]),
-    ("rustix", &["io"]),
+    ("rustix", &["io", "render"]),
     ("signal-hook", &["cli"]),
     ("tempfile", &["io"]),
     ("libloading", &["denoise"]),
