@@ -194,6 +194,10 @@ fn overlapping_solids_and_cameras_inside_solids_are_hazards() {
     let m = b.add_material(glass("two"));
     b.add_object("second", cuboid(Vec3::new(0.0, -0.1, 0.05), Vec3::new(0.3, 0.1, 0.15)), m);
     contains_message(b.clone(), "object \"thing\"", &["overlaps object \"second\"", "`priority`"]);
+    // Different priorities say which of both fills the place.
+    let mut decided = b.clone();
+    decided.materials[m].surface = Surface::Solid(Volume { priority: 1, ..Volume::default() });
+    assert_no_hazards(decided, "solids of different priorities");
     // One inside the other is nesting, which is intended.
     let mut nested = with(glass("one"), cuboid(Vec3::new(-0.2, -0.2, 0.1), Vec3::new(0.2, 0.2, 0.3)));
     let m = nested.add_material(glass("two"));

@@ -59,7 +59,7 @@ pub use materials::{AlphaKind, MaterialOverride};
 pub use motion::{LineScanSettings, RotationSettings};
 pub use objects::{Grid, ObjectOverride, Pivot, Placement};
 pub use patterns::matches;
-pub use place::{Place, bounds_of};
+pub use place::Place;
 pub use primitives::PrimitiveKind;
 pub use scene_files::{SceneFile, SceneFiles};
 pub use sensor::{DEFAULT_SENSOR, Exposure, SensorChoice, SensorSettings};

@@ -1,7 +1,7 @@
 //! Compiles a builder to a scene: validation, repair, placement, lights, hierarchy.
 
 use crate::build::bake::PlacedObject;
-use crate::build::builder::{EnvironmentSource, MeshPart, PunctualKind, PunctualLight, SceneBuilder};
+use crate::build::builder::{EnvironmentSource, MeshPart, SceneBuilder};
 use crate::build::cache::{BuildCache, Builds, Repaired};
 use crate::build::effects::{Effect, Effects};
 use crate::build::error::BuildError;
@@ -12,15 +12,13 @@ use crate::covers::scene_covers::Covers;
 use crate::features::FeatureSet;
 use crate::light::delta::DeltaLight;
 use crate::light::environment::EnvironmentLight;
-use crate::light::sun::Sun;
-use crate::light::{Light, LightTable};
+use crate::light::LightTable;
 use crate::material::Surface;
 use crate::query::surface::CompiledMaterial;
 use crate::scene::{Part, Scene};
 use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_geometry::health::{MeshHealth, Repairs};
 use dunkelfeld_geometry::{Aabb, DAffine3, DVec3, Mesh, Transform, Vec3};
-use dunkelfeld_radiometry::Rgb;
 
 /// Beyond this radius [m] the square of a distance, and with it the irradiance, may leave the range of f32.
 const LARGEST_RADIUS: f32 = 1e18;
@@ -94,7 +92,7 @@ impl SceneBuilder {
             .collect();
         let solids = geometry.solids(&self.materials, &compiled, &closed);
         let (mut lights, mesh_lights) = geometry.area_lights(&self.materials, &compiled, &self.images);
-        lights.extend(self.lights.iter().map(|light| distant_or_delta(light, &to_render)));
+        lights.extend(self.lights.iter().map(|light| DeltaLight::light(light, &to_render)));
         let environment = self.environment.as_ref().map(|e| EnvironmentLight::new(e, &self.images));
         let lights = LightTable::new(
             lights,
@@ -366,17 +364,4 @@ impl Space {
 
 fn used_positions(mesh: &Mesh) -> impl Iterator<Item = Vec3> + '_ {
     mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize])
-}
-
-/// A light without a surface, in render space.
-fn distant_or_delta(light: &PunctualLight, to_render: &DAffine3) -> Light {
-    match (DeltaLight::new(light, to_render), light.kind) {
-        (Some(delta), _) => Light::Delta(delta),
-        (None, PunctualKind::Sun { irradiance, half_angle }) => {
-            let back = light.to_world.matrix3.z_axis.try_normalize().unwrap_or(DVec3::Z);
-            Light::Sun(Sun::new(back.as_vec3(), half_angle, irradiance))
-        }
-        // The other kinds have no extent.
-        (None, _) => Light::Sun(Sun::new(Vec3::Z, 1.0, Rgb::BLACK)),
-    }
 }

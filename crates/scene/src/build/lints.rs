@@ -18,6 +18,7 @@ pub(crate) use twins::{Shape, twins};
 
 use crate::build::lints::places::{bounds, corners, meters, place, push};
 use crate::build::report::BuildReport;
+use crate::material::Surface;
 use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::{Aabb, Mesh, Vec3};
 
@@ -167,17 +168,22 @@ fn tiny_emitters(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     push(report, findings.collect());
 }
 
-/// Reports solids that overlap partly.
+/// Reports solids that overlap partly. Different priorities say which one is meant.
 fn overlaps(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     if !scene.has_nesting() {
         return;
     }
     let mut seen = std::collections::HashSet::new();
     let mut findings = Vec::new();
+    let priority = |part: &Part| match scene.materials[part.material as usize].surface {
+        Surface::Solid(volume) => volume.priority,
+        Surface::Thin => 0,
+    };
     let solids = || scene.parts.iter().zip(boxes).filter(|(p, _)| scene.compiled[p.material as usize].is_solid);
     for (part, b) in solids().take(MAX_SOLIDS) {
         let others: Vec<&Part> = solids()
-            .filter(|(o, ob)| o.solid != part.solid && b.min.cmplt(ob.max).all() && ob.min.cmplt(b.max).all())
+            .filter(|(o, _)| o.solid != part.solid && priority(o) == priority(part))
+            .filter(|(_, ob)| b.min.cmplt(ob.max).all() && ob.min.cmplt(b.max).all())
             .map(|(o, _)| o)
             .collect();
         if others.is_empty() {

@@ -1,7 +1,9 @@
 //! Lights without extent: points, spots, IES profiles and distant lights.
 
 use crate::build::builder::{PunctualKind, PunctualLight};
+use crate::light::Light;
 use crate::light::luminaire::LightProfile;
+use crate::light::sun::Sun;
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
@@ -45,15 +47,17 @@ pub(crate) struct Arriving {
 }
 
 impl DeltaLight {
-    /// The light of a builder, moved to render space. `None` for a light with an extent.
-    pub(crate) fn new(light: &PunctualLight, to_render: &DAffine3) -> Option<Self> {
+    /// The light of a builder without a surface, moved to render space.
+    pub(crate) fn light(light: &PunctualLight, to_render: &DAffine3) -> Light {
         let to_render = *to_render * light.to_world;
         let position = to_render.translation.as_vec3();
         let m = to_render.matrix3;
         let back = m.z_axis.try_normalize().unwrap_or(DVec3::Z);
         let axis = (-back).as_vec3();
-        Some(match light.kind {
-            PunctualKind::Sun { .. } => return None,
+        let delta = match light.kind {
+            PunctualKind::Sun { irradiance, half_angle } => {
+                return Light::Sun(Sun::new(back.as_vec3(), half_angle, irradiance));
+            }
             PunctualKind::Point { intensity } => Self::Point { position, intensity },
             PunctualKind::Spot { intensity, inner, outer } => {
                 Self::Spot { position, axis, intensity, cos_inner: inner.cos(), cos_outer: outer.cos() }
@@ -66,7 +70,8 @@ impl DeltaLight {
                 let y = if m.y_axis.dot(y) < 0.0 { -y } else { y };
                 Self::Profile { position, axes: [x, y, back].map(|a| a.as_vec3()), scale, profile: profile as u32 }
             }
-        })
+        };
+        Light::Delta(delta)
     }
 
     /// Emitted power \[W\]; for a distant light, over the scene's cross-section.

@@ -4,7 +4,7 @@ use super::change_materials::new_material;
 use super::move_objects::{OwnMotion, OwnMotions};
 use super::objects::{MOST_OBJECTS, Placement, about};
 use super::patterns::{matches, unique};
-use super::place::{bounds_of, no_object};
+use super::place::no_object;
 use super::primitives::{PrimitiveKind, primitive};
 use super::{Job, ObjectOverride, Pivot};
 use crate::error::InputError;
@@ -130,7 +130,7 @@ impl Job {
         for index in selected {
             let Some(object) = scene.instances.get(index) else { continue };
             let center =
-                || bounds_of(object, scene).map_or(object.to_world.translation, |[low, high]| 0.5 * (low + high));
+                || scene.bounds_of(object).map_or(object.to_world.translation, |[low, high]| 0.5 * (low + high));
             let pivot = common.unwrap_or_else(center);
             let map = match change.matrix {
                 Some(matrix) => about(matrix, pivot, DVec3::ZERO),

@@ -434,7 +434,7 @@ impl LightSettings {
 fn scene_center(scene: &SceneBuilder) -> Option<DVec3> {
     let emits = |mesh: &MeshPart| scene.materials.get(mesh.material).is_some_and(|m| !m.emission.is_black());
     let is_lamp = |n: &&Instance| n.meshes.iter().filter_map(|m| scene.meshes.get(*m)).any(emits);
-    let bounds = |n: &Instance| super::place::bounds_of(n, scene);
+    let bounds = |n: &Instance| scene.bounds_of(n);
     let parts = scene.instances.iter().filter(|n| !is_lamp(n)).filter_map(bounds);
     let all = parts.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
     all.or_else(|| scene.instances.iter().filter_map(bounds).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]))

@@ -1,6 +1,5 @@
 //! Applies the motion of a job: velocities and rotations of objects, and the shutter of the scene.
 
-use super::place::bounds_of;
 use super::{Exposure, Job, ObjectOverride};
 use crate::error::{ImportWarning, InputError};
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion, Spin};
@@ -78,7 +77,7 @@ impl Job {
         for &index in objects {
             let Some(object) = scene.instances.get(index) else { continue };
             let center =
-                || bounds_of(object, scene).map_or(object.to_world.translation, |[low, high]| 0.5 * (low + high));
+                || scene.bounds_of(object).map_or(object.to_world.translation, |[low, high]| 0.5 * (low + high));
             let spin = change.rotation.as_ref().map(|rotation| Spin {
                 axis: rotation.axis.unwrap_or(DVec3::Y),
                 origin: common.unwrap_or_else(center),

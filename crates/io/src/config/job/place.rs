@@ -72,7 +72,7 @@ pub(super) fn bounds_of_objects(name: &str, scene: &SceneBuilder) -> Result<[DVe
     if named.is_empty() {
         return Err(no_object(name, scene));
     }
-    let all = named.iter().filter_map(|instance| bounds_of(instance, scene));
+    let all = named.iter().filter_map(|instance| scene.bounds_of(instance));
     all.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]).ok_or_else(|| {
         (format!("the object \"{name}\" has no vertices"), "name an object with a mesh, or write a point".into())
     })
@@ -82,18 +82,6 @@ pub(super) fn bounds_of_objects(name: &str, scene: &SceneBuilder) -> Result<[DVe
 pub(super) fn no_object(name: &str, scene: &SceneBuilder) -> (String, String) {
     let known = unique(scene.instances.iter().map(|n| n.name.as_str()));
     (format!("the scene has no object named \"{name}\""), suggestion(name, "objects", &known))
-}
-
-/// Bounds `[low, high]` \[m\] of an object in the world; `None` if it has no triangles with finite corners.
-pub fn bounds_of(instance: &Instance, scene: &SceneBuilder) -> Option<[DVec3; 2]> {
-    let meshes = instance.meshes.iter().filter_map(|m| scene.meshes.get(*m)).map(|part| &part.mesh);
-    let corners =
-        meshes.flat_map(|mesh| mesh.triangles.iter().flatten().filter_map(|i| mesh.positions.get(*i as usize)));
-    let placed = corners.map(|p| instance.to_world.transform_point3(p.as_dvec3())).filter(|p| p.is_finite());
-    placed.fold(None, |bounds, p| match bounds {
-        None => Some([p, p]),
-        Some([low, high]) => Some([low.min(p), high.max(p)]),
-    })
 }
 
 /// Three lengths \[m\], each a number of metres or a text with a unit.
