@@ -9,11 +9,12 @@ use crate::values::{
     time_limit, whole, within,
 };
 use clap::{ArgGroup, Args, Parser, Subcommand};
-use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::{Effect, Vignetting};
-use dunkelfeld::sensor::ExposureNoise;
+use dunkelfeld::sensor::{ExposureNoise, Optics, SensorError};
 use dunkelfeld::trace::PixelSample;
+use dunkelfeld::{DenoiseMethod, Error};
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -272,15 +273,8 @@ pub(crate) struct ExposeArgs {
     /// Noise that the exposure adds to that of the image [default: plain]. Matched needs a layer `variance`, and is for one frame.
     #[arg(long, value_parser = exposure_noises())]
     pub(crate) exposure_noise: Option<ExposureNoise>,
-    /// f-number of the lens, 0.5 to 1000 [default: 4].
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    pub(crate) f_number: Option<f64>,
-    /// Share of the light that passes the lens, above 0 and at most 1 [default: 0.9].
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
-    pub(crate) transmission: Option<f64>,
-    /// Image size over object size, 0 (far away) to 100 [default: 0].
-    #[arg(long, value_name = "M", allow_negative_numbers = true)]
-    pub(crate) magnification: Option<f64>,
+    #[command(flatten)]
+    pub(crate) lens: LensArgs,
     /// Vignetting of the lens [default: none]. cos4 needs --focal-length, and is not for images that were
     /// rendered with it.
     #[arg(long, value_parser = vignettings())]
@@ -304,6 +298,42 @@ pub(crate) struct ExposeArgs {
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+}
+
+/// The lens in front of an EXR.
+#[derive(Debug, Args)]
+pub(crate) struct LensArgs {
+    /// f-number of the lens, 0.5 to 1000 [default: 4].
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub(crate) f_number: Option<f64>,
+    /// Share of the light that passes the lens, above 0 and at most 1 [default: 0.9].
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
+    pub(crate) transmission: Option<f64>,
+    /// Image size over object size, 0 (far away) to 100 [default: 0].
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub(crate) magnification: Option<f64>,
+}
+
+impl LensArgs {
+    /// The lens. Flags that are not given have the values of `defaults`.
+    pub(crate) fn optics(&self, defaults: Optics) -> Result<Optics, Error> {
+        let f_number = self.f_number.unwrap_or(defaults.f_number());
+        let transmission = self.transmission.unwrap_or(defaults.transmission());
+        let magnification = self.magnification.unwrap_or(defaults.magnification());
+        Optics::new(f_number, transmission, magnification).map_err(|e| match e {
+            SensorError::OutOfRange { field, value, allowed } => {
+                let flag = format!("--{}", field.replace('_', "-"));
+                Error::setting(flag, format!("{} is out of range", Number(value)), format!("write a number {allowed}"))
+            }
+            other => other.into(),
+        })
+    }
+
+    /// Is a flag given?
+    #[cfg(feature = "view")]
+    pub(crate) fn is_given(&self) -> bool {
+        self.f_number.or(self.transmission).or(self.magnification).is_some()
+    }
 }
 
 /// Flags of `view`.
@@ -332,6 +362,8 @@ pub(crate) struct ViewArgs {
     /// Threads of the exposures and measurements beside the render [default: one per core].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
     pub(crate) threads: Option<u16>,
+    #[command(flatten, next_help_heading = "Lens of an EXR")]
+    pub(crate) lens: LensArgs,
 }
 
 /// Flags of `init`.

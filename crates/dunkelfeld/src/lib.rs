@@ -142,9 +142,9 @@ pub mod scene {
 /// EMVA 1288 sensors, lenses and exposures.
 pub mod sensor {
     pub use dunkelfeld_sensor::{
-        BayerPattern, ChannelSheet, DarkCurrent, DataSheet, Device, Efficiency, Exposure, ExposureNoise, Figure,
-        FilterColor, FrameKey, ImageExposure, Optics, PRESETS, Published, QuantumEfficiency, Readout, SensorError,
-        SensorModel, SensorSpec, auto_exposure, data_sheet, display,
+        BayerPattern, ChannelSheet, ColorFilter, DarkCurrent, DataSheet, Device, Efficiency, Exposure, ExposureNoise,
+        Figure, FilterColor, FrameKey, ImageExposure, Optics, PRESETS, Published, QuantumEfficiency, Readout,
+        SensorError, SensorModel, SensorSpec, auto_exposure, data_sheet, display,
     };
 }
 

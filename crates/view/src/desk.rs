@@ -24,12 +24,8 @@ use std::time::Duration;
 /// Seconds that a request waits for the thread that renders.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-fn no_picture() -> Fault {
-    Fault::new("there is no picture yet", "wait for the first one")
-}
-
 fn developed(shared: &Shared, camera: &Camera) -> Result<Arc<Developed>, Fault> {
-    let snapshot = shared.snapshot().ok_or_else(no_picture)?;
+    let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
     shared.store.get(&snapshot, camera, &shared.session)
 }
 
@@ -66,7 +62,7 @@ pub(crate) fn map(shared: &Shared, request: &MapRequest) -> Result<(MapHeader, V
 /// A pixel.
 pub(crate) fn probe(shared: &Shared, request: &ProbeRequest) -> Result<Probe, Fault> {
     // Both are of one picture.
-    let snapshot = shared.snapshot().ok_or_else(no_picture)?;
+    let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
     let unbiased = shared.store.get(&snapshot, &request.camera.without_noise(), &shared.session)?;
     unbiased.certify(&shared.session);
     let developed = shared.store.get(&snapshot, &request.camera, &shared.session)?;
@@ -76,13 +72,13 @@ pub(crate) fn probe(shared: &Shared, request: &ProbeRequest) -> Result<Probe, Fa
 /// Regions.
 pub(crate) fn regions(shared: &Shared, request: &RegionsRequest) -> Result<Regions, Fault> {
     let developed = developed(shared, &request.camera)?;
-    shared.session.install(|| measure::regions(&developed, request.frame, &request.regions))
+    shared.session.install(|| measure::regions(&developed, request.frame, &request.regions, request.channel))
 }
 
 /// A line profile.
 pub(crate) fn line(shared: &Shared, request: &LineRequest) -> Result<Line, Fault> {
     let developed = developed(shared, &request.camera)?;
-    shared.session.install(|| measure::line(&developed, request.frame, request.from, request.to))
+    shared.session.install(|| measure::line(&developed, request.frame, [request.from, request.to], request.channel))
 }
 
 /// The photon transfer of frames with all of the camera's noise.
@@ -112,7 +108,7 @@ pub(crate) fn scene(shared: &Shared, request: SceneRequest) -> Result<(), Fault>
 /// A path of a sample of the picture, traced by the thread that renders.
 pub(crate) fn path(shared: &Arc<Shared>, request: &PathRequest) -> Result<PathAnswer, Fault> {
     needs_scene(shared)?;
-    let snapshot = shared.snapshot().ok_or_else(no_picture)?;
+    let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
     let [width, height] = snapshot.size();
     if request.x >= width || request.y >= height {
         return Err(Fault::new("the pixel is outside the image", "choose a pixel of the image"));

@@ -2,14 +2,15 @@
 
 use crate::light_sum;
 use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Tone};
+use crate::shared::RANGES;
 use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::Plane;
 use dunkelfeld::io::sensor_file::find_sensor;
 use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise, PRESETS, SensorModel, display};
 use dunkelfeld::{
-    Certified, DenoiseMethod, DenoiseSettings, ExposeSettings, Exposer, Picture, RenderedFilm, SensorChoice, Session,
-    denoise_film, find_denoiser, through_lens,
+    Certified, DenoiseMethod, DenoiseSettings, ExposeSettings, Exposer, OIDN_VARIABLE, Picture, RenderedFilm,
+    SensorChoice, Session, denoise_film, find_denoiser, through_lens,
 };
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Instant;
@@ -49,18 +50,23 @@ impl Sensors {
         } else {
             model.clone().binned(binning).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))?
         };
-        if !(camera.gain.is_finite() && (0.01..=100.0).contains(&camera.gain)) {
-            return Err(Fault::new(
-                format!("the gain {} is out of range", camera.gain),
-                "use a factor from 0.01 to 100",
-            ));
-        }
+        within("gain", camera.gain, RANGES.gain)?;
+        camera.temperature.map_or(Ok(()), |temperature| within("temperature", temperature, RANGES.temperature))?;
+        camera.exposure.map_or(Ok(()), |time| within("exposure time", time, RANGES.exposure))?;
         let mut spec = model.spec().clone();
         spec.system_gain *= camera.gain;
         spec.temperature = camera.temperature.map_or(spec.temperature, Celsius);
         spec.offset = camera.black_level.map_or(spec.offset, DigitalNumber);
         SensorModel::new(spec).map(Some).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))
     }
+}
+
+/// Checks a knob.
+fn within(knob: &str, value: f64, [low, high]: [f64; 2]) -> Result<(), Fault> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(Fault::new(format!("the {knob} {value} is out of range"), format!("use {low} to {high}")))
 }
 
 /// A film behind a camera, or those of the lights.
@@ -341,7 +347,13 @@ fn denoised(
         Denoise::Oidn => DenoiseMethod::Oidn,
         Denoise::Builtin | Denoise::Off => DenoiseMethod::Builtin,
     };
-    let denoiser = find_denoiser(&settings)?.ok_or_else(|| Fault::new("there is no denoiser", "choose `builtin`"))?;
+    let found = find_denoiser(&settings).map_err(|error| {
+        let help = format!(
+            "install Open Image Denoise 1.4 or 2, name its library by `oidn` in `[denoise]` of the job or by {OIDN_VARIABLE}, or choose the built-in filter"
+        );
+        Fault { help: Some(help), ..Fault::from(error) }
+    });
+    let denoiser = found?.ok_or_else(|| Fault::new("there is no denoiser", "choose `builtin`"))?;
     let denoised = denoise_film(&film.sums, &*denoiser, session);
     Ok(denoised.map_err(|e| Fault::new(e.to_string(), "choose the denoiser `builtin`"))?.mean)
 }

@@ -3,7 +3,7 @@
 use crate::developed::{Developed, Sensors};
 use crate::hidden_shares::HiddenShares;
 use crate::light_films;
-use crate::outlook::of_plan;
+use crate::outlook::{MAX_SPP, PILOT_SPP, of_plan};
 use crate::panics::caught;
 use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, Note};
 use crate::scene_change::{SceneChange, SceneParts};
@@ -11,6 +11,8 @@ use crate::scenes::{LightScene, Scenes};
 use crate::shared::{Shared, Stamp, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::film::{FilmLayers, Plane};
+use dunkelfeld::radiometry::Number;
+use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, InputFiles, KeptFilms, Progress,
     ProgressState, Project, ProjectOptions, RenderSettings, SavedFilm, SensorChoice, find_sensor,
@@ -21,10 +23,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The most samples per pixel of a view.
-const MAX_SPP: f64 = 65_536.0;
-/// Samples per pixel of the pilot, after which the plan follows.
-const PILOT_SPP: u32 = 32;
 /// Seconds between two films at the beginning of a render, and later.
 const FIRST_INTERVAL: f64 = 0.4;
 const LATER_INTERVAL: f64 = 1.0;
@@ -477,11 +475,36 @@ fn scene_of_file(settings: &RenderSettings) -> Arc<PictureScene> {
 }
 
 /// Shows an EXR of any renderer.
-pub(crate) fn show_exr(shared: &Arc<Shared>, path: PathBuf, mean: Plane<[f32; 3]>) -> Result<(), Error> {
+pub(crate) fn show_exr(
+    shared: &Arc<Shared>,
+    path: PathBuf,
+    mean: Plane<[f32; 3]>,
+    lens: Option<Optics>,
+) -> Result<(), Error> {
     let mut settings = RenderSettings::default();
     (settings.width, settings.height) = (mean.width(), mean.height());
     let model = Box::new(find_sensor(DEFAULT_SENSOR)?);
-    let ExposeSettings { optics, .. } = ExposeSettings::new((*model).clone())?;
+    let defaults = ExposeSettings::new((*model).clone())?;
+    let optics = lens.unwrap_or(defaults.optics);
+    let mut notes = Vec::new();
+    if lens.is_none() {
+        let text = format!(
+            "the file contains no lens: f/{}, transmission {} and magnification {} are assumed",
+            Number(optics.f_number()),
+            Number(optics.transmission()),
+            Number(optics.magnification())
+        );
+        let help = Some("start the view with --f-number, --transmission and --magnification".to_owned());
+        notes.push(Note { level: "info", text, help });
+    }
+    let is_invalid = |pixel: &&[f32; 3]| pixel.iter().any(|v| !v.is_finite() || *v < 0.0);
+    let invalid = mean.data().iter().filter(is_invalid).count();
+    if invalid > 0 {
+        let text = format!(
+            "the radiance of {invalid} pixels is negative or not a number (they count as black) or infinite (they saturate)"
+        );
+        notes.push(Note { level: "warning", text, help: None });
+    }
     settings.sensor = SensorChoice::Emva { model, optics, exposure: None };
     let scene = scene_of_file(&settings);
     *lock(&shared.snapshot) = Some(Arc::new(Snapshot::of_exr(path, mean, settings.clone(), scene.clone())));
@@ -490,6 +513,7 @@ pub(crate) fn show_exr(shared: &Arc<Shared>, path: PathBuf, mean: Plane<[f32; 3]
         live.settings = Some(settings);
         live.render.state = Activity::None;
         live.render.stage = "exr".into();
+        live.notes = notes;
     });
     Ok(())
 }

@@ -23,6 +23,7 @@ mod outlook;
 mod panics;
 mod path;
 mod protocol;
+mod protocol_measurements;
 mod save;
 mod scene_change;
 mod scenes;
@@ -36,11 +37,15 @@ use crate::protocol::SourceKind;
 use crate::server::{Guard, router};
 use crate::shared::{Shared, Subject, lock};
 use dunkelfeld::film::Plane;
-use dunkelfeld::{Cancel, Error, SavedFilm, Session, read_radiance};
+use dunkelfeld::sensor::Optics;
+use dunkelfeld::{Cancel, Error, Project, SavedFilm, Session, read_radiance};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+
+/// The endings of scenes and jobs.
+const SCENES: [&str; 6] = ["gltf", "glb", "obj", "stl", "ply", "toml"];
 
 /// Settings of a view.
 #[derive(Clone, Debug)]
@@ -52,39 +57,58 @@ pub struct ViewOptions {
     pub output: PathBuf,
     /// Threads of exposures and measurements; 0 means one per core.
     pub threads: usize,
+    /// The lens behind which an EXR is exposed; `None`: that of [`dunkelfeld::ExposeSettings::new`].
+    pub optics: Option<Optics>,
+}
+
+/// Receives the events of a view that a terminal shows.
+pub trait ViewEvents {
+    /// The page can be opened.
+    fn ready(&mut self, address: &PageAddress);
+
+    /// A scene cannot be shown, with the reason. The page shows it too, and the view goes on.
+    fn failed(&mut self, reason: &str);
 }
 
 impl Default for ViewOptions {
     /// A free port of the loopback interface, and the current folder.
     fn default() -> Self {
-        Self { listen: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0), output: PathBuf::from("."), threads: 0 }
+        let listen = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
+        Self { listen, output: PathBuf::from("."), threads: 0, optics: None }
     }
 }
 
-/// Shows a scene, a job, a saved film or an EXR until `cancel` ends it. `ready` receives the addresses of the page.
+/// Shows a scene, a job, a saved film or an EXR until `cancel` ends it.
 ///
 /// # Errors
-/// An address that cannot be listened on, a film that cannot be read. Faults of a scene appear on the page, which shows
-/// the scene when they are mended.
-pub fn serve(
-    path: &Path,
-    options: &ViewOptions,
-    cancel: &Cancel,
-    ready: impl FnOnce(&PageAddress),
-) -> Result<(), Error> {
+/// An address that cannot be listened on, a film that cannot be read, a file that is no scene, a lens for another file than
+/// an EXR. Faults of a scene appear on the page, which shows the scene when they are mended.
+pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, events: &mut dyn ViewEvents) -> Result<(), Error> {
     let ends_in = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     let stored = if ends_in("film") {
         Stored::Film(Box::new(SavedFilm::read(path)?))
     } else if ends_in("exr") {
         Stored::Exr(read_radiance(path)?)
     } else {
-        // A file that does not exist is a fault of the command, and no page could mend it.
-        std::fs::metadata(path).map_err(|e| {
+        // A file that does not exist or is no scene is a fault of the command, and no page could mend it.
+        let refused = |problem: String| {
             let help = "name a scene, a job, a film or an EXR";
-            Error::setting("the scene", format!("{} cannot be read: {e}", path.display()), help)
-        })?;
+            Error::setting("the scene", format!("{} {problem}", path.display()), help)
+        };
+        let metadata = std::fs::metadata(path).map_err(|e| refused(format!("cannot be read: {e}")))?;
+        if metadata.is_dir() {
+            return Err(refused("is a folder".to_owned()));
+        }
+        if !SCENES.into_iter().any(ends_in) {
+            // The error names the format, and a program that converts it.
+            Project::open(path)?;
+        }
         Stored::Scene
     };
+    if options.optics.is_some() && !matches!(stored, Stored::Exr(_)) {
+        let problem = "f-number, transmission and magnification are for an EXR";
+        return Err(Error::setting("the lens", problem, "write them in `[lens]` of the job"));
+    }
     if !options.output.is_dir() {
         let problem = format!("{} is no folder", options.output.display());
         return Err(Error::setting("output", problem, "make it, or choose another one"));
@@ -98,7 +122,7 @@ pub fn serve(
         Error::setting(
             "listen",
             format!("{} cannot be used: {e}", options.listen),
-            "choose another port, or 0 for a free one",
+            "choose another port, or leave it out for a free one",
         )
     };
     let listener = std::net::TcpListener::bind(options.listen).map_err(fault)?;
@@ -117,7 +141,7 @@ pub fn serve(
     std::thread::scope(|scope| {
         match stored {
             Stored::Film(saved) => engine::show_film(&shared, *saved),
-            Stored::Exr(mean) => engine::show_exr(&shared, path.to_owned(), mean)?,
+            Stored::Exr(mean) => engine::show_exr(&shared, path.to_owned(), mean, options.optics)?,
             Stored::Scene => {
                 scope.spawn(|| engine::run(&shared));
                 scope.spawn(|| engine::watch_files(&shared));
@@ -127,10 +151,10 @@ pub fn serve(
         let served = runtime.block_on(async {
             let listener = tokio::net::TcpListener::from_std(listener)?;
             let app = router(shared.clone(), Guard::new(address, token));
-            ready(&page);
+            events.ready(&page);
             tokio::select! {
                 result = async { axum::serve(listener, app).await } => result,
-                () = cancelled(cancel) => Ok(()),
+                () = watch(&shared, cancel, events) => Ok(()),
             }
         });
         shared.control(|control| control.quit = true);
@@ -148,8 +172,17 @@ enum Stored {
     Exr(Plane<[f32; 3]>),
 }
 
-async fn cancelled(cancel: &Cancel) {
+/// Passes the errors of the scene on, until the view is cancelled.
+async fn watch(shared: &Shared, cancel: &Cancel, events: &mut dyn ViewEvents) {
+    let mut known = None;
     while !cancel.is_cancelled() {
+        let error = lock(&shared.live).error.clone();
+        if error != known {
+            if let Some(fault) = &error {
+                events.failed(&fault.to_string());
+            }
+            known = error;
+        }
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
 }

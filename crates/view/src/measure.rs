@@ -2,7 +2,7 @@
 
 use crate::developed::Developed;
 use crate::protocol::{
-    Fault, HeavyProbe, Histogram, Line, PhotonTransfer, Probe, Region, Regions, TransferLine, TransferPoint,
+    Channel, Fault, HeavyProbe, Histogram, Line, PhotonTransfer, Probe, Region, Regions, TransferLine, TransferPoint,
 };
 use dunkelfeld::Exposer;
 use dunkelfeld::film::Plane;
@@ -43,6 +43,7 @@ pub(crate) fn probe(developed: &Developed, unbiased: &Developed, frame: u32, [x,
     Ok(Probe {
         x,
         y,
+        channel: developed.exposer.as_ref().and_then(|exposer| channel_at(exposer, x, y)),
         value: values.map(|values| *values.at(x, y)),
         electrons,
         radiance: *developed.radiance().at(x, y),
@@ -64,15 +65,38 @@ fn dark_value(exposer: &Exposer) -> f64 {
     model.spec().offset.0 + model.spec().system_gain * dark
 }
 
-/// The grey values of regions, and the contrast of two.
-pub(crate) fn regions(developed: &Developed, frame: u32, regions: &[[u32; 4]]) -> Result<Regions, Fault> {
+/// The colour of a pixel. `None` without a filter.
+fn channel_at(exposer: &Exposer, x: u32, y: u32) -> Option<Channel> {
+    let filter = exposer.model().spec().quantum_efficiency.filter()?;
+    Some(filter.pattern.color_at(x, y).into())
+}
+
+/// Refuses the choice of a colour for a sensor without a filter.
+fn check_channel(exposer: &Exposer, channel: Option<Channel>) -> Result<(), Fault> {
+    match (channel, exposer.model().spec().quantum_efficiency.filter()) {
+        (Some(_), None) => Err(Fault::new("the sensor has no colour filter", "choose no colour")),
+        _ => Ok(()),
+    }
+}
+
+/// The grey values of regions, and the contrast of two. Their histograms have common bins.
+pub(crate) fn regions(
+    developed: &Developed,
+    frame: u32,
+    regions: &[[u32; 4]],
+    channel: Option<Channel>,
+) -> Result<Regions, Fault> {
     if regions.is_empty() || regions.len() > 2 {
         return Err(Fault::new(format!("{} regions were given", regions.len()), "give one or two"));
     }
     let exposer = developed.exposer.as_ref().ok_or_else(no_sensor)?;
+    check_channel(exposer, channel)?;
     let values = developed.values(frame)?.ok_or_else(no_sensor)?;
-    let found: Vec<Region> =
-        regions.iter().map(|region| of_region(developed, &values, *region)).collect::<Result<_, _>>()?;
+    let inside: Vec<Vec<u16>> =
+        regions.iter().map(|region| values_in(exposer, &values, *region, channel)).collect::<Result<_, _>>()?;
+    let all = || inside.iter().flatten().copied();
+    let (min, max) = (all().min().unwrap_or(0), all().max().unwrap_or(0));
+    let found: Vec<Region> = inside.iter().map(|inside| of_region(exposer, inside, [min, max])).collect();
     let (contrast, cnr) = match &found[..] {
         [a, b] => {
             let contrast = a.mean - b.mean;
@@ -86,27 +110,36 @@ pub(crate) fn regions(developed: &Developed, frame: u32, regions: &[[u32; 4]]) -
     Ok(Regions { regions: found, contrast, cnr })
 }
 
-fn of_region(developed: &Developed, values: &Plane<u16>, [x0, y0, x1, y1]: [u32; 4]) -> Result<Region, Fault> {
+/// The grey values of the pixels of a region and a colour.
+fn values_in(
+    exposer: &Exposer,
+    values: &Plane<u16>,
+    [x0, y0, x1, y1]: [u32; 4],
+    channel: Option<Channel>,
+) -> Result<Vec<u16>, Fault> {
     let (x1, y1) = (x1.min(values.width()), y1.min(values.height()));
-    if x0 >= x1 || y0 >= y1 {
-        return Err(Fault::new("the region contains no pixel", "draw a region on the image"));
+    let pixels = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
+    let is_meant = |&(x, y): &(u32, u32)| channel.is_none() || channel_at(exposer, x, y) == channel;
+    let inside: Vec<u16> = pixels.filter(is_meant).map(|(x, y)| *values.at(x, y)).collect();
+    if inside.is_empty() {
+        return Err(Fault::new("the region contains no pixel", "draw a larger region on the image"));
     }
-    let exposer = developed.exposer.as_ref().ok_or_else(no_sensor)?;
-    let model = exposer.model();
-    let width = values.width() as usize;
-    let rows = values.data().chunks(width).take(y1 as usize).skip(y0 as usize);
-    let inside: Vec<u16> = rows.flat_map(|row| &row[x0 as usize..x1 as usize]).copied().collect();
+    Ok(inside)
+}
+
+/// The statistics of grey values, with a histogram from `low` to `high`.
+fn of_region(exposer: &Exposer, inside: &[u16], [low, high]: [u16; 2]) -> Region {
     let n = inside.len() as f64;
     let mean = inside.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
     let squares: f64 = inside.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum();
     let variance = if n > 1.0 { squares / (n - 1.0) } else { 0.0 };
-    let (min, max) = inside.iter().fold((u16::MAX, 0), |(low, high), &v| (low.min(v), high.max(v)));
-    let span = u32::from(max - min) + 1;
+    let (min, max) = inside.iter().fold((u16::MAX, 0), |(least, most), &v| (least.min(v), most.max(v)));
+    let span = u32::from(high - low) + 1;
     let bin = span.div_ceil(MAX_BINS);
     let mut counts = vec![0u64; span.div_ceil(bin) as usize];
-    inside.iter().for_each(|&v| counts[(u32::from(v - min) / bin) as usize] += 1);
-    let full = model.saturation_value().0.floor() as u16;
-    Ok(Region {
+    inside.iter().for_each(|&v| counts[(u32::from(v - low) / bin) as usize] += 1);
+    let full = exposer.model().saturation_value().0.floor() as u16;
+    Region {
         pixels: inside.len() as u64,
         mean,
         variance,
@@ -114,13 +147,19 @@ fn of_region(developed: &Developed, values: &Plane<u16>, [x0, y0, x1, y1]: [u32;
         max,
         snr: (variance > 0.0).then(|| (mean - dark_value(exposer)) / variance.sqrt()),
         saturated: inside.iter().filter(|&&v| v >= full).count() as f64 / n,
-        histogram: Histogram { low: min.into(), width: bin, counts },
-    })
+        histogram: Histogram { low: low.into(), width: bin, counts },
+    }
 }
 
-/// The grey values along a line, from pixel to pixel.
-pub(crate) fn line(developed: &Developed, frame: u32, from: [f64; 2], to: [f64; 2]) -> Result<Line, Fault> {
+/// The grey values along a line, from pixel to pixel. With a colour, each is that of the nearest pixel of this colour.
+pub(crate) fn line(
+    developed: &Developed,
+    frame: u32,
+    [from, to]: [[f64; 2]; 2],
+    channel: Option<Channel>,
+) -> Result<Line, Fault> {
     let exposer = developed.exposer.as_ref().ok_or_else(no_sensor)?;
+    check_channel(exposer, channel)?;
     let values = developed.values(frame)?.ok_or_else(no_sensor)?;
     let is_inside = |[x, y]: [f64; 2]| {
         (0.0..f64::from(values.width())).contains(&x) && (0.0..f64::from(values.height())).contains(&y)
@@ -133,14 +172,34 @@ pub(crate) fn line(developed: &Developed, frame: u32, from: [f64; 2], to: [f64; 
     let mut line = Line { values: Vec::new(), expected: Vec::new(), sigma: Vec::new(), length };
     for step in 0..steps {
         let share = if steps > 1 { step as f64 / (steps - 1) as f64 } else { 0.0 };
-        let [x, y] = [0, 1].map(|axis| (from[axis] + share * (to[axis] - from[axis])).round() as u32);
-        let [x, y] = [x.min(values.width() - 1), y.min(values.height() - 1)];
+        let place = [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
+        let Some([x, y]) = nearest(exposer, place, [values.width(), values.height()], channel) else { continue };
         let electrons = *exposer.electrons().at(x, y);
         line.values.push(*values.at(x, y));
         line.expected.push(Developed::expected(exposer, electrons));
         line.sigma.push(Developed::camera_sigma(exposer, electrons));
     }
     Ok(line)
+}
+
+/// The pixel of a colour whose centre is nearest to a place; any pixel without a colour. `None` if there is none beside it.
+fn nearest(
+    exposer: &Exposer,
+    place: [f64; 2],
+    [width, height]: [u32; 2],
+    channel: Option<Channel>,
+) -> Option<[u32; 2]> {
+    let [x, y] = place.map(|v| v.round() as u32);
+    let (x, y) = (x.min(width - 1), y.min(height - 1));
+    if channel.is_none() || channel_at(exposer, x, y) == channel {
+        return Some([x, y]);
+    }
+    let around = |v: u32, size: u32| v.saturating_sub(1)..(v + 2).min(size);
+    let distance = |&[x, y]: &[u32; 2]| (f64::from(x) - place[0]).hypot(f64::from(y) - place[1]);
+    around(y, height)
+        .flat_map(|y| around(x, width).map(move |x| [x, y]))
+        .filter(|&[x, y]| channel_at(exposer, x, y) == channel)
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
 /// The photon transfer of two frames of one device (EMVA 1288): half of the variance of their differences, over pixels
@@ -198,8 +257,10 @@ mod tests {
     use crate::protocol::{Camera, Denoise, Noise};
     use crate::snapshot::{Content, PictureScene, Snapshot};
     use dunkelfeld::film::{Accumulate, Film, PixelSums, Sample};
-    use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Rgb};
-    use dunkelfeld::sensor::{DarkCurrent, SensorModel};
+    use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Nanometres, Rgb};
+    use dunkelfeld::sensor::{
+        BayerPattern, ColorFilter, DarkCurrent, Efficiency, QuantumEfficiency, SensorModel, SensorSpec,
+    };
     use dunkelfeld::{ExposeSettings, RenderSettings, RenderedFilm, SensorChoice, Session, find_sensor};
     use std::sync::Arc;
 
@@ -208,6 +269,11 @@ mod tests {
     /// A film whose radiance rises from column to column up to `most`, behind a sensor with so many dark electrons a second,
     /// a gain of 0.3 DN per electron and a dark noise of 5 electrons, for 0.5 s.
     fn developed(most: f32, black_level: f64, rate: f64) -> Arc<Developed> {
+        behind(most, black_level, rate, |_| {})
+    }
+
+    /// [`developed`] with another sensor.
+    fn behind(most: f32, black_level: f64, rate: f64, change: impl FnOnce(&mut SensorSpec)) -> Arc<Developed> {
         let mut spec = find_sensor("imx250").expect("a preset").spec().clone();
         spec.offset = DigitalNumber(black_level);
         spec.system_gain = 0.3;
@@ -217,6 +283,7 @@ mod tests {
         spec.temperature = Celsius(25.0);
         spec.defects = Default::default();
         spec.published = Default::default();
+        change(&mut spec);
         let model = SensorModel::new(spec).expect("a sensor");
         let [width, height] = SIZE;
         let mut sums = vec![PixelSums::default(); (width * height) as usize];
@@ -252,13 +319,63 @@ mod tests {
     #[test]
     fn the_signal_leaves_the_dark_signal_out() {
         let dark = developed(0.0, 40.0, 400.0);
-        let region = &regions(&dark, 0, &[[0, 0, SIZE[0], SIZE[1]]]).expect("a region").regions[0];
+        let region = &regions(&dark, 0, &[[0, 0, SIZE[0], SIZE[1]]], None).expect("a region").regions[0];
         // sqrt(25 + 200) e times 0.3 is 4.5 DN, and the fixed pattern is less. The mean of 102400 pixels has a standard
         // deviation of 0.003 of it.
         assert!((region.mean - 100.0).abs() < 0.3 && region.variance > 18.0, "{region:?}");
         assert!(region.snr.expect("noise").abs() < 0.06, "{region:?}");
         let exposer = dark.exposer.as_ref().expect("a sensor");
         assert!((dark_value(exposer) - 100.0).abs() < 1e-9);
+    }
+
+    /// Behind a colour filter, a colour is measured at its own pixels: each has its own expected value, and the mixture of all
+    /// has another variance.
+    #[test]
+    fn colours_are_measured_at_their_pixels() {
+        let curve = |efficiency| {
+            let points = [300.0, 1000.0].map(|wavelength| (Nanometres(wavelength), efficiency));
+            QuantumEfficiency::new(points.to_vec()).expect("a curve")
+        };
+        let curves = [curve(0.6), curve(0.4), curve(0.1)];
+        let filter = ColorFilter { pattern: BayerPattern::Grbg, curves, white_balance: true };
+        let mosaic = |spec: &mut SensorSpec| spec.quantum_efficiency = Efficiency::Mosaic(filter);
+        let lit = behind(0.0, 40.0, 400.0, mosaic);
+        let exposer = lit.exposer.as_ref().expect("a sensor");
+        assert_eq!([channel_at(exposer, 0, 0), channel_at(exposer, 1, 0)], [Some(Channel::Green), Some(Channel::Red)]);
+        let whole = [0, 0, SIZE[0], SIZE[1]];
+        let pixels = |channel| regions(&lit, 0, &[whole], channel).expect("a region").regions[0].pixels;
+        let all = u64::from(SIZE[0] * SIZE[1]);
+        assert_eq!(pixels(None), all);
+        assert_eq!([Channel::Red, Channel::Green, Channel::Blue].map(|c| pixels(Some(c))), [all / 4, all / 2, all / 4]);
+        // One pixel has one colour.
+        assert!(regions(&lit, 0, &[[0, 0, 1, 1]], Some(Channel::Red)).is_err());
+        for y in 0..4 {
+            let row = f64::from(y);
+            let found = line(&lit, 0, [[2.0, row], [9.0, row]], Some(Channel::Blue)).expect("a line");
+            assert_eq!(found.values.len(), 8);
+        }
+        for (place, channel) in [([2.0, 2.0], Channel::Red), ([255.0, 399.0], Channel::Blue)] {
+            let [x, y] = nearest(exposer, place, SIZE, Some(channel)).expect("a pixel");
+            assert_eq!(channel_at(exposer, x, y), Some(channel));
+            assert!((f64::from(x) - place[0]).hypot(f64::from(y) - place[1]) < 1.5);
+        }
+        let grey = developed(0.0, 40.0, 0.0);
+        assert!(regions(&grey, 0, &[whole], Some(Channel::Red)).is_err());
+        assert!(line(&grey, 0, [[0.0; 2]; 2], Some(Channel::Red)).is_err());
+    }
+
+    /// Two regions have the same bins, so that their histograms can be compared.
+    #[test]
+    fn histograms_of_two_regions_have_common_bins() {
+        let lit = developed(1e-3, 40.0, 400.0);
+        let found = regions(&lit, 0, &[[0, 0, 4, 400], [200, 0, 256, 400]], None).expect("regions").regions;
+        let [a, b] = [&found[0], &found[1]];
+        assert_eq!((a.histogram.low, a.histogram.width), (b.histogram.low, b.histogram.width));
+        assert_eq!(a.histogram.counts.len(), b.histogram.counts.len());
+        assert_eq!(a.histogram.low, u32::from(a.min.min(b.min)));
+        for region in [a, b] {
+            assert_eq!(region.histogram.counts.iter().sum::<u64>(), region.pixels);
+        }
     }
 
     /// Without a black level the grey value zero cuts the noise of dark pixels off. The slope of the remaining points is K,

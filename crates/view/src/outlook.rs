@@ -3,6 +3,10 @@
 use crate::protocol::{CurvePoint, ForecastPoint};
 use dunkelfeld::{FORECAST_LEVELS, ForecastLevel};
 
+/// The most samples per pixel of a view.
+pub(crate) const MAX_SPP: f64 = 65_536.0;
+/// Samples per pixel of the pilot, after which the plan follows.
+pub(crate) const PILOT_SPP: u32 = 32;
 /// The newest points of which the median is taken, and the fewest that suffice.
 const NEWEST: usize = 5;
 const FEWEST: usize = 3;
@@ -22,12 +26,12 @@ pub(crate) fn of_plan(levels: &[ForecastLevel], pixels: f64, paused: f64) -> Vec
 /// The variance of a Monte Carlo mean falls with the number of its samples n, and k is a ratio of standard deviations. So
 /// k^2 n is constant while the samples are distributed over the pixels as now. Its median over the newest points gives n at
 /// each level, and the samples per second of the newer half of the samples give the time. Levels that are reached are left
-/// out. Empty with fewer than three points.
+/// out. Empty with fewer than three points after the pilot, whose uniform samples say little about those of the plan.
 pub(crate) fn from_measured(curve: &[CurvePoint]) -> Vec<ForecastPoint> {
     let known: Vec<(&CurvePoint, f64)> = curve
         .iter()
         .filter_map(|point| Some((point, point.k99.filter(|k| *k > 0.0)?)))
-        .filter(|(point, _)| point.spp > 0.0 && point.seconds > 0.0)
+        .filter(|(point, _)| point.spp > f64::from(PILOT_SPP) && point.seconds > 0.0)
         .collect();
     let newest = &known[known.len().saturating_sub(NEWEST)..];
     let Some(&(last, k99)) = newest.last().filter(|_| newest.len() >= FEWEST) else { return Vec::new() };
@@ -46,20 +50,37 @@ pub(crate) fn from_measured(curve: &[CurvePoint]) -> Vec<ForecastPoint> {
     FORECAST_LEVELS.into_iter().filter(is_ahead).map(point).collect()
 }
 
-/// The seconds at which the noise will have fallen to `k`. Between two points on the logarithms of both, beyond them by the
-/// root law.
+/// The levels of a forecast, without the times of those that a view does not reach.
+pub(crate) fn within_view(forecast: &[ForecastPoint]) -> Vec<ForecastPoint> {
+    let is_reached = |point: &ForecastPoint| point.spp.is_none_or(|spp| spp <= MAX_SPP);
+    forecast
+        .iter()
+        .map(|point| ForecastPoint { seconds: point.seconds.filter(|_| is_reached(point)), ..*point })
+        .collect()
+}
+
+/// The seconds at which the noise will have fallen to `k`; `None` if a view does not reach it.
 pub(crate) fn seconds_at(forecast: &[ForecastPoint], k: f64) -> Option<f64> {
+    if value_at(forecast, k, |point| point.spp).is_some_and(|spp| spp > MAX_SPP) {
+        return None;
+    }
+    value_at(forecast, k, |point| point.seconds)
+}
+
+/// A value at `k` that falls with the noise. Between two points on the logarithms of both, beyond them by the
+/// root law.
+fn value_at(forecast: &[ForecastPoint], k: f64, value: impl Fn(&ForecastPoint) -> Option<f64>) -> Option<f64> {
     let mut points: Vec<(f64, f64)> =
-        forecast.iter().filter_map(|point| Some((point.k, point.seconds.filter(|s| *s > 0.0)?))).collect();
+        forecast.iter().filter_map(|point| Some((point.k, value(point).filter(|v| *v > 0.0)?))).collect();
     points.sort_by(|a, b| b.0.total_cmp(&a.0));
     let below = points.iter().position(|point| point.0 <= k);
-    let root = |(level, seconds): (f64, f64)| seconds * (level / k).powi(2);
+    let root = |(level, value): (f64, f64)| value * (level / k).powi(2);
     match below {
         None => points.last().map(|&end| root(end)),
         Some(0) => points.first().map(|&first| root(first)),
         Some(i) => {
-            let ((k0, s0), (k1, s1)) = (points[i - 1], points[i]);
-            Some(s0 * (s1 / s0).powf((k / k0).ln() / (k1 / k0).ln()))
+            let ((k0, v0), (k1, v1)) = (points[i - 1], points[i]);
+            Some(v0 * (v1 / v0).powf((k / k0).ln() / (k1 / k0).ln()))
         }
     }
 }
@@ -81,24 +102,30 @@ mod tests {
         points.iter().map(point).collect()
     }
 
-    /// A render of the root law: 2 s without samples, then 10 samples per pixel and second, k = 8 / sqrt(n).
+    /// A render of the root law: 2 s without samples, then 100 samples per pixel and second, k = 25 / sqrt(n).
     #[test]
     fn the_root_law_is_continued() {
-        let law = |seconds: f64| (seconds, 10.0 * (seconds - 2.0), 8.0 / (10.0 * (seconds - 2.0)).sqrt());
+        let law = |seconds: f64| (seconds, 100.0 * (seconds - 2.0), 25.0 / (100.0 * (seconds - 2.0)).sqrt());
         let points: Vec<_> = [3.0, 4.0, 5.0, 7.0, 9.0, 12.0].map(law).to_vec();
         let outlook = from_measured(&curve(&points));
         // k is 0.8 at 12 s: the level 1 is reached.
         assert_eq!(outlook.iter().map(|point| point.k).collect::<Vec<_>>(), [0.7, 0.5, 0.25]);
         for point in &outlook {
-            let spp = (8.0 / point.k).powi(2);
+            let spp = (25.0 / point.k).powi(2);
             assert!((point.spp.expect("known") - spp).abs() < 1e-9 * spp);
-            assert!((point.seconds.expect("known") - (2.0 + spp / 10.0)).abs() < 1e-9 * spp);
+            assert!((point.seconds.expect("known") - (2.0 + spp / 100.0)).abs() < 1e-9 * spp);
         }
         // One point that is far off does not move it, and two points are too few.
         let mut off = points.clone();
         off[4].2 *= 3.0;
-        assert_eq!(from_measured(&curve(&off)), outlook);
+        for (found, expected) in from_measured(&curve(&off)).iter().zip(&outlook) {
+            let spp = expected.spp.expect("known");
+            assert!(found.k == expected.k && (found.spp.expect("known") - spp).abs() < 1e-9 * spp);
+        }
         assert_eq!(from_measured(&curve(&points[..2])), []);
+        // Points of the pilot do not count.
+        let pilot: Vec<_> = points.iter().map(|&(seconds, spp, k99)| (seconds, 0.03 * spp, k99)).collect();
+        assert_eq!(from_measured(&curve(&pilot)), []);
         let mut unknown = curve(&points);
         unknown.iter_mut().for_each(|point| point.k99 = None);
         assert_eq!(from_measured(&unknown), []);
@@ -126,6 +153,13 @@ mod tests {
         close(2.0, 2.5);
         close(0.125, 1280.0);
         assert_eq!(seconds_at(&[], 0.5), None);
+        // Beyond the samples of a view.
+        let with_samples =
+            [1.0, 0.5].map(|k: f64| ForecastPoint { k, seconds: Some(1e3 / (k * k)), spp: Some(2e4 / (k * k)) });
+        let seconds: Vec<_> = within_view(&with_samples).iter().map(|point| point.seconds).collect();
+        assert_eq!(seconds, [Some(1e3), None]);
+        assert!(seconds_at(&with_samples, 0.6).is_some() && seconds_at(&with_samples, 0.5).is_none());
+        assert_eq!(seconds_at(&with_samples, 0.1), None);
         assert_eq!(seconds_at(&[point(0.5, None)], 0.5), None);
     }
 }

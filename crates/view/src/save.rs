@@ -21,7 +21,7 @@ const MAX_NAME: usize = 100;
 /// Writes files of what is shown. No file is replaced.
 pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Fault> {
     check_name(&request.name)?;
-    let snapshot = shared.snapshot().ok_or_else(|| Fault::new("there is no picture yet", "wait for the first one"))?;
+    let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
     let files: Vec<(SaveKind, PathBuf)> =
         request.what.iter().map(|&kind| (kind, path_of(shared, kind, &request.name))).collect();
     // Of two requests with one name, the second finds the files of the first, and writes none of its files.

@@ -57,8 +57,6 @@ fn of_materials(inspection: &Inspection, materials: &[Material]) -> Vec<Material
     let is_plate = |name: &str| {
         name.strip_suffix(" plate").is_some_and(|lamp| inspection.lights.iter().any(|light| light.name == lamp))
     };
-    // The decimal number that the f32 was read from.
-    let decimal = |value: f32| value.to_string().parse().unwrap_or_else(|_| f64::from(value));
     let mut list: Vec<MaterialState> = Vec::new();
     for material in
         materials.iter().filter(|m| m.emission.is_black() && !m.unlit && is_used(&m.name) && !is_plate(&m.name))
@@ -74,6 +72,11 @@ fn of_materials(inspection: &Inspection, materials: &[Material]) -> Vec<Material
         });
     }
     list
+}
+
+/// The decimal number that the f32 was read from.
+fn decimal(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or_else(|_| f64::from(value))
 }
 
 impl SceneChange {
@@ -191,7 +194,7 @@ impl SceneChange {
             if !change.on {
                 entry.insert("enabled".into(), false.into());
             } else if change.factor != 1.0 {
-                entry.insert("power".into(), (watts * change.factor).into());
+                entry.insert("power".into(), decimal((watts * change.factor) as f32).into());
             } else {
                 continue;
             }

@@ -2,7 +2,7 @@
 
 use crate::ablation::Ablations;
 use crate::developed::{OWN_SENSOR, Sensors, Store};
-use crate::outlook::{from_measured, seconds_at};
+use crate::outlook::{MAX_SPP, from_measured, seconds_at, within_view};
 use crate::protocol::{
     Activity, Camera, CertificateState, CurvePoint, Denoise, EffectState, Fault, FilmState, ForecastPoint,
     ForecastSource, LightState, MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState,
@@ -21,6 +21,8 @@ use tokio::sync::watch;
 
 /// The level at which a view begins: total noise 12 % above that of the sensor.
 const DEFAULT_TARGET: f64 = 0.5;
+/// The ranges of the knobs.
+pub(crate) const RANGES: Ranges = Ranges { exposure: [1e-6, 100.0], gain: [0.01, 100.0], temperature: [-100.0, 200.0] };
 /// The most points of a measured curve.
 const MAX_CURVE: usize = 400;
 
@@ -207,8 +209,14 @@ impl Shared {
         };
         let sensor = |(name, model): &(String, dunkelfeld::sensor::SensorModel)| {
             let spec = model.spec();
+            let label = match &name[..] {
+                OWN_SENSOR if self.subject.kind == SourceKind::Exr => format!("default ({})", spec.name),
+                OWN_SENSOR => format!("{OWN_SENSOR} ({})", spec.name),
+                _ => name.clone(),
+            };
             SensorState {
                 name: name.clone(),
+                label,
                 bits: spec.bit_depth,
                 colour: spec.quantum_efficiency.filter().is_some(),
                 saturation: model.saturation().0,
@@ -236,8 +244,9 @@ impl Shared {
             error: live.error.clone(),
             notes: live.notes.clone(),
             curve: live.curve.clone(),
-            forecast,
+            forecast: within_view(&forecast),
             forecast_from,
+            max_spp: MAX_SPP,
             target: live.target,
             certificate: live.certificate,
             sensors: live.sensors.all().iter().map(sensor).collect(),
@@ -246,7 +255,7 @@ impl Shared {
                 vignetting: snapshot.as_ref().map_or(live.is_vignetted, |snapshot| snapshot.is_vignetted),
                 ..live.first_camera()
             },
-            ranges: Ranges { exposure: [1e-6, 100.0], gain: [0.01, 100.0], temperature: [-100.0, 200.0] },
+            ranges: RANGES,
             scene: (self.subject.kind == SourceKind::Render && settings.is_some()).then(|| live.scene()),
             saved: live.saved.clone(),
         }
@@ -313,12 +322,13 @@ impl Live {
             lights: (parts.lights.iter())
                 .map(|(name, kind, watts)| {
                     let changed = change.lights.get(name);
+                    let factor = changed.map_or(1.0, |c| c.factor);
                     LightState {
                         name: name.clone(),
                         kind: kind.clone(),
                         on: changed.is_none_or(|c| c.on),
-                        factor: changed.map_or(1.0, |c| c.factor),
-                        power: format!("{watts:.3} W"),
+                        factor,
+                        power: format!("{:.3} W", watts * factor),
                     }
                 })
                 .collect(),

@@ -7,9 +7,7 @@ use crate::outcome::{Outcome, print, say};
 use crate::values::ExposureChoice;
 use crate::words::{counted, exposure_time, flagged_variances, seconds};
 use dunkelfeld::InputFiles;
-use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Vignetting;
-use dunkelfeld::sensor::{Optics, SensorError};
 use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeOutputs, ExposeSettings, ExposedFile, Session, expose_exr};
 use std::fmt::Write;
 
@@ -54,7 +52,7 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
     let name = args.sensor.as_deref().unwrap_or(DEFAULT_SENSOR);
     let model = dunkelfeld::find_sensor_recorded(name, &mut inputs)?;
     let defaults = ExposeSettings::new(model)?;
-    let optics = optics(args, defaults.optics)?;
+    let optics = args.lens.optics(defaults.optics)?;
     Ok(defaults
         .with_optics(optics)
         .with_vignetting(vignetting(args)?)
@@ -70,20 +68,6 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
         .with_threads(args.run.thread_count())
         .with_memory_limit(args.memory.memory)
         .with_inputs(inputs))
-}
-
-/// The lens of the flags. Flags that are not given have the defaults of a render.
-fn optics(args: &ExposeArgs, defaults: Optics) -> Result<Optics, Error> {
-    let f_number = args.f_number.unwrap_or(defaults.f_number());
-    let transmission = args.transmission.unwrap_or(defaults.transmission());
-    let magnification = args.magnification.unwrap_or(defaults.magnification());
-    Optics::new(f_number, transmission, magnification).map_err(|e| match e {
-        SensorError::OutOfRange { field, value, allowed } => {
-            let flag = format!("--{}", field.replace('_', "-"));
-            Error::setting(flag, format!("{} is out of range", Number(value)), format!("write a number {allowed}"))
-        }
-        other => other.into(),
-    })
 }
 
 /// The focal length of a lens with vignetting.

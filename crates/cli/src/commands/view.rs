@@ -3,9 +3,9 @@
 use crate::args::ViewArgs;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
-use dunkelfeld::Error;
 use dunkelfeld::io::PrivateFile;
-use dunkelfeld_view::{PageAddress, ViewOptions, serve};
+use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeSettings, find_sensor};
+use dunkelfeld_view::{PageAddress, ViewEvents, ViewOptions, serve};
 use std::process::{Command, Stdio};
 
 pub(crate) fn run(args: &ViewArgs) -> Result<Outcome, Error> {
@@ -19,22 +19,39 @@ pub(crate) fn run(args: &ViewArgs) -> Result<Outcome, Error> {
         options.output.clone_from(output);
     }
     options.threads = args.threads.map_or(0, usize::from);
+    if args.lens.is_given() {
+        let defaults = ExposeSettings::new(find_sensor(DEFAULT_SENSOR)?)?;
+        options.optics = Some(args.lens.optics(defaults.optics)?);
+    }
     let cancel = cancel_on_interrupt();
     // The page that leads to the address stays until the end: a browser may be slow.
-    let mut redirect = None;
-    serve(&args.input, &options, &cancel, |address| {
+    let mut terminal = Terminal { opens: !args.no_open, redirect: None };
+    serve(&args.input, &options, &cancel, &mut terminal)?;
+    // Only an interrupt ends a view.
+    Ok(Outcome::Interrupted)
+}
+
+/// Writes the events of the view to the terminal.
+struct Terminal {
+    opens: bool,
+    redirect: Option<PrivateFile>,
+}
+
+impl ViewEvents for Terminal {
+    fn ready(&mut self, address: &PageAddress) {
         print(&format!("{}\n", address.local));
         if let Some(network) = &address.network {
             say(&format!("for other computers: {network}"));
         }
         say("Ctrl-C ends the view");
-        if !args.no_open {
-            redirect = open(address);
+        if self.opens {
+            self.redirect = open(address);
         }
-    })?;
-    drop(redirect);
-    // Only an interrupt ends a view.
-    Ok(Outcome::Interrupted)
+    }
+
+    fn failed(&mut self, reason: &str) {
+        say(&format!("error: {reason}"));
+    }
 }
 
 /// Opens the page in the browser of the desktop, if there is one. A token does not stand in the list of processes: the browser

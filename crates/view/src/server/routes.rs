@@ -125,6 +125,12 @@ fn refused(fault: Fault, status: StatusCode) -> Response {
     (status, Json(fault)).into_response()
 }
 
+/// The answer of a request that cannot be met now, or not at all.
+fn failed(fault: Fault) -> Response {
+    let status = if fault.is_early { StatusCode::CONFLICT } else { StatusCode::UNPROCESSABLE_ENTITY };
+    refused(fault, status)
+}
+
 /// The body of a request.
 fn body<T>(body: Result<Json<T>, JsonRejection>) -> Result<T, (Fault, StatusCode)> {
     let Json(request) = body.map_err(|e| (Fault::new(e.body_text(), "reload the page"), e.status()))?;
@@ -146,7 +152,7 @@ where
     };
     match compute(app, move |shared| work(shared, request)).await {
         Ok(answer) => Json(answer).into_response(),
-        Err(fault) => refused(fault, StatusCode::UNPROCESSABLE_ENTITY),
+        Err(fault) => failed(fault),
     }
 }
 
@@ -154,7 +160,7 @@ async fn path(State(app): State<App>, request: Result<Json<PathRequest>, JsonRej
     match body(request) {
         Ok(request) => match run(app.shared, app.waits, move |shared| desk::path(shared, &request)).await {
             Ok(answer) => Json(answer).into_response(),
-            Err(fault) => refused(fault, StatusCode::UNPROCESSABLE_ENTITY),
+            Err(fault) => failed(fault),
         },
         Err((fault, status)) => refused(fault, status),
     }
@@ -178,7 +184,7 @@ async fn map(State(app): State<App>, request: Result<Json<MapRequest>, JsonRejec
 fn binary<H: Serialize>(result: Result<(H, Vec<u8>), Fault>) -> Response {
     let (header, payload) = match result {
         Ok(result) => result,
-        Err(fault) => return refused(fault, StatusCode::UNPROCESSABLE_ENTITY),
+        Err(fault) => return failed(fault),
     };
     let Ok(header) = serde_json::to_vec(&header) else { return StatusCode::INTERNAL_SERVER_ERROR.into_response() };
     let mut bytes = Vec::with_capacity(payload.len() + header.len() + 8);

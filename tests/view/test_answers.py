@@ -1,0 +1,109 @@
+"""Answers of the server without the page: states before a picture, ranges, colours, lenses, messages of the terminal."""
+
+import numpy as np
+import pytest
+from images import grey_values, write_exr
+from jobs import COLOUR_SENSOR, station
+from page import wait_for
+from program import Refused, attempt, run
+
+
+def test_a_request_before_the_first_picture_is_early(view, tmp_path):
+    running = view(job="scene = 'missing.glb'\n")
+    running.wait(lambda state: state["error"], "the error")
+    for path, body in [
+        ("frame", {"frame": 0, "tone": "gamma"}),
+        ("probe", {"frame": 0, "x": 0, "y": 0}),
+        ("regions", {"frame": 0, "regions": [[0, 0, 1, 1]]}),
+        ("save", {"what": ["png"], "name": "early", "frame": 0}),
+    ]:
+        with pytest.raises(Refused) as caught:
+            running.post(path, {**body, "camera": running.camera()})
+        assert caught.value.status == 409, path
+    assert "missing.glb" in wait_for(lambda: "error: " in running.text() and running.text(), "the message")
+    assert "help: " in running.text()
+
+
+def test_knobs_have_the_ranges_of_a_job(view):
+    running = view(job=station(width=32, height=24))
+    running.wait_for_film(1)
+    ranges = running.state()["ranges"]
+    for knob, values in [("temperature", ranges["temperature"]), ("gain", ranges["gain"]), ("exposure", ranges["exposure"])]:
+        for value in values:
+            running.frame(**{knob: value})
+        for value in [values[0] - 1, values[1] + 1]:
+            with pytest.raises(Refused, match=f"the {knob}") as caught:
+                running.frame(**{knob: value})
+            assert caught.value.status == 422
+    state = running.state()
+    assert state["max_spp"] == 65536
+    assert state["sensors"][0]["label"].startswith("as in the job (")
+
+
+def test_colours_have_their_own_statistics(view, tmp_path):
+    """The pixels of a colour are those of the pattern; their statistics are those of numpy."""
+    (tmp_path / "colour.toml").write_text(COLOUR_SENSOR)
+    running = view(job=station(width=64, height=48).replace('"imx250"', '"colour.toml"'))
+    running.wait_for_film(2)
+    running.pause()
+    camera, region = running.camera(), [8, 6, 40, 30]
+    found = running.post("regions", {"camera": camera, "frame": 0, "regions": [region], "channel": None})
+    whole = found["regions"][0]
+    assert whole["pixels"] == 32 * 24
+    total = 0.0
+    by_channel = {}
+    for channel in ["red", "green", "blue"]:
+        answer = running.post("regions", {"camera": camera, "frame": 0, "regions": [region], "channel": channel})
+        by_channel[channel] = answer["regions"][0]
+        total += by_channel[channel]["pixels"] * by_channel[channel]["mean"]
+    assert [by_channel[c]["pixels"] for c in ["red", "green", "blue"]] == [192, 384, 192]
+    assert total / whole["pixels"] == pytest.approx(whole["mean"], rel=1e-12)
+    values = {}
+    for y in (10, 11):
+        for x in (20, 21):
+            probe = running.post("probe", {"camera": camera, "frame": 0, "x": x, "y": y})
+            values.setdefault(probe["channel"], []).append(probe["value"])
+    assert {channel: len(list_) for channel, list_ in values.items()} == {"red": 1, "green": 2, "blue": 1}
+    square = {"camera": camera, "frame": 0, "regions": [[20, 10, 22, 12]]}
+    for channel, expected in values.items():
+        answer = running.post("regions", {**square, "channel": channel})["regions"][0]
+        assert answer["mean"] == pytest.approx(np.mean(expected))
+
+
+def test_the_lens_of_an_exr(view, tmp_path):
+    rng = np.random.default_rng(5)
+    colours = {c: (0.2 + rng.random((40, 64))).astype(np.float32) for c in "RGB"}
+    colours["R"][3, 4] = np.nan
+    write_exr(tmp_path / "other.exr", **colours)
+    lens = ["--f-number", "8", "--transmission", "0.8", "--magnification", "0.1"]
+    running = view(tmp_path / "other.exr", *lens)
+    _, values = running.frame(exposure=0.004, device=11)
+    flags = ["--linear", "other.tif", "--exposure", "4ms", "--seed", "11", *lens]
+    run("expose", "other.exr", *flags, cwd=tmp_path, expected=1)
+    assert np.array_equal(values, grey_values(tmp_path / "other.tif"))
+    state = running.state()
+    assert state["sensors"][0]["label"].startswith("default (")
+    assert [note["text"] for note in state["notes"] if "1 pixel" in note["text"]]
+    assumed = view(tmp_path / "other.exr").state()["notes"]
+    assert any("f/4" in note["text"] and "--f-number" in note["help"] for note in assumed)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["folder"], "is a folder"),
+        (["part.step"], "STEP"),
+        (["picture.png"], "picture.png"),
+        (["missing.glb"], "cannot be read"),
+        (["job.toml", "--f-number", "8"], "the lens"),
+        (["other.exr", "--f-number", "0.1"], "--f-number"),
+    ],
+)
+def test_files_that_are_no_scenes(tmp_path, arguments, words):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "part.step").write_text("ISO-10303-21;\n")
+    (tmp_path / "picture.png").write_bytes(b"\x89PNG\r\n")
+    (tmp_path / "job.toml").write_text(station())
+    write_exr(tmp_path / "other.exr", **{c: np.ones((4, 4), np.float32) for c in "RGB"})
+    found = attempt("view", "--no-open", *arguments, cwd=tmp_path)
+    assert found.returncode == 2 and words in found.stderr and "help: " in found.stderr, found.stderr
