@@ -1,8 +1,7 @@
 //! A film behind a camera: frames, maps and certificates, and a store of the last ones.
 
 use crate::light_sum;
-use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Tone};
-use crate::shared::RANGES;
+use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Ranges, Tone};
 use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::Plane;
 use dunkelfeld::io::sensor_file::find_sensor;
@@ -50,9 +49,11 @@ impl Sensors {
         } else {
             model.clone().binned(binning).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))?
         };
-        within("gain", camera.gain, RANGES.gain)?;
-        camera.temperature.map_or(Ok(()), |temperature| within("temperature", temperature, RANGES.temperature))?;
-        camera.exposure.map_or(Ok(()), |time| within("exposure time", time, RANGES.exposure))?;
+        within("gain", camera.gain, Ranges::KNOBS.gain)?;
+        camera
+            .temperature
+            .map_or(Ok(()), |temperature| within("temperature", temperature, Ranges::KNOBS.temperature))?;
+        camera.exposure.map_or(Ok(()), |time| within("exposure time", time, Ranges::KNOBS.exposure))?;
         let mut spec = model.spec().clone();
         spec.system_gain *= camera.gain;
         spec.temperature = camera.temperature.map_or(spec.temperature, Celsius);

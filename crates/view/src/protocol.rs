@@ -211,6 +211,11 @@ pub(crate) struct Ranges {
     pub(crate) temperature: [f64; 2],
 }
 
+impl Ranges {
+    /// The ranges of all cameras.
+    pub(crate) const KNOBS: Self = Self { exposure: [1e-6, 100.0], gain: [0.01, 100.0], temperature: [-100.0, 200.0] };
+}
+
 /// The parts of the scene that can be changed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct SceneState {

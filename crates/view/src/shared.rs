@@ -21,8 +21,6 @@ use tokio::sync::watch;
 
 /// The level at which a view begins: total noise 12 % above that of the sensor.
 const DEFAULT_TARGET: f64 = 0.5;
-/// The ranges of the knobs.
-pub(crate) const RANGES: Ranges = Ranges { exposure: [1e-6, 100.0], gain: [0.01, 100.0], temperature: [-100.0, 200.0] };
 /// The most points of a measured curve.
 const MAX_CURVE: usize = 400;
 
@@ -255,7 +253,7 @@ impl Shared {
                 vignetting: snapshot.as_ref().map_or(live.is_vignetted, |snapshot| snapshot.is_vignetted),
                 ..live.first_camera()
             },
-            ranges: RANGES,
+            ranges: Ranges::KNOBS,
             scene: (self.subject.kind == SourceKind::Render && settings.is_some()).then(|| live.scene()),
             saved: live.saved.clone(),
         }
