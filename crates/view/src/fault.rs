@@ -1,6 +1,7 @@
 //! Refusals and errors, as the page shows them.
 
 use dunkelfeld::Error;
+use dunkelfeld::io::visible_line;
 use serde::Serialize;
 
 /// A refusal: the answer of a request that cannot be met.
@@ -32,6 +33,9 @@ impl Fault {
 
 impl std::fmt::Display for Fault {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if let Some(place) = &self.place {
+            write!(f, "{place}: ")?;
+        }
         write!(f, "{}", self.problem)?;
         match &self.help {
             Some(help) => write!(f, "\n  help: {help}"),
@@ -42,10 +46,40 @@ impl std::fmt::Display for Fault {
 
 impl From<Error> for Fault {
     fn from(error: Error) -> Self {
-        let text = error.to_string();
-        match text.split_once("\n  help: ") {
-            Some((problem, help)) => Self::new(problem, help),
-            None => Self { problem: text, place: None, help: None, is_early: false },
+        let caret = error.caret();
+        let line = caret.lines().find_map(|line| {
+            let (number, text) = line.split_once('|')?;
+            Some(format!("line {}: {}", number.trim().parse::<u32>().ok()?, text.trim()))
+        });
+        let parts = error.parts();
+        let file = parts.file.map(|file| visible_line(&file.to_string_lossy()).into_owned());
+        let places =
+            file.into_iter().chain(parts.place.as_deref().map(|place| visible_line(place).into_owned())).chain(line);
+        let place = places.collect::<Vec<_>>().join(", ");
+        Self {
+            problem: parts.problem.map_or_else(|| error.to_string(), |problem| visible_line(&problem).into_owned()),
+            place: Some(place).filter(|place| !place.is_empty()),
+            help: parts.help.map(|help| visible_line(&help).into_owned()).filter(|help| !help.is_empty()),
+            is_early: false,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld::Project;
+
+    /// The place names file, key and line.
+    #[test]
+    fn the_place_of_an_error_has_its_line() {
+        let job = "scene = 'none'\n[camera]\nlook_at = [0, 0, 0]\nworking_distanse = 1\n";
+        let fault = Fault::from(Project::from_text("a.toml", job).expect_err("a misspelt key"));
+        let place = fault.place.as_deref().expect("a place");
+        assert!(place.starts_with("a.toml, ") && place.ends_with("line 4: working_distanse = 1"), "{place}");
+        assert!(fault.problem.contains("unknown key") && !fault.problem.contains("a.toml"), "{}", fault.problem);
+        assert!(fault.help.as_deref().is_some_and(|help| help.contains("working_distance")), "{:?}", fault.help);
+        let text = fault.to_string();
+        assert!(text.starts_with("a.toml, ") && text.contains("\n  help: "), "{text}");
     }
 }
