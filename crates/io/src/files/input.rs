@@ -7,6 +7,7 @@
 
 use crate::error::InputError;
 use crate::files::partial::resolved;
+pub use crate::files::role::Role;
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -15,70 +16,6 @@ use std::path::{Path, PathBuf};
 pub const MAX_STREAMED: u64 = 64 << 30;
 /// The depth of nested result folders: folders of results contain folders of results, and these contain none.
 const RESULT_DEPTH: u32 = 1;
-
-/// The use of an input file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Role {
-    /// The scene file.
-    Scene,
-    /// An image of the scene.
-    Texture,
-    /// A buffer of a glTF scene.
-    Buffer,
-    /// A material library (MTL) of an OBJ scene.
-    MaterialLibrary,
-    /// A light distribution (IES).
-    LightProfile,
-    /// The image of the environment.
-    Environment,
-    /// The job.
-    Job,
-    /// A sensor file.
-    Sensor,
-    /// The plan that is replayed.
-    Plan,
-    /// A checkpoint that the run itself does not write.
-    Checkpoint,
-    /// A part that is merged.
-    Part,
-    /// An EXR that is denoised or exposed.
-    Image,
-    /// The descriptor of an EMVA 1288 data set.
-    Descriptor,
-    /// A frame of grey values.
-    Frame,
-    /// A file of a results folder.
-    Result,
-    /// A shared library that is loaded.
-    Library,
-    /// A file with data of the system about the process.
-    Report,
-}
-
-impl Role {
-    /// With article, for messages: `a texture`, `the scene`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Scene => "the scene",
-            Self::Texture => "a texture",
-            Self::Buffer => "a buffer",
-            Self::MaterialLibrary => "a material library",
-            Self::LightProfile => "a light profile",
-            Self::Environment => "the environment image",
-            Self::Job => "the job",
-            Self::Sensor => "the sensor file",
-            Self::Plan => "the plan to replay",
-            Self::Checkpoint => "a checkpoint",
-            Self::Part => "a part",
-            Self::Image => "the input image",
-            Self::Descriptor => "the data set's descriptor",
-            Self::Frame => "a frame",
-            Self::Result => "a result",
-            Self::Library => "the denoiser's library",
-            Self::Report => "a report of the system",
-        }
-    }
-}
 
 /// The identity of a file from the file system: two identities are of one file if a name, a resolved name, or device
 /// and inode agree.

@@ -12,3 +12,4 @@ pub(crate) mod partial;
 pub mod private_file;
 pub mod process;
 pub mod results;
+mod role;
