@@ -2,9 +2,11 @@
 //! Replay: `cargo test --workspace --test project NAME`.
 
 use dunkelfeld::film::Film;
+use dunkelfeld::scene::Vignetting;
 use dunkelfeld::{
-    Cancel, ExposeOptions, ExposureOption, OutputPaths, Project, ProjectOptions, RenderOptions, SavedFilm,
-    SensorChoice, SensorOption, Silent, expose_film, picture_of_film,
+    Cancel, ExposeOptions, ExposureOption, InputFiles, OutputPaths, Project, ProjectOptions, RenderOptions,
+    ReplayOption, SavedFilm, SavedPlan, SensorChoice, SensorOption, Silent, expose_film, picture_of_film,
+    save_film_files,
 };
 use std::fmt::Write as _;
 use std::fs;
@@ -259,6 +261,40 @@ fn options_belong_to_one_render() {
         assert!(error.contains(says), "{error}");
         assert_eq!(format!("{:?}", project.settings), before);
     }
+}
+
+/// A replay of a film has its samples, and neither the plan nor the vignetting of one render is that of the next. Options that
+/// are applied stay, and those that are refused change nothing.
+#[test]
+fn a_replay_belongs_to_one_render_and_applied_options_stay() {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    let mut project = open(&folder, "job.toml", JOB);
+    let whole = film(&project);
+    let options = RenderOptions::default().with_spp(7.0).with_seed(5u64).with_training_paths(16u32);
+    let saved = render(&mut project, options.clone().with_vignetting(Vignetting::CosineFourth));
+    assert!(saved.is_vignetted && project.vignetting.is_none());
+    let plan = folder.path().join("plan.exr");
+    let files = OutputPaths::default().with_plan(plan.clone());
+    save_film_files(&saved, None, &files, &InputFiles::new()).expect("saved");
+    let known = project.inputs.iter().count();
+    for replay in [ReplayOption::File(plan), ReplayOption::Plan(SavedPlan::of_film(&saved))] {
+        let replay = RenderOptions::default().with_replay(replay).with_vignetting(Vignetting::CosineFourth);
+        assert!(render(&mut project, replay.clone()).film.sums == saved.film.sums);
+        let error = project.apply_options(replay.with_noise(1.0)).expect_err("a limit").to_string();
+        assert!(error.contains("replay") && error.contains("help"), "{error}");
+        assert!(film(&project) == whole && project.inputs.iter().count() == known);
+    }
+    project.apply_options(options).expect("applied");
+    let settings = &project.settings;
+    assert_eq!((settings.budget.spp, settings.seed, settings.training_paths), (Some(7.0), 5, Some(16)));
+    // A seed, a size or a number of training paths beside the plan replaces that of its file.
+    let plan = SavedPlan::of_film(&saved);
+    project
+        .apply_options(RenderOptions::default().with_replay(ReplayOption::Plan(plan)).with_seed(6u64))
+        .expect("applied");
+    assert_eq!((project.settings.seed, project.settings.budget.spp), (6, None));
+    assert!(film(&project) != saved.film.sums);
 }
 
 /// With `full` in the job the film has the resolution of the sensor of the options, for this render only.

@@ -10,11 +10,10 @@ use crate::values::{
 };
 use clap::{ArgGroup, Args, Parser, Subcommand};
 use dunkelfeld::adaptive::Strategy;
-use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::{Effect, Vignetting};
-use dunkelfeld::sensor::{ExposureNoise, Optics, SensorError};
+use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::trace::PixelSample;
-use dunkelfeld::{DenoiseMethod, Error};
+use dunkelfeld::{DenoiseMethod, Error, ImageOptions};
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -315,24 +314,26 @@ pub(crate) struct LensArgs {
 }
 
 impl LensArgs {
-    /// The lens. Flags that are not given have the values of `defaults`.
-    pub(crate) fn optics(&self, defaults: Optics) -> Result<Optics, Error> {
-        let f_number = self.f_number.unwrap_or(defaults.f_number());
-        let transmission = self.transmission.unwrap_or(defaults.transmission());
-        let magnification = self.magnification.unwrap_or(defaults.magnification());
-        Optics::new(f_number, transmission, magnification).map_err(|e| match e {
-            SensorError::OutOfRange { field, value, allowed } => {
-                let flag = format!("--{}", field.replace('_', "-"));
-                Error::setting(flag, format!("{} is out of range", Number(value)), format!("write a number {allowed}"))
-            }
-            other => other.into(),
-        })
+    /// Sets the lens of an image.
+    pub(crate) fn set(&self, options: &mut ImageOptions) {
+        (options.f_number, options.transmission) = (self.f_number, self.transmission);
+        options.magnification = self.magnification;
     }
 
     /// Is a flag given?
     #[cfg(feature = "view")]
     pub(crate) fn is_given(&self) -> bool {
         self.f_number.or(self.transmission).or(self.magnification).is_some()
+    }
+}
+
+/// An error about a setting, whose name is that of a flag.
+pub(crate) fn of_flag(error: Error) -> Error {
+    match error {
+        Error::Setting { what, problem, help } => {
+            Error::setting(format!("--{}", what.replace('_', "-")), problem, help)
+        }
+        other => other,
     }
 }
 

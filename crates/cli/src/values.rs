@@ -1,10 +1,11 @@
 //! The values of flags: read from their text, and checked before any file is opened. An error contains the correct
 //! form.
 
+use dunkelfeld::ExposureOption;
 use dunkelfeld::adaptive::{MAX_MEAN_SPP, NOISE_LEVELS};
 use dunkelfeld::io::{Length, Time};
 use dunkelfeld::radiometry::{Number, Seconds};
-use dunkelfeld::scene::{Effect, SceneBuilder};
+use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::Exposure;
 use dunkelfeld::trace::PixelSample;
 use std::fmt::Display;
@@ -23,6 +24,14 @@ pub(crate) enum ExposureChoice {
 }
 
 impl ExposureChoice {
+    /// The exposure as an option of the library.
+    pub(crate) fn option(self) -> ExposureOption {
+        match self {
+            Self::Auto => ExposureOption::Auto,
+            Self::For { time, .. } => ExposureOption::Time(time),
+        }
+    }
+
     /// The note for a time without a unit.
     pub(crate) fn note(self) -> Option<String> {
         match self {
@@ -81,9 +90,7 @@ pub(crate) fn time_limit(text: &str) -> Result<f64, String> {
 
 pub(crate) fn effect(name: &str) -> Result<Effect, String> {
     Effect::ALL.into_iter().find(|e| e.name() == name).ok_or_else(|| {
-        // An empty scene can leave out all effects that any scene can.
-        let can_go = |e: &&Effect| SceneBuilder::default().leave_out(**e);
-        let names: Vec<&str> = Effect::ALL.iter().filter(can_go).map(|e| e.name()).collect();
+        let names: Vec<&str> = dunkelfeld::removable_effects().iter().map(|e| e.name()).collect();
         format!("write one of {}", names.join(", "))
     })
 }
@@ -132,6 +139,7 @@ pub(crate) fn pixel_sample(text: &str) -> Result<PixelSample, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dunkelfeld::scene::SceneBuilder;
 
     #[test]
     fn listed_effects_are_the_ones_that_can_be_left_out() {

@@ -11,6 +11,7 @@ use dunkelfeld_render::parallel::{map_film, map_film_to, mean_without_gaps};
 use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE, RenderSettings};
 use dunkelfeld_render::{ProgressState, Session, Stage};
 use rayon::prelude::*;
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
@@ -50,6 +51,20 @@ pub fn find_denoiser(settings: &DenoiseSettings) -> Result<Option<Box<dyn Denois
                 Err(Error::setting("oidn", e.to_string(), help))
             }
         },
+    }
+}
+
+/// Replaces a denoiser by that of options. A library without a denoiser selects OIDN.
+pub fn select_denoiser(method: Option<DenoiseMethod>, oidn: Option<&Path>, settings: &mut DenoiseSettings) {
+    if let Some(method) = method.or(oidn.map(|_| DenoiseMethod::Oidn)) {
+        settings.method = method;
+        if matches!(method, DenoiseMethod::Off | DenoiseMethod::Builtin) {
+            // The library of the job belongs to its denoiser.
+            settings.oidn = None;
+        }
+    }
+    if oidn.is_some() {
+        settings.oidn = oidn.map(Path::to_path_buf);
     }
 }
 

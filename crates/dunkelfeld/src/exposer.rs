@@ -208,10 +208,7 @@ impl Exposer {
         }
         drop(layers);
         if let Some(focal_length) = settings.vignetting {
-            let distance = focal_length * (1.0 + optics.magnification()) / model.spec().pixel_pitch.0;
-            let (width, height) = (radiance.width(), radiance.height());
-            // Transmission of the lens, relative to its axis.
-            let share = Plane::from_fn(width, height, |x, y| cosine_fourth(x, y, width, height, distance));
+            let share = lens_share(focal_length, optics, &model, [radiance.width(), radiance.height()]);
             radiance = through_lens(&radiance, &share);
             noise = noise.map(|noise| noise.darkened(&share));
         }
@@ -221,6 +218,28 @@ impl Exposer {
         };
         let exposer = Self::new(radiance, settings, (&model, optics, readout), known)?;
         Ok(Self { invalid_variances, ..exposer })
+    }
+
+    /// Combines mean radiance [W/(m^2 sr)], linear Rec. 709, with a camera. Its noise is unknown, so that all of the noise of
+    /// the camera is drawn.
+    ///
+    /// # Errors
+    /// Settings outside their range, matched noise, a name of a layer, and more memory than the limit.
+    pub fn of_radiance(mut radiance: Plane<[f32; 3]>, settings: &ExposeSettings) -> Result<Self, Error> {
+        check(settings)?;
+        if settings.exposure_noise == ExposureNoise::Matched {
+            let problem = "the noise of the image is unknown, so that it cannot be matched";
+            return Err(Error::setting("exposure noise", problem, "use `plain`, or an EXR with a layer `variance`"));
+        }
+        if settings.layer.is_some() {
+            return Err(Error::setting("layer", "an array has no layers", "leave it out"));
+        }
+        let (model, optics) = (&settings.model, settings.optics);
+        if let Some(focal_length) = settings.vignetting {
+            let share = lens_share(focal_length, optics, model, [radiance.width(), radiance.height()]);
+            radiance = through_lens(&radiance, &share);
+        }
+        Self::new(radiance, settings, (model, optics, settings.readout), |_, _, _| None)
     }
 
     /// Width and height \[pixels\].
@@ -383,6 +402,12 @@ pub(crate) fn check_films(size: [u32; 2], films: impl Iterator<Item = ([u32; 2],
         }
     }
     Ok(())
+}
+
+/// Transmission of a thin lens in each pixel, relative to its axis.
+fn lens_share(focal_length: f64, optics: Optics, model: &SensorModel, [width, height]: [u32; 2]) -> Plane<f64> {
+    let distance = focal_length * (1.0 + optics.magnification()) / model.spec().pixel_pitch.0;
+    Plane::from_fn(width, height, |x, y| cosine_fourth(x, y, width, height, distance))
 }
 
 /// The share of light behind a thin lens that reaches a pixel, relative to the axis in the middle of the image: cos^4 of the

@@ -26,7 +26,9 @@ mod black_image;
 mod camera_fit;
 mod commands;
 mod denoising;
+mod expose_options;
 mod exposer;
+mod film_files;
 mod film_part;
 mod frame;
 pub mod guard;
@@ -44,15 +46,20 @@ mod sensor_hazards;
 mod shutter;
 mod stations;
 mod stats;
+mod traced_sample;
 mod views;
 
 pub use black_image::black_image;
-pub use commands::denoise::{DenoisedFile, check_denoise_output, denoise_exr, read_radiance};
+pub use commands::denoise::{
+    DenoisePlanes, DenoisedFile, check_denoise_output, denoise_exr, denoise_planes, read_radiance,
+};
 pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, expose_exr};
-pub use commands::init::init;
+pub use commands::init::{init, init_text};
 pub use commands::merge::{MergeSettings, Merged, merge};
-pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser};
+pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser, select_denoiser};
+pub use expose_options::{ImageOptions, expose_image, expose_radiance};
 pub use exposer::{Exposer, FilmVariances, through_lens};
+pub use film_files::save_film_files;
 pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
 pub use inspect::{
@@ -62,7 +69,7 @@ pub use light_films::{FilmOfLight, develop_behind_lens, develop_films, encode_li
 pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats};
 pub use noise_compensation::Matched;
 pub use options::{
-    ExposeOptions, ExposureOption, RenderOptions, SensorOption, certify_film, denoise_saved, expose_film,
+    ExposeOptions, ExposureOption, RenderOptions, ReplayOption, SensorOption, certify_film, denoise_saved, expose_film,
     picture_of_film, select_sensor,
 };
 pub use outliers::HeavySample;
@@ -72,6 +79,7 @@ pub use outputs::{
 };
 pub use project::{
     LightFilmsMemory, Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene,
+    removable_effects,
 };
 pub use stations::{STATIONS, Station};
 pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};
@@ -150,6 +158,7 @@ pub mod sensor {
 
 /// Single samples, to find the cause of a wrong pixel.
 pub mod trace {
+    pub use crate::traced_sample::{TracedConnection, TracedSample, TracedScattering, TracedVertex};
     pub use dunkelfeld_bsdf::Lobe;
     pub use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelIds, PixelSample, TraceConnection};
     pub use dunkelfeld_render::train;

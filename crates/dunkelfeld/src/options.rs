@@ -1,20 +1,25 @@
 //! Options of one render and of one exposure. Rust, Python and C give them the same names.
 
 use crate::commands::expose::ExposeSettings;
-use crate::denoising::{Denoised, denoise_film, find_denoiser};
+use crate::denoising::{Denoised, denoise_film, find_denoiser, select_denoiser};
 use crate::exposer::Exposer;
 use crate::frame::{Picture, develop_film};
 use crate::memory::expose_account;
-use crate::project::{Project, ProjectResult, find_sensor_recorded};
+use crate::outputs::{SavedPlan, load_plan_recorded};
+use crate::project::{FilmRegion, Project, ProjectResult, find_sensor_recorded};
+use crate::traced_sample::TracedSample;
 use derive_setters::Setters;
 use dunkelfeld_adaptive::Strategy;
+use dunkelfeld_adaptive::budget::NOISE_LEVELS;
 use dunkelfeld_film::Plane;
+use dunkelfeld_integrator::PixelSample;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_render::film_noise::Certified;
 use dunkelfeld_render::{
-    Budget, Cancel, CheckpointSettings, DenoiseSettings, Error, Progress, RenderSettings, SavedFilm, SensorChoice,
-    Session, thread_count,
+    Budget, Cancel, CheckpointSettings, DenoiseMethod, DenoiseSettings, Error, Progress, RenderSettings, SavedFilm,
+    SensorChoice, Session, thread_count,
 };
+use dunkelfeld_scene::Vignetting;
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, SensorModel};
 use std::ops::Range;
 use std::path::PathBuf;
@@ -37,6 +42,19 @@ pub enum ExposureOption {
     Auto,
     /// A time.
     Time(Exposure),
+}
+
+/// The samples of an earlier render, for a replay.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ReplayOption {
+    /// An EXR with the layers or the plan of a render. Size, seed, frame and number of training paths are those of the file,
+    /// unless the options set them.
+    File(PathBuf),
+    /// A plan with the same data, such as [`SavedPlan::of_film`].
+    Plan(SavedPlan),
+    /// Samples per pixel. They determine the size of the film; seed, frame and number of training paths are those of the
+    /// project.
+    Samples(Plane<u32>),
 }
 
 /// Settings of one render that replace those of its project. `None` leaves a setting as it is.
@@ -71,8 +89,24 @@ pub struct RenderOptions {
     pub sensor: Option<SensorOption>,
     /// The exposure time.
     pub exposure: Option<ExposureOption>,
+    /// The noise that the sensor adds.
+    pub exposure_noise: Option<ExposureNoise>,
+    /// Vignetting of all lenses.
+    pub vignetting: Option<Vignetting>,
+    /// Denoiser of the picture.
+    pub denoise: Option<DenoiseMethod>,
+    /// Path of Intel Open Image Denoise. Without `denoise` it selects this denoiser.
+    pub oidn: Option<PathBuf>,
+    /// A plan that is rendered instead of budget and strategy.
+    pub replay: Option<ReplayOption>,
+    /// Number of training paths of the learned Russian roulette; 0 switches it off.
+    pub training_paths: Option<u32>,
+    /// Limit of memory \[bytes\].
+    pub memory: Option<u64>,
     /// Path of the checkpoint. If the file exists, the render continues from it.
     pub checkpoint: Option<PathBuf>,
+    /// Seconds between two checkpoints; 0 writes at every opportunity.
+    pub checkpoint_every: Option<f64>,
 }
 
 /// An exposure of a rendered film. `None` selects the value of the render.
@@ -129,68 +163,154 @@ pub fn select_sensor(
 
 impl RenderOptions {
     fn apply(self, project: &mut Project) -> Result<(), Error> {
+        let is_limited = self.time.is_some() || self.spp.is_some() || self.noise.is_some();
+        let is_replay = self.replay.is_some();
+        if is_replay && (is_limited || self.strategy.is_some()) {
+            let problem = "the samples are those of the plan, so that there is neither a limit nor a strategy";
+            return Err(Error::setting("replay", problem, "leave out time, spp, noise and strategy, or the plan"));
+        }
+        if let Some(replay) = self.replay {
+            replay.apply(project)?;
+        }
         let Self { width, height, camera, time, spp, noise, seed, frame, threads, strategy, .. } = self;
         let s = &mut project.settings;
         let another = self.sensor.is_some();
         select_sensor(&mut s.sensor, (self.sensor, self.exposure), project.optics, &mut project.inputs)?;
-        if another && width.or(height).is_none() {
+        if another && !is_replay && width.or(height).is_none() {
             project.refit_film()?;
         }
+        project.vignetting = self.vignetting.or(project.vignetting);
         let s: &mut RenderSettings = &mut project.settings;
+        select_exposure_noise(self.exposure_noise, s)?;
+        select_denoiser(self.denoise, self.oidn.as_deref(), &mut s.denoise);
         s.width = width.unwrap_or(s.width);
         s.height = height.unwrap_or(s.height);
         s.camera = camera.or(s.camera.take());
-        if time.is_some() || spp.is_some() || noise.is_some() {
+        if is_limited {
             s.budget = Budget::default().with_seconds(time).with_spp(spp).with_noise(noise);
         }
         s.seed = seed.unwrap_or(s.seed);
         s.frame = frame.unwrap_or(s.frame);
+        s.training_paths = self.training_paths.or(s.training_paths);
         s.threads = threads.unwrap_or(s.threads);
+        s.memory_limit = self.memory.or(s.memory_limit);
         s.strategy = strategy.or(s.strategy);
         if self.samples.is_some() {
             // Those of the job are for the whole render.
-            if time.or(spp).or(noise).is_none() {
+            if !is_limited {
                 s.budget = Budget::default();
             }
             s.strategy = strategy;
             s.samples = self.samples;
         }
         s.checkpoint = self.checkpoint.map(CheckpointSettings::new).or(s.checkpoint.take());
+        match (self.checkpoint_every, &mut s.checkpoint) {
+            (None, _) => {}
+            (Some(seconds), Some(keep)) if seconds.is_finite() && seconds >= 0.0 => keep.seconds = seconds,
+            (Some(seconds), Some(_)) => {
+                let problem = format!("{seconds} s is out of range");
+                return Err(Error::setting("checkpoint_every", problem, "use 0 or more seconds"));
+            }
+            (Some(_), None) => {
+                let problem = "there is no checkpoint to write";
+                return Err(Error::setting("checkpoint_every", problem, "name a checkpoint, or leave it out"));
+            }
+        }
         Ok(())
     }
+}
+
+impl ReplayOption {
+    /// The plan is the budget. Its other data are settings, which options may replace.
+    fn apply(self, project: &mut Project) -> Result<(), Error> {
+        let plan = match self {
+            Self::File(path) => load_plan_recorded(&path, &mut project.inputs)?,
+            Self::Plan(plan) => plan,
+            Self::Samples(samples) => {
+                let s = &mut project.settings;
+                (s.width, s.height, s.budget) = (samples.width(), samples.height(), Budget::default());
+                s.replay = Some(samples);
+                return Ok(());
+            }
+        };
+        let s = &mut project.settings;
+        (s.width, s.height, s.budget) = (plan.samples.width(), plan.samples.height(), Budget::default());
+        s.seed = plan.seed.unwrap_or(s.seed);
+        s.frame = plan.frame.unwrap_or(s.frame);
+        s.training_paths = Some(plan.training_paths);
+        s.replay = Some(plan.samples);
+        Ok(())
+    }
+}
+
+/// The noise that the exposure adds. Without a sensor there is no noise, also if a job sets it.
+fn select_exposure_noise(noise: Option<ExposureNoise>, s: &mut RenderSettings) -> Result<(), Error> {
+    if noise.is_some() && !s.has_sensor() {
+        let problem = "there is no sensor that adds noise";
+        return Err(Error::setting("exposure_noise", problem, "name a sensor, or leave it out"));
+    }
+    let of_job = if s.has_sensor() { s.exposure_noise } else { ExposureNoise::Plain };
+    s.exposure_noise = noise.unwrap_or(of_job);
+    Ok(())
 }
 
 /// A project with other settings for a while.
 struct Adjusted<'a> {
     project: &'a mut Project,
-    before: Option<(RenderSettings, crate::project::FilmRegion)>,
+    before: Option<(RenderSettings, FilmRegion, Option<Vignetting>, InputFiles)>,
+}
+
+impl<'a> Adjusted<'a> {
+    fn new(project: &'a mut Project, options: RenderOptions) -> Result<Self, Error> {
+        let before = (project.settings.clone(), project.region(), project.vignetting, project.inputs.clone());
+        let adjusted = Self { project, before: Some(before) };
+        options.apply(adjusted.project)?;
+        Ok(adjusted)
+    }
 }
 
 impl Drop for Adjusted<'_> {
     fn drop(&mut self) {
-        if let Some((settings, region)) = self.before.take() {
+        if let Some((settings, region, vignetting, inputs)) = self.before.take() {
             self.project.settings = settings;
             self.project.restore_region(region);
+            self.project.vignetting = vignetting;
+            self.project.inputs = inputs;
         }
     }
 }
 
 impl Project {
+    /// Replaces settings of the project by options. After an error the settings are as before.
+    ///
+    /// # Errors
+    /// A sensor or a plan that does not exist; an exposure or its noise without a sensor; a replay with a limit or a
+    /// strategy; an interval without a checkpoint.
+    pub fn apply_options(&mut self, options: RenderOptions) -> Result<(), Error> {
+        Adjusted::new(self, options)?.before = None;
+        Ok(())
+    }
+
     /// [`Project::render_with`] with options for this render. The settings of the project stay as they are, also after an
     /// error.
     ///
     /// # Errors
-    /// As [`Project::render_with`]; a sensor that does not exist; an exposure without a sensor.
+    /// As [`Project::render_with`] and [`Project::apply_options`].
     pub fn render_options(
         &mut self,
         options: RenderOptions,
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<ProjectResult, Error> {
-        let before = Some((self.settings.clone(), self.region()));
-        let adjusted = Adjusted { project: self, before };
-        options.apply(adjusted.project)?;
-        adjusted.project.render_with(progress, cancel)
+        Adjusted::new(self, options)?.project.render_with(progress, cancel)
+    }
+
+    /// [`Project::trace_sample`] with options for this sample. The settings of the project stay as they are.
+    ///
+    /// # Errors
+    /// As [`Project::trace_sample`] and [`Project::apply_options`].
+    pub fn trace_options(&mut self, options: RenderOptions, at: PixelSample) -> Result<TracedSample, Error> {
+        Adjusted::new(self, options)?.project.trace_sample(at)
     }
 }
 
@@ -241,16 +361,26 @@ fn no_sensor() -> Error {
 /// system has.
 pub fn expose_film(saved: &SavedFilm, options: &ExposeOptions, frames: u32) -> Result<Vec<Plane<u16>>, Error> {
     let settings = ExposeSettings::of_film(saved, options)?.with_frames(frames);
-    let (width, height) = (saved.film.sums.width(), saved.film.sums.height());
+    let size = (saved.film.sums.width(), saved.film.sums.height());
+    let settings = settings.with_memory_limit(saved.settings.memory_limit);
+    check_frames(&settings, size)?;
+    frames_of(&Exposer::of_film(&saved.film, &settings)?, &settings)
+}
+
+/// All frames of the settings.
+pub(crate) fn frames_of(exposer: &Exposer, settings: &ExposeSettings) -> Result<Vec<Plane<u16>>, Error> {
+    (0..settings.frames).map(|n| exposer.frame(settings.first_frame + n)).collect()
+}
+
+/// Checks that the frames of the settings fit into memory, for a film of this width and height \[pixels\].
+pub(crate) fn check_frames(settings: &ExposeSettings, (width, height): (u32, u32)) -> Result<(), Error> {
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
     let mut account = expose_account((width, height), 0, is_matched, thread_count(settings.threads));
     let bytes = u64::from(width) * u64::from(height) * 2;
     let phases = account.phases.len();
     // Once as planes, once as the array of a caller.
-    account.add("frames", &vec![bytes.saturating_mul(2 * u64::from(frames)); phases]);
-    account.check(saved.settings.memory_limit, 0, "expose fewer frames at a time")?;
-    let exposer = Exposer::of_film(&saved.film, &settings)?;
-    (0..frames).map(|n| exposer.frame(settings.first_frame + n)).collect()
+    account.add("frames", &vec![bytes.saturating_mul(2 * u64::from(settings.frames)); phases]);
+    account.check(settings.memory_limit, 0, "expose fewer frames at a time")
 }
 
 /// The 8-bit picture of one frame of a film, gamma 2.2: of the sensor of the options or of the render, or the plain one
@@ -274,10 +404,10 @@ pub fn picture_of_film(saved: &SavedFilm, options: &ExposeOptions) -> Result<Pic
 /// The certificate of a film at level `k`, for the sensor of its render. Runs on the threads of the current pool.
 ///
 /// # Errors
-/// A film without a sensor, and a `k` that is not a number above zero.
+/// A film without a sensor, and a `k` outside of [`NOISE_LEVELS`].
 pub fn certify_film(saved: &SavedFilm, k: f64) -> Result<Certified, Error> {
-    if !(k.is_finite() && k > 0.0) {
-        return Err(Error::setting("k", format!("{k} is out of range"), "use a number above zero"));
+    if !NOISE_LEVELS.contains(&k) {
+        return Err(Error::setting("k", format!("{k} is out of range"), "use a number from 0.001 to 1000"));
     }
     let mut settings = saved.settings.clone();
     settings.budget = settings.budget.with_noise(k);

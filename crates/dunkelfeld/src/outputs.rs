@@ -12,9 +12,9 @@ use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_io::png::png_bytes;
 use dunkelfeld_radiometry::Number;
-use dunkelfeld_render::RenderedFilm;
 use dunkelfeld_render::{Error, written};
 use dunkelfeld_render::{RenderSettings, SensorChoice};
+use dunkelfeld_render::{RenderedFilm, SavedFilm};
 use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::{Bands, Exposure, Readout, SensorModel};
 use rayon::prelude::*;
@@ -46,6 +46,11 @@ pub struct OutputPaths {
 impl OutputPaths {
     fn all(&self) -> impl Iterator<Item = &PathBuf> {
         [&self.image, &self.linear, &self.exr, &self.stats, &self.plan].into_iter().flatten()
+    }
+
+    /// Is no file named?
+    pub(crate) fn is_empty(&self) -> bool {
+        self.all().next().is_none()
     }
 
     /// The outputs, each with its name in messages.
@@ -460,6 +465,19 @@ pub struct SavedPlan {
     pub frame: Option<u32>,
     /// Number of training paths of the render; 0 if the file does not state it.
     pub training_paths: u32,
+}
+
+impl SavedPlan {
+    /// The plan of a rendered film: a replay has the same samples.
+    pub fn of_film(saved: &SavedFilm) -> Self {
+        let SavedFilm { film, settings, .. } = saved;
+        Self {
+            samples: film.sums.sample_counts(),
+            seed: Some(settings.seed),
+            frame: Some(settings.frame),
+            training_paths: settings.training_paths(),
+        }
+    }
 }
 
 /// Reads a plan that [`save_plan`] wrote, or that of the layers of a render.

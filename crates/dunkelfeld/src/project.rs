@@ -7,7 +7,7 @@ mod overrides;
 mod rendering;
 
 pub use one_light::LightFilmsMemory;
-pub use open::ProjectOptions;
+pub use open::{ProjectOptions, removable_effects};
 use open::{film_part, pitch_of, whole_film};
 use overrides::{Description, kept_description};
 
@@ -338,6 +338,11 @@ impl ProjectResult {
     pub fn into_saved_film(self) -> SavedFilm {
         let Self { rendering, settings, is_vignetted, .. } = self;
         SavedFilm { film: rendering.film, settings, is_vignetted }
+    }
+
+    /// The files that the render read. An output must not replace one of them.
+    pub fn inputs(&self) -> &InputFiles {
+        &self.inputs
     }
 
     /// Seconds since the clock of the render started.

@@ -1,5 +1,7 @@
 //! Preset stations: camera, lens, film and lights of inspection cells, with a stand-in part.
 
+use dunkelfeld_render::Error;
+
 /// A station: camera, lens, film and lights of an inspection cell, as keys of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Station {
@@ -40,6 +42,18 @@ impl Station {
     /// The station of a name.
     pub fn find(name: &str) -> Option<Self> {
         STATIONS.into_iter().find(|s| s.name == name)
+    }
+
+    /// The station of a name.
+    ///
+    /// # Errors
+    /// There is none; the help lists all names.
+    pub fn named(name: &str) -> Result<Self, Error> {
+        Self::find(name).ok_or_else(|| {
+            let names: Vec<&str> = STATIONS.iter().map(|s| s.name).collect();
+            let problem = format!("there is no station \"{name}\"");
+            Error::setting("station", problem, format!("write one of {}", names.join(", ")))
+        })
     }
 
     /// One sentence about it.

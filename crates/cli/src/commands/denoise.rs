@@ -2,16 +2,15 @@
 
 use crate::args::DenoiseArgs;
 use crate::bar::Sink;
-use crate::commands::render::apply_denoise;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::words::{counted, flagged_variances, seconds};
-use dunkelfeld::{DenoiseMethod, DenoiseSettings, Error, Session, check_denoise_output, denoise_exr};
+use dunkelfeld::{DenoiseMethod, DenoiseSettings, Error, Session, check_denoise_output, denoise_exr, select_denoiser};
 
 pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
     let mut settings = DenoiseSettings::default();
     let method = args.denoise.or(args.oidn.is_none().then_some(DenoiseMethod::Auto));
-    apply_denoise(method, args.oidn.as_ref(), &mut settings);
+    select_denoiser(method, args.oidn.as_deref(), &mut settings);
     check_denoise_output(&args.input, &args.output, &settings)?;
     let sink = Sink::new(args.run.progress);
     let cancel = cancel_on_interrupt();

@@ -1,14 +1,13 @@
 //! `dunkelfeld expose`: reads an EXR, and writes frames of a camera.
 
-use crate::args::ExposeArgs;
+use crate::args::{ExposeArgs, of_flag};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::values::ExposureChoice;
 use crate::words::{counted, exposure_time, flagged_variances, seconds};
-use dunkelfeld::InputFiles;
 use dunkelfeld::scene::Vignetting;
-use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeOutputs, ExposeSettings, ExposedFile, Session, expose_exr};
+use dunkelfeld::{Error, ExposeOutputs, ExposeSettings, ExposedFile, ImageOptions, SensorOption, Session, expose_exr};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
@@ -48,38 +47,20 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
 }
 
 fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
-    let mut inputs = InputFiles::new();
-    let name = args.sensor.as_deref().unwrap_or(DEFAULT_SENSOR);
-    let model = dunkelfeld::find_sensor_recorded(name, &mut inputs)?;
-    let defaults = ExposeSettings::new(model)?;
-    let optics = args.lens.optics(defaults.optics)?;
-    Ok(defaults
-        .with_optics(optics)
-        .with_vignetting(vignetting(args)?)
-        .with_exposure(match args.exposure {
-            None | Some(ExposureChoice::Auto) => None,
-            Some(ExposureChoice::For { time, .. }) => Some(time),
-        })
-        .with_exposure_noise(args.exposure_noise.unwrap_or_default())
-        .with_seed(args.seed)
-        .with_first_frame(args.frame)
-        .with_frames(args.frames)
-        .with_layer(args.layer.clone())
-        .with_threads(args.run.thread_count())
-        .with_memory_limit(args.memory.memory)
-        .with_inputs(inputs))
-}
-
-/// The focal length of a lens with vignetting.
-fn vignetting(args: &ExposeArgs) -> Result<Option<f64>, Error> {
-    match (args.vignetting, args.focal_length) {
-        (None | Some(Vignetting::None), _) => Ok(None),
-        (Some(Vignetting::CosineFourth), Some(focal_length)) => Ok(Some(focal_length)),
-        (Some(Vignetting::CosineFourth), None) => {
-            let problem = "field angles follow from a focal length, and there is none";
-            Err(Error::setting("--vignetting", problem, "add --focal-length 12mm"))
-        }
+    if args.vignetting == Some(Vignetting::CosineFourth) && args.focal_length.is_none() {
+        let problem = "field angles follow from a focal length, and there is none";
+        return Err(Error::setting("--vignetting", problem, "add --focal-length 12mm"));
     }
+    let mut options = ImageOptions::default().with_frames(args.frames).with_seed(args.seed).with_frame(args.frame);
+    options.sensor = args.sensor.clone().map(SensorOption::Named);
+    options.exposure = args.exposure.map(ExposureChoice::option);
+    options.exposure_noise = args.exposure_noise;
+    args.lens.set(&mut options);
+    (options.vignetting, options.focal_length) = (args.vignetting, args.focal_length);
+    options.layer.clone_from(&args.layer);
+    options.threads = Some(args.run.thread_count());
+    options.memory = args.memory.memory;
+    options.settings().map_err(of_flag)
 }
 
 fn report(settings: &ExposeSettings, exposed: &ExposedFile) -> String {

@@ -14,17 +14,9 @@ pub(crate) fn run(args: &InitArgs) -> Result<Outcome, Error> {
         print("a job for a scene: `dunkelfeld init scene.glb`\n");
         return Ok(Outcome::Done);
     }
-    let station = args.station.as_deref().map(find).transpose()?;
+    let station = args.station.as_deref().map(Station::named).transpose()?;
     let path = init(args.input.as_deref(), station, args.output.as_deref())?;
     let path = path.to_string_lossy();
     print(&format!("{path} was written; render it by: {}\n", shell(["dunkelfeld", "render", path.as_ref()])));
     Ok(Outcome::Done)
-}
-
-fn find(name: &str) -> Result<Station, Error> {
-    Station::find(name).ok_or_else(|| {
-        let names: Vec<&str> = STATIONS.iter().map(|s| s.name).collect();
-        let problem = format!("there is no station \"{name}\"");
-        Error::setting("station", problem, format!("write one of {}", names.join(", ")))
-    })
 }

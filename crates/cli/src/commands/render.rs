@@ -9,13 +9,12 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 use crate::values::ExposureChoice;
-use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, Cancel, CheckpointSettings, DefaultPath, DenoiseMethod, DenoiseSettings, Error, ExposureOption, Progress,
-    ProgressState, Project, ProjectOptions, RenderSettings, SensorOption, Stage,
+    Cancel, CheckpointSettings, DefaultPath, Error, ExposureOption, Progress, ProgressState, Project, ProjectOptions,
+    RenderOptions, ReplayOption, SensorOption, Stage,
 };
 pub(crate) use report::{as_seen, say_flaws};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 /// Maximum number of warnings, and of hazards, that are printed before a render.
@@ -83,46 +82,7 @@ fn checkpoint(args: &RenderArgs, path: &Path) -> Result<CheckpointSettings, Erro
 
 /// Flags override the project's file.
 fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
-    let s = &mut project.settings;
-    if let Some(path) = &args.replay {
-        let plan = dunkelfeld::load_plan_recorded(path, &mut project.inputs)?;
-        (s.width, s.height) = (plan.samples.width(), plan.samples.height());
-        s.seed = plan.seed.unwrap_or(s.seed);
-        s.frame = plan.frame.unwrap_or(s.frame);
-        s.training_paths = Some(plan.training_paths);
-        // The plan is the budget.
-        s.budget = Budget::default();
-        s.replay = Some(plan.samples);
-    }
-    s.width = args.width.unwrap_or(s.width);
-    s.height = args.height.unwrap_or(s.height);
-    s.seed = args.seed.unwrap_or(s.seed);
-    s.frame = args.frame.unwrap_or(s.frame);
-    s.training_paths = args.training_paths.or(s.training_paths);
-    s.threads = args.run.threads.map_or(s.threads, usize::from);
-    s.memory_limit = args.memory.memory.or(s.memory_limit);
-    if args.camera.is_some() {
-        s.camera.clone_from(&args.camera);
-    }
-    if args.time.is_some() || args.spp.is_some() || args.noise.is_some() {
-        // A limit on the command line replaces those of the job.
-        s.budget = Budget::default().with_seconds(args.time).with_spp(args.spp).with_noise(args.noise);
-    }
-    s.strategy = args.allocate.or(s.strategy);
-    if args.samples.is_some() {
-        // The job's budget and strategy are for the whole render.
-        (s.budget, s.strategy) = (Budget::default(), None);
-        s.samples.clone_from(&args.samples);
-    }
-    project.vignetting = args.vignetting;
-    let sensor = sensor_options(args.sensor.as_deref(), args.exposure, s.has_sensor())?;
-    dunkelfeld::select_sensor(&mut s.sensor, sensor, project.optics, &mut project.inputs)?;
-    if args.sensor.is_some() && args.replay.is_none() && args.width.or(args.height).is_none() {
-        project.refit_film()?;
-    }
-    let s = &mut project.settings;
-    apply_exposure_noise(args.exposure_noise, s)?;
-    apply_denoise(args.denoise, args.oidn.as_ref(), &mut s.denoise);
+    project.apply_options(options(args, project.settings.has_sensor())?)?;
     let o = &mut project.outputs;
     for (to, from) in [
         (&mut o.image, &args.image),
@@ -137,6 +97,29 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
     }
     project.keep_needed_layers();
     Ok(())
+}
+
+/// The flags as options. The checkpoint is not among them: it is locked before the scene is loaded.
+fn options(args: &RenderArgs, has_sensor: bool) -> Result<RenderOptions, Error> {
+    let (sensor, exposure) = sensor_options(args.sensor.as_deref(), args.exposure, has_sensor)?;
+    let has_sensor = sensor.as_ref().map_or(has_sensor, |sensor| *sensor != SensorOption::None);
+    if args.exposure_noise.is_some() && !has_sensor {
+        let problem = "there is no sensor that adds noise";
+        return Err(Error::setting("--exposure-noise", problem, "add --sensor NAME, or leave it out"));
+    }
+    let mut options = RenderOptions::default();
+    (options.width, options.height, options.camera) = (args.width, args.height, args.camera.clone());
+    (options.time, options.spp, options.noise) = (args.time, args.spp, args.noise);
+    (options.seed, options.frame, options.strategy) = (args.seed, args.frame, args.allocate);
+    options.replay = args.replay.clone().map(ReplayOption::File);
+    options.training_paths = args.training_paths;
+    options.samples.clone_from(&args.samples);
+    (options.sensor, options.exposure, options.exposure_noise) = (sensor, exposure, args.exposure_noise);
+    options.vignetting = args.vignetting;
+    (options.denoise, options.oidn) = (args.denoise, args.oidn.clone());
+    options.memory = args.memory.memory;
+    options.threads = args.run.threads.map(usize::from);
+    Ok(options)
 }
 
 /// Another sensor or exposure, from the flags of any command. `has_sensor` is that of the job.
@@ -154,36 +137,7 @@ pub(crate) fn sensor_options(
         "none" => SensorOption::None,
         name => SensorOption::Named(name.into()),
     });
-    let exposure = exposure.map(|exposure| match exposure {
-        ExposureChoice::Auto => ExposureOption::Auto,
-        ExposureChoice::For { time, .. } => ExposureOption::Time(time),
-    });
-    Ok((sensor, exposure))
-}
-
-/// The noise that the exposure adds. Without the sensor there is no noise either, also if a job sets it.
-fn apply_exposure_noise(noise: Option<ExposureNoise>, s: &mut RenderSettings) -> Result<(), Error> {
-    if noise.is_some() && !s.has_sensor() {
-        let problem = "there is no sensor that adds noise";
-        return Err(Error::setting("--exposure-noise", problem, "add --sensor NAME, or leave it out"));
-    }
-    let of_job = if s.has_sensor() { s.exposure_noise } else { ExposureNoise::Plain };
-    s.exposure_noise = noise.unwrap_or(of_job);
-    Ok(())
-}
-
-/// Sets the denoiser of the flags of any command. A library without a denoiser selects OIDN.
-pub(crate) fn apply_denoise(method: Option<DenoiseMethod>, oidn: Option<&PathBuf>, s: &mut DenoiseSettings) {
-    if let Some(method) = method.or(oidn.map(|_| DenoiseMethod::Oidn)) {
-        s.method = method;
-        if matches!(method, DenoiseMethod::Off | DenoiseMethod::Builtin) {
-            // The library of the job belongs to its denoiser.
-            s.oidn = None;
-        }
-    }
-    if oidn.is_some() {
-        s.oidn = oidn.cloned();
-    }
+    Ok((sensor, exposure.map(ExposureChoice::option)))
 }
 
 /// Findings of import and scene builder, up to a maximum number of lines, and notes about flags.

@@ -1,10 +1,10 @@
 //! `dunkelfeld view`: a render in the browser.
 
-use crate::args::ViewArgs;
+use crate::args::{ViewArgs, of_flag};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use dunkelfeld::io::PrivateFile;
-use dunkelfeld::{DEFAULT_SENSOR, Error, ExposeSettings, find_sensor};
+use dunkelfeld::{Error, ImageOptions};
 use dunkelfeld_view::{PageAddress, ViewEvents, ViewOptions, serve};
 use std::process::{Command, Stdio};
 
@@ -20,8 +20,9 @@ pub(crate) fn run(args: &ViewArgs) -> Result<Outcome, Error> {
     }
     options.threads = args.threads.map_or(0, usize::from);
     if args.lens.is_given() {
-        let defaults = ExposeSettings::new(find_sensor(DEFAULT_SENSOR)?)?;
-        options.optics = Some(args.lens.optics(defaults.optics)?);
+        let mut image = ImageOptions::default();
+        args.lens.set(&mut image);
+        options.optics = Some(image.settings().map_err(of_flag)?.optics);
     }
     let cancel = cancel_on_interrupt();
     // The page that leads to the address stays until the end: a browser may be slow.

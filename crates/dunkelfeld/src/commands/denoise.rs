@@ -2,9 +2,10 @@
 
 use crate::denoising::{Denoised, find_denoiser, run};
 use crate::guard::check_outputs;
-use crate::memory::denoise_account;
+use crate::memory::{MemoryAccount, denoise_account};
 use crate::outputs::{attributes, denoised_by, extension, misfit, save_exr, set_attribute};
-use dunkelfeld_denoise::{Builtin, DenoiseError, DenoiseInput, Denoiser as _};
+use derive_setters::Setters;
+use dunkelfeld_denoise::{Builtin, DenoiseError, DenoiseInput, Denoiser};
 use dunkelfeld_film::{Plane, fill_gaps};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr, read_exr_if};
@@ -21,6 +22,8 @@ use std::time::Instant;
 
 /// Maximum number of channel names in a message.
 const MAX_LISTED: usize = 12;
+/// The advice where the memory is too small.
+const SMALLER: &str = "denoise a smaller image, one with fewer layers, or with the denoiser `builtin`";
 /// A picture of the radiances for a sensor has this quantile of the luminance at this share of white.
 const BRIGHT: (f64, f32) = (0.995, 0.9);
 
@@ -42,16 +45,27 @@ pub struct DenoisedFile {
     inputs: InputFiles,
 }
 
-/// The inputs of a denoiser from a file.
-struct Planes {
-    mean: Plane<[f32; 3]>,
-    variance: Option<Plane<[f32; 3]>>,
-    albedo: Option<Plane<[f32; 3]>>,
-    albedo_variance: Option<Plane<[f32; 3]>>,
-    normal: Option<Plane<[f32; 3]>>,
-    normal_variance: Option<Plane<[f32; 3]>>,
-    depth: Option<Plane<f32>>,
-    depth_variance: Option<Plane<f32>>,
+/// The inputs of a denoiser: planes of one size. All but the mean are optional.
+#[derive(Clone, Debug, PartialEq, Setters)]
+#[setters(prefix = "with_", into)]
+#[non_exhaustive]
+pub struct DenoisePlanes {
+    /// Mean radiance [W/(m^2 sr)], linear Rec. 709.
+    pub mean: Plane<[f32; 3]>,
+    /// Variance of the mean, the square of its unit.
+    pub variance: Option<Plane<[f32; 3]>>,
+    /// Mean albedo of the first surface.
+    pub albedo: Option<Plane<[f32; 3]>>,
+    /// Variance of the mean albedo.
+    pub albedo_variance: Option<Plane<[f32; 3]>>,
+    /// Mean unit normal of the first surface.
+    pub normal: Option<Plane<[f32; 3]>>,
+    /// Variance of the mean normal.
+    pub normal_variance: Option<Plane<[f32; 3]>>,
+    /// Mean depth of the first surface \[m\].
+    pub depth: Option<Plane<f32>>,
+    /// Variance of the mean depth \[m^2\].
+    pub depth_variance: Option<Plane<f32>>,
 }
 
 /// Denoises an EXR. Returns `None` if it was cancelled. `threads` is the number of threads; 0 means one per core.
@@ -65,23 +79,14 @@ pub fn denoise_exr(
     memory_limit: Option<u64>,
     session: &Session<'_>,
 ) -> Result<Option<DenoisedFile>, Error> {
-    let Some(denoiser) = find_denoiser(settings)? else {
-        return Err(Error::setting(
-            "denoise",
-            "there is nothing to do without a denoiser",
-            "choose another than `off`",
-        ));
-    };
+    let denoiser = needed_denoiser(settings)?;
     let mut inputs = InputFiles::new();
     inputs.add_library(settings.oidn.as_deref());
     let agree = |size: ExrSize| {
-        let method = if denoiser.name() == Builtin.name() { DenoiseMethod::Builtin } else { DenoiseMethod::Oidn };
-        let account = denoise_account((size.width, size.height), size.bytes, method, session.threads());
-        let help = "denoise a smaller image, one with fewer layers, or with the denoiser `builtin`";
-        account.check(memory_limit, 0, help)
+        account_of(&*denoiser, (size.width, size.height), size.bytes, session).check(memory_limit, 0, SMALLER)
     };
     let mut layers = read_exr_if(path, Role::Image, &mut inputs, agree)?;
-    let planes = Planes::from_layers(path, &layers)?;
+    let planes = DenoisePlanes::from_layers(path, &layers)?;
     let is_radiance = |v: &f32| v.is_finite() && *v >= 0.0;
     let invalid = planes.mean.data().iter().filter(|v| !v.iter().all(is_radiance)).count() as u64;
     let invalid_variances = planes.variance.as_ref().map_or(0, invalid_variances_of);
@@ -92,18 +97,36 @@ pub fn denoise_exr(
         ("depth", planes.depth.is_some()),
     ];
     let features = features.into_iter().filter_map(|(name, there)| there.then_some(name)).collect();
-    let began = Instant::now();
-    let mean = match session.install(|| run(&planes.input(), &*denoiser, 0, session)) {
-        Ok(mean) => mean,
-        Err(DenoiseError::Cancelled) if session.is_cancelled() => return Ok(None),
-        Err(e) => {
-            let help = "choose another denoiser, or a smaller image";
-            return Err(Error::setting(denoiser.name(), e.to_string(), help));
-        }
-    };
+    let Some(denoised) = planes.denoised(&*denoiser, session)? else { return Ok(None) };
     layers.remove_triples(Triple::Denoised);
-    let denoised = Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() };
     Ok(Some(DenoisedFile { layers, denoised, features, invalid, invalid_variances, inputs }))
+}
+
+/// Denoises planes of any program: [`denoise_exr`] without a file.
+///
+/// # Errors
+/// Planes of different sizes, a denoiser that is not to be had or fails, and more memory than `memory_limit` \[bytes\].
+pub fn denoise_planes(
+    planes: &DenoisePlanes,
+    settings: &DenoiseSettings,
+    memory_limit: Option<u64>,
+    session: &Session<'_>,
+) -> Result<Option<Denoised>, Error> {
+    planes.check()?;
+    let denoiser = needed_denoiser(settings)?;
+    let size = (planes.mean.width(), planes.mean.height());
+    account_of(&*denoiser, size, planes.bytes(), session).check(memory_limit, 0, SMALLER)?;
+    planes.denoised(&*denoiser, session)
+}
+
+fn needed_denoiser(settings: &DenoiseSettings) -> Result<Box<dyn Denoiser>, Error> {
+    let problem = "there is nothing to do without a denoiser";
+    find_denoiser(settings)?.ok_or_else(|| Error::setting("denoise", problem, "choose another than `off`"))
+}
+
+fn account_of(denoiser: &dyn Denoiser, size: (u32, u32), bytes: u64, session: &Session<'_>) -> MemoryAccount {
+    let method = if denoiser.name() == Builtin.name() { DenoiseMethod::Builtin } else { DenoiseMethod::Oidn };
+    denoise_account(size, bytes, method, session.threads())
 }
 
 /// Checks before the work whether the result can be written: the extension, the folder, and that the output is neither
@@ -157,7 +180,64 @@ impl DenoisedFile {
     }
 }
 
-impl Planes {
+impl DenoisePlanes {
+    /// The mean alone.
+    pub fn new(mean: Plane<[f32; 3]>) -> Self {
+        let (albedo, albedo_variance, normal, normal_variance) = (None, None, None, None);
+        let (variance, depth, depth_variance) = (None, None, None);
+        Self { mean, variance, albedo, albedo_variance, normal, normal_variance, depth, depth_variance }
+    }
+
+    /// Sizes of the other planes with their names.
+    fn others(&self) -> impl Iterator<Item = (&'static str, [u32; 2], u64)> {
+        let triples = [
+            ("variance", &self.variance),
+            ("albedo", &self.albedo),
+            ("albedo_variance", &self.albedo_variance),
+            ("normal", &self.normal),
+            ("normal_variance", &self.normal_variance),
+        ];
+        let singles = [("depth", &self.depth), ("depth_variance", &self.depth_variance)];
+        let triples = triples.into_iter().filter_map(|(name, plane)| Some((name, size_of_plane(plane.as_ref()?), 12)));
+        triples.chain(singles.into_iter().filter_map(|(name, plane)| Some((name, size_of_plane(plane.as_ref()?), 4))))
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        let [width, height] = size_of_plane(&self.mean);
+        let help = "pass planes of one size, with at least one pixel";
+        if width == 0 || height == 0 {
+            return Err(Error::setting("mean", "has no pixels", help));
+        }
+        match self.others().find(|(_, size, _)| *size != [width, height]) {
+            Some((name, [w, h], _)) => {
+                let problem = format!("has {w} x {h} pixels, and the mean {width} x {height}");
+                Err(Error::setting(name, problem, help))
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        let pixels = self.mean.data().len() as u64;
+        pixels * self.others().map(|(_, _, bytes)| bytes).sum::<u64>() + 12 * pixels
+    }
+
+    /// `None` if it was cancelled.
+    fn denoised(&self, denoiser: &dyn Denoiser, session: &Session<'_>) -> Result<Option<Denoised>, Error> {
+        let began = Instant::now();
+        match session.install(|| run(&self.input(), denoiser, 0, session)) {
+            Ok(mean) => {
+                let (denoiser, seconds) = (denoiser.name(), began.elapsed().as_secs_f64());
+                Ok(Some(Denoised { mean, denoiser, seconds }))
+            }
+            Err(DenoiseError::Cancelled) if session.is_cancelled() => Ok(None),
+            Err(e) => {
+                let help = "choose another denoiser, or a smaller image";
+                Err(Error::setting(denoiser.name(), e.to_string(), help))
+            }
+        }
+    }
+
     fn from_layers(path: &Path, layers: &ExrLayers) -> Result<Self, InputError> {
         let mean = radiance_of(path, layers, None)?;
         Ok(Self {
@@ -184,6 +264,10 @@ impl Planes {
             depth_variance: self.depth_variance.as_ref(),
         }
     }
+}
+
+fn size_of_plane<T>(plane: &Plane<T>) -> [u32; 2] {
+    [plane.width(), plane.height()]
 }
 
 /// Pixels with a variance that is negative or not a number.

@@ -37,15 +37,22 @@ pub fn init(scene: Option<&Path>, station: Option<Station>, output: Option<&Path
         return refuse("exists, and init replaces no file", "name another file by -o, or remove this one");
     }
     let text = match (scene, station) {
-        (Some(scene), _) => {
-            let imported = load_scene(scene, &ImportOptions::default())?;
-            job_text(&imported.scene, &path_from(&path, scene), station)
-        }
+        (Some(scene), _) => init_text(scene, station, &path)?,
         (None, Some(station)) => station.job(),
         (None, None) => return refuse("has no scene", "name a scene file, or a station by --station"),
     };
     save_text(&path, &text)?;
     Ok(path)
+}
+
+/// The text of the job that [`init`] writes for a scene file to the path `job`. Nothing is written. The path of the scene in
+/// it is as the folder of `job` needs it.
+///
+/// # Errors
+/// The scene cannot be read.
+pub fn init_text(scene: &Path, station: Option<Station>, job: &Path) -> Result<String, Error> {
+    let imported = load_scene(scene, &ImportOptions::default())?;
+    Ok(job_text(&imported.scene, &path_from(job, scene), station))
 }
 
 /// The scene's path as the job needs it: relative to the folder of the job where both are in it or the job is in the

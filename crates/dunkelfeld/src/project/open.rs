@@ -120,9 +120,17 @@ impl Project {
     /// # Errors
     /// As [`Project::open`].
     pub fn from_text(path: impl AsRef<Path>, text: &str) -> Result<Self, Error> {
+        Self::from_text_with(path, text, ProjectOptions::default())
+    }
+
+    /// [`Project::from_text`] with options.
+    ///
+    /// # Errors
+    /// As [`Project::open_with`].
+    pub fn from_text_with(path: impl AsRef<Path>, text: &str, options: ProjectOptions) -> Result<Self, Error> {
         let began = Instant::now();
         let job = Job::from_text(path.as_ref(), text)?;
-        Self::of_job(path.as_ref(), Some(job), began, ProjectOptions::default(), &mut InputFiles::new())
+        Self::of_job(path.as_ref(), Some(job), began, options, &mut InputFiles::new())
     }
 
     fn of_job(
@@ -175,6 +183,12 @@ impl Project {
             has_all_findings: true,
         })
     }
+}
+
+/// The effects that a scene can be rendered without ([`ProjectOptions::without`]).
+pub fn removable_effects() -> Vec<Effect> {
+    // An empty scene can leave out all effects that any scene can.
+    Effect::ALL.into_iter().filter(|&effect| SceneBuilder::default().leave_out(effect)).collect()
 }
 
 /// Compiles an imported scene with the changes of a job, if there is one. `path` is the file that was opened.
