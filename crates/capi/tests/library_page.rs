@@ -62,8 +62,9 @@ fn the_functions_of_rust_exist() {
     use dunkelfeld::film::{Film, PixelSums};
     use dunkelfeld::trace::PixelIds;
     use dunkelfeld::{
-        Cancel, Error, Progress, Project, SavedFilm, Stats, certify_film, denoise_saved, expose_film, find_sensor,
-        merge, picture_of_film,
+        Cancel, Error, Progress, Project, ProjectOptions, ReplayOption, SavedFilm, SavedPlan, Station, Stats,
+        certify_film, denoise_exr, denoise_planes, denoise_saved, expose_exr, expose_film, expose_image,
+        expose_radiance, find_sensor, init_text, merge, picture_of_film, save_film_files,
     };
     // Their arguments are generic, so that they have no type alone.
     let _ = |path: &Path| Project::open(path);
@@ -72,7 +73,19 @@ fn the_functions_of_rust_exist() {
     let generic = ["Project::open", "Project::from_text", "Progress::update"].map(String::from);
     let others = functions![
         Project::set_overrides,
+        ProjectOptions::with_without,
         Project::inspect,
+        Project::trace_sample,
+        ReplayOption::Plan,
+        SavedPlan::of_film,
+        save_film_files,
+        expose_image,
+        expose_exr,
+        expose_radiance,
+        denoise_exr,
+        denoise_planes,
+        init_text,
+        Station::job,
         Project::render_options,
         Cancel::cancel,
         Film::mean,
@@ -173,10 +186,12 @@ fn settings_have_one_name() {
         rows("Settings").iter().map(|row| names(&row[0]).next().expect("a name").to_owned()).collect();
     let rust = fields(&page("crates/dunkelfeld/src/options.rs"), "pub struct RenderOptions {", ':');
     assert_eq!(rust, listed, "the fields of RenderOptions, and the settings of docs/library.md");
-    // C tells values that may be zero, has a callback, and a switch.
+    // C has flags for values that may be zero, a callback, and a switch.
     let c = fields(&page("crates/capi/src/options.rs"), "pub struct RenderOptions {", ':');
     let more = ["struct_size", "has_seed", "has_frame", "progress", "user", "cancel", "samples_from", "samples_to"];
     let more = more.map(String::from);
+    let in_c = rows("Settings").into_iter().filter(|row| !row[0].contains("(not in C)"));
+    let listed: BTreeSet<String> = in_c.map(|row| names(&row[0]).next().expect("a name").to_owned()).collect();
     let listed: BTreeSet<String> = listed.into_iter().filter(|name| name != "samples").collect();
     assert_eq!(c, listed.union(&BTreeSet::from(more)).cloned().collect(), "the fields of DunkelfeldRenderOptions");
     let exposure = fields(&page("crates/dunkelfeld/src/options.rs"), "pub struct ExposeOptions {", ':');

@@ -4,7 +4,9 @@ use crate::errors::{Failure, setting};
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::io::{Memory, QuantityError};
-use dunkelfeld::scene::Effect;
+use dunkelfeld::removable_effects;
+use dunkelfeld::scene::{Effect, Vignetting};
+use dunkelfeld::sensor::ExposureNoise;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
@@ -34,6 +36,22 @@ pub(crate) fn method_of(name: &str) -> Result<DenoiseMethod, Failure> {
 pub(crate) fn effect_of(name: &str) -> Result<Effect, Failure> {
     let all: Vec<(&str, Effect)> = Effect::ALL.into_iter().map(|e| (e.name(), e)).collect();
     named("effects", name, &all)
+}
+
+/// An effect that a scene can be rendered without, by its name.
+pub(crate) fn effect_left_out(name: &str) -> Result<Effect, Failure> {
+    let all: Vec<(&str, Effect)> = removable_effects().into_iter().map(|e| (e.name(), e)).collect();
+    named("without", name, &all)
+}
+
+/// The noise of an exposure by its name.
+pub(crate) fn exposure_noise_of(name: &str) -> Result<ExposureNoise, Failure> {
+    named("exposure_noise", name, &[ExposureNoise::Plain, ExposureNoise::Matched].map(|n| (n.name(), n)))
+}
+
+/// The vignetting of a lens by its name.
+pub(crate) fn vignetting_of(name: &str) -> Result<Vignetting, Failure> {
+    named("vignetting", name, &[Vignetting::None, Vignetting::CosineFourth].map(|v| (v.name(), v)))
 }
 
 /// A number of threads; 0 means one per core.

@@ -3,7 +3,8 @@
 use crate::arguments::checked_threads;
 use crate::errors::{Failure, setting};
 use crate::film::Film;
-use dunkelfeld::{MergeSettings, SavedFilm};
+use dunkelfeld::{InputFiles, MergeSettings, STATIONS, SavedFilm, Station};
+use dunkelfeld_io::input::Role;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,11 +24,48 @@ pub(crate) fn merge(
         return Err(setting("paths", "there are no parts", "name at least one checkpoint"));
     }
     let threads = checked_threads(Some(threads))?.unwrap_or(0);
+    let mut inputs = InputFiles::new();
+    paths.iter().for_each(|path| inputs.add(path, Role::Part));
     let merged = py.detach(|| {
         let settings = MergeSettings::default().with_parts(paths).with_threads(threads).with_checkpoint(checkpoint);
         dunkelfeld::merge(&settings, Instant::now())
     })?;
     let stats = merged.stats.to_json();
     let saved = SavedFilm { film: merged.rendering.film, settings: merged.settings, is_vignetted: merged.is_vignetted };
-    Ok(Film { saved: Arc::new(saved), material_names: Arc::default(), stats, interrupted: false })
+    Ok(Film {
+        saved: Arc::new(saved),
+        material_names: Arc::default(),
+        stats,
+        interrupted: false,
+        inputs: inputs.into(),
+    })
+}
+
+/// The text of a first job for a scene file, as `dunkelfeld init` writes it: active lines render the scene, and the names of all
+/// objects, materials, lights and cameras stand in lines that a `#` switches off. `station` adds camera, lens and lights of a
+/// preset station (see `stations()`). `folder` is the folder that the job will be in, by default the current one: the path
+/// of the scene is as a job there needs it. Nothing is written.
+#[pyfunction]
+#[pyo3(signature = (path, station=None, *, folder=None))]
+pub(crate) fn init_job(
+    py: Python<'_>,
+    path: PathBuf,
+    station: Option<&str>,
+    folder: Option<PathBuf>,
+) -> Result<String, Failure> {
+    let station = station.map(Station::named).transpose()?;
+    let job = folder.unwrap_or_default().join("job.toml");
+    Ok(py.detach(|| dunkelfeld::init_text(&path, station, &job))?)
+}
+
+/// Names of the preset stations: camera, lens, film and lights of inspection cells.
+#[pyfunction]
+pub(crate) fn stations() -> Vec<&'static str> {
+    STATIONS.iter().map(|station| station.name).collect()
+}
+
+/// The text of the job of a preset station with a stand-in part, as `dunkelfeld init --station` writes it.
+#[pyfunction]
+pub(crate) fn station_job(name: &str) -> Result<String, Failure> {
+    Ok(Station::named(name)?.job())
 }

@@ -1,15 +1,18 @@
 //! Films: sums of samples per pixel, as arrays of numpy, and their exposure.
 
+use crate::arguments::{exposure_noise_of, method_of};
 use crate::arrays::{gray, rgb, stack};
 use crate::errors::{Failure, setting};
+use crate::inputs::{input_names, inputs_of};
 use crate::noise_map::NoiseMap;
 use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::with_pool;
-use dunkelfeld::sensor::ExposureNoise;
+use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{
-    DenoiseMethod, DenoiseSettings, ExposeOptions, NO_ID, Picture, RenderSettings, SavedFilm, certify_film,
-    denoise_saved, develop_film, expose_film, picture_of_film,
+    DenoiseMethod, DenoiseSettings, ExposeOptions, InputFiles, NO_ID, OutputPaths, Picture, RenderSettings, SavedFilm,
+    certify_film, denoise_saved, develop_film, expose_film, picture_of_film, save_film_files,
 };
+use dunkelfeld_io::input::Role;
 use dunkelfeld_studies::NoiseMap as Map;
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
@@ -25,11 +28,19 @@ pub(crate) struct Film {
     /// The statistics of the render as JSON; empty for a film from a file.
     pub(crate) stats: String,
     pub(crate) interrupted: bool,
+    /// The files that it was made from. No output replaces them.
+    pub(crate) inputs: Arc<InputFiles>,
 }
 
 impl Film {
     fn settings(&self) -> &RenderSettings {
         &self.saved.settings
+    }
+
+    /// Writes files of the film.
+    fn write(&self, py: Python<'_>, outputs: &OutputPaths) -> Result<(), Failure> {
+        let stats = Some(self.stats.as_str()).filter(|text| !text.is_empty());
+        Ok(py.detach(|| save_film_files(&self.saved, stats, outputs, &self.inputs))?)
     }
 
     /// Computes a plane on the threads of the render, without the interpreter.
@@ -38,6 +49,9 @@ impl Film {
         with_pool(py, self.settings().threads, move || work(saved))
     }
 }
+
+/// See `Film._extras`.
+type Extras = (String, Vec<String>, bool, Vec<(PathBuf, String)>, (String, Option<PathBuf>));
 
 /// The options of an exposure, from the keywords of Python.
 fn expose_options(
@@ -51,12 +65,7 @@ fn expose_options(
     options.sensor = sensor.map(SensorArgument::option);
     options.exposure = exposure.map(ExposureArgument::option).transpose()?;
     (options.frame, options.seed) = (frame, seed);
-    options.exposure_noise = match exposure_noise {
-        None => None,
-        Some("plain") => Some(ExposureNoise::Plain),
-        Some("matched") => Some(ExposureNoise::Matched),
-        Some(other) => return Err(setting("exposure_noise", format!("unknown value \"{other}\""), "plain or matched")),
-    };
+    options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
     Ok(options)
 }
 
@@ -84,6 +93,13 @@ impl Film {
     #[getter]
     fn spp<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray2<u32>>, Failure> {
         gray(py, self.compute(py, |s| s.film.sums.sample_counts())?)
+    }
+
+    /// The plan of the film: samples per pixel, uint32 of shape (height, width). `save_plan` writes it, and
+    /// `Scene.render(replay=film)` renders the same samples again.
+    #[getter]
+    fn plan<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray2<u32>>, Failure> {
+        self.spp(py)
     }
 
     /// Object at the centre of each pixel, uint32 of shape (height, width); `NO_ID` where there is none.
@@ -163,7 +179,7 @@ impl Film {
     }
 
     /// The 8-bit picture of one frame, gamma 2.2: uint8 of shape (height, width) or, of a colour sensor or none, (height,
-    /// width, 3).
+    /// width, 3). It shows the unbiased mean, also after `render(denoise=...)`.
     #[pyo3(signature = (sensor=None, exposure=None, *, frame=None, seed=None, exposure_noise=None))]
     fn picture<'py>(
         &self,
@@ -182,7 +198,7 @@ impl Film {
     }
 
     /// The certificate of the film at level `k`: the share of pixels (`hidden`) whose render noise is at most `k` times that
-    /// of the sensor of the render, and quantiles of the ratio of the variances.
+    /// of the sensor of the render, and quantiles of the ratio of the variances. `k` is 0.001 to 1000.
     #[pyo3(signature = (k=1.0))]
     fn certificate<'py>(&self, py: Python<'py>, k: f64) -> Result<Bound<'py, PyDict>, Failure> {
         let certified = self.compute(py, move |s| certify_film(s, k))??;
@@ -202,7 +218,7 @@ impl Film {
     }
 
     /// The noise of the render over that of the sensor of the render, per pixel, as a picture about the level `k`. Raises
-    /// `SettingError` for a film without a sensor, and for a `k` that is not a number above zero.
+    /// `SettingError` for a film without a sensor, and for a `k` outside of 0.001 to 1000.
     #[pyo3(signature = (k=1.0))]
     fn noise_map(&self, py: Python<'_>, k: f64) -> Result<NoiseMap, Failure> {
         Ok(NoiseMap(self.compute(py, move |s| certify_film(s, k).map(|certified| Map::new(&certified)))??))
@@ -224,33 +240,88 @@ impl Film {
     }
 
     /// Writes the film to a file: its sums to the last bit, with the settings that expose it. `Film.load` reads it.
+    /// It replaces no file that the film was made from.
     fn save(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
-        py.detach(|| self.saved.write(&path))?;
+        py.detach(|| {
+            check_outputs(&[("the film", &path)], &self.inputs)?;
+            self.saved.write(&path)
+        })?;
         Ok(())
+    }
+
+    /// Writes the files of `dunkelfeld render` with the same bytes: `image` (PNG, 8 bit, gamma 2.2), `linear` (16-bit grey
+    /// values [DN], .png or .tif), `exr` (all layers), `stats` (JSON) and `plan` (EXR with the samples per pixel). The names are
+    /// those of `[output]` of a job. The film is exposed as its render was, and denoised by `render(denoise=...)`.
+    ///
+    /// A file is written as a whole or not at all. Raises `OutputError` for a name that does not fit, for a file that the
+    /// film was made from, and for a file that cannot be written; earlier files remain.
+    #[pyo3(signature = (*, image=None, linear=None, exr=None, stats=None, plan=None))]
+    fn save_files(
+        &self,
+        py: Python<'_>,
+        image: Option<PathBuf>,
+        linear: Option<PathBuf>,
+        exr: Option<PathBuf>,
+        stats: Option<PathBuf>,
+        plan: Option<PathBuf>,
+    ) -> Result<(), Failure> {
+        let outputs = OutputPaths::default().with_image(image).with_linear(linear).with_exr(exr);
+        self.write(py, &outputs.with_stats(stats).with_plan(plan))
+    }
+
+    /// Writes the picture: PNG, 8 bit, gamma 2.2, clipped at saturation. See `save_files`.
+    fn save_image(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
+        self.write(py, &OutputPaths::default().with_image(path))
+    }
+
+    /// Writes the linear grey values [DN], 16 bit, .png or .tif; behind a colour filter the raw mosaic. See `save_files`.
+    fn save_linear(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
+        self.write(py, &OutputPaths::default().with_linear(path))
+    }
+
+    /// Writes an EXR with all layers. See `save_files`.
+    fn save_exr(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
+        self.write(py, &OutputPaths::default().with_exr(path))
+    }
+
+    /// Writes an EXR with the samples per pixel, for `Scene.render(replay=path)` and `--replay`. See `save_files`.
+    fn save_plan(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
+        self.write(py, &OutputPaths::default().with_plan(path))
+    }
+
+    /// Writes the statistics of the render as JSON. Raises `SettingError` for a film from a file, which has none. See
+    /// `save_files`.
+    fn save_stats(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
+        self.write(py, &OutputPaths::default().with_stats(path))
     }
 
     /// Reads a film that `save` wrote.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
+        let mut inputs = InputFiles::new();
+        inputs.add(&path, Role::Checkpoint);
         let saved = Arc::new(py.detach(|| SavedFilm::read(&path))?);
-        Ok(Self { saved, material_names: Arc::default(), stats: String::new(), interrupted: false })
+        let (material_names, stats, inputs) = (Arc::default(), String::new(), inputs.into());
+        Ok(Self { saved, material_names, stats, interrupted: false, inputs })
     }
 
-    /// What a saved film does not contain, for copies: statistics, names of the materials, and whether it was interrupted.
-    fn _extras(&self) -> (String, Vec<String>, bool) {
-        (self.stats.clone(), self.material_names.to_vec(), self.interrupted)
+    /// The data that a saved film does not contain, for copies: statistics, names of the materials, whether it was
+    /// interrupted, its inputs with their roles, and the denoiser of its files.
+    fn _extras(&self) -> Extras {
+        let denoise = &self.settings().denoise;
+        let denoise = (denoise.method.name().to_owned(), denoise.oidn.clone());
+        let (names, inputs) = (self.material_names.to_vec(), input_names(&self.inputs));
+        (self.stats.clone(), names, self.interrupted, inputs, denoise)
     }
 
     /// The film of a file with the values of `_extras`.
     #[staticmethod]
-    fn _restore(
-        py: Python<'_>,
-        path: PathBuf,
-        stats: String,
-        material_names: Vec<String>,
-        interrupted: bool,
-    ) -> Result<Self, Failure> {
-        Ok(Self { stats, material_names: Arc::new(material_names), interrupted, ..Self::load(py, path)? })
+    fn _restore(py: Python<'_>, path: PathBuf, extras: Extras) -> Result<Self, Failure> {
+        let (stats, material_names, interrupted, inputs, (denoise, oidn)) = extras;
+        let mut saved = py.detach(|| SavedFilm::read(&path))?;
+        saved.settings.denoise = DenoiseSettings::default().with_method(method_of(&denoise)?).with_oidn(oidn);
+        let (material_names, inputs) = (Arc::new(material_names), Arc::new(inputs_of(&inputs)));
+        Ok(Self { saved: Arc::new(saved), material_names, stats, interrupted, inputs })
     }
 
     fn __repr__(&self) -> String {

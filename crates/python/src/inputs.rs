@@ -23,6 +23,26 @@ pub(crate) fn names_of<'a>(inputs: impl Iterator<Item = &'a InputFile>) -> Vec<P
     names
 }
 
+/// The absolute paths of input files with their roles, for copies.
+pub(crate) fn input_names(inputs: &InputFiles) -> Vec<(PathBuf, String)> {
+    let named = |input: &InputFile| {
+        let path = input.identity.path();
+        (std::path::absolute(path).unwrap_or_else(|_| path.into()), input.role.name().to_owned())
+    };
+    inputs.iter().map(named).collect()
+}
+
+/// The input files of [`input_names`].
+pub(crate) fn inputs_of(names: &[(PathBuf, String)]) -> InputFiles {
+    let mut inputs = InputFiles::new();
+    for (path, name) in names {
+        if let Some(role) = Role::ALL.into_iter().find(|role| role.name() == name) {
+            inputs.add(path, role);
+        }
+    }
+    inputs
+}
+
 /// Reads an image file: PNG, JPEG, TIFF, WebP, BMP, TGA, Radiance HDR or OpenEXR, as stored. Returns an array of shape
 /// (height, width) for one channel, otherwise (height, width, channels): uint8, uint16, or float32 for HDR and OpenEXR.
 #[pyfunction]

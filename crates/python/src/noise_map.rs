@@ -1,11 +1,11 @@
 //! The noise map of a film, for notebooks and as arrays.
 
-use crate::arrays::{gray, rgb};
+use crate::arrays::{GrayArray, gray, gray_plane, rgb};
 use crate::errors::Failure;
 use dunkelfeld_studies::NoiseMap as Map;
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyTuple};
 
 /// Noise of the render over that of the camera, per pixel, from `Film.noise_map`. Notebooks show it with its scale.
 ///
@@ -46,6 +46,16 @@ impl NoiseMap {
     fn range(&self) -> (f64, f64) {
         let [low, high] = self.0.range();
         (low, high)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> Result<(Bound<'py, PyAny>, Bound<'py, PyTuple>), Failure> {
+        let arguments = (self.ratios(py)?, self.k(), self.hidden()).into_pyobject(py)?;
+        Ok((py.get_type::<Self>().getattr("_restore")?, arguments))
+    }
+
+    #[staticmethod]
+    fn _restore(ratios: GrayArray<'_>, k: f64, hidden: f64) -> Result<Self, Failure> {
+        Ok(Self(Map::from_parts(gray_plane("ratios", &ratios)?, k, hidden)))
     }
 
     fn __repr__(&self) -> String {

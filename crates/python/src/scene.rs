@@ -1,6 +1,10 @@
 //! Scenes: opened, changed and rendered.
 
-use crate::arguments::{checked_threads, strategy_of};
+use crate::arguments::{
+    MemoryArgument, NamesArgument, checked_threads, effect_left_out, exposure_noise_of, method_of, strategy_of,
+    vignetting_of,
+};
+use crate::arrays::CountsArray;
 use crate::errors::{Failure, Interrupted, setting};
 use crate::film::Film;
 use crate::inputs::names_of;
@@ -9,7 +13,10 @@ use crate::json::loaded;
 use crate::progress::{lock, lock_unless, reports_about, supervised};
 use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::SIGNALS;
-use dunkelfeld::{Cancel, Progress, Project, ProjectOptions, RenderOptions};
+use dunkelfeld::scene::Effect;
+use dunkelfeld::trace::PixelSample;
+use dunkelfeld::{Cancel, Progress, Project, ProjectOptions, RenderOptions, ReplayOption, SavedPlan};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::path::{Path, PathBuf};
@@ -18,12 +25,17 @@ use std::time::Instant;
 
 /// A scene or job file. `Scene(path)` opens a scene (`.glb`, `.gltf`, `.obj`, `.stl`, `.ply`) or a job (`.toml`).
 ///
+/// `without` names effects to leave out, as in `without=["scattering", "normal-maps"]`, to measure their influence on an image.
+/// The outputs of the renders are marked. `Scene.effects` lists those that a scene uses. Another choice needs another
+/// `Scene`, which loads its files again.
+///
 /// A scene can be used by several threads; its renders run one after the other.
 #[pyclass(frozen, module = "dunkelfeld")]
 pub(crate) struct Scene {
     project: Mutex<Project>,
-    /// Path, text of a job that is no file, and the overrides: for copies.
+    /// Path, and the text of a job that is no file: for copies.
     origin: (PathBuf, Option<String>),
+    without: Vec<Effect>,
     overrides: Mutex<String>,
 }
 
@@ -59,31 +71,77 @@ impl Scene {
         }
     }
 
-    fn open(path: PathBuf, text: Option<String>) -> Result<Self, Failure> {
+    fn open(path: PathBuf, text: Option<String>, without: Vec<Effect>) -> Result<Self, Failure> {
+        let options = ProjectOptions::default().with_without(without);
         let project = match &text {
-            None => Project::open_with(&path, ProjectOptions::default())?,
-            Some(text) => Project::from_text(&path, text)?,
+            None => Project::open_with(&path, options)?,
+            Some(text) => Project::from_text_with(&path, text, options)?,
         };
         // A copy may be made in another folder.
         let path = std::path::absolute(&path).unwrap_or(path);
-        Ok(Self { project: Mutex::new(project), origin: (path, text), overrides: Mutex::default() })
+        let without = project.settings.without.clone();
+        Ok(Self { project: Mutex::new(project), origin: (path, text), without, overrides: Mutex::default() })
     }
+
+    /// The file of the scene, for studies, which open it themselves.
+    pub(crate) fn path_of_studies(&self) -> Result<PathBuf, Failure> {
+        let (path, text) = &self.origin;
+        let has_overrides = !lock(&self.overrides).is_empty();
+        let reasons = [
+            (text.is_some(), "the job is a text and no file", "write it to a file"),
+            (has_overrides, "the scene has overrides", "write them into a job file"),
+            (!self.without.is_empty(), "effects are left out", "pass a scene with all effects"),
+        ];
+        match reasons.into_iter().find(|(applies, ..)| *applies) {
+            Some((_, problem, help)) => Err(setting("input", format!("a study opens a file, and {problem}"), help)),
+            None => Ok(path.clone()),
+        }
+    }
+}
+
+/// The effects of these names.
+fn effects_of(without: Option<NamesArgument>) -> Result<Vec<Effect>, Failure> {
+    without.map_or_else(|| Ok(Vec::new()), |names| names.each(effect_left_out))
+}
+
+/// A plan from Python: a film, an array of numbers of samples, or the path of an EXR.
+fn replay_of(plan: &Bound<'_, PyAny>) -> Result<ReplayOption, Failure> {
+    if let Ok(film) = plan.cast::<Film>() {
+        return Ok(ReplayOption::Plan(SavedPlan::of_film(&film.get().saved)));
+    }
+    if let Ok(counts) = plan.extract::<CountsArray<'_>>() {
+        return Ok(ReplayOption::Samples(counts.plane("replay")?));
+    }
+    let path = plan.extract::<PathBuf>().map_err(|_| {
+        let kind = plan.get_type().name().map_or_else(|_| "value".into(), |name| name.to_string());
+        let takes = "a film, a path, or an array of uint32 or int64 of shape (height, width)";
+        PyTypeError::new_err(format!("replay takes {takes}, and no such {kind}"))
+    })?;
+    Ok(ReplayOption::File(path))
 }
 
 #[pymethods]
 impl Scene {
     #[new]
-    fn new(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
-        py.detach(|| Self::open(path, None).map_err(PyErr::from)).map_err(Failure::from)
+    #[pyo3(signature = (path, *, without=None))]
+    fn new(py: Python<'_>, path: PathBuf, without: Option<NamesArgument>) -> Result<Self, Failure> {
+        let without = effects_of(without)?;
+        py.detach(|| Self::open(path, None, without).map_err(PyErr::from)).map_err(Failure::from)
     }
 
     /// Opens a job from a text of TOML or a dictionary with the keys of a job file. Paths in it are relative to `folder`.
+    /// `without` names effects to leave out, as for `Scene(path)`.
     #[staticmethod]
-    #[pyo3(signature = (job, folder=None))]
-    fn from_job(py: Python<'_>, job: &Bound<'_, PyAny>, folder: Option<PathBuf>) -> Result<Self, Failure> {
+    #[pyo3(signature = (job, folder=None, *, without=None))]
+    fn from_job(
+        py: Python<'_>,
+        job: &Bound<'_, PyAny>,
+        folder: Option<PathBuf>,
+        without: Option<NamesArgument>,
+    ) -> Result<Self, Failure> {
         let path = folder.unwrap_or_default().join("job.toml");
-        let text = job_text(job)?;
-        py.detach(|| Self::open(path, Some(text)).map_err(PyErr::from)).map_err(Failure::from)
+        let (text, without) = (job_text(job)?, effects_of(without)?);
+        py.detach(|| Self::open(path, Some(text), without).map_err(PyErr::from)).map_err(Failure::from)
     }
 
     /// Changes scene and settings by keys of a job (a text of TOML or a dictionary), which are merged into the job. They
@@ -108,11 +166,22 @@ impl Scene {
 
     /// Renders the scene. The defaults of all arguments are the settings of the job. `time` [s], `spp` and `noise` (k) limit
     /// the render; one of them replaces all limits of the job. `sensor` is a `Sensor`, the name of a preset or file, or
-    /// "none"; `exposure` is a time [s] or "auto". `samples` are the first sample and the end of a part, for `merge`. `progress` is called with (stage, fraction, elapsed [s], remaining [s] or None).
+    /// "none"; `exposure` is a time [s] or "auto", `exposure_noise` is "plain" or "matched", `vignetting` is "none" or "cos4".
+    /// `denoise` is "off", "auto", "oidn" or "builtin", for the picture and a layer of the files that the film writes; its
+    /// arrays stay those of the unbiased mean. `oidn` is the path of Open Image Denoise. `samples` are the first sample and
+    /// the end of a part, for `merge`. `memory` limits the memory: bytes, or a text such as "6GB". `checkpoint_every` [s] is
+    /// the pause between two checkpoints. `progress` is called with (stage, fraction, elapsed [s], remaining [s] or None).
+    ///
+    /// `replay` renders the samples of an earlier render instead of a limit: a film, or the path of an EXR that `save_exr`,
+    /// `save_plan` or the program wrote. Size, seed, frame and `training_paths` are those of that render, unless they are
+    /// given. An array of samples per pixel (uint32 or int64 of shape (height, width)) gives the size alone.
+    /// `training_paths` is the number of paths that train Russian roulette; 0 switches it off.
     ///
     /// Ctrl-C ends the render and raises `Interrupted`, whose `film` has the samples until then.
     #[pyo3(signature = (*, spp=None, time=None, noise=None, width=None, height=None, camera=None, seed=None, frame=None,
-        threads=None, samples=None, strategy=None, sensor=None, exposure=None, checkpoint=None, progress=None))]
+        threads=None, samples=None, strategy=None, sensor=None, exposure=None, exposure_noise=None, vignetting=None,
+        denoise=None, oidn=None, replay=None, training_paths=None, memory=None, checkpoint=None, checkpoint_every=None,
+        progress=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn render(
         &self,
@@ -130,7 +199,15 @@ impl Scene {
         strategy: Option<&str>,
         sensor: Option<SensorArgument>,
         exposure: Option<ExposureArgument>,
+        exposure_noise: Option<&str>,
+        vignetting: Option<&str>,
+        denoise: Option<&str>,
+        oidn: Option<PathBuf>,
+        replay: Option<&Bound<'_, PyAny>>,
+        training_paths: Option<u32>,
+        memory: Option<MemoryArgument>,
         checkpoint: Option<PathBuf>,
+        checkpoint_every: Option<f64>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Film, Failure> {
         self.check_idle()?;
@@ -143,7 +220,13 @@ impl Scene {
         options.samples = samples.map(|(from, to)| from..to);
         options.sensor = sensor.map(SensorArgument::option);
         options.exposure = exposure.map(ExposureArgument::option).transpose()?;
-        options.checkpoint = checkpoint;
+        options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
+        options.vignetting = vignetting.map(vignetting_of).transpose()?;
+        (options.denoise, options.oidn) = (denoise.map(method_of).transpose()?, oidn);
+        options.replay = replay.map(replay_of).transpose()?;
+        options.training_paths = training_paths;
+        options.memory = memory.map(MemoryArgument::bytes).transpose()?;
+        (options.checkpoint, options.checkpoint_every) = (checkpoint, checkpoint_every);
         let work = |sink: &dyn Progress, cancel: &Cancel| {
             let Some(mut project) = lock_unless(&self.project, || cancel.is_cancelled()) else {
                 return Err(dunkelfeld::Error::setting("render", "was cancelled before it began", "render again"));
@@ -151,8 +234,9 @@ impl Scene {
             let result = project.render_options(options, sink, cancel)?;
             let names = project.scene.materials().iter().map(|m| m.name.clone()).collect();
             let (stats, interrupted) = (result.stats.to_json(), result.rendering.interrupted);
+            let inputs = Arc::new(result.inputs().clone());
             let saved = Arc::new(result.into_saved_film());
-            Ok(Film { saved, material_names: Arc::new(names), stats, interrupted })
+            Ok(Film { saved, material_names: Arc::new(names), stats, interrupted, inputs })
         };
         let (film, raised) = supervised(py, progress.as_ref(), self.address(), work)?;
         let Some(raised) = raised else { return Ok(film) };
@@ -171,6 +255,39 @@ impl Scene {
         let py = slf.py();
         let options = options.unwrap_or_else(|| PyDict::new(py));
         py.import("dunkelfeld._steps")?.call_method1("RenderSteps", (slf, options))
+    }
+
+    /// Traces one sample of the pixel in column `x` and row `y` as a render does: the path of `--debug-sample`. `sample` is its
+    /// number in the pixel. The other arguments are those of `render`; the sample depends on them.
+    ///
+    /// Returns a dictionary: `radiance` [W/(m² sr)], `is_valid`, and `vertices`, a list of dictionaries from the camera on.
+    /// A vertex has `material`, `position` [m] (None where the ray left the scene), `left_toward`, `in_medium`,
+    /// `throughput`, `emitted`, `direct` [W/(m² sr)], `connections` through covers, and `scattered` (`direction`, `lobe`, `pdf`
+    /// [1/sr], `weight`; None where the path ended).
+    #[pyo3(signature = (x, y, sample, *, width=None, height=None, camera=None, seed=None, frame=None, vignetting=None,
+        training_paths=None))]
+    #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+    fn trace_sample<'py>(
+        &self,
+        py: Python<'py>,
+        x: u32,
+        y: u32,
+        sample: u32,
+        width: Option<u32>,
+        height: Option<u32>,
+        camera: Option<String>,
+        seed: Option<u64>,
+        frame: Option<u32>,
+        vignetting: Option<&str>,
+        training_paths: Option<u32>,
+    ) -> Result<Bound<'py, PyAny>, Failure> {
+        let mut options = RenderOptions::default();
+        (options.width, options.height, options.camera) = (width, height, camera);
+        (options.seed, options.frame, options.training_paths) = (seed, frame, training_paths);
+        options.vignetting = vignetting.map(vignetting_of).transpose()?;
+        let at = PixelSample { x, y, index: sample };
+        let traced = self.with(py, move |project| project.trace_options(options, at))??;
+        loaded(py, &traced)
     }
 
     /// The content of the scene as a dictionary, as `dunkelfeld inspect --json`.
@@ -195,6 +312,19 @@ impl Scene {
     #[getter]
     fn materials(&self, py: Python<'_>) -> Result<Vec<String>, Failure> {
         self.with(py, |project| project.scene.materials().iter().map(|m| m.name.clone()).collect())
+    }
+
+    /// Names of the effects that the scene uses: those of `dunkelfeld inspect`, and values of `without`.
+    #[getter]
+    fn effects(&self, py: Python<'_>) -> Result<Vec<String>, Failure> {
+        let inspection = self.with(py, |project| project.inspect())?;
+        Ok(inspection.effects.into_iter().filter(|effect| effect.on).map(|effect| effect.name).collect())
+    }
+
+    /// Names of the effects that are left out.
+    #[getter]
+    fn without(&self) -> Vec<&'static str> {
+        self.without.iter().map(|effect| effect.name()).collect()
     }
 
     /// Hazards of the scene and of its images, as texts.
@@ -222,14 +352,22 @@ impl Scene {
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
         let (path, text) = &self.origin;
-        let arguments = (path.clone(), text.clone(), lock(&self.overrides).clone()).into_pyobject(py)?;
+        let overrides = lock(&self.overrides).clone();
+        let arguments = (path.clone(), text.clone(), overrides, self.without()).into_pyobject(py)?;
         Ok((py.get_type::<Self>().getattr("_restore")?, arguments))
     }
 
     #[staticmethod]
-    fn _restore(py: Python<'_>, path: PathBuf, text: Option<String>, overrides: String) -> Result<Self, Failure> {
+    fn _restore(
+        py: Python<'_>,
+        path: PathBuf,
+        text: Option<String>,
+        overrides: String,
+        without: NamesArgument,
+    ) -> Result<Self, Failure> {
+        let without = effects_of(Some(without))?;
         let opened = py.detach(|| {
-            let scene = Self::open(path, text)?;
+            let scene = Self::open(path, text, without)?;
             if !overrides.is_empty() {
                 lock(&scene.project).set_overrides(&overrides)?;
                 *lock(&scene.overrides) = overrides;

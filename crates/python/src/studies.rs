@@ -6,6 +6,7 @@ use crate::arguments::{
 use crate::errors::{Failure, setting};
 use crate::json::loaded;
 use crate::progress::{completed, supervised};
+use crate::scene::Scene;
 use crate::sensor::{ExposureArgument, SensorArgument};
 use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
 use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, default_folder};
@@ -43,6 +44,38 @@ impl Study {
     }
 }
 
+/// The input of a study: a path, or a scene that was opened from one.
+#[derive(FromPyObject)]
+pub(crate) enum InputArgument {
+    Scene(Py<Scene>),
+    Path(PathBuf),
+}
+
+impl InputArgument {
+    fn path(self) -> Result<PathBuf, Failure> {
+        match self {
+            Self::Scene(scene) => scene.get().path_of_studies(),
+            Self::Path(path) => Ok(path),
+        }
+    }
+}
+
+/// The input of `ptc`: also several paths.
+#[derive(FromPyObject)]
+pub(crate) enum StackArgument {
+    One(InputArgument),
+    Paths(PathsArgument),
+}
+
+impl StackArgument {
+    fn list(self) -> Result<Vec<PathBuf>, Failure> {
+        match self {
+            Self::One(input) => Ok(vec![input.path()?]),
+            Self::Paths(paths) => Ok(paths.list()),
+        }
+    }
+}
+
 /// The options of a view, from the keywords of Python.
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 fn view_options(
@@ -76,7 +109,7 @@ fn open(input: &Path, view: &ViewOptions, sink: &dyn Progress) -> Result<Project
 
 /// Renders a scene or job many times with different seeds, and writes noise against time of each strategy and denoiser,
 /// the time until the noise is hidden, and cost and bias of each effect into the folder `output` (default: the name of
-/// the input with -bench): `report.html`, tables as CSV, charts as SVG. The options are those of `dunkelfeld bench`.
+/// the input with -bench). `input` is a path, or a `Scene` from a path without overrides, which is opened again: `report.html`, tables as CSV, charts as SVG. The options are those of `dunkelfeld bench`.
 ///
 /// Returns a dictionary: `folder`, `report` and `files` (paths), `findings` (texts), `figures` (the rows of the tables
 /// noise, hidden, denoised, stages and effects, with the keys of the CSV; None where a number is unknown), `finished` and
@@ -90,7 +123,7 @@ fn open(input: &Path, view: &ViewOptions, sink: &dyn Progress) -> Result<Project
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn bench<'py>(
     py: Python<'py>,
-    input: PathBuf,
+    input: InputArgument,
     output: Option<PathBuf>,
     quick: bool,
     restart: bool,
@@ -113,6 +146,7 @@ pub(crate) fn bench<'py>(
     threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
+    let input = input.path()?;
     let strategies = strategies.map(|names| names.each(|name| strategy_of("strategies", name))).transpose()?;
     let options = BenchOptions::default()
         .with_quick(quick)
@@ -142,7 +176,7 @@ pub(crate) fn bench<'py>(
 
 /// Measures the photon transfer of a scene or job, as Kludt et al., or that of frames from files (.png, .tif, .bmp), and
 /// writes `report.html`, tables as CSV and charts as SVG into the folder `output` (default: the name of the input with
-/// -ptc). The options are those of `dunkelfeld ptc`. `dark` and `saturation` [DN] are for frames only; with frames, only
+/// -ptc). A scene can be a `Scene` from a path without overrides, which is opened again. The options are those of `dunkelfeld ptc`. `dark` and `saturation` [DN] are for frames only; with frames, only
 /// `edges` is used beside them.
 ///
 /// Returns a dictionary: `folder`, `report` and `files` (paths), `findings` (texts), `figures` (tables: of a scene series,
@@ -157,7 +191,7 @@ pub(crate) fn bench<'py>(
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn ptc<'py>(
     py: Python<'py>,
-    input: PathsArgument,
+    input: StackArgument,
     output: Option<PathBuf>,
     restart: bool,
     frames: Option<u32>,
@@ -178,7 +212,7 @@ pub(crate) fn ptc<'py>(
     threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
-    let inputs = input.list();
+    let inputs = input.list()?;
     if !inputs.is_empty() && inputs.iter().all(|path| is_frame(path)) {
         let of_render = [
             ("frames", frames.is_some()),

@@ -34,6 +34,11 @@ impl NoiseMap {
         Self { ratios, k: certificate.k, hidden: certificate.hidden }
     }
 
+    /// The map of ratios that another map had, with its level and its share of hidden pixels.
+    pub fn from_parts(ratios: Plane<f32>, k: f64, hidden: f64) -> Self {
+        Self { ratios, k, hidden }
+    }
+
     /// The ratios of the standard deviations; infinite where the noise of the render is unknown.
     pub fn ratios(&self) -> &Plane<f32> {
         &self.ratios

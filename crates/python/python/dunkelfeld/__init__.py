@@ -16,6 +16,7 @@ Arrays are row-major with row 0 at the top. Errors are subclasses of `Dunkelfeld
 import copyreg
 import os
 import tempfile
+from typing import Any
 
 from . import dataset, emva
 from ._job import (
@@ -45,11 +46,28 @@ from ._native import (
     SettingError,
     __version__,
     bench,
+    denoise_exr,
+    denoise_radiance,
+    expose_exr,
+    expose_exr_files,
+    expose_radiance,
+    init_job,
     merge,
     ptc,
     sensors,
+    station_job,
+    stations,
 )
-from ._results import EmvaAnalysis, EmvaDataset, Study
+from ._results import (
+    EmvaAnalysis,
+    EmvaDataset,
+    ExposedFiles,
+    Study,
+    TracedConnection,
+    TracedSample,
+    TracedScattering,
+    TracedVertex,
+)
 from ._steps import RenderStep, RenderSteps
 
 __all__ = [
@@ -59,6 +77,7 @@ __all__ = [
     "DunkelfeldError",
     "EmvaAnalysis",
     "EmvaDataset",
+    "ExposedFiles",
     "Film",
     "InputError",
     "Interrupted",
@@ -80,22 +99,34 @@ __all__ = [
     "SensorError",
     "SettingError",
     "Study",
+    "TracedConnection",
+    "TracedSample",
+    "TracedScattering",
+    "TracedVertex",
     "__version__",
     "bench",
     "dataset",
+    "denoise_exr",
+    "denoise_radiance",
     "emva",
+    "expose_exr",
+    "expose_exr_files",
+    "expose_radiance",
+    "init_job",
     "merge",
     "ptc",
     "sensors",
+    "station_job",
+    "stations",
 ]
 
 
-def _film_of(data: bytes, stats: str, material_names: list[str], interrupted: bool) -> Film:
+def _film_of(data: bytes, extras: Any) -> Film:
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "a.film")
         with open(path, "wb") as file:
             file.write(data)
-        return Film._restore(path, stats, material_names, interrupted)
+        return Film._restore(path, extras)
 
 
 def _reduce_film(film: Film) -> tuple[object, tuple[object, ...]]:
@@ -103,7 +134,7 @@ def _reduce_film(film: Film) -> tuple[object, tuple[object, ...]]:
         path = os.path.join(folder, "a.film")
         film.save(path)
         with open(path, "rb") as file:
-            return _film_of, (file.read(), *film._extras())
+            return _film_of, (file.read(), film._extras())
 
 
 copyreg.pickle(Film, _reduce_film)  # type: ignore[arg-type]

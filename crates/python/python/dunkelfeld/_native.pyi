@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ._results import EmvaAnalysis, EmvaDataset, SetSummary, Verified
+from ._results import EmvaAnalysis, EmvaDataset, ExposedFiles, SetSummary, TracedSample, Verified
 from ._results import Study as _StudyResult
 from ._steps import RenderSteps
 
@@ -21,6 +21,8 @@ _Progress: TypeAlias = Callable[[str, float, float, float | None], object]
 
 _Strategy: TypeAlias = Literal["uniform", "sobel", "variance", "sensor"]
 _Denoiser: TypeAlias = Literal["off", "auto", "oidn", "builtin"]
+_Extras: TypeAlias = tuple[str, list[str], bool, list[tuple[pathlib.Path, str]], tuple[str, pathlib.Path | None]]
+_Vignetting: TypeAlias = Literal["none", "cos4"]
 
 class DunkelfeldError(Exception):
     file: str | None
@@ -65,6 +67,8 @@ class Film:
     @property
     def spp(self) -> NDArray[np.uint32]: ...
     @property
+    def plan(self) -> NDArray[np.uint32]: ...
+    @property
     def object_ids(self) -> NDArray[np.uint32]: ...
     @property
     def material_ids(self) -> NDArray[np.uint32]: ...
@@ -105,12 +109,26 @@ class Film:
     def noise_map(self, k: float = 1.0) -> NoiseMap: ...
     def denoise(self, method: str = "auto") -> NDArray[np.float32]: ...
     def save(self, path: _Path) -> None: ...
+    def save_files(
+        self,
+        *,
+        image: _Path | None = None,
+        linear: _Path | None = None,
+        exr: _Path | None = None,
+        stats: _Path | None = None,
+        plan: _Path | None = None,
+    ) -> None: ...
+    def save_image(self, path: _Path) -> None: ...
+    def save_linear(self, path: _Path) -> None: ...
+    def save_exr(self, path: _Path) -> None: ...
+    def save_plan(self, path: _Path) -> None: ...
+    def save_stats(self, path: _Path) -> None: ...
     @staticmethod
     def load(path: _Path) -> Film: ...
     def _repr_png_(self) -> bytes: ...
-    def _extras(self) -> tuple[str, list[str], bool]: ...
+    def _extras(self) -> _Extras: ...
     @staticmethod
-    def _restore(path: _Path, stats: str, material_names: list[str], interrupted: bool) -> Film: ...
+    def _restore(path: _Path, extras: _Extras) -> Film: ...
 
 @final
 class NoiseMap:
@@ -124,14 +142,16 @@ class NoiseMap:
     def hidden(self) -> float: ...
     @property
     def range(self) -> tuple[float, float]: ...
+    @staticmethod
+    def _restore(ratios: NDArray[np.float32], k: float, hidden: float) -> NoiseMap: ...
     def _repr_png_(self) -> bytes: ...
     def _repr_html_(self) -> str: ...
 
 @final
 class Scene:
-    def __new__(cls, path: _Path) -> Scene: ...
+    def __new__(cls, path: _Path, *, without: str | Sequence[str] | None = None) -> Scene: ...
     @staticmethod
-    def from_job(job: _Job, folder: _Path | None = None) -> Scene: ...
+    def from_job(job: _Job, folder: _Path | None = None, *, without: str | Sequence[str] | None = None) -> Scene: ...
     def set_overrides(self, overrides: _Job | None = None, /, **keys: Any) -> None: ...
     def render(
         self,
@@ -149,7 +169,15 @@ class Scene:
         strategy: str | None = None,
         sensor: Sensor | _Path | None = None,
         exposure: float | str | None = None,
+        exposure_noise: str | None = None,
+        vignetting: _Vignetting | None = None,
+        denoise: _Denoiser | None = None,
+        oidn: _Path | None = None,
+        replay: Film | _Path | NDArray[np.uint32] | NDArray[np.int64] | None = None,
+        training_paths: int | None = None,
+        memory: int | str | None = None,
         checkpoint: _Path | None = None,
+        checkpoint_every: float | None = None,
         progress: _Progress | None = None,
     ) -> Film: ...
     def render_steps(
@@ -168,8 +196,30 @@ class Scene:
         strategy: str | None = None,
         sensor: Sensor | _Path | None = None,
         exposure: float | str | None = None,
+        exposure_noise: str | None = None,
+        vignetting: _Vignetting | None = None,
+        denoise: _Denoiser | None = None,
+        oidn: _Path | None = None,
+        replay: Film | _Path | NDArray[np.uint32] | NDArray[np.int64] | None = None,
+        training_paths: int | None = None,
+        memory: int | str | None = None,
         checkpoint: _Path | None = None,
+        checkpoint_every: float | None = None,
     ) -> RenderSteps: ...
+    def trace_sample(
+        self,
+        x: int,
+        y: int,
+        sample: int,
+        *,
+        width: int | None = None,
+        height: int | None = None,
+        camera: str | None = None,
+        seed: int | None = None,
+        frame: int | None = None,
+        vignetting: _Vignetting | None = None,
+        training_paths: int | None = None,
+    ) -> TracedSample: ...
     def inspect(self) -> dict[str, Any]: ...
     @property
     def cameras(self) -> list[str]: ...
@@ -177,6 +227,10 @@ class Scene:
     def objects(self) -> list[str]: ...
     @property
     def materials(self) -> list[str]: ...
+    @property
+    def effects(self) -> list[str]: ...
+    @property
+    def without(self) -> list[str]: ...
     @property
     def hazards(self) -> list[str]: ...
     @property
@@ -246,11 +300,92 @@ class DataSet:
 
 def sensors() -> list[str]: ...
 def merge(paths: Sequence[_Path], threads: int = 0, *, checkpoint: _Path | None = None) -> Film: ...
+def init_job(path: _Path, station: str | None = None, *, folder: _Path | None = None) -> str: ...
+def stations() -> list[str]: ...
+def station_job(name: str) -> str: ...
+def expose_exr(
+    path: _Path,
+    sensor: Sensor | _Path | None = None,
+    exposure: float | str | None = None,
+    frames: int = 1,
+    *,
+    frame: int | None = None,
+    seed: int | None = None,
+    exposure_noise: str | None = None,
+    f_number: float | None = None,
+    transmission: float | None = None,
+    magnification: float | None = None,
+    vignetting: _Vignetting | None = None,
+    focal_length: float | None = None,
+    layer: str | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+) -> NDArray[np.uint16]: ...
+def expose_exr_files(
+    path: _Path,
+    image: _Path | None = None,
+    linear: _Path | None = None,
+    *,
+    sensor: Sensor | _Path | None = None,
+    exposure: float | str | None = None,
+    frames: int = 1,
+    frame: int | None = None,
+    seed: int | None = None,
+    exposure_noise: str | None = None,
+    f_number: float | None = None,
+    transmission: float | None = None,
+    magnification: float | None = None,
+    vignetting: _Vignetting | None = None,
+    focal_length: float | None = None,
+    layer: str | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> ExposedFiles: ...
+def expose_radiance(
+    radiance: ArrayLike,
+    sensor: Sensor | _Path | None = None,
+    exposure: float | str | None = None,
+    frames: int = 1,
+    *,
+    frame: int | None = None,
+    seed: int | None = None,
+    f_number: float | None = None,
+    transmission: float | None = None,
+    magnification: float | None = None,
+    vignetting: _Vignetting | None = None,
+    focal_length: float | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+) -> NDArray[np.uint16]: ...
+def denoise_exr(
+    path: _Path,
+    output: _Path | None = None,
+    *,
+    denoise: _Denoiser | None = None,
+    oidn: _Path | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> NDArray[np.float32]: ...
+def denoise_radiance(
+    radiance: ArrayLike,
+    *,
+    variance: ArrayLike | None = None,
+    albedo: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    depth: ArrayLike | None = None,
+    denoise: _Denoiser | None = None,
+    oidn: _Path | None = None,
+    memory: int | str | None = None,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> NDArray[np.float32]: ...
 def read_image(path: _Path) -> NDArray[Any]: ...
 def job_keys(table: str) -> list[str]: ...
 def check_job_keys(table: str, keys: list[str], required: list[str]) -> None: ...
 def bench(
-    input: _Path,
+    input: Scene | _Path,
     output: _Path | None = None,
     *,
     quick: bool = False,
@@ -275,7 +410,7 @@ def bench(
     progress: _Progress | None = None,
 ) -> _StudyResult: ...
 def ptc(
-    input: _Path | Sequence[_Path],
+    input: Scene | _Path | Sequence[_Path],
     output: _Path | None = None,
     *,
     restart: bool = False,

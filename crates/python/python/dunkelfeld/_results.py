@@ -4,7 +4,19 @@ from __future__ import annotations
 
 from typing import Any, TypedDict
 
-__all__ = ["EmvaAnalysis", "EmvaDataset", "Forecast", "SetSummary", "Study", "Verified"]
+__all__ = [
+    "EmvaAnalysis",
+    "EmvaDataset",
+    "ExposedFiles",
+    "Forecast",
+    "SetSummary",
+    "Study",
+    "TracedConnection",
+    "TracedSample",
+    "TracedScattering",
+    "TracedVertex",
+    "Verified",
+]
 
 
 class Study(TypedDict):
@@ -101,3 +113,90 @@ class Verified(TypedDict):
     """The first faults, with their files."""
     more: int
     """Number of faults that are not listed."""
+
+
+class ExposedFiles(TypedDict):
+    """The result of `expose_exr_files`."""
+
+    files: list[str]
+    """The files in their order."""
+    frames: int
+    """Number of written frames."""
+    exposure: float
+    """Exposure time [s]."""
+    no_light: bool
+    """Is the image so dark that no automatic exposure exists?"""
+    saturated: float
+    """Share of the pixels that are saturated."""
+    matched: float | None
+    """Share of the pixels where matched exposure can hold; None for plain noise."""
+    invalid: int
+    """Pixels whose radiance was negative or not a number (they count as black) or infinite (they saturate)."""
+    invalid_variances: int
+    """Pixels whose variance was negative or not a number."""
+
+
+class TracedConnection(TypedDict):
+    """A connection to a light through a cover."""
+
+    chain: str
+    """The events at the interfaces, from the vertex to the light."""
+    cover: int
+    """Index of the cover in the list of the scene."""
+    probability: float
+    """Probability with which the chain was chosen."""
+    rays: int
+    """Rays that were traced through the cover."""
+    has_converged: bool
+    """Did the solver find the chain?"""
+    mis_weight: float
+    """Weight by the power heuristic; 0 where no light comes through."""
+    contribution: list[float]
+    """Radiance that was added [W/(m2 sr)]."""
+
+
+class TracedScattering(TypedDict):
+    """A sampled direction."""
+
+    direction: list[float]
+    """Unit vector in world space."""
+    lobe: str
+    """The lobe, as in "delta transmission"; "phase function" in a medium."""
+    pdf: float | None
+    """Density [1/sr]; of a delta lobe its probability."""
+    weight: list[float]
+    """Scattered radiance over the density."""
+
+
+class TracedVertex(TypedDict):
+    """A vertex of `Scene.trace_sample`."""
+
+    material: str | None
+    """Name of the material; None where the ray left the scene."""
+    position: list[float] | None
+    """Position in world space [m]; None where the ray left the scene."""
+    left_toward: list[float] | None
+    """Direction in which the ray left the scene."""
+    in_medium: bool
+    """Is the vertex inside a medium, not on a surface?"""
+    throughput: list[float]
+    """Throughput of the path before the vertex."""
+    emitted: list[float]
+    """Emission that was added [W/(m2 sr)]."""
+    direct: list[float]
+    """Light of next-event estimation that was added [W/(m2 sr)]."""
+    connections: list[TracedConnection]
+    """Attempted connections through covers."""
+    scattered: TracedScattering | None
+    """The direction in which the path continued; None where it ended."""
+
+
+class TracedSample(TypedDict):
+    """The result of `Scene.trace_sample`."""
+
+    radiance: list[float | None]
+    """Radiance of the sample [W/(m2 sr)], linear Rec. 709; None where it is not finite."""
+    is_valid: bool
+    """Is it finite, not negative, and in the range of a film?"""
+    vertices: list[TracedVertex]
+    """The vertices in order, starting at the camera."""

@@ -1,0 +1,245 @@
+//! Images of any renderer: exposed and denoised, from EXR files or arrays.
+
+use crate::arguments::{MemoryArgument, checked_threads, exposure_noise_of, method_of, vignetting_of};
+use crate::arrays::{GrayArray, RgbArray, gray_plane, rgb, rgb_plane, stack};
+use crate::errors::{Failure, setting};
+use crate::progress::{completed, supervised};
+use crate::sensor::{ExposureArgument, SensorArgument};
+use crate::work::with_pool;
+use dunkelfeld::{
+    DenoiseMethod, DenoisePlanes, DenoiseSettings, ExposeOutputs, ExposeSettings, ImageOptions, Session,
+    check_denoise_output, select_denoiser,
+};
+use numpy::PyArray3;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+
+/// The options of an exposure, from the keywords of Python.
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+fn settings_of(
+    sensor: Option<SensorArgument>,
+    exposure: Option<ExposureArgument>,
+    frames: u32,
+    frame: Option<u32>,
+    seed: Option<u64>,
+    lens: [Option<f64>; 4],
+    vignetting: Option<&str>,
+    memory: Option<MemoryArgument>,
+    threads: Option<usize>,
+) -> Result<ImageOptions, Failure> {
+    let mut options = ImageOptions::default().with_frames(frames);
+    options.sensor = sensor.map(SensorArgument::option);
+    options.exposure = exposure.map(ExposureArgument::option).transpose()?;
+    (options.frame, options.seed) = (frame, seed);
+    [options.f_number, options.transmission, options.magnification, options.focal_length] = lens;
+    options.vignetting = vignetting.map(vignetting_of).transpose()?;
+    options.memory = memory.map(MemoryArgument::bytes).transpose()?;
+    options.threads = checked_threads(threads)?;
+    Ok(options)
+}
+
+/// Exposes an EXR of this or another renderer, as `dunkelfeld expose`: linear grey values, uint16 of shape (frames, height,
+/// width) [DN]. Frames of one seed come from the same device. The arguments are the flags of the command: `sensor` (default
+/// "imx250"), `exposure` [s] or "auto", `exposure_noise` ("matched" needs a layer `variance`), `frame` (number of the first
+/// frame), `f_number` (4), `transmission` (0.9), `magnification` (0), `vignetting` ("cos4" needs `focal_length` [m]), `layer`
+/// (name of the layer with the radiance), `memory` (bytes or a text such as "6GB").
+///
+/// Radiance that is negative or not a number counts as black, infinite radiance saturates.
+#[pyfunction]
+#[pyo3(signature = (path, sensor=None, exposure=None, frames=1, *, frame=None, seed=None, exposure_noise=None, f_number=None,
+    transmission=None, magnification=None, vignetting=None, focal_length=None, layer=None, memory=None, threads=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+pub(crate) fn expose_exr<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    sensor: Option<SensorArgument>,
+    exposure: Option<ExposureArgument>,
+    frames: u32,
+    frame: Option<u32>,
+    seed: Option<u64>,
+    exposure_noise: Option<&str>,
+    f_number: Option<f64>,
+    transmission: Option<f64>,
+    magnification: Option<f64>,
+    vignetting: Option<&str>,
+    focal_length: Option<f64>,
+    layer: Option<String>,
+    memory: Option<MemoryArgument>,
+    threads: Option<usize>,
+) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
+    let lens = [f_number, transmission, magnification, focal_length];
+    let mut options = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?;
+    options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
+    options.layer = layer;
+    let settings = options.settings()?;
+    stack(py, with_pool(py, settings.threads, || dunkelfeld::expose_image(&path, &settings))??)
+}
+
+/// Exposes an EXR of this or another renderer, and writes each frame to a file, as `dunkelfeld expose` with the same bytes:
+/// `image` (PNG, 8 bit, gamma 2.2) and `linear` (16-bit grey values [DN], .png or .tif). Of several frames each name gets its
+/// number, as in `out-0007.png`. The other arguments are those of `expose_exr`; `progress` is a function as that of `render`.
+///
+/// Returns a dictionary: `files` (paths), `frames` (number), `exposure` [s], `no_light` (is the image too dark for an
+/// automatic exposure?), `saturated` and `matched` (shares of the pixels; `matched` is None for plain noise), `invalid` and
+/// `invalid_variances` (numbers of pixels). Ctrl-C ends it; the finished frames remain.
+#[pyfunction]
+#[pyo3(signature = (path, image=None, linear=None, *, sensor=None, exposure=None, frames=1, frame=None, seed=None,
+    exposure_noise=None, f_number=None, transmission=None, magnification=None, vignetting=None, focal_length=None, layer=None,
+    memory=None, threads=None, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+pub(crate) fn expose_exr_files<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    image: Option<PathBuf>,
+    linear: Option<PathBuf>,
+    sensor: Option<SensorArgument>,
+    exposure: Option<ExposureArgument>,
+    frames: u32,
+    frame: Option<u32>,
+    seed: Option<u64>,
+    exposure_noise: Option<&str>,
+    f_number: Option<f64>,
+    transmission: Option<f64>,
+    magnification: Option<f64>,
+    vignetting: Option<&str>,
+    focal_length: Option<f64>,
+    layer: Option<String>,
+    memory: Option<MemoryArgument>,
+    threads: Option<usize>,
+    progress: Option<Py<PyAny>>,
+) -> Result<Bound<'py, PyDict>, Failure> {
+    let lens = [f_number, transmission, magnification, focal_length];
+    let mut options = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?;
+    options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
+    options.layer = layer;
+    let settings: ExposeSettings = options.settings()?;
+    let outputs = ExposeOutputs::default().with_image(image).with_linear(linear);
+    let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
+        let session = Session::new(settings.threads)?.with_progress(sink).with_cancel(cancel);
+        dunkelfeld::expose_exr(&path, &settings, &outputs, &session)
+    })?;
+    let exposed = completed(done)?;
+    let entries = PyDict::new(py);
+    entries.set_item("files", exposed.files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>())?;
+    entries.set_item("frames", exposed.frames)?;
+    entries.set_item("exposure", exposed.exposure.time().0)?;
+    entries.set_item("no_light", exposed.no_light)?;
+    entries.set_item("saturated", exposed.saturated)?;
+    entries.set_item("matched", exposed.matched)?;
+    entries.set_item("invalid", exposed.invalid)?;
+    entries.set_item("invalid_variances", exposed.invalid_variances)?;
+    Ok(entries)
+}
+
+/// `expose_exr` for an array instead of a file. `radiance` has the shape (height, width, 3) and is mean radiance in W/(m² sr),
+/// linear Rec. 709, row 0 at the top; it is converted to float32. All of the noise of the sensor is added, because that of
+/// the array is unknown.
+#[pyfunction]
+#[pyo3(signature = (radiance, sensor=None, exposure=None, frames=1, *, frame=None, seed=None, f_number=None,
+    transmission=None, magnification=None, vignetting=None, focal_length=None, memory=None, threads=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+pub(crate) fn expose_radiance<'py>(
+    py: Python<'py>,
+    radiance: RgbArray<'py>,
+    sensor: Option<SensorArgument>,
+    exposure: Option<ExposureArgument>,
+    frames: u32,
+    frame: Option<u32>,
+    seed: Option<u64>,
+    f_number: Option<f64>,
+    transmission: Option<f64>,
+    magnification: Option<f64>,
+    vignetting: Option<&str>,
+    focal_length: Option<f64>,
+    memory: Option<MemoryArgument>,
+    threads: Option<usize>,
+) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
+    let lens = [f_number, transmission, magnification, focal_length];
+    let settings = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?.settings()?;
+    let radiance = rgb_plane("radiance", &radiance)?;
+    stack(py, with_pool(py, settings.threads, || dunkelfeld::expose_radiance(radiance, &settings))??)
+}
+
+/// The denoiser of the keywords.
+fn denoiser(name: Option<&str>, oidn: Option<PathBuf>) -> Result<DenoiseSettings, Failure> {
+    let method = name.map(method_of).transpose()?.or(oidn.is_none().then_some(DenoiseMethod::Auto));
+    let mut settings = DenoiseSettings::default();
+    select_denoiser(method, oidn.as_deref(), &mut settings);
+    Ok(settings)
+}
+
+fn cancelled() -> Failure {
+    setting("denoise", "was cancelled", "call it again")
+}
+
+/// Denoises an EXR of this or another renderer, as `dunkelfeld denoise`: float32 of shape (height, width, 3) [W/(m² sr)], for
+/// display and not for measurement. It uses variance, albedo, normal and depth if the file has them. `output` is the path of
+/// a file to write as well: an EXR with all layers and `denoised.R/G/B`, or a PNG (8 bit, gamma 2.2). `denoise` is "auto"
+/// (the default), "oidn" or "builtin", `oidn` the path of Open Image Denoise.
+///
+/// Where the radiance is negative, infinite or not a number, and around such pixels, the result is undefined.
+#[pyfunction]
+#[pyo3(signature = (path, output=None, *, denoise=None, oidn=None, memory=None, threads=None, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+pub(crate) fn denoise_exr<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    output: Option<PathBuf>,
+    denoise: Option<&str>,
+    oidn: Option<PathBuf>,
+    memory: Option<MemoryArgument>,
+    threads: Option<usize>,
+    progress: Option<Py<PyAny>>,
+) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
+    let settings = denoiser(denoise, oidn)?;
+    let (memory, threads) = (memory.map(MemoryArgument::bytes).transpose()?, checked_threads(threads)?.unwrap_or(0));
+    let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
+        if let Some(output) = &output {
+            check_denoise_output(&path, output, &settings)?;
+        }
+        let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
+        let Some(file) = dunkelfeld::denoise_exr(&path, &settings, memory, &session)? else { return Ok(None) };
+        let mean = file.denoised.mean.clone();
+        if let Some(output) = &output {
+            file.save(output)?;
+        }
+        Ok(Some(mean))
+    })?;
+    rgb(py, completed(done)?.ok_or_else(cancelled)?)
+}
+
+/// `denoise_exr` for arrays instead of a file, row 0 at the top; they are converted to float32. `radiance` has the shape
+/// (height, width, 3) [W/(m² sr)], linear Rec. 709. Optional: `variance` of the mean radiance, `albedo` and `normal` (unit
+/// vectors) of the same shape, `depth` [m] of shape (height, width).
+#[pyfunction]
+#[pyo3(signature = (radiance, *, variance=None, albedo=None, normal=None, depth=None, denoise=None, oidn=None, memory=None,
+    threads=None, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+pub(crate) fn denoise_radiance<'py>(
+    py: Python<'py>,
+    radiance: RgbArray<'py>,
+    variance: Option<RgbArray<'py>>,
+    albedo: Option<RgbArray<'py>>,
+    normal: Option<RgbArray<'py>>,
+    depth: Option<GrayArray<'py>>,
+    denoise: Option<&str>,
+    oidn: Option<PathBuf>,
+    memory: Option<MemoryArgument>,
+    threads: Option<usize>,
+    progress: Option<Py<PyAny>>,
+) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
+    let settings = denoiser(denoise, oidn)?;
+    let (memory, threads) = (memory.map(MemoryArgument::bytes).transpose()?, checked_threads(threads)?.unwrap_or(0));
+    let plane = |what, array: Option<RgbArray<'_>>| array.map(|array| rgb_plane(what, &array)).transpose();
+    let planes = DenoisePlanes::new(rgb_plane("radiance", &radiance)?)
+        .with_variance(plane("variance", variance)?)
+        .with_albedo(plane("albedo", albedo)?)
+        .with_normal(plane("normal", normal)?)
+        .with_depth(depth.map(|array| gray_plane("depth", &array)).transpose()?);
+    let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
+        let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
+        dunkelfeld::denoise_planes(&planes, &settings, memory, &session)
+    })?;
+    rgb(py, completed(done)?.ok_or_else(cancelled)?.mean)
+}
