@@ -43,6 +43,7 @@ mod outliers;
 mod outputs;
 mod project;
 mod sensor_hazards;
+mod sensor_sheet;
 mod shutter;
 mod stations;
 mod stats;
@@ -81,6 +82,7 @@ pub use project::{
     LightFilmsMemory, Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene,
     removable_effects,
 };
+pub use sensor_sheet::sensor_sheet;
 pub use stations::{STATIONS, Station};
 pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};
 

@@ -2,21 +2,22 @@
 
 use crate::args::SensorsArgs;
 use crate::outcome::{Outcome, print};
-use dunkelfeld::Error;
 use dunkelfeld::io::sensor_file;
-use dunkelfeld::sensor::{ChannelSheet, DataSheet, Figure, SensorModel, data_sheet};
-use serde_json::{Value, json};
+use dunkelfeld::sensor::{DataSheet, Figure, SensorModel, data_sheet};
+use dunkelfeld::{Error, sensor_sheet};
+use serde_json::Value;
 use std::fmt::Write;
 
 pub(crate) fn run(args: &SensorsArgs) -> Result<Outcome, Error> {
     let text = match (&args.sensor, args.json) {
         (None, false) => list()?,
         (None, true) => {
-            let presets = sensor_file::preset_names().map(|name| Ok(as_json(name, &dunkelfeld::find_sensor(name)?)));
+            let presets =
+                sensor_file::preset_names().map(|name| Ok(sensor_sheet(name, &dunkelfeld::find_sensor(name)?)));
             pretty(&Value::Array(presets.collect::<Result<_, Error>>()?))
         }
         (Some(name), false) => sheet(&dunkelfeld::find_sensor(name)?),
-        (Some(name), true) => pretty(&as_json(name, &dunkelfeld::find_sensor(name)?)),
+        (Some(name), true) => pretty(&sensor_sheet(name, &dunkelfeld::find_sensor(name)?)),
     };
     print(&text);
     Ok(Outcome::Done)
@@ -93,43 +94,6 @@ fn digits(v: f64) -> String {
     let decimals = (3 - v.abs().log10().floor() as i32).clamp(0, 8) as usize;
     let text = format!("{v:.decimals$}");
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
-}
-
-fn as_json(name: &str, model: &SensorModel) -> Value {
-    let (s, d) = (model.spec(), data_sheet(model));
-    let channel = |c: &ChannelSheet| {
-        json!({
-            "color": c.color.map(|color| color.name()),
-            "wavelength_nm": c.wavelength.0,
-            "quantum_efficiency_percent": 100.0 * c.quantum_efficiency,
-            "threshold_p": c.threshold_photons,
-            "saturation_p": c.saturation_photons,
-        })
-    };
-    let figure = |f: Figure| {
-        json!({
-            "key": f.key,
-            "name": f.name,
-            "symbol": f.symbol,
-            "unit": f.unit,
-            "model": f.implied,
-            "published": f.published,
-            "difference": f.published.map(|p| f.implied - p),
-        })
-    };
-    json!({
-        "sensor": name,
-        "name": s.name,
-        "source": s.source,
-        "derived": s.derived,
-        "assumed": s.assumed,
-        "pixel_pitch_um": s.pixel_pitch.0 * 1e6,
-        "bit_depth": s.bit_depth,
-        "offset_dn": s.offset.0,
-        "color_filter": s.quantum_efficiency.filter().map(|f| f.pattern.name()),
-        "channels": d.channels.iter().map(channel).collect::<Vec<_>>(),
-        "figures": d.figures().into_iter().map(figure).collect::<Vec<_>>(),
-    })
 }
 
 fn pretty(value: &Value) -> String {
