@@ -1,6 +1,6 @@
 //! Commands on files.
 
-use crate::arguments::checked_threads;
+use crate::arguments::{MemoryArgument, checked_threads};
 use crate::errors::{Failure, setting};
 use crate::film::Film;
 use dunkelfeld::{InputFiles, MergeSettings, STATIONS, SavedFilm, Station};
@@ -11,23 +11,26 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Joins parts of one render (checkpoints with disjoint samples): bit by bit the film of one process. `checkpoint` is the
-/// path of a file for the whole, which is again a part.
+/// path of a file for the whole, which is again a part. `memory` limits the memory: bytes, or a text such as "6GB".
 #[pyfunction]
-#[pyo3(signature = (paths, threads=0, *, checkpoint=None))]
+#[pyo3(signature = (paths, threads=0, *, checkpoint=None, memory=None))]
 pub(crate) fn merge(
     py: Python<'_>,
     paths: Vec<PathBuf>,
     threads: usize,
     checkpoint: Option<PathBuf>,
+    memory: Option<MemoryArgument>,
 ) -> Result<Film, Failure> {
     if paths.is_empty() {
         return Err(setting("paths", "there are no parts", "name at least one checkpoint"));
     }
     let threads = checked_threads(Some(threads))?.unwrap_or(0);
+    let memory = memory.map(MemoryArgument::bytes).transpose()?;
     let mut inputs = InputFiles::new();
     paths.iter().for_each(|path| inputs.add(path, Role::Part));
     let merged = py.detach(|| {
         let settings = MergeSettings::default().with_parts(paths).with_threads(threads).with_checkpoint(checkpoint);
+        let settings = settings.with_memory_limit(memory);
         dunkelfeld::merge(&settings, Instant::now())
     })?;
     let stats = merged.stats.to_json();

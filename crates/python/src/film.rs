@@ -240,10 +240,14 @@ impl Film {
     }
 
     /// Writes the film to a file: its sums to the last bit, with the settings that expose it. `Film.load` reads it.
-    /// It replaces no file that the film was made from.
+    /// It replaces neither a file that the film was made from nor the checkpoint of its render.
     fn save(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
         py.detach(|| {
-            check_outputs(&[("the film", &path)], &self.inputs)?;
+            let mut inputs = (*self.inputs).clone();
+            if let Some(keep) = &self.settings().checkpoint {
+                inputs.add(&keep.path, Role::Checkpoint);
+            }
+            check_outputs(&[("the film", &path)], &inputs)?;
             self.saved.write(&path)
         })?;
         Ok(())

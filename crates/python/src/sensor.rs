@@ -1,10 +1,11 @@
 //! Sensors of EMVA 1288 as Python objects.
 
 use crate::errors::{Failure, setting};
+use crate::json::loaded;
 use dunkelfeld::io::sensor_file;
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::sensor::{Exposure, SensorModel};
-use dunkelfeld::{ExposureOption, SensorOption};
+use dunkelfeld::{ExposureOption, SensorOption, sensor_sheet};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
@@ -60,6 +61,12 @@ impl Sensor {
     #[getter]
     fn is_color(&self) -> bool {
         self.model.spec().quantum_efficiency.filter().is_some()
+    }
+
+    /// The data sheet that the model implies, beside the published one: the dictionary of `dunkelfeld sensors NAME --json`, with
+    /// `channels` and `figures` (lists of dictionaries).
+    fn data_sheet<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Failure> {
+        loaded(py, &sensor_sheet(&self.origin, &self.model))
     }
 
     fn __repr__(&self) -> String {

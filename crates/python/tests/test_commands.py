@@ -477,6 +477,32 @@ def test_a_study_takes_a_scene_of_a_file(path: Path, tmp_path: Path) -> None:
     assert made["finished"] == made["renders"] > 0
 
 
+def test_files_of_a_merge_are_those_of_the_program(path: Path, tmp_path: Path) -> None:
+    scene, parts = df.Scene(path), [tmp_path / "0.film", tmp_path / "1.film"]
+    films = [scene.render(samples=(4 * i, 4 * i + 4), checkpoint=part) for i, part in enumerate(parts)]
+    outputs = [tmp_path / name for name in ("a.png", "a.tif", "a.exr")]
+    run("merge", *parts, "-o", outputs[0], "--linear", outputs[1], "--exr", outputs[2])
+    merged = df.merge(parts, memory="1GB")
+    own = [tmp_path / f"own{output.suffix}" for output in outputs]
+    merged.save_files(image=own[0], linear=own[1], exr=own[2])
+    assert [file.read_bytes() for file in own] == [file.read_bytes() for file in outputs]
+    with pytest.raises(df.OutOfMemoryError):
+        df.merge(parts, memory=1000)
+    # Neither a part nor the checkpoint of a render becomes a film that cannot be continued.
+    before = [part.read_bytes() for part in parts]
+    for film, part in [(merged, parts[1]), (films[0], parts[0]), (df.Film.load(parts[0]), parts[0])]:
+        with pytest.raises(df.OutputError, match="part|checkpoint"):
+            film.save(part)
+    assert [part.read_bytes() for part in parts] == before
+
+
+@pytest.mark.parametrize("name", ["imx250", df.sensors()[-1]])
+def test_data_sheets_are_those_of_the_program(name: str) -> None:
+    sheet = df.Sensor(name).data_sheet()
+    assert sheet == json.loads(run("sensors", name, "--json")) and sheet["figures"]
+    assert np.isclose(sheet["pixel_pitch_um"], 1e6 * df.Sensor(name).pixel_pitch)
+
+
 def test_a_noise_map_can_be_copied(path: Path) -> None:
     noise = df.Scene(path).render().noise_map(k=0.5)
     for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1):
