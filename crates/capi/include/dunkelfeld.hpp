@@ -155,6 +155,12 @@ struct ExposeOptions {
     std::optional<std::string> exposure_noise;
 };
 
+/** Files of a film; those without a path are not written. */
+struct Files {
+    /** PNG, 8 bit, gamma 2.2; 16-bit grey values, .png or .tif; EXR with all layers; JSON; EXR with the samples per pixel. */
+    std::optional<std::string> image, linear, exr, stats, plan;
+};
+
 /** A rendered film. Copies share it. */
 class Film {
 public:
@@ -168,6 +174,12 @@ public:
     }
 
     void save(const std::string &path) const { check(dunkelfeld_film_save(get(), path.c_str())); }
+
+    /** Writes the files of `dunkelfeld render` with the same bytes. */
+    void save_files(const Files &files) const {
+        check(dunkelfeld_film_save_files(get(), detail::text(files.image), detail::text(files.linear), detail::text(files.exr),
+                                         detail::text(files.stats), detail::text(files.plan)));
+    }
 
     /** Mean radiance [W/(m^2 sr)], linear Rec. 709, 3 channels. */
     Image<float> mean() const { return layer(DUNKELFELD_LAYER_MEAN, 3); }

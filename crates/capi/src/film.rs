@@ -6,8 +6,8 @@ use crate::pointers::{Elements, In, Out, Text};
 use crate::status::{Failure, Status, call};
 use dunkelfeld::film::Plane;
 use dunkelfeld::{
-    DenoiseMethod, DenoiseSettings, Error, MergeSettings, Picture, SavedFilm, certify_film, denoise_saved, expose_film,
-    picture_of_film,
+    DenoiseMethod, DenoiseSettings, Error, MergeSettings, OutputPaths, Picture, SavedFilm, certify_film, denoise_saved,
+    expose_film, picture_of_film, save_film, save_film_files,
 };
 use std::ffi::c_char;
 use std::path::{Path, PathBuf};
@@ -319,14 +319,49 @@ pub unsafe extern "C" fn dunkelfeld_film_stats(film: *const Film, json: *mut *mu
     call(|| json.set_text("json", &FILMS.get(film)?.stats))
 }
 
-/// Writes a film to a file: its sums to the last bit, and the settings that expose it.
+/// Writes a film to a file: its sums to the last bit, and the settings that expose it. It replaces neither a file that the film
+/// was made from nor the checkpoint of its render.
 ///
 /// Thread-safe.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn dunkelfeld_film_save(film: *const Film, path: *const c_char) -> Status {
     // SAFETY: what the header says of pointers.
     let path = unsafe { Text::of(path) };
-    call(|| Ok(FILMS.get(film)?.saved.write(Path::new(path.required("path")?))?))
+    call(|| {
+        let film = FILMS.get(film)?;
+        Ok(save_film(&film.saved, Path::new(path.required("path")?), &film.inputs)?)
+    })
+}
+
+/// Writes the files of `dunkelfeld render` with the same bytes. A path that is NULL is not written; at least one is not NULL.
+/// `image`: PNG, 8 bit, gamma 2.2. `linear`: 16-bit grey values [DN], .png or .tif. `exr`: all layers. `stats`: JSON; a film from a
+/// file has none. `plan`: EXR with the samples per pixel. The film is exposed, and the image denoised, as by its render. A file is
+/// written as a whole or not at all. None replaces a file that the film was made from. After an error, earlier files remain.
+///
+/// Thread-safe.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn dunkelfeld_film_save_files(
+    film: *const Film,
+    image: *const c_char,
+    linear: *const c_char,
+    exr: *const c_char,
+    stats: *const c_char,
+    plan: *const c_char,
+) -> Status {
+    // SAFETY: what the header says of pointers.
+    let [image, linear, exr, stats, plan] = [image, linear, exr, stats, plan].map(|path| unsafe { Text::of(path) });
+    call(|| {
+        let path = |name: &str, text: Text| Ok::<_, Failure>(text.get(name)?.map(PathBuf::from));
+        let outputs = OutputPaths::default()
+            .with_image(path("image", image)?)
+            .with_linear(path("linear", linear)?)
+            .with_exr(path("exr", exr)?)
+            .with_stats(path("stats", stats)?)
+            .with_plan(path("plan", plan)?);
+        let film = FILMS.get(film)?;
+        let stats = Some(film.stats.as_str()).filter(|text| !text.is_empty());
+        Ok(save_film_files(&film.saved, stats, &outputs, &film.inputs)?)
+    })
 }
 
 /// Reads a film that dunkelfeld_film_save() wrote. Close it by dunkelfeld_film_close().
@@ -338,8 +373,9 @@ pub unsafe extern "C" fn dunkelfeld_film_load(path: *const c_char, film: *mut *m
     let (path, film) = unsafe { (Text::of(path), Out::of(film)) };
     call(|| {
         film.check("film")?;
-        let saved = SavedFilm::read(Path::new(path.required("path")?))?;
-        film.set("film", FILMS.open(FilmData::of_saved(saved, String::new())))
+        let path = PathBuf::from(path.required("path")?);
+        let saved = SavedFilm::read(&path)?;
+        film.set("film", FILMS.open(FilmData::of_saved(saved, String::new(), &[path])))
     })
 }
 
@@ -364,12 +400,12 @@ pub unsafe extern "C" fn dunkelfeld_merge(
         if paths.is_empty() {
             return Err(Error::setting("paths", "there are no parts", "name at least one checkpoint").into());
         }
-        let settings = MergeSettings::default().with_parts(paths).with_threads(threads as usize);
+        let settings = MergeSettings::default().with_parts(paths.clone()).with_threads(threads as usize);
         let merged = dunkelfeld::merge(&settings, Instant::now())?;
         let stats = merged.stats.to_json();
         let saved =
             SavedFilm { film: merged.rendering.film, settings: merged.settings, is_vignetted: merged.is_vignetted };
-        film.set("film", FILMS.open(FilmData::of_saved(saved, stats)))
+        film.set("film", FILMS.open(FilmData::of_saved(saved, stats, &paths)))
     })
 }
 

@@ -1,7 +1,8 @@
 //! The content of a film handle.
 
 use crate::handles::Handles;
-use dunkelfeld::{ProjectResult, SavedFilm, Session};
+use dunkelfeld::{InputFiles, InputRole, ProjectResult, SavedFilm, Session};
+use std::path::PathBuf;
 
 /// A rendered film. Nothing changes it.
 #[derive(Debug)]
@@ -11,6 +12,8 @@ pub(crate) struct FilmData {
     /// The statistics as JSON; empty for a film from a file.
     pub(crate) stats: String,
     pub(crate) is_interrupted: bool,
+    /// The files that it was made from. No output replaces them.
+    pub(crate) inputs: InputFiles,
 }
 
 pub(crate) static FILMS: Handles<FilmData> = Handles::new("film");
@@ -18,11 +21,15 @@ pub(crate) static FILMS: Handles<FilmData> = Handles::new("film");
 impl FilmData {
     pub(crate) fn new(result: ProjectResult, material_names: Vec<String>) -> Self {
         let (stats, is_interrupted) = (result.stats.to_json(), result.rendering.interrupted);
-        Self { saved: result.into_saved_film(), material_names, stats, is_interrupted }
+        let inputs = result.inputs().clone();
+        Self { saved: result.into_saved_film(), material_names, stats, is_interrupted, inputs }
     }
 
-    pub(crate) fn of_saved(saved: SavedFilm, stats: String) -> Self {
-        Self { saved, material_names: Vec::new(), stats, is_interrupted: false }
+    /// A film of files.
+    pub(crate) fn of_saved(saved: SavedFilm, stats: String, files: &[PathBuf]) -> Self {
+        let mut inputs = InputFiles::new();
+        files.iter().for_each(|file| inputs.add(file, InputRole::Checkpoint));
+        Self { saved, material_names: Vec::new(), stats, is_interrupted: false, inputs }
     }
 
     /// Runs work on the number of threads of the render.

@@ -243,7 +243,17 @@ int main(int argc, char **argv) {
     /* Files. */
     EXPECT(OK, dunkelfeld_film_save(film, "a.film"));
     EXPECT(OUTPUT, dunkelfeld_film_save(film, "no-such-folder/a.film"));
+    EXPECT(OK, dunkelfeld_film_save_files(film, "a.png", "a.tif", "a.exr", "a.json", "plan.exr"));
+    EXPECT(SETTING, dunkelfeld_film_save_files(film, NULL, NULL, NULL, NULL, NULL));
+    EXPECT(OUTPUT, dunkelfeld_film_save_files(film, "a.jpg", NULL, NULL, NULL, NULL));
+    EXPECT(OUTPUT, dunkelfeld_film_save_files(film, NULL, NULL, "b.exr", NULL, "b.exr"));
+    EXPECT(ARGUMENT, dunkelfeld_film_save_files(film, "\xff.png", NULL, NULL, NULL, NULL));
+    EXPECT(ARGUMENT, dunkelfeld_film_save_files((DunkelfeldFilm *)scene, "b.png", NULL, NULL, NULL, NULL));
+    EXPECT(OUTPUT, dunkelfeld_film_save(film, argv[1]));
+    CHECK(strstr(dunkelfeld_last_error(DUNKELFELD_ERROR_PART_PROBLEM), "reads"));
     EXPECT(OK, dunkelfeld_film_load("a.film", &other));
+    EXPECT(SETTING, dunkelfeld_film_save_files(other, NULL, NULL, NULL, "b.json", NULL));
+    EXPECT(OUTPUT, dunkelfeld_film_save(other, "a.film"));
     static float again[16 * 72], once[16 * 72];
     EXPECT(OK, dunkelfeld_film_read(film, DUNKELFELD_LAYER_VARIANCE, once, 16 * 72, 0));
     EXPECT(OK, dunkelfeld_film_read(other, DUNKELFELD_LAYER_VARIANCE, again, 16 * 72, 0));

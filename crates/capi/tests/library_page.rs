@@ -64,7 +64,7 @@ fn the_functions_of_rust_exist() {
     use dunkelfeld::{
         Cancel, Error, Progress, Project, ProjectOptions, ReplayOption, SavedFilm, SavedPlan, Station, Stats,
         certify_film, denoise_exr, denoise_planes, denoise_saved, expose_exr, expose_film, expose_image,
-        expose_radiance, find_sensor, init_text, merge, picture_of_film, save_film_files, sensor_sheet,
+        expose_radiance, find_sensor, init_text, merge, picture_of_film, save_film, save_film_files, sensor_sheet,
     };
     // Their arguments are generic, so that they have no type alone.
     let _ = |path: &Path| Project::open(path);
@@ -78,6 +78,7 @@ fn the_functions_of_rust_exist() {
         Project::trace_sample,
         ReplayOption::Plan,
         SavedPlan::of_film,
+        save_film,
         save_film_files,
         expose_image,
         expose_exr,

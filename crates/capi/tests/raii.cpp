@@ -5,6 +5,8 @@
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
+#include <iterator>
 #include <stdexcept>
 #include <thread>
 
@@ -24,6 +26,12 @@ template <class Exception, class Work> Exception thrown(Work work) {
     }
     std::fprintf(stderr, "nothing was thrown\n");
     std::exit(1);
+}
+
+std::string content(const char *file) {
+    std::ifstream stream(file, std::ios::binary);
+    CHECK(stream.is_open());
+    return std::string(std::istreambuf_iterator<char>(stream), {});
 }
 
 int main(int, char **argv) {
@@ -54,6 +62,16 @@ int main(int, char **argv) {
 
     film.save("copy.film");
     CHECK(dunkelfeld::Film::load("copy.film").mean().data == mean.data);
+
+    // Files: those of a film from a file are the same.
+    film.save_files({"a.png", "a.tif", "a.exr", "a.json", "plan.exr"});
+    dunkelfeld::Files files;
+    files.exr = "b.exr";
+    files.linear = "b.tif";
+    dunkelfeld::Film::load("copy.film").save_files(files);
+    CHECK(content("a.exr") == content("b.exr") && content("a.tif") == content("b.tif"));
+    CHECK(content("a.json") == film.stats() && content("plan.exr").size() < content("a.exr").size());
+    CHECK(thrown<dunkelfeld::Error>([&] { film.save_files({}); }).status() == DUNKELFELD_STATUS_SETTING);
     scene.set_overrides("[[object]]\nname = 'part'\nvisible = false\n");
     CHECK(scene.render(options).mean().data != mean.data);
     scene.set_overrides("");

@@ -1,10 +1,12 @@
-//! Files of a film in memory: those that the command of its render writes.
+//! Files of a film in memory: those that the command of its render writes, and the film itself.
 
 use crate::denoising::{denoise_frame, find_denoiser};
 use crate::frame::develop_film;
+use crate::guard::check_outputs;
 use crate::outputs::{OutputPaths, Written, save_plan, save_text};
-use dunkelfeld_io::input::InputFiles;
+use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_render::{Error, SavedFilm, Session};
+use std::path::Path;
 
 /// Writes files of a film, on threads of its own: the bytes that `dunkelfeld render` writes for the same render. `stats` are
 /// the statistics ([`Stats::to_json`](crate::Stats::to_json)) for [`OutputPaths::stats`]. The film is exposed, and the picture
@@ -50,4 +52,18 @@ pub fn save_film_files(
         (Some(path), Some(text)) => save_text(path, text),
         _ => Ok(()),
     }
+}
+
+/// [`SavedFilm::write`] that replaces neither one of `inputs` nor the checkpoint of the render, which could not be continued
+/// then.
+///
+/// # Errors
+/// Such a file, and one that cannot be written.
+pub fn save_film(saved: &SavedFilm, path: &Path, inputs: &InputFiles) -> Result<(), Error> {
+    let mut inputs = inputs.clone();
+    if let Some(keep) = &saved.settings.checkpoint {
+        inputs.add(&keep.path, Role::Checkpoint);
+    }
+    check_outputs(&[("the film", path)], &inputs)?;
+    saved.write(path)
 }

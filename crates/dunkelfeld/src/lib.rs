@@ -60,7 +60,7 @@ pub use commands::merge::{MergeSettings, Merged, merge};
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser, select_denoiser};
 pub use expose_options::{ImageOptions, expose_image, expose_radiance};
 pub use exposer::{Exposer, FilmVariances, through_lens};
-pub use film_files::save_film_files;
+pub use film_files::{save_film, save_film_files};
 pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
 pub use inspect::{
@@ -99,7 +99,7 @@ pub use dunkelfeld_render::{
 
 pub use dunkelfeld_io::InputError;
 pub use dunkelfeld_io::import::{EmissiveUnit, ImportOptions};
-pub use dunkelfeld_io::input::InputFiles;
+pub use dunkelfeld_io::input::{InputFiles, Role as InputRole};
 
 /// Allocation of samples, and the certificate of a render.
 pub mod adaptive {

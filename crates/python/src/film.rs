@@ -7,10 +7,9 @@ use crate::inputs::{input_names, inputs_of};
 use crate::noise_map::NoiseMap;
 use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::with_pool;
-use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{
     DenoiseMethod, DenoiseSettings, ExposeOptions, InputFiles, NO_ID, OutputPaths, Picture, RenderSettings, SavedFilm,
-    certify_film, denoise_saved, develop_film, expose_film, picture_of_film, save_film_files,
+    certify_film, denoise_saved, develop_film, expose_film, picture_of_film, save_film, save_film_files,
 };
 use dunkelfeld_io::input::Role;
 use dunkelfeld_studies::NoiseMap as Map;
@@ -242,15 +241,7 @@ impl Film {
     /// Writes the film to a file: its sums to the last bit, with the settings that expose it. `Film.load` reads it.
     /// It replaces neither a file that the film was made from nor the checkpoint of its render.
     fn save(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
-        py.detach(|| {
-            let mut inputs = (*self.inputs).clone();
-            if let Some(keep) = &self.settings().checkpoint {
-                inputs.add(&keep.path, Role::Checkpoint);
-            }
-            check_outputs(&[("the film", &path)], &inputs)?;
-            self.saved.write(&path)
-        })?;
-        Ok(())
+        Ok(py.detach(|| save_film(&self.saved, &path, &self.inputs))?)
     }
 
     /// Writes the files of `dunkelfeld render` with the same bytes: `image` (PNG, 8 bit, gamma 2.2), `linear` (16-bit grey
