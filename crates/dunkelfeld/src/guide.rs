@@ -60,6 +60,28 @@
 //! # }
 //! ```
 //!
+//! # The same samples again, and one of them vertex by vertex
+//!
+//! [`save_film_files`](crate::save_film_files) writes the files of the program, and with them the plan for `--replay`.
+//!
+//! ```
+//! use dunkelfeld::trace::PixelSample;
+//! use dunkelfeld::{Cancel, Project, RenderOptions, ReplayOption, SavedPlan, Silent};
+//! # fn main() -> Result<(), dunkelfeld::Error> {
+#![doc = include_str!("guide/job.md")]
+//! let mut project = Project::from_text("ball.toml", JOB)?;
+//! let options = RenderOptions::default().with_spp(8.0).with_seed(3u64);
+//! let film = project.render_options(options, &Silent, &Cancel::new())?.into_saved_film();
+//! // Size, seed, frame and number of training paths belong to the plan.
+//! let replay = RenderOptions::default().with_replay(ReplayOption::Plan(SavedPlan::of_film(&film)));
+//! let again = project.render_options(replay, &Silent, &Cancel::new())?;
+//! assert!(again.rendering.film.sums == film.film.sums);
+//! let sample = project.trace_sample(PixelSample { x: 16, y: 12, index: 0 })?;
+//! assert!(sample.is_valid && sample.vertices[0].material.is_some());
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Poses, materials and lights: change the scene and render again
 //!
 //! The text of [`Project::set_overrides`](crate::Project::set_overrides) has the keys of a job file. Only the parts that
