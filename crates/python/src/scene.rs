@@ -314,7 +314,8 @@ impl Scene {
         self.with(py, |project| project.scene.materials().iter().map(|m| m.name.clone()).collect())
     }
 
-    /// Names of the effects that the scene uses: those of `dunkelfeld inspect`, and values of `without`.
+    /// Names of the effects that the scene uses, as of `dunkelfeld inspect`. They are values of `without`, except those that
+    /// cannot be taken away, such as "color".
     #[getter]
     fn effects(&self, py: Python<'_>) -> Result<Vec<String>, Failure> {
         let inspection = self.with(py, |project| project.inspect())?;
