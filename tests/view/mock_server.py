@@ -46,6 +46,8 @@ class Handler(BaseHTTPRequestHandler):
         self.send(status, "application/json", json.dumps(value, allow_nan=False).encode())
 
     def do_GET(self):
+        while self.path.startswith("/api/") and self.path != "/api/events" and self.mock.settings["mute"]:
+            time.sleep(0.02)
         if self.path == "/api/state":
             return self.send_json(self.mock.state())
         if self.path == "/api/events":
@@ -64,8 +66,9 @@ class Handler(BaseHTTPRequestHandler):
         last = None
         try:
             while not self.server.stopping:
+                self.mock.connected = True
                 state = json.dumps(self.mock.state())
-                if state != last:
+                if state != last and not self.mock.settings["mute"]:
                     self.wfile.write(f"event: state\ndata: {state}\n\n".encode())
                     self.wfile.flush()
                     last = state
@@ -131,5 +134,6 @@ def parse(arguments):
     parser.add_argument("--height", type=int, default=480)
     parser.add_argument("--speed", type=float, default=1.0, help="render seconds in a second")
     parser.add_argument("--freeze", type=float, default=None, help="stop the render at this second")
+    parser.add_argument("--mute", action="store_true", help="send no state until the setting `mute` is removed")
     parser.add_argument("--source", choices=["render", "film", "exr"], default="render")
     return parser.parse_args(arguments)

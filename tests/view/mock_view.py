@@ -8,53 +8,21 @@ import threading
 import time
 
 import numpy as np
-
-SENSORS = [
-    {"name": "imx250", "bits": 12, "colour": False, "saturation": 10500, "dark_noise": 2.3, "pixel": 3.45},
-    {"name": "imx250-8bit", "bits": 8, "colour": False, "saturation": 10500, "dark_noise": 2.3, "pixel": 3.45},
-    {"name": "imx264-colour", "bits": 8, "colour": True, "saturation": 10600, "dark_noise": 2.4, "pixel": 3.45},
-    {"name": "ccd-icx285", "bits": 12, "colour": False, "saturation": 18000, "dark_noise": 8.1, "pixel": 6.45},
-]
-LIGHTS = [("ring light", "area", "0.25 W"), ("bar left", "area", "0.1 W"), ("room", "environment", "2 W/m²")]
-MATERIALS = [
-    {"name": "anodised aluminium", "roughness": 0.35, "metallic": 1.0, "color": [0.52, 0.52, 0.55]},
-    {"name": "PMMA cover <clear>", "roughness": 0.02, "metallic": None, "color": [0.9, 0.92, 0.95]},
-    {"name": "solder mask", "roughness": 0.45, "metallic": 0.0, "color": [0.02, 0.18, 0.06]},
-    {"name": "label paper", "roughness": None, "metallic": None, "color": None},
-]
-EFFECTS = [
-    ("covers", "light through covers", True),
-    ("interreflection", "interreflection", True),
-    ("defocus", "depth of field", True),
-    ("fog", "media", False),
-]
-CAMERA_KEYS = {
-    "sensor",
-    "exposure",
-    "gain",
-    "temperature",
-    "black_level",
-    "noise",
-    "device",
-    "denoise",
-    "vignetting",
-    "lights",
-}
-JOB_CAMERA = {
-    "sensor": "imx250",
-    "exposure": None,
-    "gain": 1.0,
-    "temperature": None,
-    "black_level": None,
-    "noise": "matched",
-    "device": 1,
-    "denoise": "off",
-    "vignetting": True,
-    "lights": None,
-}
-RANGES = {"exposure": [1e-5, 1.0], "gain": [0.1, 16.0], "temperature": [-20, 80]}
-MAPS = {"ratio", "samples", "recent", "render_sigma", "camera_sigma", "difference"}
-K_START = 3.4  # k99 after one second
+from mock_data import (
+    BAYER,
+    CAMERA_KEYS,
+    EFFECTS,
+    JOB_CAMERA,
+    K_START,
+    LIGHTS,
+    MAPS,
+    MATERIALS,
+    MAX_SPP,
+    PILOT,
+    RANGES,
+    SENSORS,
+    make_scene,
+)
 
 
 class Fault(Exception):
@@ -62,38 +30,6 @@ class Fault(Exception):
         super().__init__(problem)
         self.status = status
         self.body = {"problem": problem, "place": place, "help": help_}
-
-
-def make_scene(width, height):
-    """Radiance of a lit panel with screws, a slot and a scratch; ids of the objects; noise shape."""
-    y, x = np.mgrid[0:height, 0:width].astype(np.float64)
-    u, v = x / width - 0.5, y / height - 0.5
-    aspect = height / width
-    light = 0.75 * np.exp(-((u - 0.12) ** 2 + (v * aspect + 0.06) ** 2) / 0.14) + 0.06
-    radiance = light * (0.5 + 0.02 * np.sin(y * 0.9))
-    objects = np.ones((height, width), np.int32)
-    noise = 0.4 + 0.3 * np.abs(u)
-    frame = (np.abs(u) > 0.44) | (np.abs(v) > 0.43)
-    radiance[frame], objects[frame], noise[frame] = light[frame] * 0.08, 0, 0.5
-    for cx, cy in [(-0.36, -0.34), (0.36, -0.34), (-0.36, 0.34), (0.36, 0.34)]:
-        d = np.hypot(u - cx, (v - cy) * aspect)
-        screw = d < 0.035
-        radiance[screw] = light[screw] * (0.55 + 0.4 * np.cos(d[screw] * 260) ** 2)
-        slot = screw & (np.abs((u - cx) - (v - cy) * aspect) < 0.007)
-        radiance[slot] = 0.02
-        objects[screw], noise[screw] = 2, 1.3
-    cover = (np.abs(u - 0.05) < 0.17) & (np.abs(v) < 0.2)
-    radiance[cover] = radiance[cover] * 0.55 + 0.05 * np.exp(-(((u - 0.1) / 0.03) ** 2))[cover]
-    objects[cover], noise[cover] = 3, 1.0
-    edge = cover & ((np.abs(np.abs(u - 0.05) - 0.17) < 0.006) | (np.abs(np.abs(v) - 0.2) < 0.008))
-    radiance[edge] *= 2.1
-    noise[edge] = 2.0
-    scratch = (np.abs(v - 0.32 - 0.3 * u) < 0.003) & (np.abs(u) < 0.3)
-    radiance[scratch] *= 1.5
-    caustic = 0.25 * np.exp(-((u + 0.25) ** 2 + (v * aspect - 0.1) ** 2) / 0.0015)
-    radiance += caustic
-    noise += 4 * caustic
-    return radiance, objects, noise
 
 
 class MockView:
@@ -107,9 +43,11 @@ class MockView:
         self.lights = {name: {"on": True, "factor": 1.0} for name, _, _ in LIGHTS}
         self.materials = [dict(m) for m in MATERIALS]
         self.left_out, self.saved, self.ablations = set(), [], {}
-        self.log, self.settings = [], {"delay": 0.0, "fault": None, "frozen": options.freeze}
+        self.log, self.settings = [], {"delay": 0.0, "frozen": options.freeze}
+        # `mute`: no state is sent. `no_picture`: the film of the state is not there yet. `regions`: a fault of all regions.
+        self.settings |= {"mute": options.mute, "no_picture": False, "regions": None}
         self.begin, self.paused_at, self.film_offset = time.time(), 0.0, 0
-        self.films = {}
+        self.connected = False
 
     # State ---------------------------------------------------------------------------------------
     def seconds(self):
@@ -169,16 +107,20 @@ class MockView:
         ]
         forecast = (
             []
-            if film is None or film["first"]
+            if film is None or film["spp"] <= PILOT
             else [
                 {"k": k, "seconds": (K_START / k) ** 2 * 0.97, "spp": 12 * (K_START / k) ** 2}
                 for k in (2, 1, 0.7, 0.5, 0.25)
             ]
         )
+        if film and self.options.source != "render":
+            # Samples of a file have no times.
+            film["seconds"], forecast = 0.0, []
+            curve = [{**curve[-1], "seconds": 0.0, "spp": film["spp"]}] if self.options.source == "film" else []
         now = self.level(seconds) if film else None
         certificate = (
             None
-            if not film or film["first"]
+            if not film or film["first"] or self.options.source == "exr"
             else {
                 "k": self.target,
                 "hidden": min(0.9999, 0.99 ** ((now / self.target) ** 2)),
@@ -189,7 +131,7 @@ class MockView:
             }
         )
         scene = None
-        if self.options.source == "render":
+        if self.options.source == "render" and not (film is None and self.settings.get("error")):
             scene = {
                 "cameras": ["front", "oblique 30°"],
                 "camera": self.camera_name,
@@ -222,7 +164,8 @@ class MockView:
             ],
             "curve": curve,
             "forecast": forecast,
-            "forecast_from": "plan",
+            "forecast_from": "plan" if forecast else "points",
+            "max_spp": MAX_SPP,
             "target": self.target,
             "certificate": certificate,
             "sensors": SENSORS,
@@ -235,8 +178,8 @@ class MockView:
     # Film ----------------------------------------------------------------------------------------
     def need_film(self):
         film = self.film()
-        if film is None:
-            raise Fault(422, "There is no picture yet.", None, "Wait for the first picture.")
+        if film is None or self.settings["no_picture"]:
+            raise Fault(409, "There is no picture yet.", None, "Wait for the first picture.")
         return film
 
     def signal(self, camera, film):
@@ -408,6 +351,7 @@ class MockView:
         return {
             "x": x,
             "y": y,
+            "channel": BAYER[y % 2][x % 2] if shot["sensor"]["colour"] and camera["sensor"] else None,
             "value": at(shot["dn"]),
             "electrons": at(shot["electrons"]),
             "radiance": [at(self.radiance)] * 3,
@@ -423,16 +367,22 @@ class MockView:
 
     def regions(self, body):
         camera, film = self.check_camera(body["camera"]), self.need_film()
-        if not 1 <= len(body["regions"]) <= 2:
+        if not 1 <= len(body["regions"]) <= 2 or set(body) != {"camera", "frame", "regions", "channel"}:
             raise Fault(400, "1 or 2 regions are allowed.")
-        shot, found = self.expose(camera, body["frame"], film), []
+        if self.settings["regions"]:
+            raise Fault(422, self.settings["regions"])
+        shot, inside, found = self.expose(camera, body["frame"], film), [], []
+        is_meant = self.filter_of(camera, body["channel"])
         for x0, y0, x1, y1 in body["regions"]:
             if not (0 <= x0 < x1 <= self.width and 0 <= y0 < y1 <= self.height):
                 raise Fault(422, "A region is not on the film.")
-            dn = shot["dn"][y0:y1, x0:x1]
-            bins = max(1, min(64, int(dn.max() - dn.min() + 1)))
-            width = max(1, math.ceil((dn.max() - dn.min() + 1) / bins))
-            counts = np.bincount(((dn - dn.min()) // width).astype(int).ravel())
+            inside.append(shot["dn"][y0:y1, x0:x1][is_meant[y0:y1, x0:x1]])
+            if inside[-1].size == 0:
+                raise Fault(422, "The region contains no pixel.")
+        low, span = min(dn.min() for dn in inside), max(dn.max() for dn in inside) - min(dn.min() for dn in inside) + 1
+        for dn in inside:
+            width = math.ceil(span / 64)
+            counts = np.bincount(((dn - low) // width).astype(int), minlength=math.ceil(span / width))
             found.append(
                 {
                     "pixels": int(dn.size),
@@ -442,15 +392,32 @@ class MockView:
                     "max": float(dn.max()),
                     "snr": float((dn.mean() - shot["black"]) / dn.std()) if dn.std() > 0 else None,
                     "saturated": float(np.mean(dn >= shot["white"])),
-                    "histogram": {"low": float(dn.min()), "width": width, "counts": counts.tolist()},
+                    "histogram": {"low": float(low), "width": width, "counts": counts.tolist()},
                 }
             )
         contrast = found[0]["mean"] - found[1]["mean"] if len(found) == 2 else None
         cnr = None if contrast is None else abs(contrast) / float(shot["camera_sigma"].mean() * shot["gain"])
         return {"regions": found, "contrast": contrast, "cnr": cnr}
 
+    def filter_of(self, camera, channel):
+        """True for the pixels of a colour; all pixels without one."""
+        everywhere = np.ones((self.height, self.width), bool)
+        if channel is None:
+            return everywhere
+        sensor = next((s for s in SENSORS if s["name"] == camera["sensor"]), None)
+        if not sensor or not sensor["colour"]:
+            raise Fault(422, "The sensor has no colour filter.")
+        tiles = np.array(BAYER) == channel
+        return np.tile(tiles, (self.height // 2 + 1, self.width // 2 + 1))[: self.height, : self.width]
+
     def line(self, body):
         camera, film = self.check_camera(body["camera"]), self.need_film()
+        if set(body) != {"camera", "frame", "from", "to", "channel"}:
+            raise Fault(400, "The line needs camera, frame, from, to and channel.")
+        self.filter_of(camera, body["channel"])
+        for x, y in (body["from"], body["to"]):
+            if not (0 <= x < self.width and 0 <= y < self.height):
+                raise Fault(422, "The line leaves the image.")
         shot = self.expose(camera, body["frame"], film)
         (x0, y0), (x1, y1) = body["from"], body["to"]
         count = max(abs(x1 - x0), abs(y1 - y0)) + 1
@@ -558,10 +525,10 @@ class MockView:
 
     def save(self, body):
         self.check_camera(body["camera"])
-        ends = {"png": ".png", "tiff": ".tiff", "exr": ".exr", "checkpoint": ".dfc", "job": ".toml"}
+        ends = {"png": ".png", "tiff": ".tif", "exr": ".exr", "checkpoint": ".film", "job": ".toml"}
         files = [body["name"] + ends[what] for what in body["what"]]
         for file in files:
-            if file in self.saved:
+            if file in [*self.saved, "panel.toml"]:
                 raise Fault(422, f"The file {file} exists.", file, "Choose another name.")
         self.saved = self.saved + files
         return {"files": files}

@@ -188,9 +188,9 @@ class Page:
     def console(self):
         return [entry for entry in self.driver.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
 
-    def assert_quiet_console(self, refusals=False):
-        """No error or warning, except those of requests that the server has refused."""
+    def assert_quiet_console(self, refusals=()):
+        """No error or warning, except those of requests that the server has refused: True for all, or marks of some."""
+        marks = REFUSALS if refusals is True else refusals
         messages = [entry["message"] for entry in self.console()]
-        if refusals:
-            messages = [text for text in messages if not any(mark in text for mark in REFUSALS)]
+        messages = [text for text in messages if not any(mark in text for mark in marks)]
         assert not messages, messages

@@ -18,6 +18,16 @@ export class Fault extends Error {
 /** The server gave no answer. */
 export class Unreachable extends Error {}
 
+const EARLY = 409; // status of a request about a picture before the first one
+
+/**
+ * True for a request that the server will answer later, when it has a picture.
+ * @param {unknown} error
+ */
+export function isEarly(error) {
+  return error instanceof Fault && error.status === EARLY;
+}
+
 /**
  * @param {string} path
  * @param {unknown} body
@@ -117,7 +127,8 @@ export async function requestMap(body) {
 }
 
 /**
- * Follows the state of the server, and connects again by itself.
+ * Follows the state of the server, and connects again by itself. A server counts as connected from its first state on:
+ * until then the page knows nothing about its film.
  * @param {(state: import("./protocol").State) => void} onState
  * @param {(connected: boolean) => void} onConnection
  */
@@ -126,25 +137,29 @@ export function followState(onState, onConnection) {
   const connect = () => {
     const source = new EventSource("/api/events");
     let received = false;
+    let closed = false;
+    /** @param {import("./protocol").State} state */
+    const receive = (state) => {
+      if (!received) onConnection(true);
+      received = true;
+      onState(state);
+    };
     source.addEventListener("open", async () => {
       wait = 500;
-      onConnection(true);
       // The events may start with the next change, which can be far away when nothing renders.
       try {
         const answer = await fetch("/api/state");
         const state = await answer.json();
-        if (answer.ok && !received) onState(state);
+        if (answer.ok && !received && !closed) receive(state);
       } catch {
         // The source of the events reports a lost connection itself.
       }
     });
-    source.addEventListener("state", (event) => {
-      received = true;
-      onState(JSON.parse(event.data));
-    });
+    source.addEventListener("state", (event) => receive(JSON.parse(event.data)));
     source.addEventListener("error", () => {
       // The browser gives up after some kinds of error, so the page makes a new connection itself.
       source.close();
+      closed = true;
       onConnection(false);
       setTimeout(connect, wait);
       wait = Math.min(wait * 1.5, 4000);

@@ -23,6 +23,7 @@ const TITLES = {
 export function legend(store, pictures, redraw) {
   let target = 0;
   store.on("map", () => showLegend(store));
+  store.on("view", () => showTitle(store));
   store.on("state", () => {
     // A new target moves the boundary of the ratio, without a request.
     if (store.server && store.server.target !== target) {
@@ -56,8 +57,7 @@ function showLegend(store) {
   const { map, filmMap } = store;
   show(box("legend"), map !== "none");
   if (map === "none") return;
-  const unit = filmMap?.header.unit ?? "";
-  setText(box("legend-title"), unit === "" || unit === "1" || TITLES[map].toLowerCase().includes(unit.toLowerCase()) ? TITLES[map] : `${TITLES[map]} [${unit}]`);
+  showTitle(store);
   select("map-colours").disabled = map === "ratio" || map === "difference";
   if (!filmMap) {
     setText(box("legend-note"), "Waiting for the map.");
@@ -76,6 +76,15 @@ function showLegend(store) {
     return tick;
   }));
   setText(box("legend-note"), noteOf(map, filmMap.values, target));
+}
+
+/** @param {Store} store */
+function showTitle({ map, filmMap, compare }) {
+  if (map === "none") return;
+  const unit = filmMap?.header.unit ?? "";
+  const hasUnit = unit !== "" && unit !== "1" && !TITLES[map].toLowerCase().includes(unit.toLowerCase());
+  // The picture B has no map.
+  setText(box("legend-title"), `${TITLES[map]}${hasUnit ? ` [${unit}]` : ""}${compare ? ", of A" : ""}`);
 }
 
 /**

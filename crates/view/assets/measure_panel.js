@@ -1,7 +1,7 @@
 // The measurements: regions, line profile, light path and photon transfer.
 
 import { drawPlot, rangeOf } from "./chart.js";
-import { box, button, byId, element, input, setText, setValue, svg } from "./dom.js";
+import { box, button, byId, element, input, select, setText, setValue, show, svg } from "./dom.js";
 import { count, number, numbers, percent, plain, quantity } from "./format.js";
 
 /** @typedef {import("./store.js").Store} Store */
@@ -23,6 +23,10 @@ export function measurePanel(store, measurements) {
   input("transfer-on").addEventListener("change", () => {
     measurements.wantTransfer(input("transfer-on").checked);
   });
+  select("measure-channel").addEventListener("change", () => {
+    store.setChannel(/** @type {import("./protocol").Channel} */ (select("measure-channel").value));
+  });
+  store.on(["camera", "state"], () => show(box("measure-channel-row"), store.measuredChannel !== null));
   const update = () => {
     showShapes(store);
     showRegions(measurements);
@@ -143,7 +147,7 @@ function drawHistogram(measurements) {
   drawPlot(target, {
     width: WIDTH, height: LOW,
     x: { low, high, log: false, label: "grey value [DN]", format: grey },
-    y: { low: 0, high: Math.max(1e-6, ...shares.flat()) * 1.08, log: false, label: "pixels [%]", format: (v) => plain(v, 2) },
+    y: { low: 0, high: Math.max(1e-6, ...shares.flat()) * 1.08, log: false, label: "% of the pixels per bin", format: (v) => plain(v, 2) },
     series: regions.regions.map(({ histogram }, place) => ({
       kind: /** @type {const} */ ("bars"), style: `bars${(regionIndices[place] ?? 0) + 1}`,
       x: histogram.counts.map((_, index) => histogram.low + index * histogram.width),

@@ -1,6 +1,6 @@
 // Requests of the measurements: probe, light path, regions, line, photon transfer, ablation.
 
-import { postJson } from "./api.js";
+import { Fault, isEarly, postJson } from "./api.js";
 import { Debounce, Throttle } from "./requests.js";
 
 /** @typedef {import("./store.js").Store} Store */
@@ -11,6 +11,7 @@ const CAMERA_DELAY = 300; // ms after a knob of the camera before the ablation i
 const FRAME_INTERVAL = 400; // ms between measurements of new frames
 const TRANSFER_INTERVAL = 2000; // ms: the photon transfer needs two frames of the server
 const ABLATION_INTERVAL = 400; // ms between questions for the progress
+const MEASURED = ["probe", "path", "regions", "line", "transfer", "ablation"];
 
 export class Measurements {
   /** @type {import("./protocol").Regions | null} */
@@ -30,7 +31,7 @@ export class Measurements {
   ablation = null;
   /** True after a restart has made the ablation invalid. */
   ablationIsOld = false;
-  /** The number of restarts of the render that is compared. */
+  /** The number of restarts of the render that is measured. */
   #restarted = 0;
 
   #cursor = new Debounce(CURSOR_DELAY, () => this.probe());
@@ -40,6 +41,11 @@ export class Measurements {
   #ablation = new Debounce(CAMERA_DELAY, () => this.#askAblation());
   #onAblation = () => {};
   #transferKey = "";
+  /**
+   * Wishes that the server refused, by request: they are not repeated until something of them changes.
+   * @type {Map<string, string>}
+   */
+  #refused = new Map();
 
   /**
    * @param {Store} store
@@ -53,22 +59,45 @@ export class Measurements {
     store.on("cursor", () => {
       if (!store.pin && store.cursor) this.#cursor.call();
     });
-    store.on("pin", () => this.probe());
-    store.on("path", () => this.probe());
+    store.on(["pin", "path"], () => this.probe());
     store.on("shapes", () => this.refreshShapes());
     store.on("picture", () => {
       if (store.pin || store.cursor || store.line || store.regions.some((region) => region)) this.#frame.call();
       if (this.transferWanted) this.#transfer.call();
     });
-    store.on("connection", () => {
-      this.#transferKey = "";
+    store.on("session", () => this.#forget());
+    store.on("state", () => {
+      if (store.server?.render.restarted !== this.#restarted) this.#followRestart();
     });
-    store.on("state", () => this.#dropOldAblation());
     store.on("camera", () => {
       // The fault of a refused camera is outdated; each new answer states its own.
-      for (const key of ["probe", "path", "regions", "line", "transfer", "ablation"]) problems.clear(key);
+      for (const key of MEASURED) problems.clear(key);
       if (this.ablation?.result.state === "finished") this.#ablation.call();
     });
+  }
+
+  /** Drops the values of an earlier server. */
+  #forget() {
+    this.#refused.clear();
+    this.#transferKey = "";
+    this.regions = null;
+    this.line = null;
+    this.transfer = null;
+    for (const key of MEASURED) this.problems.clear(key);
+    this.#restarted = this.store.server?.render.restarted ?? 0;
+    this.#dropAblation();
+    this.store.emit("probe");
+    this.store.emit("measures");
+  }
+
+  /** A restart may mend what was refused, and it makes an ablation invalid. */
+  #followRestart() {
+    this.#restarted = this.store.server?.render.restarted ?? 0;
+    this.#refused.clear();
+    this.#transferKey = "";
+    this.#dropAblation();
+    this.refresh();
+    this.refreshTransfer();
   }
 
   /** Measures everything that a new picture can change. */
@@ -85,23 +114,40 @@ export class Measurements {
   /** Reads the pinned pixel, or the pixel under the cursor. */
   probe() {
     const { store } = this;
-    if (!this.#ready() || !(store.pin ?? store.cursor)) return;
-    this.#request("probe", async () => {
+    if (!(store.pin ?? store.cursor)) {
+      this.problems.clear("probe");
+      this.problems.clear("path");
+      return;
+    }
+    if (!this.#ready()) return;
+    const wish = () => JSON.stringify([store.camera, store.pin ?? store.cursor]);
+    this.#request("probe", wish, async () => {
       const pixel = store.pin ?? store.cursor;
       if (!pixel) return;
-      store.probe = await postJson("/api/probe", { ...this.#camera(), x: pixel.x, y: pixel.y });
+      /** @type {import("./protocol").Probe} */
+      const probe = await postJson("/api/probe", { ...this.#camera(), x: pixel.x, y: pixel.y });
+      // The pin may have been removed meanwhile.
+      if (!(store.pin ?? store.cursor)) return;
+      store.probe = probe;
       store.emit("probe");
       if (store.showPath) this.#requestPath();
-    });
+    }, () => store.dropProbe());
   }
 
   #requestPath() {
     const { store } = this;
-    this.#request("path", async () => {
+    // The next film may have a sample with light.
+    const wish = () => JSON.stringify([store.server?.film?.id, store.pin ?? store.cursor]);
+    this.#request("path", wish, async () => {
       const pixel = store.pin ?? store.cursor;
       if (!pixel || !store.showPath) return;
-      store.path = await postJson("/api/path", { x: pixel.x, y: pixel.y, index: null });
+      /** @type {import("./protocol").LightPath} */
+      const path = await postJson("/api/path", { x: pixel.x, y: pixel.y, index: null });
+      if (!(store.pin ?? store.cursor) || !store.showPath) return;
+      store.path = path;
       store.emit("measures");
+    }, () => {
+      store.path = null;
     });
   }
 
@@ -110,17 +156,25 @@ export class Measurements {
     const present = store.regions.flatMap((region, index) => (region ? [index] : []));
     if (present.length === 0) {
       this.regions = null;
+      this.problems.clear("regions");
       store.emit("measures");
       return;
     }
     if (!this.#ready()) return;
-    this.#request("regions", async () => {
+    const wish = () => JSON.stringify([store.camera, store.regions, store.measuredChannel]);
+    this.#request("regions", wish, async () => {
       const indices = store.regions.flatMap((region, index) => (region ? [index] : []));
       if (indices.length === 0) return;
       const regions = store.regions.filter((region) => region !== null);
-      this.regions = await postJson("/api/regions", { ...this.#camera(), regions });
+      /** @type {import("./protocol").Regions} */
+      const found = await postJson("/api/regions", { ...this.#camera(), regions, channel: store.measuredChannel });
+      // A region may have been removed meanwhile.
+      if (indices.some((index) => !store.regions[index])) return;
+      this.regions = found;
       this.regionIndices = indices;
       store.emit("measures");
+    }, () => {
+      this.regions = null;
     });
   }
 
@@ -128,17 +182,24 @@ export class Measurements {
     const { store } = this;
     if (!store.line) {
       this.line = null;
+      this.problems.clear("line");
       store.emit("measures");
       return;
     }
     if (!this.#ready()) return;
-    this.#request("line", async () => {
+    const wish = () => JSON.stringify([store.camera, store.line, store.measuredChannel]);
+    this.#request("line", wish, async () => {
       if (!store.line) return;
       const { from, to } = store.line;
-      this.line = await postJson("/api/line", {
-        ...this.#camera(), from: [from.x, from.y], to: [to.x, to.y],
+      /** @type {import("./protocol").Line} */
+      const found = await postJson("/api/line", {
+        ...this.#camera(), from: [from.x, from.y], to: [to.x, to.y], channel: store.measuredChannel,
       });
+      if (!store.line) return;
+      this.line = found;
       store.emit("measures");
+    }, () => {
+      this.line = null;
     });
   }
 
@@ -153,9 +214,12 @@ export class Measurements {
     const key = JSON.stringify([store.server?.film?.id, store.camera]);
     if (!this.#ready() || !this.transferWanted || key === this.#transferKey) return;
     this.#transferKey = key;
-    this.#request("transfer", async () => {
+    this.#request("transfer", () => key, async () => {
       this.transfer = await postJson("/api/photon-transfer", { camera: store.camera });
       store.emit("measures");
+    }, () => {
+      this.transfer = null;
+      this.#transferKey = "";
     });
   }
 
@@ -167,7 +231,6 @@ export class Measurements {
   ablate(effect, onProgress) {
     this.ablation = { effect, result: { state: "running", fraction: 0 } };
     this.ablationIsOld = false;
-    this.#restarted = this.store.server?.render.restarted ?? 0;
     this.store.ablated = effect;
     this.#onAblation = onProgress;
     onProgress();
@@ -175,8 +238,8 @@ export class Measurements {
   }
 
   /** The difference is that of one render: after a restart it is measured again. */
-  #dropOldAblation() {
-    if (!this.ablation || this.store.server?.render.restarted === this.#restarted) return;
+  #dropAblation() {
+    if (!this.ablation) return;
     this.ablation = null;
     this.ablationIsOld = true;
     if (this.store.map === "difference") this.store.setMap("none");
@@ -184,7 +247,7 @@ export class Measurements {
   }
 
   #askAblation() {
-    this.#request("ablation", async () => {
+    this.#request("ablation", () => "", async () => {
       const effect = this.ablation?.effect;
       if (effect === undefined) return;
       try {
@@ -200,7 +263,7 @@ export class Measurements {
       } finally {
         this.#onAblation();
       }
-    });
+    }, () => {});
   }
 
   #ready() {
@@ -213,14 +276,27 @@ export class Measurements {
 
   /**
    * @param {string} key
+   * @param {() => string} wish everything that the answer depends on and that the user chooses; empty: it is always sent
    * @param {() => Promise<void>} work
+   * @param {() => void} drop removes the values of the answer before, which are not those of this wish
    */
-  #request(key, work) {
+  #request(key, wish, work, drop) {
+    if (wish() !== "" && this.#refused.get(key) === wish()) return;
     this.lane.request(key, async () => {
+      const now = wish();
+      if (now !== "" && this.#refused.get(key) === now) return;
+      const { session } = this.store;
       try {
         await work();
+        this.#refused.delete(key);
         this.problems.clear(key);
       } catch (error) {
+        if (session !== this.store.session) return;
+        drop();
+        this.store.emit("measures");
+        // Before the first picture: the measurement follows with the picture, which asks for all but an ablation.
+        if (isEarly(error) && now !== "") return;
+        if (error instanceof Fault) this.#refused.set(key, now);
         this.problems.set(key, error);
       }
     });

@@ -1,6 +1,6 @@
 // Keeps the pictures A and B and the map up to date: one request in flight, the newest knobs count.
 
-import { Fault, requestFrame, requestMap } from "./api.js";
+import { Fault, isEarly, requestFrame, requestMap } from "./api.js";
 import { mapScale, paintMap } from "./colormap.js";
 import { tracked } from "./requests.js";
 import { paintFrame } from "./tone.js";
@@ -41,7 +41,7 @@ export class Pictures {
     this.viewer = viewer;
     this.lane = lane;
     this.problems = problems;
-    this.session = 0;
+    store.on("session", () => this.#forget());
     store.on(["state", "connection", "camera", "kept", "frame", "mapChoice"], () => this.refresh());
     store.on("view", () => {
       this.#repaint();
@@ -62,18 +62,29 @@ export class Pictures {
   refresh() {
     const { store } = this;
     if (!store.connected || !store.camera || !store.server?.film) return;
-    if (this.session !== store.session) {
-      // Another server may count its films from the start again.
-      this.session = store.session;
-      this.#shown = { a: "", b: "", map: "" };
-      this.#failed = { a: "", b: "", map: "" };
-      this.#refused = { a: "", b: "", map: "" };
-    }
     this.#want("a", () => this.#frameKey(store.camera), () => this.#fetchFrame("a"));
     if (store.compare && store.kept) {
       this.#want("b", () => this.#frameKey(store.kept), () => this.#fetchFrame("b"));
     }
     if (store.map !== "none") this.#want("map", () => this.#mapKey(), () => this.#fetchMap());
+  }
+
+  /** Another server may count its films from the start again, and may have films of another size. */
+  #forget() {
+    const { store, viewer } = this;
+    this.#shown = { a: "", b: "", map: "" };
+    this.#failed = { a: "", b: "", map: "" };
+    this.#refused = { a: "", b: "", map: "" };
+    for (const kind of ["a", "b", "map"]) this.problems.clear(kind);
+    viewer.pictureB = null;
+    viewer.mapPicture = null;
+    if (!store.frameA) {
+      viewer.pictureA = null;
+      viewer.fit();
+    }
+    viewer.invalidate();
+    store.emit("map");
+    store.emit("picture");
   }
 
   /** Requests the map again, though nothing that the page knows has changed. */
@@ -103,13 +114,19 @@ export class Pictures {
       const now = key();
       if (now === this.#shown[kind] || now === this.#failed[kind] || !this.store.connected) return;
       const knobs = this.#knobs(kind);
+      const { session } = this.store;
       try {
         await fetch();
+        if (session !== this.store.session) return;
         this.#failed[kind] = "";
         this.#refused[kind] = "";
         this.problems.clear(kind);
       } catch (error) {
+        // The answer of an earlier server says nothing about this one.
+        if (session !== this.store.session) return;
+        // The next film makes another key, and is asked for.
         this.#failed[kind] = now;
+        if (isEarly(error)) return;
         if (error instanceof Fault && error.status === REFUSED) this.#refused[kind] = knobs;
         this.problems.set(kind, error);
       }

@@ -8,8 +8,10 @@ export interface Note { level: "warning" | "info"; text: string; help: string | 
 export interface CurvePoint { seconds: number; spp: number; k99: number | null; hidden: number }
 export interface ForecastPoint { k: number; seconds: number | null; spp: number | null }
 
+export type Channel = "red" | "green" | "blue";
+
 export interface Sensor {
-  name: string; bits: number; colour: boolean;
+  name: string; label: string; bits: number; colour: boolean;
   saturation: number; dark_noise: number; pixel: number;
 }
 
@@ -50,6 +52,7 @@ export interface State {
   curve: CurvePoint[];
   forecast: ForecastPoint[];
   forecast_from: "plan" | "points";
+  max_spp: number;
   target: number;
   certificate: Certificate | null;
   sensors: Sensor[];
@@ -100,6 +103,7 @@ export interface FilmMap { header: MapHeader; values: Float32Array }
 
 export interface Probe {
   x: number; y: number;
+  channel: Channel | null;
   value: number | null; electrons: number | null; radiance: Colour;
   camera_sigma: number | null; render_sigma: number | null; ratio: number | null;
   samples: number; object: string | null; material: string | null; depth: number | null;

@@ -12,7 +12,8 @@
 /** @typedef {{ from: Pixel, to: Pixel }} Segment */
 /**
  * @typedef {"state" | "connection" | "camera" | "kept" | "view" | "frame" | "picture" | "map"
- *   | "mapChoice" | "tool" | "shapes" | "pin" | "cursor" | "probe" | "path" | "measures"} Topic
+ *   | "mapChoice" | "tool" | "shapes" | "pin" | "cursor" | "probe" | "path" | "measures" | "session"} Topic
+ * `session`: the first state of a server has arrived, and what was measured at an earlier one is dropped.
  */
 
 /**
@@ -28,12 +29,34 @@ function follow(knobs, before, after) {
   return { ...structuredClone(after), ...Object.fromEntries(moved.map((key) => [key, knobs[key]])) };
 }
 
+/**
+ * A sensor that the server does not have gives way to that of the job.
+ * @param {Camera} knobs
+ * @param {State} state
+ * @returns {Camera}
+ */
+function withKnownSensor(knobs, state) {
+  const isKnown = knobs.sensor === null || state.sensors.length === 0
+    || state.sensors.some(({ name }) => name === knobs.sensor);
+  return isKnown ? knobs : { ...knobs, sensor: state.camera.sensor };
+}
+
 export class Store {
   /**
-   * The newest state of the server.
+   * The newest state of the server; null until the first one of a connection.
    * @type {State | null}
    */
   server = null;
+  /**
+   * The settings of the job that the knobs follow. They outlive a connection.
+   * @type {Camera | null}
+   */
+  #job = null;
+  /**
+   * Size of the film of the shapes [pixels].
+   * @type {[number, number]}
+   */
+  #size = [0, 0];
   connected = false;
   /** Counts the connections: answers of an earlier server are outdated. */
   session = 0;
@@ -78,6 +101,11 @@ export class Store {
 
   /** @type {Tool} */
   tool = "move";
+  /**
+   * The filter of a colour sensor whose pixels the regions and the line measure.
+   * @type {import("./protocol").Channel}
+   */
+  channel = "green";
   showPath = false;
   /** @type {[Box | null, Box | null]} */
   regions = [null, null];
@@ -114,8 +142,15 @@ export class Store {
 
   /** @param {State} state */
   setServer(state) {
-    const before = this.server?.camera;
+    const isFirst = this.server === null;
+    const before = this.#job;
     this.server = state;
+    this.#job = state.camera;
+    if (isFirst) {
+      this.#forget(state);
+      this.emit("session");
+    }
+    this.#fitShapes(state);
     // The knobs start from the job. Later states must not move a knob of the user. The other knobs follow a job that has
     // been loaded or has changed.
     if (this.camera === null || !before) {
@@ -134,14 +169,65 @@ export class Store {
       if (this.kept) this.kept = { ...this.kept, lights: null };
       this.emit("camera");
     }
+    const known = this.camera && withKnownSensor(this.camera, state);
+    if (known !== this.camera) {
+      this.camera = known;
+      this.emit("camera");
+    }
+    const kept = this.kept && withKnownSensor(this.kept, state);
+    if (kept !== this.kept) {
+      this.kept = kept;
+      this.emit("kept");
+    }
     this.emit("state");
   }
 
   /** @param {boolean} connected */
   setConnected(connected) {
-    if (connected) this.session += 1;
+    if (connected) {
+      this.session += 1;
+      // The state of the server before says nothing about this one.
+      this.server = null;
+    }
     this.connected = connected;
     this.emit("connection");
+  }
+
+  /**
+   * Drops what was measured at another server. Its picture stays only where a new one of this size comes at once.
+   * @param {State} state
+   */
+  #forget(state) {
+    const { width, height } = this.frameA?.header ?? { width: 0, height: 0 };
+    if (!state.film || width !== state.width || height !== state.height) this.frameA = null;
+    this.frameB = null;
+    this.filmMap = null;
+    this.probe = null;
+    this.path = null;
+  }
+
+  /**
+   * Shapes outside of a film measure nothing, so they are dropped with a film of another size.
+   * @param {State} state
+   */
+  #fitShapes({ width, height }) {
+    if (width === 0 || (width === this.#size[0] && height === this.#size[1])) return;
+    this.#size = [width, height];
+    /** @param {Pixel | null} pixel */
+    const isInside = (pixel) => pixel !== null && pixel.x < width && pixel.y < height;
+    const regions = /** @type {[Box | null, Box | null]} */ (
+      this.regions.map((region) => (region && region[2] <= width && region[3] <= height ? region : null)));
+    const line = this.line && isInside(this.line.from) && isInside(this.line.to) ? this.line : null;
+    if (line !== this.line || regions.some((region, index) => region !== this.regions[index])) {
+      this.regions = regions;
+      this.line = line;
+      this.emit("shapes");
+    }
+    if (this.cursor && !isInside(this.cursor)) {
+      this.cursor = null;
+      this.emit("cursor");
+    }
+    if (this.pin && !isInside(this.pin)) this.setPin(null);
   }
 
   /** @param {Partial<Camera>} change */
@@ -230,7 +316,30 @@ export class Store {
   /** @param {Pixel | null} pin */
   setPin(pin) {
     this.pin = pin && this.clamp(pin);
+    // The values of the removed pin are not those of the pixel under the cursor.
+    if (!pin) this.dropProbe();
     this.emit("pin");
+  }
+
+  /** @param {Pixel | null} cursor */
+  setCursor(cursor) {
+    this.cursor = cursor;
+    if (!cursor && !this.pin) this.dropProbe();
+    this.emit("cursor");
+  }
+
+  /** Removes the values of a pixel. */
+  dropProbe() {
+    this.probe = null;
+    this.path = null;
+    this.emit("probe");
+    this.emit("measures");
+  }
+
+  /** @param {import("./protocol").Channel} channel */
+  setChannel(channel) {
+    this.channel = channel;
+    this.emit("shapes");
   }
 
   /**
@@ -251,7 +360,19 @@ export class Store {
    * @param {Camera} camera
    */
   isColour(camera) {
-    if (camera.sensor === null) return true;
-    return this.server?.sensors.find((sensor) => sensor.name === camera.sensor)?.colour ?? false;
+    return camera.sensor === null || (this.sensorOf(camera)?.colour ?? false);
+  }
+
+  /**
+   * The sensor of a camera, if it has one.
+   * @param {Camera | null} camera
+   */
+  sensorOf(camera) {
+    return this.server?.sensors.find((sensor) => sensor.name === camera?.sensor) ?? null;
+  }
+
+  /** The colour that is measured: null for a sensor without a filter. */
+  get measuredChannel() {
+    return this.sensorOf(this.camera)?.colour ? this.channel : null;
   }
 }

@@ -28,7 +28,9 @@ export function toolbar(store, viewer) {
   button("zoom-out").addEventListener("click", () => viewer.zoomStep(-1));
   button("fit").addEventListener("click", () => viewer.fit());
   button("one-to-one").addEventListener("click", () => viewer.zoomTo(1));
-  viewer.onView = () => setText(box("zoom"), `${number(viewer.scale * 100, viewer.scale < 10 ? 3 : 4)} %`);
+  // Without a picture there is nothing whose scale could be stated.
+  viewer.onView = () => setText(box("zoom"), viewer.pictureA
+    ? `${number(viewer.scale * 100, viewer.scale < 10 ? 3 : 4)} %` : number(null));
 
   select("tone").addEventListener("change", () => store.setTone(toneOf(select("tone").value)));
   select("map").addEventListener("change", () => {

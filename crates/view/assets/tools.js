@@ -67,8 +67,7 @@ export function followPointer(viewer, store) {
   canvas.addEventListener("pointerup", release);
   canvas.addEventListener("pointercancel", release);
   canvas.addEventListener("pointerleave", () => {
-    store.cursor = null;
-    store.emit("cursor");
+    store.setCursor(null);
   });
 
   /** @param {Pixel} place */
@@ -81,8 +80,7 @@ export function followPointer(viewer, store) {
   function hover(place) {
     const next = inside(place) ? store.clamp(place) : null;
     if (next?.x === store.cursor?.x && next?.y === store.cursor?.y) return;
-    store.cursor = next;
-    store.emit("cursor");
+    store.setCursor(next);
   }
 
   /**

@@ -187,7 +187,8 @@ export class Viewer {
     if (this.pictureB && divided) this.#layer(context, this.pictureB, edge, width);
     if (this.mapPicture) {
       context.globalAlpha = this.store.mapOpacity;
-      this.#layer(context, this.mapPicture, 0, width);
+      // A map is that of the camera A.
+      this.#layer(context, this.mapPicture, 0, divided ? edge : width);
       context.globalAlpha = 1;
     }
     if (this.scale >= VALUE_SIZE * this.ratio) this.#drawValues(context, divided ? edge : width);
