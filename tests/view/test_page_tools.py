@@ -4,8 +4,8 @@ import math
 import re
 
 import numpy as np
+from mock_data import JOB_CAMERA
 from mock_page import FROZEN, HEIGHT, WIDTH
-from mock_view import JOB_CAMERA
 from page import tone_value
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
@@ -63,7 +63,8 @@ def test_verdict_and_target(mock_page):
     page.idle()
     page.hold(70)
     page.wait(lambda: page.element("verdict").get_attribute("data-level") == "measure", what="measurement")
-    assert "A camera could not tell this picture from one without render noise." in page.text("verdict-text")
+    more = 100 * (math.hypot(1, page.state()["curve"][-1]["k99"]) - 1)
+    assert f"at most {more:.2g} % larger than that of the camera alone" in page.text("verdict-text")
     assert page.js("return document.querySelectorAll('#curve .measured').length") == 1
     assert page.js("return document.querySelectorAll('#curve .foretold-point').length") >= 1
 
@@ -72,11 +73,14 @@ def test_words_of_the_time(mock_page):
     page = mock_page(*FROZEN)
     state = page.mock.state()
 
-    def time_of(curve, forecast, k):
+    def time_of(curve, forecast, k, rate=100):
+        """Kind and time, words and verdict of a render with so many samples per pixel and second."""
+        spp = [None if t is None else rate * t for _, t in forecast]
         changed = {
             **state,
-            "curve": [{"seconds": t, "spp": 1, "k99": level, "hidden": 0} for t, level in curve],
-            "forecast": [{"k": level, "seconds": t, "spp": None} for level, t in forecast],
+            "certificate": None,
+            "curve": [{"seconds": t, "spp": rate * t, "k99": level, "hidden": 0} for t, level in curve],
+            "forecast": [{"k": level, "seconds": t, "spp": n} for (level, t), n in zip(forecast, spp)],
         }
         return page.driver.execute_async_script(
             "const done = arguments[2]; import('/assets/accuracy.js').then(m => done([m.timeOfLevel(arguments[0], arguments[1]), m.timeSentence(arguments[0], arguments[1]), m.verdict({...arguments[0], target: arguments[1]}).level]))",
@@ -95,12 +99,27 @@ def test_words_of_the_time(mock_page):
     assert found["kind"] == "after" and abs(found["seconds"] - (2 / 0.3) ** 2) < 1e-6 and level == "look"
     found, _, _ = time_of(law, [(0.25, 64.0)], 0.125)
     assert abs(found["seconds"] - 256) < 1e-6, "beyond the forecast the root law holds"
+    # Before the forecast: the pilot has 32 samples per pixel.
     found, words, _ = time_of([(1, 2.0)], [], 0.5)
-    assert found["kind"] == "unknown" and "not known" in words
-    found, _, _ = time_of([], [(1, 4.0), (0.5, None)], 0.5)
-    assert abs(found["seconds"] - 16) < 1e-6
-    found, _, level = time_of([(1, None)], [], 0.5)
-    assert found["kind"] == "unknown" and level == "none"
+    assert found["kind"] == "unknown" and "is known after the next points" in words
+    pilot = [(t, 2 / math.sqrt(t)) for t in (1, 2, 3, 4, 5)]
+    found, words, _ = time_of(pilot, [], 0.5, rate=6)
+    assert found["kind"] == "unknown" and "is known after the pilot (32 samples per pixel)" in words
+    found, _, _ = time_of(pilot, [], 0.5)
+    assert found["kind"] == "after" and abs(found["seconds"] - 16) < 1e-6
+    found, words, level = time_of([(1, None)], [], 0.5)
+    assert found["kind"] == "unknown" and level == "none" and "is not known." in words
+    # A view does not reach each level.
+    for forecast, k in [([(1, 4.0), (0.5, None)], 0.5), ([(1, 4.0), (0.5, None)], 0.3), ([(1, 4.0)], 0.05)]:
+        found, words, _ = time_of([], forecast, k)
+        assert found["kind"] == "never" and "is not reached in a view (more than 65\u2009536 samples" in words, (
+            k,
+            words,
+        )
+    found, _, _ = time_of([], [(1, 4.0), (0.5, None)], 0.8)
+    assert found["kind"] == "after" and abs(found["seconds"] - 6.25) < 1e-6
+    found, _, _ = time_of(law, [(1, 4.0), (0.5, None)], 0.7)
+    assert found["kind"] == "since", "a measured level was reached, whatever was foretold"
 
 
 def test_maps_and_ablation(mock_page):

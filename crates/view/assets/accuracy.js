@@ -1,39 +1,41 @@
 // The noise level k of the render, its time, and the verdict in words.
 
-import { duration, number, percent, plain } from "./format.js";
+import { count, duration, percent, plain } from "./format.js";
 
 /** @typedef {import("./protocol").State} State */
 /** @typedef {"none" | "no" | "look" | "measure"} VerdictLevel */
 /** @typedef {{ level: VerdictLevel, title: string, text: string }} Verdict */
 /**
- * The time of a level: `since` when it was measured, `after` when it is foretold.
- * @typedef {{ kind: "since" | "after" | "unknown", seconds: number }} LevelTime
+ * The time of a level: `since` when it was measured, `after` when it is foretold, `never` when a view has too few samples.
+ * @typedef {{ kind: "since" | "after" | "unknown" | "never", seconds: number }} LevelTime
  */
+/** @typedef {{ seconds: number, k: number, spp: number | null }} Level */
 
 // At k = 1 the noise of the render is as large as that of the camera: the eye sees no difference.
 const LOOK = 1;
 // At k = 0.5 the total noise is sqrt(1 + 0.25) = 1.12 times that of the camera alone.
 const MEASURE = 0.5;
 const ENOUGH = 4; // measured points from which the level is extrapolated
+const PILOT = 32; // samples per pixel of the pilot, after which the plan of the render and the forecast follow
 
 /**
  * The measured points with a known level.
  * @param {State} state
- * @returns {{ seconds: number, k: number }[]}
+ * @returns {Level[]}
  */
 export function measuredLevels(state) {
-  return state.curve.flatMap(({ seconds, k99 }) =>
-    (k99 !== null && k99 > 0 && seconds > 0 ? [{ seconds, k: k99 }] : []));
+  return state.curve.flatMap(({ seconds, spp, k99 }) =>
+    (k99 !== null && k99 > 0 && seconds > 0 ? [{ seconds, k: k99, spp }] : []));
 }
 
 /**
  * The foretold points with a known time, the earliest first.
  * @param {State} state
- * @returns {{ seconds: number, k: number }[]}
+ * @returns {Level[]}
  */
 export function foretoldLevels(state) {
   return state.forecast
-    .flatMap(({ k, seconds }) => (seconds !== null && seconds > 0 && k > 0 ? [{ seconds, k }] : []))
+    .flatMap(({ k, seconds, spp }) => (seconds !== null && seconds > 0 && k > 0 ? [{ seconds, k, spp }] : []))
     .sort((a, b) => a.seconds - b.seconds);
 }
 
@@ -43,7 +45,16 @@ export function foretoldLevels(state) {
  * @returns {number | null}
  */
 export function levelNow(state) {
-  return measuredLevels(state).at(-1)?.k ?? null;
+  // The points of finished samples have no times, but their certificate has the level.
+  return measuredLevels(state).at(-1)?.k ?? state.certificate?.p99 ?? null;
+}
+
+/**
+ * True where the samples are those of a file.
+ * @param {State} state
+ */
+export function isFinished(state) {
+  return state.render.state === "none";
 }
 
 /**
@@ -63,6 +74,9 @@ export function timeOfLevel(state, k) {
     const before = measured[first - 1];
     return { kind: "since", seconds: before ? between(before, after, k) : after.seconds };
   }
+  if (state.forecast.some((point) => point.seconds === null && point.k >= k && point.k < (last?.k ?? Infinity))) {
+    return { kind: "never", seconds: 0 };
+  }
   // The forecast starts where the measurement ends.
   const known = foretoldLevels(state).filter(
     (point) => !last || (point.k < last.k && point.seconds > last.seconds));
@@ -74,9 +88,39 @@ export function timeOfLevel(state, k) {
     return { kind: "after", seconds: before ? between(before, after, k) : extend(after, k) };
   }
   const end = points.at(-1);
-  // One measured point may be far off; without a forecast a few of them are needed.
-  if (!end || (known.length === 0 && measured.length < ENOUGH)) return { kind: "unknown", seconds: 0 };
+  // One measured point may be far off, and those of the pilot have other samples than the plan: without a forecast, a few
+  // points after the pilot are needed.
+  const isEarly = measured.length < ENOUGH || (last?.spp ?? 0) <= PILOT;
+  if (!end || (known.length === 0 && isEarly)) return { kind: "unknown", seconds: 0 };
+  if (end.spp !== null && end.spp * (end.k / k) ** 2 > state.max_spp) return { kind: "never", seconds: 0 };
   return { kind: "after", seconds: extend(end, k) };
+}
+
+/**
+ * The time of a level that is not known yet, in words.
+ * @param {State} state
+ */
+function whenKnown(state) {
+  const spp = state.curve.at(-1)?.spp ?? state.film?.spp ?? 0;
+  if (levelNow(state) === null && spp > PILOT) return "is not known";
+  return spp <= PILOT ? `is known after the pilot (${PILOT} samples per pixel)` : "is known after the next points of the curve";
+}
+
+/**
+ * The samples that the target needs, for samples of a file, which has no times.
+ * @param {State} state
+ * @param {number} target
+ */
+function samplesSentence(state, target) {
+  const k = levelNow(state);
+  if (k === null) return "";
+  if (k <= target) return `99 % of the pixels are hidden beneath the camera's noise at k = ${plain(target, 2)}.`;
+  return `k = ${plain(target, 2)} needs about ${timesText((k / target) ** 2)} the samples: k falls with the root of their number.`;
+}
+
+/** @param {number} factor */
+function timesText(factor) {
+  return `${factor >= 10 ? count(Number(factor.toPrecision(2))) : plain(factor, 2)} times`;
 }
 
 /**
@@ -107,10 +151,14 @@ function extend(point, k) {
  * @returns {string}
  */
 export function timeSentence(state, k) {
+  if (isFinished(state)) return samplesSentence(state, k);
   const time = timeOfLevel(state, k);
+  if (time.kind === "never") {
+    return `k = ${plain(k, 2)} is not reached in a view (more than ${count(state.max_spp)} samples per pixel).`;
+  }
   const start = `99 % of the pixels are hidden beneath the camera's noise at k = ${plain(k, 2)}`;
   if (time.kind === "since") return `${start} since ${duration(time.seconds)}.`;
-  if (time.kind === "unknown") return `The time until 99 % of the pixels are hidden at k = ${plain(k, 2)} is not known yet.`;
+  if (time.kind === "unknown") return `The time until 99 % of the pixels are hidden at k = ${plain(k, 2)} ${whenKnown(state)}.`;
   const after = `${start} after about ${duration(time.seconds)}`;
   if (state.render.state === "paused") return `${after} (paused now).`;
   if (state.render.state !== "running" && state.render.state !== "loading") {
@@ -125,8 +173,15 @@ export function timeSentence(state, k) {
  * @param {number} k
  */
 export function levelMeaning(k) {
-  const more = (Math.sqrt(1 + k * k) - 1) * 100;
-  return `At k = ${plain(k, 2)} or below, the noise of a pixel is at most ${plain(more, 2)} % larger than that of the camera alone.`;
+  return `At k = ${plain(k, 2)} or below, the noise of a pixel is at most ${plain(increase(k), 2)} % larger than that of the camera alone.`;
+}
+
+/**
+ * The increase of the standard deviation by the noise of the render [%].
+ * @param {number} k
+ */
+function increase(k) {
+  return (Math.sqrt(1 + k * k) - 1) * 100;
 }
 
 /**
@@ -134,10 +189,11 @@ export function levelMeaning(k) {
  * @param {State} state
  */
 export function forecastNote(state) {
+  if (isFinished(state)) return "The dashed line is the root law: k falls with the root of the number of samples.";
   if (foretoldLevels(state).length === 0) return "";
   return state.forecast_from === "plan"
     ? "The foretold points are those of the plan of the render, for the camera of the job."
-    : "The foretold points follow from the measured ones: k falls with the root of the number of samples. The plan of the render is for the camera of the job.";
+    : "The foretold points follow from the measured ones by the root law of the samples. The plan is for the camera of the job.";
 }
 
 /**
@@ -146,6 +202,12 @@ export function forecastNote(state) {
  */
 export function verdict(state) {
   const k = levelNow(state);
+  if (k === null && state.source === "exr") {
+    return {
+      level: "none", title: "No verdict",
+      text: "An EXR contains means and no samples, so that the noise of its render is not known.",
+    };
+  }
   if (k === null) {
     const text = state.certificate
       ? `${percent(state.certificate.hidden)} of the pixels are hidden at k = ${plain(state.certificate.k, 2)}.`
@@ -155,7 +217,7 @@ export function verdict(state) {
   if (k <= Math.min(state.target, MEASURE)) {
     return {
       level: "measure", title: "Good enough for measurement",
-      text: "A camera could not tell this picture from one without render noise.",
+      text: `In 99 % of the pixels, the noise is at most ${plain(increase(k), 2)} % larger than that of the camera alone.`,
     };
   }
   if (k <= LOOK) {
@@ -164,8 +226,10 @@ export function verdict(state) {
       text: "The eye sees only the noise of the camera. Measured variances are still too large.",
     };
   }
+  // The median tells how many pixels are meant: one in a hundred, or most of them.
+  const share = (state.certificate?.median ?? 0) > LOOK ? "more than half" : "more than 1 %";
   return {
     level: "no", title: "Not yet",
-    text: "The noise of the render is larger than the noise of the camera in some pixels.",
+    text: `The noise of the render is larger than the noise of the camera in ${share} of the pixels.`,
   };
 }

@@ -1,7 +1,7 @@
 // The verdict, the plot of the noise level against time with its target, and the ablation.
 
 import {
-  forecastNote, foretoldLevels, levelMeaning, levelNow, measuredLevels, timeOfLevel, timeSentence, verdict,
+  forecastNote, foretoldLevels, isFinished, levelMeaning, levelNow, measuredLevels, timeOfLevel, timeSentence, verdict,
 } from "./accuracy.js";
 import { drawPlot, placer, plotArea } from "./chart.js";
 import { box, button, byId, input, press, select, setOptions, setText, setValue, svg } from "./dom.js";
@@ -28,6 +28,32 @@ const KEY_STEP = 1.1; // one key press changes the target by 10 %
 function timeLabel(seconds) {
   if (seconds < 60) return `${plain(seconds, 2)} s`;
   return seconds < 3600 ? `${seconds / 60} min` : `${seconds / 3600} h`;
+}
+
+/** @typedef {{ x: number, k: number }} Place a point of the plot: seconds, or samples per pixel of a file */
+
+/**
+ * @param {State} state
+ * @returns {{ measured: Place[], foretold: Place[] }}
+ */
+function timesOfRender(state) {
+  const place = (/** @type {import("./accuracy.js").Level} */ { seconds, k }) => ({ x: seconds, k });
+  const measured = measuredLevels(state).map(place);
+  const last = measured.at(-1);
+  return { measured, foretold: foretoldLevels(state).map(place).filter((point) => !last || point.x > last.x) };
+}
+
+/**
+ * The level of the samples of a file, and the root law up to the target.
+ * @param {State} state
+ * @returns {{ measured: Place[], foretold: Place[] }}
+ */
+function samplesOfFile(state) {
+  const k = levelNow(state);
+  const spp = state.film?.spp ?? 0;
+  if (k === null || !(spp > 0)) return { measured: [], foretold: [] };
+  const foretold = k > state.target ? [{ x: spp * (k / state.target) ** 2, k: state.target }] : [];
+  return { measured: [{ x: spp, k }], foretold };
 }
 
 export class NoisePanel {
@@ -128,17 +154,19 @@ export class NoisePanel {
 
   /** @param {State} state */
   #drawCurve(state) {
-    const measured = measuredLevels(state);
+    const finished = isFinished(state);
+    const { measured, foretold } = finished ? samplesOfFile(state) : timesOfRender(state);
     const last = measured.at(-1);
-    const foretold = foretoldLevels(state).filter((point) => !last || point.seconds > last.seconds);
     const all = [...measured, ...foretold];
-    const times = all.map((point) => point.seconds);
+    const places = all.map((point) => point.x);
     const levels = [...all.map((point) => point.k), state.target];
     const x = {
-      low: all.length > 0 ? Math.min(...times) / 1.15 : 0.1,
-      high: all.length > 0 ? Math.max(...times) * 1.3 : 100,
-      log: true, label: "time of the render", steps: TIMES,
-      format: timeLabel,
+      low: all.length > 0 ? Math.min(...places) / 1.15 : 0.1,
+      high: all.length > 0 ? Math.max(...places) * 1.3 : 100,
+      log: true,
+      ...(finished
+        ? { label: "samples per pixel", format: (/** @type {number} */ spp) => plain(spp, 2) }
+        : { label: "time of the render", steps: TIMES, format: timeLabel }),
     };
     // The limits of the level move in coarse steps, so that the plot does not jump with each event.
     const y = {
@@ -146,8 +174,8 @@ export class NoisePanel {
       high: Math.max(2, ...levels.map((k) => 2 ** Math.ceil(Math.log2(k * 1.1)))),
       log: true, label: "noise level k", format: (/** @type {number} */ k) => plain(k, 1),
     };
-    /** @param {{ seconds: number, k: number }[]} points */
-    const columns = (points) => ({ x: points.map((p) => p.seconds), y: points.map((p) => p.k) });
+    /** @param {Place[]} points */
+    const columns = (points) => ({ x: points.map((p) => p.x), y: points.map((p) => p.k) });
     // The line is made again with the plot, so its focus moves to the new one.
     const focused = document.activeElement?.id === "target-line";
     const joined = last ? [last, ...foretold] : foretold;
@@ -158,6 +186,7 @@ export class NoisePanel {
         { kind: "line", style: "foretold", ...columns(joined) },
         { kind: "points", style: "foretold-point", ...columns(foretold) },
         { kind: "line", style: "measured", ...columns(measured) },
+        { kind: "points", style: "measured-point", ...columns(measured) },
       ],
     });
     this.#drawTarget(state, x, y, focused);
@@ -176,7 +205,8 @@ export class NoisePanel {
     this.#toLevel = (place) => y.low * factor ** ((area.bottom - place) / (area.bottom - area.top));
     const time = timeOfLevel(state, state.target);
     const at = placer(x, area.left, area.right)(time.seconds);
-    if (time.kind !== "unknown" && at >= area.left && at <= area.right) {
+    const isKnown = !isFinished(state) && (time.kind === "since" || time.kind === "after");
+    if (isKnown && at >= area.left && at <= area.right) {
       this.#plot.append(svg("line", { class: "target-time", x1: at, x2: at, y1: level, y2: area.bottom }));
     }
     const line = svg("g", {
