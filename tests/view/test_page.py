@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mock_data import JOB_CAMERA
 from mock_page import FROZEN, WIDTH, overlaps
-from mock_view import JOB_CAMERA
 from page import PATIENCE, tone_value
 from selenium.webdriver.common.keys import Keys
 
@@ -86,8 +86,19 @@ def test_camera_knobs(mock_page):
             if isinstance(expected, float)
             else page.camera()[key] == expected
         ), (id_, value)
-    page.set("exposure-value", "long")
-    assert page.value("exposure-value") == "100 ms"
+    for text, words in [
+        ("abc", '"abc" is no exposure time.'),
+        ("0", '"0" is no exposure time.'),
+        ("3 m", '"3 m" is no exposure time.'),
+        ("5 s", "The exposure time 5 s is out of range."),
+    ]:
+        page.set("exposure-value", text)
+        assert page.value("exposure-value") == "100 ms"
+        assert words in page.text("problems") and "10 µs to 1 s, for example 2 ms" in page.text("problems"), text
+    page.set("exposure-value", "90 ms")
+    assert page.text("problems") == "" and page.value("exposure-value") == "90 ms"
+    options = page.js("return [...document.getElementById('sensor').options].map(e => e.text)")
+    assert options[0] == "as in the job (imx250)"
     for id_, key in [
         ("exposure-auto", "exposure"),
         ("temperature-model", "temperature"),
@@ -171,6 +182,26 @@ def test_scene_debounce(mock_page):
     page.wait(lambda: page.text("scene-restarts") == "Started again 3 times.", what="count of restarts")
 
 
+def test_effects(mock_page):
+    page = mock_page(*FROZEN)
+    page.tab("scene")
+    fold = "return document.querySelector('#effects-unused summary').textContent"
+    assert page.js(fold) == "1 effect that the scene does not use"
+    listed = page.js(
+        "return [...document.querySelectorAll('#effects input')].map(e => [e.id, e.closest('details') !== null])"
+    )
+    assert listed == [["effect-0", False], ["effect-1", False], ["effect-3", False], ["effect-2", True]]
+    assert page.disabled("effect-2") and page.attribute("effect-3", "data-effect") == "every-light"
+    for index, word in [(1, "Depth of field"), (3, "takes a sample of each light")]:
+        title = page.js("return document.getElementById(arguments[0]).closest('label').title", f"effect-{index}")
+        assert word in title and "starts again" in title
+    page.click("effect-3")
+    page.idle()
+    page.wait(lambda: page.state()["scene"]["effects"][3]["left_out"], "the state without the effect")
+    assert page.checked("effect-3") is False and not page.disabled("effect-3")
+    assert page.js(fold) == "1 effect that the scene does not use"
+
+
 def test_per_light(mock_page):
     page = mock_page("--speed", "3")
     page.tab("scene")
@@ -185,6 +216,14 @@ def test_per_light(mock_page):
     page.settle()
     wanted = {"ring light": 1, "bar left": 0, "room": 1}
     page.wait(lambda: page.camera()["lights"] == wanted, what="frame with the factors")
+    assert page.disabled("save-checkpoint") and not page.disabled("save-job")
+    assert "each light" in page.js("return document.getElementById('save-checkpoint').closest('label').title")
+    page.click("keep")
+    assert page.text("kept-facts") == "the same as A"
+    page.set("light-factor-value-2", "0.3")
+    page.set("light-factor-value-1", "2")
+    assert page.text("kept-facts") == "bar left × 0, room × 1"
+    page.set("light-factor-value-2", "1")
     page.click("per-light")
     page.idle()
     page.wait(lambda: page.mock.film() is not None, "a film")
@@ -241,7 +280,8 @@ def test_live(mock_page):
 def test_save(mock_page):
     page = mock_page(*FROZEN)
     page.tab("save")
-    assert page.value("save-name") == "panel"
+    # The job of the view does not collide with the job that is shown.
+    assert page.value("save-name") == "panel-view"
     page.set("save-name", "a<i>b")
     for kind in ["tiff", "job"]:
         page.click(f"save-{kind}")
@@ -256,6 +296,7 @@ def test_save(mock_page):
     page.set("save-name", "../x")
     page.click("save")
     assert "folder" in page.text("save-result") and len(page.log("/api/save")) == 2
+    assert page.text("problems") == "", "a new attempt removes the message of the one before"
     page.set("save-name", "second")
     page.chord(Keys.CONTROL, "s")
     page.idle()
@@ -268,12 +309,12 @@ def test_reconnect(mock_page):
     assert page.text("connection") == "connected"
     page.stop()
     page.wait(lambda: page.text("connection") == "disconnected: reconnecting", "a lost connection")
-    before = page.frame()["header"]["film"]
+    before = page.film()
     page.set("gain-value", "2")
     page.settle()
     page.start(page.port, "--freeze", "5.2")
     page.wait(lambda: page.text("connection") == "connected", "the connection")
-    page.wait(lambda: (page.frame()["header"]["film"]) == 6, what="picture of the new server")
+    page.wait(lambda: page.film() == 6, what="picture of the new server")
     assert before != 6 and page.camera()["gain"] == 2
     # A new server with the same number of its film: its picture is another one.
     page.stop()
@@ -284,13 +325,94 @@ def test_reconnect(mock_page):
     page.console()
 
 
+def test_nothing_is_asked_before_the_first_state(mock_page):
+    """A server that has just started has no film yet, whatever the server before had."""
+    page = mock_page(*FROZEN)
+    page.set("region1", "10 10 60 60")
+    page.set("map", "samples")
+    page.click("compare")
+    page.settle()
+    assert page.text("region1-mean") != "–"
+    page.stop()
+    page.wait(lambda: page.text("connection") != "connected", "a lost connection")
+    page.start(page.port, "--mute", "--freeze", "0.1")
+    page.wait(lambda: page.mock.connected, "the stream of events")
+    page.set("gain-value", "3")
+    page.idle()
+    assert page.text("connection") != "connected" and not page.mock.log
+    # Without a film, the picture and the values of the server before are gone.
+    page.mock.settings["mute"] = False
+    page.wait(lambda: page.text("connection") == "connected", "the first state")
+    page.idle()
+    assert page.frame() is None and "Waiting" in page.text("empty") and page.text("zoom") == "–"
+    assert page.text("region1-mean") == "–" and page.text("frame-mean") == "–" and not page.mock.log
+    assert page.state()["film"] is None and page.value("region1") == "10 10 60 60"
+    # The film of the state may be gone when the request arrives: that refuses no knob.
+    page.mock.settings |= {"no_picture": True, "frozen": 4.2}
+    page.wait(lambda: any(entry.get("status") == 409 for entry in page.log("/api/frame")), "an early request")
+    page.idle()
+    assert page.text("problems") == "" and page.frame() is None
+    page.mock.settings |= {"no_picture": False, "frozen": 5.2}
+    page.wait(lambda: page.film() == 6, "the next film")
+    page.wait(lambda: page.text("region1-mean") != "–", "the region of the new server")
+    page.settle()
+    assert page.value("gain-value") == "3" and page.text("problems") == ""
+    gains = {entry["body"]["camera"]["gain"] for entry in page.log("/api/frame")[-2:]}
+    assert gains == {1, 3} and page.log("/api/map"), "A, B and the map are asked for again"
+    page.console()
+
+
+def test_a_server_with_a_smaller_film(mock_page):
+    page = mock_page(*FROZEN)
+    page.set("region1", "10 10 60 60")
+    page.set("region2", "250 10 300 60")
+    page.set("line", "10 10 300 200")
+    page.click("one-to-one")
+    x0, y0 = page.origin()
+    page.mouse((x0 + 300, y0 + 200), drag=True)
+    page.settle()
+    assert page.text("probe-place") == "300, 200" and page.text("probe-value") != "–"
+    page.mouse((2, 2))
+    page.stop()
+    page.wait(lambda: page.text("connection") != "connected", "a lost connection")
+    page.start(page.port, "--freeze", "2.2", "--width", "160", "--height", "120")
+    page.wait(lambda: page.film() == 3, "the picture of the smaller film")
+    page.wait(lambda: page.text("region1-mean") != "–", "the region")
+    page.settle()
+    assert page.frame()["header"]["width"] == 160 and page.text("problems") == ""
+    assert [page.value(id_) for id_ in ("region1", "region2", "line")] == ["10 10 60 60", "", ""]
+    assert page.last("/api/regions")["regions"] == [[10, 10, 60, 60]] and not page.log("/api/line")
+    assert page.text("probe-place") == "–" and page.text("probe-value") == "–" and page.disabled("unpin")
+    page.console()
+
+
 def test_film_source(mock_page):
     page = mock_page("--source", "film", *FROZEN)
     page.tab("scene")
-    assert page.js("return document.getElementById('scene-knobs').hidden") and not page.js(
-        "return document.getElementById('scene-none').hidden"
-    )
-    assert page.element("pause").get_attribute("disabled") and page.element("ablation-start").get_attribute("disabled")
+    assert page.hidden("scene-knobs") and "finished samples" in page.text("scene-none")
+    assert page.disabled("pause") and page.disabled("ablation-start")
+    # The certificate has the verdict: the points of a film have no times.
+    level = page.state()["certificate"]["p99"]
+    assert page.attribute("verdict", "data-level") == "look" and page.text("verdict-k") == f"(k = {level:.2g})"
+    page.set("target", "0.25")
+    page.settle()
+    assert f"needs about {(level / 0.25) ** 2:.2g} times the samples" in page.text("verdict-time")
+    page.tab("noise")
+    page.settle()
+    assert page.js("return document.querySelectorAll('#curve .measured-point').length") == 1
+    page.set("target", "1")
+    page.settle()
+    assert page.text("target-time") == "99 % of the pixels are hidden beneath the camera's noise at k = 1."
+    assert page.disabled("save-checkpoint") and page.disabled("save-job") and not page.disabled("save-exr")
+    assert "no scene" in page.js("return document.getElementById('save-job').closest('label').title")
+
+
+def test_exr_source(mock_page):
+    page = mock_page("--source", "exr", *FROZEN)
+    assert page.attribute("verdict", "data-level") == "none" and "no samples" in page.text("verdict-text")
+    assert page.text("verdict-time") == ""
+    for kind in ["png", "tiff", "exr", "checkpoint", "job"]:
+        assert page.disabled(f"save-{kind}") and not page.checked(f"save-{kind}"), kind
 
 
 def test_no_film_and_error(mock_page):
@@ -302,6 +424,8 @@ def test_no_film_and_error(mock_page):
         "help": "Export it again.",
     }
     page.wait(lambda: "The mesh <b>x</b> is empty." in page.text("problems"), what="error")
+    assert page.text("zoom") == "–", "there is nothing to scale"
+    assert "not loaded" in page.text("scene-none") and page.hidden("scene-knobs")
     page.mock.settings["error"] = None
     page.mock.settings["frozen"] = 0.5
     page.wait(lambda: page.frame() is not None, what="coarse picture")

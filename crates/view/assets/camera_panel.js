@@ -1,26 +1,34 @@
 // The settings of the camera: they change the picture without new samples.
 
 import { box, button, element, input, select, setOptions, setText, setValue, show } from "./dom.js";
-import { count, exposure, number, parseExposure, percent, quantity } from "./format.js";
+import { count, exposure, number, parseExposure, percent, plain, quantity } from "./format.js";
 
 /** @typedef {import("./store.js").Store} Store */
 /** @typedef {import("./protocol").Camera} Camera */
 
 const LIGHT_RANGE = 2; // decades on each side of the factor 1 of a light
 
-/** @param {Store} store */
-export function cameraPanel(store) {
-  followKnobs(store);
+/**
+ * @param {Store} store
+ * @param {import("./problems.js").Problems} problems
+ */
+export function cameraPanel(store, problems) {
+  followKnobs(store, problems);
   store.on(["camera", "state"], () => showKnobs(store));
   store.on(["kept", "camera"], () => showKept(store));
+  // A message about a text is outdated when a knob has moved.
+  store.on("camera", () => problems.clear("exposure"));
   store.on("picture", () => {
     showFrame(store);
     showExposure(store);
   });
 }
 
-/** @param {Store} store */
-function followKnobs(store) {
+/**
+ * @param {Store} store
+ * @param {import("./problems.js").Problems} problems
+ */
+function followKnobs(store, problems) {
   /**
    * @param {string} id
    * @param {"input" | "change"} event
@@ -39,7 +47,17 @@ function followKnobs(store) {
   knob("exposure", "input", (value) => ({ exposure: rounded(10 ** Number(value)) }));
   knob("exposure-value", "change", (value) => {
     const seconds = parseExposure(value);
-    return seconds === null ? null : { exposure: seconds };
+    const [low, high] = store.server?.ranges.exposure ?? [0, Infinity];
+    if (seconds !== null && seconds >= low && seconds <= high) {
+      problems.clear("exposure");
+      return { exposure: seconds };
+    }
+    problems.setText("exposure", {
+      problem: seconds === null ? `"${value}" is no exposure time.` : `The exposure time ${exposure(seconds)} is out of range.`,
+      place: null,
+      help: `Type ${exposure(low)} to ${exposure(high)}, for example 2 ms, 350 us or 0.1 s.`,
+    });
+    return null;
   });
   knob("exposure-auto", "change", () => ({
     exposure: input("exposure-auto").checked ? null : shownExposure(store),
@@ -100,15 +118,13 @@ function showKnobs(store, force = false) {
     else setValue(input(id), value);
   };
   setOptions(select("sensor"), [
-    ...server.sensors.map(({ name, bits, colour }) => ({
-      value: name, text: `${name} (${bits} bits, ${colour ? "colour" : "grey"})`,
-    })),
+    ...server.sensors.map(({ name, label }) => ({ value: name, text: label })),
     { value: "", text: "none: radiance 1 is white" },
   ]);
   setValue(select("sensor"), camera.sensor ?? "");
   const sensor = server.sensors.find(({ name }) => name === camera.sensor);
   setText(box("sensor-facts"), sensor
-    ? `saturation ${count(sensor.saturation)} e⁻, dark noise ${number(sensor.dark_noise)} e⁻, pixel ${number(sensor.pixel)} µm`
+    ? `${sensor.bits} bits, ${sensor.colour ? "colour" : "grey"}, saturation ${count(sensor.saturation)} e⁻, dark noise ${number(sensor.dark_noise)} e⁻, pixel ${number(sensor.pixel)} µm`
     : "No sensor: no noise of the camera, no grey values.");
 
   showExposure(store, force);
@@ -235,10 +251,18 @@ function lightRow(store, name, index) {
 /** @param {Store} store */
 function showFrame(store) {
   const header = store.frameA?.header;
-  if (!header) return;
+  if (!header) {
+    const ids = ["exposure", "mean", "electrons", "saturated", "matched", "compute"];
+    for (const id of ids) setText(box(`frame-${id}`), number(null));
+    return;
+  }
+  const sensor = store.sensorOf(store.camera);
   setText(box("frame-exposure"), header.no_light ? "no light in the image"
     : header.exposure === null ? number(null) : exposure(header.exposure));
-  setText(box("frame-mean"), quantity(header.mean_value, header.format === "gray16" ? "DN" : ""));
+  // Colour sensors have grey values too; without a sensor, the picture has none.
+  setText(box("frame-mean"), sensor ? quantity(header.mean_value, "DN") : number(null));
+  setText(box("frame-electrons-name"), sensor && header.mean_electrons > sensor.saturation
+    ? "Mean electrons before saturation" : "Mean electrons");
   setText(box("frame-electrons"), quantity(header.mean_electrons, "e⁻"));
   setText(box("frame-saturated"), percent(header.saturated));
   setText(box("frame-matched"), header.matched === null ? number(null) : percent(header.matched));
@@ -246,6 +270,18 @@ function showFrame(store) {
   if (store.camera?.black_level === null && header.format === "gray16") {
     setValue(input("black-level"), String(header.black));
   }
+}
+
+/**
+ * The factors of lights that B has and A has not.
+ * @param {Camera} camera
+ * @param {Camera} kept
+ */
+function keptLights(camera, kept) {
+  const names = new Set([...Object.keys(camera.lights ?? {}), ...Object.keys(kept.lights ?? {})]);
+  const factor = (/** @type {Camera} */ { lights }, /** @type {string} */ name) => lights?.[name] ?? 1;
+  return [...names].filter((name) => factor(camera, name) !== factor(kept, name))
+    .map((name) => `${name} × ${plain(factor(kept, name))}`).join(", ");
 }
 
 /**
@@ -260,7 +296,7 @@ function showKept(store) {
   }
   /** @type {Record<keyof Camera, string>} */
   const texts = {
-    sensor: kept.sensor ?? "no sensor",
+    sensor: store.sensorOf(kept)?.label ?? kept.sensor ?? "no sensor",
     exposure: kept.exposure === null ? "automatic exposure" : exposure(kept.exposure),
     gain: `gain ${number(kept.gain)}`,
     temperature: kept.temperature === null ? "temperature of the model" : `${number(kept.temperature)} °C`,
@@ -269,9 +305,10 @@ function showKept(store) {
     device: `device ${kept.device}`,
     denoise: `denoiser ${kept.denoise}`,
     vignetting: kept.vignetting ? "vignetting" : "no vignetting",
-    lights: "other lights",
+    lights: keptLights(camera, kept),
   };
   const keys = /** @type {(keyof Camera)[]} */ (Object.keys(texts));
   const different = keys.filter((key) => JSON.stringify(camera[key]) !== JSON.stringify(kept[key]));
-  setText(box("kept-facts"), different.length === 0 ? "the same as A" : different.map((key) => texts[key]).join(", "));
+  const facts = different.map((key) => texts[key]).filter((text) => text !== "");
+  setText(box("kept-facts"), facts.length === 0 ? "the same as A" : facts.join(", "));
 }

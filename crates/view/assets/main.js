@@ -57,7 +57,7 @@ const measurements = new Measurements(store, new Lane(report), problems);
 
 header(store, act, problems);
 toolbar(store, viewer);
-cameraPanel(store);
+cameraPanel(store, problems);
 new ScenePanel(store, act);
 const noisePanel = new NoisePanel(store, measurements, act);
 noisePanel.onDifference = () => {

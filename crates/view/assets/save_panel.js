@@ -1,7 +1,7 @@
 // Saving of files.
 
 import { postJson } from "./api.js";
-import { box, button, element, input, setText } from "./dom.js";
+import { box, button, element, input, setText, setValue } from "./dom.js";
 import { tracked } from "./requests.js";
 
 /** @typedef {import("./store.js").Store} Store */
@@ -11,11 +11,42 @@ import { tracked } from "./requests.js";
 const KINDS = ["png", "tiff", "exr", "checkpoint", "job"];
 
 /**
+ * The reason why files of a kind cannot be saved; null where they can.
+ * @param {SaveKind} kind
+ * @param {import("./protocol").State | null} state
+ * @returns {string | null}
+ */
+function refusal(kind, state) {
+  if (state?.source === "exr") return "An EXR is shown as it is. The command dunkelfeld expose writes frames of it";
+  if (kind === "checkpoint" && state?.source === "film") return "Nothing renders here: the file that is shown has all samples";
+  if (kind === "job" && state?.source === "film") return "A saved film has no scene, so there is no job";
+  if (kind === "checkpoint" && state?.scene?.per_light.on) {
+    return "A checkpoint has one film, and each light has its own. An EXR has a layer for each light";
+  }
+  return null;
+}
+
+/**
+ * @param {SaveKind} kind
+ * @param {string | null} reason
+ */
+function allow(kind, reason) {
+  const target = input(`save-${kind}`);
+  const label = target.closest("label");
+  if (!label) return;
+  label.dataset["help"] ??= label.title;
+  label.title = reason ?? label.dataset["help"];
+  target.disabled = reason !== null;
+  if (reason !== null) target.checked = false;
+}
+
+/**
  * @param {Store} store
  * @param {{ set(key: string, error: unknown): void, clear(key: string): void }} problems
  */
 export function savePanel(store, problems) {
-  let named = false;
+  /** The name that was suggested: a name of the user stays. */
+  let suggested = "";
   /**
    * Files of answers that no state event contains yet.
    * @type {string[]}
@@ -31,15 +62,21 @@ export function savePanel(store, problems) {
   };
 
   store.on("state", () => {
-    if (!named && store.server) {
-      named = true;
-      // The stem of the file is the natural name; an existing file is never replaced.
-      input("save-name").value = store.server.title.replace(/\.[^.]*$/, "");
+    if (store.server && input("save-name").value === suggested) {
+      // The stem alone is the name of the job, which is never replaced.
+      suggested = `${store.server.title.replace(/\.[^.]*$/, "")}-view`;
+      setValue(input("save-name"), suggested);
     }
+    for (const kind of KINDS) allow(kind, refusal(kind, store.server));
     showSaved();
+  });
+  store.on("session", () => {
+    answered = [];
   });
 
   const save = async () => {
+    // A message of the attempt before is outdated.
+    problems.clear("save");
     const what = KINDS.filter((kind) => input(`save-${kind}`).checked);
     const name = input("save-name").value.trim();
     if (what.length === 0 || name === "") {
@@ -59,7 +96,6 @@ export function savePanel(store, problems) {
       });
       answered = [...answered, ...files];
       setText(box("save-result"), `Saved ${files.length} ${files.length === 1 ? "file" : "files"}.`);
-      problems.clear("save");
       showSaved();
     } catch (error) {
       setText(box("save-result"), "Nothing was saved.");

@@ -12,6 +12,47 @@ const DELAY = 400; // ms without a further change before the render starts again
 const HOLD = 1500; // ms in which states from before a change must not move the controls back
 const FILTER_FROM = 8; // materials from which a filter helps
 
+// Short explanations; docs/effects.md has the whole ones.
+const EFFECTS = new Map([
+  ["textures", "Images on surfaces. Without them, each texture is its mean"],
+  ["vertex-colors", "Colours of the vertices of a mesh. Without them, white"],
+  ["normal-maps", "Directions of a surface from an image. Without them, the surface's own normals"],
+  ["smooth-normals", "Normals between the vertices of a mesh. Without them, flat triangles"],
+  ["coverage", "Surfaces that are cut out, or exist with some probability. Without it, they are opaque"],
+  ["thin-sheets", "Clear sheets without thickness. Without it, light passes straight and without reflection"],
+  ["diffuse-transmission", "Light that is scattered through a surface. Without it, it is scattered back"],
+  ["smooth-refraction", "Clear solids with a smooth surface. Without it, light passes straight"],
+  ["rough-refraction", "Clear solids with a rough surface. Without it, light passes straight"],
+  ["nesting", "Solids that touch, overlap or lie in one another. It cannot be left out"],
+  ["absorption", "Solids that absorb light"],
+  ["scattering", "Solids that scatter light inside"],
+  ["anisotropy", "Highlights that are stretched along a direction. Without it, they are round"],
+  ["sheen", "The sheen of cloth"],
+  ["clearcoat", "Clear coats over a material"],
+  ["energy-compensation", "Light that is reflected several times between the facets of a rough surface"],
+  ["finite-aperture", "Depth of field: a lens with a finite aperture. Without it, a pinhole"],
+  ["distortion", "Lenses that distort. Without it, an ideal image"],
+  ["motion", "Objects that move during the exposure. Without it, they are at rest"],
+  ["line-scan", "Rows that are exposed one after the other. Without it, all at once"],
+  ["environment", "Light from all directions, from infinitely far away. Without it, dark"],
+  ["punctual-lights", "Lights without extent: points, spots and suns. Without it, dark"],
+  ["light-profiles", "Lights with a measured profile (IES). Without it, dark"],
+  ["emission-profiles", "Lamps that emit more in some directions. Without it, the same power in all directions"],
+  ["many-lights", "A tree that chooses among more than 64 lights. It cannot be left out"],
+  ["color", "Surfaces or lights that are not grey. It cannot be left out"],
+  ["every-light", "A technique that changes the noise only: each surface takes a sample of each light. Without it, one light at a time, by its estimated contribution"],
+  ["cover-connection", "A technique that changes the noise only: light behind clear covers is connected to directly. Without it, paths find it by chance"],
+  ["learned-roulette", "A technique that changes the noise only: training paths learn which paths are worth continuing. Without it, their throughput decides"],
+]);
+
+/**
+ * True for an effect that the user can switch: one of the scene, or one that is left out.
+ * @param {import("./protocol").Effect} effect
+ */
+function isChoice(effect) {
+  return effect.used || effect.left_out;
+}
+
 export class ScenePanel {
   /**
    * The state that the user wants. It follows the server while no change waits.
@@ -34,6 +75,10 @@ export class ScenePanel {
   constructor(store, act) {
     this.store = store;
     this.act = act;
+    store.on("session", () => {
+      // A change for an earlier server means nothing to this one.
+      this.#heldUntil = 0;
+    });
     store.on("state", () => this.show());
     select("scene-camera").addEventListener("change", () => {
       this.#change("camera", (scene) => {
@@ -91,6 +136,10 @@ export class ScenePanel {
     const state = this.store.server;
     if (!state) return;
     show(box("scene-none"), state.scene === null);
+    setText(box("scene-none"), state.source !== "render"
+      ? "Nothing renders here: the file contains finished samples. So the scene cannot change."
+      : state.error ? "The scene was not loaded: the message over the image states the reason."
+        : "The scene is being loaded.");
     show(box("scene-knobs"), state.scene !== null);
     const times = state.render.restarted;
     setText(box("scene-restarts"), `Started again ${times} ${times === 1 ? "time" : "times"}.`);
@@ -106,7 +155,7 @@ export class ScenePanel {
     const shape = JSON.stringify([
       scene.lights.map(({ name }) => name),
       scene.materials.map(({ name, roughness, metallic, color }) => [name, roughness === null, metallic === null, color === null]),
-      scene.effects.map(({ name, title }) => [name, title]),
+      scene.effects.map((effect) => [effect.name, effect.title, isChoice(effect)]),
     ]);
     if (shape !== this.#shape) {
       this.#shape = shape;
@@ -159,7 +208,7 @@ export class ScenePanel {
   #build(scene) {
     box("lights").replaceChildren(...scene.lights.map((light, index) => this.#lightItem(light, index)));
     box("materials").replaceChildren(...scene.materials.map((material, index) => this.#materialItem(material, index)));
-    box("effects").replaceChildren(...scene.effects.map((effect, index) => this.#effectItem(effect, index)));
+    this.#buildEffects(scene);
     show(input("material-filter"), scene.materials.length >= FILTER_FROM);
     this.#filter();
   }
@@ -252,8 +301,25 @@ export class ScenePanel {
       if (found) found.left_out = !on.checked;
     }));
     return element("label", {
-      class: "check", title: effect.used ? "Leaves the effect out of the render, which starts again" : "The scene does not use this effect",
-    }, on, effect.used ? effect.title : `${effect.title} (not used)`);
+      class: "check", title: `${EFFECTS.get(effect.name) ?? effect.title}. ${isChoice(effect)
+        ? "Without a tick, the render leaves it out and starts again" : "The scene does not use it"}`,
+    }, on, effect.title);
+  }
+
+  /**
+   * The effects of the scene, and the others behind a fold. Their ids have the order of the state.
+   * @param {Scene} scene
+   */
+  #buildEffects(scene) {
+    const all = scene.effects.map((effect, index) => ({ effect, item: this.#effectItem(effect, index) }));
+    const items = (/** @type {boolean} */ used) => all.filter(({ effect }) => isChoice(effect) === used).map(({ item }) => item);
+    const unused = items(false);
+    const isOpen = document.querySelector("#effects-unused[open]") !== null;
+    box("effects").replaceChildren(...items(true), ...(unused.length > 0 ? [element("details",
+      { class: "item", id: "effects-unused", open: isOpen },
+      element("summary", { title: "Shows the effects that the program knows and the scene does not use" },
+        `${unused.length} ${unused.length === 1 ? "effect" : "effects"} that the scene does not use`),
+      ...unused)] : []));
   }
 
   /**
