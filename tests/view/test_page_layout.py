@@ -3,7 +3,9 @@
 import re
 from pathlib import Path
 
+import pytest
 from mock_page import FROZEN
+from selenium.webdriver.common.keys import Keys
 
 PROTOCOL = Path(__file__).resolve().parents[2] / "docs" / "view-protocol.md"
 SIZES = [(1280, 720), (1920, 1080), (1024, 768)]
@@ -49,6 +51,68 @@ def test_layout(mock_page):
         page.keys("n")
         page.settle()
         assert page.js(places) == before, (tab, [pair for pair in zip(before, page.js(places)) if pair[0] != pair[1]])
+
+
+CLIPPED = """
+const out = [];
+if (document.documentElement.scrollWidth > innerWidth) out.push('page is ' + document.documentElement.scrollWidth);
+const header = document.getElementById('header').getBoundingClientRect();
+if (document.getElementById('toolbar').getBoundingClientRect().top < header.bottom - 1) out.push('header over toolbar');
+for (const e of document.querySelectorAll('#header > *, #toolbar button, .panel:not([hidden]) *, #verdict p')) {
+  const r = e.getBoundingClientRect();
+  if (r.width === 0 || e.closest('[hidden], svg, dialog') || e.closest('details:not([open])')) continue;
+  if (r.right > innerWidth + 1 || r.left < -1) out.push('outside: ' + (e.id || e.textContent));
+  if (e.closest('#header') && r.bottom > header.bottom) out.push('below the header: ' + e.id);
+}
+for (const e of document.querySelectorAll('#probe dd')) if (e.scrollWidth > e.clientWidth + 1 && !e.closest('.wide')) out.push('cut: ' + e.id);
+return out;
+"""
+
+
+@pytest.mark.parametrize(
+    "size",
+    [(390, 844), (699, 900), (700, 900), (768, 1024), (800, 1280), (835, 1100), (844, 390), (859, 1200), (860, 1200)],
+)
+def test_portrait(mock_page, size):
+    page = mock_page(*FROZEN)
+    page.size(*size)
+    page.keys(Keys.ENTER)
+    for tab in TABS:
+        page.tab(tab)
+        page.settle()
+        found = page.js(CLIPPED)
+        if size[0] == 860:
+            # A narrow image beside the panels cuts values of the probe; their tooltips are whole.
+            found = [text for text in found if not text.startswith("cut: ")]
+        assert not found, (size, tab, found)
+    cut = "return ['verdict-text', 'verdict-time'].filter(id => { const e = document.getElementById(id); return e.scrollHeight > e.clientHeight + 1 })"
+    for frozen, target in [(0.5, 0.05), (1.2, 0.05), (18.4, 0.05), (118, 0.35)]:
+        page.set("target", target)
+        page.hold(frozen)
+        assert not page.js(cut), (size, frozen, page.text("verdict-text"), page.text("verdict-time"))
+    _, _, width, height = page.canvas()
+    assert width > 300 and height > 100, "the image has room"
+    if 700 <= size[0] < 860 and size[1] >= 900:
+        page.click("tab-measure")
+        assert not page.js("return document.documentElement.scrollHeight > innerHeight"), "a tablet does not scroll"
+        panel = "const r = document.getElementById('panel-measure').getBoundingClientRect(); return r.bottom - r.top"
+        assert page.js(panel) > 120
+
+
+def test_corners_of_large_films_on_a_tablet(driver, mock_page):
+    page = mock_page(*FROZEN)
+    driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 5})
+    try:
+        page.size(1024, 768)
+        page.refresh()
+        page.tab("measure")
+        assert page.js("return matchMedia('(pointer: coarse)').matches")
+        for id_ in ["region1", "region2", "line"]:
+            page.js("document.getElementById(arguments[0]).value = '4095 3071 4096 3072'", id_)
+            width = "const e = document.getElementById(arguments[0]); return e.scrollWidth - e.clientWidth"
+            assert page.js(width, id_) <= 0, "the text is cut"
+    finally:
+        driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
 
 
 CONTRAST = """
