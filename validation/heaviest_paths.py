@@ -79,7 +79,10 @@ def main() -> int:
                 camera = view.camera()
                 counts, shares, total = groups(view, camera, arguments.pixels, 1)
                 for group, count in counts.most_common(arguments.groups):
-                    print(f"| {station} | {100 * count / total:.0f} % | {np.median(shares[group]):.2f} | {group} |", flush=True)
+                    print(
+                        f"| {station} | {100 * count / total:.0f} % | {np.median(shares[group]):.2f} | {group} |",
+                        flush=True,
+                    )
             finally:
                 view.close()
     return 0

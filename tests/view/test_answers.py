@@ -28,7 +28,11 @@ def test_knobs_have_the_ranges_of_a_job(view):
     running = view(job=station(width=32, height=24))
     running.wait_for_film(1)
     ranges = running.state()["ranges"]
-    for knob, values in [("temperature", ranges["temperature"]), ("gain", ranges["gain"]), ("exposure", ranges["exposure"])]:
+    for knob, values in [
+        ("temperature", ranges["temperature"]),
+        ("gain", ranges["gain"]),
+        ("exposure", ranges["exposure"]),
+    ]:
         for value in values:
             running.frame(**{knob: value})
         for value in [values[0] - 1, values[1] + 1]:
@@ -38,6 +42,21 @@ def test_knobs_have_the_ranges_of_a_job(view):
     state = running.state()
     assert state["max_spp"] == 65536
     assert state["sensors"][0]["label"].startswith("as in the job (")
+
+
+def test_the_picture_of_a_pause_is_the_film_that_is_saved(view, tmp_path):
+    running = view(job=station(width=64, height=48))
+    for step in range(4):
+        running.wait_for_film(step + 0.5)
+        state = running.pause()
+        name = f"paused-{step}"
+        what = {"what": ["checkpoint", "exr"], "name": name, "camera": running.camera(), "frame": 0}
+        running.post("save", what)
+        stored = view(tmp_path / f"{name}.film")
+        assert stored.state()["film"]["samples"] == state["film"]["samples"]
+        place = {"camera": running.camera(), "frame": 0, "x": 20, "y": 30}
+        assert stored.post("probe", place)["radiance"] == running.post("probe", place)["radiance"]
+        running.post("render", {"action": "resume"})
 
 
 def test_colours_have_their_own_statistics(view, tmp_path):

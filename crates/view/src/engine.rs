@@ -312,6 +312,19 @@ impl Watcher<'_> {
         self.shared.wake();
     }
 
+    /// Publishes a film that has other samples than the picture, as soon as it may be shown.
+    fn publish_newest(&self, present: FilmInProgress<'_>) {
+        let film = present.film();
+        let is_shown = lock(&self.time).is_published
+            && self.shared.snapshot().is_some_and(|shown| shown.samples == film.sums.total_samples());
+        if is_shown || (self.needs_all_pixels() && !film.sums.has_all_pixels()) {
+            return;
+        }
+        let began = self.seconds();
+        self.publish(Content::Film(film.clone()));
+        self.copied(began, self.seconds() - began, COPY_SHARE);
+    }
+
     /// Does the work that waits for the scene, and holds the render while it is paused.
     pub(crate) fn hold(&self, present: Option<FilmInProgress<'_>>) {
         let began = Instant::now();
@@ -330,7 +343,14 @@ impl Watcher<'_> {
             }
             if !is_paused {
                 is_paused = true;
+                drop(control);
+                // The picture of a pause is the film that is saved meanwhile.
+                if let Some(present) = present {
+                    self.publish_newest(present);
+                }
                 self.shared.update(|live| live.render.state = Activity::Paused);
+                control = lock(&self.shared.control);
+                continue;
             }
             control = self.shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
         }
@@ -373,11 +393,8 @@ impl Progress for Watcher<'_> {
     }
 
     fn film(&self, present: FilmInProgress<'_>) {
-        let film = present.film();
-        if self.is_due() && (!self.needs_all_pixels() || film.sums.has_all_pixels()) {
-            let began = self.seconds();
-            self.publish(Content::Film(film.clone()));
-            self.copied(began, self.seconds() - began, COPY_SHARE);
+        if self.is_due() {
+            self.publish_newest(present);
         }
         self.hold(Some(present));
     }

@@ -46,19 +46,25 @@ impl std::fmt::Display for Fault {
 
 impl From<Error> for Fault {
     fn from(error: Error) -> Self {
+        let parts = error.parts();
+        let Some(file) = parts.file else {
+            // The whole text: that of too little memory has the account.
+            let text = error.to_string();
+            return match text.split_once("\n  help: ") {
+                Some((problem, help)) => Self::new(problem, help),
+                None => Self { problem: text, place: None, help: None, is_early: false },
+            };
+        };
         let caret = error.caret();
         let line = caret.lines().find_map(|line| {
             let (number, text) = line.split_once('|')?;
             Some(format!("line {}: {}", number.trim().parse::<u32>().ok()?, text.trim()))
         });
-        let parts = error.parts();
-        let file = parts.file.map(|file| visible_line(&file.to_string_lossy()).into_owned());
-        let places =
-            file.into_iter().chain(parts.place.as_deref().map(|place| visible_line(place).into_owned())).chain(line);
-        let place = places.collect::<Vec<_>>().join(", ");
+        let of_file = [Some(file.to_string_lossy()), parts.place].into_iter().flatten();
+        let places: Vec<String> = of_file.map(|place| visible_line(&place).into_owned()).chain(line).collect();
         Self {
             problem: parts.problem.map_or_else(|| error.to_string(), |problem| visible_line(&problem).into_owned()),
-            place: Some(place).filter(|place| !place.is_empty()),
+            place: Some(places.join(", ")),
             help: parts.help.map(|help| visible_line(&help).into_owned()).filter(|help| !help.is_empty()),
             is_early: false,
         }
