@@ -1,10 +1,10 @@
 //! Separates the folder of a study from the files that it reads, and from reports of other programs.
 
-use crate::report::page::is_page;
 use crate::series::UNITS;
 use dunkelfeld::Error;
 use dunkelfeld::guard::{DefaultPath, first_free};
 use dunkelfeld_io::input::{FileIdentity, InputFile, InputFiles, ReadFault, Role};
+use dunkelfeld_report::page::is_page;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 

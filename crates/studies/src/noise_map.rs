@@ -1,10 +1,10 @@
 //! The noise map of a film: for each pixel, the noise of the render over that of the camera.
 
 use crate::report::maps::{SIGNED, color, gradient};
-use crate::report::words::rounded;
 use dunkelfeld::{Certified, Error, Picture, encode_picture};
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::png::data_uri;
+use dunkelfeld_report::words::rounded;
 use maud::html;
 
 /// The colours end at k / 8 and at 8 k: a factor of 8 in noise is one of 64 in samples.

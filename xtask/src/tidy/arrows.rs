@@ -14,7 +14,7 @@ const HOMES: [(&str, &[&str]); 27] = [
     ("obvhs", &["bvh"]),
     ("rustc-hash", &["geometry", "bvh", "integrator"]),
     ("parry3d-f64", &["dataset"]),
-    ("maud", &["dataset", "studies"]),
+    ("maud", &["report", "studies", "dataset"]),
     ("annotate-snippets", &["io"]),
     ("clap", &["cli"]),
     ("ctrlc", &["cli"]),

@@ -3,16 +3,16 @@
 use super::ablation::Bias;
 use super::hidden::growth;
 use super::results::{Look, OFF, Point, Results, Top, shown_strategy};
-use crate::report::chart::bars::{self, Bar};
-use crate::report::chart::dots::{self, Dot, Row};
-use crate::report::chart::lines::{self, Axes, Mark, Series};
-use crate::report::chart::{Chart, HOLLOW};
 use crate::report::estimate::Estimate;
 use crate::report::maps::{self, Map};
-use crate::report::words::rounded;
 use dunkelfeld::Error;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
+use dunkelfeld_report::chart::bars::{self, Bar};
+use dunkelfeld_report::chart::dots::{self, Dot, Row};
+use dunkelfeld_report::chart::lines::{self, Axes, Mark, Series};
+use dunkelfeld_report::chart::{Chart, HOLLOW};
+use dunkelfeld_report::words::rounded;
 
 /// Limit of the colour scale of a bias map, in standard deviations of the sensor.
 const BIAS_REACH: f64 = 3.0;

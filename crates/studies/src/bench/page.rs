@@ -6,14 +6,15 @@ use super::hidden::{SHARE, growth};
 use super::results::{OFF, Results};
 use super::statistics::POOL;
 use super::tables::tables;
-use crate::report::chart::Chart;
 use crate::report::maps::{Map, grey};
-use crate::report::page::{charts, facts, head, maps, page, picture, tiles, with_file};
+use crate::report::page::{maps, page, with_file};
 use crate::report::table::Table;
-use crate::report::words::{duration, rounded};
 use dunkelfeld::Error;
 use dunkelfeld::save_text;
 use dunkelfeld_adaptive::weights::Strategy;
+use dunkelfeld_report::chart::Chart;
+use dunkelfeld_report::page::{charts, facts, head, picture, tiles};
+use dunkelfeld_report::words::{duration, rounded};
 use maud::{Markup, html};
 use std::path::{Path, PathBuf};
 

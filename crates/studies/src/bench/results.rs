@@ -8,13 +8,13 @@ use super::settings::BenchSettings;
 use super::statistics::{Deviations, masked_mean};
 use super::store::{Record, Store};
 use crate::report::estimate::{Estimate, mean};
-use crate::report::words::{duration, rounded};
 use crate::series::statistics::rank_correlation;
 use crate::series::{View, exposure_words};
 use dunkelfeld::Error;
 use dunkelfeld::RenderSettings;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
+use dunkelfeld_report::words::{duration, rounded};
 use dunkelfeld_scene::Effect;
 
 /// Data of a bench except its settings and units.

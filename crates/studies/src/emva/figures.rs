@@ -1,8 +1,8 @@
 //! The plots of the standard.
 
-use crate::report::chart::Chart;
-use crate::report::chart::plot::{Axis, Style, Trace, draw};
 use dunkelfeld_emva1288::{Analysis, GeneralAnalysis, Histogram, Nonuniformity, Profile, Spectrogram};
+use dunkelfeld_report::chart::Chart;
+use dunkelfeld_report::chart::plot::{Axis, Style, Trace, draw};
 
 const PHOTONS: &str = "photons per pixel \u{3bc}p";
 /// Number of points at which a model is drawn.

@@ -3,9 +3,9 @@
 use super::figures::{self, Figure};
 use super::findings::Findings;
 use super::measurement::ReadMeasurement;
-use crate::report::page;
-use crate::report::table::frame;
+use crate::report;
 use dunkelfeld_emva1288::{Analysis, Bound, Quantity, Release, Side};
+use dunkelfeld_report::page::{self, Heading};
 use maud::{Markup, html};
 
 /// A value and its error. The error has two digits, and the value ends at the same place.
@@ -67,7 +67,7 @@ pub(super) fn page(findings: &Findings, read: &ReadMeasurement) -> String {
         }
     }
     sections.push(method(findings));
-    page::page(&format!("{name} \u{b7} EMVA 1288"), &sections)
+    report::page::page(&format!("{name} \u{b7} EMVA 1288"), &sections)
 }
 
 fn notes(findings: &Findings, read: &ReadMeasurement) -> Markup {
@@ -122,8 +122,8 @@ fn table(findings: &Findings) -> Markup {
             }
         }
     };
-    let headings = ["symbol", "what", "value and standard error", "unit", "section"];
-    html! { section { h2 { "Figures" } (frame("figures", headings, rows)) } }
+    let headings = ["symbol", "what", "value and standard error", "unit", "section"].map(Heading::of);
+    html! { section { h2 { "Figures" } (page::table("figures", headings, rows)) } }
 }
 
 /// A symbol in the typography of the standard: Greek letters, the rest as an index.

@@ -4,7 +4,6 @@ use super::findings::{Finding, findings};
 use super::renders::Renders;
 use super::runs::{Series, Unit, reference};
 use super::settings::PtcSettings;
-use crate::report::words::rounded;
 use crate::series::statistics::{correlation, quantile, rank_correlation};
 use crate::series::{View, exposure_words};
 use dunkelfeld::Error;
@@ -14,6 +13,7 @@ use dunkelfeld_emva1288::{
     TransferPoint,
 };
 use dunkelfeld_film::Plane;
+use dunkelfeld_report::words::rounded;
 use dunkelfeld_sensor::{Device, Exposure, FrameKey, SensorModel};
 
 /// Levels of uniform light, and the side of the frames, for the photon transfer curve of the camera.

@@ -2,12 +2,12 @@
 
 use super::analysis::{CameraSeries, Curve, PictureSeries, Results};
 use super::findings::name;
-use crate::report::chart::Chart;
-use crate::report::chart::plot::{self, Axis, Style, Trace};
 use crate::report::maps::{self, Map};
 use crate::series::statistics::quantile;
 use dunkelfeld::Error;
 use dunkelfeld_emva1288::TransferPoint;
+use dunkelfeld_report::chart::Chart;
+use dunkelfeld_report::chart::plot::{self, Axis, Style, Trace};
 
 const PICTURE_AXES: [&str; 2] = ["mean grey value [DN, 8 bit, gamma 2.2]", "temporal variance [DN\u{b2}]"];
 pub(super) const LINEAR_AXES: [&str; 2] = ["mean grey value [DN, linear]", "temporal variance [DN\u{b2}]"];

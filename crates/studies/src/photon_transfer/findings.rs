@@ -1,8 +1,8 @@
 //! Statements of Kludt et al. about the noise of rendered pictures, and their test with these renders.
 
 use super::analysis::PictureSeries;
-use crate::report::words::rounded;
 use dunkelfeld_emva1288::TransferPoint;
+use dunkelfeld_report::words::rounded;
 
 /// A rise or a fall of a curve counts from this number of standard errors on. Among some hundred pairs of groups,
 /// chance alone gives one with a probability below 1e-4.

@@ -4,15 +4,16 @@
 use super::analysis::{Curve, LINEAR_BINS, Results};
 use super::figures;
 use super::findings::{Verdict, name};
-use crate::report::chart::Chart;
 use crate::report::estimate::Estimate;
 use crate::report::maps::{Map, grey};
-use crate::report::page::{charts, facts, head, maps, page, picture, tiles, with_file};
-use crate::report::table::{self, Cell, Figures, Table, column, estimate, frame};
-use crate::report::words::duration;
+use crate::report::page::{maps, page, with_file};
+use crate::report::table::{self, Cell, Figures, Table, column, estimate};
 use dunkelfeld::Error;
 use dunkelfeld::save_text;
 use dunkelfeld_emva1288::LineFit;
+use dunkelfeld_report::chart::Chart;
+use dunkelfeld_report::page::{self as frame, Heading, charts, facts, head, picture, tiles};
+use dunkelfeld_report::words::duration;
 use maud::{Markup, html};
 use std::path::{Path, PathBuf};
 
@@ -141,7 +142,7 @@ impl<'a> Report<'a> {
                 p { "Kludt et al., \u{201c}Noise analysis of a synthetically rendered scene in sensor-realistic image \
                     simulation\u{201d}. Pictures have 8 bits and gamma 2.2, without the noise of a sensor. The mean \
                     and the variance of each pixel are computed over frames with different seeds." }
-                (frame("findings", ["the paper", "measured here", "result"], rows))
+                (frame::table("findings", ["the paper", "measured here", "result"].map(Heading::of), rows))
                 (with_file(&self.series))
             }
         }

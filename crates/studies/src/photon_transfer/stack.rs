@@ -3,12 +3,10 @@
 use super::analysis::{Curve, fault, linear_curve, picture_curve};
 use super::figures::{LINEAR_AXES, chart};
 use crate::folder::check_folder;
-use crate::report::chart::Chart;
 use crate::report::estimate::Estimate;
 use crate::report::maps;
-use crate::report::page::{self, head, page};
+use crate::report::page::{maps, page};
 use crate::report::table::{self, Cell, Figures, Table, column, estimate};
-use crate::report::words::rounded;
 use crate::series::Kept;
 use crate::series::statistics::{correlation, quantile, rank_correlation};
 use derive_setters::Setters;
@@ -21,6 +19,9 @@ use dunkelfeld_io::gray::{GrayFrame, read_gray};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::loader::Limits;
 use dunkelfeld_io::results::ResultsFolder;
+use dunkelfeld_report::chart::Chart;
+use dunkelfeld_report::page::{charts, head};
+use dunkelfeld_report::words::rounded;
 use maud::html;
 use std::path::{Path, PathBuf};
 
@@ -268,7 +269,7 @@ impl FrameStack {
     /// A file that cannot be written, or a folder that contains the measurement of a scene.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, Error> {
         check_folder(folder, &self.inputs)?;
-        let charts = self.charts();
+        let drawn = self.charts();
         let s = &self.statistics;
         let plane = Plane::from_vec(s.width, s.height, s.variance.clone()).unwrap_or_else(|| Plane::new(1, 1, 0.0));
         let variance = maps::logarithmic(&plane, &plane, "DN\u{b2}", format!("variance over {} frames", s.frames))?;
@@ -282,10 +283,10 @@ impl FrameStack {
                     h2 { "Photon transfer" }
                     p { "Pixels of like mean form a point; its height is their mean variance. For a linear camera it is a \
                         straight line of slope K (EMVA 1288 release 4.0 Linear, equation 15)." }
-                    (page::charts(&charts))
+                    (charts(&drawn))
                 }
             },
-            html! { section.pairs { h2 { "Where the variance is" } (page::maps([&variance, &sobel])) } },
+            html! { section.pairs { h2 { "Where the variance is" } (maps([&variance, &sobel])) } },
         ];
         if Kept::is_there(folder) {
             let problem = "holds the measurement of a scene, whose report this one would replace".into();
@@ -308,7 +309,7 @@ impl FrameStack {
             }
         }
         save("curves.csv".into(), &csv)?;
-        for chart in &charts {
+        for chart in &drawn {
             save(format!("{}.svg", chart.name), &chart.file())?;
         }
         Ok(files)

@@ -1,11 +1,11 @@
 //! Planes of numbers as pictures: false colours that colour-blind readers can also distinguish, with the ends of their
 //! scale.
 
-use super::words::rounded;
 use dunkelfeld::Error;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::picture::Picture;
 use dunkelfeld_io::png::data_uri;
+use dunkelfeld_report::words::rounded;
 use maud::{Markup, Render, html};
 
 /// From dark to bright: the map "viridis" of S. van der Walt and N. Smith (2015, public domain), every eighth of it.

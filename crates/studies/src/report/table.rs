@@ -1,7 +1,8 @@
 //! Tables of a report: the same cells as CSV and as HTML.
 
 use super::estimate::Estimate;
-use super::words::rounded;
+use dunkelfeld_report::page::{self, Heading};
+use dunkelfeld_report::words::rounded;
 use maud::{Markup, Render, html};
 use serde_json::{Map, Value};
 
@@ -89,21 +90,9 @@ pub(crate) fn figures<'a>(tables: impl IntoIterator<Item = &'a Table>) -> Figure
 /// As an HTML table. Each number is a `data` element with the value of the CSV.
 impl Render for Table {
     fn render(&self) -> Markup {
-        let heading = |c: &Column| html! { (c.heading) @if !c.unit.is_empty() { " " small { (c.unit) } } };
+        let heading = |c: &Column| Heading { text: c.heading, unit: c.unit, class: "" };
         let rows = html! { @for row in &self.rows { tr { @for cell in row { (cell) } } } };
-        frame(self.name, self.columns.iter().map(heading), rows)
-    }
-}
-
-/// A table with its name, its headings, and its rows in HTML.
-pub(crate) fn frame(name: &str, headings: impl IntoIterator<Item = impl Render>, rows: Markup) -> Markup {
-    html! {
-        div.scroll {
-            table id={ "table-" (name) } {
-                thead { tr { @for heading in headings { th scope="col" { (heading) } } } }
-                tbody { (rows) }
-            }
-        }
+        page::table(self.name, self.columns.iter().map(heading), rows)
     }
 }
 

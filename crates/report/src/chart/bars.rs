@@ -1,7 +1,8 @@
-//! Stacked bars on one linear axis: the time of a render by stage.
+//! Stacked bars on one linear axis: the time of a render or of an image by stage.
 
 use super::Chart;
-use super::scale::{Scale, label};
+use super::scale::Scale;
+use crate::words::label;
 
 const WIDTH: f64 = 640.0;
 const RIGHT: f64 = 560.0;
@@ -9,13 +10,15 @@ const ROW: f64 = 34.0;
 
 /// A bar with its segments, in the order of the legend.
 #[derive(Clone, Debug)]
-pub(crate) struct Bar {
-    pub(crate) name: String,
-    pub(crate) parts: Vec<f64>,
+pub struct Bar {
+    /// Its name, at the left.
+    pub name: String,
+    /// The lengths of the segments \[s\], not negative.
+    pub parts: Vec<f64>,
 }
 
-/// Draws the chart; `parts` are the names of the segments.
-pub(crate) fn draw(name: &str, title: &str, axis: &str, parts: &[&str], bars: &[Bar]) -> Chart {
+/// Draws the chart. `axis` is the title of the axis, `parts` are the names of the segments.
+pub fn draw(name: &str, title: &str, axis: &str, parts: &[&str], bars: &[Bar]) -> Chart {
     let longest = bars.iter().map(|r| r.name.chars().count()).max().unwrap_or(0) as f64;
     let left = (24.0 + 8.2 * longest).min(0.4 * WIDTH);
     let mut chart = Chart::new(name, title, WIDTH, 0.0);

@@ -1,34 +1,41 @@
 //! Rows of dots on one logarithmic axis: the cost of each strategy, or the bias of each effect.
 
 use super::Chart;
-use super::scale::{Scale, label};
+use super::scale::Scale;
+use crate::words::label;
 
 const WIDTH: f64 = 640.0;
 const RIGHT: f64 = 620.0;
-/// Height of a row, and distance of the dots in it [px].
+/// Height of a row, and distance of the dots in it \[px\].
 const ROW: f64 = 30.0;
 const STEP: f64 = 13.0;
 
 /// A dot.
 #[derive(Clone, Debug)]
-pub(crate) struct Dot {
-    pub(crate) series: usize,
-    pub(crate) x: f64,
+pub struct Dot {
+    /// Index of colour and shape in the palette.
+    pub series: usize,
+    /// The value. A dot that is not positive is left out.
+    pub x: f64,
     /// One standard error; zero draws none.
-    pub(crate) error: f64,
-    pub(crate) hint: String,
+    pub error: f64,
+    /// The tooltip.
+    pub hint: String,
 }
 
-/// A row: its name and its dots. Dots of a `spread` row are one below the other.
+/// A row.
 #[derive(Clone, Debug)]
-pub(crate) struct Row {
-    pub(crate) name: String,
-    pub(crate) dots: Vec<Dot>,
-    pub(crate) spread: bool,
+pub struct Row {
+    /// Its name, at the left.
+    pub name: String,
+    /// Its dots.
+    pub dots: Vec<Dot>,
+    /// Are the dots one below the other?
+    pub spread: bool,
 }
 
-/// Draws the chart: title of the axis, a level with its name, names of the series, rows from the top.
-pub(crate) fn draw(
+/// Draws the chart: title of the axis, a level with its name, indices and names of the series, rows from the top.
+pub fn draw(
     name: &str,
     title: &str,
     axis: &str,

@@ -1,40 +1,39 @@
-//! Charts as SVG: small, without a library, the same in the page and as separate files.
+//! Charts as SVG: small, without a library, the same in the page and as separate files. Names and hints are escaped.
 
-pub(crate) mod bars;
-pub(crate) mod dots;
-pub(crate) mod lines;
-pub(crate) mod plot;
+pub mod bars;
+pub mod counts;
+pub mod dots;
+pub mod lines;
+pub mod plot;
 mod scale;
-
-pub(crate) use scale::power_of_ten;
 
 use maud::{Markup, PreEscaped, Render, html};
 
-/// Colours of the page and of the charts, for light and dark surroundings.
-pub(crate) const PALETTE: &str = include_str!("../palette.css");
-/// Styles of the parts of a chart.
-pub(crate) const STYLE: &str = include_str!("../chart.css");
+/// The style sheet of colours of the page and of the charts, for light and dark surroundings.
+pub const PALETTE: &str = include_str!("palette.css");
+/// The style sheet of the parts of a chart. It uses the colours of [`PALETTE`].
+pub const STYLE: &str = include_str!("chart.css");
 
 /// A finished chart.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Chart {
-    /// Name of its file, without ending.
-    pub(crate) name: String,
+pub struct Chart {
+    /// Name of its file, without ending. Empty for a chart that is only part of a page.
+    pub name: String,
     /// Description as text, for screen readers.
-    pub(crate) title: String,
+    pub title: String,
     width: f64,
     height: f64,
     body: String,
 }
 
 impl Chart {
-    /// An empty chart with its width and height [px].
-    pub(crate) fn new(name: &str, title: &str, width: f64, height: f64) -> Self {
+    /// An empty chart with its width and height \[px\].
+    fn new(name: &str, title: &str, width: f64, height: f64) -> Self {
         Self { name: name.into(), title: title.into(), width, height, body: String::new() }
     }
 
-    /// The chart as a separate file.
-    pub(crate) fn file(&self) -> String {
+    /// The chart as a separate file: a document of SVG with its styles.
+    pub fn file(&self) -> String {
         let (w, h) = (self.width, self.height);
         finished(html! {
             svg xmlns="http://www.w3.org/2000/svg" class="chart" viewBox={ "0 0 " (w) " " (h) } width=(w) height=(h)
@@ -123,10 +122,10 @@ impl Chart {
     }
 }
 
-/// Number of colours of the palette for series.
-const COLORS: usize = 6;
+/// Number of colours of the palette for series, and of those for categories. Larger indices begin again.
+pub const COLORS: usize = 6;
 /// The series with hollow marks: the reference of a comparison.
-pub(crate) const HOLLOW: usize = 4;
+pub const HOLLOW: usize = 4;
 
 /// The chart as part of a page that contains the styles.
 impl Render for Chart {
@@ -151,9 +150,10 @@ fn places(points: &[[f64; 2]]) -> String {
     points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect::<Vec<_>>().join(" ")
 }
 
-/// The text of a page or a chart. Control characters of names, which neither HTML nor XML allows, are left out.
+/// The text of a page or a chart. Control characters and noncharacters of names, which neither HTML nor XML allows, are left out.
 pub(crate) fn finished(markup: Markup) -> String {
-    markup.into_string().replace(|c: char| c.is_control() && c != '\n', "")
+    let is_bad = |c: char| (c.is_control() && c != '\n') || matches!(c, '\u{fffe}' | '\u{ffff}');
+    markup.into_string().replace(is_bad, "")
 }
 
 #[cfg(test)]
@@ -163,10 +163,11 @@ mod tests {
     #[test]
     fn names_cannot_break_out_of_a_chart() {
         let mut chart = Chart::new("x", "<script>\"&'", 100.0, 50.0);
-        chart.text("name", [0.0, 0.0], "start", "</text><script>alert(1)</script>\u{1}");
+        chart.text("name", [0.0, 0.0], "start", "</text><script>alert(1)</script>\u{1}\u{fffe}\u{ffff}");
         chart.mark(3, true, [1.0, 2.0], "a < b");
+        chart.rect("fill", [1.0, 2.0], [3.0, 4.0], "a < b");
         for text in [chart.file(), finished(chart.render())] {
-            assert!(!text.contains("<script"), "{text}");
+            assert!(!text.contains("<script") && !text.contains(['\u{1}', '\u{fffe}', '\u{ffff}']), "{text}");
             roxmltree::Document::parse(&text).unwrap_or_else(|e| panic!("{e}: {text}"));
         }
     }

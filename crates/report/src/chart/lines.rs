@@ -1,51 +1,58 @@
 //! Noise against time: lines with error bars on two logarithmic axes, and the slope of a mean for comparison.
 
 use super::Chart;
-use super::scale::{Scale, label};
+use super::scale::Scale;
+use crate::words::label;
 
-/// Size of the chart, and the edges of its plane [px].
+/// Size of the chart, and the edges of its plane \[px\].
 const SIZE: [f64; 2] = [430.0, 345.0];
 const LEFT: f64 = 68.0;
 const RIGHT: f64 = 418.0;
 const BOTTOM: f64 = 292.0;
 /// Levels further below the lowest point than this factor are left out, because they would compress the points.
 const FAR: f64 = 100.0;
-/// Minimum distance of the names of two levels [px]. Of closer ones only the first has a name.
+/// Minimum distance of the names of two levels \[px\]. Of closer ones only the first has a name.
 const NAME_HEIGHT: f64 = 14.0;
 
 /// One point.
 #[derive(Clone, Debug)]
-pub(crate) struct Mark {
-    pub(crate) x: f64,
-    pub(crate) y: f64,
+pub struct Mark {
+    /// The value on the horizontal axis. A point with a coordinate that is not positive is left out.
+    pub x: f64,
+    /// The value on the vertical axis.
+    pub y: f64,
     /// One standard error of y.
-    pub(crate) error: f64,
+    pub error: f64,
     /// The tooltip.
-    pub(crate) hint: String,
+    pub hint: String,
 }
 
 /// A line of points.
 #[derive(Clone, Debug)]
-pub(crate) struct Series {
+pub struct Series {
     /// Index of colour and shape in the palette.
-    pub(crate) color: usize,
-    pub(crate) name: String,
-    pub(crate) marks: Vec<Mark>,
+    pub color: usize,
+    /// Its name in the legend.
+    pub name: String,
+    /// Its points, in the order of the line.
+    pub marks: Vec<Mark>,
 }
 
 /// Titles of the axes, and the drawings beside the points.
 #[derive(Clone, Debug)]
-pub(crate) struct Axes<'a> {
-    pub(crate) x: &'a str,
-    pub(crate) y: &'a str,
+pub struct Axes<'a> {
+    /// The title of the horizontal axis.
+    pub x: &'a str,
+    /// The title of the vertical axis.
+    pub y: &'a str,
     /// Levels across the plane, with their names.
-    pub(crate) levels: Vec<(f64, String)>,
+    pub levels: Vec<(f64, String)>,
     /// The name of a dashed line of slope -1 through the first series.
-    pub(crate) slope: &'a str,
+    pub slope: &'a str,
 }
 
-/// Draws the chart.
-pub(crate) fn draw(name: &str, title: &str, axes: &Axes<'_>, series: &[Series]) -> Chart {
+/// Draws the chart. Both axes are logarithmic.
+pub fn draw(name: &str, title: &str, axes: &Axes<'_>, series: &[Series]) -> Chart {
     let mut chart = Chart::new(name, title, SIZE[0], SIZE[1]);
     let names: Vec<_> = series.iter().map(|s| (s.color, s.name.clone())).collect();
     let top = chart.legend(LEFT, &names, axes.slope) + 8.0;

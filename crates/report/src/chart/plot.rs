@@ -1,9 +1,10 @@
 //! Curves and points on two axes, each linear or logarithmic: measured values and models.
 
-use super::scale::{Scale, label};
+use super::scale::Scale;
 use super::{COLORS, Chart};
+use crate::words::label;
 
-/// Size of the chart, and the edges of its plane [px].
+/// Size of the chart, and the edges of its plane \[px\].
 const SIZE: [f64; 2] = [430.0, 330.0];
 const LEFT: f64 = 72.0;
 const RIGHT: f64 = 418.0;
@@ -13,33 +14,41 @@ const WIDTH: f64 = 7.6;
 
 /// Title and direction of an axis.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Axis<'a> {
-    pub(crate) label: &'a str,
-    pub(crate) is_log: bool,
+pub struct Axis<'a> {
+    /// Its title.
+    pub label: &'a str,
+    /// Is it logarithmic?
+    pub is_log: bool,
     /// Is zero part of a linear axis for any values?
-    pub(crate) has_zero: bool,
+    pub has_zero: bool,
 }
 
 /// The style of a trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Style {
+pub enum Style {
+    /// A dot at each point.
     Points,
+    /// A line in the colour of the trace.
     Line,
+    /// A dashed line, for a model.
     Dashed,
 }
 
 /// Points or a curve.
 #[derive(Clone, Debug)]
-pub(crate) struct Trace {
+pub struct Trace {
     /// Index of the colour in the palette.
-    pub(crate) color: usize,
-    pub(crate) name: String,
-    pub(crate) style: Style,
-    pub(crate) points: Vec<[f64; 2]>,
+    pub color: usize,
+    /// Its name in the legend.
+    pub name: String,
+    /// Its style.
+    pub style: Style,
+    /// Pairs of x and y, in the order of a line.
+    pub points: Vec<[f64; 2]>,
 }
 
-/// Draws the chart. Points that an axis cannot show (not finite, or not positive on a logarithmic one) are left out.
-pub(crate) fn draw(name: &str, title: &str, [x, y]: [Axis<'_>; 2], traces: &[Trace]) -> Chart {
+/// Draws the chart with a horizontal and a vertical axis. Points that an axis cannot show (not finite, or not positive on a logarithmic one) are left out.
+pub fn draw(name: &str, title: &str, [x, y]: [Axis<'_>; 2], traces: &[Trace]) -> Chart {
     let mut chart = Chart::new(name, title, SIZE[0], SIZE[1]);
     let top = legend(&mut chart, traces) + 6.0;
     let fits = |axis: &Axis<'_>, v: f64| v.is_finite() && (!axis.is_log || v > 0.0);

@@ -1,15 +1,5 @@
-"use strict";
 (function () {
-  var root = document.documentElement;
-  var button = document.getElementById("theme");
-  if (button) {
-    button.addEventListener("click", function () {
-      var dark = root.dataset.theme
-        ? root.dataset.theme === "dark"
-        : window.matchMedia("(prefers-color-scheme: dark)").matches;
-      root.dataset.theme = dark ? "light" : "dark";
-    });
-  }
+  "use strict";
   var slider = document.querySelector(".slider");
   if (!slider) return;
   slider.classList.add("on");
