@@ -1,12 +1,14 @@
 //! The noise and the cost of a set: certificates, matched exposures, times by stage, and bytes by folder.
 
-use super::bins::{Bins, Summary};
-use super::chart::bars::{self, Bar};
-use super::chart::counts::histogram;
-use super::chart::{Chart, shortened};
-use super::frame::{charts, table};
+use super::summary::Summary;
+use super::table::table;
 use super::view::SetView;
-use super::words::{bytes, duration, rounded};
+use dunkelfeld_report::bins::Bins;
+use dunkelfeld_report::chart::Chart;
+use dunkelfeld_report::chart::bars::{self, Bar};
+use dunkelfeld_report::chart::counts::{Fill, histogram};
+use dunkelfeld_report::page::charts;
+use dunkelfeld_report::words::{bytes, duration, rounded, shortened};
 use maud::{Markup, html};
 
 /// The stages in the order of their work, with their words.
@@ -38,7 +40,7 @@ pub(crate) fn noise_section(set: &SetView) -> Markup {
         let bins = Bins::of(values);
         let median = Summary::of(values.iter().copied()).median;
         let heading = format!("{heading}, median {}", rounded(median));
-        (!values.is_empty()).then(|| histogram(&heading, axis, "images", color, &bins, &[]))
+        (!values.is_empty()).then(|| histogram(&heading, axis, "images", Fill::Series(color), &bins, &[]))
     };
     let ks: Vec<&str> = set.ks.iter().take(6).map(String::as_str).collect();
     let axis = match ks.as_slice() {
@@ -97,7 +99,7 @@ fn times(set: &SetView) -> Markup {
     let chart = ((2..=6).contains(&parts.len()) && letters < 70).then(|| {
         let names: Vec<&str> = parts.iter().map(|p| p.0).collect();
         let bar = Bar { name: "mean".into(), parts: parts.iter().map(|p| p.1).collect() };
-        bars::draw("Mean time of an image by stage", "time [s]", &names, &[bar])
+        bars::draw("times", "Mean time of an image by stage", "time [s]", &names, &[bar])
     });
     let rows = html! {
         @for (name, words, s) in &stages {

@@ -1,11 +1,13 @@
 //! The drawn values of a set: a chart of each setting that varies, and a table of those that do not.
 
-use super::bins::Bins;
-use super::chart::counts::{bars, histogram};
-use super::chart::{Chart, label, shortened};
 use super::draws::Drawn;
-use super::frame::{charts, table};
+use super::table::table;
 use super::view::SetView;
+use dunkelfeld_report::bins::Bins;
+use dunkelfeld_report::chart::Chart;
+use dunkelfeld_report::chart::counts::{Fill, bars, histogram};
+use dunkelfeld_report::page::charts;
+use dunkelfeld_report::words::{label, shortened};
 use maud::{Markup, html};
 
 /// Maximum number of charts, and of rows of the table.
@@ -76,7 +78,7 @@ fn chart(name: &str, values: &Drawn) -> Chart {
                 (unit, false) => unit.into(),
                 (unit, true) => format!("{unit}, logarithmic"),
             };
-            histogram(name, &axis, "images", 0, &bins, &[])
+            histogram(name, &axis, "images", Fill::Series(0), &bins, &[])
         }
         Drawn::Texts { counts, others } => {
             let shown = if counts.len() <= BARS { counts.len() } else { BARS - 1 };

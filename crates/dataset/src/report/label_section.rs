@@ -1,12 +1,14 @@
 //! The labels of a set: a table of the categories, contrast-to-noise ratios, and visible shares.
 
-use super::bins::{Bins, Summary};
-use super::chart::counts::histogram;
-use super::chart::{COLORS, Chart, shortened};
-use super::frame::{charts, table};
 use super::page::swatch;
+use super::summary::Summary;
+use super::table::table;
 use super::view::{Instance, Labels, SetView};
-use super::words::{counted, percent, rounded};
+use dunkelfeld_report::bins::Bins;
+use dunkelfeld_report::chart::Chart;
+use dunkelfeld_report::chart::counts::{Fill, histogram};
+use dunkelfeld_report::page::charts;
+use dunkelfeld_report::words::{counted, percent, rounded, shortened};
 use maud::{Markup, html};
 
 /// Contrast-to-noise ratios with a share in the table.
@@ -148,8 +150,8 @@ fn cnr_charts(rows: &[Row<'_>]) -> Vec<Chart> {
     let chart = |(row, values): &(&Row<'_>, Vec<f64>)| {
         let bins = Bins::within(values, low, high * 1.0001, BINS, true);
         let heading = format!("{}, {}", shortened(&row.name, 32), counted(values.len() as u64, "instance"));
-        let color = row.position.unwrap_or(0) % COLORS;
-        histogram(&heading, "CNR, logarithmic", "instances", COLORS + color, &bins, &levels)
+        let fill = Fill::Category(row.position.unwrap_or(0));
+        histogram(&heading, "CNR, logarithmic", "instances", fill, &bins, &levels)
     };
     all.iter().take(CHARTS).map(chart).collect()
 }
@@ -159,7 +161,7 @@ fn visible_chart<'a>(name: &str, color: usize, instances: impl Iterator<Item = &
     let shares: Vec<f64> = shares.collect();
     let bins = Bins::within(&shares, 0.0, 1.0, BINS, false);
     let heading = format!("{name}, {}", counted(shares.len() as u64, "instance"));
-    (!shares.is_empty()).then(|| histogram(&heading, "visible share", "instances", color, &bins, &[]))
+    (!shares.is_empty()).then(|| histogram(&heading, "visible share", "instances", Fill::Series(color), &bins, &[]))
 }
 
 #[cfg(test)]
@@ -190,7 +192,7 @@ mod tests {
 
     #[test]
     fn a_category_has_one_colour_in_images_legend_and_charts() {
-        let (chart, page) = (include_str!("chart.css"), include_str!("page.css"));
+        let (chart, page) = (dunkelfeld_report::chart::STYLE, include_str!("style.css"));
         for (i, [r, g, b]) in crate::report::overlay::COLORS.into_iter().enumerate() {
             let color = format!("#{r:02x}{g:02x}{b:02x}");
             assert!(chart.contains(&format!(".fill.k{i} {{ fill: {color}; }}")), "{i}");

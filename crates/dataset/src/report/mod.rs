@@ -1,7 +1,5 @@
 //! The contact sheet and the page that show a data set of rendered images with labels.
 
-mod bins;
-mod chart;
 mod cost_section;
 mod draw_section;
 mod draws;
@@ -9,16 +7,16 @@ mod error;
 #[cfg(test)]
 mod fake;
 mod font;
-mod frame;
 mod label_section;
 mod overlay;
 mod page;
 mod picture;
 mod sheet;
+mod summary;
+mod table;
 #[cfg(test)]
 mod tests;
 mod view;
-mod words;
 
 pub(crate) use error::ReportError;
 pub(crate) use page::page;

@@ -7,7 +7,7 @@ use super::view::{Record, SetView};
 use std::collections::HashMap;
 
 /// Colours of categories, in the order of the set. They are the colours of the charts for dark surroundings, and white.
-pub(crate) const COLORS: [[u8; 3]; 6] =
+pub(crate) const COLORS: [[u8; 3]; dunkelfeld_report::chart::COLORS] =
     [[93, 181, 234], [255, 143, 80], [63, 207, 159], [238, 159, 203], [242, 195, 78], [255, 255, 255]];
 /// The opacity of the halo.
 const HALO: u8 = 190;

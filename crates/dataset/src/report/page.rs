@@ -1,18 +1,19 @@
 //! The page of a set: its head, a selection of its images, and the sections.
 
-use super::chart::shortened;
 use super::cost_section::{cost_section, image_seconds, noise_section};
 use super::draw_section::draw_section;
 use super::error::ReportError;
-use super::frame::{frame, head, tiles};
 use super::label_section::{findable, label_section};
 use super::overlay::{COLORS, style_of};
 use super::picture::{Pixels, data_uri, png};
 use super::sheet::Shown;
 use super::view::{SetView, image_ending};
-use super::words::{bytes, counted, duration, percent};
+use dunkelfeld_report::page::{self as frame, Extra, head, tiles};
+use dunkelfeld_report::words::{bytes, counted, duration, percent, shortened};
 use maud::{Markup, html};
 
+/// Images with their labels, the key of the categories, and narrow tables.
+const EXTRA: Extra = Extra { style: include_str!("style.css"), script: "" };
 /// Maximum number of images in the page.
 const IMAGES: usize = 24;
 /// The long side of an image in the page [px], and its maximum number of bytes before compression. The bytes limit the
@@ -27,7 +28,7 @@ pub(crate) fn page(set: &SetView) -> Result<String, ReportError> {
     let name = if set.head.study.is_empty() { "without a name" } else { &set.head.study };
     let sections =
         [top(set, name), images(set)?, label_section(set), draw_section(set), noise_section(set), cost_section(set)];
-    Ok(frame(&format!("{name} \u{b7} data set"), &sections))
+    Ok(frame::page(&format!("{name} \u{b7} data set"), EXTRA, &sections))
 }
 
 fn top(set: &SetView, name: &str) -> Markup {

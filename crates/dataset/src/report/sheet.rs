@@ -1,11 +1,11 @@
 //! The contact sheet: images of a set in a grid, with their labels, as one PNG.
 
-use super::chart::shortened;
 use super::error::ReportError;
 use super::font;
 use super::overlay::{COLORS, Overlay, style_of};
 use super::picture::{Mask, Pixels, png};
 use super::view::{Record, SetView, image_ending};
+use dunkelfeld_report::words::shortened;
 use std::collections::BTreeSet;
 
 /// Colours of the sheet: background, and text.
