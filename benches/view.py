@@ -3,11 +3,12 @@
 It starts the program on scenes/inspection/inspection.toml, with the page in a headless Chromium, and prints a table. With
 `--pictures FOLDER` it also writes the screenshots of docs/view.md. Nothing else should run on the machine.
 
-    pip install numpy selenium
+    pip install numpy pillow selenium
     DUNKELFELD=target/release/dunkelfeld python benches/view.py
 """
 
 import argparse
+import io
 import json
 import statistics
 import sys
@@ -15,6 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from PIL import Image
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
@@ -46,7 +48,7 @@ def job(folder, width, height, name="inspection"):
     text = text.replace(f'"{name}.glb"', json.dumps(str(SCENE / f"{name}.glb")))
     changed = text.replace("width = 512", f"width = {width}").replace("height = 512", f"height = {height}")
     assert changed != text or (width, height) == (512, 512)
-    path = Path(folder) / f"{width}x{height}.toml"
+    path = Path(folder) / (f"{name}.toml" if (width, height) == (512, 512) else f"{name}-{width}x{height}.toml")
     path.write_text(changed)
     return path
 
@@ -144,26 +146,35 @@ def cost(folder, driver, rounds, seconds):
         view.close()
 
 
+def screenshot(driver, file):
+    """A screenshot with 256 colours."""
+    picture = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
+    picture.quantize(256, dither=Image.Dither.NONE).save(file, optimize=True)
+
+
 def screenshots(folder, driver, target):
     """The pictures of docs/view.md: the scene without a cover, in which little noise is left after a minute."""
     view = View(job(folder, 512, 512, "inspection-open"), folder=folder)
     try:
         page = Page(driver, view.url)
         view.wait_for_film(PICTURE_SPP)
-        page.set("sensor", "imx250")
-        page.driver.save_screenshot(str(target / "view-camera.png"))
+        page.idle()
+        screenshot(driver, target / "view-camera.png")
         page.tab("noise")
+        page.set("target", "2")
         page.set("map", "ratio")
         page.wait(lambda: page.state()["certificate"] is not None, "a certificate")
         page.idle()
-        page.driver.save_screenshot(str(target / "view-noise.png"))
+        screenshot(driver, target / "view-noise.png")
         page.set("map", "none")
+        page.set("target", "0.5")
         page.tab("measure")
-        page.set("region1", "150 210 200 260")
-        page.set("region2", "230 330 280 380")
-        page.set("line", "60 300 460 300")
+        # A symbol, the panel beside it, and a line over both.
+        page.set("region1", "246 324 266 344")
+        page.set("region2", "290 324 310 344")
+        page.set("line", "200 332 340 332")
         page.idle()
-        page.driver.save_screenshot(str(target / "view-measure.png"))
+        screenshot(driver, target / "view-measure.png")
     finally:
         view.close()
 
