@@ -252,7 +252,7 @@ impl Developed {
                 match model.spec().quantum_efficiency.filter() {
                     None => {
                         header.format = "gray16";
-                        values.data().iter().flat_map(|v| v.to_le_bytes()).collect()
+                        little_endian(values.data(), |v| v.to_le_bytes())
                     }
                     Some(_) => match Picture::from_values(&values, model) {
                         Picture::Rgb(picture) => toned(picture.data(), tone),
@@ -311,10 +311,19 @@ impl Developed {
             Some(f64::from(*value))
         };
         let (low, high) = (quantile(0.01).unwrap_or(0.0), quantile(0.99).unwrap_or(0.0));
-        let payload = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let payload = little_endian(&values, |v| v.to_le_bytes());
         let (film, compute) = (self.snapshot.id, began.elapsed().as_secs_f64());
         Ok((MapHeader { width, height, format: "f32", unit, film, compute, low, high }, payload))
     }
+}
+
+/// The bytes of numbers, N for each.
+fn little_endian<T: Copy, const N: usize>(values: &[T], bytes_of: impl Fn(T) -> [u8; N]) -> Vec<u8> {
+    let mut bytes = vec![0; N * values.len()];
+    for (to, &value) in bytes.chunks_exact_mut(N).zip(values) {
+        to.copy_from_slice(&bytes_of(value));
+    }
+    bytes
 }
 
 fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
