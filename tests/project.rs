@@ -278,7 +278,7 @@ fn a_replay_belongs_to_one_render_and_applied_options_stay() {
     let files = OutputPaths::default().with_plan(plan.clone());
     save_film_files(&saved, None, &files, &InputFiles::new()).expect("saved");
     let known = project.inputs.iter().count();
-    for replay in [ReplayOption::File(plan), ReplayOption::Plan(SavedPlan::of_film(&saved))] {
+    for replay in [ReplayOption::File(plan), ReplayOption::Plan(SavedPlan::of_film(&saved).expect("a whole film"))] {
         let replay = RenderOptions::default().with_replay(replay).with_vignetting(Vignetting::CosineFourth);
         assert!(render(&mut project, replay.clone()).film.sums == saved.film.sums);
         let error = project.apply_options(replay.with_noise(1.0)).expect_err("a limit").to_string();
@@ -289,7 +289,7 @@ fn a_replay_belongs_to_one_render_and_applied_options_stay() {
     let settings = &project.settings;
     assert_eq!((settings.budget.spp, settings.seed, settings.training_paths), (Some(7.0), 5, Some(16)));
     // A seed, a size or a number of training paths beside the plan replaces that of its file.
-    let plan = SavedPlan::of_film(&saved);
+    let plan = SavedPlan::of_film(&saved).expect("a whole film");
     project
         .apply_options(RenderOptions::default().with_replay(ReplayOption::Plan(plan)).with_seed(6u64))
         .expect("applied");

@@ -7,7 +7,7 @@ use crate::options::{ExposureOption, SensorOption, check_frames, frames_of};
 use crate::project::find_sensor_recorded;
 use derive_setters::Setters;
 use dunkelfeld_film::Plane;
-use dunkelfeld_io::input::InputFiles;
+use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::job::DEFAULT_SENSOR;
 use dunkelfeld_radiometry::Number;
 use dunkelfeld_render::Error;
@@ -61,7 +61,10 @@ impl ImageOptions {
         let model = match self.sensor {
             None => find_sensor_recorded(DEFAULT_SENSOR, &mut inputs)?,
             Some(SensorOption::Named(name)) => find_sensor_recorded(&name, &mut inputs)?,
-            Some(SensorOption::Model(model)) => *model,
+            Some(SensorOption::Model { model, file }) => {
+                file.iter().for_each(|file| inputs.add(file, Role::Sensor));
+                *model
+            }
             Some(SensorOption::None) => {
                 return Err(Error::setting("sensor", "there is no sensor to expose", "name a sensor, such as imx250"));
             }

@@ -73,7 +73,7 @@
 //! let options = RenderOptions::default().with_spp(8.0).with_seed(3u64);
 //! let film = project.render_options(options, &Silent, &Cancel::new())?.into_saved_film();
 //! // Size, seed, frame and number of training paths belong to the plan.
-//! let replay = RenderOptions::default().with_replay(ReplayOption::Plan(SavedPlan::of_film(&film)));
+//! let replay = RenderOptions::default().with_replay(ReplayOption::Plan(SavedPlan::of_film(&film)?));
 //! let again = project.render_options(replay, &Silent, &Cancel::new())?;
 //! assert!(again.rendering.film.sums == film.film.sums);
 //! let sample = project.trace_sample(PixelSample { x: 16, y: 12, index: 0 })?;

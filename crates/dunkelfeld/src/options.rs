@@ -13,7 +13,7 @@ use dunkelfeld_adaptive::Strategy;
 use dunkelfeld_adaptive::budget::NOISE_LEVELS;
 use dunkelfeld_film::Plane;
 use dunkelfeld_integrator::PixelSample;
-use dunkelfeld_io::input::InputFiles;
+use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_render::film_noise::Certified;
 use dunkelfeld_render::{
     Budget, Cancel, CheckpointSettings, DenoiseMethod, DenoiseSettings, Error, Progress, RenderSettings, SavedFilm,
@@ -31,8 +31,13 @@ pub enum SensorOption {
     None,
     /// A preset or a sensor file, by name or path.
     Named(String),
-    /// A model.
-    Model(Box<SensorModel>),
+    /// A model, and the file that it was read from, which no output may replace.
+    Model {
+        /// The model.
+        model: Box<SensorModel>,
+        /// The file; `None` for a preset and for a model that the program has made.
+        file: Option<PathBuf>,
+    },
 }
 
 /// The exposure time of a sensor.
@@ -144,7 +149,10 @@ pub fn select_sensor(
             None
         }
         Some(SensorOption::Named(name)) => Some(Box::new(find_sensor_recorded(&name, inputs)?)),
-        Some(SensorOption::Model(model)) => Some(model),
+        Some(SensorOption::Model { model, file }) => {
+            file.iter().for_each(|file| inputs.add(file, Role::Sensor));
+            Some(model)
+        }
     };
     if let Some(model) = model {
         let before = if let SensorChoice::Emva { exposure, .. } = choice { *exposure } else { None };
@@ -323,7 +331,7 @@ impl ExposeSettings {
         let model = match &options.sensor {
             None => None,
             Some(SensorOption::Named(name)) => Some(crate::project::find_sensor(name)?),
-            Some(SensorOption::Model(model)) => Some((**model).clone()),
+            Some(SensorOption::Model { model, .. }) => Some((**model).clone()),
             Some(SensorOption::None) => return Err(no_sensor()),
         };
         let mut settings = match (model, Self::of_render(&saved.settings)?) {

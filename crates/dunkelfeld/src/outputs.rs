@@ -241,7 +241,7 @@ pub fn encode_layers(film: &RenderedFilm, frame: &Frame, settings: &RenderSettin
 
 /// The attribute of an EXR with all layers.
 pub(crate) fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) -> serde_json::Value {
-    serde_json::json!({
+    let mut all = serde_json::json!({
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
         "seed": settings.seed,
         "frame": settings.frame,
@@ -253,7 +253,23 @@ pub(crate) fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: 
         FILM_OF_SENSOR: FilmOfSensor::new(settings),
         "objects": names,
         "without": settings.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
-    })
+    });
+    add_first_sample(&mut all, settings);
+    all
+}
+
+/// Marks a part of a render that does not begin with sample 0: its numbers of samples are no plan.
+fn add_first_sample(attributes: &mut serde_json::Value, settings: &RenderSettings) {
+    let first = settings.samples.as_ref().map_or(0, |samples| samples.start);
+    if let (1.., Some(attributes)) = (first, attributes.as_object_mut()) {
+        attributes.insert("first_sample".into(), first.into());
+    }
+}
+
+/// The reason why a part of a render cannot be replayed, and the help.
+fn no_plan_of_part(first: u32) -> (String, &'static str) {
+    let problem = format!("is a part of a render, whose first sample is {first}, and a plan begins with sample 0");
+    (problem, "merge it with the other parts, or render the part again by its range of samples")
 }
 
 /// The layers of some rows of pixels, without attributes. The names of the channels are the same for all rows. Runs on
@@ -388,13 +404,14 @@ pub(crate) fn set_attribute(layers: &mut ExrLayers, name: &str, value: &str) {
 fn plan_layers(plan: &Plane<u32>, settings: &RenderSettings) -> ExrLayers {
     let mut layers = ExrLayers::new(plan.width(), plan.height());
     layers.push_integers(Single::SampleCount, plan.clone());
-    layers.attributes = serde_json::json!({
+    let mut attributes = serde_json::json!({
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
         "seed": settings.seed,
         "frame": settings.frame,
         "training_paths": settings.training_paths(),
-    })
-    .to_string();
+    });
+    add_first_sample(&mut attributes, settings);
+    layers.attributes = attributes.to_string();
     layers
 }
 
@@ -468,22 +485,29 @@ pub struct SavedPlan {
 }
 
 impl SavedPlan {
-    /// The plan of a rendered film: a replay has the same samples.
-    pub fn of_film(saved: &SavedFilm) -> Self {
+    /// The plan of a rendered film: a replay with the same scene, camera and lens has the same samples.
+    ///
+    /// # Errors
+    /// A part of a render that does not begin with sample 0.
+    pub fn of_film(saved: &SavedFilm) -> Result<Self, Error> {
         let SavedFilm { film, settings, .. } = saved;
-        Self {
+        if let Some(first @ 1..) = settings.samples.as_ref().map(|samples| samples.start) {
+            let (problem, help) = no_plan_of_part(first);
+            return Err(Error::setting("replay", format!("the film {problem}"), help));
+        }
+        Ok(Self {
             samples: film.sums.sample_counts(),
             seed: Some(settings.seed),
             frame: Some(settings.frame),
             training_paths: settings.training_paths(),
-        }
+        })
     }
 }
 
 /// Reads a plan that [`save_plan`] wrote, or that of the layers of a render.
 ///
 /// # Errors
-/// A file that is no EXR, or has no layer `spp.Y`.
+/// A file that is no EXR, has no layer `spp.Y`, or is a part of a render that does not begin with sample 0.
 pub fn load_plan(path: &Path) -> Result<SavedPlan, Error> {
     load_plan_recorded(path, &mut InputFiles::new())
 }
@@ -500,9 +524,16 @@ pub fn load_plan_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SavedP
         frame: Option<u32>,
         #[serde(default)]
         training_paths: u32,
+        #[serde(default)]
+        first_sample: u32,
     }
     let layers = read_exr_recorded(path, Role::Plan, inputs)?;
-    let Attributes { seed, frame, training_paths } = serde_json::from_str(&layers.attributes).unwrap_or_default();
+    let Attributes { seed, frame, training_paths, first_sample } =
+        serde_json::from_str(&layers.attributes).unwrap_or_default();
+    if first_sample > 0 {
+        let (problem, help) = no_plan_of_part(first_sample);
+        return Err(InputError::new(path, "layer spp.Y", problem, help).into());
+    }
     let fault = |problem: String| {
         let help = "use an EXR that --exr or --plan wrote";
         Err(InputError::new(path, "layer spp.Y", problem, help).into())

@@ -3,6 +3,7 @@
 use crate::arguments::{MemoryArgument, checked_threads};
 use crate::errors::{Failure, setting};
 use crate::film::Film;
+use crate::inputs::absolute;
 use dunkelfeld::{InputFiles, MergeSettings, STATIONS, SavedFilm, Station};
 use dunkelfeld_io::input::Role;
 use pyo3::prelude::*;
@@ -28,6 +29,8 @@ pub(crate) fn merge(
     let memory = memory.map(MemoryArgument::bytes).transpose()?;
     let mut inputs = InputFiles::new();
     paths.iter().for_each(|path| inputs.add(path, Role::Part));
+    checkpoint.iter().for_each(|path| inputs.add(path, Role::Checkpoint));
+    let inputs = absolute(&inputs);
     let merged = py.detach(|| {
         let settings = MergeSettings::default().with_parts(paths).with_threads(threads).with_checkpoint(checkpoint);
         let settings = settings.with_memory_limit(memory);

@@ -294,7 +294,7 @@ impl Film {
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
         let mut inputs = InputFiles::new();
-        inputs.add(&path, Role::Checkpoint);
+        inputs.add(&std::path::absolute(&path).unwrap_or_else(|_| path.clone()), Role::Checkpoint);
         let saved = Arc::new(py.detach(|| SavedFilm::read(&path))?);
         let (material_names, stats, inputs) = (Arc::default(), String::new(), inputs.into());
         Ok(Self { saved, material_names, stats, interrupted: false, inputs })

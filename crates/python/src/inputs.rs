@@ -32,6 +32,11 @@ pub(crate) fn input_names(inputs: &InputFiles) -> Vec<(PathBuf, String)> {
     inputs.iter().map(named).collect()
 }
 
+/// The input files by their absolute paths: the current folder may change, and a copy may be used in another one.
+pub(crate) fn absolute(inputs: &InputFiles) -> InputFiles {
+    inputs_of(&input_names(inputs))
+}
+
 /// The input files of [`input_names`].
 pub(crate) fn inputs_of(names: &[(PathBuf, String)]) -> InputFiles {
     let mut inputs = InputFiles::new();

@@ -26,6 +26,9 @@ use pyo3::prelude::*;
 /// The module `dunkelfeld._native`.
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    // The interface of numpy is loaded here, where an error is one of the import.
+    module.py().import("numpy")?;
+    drop(numpy::PyArray1::<u8>::zeros(module.py(), 0, false));
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("NO_ID", dunkelfeld::NO_ID)?;
     module.add_class::<scene::Scene>()?;

@@ -4,7 +4,7 @@ use crate::errors::{Failure, internal};
 use crate::work::interruptible;
 use dunkelfeld::{Cancel, Error, Progress, ProgressState, Silent};
 use pyo3::prelude::*;
-use std::cell::Cell;
+use std::cell::RefCell;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Duration;
 
@@ -12,15 +12,15 @@ use std::time::Duration;
 const WAIT: Duration = Duration::from_millis(2);
 
 thread_local! {
-    /// The address of the scene whose progress function runs on this thread, or 0.
-    static REPORTS: Cell<usize> = const { Cell::new(0) };
+    /// The addresses of the scenes whose progress functions run on this thread, or wait for it.
+    static REPORTS: RefCell<Vec<usize>> = const { RefCell::new(Vec::new()) };
 }
 
 /// Calls a function of Python with the progress. An exception cancels the work.
 struct Callback<'a> {
     function: &'a Py<PyAny>,
-    /// The address of the scene, or 0.
-    scene: usize,
+    /// The address of the scene, and of those whose progress functions began this work.
+    scenes: Vec<usize>,
     cancel: &'a Cancel,
     raised: Mutex<Option<PyErr>>,
 }
@@ -29,9 +29,9 @@ impl Progress for Callback<'_> {
     fn update(&self, state: &ProgressState) {
         let called = Python::attach(|py| {
             let arguments = (state.stage.name(), state.fraction, state.elapsed, state.remaining);
-            let before = REPORTS.replace(self.scene);
+            let before = REPORTS.replace(self.scenes.clone());
             let called = self.function.call1(py, arguments).map(|_| ());
-            REPORTS.set(before);
+            REPORTS.replace(before);
             called
         });
         if let Err(e) = called {
@@ -58,9 +58,9 @@ pub(crate) fn lock_unless<T>(mutex: &Mutex<T>, mut is_given_up: impl FnMut() -> 
     }
 }
 
-/// Does the progress function of the scene with this address run on this thread?
+/// Does the progress function of the scene with this address run on this thread, or wait for it?
 pub(crate) fn reports_about(scene: usize) -> bool {
-    REPORTS.get() == scene
+    REPORTS.with_borrow(|scenes| scenes.contains(&scene))
 }
 
 /// Runs `work` on another thread. `function` is called with (stage, fraction, elapsed \[s\], remaining \[s\] or None). The
@@ -74,10 +74,26 @@ pub(crate) fn supervised<T: Send>(
     scene: usize,
     work: impl FnOnce(&dyn Progress, &Cancel) -> Result<T, Error> + Send,
 ) -> Result<(T, Option<PyErr>), Failure> {
-    let cancel = Cancel::new();
-    let callback = function.map(|function| Callback { function, scene, cancel: &cancel, raised: Mutex::default() });
+    supervised_by(py, function, scene, &Cancel::new(), work)
+}
+
+/// [`supervised`] work that `cancel` ends.
+///
+/// # Errors
+/// As [`supervised`].
+pub(crate) fn supervised_by<T: Send>(
+    py: Python<'_>,
+    function: Option<&Py<PyAny>>,
+    scene: usize,
+    cancel: &Cancel,
+    work: impl FnOnce(&dyn Progress, &Cancel) -> Result<T, Error> + Send,
+) -> Result<(T, Option<PyErr>), Failure> {
+    let callback = function.map(|function| {
+        let scenes = REPORTS.with_borrow(|scenes| scenes.iter().copied().chain([scene]).collect());
+        Callback { function, scenes, cancel, raised: Mutex::default() }
+    });
     let sink: &dyn Progress = callback.as_ref().map_or(&Silent, |callback| callback);
-    let (result, raised) = interruptible(py, &cancel, || work(sink, &cancel));
+    let (result, raised) = interruptible(py, cancel, || work(sink, cancel));
     let raised = raised.or_else(|| callback.as_ref().and_then(|c| lock(&c.raised).take()));
     match (result, raised) {
         (Some(Ok(result)), raised) => Ok((result, raised)),

@@ -7,10 +7,10 @@ use crate::arguments::{
 use crate::arrays::CountsArray;
 use crate::errors::{Failure, Interrupted, setting};
 use crate::film::Film;
-use crate::inputs::names_of;
+use crate::inputs::{absolute, names_of};
 use crate::job::{job_text, overrides_text};
 use crate::json::loaded;
-use crate::progress::{lock, lock_unless, reports_about, supervised};
+use crate::progress::{lock, lock_unless, reports_about, supervised_by};
 use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::SIGNALS;
 use dunkelfeld::scene::Effect;
@@ -37,6 +37,8 @@ pub(crate) struct Scene {
     origin: (PathBuf, Option<String>),
     without: Vec<Effect>,
     overrides: Mutex<String>,
+    /// Ends the render that holds the project.
+    running: Mutex<Option<Arc<Cancel>>>,
 }
 
 impl Scene {
@@ -51,6 +53,16 @@ impl Scene {
             return Err(setting("scene", problem, "use it after the render"));
         }
         Ok(())
+    }
+
+    /// Is the render that holds the project cancelled? Its progress function may wait for this thread.
+    fn is_ending(&self) -> bool {
+        lock(&self.running).as_ref().is_some_and(|cancel| cancel.is_cancelled())
+    }
+
+    fn held() -> Failure {
+        let problem = "the scene was held by a render that was cancelled";
+        setting("scene", problem, "use it after the render, and not from its progress function")
     }
 
     /// Works on the project without the lock of the interpreter: a render on another thread may need that lock.
@@ -68,6 +80,9 @@ impl Scene {
                 Some(result) => return Ok(result),
                 None => py.check_signals()?,
             }
+            if self.is_ending() {
+                return Err(Self::held());
+            }
         }
     }
 
@@ -80,7 +95,13 @@ impl Scene {
         // A copy may be made in another folder.
         let path = std::path::absolute(&path).unwrap_or(path);
         let without = project.settings.without.clone();
-        Ok(Self { project: Mutex::new(project), origin: (path, text), without, overrides: Mutex::default() })
+        Ok(Self {
+            project: Mutex::new(project),
+            origin: (path, text),
+            without,
+            overrides: Mutex::default(),
+            running: Mutex::default(),
+        })
     }
 
     /// The file of the scene, for studies, which open it themselves.
@@ -107,7 +128,7 @@ fn effects_of(without: Option<NamesArgument>) -> Result<Vec<Effect>, Failure> {
 /// A plan from Python: a film, an array of numbers of samples, or the path of an EXR.
 fn replay_of(plan: &Bound<'_, PyAny>) -> Result<ReplayOption, Failure> {
     if let Ok(film) = plan.cast::<Film>() {
-        return Ok(ReplayOption::Plan(SavedPlan::of_film(&film.get().saved)));
+        return Ok(ReplayOption::Plan(SavedPlan::of_film(&film.get().saved)?));
     }
     if let Ok(counts) = plan.extract::<CountsArray<'_>>() {
         return Ok(ReplayOption::Samples(counts.plane("replay")?));
@@ -224,21 +245,33 @@ impl Scene {
         options.vignetting = vignetting.map(vignetting_of).transpose()?;
         (options.denoise, options.oidn) = (denoise.map(method_of).transpose()?, oidn);
         options.replay = replay.map(replay_of).transpose()?;
+        let replayed = replay.and_then(|plan| Some(plan.cast::<Film>().ok()?.get().inputs.clone()));
         options.training_paths = training_paths;
         options.memory = memory.map(MemoryArgument::bytes).transpose()?;
         (options.checkpoint, options.checkpoint_every) = (checkpoint, checkpoint_every);
-        let work = |sink: &dyn Progress, cancel: &Cancel| {
-            let Some(mut project) = lock_unless(&self.project, || cancel.is_cancelled()) else {
+        let cancel = Arc::new(Cancel::new());
+        let work = |sink: &dyn Progress, _: &Cancel| {
+            let Some(mut project) = lock_unless(&self.project, || cancel.is_cancelled() || self.is_ending()) else {
                 return Err(dunkelfeld::Error::setting("render", "was cancelled before it began", "render again"));
             };
-            let result = project.render_options(options, sink, cancel)?;
+            *lock(&self.running) = Some(cancel.clone());
+            let result = project.render_options(options, sink, &cancel);
+            *lock(&self.running) = None;
+            let result = result?;
             let names = project.scene.materials().iter().map(|m| m.name.clone()).collect();
             let (stats, interrupted) = (result.stats.to_json(), result.rendering.interrupted);
-            let inputs = Arc::new(result.inputs().clone());
+            let mut inputs = absolute(result.inputs());
+            // The film of a replay stands for the files that it was made from.
+            for (path, role) in
+                replayed.iter().flat_map(|film| film.iter()).map(|input| (input.identity.path(), input.role))
+            {
+                inputs.add(path, role);
+            }
+            let inputs = Arc::new(inputs);
             let saved = Arc::new(result.into_saved_film());
             Ok(Film { saved, material_names: Arc::new(names), stats, interrupted, inputs })
         };
-        let (film, raised) = supervised(py, progress.as_ref(), self.address(), work)?;
+        let (film, raised) = supervised_by(py, progress.as_ref(), self.address(), &cancel, work)?;
         let Some(raised) = raised else { return Ok(film) };
         if !raised.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py) {
             return Err(raised.into());

@@ -104,7 +104,11 @@ pub(crate) enum SensorArgument {
 impl SensorArgument {
     pub(crate) fn option(self) -> SensorOption {
         match self {
-            Self::Sensor(sensor) => SensorOption::Model(Box::new(sensor.model)),
+            Self::Sensor(Sensor { origin, model }) => {
+                let is_preset = sensor_file::preset_names().any(|preset| preset == origin);
+                let file = if is_preset { None } else { Some(PathBuf::from(origin)) };
+                SensorOption::Model { model: Box::new(model), file }
+            }
             Self::Name(name) if name == "none" => SensorOption::None,
             Self::Name(name) => SensorOption::Named(name),
             Self::Path(path) => SensorOption::Named(path.display().to_string()),

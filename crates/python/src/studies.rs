@@ -109,7 +109,8 @@ fn open(input: &Path, view: &ViewOptions, sink: &dyn Progress) -> Result<Project
 
 /// Renders a scene or job many times with different seeds, and writes noise against time of each strategy and denoiser,
 /// the time until the noise is hidden, and cost and bias of each effect into the folder `output` (default: the name of
-/// the input with -bench). `input` is a path, or a `Scene` from a path without overrides, which is opened again: `report.html`, tables as CSV, charts as SVG. The options are those of `dunkelfeld bench`.
+/// the input with -bench): `report.html`, tables as CSV, charts as SVG. `input` is a path, or a `Scene` from a path without
+/// overrides, which is opened again. The options are those of `dunkelfeld bench`.
 ///
 /// Returns a dictionary: `folder`, `report` and `files` (paths), `findings` (texts), `figures` (the rows of the tables
 /// noise, hidden, denoised, stages and effects, with the keys of the CSV; None where a number is unknown), `finished` and
@@ -176,8 +177,8 @@ pub(crate) fn bench<'py>(
 
 /// Measures the photon transfer of a scene or job, as Kludt et al., or that of frames from files (.png, .tif, .bmp), and
 /// writes `report.html`, tables as CSV and charts as SVG into the folder `output` (default: the name of the input with
-/// -ptc). A scene can be a `Scene` from a path without overrides, which is opened again. The options are those of `dunkelfeld ptc`. `dark` and `saturation` [DN] are for frames only; with frames, only
-/// `edges` is used beside them.
+/// -ptc). A scene can be a `Scene` from a path without overrides, which is opened again. The options are those of
+/// `dunkelfeld ptc`. `dark` and `saturation` [DN] are for frames only; with frames, only `edges` is used beside them.
 ///
 /// Returns a dictionary: `folder`, `report` and `files` (paths), `findings` (texts), `figures` (tables: of a scene series,
 /// lines and curves; of frames curves, lines and variance; None where a number is unknown), `finished` and `renders`

@@ -17,7 +17,10 @@ pub(crate) fn with_pool<T: Send>(
     threads: usize,
     work: impl FnOnce() -> T + Send,
 ) -> Result<T, Failure> {
-    Ok(py.detach(|| Ok::<_, dunkelfeld::Error>(Session::new(threads)?.install(work)))?)
+    let result = py.detach(|| Ok::<_, dunkelfeld::Error>(Session::new(threads)?.install(work)))?;
+    // Before the interpreter runs other code: a signal that came meanwhile is not an error of that code.
+    py.check_signals()?;
+    Ok(result)
 }
 
 /// Runs `work` on another thread. A signal whose handler raises an exception, such as Ctrl-C, sets `cancel`; then the result

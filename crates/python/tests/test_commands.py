@@ -4,6 +4,7 @@ import json
 import os
 import pickle
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any, cast
 
@@ -510,3 +511,95 @@ def test_a_noise_map_can_be_copied(path: Path) -> None:
         assert np.array_equal(copy.ratios, noise.ratios, equal_nan=True) and np.array_equal(copy.picture, noise.picture)
         assert (copy.k, copy.hidden, copy.range) == (noise.k, noise.hidden, noise.range)
         assert copy._repr_html_() == noise._repr_html_()
+
+
+def test_a_part_is_no_plan(path: Path, tmp_path: Path) -> None:
+    """A part that begins with a later sample has other samples than a replay of its numbers."""
+    scene = df.Scene(path)
+    first, part = scene.render(samples=(0, 4)), scene.render(samples=(4, 8), checkpoint=tmp_path / "part")
+    assert np.array_equal(scene.render(replay=first).mean, first.mean)
+    part.save_files(exr=tmp_path / "part.exr", plan=tmp_path / "plan.exr")
+    plans: list[Any] = [
+        part,
+        tmp_path / "part.exr",
+        tmp_path / "plan.exr",
+        df.Film.load(tmp_path / "part"),
+        df.merge([tmp_path / "part"]),
+    ]
+    for plan in plans:
+        with pytest.raises(df.DunkelfeldError, match="first sample is 4") as caught:
+            scene.render(replay=plan)
+        assert caught.value.help
+    command = [PROGRAM, "render", str(path), "--replay", str(tmp_path / "part.exr"), "-o", str(tmp_path / "a.png")]
+    assert subprocess.run(command, check=False, capture_output=True).returncode == 2
+
+
+def test_sensors_and_copies_keep_their_files(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No output replaces the file of a sensor object, of a replayed film, of a merge, or of a film after a change of folder."""
+    sheet = Path(__file__).parents[3] / "validation" / "rows_and_columns.toml"
+    (tmp_path / "sensor.toml").write_bytes(sheet.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    scene = df.Scene("station.toml")
+    of_sensor = scene.render(sensor=df.Sensor("sensor.toml"))
+    of_sensor.save("whole.film")
+    scene.render(samples=(0, 4), checkpoint="a")
+    scene.render(samples=(4, 8), checkpoint="b")
+    merged = df.merge(["a", "b"], checkpoint="c")
+    of_film = scene.render(replay=df.Film.load("whole.film"))
+    of_sensor.save_plan("plan.exr")
+    of_plan = scene.render(replay="plan.exr")
+    (tmp_path / "sub").mkdir()
+    monkeypatch.chdir(tmp_path / "sub")
+    cases = [(of_sensor, "sensor.toml"), (merged, "c"), (merged, "a"), (of_film, "whole.film"), (of_plan, "plan.exr")]
+    for film, name in cases:
+        before = (tmp_path / name).read_bytes()
+        for made in (film, pickle.loads(pickle.dumps(film))):
+            with pytest.raises(df.OutputError):
+                made.save(f"../{name}")
+        assert (tmp_path / name).read_bytes() == before
+    exr = tmp_path / "of.exr"
+    of_plan.save_exr(exr)
+    with pytest.raises(df.OutputError):
+        df.expose_exr_files(exr, linear=tmp_path / "sensor.toml", sensor=df.Sensor(tmp_path / "sensor.toml"))
+
+
+SIGNALS = """
+import os, signal, sys, threading, time
+import dunkelfeld as df
+scene = df.Scene(sys.argv[1])
+other = df.Scene(sys.argv[1])
+def at(seconds):
+    threading.Timer(seconds, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+def elsewhere(*_):
+    thread = threading.Thread(target=lambda: scene.cameras)
+    thread.start()
+    thread.join()
+began = time.monotonic()
+try:
+    if sys.argv[2] == "expose":
+        film = scene.render(spp=1, width=300, height=300)
+        at(0.3)
+        film.expose(frames=400)
+    elif sys.argv[2] == "thread":
+        at(0.5)
+        scene.render(time=60, progress=elsewhere)
+    else:
+        scene.render(time=60, progress=lambda *_: other.render(spp=1, progress=lambda *_: scene.cameras))
+except KeyboardInterrupt:
+    print("interrupted")
+except df.SettingError as error:
+    print("refused", error.problem)
+assert time.monotonic() - began < 30
+"""
+
+
+@pytest.mark.parametrize(
+    ("work", "says"), [("expose", "interrupted"), ("thread", "interrupted"), ("nested", "refused")]
+)
+def test_signals_end_each_kind_of_work(work: str, says: str, path: Path) -> None:
+    """Ctrl-C while numpy is first used, and while a progress function waits for its own scene through another thread. A scene
+    that another scene's progress function uses within its own is refused."""
+    command = [sys.executable, "-c", SIGNALS, str(path), work]
+    found = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+    assert found.returncode == 0 and found.stdout.startswith(says), (found.stdout, found.stderr)
+    assert "panicked" not in found.stderr

@@ -8,6 +8,7 @@ use crate::settings::RenderSettings;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::checkpoint::{CheckpointHead, read_checkpoint, write_checkpoint};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::path::Path;
 
 /// A rendered film together with its exposure. A file of it has the format of checkpoints, and cannot be continued. A
@@ -25,12 +26,16 @@ pub struct SavedFilm {
 #[derive(Serialize, Deserialize)]
 struct Description {
     saved_film: ExposureRecipe,
+    /// The samples of every pixel, if the film is a part of a render.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    samples: Option<Range<u32>>,
 }
 
 /// The part of the description of a checkpoint that exposes its film.
 #[derive(Deserialize)]
 struct OfCheckpoint {
     recipe: Option<ExposureRecipe>,
+    samples: Option<Range<u32>>,
 }
 
 impl SavedFilm {
@@ -42,19 +47,21 @@ impl SavedFilm {
         let Self { film, settings, is_vignetted } = self;
         let saved_film = ExposureRecipe::new(settings, *is_vignetted, [&film.object_names, &film.material_names]);
         let [objects, materials] = numbers_of(&film.ids);
-        let stored = serde_json::to_string(&Description { saved_film }).map_err(Into::into).and_then(|text| {
-            let head = CheckpointHead {
-                width: film.sums.width(),
-                height: film.sums.height(),
-                text: &text,
-                weights: None,
-                caps: None,
-                target: None,
-                objects: Some(&objects),
-                materials: Some(&materials),
-            };
-            write_checkpoint(path, &head, &mut |rows, out| film.sums.read_rows(rows, out))
-        });
+        let stored = serde_json::to_string(&Description { saved_film, samples: settings.samples.clone() })
+            .map_err(Into::into)
+            .and_then(|text| {
+                let head = CheckpointHead {
+                    width: film.sums.width(),
+                    height: film.sums.height(),
+                    text: &text,
+                    weights: None,
+                    caps: None,
+                    target: None,
+                    objects: Some(&objects),
+                    materials: Some(&materials),
+                };
+                write_checkpoint(path, &head, &mut |rows, out| film.sums.read_rows(rows, out))
+            });
         written(path, stored)
     }
 
@@ -67,21 +74,23 @@ impl SavedFilm {
         let help = "use a file that a saved film has, such as `film.save(\"a.film\")` in Python";
         let fault = |problem: String| InputError::new(path, "the description", problem, help);
         let unreadable = |e| fault(format!("is not that of a saved film: {e}"));
-        let saved_film = if has_field(&checkpoint.text, "key") {
+        let (saved_film, samples) = if has_field(&checkpoint.text, "key") {
             let found: OfCheckpoint = serde_json::from_str(&checkpoint.text).map_err(unreadable)?;
             let help = "write it again by a render with this checkpoint";
             let problem = "is a checkpoint of an earlier version, without sensor and names";
-            found.recipe.ok_or_else(|| InputError::new(path, "the description", problem, help))?
+            let recipe = found.recipe.ok_or_else(|| InputError::new(path, "the description", problem, help))?;
+            (recipe, found.samples)
         } else {
             let found: Description = serde_json::from_str(&checkpoint.text).map_err(unreadable)?;
-            found.saved_film
+            (found.saved_film, found.samples)
         };
         let (Some(objects), Some(materials)) = (&checkpoint.objects, &checkpoint.materials) else {
             return Err(fault("has no ids of objects and materials".into()).into());
         };
         let ids = labels_of(objects, materials);
         let sums = checkpoint.film;
-        let settings = saved_film.settings(sums.width(), sums.height());
+        let mut settings = saved_film.settings(sums.width(), sums.height());
+        settings.samples = samples;
         let is_vignetted = saved_film.is_vignetted;
         let ExposureRecipe { object_names, material_names, .. } = saved_film;
         Ok(Self { film: RenderedFilm { sums, ids, object_names, material_names }, settings, is_vignetted })

@@ -64,12 +64,14 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     let account = check_memory(settings)?;
     let _lock = settings.checkpoint.as_deref().map(lock).transpose()?;
     let joined = JoinedParts::read(&settings.parts)?;
-    let shown = joined.settings().with_threads(settings.threads);
+    let samples = joined.samples();
+    let mut shown = joined.settings().with_threads(settings.threads);
+    // A whole render begins with sample 0.
+    shown.samples = (samples.start > 0).then(|| samples.clone());
     settings.outputs.check(shown.has_sensor())?;
     if let Some(path) = &settings.checkpoint {
         joined.write_checkpoint(path)?;
     }
-    let samples = joined.samples();
     let parts: Vec<PartStats> = joined.parts().iter().map(statistics).collect();
     let (is_vignetted, is_replay) = (joined.is_vignetted(), joined.is_replay());
     let session = Session::new(settings.threads)?.with_start(started);

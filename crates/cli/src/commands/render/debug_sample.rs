@@ -6,7 +6,10 @@ use dunkelfeld::{Error, Project};
 use std::fmt::Write;
 
 pub(super) fn run(project: &Project, at: PixelSample) -> Result<Outcome, Error> {
-    let sample = project.trace_sample(at)?;
+    let sample = project.trace_sample(at).map_err(|e| match e {
+        Error::Setting { problem, help, .. } => Error::setting("--debug-sample", problem, help),
+        other => other,
+    })?;
     print(&text_of(&sample));
     Ok(if sample.is_valid { Outcome::Done } else { Outcome::Flagged })
 }
