@@ -21,7 +21,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// A scene or job file. `Scene(path)` opens a scene (`.glb`, `.gltf`, `.obj`, `.stl`, `.ply`) or a job (`.toml`).
 ///
@@ -41,6 +41,27 @@ pub(crate) struct Scene {
     running: Mutex<Option<Arc<Cancel>>>,
 }
 
+/// Time in which a cancelled render leaves its scene. One that does not waits for its progress function, which may wait for
+/// the scene itself.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+const HELD: &str = "the scene was held by a render that was cancelled";
+const AFTER_RENDER: &str = "use it after the render, and not from its progress function";
+
+/// A wait for a scene: since when the render that holds it is cancelled.
+#[derive(Default)]
+struct Held(Option<Instant>);
+
+impl Held {
+    fn exceeds_patience(&mut self, scene: &Scene) -> bool {
+        if !scene.is_ending() {
+            self.0 = None;
+            return false;
+        }
+        self.0.get_or_insert_with(Instant::now).elapsed() > PATIENCE
+    }
+}
+
 impl Scene {
     fn address(&self) -> usize {
         std::ptr::from_ref(self).addr()
@@ -55,20 +76,16 @@ impl Scene {
         Ok(())
     }
 
-    /// Is the render that holds the project cancelled? Its progress function may wait for this thread.
+    /// Is the render that holds the project cancelled?
     fn is_ending(&self) -> bool {
         lock(&self.running).as_ref().is_some_and(|cancel| cancel.is_cancelled())
-    }
-
-    fn held() -> Failure {
-        let problem = "the scene was held by a render that was cancelled";
-        setting("scene", problem, "use it after the render, and not from its progress function")
     }
 
     /// Works on the project without the lock of the interpreter: a render on another thread may need that lock.
     fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Project) -> T + Send) -> Result<T, Failure> {
         self.check_idle()?;
         let mut work = Some(work);
+        let mut held = Held::default();
         loop {
             // A signal such as Ctrl-C ends a wait for a render on another thread.
             let tried = py.detach(|| {
@@ -80,8 +97,8 @@ impl Scene {
                 Some(result) => return Ok(result),
                 None => py.check_signals()?,
             }
-            if self.is_ending() {
-                return Err(Self::held());
+            if held.exceeds_patience(self) {
+                return Err(setting("scene", HELD, AFTER_RENDER));
             }
         }
     }
@@ -251,8 +268,13 @@ impl Scene {
         (options.checkpoint, options.checkpoint_every) = (checkpoint, checkpoint_every);
         let cancel = Arc::new(Cancel::new());
         let work = |sink: &dyn Progress, _: &Cancel| {
-            let Some(mut project) = lock_unless(&self.project, || cancel.is_cancelled() || self.is_ending()) else {
-                return Err(dunkelfeld::Error::setting("render", "was cancelled before it began", "render again"));
+            let mut held = Held::default();
+            let is_given_up = || cancel.is_cancelled() || held.exceeds_patience(self);
+            let Some(mut project) = lock_unless(&self.project, is_given_up) else {
+                return Err(match cancel.is_cancelled() {
+                    true => dunkelfeld::Error::setting("render", "was cancelled before it began", "render again"),
+                    false => dunkelfeld::Error::setting("scene", HELD, AFTER_RENDER),
+                });
             };
             *lock(&self.running) = Some(cancel.clone());
             let result = project.render_options(options, sink, &cancel);

@@ -66,8 +66,7 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     let joined = JoinedParts::read(&settings.parts)?;
     let samples = joined.samples();
     let mut shown = joined.settings().with_threads(settings.threads);
-    // A whole render begins with sample 0.
-    shown.samples = (samples.start > 0).then(|| samples.clone());
+    shown.samples = Some(samples.clone());
     settings.outputs.check(shown.has_sensor())?;
     if let Some(path) = &settings.checkpoint {
         joined.write_checkpoint(path)?;
