@@ -9,7 +9,7 @@ use dunkelfeld::geometry::DVec3;
 use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
 use dunkelfeld::sensor::{BayerPattern, Exposure, ExposureNoise, Optics, SensorModel};
 use dunkelfeld::{
-    Cancel, ExposeOutputs, ExposeSettings, Exposer, Frame, Picture, RenderSettings, SensorChoice, Session,
+    Cancel, ExposeOutputs, ExposeSettings, Exposer, ExrImage, Frame, Picture, RenderSettings, SensorChoice, Session,
     develop_film, expose_exr, find_sensor, render,
 };
 use dunkelfeld_io::exr::{Channel, ExrLayers, write_exr};
@@ -395,4 +395,17 @@ fn layers_of_a_render_are_matched_as_the_render_was() {
         matched < 0.02 * plain,
         "mean square {matched:.2} from the render's own matched frame, {plain:.2} when plain"
     );
+    // An image that is read once has the same frames, as has the noise that is analysed apart.
+    let with = |exposure_noise| exposing.clone().with_exposure_noise(exposure_noise);
+    let image = ExrImage::open(&path, &with(ExposureNoise::Matched)).expect("an image");
+    for noise in [ExposureNoise::Matched, ExposureNoise::Plain] {
+        assert!(image.expose(&with(noise)).expect("a camera").frame(0).expect("a frame") == expose(noise), "{noise:?}");
+    }
+    let noise = image.image_noise(&with(ExposureNoise::Plain)).expect("variances");
+    let plain = image.expose(&with(ExposureNoise::Plain)).expect("a camera");
+    let frame = plain.with_noise(&noise, &[(None, 1.0)]).expect("one film").frame(0).expect("a frame");
+    assert!(frame == expose(ExposureNoise::Matched));
+    let unread = ExrImage::open(&path, &with(ExposureNoise::Plain)).expect("an image");
+    let error = unread.expose(&with(ExposureNoise::Matched)).expect_err("no noise").to_string();
+    assert!(error.contains("was not read"), "{error}");
 }

@@ -223,7 +223,7 @@ fn camera(project: &Project, noise: ExposureNoise) -> ExposeSettings {
 fn exposer(films: &[(&RenderedFilm, f64)], settings: &ExposeSettings) -> Exposer {
     let means: Vec<Plane<[f32; 3]>> = films.iter().map(|(film, _)| mean_without_gaps(&film.sums)).collect();
     let means: Vec<_> = means.iter().zip(films).map(|(mean, (_, factor))| (mean, *factor)).collect();
-    Exposer::of_films_and_mean(films, sum_of_means(&means).expect("one size"), settings).expect("valid")
+    Exposer::of_films_and_mean(films, &sum_of_means(&means).expect("one size"), settings).expect("valid")
 }
 
 /// Variances of the electrons \[e^-2\], as certified.
@@ -321,6 +321,39 @@ fn one_film_has_the_exposure_and_the_certificate_of_its_render() {
         let wanted = 4.0 * f64::from(single) * of_sensor(e) / of_sensor(2.0 * e);
         assert!((f64::from(double) - wanted).abs() <= 1e-4 * wanted, "pixel {pixel}: {double} {wanted}");
     }
+}
+
+/// Noise that was analysed once gives the frames of matched exposure for its films and camera, for any device.
+#[test]
+fn noise_that_was_analysed_before_gives_the_same_frames() {
+    let mut project = opened(32.0);
+    let (panel, sun) = ["panel", "sun"].map(|light| film(&project.only_light(light).expect("a scene"))).into();
+    let counts = [&panel, &sun].map(|film| film.sums.sample_counts());
+    let (plain, matched) = [ExposureNoise::Plain, ExposureNoise::Matched].map(|noise| camera(&project, noise)).into();
+    for factor in [0.4, 0.0] {
+        let films = [(&panel, 1.0), (&sun, factor)];
+        let with_counts = [(Some(&counts[0]), 1.0), (Some(&counts[1]), factor)];
+        let noise = exposer(&films, &plain).image_noise(&films).expect("one size");
+        for seed in [1, 2] {
+            let [plain, matched] =
+                [&plain, &matched].map(|settings| exposer(&films, &settings.clone().with_seed(seed)));
+            let wanted = matched.frame(0).expect("a frame");
+            assert!(plain.frame(0).expect("a frame") != wanted);
+            let found = plain.with_noise(&noise, &with_counts).expect("these films");
+            assert_eq!(found.matched(), matched.matched());
+            assert!(found.frame(0).expect("a frame") == wanted, "{factor}");
+        }
+    }
+    // Behind twice the exposure, the share of pixels that can be matched is close to that of its own analysis.
+    let of_time = |settings: &ExposeSettings, seconds: f64| {
+        let time = dunkelfeld::sensor::Exposure::new(dunkelfeld::radiometry::Seconds(seconds)).expect("in range");
+        exposer(&[(&panel, 1.0)], &settings.clone().with_exposure(time))
+    };
+    let noise = of_time(&plain, 1e-3).image_noise(&[(&panel, 1.0)]).expect("one size");
+    let converted = of_time(&plain, 2e-3).with_noise(&noise, &[(Some(&counts[0]), 1.0)]).expect("this film");
+    let (found, wanted) = (converted.matched(), of_time(&matched, 2e-3).matched());
+    let (found, wanted) = (found.expect("matched"), wanted.expect("matched"));
+    assert!((found - wanted).abs() < 0.05, "{found} {wanted}");
 }
 
 /// A variance that is unknown in one film is unknown in the sum, unless the light is dark.

@@ -45,7 +45,7 @@ class MockView:
         self.left_out, self.saved, self.ablations = set(), [], {}
         self.log, self.settings = [], {"delay": 0.0, "frozen": options.freeze}
         # `mute`: no state is sent. `no_picture`: the film of the state is not there yet. `regions`: a fault of all regions.
-        self.settings |= {"mute": options.mute, "no_picture": False, "regions": None}
+        self.settings |= {"mute": options.mute, "no_picture": False, "regions": None, "provisional": False, "prepared": 0}
         self.begin, self.paused_at, self.film_offset = time.time(), 0.0, 0
         self.connected = False
 
@@ -166,6 +166,7 @@ class MockView:
             "forecast": forecast,
             "forecast_from": "plan" if forecast else "points",
             "max_spp": MAX_SPP,
+            "prepared": self.settings["prepared"],
             "target": self.target,
             "certificate": certificate,
             "sensors": SENSORS,
@@ -279,6 +280,7 @@ class MockView:
             "no_light": False,
             "saturated": float(np.mean(shot["dn"] >= shot["white"])),
             "matched": shot["matched"],
+            "provisional": self.settings["provisional"],
             "mean_value": float(shot["dn"].mean()),
             "mean_electrons": float(shot["electrons"].mean()),
             "compute": time.time() - begin,

@@ -99,7 +99,9 @@ class View:
 
     def frame(self, frame=0, tone="gamma", **changes):
         """A frame of the camera of the job with changes."""
-        return self.picture("frame", {"camera": self.camera(**changes), "frame": frame, "tone": tone})
+        return self.picture(
+            "frame", {"camera": self.camera(**changes), "frame": frame, "tone": tone, "exact": True}
+        )
 
     def camera(self, **changes):
         return {**self.state()["camera"], **changes}

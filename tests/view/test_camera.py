@@ -32,6 +32,7 @@ def film(stored, tmp_path, view):
 
 
 def values_of(page, width=96, height=72):
+    page.wait(lambda: not page.frame()["header"]["provisional"], "the analysis of this picture")
     frame = page.frame()
     assert frame["header"]["format"] == "gray16"
     return frame["header"], np.array(frame["values"], np.uint16).reshape(height, width)

@@ -1,31 +1,21 @@
 //! An image and a camera: exposes a film or an EXR again and again, without a render.
 
-use crate::commands::denoise::{invalid_variances_of, radiance_of};
 use crate::commands::expose::{ExposeSettings, check};
+use crate::exr_image::ExrImage;
 use crate::frame::{Frame, Picture, SensorFrame};
-use crate::memory::expose_account;
+use crate::image_noise::{FilmPart, ImageNoise};
 use crate::noise_compensation::{CompensationInputs, Matched};
-use crate::outputs::{FilmOfSensor, VIGNETTING, attributes};
-use dunkelfeld_adaptive::required_samples::SensorNoise;
-use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures, pixel_features};
-use dunkelfeld_film::{Plane, Scatter};
-use dunkelfeld_io::InputError;
-use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
-use dunkelfeld_io::input::{InputFiles, Role};
-use dunkelfeld_io::layers::{Single, Triple};
+use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::Seconds;
-use dunkelfeld_render::film_noise::{
-    Certified, FilmNoise, certify_variances, levels, per_luminance, sensor_noise, signal_scatter,
-};
+use dunkelfeld_render::film_noise::{Certified, FilmNoise, certify_variances, sensor_noise};
 use dunkelfeld_render::parallel::mean_without_gaps;
-use dunkelfeld_render::{Error, RenderedFilm, thread_count};
+use dunkelfeld_render::{Error, RenderedFilm};
 use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::{
-    Device, Exposure, ExposureNoise, FrameKey, ImageExposure, Optics, Readout, Response, SensorModel, Weights,
+    Device, Exposure, ExposureNoise, FrameKey, ImageExposure, MeanElectrons, Optics, Readout, Response, SensorModel,
     electrons,
 };
 use rayon::prelude::*;
-use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -54,7 +44,7 @@ impl Exposer {
     /// # Errors
     /// Settings outside their range, or outside the ranges of the sensor.
     pub fn of_film(film: &RenderedFilm, settings: &ExposeSettings) -> Result<Self, Error> {
-        Self::of_film_and_mean(film, mean_without_gaps(&film.sums), settings)
+        Self::of_film_and_mean(film, &mean_without_gaps(&film.sums), settings)
     }
 
     /// [`Self::of_film`] with the mean radiance of the film, [`mean_without_gaps`]: for several cameras of one film.
@@ -63,7 +53,7 @@ impl Exposer {
     /// As [`Self::of_film`].
     pub fn of_film_and_mean(
         film: &RenderedFilm,
-        radiance: Plane<[f32; 3]>,
+        radiance: &Plane<[f32; 3]>,
         settings: &ExposeSettings,
     ) -> Result<Self, Error> {
         Self::of_films_and_mean(&[(film, 1.0)], radiance, settings)
@@ -77,7 +67,7 @@ impl Exposer {
     /// As [`Self::of_film`], and films of different sizes.
     pub fn of_films_and_mean(
         films: &[(&RenderedFilm, f64)],
-        radiance: Plane<[f32; 3]>,
+        radiance: &Plane<[f32; 3]>,
         settings: &ExposeSettings,
     ) -> Result<Self, Error> {
         Self::of_films(films, radiance, None, settings)
@@ -91,7 +81,7 @@ impl Exposer {
     /// As [`Self::of_films_and_mean`], and a transmission of another size or out of range.
     pub fn behind_lens(
         films: &[(&RenderedFilm, f64)],
-        radiance: Plane<[f32; 3]>,
+        radiance: &Plane<[f32; 3]>,
         transmission: Arc<Plane<f32>>,
         settings: &ExposeSettings,
     ) -> Result<Self, Error> {
@@ -105,59 +95,88 @@ impl Exposer {
 
     fn of_films(
         films: &[(&RenderedFilm, f64)],
-        radiance: Plane<[f32; 3]>,
+        radiance: &Plane<[f32; 3]>,
         transmission: Option<Arc<Plane<f32>>>,
         settings: &ExposeSettings,
     ) -> Result<Self, Error> {
         check(settings)?;
         let size = [radiance.width(), radiance.height()];
         check_films(size, films.iter().map(|(film, factor)| ([film.sums.width(), film.sums.height()], *factor)))?;
-        let ExposeSettings { model, optics, .. } = settings;
-        let is_matched = settings.exposure_noise == ExposureNoise::Matched;
-        let known = |response: Response, exposure: Exposure, _: &Plane<[f32; 3]>| {
-            // A sample can be rare with one factor and hidden in the noise of the camera with another one.
-            let noise = |(film, factor): (&RenderedFilm, f64)| {
-                let variances = FilmNoise::exposed(response.scaled(factor), model, exposure, film).pixel_variances();
-                CompensationInputs::from_variances(&variances)
-            };
-            let dark = || CompensationInputs {
-                variance: Plane::new(size[0], size[1], 0.0),
-                is_rare: Plane::new(size[0], size[1], false),
-            };
-            let lit = films.iter().copied().filter(|(_, factor)| *factor > 0.0);
-            is_matched.then(|| {
-                let mut sum = CompensationInputs::sum(lit.map(noise)).unwrap_or_else(dark);
-                if let Some(transmission) = &transmission {
-                    let pixels = sum.variance.data_mut().iter_mut().zip(transmission.data());
-                    pixels.for_each(|(variance, t)| *variance *= t * t);
-                }
-                sum
-            })
-        };
         if settings.vignetting.is_some() {
             let problem = "the lens of a render darkens its corners during the render";
             return Err(Error::setting("vignetting", problem, "set it in the lens of the render"));
         }
-        let exposer = Self::new(radiance, settings, (model, *optics, settings.readout), known)?;
-        Ok(Self { transmission, ..exposer })
+        let camera = (&settings.model, settings.optics, settings.readout);
+        let exposer = Self { transmission, ..Self::new(radiance, settings, camera)? };
+        if settings.exposure_noise == ExposureNoise::Plain {
+            return Ok(exposer);
+        }
+        let lit = films.iter().filter(|(_, factor)| *factor > 0.0);
+        let inputs = CompensationInputs::sum(lit.map(|&(film, factor)| exposer.film_part(film, factor).inputs));
+        Ok(exposer.with_inputs(inputs.unwrap_or_else(|| CompensationInputs::none(size))))
     }
 
-    /// Combines mean radiance [W/(m^2 sr)] with a camera, and with the noise that the electrons have, for matched
-    /// exposure.
-    fn new(
-        radiance: Plane<[f32; 3]>,
+    /// Analyses the noise of films that are added, for matched exposure with this camera: see [`Self::with_noise`]. Runs on
+    /// the threads of the current pool.
+    ///
+    /// # Errors
+    /// As [`Self::of_films_and_mean`].
+    pub fn image_noise(&self, films: &[(&RenderedFilm, f64)]) -> Result<ImageNoise, Error> {
+        let of = |film: &RenderedFilm| [film.sums.width(), film.sums.height()];
+        check_films(self.size(), films.iter().map(|(film, factor)| (of(film), *factor)))?;
+        Ok(ImageNoise::new(films.iter().map(|&(film, factor)| self.film_part(film, factor)).collect()))
+    }
+
+    /// The noise of a film with this factor. That of a film whose factor is 0 is analysed at the factor 1.
+    fn film_part(&self, film: &RenderedFilm, factor: f64) -> FilmPart {
+        // A sample can be rare with one factor and hidden in the noise of the camera with another one.
+        let response = self.response.scaled(if factor > 0.0 { factor } else { 1.0 });
+        let noise = FilmNoise::exposed(response, self.model(), self.exposure, film);
+        let inputs = CompensationInputs::from_variances(&noise.pixel_variances());
+        FilmPart { response, counts: Some(noise.counts), inputs }
+    }
+
+    /// Matched exposure of this image, whose films have these numbers of samples per pixel and factors, with noise that was
+    /// analysed before: for these films and this camera, for another camera, or for the same films with fewer or more samples.
+    ///
+    /// The variance of a mean is proportional to the square of the signal of a grey pixel and to the inverse of its number of
+    /// samples; without a number, the number is that of the analysis. Rare samples are those of the analysis. For the films
+    /// and the camera of the analysis, the result is that of [`Self::of_films_and_mean`] to the last bit.
+    ///
+    /// # Errors
+    /// Another number of films, films of another size, factors out of range.
+    pub fn with_noise(self, noise: &ImageNoise, films: &[(Option<&Plane<u32>>, f64)]) -> Result<Self, Error> {
+        let inputs = noise.converted(self.size(), &self.response, films)?;
+        Ok(self.with_inputs(inputs))
+    }
+
+    /// The number of variances in the image that were negative or not a number, and count as unknown.
+    pub(crate) fn with_invalid_variances(self, invalid_variances: u64) -> Self {
+        Self { invalid_variances, ..self }
+    }
+
+    /// Matched exposure with the noise of the films in front of the lens of [`Self::behind_lens`].
+    pub(crate) fn with_inputs(mut self, mut inputs: CompensationInputs) -> Self {
+        if let Some(transmission) = &self.transmission {
+            let pixels = inputs.variance.data_mut().iter_mut().zip(transmission.data());
+            pixels.for_each(|(variance, t)| *variance *= t * t);
+        }
+        self.known = Some(inputs);
+        self
+    }
+
+    /// Combines mean radiance [W/(m^2 sr)] with a camera. All of the camera's noise is drawn.
+    pub(crate) fn new(
+        radiance: &Plane<[f32; 3]>,
         settings: &ExposeSettings,
         (model, optics, readout): (&SensorModel, Optics, Readout),
-        known: impl FnOnce(Response, Exposure, &Plane<[f32; 3]>) -> Option<CompensationInputs>,
     ) -> Result<Self, Error> {
-        let ImageExposure { exposure, no_light } = ImageExposure::new(settings.exposure, &radiance, model, &optics)?;
+        let ImageExposure { exposure, no_light } = ImageExposure::new(settings.exposure, radiance, model, &optics)?;
         let response = Response::new(model, &optics, exposure);
-        let mean = electrons(&radiance, &response);
-        let known = known(response, exposure, &radiance);
+        let MeanElectrons { plane: electrons, invalid } = electrons(radiance, &response);
         let device = Device::with_readout(model.clone(), settings.seed, [radiance.width(), radiance.height()], readout);
-        let (electrons, invalid) = (mean.plane, mean.invalid);
         let seed = settings.seed;
-        let (transmission, invalid_variances) = (None, 0);
+        let (transmission, known, invalid_variances) = (None, None, 0);
         Ok(Self {
             device,
             response,
@@ -172,52 +191,12 @@ impl Exposer {
         })
     }
 
-    /// Reads an EXR and combines it with a camera. Binning, the stages of a line scan, the wavelengths of the channels
-    /// and the filter of the lens are those of the render, if the file contains them.
+    /// Reads an EXR and combines it with a camera ([`ExrImage`] does it for several cameras).
     ///
     /// # Errors
-    /// A file that cannot be read or has no such layer; settings outside their range; noise that is to be matched, but
-    /// is not in the file.
+    /// As [`ExrImage::open`] and [`ExrImage::expose`].
     pub fn open(path: &Path, settings: &ExposeSettings) -> Result<Self, Error> {
-        check(settings)?;
-        let is_matched = settings.exposure_noise == ExposureNoise::Matched;
-        let agree = |size: ExrSize| {
-            let threads = thread_count(settings.threads);
-            let account = expose_account((size.width, size.height), size.bytes, is_matched, threads);
-            let help = "expose a smaller image, one with fewer layers, or on fewer --threads";
-            account.check(settings.memory_limit, 0, help)
-        };
-        let layers = read_exr_if(path, Role::Image, &mut InputFiles::new(), agree)?;
-        if settings.vignetting.is_some() && attributes(&layers).contains_key(VIGNETTING) {
-            let problem = "the lens of the render has darkened its corners already";
-            return Err(InputError::new(path, "--vignetting", problem, "leave out --vignetting").into());
-        }
-        let mut radiance = radiance_of(path, &layers, settings.layer.as_deref())?;
-        let mut noise = match settings.exposure_noise {
-            ExposureNoise::Plain => None,
-            ExposureNoise::Matched => Some(NoiseLayers::from_layers(&layers).ok_or_else(|| {
-                let problem = "is missing, so the noise of the render is unknown";
-                InputError::new(path, "the layer `variance`", problem, "leave out --exposure-noise matched")
-            })?),
-        };
-        let (mut model, mut optics, mut readout) = (settings.model.clone(), settings.optics, settings.readout);
-        if let Some(film) = FilmOfSensor::of_file(path, &layers)? {
-            model = model.binned(film.readout.binning)?;
-            optics = optics.with_bands(film.bands);
-            readout = film.readout;
-        }
-        drop(layers);
-        if let Some(focal_length) = settings.vignetting {
-            let share = lens_share(focal_length, optics, &model, [radiance.width(), radiance.height()]);
-            radiance = through_lens(&radiance, &share);
-            noise = noise.map(|noise| noise.darkened(&share));
-        }
-        let invalid_variances = noise.as_ref().map_or(0, |noise| invalid_variances_of(&noise.variance));
-        let known = |response: Response, exposure: Exposure, radiance: &Plane<[f32; 3]>| {
-            noise.map(|noise| noise.known(response, sensor_noise(&model, exposure), radiance))
-        };
-        let exposer = Self::new(radiance, settings, (&model, optics, readout), known)?;
-        Ok(Self { invalid_variances, ..exposer })
+        ExrImage::open(path, settings)?.expose(settings)
     }
 
     /// Combines mean radiance [W/(m^2 sr)], linear Rec. 709, with a camera. Its noise is unknown, so that all of the noise of
@@ -239,7 +218,7 @@ impl Exposer {
             let share = lens_share(focal_length, optics, model, [radiance.width(), radiance.height()]);
             radiance = through_lens(&radiance, &share);
         }
-        Self::new(radiance, settings, (model, optics, settings.readout), |_, _, _| None)
+        Self::new(&radiance, settings, (model, optics, settings.readout))
     }
 
     /// Width and height \[pixels\].
@@ -255,6 +234,11 @@ impl Exposer {
     /// The exposure of the settings, or the automatic one.
     pub fn exposure(&self) -> Exposure {
         self.exposure
+    }
+
+    /// The response of the pixels to radiance, at this exposure.
+    pub(crate) fn response(&self) -> &Response {
+        &self.response
     }
 
     /// Expected photo-electrons of each pixel.
@@ -405,7 +389,12 @@ pub(crate) fn check_films(size: [u32; 2], films: impl Iterator<Item = ([u32; 2],
 }
 
 /// Transmission of a thin lens in each pixel, relative to its axis.
-fn lens_share(focal_length: f64, optics: Optics, model: &SensorModel, [width, height]: [u32; 2]) -> Plane<f64> {
+pub(crate) fn lens_share(
+    focal_length: f64,
+    optics: Optics,
+    model: &SensorModel,
+    [width, height]: [u32; 2],
+) -> Plane<f64> {
     let distance = focal_length * (1.0 + optics.magnification()) / model.spec().pixel_pitch.0;
     Plane::from_fn(width, height, |x, y| cosine_fourth(x, y, width, height, distance))
 }
@@ -426,111 +415,6 @@ pub fn through_lens<T: Copy + Into<f64>>(radiance: &Plane<[f32; 3]>, transmissio
         let share: f64 = shares.next().map_or(1.0, |&share| share.into());
         pixel.map(|v| (f64::from(v) * share) as f32)
     })
-}
-
-/// The noise data of a mean, from a file.
-struct NoiseLayers {
-    /// Variance of the mean, by channel.
-    variance: Plane<[f32; 3]>,
-    /// Covariance of its channels.
-    covariance: Plane<[f32; 3]>,
-    /// Further data of a file of ours.
-    pixels: Option<PixelLayers>,
-}
-
-/// Surface ids and samples of the pixels.
-struct PixelLayers {
-    counts: Plane<u32>,
-    surface: Plane<PixelFeatures>,
-    scatter: Plane<Option<Scatter>>,
-}
-
-impl NoiseLayers {
-    /// `None` without variances.
-    fn from_layers(layers: &ExrLayers) -> Option<Self> {
-        let variance = layers.triples(Triple::Variance)?;
-        let covariance =
-            layers.triples(Triple::Covariance).unwrap_or_else(|| variance.map(|_| Weights::UNKNOWN_COVARIANCE));
-        let whole = [layers.integers(Single::SampleCount), layers.integers(Single::ObjectId)];
-        let pixels = match (whole, layers.triples(Triple::Normal)) {
-            ([Some(counts), Some(objects)], Some(normals)) => {
-                let scatter = [Single::Scatter, Single::LargestScatter].map(|layer| layers.single(layer));
-                let scatter = match scatter {
-                    [Some(all), Some(largest)] => {
-                        let mut largest = largest.data().iter();
-                        all.map(|&all| {
-                            let largest = f64::from(*largest.next()?);
-                            let all = f64::from(all);
-                            (all.is_finite() && all >= 0.0 && (0.0..=all).contains(&largest))
-                                .then_some(Scatter { all, largest })
-                        })
-                    }
-                    _ => counts.map(|_| None),
-                };
-                Some(PixelLayers { counts, surface: pixel_features(&objects, &normals), scatter })
-            }
-            _ => None,
-        };
-        Some(Self { variance, covariance, pixels })
-    }
-
-    fn darkened(self, share: &Plane<f64>) -> Self {
-        let squares = share.map(|s| s * s);
-        let mut shares = share.data().iter();
-        let pixels = self.pixels.map(|PixelLayers { counts, surface, scatter }| {
-            let scatter = scatter.map(|&scatter| {
-                let share = shares.next().copied().unwrap_or(1.0);
-                scatter.map(|s| signal_scatter(s, share))
-            });
-            PixelLayers { counts, surface, scatter }
-        });
-        let [variance, covariance] = [&self.variance, &self.covariance].map(|plane| through_lens(plane, &squares));
-        Self { variance, covariance, pixels }
-    }
-
-    /// The noise of the electrons of a sensor: as in a render if the file contains the ids of the surfaces in the
-    /// pixels, otherwise from each pixel's own variance.
-    fn known(self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> CompensationInputs {
-        let (width, height) = (mean.width(), mean.height());
-        let Some(PixelLayers { counts, surface, scatter }) = self.pixels else {
-            let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
-            return CompensationInputs {
-                variance: Plane::from_fn(width, height, own),
-                is_rare: Plane::new(width, height, false),
-            };
-        };
-        let view = |weights: &Weights, rows: &Range<u32>| {
-            let (top, rows) = (rows.start, rows.len() as u32);
-            let own = Plane::from_fn(width, rows, |x, y| weights.electrons(*mean.at(x, top + y)).0 as f32);
-            let variance = Plane::from_fn(width, rows, |x, y| {
-                weights.variance(*self.variance.at(x, top + y), *self.covariance.at(x, top + y)) as f32
-            });
-            let largest = Plane::from_fn(width, rows, |x, y| {
-                // The value follows from the distance of the largest sample to the mean of all.
-                let (x, y) = (x, top + y);
-                let (per_luminance, luminance) = per_luminance(*weights, mean.at(x, y).map(f64::from));
-                let others = f64::from(counts.at(x, y).saturating_sub(1));
-                let off = scatter.at(x, y).map_or(0.0, |s| others * s.largest.sqrt());
-                (per_luminance * (luminance + off)) as f32
-            });
-            NoiseInputs {
-                counts: Plane::from_fn(width, rows, |x, y| *counts.at(x, top + y)),
-                level: levels(&own, &variance, Some(sensor)),
-                mean: own,
-                variance,
-                scatter: Plane::from_fn(width, rows, |x, y| {
-                    let (per_luminance, _) = per_luminance(*weights, mean.at(x, top + y).map(f64::from));
-                    scatter.at(x, top + y).map(|s| signal_scatter(s, per_luminance))
-                }),
-                largest,
-                surface: Plane::from_fn(width, rows, |x, y| *surface.at(x, top + y)),
-            }
-        };
-        let views = |rows: Range<u32>| response.kinds().iter().map(|weights| view(weights, &rows)).collect();
-        let own = Plane::from_fn(width, height, |x, y| response.at(x, y).electrons(*mean.at(x, y)).0 as f32);
-        let noise = FilmNoise::from_estimates(own, counts.clone(), views, response, Some(sensor));
-        CompensationInputs::from_variances(&noise.pixel_variances())
-    }
 }
 
 #[cfg(test)]

@@ -28,11 +28,13 @@ mod commands;
 mod denoising;
 mod expose_options;
 mod exposer;
+mod exr_image;
 mod film_files;
 mod film_part;
 mod frame;
 pub mod guard;
 pub mod guide;
+mod image_noise;
 mod inspect;
 mod light_films;
 mod memory;
@@ -51,18 +53,18 @@ mod traced_sample;
 mod views;
 
 pub use black_image::black_image;
-pub use commands::denoise::{
-    DenoisePlanes, DenoisedFile, check_denoise_output, denoise_exr, denoise_planes, read_radiance,
-};
+pub use commands::denoise::{DenoisePlanes, DenoisedFile, check_denoise_output, denoise_exr, denoise_planes};
 pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, expose_exr};
 pub use commands::init::{init, init_text};
 pub use commands::merge::{MergeSettings, Merged, merge};
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser, select_denoiser};
 pub use expose_options::{ImageOptions, expose_image, expose_radiance};
 pub use exposer::{Exposer, FilmVariances, through_lens};
+pub use exr_image::ExrImage;
 pub use film_files::{save_film, save_film_files};
 pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
+pub use image_noise::ImageNoise;
 pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, ObjectEntry, inspect,
 };

@@ -81,8 +81,8 @@ pub fn develop_behind_lens(
     let Some(camera) = ExposeSettings::of_render(settings)? else { return develop(&mean, settings) };
     let weighted: Vec<(&RenderedFilm, f64)> = films.iter().map(|light| (light.film, light.factor)).collect();
     let exposer = match transmission {
-        None => Exposer::of_films_and_mean(&weighted, mean, &camera)?,
-        Some(transmission) => Exposer::behind_lens(&weighted, mean, transmission, &camera)?,
+        None => Exposer::of_films_and_mean(&weighted, &mean, &camera)?,
+        Some(transmission) => Exposer::behind_lens(&weighted, &mean, transmission, &camera)?,
     };
     let lit = films.iter().filter(|light| light.factor > 0.0);
     let variances: Vec<_> = lit.map(|light| (exposer.film_variances(light.film), light.factor)).collect();

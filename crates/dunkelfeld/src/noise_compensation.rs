@@ -78,6 +78,11 @@ impl CompensationInputs {
         Self { variance: variances.map(|pixel| pixel.variance), is_rare: variances.map(|pixel| pixel.is_rare) }
     }
 
+    /// An image without light, which has no noise.
+    pub(crate) fn none([width, height]: [u32; 2]) -> Self {
+        Self { variance: Plane::new(width, height, 0.0), is_rare: Plane::new(width, height, false) }
+    }
+
     /// The noise of the sum of independent means. A rare sample in one of them is one in the sum.
     pub(crate) fn sum(parts: impl Iterator<Item = Self>) -> Option<Self> {
         parts.reduce(|mut sum, part| {

@@ -252,7 +252,7 @@ function lightRow(store, name, index) {
 function showFrame(store) {
   const header = store.frameA?.header;
   if (!header) {
-    const ids = ["exposure", "mean", "electrons", "saturated", "matched", "compute"];
+    const ids = ["exposure", "mean", "electrons", "saturated", "matched", "analysis", "compute"];
     for (const id of ids) setText(box(`frame-${id}`), number(null));
     return;
   }
@@ -266,6 +266,9 @@ function showFrame(store) {
   setText(box("frame-electrons"), quantity(header.mean_electrons, "e⁻"));
   setText(box("frame-saturated"), percent(header.saturated));
   setText(box("frame-matched"), header.matched === null ? number(null) : percent(header.matched));
+  const isAnalysed = store.camera?.noise === "matched" || (store.camera !== null && store.camera.denoise !== "off");
+  setText(box("frame-analysis"), !isAnalysed ? number(null)
+    : header.provisional ? "of an earlier one" : "of this picture");
   setText(box("frame-compute"), quantity(header.compute * 1e3, "ms", 2));
   if (store.camera?.black_level === null && header.format === "gray16") {
     setValue(input("black-level"), String(header.black));

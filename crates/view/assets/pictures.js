@@ -152,7 +152,9 @@ export class Pictures {
   #frameKey(camera, film = this.store.server?.film?.id ?? 0) {
     if (!camera) return "";
     const tone = this.store.isColour(camera) ? this.store.tone : "";
-    return JSON.stringify([film, this.store.frameNumber, tone, camera]);
+    // A provisional picture is asked for again when there are newer results.
+    const prepared = camera.noise === "matched" || camera.denoise !== "off" ? this.store.server?.prepared : 0;
+    return JSON.stringify([film, this.store.frameNumber, tone, camera, prepared]);
   }
 
   /** @param {number} [film] */

@@ -55,6 +55,8 @@ export interface State {
   max_spp: number;
   target: number;
   certificate: Certificate | null;
+  /** Counts the results for provisional pictures. */
+  prepared: number;
   sensors: Sensor[];
   camera: Camera;
   ranges: { exposure: [number, number]; gain: [number, number]; temperature: [number, number] };
@@ -89,6 +91,8 @@ export interface FrameHeader {
   film: number;
   exposure: number | null; no_light: boolean;
   saturated: number; matched: number | null;
+  /** Are noise or denoised mean those of an earlier film or another camera? */
+  provisional: boolean;
   mean_value: number; mean_electrons: number;
   compute: number;
 }

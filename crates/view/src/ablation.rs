@@ -258,8 +258,8 @@ mod tests {
     use super::*;
     use crate::protocol::{AblationAnswer, Denoise, Noise};
     use crate::snapshot::PictureScene;
-    use dunkelfeld::film::Plane;
-    use dunkelfeld::{RenderSettings, Session};
+    use dunkelfeld::film::Film;
+    use dunkelfeld::{RenderSettings, RenderedFilm, Session};
 
     fn camera(exposure: f64) -> Camera {
         Camera {
@@ -277,10 +277,10 @@ mod tests {
     }
 
     fn image(scene: u64, exposure: f64) -> Arc<Developed> {
-        let mean = Plane::new(2, 1, [1.0; 3]);
+        let content = Content::Film(RenderedFilm::without_ids(Film::new(2, 1)));
         let scene = Arc::new(PictureScene { number: scene, ..PictureScene::default() });
-        let snapshot = Arc::new(Snapshot::of_exr("a.exr".into(), mean, RenderSettings::default(), scene));
-        let store = crate::developed::Store::default();
+        let snapshot = Arc::new(Snapshot::new(1, content, (RenderSettings::default(), false), scene, 0.0, None));
+        let store = crate::store::Store::default();
         store.get(&snapshot, &camera(exposure), &Session::new(1).expect("a thread")).expect("no sensor")
     }
 

@@ -1,8 +1,8 @@
 //! The answers to the requests of a page.
 
 use crate::ablation;
-use crate::developed::Developed;
-use crate::engine;
+use crate::analysis;
+use crate::developed::{Accept, Developed};
 use crate::hidden_shares::TARGETS;
 use crate::light_films::check_number;
 use crate::measure;
@@ -31,7 +31,9 @@ fn developed(shared: &Shared, camera: &Camera) -> Result<Arc<Developed>, Fault> 
 
 /// A frame. Its camera becomes that of the statistics.
 pub(crate) fn frame(shared: &Shared, request: &FrameRequest) -> Result<(FrameHeader, Vec<u8>), Fault> {
-    let developed = developed(shared, &request.camera)?;
+    let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
+    let accept = if request.exact { Accept::Exact } else { Accept::Provisional };
+    let developed = shared.store.find(&snapshot, &request.camera, accept, &shared.session)?;
     let is_new = {
         let mut live = lock(&shared.live);
         let is_new = live.shown.as_ref() != Some(&request.camera);
@@ -39,7 +41,7 @@ pub(crate) fn frame(shared: &Shared, request: &FrameRequest) -> Result<(FrameHea
         is_new
     };
     if is_new {
-        shared.wake();
+        shared.control(|control| control.is_analysis_awaited |= !developed.is_exact());
     }
     shared.session.install(|| developed.frame(request.frame, request.tone))
 }
@@ -184,7 +186,7 @@ pub(crate) fn target(shared: &Shared, request: TargetRequest) -> Result<(), Faul
     // The shares of another level need no new analysis.
     let state = developed(shared, &camera).ok().and_then(|developed| {
         developed.certify(&shared.session);
-        engine::certificate_of(&developed.snapshot, &developed, request.k)
+        analysis::certificate_of(&developed.snapshot, &developed, request.k)
     });
     shared.update(|live| {
         live.certificate = state.filter(|state| state.k == live.target).or(live.certificate);

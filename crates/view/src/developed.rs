@@ -1,23 +1,22 @@
-//! A film behind a camera: frames, maps and certificates, and a store of the last ones.
+//! A film behind a camera: frames, maps and certificates.
 
 use crate::light_sum;
+use crate::prepared::{Found, Means, Prepared};
 use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Ranges, Tone};
 use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::Plane;
 use dunkelfeld::io::sensor_file::find_sensor;
 use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Seconds};
-use dunkelfeld::sensor::{Exposure, ExposureNoise, PRESETS, SensorModel, display};
+use dunkelfeld::sensor::{Exposure, ExposureNoise, ImageExposure, PRESETS, SensorModel, display};
 use dunkelfeld::{
-    Certified, DenoiseMethod, DenoiseSettings, ExposeSettings, Exposer, OIDN_VARIABLE, Picture, RenderedFilm,
-    SensorChoice, Session, denoise_film, find_denoiser, through_lens,
+    Certified, DenoiseMethod, DenoiseSettings, ExposeSettings, Exposer, ImageNoise, OIDN_VARIABLE, Picture,
+    RenderedFilm, SensorChoice, Session, denoise_film, find_denoiser, through_lens,
 };
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 /// The name of the sensor of the job in the list of sensors.
 pub(crate) const OWN_SENSOR: &str = "as in the job";
-/// Films behind cameras that are kept: two states that are compared, and one that changes.
-pub(crate) const KEPT: usize = 4;
 
 /// The sensors that the view knows: that of the job, and the presets. No other file is read for a name.
 #[derive(Clone, Debug, Default)]
@@ -86,25 +85,41 @@ pub(crate) struct Developed {
     /// The mean that is shown, if it is denoised.
     denoised: Option<Plane<[f32; 3]>>,
     certified: OnceLock<Option<Certified>>,
+    /// Are noise and denoised mean those of this film and camera? Otherwise they are of an earlier film or another camera.
+    is_exact: bool,
+    /// [`Prepared::count`] before it was computed.
+    prepared: u64,
+}
+
+/// May an answer use the noise or the denoised mean of an earlier film or another camera?
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Accept {
+    Exact,
+    Provisional,
 }
 
 impl Developed {
     /// Runs on the threads of the session.
-    fn new(snapshot: Arc<Snapshot>, camera: &Camera, session: &Session<'_>) -> Result<Self, Fault> {
+    pub(crate) fn new(
+        snapshot: Arc<Snapshot>,
+        camera: &Camera,
+        (prepared, accept): (&Prepared, Accept),
+        session: &Session<'_>,
+    ) -> Result<Self, Fault> {
+        let count = prepared.count();
         let transmission = match camera.vignetting == snapshot.is_vignetted {
             true => None,
             false => Some(snapshot.other_transmission()?),
         };
         let factors = snapshot.factors(camera.lights.as_ref())?;
-        let denoise = |film: &RenderedFilm| denoised(film, &snapshot.settings.denoise, camera.denoise, session);
-        let denoised = match (camera.denoise, &snapshot.content) {
-            (Denoise::Off, _) => None,
-            (_, Content::Film(film)) => Some(denoise(film)?),
-            (method, Content::Lights(films)) => Some(light_sum::denoised_mean(films, &factors, method, denoise)?),
-            (_, Content::Exr(_)) => {
-                return Err(Fault::new("an EXR is shown as it is", "denoise it by `dunkelfeld denoise`"));
-            }
+        let means = match camera.denoise {
+            Denoise::Off => None,
+            method => Some(usable(prepared.denoised(&snapshot, method), accept, || {
+                denoised_means(&snapshot, method, prepared, session)
+            })?),
         };
+        let mut is_exact = means.as_ref().is_none_or(|means| means.is_exact);
+        let denoised = means.map(|means| light_sum::sum(&means.result, &factors)).transpose()?;
         let sum = match &snapshot.content {
             Content::Lights(films) => Some(light_sum::mean(films, &factors)?),
             Content::Film(_) | Content::Exr(_) => None,
@@ -117,14 +132,59 @@ impl Developed {
             }
         };
         let model = snapshot.scene.sensors.model(camera, snapshot.settings.readout.binning)?;
-        let (camera, certified) = (camera.clone(), OnceLock::new());
-        let mut developed = Self { snapshot, camera, exposer: None, factors, transmission, sum, denoised, certified };
-        developed.exposer = model.map(|model| developed.expose(model)).transpose()?;
+        let mut developed = Self {
+            snapshot,
+            camera: camera.clone(),
+            exposer: None,
+            factors,
+            transmission,
+            sum,
+            denoised,
+            certified: OnceLock::new(),
+            is_exact,
+            prepared: count,
+        };
+        if let Some(model) = model {
+            let exposer = developed.expose(model)?;
+            // The remaining noise of a denoised image is unknown.
+            let is_matched = camera.noise == Noise::Matched && developed.denoised.is_none();
+            developed.exposer = Some(match is_matched {
+                false => exposer,
+                true => {
+                    let found = prepared.noise(&developed.snapshot, camera);
+                    let noise = usable(found, accept, || developed.noise(&exposer, prepared))?;
+                    is_exact &= noise.is_exact;
+                    developed.snapshot.matched(exposer, &noise.result, &developed.factors)?
+                }
+            });
+            developed.is_exact = is_exact;
+        }
         Ok(developed)
     }
 
-    fn expose(&self, model: SensorModel) -> Result<Exposer, Fault> {
-        let Self { snapshot, camera, denoised, .. } = self;
+    /// Analyses the noise of the films behind this camera.
+    fn noise(&self, exposer: &Exposer, prepared: &Prepared) -> Result<Arc<ImageNoise>, Fault> {
+        let noise = match &self.snapshot.content {
+            Content::Exr(image) => {
+                let mut settings = self.settings(exposer.model().clone())?;
+                settings.exposure = Some(exposer.exposure());
+                image.image_noise(&settings)?
+            }
+            Content::Film(_) | Content::Lights(_) => exposer.image_noise(&self.weighted())?,
+        };
+        let noise = Arc::new(noise);
+        prepared.add_noise(&self.snapshot, &self.camera, noise.clone());
+        Ok(noise)
+    }
+
+    /// The films with their factors.
+    fn weighted(&self) -> Vec<(&RenderedFilm, f64)> {
+        self.snapshot.films().zip(self.factors.iter().copied()).collect()
+    }
+
+    /// The settings of this camera, for plain exposure.
+    fn settings(&self, model: SensorModel) -> Result<ExposeSettings, Fault> {
+        let Self { snapshot, camera, .. } = self;
         let mut settings = match ExposeSettings::of_render(&snapshot.settings)? {
             Some(settings) => settings.with_model(model),
             None => ExposeSettings::new(model)?,
@@ -134,25 +194,26 @@ impl Developed {
             Some(time) => Some(Exposure::new(Seconds(time)).map_err(dunkelfeld::Error::from)?),
         };
         settings.seed = camera.device;
-        settings.exposure_noise = match camera.noise {
-            // The remaining noise of a denoised image is unknown.
-            Noise::Matched if denoised.is_none() => ExposureNoise::Matched,
-            _ => ExposureNoise::Plain,
-        };
-        if let Content::Exr(path) = &snapshot.content {
-            return Ok(Exposer::open(path, &settings)?);
+        settings.exposure_noise = ExposureNoise::Plain;
+        Ok(settings)
+    }
+
+    /// Plain exposure.
+    fn expose(&self, model: SensorModel) -> Result<Exposer, Fault> {
+        let mut settings = self.settings(model)?;
+        if let Content::Exr(image) = &self.snapshot.content {
+            return Ok(image.expose(&settings)?);
         }
-        let films: Vec<(&RenderedFilm, f64)> = snapshot.films().zip(self.factors.iter().copied()).collect();
-        let of_mean = |mean: &Plane<[f32; 3]>, settings: &ExposeSettings| match &self.transmission {
-            None => Exposer::of_films_and_mean(&films, mean.clone(), settings),
-            Some(transmission) => Exposer::behind_lens(&films, mean.clone(), transmission.clone(), settings),
-        };
-        let Some(denoised) = denoised else { return Ok(of_mean(self.radiance(), &settings)?) };
-        if settings.exposure.is_none() {
+        if self.denoised.is_some() && settings.exposure.is_none() {
             // The exposure is that of the unbiased mean.
-            settings.exposure = Some(of_mean(self.radiance(), &settings)?.exposure());
+            let automatic = ImageExposure::new(None, self.radiance(), &settings.model, &settings.optics);
+            settings.exposure = Some(automatic.map_err(dunkelfeld::Error::from)?.exposure);
         }
-        Ok(of_mean(denoised, &settings)?)
+        let films = self.weighted();
+        Ok(match &self.transmission {
+            None => Exposer::of_films_and_mean(&films, self.mean(), &settings)?,
+            Some(transmission) => Exposer::behind_lens(&films, self.mean(), transmission.clone(), &settings)?,
+        })
     }
 
     /// The film behind a camera with a fixed exposure, without the store.
@@ -162,7 +223,18 @@ impl Developed {
         // The scene of the other film has the power that the factors give.
         camera.lights = None;
         other.find_mean(session);
-        session.install(|| Self::new(other, &camera, session))
+        let prepared = Prepared::default();
+        session.install(|| Self::new(other, &camera, (&prepared, Accept::Exact), session))
+    }
+
+    /// [`Prepared::count`] before it was computed.
+    pub(crate) fn prepared(&self) -> u64 {
+        self.prepared
+    }
+
+    /// Are noise and denoised mean those of this film and camera?
+    pub(crate) fn is_exact(&self) -> bool {
+        self.is_exact
     }
 
     /// The camera.
@@ -234,6 +306,7 @@ impl Developed {
             no_light: false,
             saturated: 0.0,
             matched: None,
+            provisional: !self.is_exact,
             mean_value: 0.0,
             mean_electrons: 0.0,
             compute: 0.0,
@@ -345,17 +418,37 @@ fn toned(picture: &[[u8; 3]], tone: Tone) -> Vec<u8> {
     picture.iter().flatten().map(|&code| table[usize::from(code)]).collect()
 }
 
-fn denoised(
-    film: &RenderedFilm,
-    settings: &DenoiseSettings,
+/// A result that was found, if it may be used, or else one that is computed now.
+fn usable<T>(
+    found: Option<Found<T>>,
+    accept: Accept,
+    compute: impl FnOnce() -> Result<Arc<T>, Fault>,
+) -> Result<Found<T>, Fault> {
+    match found.filter(|found| found.is_exact || accept == Accept::Provisional) {
+        Some(found) => Ok(found),
+        None => Ok(Found { result: compute()?, is_exact: true }),
+    }
+}
+
+/// Denoises the films of a picture, each on its own.
+fn denoised_means(
+    snapshot: &Snapshot,
     method: Denoise,
+    prepared: &Prepared,
     session: &Session<'_>,
-) -> Result<Plane<[f32; 3]>, Fault> {
-    let mut settings = settings.clone();
-    settings.method = match method {
-        Denoise::Auto => DenoiseMethod::Auto,
-        Denoise::Oidn => DenoiseMethod::Oidn,
-        Denoise::Builtin | Denoise::Off => DenoiseMethod::Builtin,
+) -> Result<Arc<Means>, Fault> {
+    if matches!(snapshot.content, Content::Exr(_)) {
+        return Err(Fault::new("an EXR is shown as it is", "denoise it by `dunkelfeld denoise`"));
+    }
+    let with = |mut settings: DenoiseSettings, method: DenoiseMethod| {
+        settings.method = method;
+        settings
+    };
+    let (of_job, builtin) = (&snapshot.settings.denoise, with(DenoiseSettings::default(), DenoiseMethod::Builtin));
+    let settings = match method {
+        Denoise::Auto => with(of_job.clone(), DenoiseMethod::Auto),
+        Denoise::Oidn => with(of_job.clone(), DenoiseMethod::Oidn),
+        Denoise::Builtin | Denoise::Off => builtin.clone(),
     };
     let found = find_denoiser(&settings).map_err(|error| {
         let help = format!(
@@ -364,40 +457,13 @@ fn denoised(
         Fault { help: Some(help), ..Fault::from(error) }
     });
     let denoiser = found?.ok_or_else(|| Fault::new("there is no denoiser", "choose `builtin`"))?;
-    let denoised = denoise_film(&film.sums, &*denoiser, session);
-    Ok(denoised.map_err(|e| Fault::new(e.to_string(), "choose the denoiser `builtin`"))?.mean)
-}
-
-/// The last films behind cameras.
-#[derive(Debug, Default)]
-pub(crate) struct Store(Mutex<Vec<Arc<Developed>>>);
-
-impl Store {
-    /// The film behind a camera, computed on the threads of the session if it is not stored.
-    pub(crate) fn get(
-        &self,
-        snapshot: &Arc<Snapshot>,
-        camera: &Camera,
-        session: &Session<'_>,
-    ) -> Result<Arc<Developed>, Fault> {
-        let is_it = |d: &Arc<Developed>| d.snapshot.id == snapshot.id && d.camera == *camera;
-        if let Ok(mut kept) = self.0.lock() {
-            // Films of an earlier moment are not shown again, except in a comparison, which asks for the present one.
-            kept.retain(|d| d.snapshot.id == snapshot.id);
-            if let Some(place) = kept.iter().position(is_it) {
-                let found = kept.remove(place);
-                kept.push(found.clone());
-                return Ok(found);
-            }
-        }
-        snapshot.find_mean(session);
-        let made = Arc::new(session.install(|| Developed::new(snapshot.clone(), camera, session))?);
-        if let Ok(mut kept) = self.0.lock() {
-            if kept.len() >= KEPT {
-                kept.remove(0);
-            }
-            kept.push(made.clone());
-        }
-        Ok(made)
-    }
+    let is_builtin = find_denoiser(&builtin)?.is_some_and(|builtin| builtin.name() == denoiser.name());
+    let chosen = if is_builtin { Denoise::Builtin } else { Denoise::Oidn };
+    let means = snapshot.films().map(|film| {
+        let denoised = denoise_film(&film.sums, &*denoiser, session);
+        Ok(denoised.map_err(|e| Fault::new(e.to_string(), "choose the denoiser `builtin`"))?.mean)
+    });
+    let means = Arc::new(means.collect::<Result<Means, Fault>>()?);
+    prepared.add_denoised(snapshot, vec![method, chosen], means.clone());
+    Ok(means)
 }

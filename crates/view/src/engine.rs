@@ -1,21 +1,20 @@
 //! The thread that renders. It begins again when the scene changes, and publishes its film.
 
-use crate::developed::{Developed, Sensors};
-use crate::hidden_shares::HiddenShares;
+use crate::developed::Sensors;
 use crate::light_films;
 use crate::outlook::{MAX_SPP, PILOT_SPP, of_plan};
 use crate::panics::caught;
-use crate::protocol::{Activity, CertificateState, CurvePoint, Fault, Note};
+use crate::protocol::{Activity, Fault, Note};
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::scenes::{LightScene, Scenes};
 use crate::shared::{Shared, Stamp, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
-use dunkelfeld::film::{FilmLayers, Plane};
+use dunkelfeld::film::FilmLayers;
 use dunkelfeld::radiometry::Number;
-use dunkelfeld::sensor::Optics;
+use dunkelfeld::sensor::{ExposureNoise, Optics};
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, FilmInProgress, Forecast, InputFiles, KeptFilms, Progress,
-    ProgressState, Project, ProjectOptions, RenderSettings, SavedFilm, SensorChoice, find_sensor,
+    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, ExrImage, FilmInProgress, Forecast, InputFiles, KeptFilms,
+    Progress, ProgressState, Project, ProjectOptions, RenderSettings, SavedFilm, SensorChoice, find_sensor,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -30,18 +29,21 @@ const LATER_INTERVAL: f64 = 1.0;
 const EARLY: f64 = 8.0;
 /// The copy of a film may take this share of the time of the render.
 const COPY_SHARE: f64 = 0.02;
-/// The analysis of a film may take this share of the time of the threads.
-const ANALYSIS_SHARE: f64 = 0.04;
 /// The help for a fault of the program.
-const AFTER_PANIC: &str = "start the render again, and report this fault";
+pub(crate) const AFTER_PANIC: &str = "start the render again, and report this fault";
 /// Pause between two looks at the files of the scene.
 const WATCH_EVERY: Duration = Duration::from_millis(700);
 
 /// The data that a view keeps beside its render: the film that is shown and the one before, which requests may still use; the
 /// exposures of the store; an analysis. For each of both films its mean (25 while gaps are filled) and two planes of samples
-/// (8), and for two requests at a time a frame, a picture or a map, and its bytes (13).
-const KEPT: KeptFilms =
-    KeptFilms { films: 2, exposures: crate::developed::KEPT as u64, analyses: 1, bytes_per_pixel: 2 * (25 + 8 + 13) };
+/// (8), and for two requests at a time a frame, a picture or a map, and its bytes (13). For each result that is kept, samples
+/// (4), variances (5) and a denoised mean (12).
+const KEPT: KeptFilms = KeptFilms {
+    films: 2,
+    exposures: crate::store::KEPT as u64,
+    analyses: 1,
+    bytes_per_pixel: 2 * (25 + 8 + 13) + crate::prepared::KEPT as u64 * (4 + 5 + 12),
+};
 
 /// Renders until the view ends.
 pub(crate) fn run(shared: &Arc<Shared>) {
@@ -400,104 +402,20 @@ impl Progress for Watcher<'_> {
     }
 }
 
-/// Certifies the films that are published, at a small share of the time, until the view ends.
-pub(crate) fn analyse(shared: &Arc<Shared>) {
-    let mut last = 0;
-    loop {
-        let (snapshot, camera) = {
-            let mut control = lock(&shared.control);
-            loop {
-                if control.quit {
-                    return;
-                }
-                let (camera, curve_of) = {
-                    let live = lock(&shared.live);
-                    (live.camera(), live.curve_of.clone())
-                };
-                match shared.snapshot() {
-                    Some(snapshot) if snapshot.id != last || curve_of.as_ref() != Some(&camera.without_noise()) => {
-                        break (snapshot, camera);
-                    }
-                    _ => {}
-                }
-                control = shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
-            }
-        };
-        let began = Instant::now();
-        last = snapshot.id;
-        let camera = camera.without_noise();
-        let certify = || {
-            let developed = shared.store.get(&snapshot, &camera, &shared.session).ok()?;
-            developed.certify(&shared.background);
-            developed.certified().is_some().then_some(developed)
-        };
-        let certified = caught("the analysis of the noise", AFTER_PANIC, certify).unwrap_or_else(|fault| {
-            shared.update(|live| live.error = Some(fault));
-            None
-        });
-        let certified_at = |k: f64| certified.as_ref().and_then(|developed| certificate_of(&snapshot, developed, k));
-        let certified = certified.as_ref().and_then(|developed| developed.certified());
-        let shares = certified.map(|certified| Arc::new(HiddenShares::new(certified)));
-        // The target may move meanwhile.
-        loop {
-            let target = lock(&shared.live).target;
-            let state = certified_at(target);
-            let mut live = lock(&shared.live);
-            if live.target != target {
-                continue;
-            }
-            if live.curve_of.as_ref() != Some(&camera) {
-                live.curve.clear();
-                live.curve_of = Some(camera);
-            }
-            live.certificate = state;
-            // The render may have started again meanwhile.
-            if let (Some(state), Some(shares)) = (state, shares)
-                && snapshot.restarted == live.render.restarted
-            {
-                let (seconds, spp, film) = (snapshot.seconds, snapshot.spp(), snapshot.id);
-                live.add_point(CurvePoint { seconds, spp, k99: state.p99, hidden: state.hidden, film, shares });
-            }
-            break;
-        }
-        shared.notify();
-        // The analysis runs on all threads beside the render.
-        let pause = began.elapsed().as_secs_f64() / ANALYSIS_SHARE * 0.5;
-        let control = lock(&shared.control);
-        if !control.quit {
-            drop(shared.wake.wait_timeout_while(control, Duration::from_secs_f64(pause.min(20.0)), |c| !c.quit));
-        }
-    }
-}
-
-/// The certificate of a film at a level.
-pub(crate) fn certificate_of(snapshot: &Snapshot, developed: &Developed, k: f64) -> Option<CertificateState> {
-    let certified = developed.certified()?;
-    // The certificate has ratios of variances, the page levels k.
-    let known = |ratio: f64| ratio.is_finite().then(|| ratio.sqrt());
-    let certificate = &certified.certificate;
-    Some(CertificateState {
-        k,
-        hidden: certified.hidden_at(k),
-        median: known(certificate.median),
-        p99: known(certificate.p99),
-        saturated: certificate.saturated,
-        film: snapshot.id,
-    })
-}
-
 /// The data of a stored picture, which has no scene.
 fn scene_of_file(settings: &RenderSettings) -> Arc<PictureScene> {
     Arc::new(PictureScene { sensors: Sensors::new(&settings.sensor), ..PictureScene::default() })
 }
 
+/// Reads an EXR of any renderer, with its noise if the file has it.
+pub(crate) fn open_exr(path: &Path) -> Result<ExrImage, Error> {
+    let settings = ExposeSettings::new(find_sensor(DEFAULT_SENSOR)?)?;
+    ExrImage::open(path, &settings.with_exposure_noise(ExposureNoise::Matched))
+}
+
 /// Shows an EXR of any renderer.
-pub(crate) fn show_exr(
-    shared: &Arc<Shared>,
-    path: PathBuf,
-    mean: Plane<[f32; 3]>,
-    lens: Option<Optics>,
-) -> Result<(), Error> {
+pub(crate) fn show_exr(shared: &Arc<Shared>, image: ExrImage, lens: Option<Optics>) -> Result<(), Error> {
+    let mean = image.radiance();
     let mut settings = RenderSettings::default();
     (settings.width, settings.height) = (mean.width(), mean.height());
     let model = Box::new(find_sensor(DEFAULT_SENSOR)?);
@@ -517,14 +435,15 @@ pub(crate) fn show_exr(
     let is_invalid = |pixel: &&[f32; 3]| pixel.iter().any(|v| !v.is_finite() || *v < 0.0);
     let invalid = mean.data().iter().filter(is_invalid).count();
     if invalid > 0 {
+        let pixels = if invalid == 1 { "pixel" } else { "pixels" };
         let text = format!(
-            "the radiance of {invalid} pixels is negative or not a number (they count as black) or infinite (they saturate)"
+            "the radiance of {invalid} {pixels} is negative or not a number (they count as black) or infinite (they saturate)"
         );
         notes.push(Note { level: "warning", text, help: None });
     }
     settings.sensor = SensorChoice::Emva { model, optics, exposure: None };
     let scene = scene_of_file(&settings);
-    *lock(&shared.snapshot) = Some(Arc::new(Snapshot::of_exr(path, mean, settings.clone(), scene.clone())));
+    *lock(&shared.snapshot) = Some(Arc::new(Snapshot::of_exr(image, settings.clone(), scene.clone())));
     shared.update(|live| {
         live.sensors = scene.sensors.clone();
         live.settings = Some(settings);

@@ -11,6 +11,7 @@
 
 mod ablation;
 mod address;
+mod analysis;
 mod desk;
 mod developed;
 mod engine;
@@ -22,6 +23,7 @@ mod measure;
 mod outlook;
 mod panics;
 mod path;
+mod prepared;
 mod protocol;
 mod protocol_measurements;
 mod save;
@@ -30,15 +32,15 @@ mod scenes;
 mod server;
 mod shared;
 mod snapshot;
+mod store;
 
 pub use crate::address::PageAddress;
 
 use crate::protocol::SourceKind;
 use crate::server::{Guard, router};
 use crate::shared::{Shared, Subject, lock};
-use dunkelfeld::film::Plane;
 use dunkelfeld::sensor::Optics;
-use dunkelfeld::{Cancel, Error, Project, SavedFilm, Session, read_radiance};
+use dunkelfeld::{Cancel, Error, ExrImage, Project, SavedFilm, Session};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -88,7 +90,7 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, events: &mut d
     let stored = if ends_in("film") {
         Stored::Film(Box::new(SavedFilm::read(path)?))
     } else if ends_in("exr") {
-        Stored::Exr(read_radiance(path)?)
+        Stored::Exr(Box::new(engine::open_exr(path)?))
     } else {
         // A file that does not exist or is no scene is a fault of the command, and no page could mend it.
         let refused = |problem: String| {
@@ -141,13 +143,13 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, events: &mut d
     std::thread::scope(|scope| {
         match stored {
             Stored::Film(saved) => engine::show_film(&shared, *saved),
-            Stored::Exr(mean) => engine::show_exr(&shared, path.to_owned(), mean, options.optics)?,
+            Stored::Exr(image) => engine::show_exr(&shared, *image, options.optics)?,
             Stored::Scene => {
                 scope.spawn(|| engine::run(&shared));
                 scope.spawn(|| engine::watch_files(&shared));
             }
         }
-        scope.spawn(|| engine::analyse(&shared));
+        scope.spawn(|| analysis::run(&shared));
         let served = runtime.block_on(async {
             let listener = tokio::net::TcpListener::from_std(listener)?;
             let app = router(shared.clone(), Guard::new(address, token));
@@ -169,7 +171,7 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, events: &mut d
 enum Stored {
     Scene,
     Film(Box<SavedFilm>),
-    Exr(Plane<[f32; 3]>),
+    Exr(Box<ExrImage>),
 }
 
 /// Passes the errors of the scene on, until the view is cancelled.

@@ -3,7 +3,7 @@
 //! The films are independent renders. So the mean of the picture is the sum of their means times the factors, and its
 //! variance the sum of their variances times the squares of the factors.
 
-use crate::protocol::{Camera, Denoise, Fault};
+use crate::protocol::{Camera, Fault};
 use dunkelfeld::film::Plane;
 use dunkelfeld::{
     Certified, Exposer, FilmOfLight, FilmVariances, RenderedFilm, Session, mean_without_gaps, sum_of_means,
@@ -25,35 +25,18 @@ pub(crate) struct LightFilm {
     pub(crate) name: String,
     pub(crate) film: Arc<RenderedFilm>,
     mean: OnceLock<Mean>,
-    denoised: Mutex<Option<(Denoise, Arc<Mean>)>>,
     /// The noise for cameras, each with the octave of its exposure.
     variances: Mutex<Vec<(Camera, i32, Arc<FilmVariances>)>>,
 }
 
 impl LightFilm {
     pub(crate) fn new(name: String, film: Arc<RenderedFilm>) -> Self {
-        let (mean, denoised, variances) = (OnceLock::new(), Mutex::new(None), Mutex::new(Vec::new()));
-        Self { name, film, mean, denoised, variances }
+        Self { name, film, mean: OnceLock::new(), variances: Mutex::new(Vec::new()) }
     }
 
     /// Mean radiance [W/(m² sr)], without gaps.
     fn mean(&self) -> &Mean {
         self.mean.get_or_init(|| mean_without_gaps(&self.film.sums))
-    }
-
-    /// The denoised mean. No lock is held while it is computed: a thread that waits for others takes up other work.
-    fn denoised(
-        &self,
-        method: Denoise,
-        denoise: impl FnOnce(&RenderedFilm) -> Result<Mean, Fault>,
-    ) -> Result<Arc<Mean>, Fault> {
-        let kept = self.denoised.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        if let Some((_, mean)) = kept.filter(|(kept, _)| *kept == method) {
-            return Ok(mean);
-        }
-        let mean = Arc::new(denoise(&self.film)?);
-        *self.denoised.lock().unwrap_or_else(PoisonError::into_inner) = Some((method, mean.clone()));
-        Ok(mean)
     }
 
     /// The variances of the mean behind a camera.
@@ -105,20 +88,12 @@ pub(crate) fn mean(films: &[LightFilm], factors: &[f64]) -> Result<Mean, Fault> 
     Ok(sum_of_means(&means)?)
 }
 
-/// The denoised mean of the picture: each film is denoised on its own. A light with the factor 0 is not.
-pub(crate) fn denoised_mean(
-    films: &[LightFilm],
-    factors: &[f64],
-    method: Denoise,
-    denoise: impl Fn(&RenderedFilm) -> Result<Mean, Fault>,
-) -> Result<Mean, Fault> {
-    let lit = films.iter().zip(factors).filter(|(_, factor)| **factor > 0.0);
-    let means: Vec<(Arc<Mean>, f64)> =
-        lit.map(|(light, &factor)| Ok((light.denoised(method, &denoise)?, factor))).collect::<Result<_, Fault>>()?;
-    if means.is_empty() {
-        return mean(films, factors);
-    }
-    Ok(sum_of_means(&means.iter().map(|(mean, factor)| (&**mean, *factor)).collect::<Vec<_>>())?)
+/// The sum of means of films times their factors.
+pub(crate) fn sum(means: &[Mean], factors: &[f64]) -> Result<Mean, Fault> {
+    Ok(match (means, factors) {
+        ([mean], [1.0]) => mean.clone(),
+        _ => sum_of_means(&means.iter().zip(factors.iter().copied()).collect::<Vec<_>>())?,
+    })
 }
 
 /// The certificate of the picture behind a camera at `k`. Runs on the threads of the session.
@@ -164,23 +139,10 @@ mod tests {
     }
 
     #[test]
-    fn a_film_is_denoised_once_for_each_method_and_not_for_a_dark_light() {
-        let films = [film("left"), film("right")];
-        let runs = std::sync::atomic::AtomicU32::new(0);
-        let denoise = |_: &RenderedFilm| {
-            runs.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-            Ok(Plane::new(2, 1, [1.5f32; 3]))
-        };
-        let mean = |factors: &[f64], method| denoised_mean(&films, factors, method, denoise).expect("one size");
-        assert_eq!(mean(&[2.0, 0.0], Denoise::Builtin), Plane::new(2, 1, [3.0; 3]));
-        assert_eq!(mean(&[2.0, 1.0], Denoise::Builtin), Plane::new(2, 1, [4.5; 3]));
-        assert_eq!(mean(&[0.5, 0.5], Denoise::Builtin), Plane::new(2, 1, [1.5; 3]));
-        assert_eq!(runs.load(std::sync::atomic::Ordering::Relaxed), 2);
-        mean(&[1.0, 1.0], Denoise::Auto);
-        assert_eq!(runs.into_inner(), 4);
-        assert_eq!(
-            denoised_mean(&films, &[0.0, 0.0], Denoise::Auto, |_| Err(Fault::new("-", "-"))),
-            Ok(Plane::new(2, 1, [0.0; 3]))
-        );
+    fn a_picture_is_the_sum_of_its_means() {
+        let means = [1.5, 0.25].map(|value| Plane::new(2, 1, [value; 3]));
+        assert_eq!(sum(&means[..1], &[1.0]).as_ref(), Ok(&means[0]));
+        assert_eq!(sum(&means, &[2.0, 4.0]), Ok(Plane::new(2, 1, [4.0; 3])));
+        assert_eq!(sum(&means, &[0.0, 0.0]), Ok(Plane::new(2, 1, [0.0; 3])));
     }
 }

@@ -253,9 +253,10 @@ pub(crate) fn photon_transfer(developed: &Developed) -> Result<PhotonTransfer, F
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::developed::{OWN_SENSOR, Sensors, Store};
+    use crate::developed::{OWN_SENSOR, Sensors};
     use crate::protocol::{Camera, Denoise, Noise};
     use crate::snapshot::{Content, PictureScene, Snapshot};
+    use crate::store::Store;
     use dunkelfeld::film::{Accumulate, Film, PixelSums, Sample};
     use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Nanometres, Rgb};
     use dunkelfeld::sensor::{

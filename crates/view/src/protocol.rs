@@ -36,6 +36,11 @@ impl Camera {
     pub(crate) fn without_noise(&self) -> Self {
         Self { noise: Noise::Plain, denoise: Denoise::Off, device: 0, ..self.clone() }
     }
+
+    /// The camera for results that do not depend on its device.
+    pub(crate) fn without_device(&self) -> Self {
+        Self { device: 0, ..self.clone() }
+    }
 }
 
 /// The noise of the camera that is drawn.
@@ -87,6 +92,8 @@ pub(crate) struct State {
     pub(crate) max_spp: f64,
     pub(crate) target: f64,
     pub(crate) certificate: Option<CertificateState>,
+    /// Counts the results for provisional pictures, which are then asked for again.
+    pub(crate) prepared: u64,
     pub(crate) sensors: Vec<SensorState>,
     pub(crate) camera: Camera,
     pub(crate) ranges: Ranges,
@@ -270,6 +277,9 @@ pub(crate) struct FrameRequest {
     pub(crate) camera: Camera,
     pub(crate) frame: u32,
     pub(crate) tone: Tone,
+    /// Wait for the noise and the denoised mean of this film and camera.
+    #[serde(default)]
+    pub(crate) exact: bool,
 }
 
 /// The description of a frame.
@@ -285,6 +295,8 @@ pub(crate) struct FrameHeader {
     pub(crate) no_light: bool,
     pub(crate) saturated: f64,
     pub(crate) matched: Option<f64>,
+    /// Are noise or denoised mean those of an earlier film or another camera?
+    pub(crate) provisional: bool,
     pub(crate) mean_value: f64,
     pub(crate) mean_electrons: f64,
     pub(crate) compute: f64,

@@ -1,7 +1,7 @@
 //! The state that the render, the analysis and the server share.
 
 use crate::ablation::Ablations;
-use crate::developed::{OWN_SENSOR, Sensors, Store};
+use crate::developed::{OWN_SENSOR, Sensors};
 use crate::outlook::{MAX_SPP, from_measured, seconds_at, within_view};
 use crate::protocol::{
     Activity, Camera, CertificateState, CurvePoint, Denoise, EffectState, Fault, FilmState, ForecastPoint,
@@ -11,6 +11,7 @@ use crate::protocol::{
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::scenes::Scenes;
 use crate::snapshot::Snapshot;
+use crate::store::Store;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{Cancel, FilmInProgress, LightFilmsMemory, RenderSettings, SensorChoice, Session};
 use std::collections::BTreeMap;
@@ -52,6 +53,8 @@ pub(crate) struct Control {
     pub(crate) in_progress: Option<SceneChange>,
     /// A change of the files of the scene, which begins the render again.
     pub(crate) reload: bool,
+    /// A page shows a picture with results of an earlier film or another camera.
+    pub(crate) is_analysis_awaited: bool,
     pub(crate) quit: bool,
 }
 
@@ -247,6 +250,7 @@ impl Shared {
             max_spp: MAX_SPP,
             target: live.target,
             certificate: live.certificate,
+            prepared: self.store.prepared(),
             sensors: live.sensors.all().iter().map(sensor).collect(),
             camera: Camera {
                 // The picture may still be that before a change of the lens.

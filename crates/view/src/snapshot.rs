@@ -7,9 +7,8 @@ use crate::scene_change::{SceneChange, SceneParts};
 use dunkelfeld::film::{PixelSums, Plane};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::RayGenerator;
-use dunkelfeld::{RenderSettings, RenderedFilm, Session, mean_without_gaps};
+use dunkelfeld::{Exposer, ExrImage, ImageNoise, RenderSettings, RenderedFilm, Session, mean_without_gaps};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 /// The origin of the pixels of a snapshot.
@@ -19,7 +18,7 @@ pub(crate) enum Content {
     /// A film for each light.
     Lights(Vec<LightFilm>),
     /// An EXR of any renderer.
-    Exr(PathBuf),
+    Exr(Box<ExrImage>),
 }
 
 /// The scene of a picture. Answers about a picture are of its scene, which may be older than the newest one.
@@ -114,17 +113,12 @@ impl Snapshot {
         Self { id, content, settings, is_vignetted, counts, recent, samples, has_gaps, seconds, restarted, scene, mean }
     }
 
-    /// An EXR, from its mean radiance.
-    pub(crate) fn of_exr(
-        path: PathBuf,
-        mean: Plane<[f32; 3]>,
-        settings: RenderSettings,
-        scene: Arc<PictureScene>,
-    ) -> Self {
-        let counts = Plane::new(mean.width(), mean.height(), 0);
+    /// An EXR.
+    pub(crate) fn of_exr(image: ExrImage, settings: RenderSettings, scene: Arc<PictureScene>) -> Self {
+        let counts = image.radiance().map(|_| 0);
         Self {
             id: 1,
-            content: Content::Exr(path),
+            content: Content::Exr(Box::new(image)),
             settings,
             is_vignetted: false,
             counts,
@@ -134,7 +128,7 @@ impl Snapshot {
             seconds: 0.0,
             restarted: 0,
             scene,
-            mean: OnceLock::from(mean),
+            mean: OnceLock::new(),
         }
     }
 
@@ -218,7 +212,8 @@ impl Snapshot {
     pub(crate) fn find_mean(&self, session: &Session<'_>) {
         match &self.content {
             Content::Lights(films) => light_sum::find_means(films, session),
-            Content::Film(_) | Content::Exr(_) => {
+            Content::Exr(_) => {}
+            Content::Film(_) => {
                 self.mean.get_or_init(|| session.install(|| self.read_mean()));
             }
         }
@@ -226,7 +221,29 @@ impl Snapshot {
 
     /// Mean radiance [W/(m² sr)], without gaps, after [`Self::find_mean`]. Each film of a light has its own.
     pub(crate) fn mean(&self) -> &Plane<[f32; 3]> {
-        self.mean.get_or_init(|| self.read_mean())
+        match &self.content {
+            Content::Exr(image) => image.radiance(),
+            Content::Film(_) | Content::Lights(_) => self.mean.get_or_init(|| self.read_mean()),
+        }
+    }
+
+    /// Matched exposure of the films with these factors, with the noise of these or of other films of their scene.
+    ///
+    /// # Errors
+    /// The noise of another number of films.
+    pub(crate) fn matched(&self, exposer: Exposer, noise: &ImageNoise, factors: &[f64]) -> Result<Exposer, Fault> {
+        Ok(match &self.content {
+            Content::Exr(_) => exposer.with_noise(noise, &[(None, 1.0)])?,
+            Content::Film(_) => {
+                let films: Vec<_> = factors.iter().map(|&factor| (Some(&self.counts), factor)).collect();
+                exposer.with_noise(noise, &films)?
+            }
+            Content::Lights(films) => {
+                let counts: Vec<_> = films.iter().map(|light| light.film.sums.sample_counts()).collect();
+                let films: Vec<_> = counts.iter().map(Some).zip(factors.iter().copied()).collect();
+                exposer.with_noise(noise, &films)?
+            }
+        })
     }
 
     fn read_mean(&self) -> Plane<[f32; 3]> {

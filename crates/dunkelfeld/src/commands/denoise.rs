@@ -8,7 +8,7 @@ use derive_setters::Setters;
 use dunkelfeld_denoise::{Builtin, DenoiseError, DenoiseInput, Denoiser};
 use dunkelfeld_film::{Plane, fill_gaps};
 use dunkelfeld_io::InputError;
-use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr, read_exr_if};
+use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture;
@@ -273,15 +273,6 @@ fn size_of_plane<T>(plane: &Plane<T>) -> [u32; 2] {
 /// Pixels with a variance that is negative or not a number.
 pub(crate) fn invalid_variances_of(variance: &Plane<[f32; 3]>) -> u64 {
     variance.data().iter().filter(|v| v.iter().any(|v| v.is_nan() || *v < 0.0)).count() as u64
-}
-
-/// Mean radiance [W/(m² sr)] of an EXR of any renderer, from the first layer with a standard name.
-///
-/// # Errors
-/// A file that cannot be read or has no such layer.
-pub fn read_radiance(path: &Path) -> Result<Plane<[f32; 3]>, Error> {
-    let layers = read_exr(path)?;
-    Ok(radiance_of(path, &layers, None)?)
 }
 
 /// The radiance of a file: the layer with that name, or the first name that renderers use. Gaps without samples are

@@ -1,0 +1,259 @@
+//! An EXR of any renderer, read once and exposed by several cameras.
+
+use crate::commands::denoise::{invalid_variances_of, radiance_of};
+use crate::commands::expose::{ExposeSettings, check};
+use crate::exposer::{Exposer, lens_share, through_lens};
+use crate::image_noise::{FilmPart, ImageNoise};
+use crate::memory::expose_account;
+use crate::noise_compensation::CompensationInputs;
+use crate::outputs::{FilmOfSensor, VIGNETTING, attributes};
+use dunkelfeld_adaptive::required_samples::SensorNoise;
+use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures, pixel_features};
+use dunkelfeld_film::{Plane, Scatter};
+use dunkelfeld_io::InputError;
+use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
+use dunkelfeld_io::input::{InputFiles, Role};
+use dunkelfeld_io::layers::{Single, Triple};
+use dunkelfeld_render::film_noise::{FilmNoise, levels, per_luminance, sensor_noise, signal_scatter};
+use dunkelfeld_render::{Error, thread_count};
+use dunkelfeld_sensor::{ExposureNoise, Optics, Response, SensorModel, Weights};
+use std::borrow::Cow;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// The radiance of an EXR and, if it was read for matched exposure, its noise.
+#[derive(Debug)]
+pub struct ExrImage {
+    path: PathBuf,
+    radiance: Plane<[f32; 3]>,
+    /// `None` if the file has no variances, or was read for plain exposure.
+    noise: Option<NoiseLayers>,
+    is_read_for_matched: bool,
+    film: Option<FilmOfSensor>,
+    has_vignetting: bool,
+}
+
+impl ExrImage {
+    /// Reads the layer of the settings, and the noise of the image if the settings ask for matched exposure. A file without
+    /// noise can be exposed plainly.
+    ///
+    /// # Errors
+    /// A file that cannot be read or has no such layer; settings outside their range.
+    pub fn open(path: &Path, settings: &ExposeSettings) -> Result<Self, Error> {
+        check(settings)?;
+        let is_matched = settings.exposure_noise == ExposureNoise::Matched;
+        let agree = |size: ExrSize| {
+            let threads = thread_count(settings.threads);
+            let account = expose_account((size.width, size.height), size.bytes, is_matched, threads);
+            let help = "expose a smaller image, one with fewer layers, or on fewer --threads";
+            account.check(settings.memory_limit, 0, help)
+        };
+        let layers = read_exr_if(path, Role::Image, &mut InputFiles::new(), agree)?;
+        Ok(Self {
+            path: path.to_owned(),
+            has_vignetting: attributes(&layers).contains_key(VIGNETTING),
+            radiance: radiance_of(path, &layers, settings.layer.as_deref())?,
+            noise: if is_matched { NoiseLayers::from_layers(&layers) } else { None },
+            is_read_for_matched: is_matched,
+            film: FilmOfSensor::of_file(path, &layers)?,
+        })
+    }
+
+    /// Mean radiance [W/(m^2 sr)], linear Rec. 709.
+    pub fn radiance(&self) -> &Plane<[f32; 3]> {
+        &self.radiance
+    }
+
+    /// Combines the image with a camera. Binning, the stages of a line scan, the wavelengths of the channels and the filter of
+    /// the lens are those of the render, if the file contains them. The layer is that of [`Self::open`]. Runs on the threads
+    /// of the current pool.
+    ///
+    /// # Errors
+    /// Settings outside their range; vignetting that the image has already; noise that is to be matched, but is not in the
+    /// file or was not read.
+    pub fn expose(&self, settings: &ExposeSettings) -> Result<Exposer, Error> {
+        let image = self.behind_lens(settings)?;
+        let exposer = self.plain(&image.radiance, settings)?;
+        if settings.exposure_noise == ExposureNoise::Plain {
+            return Ok(exposer);
+        }
+        let (part, invalid_variances) = self.part(&image, &exposer)?;
+        Ok(exposer.with_inputs(part.inputs).with_invalid_variances(invalid_variances))
+    }
+
+    /// Analyses the noise of the image for matched exposure with a camera: for [`Exposer::with_noise`], where the image counts
+    /// as one film without numbers of samples. Runs on the threads of the current pool.
+    ///
+    /// # Errors
+    /// As [`Self::expose`] with matched noise.
+    pub fn image_noise(&self, settings: &ExposeSettings) -> Result<ImageNoise, Error> {
+        let image = self.behind_lens(settings)?;
+        let (part, _) = self.part(&image, &self.plain(&image.radiance, settings)?)?;
+        Ok(ImageNoise::new(vec![part]))
+    }
+
+    /// The image behind the lens of the settings.
+    fn behind_lens(&self, settings: &ExposeSettings) -> Result<Image<'_>, Error> {
+        check(settings)?;
+        let (radiance, noise) = (&self.radiance, self.noise.as_ref());
+        let Some(focal_length) = settings.vignetting else {
+            return Ok(Image { radiance: Cow::Borrowed(radiance), noise: noise.map(Cow::Borrowed) });
+        };
+        if self.has_vignetting {
+            let problem = "the lens of the render has darkened its corners already";
+            return Err(InputError::new(&self.path, "--vignetting", problem, "leave out --vignetting").into());
+        }
+        let size = [radiance.width(), radiance.height()];
+        let share = lens_share(focal_length, self.optics(settings), &self.model(settings)?, size);
+        let noise = noise.map(|noise| Cow::Owned(noise.darkened(&share)));
+        Ok(Image { radiance: Cow::Owned(through_lens(radiance, &share)), noise })
+    }
+
+    fn model(&self, settings: &ExposeSettings) -> Result<SensorModel, Error> {
+        let model = settings.model.clone();
+        Ok(match &self.film {
+            Some(film) => model.binned(film.readout.binning)?,
+            None => model,
+        })
+    }
+
+    fn optics(&self, settings: &ExposeSettings) -> Optics {
+        self.film.map_or(settings.optics, |film| settings.optics.with_bands(film.bands))
+    }
+
+    /// Plain exposure.
+    fn plain(&self, radiance: &Plane<[f32; 3]>, settings: &ExposeSettings) -> Result<Exposer, Error> {
+        let readout = self.film.map_or(settings.readout, |film| film.readout);
+        Exposer::new(radiance, settings, (&self.model(settings)?, self.optics(settings), readout))
+    }
+
+    /// The noise of the image behind a camera, and the number of its variances that are no variances.
+    fn part(&self, image: &Image<'_>, exposer: &Exposer) -> Result<(FilmPart, u64), Error> {
+        let Some(noise) = &image.noise else {
+            let problem = match self.is_read_for_matched {
+                true => "is missing, so the noise of the render is unknown",
+                false => "was not read, so the noise of the render is unknown",
+            };
+            let help = "leave out --exposure-noise matched";
+            return Err(InputError::new(&self.path, "the layer `variance`", problem, help).into());
+        };
+        let sensor = sensor_noise(exposer.model(), exposer.exposure());
+        let part = noise.part(*exposer.response(), sensor, &image.radiance);
+        Ok((part, invalid_variances_of(&noise.variance)))
+    }
+}
+
+/// An image behind a lens.
+struct Image<'a> {
+    radiance: Cow<'a, Plane<[f32; 3]>>,
+    noise: Option<Cow<'a, NoiseLayers>>,
+}
+
+/// The noise data of a mean, from a file.
+#[derive(Clone, Debug)]
+struct NoiseLayers {
+    /// Variance of the mean, by channel.
+    variance: Plane<[f32; 3]>,
+    /// Covariance of its channels.
+    covariance: Plane<[f32; 3]>,
+    /// Further data of a file of ours.
+    pixels: Option<PixelLayers>,
+}
+
+/// Surface ids and samples of the pixels.
+#[derive(Clone, Debug)]
+struct PixelLayers {
+    counts: Plane<u32>,
+    surface: Plane<PixelFeatures>,
+    scatter: Plane<Option<Scatter>>,
+}
+
+impl NoiseLayers {
+    /// `None` without variances.
+    fn from_layers(layers: &ExrLayers) -> Option<Self> {
+        let variance = layers.triples(Triple::Variance)?;
+        let covariance =
+            layers.triples(Triple::Covariance).unwrap_or_else(|| variance.map(|_| Weights::UNKNOWN_COVARIANCE));
+        let whole = [layers.integers(Single::SampleCount), layers.integers(Single::ObjectId)];
+        let pixels = match (whole, layers.triples(Triple::Normal)) {
+            ([Some(counts), Some(objects)], Some(normals)) => {
+                let scatter = [Single::Scatter, Single::LargestScatter].map(|layer| layers.single(layer));
+                let scatter = match scatter {
+                    [Some(all), Some(largest)] => {
+                        let mut largest = largest.data().iter();
+                        all.map(|&all| {
+                            let largest = f64::from(*largest.next()?);
+                            let all = f64::from(all);
+                            (all.is_finite() && all >= 0.0 && (0.0..=all).contains(&largest))
+                                .then_some(Scatter { all, largest })
+                        })
+                    }
+                    _ => counts.map(|_| None),
+                };
+                Some(PixelLayers { counts, surface: pixel_features(&objects, &normals), scatter })
+            }
+            _ => None,
+        };
+        Some(Self { variance, covariance, pixels })
+    }
+
+    fn darkened(&self, share: &Plane<f64>) -> Self {
+        let squares = share.map(|s| s * s);
+        let mut shares = share.data().iter();
+        let pixels = self.pixels.as_ref().map(|PixelLayers { counts, surface, scatter }| {
+            let scatter = scatter.map(|&scatter| {
+                let share = shares.next().copied().unwrap_or(1.0);
+                scatter.map(|s| signal_scatter(s, share))
+            });
+            PixelLayers { counts: counts.clone(), surface: surface.clone(), scatter }
+        });
+        let [variance, covariance] = [&self.variance, &self.covariance].map(|plane| through_lens(plane, &squares));
+        Self { variance, covariance, pixels }
+    }
+
+    /// The noise of the electrons of a sensor: as in a render if the file contains the ids of the surfaces in the
+    /// pixels, otherwise from each pixel's own variance.
+    fn part(&self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> FilmPart {
+        let (width, height) = (mean.width(), mean.height());
+        let Some(PixelLayers { counts, surface, scatter }) = &self.pixels else {
+            let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
+            let inputs = CompensationInputs {
+                variance: Plane::from_fn(width, height, own),
+                is_rare: Plane::new(width, height, false),
+            };
+            return FilmPart { response, counts: None, inputs };
+        };
+        let view = |weights: &Weights, rows: &Range<u32>| {
+            let (top, rows) = (rows.start, rows.len() as u32);
+            let own = Plane::from_fn(width, rows, |x, y| weights.electrons(*mean.at(x, top + y)).0 as f32);
+            let variance = Plane::from_fn(width, rows, |x, y| {
+                weights.variance(*self.variance.at(x, top + y), *self.covariance.at(x, top + y)) as f32
+            });
+            let largest = Plane::from_fn(width, rows, |x, y| {
+                // The value follows from the distance of the largest sample to the mean of all.
+                let (x, y) = (x, top + y);
+                let (per_luminance, luminance) = per_luminance(*weights, mean.at(x, y).map(f64::from));
+                let others = f64::from(counts.at(x, y).saturating_sub(1));
+                let off = scatter.at(x, y).map_or(0.0, |s| others * s.largest.sqrt());
+                (per_luminance * (luminance + off)) as f32
+            });
+            NoiseInputs {
+                counts: Plane::from_fn(width, rows, |x, y| *counts.at(x, top + y)),
+                level: levels(&own, &variance, Some(sensor)),
+                mean: own,
+                variance,
+                scatter: Plane::from_fn(width, rows, |x, y| {
+                    let (per_luminance, _) = per_luminance(*weights, mean.at(x, top + y).map(f64::from));
+                    scatter.at(x, top + y).map(|s| signal_scatter(s, per_luminance))
+                }),
+                largest,
+                surface: Plane::from_fn(width, rows, |x, y| *surface.at(x, top + y)),
+            }
+        };
+        let views = |rows: Range<u32>| response.kinds().iter().map(|weights| view(weights, &rows)).collect();
+        let own = Plane::from_fn(width, height, |x, y| response.at(x, y).electrons(*mean.at(x, y)).0 as f32);
+        let noise = FilmNoise::from_estimates(own, counts.clone(), views, response, Some(sensor));
+        let inputs = CompensationInputs::from_variances(&noise.pixel_variances());
+        FilmPart { response, counts: None, inputs }
+    }
+}

@@ -1,0 +1,161 @@
+//! The thread that analyses the films beside the render: their certificates, the noise for matched exposure, and denoised
+//! means.
+
+use crate::developed::{Accept, Developed};
+use crate::engine::AFTER_PANIC;
+use crate::hidden_shares::HiddenShares;
+use crate::panics::caught;
+use crate::prepared::Readiness;
+use crate::protocol::{Activity, Camera, CertificateState, CurvePoint, Denoise, Noise};
+use crate::shared::{Shared, lock};
+use crate::snapshot::{Content, Snapshot};
+use std::sync::{Arc, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The analysis of a film may take this share of the time of the threads.
+const SHARE: f64 = 0.04;
+/// The same while a page shows a picture that waits for the analysis.
+const SHARE_IF_WANTED: f64 = 0.2;
+/// The longest pause after an analysis \[s\].
+const MAX_PAUSE: f64 = 20.0;
+/// Noise and denoised mean that no page asks for are computed once in a render, after this time of it \[s\].
+const PREPARED_AFTER: f64 = 5.0;
+
+/// Analyses the films that are published, at a small share of the time, until the view ends.
+pub(crate) fn run(shared: &Arc<Shared>) {
+    // The last film and camera.
+    let mut last: Option<(u64, Camera)> = None;
+    while let Some((snapshot, camera)) = next(shared, last.as_ref()) {
+        let began = Instant::now();
+        let analysed = caught("the analysis of the noise", AFTER_PANIC, || {
+            certify(shared, &snapshot, &camera.without_noise());
+            prepare(shared, &snapshot, &camera);
+        });
+        if let Err(fault) = analysed {
+            shared.update(|live| live.error = Some(fault));
+        }
+        shared.notify();
+        last = Some((snapshot.id, camera.without_device()));
+        pause(shared, &camera, began.elapsed().as_secs_f64());
+    }
+}
+
+/// The next film and camera, when there are new ones. `None` at the end of the view.
+fn next(shared: &Shared, last: Option<&(u64, Camera)>) -> Option<(Arc<Snapshot>, Camera)> {
+    let mut control = lock(&shared.control);
+    loop {
+        if control.quit {
+            return None;
+        }
+        control.is_analysis_awaited = false;
+        let (camera, is_curve_of) = {
+            let live = lock(&shared.live);
+            let camera = live.camera();
+            let is_curve_of = live.curve_of.as_ref() == Some(&camera.without_noise());
+            (camera, is_curve_of)
+        };
+        if let Some(snapshot) = shared.snapshot() {
+            let is_same = last.is_some_and(|(id, of)| *id == snapshot.id && *of == camera.without_device());
+            if !is_same || !is_curve_of {
+                return Some((snapshot, camera));
+            }
+        }
+        control = shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
+    }
+}
+
+/// Certifies a film for a camera, and adds the point of the curve.
+fn certify(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
+    let developed = shared.store.get(snapshot, camera, &shared.session).ok();
+    if let Some(developed) = &developed {
+        developed.certify(&shared.background);
+    }
+    let certified_at = |k: f64| certificate_of(snapshot, developed.as_deref()?, k);
+    let certified = developed.as_ref().and_then(|developed| developed.certified());
+    let shares = certified.map(|certified| Arc::new(HiddenShares::new(certified)));
+    // The target may move meanwhile.
+    loop {
+        let target = lock(&shared.live).target;
+        let state = certified_at(target);
+        let mut live = lock(&shared.live);
+        if live.target != target {
+            continue;
+        }
+        if live.curve_of.as_ref() != Some(camera) {
+            live.curve.clear();
+            live.curve_of = Some(camera.clone());
+        }
+        live.certificate = state;
+        // A film has one point. The render may have started again meanwhile.
+        if let (Some(state), Some(shares)) = (state, shares)
+            && snapshot.restarted == live.render.restarted
+            && live.curve.last().is_none_or(|point| point.film != snapshot.id)
+        {
+            let (seconds, spp, film) = (snapshot.seconds, snapshot.spp(), snapshot.id);
+            live.add_point(CurvePoint { seconds, spp, k99: state.p99, hidden: state.hidden, film, shares });
+        }
+        break;
+    }
+    shared.notify();
+}
+
+/// Computes the noise for matched exposure and the denoised mean of a film: those that the camera shows, and the others once,
+/// so that the first picture with them does not wait for them.
+fn prepare(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
+    let is_running = lock(&shared.live).render.state == Activity::Running;
+    let is_early = is_running && snapshot.seconds < PREPARED_AFTER;
+    let is_missing = |readiness: Readiness, is_shown: bool| match readiness {
+        Readiness::Exact => false,
+        Readiness::Provisional => is_shown,
+        Readiness::None => is_shown || !is_early,
+    };
+    let plain = camera.without_noise();
+    let is_matched = camera.noise == Noise::Matched && camera.denoise == Denoise::Off;
+    if camera.sensor.is_some() && is_missing(shared.store.noise(snapshot, camera), is_matched) {
+        compute(shared, snapshot, &Camera { noise: Noise::Matched, ..plain.clone() });
+    }
+    let is_denoised = camera.denoise != Denoise::Off;
+    let method = if is_denoised { camera.denoise } else { Denoise::Auto };
+    let can_be_denoised = !matches!(snapshot.content, Content::Exr(_));
+    if can_be_denoised && is_missing(shared.store.denoised(snapshot, method), is_denoised) {
+        compute(shared, snapshot, &Camera { denoise: method, ..plain });
+    }
+}
+
+/// Computes the results that a camera needs. If that fails, a page that asks for the picture gets the reason.
+fn compute(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
+    if shared.store.find(snapshot, camera, Accept::Exact, &shared.background).is_ok() {
+        shared.notify();
+    }
+}
+
+/// Waits after an analysis that took so many seconds on all threads, so that the render has the other time.
+fn pause(shared: &Shared, camera: &Camera, seconds: f64) {
+    let is_wanted = camera.noise == Noise::Matched || camera.denoise != Denoise::Off;
+    let share = if is_wanted { SHARE_IF_WANTED } else { SHARE };
+    if lock(&shared.live).render.state != Activity::Running {
+        return;
+    }
+    let pause = Duration::from_secs_f64((seconds / share * 0.5).min(MAX_PAUSE));
+    let control = lock(&shared.control);
+    if !control.quit {
+        let waits = |c: &mut crate::shared::Control| !(c.quit || c.is_paused || c.is_analysis_awaited);
+        drop(shared.wake.wait_timeout_while(control, pause, waits));
+    }
+}
+
+/// The certificate of a film at a level.
+pub(crate) fn certificate_of(snapshot: &Snapshot, developed: &Developed, k: f64) -> Option<CertificateState> {
+    let certified = developed.certified()?;
+    // The certificate has ratios of variances, the page levels k.
+    let known = |ratio: f64| ratio.is_finite().then(|| ratio.sqrt());
+    let certificate = &certified.certificate;
+    Some(CertificateState {
+        k,
+        hidden: certified.hidden_at(k),
+        median: known(certificate.median),
+        p99: known(certificate.p99),
+        saturated: certificate.saturated,
+        film: snapshot.id,
+    })
+}
