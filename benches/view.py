@@ -85,24 +85,46 @@ def quantiles(values):
     return statistics.median(values), values[min(len(values) - 1, int(0.95 * len(values)))]
 
 
-def knobs(view, page, count):
-    """Latencies [ms] of the knobs on the page: median and 95 %."""
-    changes = {
-        "exposure": [("exposure-value", f"{3 + 0.1 * i} ms") for i in range(count)],
-        "gain": [("gain-value", str(1 + 0.05 * i)) for i in range(count)],
-        "device": [("device", str(i + 1)) for i in range(count)],
-        "black level": [("black-level", str(10 + i)) for i in range(count)],
-        "sensor": [("sensor", ["imx174", "imx250"][i % 2]) for i in range(count)],
-        "noise (none, plain)": [("noise", ["none", "plain"][i % 2]) for i in range(count)],
-    }
+def knobs(page, count, is_film):
+    """Latencies [ms] of the knobs on the page: median and 95 %. Only a film of samples can be denoised."""
+    exposures = [("exposure-value", f"{3 + 0.1 * i} ms") for i in range(count)]
+    devices = [("device", str(i + 1)) for i in range(count)]
+    # Settings, the name of the knob, and its changes.
+    changes = [
+        ({}, "exposure", exposures),
+        ({}, "gain", [("gain-value", str(1 + 0.05 * i)) for i in range(count)]),
+        ({}, "device", devices),
+        ({}, "black level", [("black-level", str(10 + i)) for i in range(count)]),
+        ({}, "sensor", [("sensor", ["imx174", "imx250"][i % 2]) for i in range(count)]),
+        ({}, "noise: none, plain", [("noise", ["none", "plain"][i % 2]) for i in range(count)]),
+        ({}, "noise: matched, plain", [("noise", ["matched", "plain"][i % 2]) for i in range(count)]),
+        ({"noise": "matched"}, "device", devices),
+        ({"noise": "matched"}, "exposure", exposures),
+    ]
+    if is_film:
+        changes += [
+            ({}, "denoiser: on, off", [("denoise", ["auto", "off"][i % 2]) for i in range(count)]),
+            ({"denoise": "auto"}, "exposure", exposures),
+        ]
     page.driver.set_script_timeout(120)
     found = {}
-    for name, steps in changes.items():
-        times = [page.driver.execute_async_script(CHANGE, *step) for step in steps]
-        found[name] = quantiles(times)
-    found["matched noise, first time"] = quantiles([page.driver.execute_async_script(CHANGE, "noise", "matched")])
-    page.driver.execute_async_script(CHANGE, "noise", "plain")
+    for settings, name, steps in changes:
+        for setting in settings.items():
+            page.driver.execute_async_script(CHANGE, *setting)
+        title = ", ".join([name, *(f"with {key} {value}" for key, value in settings.items())])
+        found[title] = quantiles([page.driver.execute_async_script(CHANGE, *step) for step in steps])
+        if settings:
+            began = time.monotonic()
+            page.wait(lambda: not page.frame()["header"]["provisional"], "the analysis")
+            found[f"{title}: exact after the last change"] = (1e3 * (time.monotonic() - began),) * 2
+        page.driver.execute_async_script(CHANGE, "noise", "plain")
+        page.driver.execute_async_script(CHANGE, "denoise", "off")
     return found
+
+
+def show_knobs(page, is_film):
+    for name, (median, high) in knobs(page, 20, is_film).items():
+        print(f"  {name}: median {median:.0f} ms, 95 % {high:.0f} ms", flush=True)
 
 
 def frame_rate(page, seconds):
@@ -205,18 +227,28 @@ def main():
             for width, height in [(1024, 1024), (2592, 1944)]:
                 view = View(job(folder, width, height), folder=folder)
                 try:
-                    view.wait_for_film(0.5)
+                    view.wait(lambda state: state["prepared"] >= 2, "the analyses")
                     for state in ["running", "paused"]:
                         if state == "paused":
                             view.pause()
                         page = shown(driver, view)
                         print(f"{width} x {height}, render {state}: live view {frame_rate(page, 8):.1f} frames/s")
                         if width == 1024:
-                            for name, (median, high) in knobs(view, page, 20).items():
-                                print(f"  {name}: median {median:.0f} ms, 95 % {high:.0f} ms")
+                            show_knobs(page, True)
+                    if width == 1024:
+                        body = {"what": ["exr"], "name": "knobs", "camera": view.camera(), "frame": 0}
+                        view.post("save", body)
                     driver.get("about:blank")
                 finally:
                     view.close()
+            view = View(Path(folder) / "knobs.exr", folder=folder)
+            try:
+                view.wait(lambda state: state["prepared"] >= 1, "the analysis")
+                print("1024 x 1024, an EXR")
+                show_knobs(shown(driver, view), False)
+                driver.get("about:blank")
+            finally:
+                view.close()
             for name, share in cost(folder, driver, 5, 8).items():
                 print(f"cost of a page to the render, 1024 x 1024, {name}: {100 * share:.1f} %")
     finally:

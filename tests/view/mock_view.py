@@ -45,7 +45,13 @@ class MockView:
         self.left_out, self.saved, self.ablations = set(), [], {}
         self.log, self.settings = [], {"delay": 0.0, "frozen": options.freeze}
         # `mute`: no state is sent. `no_picture`: the film of the state is not there yet. `regions`: a fault of all regions.
-        self.settings |= {"mute": options.mute, "no_picture": False, "regions": None, "provisional": False, "prepared": 0}
+        self.settings |= {
+            "mute": options.mute,
+            "no_picture": False,
+            "regions": None,
+            "provisional": False,
+            "prepared": 0,
+        }
         self.begin, self.paused_at, self.film_offset = time.time(), 0.0, 0
         self.connected = False
 

@@ -97,11 +97,10 @@ class View:
         shape = (header["height"], header["width"]) + ((3,) if header["format"] == "rgb8" else ())
         return header, values.reshape(shape)
 
-    def frame(self, frame=0, tone="gamma", **changes):
+    def frame(self, frame=0, tone="gamma", exact=True, **changes):
         """A frame of the camera of the job with changes."""
-        return self.picture(
-            "frame", {"camera": self.camera(**changes), "frame": frame, "tone": tone, "exact": True}
-        )
+        body = {"camera": self.camera(**changes), "frame": frame, "tone": tone, "exact": exact}
+        return self.picture("frame", body)
 
     def camera(self, **changes):
         return {**self.state()["camera"], **changes}

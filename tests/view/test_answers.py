@@ -44,6 +44,29 @@ def test_knobs_have_the_ranges_of_a_job(view):
     assert state["sensors"][0]["label"].startswith("as in the job (")
 
 
+def test_noise_and_denoised_mean_are_prepared(view):
+    running = view(job=station(width=64, height=48))
+    running.wait_for_film(2)
+    running.pause()
+    running.wait(lambda state: state["prepared"] >= 2, "an analysis that no page has asked for")
+    assert not running.frame(noise="matched", exact=False)[0]["provisional"]
+    for changes in [{"noise": "matched"}, {"denoise": "builtin"}, {"denoise": "auto"}]:
+        header, exact = running.frame(device=9, **changes)
+        assert not header["provisional"]
+        # The analysis of one device is that of the others.
+        again, values = running.frame(device=9, exact=False, **changes)
+        assert not again["provisional"] and np.array_equal(values, exact)
+    # Another exposure has another analysis, which replaces the converted one.
+    changes = {"noise": "matched", "exposure": 0.002}
+    first, converted = running.frame(exact=False, **changes)
+    exact = running.frame(**changes)[1]
+    if first["provisional"]:
+        plain = running.frame(noise="plain", exposure=0.002)[1].astype(float)
+        assert np.mean((converted - exact.astype(float)) ** 2) < 0.5 * np.mean((plain - exact) ** 2)
+    header, values = running.frame(exact=False, **changes)
+    assert not header["provisional"] and np.array_equal(values, exact)
+
+
 def test_the_picture_of_a_pause_is_the_film_that_is_saved(view, tmp_path):
     running = view(job=station(width=64, height=48))
     for step in range(4):

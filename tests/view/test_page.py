@@ -149,6 +149,31 @@ def test_refused_camera(mock_page):
     page.assert_quiet_console(refusals=True)
 
 
+def test_provisional_pictures_are_asked_for_again(mock_page):
+    page = mock_page(*FROZEN)
+    page.set("noise", "plain")
+    page.settle()
+    assert page.text("frame-analysis") == "–"
+    page.mock.settings["provisional"] = True
+    page.set("noise", "matched")
+    page.settle()
+    asked = len(page.log("/api/frame"))
+    assert page.text("frame-analysis") == "of an earlier one"
+    page.mock.settings |= {"provisional": False, "prepared": 1}
+    page.wait(lambda: page.text("frame-analysis") == "of this picture", "the newer analysis")
+    page.settle()
+    assert len(page.log("/api/frame")) == asked + 1
+    # Plain noise needs no analysis.
+    page.set("noise", "plain")
+    page.settle()
+    asked = len(page.log("/api/frame"))
+    page.mock.settings["prepared"] = 2
+    page.wait(lambda: page.state()["prepared"] == 2, "the next analysis")
+    page.settle()
+    assert len(page.log("/api/frame")) == asked and page.text("frame-analysis") == "–"
+    page.assert_quiet_console()
+
+
 def test_scene_debounce(mock_page):
     page = mock_page()
     page.tab("scene")

@@ -10,6 +10,9 @@ use dunkelfeld_scene::SceneSummary;
 const COPIES: u64 = 2;
 /// Bytes per pixel of a copy: ids of object and material (8), its mean (12), the variance of the mean (4).
 const OF_COPY: u64 = 24;
+/// Bytes per pixel of the analyses of a film that are kept, of two cameras: samples (4), matched variance (5), denoised mean
+/// (12).
+const ANALYSES: u64 = 2 * 21;
 /// Bytes per pixel of the picture: samples now and before (8), combined mean (12).
 const OF_PICTURE: u64 = 20;
 
@@ -42,6 +45,7 @@ pub(crate) fn light_films_account(needs: LightFilmsNeeds<'_>) -> (u64, MemoryAcc
     account.add("films", &[films(film)]);
     account.add("copies", &[films(COPIES * film.saturating_add(planes(OF_COPY)))]);
     account.add("planes", &[films(planes(per_pixel::KEPT + per_pixel::ROUND))]);
+    account.add("analyses", &[films(planes(ANALYSES))]);
     account.add("training", &[films(TRAINING_PATH * u64::from(settings.training_paths()))]);
     // One film at a time is planned, and one analysed.
     let plan = planes(per_pixel::NOISE + per_pixel::EXPECTED + per_pixel::PLAN);
@@ -70,7 +74,7 @@ mod tests {
             account.peak_bytes
         };
         let film = Film::expected_bytes(1000, 1000, settings.film_layers(), settings.expected_spp());
-        let planes = 1_000_000 * (2 * OF_COPY + per_pixel::KEPT + per_pixel::ROUND);
+        let planes = 1_000_000 * (2 * OF_COPY + per_pixel::KEPT + per_pixel::ROUND + ANALYSES);
         let training = TRAINING_PATH * u64::from(settings.training_paths());
         let of_light = 3 * film + planes + training + 2 * THREAD + 1000;
         assert_eq!(peak(2) - peak(1), of_light);
