@@ -324,12 +324,16 @@ fn a_film_is_exposed_with_options() {
     write_scene(folder.path(), 4);
     let mut project = open(&folder, "job.toml", JOB);
     let saved = render(&mut project, RenderOptions::default());
-    let frames = expose_film(&saved, &ExposeOptions::default(), 2).expect("frames");
-    let later = expose_film(&saved, &ExposeOptions::default().with_frame(1u32), 1).expect("a frame");
+    let frames = expose_film(&saved, &ExposeOptions::default(), 2, &Cancel::new()).expect("frames");
+    let later = expose_film(&saved, &ExposeOptions::default().with_frame(1u32), 1, &Cancel::new()).expect("a frame");
     assert!(frames[0] != frames[1] && frames[1] == later[0]);
     // So many frames would not fit: an error before any of them is allocated.
-    let error = expose_film(&saved, &ExposeOptions::default(), u32::MAX).expect_err("too many").to_string();
+    let error = expose_film(&saved, &ExposeOptions::default(), u32::MAX, &Cancel::new());
+    let error = error.expect_err("too many").to_string();
     assert!(error.contains("memory") && error.contains("fewer frames"), "{error}");
+    let cancelled = Cancel::new();
+    cancelled.cancel();
+    assert_eq!(expose_film(&saved, &ExposeOptions::default(), 2, &cancelled).expect("no frame").len(), 0);
     let plain = picture_of_film(&saved, &ExposeOptions::default().with_sensor(SensorOption::None)).expect("a picture");
     assert!(matches!(plain, dunkelfeld::Picture::Rgb(_)));
 }

@@ -6,8 +6,8 @@ use crate::pointers::{Elements, In, Out, Text};
 use crate::status::{Failure, Status, call};
 use dunkelfeld::film::Plane;
 use dunkelfeld::{
-    DenoiseMethod, DenoiseSettings, Error, MergeSettings, OutputPaths, Picture, SavedFilm, certify_film, denoise_saved,
-    expose_film, picture_of_film, save_film, save_film_files,
+    Cancel, DenoiseMethod, DenoiseSettings, Error, MergeSettings, OutputPaths, Picture, SavedFilm, certify_film,
+    denoise_saved, expose_film, picture_of_film, save_film, save_film_files,
 };
 use std::ffi::c_char;
 use std::path::{Path, PathBuf};
@@ -208,7 +208,7 @@ pub unsafe extern "C" fn dunkelfeld_film_expose(
             let problem = format!("{count} elements are fewer than the {size} that are written");
             return Err(Failure::new(Status::Argument, "count", problem, "pass a larger buffer and its count"));
         }
-        let planes = film.compute(|saved| expose_film(saved, &options, frames))??;
+        let planes = film.compute(|saved| expose_film(saved, &options, frames, &Cancel::new()))??;
         let values: Vec<u16> = planes.iter().flat_map(|plane| plane.data()).copied().collect();
         let width = film.saved.film.sums.width() as usize;
         buffer.write_rows((count, 0), &values, width)

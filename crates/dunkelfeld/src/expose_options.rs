@@ -10,7 +10,7 @@ use dunkelfeld_film::Plane;
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::job::DEFAULT_SENSOR;
 use dunkelfeld_radiometry::Number;
-use dunkelfeld_render::Error;
+use dunkelfeld_render::{Cancel, Error};
 use dunkelfeld_scene::Vignetting;
 use dunkelfeld_sensor::{ExposureNoise, Optics, SensorError};
 use std::path::Path;
@@ -112,27 +112,31 @@ impl ImageOptions {
     }
 }
 
-/// Grey values \[DN\] of the frames of an EXR of any renderer: those that [`expose_exr`](crate::expose_exr) writes. Runs on the
-/// threads of the current pool.
+/// Grey values \[DN\] of the frames of an EXR of any renderer: those that [`expose_exr`](crate::expose_exr) writes. `cancel` ends
+/// the exposure after a frame; then those until then are returned. Runs on the threads of the current pool.
 ///
 /// # Errors
 /// As [`Exposer::open`], and more memory than the limit.
-pub fn expose_image(path: &Path, settings: &ExposeSettings) -> Result<Vec<Plane<u16>>, Error> {
+pub fn expose_image(path: &Path, settings: &ExposeSettings, cancel: &Cancel) -> Result<Vec<Plane<u16>>, Error> {
     let exposer = Exposer::open(path, settings)?;
     let [width, height] = exposer.size();
     check_frames(settings, (width, height))?;
-    frames_of(&exposer, settings)
+    frames_of(&exposer, settings, cancel)
 }
 
 /// [`expose_image`] for mean radiance [W/(m^2 sr)], linear Rec. 709, instead of a file.
 ///
 /// # Errors
 /// As [`Exposer::of_radiance`], no pixels, and more memory than the limit.
-pub fn expose_radiance(radiance: Plane<[f32; 3]>, settings: &ExposeSettings) -> Result<Vec<Plane<u16>>, Error> {
+pub fn expose_radiance(
+    radiance: Plane<[f32; 3]>,
+    settings: &ExposeSettings,
+    cancel: &Cancel,
+) -> Result<Vec<Plane<u16>>, Error> {
     check(settings)?;
     if radiance.data().is_empty() {
         return Err(Error::setting("radiance", "has no pixels", "pass an image with at least one pixel"));
     }
     check_frames(settings, (radiance.width(), radiance.height()))?;
-    frames_of(&Exposer::of_radiance(radiance, settings)?, settings)
+    frames_of(&Exposer::of_radiance(radiance, settings)?, settings, cancel)
 }

@@ -362,22 +362,33 @@ fn no_sensor() -> Error {
 }
 
 /// Grey values \[DN\] of `frames` frames of a film, from the first frame of the options on. Frames of one seed come from the
-/// same device. Runs on the threads of the current pool.
+/// same device. `cancel` ends the exposure after a frame; then those until then are returned. Runs on the threads of the
+/// current pool.
 ///
 /// # Errors
 /// As [`ExposeSettings::of_film`]; settings outside their range; several frames with matched noise; more memory than the
 /// system has.
-pub fn expose_film(saved: &SavedFilm, options: &ExposeOptions, frames: u32) -> Result<Vec<Plane<u16>>, Error> {
+pub fn expose_film(
+    saved: &SavedFilm,
+    options: &ExposeOptions,
+    frames: u32,
+    cancel: &Cancel,
+) -> Result<Vec<Plane<u16>>, Error> {
     let settings = ExposeSettings::of_film(saved, options)?.with_frames(frames);
     let size = (saved.film.sums.width(), saved.film.sums.height());
     let settings = settings.with_memory_limit(saved.settings.memory_limit);
     check_frames(&settings, size)?;
-    frames_of(&Exposer::of_film(&saved.film, &settings)?, &settings)
+    frames_of(&Exposer::of_film(&saved.film, &settings)?, &settings, cancel)
 }
 
-/// All frames of the settings.
-pub(crate) fn frames_of(exposer: &Exposer, settings: &ExposeSettings) -> Result<Vec<Plane<u16>>, Error> {
-    (0..settings.frames).map(|n| exposer.frame(settings.first_frame + n)).collect()
+/// All frames of the settings, or those until `cancel`.
+pub(crate) fn frames_of(
+    exposer: &Exposer,
+    settings: &ExposeSettings,
+    cancel: &Cancel,
+) -> Result<Vec<Plane<u16>>, Error> {
+    let numbers = (0..settings.frames).take_while(|_| !cancel.is_cancelled());
+    numbers.map(|n| exposer.frame(settings.first_frame + n)).collect()
 }
 
 /// Checks that the frames of the settings fit into memory, for a film of this width and height \[pixels\].

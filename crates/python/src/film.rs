@@ -6,7 +6,7 @@ use crate::errors::{Failure, setting};
 use crate::inputs::{input_names, inputs_of};
 use crate::noise_map::NoiseMap;
 use crate::sensor::{ExposureArgument, SensorArgument};
-use crate::work::with_pool;
+use crate::work::{with_cancellable_pool, with_pool};
 use dunkelfeld::{
     DenoiseMethod, DenoiseSettings, ExposeOptions, InputFiles, NO_ID, OutputPaths, Picture, RenderSettings, SavedFilm,
     certify_film, denoise_saved, develop_film, expose_film, picture_of_film, save_film, save_film_files,
@@ -160,7 +160,7 @@ impl Film {
 
     /// Exposes the film: linear grey values of `frames` frames, uint16 of shape (frames, height, width) [DN]. Frames of one
     /// seed come from the same device. Arguments that are left out are those of the render. `exposure` is a time [s] or
-    /// "auto", `frame` is the number of the first frame, `exposure_noise` is "plain" or "matched".
+    /// "auto", `frame` is the number of the first frame, `exposure_noise` is "plain" or "matched". Ctrl-C ends it after a frame.
     #[pyo3(signature = (sensor=None, exposure=None, frames=1, *, frame=None, seed=None, exposure_noise=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn expose<'py>(
@@ -174,7 +174,8 @@ impl Film {
         exposure_noise: Option<&str>,
     ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
         let options = expose_options(sensor, exposure, frame, seed, exposure_noise)?;
-        stack(py, self.compute(py, move |s| expose_film(s, &options, frames))??)
+        let (saved, threads) = (&*self.saved, self.settings().threads);
+        stack(py, with_cancellable_pool(py, threads, |cancel| expose_film(saved, &options, frames, cancel))??)
     }
 
     /// The 8-bit picture of one frame, gamma 2.2: uint8 of shape (height, width) or, of a colour sensor or none, (height,

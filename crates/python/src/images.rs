@@ -5,9 +5,9 @@ use crate::arrays::{GrayArray, RgbArray, gray_plane, rgb, rgb_plane, stack};
 use crate::errors::{Failure, setting};
 use crate::progress::{completed, supervised};
 use crate::sensor::{ExposureArgument, SensorArgument};
-use crate::work::with_pool;
+use crate::work::with_cancellable_pool;
 use dunkelfeld::{
-    DenoiseMethod, DenoisePlanes, DenoiseSettings, ExposeOutputs, ExposeSettings, ImageOptions, Session,
+    Cancel, DenoiseMethod, DenoisePlanes, DenoiseSettings, ExposeOutputs, ExposeSettings, ImageOptions, Session,
     check_denoise_output, select_denoiser,
 };
 use numpy::PyArray3;
@@ -73,7 +73,10 @@ pub(crate) fn expose_exr<'py>(
     options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
     options.layer = layer;
     let settings = options.settings()?;
-    stack(py, with_pool(py, settings.threads, || dunkelfeld::expose_image(&path, &settings))??)
+    stack(
+        py,
+        with_cancellable_pool(py, settings.threads, |cancel| dunkelfeld::expose_image(&path, &settings, cancel))??,
+    )
 }
 
 /// Exposes an EXR of this or another renderer, and writes each frame to a file, as `dunkelfeld expose` with the same bytes:
@@ -158,7 +161,8 @@ pub(crate) fn expose_radiance<'py>(
     let lens = [f_number, transmission, magnification, focal_length];
     let settings = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?.settings()?;
     let radiance = rgb_plane("radiance", &radiance)?;
-    stack(py, with_pool(py, settings.threads, || dunkelfeld::expose_radiance(radiance, &settings))??)
+    let expose = |cancel: &Cancel| dunkelfeld::expose_radiance(radiance, &settings, cancel);
+    stack(py, with_cancellable_pool(py, settings.threads, expose)??)
 }
 
 /// The denoiser of the keywords.

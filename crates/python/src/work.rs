@@ -1,6 +1,6 @@
 //! Work without the interpreter's lock: on threads of its own, cancelled by Ctrl-C.
 
-use crate::errors::Failure;
+use crate::errors::{Failure, setting};
 use dunkelfeld::{Cancel, Session};
 use pyo3::prelude::*;
 use std::sync::Mutex;
@@ -21,6 +21,22 @@ pub(crate) fn with_pool<T: Send>(
     // Before the interpreter runs other code: a signal that came meanwhile is not an error of that code.
     py.check_signals()?;
     Ok(result)
+}
+
+/// [`with_pool`] for work that Ctrl-C cancels: then the exception is the result.
+pub(crate) fn with_cancellable_pool<T: Send>(
+    py: Python<'_>,
+    threads: usize,
+    work: impl FnOnce(&Cancel) -> T + Send,
+) -> Result<T, Failure> {
+    let cancel = Cancel::new();
+    let (result, raised) =
+        interruptible(py, &cancel, || Ok::<_, dunkelfeld::Error>(Session::new(threads)?.install(|| work(&cancel))));
+    match (raised, result) {
+        (Some(raised), _) => Err(raised.into()),
+        (None, Some(result)) => Ok(result?),
+        (None, None) => Err(setting("work", "a thread failed", "report this fault")),
+    }
 }
 
 /// Runs `work` on another thread. A signal whose handler raises an exception, such as Ctrl-C, sets `cancel`; then the result

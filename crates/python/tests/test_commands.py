@@ -579,7 +579,7 @@ try:
     if sys.argv[2] == "expose":
         film = scene.render(spp=1, width=300, height=300)
         at(0.3)
-        film.expose(frames=400)
+        film.expose(frames=8000)
     elif sys.argv[2] == "thread":
         at(0.5)
         scene.render(time=60, progress=elsewhere)
