@@ -28,9 +28,10 @@ from program import ROOT, View
 SCENE = ROOT / "scenes" / "inspection"
 # Samples per pixel of the pictures.
 PICTURE_SPP = 128
-# The time from a change on the page to the painted picture.
+# The time from a change on the page to the painted picture with it. Without a change of the knobs there is no such picture.
 CHANGE = """
 const [id, value, done] = arguments;
+const before = JSON.stringify(window.dunkelfeld.frame().camera);
 const began = performance.now();
 const control = document.getElementById(id);
 if (control.type === "checkbox") control.click();
@@ -38,7 +39,12 @@ else {
   control.value = value;
   control.dispatchEvent(new Event("change", {bubbles: true}));
 }
-window.dunkelfeld.idle().then(() => requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now() - began))));
+const look = () => {
+  const isShown = JSON.stringify(window.dunkelfeld.frame().camera) !== before;
+  if (isShown || performance.now() - began > 60000) requestAnimationFrame(() => done(performance.now() - began));
+  else requestAnimationFrame(look);
+};
+look();
 """
 
 
@@ -87,8 +93,8 @@ def quantiles(values):
 
 def knobs(page, count, is_film):
     """Latencies [ms] of the knobs on the page: median and 95 %. Only a film of samples can be denoised."""
-    exposures = [("exposure-value", f"{3 + 0.1 * i} ms") for i in range(count)]
-    devices = [("device", str(i + 1)) for i in range(count)]
+    exposures = [("exposure-value", f"{3 + 0.1 * i:.1f} ms") for i in range(count)]
+    devices = [("device", str(i + 11)) for i in range(count)]
     # Settings, the name of the knob, and its changes.
     changes = [
         ({}, "exposure", exposures),
@@ -110,15 +116,15 @@ def knobs(page, count, is_film):
     found = {}
     for settings, name, steps in changes:
         for setting in settings.items():
-            page.driver.execute_async_script(CHANGE, *setting)
+            page.set(*setting)
         title = ", ".join([name, *(f"with {key} {value}" for key, value in settings.items())])
         found[title] = quantiles([page.driver.execute_async_script(CHANGE, *step) for step in steps])
         if settings:
             began = time.monotonic()
             page.wait(lambda: not page.frame()["header"]["provisional"], "the analysis")
             found[f"{title}: exact after the last change"] = (1e3 * (time.monotonic() - began),) * 2
-        page.driver.execute_async_script(CHANGE, "noise", "plain")
-        page.driver.execute_async_script(CHANGE, "denoise", "off")
+        page.set("noise", "plain")
+        page.set("denoise", "off")
     return found
 
 

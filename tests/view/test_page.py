@@ -65,6 +65,23 @@ def test_newest_knob_counts(mock_page):
     assert abs(requests[-1]["body"]["camera"]["gain"] - final) < 1e-9 and abs(final - 10**0.5) < 0.05
 
 
+def test_a_knob_does_not_wait_for_a_new_film(mock_page):
+    page = mock_page(*FROZEN)
+    page.settle()
+    page.mock.settings["delay"] = 1.0
+    before = len(page.log("/api/frame"))
+    page.mock.settings["frozen"] += 1
+    page.wait(lambda: len(page.log("/api/frame")) > before, "the request of the new film")
+    page.set("gain-value", "2")
+    page.settle()
+    film, knob = page.log("/api/frame")[before:]
+    assert (film["body"]["camera"]["gain"], knob["body"]["camera"]["gain"]) == (1, 2)
+    # The answer of the first one takes longer.
+    assert knob["start"] < film["start"] + 1.0
+    assert page.text("problems") == "" and page.film() == page.state()["film"]["id"]
+    page.assert_quiet_console()
+
+
 def test_camera_knobs(mock_page):
     page = mock_page(*FROZEN)
     for id_, value, key, expected in [

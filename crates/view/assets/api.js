@@ -18,6 +18,9 @@ export class Fault extends Error {
 /** The server gave no answer. */
 export class Unreachable extends Error {}
 
+/** The page no longer wants the answer. */
+export class Withdrawn extends Error {}
+
 const EARLY = 409; // status of a request about a picture before the first one
 
 /**
@@ -31,17 +34,20 @@ export function isEarly(error) {
 /**
  * @param {string} path
  * @param {unknown} body
+ * @param {AbortSignal} [signal] withdraws the request
  * @returns {Promise<Response>}
  */
-async function post(path, body) {
+async function post(path, body, signal) {
   let answer;
   try {
     answer = await fetch(path, {
       method: "POST",
       headers: { "content-type": "application/json" },
       body: JSON.stringify(body),
+      ...(signal ? { signal } : {}),
     });
   } catch {
+    if (signal?.aborted) throw new Withdrawn("The request was withdrawn.");
     throw new Unreachable("The server does not answer.");
   }
   if (!answer.ok) throw new Fault(answer.status, await readFault(answer));
@@ -85,14 +91,16 @@ export async function postJson(path, body) {
  * @template H
  * @param {string} path
  * @param {unknown} body
+ * @param {AbortSignal} [signal]
  * @returns {Promise<{ header: H, buffer: ArrayBuffer, offset: number }>}
  */
-async function postBinary(path, body) {
-  const answer = await post(path, body);
+async function postBinary(path, body, signal) {
+  const answer = await post(path, body, signal);
   let buffer;
   try {
     buffer = await answer.arrayBuffer();
   } catch {
+    if (signal?.aborted) throw new Withdrawn("The request was withdrawn.");
     throw new Unreachable("The answer of the server ended early.");
   }
   const length = new DataView(buffer).getUint32(0, true);
@@ -104,16 +112,17 @@ async function postBinary(path, body) {
 
 /**
  * @param {{ camera: import("./protocol").Camera, frame: number, tone: import("./protocol").Tone }} body
+ * @param {AbortSignal} signal
  * @returns {Promise<import("./protocol").Frame>}
  */
-export async function requestFrame(body) {
+export async function requestFrame(body, signal) {
   /** @type {{ header: import("./protocol").FrameHeader, buffer: ArrayBuffer, offset: number }} */
-  const { header, buffer, offset } = await postBinary("/api/frame", body);
+  const { header, buffer, offset } = await postBinary("/api/frame", body, signal);
   const pixels = header.width * header.height;
   const values = header.format === "gray16"
     ? new Uint16Array(buffer, offset, pixels)
     : new Uint8Array(buffer, offset, 3 * pixels);
-  return { header, values };
+  return { header, values, camera: body.camera };
 }
 
 /**

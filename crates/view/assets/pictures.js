@@ -1,6 +1,6 @@
 // Keeps the pictures A and B and the map up to date: one request in flight, the newest knobs count.
 
-import { Fault, isEarly, requestFrame, requestMap } from "./api.js";
+import { Fault, isEarly, requestFrame, requestMap, Withdrawn } from "./api.js";
 import { mapScale, paintMap } from "./colormap.js";
 import { tracked } from "./requests.js";
 import { paintFrame } from "./tone.js";
@@ -25,6 +25,11 @@ export class Pictures {
   /** @type {ReturnType<typeof setInterval> | null} */
   #timer = null;
   /**
+   * The request of the picture A that is in flight, and its knobs.
+   * @type {{ camera: Camera, abort: AbortController } | null}
+   */
+  #inFlight = null;
+  /**
    * Arrival times of the frames of the live view.
    * @type {number[]}
    */
@@ -42,6 +47,7 @@ export class Pictures {
     this.lane = lane;
     this.problems = problems;
     store.on("session", () => this.#forget());
+    store.on("camera", () => this.#withdraw());
     store.on(["state", "connection", "camera", "kept", "frame", "mapChoice"], () => this.refresh());
     store.on("view", () => {
       this.#repaint();
@@ -87,6 +93,18 @@ export class Pictures {
     store.emit("picture");
   }
 
+  /**
+   * Withdraws the request of a new film or frame with the knobs that are shown, so that a knob does not wait for it. A
+   * request with knobs that are not shown yet goes on, so that a knob that keeps moving has pictures.
+   */
+  #withdraw() {
+    const flight = this.#inFlight;
+    if (!flight) return;
+    const { camera, frameA } = this.store;
+    const [asked, shown, wanted] = [flight.camera, frameA?.camera, camera].map((knobs) => JSON.stringify(knobs));
+    if (asked === shown && asked !== wanted) flight.abort.abort();
+  }
+
   /** Requests the map again, though nothing that the page knows has changed. */
   invalidateMap() {
     this.#shown.map = "";
@@ -123,7 +141,7 @@ export class Pictures {
         this.problems.clear(kind);
       } catch (error) {
         // The answer of an earlier server says nothing about this one.
-        if (session !== this.store.session) return;
+        if (session !== this.store.session || error instanceof Withdrawn) return;
         // The next film makes another key, and is asked for.
         this.#failed[kind] = now;
         if (isEarly(error)) return;
@@ -171,7 +189,14 @@ export class Pictures {
     const { frameNumber, tone, session } = store;
     const asked = this.#frameKey(camera);
     const film = store.server?.film?.id ?? 0;
-    const frame = await requestFrame({ camera, frame: frameNumber, tone });
+    const abort = new AbortController();
+    if (kind === "a") this.#inFlight = { camera, abort };
+    let frame;
+    try {
+      frame = await requestFrame({ camera, frame: frameNumber, tone }, abort.signal);
+    } finally {
+      if (kind === "a") this.#inFlight = null;
+    }
     if (session !== store.session) return;
     // The film may have grown since the request. The picture counts for the film that it shows, if
     // that is newer: the event that announces this film then needs no second request.

@@ -102,7 +102,8 @@ export interface MapHeader {
   film: number; compute: number; low: number; high: number;
 }
 
-export interface Frame { header: FrameHeader; values: Uint16Array | Uint8Array }
+/** `camera`: the knobs of the request. */
+export interface Frame { header: FrameHeader; values: Uint16Array | Uint8Array; camera: Camera }
 export interface FilmMap { header: MapHeader; values: Float32Array }
 
 export interface Probe {
