@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from images import grey_values, write_exr
+from images import grey_values, picture, write_exr
 from jobs import COLOUR_SENSOR, station
 from page import wait_for
 from program import Refused, attempt, run
@@ -123,6 +123,14 @@ def test_the_lens_of_an_exr(view, tmp_path):
     flags = ["--linear", "other.tif", "--exposure", "4ms", "--seed", "11", *lens]
     run("expose", "other.exr", *flags, cwd=tmp_path, expected=1)
     assert np.array_equal(values, grey_values(tmp_path / "other.tif"))
+    body = {"camera": running.camera(exposure=0.004, device=11), "frame": 0}
+    running.post("save", {**body, "what": ["png", "tiff"], "name": "saved"})
+    assert np.array_equal(values, grey_values(tmp_path / "saved.tif"))
+    run("expose", "other.exr", "-o", "other.png", *flags[2:], cwd=tmp_path, expected=1)
+    assert np.array_equal(picture(tmp_path / "saved.png"), picture(tmp_path / "other.png"))
+    for kind in ["exr", "checkpoint", "job"]:
+        with pytest.raises(Refused, match="no samples"):
+            running.post("save", {**body, "what": [kind], "name": "refused"})
     state = running.state()
     assert state["sensors"][0]["label"].startswith("default (")
     assert [note["text"] for note in state["notes"] if "1 pixel" in note["text"]]

@@ -453,8 +453,9 @@ def test_exr_source(mock_page):
     page = mock_page("--source", "exr", *FROZEN)
     assert page.attribute("verdict", "data-level") == "none" and "no samples" in page.text("verdict-text")
     assert page.text("verdict-time") == ""
-    for kind in ["png", "tiff", "exr", "checkpoint", "job"]:
+    for kind in ["exr", "checkpoint", "job"]:
         assert page.disabled(f"save-{kind}") and not page.checked(f"save-{kind}"), kind
+    assert not page.disabled("save-png") and not page.disabled("save-tiff")
 
 
 def test_no_film_and_error(mock_page):

@@ -311,8 +311,21 @@ impl Exposer {
         Ok(values)
     }
 
-    /// The frame with this number, and a certificate.
-    pub(crate) fn into_frame(self, number: u32, certified: Certified, without: &[Effect]) -> Result<Frame, Error> {
+    /// The frame with this number and its picture, without a certificate.
+    ///
+    /// # Errors
+    /// As [`Self::frame`].
+    pub fn develop(&self, number: u32) -> Result<Frame, Error> {
+        self.clone().into_frame(number, None, &[])
+    }
+
+    /// The frame with this number, with a certificate.
+    pub(crate) fn into_frame(
+        self,
+        number: u32,
+        certified: Option<Certified>,
+        without: &[Effect],
+    ) -> Result<Frame, Error> {
         let values = self.frame(number)?;
         let (exposure, model) = (self.exposure, self.model().clone());
         let matched = self
@@ -321,7 +334,6 @@ impl Exposer {
             .map(|known| Matched::of_known(known, (&self.electrons, &self.electrons), &model, exposure));
         let (picture, saturated) = (Picture::from_values(&values, &model), self.saturated());
         let Self { electrons, response, no_light, .. } = self;
-        let certified = Some(certified);
         let sensor = SensorFrame { electrons, values, exposure, model, saturated, response, certified, matched };
         Ok(Frame { picture, sensor: Some(sensor), no_light, without: without.to_vec(), denoised: None })
     }

@@ -89,7 +89,7 @@ pub fn develop_behind_lens(
     let k = settings.budget.noise.unwrap_or(dunkelfeld_adaptive::required_samples::DEFAULT_TARGET);
     let variances: Vec<_> = variances.iter().map(|(variances, factor)| (variances, *factor)).collect();
     let certified = exposer.certify_sum(&variances, k)?;
-    exposer.into_frame(settings.frame, certified, &settings.without)
+    exposer.into_frame(settings.frame, Some(certified), &settings.without)
 }
 
 /// The layers of [`encode_layers`](crate::encode_layers) for the sum of independent films of single lights, each times its

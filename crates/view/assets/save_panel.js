@@ -17,7 +17,7 @@ const KINDS = ["png", "tiff", "exr", "checkpoint", "job"];
  * @returns {string | null}
  */
 function refusal(kind, state) {
-  if (state?.source === "exr") return "An EXR is shown as it is. The command dunkelfeld expose writes frames of it";
+  if (state?.source === "exr" && kind !== "png" && kind !== "tiff") return "An EXR has no samples and no scene";
   if (kind === "checkpoint" && state?.source === "film") return "Nothing renders here: the file that is shown has all samples";
   if (kind === "job" && state?.source === "film") return "A saved film has no scene, so there is no job";
   if (kind === "checkpoint" && state?.scene?.per_light.on) {

@@ -1,7 +1,7 @@
 //! Files of what is shown.
 
 use crate::desk::at_render;
-use crate::developed::OWN_SENSOR;
+use crate::developed::{Accept, OWN_SENSOR};
 use crate::light_sum;
 use crate::protocol::{Camera, Denoise, Fault, Noise, SaveKind, SaveRequest, Saved, SourceKind};
 use crate::shared::{Shared, lock};
@@ -9,7 +9,7 @@ use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
-    Error, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop_behind_lens, develop_film,
+    Error, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_behind_lens, develop_film,
     encode_layers, encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
 };
 use std::path::{Path, PathBuf};
@@ -35,14 +35,14 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     }
     let is_film = files.iter().any(|(kind, _)| *kind == SaveKind::Checkpoint);
     match &snapshot.content {
-        Content::Exr(_) => {
-            return Err(Fault::new("an EXR is shown as it is", "write frames of it by `dunkelfeld expose`"));
+        Content::Exr(_) if files.iter().any(|(kind, _)| !matches!(kind, SaveKind::Png | SaveKind::Tiff)) => {
+            return Err(Fault::new("an EXR has no samples and no scene", "save a PNG or a TIFF of its frame"));
         }
         Content::Lights(_) if is_film => {
             let help = "save an EXR, which has a layer for each light, or use one film for all lights";
             return Err(Fault::new("a file has one film, and each light has its own", help));
         }
-        Content::Lights(_) | Content::Film(_) => {}
+        Content::Lights(_) | Content::Film(_) | Content::Exr(_) => {}
     }
     let factors = snapshot.factors(request.camera.lights.as_ref())?;
     let settings = settings_of(shared, &snapshot, &request.camera, request.frame)?;
@@ -84,6 +84,11 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
         false => String::new(),
     };
     let frame = if needs_frame {
+        // An EXR has its own lens and pixels.
+        let developed = match &snapshot.content {
+            Content::Exr(_) => Some(shared.store.find(&snapshot, &request.camera, Accept::Exact, &shared.session)?),
+            Content::Film(_) | Content::Lights(_) => None,
+        };
         let frame = shared.session.install(|| match &snapshot.content {
             Content::Film(film) if transmission.is_none() => develop_film(film, &settings).map(Some),
             Content::Film(film) => {
@@ -94,7 +99,10 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
                 let films = light_sum::with_names(films, &factors);
                 develop_behind_lens(&films, transmission.clone(), &settings).map(Some)
             }
-            Content::Exr(_) => Ok(None),
+            Content::Exr(image) => match developed.as_ref().and_then(|developed| developed.exposer.as_ref()) {
+                Some(exposer) => exposer.develop(request.frame).map(Some),
+                None => develop(image.radiance(), &settings).map(Some),
+            },
         });
         frame.map_err(Fault::from)?
     } else {
