@@ -1,11 +1,15 @@
 //! Runs: repeated, grown, killed, shared, refused.
 
 use crate::bench::{Bench, PROGRAM, STUDY, assert_same, files};
+use dunkelfeld::Cancel;
+use dunkelfeld_dataset::{RunOptions, RunProgress, RunState, SetForecast, Study, run};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
+use std::path::PathBuf;
 use std::process::{Command as Process, Stdio};
-use std::time::Duration;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 #[test]
 fn a_set_has_its_files_and_is_the_same_with_any_number_of_jobs() {
@@ -110,7 +114,10 @@ fn a_time_for_the_whole_set_replaces_the_budget_of_the_job() {
     let bench = Bench::new(&STUDY.replace("count = 6", "count = 16"));
     let assert = bench.command("dataset study.toml -o a --time 8s --jobs 2").assert().success();
     let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
-    assert!(message.contains("forecast from 3 test images:") && message.contains("hidden at k ="), "{message}");
+    assert!(message.contains("forecast from 3 test images: 16 images,"), "{message}");
+    assert!(message.contains("hidden at k =") && message.contains("the set is finished at 2"), "{message}");
+    let said = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+    assert!(said.contains("in 16 images; the forecast was"), "{said}");
     let samples: Vec<u64> =
         (0..16).map(|i| bench.json(&format!("a/records/{i:06}.json"))["samples"].as_u64().expect("a number")).collect();
     // With the budget of the job each image would have as many samples. How many a time gives is up to the machine.
@@ -118,8 +125,86 @@ fn a_time_for_the_whole_set_replaces_the_budget_of_the_job() {
     // A time in which not even the scenes are loaded.
     let assert = bench.command("dataset study.toml -o b --count 6 --time 10ms --jobs 1").assert().success();
     let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
-    assert!(message.contains("forecast from the first image, as a test:"), "{message}");
+    assert!(message.contains("the time is too short for a forecast of the noise"), "{message}");
     assert!(message.contains("warning: the time budget of 0.0 s was missed by"), "{message}");
+}
+
+/// The records that exist at the time of the forecast, and at the first report of the progress.
+struct Witness {
+    records: PathBuf,
+    forecasts: Mutex<Vec<(SetForecast, usize)>>,
+    reports: Mutex<Vec<(u64, bool)>>,
+}
+
+impl RunProgress for Witness {
+    fn update(&self, state: &RunState) {
+        let is_known = !self.forecasts.lock().expect("no panic").is_empty();
+        self.reports.lock().expect("no panic").push((state.finished, is_known));
+    }
+
+    fn forecast(&self, forecast: &SetForecast) {
+        let records = fs::read_dir(&self.records).map_or(0, Iterator::count);
+        self.forecasts.lock().expect("no panic").push((forecast.clone(), records));
+    }
+}
+
+#[test]
+fn the_forecast_comes_before_the_first_image() {
+    let bench = Bench::new(STUDY);
+    let study = Arc::new(Study::open(bench.path("study.toml")).expect("a study"));
+    // Images that exist have no part in it, and without a time there is none.
+    for (count, seconds, before, tests) in
+        [(2, None, 0, None), (14, Some(8.0), 2, Some(3)), (17, Some(4.0), 14, Some(1))]
+    {
+        let records = bench.path("a/records");
+        let witness = Witness { records, forecasts: Mutex::default(), reports: Mutex::default() };
+        let mut options = RunOptions::default();
+        (options.count, options.seconds, options.jobs) = (Some(count), seconds, Some(2));
+        let summary = run(&study, &bench.path("a"), &options, &witness, &Cancel::new()).expect("a set");
+        let forecasts = witness.forecasts.into_inner().expect("no panic");
+        assert_eq!(summary.forecast.as_ref(), forecasts.first().map(|(forecast, _)| forecast));
+        assert_eq!(summary.levels.len() as u64, count - before);
+        let Some(tests) = tests else {
+            assert!(forecasts.is_empty());
+            continue;
+        };
+        let [(forecast, records)] = &forecasts[..] else { panic!("{forecasts:?}") };
+        assert_eq!((*records as u64, forecast.count, forecast.images), (before, count - before, tests));
+        assert_eq!((forecast.levels.len() as u64, forecast.gap), (tests, None));
+        assert!(forecast.seconds > 0.0 && forecast.end <= 1.01 * seconds.expect("a time"), "{forecast:?}");
+        assert!(witness.reports.into_inner().expect("no panic").iter().all(|(_, is_known)| *is_known));
+    }
+}
+
+#[test]
+fn a_run_may_have_an_end() {
+    let bench = Bench::new(STUDY);
+    for (until, words) in [
+        ("2001-01-01T08:00", "is over: it is"),
+        ("8h", "is no time"),
+        ("25:00", "is no time"),
+        ("2030-02-30T08:00", "is no time"),
+        ("2030-01-31T08:00[Nowhere]", "is no time"),
+    ] {
+        let message = bench.refused(&format!("dataset study.toml -o a --until {until}"));
+        assert!(message.contains(words) && message.contains("write a"), "{until}: {message}");
+    }
+    let in_zone = |line: &str| bench.command("dataset study.toml -o a").args(["--until", line]).assert().code(2);
+    let message = String::from_utf8_lossy(&in_zone("8:00 Europe/Atlantis").get_output().stderr).into_owned();
+    assert!(message.contains("\"Europe/Atlantis\" is no known time zone"), "{message}");
+    bench.refused("dataset study.toml -o a --until 8:00 --time 5s");
+    assert!(!bench.path("a").exists());
+    let mut command = bench.command("dataset study.toml -o a --count 1");
+    let assert = command.args(["--until", &soon()]).assert().success();
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(message.contains("the set shall be finished at") && message.contains(", in "), "{message}");
+    assert!(message.contains("forecast from 1 test image: 1 image,"), "{message}");
+}
+
+/// The time of day in four seconds, in UTC.
+fn soon() -> String {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_secs() + 4;
+    format!("{}:{:02}:{:02} Z", now / 3600 % 24, now / 60 % 60, now % 60)
 }
 
 #[test]

@@ -336,11 +336,9 @@ impl Schedule {
         let spp = all / pixels as f64;
         // A render with a noise target may end long before its budget: its pilot is no larger than necessary.
         let share = if self.limits.stop_on_noise { 0.0 } else { PILOT_SHARE.0 };
-        let pilot = f64::from(self.settings.pilot_spp).max(share * spp).min(PILOT_SHARE.1 * spp).max(MIN_PILOT);
+        let pilot = size_of_pilot(spp, self.settings.pilot_spp, share);
         let pilot = self.limits.max_pilot_spp.map_or(pilot, |most| pilot.min(f64::from(most).max(MIN_PILOT)));
-        // Whole samples per pixel, and full sets of film batches if there are enough.
-        let whole = if pilot >= 8.0 { (pilot / 4.0).floor() * 4.0 } else { pilot.floor() };
-        (whole as u64).saturating_mul(pixels)
+        (whole_spp(pilot) as u64).saturating_mul(pixels)
     }
 
     /// Returns whether `all` samples are enough for a pilot with a variance. If not, the render cannot adapt, and all
@@ -377,6 +375,22 @@ impl Schedule {
 /// Seconds by which a time limit of `seconds` may be overrun: 2 %, or 0.2 s if that is more. A longer overrun is reported.
 pub fn tolerance(seconds: f64) -> f64 {
     (0.02 * seconds).max(0.2)
+}
+
+/// Uniform samples per pixel of an image that has `spp` in the mean under a time limit: those of its pilot, or all of them
+/// if they are too few for a plan. `pilot_spp` is the size of a pilot where the budget allows it.
+pub fn uniform_spp(spp: f64, pilot_spp: u32) -> f64 {
+    if PILOT_SHARE.1 * spp < MIN_PILOT { spp } else { whole_spp(size_of_pilot(spp, pilot_spp, PILOT_SHARE.0)) }
+}
+
+/// Samples per pixel of a pilot with this share of the affordable samples, before rounding.
+fn size_of_pilot(spp: f64, pilot_spp: u32, share: f64) -> f64 {
+    f64::from(pilot_spp).max(share * spp).min(PILOT_SHARE.1 * spp).max(MIN_PILOT)
+}
+
+/// Whole samples per pixel, and full sets of film batches if there are enough.
+fn whole_spp(pilot: f64) -> f64 {
+    if pilot >= 8.0 { (pilot / 4.0).floor() * 4.0 } else { pilot.floor() }
 }
 
 fn finite_or_zero(seconds: f64) -> f64 {

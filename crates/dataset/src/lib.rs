@@ -6,12 +6,14 @@
 #![forbid(unsafe_code)]
 
 mod coco;
+mod deadline;
 mod defect;
 mod defects;
 mod distribution;
 mod draws;
 mod encode;
 mod expression;
+mod forecast;
 mod hull;
 mod ids;
 mod inputs;
@@ -40,9 +42,11 @@ mod verify;
 mod visibility;
 mod yolo;
 
+pub use deadline::Deadline;
+pub use forecast::{LevelGap, SetForecast};
 pub use make::{Made, Worker};
 pub use record::{CertificateRecord, Cost, FileRecord, InstanceRecord, PlaceRecord, Record};
-pub use run::{LevelGap, RunOptions, RunProgress, RunState, RunSummary, SetForecast, run};
+pub use run::{RunOptions, RunProgress, RunState, RunSummary, run};
 pub use set::{Claim, Set};
 pub use study::{MAX_COUNT, Study};
 pub use verify::{Verified, verify};

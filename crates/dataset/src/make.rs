@@ -19,10 +19,12 @@ use crate::study::{DrawnJob, MAX_COUNT, PictureFormat, Study};
 use crate::visibility::{Bounds, Exposed, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
-use dunkelfeld::{Budget, Cancel, DenoiseMethod, Error, Project, ProjectResult, Session, Silent, Stage};
+use dunkelfeld::{
+    Budget, Cancel, DenoiseMethod, Error, Project, ProjectResult, RenderSettings, Session, Silent, Stage,
+};
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
 use dunkelfeld_io::input::InputFiles;
-use dunkelfeld_scene::RayGenerator;
+use dunkelfeld_scene::{RayGenerator, Scene};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 use std::sync::Arc;
@@ -60,6 +62,13 @@ impl Made {
         };
         self.files.len() == self.record.files.len() && self.files.iter().all(is_same)
     }
+}
+
+/// The scene of an image, with the settings and the threads of its render.
+pub(crate) struct Prepared<'a> {
+    pub(crate) settings: RenderSettings,
+    pub(crate) session: Session<'static>,
+    pub(crate) scene: &'a Scene,
 }
 
 /// The parts of the scene that the labels of an image need.
@@ -173,6 +182,23 @@ impl Worker {
         let made = self.label_and_encode(index, job, &parts, &result)?;
         let cost = Cost { change, render, plan, expose, total: began.elapsed().as_secs_f64(), ..made.cost };
         Ok(Some(Made { cost, ..made }))
+    }
+
+    /// Changes the scene to that of an image, for a render that is not exposed. `seconds` is the budget of the image.
+    ///
+    /// # Errors
+    /// As [`Self::make`].
+    pub(crate) fn prepare(&mut self, index: u64, seconds: f64) -> Result<Prepared<'_>, Error> {
+        let mut job = self.study.job(index)?;
+        self.change_scene(index, &mut job)?;
+        self.choose_settings(Some(seconds));
+        let settings = self.project.fitted().map_err(|e| in_study(&self.study, e, index))?;
+        Ok(Prepared { settings, session: self.session.clone(), scene: &self.project.scene })
+    }
+
+    /// Pixels of the last image, or of the job before the first one.
+    pub(crate) fn pixels(&self) -> f64 {
+        f64::from(self.project.settings.width) * f64::from(self.project.settings.height)
     }
 
     /// Changes the scene to that of an image.

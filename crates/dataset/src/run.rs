@@ -1,7 +1,8 @@
 //! Makes the images of a set: several at a time, next to other processes that do the same.
 
+use crate::forecast::{LevelGap, Measured, Run, SetForecast};
 use crate::make::{Worker, checked_count};
-use crate::record::Record;
+use crate::record::Cost;
 use crate::set::Set;
 use crate::study::Study;
 use crate::time_shares::{Share, TimeShares};
@@ -26,7 +27,7 @@ pub struct RunOptions {
     /// Threads of each image; by default one, and with one job at a time one per core.
     pub threads: Option<usize>,
     /// Wall-clock seconds of the whole run. Each image gets an equal share of the time that is left, instead of the budget of
-    /// the job.
+    /// the job. A forecast comes before the first image ([`RunProgress::forecast`]).
     pub seconds: Option<f64>,
 }
 
@@ -43,50 +44,12 @@ pub struct RunState {
     pub remaining: Option<f64>,
 }
 
-/// The result of a time for the whole set, measured on its first images: one from the beginning, and in sets of 12 and more
-/// images also one from the middle and one from the end.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[non_exhaustive]
-pub struct SetForecast {
-    /// Number of these images.
-    pub images: u64,
-    /// Mean budget of the renders of these images \[s\].
-    pub seconds: f64,
-    /// For each of these images whose level is known, the k at which 99 % of its unsaturated pixels are hidden.
-    pub levels: Vec<f64>,
-    /// The reason for an image without a level; that of the last such image.
-    pub gap: Option<LevelGap>,
-}
-
-/// A reason why an image has no level of noise.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LevelGap {
-    /// The study has no sensor.
-    NoSensor,
-    /// All pixels are saturated.
-    Saturated,
-    /// The noise of more than 1 % of the pixels is unknown, for example since they have too few samples.
-    UnknownNoise,
-}
-
-impl LevelGap {
-    /// The level of an image, or the reason why there is none.
-    fn level(record: &Record) -> Result<f64, Self> {
-        let certificate = record.certificate.as_ref().ok_or(Self::NoSensor)?;
-        match certificate.p99 {
-            _ if certificate.saturated >= 1.0 => Err(Self::Saturated),
-            Some(ratio) => Ok(ratio.sqrt()),
-            None => Err(Self::UnknownNoise),
-        }
-    }
-}
-
 /// A sink for the progress of a run. Called from the threads of the run.
 pub trait RunProgress: Sync {
     /// Receives the progress after each image.
     fn update(&self, state: &RunState);
 
-    /// Receives the forecast of a run with a time, after its first images.
+    /// Receives the forecast of a run with a time, before its first image.
     fn forecast(&self, _: &SetForecast) {}
 }
 
@@ -111,6 +74,11 @@ pub struct RunSummary {
     /// Mean share of the pixels of the images that this run made for which noise-matched exposure holds; `None` with plain
     /// noise.
     pub matched: Option<f64>,
+    /// The forecast of a run with a time.
+    pub forecast: Option<SetForecast>,
+    /// For each image that this run made and whose level is known, the k at which 99 % of its unsaturated pixels are hidden,
+    /// in ascending order.
+    pub levels: Vec<f64>,
 }
 
 /// Makes the missing images of a set. Several processes can run on the same folder: each image is made by one of them. The
@@ -147,14 +115,19 @@ pub fn run(
     let total = wanted.len() as u64;
     wanted.retain(|index| !set.is_finished(*index));
     let already = total - wanted.len() as u64;
-    let tests = if options.seconds.is_some() { tests_first(&mut wanted) } else { 0 };
     let jobs = jobs.min(wanted.len()).max(1);
     let mut workers: Vec<Option<Result<Worker, Error>>> = (1..jobs).map(|_| None).collect();
     workers.insert(0, Some(Ok(first)));
-    let mut shares = None;
+    let (mut shares, mut forecast) = (None, None);
     if let (Some(seconds), Some(index)) = (options.seconds, wanted.first()) {
-        let outside = load_together(&mut workers, study, threads, *index, cancel);
-        shares = Some(TimeShares::new(seconds, wanted.len() as u64, jobs, outside));
+        let measured = load_together(&mut workers, study, threads, *index, cancel);
+        let of_run = TimeShares::new(seconds, wanted.len() as u64, jobs, measured.outside);
+        let run = Run { study, threads, wanted: &wanted, measured, shares: &of_run, began, cancel };
+        forecast = run.forecast(&mut workers).filter(|_| !cancel.is_cancelled());
+        if let Some(forecast) = &forecast {
+            progress.forecast(forecast);
+        }
+        shares = Some(of_run);
     }
     let shared = Shared {
         set: &set,
@@ -165,13 +138,13 @@ pub fn run(
         already,
         began,
         shares: shares.map(Mutex::new),
-        tests: Mutex::new(Tests { first: tests, left: tests, made: 0, forecast: SetForecast::default() }),
         progress,
         cancel,
         failed: Mutex::new(None),
         has_images: (0..set.count()).any(|index| set.is_finished(index)),
         unmade: Mutex::new(Vec::new()),
         matched: Mutex::new((0.0, 0)),
+        levels: Mutex::new(Vec::new()),
         stop: AtomicBool::new(false),
     };
     shared.report();
@@ -186,7 +159,7 @@ pub fn run(
             shared.work(job, first);
         }
     });
-    let Shared { made, failed, unmade, matched, .. } = shared;
+    let Shared { made, failed, unmade, matched, levels, .. } = shared;
     if let Ok(Some(e)) = failed.into_inner() {
         if is_new && made.load(Ordering::Relaxed) == 0 {
             set.discard();
@@ -200,6 +173,8 @@ pub fn run(
     if finished + unmade.len() as u64 >= set.count() && !interrupted {
         set.assemble()?;
     }
+    let mut levels = levels.into_inner().unwrap_or_default();
+    levels.sort_by(f64::total_cmp);
     let seconds = began.elapsed().as_secs_f64();
     let is_missed = |limit: &f64| seconds > limit + (0.02 * limit).max(0.2) && !interrupted;
     Ok(RunSummary {
@@ -211,55 +186,35 @@ pub fn run(
         interrupted,
         failed: unmade,
         matched: matched.into_inner().ok().and_then(|(sum, images)| (images > 0).then(|| sum / f64::from(images))),
+        forecast,
+        levels,
     })
 }
 
-/// Most images of the forecast.
-const TESTS: usize = 3;
-
-/// Puts the first, the middle and the last image first, if there are enough others; gives the number of images of the
-/// forecast. In a small set it is the first image alone.
-fn tests_first(wanted: &mut [u64]) -> usize {
-    let n = wanted.len();
-    if n < 4 * TESTS {
-        return n.min(1);
-    }
-    wanted.swap(1, n / 2);
-    wanted.swap(2, n - 1);
-    TESTS
-}
-
 /// Loads the scenes of all workers but the first, which makes an image meanwhile. So all images begin with the same time,
-/// and the first one that counts has warm caches. Gives the seconds of that image outside of its render.
+/// and the first one that counts has warm caches. Gives the measured parts of that image.
 fn load_together(
     workers: &mut [Option<Result<Worker, Error>>],
     study: &Arc<Study>,
     threads: usize,
     index: u64,
     cancel: &Cancel,
-) -> f64 {
+) -> Measured {
     /// Time of the samples \[s\].
     const SHORT: f64 = 0.02;
-    let Some((Some(Ok(first)), others)) = workers.split_first_mut() else { return 0.0 };
+    let Some((Some(Ok(first)), others)) = workers.split_first_mut() else { return Measured::default() };
     std::thread::scope(|scope| {
         for worker in others {
             scope.spawn(move || *worker = Some(Worker::open(study, threads)));
         }
         // An image that cannot be made is named when it shall be written.
         let made = first.make(index, Some(SHORT), cancel).ok().flatten();
-        made.map_or(0.0, |made| made.cost.change + made.cost.label + made.cost.write)
+        made.map_or_else(Measured::default, |made| {
+            let Cost { change, render, expose, label, write, .. } = made.cost;
+            let rate = (render > 0.0).then(|| made.record.samples as f64 / render);
+            Measured { outside: change + label + write, change, expose, rate }
+        })
     })
-}
-
-/// The images of the forecast.
-struct Tests {
-    /// The forecast is made from so many images, the first ones.
-    first: usize,
-    /// Number of images that have not ended.
-    left: usize,
-    made: u64,
-    /// With the sum of the seconds.
-    forecast: SetForecast,
 }
 
 /// The parts of a run that its threads share.
@@ -273,7 +228,6 @@ struct Shared<'a> {
     began: Instant,
     /// The time of the run, if it has one.
     shares: Option<Mutex<TimeShares>>,
-    tests: Mutex<Tests>,
     progress: &'a dyn RunProgress,
     cancel: &'a Cancel,
     failed: Mutex<Option<Error>>,
@@ -283,6 +237,8 @@ struct Shared<'a> {
     unmade: Mutex<Vec<(u64, String)>>,
     /// Sum of the matched shares of the images that were made, and their number.
     matched: Mutex<(f64, u32)>,
+    /// The levels of the images that were made.
+    levels: Mutex<Vec<f64>>,
     stop: AtomicBool,
 }
 
@@ -311,28 +267,6 @@ impl Shared<'_> {
         }
     }
 
-    /// Counts an image of the forecast, which is reported after the last one of them.
-    fn test(&self, position: usize, made: Option<(Share, &Record)>) {
-        let Ok(mut tests) = self.tests.lock() else { return };
-        if position >= tests.first || tests.left == 0 {
-            return;
-        }
-        if let Some((share, record)) = made {
-            tests.made += 1;
-            tests.forecast.seconds += share.seconds;
-            match LevelGap::level(record) {
-                Ok(level) => tests.forecast.levels.push(level),
-                Err(gap) => tests.forecast.gap = Some(gap),
-            }
-        }
-        tests.left -= 1;
-        if tests.left == 0 && tests.made > 0 {
-            let mean = tests.forecast.seconds / tests.made as f64;
-            let forecast = SetForecast { images: tests.made, seconds: mean, ..tests.forecast.clone() };
-            self.progress.forecast(&forecast);
-        }
-    }
-
     /// Makes the next image that nobody else makes. False at the end.
     fn next_image(&self, job: usize, worker: &mut Worker) -> Result<bool, Error> {
         loop {
@@ -344,7 +278,6 @@ impl Shared<'_> {
             let share = self.begin(job);
             let Some(claim) = self.set.claim(index)? else {
                 self.end(job, share, false);
-                self.test(position, None);
                 continue;
             };
             let image = match worker.make(index, share.map(|share| share.seconds), self.cancel) {
@@ -355,7 +288,6 @@ impl Shared<'_> {
                         unmade.push((index, e.to_string()));
                     }
                     self.end(job, share, false);
-                    self.test(position, None);
                     continue;
                 }
                 Err(e) => return Err(e),
@@ -365,7 +297,9 @@ impl Shared<'_> {
             if let (Some(share), Ok(mut matched)) = (record.matched, self.matched.lock()) {
                 *matched = (matched.0 + share, matched.1 + 1);
             }
-            self.test(position, share.map(|share| (share, &record)));
+            if let (Ok(level), Ok(mut levels)) = (LevelGap::level(&record), self.levels.lock()) {
+                levels.push(level);
+            }
             self.made.fetch_add(1, Ordering::Relaxed);
             self.report();
             return Ok(true);
@@ -382,49 +316,6 @@ impl Shared<'_> {
             if let Ok(mut failed) = self.failed.lock() {
                 failed.get_or_insert(e);
             }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::record::CertificateRecord;
-    use std::collections::BTreeMap;
-
-    #[test]
-    fn a_small_set_has_one_test_image_and_others_three() {
-        let mut few: Vec<u64> = (0..11).collect();
-        assert_eq!((tests_first(&mut few), &few[..3]), (1, &[0, 1, 2][..]));
-        let mut many: Vec<u64> = (0..12).collect();
-        assert_eq!((tests_first(&mut many), &many[..3]), (3, &[0, 6, 11][..]));
-        assert_eq!(tests_first(&mut []), 0);
-    }
-
-    #[test]
-    fn an_image_without_a_level_has_its_true_reason() {
-        let certificate = CertificateRecord { k: 1.0, hidden: 0.5, median: None, p99: Some(0.25), saturated: 0.5 };
-        let record = |certificate| Record {
-            index: 0,
-            drawn: BTreeMap::new(),
-            seed: 0,
-            frame: 0,
-            width: 1,
-            height: 1,
-            exposure: None,
-            samples: 1,
-            certificate,
-            matched: None,
-            instances: Vec::new(),
-            files: BTreeMap::new(),
-        };
-        for (certificate, expected) in [
-            (Some(certificate), Ok(0.5)),
-            (Some(CertificateRecord { p99: None, ..certificate }), Err(LevelGap::UnknownNoise)),
-            (Some(CertificateRecord { saturated: 1.0, ..certificate }), Err(LevelGap::Saturated)),
-            (None, Err(LevelGap::NoSensor)),
-        ] {
-            assert_eq!(LevelGap::level(&record(certificate)), expected);
         }
     }
 }

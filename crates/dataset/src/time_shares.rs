@@ -34,6 +34,23 @@ impl TimeShares {
         Self { deadline, waiting: images, busy_until: vec![None; jobs.max(1)], expected_excess, excess: (0.0, 0) }
     }
 
+    /// The end of the run.
+    pub(crate) fn deadline(&self) -> f64 {
+        self.deadline
+    }
+
+    /// The expected budget of an image before the first one begins.
+    pub(crate) fn expected(&self, now: f64) -> f64 {
+        (self.share(now) - self.expected_excess).max(LEAST)
+    }
+
+    /// The expected end of the run before the first image begins: the deadline, or later if the images take longer with the
+    /// least budget.
+    pub(crate) fn expected_end(&self, now: f64) -> f64 {
+        let rounds = self.waiting.div_ceil(self.busy_until.len() as u64) as f64;
+        now + rounds * (self.expected(now) + self.expected_excess)
+    }
+
     /// Begins an image on a job. Its budget is the share less the time that an image takes beyond its budget: changes of
     /// the scene, labels and files, and what the render does not use counts as negative.
     pub(crate) fn begin(&mut self, job: usize, now: f64) -> Share {
@@ -154,6 +171,17 @@ mod tests {
             assert!((rest[100] / ((share - 0.5) / 0.8) - 1.0).abs() < 0.02, "{jobs} jobs: {}", rest[100]);
             assert!((end - 400.0).abs() < 0.02 * 400.0, "{jobs} jobs end at {end}");
         }
+    }
+
+    /// 12 images on 2 jobs are 6 rounds: from 2 s to 20 s each image has 3 s, of which 0.5 s are outside of its render. With
+    /// 0.6 s left no image has more than the least budget.
+    #[test]
+    fn the_expectation_is_that_of_the_first_image() {
+        let shares = TimeShares::new(20.0, 12, 2, 0.5);
+        assert!((shares.expected(2.0) - 2.5).abs() < 1e-9 && (shares.expected_end(2.0) - 20.0).abs() < 1e-6);
+        assert_eq!(shares.clone().begin(0, 2.0).seconds, shares.expected(2.0));
+        assert_eq!(shares.expected(19.4), LEAST);
+        assert!((shares.expected_end(19.4) - (19.4 + 6.0 * (0.5 + LEAST))).abs() < 1e-9);
     }
 
     #[test]

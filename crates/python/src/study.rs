@@ -8,8 +8,8 @@ use crate::progress::{lock, lock_unless};
 use crate::work::{SIGNALS, interruptible};
 use dunkelfeld::{Cancel, Error};
 use dunkelfeld_dataset::{
-    Cost, Made as MadeImage, Record, RunOptions, RunProgress, RunState, RunSummary, Set, SetForecast,
-    Study as SetStudy, Worker, run, verify,
+    Cost, Deadline, LevelGap, Made as MadeImage, Record, RunOptions, RunProgress, RunState, RunSummary, Set,
+    SetForecast, Study as SetStudy, Worker, run, verify,
 };
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
@@ -59,13 +59,15 @@ impl Study {
     /// Makes the missing images of a set in `folder`, as `dunkelfeld dataset`, and the files of the whole set. `count` is
     /// the number of images (default: that of the study); `indices` are the only images to make; `jobs` images are made at
     /// the same time (default: one per core), each with `threads` threads (default: 1, and with one job one per core);
-    /// `time` [s] is for all missing images together, instead of the budget of the job. `progress` is called with (finished
-    /// images, all images, elapsed [s], remaining [s] or None), from the threads of the run.
+    /// `time` [s] is for all missing images together, instead of the budget of the job. `until` is the end of the run instead: a
+    /// `datetime`, or a text such as "8:00", "tomorrow 8:00" or "2030-01-31 8:00 Europe/Berlin". `forecast` is called with the
+    /// forecast of such a run before its first image. `progress` is called with (finished images, all images, elapsed [s],
+    /// remaining [s] or None), from the threads of the run.
     ///
     /// Returns a dictionary: `made`, `finished` and `count` (images), `seconds`, `failed` (index and message of
-    /// images whose draws do not fit), `forecast` (None without `time`). Ctrl-C
-    /// and an exception of `progress` end the run; finished images remain, and the same call continues.
-    #[pyo3(signature = (folder, *, count=None, indices=None, jobs=None, threads=None, time=None, progress=None))]
+    /// images whose draws do not fit), `forecast` (None without `time` and `until`), `levels` (k of the images that were made).
+    /// Ctrl-C and an exception of `progress` or `forecast` end the run; finished images remain, and the same call continues.
+    #[pyo3(signature = (folder, *, count=None, indices=None, jobs=None, threads=None, time=None, until=None, forecast=None, progress=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn run<'py>(
         &self,
@@ -76,6 +78,8 @@ impl Study {
         jobs: Option<usize>,
         threads: Option<usize>,
         time: Option<f64>,
+        until: Option<Bound<'py, PyAny>>,
+        forecast: Option<Py<PyAny>>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Bound<'py, PyDict>, Failure> {
         if jobs == Some(0) {
@@ -85,19 +89,25 @@ impl Study {
         (options.count, options.indices) = (count, indices);
         options.jobs = checked_threads(jobs)?;
         options.threads = checked_threads(threads)?;
-        options.seconds = checked_seconds(time)?;
+        options.seconds = match until {
+            None => checked_seconds(time)?,
+            Some(_) if time.is_some() => {
+                return Err(setting("until", "there are a time and an end of the run", "pass one of them"));
+            }
+            Some(until) => Some(deadline_of(&until)?.seconds_left()?),
+        };
         let cancel = Cancel::new();
         let sink = Reports {
             function: progress.as_ref(),
+            of_forecast: forecast.as_ref(),
             cancel: &cancel,
             raised: Mutex::default(),
-            forecast: Mutex::default(),
         };
         let (result, raised) = interruptible(py, &cancel, || run(&self.0, &folder, &options, &sink, &cancel));
         if let Some(raised) = raised.or_else(|| lock(&sink.raised).take()) {
             return Err(raised.into());
         }
-        let RunSummary { made, finished, count, seconds, failed, .. } =
+        let RunSummary { made, finished, count, seconds, failed, forecast, levels, .. } =
             result.ok_or_else(|| internal("a thread panicked"))??;
         let entries = PyDict::new(py);
         for (name, number) in [("made", made), ("finished", finished), ("count", count)] {
@@ -105,14 +115,8 @@ impl Study {
         }
         entries.set_item("seconds", seconds)?;
         entries.set_item("failed", failed)?;
-        let forecast = lock(&sink.forecast).take().map(|forecast| {
-            let entries = PyDict::new(py);
-            entries.set_item("images", forecast.images)?;
-            entries.set_item("seconds", forecast.seconds)?;
-            entries.set_item("levels", forecast.levels)?;
-            Ok::<_, PyErr>(entries)
-        });
-        entries.set_item("forecast", forecast.transpose()?)?;
+        entries.set_item("forecast", forecast.map(|forecast| entries_of(py, &forecast)).transpose()?)?;
+        entries.set_item("levels", levels)?;
         Ok(entries)
     }
 
@@ -150,26 +154,64 @@ fn checked_seconds(time: Option<f64>) -> Result<Option<f64>, Failure> {
     }
 }
 
-/// Calls a function of Python with the progress of a run.
+/// The end of a run as a text or a `datetime`.
+fn deadline_of(until: &Bound<'_, PyAny>) -> Result<Deadline, Failure> {
+    if let Ok(text) = until.extract::<String>() {
+        return Ok(Deadline::parse(&text)?);
+    }
+    let seconds = until.call_method0("timestamp").and_then(|seconds| seconds.extract::<f64>());
+    match seconds {
+        Ok(seconds) => Ok(Deadline::at_unix_time(seconds)?),
+        Err(_) => Err(setting("until", "it is neither a text nor a datetime", "pass \"8:00\" or a datetime")),
+    }
+}
+
+/// A forecast as a dictionary.
+fn entries_of<'py>(py: Python<'py>, forecast: &SetForecast) -> PyResult<Bound<'py, PyDict>> {
+    let reason = forecast.gap.map(|gap| match gap {
+        LevelGap::NoSensor => "no sensor",
+        LevelGap::Saturated => "saturated",
+        LevelGap::UnknownNoise => "unknown noise",
+        LevelGap::NoTime => "no time",
+    });
+    let entries = PyDict::new(py);
+    entries.set_item("count", forecast.count)?;
+    entries.set_item("images", forecast.images)?;
+    entries.set_item("seconds", forecast.seconds)?;
+    entries.set_item("end", forecast.end)?;
+    entries.set_item("levels", &forecast.levels)?;
+    entries.set_item("reason", reason)?;
+    Ok(entries)
+}
+
+/// Calls functions of Python with the progress of a run.
 struct Reports<'a> {
     function: Option<&'a Py<PyAny>>,
+    of_forecast: Option<&'a Py<PyAny>>,
     cancel: &'a Cancel,
     raised: Mutex<Option<PyErr>>,
-    forecast: Mutex<Option<SetForecast>>,
+}
+
+impl Reports<'_> {
+    /// An exception ends the run.
+    fn check(&self, result: PyResult<()>) {
+        if let Err(e) = result {
+            self.cancel.cancel();
+            lock(&self.raised).get_or_insert(e);
+        }
+    }
 }
 
 impl RunProgress for Reports<'_> {
     fn update(&self, state: &RunState) {
         let Some(function) = self.function else { return };
         let arguments = (state.finished, state.count, state.elapsed, state.remaining);
-        if let Err(e) = Python::attach(|py| function.call1(py, arguments).map(|_| ())) {
-            self.cancel.cancel();
-            lock(&self.raised).get_or_insert(e);
-        }
+        self.check(Python::attach(|py| function.call1(py, arguments).map(|_| ())));
     }
 
     fn forecast(&self, forecast: &SetForecast) {
-        *lock(&self.forecast) = Some(forecast.clone());
+        let Some(function) = self.of_forecast else { return };
+        self.check(Python::attach(|py| function.call1(py, (entries_of(py, forecast)?,)).map(|_| ())));
     }
 }
 

@@ -1,5 +1,6 @@
 """Data sets from Python: the files of the program, single images, readers and their formats."""
 
+import datetime
 import json
 import os
 import pickle
@@ -136,12 +137,43 @@ def test_a_run_reports_and_continues(study: Study, folder: Path, tmp_path: Path)
 
 
 def test_a_time_for_the_whole_set_has_a_forecast(study: Study, tmp_path: Path) -> None:
-    summary = study.run(tmp_path / "set", count=12, time=2.0)
-    assert summary["finished"] == 12 and summary["forecast"] is not None
-    assert summary["forecast"]["seconds"] > 0 and len(summary["forecast"]["levels"]) == 3
-    assert summary["forecast"]["images"] == 3
-    small = study.run(tmp_path / "small", count=2, time=1.0)
+    seen: list[Any] = []
+    records = tmp_path / "set" / "records"
+
+    def note(forecast: Any) -> None:
+        seen.append((forecast, list(records.glob("*.json"))))
+
+    summary = study.run(tmp_path / "set", count=12, time=8.0, forecast=note)
+    assert seen == [(summary["forecast"], [])], "before the first image"
+    forecast = seen[0][0]
+    assert (summary["finished"], forecast["count"], forecast["images"], forecast["reason"]) == (12, 12, 3, None)
+    assert forecast["seconds"] > 0 and len(forecast["levels"]) == 3
+    assert len(summary["levels"]) == 12 and summary["levels"] == sorted(summary["levels"])
+    small = study.run(tmp_path / "small", count=2, time=4.0)
     assert small["forecast"] is not None and small["forecast"]["images"] == 1
+
+    def refuse(_: Any) -> None:
+        raise RuntimeError("too noisy")
+
+    with pytest.raises(RuntimeError, match="too noisy"):
+        study.run(tmp_path / "none", count=2, time=4.0, forecast=refuse)
+    assert not list((tmp_path / "none" / "records").glob("*.json"))
+
+
+def test_a_run_may_have_an_end(study: Study, tmp_path: Path) -> None:
+    end = datetime.datetime.now() + datetime.timedelta(seconds=3)
+    summary = study.run(tmp_path / "set", count=2, until=end)
+    assert summary["finished"] == 2 and summary["forecast"] is not None
+    assert summary["forecast"]["end"] < 4
+    with pytest.raises(df.SettingError, match="is over"):
+        study.run(tmp_path / "none", until="2001-01-01 8:00")
+    with pytest.raises(df.SettingError, match="no known time zone"):
+        study.run(tmp_path / "none", until="8:00 Europe/Atlantis")
+    with pytest.raises(df.SettingError, match="pass one of them"):
+        study.run(tmp_path / "none", until="8:00", time=1.0)
+    with pytest.raises(df.SettingError, match="neither a text nor a datetime"):
+        study.run(tmp_path / "none", until=cast(Any, 8))
+    assert not (tmp_path / "none").exists()
 
 
 def test_single_images_make_the_same_set(study: Study, folder: Path, tmp_path: Path) -> None:

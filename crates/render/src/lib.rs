@@ -32,6 +32,7 @@ pub use driver::{EXR_PER_MEGAPIXEL, OutputDryRun, Rendering, render, render_with
 pub use error::{Error, ErrorParts, camera_help, written};
 pub use merge::{JoinedParts, PartSummary};
 pub use plan::forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
+pub use plan::pilot_forecast::PilotForecast;
 pub use progress::{Cancel, Progress, ProgressState, Silent};
 pub use render_key::RenderKey;
 pub use rendered_film::RenderedFilm;

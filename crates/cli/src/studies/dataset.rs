@@ -4,9 +4,12 @@ use super::dataset_args::DatasetArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say, say_object};
-use crate::words::{remaining, seconds};
+use crate::words::{counted, remaining, seconds};
 use dunkelfeld::{Error, Progress, ProgressState, Stage};
-use dunkelfeld_dataset::{LevelGap, RunOptions, RunProgress, RunState, SetForecast, Study, run as run_study, verify};
+use dunkelfeld_dataset::{
+    Deadline, LevelGap, RunOptions, RunProgress, RunState, SetForecast, Study, run as run_study, verify,
+};
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -24,7 +27,18 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
     options.indices = (!args.index.is_empty()).then(|| args.index.clone());
     options.jobs = args.jobs.map(usize::from);
     options.threads = args.threads.map(usize::from);
-    options.seconds = args.time;
+    options.seconds = match &args.until {
+        Some(until) => Some(until.seconds_left()?),
+        None => args.time,
+    };
+    if let (Some(until), Some(left)) = (&args.until, options.seconds) {
+        match &sink {
+            Sink::Json => say_object(&json!({ "event": "deadline", "at": until.to_string(), "seconds": left })),
+            Sink::Bar(_) | Sink::None => {
+                sink.say(&format!("the set shall be finished at {until}, in {}", remaining(left)))
+            }
+        }
+    }
     let cancel = cancel_on_interrupt();
     let progress = SetProgress { sink: &sink };
     let summary = run_study(&study, &folder, &options, &progress, &cancel)?;
@@ -33,6 +47,9 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
     let rate = if summary.seconds > 0.0 { made as f64 / summary.seconds * 3600.0 } else { 0.0 };
     let pace = if made > 0 { format!(", {rate:.0} an hour") } else { String::new() };
     print(&format!("{made} images made{pace}; {finished} of {count} are in {}\n", folder.display()));
+    if let Some(line) = summary.forecast.as_ref().and_then(|forecast| levels_line(&summary.levels, forecast)) {
+        print(&format!("{line}\n"));
+    }
     if finished == count {
         for name in ["sheet.png", "report.html"].map(|name| folder.join(name)) {
             if name.is_file() {
@@ -87,7 +104,7 @@ impl RunProgress for SetProgress<'_> {
                 let left = state.remaining.map_or(String::new(), |s| format!(", {}", remaining(s)));
                 bar.set_message(format!("{} of {}{left}", state.finished, state.count));
             }
-            Sink::Json => say_object(&serde_json::json!({
+            Sink::Json => say_object(&json!({
                 "event": "images", "finished": state.finished, "count": state.count, "elapsed": state.elapsed,
                 "remaining": state.remaining,
             })),
@@ -96,27 +113,55 @@ impl RunProgress for SetProgress<'_> {
     }
 
     fn forecast(&self, forecast: &SetForecast) {
-        self.sink.say(&forecast_line(forecast));
+        match self.sink {
+            Sink::Json => say_object(&json!({
+                "event": "forecast", "count": forecast.count, "end": forecast.end, "seconds": forecast.seconds,
+                "test_images": forecast.images, "levels": forecast.levels, "reason": forecast.gap.map(reason),
+            })),
+            Sink::Bar(_) | Sink::None => self.sink.say(&forecast_line(forecast)),
+        }
     }
 }
 
 /// The line of a forecast.
 fn forecast_line(forecast: &SetForecast) -> String {
-    let levels = &forecast.levels;
-    let least = levels.iter().copied().fold(f64::INFINITY, f64::min);
-    let most = levels.iter().copied().fold(0.0, f64::max);
-    let reached = match (levels.len(), forecast.gap) {
-        (0, Some(LevelGap::NoSensor)) => "without a sensor there is no level of noise".into(),
-        (0, Some(LevelGap::Saturated)) => "all pixels are saturated, so that there is no level of noise".into(),
-        (0, _) => "the level of noise is not known: more than 1 % of the pixels have too few samples".into(),
-        (1, _) => format!("99 % of its pixels are hidden at k = {most:.2}"),
-        _ => format!("99 % of their pixels are hidden at k = {least:.2} to {most:.2}, by image"),
+    let reached = match (range(&forecast.levels), forecast.gap) {
+        (Some(range), _) => format!("99 % of the pixels of an image are hidden at k = {range}"),
+        (None, gap) => reason(gap.unwrap_or(LevelGap::UnknownNoise)).to_owned(),
     };
-    let images = match forecast.images {
-        1 => "the first image, as a test".to_owned(),
-        n => format!("{n} test images"),
-    };
-    format!("forecast from {images}: {:.2} s for the samples of an image; {reached}", forecast.seconds)
+    let end = Deadline::in_seconds(forecast.end).map_or_else(String::new, |at| format!(" at {at}"));
+    format!(
+        "forecast from {}: {}, {:.2} s for the render of each; {reached}; the set is finished{end}, in {}",
+        counted(forecast.images, "test image"),
+        counted(forecast.count, "image"),
+        forecast.seconds,
+        remaining(forecast.end)
+    )
+}
+
+/// The reason of a forecast without a level.
+fn reason(gap: LevelGap) -> &'static str {
+    match gap {
+        LevelGap::NoSensor => "without a sensor there is no level of noise",
+        LevelGap::Saturated => "all pixels are saturated, so that there is no level of noise",
+        LevelGap::UnknownNoise => "the level of noise is not known: more than 1 % of the pixels have too few samples",
+        LevelGap::NoTime => "the time is too short for a forecast of the noise",
+    }
+}
+
+/// The levels that were reached, beside those of the forecast. `None` if no image has one.
+fn levels_line(levels: &[f64], forecast: &SetForecast) -> Option<String> {
+    let (reached, median) = (range(levels)?, levels.get(levels.len() / 2)?);
+    let of_forecast = range(&forecast.levels).map_or_else(String::new, |range| format!("; the forecast was {range}"));
+    let images = counted(levels.len() as u64, "image");
+    Some(format!("99 % of the pixels are hidden at k = {reached}, median {median:.2}, in {images}{of_forecast}"))
+}
+
+/// `0.41 to 0.52`, or one number.
+fn range(levels: &[f64]) -> Option<String> {
+    let [least, most] = [f64::min, f64::max].map(|of| levels.iter().copied().reduce(of));
+    let [least, most] = [least?, most?].map(|k| format!("{k:.2}"));
+    Some(if least == most { most } else { format!("{least} to {most}") })
 }
 
 fn check(folder: &Path, args: &DatasetArgs) -> Result<Outcome, Error> {

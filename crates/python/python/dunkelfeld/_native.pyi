@@ -1,5 +1,6 @@
 """Types of the native module."""
 
+import datetime
 import os
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
@@ -8,7 +9,7 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._results import EmvaAnalysis, EmvaDataset, ExposedFiles, SetSummary, TracedSample, Verified
+from ._results import EmvaAnalysis, EmvaDataset, ExposedFiles, Forecast, SetSummary, TracedSample, Verified
 from ._results import Study as _StudyResult
 from ._steps import RenderSteps
 
@@ -258,6 +259,8 @@ class Study:
         jobs: int | None = None,
         threads: int | None = None,
         time: float | None = None,
+        until: str | datetime.datetime | None = None,
+        forecast: Callable[[Forecast], object] | None = None,
         progress: Callable[[int, int, float, float | None], object] | None = None,
     ) -> SetSummary: ...
     def worker(self, threads: int = 1) -> StudyWorker: ...

@@ -71,12 +71,18 @@ class EmvaAnalysis(TypedDict):
 class Forecast(TypedDict):
     """The forecast of a run with a time."""
 
+    count: int
+    """Images that the run shall make."""
     images: int
-    """Number of test images: 3, or 1 with less than 12 missing images."""
+    """Number of test images: 3, or 1 with less than 12 missing images or little time. They are not written."""
     seconds: float
-    """Seconds for the samples of an image."""
+    """Time of the render of an image [s]."""
+    end: float
+    """Expected time from the start of the run to its end [s]."""
     levels: list[float]
-    """For each measured image with a sensor, the k at which 99 % of its unsaturated pixels are hidden."""
+    """For each test image whose level is known, the k at which 99 % of its unsaturated pixels will be hidden."""
+    reason: str | None
+    """The reason for a test image without a level: "no sensor", "saturated", "unknown noise" (too few samples), "no time"."""
 
 
 class SetSummary(TypedDict):
@@ -93,7 +99,10 @@ class SetSummary(TypedDict):
     failed: list[tuple[int, str]]
     """Index and message of each image whose draws do not fit."""
     forecast: Forecast | None
-    """None without `time`, and if no test image was made."""
+    """None without `time` and `until`, and if no test image can be made."""
+    levels: list[float]
+    """For each image that this run made and whose level is known, the k at which 99 % of its unsaturated pixels are hidden,
+    in ascending order."""
 
 
 class Verified(TypedDict):

@@ -6,6 +6,7 @@
 
 pub(crate) mod extrapolation;
 pub(crate) mod forecast;
+pub(crate) mod pilot_forecast;
 
 use crate::error::Error;
 use crate::film_noise::{FilmNoise, SignalModel};
@@ -192,31 +193,43 @@ impl<'a> Planner<'a> {
         state: State<'_>,
         pace: &Throughput<'_>,
     ) {
+        let target = self.settings.budget.noise;
+        let shares = self.shares_after(signal_model, &image, pilot_noise, state.counts);
+        // The forecast needs the memory.
+        drop(image);
+        let targets = |k| pilot_noise.and_then(|s| self.targets(s, k, state.counts, &shares.weights));
+        let forecast_input = ForecastInput { counts: state.counts, targets: &targets, target };
+        self.forecast = Forecast::new(&forecast_input, pace);
+        self.shares = shares;
+        self.state.is_made = true;
+    }
+
+    /// The shares of the samples after a pilot of `counts` samples per pixel.
+    fn shares_after(
+        &self,
+        signal_model: &SignalModel,
+        image: &Plane<f32>,
+        pilot_noise: Option<&PilotNoise<'_>>,
+        counts: &Plane<u32>,
+    ) -> Shares {
         let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
         let required_samples = pilot_noise
             .filter(|_| strategy == Strategy::Sensor)
             .and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
-        let shares = match (&required_samples, target, strategy) {
+        match (&required_samples, target, strategy) {
             // All pixels approach their required samples in proportion, so that all are hidden at the same time.
             (Some(required_samples), Some(_), Strategy::Sensor) => {
-                Shares::from_weights(required_samples.shares(least(state.counts)))
+                Shares::from_weights(required_samples.shares(least(counts)))
             }
             _ => strategy.shares(&Pilot {
-                luminance: &image,
+                luminance: image,
                 white: signal_model.white,
                 sobel_floor: self.settings.sobel_floor,
                 measured: pilot_noise
                     .and_then(|s| s.expected.as_ref())
                     .map(|expected| weights::MeasuredNoise { expected, required_samples: required_samples.as_ref() }),
             }),
-        };
-        // The forecast needs the memory.
-        drop((required_samples, image));
-        let targets = |k| pilot_noise.and_then(|s| self.targets(s, k, state.counts, &shares.weights));
-        let forecast_input = ForecastInput { counts: state.counts, targets: &targets, target };
-        self.forecast = Forecast::new(&forecast_input, pace);
-        self.shares = shares;
-        self.state.is_made = true;
+        }
     }
 
     /// Estimated samples per pixel until the image is hidden at `k` with the strategy of the render. `None` without a
