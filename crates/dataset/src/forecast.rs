@@ -13,6 +13,8 @@ use std::time::Instant;
 const TESTS: usize = 3;
 /// Samples per pixel of a pilot at least: with less, the estimates of the noise are too uncertain.
 const PILOT_SPP: u32 = 16;
+/// A pilot is followed by one with a quarter of its samples, which gives the trend of the estimates.
+const FIRST: u32 = 4;
 /// Samples per pixel of a pilot at most, as a share of those of the image: that of the pilot of a render.
 const PILOT_SHARE: f64 = 0.2;
 /// Pixels of a pilot at least: one in a hundred of them decides.
@@ -21,8 +23,8 @@ const LEAST_PIXELS: f64 = 576.0;
 const ALLOWANCE: f64 = 0.02;
 /// The part of the allowance for which the pilots are sized. The speed of the machine is known from a short measurement.
 const AIM: f64 = 0.6;
-/// Expected analysis of a pilot on one thread \[s per pixel\].
-const ANALYSIS: f64 = 10e-6;
+/// Expected analysis of both on one thread \[s per pixel\].
+const ANALYSIS: f64 = 15e-6;
 /// Samples per second of a thread if they have not been measured.
 const UNKNOWN_RATE: f64 = 1e5;
 /// Time that a render reserves for exposure and certificate on one thread \[s per pixel\], and the largest share of its time
@@ -116,7 +118,7 @@ impl Round {
     /// first worker runs one, of the image that it has.
     fn choose(allowance: f64, tests: usize, workers: usize, measured: Measured, pixels: f64) -> Option<Self> {
         let rate = measured.rate.unwrap_or(UNKNOWN_RATE);
-        let per_pixel = f64::from(PILOT_SPP) / rate + ANALYSIS;
+        let per_pixel = f64::from(PILOT_SPP + PILOT_SPP / FIRST) / rate + ANALYSIS;
         let choices = [(tests, workers, measured.change), (1, workers, measured.change), (1, 1, 0.0)];
         choices.into_iter().find_map(|(tests, workers, change)| {
             let pilots = tests.div_ceil(workers);
@@ -194,19 +196,22 @@ impl Pilot {
         let guard = Guard { began, limit: round.limit, outer: cancel, own: &own };
         let session = session.with_start(began).with_progress(&guard).with_cancel(&own);
         let rendering = render(scene, &part, &session)?;
-        if rendering.interrupted {
+        part.samples = Some(0..spp / FIRST);
+        let first = render(scene, &part, &session)?;
+        if rendering.interrupted || first.interrupted {
             return Ok(None);
         }
         let sampling: f64 = rendering.stages.iter().map(|(_, seconds)| seconds).sum();
         let samples = rendering.film.sums.total_samples() as f64;
         let began = Instant::now();
-        let forecast = session.install(|| PilotForecast::new(&rendering.film, &settings))?;
+        let forecast = session.install(|| PilotForecast::new(&rendering.film, &first.film, &settings))?;
         let forecast = match forecast {
             None => Err(LevelGap::NoSensor),
             Some(forecast) if forecast.is_saturated() => Err(LevelGap::Saturated),
             Some(forecast) => Ok(forecast),
         };
-        let plan = began.elapsed().as_secs_f64() * pixels / area;
+        // Two films were analysed, and a plan needs one.
+        let plan = 0.5 * began.elapsed().as_secs_f64() * pixels / area;
         Ok(Some(Self { forecast, pixels, rate: samples / sampling.max(1e-9), plan }))
     }
 

@@ -1,6 +1,6 @@
 //! The noise that an image will have with any number of samples, from a uniform pilot of it.
 
-use super::extrapolation::DEFAULT_SLOPE;
+use super::extrapolation::{DEFAULT_SLOPE, MAX_SLOPE, SLOPE_DAMPING};
 use super::{PilotNoise, Planner, mean_count};
 use crate::error::Error;
 use crate::film_noise::FilmNoise;
@@ -25,17 +25,19 @@ pub struct PilotForecast {
     shares: Shares,
     /// Samples per pixel of this pilot.
     spp: f64,
+    /// The exponents a of the estimated variance, v ~ n^-a, with less and with more samples than this pilot.
+    trend: [f64; 2],
     /// Samples per pixel of the pilot of the image, where its budget allows them.
     pilot_spp: u32,
 }
 
 impl PilotForecast {
-    /// A forecast from the film of a pilot. `settings` are those of the image, with the width and the height of the film.
-    /// `None` without a sensor.
+    /// A forecast from the film of a pilot, and from that of its first samples, which gives the trend of the estimates.
+    /// `settings` are those of the image, with the width and the height of the films. `None` without a sensor.
     ///
     /// # Errors
     /// An exposure outside the ranges of the sensor.
-    pub fn new(film: &RenderedFilm, settings: &RenderSettings) -> Result<Option<Self>, Error> {
+    pub fn new(film: &RenderedFilm, first: &RenderedFilm, settings: &RenderSettings) -> Result<Option<Self>, Error> {
         let planner = Planner::new(settings);
         let (signal_model, image) = planner.exposed(&film.sums)?;
         let measured = FilmNoise::new(&signal_model, film);
@@ -44,7 +46,13 @@ impl PilotForecast {
         let counts = measured.counts.clone();
         let noise = PilotNoise::new(measured, own, settings.strategy());
         let shares = planner.shares_after(&signal_model, &image, Some(&noise), &counts);
-        Ok(Some(Self { required, shares, spp: mean_count(&counts), pilot_spp: settings.pilot_spp }))
+        // The exposure is that of the pilot, which knows the brightness of the image better.
+        let measured = FilmNoise::new(&signal_model, first);
+        let earlier = measured.needs_by(&measured.pixel_noise(), 1.0);
+        let before = earlier.and_then(|earlier| Some((mean_count(&measured.counts), decisive(&earlier)?)));
+        let spp = mean_count(&counts);
+        let trend = trend(before, decisive(&required).map(|needed| (spp, needed)));
+        Ok(Some(Self { required, shares, spp, trend, pilot_spp: settings.pilot_spp }))
     }
 
     /// Are all pixels saturated? Then there is no level.
@@ -56,8 +64,9 @@ impl PilotForecast {
     /// pixels are saturated, and if the noise of more than 1 % of the others is unknown.
     ///
     /// The samples are distributed as in the render: uniform in its pilot, and then by its plan. The variance of a mean of n
-    /// samples is v / n. The estimate of v from n samples falls as n^-a, as in the forecast of a render, since rare light that
-    /// is sampled once counts for the pixels around it.
+    /// samples is v / n. The estimate of v from n samples falls as n^-a, since rare light that is sampled once counts for the
+    /// pixels around it. a is measured on the pilot and its first samples, and damped for more samples than those of the pilot,
+    /// as in the forecast of a render.
     pub fn level_after(&self, spp: f64) -> Option<f64> {
         if !(spp >= MIN_SPP && spp.is_finite() && self.spp > 0.0) {
             return None;
@@ -74,8 +83,26 @@ impl PilotForecast {
         };
         let unsaturated = ratios.data().iter().zip(self.required.saturated.data()).filter(|(_, full)| !**full);
         let ratio = quantile_of(unsaturated.map(|(ratio, _)| *ratio), HIDDEN_SHARE)?;
-        let variance = f64::from(ratio) * (spp / self.spp).powf(-DEFAULT_SLOPE);
+        let slope = self.trend[usize::from(spp > self.spp)];
+        let variance = f64::from(ratio) * (spp / self.spp).powf(-slope);
         variance.is_finite().then(|| variance.sqrt())
+    }
+}
+
+/// The required samples that decide whether an image with the same number of samples in each pixel is hidden.
+fn decisive(required: &RequiredSamples) -> Option<f64> {
+    let unsaturated = required.samples.data().iter().zip(required.saturated.data()).filter(|(_, full)| !**full);
+    quantile_of(unsaturated.map(|(n, _)| *n), HIDDEN_SHARE).map(f64::from).filter(|n| *n > 0.0 && n.is_finite())
+}
+
+/// The exponents of [`PilotForecast`] from the samples per pixel and the required samples, before and now.
+fn trend(before: Option<(f64, f64)>, now: Option<(f64, f64)>) -> [f64; 2] {
+    match (before, now) {
+        (Some(before), Some(now)) if before.0 < now.0 => {
+            let slope = ((before.1 / now.1).ln() / (now.0 / before.0).ln()).clamp(0.0, MAX_SLOPE);
+            [slope, SLOPE_DAMPING * slope]
+        }
+        _ => [DEFAULT_SLOPE; 2],
     }
 }
 
@@ -86,15 +113,16 @@ mod tests {
     fn forecast(samples: Plane<f32>, weights: Plane<f32>) -> PilotForecast {
         let saturated = samples.map(|n| *n == 0.0);
         let required = RequiredSamples { samples, saturated };
-        PilotForecast { required, shares: Shares::from_weights(weights), spp: 16.0, pilot_spp: 16 }
+        PilotForecast { required, shares: Shares::from_weights(weights), spp: 16.0, trend: [1.0, 0.5], pilot_spp: 16 }
     }
 
-    /// All pixels need 400 samples: k^2 is 400 / n (n / 16)^(-1/3).
+    /// All pixels need 400 samples: k^2 is 400 / n (n / 16)^-a, with a = 1 below and a = 1/2 above 16.
     #[test]
     fn the_level_follows_the_root_law_with_the_trend_of_the_estimate() {
         let even = forecast(Plane::new(20, 10, 400.0), Plane::new(20, 10, 1.0));
         for spp in [2.0, 5.0, 16.0, 128.0, 2000.0f64] {
-            let expected = (400.0 / spp * (spp / 16.0).powf(-1.0 / 3.0)).sqrt();
+            let slope = if spp > 16.0 { 0.5 } else { 1.0 };
+            let expected = (400.0 / spp * (spp / 16.0).powf(-slope)).sqrt();
             let level = even.level_after(spp).expect("known");
             assert!((level / expected - 1.0).abs() < 1e-3, "{level} and {expected} at {spp}");
         }
@@ -104,14 +132,23 @@ mod tests {
     /// samples per pixel the pilot has 32, and the water level w has w 1.5 + w 0.5 = 320: 240 and 80. Both k^2 are 10 / 3 and
     /// 2.5, of which the quantile is the larger one. Below 16 samples per pixel all have the same number.
     #[test]
+    fn the_trend_is_that_of_the_estimates() {
+        // Half of the required samples after four times the samples: 4^-a = 1/2.
+        let [below, above] = trend(Some((4.0, 800.0)), Some((16.0, 400.0)));
+        assert!((below - 0.5).abs() < 1e-12 && (above - 0.375).abs() < 1e-12);
+        assert_eq!(trend(Some((4.0, 300.0)), Some((16.0, 400.0))), [0.0, 0.0]);
+        assert_eq!(trend(Some((4.0, 1e9)), Some((16.0, 400.0))), [MAX_SLOPE, SLOPE_DAMPING]);
+        assert_eq!(trend(None, Some((16.0, 400.0))), [DEFAULT_SLOPE; 2]);
+    }
+
+    #[test]
     fn samples_are_distributed_as_in_the_render() {
         let by_half = |left: f32, right: f32| Plane::from_fn(20, 10, |x, _| if x < 10 { left } else { right });
         let planned = forecast(by_half(800.0, 200.0), by_half(1.5, 0.5));
-        let trend = |spp: f64| (spp / 16.0).powf(-1.0 / 6.0);
         let level = planned.level_after(160.0).expect("known");
-        assert!((level / ((800.0f64 / 240.0).sqrt() * trend(160.0)) - 1.0).abs() < 0.01, "{level}");
+        assert!((level / ((800.0f64 / 240.0).sqrt() * 10f64.powf(-0.25)) - 1.0).abs() < 0.01, "{level}");
         let level = planned.level_after(10.0).expect("known");
-        assert!((level / (80f64.sqrt() * trend(10.0)) - 1.0).abs() < 1e-3, "{level}");
+        assert!((level / (80f64.sqrt() * 1.6f64.sqrt()) - 1.0).abs() < 1e-3, "{level}");
     }
 
     #[test]
