@@ -21,6 +21,9 @@ const PILOT_SHARE: f64 = 0.2;
 const LEAST_PIXELS: f64 = 576.0;
 /// Largest share of the time of the set that the pilots take.
 const ALLOWANCE: f64 = 0.02;
+/// With less for each image \[s\], the pilots may take a tenth of the time of the set, and at most 0.4 s.
+const SHORT: f64 = 1.0;
+const SHORT_ALLOWANCE: (f64, f64) = (0.1, 0.4);
 /// The part of the allowance for which the pilots are sized. The speed of the machine is known from a short measurement.
 const AIM: f64 = 0.6;
 /// Expected analysis of both on one thread \[s per pixel\].
@@ -42,6 +45,8 @@ pub struct SetForecast {
     pub images: u64,
     /// Budget of the render of an image \[s\].
     pub seconds: f64,
+    /// Expected mean samples per pixel of the test images; 0 without one.
+    pub spp: f64,
     /// Expected seconds from the start of the run to its end.
     pub end: f64,
     /// For each test image whose level is known, the k at which 99 % of its unsaturated pixels will be hidden.
@@ -130,6 +135,13 @@ impl Round {
     }
 }
 
+/// Seconds that the pilots may take of the time that is left for the set, with so many seconds for each image.
+fn allowance(left: f64, share: f64) -> f64 {
+    let (part, most) = SHORT_ALLOWANCE;
+    let of_short = if share < SHORT { (part * left).min(most) } else { 0.0 };
+    of_short.max(ALLOWANCE * left)
+}
+
 /// Width, height and samples per pixel of a pilot of an image of this size that may have so many `pixels` with 16 samples
 /// each. `most` are the samples per pixel at most.
 fn size_of_pilot([width, height]: [u32; 2], pixels: f64, most: f64) -> ([u32; 2], u32) {
@@ -215,10 +227,14 @@ impl Pilot {
         Ok(Some(Self { forecast, pixels, rate: samples / sampling.max(1e-9), plan }))
     }
 
-    /// The level of the image if its render has a budget of `seconds`, of which the exposure takes `expose`.
-    fn level(&self, seconds: f64, rate: f64, expose: f64) -> Result<f64, LevelGap> {
+    /// Samples per pixel of the image if its render has a budget of `seconds`, of which the exposure takes `expose`.
+    fn spp(&self, seconds: f64, rate: f64, expose: f64) -> f64 {
+        samples_per_pixel(seconds, rate / self.pixels, self.plan, expose, REHEARSED.0 * self.pixels)
+    }
+
+    /// The level of the image with so many samples per pixel.
+    fn level(&self, spp: f64) -> Result<f64, LevelGap> {
         let forecast = self.forecast.as_ref().map_err(|gap| *gap)?;
-        let spp = samples_per_pixel(seconds, rate / self.pixels, self.plan, expose, REHEARSED.0 * self.pixels);
         forecast.level_after(spp).ok_or(LevelGap::UnknownNoise)
     }
 }
@@ -254,8 +270,8 @@ impl Run<'_> {
         let positions = test_positions(self.wanted.len());
         let first = workers.first().and_then(|worker| worker.as_ref()?.as_ref().ok())?;
         let (before, pixels) = (elapsed(), first.pixels());
-        let allowance = ALLOWANCE * (self.shares.deadline() - before).max(0.0);
         let share = self.shares.expected(before);
+        let allowance = allowance((self.shares.deadline() - before).max(0.0), share);
         let round = Round::choose(allowance, positions.len(), workers.len(), self.measured, pixels);
         let mut pilots: Vec<Vec<Pilot>> = positions.iter().map(|_| Vec::new()).collect();
         let mut is_stopped = round.is_none();
@@ -296,11 +312,14 @@ impl Run<'_> {
             let Some(pilot) = of_test.first() else { continue };
             let rate = of_test.iter().map(|pilot| pilot.rate).sum::<f64>() / of_test.len() as f64;
             forecast.images += 1;
-            match pilot.level(seconds, rate, self.measured.expose) {
+            let spp = pilot.spp(seconds, rate, self.measured.expose);
+            forecast.spp += spp;
+            match pilot.level(spp) {
                 Ok(level) => forecast.levels.push(level),
                 Err(gap) => forecast.gap = Some(gap),
             }
         }
+        forecast.spp /= forecast.images.max(1) as f64;
         if forecast.images == 0 {
             forecast.gap = Some(LevelGap::NoTime).filter(|_| is_stopped);
         }

@@ -33,6 +33,14 @@ fn the_pilots_fit_into_their_allowance() {
 }
 
 #[test]
+fn sets_of_short_images_have_a_larger_allowance() {
+    for (left, share, expected) in [(600.0, 5.0, 12.0), (12.0, 1.0, 0.24), (12.0, 0.9, 0.4), (1.0, 0.1, 0.1)] {
+        assert!((allowance(left, share) - expected).abs() < 1e-12, "{left} s, {share} s for each");
+    }
+    assert_eq!(allowance(0.0, 0.02), 0.0);
+}
+
+#[test]
 fn a_pilot_has_the_samples_that_fit() {
     assert_eq!(size_of_pilot([640, 480], 3072.0, 1000.0), ([64, 48], 16));
     assert_eq!(size_of_pilot([640, 480], 307_200.0, 1000.0), ([640, 480], 16));
@@ -203,11 +211,11 @@ fn gaps_have_their_reasons() {
         let (_folder, study) = study(text);
         let mut worker = Worker::open(&study, 1).expect("a scene");
         let pilot = Pilot::run(&mut worker, 0, round(3072.0), 1.0, &Cancel::new());
-        pilot.expect("an image").expect("not cancelled").level(1.0, 3072.0, 0.0)
+        pilot.expect("an image").expect("not cancelled").level(1.0)
     };
     let sensor = "[sensor]\nexposure = \"20ms\"";
     assert_eq!(gap(&STUDY.replace(sensor, "[sensor]\nmodel = \"none\"")), Err(LevelGap::NoSensor));
     assert_eq!(gap(&STUDY.replace("20ms", "1000s")), Err(LevelGap::Saturated));
-    // One sample per pixel in one second.
+    // One sample per pixel.
     assert_eq!(gap(STUDY), Err(LevelGap::UnknownNoise));
 }

@@ -178,6 +178,7 @@ fn entries_of<'py>(py: Python<'py>, forecast: &SetForecast) -> PyResult<Bound<'p
     entries.set_item("count", forecast.count)?;
     entries.set_item("images", forecast.images)?;
     entries.set_item("seconds", forecast.seconds)?;
+    entries.set_item("spp", forecast.spp)?;
     entries.set_item("end", forecast.end)?;
     entries.set_item("levels", &forecast.levels)?;
     entries.set_item("reason", reason)?;

@@ -4,7 +4,7 @@ use super::dataset_args::DatasetArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say, say_object};
-use crate::words::{counted, remaining, seconds};
+use crate::words::{counted, remaining, seconds, three_digits};
 use dunkelfeld::{Error, Progress, ProgressState, Stage};
 use dunkelfeld_dataset::{
     Deadline, LevelGap, RunOptions, RunProgress, RunState, SetForecast, Study, run as run_study, verify,
@@ -115,7 +115,7 @@ impl RunProgress for SetProgress<'_> {
     fn forecast(&self, forecast: &SetForecast) {
         match self.sink {
             Sink::Json => say_object(&json!({
-                "event": "forecast", "count": forecast.count, "end": forecast.end, "seconds": forecast.seconds,
+                "event": "forecast", "count": forecast.count, "end": forecast.end, "seconds": forecast.seconds, "spp": forecast.spp,
                 "test_images": forecast.images, "levels": forecast.levels, "reason": forecast.gap.map(reason),
             })),
             Sink::Bar(_) | Sink::None => self.sink.say(&forecast_line(forecast)),
@@ -129,12 +129,16 @@ fn forecast_line(forecast: &SetForecast) -> String {
         (Some(range), _) => format!("99 % of the pixels of an image are hidden at k = {range}"),
         (None, gap) => reason(gap.unwrap_or(LevelGap::UnknownNoise)).to_owned(),
     };
+    if forecast.gap == Some(LevelGap::NoTime) {
+        return reason(LevelGap::NoTime).to_owned();
+    }
     let end = Deadline::in_seconds(forecast.end).map_or_else(String::new, |at| format!(" at {at}"));
     format!(
-        "forecast from {}: {}, {:.2} s for the render of each; {reached}; the set is finished{end}, in {}",
+        "forecast from {}: {}, {:.2} s and about {} samples per pixel for the render of each; {reached}; the set is finished{end}, in {}",
         counted(forecast.images, "test image"),
         counted(forecast.count, "image"),
         forecast.seconds,
+        three_digits(forecast.spp),
         remaining(forecast.end)
     )
 }

@@ -77,6 +77,8 @@ class Forecast(TypedDict):
     """Number of test images: 3, or 1 with less than 12 missing images or little time. They are not written."""
     seconds: float
     """Time of the render of an image [s]."""
+    spp: float
+    """Expected mean samples per pixel of the test images; 0 without one."""
     end: float
     """Expected time from the start of the run to its end [s]."""
     levels: list[float]
