@@ -167,7 +167,9 @@ fn the_forecast_comes_before_the_first_image() {
         let summary = run(&study, &bench.path("a"), &options, &witness, &Cancel::new()).expect("a set");
         let forecasts = witness.forecasts.into_inner().expect("no panic");
         assert_eq!(summary.forecast.as_ref(), forecasts.first().map(|(forecast, _)| forecast));
-        assert_eq!(summary.levels.len() as u64, count - before);
+        // Images with few samples have no level.
+        assert!(summary.levels.len() as u64 <= count - before && summary.levels.is_sorted());
+        assert!(seconds.is_some() || summary.levels.len() as u64 == count);
         let Some(tests) = tests else {
             assert!(forecasts.is_empty());
             continue;
