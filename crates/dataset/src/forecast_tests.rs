@@ -1,3 +1,5 @@
+//! Tests of the forecast of a run with a time.
+
 use super::*;
 use crate::record::CertificateRecord;
 use std::collections::BTreeMap;
