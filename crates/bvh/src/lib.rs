@@ -1,10 +1,10 @@
 //! Bounding volume hierarchy: the nearest triangle along a ray, and tests for occlusion.
 //!
 //! The tree has eight children to a node and up to eight triangles to a leaf, all tested at once. It is built from the
-//! binary tree of obvhs. Traversal uses AVX-512 or AVX2 if the machine has it, else SSE2, NEON or plain Rust, with the
-//! same bits. The triangle test is watertight and the boxes allow for all rounding, so that no ray passes between the
-//! triangles of a closed mesh. There are two levels: each mesh has a tree, and a tree over instances is above. A scene of
-//! one mesh in world space has no upper level and transforms no rays.
+//! top down by the surface area heuristic. Traversal uses AVX-512 or AVX2 if the machine has it, else SSE2, NEON or plain
+//! Rust, with the same bits. The triangle test is watertight and the boxes allow for all rounding, so that no ray passes
+//! between the triangles of a closed mesh. There are two levels: each mesh has a tree, and a tree over instances is above.
+//! A scene of one mesh in world space has no upper level and transforms no rays.
 //!
 //! ```
 //! use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};

@@ -13,7 +13,7 @@ const HOMES: [(&str, &[&str]); 28] = [
     ("rayon", &["render", "dunkelfeld", "studies", "bvh", "dataset"]),
     ("obvhs", &["bvh"]),
     ("jiff", &["dataset"]),
-    ("rustc-hash", &["geometry", "bvh", "integrator"]),
+    ("rustc-hash", &["geometry", "integrator"]),
     ("parry3d-f64", &["dataset"]),
     ("maud", &["report", "studies", "dataset"]),
     ("annotate-snippets", &["io"]),
