@@ -101,7 +101,9 @@ def summary(rows: list[Row], version: str) -> str:
         here = [row for row in rows if row.scene == scene]
         worst = max(here, key=lambda row: abs(row.difference))
         passed = sum(row.verdict == "pass" for row in here)
-        lines.append(f"| `{scene}` | {passed} of {len(here)} | {worst.difference:+.2%} ({worst.object}) | {worst.error:.2%} |")
+        lines.append(
+            f"| `{scene}` | {passed} of {len(here)} | {worst.difference:+.2%} ({worst.object}) | {worst.error:.2%} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -176,7 +178,9 @@ def main() -> int:
     parser.add_argument("--batches", type=int, default=8)
     parser.add_argument("--threads", type=int, default=0, help="0: all")
     parser.add_argument("--work", type=Path, default=root / "out" / "validation" / "blender")
-    parser.add_argument("--readme", action="store_true", help="write blender.csv, and the tables into the pages of docs")
+    parser.add_argument(
+        "--readme", action="store_true", help="write blender.csv, and the tables into the pages of docs"
+    )
     parser.add_argument("--picture", action="store_true", help="write docs/blender.png")
     arguments = parser.parse_args()
     rows, version = [], ""

@@ -44,7 +44,9 @@ OBLIQUE = 1.1
 def quoted(text: str) -> str:
     """A basic string of TOML."""
     escapes = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
-    return '"' + "".join(escapes.get(c, c if ord(c) >= 32 and ord(c) != 127 else f"\\u{ord(c):04X}") for c in text) + '"'
+    return (
+        '"' + "".join(escapes.get(c, c if ord(c) >= 32 and ord(c) != 127 else f"\\u{ord(c):04X}") for c in text) + '"'
+    )
 
 
 def value_text(value) -> str:
@@ -240,7 +242,11 @@ def surface_of(node, notes: list) -> Surface:
         if "Anisotropy" in node.inputs and constant(node.inputs["Anisotropy"]) != 0.0:
             notes.append("the anisotropy of a Glossy BSDF becomes 0; use a Principled BSDF")
     elif kind in ("ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction"):
-        s.inputs |= {"Base Color": node.inputs["Color"], "Roughness": node.inputs["Roughness"], "IOR": node.inputs["IOR"]}
+        s.inputs |= {
+            "Base Color": node.inputs["Color"],
+            "Roughness": node.inputs["Roughness"],
+            "IOR": node.inputs["IOR"],
+        }
         s.inputs |= {"Transmission Weight": 1.0, "Specular IOR Level": 0.5}
         s.is_clear, s.is_compensated = True, node.distribution == "MULTI_GGX"
         color = constant(node.inputs["Color"])
@@ -260,7 +266,10 @@ def surface_of(node, notes: list) -> Surface:
         others = [p for p in parts if p and p.bl_idname != "ShaderNodeEmission"]
         if len(emitters) == 1 and len(others) == 1 and others[0].bl_idname != "ShaderNodeBsdfPrincipled":
             s = surface_of(others[0], notes)
-            s.inputs |= {"Emission Color": emitters[0].inputs["Color"], "Emission Strength": emitters[0].inputs["Strength"]}
+            s.inputs |= {
+                "Emission Color": emitters[0].inputs["Color"],
+                "Emission Strength": emitters[0].inputs["Strength"],
+            }
         else:
             notes.append("an Add Shader other than a BSDF and an Emission is not supported: black")
     elif kind == "ShaderNodeMixShader":
@@ -273,7 +282,9 @@ def surface_of(node, notes: list) -> Surface:
             s = surface_of(first, notes)
             s.inputs["Alpha"] = 1.0 - share
         else:
-            notes.append("a Mix Shader other than one with a Transparent BSDF and a constant factor is not supported: black")
+            notes.append(
+                "a Mix Shader other than one with a Transparent BSDF and a constant factor is not supported: black"
+            )
     elif kind == "ShaderNodeBsdfTransparent":
         s.inputs["Alpha"] = 0.0
     elif kind == "ShaderNodeBsdfPrincipled":
@@ -304,7 +315,9 @@ def principled(node, notes: list) -> Surface:
     metallic, roughness = number("Metallic"), number("Roughness")
     ior, level = number("IOR"), number("Specular IOR Level")
     if transmission == 0.0 and metallic is not None and metallic < 1.0:
-        full = diffuse_scale(0.5 if roughness is None else roughness, 1.5 if ior is None else ior, 0.5 if level is None else level)
+        full = diffuse_scale(
+            0.5 if roughness is None else roughness, 1.5 if ior is None else ior, 0.5 if level is None else level
+        )
         s.scale = metallic + (1.0 - metallic) * full
     for name in ("Base Color", "Metallic", "Roughness", "Alpha", "Emission Color"):
         end = source(node.inputs[name])
@@ -315,7 +328,13 @@ def principled(node, notes: list) -> Surface:
 
 def reaches_image(node, depth: int = 0) -> bool:
     """Is there an image, a vertex colour or a constant behind this node?"""
-    if node.bl_idname in ("ShaderNodeTexImage", "ShaderNodeVertexColor", "ShaderNodeAttribute", "ShaderNodeValue", "ShaderNodeRGB"):
+    if node.bl_idname in (
+        "ShaderNodeTexImage",
+        "ShaderNodeVertexColor",
+        "ShaderNodeAttribute",
+        "ShaderNodeValue",
+        "ShaderNodeRGB",
+    ):
         return True
     return depth < 16 and any(reaches_image(source(i), depth + 1) for i in node.inputs if source(i) is not None)
 
@@ -376,7 +395,10 @@ class Materials:
                 own.append("displacement")
             if s.is_clear:
                 if open_objects:
-                    own.append("it is clear, but the mesh is not closed: a thin sheet that does not refract: " + ", ".join(open_objects))
+                    own.append(
+                        "it is clear, but the mesh is not closed: a thin sheet that does not refract: "
+                        + ", ".join(open_objects)
+                    )
                 else:
                     keys["solid"] = True
                     if volume is not None:
@@ -392,7 +414,9 @@ class Materials:
         for material, output, s in self.replaced:
             tree = material.node_tree
             if material.library is not None:
-                notes.append(f"material {material.name}: it is linked from another file, and its nodes cannot be converted")
+                notes.append(
+                    f"material {material.name}: it is linked from another file, and its nodes cannot be converted"
+                )
                 continue
             node = tree.nodes.new("ShaderNodeBsdfPrincipled")
             before = output.inputs["Surface"].links[0].from_socket if output.inputs["Surface"].is_linked else None
@@ -562,22 +586,32 @@ def environment_of(scene, stem: str, write: bool, notes: list) -> dict:
     node = source(output.inputs["Surface"])
     if node is None:
         return {}
-    strength = constant(node.inputs["Strength"]) if node.bl_idname in ("ShaderNodeBackground", "ShaderNodeEmission") else None
+    strength = (
+        constant(node.inputs["Strength"]) if node.bl_idname in ("ShaderNodeBackground", "ShaderNodeEmission") else None
+    )
     if strength is None:
-        notes.append(f"world: the node {node.name} ({node.bl_idname}) or its strength is not supported; the world is dark")
+        notes.append(
+            f"world: the node {node.name} ({node.bl_idname}) or its strength is not supported; the world is dark"
+        )
         return {}
     color = constant(node.inputs["Color"])
     if color is not None:
         return {"radiance": [c * strength for c in color]}
     texture = source(node.inputs["Color"])
-    if texture.bl_idname != "ShaderNodeTexEnvironment" or texture.image is None or texture.projection != "EQUIRECTANGULAR":
+    if (
+        texture.bl_idname != "ShaderNodeTexEnvironment"
+        or texture.image is None
+        or texture.projection != "EQUIRECTANGULAR"
+    ):
         notes.append(f"world: {texture.name} is no equirectangular Environment Texture; the world is dark")
         return {}
     image = texture.image
     path = os.path.abspath(bpy.path.abspath(image.filepath, library=image.library))
     ending = os.path.splitext(path)[1].lower()
     if image.colorspace_settings.name not in ("Linear Rec.709", "Linear", "Non-Color"):
-        notes.append(f"world: the colour space {image.colorspace_settings.name} of {image.name}; linear Rec. 709 is used")
+        notes.append(
+            f"world: the colour space {image.colorspace_settings.name} of {image.name}; linear Rec. 709 is used"
+        )
     is_file = ending in (".exr", ".hdr") and os.path.isfile(path) and not image.packed_file
     target = f"{stem}_world{ending if is_file else '.exr'}"
     if write and is_file:
@@ -620,7 +654,9 @@ def camera_tables(scene, notes: list) -> tuple:
         return film, {}, None
     data = camera.data
     if camera.type != "CAMERA" or data.type not in ("PERSP", "ORTHO"):
-        raise ValueError(f"the camera {camera.name} is panoramic or no camera: choose a perspective or orthographic one")
+        raise ValueError(
+            f"the camera {camera.name} is panoramic or no camera: choose a perspective or orthographic one"
+        )
     extent = film_extent(data.sensor_fit, width, height)
     size = 1e-3 * float(data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width)
     film["sensor_height"] = size * height / extent
@@ -652,7 +688,9 @@ def camera_tables(scene, notes: list) -> tuple:
             most = 0.999 * magnification / (2.0 * LEAST_F_NUMBER * (1.0 + magnification))
             lens["numerical_aperture"] = min(aperture, most)
             if aperture > most:
-                notes.append(f"camera: a numerical aperture of {aperture:.3g}; {most:.3g} is used, f/{LEAST_F_NUMBER} on the sensor")
+                notes.append(
+                    f"camera: a numerical aperture of {aperture:.3g}; {most:.3g} is used, f/{LEAST_F_NUMBER} on the sensor"
+                )
     if any(shift):
         lens["principal_point"] = shift
     if dof.use_dof and distance > 0.0:
@@ -833,7 +871,10 @@ if bpy is not None:
                 self.layout.prop(self, name)
             box = self.layout.box()
             lines = self.notes.split("\n") if self.notes else []
-            box.label(text="Not carried, or changed" if lines else "The whole scene is carried", icon="ERROR" if lines else "CHECKMARK")
+            box.label(
+                text="Not carried, or changed" if lines else "The whole scene is carried",
+                icon="ERROR" if lines else "CHECKMARK",
+            )
             for line in lines:
                 box.label(text=line)
 

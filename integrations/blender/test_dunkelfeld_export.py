@@ -16,12 +16,19 @@ from types import SimpleNamespace
 import dunkelfeld_export as export
 
 EXAMPLE = Path(__file__).with_name("example.toml")
-NOTES = ["light hall: its \"nodes\" are not an Emission;\nthe light is used without its nodes"]
+NOTES = ['light hall: its "nodes" are not an Emission;\nthe light is used without its nodes']
 
 
 def light(kind, **settings):
     """A light as Blender describes it."""
-    values = {"type": kind, "color": (1.0, 0.5, 0.25), "energy": 8.0, "use_nodes": False, "node_tree": None, "normalize": True}
+    values = {
+        "type": kind,
+        "color": (1.0, 0.5, 0.25),
+        "energy": 8.0,
+        "use_nodes": False,
+        "node_tree": None,
+        "normalize": True,
+    }
     values |= {"exposure": 0.0, "use_temperature": False, "shadow_soft_size": 0.0, "spot_size": 1.0, "spot_blend": 0.2}
     values |= {"shape": "SQUARE", "size": 0.1, "size_y": 0.2, "spread": math.pi, "angle": 0.1}
     return SimpleNamespace(**(values | settings))
