@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import shutil
 import struct
 
@@ -36,6 +37,10 @@ EDGE = 0.75
 LEAST_F_NUMBER = 0.5
 # Reflectance of a dielectric at a cosine of 0.75 over that at normal incidence, for indices around 1.5.
 OBLIQUE = 1.1
+# Width of the side panel that its notes do not have, in units of the scale of the interface.
+MARGIN = 68.0
+# Presets of sensors that the dialog proposes. A file of a sensor is allowed too.
+SENSORS = ("imx174", "imx174-pointgrey", "imx183", "imx250", "imx492", "imx900-hcg", "imx900-lcg")
 
 
 # The job as text.
@@ -81,6 +86,35 @@ def job_text(top: dict, tables: list, notes: list) -> str:
         if keys:
             lines += ["", f"[{header}]"] + [f"{key} = {value_text(value)}" for key, value in keys.items()]
     return "\n".join(lines) + "\n"
+
+
+def is_time(text: str) -> bool:
+    """Is the text a time of a job above 0, such as 5ms, 1min 30s, or a number of seconds?"""
+    parts = re.findall(
+        r"((?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?)\s*(ns|us|ms|s|min|h)?(?=\s|[0-9]|$)", text.strip()
+    )
+    rest = re.sub(r"\s+", "", "".join(number + unit for number, unit in parts))
+    is_whole = bool(parts) and rest == re.sub(r"\s+", "", text)
+    has_units = len(parts) == 1 or all(unit for _, unit in parts)
+    return is_whole and has_units and any(float(number) > 0.0 for number, _ in parts)
+
+
+def wrapped(text: str, width: float, measure) -> list:
+    """The lines of a text, each at most `width` wide by the function `measure`. A longer word is broken."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if measure(longer) <= width:
+            lines[-1] = longer
+            continue
+        if lines[-1]:
+            lines.append("")
+        while len(word) > 1 and measure(word) > width:
+            count = next((n for n in range(len(word) - 1, 1, -1) if measure(word[:n]) <= width), 1)
+            lines[-1], word = word[:count], word[count:]
+            lines.append("")
+        lines[-1] = word
+    return lines
 
 
 def degrees(radians: float) -> str:
@@ -225,13 +259,17 @@ class Surface:
         self.scale = 1.0
         self.is_clear = False
         self.is_compensated = False
+        # Inputs whose links Blender's glTF exporter would read in another sense.
+        self.unlinked: list = []
 
 
 def surface_of(node, notes: list) -> Surface:
     """The surface of a shader node that is no Principled BSDF. Differences are added to the notes."""
     s, kind = Surface(), node.bl_idname if node else ""
-    if node and node.inputs.get("Normal") is not None and "Normal" in node.inputs and node.inputs["Normal"].is_linked:
+    if node and "Normal" in node.inputs and is_normal_map(source(node.inputs["Normal"])):
         s.inputs["Normal"] = node.inputs["Normal"]
+    elif node and "Normal" in node.inputs and source(node.inputs["Normal"]) is not None:
+        notes.append(f"{title(source(node.inputs['Normal']))} is left out; a Normal Map in tangent space is carried")
     if kind == "ShaderNodeBsdfDiffuse":
         s.inputs["Base Color"] = node.inputs["Color"]
         if constant(node.inputs["Roughness"]) != 0.0:
@@ -292,7 +330,7 @@ def surface_of(node, notes: list) -> Surface:
     elif node is None:
         notes.append("no surface shader: black")
     else:
-        notes.append(f"the node {node.name} ({kind}) is not supported: black")
+        notes.append(f"the node {title(node)} is not supported: black")
     return s
 
 
@@ -300,13 +338,14 @@ def principled(node, notes: list) -> Surface:
     """Properties of a Principled BSDF, which Blender's glTF exporter reads itself."""
     s = Surface()
     number = lambda name, default=0.0: constant(node.inputs[name]) if name in node.inputs else default
-    for name, is_used in {
-        "Subsurface Weight": 0.0,
-        "Thin Film Thickness": 0.0,
-        "Diffuse Roughness": 0.0,
-    }.items():
-        if name in node.inputs and number(name) != is_used:
-            notes.append(f"{name} of a Principled BSDF")
+    left_out = ("Subsurface Weight", "Thin Film Thickness", "Diffuse Roughness")
+    for name in left_out:
+        if number(name) != 0.0:
+            notes.append(f"{name} is left out")
+    if number("Sheen Weight") != 0.0:
+        notes.append("the sheen has another shape, and the weight 1")
+    if number("Coat Weight") != 0.0 and (number("Coat IOR", 1.5) != 1.5 or number("Coat Tint", [1.0] * 3) != [1.0] * 3):
+        notes.append("the coat has the index 1.5 and no tint")
     transmission = number("Transmission Weight")
     s.is_clear = transmission is None or transmission > 0.0
     s.is_compensated = node.distribution == "MULTI_GGX"
@@ -315,39 +354,106 @@ def principled(node, notes: list) -> Surface:
     metallic, roughness = number("Metallic"), number("Roughness")
     ior, level = number("IOR"), number("Specular IOR Level")
     if transmission == 0.0 and metallic is not None and metallic < 1.0:
-        full = diffuse_scale(
-            0.5 if roughness is None else roughness, 1.5 if ior is None else ior, 0.5 if level is None else level
-        )
+        known = lambda value, default: default if value is None else value
+        full = diffuse_scale(known(roughness, 0.5), known(ior, 1.5), known(level, 0.5))
         s.scale = metallic + (1.0 - metallic) * full
-    for name in ("Base Color", "Metallic", "Roughness", "Alpha", "Emission Color"):
-        end = source(node.inputs[name])
-        if end is not None and not reaches_image(end):
-            notes.append(f"{name} of a Principled BSDF comes from {end.name}, which is no image texture")
+    for socket in node.inputs:
+        if source(socket) is None or socket.name in left_out:
+            continue
+        if socket.name == "Normal" and not is_normal_map(source(socket)):
+            s.unlinked.append(socket)
+            notes.append(f"{title(source(socket))} is left out; a Normal Map in tangent space is carried")
+        elif constant(socket) is None:
+            texture_notes(socket.name, socket, notes)
     return s
+
+
+# Inputs of a Principled BSDF whose textures are carried.
+TEXTURED = (
+    "Base Color",
+    "Metallic",
+    "Roughness",
+    "Alpha",
+    "Normal",
+    "Emission Color",
+    "Specular IOR Level",
+    "Specular Tint",
+)
+TEXTURED += ("Transmission Weight", "Coat Weight", "Coat Roughness", "Sheen Tint", "Sheen Roughness", "Tangent")
+COLOR_ATTRIBUTES = ("ShaderNodeVertexColor", "ShaderNodeAttribute")
+TEXTURES = ("ShaderNodeTexImage", *COLOR_ATTRIBUTES, "ShaderNodeValue", "ShaderNodeRGB")
+
+
+def title(node) -> str:
+    """The name of a node, with its kind if the name does not have it."""
+    return node.name if node.name.startswith(node.bl_label) else f"{node.name} ({node.bl_label})"
+
+
+def is_normal_map(node) -> bool:
+    """Is it a node that glTF has too?"""
+    return node is not None and node.bl_idname == "ShaderNodeNormalMap" and node.space == "TANGENT"
+
+
+def texture_notes(name: str, socket, notes: list) -> None:
+    """Adds the differences of the texture at an input of this name. Blender's glTF exporter finds an image behind any nodes,
+    and drops most of these nodes."""
+    end = source(socket)
+    if name not in TEXTURED:
+        notes.append(f"the texture of {name} is left out")
+    elif not reaches_image(end):
+        notes.append(f"{name} comes from {title(end)}, which is no image texture: left out")
+    else:
+        lost: list = []
+        lost_nodes(name, end, lost)
+        if lost:
+            notes.append(f"between the texture and {name}, these nodes are left out: {', '.join(dict.fromkeys(lost))}")
 
 
 def reaches_image(node, depth: int = 0) -> bool:
     """Is there an image, a vertex colour or a constant behind this node?"""
-    if node.bl_idname in (
-        "ShaderNodeTexImage",
-        "ShaderNodeVertexColor",
-        "ShaderNodeAttribute",
-        "ShaderNodeValue",
-        "ShaderNodeRGB",
-    ):
+    if node.bl_idname in TEXTURES:
         return True
     return depth < 16 and any(reaches_image(source(i), depth + 1) for i in node.inputs if source(i) is not None)
+
+
+def lost_nodes(name: str, node, lost: list, depth: int = 0) -> None:
+    """Adds the nodes that glTF does not have, from the input `name` of a Principled BSDF back to the images."""
+    if node.bl_idname == "ShaderNodeTexImage":
+        end = node.inputs["Vector"]
+        while source(end) is not None and source(end).bl_idname == "ShaderNodeMapping":
+            end = source(end).inputs["Vector"]
+        way = source(end)
+        is_uv = way is None or way.bl_idname == "ShaderNodeUVMap"
+        if not is_uv and not (way.bl_idname == "ShaderNodeTexCoord" and end.links[0].from_socket.name == "UV"):
+            lost.append(f"{title(way)} (UV coordinates are used)")
+        if node.projection != "FLAT":
+            lost.append(f"the {node.projection.lower()} projection of {title(node)}")
+    if node.bl_idname in TEXTURES or depth >= 16:
+        return
+    linked = [socket for socket in node.inputs if source(socket) is not None]
+    # A product with a constant becomes a factor of glTF, one with a colour attribute the colours of vertices. For alpha,
+    # comparisons with a constant become its cutoff.
+    varying = [i for i in linked if constant(i) is None and source(i).bl_idname not in COLOR_ATTRIBUTES]
+    is_product = len(varying) <= 1 and getattr(node, "blend_type", getattr(node, "operation", "")) == "MULTIPLY"
+    if "Factor" in node.inputs or "Fac" in node.inputs:
+        factor = node.inputs["Factor" if "Factor" in node.inputs else "Fac"]
+        is_product = is_product and constant(factor) == 1.0
+    is_cutoff = name == "Alpha" and node.bl_idname == "ShaderNodeMath"
+    if node.bl_idname not in ("ShaderNodeSeparateColor", "ShaderNodeNormalMap") and not is_product and not is_cutoff:
+        lost.append(title(node))
+    for socket in linked:
+        lost_nodes(name, source(socket), lost, depth + 1)
 
 
 def volume_of(node, notes: list) -> dict:
     """Keys of `[[material]]` for the volume of a material."""
     kind = node.bl_idname
     if kind not in ("ShaderNodeVolumeAbsorption", "ShaderNodeVolumeScatter"):
-        notes.append(f"the volume node {node.name} ({kind})")
+        notes.append(f"the volume node {title(node)} is left out")
         return {}
     color, density = constant(node.inputs["Color"]), constant(node.inputs["Density"])
     if color is None or density is None:
-        notes.append(f"textures of the volume node {node.name}")
+        notes.append(f"textures of {title(node)}: the volume is left out")
         return {}
     if kind == "ShaderNodeVolumeAbsorption":
         return {"absorption": [density * max(1.0 - c, 0.0) for c in color], "scattering": 0.0}
@@ -362,6 +468,7 @@ class Materials:
 
     def __init__(self):
         self.scales, self.replaced, self.undo, self.tables = {}, [], [], []
+        self.unlinked, self.relink = [], []
         self.is_compensated = False
 
     def survey(self, used: dict, notes: list) -> None:
@@ -379,6 +486,10 @@ class Materials:
             volume = source(output.inputs["Volume"])
             if node is not None and node.bl_idname == "ShaderNodeBsdfPrincipled":
                 s = principled(node, own)
+                if material.library is None:
+                    self.unlinked += [(tree, socket) for socket in s.unlinked]
+                elif s.unlinked:
+                    own.append("it is linked from another file, and its nodes cannot be converted")
             elif node is None and volume is not None:
                 s = Surface()
                 s.inputs |= {"Base Color": [1.0, 1.0, 1.0], "Transmission Weight": 1.0, "Roughness": 0.0, "IOR": 1.0}
@@ -387,12 +498,22 @@ class Materials:
                 self.replaced.append((material, output, s))
             else:
                 s = surface_of(node, own)
+                for name, value in s.inputs.items():
+                    if (
+                        not isinstance(value, (int, float, list))
+                        and source(value) is not None
+                        and constant(value) is None
+                    ):
+                        texture_notes(name, value, own)
                 self.replaced.append((material, output, s))
+            if material.library is not None and self.replaced and self.replaced[-1][0] == material:
+                own.append("it is linked from another file, and its nodes cannot be converted")
+                self.replaced.pop()
             if s.scale != 1.0:
                 self.scales[material.name] = s.scale
             self.is_compensated |= s.is_compensated
             if output.inputs["Displacement"].is_linked:
-                own.append("displacement")
+                own.append("displacement is left out")
             if s.is_clear:
                 if open_objects:
                     own.append(
@@ -404,20 +525,20 @@ class Materials:
                     if volume is not None:
                         keys |= volume_of(volume, own)
             elif volume is not None:
-                own.append("the volume behind an opaque surface")
+                own.append("the volume behind an opaque surface is left out")
             if keys:
                 self.tables.append(("[material]", {"name": material.name} | keys))
             notes += [f"material {material.name}: {note}" for note in own]
+        if self.scales:
+            notes.append("base colours of plastics are scaled, so that they look as in Cycles, within about 2 %")
 
-    def replace(self, notes: list) -> None:
+    def replace(self) -> None:
         """Links a Principled BSDF to the output of each material that has another surface."""
+        for tree, socket in self.unlinked:
+            self.relink.append((tree, socket.links[0].from_socket, socket))
+            tree.links.remove(socket.links[0])
         for material, output, s in self.replaced:
             tree = material.node_tree
-            if material.library is not None:
-                notes.append(
-                    f"material {material.name}: it is linked from another file, and its nodes cannot be converted"
-                )
-                continue
             node = tree.nodes.new("ShaderNodeBsdfPrincipled")
             before = output.inputs["Surface"].links[0].from_socket if output.inputs["Surface"].is_linked else None
             self.undo.append((tree, node, output, before))
@@ -437,6 +558,9 @@ class Materials:
             if before is not None:
                 tree.links.new(before, output.inputs["Surface"])
         self.undo.clear()
+        for tree, start, end in self.relink:
+            tree.links.new(start, end)
+        self.relink.clear()
 
 
 # Lights.
@@ -462,7 +586,7 @@ def light_strength(light, notes: list) -> list:
         else:
             factor, tint = constant(node.inputs["Strength"]), constant(node.inputs["Color"])
             if factor is None or tint is None:
-                notes.append("textures, IES profiles and falloffs of its nodes")
+                notes.append("textures, IES profiles and falloffs of its nodes are left out")
                 factor, tint = 1.0 if factor is None else factor, [1.0, 1.0, 1.0] if tint is None else tint
         color = [c * factor * t for c, t in zip(color, tint)]
     return color
@@ -490,7 +614,7 @@ def light_table(name: str, light, matrix, notes: list) -> dict:
         width = float(light.size) * scale[0]
         height = float(light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else light.size) * scale[1]
         if abs(sum(a * b for a, b in zip(unit[0], unit[1]))) > 1e-4:
-            notes.append("its shear")
+            notes.append("its shear is left out")
         area = area_of(light.shape, width, height)
         if area == 0.0:
             notes.append("its size is 0")
@@ -511,7 +635,7 @@ def light_table(name: str, light, matrix, notes: list) -> dict:
     table |= {"kind": "spot" if light.type == "SPOT" else "point", "position": position}
     if light.type == "SPOT":
         if max(scale) - min(scale) > 1e-4 * max(scale):
-            notes.append("its cone, which a scale stretches")
+            notes.append("its scale, which stretches the cone, is left out")
         table |= {"aim": aim, "cone_angle": degrees(light.spot_size), "blend": EDGE * float(light.spot_blend)}
     if radius > 0.0:
         table["diameter"] = 2.0 * radius
@@ -537,7 +661,7 @@ def lights_of(depsgraph, notes: list) -> list:
             notes.append(f"light {name}: a portal gives no light")
             continue
         if not getattr(light, "use_shadow", True):
-            own.append("a light without shadows")
+            own.append("it casts shadows; in Blender it does not")
         if light.type == "POINT" and light.shadow_soft_size > 0.0 and getattr(light, "use_soft_falloff", False):
             own.append("Soft Falloff: the light is a sphere, whose light near it is stronger")
         table = light_table(name, light, instance.matrix_world, own)
@@ -559,7 +683,7 @@ def rotation_of(node, notes: list) -> float:
         return 0.0
     inputs = mapping.inputs
     if mapping.bl_idname != "ShaderNodeMapping":
-        notes.append(f"world: the node {mapping.name} of the environment's coordinates")
+        notes.append(f"world: {title(mapping)} of the environment's coordinates is left out")
         return 0.0
     turn = constant(inputs["Rotation"]) or [0.0, 0.0, 0.0]
     # A texture mapping applies the inverse.
@@ -567,7 +691,7 @@ def rotation_of(node, notes: list) -> float:
     location = constant(inputs["Location"]) if "Location" in inputs else None
     moved = location is not None and any(location) and mapping.vector_type in ("POINT", "TEXTURE")
     if turn[0] or turn[1] or moved or constant(inputs["Scale"]) != [1.0, 1.0, 1.0]:
-        notes.append("world: location, scale and tilt of the environment's mapping")
+        notes.append("world: location, scale and tilt of the environment's mapping are left out")
     return sign * turn[2]
 
 
@@ -582,7 +706,7 @@ def environment_of(scene, stem: str, write: bool, notes: list) -> dict:
     if output is None:
         return {}
     if output.inputs["Volume"].is_linked:
-        notes.append("world: its volume")
+        notes.append("world: its volume is left out")
     node = source(output.inputs["Surface"])
     if node is None:
         return {}
@@ -590,9 +714,7 @@ def environment_of(scene, stem: str, write: bool, notes: list) -> dict:
         constant(node.inputs["Strength"]) if node.bl_idname in ("ShaderNodeBackground", "ShaderNodeEmission") else None
     )
     if strength is None:
-        notes.append(
-            f"world: the node {node.name} ({node.bl_idname}) or its strength is not supported; the world is dark"
-        )
+        notes.append(f"world: the node {title(node)} or its strength is not supported; the world is dark")
         return {}
     color = constant(node.inputs["Color"])
     if color is not None:
@@ -646,9 +768,9 @@ def camera_tables(scene, notes: list) -> tuple:
     width, height = max(int(render.resolution_x * share), 1), max(int(render.resolution_y * share), 1)
     film: dict = {"width": width, "height": height}
     if render.pixel_aspect_x != render.pixel_aspect_y:
-        notes.append("camera: pixels that are not square")
+        notes.append("camera: pixels are square; in Blender they are not")
     if render.use_border:
-        notes.append("camera: the render region; the whole image is rendered")
+        notes.append("camera: the render region is left out; the whole image is rendered")
     if camera is None:
         notes.append("camera: the scene has none; the job frames the whole scene")
         return film, {}, None
@@ -698,7 +820,7 @@ def camera_tables(scene, notes: list) -> tuple:
         if blades >= 3:
             lens |= {"blades": blades, "blade_rotation": degrees(dof.aperture_rotation)}
         if abs(dof.aperture_ratio - 1.0) > 1e-4:
-            notes.append("camera: the ratio of an anamorphic aperture")
+            notes.append("camera: the ratio of an anamorphic aperture is left out")
     return film, lens, camera.name
 
 
@@ -731,21 +853,23 @@ def survey(context):
             continue
         label = f"object {thing.name}"
         if thing.type in ("CURVES", "VOLUME", "POINTCLOUD", "GREASEPENCIL", "GPENCIL", "LIGHT_PROBE"):
-            notes.append(f"{label}: {thing.type.lower()} are not exported")
+            notes.append(f"{label}: it is left out; {thing.type.lower().replace('_', ' ')} objects are not carried")
         for system in getattr(thing, "particle_systems", []):
-            notes.append(f"{label}: particles and hair of {system.name}")
+            notes.append(f"{label}: particles and hair of {system.name} are left out")
         if thing.hide_viewport or not thing.visible_get():
             notes.append(f"{label}: hidden in the viewport; it may be missing")
         linking = getattr(thing, "light_linking", None)
         if linking is not None and (linking.receiver_collection or linking.blocker_collection):
-            notes.append(f"{label}: light linking and shadow linking")
+            notes.append(f"{label}: light linking and shadow linking are left out")
         if thing.type != "LIGHT":
             rays = ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
             hidden = [ray for ray in rays if not getattr(thing, f"visible_{ray}", True)]
             if hidden:
-                notes.append(f"{label}: it is invisible to rays of the kind {', '.join(hidden)}")
+                notes.append(
+                    f"{label}: it is visible to all rays; in Blender not to {', '.join(hidden).replace('_', ' ')} rays"
+                )
             if thing.is_shadow_catcher or thing.is_holdout:
-                notes.append(f"{label}: shadow catcher or holdout")
+                notes.append(f"{label}: it is visible; in Blender it is a shadow catcher or holdout")
         if thing.type in ("MESH", "CURVE", "SURFACE", "FONT", "META"):
             present = [slot.material for slot in thing.material_slots if slot.material is not None]
             closed = None
@@ -759,18 +883,20 @@ def survey(context):
     materials = Materials()
     materials.survey(used, notes)
     lights = lights_of(depsgraph, notes)
-    if lights:
-        notes.append("lights of Blender are invisible to the camera; check whether a light with an extent is in view")
+    extended = [table["name"] for _, table in lights if table["kind"] == "panel" or "diameter" in table]
+    if extended:
+        notes.append(f"lights with an extent are visible to the camera; in Cycles they are not: {', '.join(extended)}")
     if abs(scene.unit_settings.scale_length - 1.0) > 1e-6:
         notes.append(f"the unit scale {scene.unit_settings.scale_length:g}: a unit of Blender is a metre, as in Cycles")
     settings = getattr(scene, "cycles", None)
     if abs(getattr(settings, "film_exposure", 1.0) - 1.0) > 1e-6:
-        notes.append("the exposure of the film; a sensor has an exposure time")
+        notes.append("the exposure of the film is left out; a sensor has an exposure time")
     if scene.render.use_motion_blur:
-        notes.append("motion blur")
+        notes.append("motion blur is left out")
     if scene.render.film_transparent:
-        notes.append("the transparent film: the world is visible")
+        notes.append("the transparent film is left out: the world is visible")
     film, lens, camera = camera_tables(scene, notes)
+    environment_of(scene, "", False, notes)
     return materials, lights, film, lens, camera, notes
 
 
@@ -796,7 +922,7 @@ def export(context, path: str, sensor: str = "imx250", exposure: str = "auto", t
     scene = context.scene
     materials, lights, film, lens, camera, notes = survey(context)
     try:
-        materials.replace(notes)
+        materials.replace()
         result = bpy.ops.export_scene.gltf(
             filepath=stem + ".glb",
             export_format="GLB",
@@ -821,8 +947,6 @@ def export(context, path: str, sensor: str = "imx250", exposure: str = "auto", t
     name = os.path.basename(stem)
     top: dict = {"scene": name + ".glb"} | ({"camera": camera} if camera else {})
     top["seed"] = int(getattr(getattr(scene, "cycles", None), "seed", 0))
-    if materials.scales:
-        notes.append("base colours of plastics are scaled as Cycles scales them, within about 2 %")
     tables = [
         ("import", {"emissive_unit": "W/(m2 sr)"}),
         ("film", film),
@@ -830,7 +954,7 @@ def export(context, path: str, sensor: str = "imx250", exposure: str = "auto", t
         ("budget", {"spp": spp} if spp > 0 else {"time": time}),
         ("sensor", {"model": sensor} | ({"exposure": exposure} if sensor != "none" else {})),
         ("render", {"energy_compensation": True} if materials.is_compensated else {}),
-        ("environment", environment_of(scene, stem, True, notes)),
+        ("environment", environment_of(scene, stem, True, [])),
     ]
     text = job_text(top, tables + materials.tables + lights, notes)
     with open(stem + ".toml", "w", encoding="utf-8", newline="\n") as file:
@@ -839,8 +963,13 @@ def export(context, path: str, sensor: str = "imx250", exposure: str = "auto", t
 
 
 if bpy is not None:
+    import blf
     from bpy.props import IntProperty, StringProperty
     from bpy_extras.io_utils import ExportHelper
+
+    def proposed(self, context, text):
+        """Names of sensors that contain the text."""
+        return [name for name in (*SENSORS, "none") if text.lower() in name]
 
     class DunkelfeldExport(bpy.types.Operator, ExportHelper):
         """Write the scene (.glb) and the job (.toml) of an image of an industrial camera"""
@@ -849,44 +978,88 @@ if bpy is not None:
         bl_label = "Export Dunkelfeld"
         filename_ext = ".toml"
         filter_glob: StringProperty(default="*.toml", options={"HIDDEN"})
-        sensor: StringProperty(name="Sensor", default="imx250", description="Preset of a sensor, or none")
-        exposure: StringProperty(name="Exposure", default="auto", description="Time with its unit, or auto")
-        time: StringProperty(name="Time", default="30s", description="Time of the render, with its unit")
-        spp: IntProperty(name="Samples", default=0, min=0, description="Samples per pixel; 0: the time counts")
+        sensor: StringProperty(
+            name="Sensor",
+            default="imx250",
+            description="Preset of a sensor, a sensor file, or none for an image without a sensor",
+            search=proposed,
+            search_options={"SUGGESTION"},
+        )
+        exposure: StringProperty(
+            name="Exposure", default="auto", description="Exposure time of the sensor, such as 5ms, or auto"
+        )
+        time: StringProperty(
+            name="Render Time", default="30s", description="Time that the render takes, such as 30s or 5min"
+        )
+        spp: IntProperty(
+            name="Samples",
+            default=0,
+            min=0,
+            description="Samples per pixel, in place of the render time; 0: the render time counts",
+        )
         notes: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
         def invoke(self, context, event):
             """Opens the file dialog with the list of the parts that cannot be carried."""
             try:
-                notes = survey(context)[-1]
-                environment_of(context.scene, "", False, notes)
-                self.notes = "\n".join(notes)
+                self.notes = "\n".join(" ".join(note.split()) for note in survey(context)[-1])
             except ValueError as error:
                 self.notes = str(error)
             return ExportHelper.invoke(self, context, event)
 
+        def has_exposure(self):
+            """Is the exposure a time or auto?"""
+            return self.sensor == "none" or self.exposure == "auto" or is_time(self.exposure)
+
+        def has_time(self):
+            """Is the limit of the render a time or a number of samples?"""
+            return self.spp > 0 or is_time(self.time)
+
         def draw(self, context):
             """The settings and the list."""
-            for name in ("sensor", "exposure", "time", "spp"):
-                self.layout.prop(self, name)
-            box = self.layout.box()
+            layout = self.layout
+            layout.use_property_split, layout.use_property_decorate = True, False
+            rows = layout.column()
+            row = rows.row()
+            row.alert = self.sensor not in (*SENSORS, "none") and not self.sensor.endswith(".toml")
+            row.prop(self, "sensor")
+            row = rows.row()
+            row.active, row.alert = self.sensor != "none", not self.has_exposure()
+            row.prop(self, "exposure")
+            row = rows.row()
+            row.active, row.alert = self.spp == 0, not self.has_time()
+            row.prop(self, "time")
+            rows.prop(self, "spp")
+            preferences = context.preferences
+            scale = preferences.system.ui_scale
+            blf.size(0, preferences.ui_styles[0].widget.points * scale)
+            # Without the margins, the frame, and the icon before a note.
+            width = context.region.width - MARGIN * scale
             lines = self.notes.split("\n") if self.notes else []
+            box = layout.box()
             box.label(
                 text="Not carried, or changed" if lines else "The whole scene is carried",
                 icon="ERROR" if lines else "CHECKMARK",
             )
             for line in lines:
-                box.label(text=line)
+                column = box.column(align=True)
+                column.scale_y = 0.8
+                for i, part in enumerate(wrapped(line, width, lambda text: blf.dimensions(0, text)[0])):
+                    column.label(text=part, icon="BLANK1" if i else "DOT")
 
         def execute(self, context):
             """Exports, and reports the list."""
             try:
+                if not self.has_exposure():
+                    raise ValueError(f"the exposure {self.exposure!r} is no time: write a time such as 5ms, or auto")
+                if not self.has_time():
+                    raise ValueError(f"the render time {self.time!r} is no time: write a time such as 30s or 5min")
                 notes = export(context, self.filepath, self.sensor, self.exposure, self.time, self.spp)
             except (ValueError, RuntimeError, OSError) as error:
                 self.report({"ERROR"}, str(error))
                 return {"CANCELLED"}
             for note in notes:
-                self.report({"WARNING"}, "not carried: " + note)
+                self.report({"WARNING"}, "not carried, or changed: " + note)
             return {"FINISHED"}
 
     def menu(self, context):

@@ -5,6 +5,7 @@
 
 import json
 import math
+import re
 import struct
 import sys
 import tempfile
@@ -168,6 +169,92 @@ class Conversions(unittest.TestCase):
         self.assertEqual(third["pbrMetallicRoughness"]["baseColorFactor"], [0.8, 0.8, 0.8, 1.0])
         self.assertEqual(first["pbrMetallicRoughness"]["baseColorFactor"], [0.25, 0.2, 0.1, 0.9])
         self.assertTrue(second["doubleSided"])
+
+    def test_times_of_a_job(self):
+        """Numbers with units, several of them, or one number of seconds; nothing else, and nothing of length 0."""
+        for text in ("5ms", "1min 30s", "1min30s", "5 ms", "1e-3s", "0.5h", ".5s", "30", " 2us "):
+            self.assertTrue(export.is_time(text), text)
+        for text in ("", "auto", "5m", "5MS", "1min 30", "0s", "-5ms", "nan", "5ms x", "s", "1e"):
+            self.assertFalse(export.is_time(text), text)
+
+    def test_lines_of_the_dialog(self):
+        """Words stay whole if they fit, all characters remain, and no line is wider than the panel."""
+        text = "material a_very_long_name_of_a_part: Base Color is left out"
+        for width in (1, 7, 12, 80):
+            lines = export.wrapped(text, width, len)
+            self.assertLessEqual(max(map(len, lines)), width)
+            self.assertEqual("".join(lines).replace(" ", ""), text.replace(" ", ""))
+        self.assertEqual(export.wrapped("Base Color is left out", 10, len), ["Base Color", "is left", "out"])
+        self.assertEqual(export.wrapped("", 10, len), [""])
+
+    def test_proposed_sensors_are_the_presets(self):
+        """The list of the dialog is that of the program."""
+        presets = Path(__file__).resolve().parents[2] / "crates" / "sensor" / "src" / "presets.rs"
+        self.assertEqual(list(export.SENSORS), re.findall(r'\("([^"]+)", include_str', presets.read_text()))
+
+
+def socket(name="", node=None, value=0.5, output="Color"):
+    """An input of a node, with a link from a node or a value."""
+    links = [SimpleNamespace(from_node=node, from_socket=SimpleNamespace(name=output))] if node else []
+    return SimpleNamespace(name=name, is_linked=bool(node), links=links, default_value=value)
+
+
+def node(kind, label, inputs=(), **settings):
+    """A node of a material."""
+    return SimpleNamespace(bl_idname=f"ShaderNode{kind}", bl_label=label, name=label, inputs=Inputs(inputs), **settings)
+
+
+class Inputs(list):
+    """The inputs of a node, by number or name."""
+
+    def __getitem__(self, key):
+        return next(i for i in self if i.name == key) if isinstance(key, str) else super().__getitem__(key)
+
+    def __contains__(self, key):
+        return any(i.name == key for i in self)
+
+
+class Textures(unittest.TestCase):
+    """Nodes that glTF does not have are in the list."""
+
+    def notes(self, end, name="Base Color"):
+        """The notes on a texture of an input."""
+        found = []
+        export.texture_notes(name, socket(name, end), found)
+        return found
+
+    def image(self, way=None, output="UV", projection="FLAT"):
+        """An image texture with coordinates."""
+        return node("TexImage", "Image Texture", [socket("Vector", way, output=output)], projection=projection)
+
+    def test_images_are_carried(self):
+        """Alone, with texture coordinates, and times a constant."""
+        uv = self.image(node("TexCoord", "Texture Coordinate"))
+        mapped = self.image(
+            node("Mapping", "Mapping", [socket("Vector", node("TexCoord", "Texture Coordinate"), output="UV")])
+        )
+        inputs = [socket("Factor", value=1.0), socket("A", self.image()), socket("B", value=(0.5, 0.5, 0.5, 1.0))]
+        product = node("Mix", "Mix", inputs, blend_type="MULTIPLY")
+        for end in (self.image(), uv, mapped, product):
+            self.assertEqual(self.notes(end), [])
+        half = node("Math", "Math", [socket("Value", self.image()), socket("Value")], operation="MULTIPLY")
+        self.assertEqual(self.notes(half, "Roughness"), [])
+
+    def test_other_nodes_are_listed(self):
+        """Procedural textures, nodes after an image, other coordinates and projections, inputs without textures."""
+        self.assertIn("Noise Texture", self.notes(node("TexNoise", "Noise Texture"))[0])
+        ramp = node("ValToRGB", "Color Ramp", [socket("Fac", self.image())])
+        self.assertIn("Color Ramp", self.notes(ramp)[0])
+        partly = [socket("Factor", value=0.3), socket("A", self.image()), socket("B", value=(0.5, 0.5, 0.5, 1.0))]
+        self.assertIn("Mix", self.notes(node("Mix", "Mix", partly, blend_type="MULTIPLY"))[0])
+        self.assertIn(
+            "Texture Coordinate", self.notes(self.image(node("TexCoord", "Texture Coordinate"), "Generated"))[0]
+        )
+        self.assertIn("box projection", self.notes(self.image(projection="BOX"))[0])
+        self.assertIn("IOR", self.notes(self.image(), "IOR")[0])
+        sum_node = node("Math", "Math", [socket("Value", self.image()), socket("Value")], operation="ADD")
+        self.assertEqual(len(self.notes(sum_node, "Roughness")), 1)
+        self.assertEqual(self.notes(sum_node, "Alpha"), [])
 
 
 if __name__ == "__main__":
