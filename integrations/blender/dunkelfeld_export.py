@@ -642,6 +642,11 @@ def light_table(name: str, light, matrix, notes: list) -> dict:
     return table | {"intensity": intensity}
 
 
+def has_extent(table: dict) -> bool:
+    """Can a camera have an image of the light of this table?"""
+    return table["kind"] == "panel" or "diameter" in table or table.get("angle", degrees(0.0)) != degrees(0.0)
+
+
 def lights_of(depsgraph, notes: list) -> list:
     """The lights of the scene, those of instances too, as tables of the job."""
     tables, names = [], set()
@@ -883,7 +888,7 @@ def survey(context):
     materials = Materials()
     materials.survey(used, notes)
     lights = lights_of(depsgraph, notes)
-    extended = [table["name"] for _, table in lights if table["kind"] == "panel" or "diameter" in table]
+    extended = [table["name"] for _, table in lights if has_extent(table)]
     if extended:
         notes.append(f"lights with an extent are visible to the camera; in Cycles they are not: {', '.join(extended)}")
     if abs(scene.unit_settings.scale_length - 1.0) > 1e-6:

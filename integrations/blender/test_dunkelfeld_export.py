@@ -130,6 +130,12 @@ class Lights(unittest.TestCase):
         sun = export.light_table("a", light("SUN", normalize=False), matrix(), [])
         self.assertAlmostEqual(sun["irradiance"][0], 8.0 * math.pi * math.sin(0.05) ** 2)
 
+    def test_lights_with_an_extent(self):
+        """A point without a radius and a sun without an angle are invisible."""
+        found = [name for name, table in tables().items() if not export.has_extent(table)]
+        self.assertEqual(found, ["small point"])
+        self.assertFalse(export.has_extent(export.light_table("a", light("SUN", angle=0.0), matrix(), [])))
+
     def test_a_light_without_extent_in_one_axis_is_left_out(self):
         """A scale of 0 gives no division by zero, but a note."""
         notes = []
