@@ -191,8 +191,12 @@ impl Worker {
     pub(crate) fn prepare(&mut self, index: u64, seconds: f64) -> Result<Prepared<'_>, Error> {
         let mut job = self.study.job(index)?;
         self.change_scene(index, &mut job)?;
+        // A budget that a program sets outlives a change of the job; an image without a time has that of its job.
+        let budget = self.project.settings.budget;
         self.choose_settings(Some(seconds));
-        let settings = self.project.fitted().map_err(|e| in_study(&self.study, e, index))?;
+        let fitted = self.project.fitted();
+        self.project.settings.budget = budget;
+        let settings = fitted.map_err(|e| in_study(&self.study, e, index))?;
         Ok(Prepared { settings, session: self.session.clone(), scene: &self.project.scene })
     }
 
