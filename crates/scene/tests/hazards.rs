@@ -8,6 +8,7 @@ use dunkelfeld_scene::{
     BuildReport, Camera, ColorEncoding, Image, ImageId, LineScan, Material, Projection, PunctualKind, PunctualLight,
     SceneBuilder, Shutter, Surface, Texels, Texture, Volume, look_at,
 };
+use std::f32::consts::{PI, TAU};
 
 fn opaque(name: &str) -> Material {
     Material { name: name.into(), ..Material::default() }
@@ -370,6 +371,28 @@ fn lights_that_face_away_from_everything_are_hazards() {
     assert_eq!(spot(DVec3::ZERO), Vec::<String>::new());
     let found = spot(DVec3::new(3.0, 0.0, 0.0));
     assert!(found.len() == 1 && found[0].starts_with("light \"spot\": no object is in its cone"), "{found:?}");
+}
+
+/// A sphere whose triangles are in columns from pole to pole. It lights the table below, as most other bodies do.
+#[test]
+fn a_lamp_that_shines_in_all_directions_does_not_face_away() {
+    let (rows, columns) = (23, 48);
+    let at = |row: usize, column: usize| {
+        let (theta, phi) = (PI * row as f32 / rows as f32, TAU * column as f32 / columns as f32);
+        Vec3::new(1.5 + 0.1 * theta.sin() * phi.cos(), 0.1 * theta.sin() * phi.sin(), 3.0 + 0.1 * theta.cos())
+    };
+    let mut mesh = Mesh::default();
+    for (column, row) in (0..columns).flat_map(|column| (0..rows).map(move |row| (column, row))) {
+        let [a, b, c, d] = [at(row, column), at(row + 1, column), at(row + 1, column + 1), at(row, column + 1)];
+        for triangle in [[a, b, c], [a, c, d]] {
+            let first = mesh.positions.len() as u32;
+            mesh.positions.extend(triangle);
+            mesh.triangles.push([first, first + 1, first + 2]);
+        }
+    }
+    let mut b = table();
+    b.add_object("bulb", mesh, 1);
+    assert_eq!(averted(b), Vec::<String>::new());
 }
 
 #[test]

@@ -33,14 +33,17 @@ pub(super) fn check(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
 /// Points in the middle of triangles of an emitting part, with the normals of their fronts.
 pub(super) fn points(scene: &Scene, part: &Part) -> Vec<(Vec3, Vec3)> {
     let mesh = &scene.meshes[part.mesh as usize];
-    let every = mesh.triangles.len().div_ceil(POINTS).max(1);
+    let triangles = mesh.triangles.len();
+    // Multiples of the golden ratio: the triangles of a body of revolution repeat, and equal steps could find one ring of it.
+    let golden = |i: usize| ((0.618_034 * i as f64).fract() * triangles as f64) as usize;
+    let chosen = (0..triangles.min(POINTS)).map(|i| if triangles <= POINTS { i } else { golden(i) });
     let point = |t: usize| {
         let own = mesh.corners(t);
         let [a, b, c] = own.map(|p| part.transform.as_ref().map_or(p, |transform| transform.point(p)));
         let normal = geometric_normal(&own);
         ((a + b + c) / 3.0, part.transform.as_ref().map_or(normal, |transform| transform.normal(normal)))
     };
-    (0..mesh.triangles.len()).step_by(every).map(point).collect()
+    chosen.map(point).collect()
 }
 
 /// Does a part emit from its front only? An unlit surface is no lamp.
