@@ -3,8 +3,7 @@
 //! Each binary node has the least cost of a forest of at most 1, 2, .. 7 wide subtrees, from the costs of its children. The
 //! children of a wide node are the best forest of eight below its binary node.
 
-use super::LEAF_COST;
-use super::split::{Binary, BinaryNode, Reference};
+use super::split::{Binary, BinaryNode, LEAF_COST, Reference};
 use crate::simd8::WIDTH;
 use crate::tree::{LEAF, MAX_DEPTH, NONE, Node};
 

@@ -23,8 +23,6 @@ use collapse::Collapse;
 use reinsertion::reinsert_largest;
 use split::{Reference, Splitter};
 
-/// Cost of a leaf in units of one node. A block of eight triangles takes about a fifth longer than eight boxes.
-const LEAF_COST: f32 = 1.2;
 /// Maximum number of levels of the binary tree at first. Trees of ordinary scenes have 20 to 50.
 const LEVELS: usize = 96;
 
