@@ -205,6 +205,10 @@ impl Pilot {
         part.training_paths = Some((f64::from(training) * area / pixels) as u32);
         let own = Cancel::new();
         let began = Instant::now();
+        // A render that is short looks at its clock too late.
+        if round.limit <= 0.0 {
+            own.cancel();
+        }
         let guard = Guard { began, limit: round.limit, outer: cancel, own: &own };
         let session = session.with_start(began).with_progress(&guard).with_cancel(&own);
         let rendering = render(scene, &part, &session)?;

@@ -47,7 +47,8 @@ fn build_tree_for(level: Level, boxes: &[Aabb], leaf_size: usize, mut make_leaf:
         collapsed = Collapse::new(&binary, &references, leaf_size);
         collapsed.emit();
     }
-    let Collapse { nodes, leaves, root, .. } = collapsed;
+    let Collapse { mut nodes, leaves, root, .. } = collapsed;
+    nodes.shrink_to_fit();
     let mut tree = Tree { nodes, root, bounds: Aabb::EMPTY };
     let filled: Vec<(u32, Aabb)> = leaves
         .iter()
