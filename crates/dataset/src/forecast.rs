@@ -206,7 +206,7 @@ impl Pilot {
         let own = Cancel::new();
         let began = Instant::now();
         // A render that is short looks at its clock too late.
-        if round.limit <= 0.0 {
+        if round.limit <= 0.0 || cancel.is_cancelled() {
             own.cancel();
         }
         let guard = Guard { began, limit: round.limit, outer: cancel, own: &own };
