@@ -30,6 +30,9 @@ impl Origin {
 /// Denoised means [W/(m² sr)], one for each film of a picture.
 pub(crate) type Means = Vec<Plane<[f32; 3]>>;
 
+/// Results with their films and keys.
+type Kept<K, T> = Vec<(Origin, K, Arc<T>)>;
+
 /// A result, and whether it is that of the films and the camera that were asked for.
 #[derive(Debug)]
 pub(crate) struct Found<T> {
@@ -59,8 +62,9 @@ impl Readiness {
 /// The results that are kept, the newest one last.
 #[derive(Debug, Default)]
 pub(crate) struct Prepared {
-    noise: Mutex<Vec<(Origin, Camera, Arc<ImageNoise>)>>,
-    denoised: Mutex<Vec<(Origin, Vec<Denoise>, Arc<Means>)>>,
+    noise: Mutex<Kept<Camera, ImageNoise>>,
+    /// With the methods that lead to them.
+    denoised: Mutex<Kept<Vec<Denoise>, Means>>,
     count: AtomicU64,
 }
 
@@ -103,7 +107,7 @@ fn newest<K, T>(kept: &[(Origin, K, Arc<T>)], snapshot: &Snapshot, is_wanted: im
 }
 
 /// Adds a result. It replaces an earlier one with the same key, those of other scenes, and the oldest one of many.
-fn add<K: PartialEq, T>(kept: &mut Vec<(Origin, K, Arc<T>)>, new: (Origin, K, Arc<T>)) {
+fn add<K: PartialEq, T>(kept: &mut Kept<K, T>, new: (Origin, K, Arc<T>)) {
     // A result of an earlier scene comes too late.
     if kept.iter().any(|(of, ..)| of.scene > new.0.scene) {
         return;
