@@ -3,7 +3,7 @@
 use crate::commands::expose::{ExposeSettings, check};
 use crate::exr_image::ExrImage;
 use crate::frame::{Frame, Picture, SensorFrame};
-use crate::image_noise::{FilmPart, ImageNoise};
+use crate::image_noise::{FilmPart, ImageNoise, check_films};
 use crate::noise_compensation::{CompensationInputs, Matched};
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::Seconds;
@@ -384,20 +384,6 @@ pub struct FilmVariances {
     seconds: f64,
     /// Infinite where it is unknown.
     variance: Plane<f32>,
-}
-
-/// Checks films that are added: sizes \[pixels\] and factors.
-pub(crate) fn check_films(size: [u32; 2], films: impl Iterator<Item = ([u32; 2], f64)>) -> Result<(), Error> {
-    for (of_film, factor) in films {
-        if of_film != size {
-            let problem = format!("a film has {of_film:?} pixels, another one {size:?}");
-            return Err(Error::setting("films", problem, "add films of one size"));
-        }
-        if !(factor.is_finite() && factor >= 0.0) {
-            return Err(Error::setting("films", format!("the factor {factor} is out of range"), "use 0 or more"));
-        }
-    }
-    Ok(())
 }
 
 /// Transmission of a thin lens in each pixel, relative to its axis.

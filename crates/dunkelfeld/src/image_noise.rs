@@ -1,6 +1,5 @@
 //! The noise of an image for matched exposure: analysed once, and converted for other cameras and numbers of samples.
 
-use crate::exposer::check_films;
 use crate::noise_compensation::CompensationInputs;
 use dunkelfeld_film::Plane;
 use dunkelfeld_render::Error;
@@ -68,6 +67,20 @@ impl FilmPart {
         });
         inputs
     }
+}
+
+/// Checks films that are added: sizes \[pixels\] and factors.
+pub(crate) fn check_films(size: [u32; 2], films: impl Iterator<Item = ([u32; 2], f64)>) -> Result<(), Error> {
+    for (of_film, factor) in films {
+        if of_film != size {
+            let problem = format!("a film has {of_film:?} pixels, another one {size:?}");
+            return Err(Error::setting("films", problem, "add films of one size"));
+        }
+        if !(factor.is_finite() && factor >= 0.0) {
+            return Err(Error::setting("films", format!("the factor {factor} is out of range"), "use 0 or more"));
+        }
+    }
+    Ok(())
 }
 
 fn size_of<T>(plane: &Plane<T>) -> [u32; 2] {

@@ -2,8 +2,9 @@
 //! the lights is the sum of the means times the factors, and its variance is the sum of the variances times their squares.
 
 use crate::commands::expose::ExposeSettings;
-use crate::exposer::{Exposer, check_films, through_lens};
+use crate::exposer::{Exposer, through_lens};
 use crate::frame::{Frame, develop};
+use crate::image_noise::check_films;
 use crate::outputs::{layer_attributes, layers_of_band, plane};
 use dunkelfeld_film::{Film, PixelSums, Plane};
 use dunkelfeld_io::exr::{Channel, ExrLayers};

@@ -19,6 +19,7 @@ mod fault;
 mod hidden_shares;
 mod light_films;
 mod light_sum;
+mod locks;
 mod measure;
 mod outlook;
 mod panics;

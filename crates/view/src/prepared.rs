@@ -1,8 +1,8 @@
 //! Results of films that take longer than an answer may: the noise for matched exposure, and denoised means. They are
 //! kept, so that other cameras and newer films of the same scene can use them until theirs are ready.
 
+use crate::locks::lock;
 use crate::protocol::{Camera, Denoise};
-use crate::shared::lock;
 use crate::snapshot::Snapshot;
 use dunkelfeld::ImageNoise;
 use dunkelfeld::film::Plane;

@@ -2,6 +2,7 @@
 
 use crate::ablation::Ablations;
 use crate::developed::{OWN_SENSOR, Sensors};
+pub(crate) use crate::locks::lock;
 use crate::outlook::{MAX_SPP, from_measured, seconds_at, within_view};
 use crate::protocol::{
     Activity, Camera, CertificateState, CurvePoint, Denoise, EffectState, Fault, FilmState, ForecastPoint,
@@ -16,7 +17,7 @@ use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{Cancel, FilmInProgress, LightFilmsMemory, RenderSettings, SensorChoice, Session};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Instant, SystemTime};
 use tokio::sync::watch;
 
@@ -24,11 +25,6 @@ use tokio::sync::watch;
 const DEFAULT_TARGET: f64 = 0.5;
 /// The most points of a measured curve.
 const MAX_CURVE: usize = 400;
-
-/// Locks a state. A thread that failed with the lock leaves plain data behind, which stay usable.
-pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 /// What the view shows.
 #[derive(Clone, Debug)]

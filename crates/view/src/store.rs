@@ -1,9 +1,9 @@
 //! The films behind cameras that pages have asked for last.
 
 use crate::developed::{Accept, Developed};
+use crate::locks::lock;
 use crate::prepared::{Prepared, Readiness};
 use crate::protocol::{Camera, Denoise, Fault};
-use crate::shared::lock;
 use crate::snapshot::Snapshot;
 use dunkelfeld::Session;
 use std::sync::{Arc, Mutex};
