@@ -91,14 +91,17 @@ def quantiles(values):
     return statistics.median(values), values[min(len(values) - 1, int(0.95 * len(values)))]
 
 
-def knobs(page, count, is_film):
-    """Latencies [ms] of the knobs on the page: median and 95 %. Only a film of samples can be denoised."""
+def knobs(page, count, is_film, is_running):
+    """Latencies [ms] of the knobs on the page: median and 95 %. Only a film of samples can be denoised.
+
+    While a render runs there is always a newer film than that of the last analysis.
+    """
     exposures = [("exposure-value", f"{3 + 0.1 * i:.1f} ms") for i in range(count)]
     devices = [("device", str(i + 11)) for i in range(count)]
     # Settings, the name of the knob, and its changes.
     changes = [
         ({}, "exposure", exposures),
-        ({}, "gain", [("gain-value", str(1 + 0.05 * i)) for i in range(count)]),
+        ({}, "gain", [("gain-value", f"{1.05 + 0.05 * i:.2f}") for i in range(count)]),
         ({}, "device", devices),
         ({}, "black level", [("black-level", str(10 + i)) for i in range(count)]),
         ({}, "sensor", [("sensor", ["imx174", "imx250"][i % 2]) for i in range(count)]),
@@ -119,17 +122,17 @@ def knobs(page, count, is_film):
             page.set(*setting)
         title = ", ".join([name, *(f"with {key} {value}" for key, value in settings.items())])
         found[title] = quantiles([page.driver.execute_async_script(CHANGE, *step) for step in steps])
-        if settings:
+        if settings and not is_running:
             began = time.monotonic()
-            page.wait(lambda: not page.frame()["header"]["provisional"], "the analysis")
+            page.wait(lambda: not page.js("return window.dunkelfeld.frame().header.provisional"), "the analysis")
             found[f"{title}: exact after the last change"] = (1e3 * (time.monotonic() - began),) * 2
         page.set("noise", "plain")
         page.set("denoise", "off")
     return found
 
 
-def show_knobs(page, is_film):
-    for name, (median, high) in knobs(page, 20, is_film).items():
+def show_knobs(page, is_film=True, is_running=False):
+    for name, (median, high) in knobs(page, 20, is_film, is_running).items():
         print(f"  {name}: median {median:.0f} ms, 95 % {high:.0f} ms", flush=True)
 
 
@@ -240,7 +243,7 @@ def main():
                         page = shown(driver, view)
                         print(f"{width} x {height}, render {state}: live view {frame_rate(page, 8):.1f} frames/s")
                         if width == 1024:
-                            show_knobs(page, True)
+                            show_knobs(page, is_running=state == "running")
                     if width == 1024:
                         body = {"what": ["exr"], "name": "knobs", "camera": view.camera(), "frame": 0}
                         view.post("save", body)
@@ -251,7 +254,7 @@ def main():
             try:
                 view.wait(lambda state: state["prepared"] >= 1, "the analysis")
                 print("1024 x 1024, an EXR")
-                show_knobs(shown(driver, view), False)
+                show_knobs(shown(driver, view), is_film=False)
                 driver.get("about:blank")
             finally:
                 view.close()
