@@ -139,6 +139,20 @@ def test_the_lens_of_an_exr(view, tmp_path):
     assert any("f/4" in note["text"] and "--f-number" in note["help"] for note in assumed)
 
 
+def test_matched_noise_of_an_exr_with_binned_pixels(view, tmp_path):
+    job = station(width=64, height=48).replace("height = 48", "height = 48\nbinning = 2")
+    (tmp_path / "binned.toml").write_text(job)
+    run("render", "binned.toml", "--spp", "24", "-o", "binned.png", "--exr", "binned.exr", cwd=tmp_path)
+    running = view(tmp_path / "binned.exr")
+    for exposure in ["0.5ms", "4ms"]:
+        changes = {"noise": "matched", "exposure": float(exposure[:-2]) / 1000, "device": 5}
+        _, values = running.frame(**changes)
+        flags = ["--exposure-noise", "matched", "--exposure", exposure, "--seed", "5", "--linear", "frame.tif"]
+        run("expose", "binned.exr", *flags, cwd=tmp_path)
+        assert np.array_equal(values, grey_values(tmp_path / "frame.tif")), exposure
+        (tmp_path / "frame.tif").unlink()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

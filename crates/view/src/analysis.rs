@@ -16,7 +16,10 @@ use std::time::{Duration, Instant};
 const SHARE: f64 = 0.04;
 /// The same while a page shows a picture that waits for the analysis.
 const SHARE_IF_WANTED: f64 = 0.2;
-/// The longest pause after an analysis \[s\].
+/// The same while nothing renders: pages that show different cameras ask for analyses in turns.
+const SHARE_WITHOUT_RENDER: f64 = 0.5;
+/// The shortest and the longest pause after an analysis \[s\].
+const MIN_PAUSE: f64 = 0.05;
 const MAX_PAUSE: f64 = 20.0;
 /// Noise and denoised mean that no page asks for are computed once in a render, after this time of it \[s\].
 const PREPARED_AFTER: f64 = 5.0;
@@ -131,15 +134,17 @@ fn compute(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
 
 /// Waits after an analysis that took so many seconds on all threads, so that the render has the other time.
 fn pause(shared: &Shared, camera: &Camera, seconds: f64) {
+    let is_running = lock(&shared.live).render.state == Activity::Running;
     let is_wanted = camera.noise == Noise::Matched || camera.denoise != Denoise::Off;
-    let share = if is_wanted { SHARE_IF_WANTED } else { SHARE };
-    if lock(&shared.live).render.state != Activity::Running {
-        return;
-    }
-    let pause = Duration::from_secs_f64((seconds / share * 0.5).min(MAX_PAUSE));
+    let share = match (is_running, is_wanted) {
+        (false, _) => SHARE_WITHOUT_RENDER,
+        (true, true) => SHARE_IF_WANTED,
+        (true, false) => SHARE,
+    };
+    let pause = Duration::from_secs_f64((seconds / share * 0.5).clamp(MIN_PAUSE, MAX_PAUSE));
     let control = lock(&shared.control);
     if !control.quit {
-        let waits = |c: &mut crate::shared::Control| !(c.quit || c.is_paused || c.is_analysis_awaited);
+        let waits = |c: &mut crate::shared::Control| !(c.quit || (is_running && c.is_paused) || c.is_analysis_awaited);
         drop(shared.wake.wait_timeout_while(control, pause, waits));
     }
 }

@@ -145,14 +145,14 @@ impl Developed {
             prepared: count,
         };
         if let Some(model) = model {
-            let exposer = developed.expose(model)?;
+            let exposer = developed.expose(model.clone())?;
             // The remaining noise of a denoised image is unknown.
             let is_matched = camera.noise == Noise::Matched && developed.denoised.is_none();
             developed.exposer = Some(match is_matched {
                 false => exposer,
                 true => {
                     let found = prepared.noise(&developed.snapshot, camera);
-                    let noise = usable(found, accept, || developed.noise(&exposer, prepared))?;
+                    let noise = usable(found, accept, || developed.noise(model, &exposer, prepared))?;
                     is_exact &= noise.is_exact;
                     developed.snapshot.matched(exposer, &noise.result, &developed.factors)?
                 }
@@ -163,10 +163,11 @@ impl Developed {
     }
 
     /// Analyses the noise of the films behind this camera.
-    fn noise(&self, exposer: &Exposer, prepared: &Prepared) -> Result<Arc<ImageNoise>, Fault> {
+    fn noise(&self, model: SensorModel, exposer: &Exposer, prepared: &Prepared) -> Result<Arc<ImageNoise>, Fault> {
         let noise = match &self.snapshot.content {
             Content::Exr(image) => {
-                let mut settings = self.settings(exposer.model().clone())?;
+                // The model of the exposer has the binning of the file already.
+                let mut settings = self.settings(model)?;
                 settings.exposure = Some(exposer.exposure());
                 image.image_noise(&settings)?
             }
