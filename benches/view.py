@@ -10,6 +10,7 @@ It starts the program on scenes/inspection/inspection.toml, with the page in a h
 import argparse
 import io
 import json
+import math
 import statistics
 import sys
 import tempfile
@@ -26,6 +27,8 @@ from page import Page
 from program import ROOT, View
 
 SCENE = ROOT / "scenes" / "inspection"
+# Changes of a knob.
+CHANGES = 40
 # Samples per pixel of the pictures.
 PICTURE_SPP = 128
 # The time from a change on the page to the painted picture with it. Without a change of the knobs there is no such picture.
@@ -87,8 +90,9 @@ def first_picture(folder):
 
 
 def quantiles(values):
+    """Median and 95 % quantile: the smallest value that 95 % of the values do not exceed."""
     values = sorted(values)
-    return statistics.median(values), values[min(len(values) - 1, int(0.95 * len(values)))]
+    return statistics.median(values), values[math.ceil(0.95 * len(values)) - 1]
 
 
 def knobs(page, count, is_film, is_running):
@@ -124,7 +128,7 @@ def knobs(page, count, is_film, is_running):
         found[title] = quantiles([page.driver.execute_async_script(CHANGE, *step) for step in steps])
         if settings and not is_running:
             began = time.monotonic()
-            page.wait(lambda: not page.js("return window.dunkelfeld.frame().header.provisional"), "the analysis")
+            page.wait(lambda: page.js("return window.dunkelfeld.frame().header.analysis") == "exact", "the analysis")
             found[f"{title}: exact after the last change"] = (1e3 * (time.monotonic() - began),) * 2
         page.set("noise", "plain")
         page.set("denoise", "off")
@@ -132,8 +136,20 @@ def knobs(page, count, is_film, is_running):
 
 
 def show_knobs(page, is_film=True, is_running=False):
-    for name, (median, high) in knobs(page, 20, is_film, is_running).items():
+    for name, (median, high) in knobs(page, CHANGES, is_film, is_running).items():
         print(f"  {name}: median {median:.0f} ms, 95 % {high:.0f} ms", flush=True)
+
+
+def show_first_changes(page):
+    """Knobs that need an analysis, before the first analysis of a scene."""
+    for knob, value, off in [("noise", "matched", "plain"), ("denoise", "auto", "off")]:
+        latency = page.driver.execute_async_script(CHANGE, knob, value)
+        readiness = page.js("return window.dunkelfeld.frame().header.analysis")
+        began = time.monotonic()
+        page.wait(lambda: page.js("return window.dunkelfeld.frame().header.analysis") != "none", "an analysis")
+        seconds = time.monotonic() - began
+        print(f"  first {knob} {value}: {latency:.0f} ms (analysis: {readiness}), with an analysis after {seconds:.1f} s")
+        page.set(knob, off)
 
 
 def frame_rate(page, seconds):
@@ -236,6 +252,8 @@ def main():
             for width, height in [(1024, 1024), (2592, 1944)]:
                 view = View(job(folder, width, height), folder=folder)
                 try:
+                    print(f"{width} x {height}, at the beginning")
+                    show_first_changes(shown(driver, view))
                     view.wait(lambda state: state["prepared"] >= 2, "the analyses")
                     for state in ["running", "paused"]:
                         if state == "paused":

@@ -49,7 +49,7 @@ class MockView:
             "mute": options.mute,
             "no_picture": False,
             "regions": None,
-            "provisional": False,
+            "analysis": "exact",
             "prepared": 0,
         }
         self.begin, self.paused_at, self.film_offset = time.time(), 0.0, 0
@@ -286,7 +286,7 @@ class MockView:
             "no_light": False,
             "saturated": float(np.mean(shot["dn"] >= shot["white"])),
             "matched": shot["matched"],
-            "provisional": self.settings["provisional"],
+            "analysis": self.settings["analysis"],
             "mean_value": float(shot["dn"].mean()),
             "mean_electrons": float(shot["electrons"].mean()),
             "compute": time.time() - begin,

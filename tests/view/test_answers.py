@@ -53,19 +53,19 @@ def test_noise_and_denoised_mean_are_prepared(view):
     assert running.frame(noise="matched", exact=False)[0]["matched"] is not None
     for changes in [{"noise": "matched"}, {"denoise": "builtin"}, {"denoise": "auto"}]:
         header, exact = running.frame(device=9, **changes)
-        assert not header["provisional"]
+        assert header["analysis"] == "exact"
         # The analysis of one device is that of the others.
         again, values = running.frame(device=9, exact=False, **changes)
-        assert not again["provisional"] and np.array_equal(values, exact)
+        assert again["analysis"] == "exact" and np.array_equal(values, exact)
     # Another exposure has another analysis, which replaces the converted one.
     changes = {"noise": "matched", "exposure": 0.002}
     first, converted = running.frame(exact=False, **changes)
     exact = running.frame(**changes)[1]
-    if first["provisional"]:
+    if first["analysis"] == "earlier":
         plain = running.frame(noise="plain", exposure=0.002)[1].astype(float)
         assert np.mean((converted - exact.astype(float)) ** 2) < 0.5 * np.mean((plain - exact) ** 2)
     header, values = running.frame(exact=False, **changes)
-    assert not header["provisional"] and np.array_equal(values, exact)
+    assert header["analysis"] == "exact" and np.array_equal(values, exact)
 
 
 def test_the_picture_of_a_pause_is_the_film_that_is_saved(view, tmp_path):

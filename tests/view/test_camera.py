@@ -32,7 +32,7 @@ def film(stored, tmp_path, view):
 
 
 def values_of(page, width=96, height=72):
-    page.wait(lambda: not page.frame()["header"]["provisional"], "the analysis of this picture")
+    page.wait(lambda: page.frame()["header"]["analysis"] == "exact", "the analysis of this picture")
     frame = page.frame()
     assert frame["header"]["format"] == "gray16"
     return frame["header"], np.array(frame["values"], np.uint16).reshape(height, width)
@@ -259,6 +259,7 @@ def test_refused_knobs_keep_the_picture(film, open_page):
     page.set("denoise", "oidn")
     assert page.text("problems") != "" and page.frame()["values"] == before
     page.set("denoise", "builtin")
+    page.wait(lambda: page.frame()["header"]["analysis"] == "exact", "the denoised picture")
     assert page.text("problems") == "" and page.frame()["values"] != before
     page.click("camera-reset")
     assert page.text("problems") == "" and page.frame()["values"] == before

@@ -171,12 +171,20 @@ def test_provisional_pictures_are_asked_for_again(mock_page):
     page.set("noise", "plain")
     page.settle()
     assert page.text("frame-analysis") == "–"
-    page.mock.settings["provisional"] = True
+    page.mock.settings["analysis"] = "none"
+    page.set("denoise", "auto")
+    page.settle()
+    assert page.text("frame-analysis") == "not ready: not denoised"
+    page.set("denoise", "off")
     page.set("noise", "matched")
+    page.settle()
+    assert page.text("frame-analysis") == "not ready: plain noise"
+    page.mock.settings |= {"analysis": "earlier", "prepared": 0.5}
+    page.wait(lambda: page.text("frame-analysis") == "of an earlier one", "an analysis")
     page.settle()
     asked = len(page.log("/api/frame"))
     assert page.text("frame-analysis") == "of an earlier one"
-    page.mock.settings |= {"provisional": False, "prepared": 1}
+    page.mock.settings |= {"analysis": "exact", "prepared": 1}
     page.wait(lambda: page.text("frame-analysis") == "of this picture", "the newer analysis")
     page.settle()
     assert len(page.log("/api/frame")) == asked + 1

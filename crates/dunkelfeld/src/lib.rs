@@ -88,6 +88,7 @@ pub use sensor_sheet::sensor_sheet;
 pub use stations::{STATIONS, Station};
 pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};
 
+pub use dunkelfeld_denoise::{DenoiseError, Denoiser};
 pub use dunkelfeld_film::NO_ID;
 pub use dunkelfeld_io::job::DEFAULT_SENSOR;
 pub use dunkelfeld_render::film_noise::Certified;

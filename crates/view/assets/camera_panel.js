@@ -248,6 +248,16 @@ function lightRow(store, name, index) {
     element("label", { for: slider.id, title: name }, name), slider, value);
 }
 
+/**
+ * The analysis of a picture with matched noise or the denoiser.
+ * @type {Record<import("./protocol").FrameHeader["analysis"], (store: Store) => string>}
+ */
+const ANALYSES = {
+  exact: () => "of this picture",
+  earlier: () => "of an earlier one",
+  none: (store) => store.camera?.denoise === "off" ? "not ready: plain noise" : "not ready: not denoised",
+};
+
 /** @param {Store} store */
 function showFrame(store) {
   const header = store.frameA?.header;
@@ -268,7 +278,7 @@ function showFrame(store) {
   setText(box("frame-matched"), header.matched === null ? number(null) : percent(header.matched));
   const isAnalysed = store.camera?.noise === "matched" || (store.camera !== null && store.camera.denoise !== "off");
   setText(box("frame-analysis"), !isAnalysed ? number(null)
-    : header.provisional ? "of an earlier one" : "of this picture");
+    : ANALYSES[header.analysis](store));
   setText(box("frame-compute"), quantity(header.compute * 1e3, "ms", 2));
   if (store.camera?.black_level === null && header.format === "gray16") {
     setValue(input("black-level"), String(header.black));

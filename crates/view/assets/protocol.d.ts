@@ -92,7 +92,8 @@ export interface FrameHeader {
   exposure: number | null; no_light: boolean;
   saturated: number; matched: number | null;
   /** Are noise or denoised mean those of an earlier film or another camera? */
-  provisional: boolean;
+  /** Noise or denoised mean of this film and camera, of an earlier one, or missing: plain noise, not denoised. */
+  analysis: "exact" | "earlier" | "none";
   mean_value: number; mean_electrons: number;
   compute: number;
 }

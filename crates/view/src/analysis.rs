@@ -5,8 +5,7 @@ use crate::developed::{Accept, Developed};
 use crate::engine::AFTER_PANIC;
 use crate::hidden_shares::HiddenShares;
 use crate::panics::caught;
-use crate::prepared::Readiness;
-use crate::protocol::{Activity, Camera, CertificateState, CurvePoint, Denoise, Noise};
+use crate::protocol::{Activity, Camera, CertificateState, CurvePoint, Denoise, Noise, Readiness};
 use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, Snapshot};
 use std::sync::{Arc, PoisonError};
@@ -31,8 +30,9 @@ pub(crate) fn run(shared: &Arc<Shared>) {
     while let Some((snapshot, camera)) = next(shared, last.as_ref()) {
         let began = Instant::now();
         let analysed = caught("the analysis of the noise", AFTER_PANIC, || {
+            prepare_shown(shared, &snapshot, &camera);
             certify(shared, &snapshot, &camera.without_noise());
-            prepare(shared, &snapshot, &camera);
+            prepare_others(shared, &snapshot, &camera);
         });
         if let Err(fault) = analysed {
             shared.update(|live| live.error = Some(fault));
@@ -102,34 +102,39 @@ fn certify(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
     shared.notify();
 }
 
-/// Computes the noise for matched exposure and the denoised mean of a film: those that the camera shows, and the others once,
-/// so that the first picture with them does not wait for them.
-fn prepare(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
-    let is_running = lock(&shared.live).render.state == Activity::Running;
-    let is_early = is_running && snapshot.seconds < PREPARED_AFTER;
-    let is_missing = |readiness: Readiness, is_shown: bool| match readiness {
-        Readiness::Exact => false,
-        Readiness::Provisional => is_shown,
-        Readiness::None => is_shown || !is_early,
+/// Computes the noise for matched exposure or the denoised mean of a film that the camera shows.
+fn prepare_shown(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
+    let readiness = match (camera.denoise, camera.noise) {
+        (Denoise::Off, Noise::Matched) if camera.sensor.is_some() => shared.store.noise(snapshot, camera),
+        (Denoise::Off, _) => Readiness::Exact,
+        (method, _) => shared.store.denoised(snapshot, method),
     };
+    if readiness != Readiness::Exact {
+        compute(shared, snapshot, camera);
+    }
+}
+
+/// Computes both if the scene has none yet, so that the first picture with them has them at once.
+fn prepare_others(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
+    let is_running = lock(&shared.live).render.state == Activity::Running;
+    if is_running && snapshot.seconds < PREPARED_AFTER {
+        return;
+    }
     let plain = camera.without_noise();
-    let is_matched = camera.noise == Noise::Matched && camera.denoise == Denoise::Off;
-    if camera.sensor.is_some() && is_missing(shared.store.noise(snapshot, camera), is_matched) {
+    if camera.sensor.is_some() && shared.store.noise(snapshot, camera) == Readiness::None {
         compute(shared, snapshot, &Camera { noise: Noise::Matched, ..plain.clone() });
     }
-    let is_denoised = camera.denoise != Denoise::Off;
-    let method = if is_denoised { camera.denoise } else { Denoise::Auto };
     let can_be_denoised = !matches!(snapshot.content, Content::Exr(_));
-    if can_be_denoised && is_missing(shared.store.denoised(snapshot, method), is_denoised) {
-        compute(shared, snapshot, &Camera { denoise: method, ..plain });
+    if can_be_denoised && shared.store.denoised(snapshot, Denoise::Auto) == Readiness::None {
+        compute(shared, snapshot, &Camera { denoise: Denoise::Auto, ..plain });
     }
 }
 
 /// Computes the results that a camera needs. If that fails, a page that asks for the picture gets the reason.
 fn compute(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
-    if shared.store.find(snapshot, camera, Accept::Exact, &shared.background).is_ok() {
-        shared.notify();
-    }
+    let found = shared.store.find(snapshot, camera, Accept::Exact, &shared.background);
+    shared.store.finish(snapshot, camera, found.map(drop));
+    shared.notify();
 }
 
 /// Waits after an analysis that took so many seconds on all threads, so that the render has the other time.

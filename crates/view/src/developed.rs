@@ -2,14 +2,14 @@
 
 use crate::light_sum;
 use crate::prepared::{Found, Means, Prepared};
-use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Ranges, Tone};
+use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Ranges, Readiness, Tone};
 use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::Plane;
 use dunkelfeld::io::sensor_file::find_sensor;
 use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise, ImageExposure, PRESETS, SensorModel, display};
 use dunkelfeld::{
-    Certified, DenoiseMethod, DenoiseSettings, ExposeSettings, Exposer, ImageNoise, OIDN_VARIABLE, Picture,
+    Certified, DenoiseMethod, DenoiseSettings, Denoiser, ExposeSettings, Exposer, ImageNoise, OIDN_VARIABLE, Picture,
     RenderedFilm, SensorChoice, Session, denoise_film, find_denoiser, through_lens,
 };
 use std::sync::{Arc, OnceLock};
@@ -85,13 +85,12 @@ pub(crate) struct Developed {
     /// The mean that is shown, if it is denoised.
     denoised: Option<Plane<[f32; 3]>>,
     certified: OnceLock<Option<Certified>>,
-    /// Are noise and denoised mean those of this film and camera? Otherwise they are of an earlier film or another camera.
-    is_exact: bool,
+    readiness: Readiness,
     /// [`Prepared::count`] before it was computed.
     prepared: u64,
 }
 
-/// May an answer use the noise or the denoised mean of an earlier film or another camera?
+/// May an answer use the noise or the denoised mean of an earlier film or another camera, or do without them?
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Accept {
     Exact,
@@ -100,6 +99,9 @@ pub(crate) enum Accept {
 
 impl Developed {
     /// Runs on the threads of the session.
+    ///
+    /// # Errors
+    /// Knobs out of range, an unknown sensor, an EXR that is to be denoised, and the reason why an analysis failed.
     pub(crate) fn new(
         snapshot: Arc<Snapshot>,
         camera: &Camera,
@@ -112,14 +114,21 @@ impl Developed {
             false => Some(snapshot.other_transmission()?),
         };
         let factors = snapshot.factors(camera.lights.as_ref())?;
-        let means = match camera.denoise {
-            Denoise::Off => None,
-            method => Some(usable(prepared.denoised(&snapshot, method), accept, || {
-                denoised_means(&snapshot, method, prepared, session)
-            })?),
+        let (means, mut readiness) = match camera.denoise {
+            Denoise::Off => (None, Readiness::Exact),
+            _ if matches!(snapshot.content, Content::Exr(_)) => {
+                return Err(Fault::new("an EXR is shown as it is", "denoise it by `dunkelfeld denoise`"));
+            }
+            method => {
+                let found = prepared.denoised(&snapshot, method);
+                if found.is_none() {
+                    // A denoiser that is not installed is a fault at once.
+                    denoiser(&snapshot, method)?;
+                }
+                usable(found, accept, || denoised_means(&snapshot, method, prepared, session))?
+            }
         };
-        let mut is_exact = means.as_ref().is_none_or(|means| means.is_exact);
-        let denoised = means.map(|means| light_sum::sum(&means.result, &factors)).transpose()?;
+        let denoised = means.map(|means| light_sum::sum(&means, &factors)).transpose()?;
         let sum = match &snapshot.content {
             Content::Lights(films) => Some(light_sum::mean(films, &factors)?),
             Content::Film(_) | Content::Exr(_) => None,
@@ -141,25 +150,26 @@ impl Developed {
             sum,
             denoised,
             certified: OnceLock::new(),
-            is_exact,
+            readiness,
             prepared: count,
         };
         if let Some(model) = model {
             let exposer = developed.expose(model.clone())?;
             // The remaining noise of a denoised image is unknown.
-            let is_matched = camera.noise == Noise::Matched && developed.denoised.is_none();
-            developed.exposer = Some(match is_matched {
-                false => exposer,
-                true => {
-                    let found = prepared.noise(&developed.snapshot, camera);
-                    let noise = usable(found, accept, || developed.noise(model, &exposer, prepared))?;
-                    is_exact &= noise.is_exact;
-                    developed.snapshot.matched(exposer, &noise.result, &developed.factors)?
-                }
+            let mut noise = None;
+            if camera.noise == Noise::Matched && camera.denoise == Denoise::Off {
+                let found = prepared.noise(&developed.snapshot, camera);
+                (noise, readiness) = usable(found, accept, || developed.noise(model, &exposer, prepared))?;
+            }
+            developed.readiness = readiness;
+            developed.exposer = Some(match noise {
+                None => exposer,
+                Some(noise) => developed.snapshot.matched(exposer, &noise, &developed.factors)?,
             });
-            developed.is_exact = is_exact;
         }
-        Ok(developed)
+        // Without an exact result, the reason may be known.
+        let failure = (readiness != Readiness::Exact).then(|| prepared.failure(&developed.snapshot, camera)).flatten();
+        failure.map_or(Ok(developed), Err)
     }
 
     /// Analyses the noise of the films behind this camera.
@@ -233,9 +243,14 @@ impl Developed {
         self.prepared
     }
 
+    /// How far noise and denoised mean are there.
+    pub(crate) fn readiness(&self) -> Readiness {
+        self.readiness
+    }
+
     /// Are noise and denoised mean those of this film and camera?
     pub(crate) fn is_exact(&self) -> bool {
-        self.is_exact
+        self.readiness() == Readiness::Exact
     }
 
     /// The camera.
@@ -307,7 +322,7 @@ impl Developed {
             no_light: false,
             saturated: 0.0,
             matched: None,
-            provisional: !self.is_exact,
+            analysis: self.readiness(),
             mean_value: 0.0,
             mean_electrons: 0.0,
             compute: 0.0,
@@ -419,28 +434,22 @@ fn toned(picture: &[[u8; 3]], tone: Tone) -> Vec<u8> {
     picture.iter().flatten().map(|&code| table[usize::from(code)]).collect()
 }
 
-/// A result that was found, if it may be used, or else one that is computed now.
+/// A result that was found, if it may be used, or else one that is computed now. An answer that may do without it does not
+/// wait for it.
 fn usable<T>(
     found: Option<Found<T>>,
     accept: Accept,
     compute: impl FnOnce() -> Result<Arc<T>, Fault>,
-) -> Result<Found<T>, Fault> {
-    match found.filter(|found| found.is_exact || accept == Accept::Provisional) {
-        Some(found) => Ok(found),
-        None => Ok(Found { result: compute()?, is_exact: true }),
+) -> Result<(Option<Arc<T>>, Readiness), Fault> {
+    let readiness = Readiness::of(found.as_ref());
+    if readiness == Readiness::Exact || accept == Accept::Provisional {
+        return Ok((found.map(|found| found.result), readiness));
     }
+    Ok((Some(compute()?), Readiness::Exact))
 }
 
-/// Denoises the films of a picture, each on its own.
-fn denoised_means(
-    snapshot: &Snapshot,
-    method: Denoise,
-    prepared: &Prepared,
-    session: &Session<'_>,
-) -> Result<Arc<Means>, Fault> {
-    if matches!(snapshot.content, Content::Exr(_)) {
-        return Err(Fault::new("an EXR is shown as it is", "denoise it by `dunkelfeld denoise`"));
-    }
+/// The denoiser of a choice, and the choice that names it. An automatic choice takes one of the others.
+fn denoiser(snapshot: &Snapshot, method: Denoise) -> Result<(Box<dyn Denoiser>, Denoise), Fault> {
     let with = |mut settings: DenoiseSettings, method: DenoiseMethod| {
         settings.method = method;
         settings
@@ -459,7 +468,17 @@ fn denoised_means(
     });
     let denoiser = found?.ok_or_else(|| Fault::new("there is no denoiser", "choose `builtin`"))?;
     let is_builtin = find_denoiser(&builtin)?.is_some_and(|builtin| builtin.name() == denoiser.name());
-    let chosen = if is_builtin { Denoise::Builtin } else { Denoise::Oidn };
+    Ok((denoiser, if is_builtin { Denoise::Builtin } else { Denoise::Oidn }))
+}
+
+/// Denoises the films of a picture, each on its own.
+fn denoised_means(
+    snapshot: &Snapshot,
+    method: Denoise,
+    prepared: &Prepared,
+    session: &Session<'_>,
+) -> Result<Arc<Means>, Fault> {
+    let (denoiser, chosen) = denoiser(snapshot, method)?;
     let means = snapshot.films().map(|film| {
         let denoised = denoise_film(&film.sums, &*denoiser, session);
         Ok(denoised.map_err(|e| Fault::new(e.to_string(), "choose the denoiser `builtin`"))?.mean)

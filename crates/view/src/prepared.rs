@@ -2,7 +2,7 @@
 //! kept, so that other cameras and newer films of the same scene can use them until theirs are ready.
 
 use crate::locks::lock;
-use crate::protocol::{Camera, Denoise};
+use crate::protocol::{Camera, Denoise, Fault, Readiness};
 use crate::snapshot::Snapshot;
 use dunkelfeld::ImageNoise;
 use dunkelfeld::film::Plane;
@@ -40,21 +40,12 @@ pub(crate) struct Found<T> {
     pub(crate) is_exact: bool,
 }
 
-/// How far a result is there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Readiness {
-    None,
-    /// That of an earlier film or another camera.
-    Provisional,
-    Exact,
-}
-
 impl Readiness {
     pub(crate) fn of<T>(found: Option<&Found<T>>) -> Self {
         match found {
             None => Self::None,
             Some(found) if found.is_exact => Self::Exact,
-            Some(_) => Self::Provisional,
+            Some(_) => Self::Earlier,
         }
     }
 }
@@ -65,11 +56,13 @@ pub(crate) struct Prepared {
     noise: Mutex<Kept<Camera, ImageNoise>>,
     /// With the methods that lead to them.
     denoised: Mutex<Kept<Vec<Denoise>, Means>>,
+    /// The last analysis that failed, by the number of its scene and its camera.
+    failed: Mutex<Option<(u64, Camera, Fault)>>,
     count: AtomicU64,
 }
 
 impl Prepared {
-    /// Counts the results that have been added.
+    /// Counts the results that have been added, and the analyses that failed.
     pub(crate) fn count(&self) -> u64 {
         self.count.load(Ordering::Relaxed)
     }
@@ -89,6 +82,26 @@ impl Prepared {
     pub(crate) fn add_noise(&self, snapshot: &Snapshot, camera: &Camera, noise: Arc<ImageNoise>) {
         add(&mut lock(&self.noise), (Origin::of(snapshot), camera.without_noise(), noise));
         self.count.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// The reason why the analysis for a camera failed in the scene of a picture.
+    pub(crate) fn failure(&self, snapshot: &Snapshot, camera: &Camera) -> Option<Fault> {
+        let failed = lock(&self.failed);
+        let (scene, of, fault) = failed.as_ref()?;
+        (*scene == snapshot.scene.number && *of == camera.without_device()).then(|| fault.clone())
+    }
+
+    /// Keeps the outcome of an analysis: a fault, or that an earlier one is mended.
+    pub(crate) fn finish(&self, snapshot: &Snapshot, camera: &Camera, outcome: Result<(), Fault>) {
+        let key = (snapshot.scene.number, camera.without_device());
+        let mut failed = lock(&self.failed);
+        match outcome {
+            Err(fault) => {
+                *failed = Some((key.0, key.1, fault));
+                self.count.fetch_add(1, Ordering::Relaxed);
+            }
+            Ok(()) => *failed = failed.take().filter(|(scene, camera, _)| (*scene, camera) != (key.0, &key.1)),
+        }
     }
 
     /// `methods` are those whose result this is: the one that was asked for, and the one that it has chosen.

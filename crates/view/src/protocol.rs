@@ -282,6 +282,18 @@ pub(crate) struct FrameRequest {
     pub(crate) exact: bool,
 }
 
+/// How far the noise and the denoised mean that a camera needs are there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Readiness {
+    /// The scene has none yet: the picture has plain noise, or is not denoised.
+    None,
+    /// They are those of an earlier film or another camera.
+    Earlier,
+    /// They are those of this film and camera, or the camera needs none.
+    Exact,
+}
+
 /// The description of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct FrameHeader {
@@ -295,8 +307,7 @@ pub(crate) struct FrameHeader {
     pub(crate) no_light: bool,
     pub(crate) saturated: f64,
     pub(crate) matched: Option<f64>,
-    /// Are noise or denoised mean those of an earlier film or another camera?
-    pub(crate) provisional: bool,
+    pub(crate) analysis: Readiness,
     pub(crate) mean_value: f64,
     pub(crate) mean_electrons: f64,
     pub(crate) compute: f64,

@@ -2,8 +2,8 @@
 
 use crate::developed::{Accept, Developed};
 use crate::locks::lock;
-use crate::prepared::{Prepared, Readiness};
-use crate::protocol::{Camera, Denoise, Fault};
+use crate::prepared::Prepared;
+use crate::protocol::{Camera, Denoise, Fault, Readiness};
 use crate::snapshot::Snapshot;
 use dunkelfeld::Session;
 use std::sync::{Arc, Mutex};
@@ -20,7 +20,7 @@ pub(crate) struct Store {
 
 impl Store {
     /// The film behind a camera, computed on the threads of the session if it is not stored. Noise and denoised mean may be
-    /// those of an earlier film or another camera.
+    /// those of an earlier film or another camera, or missing.
     pub(crate) fn get(
         &self,
         snapshot: &Arc<Snapshot>,
@@ -65,6 +65,11 @@ impl Store {
     /// Counts the results that films behind cameras use.
     pub(crate) fn prepared(&self) -> u64 {
         self.prepared.count()
+    }
+
+    /// Keeps the outcome of an analysis for a camera.
+    pub(crate) fn finish(&self, snapshot: &Snapshot, camera: &Camera, outcome: Result<(), Fault>) {
+        self.prepared.finish(snapshot, camera, outcome);
     }
 
     /// Is there noise for matched exposure with this camera?
@@ -136,14 +141,18 @@ mod tests {
             store.find(picture, camera, Accept::Exact, &session).expect("a frame")
         };
         let frame = |developed: &Developed| developed.values(0).expect("a frame").expect("grey values");
-        // There is no analysis to use, so this film is analysed.
-        assert!(get(&first, &camera(1e-3, 0)).is_exact());
+        // There is no analysis to use: the noise is plain, and no answer waits.
+        let plain = get(&first, &Camera { noise: Noise::Plain, ..camera(1e-3, 0) });
+        let missing = get(&first, &camera(1e-3, 0));
+        assert_eq!((plain.readiness(), missing.readiness()), (Readiness::Exact, Readiness::None));
+        assert_eq!(frame(&missing), frame(&plain));
+        assert!(exact(&first, &camera(1e-3, 0)).is_exact());
         assert_eq!(store.prepared(), 1);
         assert!(get(&first, &camera(1e-3, 5)).is_exact());
         assert_eq!(store.prepared(), 1);
         for (picture, camera) in [(&first, camera(2e-3, 0)), (&second, camera(1e-3, 0))] {
             let provisional = get(picture, &camera);
-            assert!(!provisional.is_exact());
+            assert_eq!(provisional.readiness(), Readiness::Earlier);
             let before = store.prepared();
             assert!(Arc::ptr_eq(&provisional, &get(picture, &camera)));
             let wanted = exact(picture, &camera);
@@ -164,14 +173,17 @@ mod tests {
         let (first, second) = (picture(1, 16), picture(2, 32));
         let denoised = Camera { denoise: Denoise::Builtin, noise: Noise::Plain, ..camera(1e-3, 0) };
         let get = |picture, camera: &Camera| store.get(picture, camera, &session).expect("a frame");
-        let one = get(&first, &denoised);
+        let missing = get(&first, &denoised);
+        assert_eq!(missing.readiness(), Readiness::None);
+        let one = store.find(&first, &denoised, Accept::Exact, &session).expect("a frame");
         assert!(one.is_exact());
         // Other cameras of the picture, and those of the next one.
         assert!(get(&first, &Camera { exposure: Some(5e-3), ..denoised.clone() }).is_exact());
         let provisional = get(&second, &denoised);
-        assert!(!provisional.is_exact());
+        assert_eq!(provisional.readiness(), Readiness::Earlier);
         let electrons = |developed: &Developed| developed.exposer.as_ref().expect("a sensor").electrons().clone();
         assert_eq!(electrons(&provisional), electrons(&one));
+        assert_ne!(electrons(&missing), electrons(&one));
         let exact = store.find(&second, &denoised, Accept::Exact, &session).expect("a frame");
         assert!(exact.is_exact() && electrons(&exact) != electrons(&one));
     }
