@@ -104,13 +104,13 @@ impl Scene {
     }
 
     fn open(path: PathBuf, text: Option<String>, without: Vec<Effect>) -> Result<Self, Failure> {
+        // Other files may be read, and copies be made, after a change of folder.
+        let path = std::path::absolute(&path).unwrap_or(path);
         let options = ProjectOptions::default().with_without(without);
         let project = match &text {
             None => Project::open_with(&path, options)?,
             Some(text) => Project::from_text_with(&path, text, options)?,
         };
-        // A copy may be made in another folder.
-        let path = std::path::absolute(&path).unwrap_or(path);
         let without = project.settings.without.clone();
         Ok(Self {
             project: Mutex::new(project),

@@ -167,6 +167,27 @@ mod tests {
         }
     }
 
+    /// A page that waits for an analysis gets the reason why there is none.
+    #[test]
+    fn a_failed_analysis_is_the_answer() {
+        let (store, session) = (Store::default(), Session::new(1).expect("a thread"));
+        let (first, second) = (picture(1, 16), picture(2, 32));
+        let get = |picture, camera: &Camera| store.get(picture, camera, &session).map(|d| d.readiness());
+        let fault = Fault::new("no memory", "use fewer pixels");
+        assert_eq!(get(&first, &camera(1e-3, 0)), Ok(Readiness::None));
+        store.finish(&first, &camera(1e-3, 0), Err(fault.clone()));
+        assert_eq!(store.prepared(), 1);
+        // Of all devices and films of the scene, and of no other camera.
+        assert_eq!(get(&first, &camera(1e-3, 3)), Err(fault.clone()));
+        assert_eq!(get(&second, &camera(1e-3, 0)), Err(fault));
+        assert_eq!(get(&second, &camera(2e-3, 0)), Ok(Readiness::None));
+        assert_eq!(get(&second, &Camera { noise: Noise::Plain, ..camera(1e-3, 0) }), Ok(Readiness::Exact));
+        store.finish(&second, &camera(2e-3, 0), Ok(()));
+        assert!(get(&second, &camera(1e-3, 0)).is_err());
+        store.finish(&second, &camera(1e-3, 0), Ok(()));
+        assert_eq!(get(&second, &camera(1e-3, 0)), Ok(Readiness::None));
+    }
+
     #[test]
     fn a_denoised_mean_serves_newer_pictures() {
         let (store, session) = (Store::default(), Session::new(1).expect("a thread"));
