@@ -69,7 +69,7 @@ pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, ObjectEntry, inspect,
 };
 pub use light_films::{FilmOfLight, develop_behind_lens, develop_films, encode_light_layers, sum_of_means};
-pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats};
+pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats, check_image_memory};
 pub use noise_compensation::Matched;
 pub use options::{
     ExposeOptions, ExposureOption, RenderOptions, ReplayOption, SensorOption, certify_film, denoise_saved, expose_film,

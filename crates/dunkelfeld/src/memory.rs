@@ -125,6 +125,16 @@ impl MemoryStats {
     }
 }
 
+/// Checks before the copy of an image whether its bytes are within a limit, and whether this system has them.
+///
+/// # Errors
+/// More bytes than `limit`, or than the available memory.
+pub fn check_image_memory(bytes: u64, limit: Option<u64>) -> Result<(), Error> {
+    let mut account = MemoryAccount::new(&["read"]);
+    account.add("image", &[bytes]);
+    account.check(limit, 0, "use fewer pixels")
+}
+
 fn megabytes(bytes: u64) -> String {
     let megabytes = bytes as f64 * 1e-6;
     if megabytes < 100.0 { format!("{megabytes:.1}") } else { format!("{megabytes:.0}") }

@@ -3,10 +3,12 @@
 use crate::errors::{Failure, setting};
 use bytemuck::Pod;
 use dunkelfeld::film::Plane;
+use dunkelfeld::{MAX_PIXELS, MAX_SIDE, check_image_memory};
 use numpy::{
-    AllowTypeChange, Element, PyArray1, PyArray2, PyArray3, PyArrayLike2, PyArrayLike3, PyArrayMethods,
-    PyReadonlyArray2,
+    AllowTypeChange, Element, PyArray1, PyArray2, PyArray3, PyArrayDescrMethods, PyArrayLike2, PyArrayLike3,
+    PyArrayMethods, PyReadonlyArray2, PyUntypedArray, PyUntypedArrayMethods,
 };
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 /// An array of shape (height, width).
@@ -47,28 +49,61 @@ where
     }
 }
 
-/// An image of numbers from Python, shape (height, width).
-pub(crate) type GrayArray<'py> = PyArrayLike2<'py, f32, AllowTypeChange>;
+/// An image from Python: an array of numpy, or what numpy makes one of. Its shape and its memory are checked before the copy.
+pub(crate) struct ImageArray<'py>(Bound<'py, PyAny>);
 
-/// An image of three channels from Python, shape (height, width, 3).
-pub(crate) type RgbArray<'py> = PyArrayLike3<'py, f32, AllowTypeChange>;
+impl<'py> FromPyObject<'_, 'py> for ImageArray<'py> {
+    type Error = PyErr;
 
-/// The plane of an array of shape (height, width). `what` is its name in errors.
-pub(crate) fn gray_plane(what: &str, array: &GrayArray<'_>) -> Result<Plane<f32>, Failure> {
-    let view = array.as_array();
-    plane_of(what, view.dim(), view.iter().copied().collect())
+    fn extract(array: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Ok(Self(array.to_owned()))
+    }
 }
 
-/// The plane of an array of shape (height, width, 3).
-pub(crate) fn rgb_plane(what: &str, array: &RgbArray<'_>) -> Result<Plane<[f32; 3]>, Failure> {
-    let view = array.as_array();
-    let (height, width, channels) = view.dim();
-    if channels != 3 {
-        let problem = format!("has {channels} channels, and not 3");
-        return Err(setting(what, problem, "pass an array of shape (height, width, 3)"));
+impl<'py> ImageArray<'py> {
+    /// The plane of an array of shape (height, width). `what` is its name in errors, `memory` a limit \[bytes\] of the copy.
+    pub(crate) fn gray(&self, what: &str, memory: Option<u64>) -> Result<Plane<f32>, Failure> {
+        self.check(what, &["height", "width"], memory)?;
+        let array: PyArrayLike2<'py, f32, AllowTypeChange> = self.0.extract().map_err(|e| no_numbers(what, e))?;
+        let view = array.as_array();
+        check_size(what, view.dim(), size_of::<f32>(), memory)?;
+        plane_of(what, view.dim(), view.iter().copied())
     }
-    let values: Vec<f32> = view.iter().copied().collect();
-    plane_of(what, (height, width), values.as_chunks().0.to_vec())
+
+    /// The plane of an array of shape (height, width, 3).
+    pub(crate) fn rgb(&self, what: &str, memory: Option<u64>) -> Result<Plane<[f32; 3]>, Failure> {
+        self.check(what, &["height", "width", "3"], memory)?;
+        let array: PyArrayLike3<'py, f32, AllowTypeChange> = self.0.extract().map_err(|e| no_numbers(what, e))?;
+        let view = array.as_array();
+        let (height, width, channels) = view.dim();
+        if channels != 3 {
+            let problem = format!("has {channels} channels, and not 3");
+            return Err(setting(what, problem, "pass an array of shape (height, width, 3)"));
+        }
+        check_size(what, (height, width), size_of::<[f32; 3]>(), memory)?;
+        plane_of(what, (height, width), view.rows().into_iter().map(|pixel| [pixel[0], pixel[1], pixel[2]]))
+    }
+
+    /// Checks an array of numpy before it is converted to float32, which copies other types.
+    fn check(&self, what: &str, shape: &[&str], memory: Option<u64>) -> Result<(), Failure> {
+        let Ok(array) = self.0.cast::<PyUntypedArray>() else { return Ok(()) };
+        let refuse = |problem: String| {
+            let help = format!("pass an array of real numbers of shape ({})", shape.join(", "));
+            Err(setting(what, problem, &help))
+        };
+        if array.ndim() != shape.len() {
+            return refuse(format!("has {} dimensions", array.ndim()));
+        }
+        if !matches!(array.dtype().kind(), b'b' | b'i' | b'u' | b'f' | b'O') {
+            return refuse(format!("contains no real numbers, but {}", array.dtype()));
+        }
+        if self.0.hasattr("mask")? {
+            return refuse("is a masked array, whose mask would be lost".into());
+        }
+        let [height, width] = [array.shape()[0], array.shape()[1]];
+        let channels = array.shape().get(2).map_or(1, |&channels| channels.min(3));
+        check_size(what, (height, width), channels * size_of::<f32>(), memory)
+    }
 }
 
 /// Numbers of samples from Python, shape (height, width).
@@ -80,24 +115,52 @@ pub(crate) enum CountsArray<'py> {
 
 impl CountsArray<'_> {
     pub(crate) fn plane(&self, what: &str) -> Result<Plane<u32>, Failure> {
-        let (size, values) = match self {
-            Self::U32(array) => (array.as_array().dim(), array.as_array().iter().copied().collect()),
-            Self::I64(array) => {
-                let count = |n: &i64| {
-                    u32::try_from(*n).map_err(|_| {
-                        let help = "pass whole numbers from 0 to 4294967295";
-                        setting(what, format!("{n} is no number of samples"), help)
-                    })
-                };
-                (array.as_array().dim(), array.as_array().iter().map(count).collect::<Result<_, _>>()?)
+        let check = |size| check_size(what, size, size_of::<u32>(), None);
+        match self {
+            Self::U32(array) => {
+                let view = array.as_array();
+                check(view.dim())?;
+                plane_of(what, view.dim(), view.iter().copied())
             }
-        };
-        plane_of(what, size, values)
+            Self::I64(array) => {
+                let view = array.as_array();
+                check(view.dim())?;
+                if let Some(n) = view.iter().find(|&&n| u32::try_from(n).is_err()) {
+                    let help = "pass whole numbers from 0 to 4294967295";
+                    return Err(setting(what, format!("{n} is no number of samples"), help));
+                }
+                plane_of(what, view.dim(), view.iter().map(|&n| u32::try_from(n).unwrap_or(0)))
+            }
+        }
     }
 }
 
-fn plane_of<T>(what: &str, (height, width): (usize, usize), values: Vec<T>) -> Result<Plane<T>, Failure> {
+fn no_numbers(what: &str, error: PyErr) -> Failure {
+    PyTypeError::new_err(format!("{what} is no array of numbers: {error}")).into()
+}
+
+/// Checks the sides of an image, and whether its copy is within the memory.
+fn check_size(
+    what: &str,
+    (height, width): (usize, usize),
+    bytes_per_pixel: usize,
+    memory: Option<u64>,
+) -> Result<(), Failure> {
+    let pixels = (height as u64).saturating_mul(width as u64);
+    let is_side = |side: usize| (1..=MAX_SIDE as usize).contains(&side);
+    if !is_side(height) || !is_side(width) || pixels > MAX_PIXELS {
+        let help = format!("pass an image of 1 to {MAX_SIDE} pixels along each side, and at most {MAX_PIXELS}");
+        return Err(setting(what, format!("has {width} x {height} pixels"), &help));
+    }
+    Ok(check_image_memory(pixels * bytes_per_pixel as u64, memory)?)
+}
+
+fn plane_of<T>(
+    what: &str,
+    (height, width): (usize, usize),
+    pixels: impl Iterator<Item = T>,
+) -> Result<Plane<T>, Failure> {
     let sides = u32::try_from(width).ok().zip(u32::try_from(height).ok());
-    let plane = sides.and_then(|(width, height)| Plane::from_vec(width, height, values));
+    let plane = sides.and_then(|(width, height)| Plane::from_vec(width, height, pixels.collect()));
     plane.ok_or_else(|| setting(what, format!("has {width} x {height} pixels"), "pass an image of a smaller size"))
 }

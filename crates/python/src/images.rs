@@ -1,7 +1,7 @@
 //! Images of any renderer: exposed and denoised, from EXR files or arrays.
 
 use crate::arguments::{MemoryArgument, checked_threads, exposure_noise_of, method_of, vignetting_of};
-use crate::arrays::{GrayArray, RgbArray, gray_plane, rgb, rgb_plane, stack};
+use crate::arrays::{ImageArray, rgb, stack};
 use crate::errors::{Failure, setting};
 use crate::progress::{completed, supervised};
 use crate::sensor::{ExposureArgument, SensorArgument};
@@ -144,7 +144,7 @@ pub(crate) fn expose_exr_files<'py>(
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn expose_radiance<'py>(
     py: Python<'py>,
-    radiance: RgbArray<'py>,
+    radiance: ImageArray<'py>,
     sensor: Option<SensorArgument>,
     exposure: Option<ExposureArgument>,
     frames: u32,
@@ -160,7 +160,7 @@ pub(crate) fn expose_radiance<'py>(
 ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
     let lens = [f_number, transmission, magnification, focal_length];
     let settings = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?.settings()?;
-    let radiance = rgb_plane("radiance", &radiance)?;
+    let radiance = radiance.rgb("radiance", settings.memory_limit)?;
     let expose = |cancel: &Cancel| dunkelfeld::expose_radiance(radiance, &settings, cancel);
     stack(py, with_cancellable_pool(py, settings.threads, expose)??)
 }
@@ -222,11 +222,11 @@ pub(crate) fn denoise_exr<'py>(
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn denoise_radiance<'py>(
     py: Python<'py>,
-    radiance: RgbArray<'py>,
-    variance: Option<RgbArray<'py>>,
-    albedo: Option<RgbArray<'py>>,
-    normal: Option<RgbArray<'py>>,
-    depth: Option<GrayArray<'py>>,
+    radiance: ImageArray<'py>,
+    variance: Option<ImageArray<'py>>,
+    albedo: Option<ImageArray<'py>>,
+    normal: Option<ImageArray<'py>>,
+    depth: Option<ImageArray<'py>>,
     denoise: Option<&str>,
     oidn: Option<PathBuf>,
     memory: Option<MemoryArgument>,
@@ -235,12 +235,13 @@ pub(crate) fn denoise_radiance<'py>(
 ) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
     let settings = denoiser(denoise, oidn)?;
     let (memory, threads) = (memory.map(MemoryArgument::bytes).transpose()?, checked_threads(threads)?.unwrap_or(0));
-    let plane = |what, array: Option<RgbArray<'_>>| array.map(|array| rgb_plane(what, &array)).transpose();
-    let planes = DenoisePlanes::new(rgb_plane("radiance", &radiance)?)
+    // Each copy is checked by itself, and all of them, with the work, before the denoiser begins.
+    let plane = |what, array: Option<ImageArray<'_>>| array.map(|array| array.rgb(what, memory)).transpose();
+    let planes = DenoisePlanes::new(radiance.rgb("radiance", memory)?)
         .with_variance(plane("variance", variance)?)
         .with_albedo(plane("albedo", albedo)?)
         .with_normal(plane("normal", normal)?)
-        .with_depth(depth.map(|array| gray_plane("depth", &array)).transpose()?);
+        .with_depth(depth.map(|array| array.gray("depth", memory)).transpose()?);
     let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
         let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
         dunkelfeld::denoise_planes(&planes, &settings, memory, &session)

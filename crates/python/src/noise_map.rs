@@ -1,6 +1,6 @@
 //! The noise map of a film, for notebooks and as arrays.
 
-use crate::arrays::{GrayArray, gray, gray_plane, rgb};
+use crate::arrays::{ImageArray, gray, rgb};
 use crate::errors::Failure;
 use dunkelfeld_studies::NoiseMap as Map;
 use numpy::{PyArray2, PyArray3};
@@ -54,8 +54,8 @@ impl NoiseMap {
     }
 
     #[staticmethod]
-    fn _restore(ratios: GrayArray<'_>, k: f64, hidden: f64) -> Result<Self, Failure> {
-        Ok(Self(Map::from_parts(gray_plane("ratios", &ratios)?, k, hidden)))
+    fn _restore(ratios: ImageArray<'_>, k: f64, hidden: f64) -> Result<Self, Failure> {
+        Ok(Self(Map::from_parts(ratios.gray("ratios", None)?, k, hidden)))
     }
 
     fn __repr__(&self) -> String {
