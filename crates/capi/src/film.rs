@@ -152,7 +152,7 @@ pub unsafe extern "C" fn dunkelfeld_film_name_counts(
     call(|| {
         let film = FILMS.get(film)?;
         objects.check("objects")?;
-        materials.set("materials", film.material_names.len() as u32)?;
+        materials.set("materials", film.saved.film.material_names.len() as u32)?;
         objects.set("objects", film.saved.film.object_names.len() as u32)
     })
 }
@@ -174,7 +174,7 @@ pub unsafe extern "C" fn dunkelfeld_film_object_name(film: *const Film, id: u32,
 pub unsafe extern "C" fn dunkelfeld_film_material_name(film: *const Film, id: u32, name: *mut *mut c_char) -> Status {
     // SAFETY: what the header says of pointers.
     let name = unsafe { Out::of(name) };
-    call(|| named(&FILMS.get(film)?.material_names, id, name))
+    call(|| named(&FILMS.get(film)?.saved.film.material_names, id, name))
 }
 
 fn named(names: &[String], id: u32, name: Out<*mut c_char>) -> Result<(), Failure> {

@@ -8,7 +8,6 @@ use std::path::PathBuf;
 #[derive(Debug)]
 pub(crate) struct FilmData {
     pub(crate) saved: SavedFilm,
-    pub(crate) material_names: Vec<String>,
     /// The statistics as JSON; empty for a film from a file.
     pub(crate) stats: String,
     pub(crate) is_interrupted: bool,
@@ -19,17 +18,17 @@ pub(crate) struct FilmData {
 pub(crate) static FILMS: Handles<FilmData> = Handles::new("film");
 
 impl FilmData {
-    pub(crate) fn new(result: ProjectResult, material_names: Vec<String>) -> Self {
+    pub(crate) fn new(result: ProjectResult) -> Self {
         let (stats, is_interrupted) = (result.stats.to_json(), result.rendering.interrupted);
         let inputs = result.inputs().clone();
-        Self { saved: result.into_saved_film(), material_names, stats, is_interrupted, inputs }
+        Self { saved: result.into_saved_film(), stats, is_interrupted, inputs }
     }
 
     /// A film of files.
     pub(crate) fn of_saved(saved: SavedFilm, stats: String, files: &[PathBuf]) -> Self {
         let mut inputs = InputFiles::new();
         files.iter().for_each(|file| inputs.add(file, InputRole::Checkpoint));
-        Self { saved, material_names: Vec::new(), stats, is_interrupted: false, inputs }
+        Self { saved, stats, is_interrupted: false, inputs }
     }
 
     /// Runs work on the number of threads of the render.

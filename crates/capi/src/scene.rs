@@ -123,8 +123,7 @@ pub unsafe extern "C" fn dunkelfeld_scene_render(
         };
         let data = with(scene, |project| {
             let result = project.render_options(options, &caller, &cancel)?;
-            let names = project.scene.materials().iter().map(|material| material.name.clone()).collect();
-            Ok(FilmData::new(result, names))
+            Ok(FilmData::new(result))
         })?;
         let status = if data.is_interrupted { Status::Interrupted } else { Status::Ok };
         film.set("film", FILMS.open(data))?;

@@ -3,11 +3,13 @@
 use crate::errors::{Failure, setting};
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
-use dunkelfeld::io::{Memory, QuantityError};
+use dunkelfeld::io::{Length, Memory, QuantityError};
 use dunkelfeld::removable_effects;
 use dunkelfeld::scene::{Effect, Vignetting};
 use dunkelfeld::sensor::ExposureNoise;
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use pyo3::types::PyBool;
 use std::path::PathBuf;
 
 /// Largest number of threads.
@@ -66,10 +68,23 @@ pub(crate) fn checked_threads(threads: Option<usize>) -> Result<Option<usize>, F
 }
 
 /// A limit of memory: bytes, or a text such as "6GB".
-#[derive(FromPyObject)]
 pub(crate) enum MemoryArgument {
     Bytes(u64),
     Text(String),
+}
+
+impl<'py> FromPyObject<'_, 'py> for MemoryArgument {
+    type Error = PyErr;
+
+    fn extract(value: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if let Ok(text) = value.extract() {
+            return Ok(Self::Text(text));
+        }
+        if value.is_instance_of::<PyBool>() {
+            return Err(PyTypeError::new_err("memory: pass bytes, or a text such as \"6GB\""));
+        }
+        Ok(Self::Bytes(value.extract()?))
+    }
 }
 
 impl MemoryArgument {
@@ -84,6 +99,26 @@ impl MemoryArgument {
             }
         };
         bytes.ok_or_else(|| setting("memory", "is no size above zero", "pass bytes, or a text such as \"6GB\""))
+    }
+}
+
+/// A length: metres, or a text such as "3.45um".
+#[derive(FromPyObject)]
+pub(crate) enum LengthArgument {
+    Metres(f64),
+    Text(String),
+}
+
+impl LengthArgument {
+    pub(crate) fn metres(self, what: &str) -> Result<f64, Failure> {
+        match self {
+            Self::Metres(metres) => Ok(metres),
+            Self::Text(text) => {
+                let fault =
+                    |e: QuantityError| setting(what, e.to_string(), "pass metres, or a text such as \"3.45um\"");
+                Ok(text.parse::<Length>().map_err(fault)?.0)
+            }
+        }
     }
 }
 

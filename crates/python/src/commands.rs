@@ -38,13 +38,7 @@ pub(crate) fn merge(
     })?;
     let stats = merged.stats.to_json();
     let saved = SavedFilm { film: merged.rendering.film, settings: merged.settings, is_vignetted: merged.is_vignetted };
-    Ok(Film {
-        saved: Arc::new(saved),
-        material_names: Arc::default(),
-        stats,
-        interrupted: false,
-        inputs: inputs.into(),
-    })
+    Ok(Film { saved: Arc::new(saved), stats, interrupted: false, inputs: inputs.into() })
 }
 
 /// The text of a first job for a scene file, as `dunkelfeld init` writes it: active lines render the scene, and the names of all

@@ -1,6 +1,6 @@
 //! EMVA 1288: data sets of simulated cameras, and the analysis of data sets. The module `dunkelfeld.emva` has the docstrings.
 
-use crate::arguments::{checked_threads, named};
+use crate::arguments::{LengthArgument, checked_threads, named};
 use crate::errors::{Failure, setting};
 use crate::json::loaded;
 use crate::progress::{completed, supervised};
@@ -31,7 +31,7 @@ pub(crate) fn emva_dataset<'py>(
     output: PathBuf,
     levels: Option<u32>,
     size: Option<[u32; 2]>,
-    wavelength: Option<f64>,
+    wavelength: Option<LengthArgument>,
     spatial: Option<u32>,
     vary: Option<&str>,
     exposure: Option<f64>,
@@ -51,7 +51,7 @@ pub(crate) fn emva_dataset<'py>(
     let options = DatasetOptions::default()
         .with_levels(levels)
         .with_size(size)
-        .with_wavelength(wavelength)
+        .with_wavelength(wavelength.map(|length| Ok::<_, Failure>(1e9 * length.metres("wavelength")?)).transpose()?)
         .with_spatial(spatial)
         .with_vary(vary.map(|name| named("vary", name, &varied)).transpose()?)
         .with_exposure(exposure)
@@ -84,13 +84,15 @@ pub(crate) fn emva_analyse<'py>(
     input: PathBuf,
     release: &str,
     general: bool,
-    pixel_pitch: Option<f64>,
+    pixel_pitch: Option<LengthArgument>,
     json: Option<PathBuf>,
     html: Option<PathBuf>,
     threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
     let release = named("release", release, &[("4.0", Release::R40), ("3.1", Release::R31)])?;
+    let micrometres = |length: LengthArgument| Ok::<_, Failure>(1e6 * length.metres("pixel_pitch")?);
+    let pixel_pitch = pixel_pitch.map(micrometres).transpose()?;
     let options = AnalyseOptions::default().with_release(release).with_general(general).with_pixel_pitch(pixel_pitch);
     options.check()?;
     let threads = checked_threads(threads)?.unwrap_or(0);

@@ -1,6 +1,6 @@
 //! Films: sums of samples per pixel, as arrays of numpy, and their exposure.
 
-use crate::arguments::{exposure_noise_of, method_of};
+use crate::arguments::exposure_noise_of;
 use crate::arrays::{gray, rgb, stack};
 use crate::errors::{Failure, setting};
 use crate::inputs::{input_names, inputs_of};
@@ -23,7 +23,6 @@ use std::sync::Arc;
 #[pyclass(frozen, module = "dunkelfeld")]
 pub(crate) struct Film {
     pub(crate) saved: Arc<SavedFilm>,
-    pub(crate) material_names: Arc<Vec<String>>,
     /// The statistics of the render as JSON; empty for a film from a file.
     pub(crate) stats: String,
     pub(crate) interrupted: bool,
@@ -50,7 +49,7 @@ impl Film {
 }
 
 /// See `Film._extras`.
-type Extras = (String, Vec<String>, bool, Vec<(PathBuf, String)>, (String, Option<PathBuf>));
+type Extras = (String, bool, Vec<(PathBuf, String)>, Option<PathBuf>, Option<u64>);
 
 /// The options of an exposure, from the keywords of Python.
 fn expose_options(
@@ -119,10 +118,10 @@ impl Film {
         self.saved.film.object_names.clone()
     }
 
-    /// Names of the materials by id; empty for a film from a file.
+    /// Names of the materials by id.
     #[getter]
     fn material_names(&self) -> Vec<String> {
-        self.material_names.to_vec()
+        self.saved.film.material_names.clone()
     }
 
     /// Mean distance from the camera along its axis, float32 of shape (height, width) [m].
@@ -225,17 +224,24 @@ impl Film {
     }
 
     /// The denoised mean, float32 of shape (height, width, 3) [W/(m² sr)], for display and not for measurement. `method` is
-    /// "auto", "oidn" or "builtin".
-    #[pyo3(signature = (method="auto"))]
-    fn denoise<'py>(&self, py: Python<'py>, method: &str) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
+    /// "auto", "oidn" or "builtin", `oidn` the path of Open Image Denoise; without it the path of the render counts.
+    #[pyo3(signature = (method="auto", *, oidn=None))]
+    fn denoise<'py>(
+        &self,
+        py: Python<'py>,
+        method: &str,
+        oidn: Option<PathBuf>,
+    ) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
         let method = match method {
             "auto" => DenoiseMethod::Auto,
             "oidn" => DenoiseMethod::Oidn,
             "builtin" => DenoiseMethod::Builtin,
             other => return Err(setting("method", format!("unknown value \"{other}\""), "auto, oidn or builtin")),
         };
+        let of_render = || self.settings().denoise.oidn.clone().filter(|_| method != DenoiseMethod::Builtin);
+        let settings = DenoiseSettings::default().with_method(method).with_oidn(oidn.or_else(of_render));
         let saved = self.saved.clone();
-        let denoised = py.detach(move || denoise_saved(&saved, &DenoiseSettings::default().with_method(method)))?;
+        let denoised = py.detach(move || denoise_saved(&saved, &settings))?;
         rgb(py, denoised.mean)
     }
 
@@ -291,33 +297,30 @@ impl Film {
         self.write(py, &OutputPaths::default().with_stats(path))
     }
 
-    /// Reads a film that `save` wrote.
+    /// Reads a film that `save` wrote, or the film of a checkpoint. It has no statistics and no limit of memory, it does not know
+    /// whether it was interrupted, and a checkpoint has no denoiser. The library of a denoiser is where this machine has it.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
         let mut inputs = InputFiles::new();
         inputs.add(&std::path::absolute(&path).unwrap_or_else(|_| path.clone()), Role::Checkpoint);
         let saved = Arc::new(py.detach(|| SavedFilm::read(&path))?);
-        let (material_names, stats, inputs) = (Arc::default(), String::new(), inputs.into());
-        Ok(Self { saved, material_names, stats, interrupted: false, inputs })
+        Ok(Self { saved, stats: String::new(), interrupted: false, inputs: inputs.into() })
     }
 
-    /// The data that a saved film does not contain, for copies: statistics, names of the materials, whether it was
-    /// interrupted, its inputs with their roles, and the denoiser of its files.
+    /// The data that a saved film does not contain, for copies: statistics, whether it was interrupted, its inputs with their
+    /// roles, the library of the denoiser, and the limit of memory [bytes].
     fn _extras(&self) -> Extras {
-        let denoise = &self.settings().denoise;
-        let denoise = (denoise.method.name().to_owned(), denoise.oidn.clone());
-        let (names, inputs) = (self.material_names.to_vec(), input_names(&self.inputs));
-        (self.stats.clone(), names, self.interrupted, inputs, denoise)
+        let RenderSettings { denoise, memory_limit, .. } = self.settings();
+        (self.stats.clone(), self.interrupted, input_names(&self.inputs), denoise.oidn.clone(), *memory_limit)
     }
 
     /// The film of a file with the values of `_extras`.
     #[staticmethod]
     fn _restore(py: Python<'_>, path: PathBuf, extras: Extras) -> Result<Self, Failure> {
-        let (stats, material_names, interrupted, inputs, (denoise, oidn)) = extras;
+        let (stats, interrupted, inputs, oidn, memory_limit) = extras;
         let mut saved = py.detach(|| SavedFilm::read(&path))?;
-        saved.settings.denoise = DenoiseSettings::default().with_method(method_of(&denoise)?).with_oidn(oidn);
-        let (material_names, inputs) = (Arc::new(material_names), Arc::new(inputs_of(&inputs)));
-        Ok(Self { saved: Arc::new(saved), material_names, stats, interrupted, inputs })
+        (saved.settings.denoise.oidn, saved.settings.memory_limit) = (oidn, memory_limit);
+        Ok(Self { saved: Arc::new(saved), stats, interrupted, inputs: Arc::new(inputs_of(&inputs)) })
     }
 
     fn __repr__(&self) -> String {

@@ -63,6 +63,11 @@ pub(crate) fn reports_about(scene: usize) -> bool {
     REPORTS.with_borrow(|scenes| scenes.contains(&scene))
 }
 
+/// Does a progress function run on this thread?
+pub(crate) fn is_reporting() -> bool {
+    REPORTS.with_borrow(|scenes| !scenes.is_empty())
+}
+
 /// Runs `work` on another thread. `function` is called with (stage, fraction, elapsed \[s\], remaining \[s\] or None). The
 /// second result is an exception of it, or of a handler of signals such as Ctrl-C, which cancelled the work.
 ///

@@ -10,7 +10,7 @@ use crate::film::Film;
 use crate::inputs::{absolute, names_of};
 use crate::job::{job_text, overrides_text};
 use crate::json::loaded;
-use crate::progress::{lock, lock_unless, reports_about, supervised_by};
+use crate::progress::{is_reporting, lock, lock_unless, reports_about, supervised_by};
 use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::SIGNALS;
 use dunkelfeld::scene::Effect;
@@ -41,24 +41,33 @@ pub(crate) struct Scene {
     running: Mutex<Option<Arc<Cancel>>>,
 }
 
-/// Time in which a cancelled render leaves its scene. One that does not waits for its progress function, which may wait for
-/// the scene itself.
+/// Time in which a cancelled render leaves its scene, and in which a progress function waits for another scene. A render that
+/// does not leave waits for its progress function, which may wait for the scene itself.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-const HELD: &str = "the scene was held by a render that was cancelled";
+const HELD: &str = "a render holds the scene";
 const AFTER_RENDER: &str = "use it after the render, and not from its progress function";
 
-/// A wait for a scene: since when the render that holds it is cancelled.
-#[derive(Default)]
-struct Held(Option<Instant>);
+/// A wait for a scene.
+struct Held {
+    /// Since when the render that holds it is cancelled, or the progress function waits.
+    since: Option<Instant>,
+    /// Does a progress function wait?
+    is_reporting: bool,
+}
 
 impl Held {
+    /// A wait of this thread.
+    fn new() -> Self {
+        Self { since: None, is_reporting: is_reporting() }
+    }
+
     fn exceeds_patience(&mut self, scene: &Scene) -> bool {
-        if !scene.is_ending() {
-            self.0 = None;
+        if !self.is_reporting && !scene.is_ending() {
+            self.since = None;
             return false;
         }
-        self.0.get_or_insert_with(Instant::now).elapsed() > PATIENCE
+        self.since.get_or_insert_with(Instant::now).elapsed() > PATIENCE
     }
 }
 
@@ -85,7 +94,7 @@ impl Scene {
     fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Project) -> T + Send) -> Result<T, Failure> {
         self.check_idle()?;
         let mut work = Some(work);
-        let mut held = Held::default();
+        let mut held = Held::new();
         loop {
             // A signal such as Ctrl-C ends a wait for a render on another thread.
             let tried = py.detach(|| {
@@ -267,8 +276,8 @@ impl Scene {
         options.memory = memory.map(MemoryArgument::bytes).transpose()?;
         (options.checkpoint, options.checkpoint_every) = (checkpoint, checkpoint_every);
         let cancel = Arc::new(Cancel::new());
+        let mut held = Held::new();
         let work = |sink: &dyn Progress, _: &Cancel| {
-            let mut held = Held::default();
             let is_given_up = || cancel.is_cancelled() || held.exceeds_patience(self);
             let Some(mut project) = lock_unless(&self.project, is_given_up) else {
                 return Err(match cancel.is_cancelled() {
@@ -280,7 +289,6 @@ impl Scene {
             let result = project.render_options(options, sink, &cancel);
             *lock(&self.running) = None;
             let result = result?;
-            let names = project.scene.materials().iter().map(|m| m.name.clone()).collect();
             let (stats, interrupted) = (result.stats.to_json(), result.rendering.interrupted);
             let mut inputs = absolute(result.inputs());
             // The film of a replay stands for the files that it was made from.
@@ -291,7 +299,7 @@ impl Scene {
             }
             let inputs = Arc::new(inputs);
             let saved = Arc::new(result.into_saved_film());
-            Ok(Film { saved, material_names: Arc::new(names), stats, interrupted, inputs })
+            Ok(Film { saved, stats, interrupted, inputs })
         };
         let (film, raised) = supervised_by(py, progress.as_ref(), self.address(), &cancel, work)?;
         let Some(raised) = raised else { return Ok(film) };

@@ -2,7 +2,7 @@
 
 use crate::errors::{Failure, setting};
 use crate::json::loaded;
-use dunkelfeld::io::sensor_file;
+use dunkelfeld::io::{QuantityError, Time, sensor_file};
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::sensor::{Exposure, SensorModel};
 use dunkelfeld::{ExposureOption, SensorOption, sensor_sheet};
@@ -116,7 +116,7 @@ impl SensorArgument {
     }
 }
 
-/// An exposure time from Python: seconds, or "auto".
+/// An exposure time from Python: seconds, "auto", or a text such as "5ms".
 #[derive(FromPyObject)]
 pub(crate) enum ExposureArgument {
     Seconds(f64),
@@ -130,7 +130,12 @@ impl ExposureArgument {
                 Ok(ExposureOption::Time(Exposure::new(Seconds(time)).map_err(dunkelfeld::Error::from)?))
             }
             Self::Name(name) if name == "auto" => Ok(ExposureOption::Auto),
-            Self::Name(name) => Err(setting("exposure", format!("unknown value \"{name}\""), "seconds, or \"auto\"")),
+            Self::Name(text) => {
+                let fault = |e: QuantityError| {
+                    setting("exposure", e.to_string(), "pass seconds, \"auto\", or a text such as \"5ms\"")
+                };
+                Self::Seconds(text.parse::<Time>().map_err(fault)?.0).option()
+            }
         }
     }
 }

@@ -99,6 +99,16 @@ fn view_options(
         .with_threads(checked_threads(threads)?))
 }
 
+/// A list of values; an empty one stands for the defaults.
+fn given<T>(name: &str, values: Option<Vec<T>>) -> Result<Vec<T>, Failure> {
+    match values {
+        Some(values) if values.is_empty() => {
+            Err(setting(name, "is an empty list", "name values, or leave it out for the defaults"))
+        }
+        values => Ok(values.unwrap_or_default()),
+    }
+}
+
 /// The project of a scene or job, with a view.
 fn open(input: &Path, view: &ViewOptions, sink: &dyn Progress) -> Result<Project, Error> {
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
@@ -151,12 +161,12 @@ pub(crate) fn bench<'py>(
     let strategies = strategies.map(|names| names.each(|name| strategy_of("strategies", name))).transpose()?;
     let options = BenchOptions::default()
         .with_quick(quick)
-        .with_spp(spp.unwrap_or_default())
+        .with_spp(given("spp", spp)?)
         .with_seeds(seeds)
-        .with_strategies(strategies.unwrap_or_default())
-        .with_noise(noise.unwrap_or_default())
+        .with_strategies(given("strategies", strategies)?)
+        .with_noise(given("noise", noise)?)
         .with_effects(effects.map(|names| names.each(effect_of)).transpose()?)
-        .with_denoise(denoise.map(|names| names.each(method_of)).transpose()?.unwrap_or_default())
+        .with_denoise(given("denoise", denoise.map(|names| names.each(method_of)).transpose()?)?)
         .with_oidn(oidn)
         .with_effect_spp(effect_spp)
         .with_reference_spp(reference_spp);
@@ -252,7 +262,7 @@ pub(crate) fn ptc<'py>(
     }
     let options = PtcOptions::default()
         .with_frames(frames)
-        .with_spp(spp.unwrap_or_default())
+        .with_spp(given("spp", spp)?)
         .with_denoise(denoise.map(method_of).transpose()?)
         .with_oidn(oidn)
         .with_edges(edges)

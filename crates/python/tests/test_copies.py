@@ -47,10 +47,64 @@ def test_a_copy_of_a_film_has_all_of_it(job: dict[str, Any]) -> None:
         assert copy.stats == film.stats and copy.stats["samples"] == 8 * 16 * 24
         assert copy.material_names == film.material_names == ["ball", "floor"]
         assert np.array_equal(copy.mean, film.mean) and not copy.interrupted
+    limited = pickle.loads(pickle.dumps(df.Scene.from_job(job).render(memory="300MB")))
+    with pytest.raises(df.OutOfMemoryError, match="300 MB"):
+        limited.expose(frames=10**6)
     steps = df.Scene.from_job(job).render_steps(time=100)
     for _ in steps:
         break
     assert pickle.loads(pickle.dumps(steps.film)).interrupted
+
+
+def test_a_film_of_a_file_writes_the_same_files(job: dict[str, Any], tmp_path: Path) -> None:
+    film = df.Scene.from_job(job).render(denoise="builtin")
+    film.save(tmp_path / "a.film")
+    loaded = df.Film.load(tmp_path / "a.film")
+    assert loaded.material_names == ["ball", "floor"]
+    for name, of in (("made", film), ("loaded", loaded)):
+        of.save_files(image=tmp_path / f"{name}.png", exr=tmp_path / f"{name}.exr")
+    for end in ("png", "exr"):
+        assert (tmp_path / f"made.{end}").read_bytes() == (tmp_path / f"loaded.{end}").read_bytes(), end
+    plain = df.Scene.from_job(job).render()
+    plain.save_image(tmp_path / "plain.png")
+    assert (tmp_path / "plain.png").read_bytes() != (tmp_path / "loaded.png").read_bytes()
+
+
+# A view of one number, whose copy would need gigabytes. The last numbers are sides [pixels] and the bytes of a pixel.
+VAST = """
+import resource, sys
+import dunkelfeld as df, numpy as np
+side, channels = int(sys.argv[2]), int(sys.argv[3])
+image = np.broadcast_to(np.dtype(sys.argv[4]).type(1), (side, side) + (channels,) * (channels > 1))
+small = np.ones((4, 4, 3), np.float32)
+resource.setrlimit(resource.RLIMIT_AS, (3_000_000_000, 3_000_000_000))
+try:
+    eval(sys.argv[1])
+except (df.OutOfMemoryError, df.SettingError) as error:
+    assert error.help, error
+    print(type(error).__name__)
+"""
+
+
+@pytest.mark.parametrize(
+    ("call", "side", "channels", "kind", "error"),
+    [
+        ("df.expose_radiance(image)", 33000, 3, "f4", "SettingError"),
+        ("df.expose_radiance(image)", 14000, 3, "f8", "SettingError"),
+        ("df.expose_radiance(image, memory='100MB')", 8000, 3, "f8", "OutOfMemoryError"),
+        ("df.denoise_radiance(image, memory='100MB')", 8000, 3, "f4", "OutOfMemoryError"),
+        ("df.denoise_radiance(small, variance=image)", 40000, 3, "f4", "SettingError"),
+        ("df.denoise_radiance(small, depth=image)", 40000, 1, "f8", "SettingError"),
+        ("df.Scene.from_job('scene = \"none\"').render(replay=image)", 60000, 1, "u4", "SettingError"),
+        ("df.Scene.from_job('scene = \"none\"').render(replay=image)", 60000, 1, "i8", "SettingError"),
+    ],
+)
+def test_vast_images_are_refused_before_they_are_copied(
+    call: str, side: int, channels: int, kind: str, error: str
+) -> None:
+    arguments = [sys.executable, "-c", VAST, call, str(side), str(channels), kind]
+    done = subprocess.run(arguments, capture_output=True, text=True, env=os.environ)
+    assert done.stdout.strip() == error, done.stderr
 
 
 @pytest.mark.parametrize("frames", [10**9, 2**32 - 1])

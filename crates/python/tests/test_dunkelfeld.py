@@ -302,6 +302,26 @@ def test_a_thousand_renders_keep_their_memory(job: dict[str, Any]) -> None:
     assert render(800) - before < 8 << 20
 
 
+def test_two_progress_functions_that_wait_for_each_other_get_an_error(job: dict[str, Any]) -> None:
+    scenes = [df.Scene.from_job(job), df.Scene.from_job(job)]
+    faults: list[str] = []
+
+    def render(mine: df.Scene, other: df.Scene) -> None:
+        try:
+            mine.render(time=2, progress=lambda *_: other.cameras)
+        except df.SettingError as error:
+            faults.append(str(error))
+
+    pairs = [(scenes[0], scenes[1]), (scenes[1], scenes[0])]
+    threads = [threading.Thread(target=render, args=pair, daemon=True) for pair in pairs]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert not any(thread.is_alive() for thread in threads)
+    assert all("render holds the scene" in fault for fault in faults)
+
+
 def test_a_progress_function_reads_another_film(job: dict[str, Any]) -> None:
     scene, film = df.Scene.from_job(job), df.Scene.from_job(job).render()
     expected = film.mean

@@ -104,7 +104,7 @@ def test_a_data_set_gives_the_figures_of_its_sensor(tmp_path: Path) -> None:
     made = df.emva.dataset("imx174", folder, progress=lambda *state: seen.append(state), **options)
     assert Path(made["descriptor"]).is_file() and made["frames"] == 12 * 4 + 6 and len(seen) == made["frames"]
     assert made["figures"] == json.loads(Path(made["truth"]).read_text())
-    found = df.emva.analyse(made["descriptor"], json=folder / "a.json", html=folder / "a.html", pixel_pitch=5.86)
+    found = df.emva.analyse(made["descriptor"], json=folder / "a.json", html=folder / "a.html", pixel_pitch=5.86e-6)
     assert found["figures"] == json.loads((folder / "a.json").read_text()) and (folder / "a.html").is_file()
     gain, truth = found["quantities"]["K"], made["figures"]["quantities"]["K"]
     assert abs(gain["value"] - truth) < 5 * gain["standard_error"] and gain["unit"]
@@ -134,6 +134,10 @@ BAD: list[tuple[Any, type[BaseException], str]] = [
     (lambda p, o: df.bench(p / "station.toml", p), df.OutputError, "station.toml"),
     (lambda p, o: df.bench(p / "station.toml", o, sensor="none", exposure=1.0), df.SettingError, "exposure"),
     (lambda p, o: df.ptc([], o), df.SettingError, "inputs"),
+    (lambda p, o: df.ptc(p / "station.toml", o, spp=[]), df.SettingError, "spp"),
+    (lambda p, o: df.bench(p / "station.toml", o, spp=[]), df.SettingError, "spp"),
+    (lambda p, o: df.bench(p / "station.toml", o, denoise=[]), df.SettingError, "denoise"),
+    (lambda p, o: df.emva.dataset("imx174", o, wavelength="545 apples"), df.SettingError, "wavelength"),
     (lambda p, o: df.ptc(p / "station.toml", o, frames=3), df.SettingError, "frames"),
     (lambda p, o: df.ptc(p / "station.toml", o, edges=float("nan")), df.SettingError, "edges"),
     (lambda p, o: df.ptc(p / "station.toml", o, dark=1.0), df.SettingError, "dark"),

@@ -5,6 +5,7 @@ use crate::checkpoint::has_field;
 use crate::error::{Error, written};
 use crate::rendered_film::RenderedFilm;
 use crate::settings::RenderSettings;
+use dunkelfeld_denoise::DenoiseMethod;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::checkpoint::{CheckpointHead, read_checkpoint, write_checkpoint};
 use serde::{Deserialize, Serialize};
@@ -29,6 +30,9 @@ struct Description {
     /// The samples of every pixel, if the film is a part of a render.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     samples: Option<Range<u32>>,
+    /// The denoiser of the picture. The place of its library is that of each machine.
+    #[serde(default)]
+    denoise: DenoiseMethod,
 }
 
 /// The part of the description of a checkpoint that exposes its film.
@@ -47,21 +51,25 @@ impl SavedFilm {
         let Self { film, settings, is_vignetted } = self;
         let saved_film = ExposureRecipe::new(settings, *is_vignetted, [&film.object_names, &film.material_names]);
         let [objects, materials] = numbers_of(&film.ids);
-        let stored = serde_json::to_string(&Description { saved_film, samples: settings.samples.clone() })
-            .map_err(Into::into)
-            .and_then(|text| {
-                let head = CheckpointHead {
-                    width: film.sums.width(),
-                    height: film.sums.height(),
-                    text: &text,
-                    weights: None,
-                    caps: None,
-                    target: None,
-                    objects: Some(&objects),
-                    materials: Some(&materials),
-                };
-                write_checkpoint(path, &head, &mut |rows, out| film.sums.read_rows(rows, out))
-            });
+        let stored = serde_json::to_string(&Description {
+            saved_film,
+            samples: settings.samples.clone(),
+            denoise: settings.denoise.method,
+        })
+        .map_err(Into::into)
+        .and_then(|text| {
+            let head = CheckpointHead {
+                width: film.sums.width(),
+                height: film.sums.height(),
+                text: &text,
+                weights: None,
+                caps: None,
+                target: None,
+                objects: Some(&objects),
+                materials: Some(&materials),
+            };
+            write_checkpoint(path, &head, &mut |rows, out| film.sums.read_rows(rows, out))
+        });
         written(path, stored)
     }
 
@@ -74,15 +82,15 @@ impl SavedFilm {
         let help = "use a file that a saved film has, such as `film.save(\"a.film\")` in Python";
         let fault = |problem: String| InputError::new(path, "the description", problem, help);
         let unreadable = |e| fault(format!("is not that of a saved film: {e}"));
-        let (saved_film, samples) = if has_field(&checkpoint.text, "key") {
+        let (saved_film, samples, denoise) = if has_field(&checkpoint.text, "key") {
             let found: OfCheckpoint = serde_json::from_str(&checkpoint.text).map_err(unreadable)?;
             let help = "write it again by a render with this checkpoint";
             let problem = "is a checkpoint of an earlier version, without sensor and names";
             let recipe = found.recipe.ok_or_else(|| InputError::new(path, "the description", problem, help))?;
-            (recipe, found.samples)
+            (recipe, found.samples, DenoiseMethod::Off)
         } else {
             let found: Description = serde_json::from_str(&checkpoint.text).map_err(unreadable)?;
-            (found.saved_film, found.samples)
+            (found.saved_film, found.samples, found.denoise)
         };
         let (Some(objects), Some(materials)) = (&checkpoint.objects, &checkpoint.materials) else {
             return Err(fault("has no ids of objects and materials".into()).into());
@@ -91,6 +99,7 @@ impl SavedFilm {
         let sums = checkpoint.film;
         let mut settings = saved_film.settings(sums.width(), sums.height());
         settings.samples = samples;
+        settings.denoise.method = denoise;
         let is_vignetted = saved_film.is_vignetted;
         let ExposureRecipe { object_names, material_names, .. } = saved_film;
         Ok(Self { film: RenderedFilm { sums, ids, object_names, material_names }, settings, is_vignetted })

@@ -170,7 +170,7 @@ class ObjectKeys(_Named, total=False):
     translate: Triple
     rotate: Sequence[Angle] | Mapping[str, Any]
     scale: float | Sequence[float] | NDArray[Any]
-    matrix: Sequence[float] | NDArray[Any]
+    matrix: Sequence[float] | Matrix
     pivot: Place
     material: str
     instances: Sequence[Mapping[str, Any]]
@@ -186,7 +186,8 @@ class _Entry(dict[str, Any]):
     _required: ClassVar[tuple[str, ...]] = ()
 
     def _check(self) -> None:
-        _native.check_job_keys(self._table, list(self), list(self._required))
+        given = [key for key, value in self.items() if value is not None or key not in self._required]
+        _native.check_job_keys(self._table, given, list(self._required))
 
     def __repr__(self) -> str:
         keys = ", ".join(f"{key}={value!r}" for key, value in self.items())
@@ -240,7 +241,8 @@ class Object(_Entry):
     """An `[[object]]` of a job; the keywords are its keys (`docs/job-file.md`).
 
     `name` is required. With `kind` it is a new object, otherwise a change of the objects with its name. Lengths are
-    numbers [m] or texts such as "12mm". An unknown key raises `SettingError`.
+    numbers [m] or texts such as "12mm". `matrix` is a matrix of 4 x 4 numbers, or its 16 numbers row by row. An unknown
+    key raises `SettingError`.
     """
 
     _table = "object"
@@ -248,4 +250,7 @@ class Object(_Entry):
 
     def __init__(self, **keys: Unpack[ObjectKeys]) -> None:
         super().__init__(keys)
+        rows: Any = keys.get("matrix")
+        if hasattr(rows, "__len__") and len(rows) == 4 and all(hasattr(row, "__len__") and len(row) == 4 for row in rows):
+            self["matrix"] = [value for row in rows for value in row]
         self._check()

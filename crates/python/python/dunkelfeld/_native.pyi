@@ -22,7 +22,7 @@ _Progress: TypeAlias = Callable[[str, float, float, float | None], object]
 
 _Strategy: TypeAlias = Literal["uniform", "sobel", "variance", "sensor"]
 _Denoiser: TypeAlias = Literal["off", "auto", "oidn", "builtin"]
-_Extras: TypeAlias = tuple[str, list[str], bool, list[tuple[pathlib.Path, str]], tuple[str, pathlib.Path | None]]
+_Extras: TypeAlias = tuple[str, bool, list[tuple[pathlib.Path, str]], pathlib.Path | None, int | None]
 _Vignetting: TypeAlias = Literal["none", "cos4"]
 
 class DunkelfeldError(Exception):
@@ -109,7 +109,7 @@ class Film:
     ) -> NDArray[np.uint8]: ...
     def certificate(self, k: float = 1.0) -> dict[str, Any]: ...
     def noise_map(self, k: float = 1.0) -> NoiseMap: ...
-    def denoise(self, method: str = "auto") -> NDArray[np.float32]: ...
+    def denoise(self, method: Literal["auto", "oidn", "builtin"] = "auto", *, oidn: _Path | None = None) -> NDArray[np.float32]: ...
     def save(self, path: _Path) -> None: ...
     def save_files(
         self,
@@ -168,7 +168,7 @@ class Scene:
         frame: int | None = None,
         threads: int | None = None,
         samples: tuple[int, int] | None = None,
-        strategy: str | None = None,
+        strategy: _Strategy | None = None,
         sensor: Sensor | _Path | None = None,
         exposure: float | str | None = None,
         exposure_noise: str | None = None,
@@ -195,7 +195,7 @@ class Scene:
         frame: int | None = None,
         threads: int | None = None,
         samples: tuple[int, int] | None = None,
-        strategy: str | None = None,
+        strategy: _Strategy | None = None,
         sensor: Sensor | _Path | None = None,
         exposure: float | str | None = None,
         exposure_noise: str | None = None,
@@ -444,7 +444,7 @@ def emva_dataset(
     *,
     levels: int | None = None,
     size: tuple[int, int] | None = None,
-    wavelength: float | None = None,
+    wavelength: float | str | None = None,
     spatial: int | None = None,
     vary: str | None = None,
     exposure: float | None = None,
@@ -459,7 +459,7 @@ def emva_analyse(
     *,
     release: str = "4.0",
     general: bool = False,
-    pixel_pitch: float | None = None,
+    pixel_pitch: float | str | None = None,
     json: _Path | None = None,
     html: _Path | None = None,
     threads: int | None = None,

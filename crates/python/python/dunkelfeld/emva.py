@@ -29,7 +29,7 @@ def dataset(
     *,
     levels: int | None = None,
     size: tuple[int, int] | None = None,
-    wavelength: float | None = None,
+    wavelength: float | str | None = None,
     spatial: int | None = None,
     vary: Literal["exposure", "irradiance"] | None = None,
     exposure: float | None = None,
@@ -43,7 +43,7 @@ def dataset(
 
     `output` is a folder that does not exist or is empty: it gets the descriptor `emva.txt`, frames as PNG, and
     `truth.json`. `levels` (default 50) are pairs of frames from dark to saturation; `size` is width and height [pixels]
-    (640, 480); `wavelength` is in nm (that of the highest quantum efficiency); `spatial` is the number of frames of
+    (640, 480); `wavelength` is in metres, or a text such as "545nm" (that of the highest quantum efficiency); `spatial` is the number of frames of
     each of the two stacks (16); `vary` is the quantity that changes from level to level ("exposure"); `exposure` is the
     longest exposure time [s] (0.1); `color` selects the pixels of a sensor with colour filters.
 
@@ -75,7 +75,7 @@ def analyse(
     *,
     release: Literal["4.0", "3.1"] = "4.0",
     general: bool = False,
-    pixel_pitch: float | None = None,
+    pixel_pitch: float | str | None = None,
     json: Path | None = None,
     html: Path | None = None,
     threads: int | None = None,
@@ -84,7 +84,7 @@ def analyse(
     """Analyses a data set by EMVA 1288. `input` is the path of its descriptor.
 
     `release` of the standard defines saturation; `general` selects the module for cameras that are not linear;
-    `pixel_pitch` [um] gives figures per area. `json` and `html` are the paths of files with all results and of the
+    `pixel_pitch`, in metres or a text such as "3.45um", gives figures per area. `json` and `html` are the paths of files with all results and of the
     report; without them no file is written.
 
     Returns a dictionary: `quantities` (by symbol: dictionaries with `value`, `standard_error`, `unit`, `name` and
