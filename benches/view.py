@@ -148,7 +148,9 @@ def show_first_changes(page):
         began = time.monotonic()
         page.wait(lambda: page.js("return window.dunkelfeld.frame().header.analysis") != "none", "an analysis")
         seconds = time.monotonic() - began
-        print(f"  first {knob} {value}: {latency:.0f} ms (analysis: {readiness}), with an analysis after {seconds:.1f} s")
+        print(
+            f"  first {knob} {value}: {latency:.0f} ms (analysis: {readiness}), with an analysis after {seconds:.1f} s"
+        )
         page.set(knob, off)
 
 

@@ -193,7 +193,7 @@ public:
     Image<float> depth() const { return layer(DUNKELFELD_LAYER_DEPTH, 1); }
     /** Samples per pixel. */
     Image<std::uint32_t> spp() const { return ids(DUNKELFELD_ID_LAYER_SPP); }
-    /** Object at the centre of each pixel, or DUNKELFELD_NO_ID. */
+    /** Object at the centre of each pixel, or DUNKELFELD_NO_ID; behind a smooth clear surface the first that scatters. */
     Image<std::uint32_t> object_ids() const { return ids(DUNKELFELD_ID_LAYER_OBJECT_IDS); }
     /** Material at the centre of each pixel, or DUNKELFELD_NO_ID. */
     Image<std::uint32_t> material_ids() const { return ids(DUNKELFELD_ID_LAYER_MATERIAL_IDS); }

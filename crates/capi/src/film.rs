@@ -41,7 +41,7 @@ pub enum Layer {
 pub enum IdLayer {
     /// Samples per pixel.
     Spp = 0,
-    /// Object at the centre of each pixel, or DUNKELFELD_NO_ID.
+    /// Object at the centre of each pixel, or DUNKELFELD_NO_ID. Behind a smooth clear surface it is the first that scatters.
     ObjectIds = 1,
     /// Material at the centre of each pixel, or DUNKELFELD_NO_ID.
     MaterialIds = 2,

@@ -100,13 +100,14 @@ impl Film {
         self.spp(py)
     }
 
-    /// Object at the centre of each pixel, uint32 of shape (height, width); `NO_ID` where there is none.
+    /// Object at the centre of each pixel, uint32 of shape (height, width); `NO_ID` where there is none. Behind a smooth clear
+    /// surface it is the first object that scatters, so that a clear cover has no pixels.
     #[getter]
     fn object_ids<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray2<u32>>, Failure> {
         gray(py, self.compute(py, |s| s.film.ids.map(|id| id.map_or(NO_ID, |id| id.object())))?)
     }
 
-    /// Material at the centre of each pixel, uint32 of shape (height, width); `NO_ID` where there is none.
+    /// Material at the centre of each pixel, that of `object_ids`, uint32 of shape (height, width); `NO_ID` where there is none.
     #[getter]
     fn material_ids<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray2<u32>>, Failure> {
         gray(py, self.compute(py, |s| s.film.ids.map(|id| id.map_or(NO_ID, |id| id.material())))?)

@@ -179,7 +179,7 @@ def test_films_are_saved_copied_and_merged(tmp_path: Path, job: dict[str, Any]) 
         (lambda job: df.Scene.from_job(job).render(spp=float("nan")), df.SettingError, "spp"),
         (lambda job: df.Scene.from_job(job).render(width=0), df.SettingError, "width"),
         (lambda job: df.Scene.from_job(job).render(camera="left"), df.SettingError, "left"),
-        (lambda job: df.Scene.from_job(job).render(strategy="best"), df.SettingError, "best"),
+        (lambda job: df.Scene.from_job(job).render(strategy=cast(Any, "best")), df.SettingError, "best"),
         (lambda job: df.Scene.from_job(job).render(exposure=-1.0), df.SensorError, "exposure"),
         (lambda job: df.Scene.from_job(job).render().expose(frames=0), df.SettingError, "frames"),
         (lambda job: df.Scene.from_job(job).render().expose(exposure_noise="loud"), df.SettingError, "loud"),

@@ -251,6 +251,10 @@ class Object(_Entry):
     def __init__(self, **keys: Unpack[ObjectKeys]) -> None:
         super().__init__(keys)
         rows: Any = keys.get("matrix")
-        if hasattr(rows, "__len__") and len(rows) == 4 and all(hasattr(row, "__len__") and len(row) == 4 for row in rows):
+        if (
+            hasattr(rows, "__len__")
+            and len(rows) == 4
+            and all(hasattr(row, "__len__") and len(row) == 4 for row in rows)
+        ):
             self["matrix"] = [value for row in rows for value in row]
         self._check()

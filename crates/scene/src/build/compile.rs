@@ -200,7 +200,10 @@ impl SceneBuilder {
             let Repaired { attributes, repairs, lost_digits } = builds.repair(part);
             attributes.into_iter().for_each(|note| report.note(&place, note));
             if repairs.total() > 0 {
-                report.note(&place, describe(&repairs));
+                // A part of the object is missing then, which triangles without an area and copies do not show.
+                let is_lost = repairs.out_of_range > 0 || repairs.non_finite > 0;
+                let report_as = if is_lost { BuildReport::hazard } else { BuildReport::note };
+                report_as(report, place.clone(), describe(&repairs));
             }
             lost_digits.into_iter().for_each(|message| report.hazard(&place, message));
             let material = &self.materials[part.material];
@@ -270,7 +273,7 @@ impl SceneBuilder {
         for (object, instance) in self.instances.iter().enumerate() {
             match Transform::new(instance.to_world) {
                 Ok(t) => valid.push((object as u32, instance.clone(), t)),
-                Err(e) => report.note(format!("object \"{}\"", instance.name), format!("{e}; the object is left out")),
+                Err(e) => report.hazard(format!("object \"{}\"", instance.name), format!("{e}; the object is left out")),
             }
         }
         valid
