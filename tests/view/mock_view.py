@@ -51,6 +51,7 @@ class MockView:
             "regions": None,
             "analysis": "exact",
             "prepared": 0,
+            "timed": None,
         }
         self.begin, self.paused_at, self.film_offset = time.time(), 0.0, 0
         self.connected = False
@@ -178,6 +179,8 @@ class MockView:
             "sensors": SENSORS,
             "camera": JOB_CAMERA,
             "ranges": RANGES,
+            "frame": 0,
+            "timed": self.settings["timed"],
             "scene": scene,
             "saved": self.saved,
         }
@@ -539,4 +542,4 @@ class MockView:
             if file in [*self.saved, "panel.toml"]:
                 raise Fault(422, f"The file {file} exists.", file, "Choose another name.")
         self.saved = self.saved + files
-        return {"files": files}
+        return {"files": files, "note": None}

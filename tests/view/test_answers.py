@@ -172,3 +172,102 @@ def test_files_that_are_no_scenes(tmp_path, arguments, words):
     write_exr(tmp_path / "other.exr", **{c: np.ones((4, 4), np.float32) for c in "RGB"})
     found = attempt("view", "--no-open", *arguments, cwd=tmp_path)
     assert found.returncode == 2 and words in found.stderr and "help: " in found.stderr, found.stderr
+
+
+@pytest.mark.parametrize(
+    ("job", "word"),
+    [
+        (
+            station(width=32, height=24, sensor='exposure = "5ms"').replace(
+                "power = 0.5", 'power = 0.5\nstrobe = "1ms"'
+            ),
+            "strobe",
+        ),
+        (
+            station(width=32, height=24, sensor='exposure = "5ms"', more="").replace(
+                'translate = ["-40mm", "25mm", 0]', 'translate = ["-40mm", "25mm", 0]\nvelocity = ["1m/s", 0, 0]'
+            ),
+            "move",
+        ),
+    ],
+)
+def test_samples_of_an_exposure_are_shown_with_it_alone(view, tmp_path, job, word):
+    running = view(job=job)
+    running.wait_for_film(1)
+    state = running.state()
+    assert word in state["timed"] and state["camera"]["exposure"] == 0.005
+    running.frame()
+    running.frame(sensor="imx174")
+    for exposure in [0.002, 0.02, None]:
+        with pytest.raises(Refused, match="exposure of 0.005 s") as caught:
+            running.frame(exposure=exposure)
+        assert caught.value.status == 422
+        body = {"what": ["job"], "name": "other", "camera": running.camera(exposure=exposure), "frame": 0}
+        with pytest.raises(Refused, match="exposure"):
+            running.post("save", body)
+    running.post("save", {"what": ["job"], "name": "same", "camera": running.camera(gain=2.0), "frame": 0})
+    job = tmp_path / "same.toml"
+    run("render", job, "--spp", 1, "-o", tmp_path / "same.png", cwd=tmp_path)
+
+
+def test_exposures_have_the_range_of_a_job(view):
+    running = view(job=station(width=32, height=24, sensor='exposure = "200s"'))
+    running.wait_for_film(1)
+    assert running.frame()[0]["exposure"] == 200
+    assert running.frame(exposure=5e-7)[0]["exposure"] == 5e-7
+    assert running.state()["timed"] is None
+
+
+def test_large_seeds_keep_their_digits(view, open_page):
+    seed = 2**53 + 1
+    running = view(job=station(width=32, height=24).replace("seed = 3", f"seed = {seed}"))
+    running.wait_for_film(1)
+    assert running.camera()["device"] == str(seed)
+    page = open_page(running)
+    page.idle()
+    page.click("device-next")
+    page.idle()
+    assert page.frame()["camera"]["device"] == str(seed + 1)
+    page.set("device", "77")
+    page.idle()
+    assert page.frame()["camera"]["device"] == 77
+    # A larger one than that of a job is none.
+    page.set("device", str(2**63))
+    page.idle()
+    assert page.frame()["camera"]["device"] == 77
+    # A page that is loaded again keeps the knobs.
+    page.driver.refresh()
+    page.wait(lambda: page.frame() is not None, "a picture")
+    assert page.frame()["camera"]["device"] == 77
+
+
+def test_changes_that_cannot_be_rendered_are_refused(view):
+    running = view(job=station(width=32, height=24))
+    running.wait_for_film(1)
+    scene = running.state()["scene"]
+    effects = [effect["name"] for effect in scene["effects"]]
+    assert "textures" in effects and "color" not in effects, effects
+    with pytest.raises(Refused, match="color"):
+        running.post("scene", {"without": ["color"]})
+    dark = {light["name"]: {"on": False, "factor": 1} for light in scene["lights"]}
+    with pytest.raises(Refused, match="no light is on"):
+        running.post("scene", {"per_light": True, "lights": dark})
+    assert running.state()["render"]["restarted"] == 0
+    # Without films of their own, all lights can be off. The change ends a pause.
+    running.pause()
+    running.post("scene", {"lights": dark})
+    running.wait(
+        lambda state: state["render"]["restarted"] == 1 and state["render"]["state"] == "running", "the render"
+    )
+
+
+def test_the_first_frame_is_that_of_the_samples(view, tmp_path, open_page):
+    running = view(job=station(width=32, height=24).replace("seed = 3", "seed = 3\nframe = 9"))
+    running.wait_for_film(1)
+    running.pause()
+    page = open_page(running)
+    page.idle()
+    assert running.state()["frame"] == 9 and page.text("frame-rate") == "frame 9"
+    body = {"what": ["tiff", "checkpoint", "job"], "name": "x", "camera": running.camera()}
+    assert running.post("save", {**body, "frame": 9})["note"] is None
+    assert "frame 9" in running.post("save", {**body, "frame": 4, "name": "y"})["note"]

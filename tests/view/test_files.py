@@ -73,7 +73,8 @@ def test_the_command_line_continues_a_saved_film(view, tmp_path, open_page, fold
             page.click(f"save-{what}")
     page.click("save")
     assert page.text("problems") == ""
-    page.wait(lambda: page.text("save-result") == "Saved 3 files.", "the files")
+    page.wait(lambda: page.text("save-result").startswith("Saved 3 files."), "the files")
+    assert page.text("save-result").endswith("The job has frame 0, that of the samples; the picture has frame 1.")
     page.assert_quiet_console()
     running.interrupt()
     film = tmp_path / folder / "going on.film"

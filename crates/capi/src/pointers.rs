@@ -160,7 +160,12 @@ fn size_at(structure: *const usize, full: usize, name: &str) -> Result<usize, Fa
         return Ok(size);
     }
     let problem = format!("its struct_size is {size}, and the library knows {full} bytes");
-    Err(Failure::new(Status::Abi, name, problem, "initialise it by the function of the header, of this library's version"))
+    Err(Failure::new(
+        Status::Abi,
+        name,
+        problem,
+        "initialise it by the function of the header, of this library's version",
+    ))
 }
 
 impl<T> Elements<T> {

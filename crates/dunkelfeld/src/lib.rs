@@ -85,6 +85,7 @@ pub use project::{
     removable_effects,
 };
 pub use sensor_sheet::sensor_sheet;
+pub use shutter::TimedExposure;
 pub use stations::{STATIONS, Station};
 pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};
 

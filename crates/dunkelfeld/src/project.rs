@@ -18,7 +18,7 @@ use crate::guard::check_outputs;
 use crate::inspect::{Inspection, camera_entry, inspect};
 use crate::memory::{KeptFilms, MemoryAccount, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
-use crate::shutter::{check_shutter, splitter_of};
+use crate::shutter::{TimedExposure, check_shutter, splitter_of, timed_exposure};
 use crate::stats::Stats;
 use dunkelfeld_film::FilmLayers;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
@@ -134,6 +134,12 @@ impl Project {
         inspection.memory = Some(self.memory());
         inspection.warnings = self.warnings.iter().map(ToString::to_string).collect();
         inspection
+    }
+
+    /// The exposure time for which the samples of the scene are made. `None` if a film of it can be exposed for any time:
+    /// nothing moves, no rows are scanned, and no lamp has a strobe.
+    pub fn timed_exposure(&self) -> Option<TimedExposure> {
+        timed_exposure(&self.scene, self.job.as_deref())
     }
 
     /// The settings of a render with the lens combined with its camera: with [`RenderSettings::view`] set, and with the

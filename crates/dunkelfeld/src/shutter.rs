@@ -34,20 +34,35 @@ pub(crate) fn check_shutter(scene: &Scene, settings: &RenderSettings, job: Optio
         return Err(Error::setting("height", problem, "set `height` in [film] of the job"));
     }
     let SensorChoice::Emva { exposure, .. } = &settings.sensor else { return Ok(()) };
+    if let Some(TimedExposure { time, reason }) = timed_exposure(scene, job)
+        && exposure.map(|e| e.time()) != Some(time)
+    {
+        let problem = format!("{reason} for an exposure of {} s", Number(time.0));
+        return Err(Error::setting("exposure", problem, "set `exposure` in [sensor] of the job"));
+    }
+    Ok(())
+}
+
+/// The exposure time for which the samples of a scene are made: its film cannot be exposed for another time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TimedExposure {
+    /// The exposure time of a pixel \[s\]: that of all stages of a line scan together.
+    pub time: Seconds,
+    /// The reason, the subject and verb of a sentence: "the strobe of a lamp is timed".
+    pub reason: &'static str,
+}
+
+/// See [`Project::timed_exposure`](crate::Project::timed_exposure).
+pub(crate) fn timed_exposure(scene: &Scene, job: Option<&Job>) -> Option<TimedExposure> {
+    let shutter = scene.shutter();
     let has_strobe = job.is_some_and(|job| job.first_strobe().is_some());
     let reason = match shutter {
         Some(_) => "objects move, or rows are scanned,",
         None if has_strobe => "the strobe of a lamp is timed",
-        None => return Ok(()),
+        None => return None,
     };
     let built = job.and_then(Job::total_exposure).or(shutter.map(Shutter::exposure));
-    if let Some(built) = built
-        && exposure.map(|e| e.time().0) != Some(built)
-    {
-        let problem = format!("{reason} for an exposure of {} s", Number(built));
-        return Err(Error::setting("exposure", problem, "set `exposure` in [sensor] of the job"));
-    }
-    Ok(())
+    built.map(|built| TimedExposure { time: Seconds(built), reason })
 }
 
 /// Adds the hazard of strobes beside other light to the report of a scene.
@@ -102,11 +117,13 @@ mod tests {
     fn an_exposure_that_is_not_that_of_a_strobe_is_refused() {
         let text = format!("{CAMERA}{PANEL}");
         assert_eq!(exposed(open("", &text), None).expect("the exposure of the job"), Some(1e-3));
+        assert_eq!(open("", &text).timed_exposure().map(|timed| timed.time), Some(Seconds(1e-3)));
         let error = exposed(open("", &text), Some(2e-3)).expect_err("another exposure").to_string();
         assert!(error.contains("strobe") && error.contains("0.001 s") && error.contains("[sensor]"), "{error}");
         // Without a strobe each exposure is possible.
         let steady = text.replace("strobe", "# strobe");
         assert_eq!(exposed(open("", &steady), Some(2e-3)).expect("no strobe"), Some(2e-3));
+        assert_eq!(open("", &steady).timed_exposure(), None);
     }
 
     #[test]

@@ -6,6 +6,9 @@ import { count, exposure, number, parseExposure, percent, plain, quantity } from
 /** @typedef {import("./store.js").Store} Store */
 /** @typedef {import("./protocol").Camera} Camera */
 
+/** @type {[number, number]} */
+const EXPOSURE_SLIDER = [1e-6, 100]; // s: other times can be typed
+const LARGEST_SEED = 2n ** 63n - 1n; // of a job
 const LIGHT_RANGE = 2; // decades on each side of the factor 1 of a light
 
 /**
@@ -74,15 +77,31 @@ function followKnobs(store, problems) {
     black_level: input("black-level-model").checked ? null : store.frameA?.header.black ?? 0,
   }));
   knob("noise", "change", (value) => ({ noise: /** @type {Camera["noise"]} */ (value) }));
-  knob("device", "change", (value) => (Number(value) >= 0 && value !== "" ? { device: Math.round(Number(value)) } : null));
+  knob("device", "change", (value) => {
+    const number = wholeNumber(value);
+    return number === null ? null : { device: number };
+  });
   knob("denoise", "change", (value) => ({ denoise: /** @type {Camera["denoise"]} */ (value) }));
   knob("vignetting", "change", () => ({ vignetting: input("vignetting").checked }));
   button("device-next").addEventListener("click", () => {
-    store.changeCamera({ device: (store.camera?.device ?? 0) + 1 });
+    const next = BigInt(store.camera?.device ?? 0) + 1n;
+    store.changeCamera({ device: wholeNumber(String(next)) ?? 0 });
   });
   button("camera-reset").addEventListener("click", () => {
     if (store.server) store.changeCamera(structuredClone(store.server.camera));
   });
+}
+
+/**
+ * A seed: a text of digits where a number would lose digits.
+ * @param {string} text
+ * @returns {number | string | null}
+ */
+function wholeNumber(text) {
+  if (!/^\s*\d+\s*$/.test(text)) return null;
+  const value = BigInt(text.trim());
+  if (value > LARGEST_SEED) return null;
+  return value <= BigInt(Number.MAX_SAFE_INTEGER) ? Number(value) : String(value);
 }
 
 /**
@@ -153,6 +172,13 @@ function showKnobs(store, force = false) {
     "temperature-value", "temperature-model", "black-level", "black-level-model", "device", "vignetting"]) {
     input(id).disabled = camera.sensor === null;
   }
+  for (const id of ["exposure", "exposure-value", "exposure-auto"]) {
+    const target = input(id);
+    target.dataset["help"] ??= target.title;
+    target.title = server.timed === null ? target.dataset["help"]
+      : `Fixed, because ${server.timed}. Change it in the job`;
+    target.disabled ||= server.timed !== null;
+  }
   select("noise").disabled = camera.sensor === null;
   button("device-next").disabled = camera.sensor === null;
   showLights(store);
@@ -166,7 +192,7 @@ function showExposure(store, force = false) {
   const { camera, server } = store;
   if (!camera || !server) return;
   const seconds = camera.exposure ?? store.frameA?.header.exposure ?? null;
-  setRange("exposure", ...logarithms(server.ranges.exposure), 400);
+  setRange("exposure", ...logarithms(EXPOSURE_SLIDER), 400);
   const text = seconds === null ? "" : exposure(seconds);
   if (seconds !== null && document.activeElement !== input("exposure")) {
     input("exposure").value = String(Math.log10(seconds));

@@ -60,6 +60,10 @@ export interface State {
   sensors: Sensor[];
   camera: Camera;
   ranges: { exposure: [number, number]; gain: [number, number]; temperature: [number, number] };
+  /** The frame of the samples. */
+  frame: number;
+  /** The reason why the exposure is no knob. */
+  timed: string | null;
   scene: Scene | null;
   saved: string[];
 }
@@ -78,7 +82,8 @@ export interface Camera {
   temperature: number | null;
   black_level: number | null;
   noise: Noise;
-  device: number;
+  /** A text of digits where a number would lose digits. */
+  device: number | string;
   denoise: Denoise;
   vignetting: boolean;
   lights: Record<string, number> | null;

@@ -90,12 +90,12 @@ export function savePanel(store, problems) {
     button("save").disabled = true;
     setText(box("save-result"), "Saving\u2026");
     try {
-      /** @type {{ files: string[] }} */
-      const { files } = await postJson("/api/save", {
+      /** @type {{ files: string[], note: string | null }} */
+      const { files, note } = await postJson("/api/save", {
         what, name, camera: store.camera, frame: store.frameNumber,
       });
       answered = [...answered, ...files];
-      setText(box("save-result"), `Saved ${files.length} ${files.length === 1 ? "file" : "files"}.`);
+      setText(box("save-result"), `Saved ${files.length} ${files.length === 1 ? "file" : "files"}.${note === null ? "" : ` ${note}`}`);
       showSaved();
     } catch (error) {
       setText(box("save-result"), "Nothing was saved.");

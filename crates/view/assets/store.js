@@ -41,6 +41,36 @@ function withKnownSensor(knobs, state) {
   return isKnown ? knobs : { ...knobs, sensor: state.camera.sensor };
 }
 
+/**
+ * The place of the knobs in the storage of the tab, for a page that is loaded again.
+ * @param {State} state
+ */
+function placeOf(state) {
+  return `knobs of ${state.path}`;
+}
+
+/**
+ * @param {State | null} state
+ * @param {Camera} camera
+ */
+function keepKnobs(state, camera) {
+  if (!state) return;
+  sessionStorage.setItem(placeOf(state), JSON.stringify({ job: state.camera, camera }));
+}
+
+/**
+ * The knobs that this tab had, if the job has not changed since.
+ * @param {State} state
+ * @returns {Camera | null}
+ */
+function knobsOf(state) {
+  const text = sessionStorage.getItem(placeOf(state));
+  if (text === null || state.width === 0) return null;
+  /** @type {{ job: Camera, camera: Camera }} */
+  const { job, camera } = JSON.parse(text);
+  return JSON.stringify(job) === JSON.stringify(state.camera) ? camera : null;
+}
+
 export class Store {
   /**
    * The newest state of the server; null until the first one of a connection.
@@ -154,7 +184,8 @@ export class Store {
     // The knobs start from the job. Later states must not move a knob of the user. The other knobs follow a job that has
     // been loaded or has changed.
     if (this.camera === null || !before) {
-      this.camera = structuredClone(state.camera);
+      this.camera = knobsOf(state) ?? structuredClone(state.camera);
+      this.frameNumber = state.frame;
       this.emit("camera");
     } else if (JSON.stringify(before) !== JSON.stringify(state.camera)) {
       this.camera = follow(this.camera, before, state.camera);
@@ -234,6 +265,7 @@ export class Store {
   changeCamera(change) {
     if (!this.camera) return;
     this.camera = { ...this.camera, ...change };
+    keepKnobs(this.server, this.camera);
     this.emit("camera");
   }
 

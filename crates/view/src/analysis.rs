@@ -116,7 +116,9 @@ fn prepare_shown(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
 
 /// Computes both if the scene has none yet, so that the first picture with them has them at once.
 fn prepare_others(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
-    let is_running = lock(&shared.live).render.state == Activity::Running;
+    // The state of a pause follows its picture.
+    let is_paused = lock(&shared.control).is_paused;
+    let is_running = lock(&shared.live).render.state == Activity::Running && !is_paused;
     if is_running && snapshot.seconds < PREPARED_AFTER {
         return;
     }

@@ -103,6 +103,8 @@ pub(crate) fn scene(shared: &Shared, request: SceneRequest) -> Result<(), Fault>
         let mut change = waiting.unwrap_or_else(|| live.change.clone());
         change.add(request, &live.parts)?;
         control.change = Some(change);
+        // A pause would keep the picture of the scene before the change.
+        control.is_paused = false;
         Ok(())
     })
 }

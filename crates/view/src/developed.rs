@@ -6,11 +6,11 @@ use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, N
 use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::Plane;
 use dunkelfeld::io::sensor_file::find_sensor;
-use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Seconds};
+use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Number, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise, ImageExposure, PRESETS, SensorModel, display};
 use dunkelfeld::{
     Certified, DenoiseMethod, DenoiseSettings, Denoiser, ExposeSettings, Exposer, ImageNoise, OIDN_VARIABLE, Picture,
-    RenderedFilm, SensorChoice, Session, denoise_film, find_denoiser, through_lens,
+    RenderedFilm, SensorChoice, Session, TimedExposure, denoise_film, find_denoiser, through_lens,
 };
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
@@ -58,6 +58,17 @@ impl Sensors {
         spec.temperature = camera.temperature.map_or(spec.temperature, Celsius);
         spec.offset = camera.black_level.map_or(spec.offset, DigitalNumber);
         SensorModel::new(spec).map(Some).map_err(|e| Fault::from(dunkelfeld::Error::from(e)))
+    }
+}
+
+/// Checks that samples of moving objects and timed lamps are exposed for their time.
+pub(crate) fn check_timed(snapshot: &Snapshot, camera: &Camera) -> Result<(), Fault> {
+    match snapshot.scene.timed {
+        Some(TimedExposure { time, reason }) if camera.sensor.is_some() && camera.exposure != Some(time.0) => {
+            let problem = format!("{reason} for an exposure of {} s", Number(time.0));
+            Err(Fault::new(problem, "change `exposure` in [sensor] of the job"))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -196,6 +207,7 @@ impl Developed {
     /// The settings of this camera, for plain exposure.
     fn settings(&self, model: SensorModel) -> Result<ExposeSettings, Fault> {
         let Self { snapshot, camera, .. } = self;
+        check_timed(snapshot, camera)?;
         let mut settings = match ExposeSettings::of_render(&snapshot.settings)? {
             Some(settings) => settings.with_model(model),
             None => ExposeSettings::new(model)?,

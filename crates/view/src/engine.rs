@@ -144,6 +144,7 @@ fn prepare(
     opened.settings.layers = FilmLayers::All;
     let settings = opened.fitted()?;
     let is_vignetted = dunkelfeld::camera(&opened.scene, &settings)?.has_vignetting();
+    let timed = opened.timed_exposure();
     let lights = opened.light_names().len();
     let light_films = Some((lights, opened.memory_of_light_films(&settings, lights)));
     let note = |text: String| Note { level: "warning", text, help: None };
@@ -165,6 +166,7 @@ fn prepare(
         }
         live.sensors = sensors;
         live.settings = Some(settings);
+        live.timed = timed;
     });
     *project = Some(opened);
     Ok(())
@@ -219,6 +221,7 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
             parts: live.parts.clone(),
             job: live.job.clone(),
             sensors: live.sensors.clone(),
+            timed: live.timed,
             camera: Some(camera),
             ..PictureScene::default()
         }
@@ -499,7 +502,7 @@ pub(crate) fn watch_files(shared: &Arc<Shared>) {
             .collect();
         if !changed.is_empty() {
             lock(&shared.live).files.extend(changed);
-            shared.control(|control| control.reload = true);
+            shared.control(|control| (control.reload, control.is_paused) = (true, false));
         }
     }
 }

@@ -23,7 +23,8 @@ pub(crate) struct Camera {
     /// Grey value without light \[DN\]; `None`: that of the model.
     pub(crate) black_level: Option<f64>,
     pub(crate) noise: Noise,
-    /// Seed of the fixed pattern and of the noise.
+    /// Seed of the fixed pattern and of the noise. JSON has it as a text if a number would lose digits.
+    #[serde(with = "large_number")]
     pub(crate) device: u64,
     pub(crate) denoise: Denoise,
     pub(crate) vignetting: bool,
@@ -40,6 +41,32 @@ impl Camera {
     /// The camera for results that do not depend on its device.
     pub(crate) fn without_device(&self) -> Self {
         Self { device: 0, ..self.clone() }
+    }
+}
+
+/// A u64 in JSON: a number, or a text of digits where the numbers of a page (f64) would lose digits.
+mod large_number {
+    use serde::{Deserialize as _, Deserializer, Serializer, de};
+
+    /// Whole numbers below are exact as f64.
+    const EXACT: u64 = 1 << 53;
+
+    #[derive(serde::Deserialize)]
+    #[serde(untagged)]
+    enum Number {
+        Number(u64),
+        Text(String),
+    }
+
+    pub(super) fn serialize<S: Serializer>(number: &u64, serializer: S) -> Result<S::Ok, S::Error> {
+        if *number < EXACT { serializer.serialize_u64(*number) } else { serializer.collect_str(number) }
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
+        match Number::deserialize(deserializer)? {
+            Number::Number(number) => Ok(number),
+            Number::Text(text) => text.parse().map_err(de::Error::custom),
+        }
     }
 }
 
@@ -97,6 +124,10 @@ pub(crate) struct State {
     pub(crate) sensors: Vec<SensorState>,
     pub(crate) camera: Camera,
     pub(crate) ranges: Ranges,
+    /// The frame of the samples.
+    pub(crate) frame: u32,
+    /// The reason why the exposure is no knob.
+    pub(crate) timed: Option<String>,
     pub(crate) scene: Option<SceneState>,
     pub(crate) saved: Vec<String>,
 }
@@ -220,7 +251,7 @@ pub(crate) struct Ranges {
 
 impl Ranges {
     /// The ranges of all cameras.
-    pub(crate) const KNOBS: Self = Self { exposure: [1e-6, 100.0], gain: [0.01, 100.0], temperature: [-100.0, 200.0] };
+    pub(crate) const KNOBS: Self = Self { exposure: [1e-9, 1e6], gain: [0.01, 100.0], temperature: [-100.0, 200.0] };
 }
 
 /// The parts of the scene that can be changed.
@@ -488,4 +519,6 @@ pub(crate) enum SaveKind {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(crate) struct Saved {
     pub(crate) files: Vec<String>,
+    /// A difference between the files.
+    pub(crate) note: Option<String>,
 }

@@ -1,7 +1,7 @@
 //! Files of what is shown.
 
 use crate::desk::at_render;
-use crate::developed::{Accept, OWN_SENSOR};
+use crate::developed::{Accept, OWN_SENSOR, check_timed};
 use crate::light_sum;
 use crate::protocol::{Camera, Denoise, Fault, Noise, SaveKind, SaveRequest, Saved, SourceKind};
 use crate::shared::{Shared, lock};
@@ -44,6 +44,7 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
         }
         Content::Lights(_) | Content::Film(_) | Content::Exr(_) => {}
     }
+    check_timed(&snapshot, &request.camera)?;
     let factors = snapshot.factors(request.camera.lights.as_ref())?;
     let settings = settings_of(shared, &snapshot, &request.camera, request.frame)?;
     let needs_frame = files.iter().any(|(kind, _)| matches!(kind, SaveKind::Png | SaveKind::Tiff | SaveKind::Exr));
@@ -108,7 +109,12 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     } else {
         None
     };
-    let mut saved = Saved { files: Vec::new() };
+    let is_other_frame = is_continued && request.frame != snapshot.settings.frame;
+    let note = (is_other_frame && needs_frame && kinds().any(|kind| kind == SaveKind::Job)).then(|| {
+        let of_samples = snapshot.settings.frame;
+        format!("The job has frame {of_samples}, that of the samples; the picture has frame {}.", request.frame)
+    });
+    let mut saved = Saved { files: Vec::new(), note };
     for (kind, file) in files {
         let is_written = kind == SaveKind::Checkpoint && is_continued && save_checkpoint(shared, &file, &settings)?;
         if !is_written {
@@ -250,7 +256,7 @@ fn job_of(
     job.insert("seed".into(), seed.into());
     let sensor = job.entry("sensor").or_insert_with(|| Table::new().into());
     if let Value::Table(sensor) = sensor {
-        describe_sensor(sensor, camera)?;
+        describe_sensor(sensor, camera, snapshot.scene.timed.is_some())?;
     }
     // The samples of the picture: a job by noise ends at the same level.
     let [width, height] = snapshot.size();
@@ -299,7 +305,8 @@ fn path_from(scene: &Path, file: &Path) -> Result<String, Fault> {
     Ok(path.to_string_lossy().into_owned())
 }
 
-fn describe_sensor(sensor: &mut Table, camera: &Camera) -> Result<(), Fault> {
+/// The keys of `[sensor]`. A timed exposure is that of the job already.
+fn describe_sensor(sensor: &mut Table, camera: &Camera, is_timed: bool) -> Result<(), Fault> {
     match camera.sensor.as_deref() {
         None => {
             *sensor = Table::from_iter([("model".to_owned(), Value::from("none"))]);
@@ -320,6 +327,7 @@ fn describe_sensor(sensor: &mut Table, camera: &Camera) -> Result<(), Fault> {
     }
     camera.black_level.map(|level| sensor.insert("black_level".into(), level.into()));
     match camera.exposure {
+        _ if is_timed => {}
         None => drop(sensor.insert("exposure".into(), "auto".into())),
         Some(time) => drop(sensor.insert("exposure".into(), format!("{time}s").into())),
     }

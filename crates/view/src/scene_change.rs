@@ -1,8 +1,8 @@
 //! The changes of the scene that the page asked for, as keys of a job.
 
 use crate::protocol::{Fault, LightChange, MaterialChange, MaterialState, SceneRequest};
-use dunkelfeld::Inspection;
 use dunkelfeld::scene::{Effect, Material};
+use dunkelfeld::{Inspection, removable_effects};
 use std::collections::BTreeMap;
 use toml::{Table, Value};
 
@@ -44,7 +44,10 @@ impl SceneParts {
             cameras: inspection.cameras.iter().map(|camera| camera.name.clone()).collect(),
             lights,
             materials: of_materials(inspection, materials),
-            effects: inspection.effects.iter().map(|effect| (effect.name.clone(), effect.on)).collect(),
+            effects: (inspection.effects.iter())
+                .filter(|effect| removable_effects().iter().any(|removable| removable.name() == effect.name))
+                .map(|effect| (effect.name.clone(), effect.on))
+                .collect(),
         }
     }
 }
@@ -72,6 +75,11 @@ fn of_materials(inspection: &Inspection, materials: &[Material]) -> Vec<Material
         });
     }
     list
+}
+
+/// A power with the digits that the scene has of it.
+fn rounded(watts: f64) -> f64 {
+    format!("{watts:.5e}").parse().unwrap_or(watts)
 }
 
 /// The decimal number that the f32 was read from.
@@ -147,10 +155,15 @@ impl SceneChange {
         if let Some(names) = request.without {
             let effect = |name: &String| {
                 let help = "choose an effect of the list";
-                let found = Effect::ALL.into_iter().find(|effect| effect.name() == name);
-                found.ok_or_else(|| Fault::new(format!("{name:?} is no effect"), help))
+                let found = removable_effects().into_iter().find(|effect| effect.name() == name);
+                found.ok_or_else(|| Fault::new(format!("{name:?} is no effect that can be left out"), help))
             };
             next.without = names.iter().map(effect).collect::<Result<_, _>>()?;
+        }
+        let is_off = |(name, ..): &(String, String, f64)| next.lights.get(name).is_some_and(|light| !light.on);
+        if next.per_light && !parts.lights.is_empty() && parts.lights.iter().all(is_off) {
+            let help = "leave a light on, or use one film for all lights";
+            return Err(Fault::new("no light is on, and each light has a film", help));
         }
         *self = next;
         Ok(())
@@ -194,7 +207,7 @@ impl SceneChange {
             if !change.on {
                 entry.insert("enabled".into(), false.into());
             } else if change.factor != 1.0 {
-                entry.insert("power".into(), decimal((watts * change.factor) as f32).into());
+                entry.insert("power".into(), rounded(watts * change.factor).into());
             } else {
                 continue;
             }
@@ -310,6 +323,7 @@ mod tests {
             r#"{"lights": {"moonlight": {"on": true, "factor": 2}}}"#,
             r#"{"lights": {"sky": {"on": false, "factor": 1}}}"#,
             r#"{"without": ["gravity"]}"#,
+            r#"{"without": ["color"]}"#,
             r#"{"camera": "above", "without": ["gravity"]}"#,
         ] {
             let mut change = SceneChange::default();

@@ -14,7 +14,7 @@ use crate::scenes::Scenes;
 use crate::snapshot::Snapshot;
 use crate::store::Store;
 use dunkelfeld::sensor::ExposureNoise;
-use dunkelfeld::{Cancel, FilmInProgress, LightFilmsMemory, RenderSettings, SensorChoice, Session};
+use dunkelfeld::{Cancel, FilmInProgress, LightFilmsMemory, RenderSettings, SensorChoice, Session, TimedExposure};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex};
@@ -73,6 +73,8 @@ pub(crate) struct Live {
     /// The settings with which the scene was opened.
     pub(crate) settings: Option<RenderSettings>,
     pub(crate) is_vignetted: bool,
+    /// The exposure for which the samples are made, if there is one.
+    pub(crate) timed: Option<TimedExposure>,
     pub(crate) parts: SceneParts,
     /// Counts the scenes of the thread that renders.
     pub(crate) scene_number: u64,
@@ -133,6 +135,7 @@ impl Shared {
             certificate: None,
             settings: None,
             is_vignetted: false,
+            timed: None,
             parts: SceneParts::default(),
             scene_number: 0,
             change: SceneChange::default(),
@@ -254,6 +257,8 @@ impl Shared {
                 ..live.first_camera()
             },
             ranges: Ranges::KNOBS,
+            frame: settings.map_or(0, |settings| settings.frame),
+            timed: live.timed.map(|timed| format!("{} for this exposure", timed.reason)),
             scene: (self.subject.kind == SourceKind::Render && settings.is_some()).then(|| live.scene()),
             saved: live.saved.clone(),
         }

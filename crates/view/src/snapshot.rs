@@ -7,7 +7,9 @@ use crate::scene_change::{SceneChange, SceneParts};
 use dunkelfeld::film::{PixelSums, Plane};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::RayGenerator;
-use dunkelfeld::{Exposer, ExrImage, ImageNoise, RenderSettings, RenderedFilm, Session, mean_without_gaps};
+use dunkelfeld::{
+    Exposer, ExrImage, ImageNoise, RenderSettings, RenderedFilm, Session, TimedExposure, mean_without_gaps,
+};
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
@@ -31,6 +33,8 @@ pub(crate) struct PictureScene {
     /// The text of the job as it was read; `None` for a scene without a job.
     pub(crate) job: Option<String>,
     pub(crate) sensors: Sensors,
+    /// The exposure for which its samples are made, if there is one.
+    pub(crate) timed: Option<TimedExposure>,
     /// `None` for a stored picture.
     pub(crate) camera: Option<RayGenerator>,
     /// The natural vignetting of the camera, computed when it is needed.

@@ -273,7 +273,9 @@ impl SceneBuilder {
         for (object, instance) in self.instances.iter().enumerate() {
             match Transform::new(instance.to_world) {
                 Ok(t) => valid.push((object as u32, instance.clone(), t)),
-                Err(e) => report.hazard(format!("object \"{}\"", instance.name), format!("{e}; the object is left out")),
+                Err(e) => {
+                    report.hazard(format!("object \"{}\"", instance.name), format!("{e}; the object is left out"))
+                }
             }
         }
         valid
