@@ -39,6 +39,16 @@ LEAST_F_NUMBER = 0.5
 OBLIQUE = 1.1
 # Width of the side panel that its notes do not have, in units of the scale of the interface.
 MARGIN = 68.0
+# Seconds of the units of a time; the longest time and exposure [s], and the largest number of samples of a job.
+UNITS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0}
+YEAR = 365.0 * 24.0 * 3600.0
+LONGEST_EXPOSURE = 1e6
+MOST_SAMPLES = 1_000_000_000
+# Largest radiance, intensity and irradiance of a job; its lengths [m]; its smallest spread [rad]; the sides of its film.
+MOST_LIGHT = 1e12
+LENGTHS = (1e-9, 1000.0)
+LEAST_SPREAD = math.radians(1.0)
+MOST_PIXELS = 32768
 # Presets of sensors that the dialog proposes. A file of a sensor is allowed too.
 SENSORS = ("imx174", "imx174-pointgrey", "imx183", "imx250", "imx492", "imx900-hcg", "imx900-lcg")
 
@@ -88,15 +98,34 @@ def job_text(top: dict, tables: list, notes: list) -> str:
     return "\n".join(lines) + "\n"
 
 
-def is_time(text: str) -> bool:
-    """Is the text a time of a job above 0, such as 5ms, 1min 30s, or a number of seconds?"""
+def seconds_of(text: str):
+    """The seconds of a time of a job, such as 5ms, 1min 30s, or a number of seconds; `None` if it is no time above 0."""
     parts = re.findall(
         r"((?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?)\s*(ns|us|ms|s|min|h)?(?=\s|[0-9]|$)", text.strip()
     )
     rest = re.sub(r"\s+", "", "".join(number + unit for number, unit in parts))
     is_whole = bool(parts) and rest == re.sub(r"\s+", "", text)
     has_units = len(parts) == 1 or all(unit for _, unit in parts)
-    return is_whole and has_units and any(float(number) > 0.0 for number, _ in parts)
+    seconds = sum(float(number) * UNITS[unit] for number, unit in parts)
+    return seconds if is_whole and has_units and seconds > 0.0 else None
+
+
+def is_time(text: str, most: float = YEAR) -> bool:
+    """Is the text a time of a job above 0 and at most `most` seconds?"""
+    seconds = seconds_of(text)
+    return seconds is not None and seconds <= most
+
+
+def check_settings(sensor: str, exposure: str, time: str, spp: int) -> None:
+    """Raises an error with the name of the first setting that a job cannot have."""
+    if sensor not in (*SENSORS, "none") and not sensor.endswith(".toml"):
+        raise ValueError(f"sensor {sensor!r} is unknown: write one of {', '.join(SENSORS)}, none, or a file .toml")
+    if sensor != "none" and exposure != "auto" and not is_time(exposure, LONGEST_EXPOSURE):
+        raise ValueError(f"exposure {exposure!r} is no time of at most 1e6 s: write a time such as 5ms, or auto")
+    if not 0 <= spp <= MOST_SAMPLES:
+        raise ValueError(f"spp {spp} is not within 1 and {MOST_SAMPLES}: write a number of samples, or 0 for the time")
+    if spp == 0 and not is_time(time):
+        raise ValueError(f"time {time!r} is no time of at most a year: write a time such as 30s or 5min")
 
 
 def wrapped(text: str, width: float, measure) -> list:
@@ -128,6 +157,62 @@ def degrees(radians: float) -> str:
 def to_gltf(v) -> list:
     """A vector of Blender (+z up) in the axes of glTF (+y up)."""
     return [float(v[0]), float(v[2]), -float(v[1])]
+
+
+def within(value: float, low: float, high: float, what: str, notes: list) -> float:
+    """The nearest value that a job can contain. A change is added to the notes."""
+    nearest = min(max(value, low), high)
+    if nearest != value:
+        notes.append(f"{what} of {value:.3g}; a job has {low:.3g} to {high:.3g}, and {nearest:.3g} is used")
+    return nearest
+
+
+def light_within(values: list, what: str, notes: list, most: float = MOST_LIGHT) -> list:
+    """A colour of light that a job can contain: no channel is negative."""
+    if min(values) < 0.0:
+        notes.append(f"a negative {what}, which a job cannot contain, becomes 0")
+    if max(values) > most:
+        notes.append(f"the {what} {max(values):.3g}; a job has at most {most:g}")
+    return [min(max(c, 0.0), most) for c in values]
+
+
+def srgb_table() -> list:
+    """The linear values of the 256 values of an sRGB image of 8 bits (IEC 61966-2-1)."""
+    values = [k / 255.0 for k in range(256)]
+    return [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in values]
+
+
+def job_names(names: list) -> dict:
+    """New names for those that a job would read as patterns: `*` and `?` become `_`. All names stay different."""
+    taken, changed = set(names), {}
+    for name in names:
+        if not re.search(r"[*?]", name):
+            continue
+        new = re.sub(r"[*?]", "_", name)
+        while new in taken:
+            new += "_"
+        taken.add(new)
+        changed[name] = new
+    return changed
+
+
+class Names:
+    """Names of the instances of objects: a name that is given again gets a number."""
+
+    def __init__(self):
+        self.counts: dict = {}
+
+    def unique(self, name: str) -> str:
+        """The name, or the name with the first free number."""
+        if name not in self.counts:
+            self.counts[name] = 1
+            return name
+        while True:
+            self.counts[name] += 1
+            numbered = f"{name}#{self.counts[name]}"
+            if numbered not in self.counts:
+                self.counts[numbered] = 1
+                return numbered
 
 
 def spread_gain(spread: float) -> float:
@@ -185,30 +270,50 @@ def change_glb(path: str, change) -> None:
         file.write(struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest)
 
 
-def change_materials(document: dict, scales: dict) -> None:
-    """Multiplies the base colours of materials by the factors of their names. Emitters become double-sided, and meshes without
-    a material get the one of Cycles, diffuse of reflectance 0.8."""
+def diffuse_surface(color: list) -> dict:
+    """A material of glTF without a specular reflection."""
+    surface = {"baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": LAMBERT_ROUGHNESS}
+    return {"pbrMetallicRoughness": surface, "extensions": {"KHR_materials_specular": {"specularFactor": 0.0}}}
+
+
+def change_materials(document: dict, scales: dict, plain: dict, renamed: dict) -> None:
+    """Multiplies the base colours of materials by the factors of their names, makes those of `plain` diffuse of this colour,
+    and renames. Emitters become double-sided, and meshes without a material get the one of Cycles, diffuse of reflectance
+    0.8."""
     materials = document.setdefault("materials", [])
     bare = [p for mesh in document.get("meshes", []) for p in mesh.get("primitives", []) if "material" not in p]
     for primitive in bare:
         primitive["material"] = len(materials)
     if bare:
-        surface = {"baseColorFactor": [0.8, 0.8, 0.8, 1.0], "metallicFactor": 0.0, "roughnessFactor": LAMBERT_ROUGHNESS}
-        specular = {"KHR_materials_specular": {"specularFactor": 0.0}}
-        materials.append({"name": "no material", "pbrMetallicRoughness": surface, "extensions": specular})
-        names = document.setdefault("extensionsUsed", [])
-        names += [name for name in specular if name not in names]
-    if not materials:
-        del document["materials"]
+        materials.append({"name": "no material"} | diffuse_surface([0.8, 0.8, 0.8, 1.0]))
+    is_plain = False
     for material in materials:
+        name = material.get("name")
+        if name in plain:
+            is_plain = True
+            kept = {key: material[key] for key in ("name", "doubleSided") if key in material}
+            material.clear()
+            material.update(kept | diffuse_surface([min(max(c, 0.0), 1.0) for c in plain[name]] + [1.0]))
         if any(material.get("emissiveFactor", [])):
             material["doubleSided"] = True
-        scale = scales.get(material.get("name"))
-        if scale is None:
-            continue
-        surface = material.setdefault("pbrMetallicRoughness", {})
-        color = surface.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
-        surface["baseColorFactor"] = [min(c * scale, 1.0) for c in color[:3]] + color[3:]
+        if name in scales:
+            surface = material.setdefault("pbrMetallicRoughness", {})
+            color = surface.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
+            surface["baseColorFactor"] = [min(c * scales[name], 1.0) for c in color[:3]] + color[3:]
+        if name in renamed:
+            material["name"] = renamed[name]
+    if bare or is_plain:
+        names = document.setdefault("extensionsUsed", [])
+        names += [name for name in ("KHR_materials_specular",) if name not in names]
+    if not materials:
+        del document["materials"]
+
+
+def rename_parts(document: dict, nodes: dict, meshes: dict) -> None:
+    """Gives nodes and meshes of a glTF their names in Blender in place of those of their copies."""
+    for part, names in ((document.get("nodes", []), nodes), (document.get("meshes", []), meshes)):
+        for entry in part:
+            entry["name"] = names.get(entry.get("name"), entry.get("name", ""))
 
 
 try:
@@ -456,11 +561,13 @@ def volume_of(node, notes: list) -> dict:
         notes.append(f"textures of {title(node)}: the volume is left out")
         return {}
     if kind == "ShaderNodeVolumeAbsorption":
-        return {"absorption": [density * max(1.0 - c, 0.0) for c in color], "scattering": 0.0}
+        absorption = [within(density * max(1.0 - c, 0.0), 0.0, 1e9, "an absorption", notes) for c in color]
+        return {"absorption": absorption, "scattering": 0.0}
     if getattr(node, "phase", "HENYEY_GREENSTEIN") != "HENYEY_GREENSTEIN":
         notes.append(f"the phase function of {node.name}; Henyey-Greenstein is used")
-    anisotropy = constant(node.inputs["Anisotropy"]) or 0.0
-    return {"absorption": 0.0, "scattering": [density * c for c in color], "scattering_anisotropy": anisotropy}
+    anisotropy = within(constant(node.inputs["Anisotropy"]) or 0.0, -0.9999, 0.9999, "an anisotropy", notes)
+    scattering = [within(density * c, 0.0, 1e9, "a scattering coefficient", notes) for c in color]
+    return {"absorption": 0.0, "scattering": scattering, "scattering_anisotropy": anisotropy}
 
 
 class Materials:
@@ -468,19 +575,30 @@ class Materials:
 
     def __init__(self):
         self.scales, self.replaced, self.undo, self.tables = {}, [], [], []
+        # Colours of the materials that become diffuse in the file; new names of materials.
+        self.plain: dict = {}
+        self.renamed: dict = {}
         self.unlinked, self.relink = [], []
         self.is_compensated = False
 
     def survey(self, used: dict, notes: list) -> None:
         """Reads materials; `used` has the names of their objects, and of those that are not closed."""
+        self.renamed = job_names([material.name for material in used])
         for material, (objects, open_objects) in used.items():
             own: list = []
             keys: dict = {}
             tree = material.node_tree if material.use_nodes else None
             output = active_output(tree, "ShaderNodeOutputMaterial") if tree else None
+            if material.name in self.renamed:
+                own.append(f"it is named {self.renamed[material.name]}: a job reads * and ? as wildcards")
             if output is None:
+                # Cycles has a diffuse surface for a material without nodes.
+                self.plain[material.name] = [0.0] * 3 if tree else [float(c) for c in material.diffuse_color][:3]
                 if tree:
                     own.append("no output node: black")
+                elif material.metallic > 0.0:
+                    own.append("it has no nodes: diffuse, as in Cycles; its metallic value is left out")
+                notes += [f"material {material.name}: {note}" for note in own]
                 continue
             node = source(output.inputs["Surface"])
             volume = source(output.inputs["Volume"])
@@ -527,7 +645,8 @@ class Materials:
             elif volume is not None:
                 own.append("the volume behind an opaque surface is left out")
             if keys:
-                self.tables.append(("[material]", {"name": material.name} | keys))
+                name = self.renamed.get(material.name, material.name)
+                self.tables.append(("[material]", {"name": name} | keys))
             notes += [f"material {material.name}: {note}" for note in own]
         if self.scales:
             notes.append("base colours of plastics are scaled, so that they look as in Cycles, within about 2 %")
@@ -602,43 +721,54 @@ def light_table(name: str, light, matrix, notes: list) -> dict:
     unit = [[c / s for c in axis] for axis, s in zip(axes, scale)]
     position, aim = to_gltf([matrix[row][3] for row in range(3)]), to_gltf([-c for c in unit[2]])
     normalized, energy = getattr(light, "normalize", True), float(light.energy)
-    color = light_strength(light, notes)
+    strength = [c * energy for c in light_strength(light, notes)]
+    color = light_within(strength, "strength", notes, math.inf)
+    if min(strength) < 0.0 and not any(color):
+        notes.append("it gives no light and is left out")
+        return {}
     table: dict = {"name": name}
     if light.type == "SUN":
         angle = float(light.angle)
         disc = math.pi * math.sin(0.5 * angle) ** 2 if angle > 0.0 else 1.0
-        irradiance = energy * (1.0 if normalized else disc)
+        irradiance = 1.0 if normalized else disc
         table |= {"kind": "sun", "aim": aim, "angle": degrees(angle)}
-        return table | {"irradiance": [c * irradiance for c in color]}
+        return table | {"irradiance": light_within([c * irradiance for c in color], "irradiance", notes)}
     if light.type == "AREA":
         width = float(light.size) * scale[0]
         height = float(light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else light.size) * scale[1]
+        if width > 0.0 and height > 0.0:
+            width = within(width, *LENGTHS, "a width [m]", notes)
+            height = within(height, *LENGTHS, "a height [m]", notes)
         if abs(sum(a * b for a, b in zip(unit[0], unit[1]))) > 1e-4:
             notes.append("its shear is left out")
         area = area_of(light.shape, width, height)
         if area == 0.0:
             notes.append("its size is 0")
             return {}
-        radiance = energy * (1.0 if normalized else area) / (math.pi * area) * spread_gain(float(light.spread))
+        spread = float(light.spread)
+        if spread < LEAST_SPREAD:
+            notes.append(f"a spread of {math.degrees(spread):.3g} degrees; 1 degree is used, with the same power")
+            spread = LEAST_SPREAD
+        radiance = (1.0 if normalized else area) / (math.pi * area) * spread_gain(spread)
         table |= {"kind": "panel", "position": position, "aim": aim, "up": to_gltf(unit[1])}
         is_round = light.shape in ("DISK", "ELLIPSE")
         table |= {"diameter" if is_round else "width": width}
         if not (is_round and abs(width - height) < 1e-6 * width):
             table["height"] = height
-        if light.spread < math.pi - 1e-4:
-            table["spread"] = degrees(light.spread)
-        return table | {"radiance": [c * radiance for c in color], "body": False}
+        if spread < math.pi - 1e-4:
+            table["spread"] = degrees(spread)
+        return table | {"radiance": light_within([c * radiance for c in color], "radiance", notes), "body": False}
     # Point and spot lights: their extent is not scaled.
     radius = float(light.shadow_soft_size)
-    power = energy * (1.0 if normalized else 4.0 * math.pi * radius * radius if radius > 0.0 else 4.0)
-    intensity = [c * power / (4.0 * math.pi) for c in color]
+    power = 1.0 if normalized else 4.0 * math.pi * radius * radius if radius > 0.0 else 4.0
+    intensity = light_within([c * power / (4.0 * math.pi) for c in color], "intensity", notes)
     table |= {"kind": "spot" if light.type == "SPOT" else "point", "position": position}
     if light.type == "SPOT":
         if max(scale) - min(scale) > 1e-4 * max(scale):
             notes.append("its scale, which stretches the cone, is left out")
         table |= {"aim": aim, "cone_angle": degrees(light.spot_size), "blend": EDGE * float(light.spot_blend)}
     if radius > 0.0:
-        table["diameter"] = 2.0 * radius
+        table["diameter"] = within(2.0 * radius, *LENGTHS, "a diameter [m]", notes)
     return table | {"intensity": intensity}
 
 
@@ -647,19 +777,22 @@ def has_extent(table: dict) -> bool:
     return table["kind"] == "panel" or "diameter" in table or table.get("angle", degrees(0.0)) != degrees(0.0)
 
 
+def instance_name(instance) -> str:
+    """The name of an instance of the depsgraph: that of its object, after that of the instancer if there is one."""
+    thing = instance.object.original
+    owner = instance.parent.original if instance.is_instance and instance.parent is not None else thing
+    return thing.name if owner == thing else f"{owner.name}/{thing.name}"
+
+
 def lights_of(depsgraph, notes: list) -> list:
     """The lights of the scene, those of instances too, as tables of the job."""
-    tables, names = [], set()
+    tables, names = [], Names()
     for instance in depsgraph.object_instances:
         thing = instance.object
-        if thing.type != "LIGHT" or thing.hide_render or not instance.show_self:
+        if thing.type != "LIGHT" or not instance.show_self:
             continue
         own: list = []
-        name = thing.name if not instance.is_instance else f"{instance.parent.name}/{thing.name}"
-        number = 2
-        while name in names:
-            name, number = f"{name.rsplit('#', 1)[0]}#{number}", number + 1
-        names.add(name)
+        name = names.unique(instance_name(instance))
         light = thing.data
         settings = getattr(light, "cycles", None)
         if light.type == "AREA" and getattr(settings, "is_portal", False):
@@ -706,7 +839,7 @@ def environment_of(scene, stem: str, write: bool, notes: list) -> dict:
     if world is None:
         return {}
     if not (world.use_nodes and world.node_tree):
-        return {"radiance": [float(c) for c in world.color]}
+        return {"radiance": world_light([float(c) for c in world.color], notes)}
     output = active_output(world.node_tree, "ShaderNodeOutputWorld")
     if output is None:
         return {}
@@ -723,7 +856,7 @@ def environment_of(scene, stem: str, write: bool, notes: list) -> dict:
         return {}
     color = constant(node.inputs["Color"])
     if color is not None:
-        return {"radiance": [c * strength for c in color]}
+        return {"radiance": world_light([c * strength for c in color], notes)}
     texture = source(node.inputs["Color"])
     if (
         texture.bl_idname != "ShaderNodeTexEnvironment"
@@ -735,30 +868,48 @@ def environment_of(scene, stem: str, write: bool, notes: list) -> dict:
     image = texture.image
     path = os.path.abspath(bpy.path.abspath(image.filepath, library=image.library))
     ending = os.path.splitext(path)[1].lower()
-    if image.colorspace_settings.name not in ("Linear Rec.709", "Linear", "Non-Color"):
-        notes.append(
-            f"world: the colour space {image.colorspace_settings.name} of {image.name}; linear Rec. 709 is used"
-        )
-    is_file = ending in (".exr", ".hdr") and os.path.isfile(path) and not image.packed_file
+    if not all(image.size):
+        notes.append(f"world: the image {image.name} cannot be read; the world is dark")
+        return {}
+    space = image.colorspace_settings.name
+    # Blender's values of an image of 8 bits are those of the file, all others are linear Rec. 709.
+    is_linear = space in ("Linear Rec.709", "Linear", "Non-Color")
+    if not (is_linear or image.is_float or space == "sRGB"):
+        notes.append(f"world: the colour space {space} of {image.name}; its values are decoded as sRGB")
+    is_file = is_linear and ending in (".exr", ".hdr") and os.path.isfile(path) and not image.packed_file
     target = f"{stem}_world{ending if is_file else '.exr'}"
     if write and is_file:
         if os.path.abspath(target) != path:
             shutil.copyfile(path, target)
     elif write:
-        save_image(image, target)
+        save_image(image, target, not (is_linear or image.is_float))
     # Blender has the middle of the image at +x, Dunkelfeld at -z.
     rotation = -0.5 * math.pi - rotation_of(texture, notes)
     table = {"image": os.path.basename(target), "rotation": degrees(math.remainder(rotation, 2.0 * math.pi))}
-    return table | ({} if strength == 1.0 else {"scale": strength})
+    return table | ({} if strength == 1.0 else {"scale": world_light([strength], notes)[0]})
 
 
-def save_image(image, path: str) -> None:
-    """Writes the linear values of an image as EXR with 32 bits."""
+def world_light(values: list, notes: list) -> list:
+    """Radiance or scale of the world that a job can contain."""
+    own: list = []
+    values = light_within(values, "radiance", own)
+    notes += [f"world: {note}" for note in own]
+    return values
+
+
+def save_image(image, path: str, is_encoded: bool) -> None:
+    """Writes the linear values of an image as EXR with 32 bits. `is_encoded`: they are values of 8 bits, encoded as sRGB."""
+    import numpy
+
     copy = bpy.data.images.new("dunkelfeld", *image.size, alpha=False, float_buffer=True)
     try:
         copy.colorspace_settings.name = "Non-Color"
-        values = [0.0] * len(image.pixels)
+        values = numpy.empty(len(image.pixels), numpy.float32)
         image.pixels.foreach_get(values)
+        if is_encoded:
+            # The pixels have four channels; alpha is not encoded.
+            colors = values.reshape(-1, 4)[:, :3]
+            colors[:] = numpy.asarray(srgb_table(), numpy.float32)[numpy.rint(255.0 * colors).astype(int).clip(0, 255)]
         copy.pixels.foreach_set(values)
         copy.filepath_raw, copy.file_format = path, "OPEN_EXR"
         copy.save()
@@ -771,7 +922,10 @@ def camera_tables(scene, notes: list) -> tuple:
     camera, render = scene.camera, scene.render
     share = render.resolution_percentage / 100.0
     width, height = max(int(render.resolution_x * share), 1), max(int(render.resolution_y * share), 1)
+    if max(width, height) > MOST_PIXELS:
+        raise ValueError(f"the resolution {width} x {height} is too large: a side has at most {MOST_PIXELS} pixels")
     film: dict = {"width": width, "height": height}
+    own: list = []
     if render.pixel_aspect_x != render.pixel_aspect_y:
         notes.append("camera: pixels are square; in Blender they are not")
     if render.use_border:
@@ -799,21 +953,21 @@ def camera_tables(scene, notes: list) -> tuple:
         distance = abs(sum(a * float(target[row][3] - matrix[row][3]) for row, a in enumerate(axis))) / length(axis)
     if data.type == "PERSP":
         focal = 1e-3 * float(data.lens)
-        lens["vertical_fov"] = degrees(2.0 * math.atan(0.5 * film["sensor_height"] / focal))
+        angle = math.degrees(2.0 * math.atan(0.5 * film["sensor_height"] / focal))
+        lens["vertical_fov"] = f"{within(angle, 0.011, 178.0, 'a field of view [degrees]', own):.7g}deg"
         if dof.use_dof and distance > 0.0:
             number = f_number(focal / (2.0 * dof.aperture_fstop), distance, focal, blades)
-            lens["f_number"] = max(number, LEAST_F_NUMBER)
-            if number < LEAST_F_NUMBER:
-                notes.append(f"camera: an aperture of f/{number:.3g}; f/{LEAST_F_NUMBER} is used")
+            lens["f_number"] = within(number, LEAST_F_NUMBER, 1000.0, "an f-number", own)
     else:
         lens |= {"projection": "telecentric", "field_height": float(data.ortho_scale) * height / extent}
+        lens["field_height"] = within(lens["field_height"], *LENGTHS, "a height of the field [m]", own)
         if dof.use_dof and distance > 0.0:
             # The aperture of an orthographic camera has the radius 1 / (2 N) metres.
             corner = f_number(0.5, 1e30, 1.0, blades)
             aperture = math.sin(math.atan2(0.5 / (float(dof.aperture_fstop) * corner), distance))
             magnification = film["sensor_height"] / lens["field_height"]
             most = 0.999 * magnification / (2.0 * LEAST_F_NUMBER * (1.0 + magnification))
-            lens["numerical_aperture"] = min(aperture, most)
+            lens["numerical_aperture"] = max(min(aperture, most), 1e-6)
             if aperture > most:
                 notes.append(
                     f"camera: a numerical aperture of {aperture:.3g}; {most:.3g} is used, f/{LEAST_F_NUMBER} on the sensor"
@@ -821,70 +975,292 @@ def camera_tables(scene, notes: list) -> tuple:
     if any(shift):
         lens["principal_point"] = shift
     if dof.use_dof and distance > 0.0:
-        lens["focus_distance"] = distance
+        lens["focus_distance"] = max(distance, 1e-6)
         if blades >= 3:
             lens |= {"blades": blades, "blade_rotation": degrees(dof.aperture_rotation)}
         if abs(dof.aperture_ratio - 1.0) > 1e-4:
             notes.append("camera: the ratio of an anamorphic aperture is left out")
+    notes += [f"camera: {note}" for note in own]
     return film, lens, camera.name
 
 
 # The whole scene.
 
 
-def is_closed(thing, depsgraph) -> bool:
-    """Does each edge of the mesh have two faces, with modifiers?"""
-    evaluated = thing.evaluated_get(depsgraph)
-    mesh = evaluated.to_mesh()
-    try:
-        count = [0] * len(mesh.edges)
-        edges = [0] * len(mesh.loops)
+class RenderView:
+    """A `with` block in which the depsgraph has the scene as a render sees it: visibility, modifiers, resolutions and Simplify
+    have their values of the render in place of those of the viewport. Its end restores all."""
+
+    def __init__(self, context):
+        self.context, self.before, self.hidden = context, [], []
+
+    def set(self, thing, name: str, value) -> None:
+        """Changes a property until the end of the block."""
+        old = getattr(thing, name)
+        if old != value:
+            self.before.append((thing, name, old))
+            setattr(thing, name, value)
+
+    def set_pairs(self, thing, pairs: tuple) -> None:
+        """Gives properties of the viewport the values of those of the render, as far as there are both."""
+        for viewport, render in pairs:
+            if hasattr(thing, viewport) and hasattr(thing, render):
+                self.set(thing, viewport, getattr(thing, render))
+
+    def change(self) -> None:
+        """Sets the properties."""
+        layer = self.context.view_layer
+        for thing in layer.objects:
+            if thing.hide_get(view_layer=layer):
+                self.hidden.append(thing)
+                thing.hide_set(False, view_layer=layer)
+        parts = [layer.layer_collection]
+        while parts:
+            part = parts.pop()
+            self.set(part, "hide_viewport", False)
+            parts += part.children
+        for collection in bpy.data.collections:
+            self.set(collection, "hide_viewport", collection.hide_render)
+        pairs = (("hide_viewport", "hide_render"), ("show_instancer_for_viewport", "show_instancer_for_render"))
+        steps = (("show_viewport", "show_render"), ("levels", "render_levels"), ("steps", "render_steps"))
+        steps += (("viewport_resolution", "resolution"),)
+        for thing in bpy.data.objects:
+            self.set_pairs(thing, pairs)
+            for modifier in thing.modifiers:
+                self.set_pairs(modifier, steps)
+        for curve in bpy.data.curves:
+            for axis in ("u", "v"):
+                resolution = getattr(curve, f"render_resolution_{axis}", 0)
+                if resolution > 0:
+                    # The resolution of a curve replaces those of its splines.
+                    name = f"resolution_{axis}"
+                    self.before += [(spline, name, getattr(spline, name)) for spline in curve.splines]
+                    self.before.append((curve, name, getattr(curve, name)))
+                    setattr(curve, name, resolution)
+        for ball in bpy.data.metaballs:
+            self.set(ball, "resolution", ball.render_resolution)
+        for particles in bpy.data.particles:
+            self.set(particles, "display_percentage", 100)
+            self.set(particles, "child_percent", particles.rendered_child_count)
+        pairs = (("simplify_subdivision", "simplify_subdivision_render"),)
+        pairs += (("simplify_child_particles", "simplify_child_particles_render"),)
+        self.set_pairs(self.context.scene.render, pairs)
+
+    def __enter__(self):
+        try:
+            self.change()
+            self.context.view_layer.update()
+            return self.context.evaluated_depsgraph_get()
+        except BaseException:
+            self.restore()
+            raise
+
+    def __exit__(self, *_):
+        self.restore()
+
+    def restore(self) -> None:
+        """Brings the properties of the viewport back."""
+        for thing, name, old in reversed(self.before):
+            setattr(thing, name, old)
+        self.before.clear()
+        layer = self.context.view_layer
+        for thing in self.hidden:
+            thing.hide_set(True, view_layer=layer)
+        self.hidden.clear()
+        layer.update()
+
+
+class Shape:
+    """An evaluated mesh: the materials of its faces, and whether each of its edges has two faces."""
+
+    def __init__(self, mesh, materials: list):
+        import numpy
+
+        self.materials = materials
+        indices = numpy.zeros(len(mesh.polygons), numpy.int32)
+        mesh.polygons.foreach_get("material_index", indices)
+        self.indices = indices.clip(0, max(len(materials) - 1, 0))
+        self.is_clamped = bool(materials) and bool((self.indices != indices).any())
+        used = numpy.unique(self.indices) if materials else []
+        self.used = [materials[k] for k in used if materials[k] is not None]
+        edges = numpy.empty(len(mesh.loops), numpy.int32)
         mesh.loops.foreach_get("edge_index", edges)
-        for edge in edges:
-            count[edge] += 1
-        return bool(count) and all(n == 2 for n in count)
-    finally:
-        evaluated.to_mesh_clear()
+        count = numpy.bincount(edges, minlength=len(mesh.edges))
+        self.is_closed = bool(len(count)) and bool((count == 2).all())
+        # The copy that is exported.
+        self.copy = None
+
+    def keep(self, copy) -> None:
+        """Gives the copy of the mesh the materials."""
+        for k, material in enumerate(self.materials):
+            if k < len(copy.materials):
+                copy.materials[k] = material
+            else:
+                copy.materials.append(material)
+        if self.is_clamped:
+            copy.polygons.foreach_set("material_index", self.indices)
+        self.copy = copy
 
 
-def survey(context):
-    """Reads the scene: materials, tables of the job, the name of the camera, and the list of all that a job cannot contain.
-    It writes nothing and changes nothing."""
-    scene, notes = context.scene, []
-    depsgraph = context.evaluated_depsgraph_get()
-    used: dict = {}
-    for thing in scene.objects:
-        if thing.hide_render:
+def materials_of(thing) -> list:
+    """Materials of an evaluated object, those of its mesh by Geometry Nodes too."""
+    slots = [slot.material for slot in thing.material_slots]
+    found = slots + list(thing.data.materials)[len(slots) :]
+    return [material.original if material is not None else None for material in found]
+
+
+class Parts:
+    """The meshes of the render view: a name, a shape and a matrix to the world for each instance, and the objects that give
+    or make them. `copies`: they are copied, for the export."""
+
+    def __init__(self, depsgraph, copies: bool, notes: list):
+        self.parts, self.sources, self.shapes, self.names = [], {}, {}, Names()
+        try:
+            self.read(depsgraph, copies, notes)
+        except BaseException:
+            self.remove()
+            raise
+
+    def read(self, depsgraph, copies: bool, notes: list) -> None:
+        """Reads all instances."""
+        left_out = set()
+        for instance in depsgraph.object_instances:
+            thing, original = instance.object, instance.object.original
+            if not instance.show_self:
+                continue
+            self.sources.setdefault(original)
+            if instance.parent is not None:
+                self.sources.setdefault(instance.parent.original)
+            if thing.type in LEFT_OUT and (original, thing.type) not in left_out:
+                left_out.add((original, thing.type))
+                kind = thing.type.lower().replace("_", " ")
+                notes.append(f"object {original.name}: it is left out; {kind} objects are not carried")
+            # Curves, texts and metaballs have an instance with their mesh.
+            if thing.type != "MESH":
+                continue
+            shape = self.shape(thing, depsgraph, copies)
+            if shape is not None:
+                name = self.names.unique(instance_name(instance))
+                self.parts.append((name, original.name, shape, instance.matrix_world.copy()))
+
+    def shape(self, thing, depsgraph, copies: bool):
+        """The shape of an evaluated object; `None` without faces."""
+        materials = materials_of(thing)
+        key = (thing.data.as_pointer(), *materials)
+        if key not in self.shapes:
+            own = thing.original.evaluated_get(depsgraph)
+            is_own = own.type == "MESH" and own.data.as_pointer() == thing.data.as_pointer()
+            # The mesh of an object may wait for its subdivision; the meshes of Geometry Nodes are whole.
+            mesh = own.to_mesh() if is_own else thing.data
+            shape = Shape(mesh, materials) if len(mesh.polygons) else None
+            if is_own:
+                own.to_mesh_clear()
+            if copies and shape is not None:
+                whole = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
+                shape.keep(bpy.data.meshes.new_from_object(own, **whole) if is_own else thing.data.copy())
+            self.shapes[key] = (shape, thing.data.name)
+        return self.shapes[key][0]
+
+    def used(self) -> dict:
+        """By material: the names of the objects with this material, and of those that are not closed."""
+        used: dict = {}
+        for _, name, shape, _ in self.parts:
+            for material in shape.used:
+                objects, open_objects = used.setdefault(material, ({}, {}))
+                objects.setdefault(name)
+                if not shape.is_closed:
+                    open_objects.setdefault(name)
+        return {material: (list(objects), list(others)) for material, (objects, others) in used.items()}
+
+    def remove(self) -> None:
+        """Removes the copies."""
+        for shape, _ in self.shapes.values():
+            if shape is not None and shape.copy is not None:
+                bpy.data.meshes.remove(shape.copy)
+                shape.copy = None
+
+
+# Kinds of objects that have no mesh in a render.
+LEFT_OUT = ("CURVES", "VOLUME", "POINTCLOUD", "GREASEPENCIL", "GPENCIL")
+
+
+def uses_viewport(tree, seen: set) -> bool:
+    """Has a tree of Geometry Nodes the node Is Viewport?"""
+    if tree is None or tree in seen:
+        return False
+    seen.add(tree)
+    return any(
+        node.bl_idname == "GeometryNodeIsViewport" or uses_viewport(getattr(node, "node_tree", None), seen)
+        for node in tree.nodes
+    )
+
+
+def object_notes(thing, notes: list) -> None:
+    """Properties of an object that a job cannot contain."""
+    label = f"object {thing.name}"
+    for modifier in thing.modifiers:
+        if modifier.type == "PARTICLE_SYSTEM" and modifier.show_render:
+            system = modifier.particle_system
+            if system.settings.render_type not in ("NONE", "OBJECT", "COLLECTION"):
+                notes.append(f"{label}: particles and hair of {system.name} are left out")
+        if modifier.type == "NODES" and modifier.show_render and uses_viewport(modifier.node_group, set()):
+            notes.append(f"{label}: the node Is Viewport of {modifier.name} is true; in a render it is false")
+    linking = getattr(thing, "light_linking", None)
+    if linking is not None and (linking.receiver_collection or linking.blocker_collection):
+        notes.append(f"{label}: light linking and shadow linking are left out")
+    if thing.type != "LIGHT":
+        rays = ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
+        hidden = [ray for ray in rays if not getattr(thing, f"visible_{ray}", True)]
+        if hidden:
+            notes.append(
+                f"{label}: it is visible to all rays; in Blender not to {', '.join(hidden).replace('_', ' ')} rays"
+            )
+        if thing.is_shadow_catcher or thing.is_holdout:
+            notes.append(f"{label}: it is visible; in Blender it is a shadow catcher or holdout")
+
+
+def layer_notes(part, notes: list) -> None:
+    """Properties of the collections of a view layer that a job cannot contain."""
+    for child in part.children:
+        if child.exclude:
             continue
-        label = f"object {thing.name}"
-        if thing.type in ("CURVES", "VOLUME", "POINTCLOUD", "GREASEPENCIL", "GPENCIL", "LIGHT_PROBE"):
-            notes.append(f"{label}: it is left out; {thing.type.lower().replace('_', ' ')} objects are not carried")
-        for system in getattr(thing, "particle_systems", []):
-            notes.append(f"{label}: particles and hair of {system.name} are left out")
-        if thing.hide_viewport or not thing.visible_get():
-            notes.append(f"{label}: hidden in the viewport; it may be missing")
-        linking = getattr(thing, "light_linking", None)
-        if linking is not None and (linking.receiver_collection or linking.blocker_collection):
-            notes.append(f"{label}: light linking and shadow linking are left out")
-        if thing.type != "LIGHT":
-            rays = ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
-            hidden = [ray for ray in rays if not getattr(thing, f"visible_{ray}", True)]
-            if hidden:
-                notes.append(
-                    f"{label}: it is visible to all rays; in Blender not to {', '.join(hidden).replace('_', ' ')} rays"
-                )
-            if thing.is_shadow_catcher or thing.is_holdout:
-                notes.append(f"{label}: it is visible; in Blender it is a shadow catcher or holdout")
-        if thing.type in ("MESH", "CURVE", "SURFACE", "FONT", "META"):
-            present = [slot.material for slot in thing.material_slots if slot.material is not None]
-            closed = None
-            for material in present:
-                objects = used.setdefault(material, ([], []))
-                objects[0].append(thing.name)
-                if may_be_clear(material):
-                    closed = is_closed(thing, depsgraph) if closed is None else closed
-                    if not closed:
-                        objects[1].append(thing.name)
+        if child.holdout or child.indirect_only:
+            kind = "a holdout" if child.holdout else "visible to indirect rays only"
+            notes.append(f"collection {child.name}: its objects are visible to all rays; in Blender it is {kind}")
+        layer_notes(child, notes)
+
+
+class Survey:
+    """What an export writes: materials, tables of the job, the name of the camera, meshes, matrices of cameras, and the notes,
+    the list of all that a job cannot contain."""
+
+    def __init__(self, context, copies: bool = False):
+        self.notes: list = []
+        with RenderView(context) as depsgraph:
+            self.parts = Parts(depsgraph, copies, self.notes)
+            try:
+                self.read(context, depsgraph)
+            except BaseException:
+                self.parts.remove()
+                raise
+
+    def read(self, context, depsgraph) -> None:
+        """Reads all but the meshes."""
+        scene, notes = context.scene, self.notes
+        for thing in self.parts.sources:
+            object_notes(thing, notes)
+        layer_notes(context.view_layer.layer_collection, notes)
+        cameras = [thing for thing in scene.objects if thing.type == "CAMERA"]
+        shown = [thing for thing in cameras if thing == scene.camera or not thing.hide_render]
+        self.cameras = [(thing, thing.evaluated_get(depsgraph).matrix_world.copy()) for thing in shown]
+        self.materials, self.lights, self.film, self.lens, self.camera = tables_of(
+            context, depsgraph, self.parts.used(), notes
+        )
+
+
+def tables_of(context, depsgraph, used: dict, notes: list) -> tuple:
+    """Materials, lights, film and lens of the job, and the name of the camera. `used`: see `Parts.used`."""
+    scene = context.scene
     materials = Materials()
     materials.survey(used, notes)
     lights = lights_of(depsgraph, notes)
@@ -900,68 +1276,142 @@ def survey(context):
         notes.append("motion blur is left out")
     if scene.render.film_transparent:
         notes.append("the transparent film is left out: the world is visible")
+    if scene.render.use_compositing and scene.use_nodes:
+        notes.append("the compositor is left out")
+    layers = [layer for layer in scene.view_layers if layer.use]
+    if len(layers) > 1:
+        notes.append(f"only the view layer {context.view_layer.name} is exported")
+    if context.view_layer.material_override is not None:
+        notes.append("the material override of the view layer is left out")
     film, lens, camera = camera_tables(scene, notes)
     environment_of(scene, "", False, notes)
-    return materials, lights, film, lens, camera, notes
+    return materials, lights, film, lens, camera
 
 
-def may_be_clear(material) -> bool:
-    """Has the material a node for glass?"""
-    if not (material.use_nodes and material.node_tree):
-        return False
-    kinds = ("ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction", "ShaderNodeVolumeAbsorption", "ShaderNodeVolumeScatter")
-    for node in material.node_tree.nodes:
-        if node.bl_idname in kinds:
-            return True
-        if node.bl_idname == "ShaderNodeBsdfPrincipled" and "Transmission Weight" in node.inputs:
-            weight = constant(node.inputs["Transmission Weight"])
-            if weight is None or weight > 0.0:
-                return True
-    return False
+class Copy:
+    """A `with` block with a scene of its own in the window: one object for each mesh of the survey, and the cameras. Blender's
+    glTF exporter then writes what a render sees."""
+
+    def __init__(self, context, survey: Survey):
+        self.context, self.survey = context, survey
+        self.scene, self.objects, self.meshes = None, [], []
+        # Names of objects and meshes by those of their copies.
+        self.nodes: dict = {}
+        self.mesh_names: dict = {}
+        self.before = (context.window.scene, context.window.view_layer)
+
+    def place(self, name: str, data, matrix) -> None:
+        """Links a copy into the scene."""
+        thing = bpy.data.objects.new("dunkelfeld", data)
+        self.objects.append(thing)
+        self.nodes[thing.name] = name
+        thing.rotation_mode = "QUATERNION"
+        thing.matrix_world = matrix
+        self.scene.collection.objects.link(thing)
+
+    def build(self) -> None:
+        """Builds the scene."""
+        from mathutils import Matrix
+
+        parts = self.survey.parts
+        self.scene = bpy.data.scenes.new("dunkelfeld")
+        for shape, name in parts.shapes.values():
+            if shape is not None:
+                self.mesh_names[shape.copy.name] = name
+        for name, _, shape, matrix in parts.parts:
+            mesh, plain = shape.copy, Matrix.LocRotScale(*matrix.decompose())
+            size = max(abs(c) for row in matrix.to_3x3() for c in row)
+            if any(abs(a - b) > 1e-5 * size for r, q in zip(plain.to_3x3(), matrix.to_3x3()) for a, b in zip(r, q)):
+                # A node of glTF has no shear.
+                mesh = mesh.copy()
+                self.meshes.append(mesh)
+                self.mesh_names[mesh.name] = self.mesh_names[shape.copy.name]
+                mesh.transform(matrix)
+                if matrix.determinant() < 0.0:
+                    mesh.flip_normals()
+                matrix = Matrix()
+            self.place(name, mesh, matrix)
+        for camera, matrix in self.survey.cameras:
+            location, rotation, _ = matrix.decompose()
+            self.place(camera.name, camera.data, Matrix.LocRotScale(location, rotation, None))
+        self.context.window.scene = self.scene
+        self.context.view_layer.update()
+
+    def __enter__(self):
+        try:
+            self.build()
+            return self
+        except BaseException:
+            self.remove()
+            raise
+
+    def __exit__(self, *_):
+        self.remove()
+
+    def remove(self) -> None:
+        """Shows the scene of before again, and removes the copies."""
+        self.context.window.scene, self.context.window.view_layer = self.before
+        for thing in self.objects:
+            bpy.data.objects.remove(thing)
+        for mesh in self.meshes:
+            bpy.data.meshes.remove(mesh)
+        if self.scene is not None:
+            bpy.data.scenes.remove(self.scene)
 
 
 def export(context, path: str, sensor: str = "imx250", exposure: str = "auto", time: str = "30s", spp: int = 0) -> list:
     """Writes the job `path` (.toml), the scene beside it (.glb), and the image of the world if there is one. Gives the list
-    of all that could not be carried. `spp` above 0 replaces the limit of time."""
+    of all that could not be carried. `spp` above 0 replaces the limit of time. A setting that a job cannot have is a
+    `ValueError` with its name."""
+    check_settings(sensor, exposure, time, spp)
     stem = os.path.splitext(os.path.abspath(path))[0]
     scene = context.scene
-    materials, lights, film, lens, camera, notes = survey(context)
+    if context.active_object is not None and context.active_object.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    survey = Survey(context, copies=True)
+    materials, camera, notes = survey.materials, survey.camera, survey.notes
     try:
-        materials.replace()
-        result = bpy.ops.export_scene.gltf(
-            filepath=stem + ".glb",
-            export_format="GLB",
-            export_yup=True,
-            export_apply=True,
-            export_cameras=True,
-            export_lights=False,
-            export_animations=False,
-            export_skins=False,
-            export_morph=False,
-            export_gn_mesh=True,
-            export_tangents=False,
-            export_extras=False,
-            use_renderable=True,
-            use_active_scene=True,
-        )
+        with Copy(context, survey) as copy:
+            materials.replace()
+            result = bpy.ops.export_scene.gltf(
+                filepath=stem + ".glb",
+                export_format="GLB",
+                export_yup=True,
+                export_apply=True,
+                export_cameras=True,
+                export_lights=False,
+                export_animations=False,
+                export_skins=False,
+                export_morph=False,
+                export_tangents=False,
+                export_extras=False,
+                use_active_scene=True,
+            )
     finally:
         materials.restore()
+        survey.parts.remove()
     if "FINISHED" not in result:
         raise RuntimeError("Blender's glTF exporter did not finish")
-    change_glb(stem + ".glb", lambda document: change_materials(document, materials.scales))
+
+    def change(document: dict) -> None:
+        """The changes of the file of Blender's exporter."""
+        rename_parts(document, copy.nodes, copy.mesh_names)
+        change_materials(document, materials.scales, materials.plain, materials.renamed)
+
+    change_glb(stem + ".glb", change)
     name = os.path.basename(stem)
     top: dict = {"scene": name + ".glb"} | ({"camera": camera} if camera else {})
     top["seed"] = int(getattr(getattr(scene, "cycles", None), "seed", 0))
     tables = [
         ("import", {"emissive_unit": "W/(m2 sr)"}),
-        ("film", film),
-        ("lens", lens),
+        ("film", survey.film),
+        ("lens", survey.lens),
         ("budget", {"spp": spp} if spp > 0 else {"time": time}),
         ("sensor", {"model": sensor} | ({"exposure": exposure} if sensor != "none" else {})),
         ("render", {"energy_compensation": True} if materials.is_compensated else {}),
         ("environment", environment_of(scene, stem, True, [])),
     ]
-    text = job_text(top, tables + materials.tables + lights, notes)
+    text = job_text(top, tables + materials.tables + survey.lights, notes)
     with open(stem + ".toml", "w", encoding="utf-8", newline="\n") as file:
         file.write(text)
     return notes
@@ -1007,14 +1457,14 @@ if bpy is not None:
         def invoke(self, context, event):
             """Opens the file dialog with the list of the parts that cannot be carried."""
             try:
-                self.notes = "\n".join(" ".join(note.split()) for note in survey(context)[-1])
+                self.notes = "\n".join(" ".join(note.split()) for note in Survey(context).notes)
             except ValueError as error:
                 self.notes = str(error)
             return ExportHelper.invoke(self, context, event)
 
         def has_exposure(self):
             """Is the exposure a time or auto?"""
-            return self.sensor == "none" or self.exposure == "auto" or is_time(self.exposure)
+            return self.sensor == "none" or self.exposure == "auto" or is_time(self.exposure, LONGEST_EXPOSURE)
 
         def has_time(self):
             """Is the limit of the render a time or a number of samples?"""
@@ -1055,10 +1505,6 @@ if bpy is not None:
         def execute(self, context):
             """Exports, and reports the list."""
             try:
-                if not self.has_exposure():
-                    raise ValueError(f"the exposure {self.exposure!r} is no time: write a time such as 5ms, or auto")
-                if not self.has_time():
-                    raise ValueError(f"the render time {self.time!r} is no time: write a time such as 30s or 5min")
                 notes = export(context, self.filepath, self.sensor, self.exposure, self.time, self.spp)
             except (ValueError, RuntimeError, OSError) as error:
                 self.report({"ERROR"}, str(error))

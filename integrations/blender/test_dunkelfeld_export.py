@@ -136,6 +136,38 @@ class Lights(unittest.TestCase):
         self.assertEqual(found, ["small point"])
         self.assertFalse(export.has_extent(export.light_table("a", light("SUN", angle=0.0), matrix(), [])))
 
+    def test_a_spread_below_one_degree(self):
+        """It becomes one degree, with the same power and a note."""
+        one = export.light_table("a", light("AREA", spread=math.radians(1.0)), matrix(), [])
+        for spread in (0.0, math.radians(0.5)):
+            notes = []
+            table = export.light_table("a", light("AREA", spread=spread), matrix(), notes)
+            self.assertEqual(table, one)
+            self.assertIn("spread", notes[0])
+
+    def test_strengths_and_sizes_that_a_job_refuses(self):
+        """A light of negative energy is left out, a negative channel becomes 0, others become the nearest values."""
+        for kind in ("AREA", "POINT", "SPOT", "SUN"):
+            notes = []
+            self.assertEqual(export.light_table("a", light(kind, energy=-2.0), matrix(), notes), {})
+            self.assertIn("negative", notes[0])
+            self.assertIn("left out", notes[1])
+        key = {"AREA": "radiance", "POINT": "intensity", "SPOT": "intensity", "SUN": "irradiance"}
+        for kind, name in key.items():
+            notes = []
+            table = export.light_table("a", light(kind, color=(1.0, -0.5, 0.25)), matrix(), notes)
+            self.assertEqual((table[name][1], len(notes)), (0.0, 1))
+            self.assertGreater(table[name][0], table[name][2])
+            notes = []
+            table = export.light_table("a", light(kind, energy=1e15, color=(1.0, 1.0, 1.0)), matrix(), notes)
+            self.assertEqual(table[name], [1e12] * 3)
+            self.assertTrue(notes)
+        notes = []
+        table = export.light_table("a", light("POINT", shadow_soft_size=600.0), matrix(), notes)
+        self.assertEqual((table["diameter"], len(notes)), (1000.0, 1))
+        table = export.light_table("a", light("AREA", size=2000.0), matrix(), notes)
+        self.assertEqual((table["width"], table["height"], len(notes)), (1000.0, 1000.0, 3))
+
     def test_a_light_without_extent_in_one_axis_is_left_out(self):
         """A scale of 0 gives no division by zero, but a note."""
         notes = []
@@ -164,7 +196,7 @@ class Conversions(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.glb"
             path.write_bytes(head + text + rest)
-            export.change_glb(str(path), lambda document: export.change_materials(document, {"a": 0.5}))
+            export.change_glb(str(path), lambda document: export.change_materials(document, {"a": 0.5}, {}, {}))
             data = path.read_bytes()
         (length,) = struct.unpack_from("<I", data, 12)
         self.assertEqual(struct.unpack_from("<I", data, 8)[0], len(data))
@@ -175,6 +207,47 @@ class Conversions(unittest.TestCase):
         self.assertEqual(third["pbrMetallicRoughness"]["baseColorFactor"], [0.8, 0.8, 0.8, 1.0])
         self.assertEqual(first["pbrMetallicRoughness"]["baseColorFactor"], [0.25, 0.2, 0.1, 0.9])
         self.assertTrue(second["doubleSided"])
+
+    def test_materials_without_nodes(self):
+        """They are diffuse, whatever Blender's exporter wrote, and renamed."""
+        document = {"materials": [{"name": "a*", "doubleSided": True, "emissiveFactor": [1, 1, 1]}, {"name": "b"}]}
+        export.change_materials(document, {}, {"a*": [0.1, 0.3, 1.5]}, {"a*": "a_"})
+        first, second = document["materials"]
+        self.assertEqual(first["pbrMetallicRoughness"]["baseColorFactor"], [0.1, 0.3, 1.0, 1.0])
+        self.assertEqual(first["extensions"], {"KHR_materials_specular": {"specularFactor": 0.0}})
+        self.assertEqual((first["name"], first["doubleSided"], "emissiveFactor" in first), ("a_", True, False))
+        self.assertEqual(second, {"name": "b"})
+        self.assertEqual(document["extensionsUsed"], ["KHR_materials_specular"])
+
+    def test_names_are_no_patterns(self):
+        """Wildcards are replaced, and all names stay different."""
+        found = export.job_names(["A*", "AB", "A?", "A_", "plain"])
+        self.assertEqual(found, {"A*": "A__", "A?": "A___"})
+
+    def test_names_of_instances(self):
+        """The second instance has a number, also beside an object with this name."""
+        names = export.Names()
+        found = [names.unique(name) for name in ("a", "a#2", "a", "a", "b", "a#2")]
+        self.assertEqual(found, ["a", "a#2", "a#3", "a#4", "b", "a#2#2"])
+
+    def test_srgb_of_8_bits(self):
+        """Ends, the linear part, and the middle grey of 18 %."""
+        table = export.srgb_table()
+        self.assertEqual((len(table), table[0], table[255]), (256, 0.0, 1.0))
+        self.assertAlmostEqual(table[10], 10.0 / 255.0 / 12.92)
+        self.assertAlmostEqual(table[118], 0.18116424424986022)
+
+    def test_settings_that_a_job_refuses(self):
+        """The error has the name of the setting."""
+        good = {"sensor": "imx250", "exposure": "5ms", "time": "30s", "spp": 0}
+        for change in ({}, {"sensor": "my.toml"}, {"sensor": "none", "exposure": "x"}, {"spp": 1, "time": "x"}):
+            export.check_settings(**(good | change))
+        bad = {"sensor": ("bogus", ""), "exposure": ("x y", "0s", "1000h"), "time": ("-3s", "auto", "9000h")}
+        bad |= {"spp": (-5, 2_000_000_000)}
+        for key, values in bad.items():
+            for value in values:
+                with self.assertRaisesRegex(ValueError, f"^{key} "):
+                    export.check_settings(**(good | {key: value}))
 
     def test_times_of_a_job(self):
         """Numbers with units, several of them, or one number of seconds; nothing else, and nothing of length 0."""
