@@ -472,6 +472,37 @@ class Notes(Scene):
         expected = {f"object {name}" for name in ("invisible", "catcher", "holdout", "linked", "unit")}
         self.assertEqual(subjects, expected | {"collection cut"})
 
+    def test_rays_of_lights_and_of_the_world(self) -> None:
+        """Lights that some rays miss, and a world that the camera does not see."""
+        scenes.lamp("SUN", "sun", (0.0, 0.0, 1.0), energy=0.2, angle=0.0).visible_diffuse = False
+        self.scene.world.cycles_visibility.camera = False
+        self.assertEqual([note.split(":")[0] for note in self.export()], ["light sun", "world"])
+
+    def test_clip_distances(self) -> None:
+        """Objects in view that they cut, and no others."""
+        bpy.data.objects["floor"].scale = (0.4, 0.4, 1.0)
+        scenes.mesh("cube", "cut", bpy.data.materials["floor"], (0.0, 0.0, 0.15), 0.3)
+        scenes.mesh("cube", "aside", bpy.data.materials["floor"], (2.0, 0.0, 0.3), 0.3)
+        scenes.mesh("cube", "low", bpy.data.materials["floor"], (0.2, 0.0, 0.03), 0.05)
+        self.assertEqual(self.export(), [])
+        self.scene.camera.data.clip_start = 0.95
+        notes = self.export()
+        self.assertEqual((len(notes), "which cut cut, are" in notes[0]), (1, True), notes)
+
+    def test_attributes(self) -> None:
+        """A number at each vertex is no colour; colours are carried."""
+        for name, kind in (("heat", "FLOAT"), ("paint", "FLOAT_COLOR")):
+            material = scenes.diffuse(name, 0.5, 0.5, 0.5)
+            thing = scenes.mesh("cube", name, material, (0.0, 0.0, 0.15), 0.2)
+            thing.data.attributes.new(name, kind, "POINT")
+            node = material.node_tree.nodes.new("ShaderNodeAttribute")
+            node.attribute_name = name
+            material.node_tree.links.new(
+                node.outputs["Color"], material.node_tree.nodes["Diffuse BSDF"].inputs["Color"]
+            )
+        notes = self.export()
+        self.assertEqual((len(notes), "attribute heat" in notes[0]), (1, True), notes)
+
     def test_kinds_of_objects(self) -> None:
         """Hair curves and a volume in the world."""
         hair = bpy.data.hair_curves.new("hair")

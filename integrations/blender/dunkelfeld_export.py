@@ -485,6 +485,8 @@ TEXTURED = (
     "Specular Tint",
 )
 TEXTURED += ("Transmission Weight", "Coat Weight", "Coat Roughness", "Sheen Tint", "Sheen Roughness", "Tangent")
+COLORS = ("Base Color", "Emission Color", "Specular Tint", "Sheen Tint")
+LINEAR_SPACES = ("Linear Rec.709", "Linear", "Non-Color")
 COLOR_ATTRIBUTES = ("ShaderNodeVertexColor", "ShaderNodeAttribute")
 TEXTURES = ("ShaderNodeTexImage", *COLOR_ATTRIBUTES, "ShaderNodeValue", "ShaderNodeRGB")
 
@@ -533,6 +535,18 @@ def lost_nodes(name: str, node, lost: list, depth: int = 0) -> None:
             lost.append(f"{title(way)} (UV coordinates are used)")
         if node.projection != "FLAT":
             lost.append(f"the {node.projection.lower()} projection of {title(node)}")
+        if getattr(node, "extension", "REPEAT") == "CLIP":
+            lost.append(f"the black border of {title(node)}")
+        image = getattr(node, "image", None)
+        if image is not None and not image.is_float and name != "Alpha":
+            # A file of glTF has sRGB colours and linear values of all else.
+            space = image.colorspace_settings.name
+            if (space != "sRGB") if name in COLORS else (space not in LINEAR_SPACES):
+                lost.append(
+                    f"the colour space {space} of {title(node)} ({'sRGB' if name in COLORS else 'linear'} is used)"
+                )
+    if node.bl_idname == "ShaderNodeAttribute" and getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
+        lost.append(f"{title(node)} of the {node.attribute_type.lower()}")
     if node.bl_idname in TEXTURES or depth >= 16:
         return
     linked = [socket for socket in node.inputs if source(socket) is not None]
@@ -548,6 +562,26 @@ def lost_nodes(name: str, node, lost: list, depth: int = 0) -> None:
         lost.append(title(node))
     for socket in linked:
         lost_nodes(name, source(socket), lost, depth + 1)
+
+
+def range_notes(inputs, notes: list) -> None:
+    """Adds constants of a surface that a file of glTF cannot contain. `inputs` gives sockets, numbers or lists by name."""
+
+    def known(name: str, default):
+        """The constant of an input."""
+        value = inputs(name)
+        value = value if value is None or isinstance(value, (int, float, list)) else constant(value)
+        return default if value is None else value
+
+    color = known("Base Color", [0.0])
+    if max(color) > 1.0:
+        notes.append(f"a base colour of {max(color):.3g} becomes 1")
+    if min(color) < 0.0:
+        notes.append("a negative base colour becomes 0")
+    if known("Emission Strength", 0.0) * min(known("Emission Color", [0.0])) < 0.0:
+        notes.append("a negative emission becomes 0")
+    if known("Transmission Weight", 0.0) > 0.0 and known("IOR", 1.5) < 1.0:
+        notes.append(f"the index {known('IOR', 1.5):.3g} becomes 1")
 
 
 def volume_of(node, notes: list) -> dict:
@@ -604,6 +638,7 @@ class Materials:
             volume = source(output.inputs["Volume"])
             if node is not None and node.bl_idname == "ShaderNodeBsdfPrincipled":
                 s = principled(node, own)
+                range_notes(node.inputs.get, own)
                 if material.library is None:
                     self.unlinked += [(tree, socket) for socket in s.unlinked]
                 elif s.unlinked:
@@ -616,6 +651,7 @@ class Materials:
                 self.replaced.append((material, output, s))
             else:
                 s = surface_of(node, own)
+                range_notes(s.inputs.get, own)
                 for name, value in s.inputs.items():
                     if (
                         not isinstance(value, (int, float, list))
@@ -777,6 +813,10 @@ def has_extent(table: dict) -> bool:
     return table["kind"] == "panel" or "diameter" in table or table.get("angle", degrees(0.0)) != degrees(0.0)
 
 
+# Kinds of rays of Cycles that may miss an object, without those of shadows.
+RAYS = ("camera", "diffuse", "glossy", "transmission", "volume_scatter")
+
+
 def instance_name(instance) -> str:
     """The name of an instance of the depsgraph: that of its object, after that of the instancer if there is one."""
     thing = instance.object.original
@@ -798,6 +838,9 @@ def lights_of(depsgraph, notes: list) -> list:
         if light.type == "AREA" and getattr(settings, "is_portal", False):
             notes.append(f"light {name}: a portal gives no light")
             continue
+        hidden = [ray for ray in RAYS if ray != "camera" and not getattr(thing, f"visible_{ray}", True)]
+        if hidden:
+            own.append(f"it lights all; in Blender it is not visible to {', '.join(hidden).replace('_', ' ')} rays")
         if not getattr(light, "use_shadow", True):
             own.append("it casts shadows; in Blender it does not")
         if light.type == "POINT" and light.shadow_soft_size > 0.0 and getattr(light, "use_soft_falloff", False):
@@ -840,6 +883,10 @@ def environment_of(scene, stem: str, write: bool, notes: list) -> dict:
         return {}
     if not (world.use_nodes and world.node_tree):
         return {"radiance": world_light([float(c) for c in world.color], notes)}
+    rays = ("camera", "diffuse", "glossy", "transmission", "scatter")
+    hidden = [ray for ray in rays if not getattr(getattr(world, "cycles_visibility", None), ray, True)]
+    if hidden:
+        notes.append(f"world: it is visible to all rays; in Blender not to {', '.join(hidden)} rays")
     output = active_output(world.node_tree, "ShaderNodeOutputWorld")
     if output is None:
         return {}
@@ -873,7 +920,7 @@ def environment_of(scene, stem: str, write: bool, notes: list) -> dict:
         return {}
     space = image.colorspace_settings.name
     # Blender's values of an image of 8 bits are those of the file, all others are linear Rec. 709.
-    is_linear = space in ("Linear Rec.709", "Linear", "Non-Color")
+    is_linear = space in LINEAR_SPACES
     if not (is_linear or image.is_float or space == "sRGB"):
         notes.append(f"world: the colour space {space} of {image.name}; its values are decoded as sRGB")
     is_file = is_linear and ending in (".exr", ".hdr") and os.path.isfile(path) and not image.packed_file
@@ -1087,6 +1134,12 @@ class Shape:
         mesh.loops.foreach_get("edge_index", edges)
         count = numpy.bincount(edges, minlength=len(mesh.edges))
         self.is_closed = bool(len(count)) and bool((count == 2).all())
+        places = numpy.empty(3 * len(mesh.vertices), numpy.float32)
+        mesh.vertices.foreach_get("co", places)
+        places = places.reshape(-1, 3)
+        low, high = places.min(axis=0), places.max(axis=0)
+        self.corners = [[float((high if k >> axis & 1 else low)[axis]) for axis in range(3)] for k in range(8)]
+        self.colors = {attribute.name for attribute in mesh.color_attributes}
         # The copy that is exported.
         self.copy = None
 
@@ -1195,6 +1248,51 @@ def uses_viewport(tree, seen: set) -> bool:
     )
 
 
+def attribute_notes(parts: list, notes: list) -> None:
+    """Attributes in materials that are no colours of the mesh."""
+    found: dict = {}
+    for _, name, shape, _ in parts:
+        for material in shape.used:
+            for node in material.node_tree.nodes if material.use_nodes and material.node_tree else ():
+                wanted = getattr(node, "attribute_name", "") if node.bl_idname == "ShaderNodeAttribute" else ""
+                if wanted and node.attribute_type == "GEOMETRY" and wanted not in shape.colors:
+                    found.setdefault((material.name, wanted), {}).setdefault(name)
+    for (material, wanted), names in found.items():
+        notes.append(
+            f"material {material}: the attribute {wanted} is left out, as it is no colour attribute of {', '.join(names)}"
+        )
+
+
+def clip_notes(scene, camera, matrix, parts: list, notes: list) -> None:
+    """Objects in view that Cycles cuts at the clip distances of the camera."""
+    from mathutils import Matrix, Vector
+
+    data = camera.data
+    if data.type not in ("PERSP", "ORTHO"):
+        return
+    location, rotation, _ = matrix.decompose()
+    into = Matrix.LocRotScale(location, rotation, None).inverted()
+    is_wide = data.type == "PERSP"
+    frame = [[c[k] / -c[2] if is_wide else c[k] for c in data.view_frame(scene=scene)] for k in range(2)]
+    cut: dict = {}
+    for _, name, shape, world in parts:
+        corners = [into @ world @ Vector(corner) for corner in shape.corners]
+        depths = [-corner[2] for corner in corners]
+        # Objects beside the camera, such as a floor, and those with the camera inside are left out.
+        if min(depths) <= 0.0 or data.clip_start <= min(depths) and max(depths) <= data.clip_end:
+            continue
+        seen = True
+        for k in range(2):
+            places = [corner[k] / depth if is_wide else corner[k] for corner, depth in zip(corners, depths)]
+            seen = seen and min(places) < max(frame[k]) and max(places) > min(frame[k])
+        if seen:
+            cut.setdefault(name)
+    if cut:
+        notes.append(
+            f"camera: its clip distances {data.clip_start:.3g} m and {data.clip_end:.3g} m, which cut {', '.join(cut)}, are left out"
+        )
+
+
 def object_notes(thing, notes: list) -> None:
     """Properties of an object that a job cannot contain."""
     label = f"object {thing.name}"
@@ -1209,8 +1307,7 @@ def object_notes(thing, notes: list) -> None:
     if linking is not None and (linking.receiver_collection or linking.blocker_collection):
         notes.append(f"{label}: light linking and shadow linking are left out")
     if thing.type != "LIGHT":
-        rays = ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
-        hidden = [ray for ray in rays if not getattr(thing, f"visible_{ray}", True)]
+        hidden = [ray for ray in (*RAYS, "shadow") if not getattr(thing, f"visible_{ray}", True)]
         if hidden:
             notes.append(
                 f"{label}: it is visible to all rays; in Blender not to {', '.join(hidden).replace('_', ' ')} rays"
@@ -1253,6 +1350,9 @@ class Survey:
         cameras = [thing for thing in scene.objects if thing.type == "CAMERA"]
         shown = [thing for thing in cameras if thing == scene.camera or not thing.hide_render]
         self.cameras = [(thing, thing.evaluated_get(depsgraph).matrix_world.copy()) for thing in shown]
+        attribute_notes(self.parts.parts, notes)
+        if scene.camera is not None and scene.camera.type == "CAMERA":
+            clip_notes(scene, scene.camera, dict(self.cameras)[scene.camera], self.parts.parts, notes)
         self.materials, self.lights, self.film, self.lens, self.camera = tables_of(
             context, depsgraph, self.parts.used(), notes
         )
@@ -1266,7 +1366,10 @@ def tables_of(context, depsgraph, used: dict, notes: list) -> tuple:
     lights = lights_of(depsgraph, notes)
     extended = [table["name"] for _, table in lights if has_extent(table)]
     if extended:
-        notes.append(f"lights with an extent are visible to the camera; in Cycles they are not: {', '.join(extended)}")
+        notes.append(
+            "lights with an extent are visible to the camera; in Cycles they are not, or light passes through them: "
+            + ", ".join(extended)
+        )
     if abs(scene.unit_settings.scale_length - 1.0) > 1e-6:
         notes.append(f"the unit scale {scene.unit_settings.scale_length:g}: a unit of Blender is a metre, as in Cycles")
     settings = getattr(scene, "cycles", None)
@@ -1276,6 +1379,8 @@ def tables_of(context, depsgraph, used: dict, notes: list) -> tuple:
         notes.append("motion blur is left out")
     if scene.render.film_transparent:
         notes.append("the transparent film is left out: the world is visible")
+    if scene.render.use_multiview:
+        notes.append("stereoscopy is left out: the camera itself is rendered")
     if scene.render.use_compositing and scene.use_nodes:
         notes.append("the compositor is left out")
     layers = [layer for layer in scene.view_layers if layer.use]

@@ -319,6 +319,40 @@ class Textures(unittest.TestCase):
         half = node("Math", "Math", [socket("Value", self.image()), socket("Value")], operation="MULTIPLY")
         self.assertEqual(self.notes(half, "Roughness"), [])
 
+    def test_images_in_another_colour_space(self):
+        """Colours are sRGB in a file of glTF, all else linear; borders and values of objects are listed too."""
+        for space, name, count in (
+            ("sRGB", "Base Color", 0),
+            ("Non-Color", "Base Color", 1),
+            ("sRGB", "Roughness", 1),
+            ("Non-Color", "Roughness", 0),
+            ("sRGB", "Alpha", 0),
+        ):
+            end = self.image()
+            end.image = SimpleNamespace(is_float=False, colorspace_settings=SimpleNamespace(name=space))
+            self.assertEqual(len(self.notes(end, name)), count, (space, name))
+        end = self.image()
+        end.extension = "CLIP"
+        self.assertIn("border", self.notes(end)[0])
+        self.assertIn("object", self.notes(node("Attribute", "Attribute", attribute_type="OBJECT"))[0])
+        self.assertEqual(self.notes(node("Attribute", "Attribute", attribute_type="GEOMETRY")), [])
+
+    def test_constants_out_of_range(self):
+        """Colours above 1 or below 0, negative emission, and an index below 1."""
+        for inputs, text in (
+            ({"Base Color": [1.5, 0.2, 0.1]}, "1.5"),
+            ({"Base Color": [-0.5, 0.2, 0.1]}, "negative base"),
+            ({"Emission Color": [0.5, 0.2, 0.1], "Emission Strength": -1.0}, "emission"),
+            ({"Transmission Weight": 1.0, "IOR": 0.8}, "0.8"),
+        ):
+            notes = []
+            export.range_notes(inputs.get, notes)
+            self.assertEqual((len(notes), text in notes[0]), (1, True))
+        notes = []
+        good = {"Base Color": socket(value=(0.1, 0.2, 0.3, 1.0)), "Emission Strength": 2.0, "IOR": 0.8}
+        export.range_notes(good.get, notes)
+        self.assertEqual(notes, [])
+
     def test_other_nodes_are_listed(self):
         """Procedural textures, nodes after an image, other coordinates and projections, inputs without textures."""
         self.assertIn("Noise Texture", self.notes(node("TexNoise", "Noise Texture"))[0])
