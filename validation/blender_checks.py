@@ -326,6 +326,46 @@ class Visibility(Scene):
         self.assertEqual(len(notes), 1)
         self.assertIn("hair", notes[0])
 
+    def test_copies_at_vertices(self) -> None:
+        """The object itself and the instancer are hidden, the copies are not; so is a light."""
+        instancer = scenes.mesh("plane", "instancer", bpy.data.materials["floor"], (0.0, 0.0, 0.01), 0.6)
+        instancer.instance_type, instancer.show_instancer_for_render = "VERTS", False
+        lamp = scenes.lamp("POINT", "lamp", (0.0, 0.0, 0.5), energy=0.5, shadow_soft_size=0.0)
+        for thing in (self.part("part"), lamp):
+            thing.parent = instancer
+        self.export()
+        names = ["instancer/part", *(f"instancer/part#{k}" for k in (2, 3, 4))]
+        self.assertEqual(self.names(), names)
+        self.assertEqual([light["name"] for light in self.job["light"]], [n.replace("part", "lamp") for n in names])
+        self.compare()
+
+    def test_a_camera_of_another_scene(self) -> None:
+        """The scene `main` shows another scene behind its own objects, and has its camera."""
+        self.part("part")
+        settings = self.scene
+        self.scene = bpy.data.scenes.new("main")
+        bpy.context.window.scene = self.scene
+        self.scene.background_set, self.scene.camera, self.scene.world = settings, settings.camera, settings.world
+        self.scene.render.resolution_x = self.scene.render.resolution_y = SIZE
+        self.scene.render.engine = "CYCLES"
+        for name in ("file_format", "color_mode", "color_depth"):
+            setattr(self.scene.render.image_settings, name, getattr(settings.render.image_settings, name))
+        self.assertEqual(self.export(), [])
+        self.assertEqual(self.names(), ["part"])
+        self.compare()
+
+    def test_a_sheared_camera(self) -> None:
+        """A note; without shear, scale has no effect."""
+        parent = scenes.placed(None, "parent", (0.0, 0.0, 0.0))
+        parent.scale, parent.rotation_euler = (2.0, 2.0, 2.0), (0.1, 0.0, 0.2)
+        self.scene.camera.parent, self.scene.camera.location = parent, (0.0, -0.1, 0.6)
+        self.part("part")
+        self.assertEqual(self.export(), [])
+        self.compare()
+        parent.scale = (1.0, 2.0, 1.5)
+        notes = self.export()
+        self.assertEqual((len(notes), "shear" in notes[0]), (1, True))
+
     def test_an_active_camera_that_is_hidden(self) -> None:
         """It is the camera of the render."""
         self.scene.camera.hide_render = self.scene.camera.hide_viewport = True

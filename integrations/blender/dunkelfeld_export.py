@@ -824,12 +824,19 @@ def instance_name(instance) -> str:
     return thing.name if owner == thing else f"{owner.name}/{thing.name}"
 
 
+def is_shown(instance) -> bool:
+    """Does a render show an instance of the depsgraph? An object that its parent copies to vertices or faces is hidden itself."""
+    to_elements = lambda thing: thing is not None and thing.original.instance_type in ("VERTS", "FACES")
+    is_copy = instance.is_instance and to_elements(instance.parent)
+    return instance.show_self and (is_copy or not to_elements(instance.object.parent))
+
+
 def lights_of(depsgraph, notes: list) -> list:
     """The lights of the scene, those of instances too, as tables of the job."""
     tables, names = [], Names()
     for instance in depsgraph.object_instances:
         thing = instance.object
-        if thing.type != "LIGHT" or not instance.show_self:
+        if thing.type != "LIGHT" or not is_shown(instance):
             continue
         own: list = []
         name = names.unique(instance_name(instance))
@@ -1179,7 +1186,7 @@ class Parts:
         left_out = set()
         for instance in depsgraph.object_instances:
             thing, original = instance.object, instance.object.original
-            if not instance.show_self:
+            if not is_shown(instance):
                 continue
             self.sources.setdefault(original)
             if instance.parent is not None:
@@ -1227,10 +1234,10 @@ class Parts:
 
     def remove(self) -> None:
         """Removes the copies."""
-        for shape, _ in self.shapes.values():
-            if shape is not None and shape.copy is not None:
-                bpy.data.meshes.remove(shape.copy)
-                shape.copy = None
+        shapes = [shape for shape, _ in self.shapes.values() if shape is not None and shape.copy is not None]
+        bpy.data.batch_remove([shape.copy for shape in shapes])
+        for shape in shapes:
+            shape.copy = None
 
 
 # Kinds of objects that have no mesh in a render.
@@ -1263,15 +1270,26 @@ def attribute_notes(parts: list, notes: list) -> None:
         )
 
 
+def pose_of(matrix) -> tuple:
+    """The matrix of a camera without scale and shear, with the same axis, and whether there is a shear."""
+    from mathutils import Matrix
+
+    x, y, z = (matrix.col[k].to_3d().normalized() for k in range(3))
+    is_sheared = max(abs(x.dot(y)), abs(y.dot(z)), abs(z.dot(x))) > 1e-4
+    right = y.cross(z).normalized()
+    pose = Matrix((right, z.cross(right), z)).transposed().to_4x4()
+    pose.translation = matrix.translation
+    return pose, is_sheared
+
+
 def clip_notes(scene, camera, matrix, parts: list, notes: list) -> None:
     """Objects in view that Cycles cuts at the clip distances of the camera."""
-    from mathutils import Matrix, Vector
+    from mathutils import Vector
 
     data = camera.data
     if data.type not in ("PERSP", "ORTHO"):
         return
-    location, rotation, _ = matrix.decompose()
-    into = Matrix.LocRotScale(location, rotation, None).inverted()
+    into = matrix.inverted()
     is_wide = data.type == "PERSP"
     frame = [[c[k] / -c[2] if is_wide else c[k] for c in data.view_frame(scene=scene)] for k in range(2)]
     cut: dict = {}
@@ -1347,9 +1365,16 @@ class Survey:
         for thing in self.parts.sources:
             object_notes(thing, notes)
         layer_notes(context.view_layer.layer_collection, notes)
-        cameras = [thing for thing in scene.objects if thing.type == "CAMERA"]
-        shown = [thing for thing in cameras if thing == scene.camera or not thing.hide_render]
-        self.cameras = [(thing, thing.evaluated_get(depsgraph).matrix_world.copy()) for thing in shown]
+        # The active camera may be hidden, or in another scene.
+        cameras = [thing for thing in scene.objects if thing.type == "CAMERA" and not thing.hide_render]
+        if scene.camera is not None and scene.camera.type == "CAMERA" and scene.camera not in cameras:
+            cameras.append(scene.camera)
+        self.cameras = []
+        for camera in cameras:
+            matrix, is_sheared = pose_of(camera.evaluated_get(depsgraph).matrix_world)
+            self.cameras.append((camera, matrix))
+            if is_sheared:
+                notes.append(f"camera: the shear of {camera.name} is left out")
         attribute_notes(self.parts.parts, notes)
         if scene.camera is not None and scene.camera.type == "CAMERA":
             clip_notes(scene, scene.camera, dict(self.cameras)[scene.camera], self.parts.parts, notes)
@@ -1437,8 +1462,7 @@ class Copy:
                 matrix = Matrix()
             self.place(name, mesh, matrix)
         for camera, matrix in self.survey.cameras:
-            location, rotation, _ = matrix.decompose()
-            self.place(camera.name, camera.data, Matrix.LocRotScale(location, rotation, None))
+            self.place(camera.name, camera.data, matrix)
         self.context.window.scene = self.scene
         self.context.view_layer.update()
 
@@ -1456,10 +1480,8 @@ class Copy:
     def remove(self) -> None:
         """Shows the scene of before again, and removes the copies."""
         self.context.window.scene, self.context.window.view_layer = self.before
-        for thing in self.objects:
-            bpy.data.objects.remove(thing)
-        for mesh in self.meshes:
-            bpy.data.meshes.remove(mesh)
+        bpy.data.batch_remove(self.objects)
+        bpy.data.batch_remove(self.meshes)
         if self.scene is not None:
             bpy.data.scenes.remove(self.scene)
 
