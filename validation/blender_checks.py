@@ -388,6 +388,7 @@ class Levels(Scene):
         single.count, single.show_render = 5, False
         self.assertEqual(self.export(), [])
         self.assertEqual(self.vertices(), [12, 36, 768])
+        self.assertEqual(sorted(m["name"] for m in self.file["meshes"]), ["ball", "floor", "row", "single"])
         self.compare()
         render = self.scene.render
         render.use_simplify, render.simplify_subdivision, render.simplify_subdivision_render = True, 0, 1
@@ -542,6 +543,22 @@ class Notes(Scene):
             )
         notes = self.export()
         self.assertEqual((len(notes), "attribute heat" in notes[0]), (1, True), notes)
+
+    def test_uv_maps(self) -> None:
+        """Textures on a mesh without a UV map, and of a UV map that is missing."""
+        image = bpy.data.images.new("image", 4, 4)
+        for name, maps, wanted in (("bare", (), ""), ("other", ("first",), "second"), ("good", ("first",), "first")):
+            material = scenes.diffuse(name, 0.5, 0.5, 0.5)
+            nodes, links = material.node_tree.nodes, material.node_tree.links
+            thing = scenes.mesh("plane", name, material, (0.0, 0.0, 0.1), 0.2)
+            for layer in maps:
+                thing.data.uv_layers.new(name=layer)
+            texture, way = nodes.new("ShaderNodeTexImage"), nodes.new("ShaderNodeUVMap")
+            texture.image, way.uv_map = image, wanted
+            links.new(way.outputs[0], texture.inputs["Vector"])
+            links.new(texture.outputs["Color"], nodes["Diffuse BSDF"].inputs["Color"])
+        notes = self.export()
+        self.assertEqual([note.split(":")[0] for note in notes], ["material bare", "material other"], notes)
 
     def test_kinds_of_objects(self) -> None:
         """Hair curves and a volume in the world."""

@@ -523,12 +523,25 @@ def reaches_image(node, depth: int = 0) -> bool:
     return depth < 16 and any(reaches_image(source(i), depth + 1) for i in node.inputs if source(i) is not None)
 
 
+def is_planar(mapping) -> bool:
+    """Is a Mapping node a constant transform of the plane, as glTF has it?"""
+    inputs = [mapping.inputs[name] for name in ("Location", "Rotation", "Scale") if name in mapping.inputs]
+    if any(constant(i) is None for i in inputs):
+        return False
+    turn = constant(mapping.inputs["Rotation"]) if "Rotation" in mapping.inputs else [0.0, 0.0, 0.0]
+    return not any(turn[:2]) and getattr(mapping, "vector_type", "POINT") != "NORMAL"
+
+
 def lost_nodes(name: str, node, lost: list, depth: int = 0) -> None:
     """Adds the nodes that glTF does not have, from the input `name` of a Principled BSDF back to the images."""
     if node.bl_idname == "ShaderNodeTexImage":
         end = node.inputs["Vector"]
+        count = 0
         while source(end) is not None and source(end).bl_idname == "ShaderNodeMapping":
-            end = source(end).inputs["Vector"]
+            mapping, count = source(end), count + 1
+            if count > 1 or not is_planar(mapping):
+                lost.append(title(mapping))
+            end = mapping.inputs["Vector"]
         way = source(end)
         is_uv = way is None or way.bl_idname == "ShaderNodeUVMap"
         if not is_uv and not (way.bl_idname == "ShaderNodeTexCoord" and end.links[0].from_socket.name == "UV"):
@@ -538,6 +551,8 @@ def lost_nodes(name: str, node, lost: list, depth: int = 0) -> None:
         if getattr(node, "extension", "REPEAT") == "CLIP":
             lost.append(f"the black border of {title(node)}")
         image = getattr(node, "image", None)
+        if image is None and hasattr(node, "image"):
+            lost.append(f"{title(node)}, as its image is missing")
         if image is not None and not image.is_float and name != "Alpha":
             # A file of glTF has sRGB colours and linear values of all else.
             space = image.colorspace_settings.name
@@ -1147,6 +1162,7 @@ class Shape:
         low, high = places.min(axis=0), places.max(axis=0)
         self.corners = [[float((high if k >> axis & 1 else low)[axis]) for axis in range(3)] for k in range(8)]
         self.colors = {attribute.name for attribute in mesh.color_attributes}
+        self.uv_maps = {layer.name for layer in mesh.uv_layers}
         # The copy that is exported.
         self.copy = None
 
@@ -1218,7 +1234,7 @@ class Parts:
             if copies and shape is not None:
                 whole = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
                 shape.keep(bpy.data.meshes.new_from_object(own, **whole) if is_own else thing.data.copy())
-            self.shapes[key] = (shape, thing.data.name)
+            self.shapes[key] = (shape, thing.original.data.name if is_own else thing.data.name)
         return self.shapes[key][0]
 
     def used(self) -> dict:
@@ -1256,18 +1272,29 @@ def uses_viewport(tree, seen: set) -> bool:
 
 
 def attribute_notes(parts: list, notes: list) -> None:
-    """Attributes in materials that are no colours of the mesh."""
+    """Attributes in materials that are no colours of the mesh, and UV maps that the mesh does not have."""
     found: dict = {}
-    for _, name, shape, _ in parts:
+    for name, shape in dict.fromkeys((name, shape) for _, name, shape, _ in parts):
         for material in shape.used:
             for node in material.node_tree.nodes if material.use_nodes and material.node_tree else ():
-                wanted = getattr(node, "attribute_name", "") if node.bl_idname == "ShaderNodeAttribute" else ""
-                if wanted and node.attribute_type == "GEOMETRY" and wanted not in shape.colors:
-                    found.setdefault((material.name, wanted), {}).setdefault(name)
-    for (material, wanted), names in found.items():
-        notes.append(
-            f"material {material}: the attribute {wanted} is left out, as it is no colour attribute of {', '.join(names)}"
-        )
+                text = lost_attribute(node, shape)
+                if text:
+                    found.setdefault(f"material {material.name}: {text}", {}).setdefault(name)
+    notes += [f"{text} {', '.join(names)}" for text, names in found.items()]
+
+
+def lost_attribute(node, shape) -> str:
+    """The beginning of a note on an attribute that the shape does not have, up to the names of the objects; else nothing."""
+    wanted = ""
+    if node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == "GEOMETRY":
+        wanted = node.attribute_name
+    if wanted and wanted not in shape.colors:
+        return f"the attribute {wanted} is left out, as it is no colour attribute of"
+    if node.bl_idname == "ShaderNodeUVMap" and node.uv_map and node.uv_map not in shape.uv_maps:
+        return f"the UV map {node.uv_map} is missing, and another is used on"
+    if node.bl_idname == "ShaderNodeTexImage" and not shape.uv_maps and any(o.is_linked for o in node.outputs):
+        return f"without a UV map, the texture of {title(node)} is left out on"
+    return ""
 
 
 def pose_of(matrix) -> tuple:
@@ -1321,6 +1348,10 @@ def object_notes(thing, notes: list) -> None:
                 notes.append(f"{label}: particles and hair of {system.name} are left out")
         if modifier.type == "NODES" and modifier.show_render and uses_viewport(modifier.node_group, set()):
             notes.append(f"{label}: the node Is Viewport of {modifier.name} is true; in a render it is false")
+    if any(m.type == "SUBSURF" and m.show_render for m in thing.modifiers) and (
+        getattr(getattr(thing, "cycles", None), "use_adaptive_subdivision", False)
+    ):
+        notes.append(f"{label}: the adaptive subdivision is left out; its levels of a render are used")
     linking = getattr(thing, "light_linking", None)
     if linking is not None and (linking.receiver_collection or linking.blocker_collection):
         notes.append(f"{label}: light linking and shadow linking are left out")

@@ -332,10 +332,24 @@ class Textures(unittest.TestCase):
             end.image = SimpleNamespace(is_float=False, colorspace_settings=SimpleNamespace(name=space))
             self.assertEqual(len(self.notes(end, name)), count, (space, name))
         end = self.image()
+        end.image = None
+        self.assertIn("missing", self.notes(end)[0])
+        end = self.image()
         end.extension = "CLIP"
         self.assertIn("border", self.notes(end)[0])
         self.assertIn("object", self.notes(node("Attribute", "Attribute", attribute_type="OBJECT"))[0])
         self.assertEqual(self.notes(node("Attribute", "Attribute", attribute_type="GEOMETRY")), [])
+
+    def test_mappings(self):
+        """A turn about z is carried; a tilt, a second mapping and a texture as its scale are listed."""
+
+        def mapping(turn=(0.0, 0.0, 0.5), scale=None, before=None):
+            values = [socket("Vector", before), socket("Rotation", value=turn)]
+            return node("Mapping", "Mapping", [*values, socket("Scale", scale, value=(1.0, 1.0, 1.0))])
+
+        self.assertEqual(self.notes(self.image(mapping())), [])
+        for way in (mapping((0.5, 0.0, 0.0)), mapping(scale=self.image()), mapping(before=mapping())):
+            self.assertIn("Mapping", self.notes(self.image(way))[0])
 
     def test_constants_out_of_range(self):
         """Colours above 1 or below 0, negative emission, and an index below 1."""
