@@ -211,6 +211,33 @@ class Materials(Scene):
         self.assertEqual({self.color(name)[0] for name in ("red", "blue", "green")}, {0.8, 0.1})
         self.compare()
 
+    def test_parts_of_another_file(self) -> None:
+        """Materials, modifiers and visibility of a linked collection are those of a render, and restored."""
+        red = scenes.diffuse("red", 0.8, 0.1, 0.1)
+        bump = red.node_tree.nodes.new("ShaderNodeBump")
+        red.node_tree.links.new(bump.outputs[0], red.node_tree.nodes["Diffuse BSDF"].inputs["Normal"])
+        plastic = scenes.material("plastic", "ShaderNodeBsdfPrincipled", Base_Color=(0.1, 0.8, 0.1))
+        bump = plastic.node_tree.nodes.new("ShaderNodeBump")
+        plastic.node_tree.links.new(bump.outputs[0], plastic.node_tree.nodes["Principled BSDF"].inputs["Normal"])
+        row = scenes.mesh("cube", "row", red, (-0.2, 0.0, 0.101), 0.1)
+        row.modifiers.new("a", "ARRAY").show_viewport = False
+        ball = scenes.mesh("sphere", "ball", plastic, (0.2, 0.0, 0.101), 0.2)
+        collection("parts", row, ball, linked=False)
+        file = str(self.job_file.with_name("parts.blend"))
+        bpy.data.libraries.write(file, {bpy.data.collections["parts"]})
+        self.setUp()
+        with bpy.data.libraries.load(file, link=True) as (_, wanted):
+            wanted.collections = ["parts"]
+        instance("unit", bpy.data.collections["parts"])
+        links = [len(bpy.data.materials[name].node_tree.links) for name in ("red", "plastic")]
+        self.assertEqual(sum("Bump is left out" in note for note in self.export()), 2)
+        self.assertEqual(links, [len(bpy.data.materials[name].node_tree.links) for name in ("red", "plastic")])
+        self.assertEqual((self.names(), self.color("red")), (["unit/ball", "unit/row"], [0.8, 0.1, 0.1]))
+        self.assertIn(24, self.vertices())
+        self.compare()
+        scenes.mesh("cube", "twin", scenes.diffuse("red", 0.1, 0.1, 0.8), (0.0, 0.3, 0.101), 0.1)
+        self.assertEqual(sum("the same name" in note for note in self.export()), 2)
+
     def test_materials_without_nodes(self) -> None:
         """Diffuse of the colour of the viewport, as in Cycles; without an output node black."""
         plain = bpy.data.materials.new("plain")

@@ -638,6 +638,8 @@ class Materials:
             keys: dict = {}
             tree = material.node_tree if material.use_nodes else None
             output = active_output(tree, "ShaderNodeOutputMaterial") if tree else None
+            if sum(other.name == material.name for other in used) > 1:
+                own.append("a material of another file has the same name, and both are changed in the same way")
             if material.name in self.renamed:
                 own.append(f"it is named {self.renamed[material.name]}: a job reads * and ? as wildcards")
             if output is None:
@@ -654,10 +656,7 @@ class Materials:
             if node is not None and node.bl_idname == "ShaderNodeBsdfPrincipled":
                 s = principled(node, own)
                 range_notes(node.inputs.get, own)
-                if material.library is None:
-                    self.unlinked += [(tree, socket) for socket in s.unlinked]
-                elif s.unlinked:
-                    own.append("it is linked from another file, and its nodes cannot be converted")
+                self.unlinked += [(tree, socket) for socket in s.unlinked]
             elif node is None and volume is not None:
                 s = Surface()
                 s.inputs |= {"Base Color": [1.0, 1.0, 1.0], "Transmission Weight": 1.0, "Roughness": 0.0, "IOR": 1.0}
@@ -675,9 +674,6 @@ class Materials:
                     ):
                         texture_notes(name, value, own)
                 self.replaced.append((material, output, s))
-            if material.library is not None and self.replaced and self.replaced[-1][0] == material:
-                own.append("it is linked from another file, and its nodes cannot be converted")
-                self.replaced.pop()
             if s.scale != 1.0:
                 self.scales[material.name] = s.scale
             self.is_compensated |= s.is_compensated
