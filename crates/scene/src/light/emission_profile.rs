@@ -65,6 +65,66 @@ impl EmissionProfile {
         }
     }
 
+    /// [`Self::eval`] in double precision: at one degree from the normal, the cosine in single precision gives the angle to
+    /// 2e-4 of it.
+    pub(crate) fn eval_f64(&self, mu: f64) -> f64 {
+        if mu.is_nan() || mu <= 0.0 {
+            return 0.0;
+        }
+        match *self {
+            Self::Lambertian => 1.0,
+            Self::CosinePower { exponent } => mu.min(1.0).powf(f64::from(exponent)),
+            Self::Louver { half_angle } => {
+                let tan = (1.0 - mu * mu).max(0.0).sqrt() / mu;
+                (1.0 - tan / f64::from(half_angle).tan()).max(0.0)
+            }
+            Self::Spot { cos_inner, cos_outer } => {
+                let (inner, outer) = (f64::from(cos_inner), f64::from(cos_outer));
+                let ramp = if inner > outer {
+                    ((mu - outer) / (inner - outer)).clamp(0.0, 1.0)
+                } else {
+                    f64::from(u8::from(mu >= outer))
+                };
+                ramp * ramp / mu
+            }
+        }
+    }
+
+    /// The tangent of the angle from the normal beyond which the radiance is zero, or below 1e-16 of that along the normal.
+    pub(crate) fn cutoff_tangent(&self) -> f64 {
+        match *self {
+            Self::Lambertian => f64::INFINITY,
+            // 1 + tan^2 = 1 / mu^2.
+            Self::CosinePower { exponent } => (10f64.powf(32.0 / f64::from(exponent)) - 1.0).sqrt(),
+            Self::Louver { half_angle } => f64::from(half_angle).tan(),
+            Self::Spot { cos_outer, .. } => tangent(f64::from(cos_outer)),
+        }
+    }
+
+    /// Angles from the normal at which the radiance or its slope jumps: their tangents, and the share of the distance from the
+    /// normal to which a quadrature resolves them.
+    pub(crate) fn edges(&self) -> [(f64, f64); 2] {
+        let slope = 1.0 / 64.0;
+        match *self {
+            Self::Lambertian | Self::CosinePower { .. } => [(f64::INFINITY, slope); 2],
+            Self::Louver { .. } => [(self.cutoff_tangent(), slope), (f64::INFINITY, slope)],
+            Self::Spot { cos_inner, cos_outer } if cos_inner > cos_outer => {
+                [(tangent(f64::from(cos_inner)), slope), (self.cutoff_tangent(), slope)]
+            }
+            Self::Spot { .. } => [(self.cutoff_tangent(), 1.0 / 512.0), (f64::INFINITY, slope)],
+        }
+    }
+
+    /// The tangent of an angle over which the radiance changes.
+    pub(crate) fn width_tangent(&self) -> f64 {
+        match *self {
+            Self::Lambertian => f64::INFINITY,
+            // The logarithm of the radiance falls by about one half.
+            Self::CosinePower { exponent } => 1.0 / f64::from(exponent).sqrt(),
+            Self::Louver { .. } | Self::Spot { .. } => self.cutoff_tangent(),
+        }
+    }
+
     /// [`Self::eval`] for weights: a power is replaced by (1 + x / 8)^-8, where x is -ln(mu^exponent) to second order. It
     /// is above the power in the tail and needs no logarithm.
     #[inline]
@@ -117,6 +177,11 @@ impl EmissionProfile {
     }
 }
 
+/// The tangent of an angle with the cosine `mu`, in (0, 1]; infinite for other cosines.
+fn tangent(mu: f64) -> f64 {
+    if mu > 0.0 { (1.0 - mu * mu).max(0.0).sqrt() / mu } else { f64::INFINITY }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -136,6 +201,23 @@ mod tests {
             let mu = |i: i32| (f64::from(i) + 0.5) / f64::from(n);
             let sum: f64 = (0..n).map(|i| 2.0 * mu(i) * f64::from(profile.eval(mu(i) as f32)) / f64::from(n)).sum();
             assert!((sum / profile.exitance() - 1.0).abs() < 1e-4, "{profile:?}: {sum} {}", profile.exitance());
+        }
+    }
+
+    #[test]
+    fn both_precisions_agree_within_the_cutoff() {
+        for profile in [
+            EmissionProfile::Lambertian,
+            EmissionProfile::CosinePower { exponent: 3.7 },
+            EmissionProfile::Louver { half_angle: 0.4 },
+            EmissionProfile::Spot { cos_inner: 0.9, cos_outer: 0.7 },
+        ] {
+            for i in 1..=1000 {
+                let mu = f64::from(i) / 1000.0;
+                let (single, double) = (f64::from(profile.eval(mu as f32)), profile.eval_f64(mu));
+                assert!((single - double).abs() < 1e-5, "{profile:?} at {mu}: {single} {double}");
+                assert!(tangent(mu) < 1.001 * profile.cutoff_tangent() || double < 1e-15, "{profile:?} at {mu}");
+            }
         }
     }
 
