@@ -337,3 +337,28 @@ fn a_film_is_exposed_with_options() {
     let plain = picture_of_film(&saved, &ExposeOptions::default().with_sensor(SensorOption::None)).expect("a picture");
     assert!(matches!(plain, dunkelfeld::Picture::Rgb(_)));
 }
+
+/// The EXR and the film of a render behind a beam splitter, exposed with the lens of the job alone, have the grey values of the
+/// render.
+#[test]
+fn files_of_a_coaxial_station_have_its_beam_splitter() {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    let coaxial = "sensor = { exposure = \"2ms\" }\n[[light]]\nkind = \"coaxial\"\nwidth = \"80mm\"\ndistance = \"120mm\"\n\
+                   radiance = 5000\nsplitter = 0.3\n";
+    let mut project = open(&folder, "job.toml", &JOB.replace("environment = { radiance = 1 }\n", coaxial));
+    let mut result = project.render().expect("rendered");
+    let exr = folder.path().join("a.exr");
+    result.save(&OutputPaths::default().with_exr(exr.clone())).expect("saved");
+    let values = result.frame.sensor.as_ref().expect("a sensor").values.clone();
+    let model = dunkelfeld::find_sensor("imx250").expect("a preset");
+    let SensorChoice::Emva { exposure, .. } = &result.settings().sensor else { panic!("a sensor") };
+    let settings = dunkelfeld::ExposeSettings::new(model).expect("defaults").with_exposure(*exposure);
+    let exposed = dunkelfeld::expose_image(&exr, &settings, &Cancel::new()).expect("exposed");
+    assert!(exposed[0] == values, "{:?} instead of {:?}", &exposed[0].data()[..8], &values.data()[..8]);
+    let black = values.data().iter().filter(|v| **v < 60).count();
+    assert!(black < values.data().len() / 2, "the lamp lights the image");
+    let saved = render(&mut project, RenderOptions::default());
+    let frames = expose_film(&saved, &ExposeOptions::default(), 1, &Cancel::new()).expect("a frame");
+    assert!(frames[0] == values);
+}

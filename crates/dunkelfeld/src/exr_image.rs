@@ -64,8 +64,8 @@ impl ExrImage {
         &self.radiance
     }
 
-    /// Combines the image with a camera. Binning, the stages of a line scan, the wavelengths of the channels and the filter of
-    /// the lens are those of the render, if the file contains them. The layer is that of [`Self::open`]. Runs on the threads
+    /// Combines the image with a camera. Binning, the stages of a line scan, the wavelengths of the channels, the filter of the
+    /// lens and the beam splitters in front of it are those of the render, if the file contains them. The layer is that of [`Self::open`]. Runs on the threads
     /// of the current pool.
     ///
     /// # Errors

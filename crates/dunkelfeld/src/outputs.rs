@@ -357,7 +357,7 @@ const FILM_OF_SENSOR: &str = "film";
 pub(crate) struct FilmOfSensor {
     /// How pixels of the sensor form those of the film.
     pub(crate) readout: Readout,
-    /// Wavelengths of the channels, and transmission of a filter.
+    /// Wavelengths of the channels, and transmission of a filter and of beam splitters.
     pub(crate) bands: Bands,
 }
 

@@ -190,11 +190,12 @@ impl Project {
         if let SensorChoice::Emva { optics, .. } = &mut settings.sensor
             && *optics == self.optics
         {
-            let (splitter, bands) = match &self.job {
-                Some(job) => (splitter_of(job, &self.scene, &camera.name), job.bands_behind(&lens)?),
-                None => (1.0, optics.bands()),
+            // Files of the image contain the bands, so that another exposure has the beam splitter too.
+            let bands = match &self.job {
+                Some(job) => job.bands_behind(&lens)?.behind_splitter(splitter_of(job, &self.scene, &camera.name)),
+                None => optics.bands(),
             };
-            *optics = Optics::new(f_number, lens.transmission * splitter, magnification)?.with_bands(bands);
+            *optics = Optics::new(f_number, lens.transmission, magnification)?.with_bands(bands);
         }
         if let (SensorChoice::Emva { model, .. }, Some(part)) = (&mut settings.sensor, self.part) {
             **model = model.binned(part.binning)?;

@@ -1,4 +1,4 @@
-//! The wavelengths of the channels of a film, and the transmission of an optical filter at them.
+//! The wavelengths of the channels of a film, and the transmission of an optical filter and a beam splitter at them.
 
 use crate::efficiency::BANDS;
 use crate::error::{SensorError, in_range};
@@ -10,7 +10,8 @@ const EDGES: [[f64; 2]; 3] = [[580.0, 700.0], [490.0, 580.0], [400.0, 490.0]];
 /// Transmission of a band-pass filter outside of its band: an optical density of 4.
 const BLOCKED: f64 = 1e-4;
 
-/// The wavelength of each channel of a film, and the share of its light that passes the filter of the lens.
+/// The wavelength of each channel of a film, and the share of its light that passes the filter of the lens and the beam
+/// splitters in front of it.
 ///
 /// By default the channels are [`BANDS`], without a filter. A lamp of one wavelength sets that of its channel. Bands are
 /// checked when they are read from a file.
@@ -19,7 +20,7 @@ const BLOCKED: f64 = 1e-4;
 pub struct Bands {
     /// Wavelengths of red, green and blue, from 100 to 20 000 nm.
     pub wavelengths: [Nanometres; 3],
-    /// Transmission of the filter for red, green and blue, in [0, 1].
+    /// Transmission of filter and beam splitters for red, green and blue, in [0, 1].
     pub transmission: [f64; 3],
 }
 
@@ -74,6 +75,12 @@ impl Bands {
             };
             self.transmission[channel] *= BLOCKED + (transmission - BLOCKED).max(0.0) * share;
         }
+        self
+    }
+
+    /// The bands behind a beam splitter that passes a share of the light, in [0, 1], at all wavelengths.
+    pub fn behind_splitter(mut self, share: f64) -> Self {
+        self.transmission.iter_mut().for_each(|t| *t *= share);
         self
     }
 }

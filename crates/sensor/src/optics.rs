@@ -68,12 +68,12 @@ impl Optics {
         Ok(Self { f_number, transmission, magnification, bands: Bands::default() })
     }
 
-    /// The lens with other wavelengths of the channels, or with a filter.
+    /// The lens with other wavelengths of the channels, with a filter, or behind a beam splitter.
     pub fn with_bands(self, bands: Bands) -> Self {
         Self { bands, ..self }
     }
 
-    /// The wavelengths of the channels, and the transmission of a filter at them.
+    /// The wavelengths of the channels, and the transmission of filter and beam splitters at them.
     pub fn bands(&self) -> Bands {
         self.bands
     }
