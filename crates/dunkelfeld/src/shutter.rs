@@ -146,6 +146,15 @@ mod tests {
         let cameras = "[[camera]]\nname = \"top\"\nlook_at = \"part\"\nworking_distance = 0.3\n[[camera]]\n\
                        name = \"side\"\nlook_at = \"part\"\nposition = [0.3, 0, 0]\n";
         let coaxial = "[[light]]\nkind = \"coaxial\"\nwidth = 0.05\ndistance = 0.1\nsplitter = 0.4\n";
+        // Without a sensor there is no lens and no splitter.
+        let mut plain = open("", &format!("{cameras}{coaxial}"));
+        let splitters = |project: &Project| {
+            let findings = project.findings().findings;
+            findings.iter().filter(|f| f.place == "beam splitter").count()
+        };
+        assert_eq!(splitters(&plain), 0);
+        plain.settings.sensor = SensorChoice::None;
+        assert_eq!(splitters(&plain), 1, "of one camera");
         let transmissions = |text: &str| {
             let mut project = open("", text);
             ["top", "side"].map(|camera| {

@@ -2,13 +2,15 @@
 
 use super::Project;
 use crate::sensor_hazards::sensor_hazards;
+use crate::shutter::splitter_of;
+use dunkelfeld_radiometry::Number;
 use dunkelfeld_render::camera;
 use dunkelfeld_scene::{BuildReport, Finding, RayGenerator, Severity};
 
 impl Project {
     /// The findings of the scene builder, and hazards of the images with the present settings: lights that light no object
-    /// and are in no image, motion in the image of each camera that
-    /// would be rendered, and wavelengths that the sensor does not know. Cameras with settings out of
+    /// and are in no image, motion and lamps in the image of each camera that
+    /// would be rendered, a beam splitter without a lens, and wavelengths that the sensor does not know. Cameras with settings out of
     /// range are left out.
     pub fn findings(&self) -> BuildReport {
         let mut report = self.report.clone();
@@ -21,12 +23,16 @@ impl Project {
         let mut are_all_known = true;
         for view in views {
             let settings = self.fit_settings(self.settings.clone().with_camera(view.clone()));
-            let bound = settings.and_then(|s| Ok((camera(&self.scene, &s)?, [s.width, s.height])));
-            let Ok((camera, film)) = bound else {
+            let bound = settings.and_then(|s| {
+                let name = s.view.as_ref().map(|view| view.name.clone());
+                Ok((camera(&self.scene, &s)?, [s.width, s.height], name.unwrap_or_default()))
+            });
+            let Ok((camera, film, name)) = bound else {
                 are_all_known = false;
                 continue;
             };
             let mut of_camera = BuildReport::default();
+            of_camera.findings.extend(self.splitter_without_lens(&name));
             self.scene.report_motion(&camera, film, &mut of_camera);
             for mut finding in of_camera.findings {
                 // The same in another image is reported once.
@@ -58,6 +64,20 @@ impl Project {
     }
 
     /// The names of the cameras that would be rendered; `None` is the first camera.
+    /// The hazard of a beam splitter in front of a camera whose image has no sensor.
+    fn splitter_without_lens(&self, camera: &str) -> Option<Finding> {
+        let share = splitter_of(self.job.as_ref()?, &self.scene, camera);
+        (share < 1.0 && !self.settings.has_sensor()).then(|| Finding {
+            severity: Severity::Hazard,
+            place: "beam splitter".into(),
+            message: format!(
+                "without a sensor the image is the radiance in front of lens and beam splitter, which passes {} of it; \
+                 select a sensor for the image behind them",
+                Number(share)
+            ),
+        })
+    }
+
     pub(super) fn views(&self) -> Vec<Option<String>> {
         let defined = self.defined_cameras();
         if defined.is_empty() {
