@@ -1,7 +1,8 @@
 //! The content of a scene, and its hazards.
 
 use crate::memory::MemoryAccount;
-use dunkelfeld_radiometry::photon::lumens;
+use dunkelfeld_radiometry::photon::{lumens, luminous_efficacy};
+use dunkelfeld_radiometry::{Nanometres, Rgb};
 use dunkelfeld_scene::{
     AlphaMode, BuildReport, Camera, CoverStack, Effect, Effects, Opening, Projection, Scene, SceneSummary, Surface,
     Vignetting, kernel_features,
@@ -32,7 +33,8 @@ pub struct LightEntry {
     pub kind: String,
     /// Emitted power \[W\], mean of the channels.
     pub watts: f64,
-    /// Emitted luminous flux \[lm\], at 683 lm/W of the luminance-weighted power.
+    /// Emitted luminous flux \[lm\], at 683 lm/W of the luminance-weighted power. Light of one wavelength counts with the
+    /// luminous efficiency of the eye there.
     pub lumens: f64,
     /// Radiance [W/(m^2 sr)] per channel, where the light has a surface or is the environment.
     pub radiance: Option<[f32; 3]>,
@@ -150,8 +152,23 @@ pub struct Inspection {
     pub hazards: Vec<String>,
 }
 
+/// Lumens of a power \[W\] per channel. `lines` are the wavelengths of channels that carry light of one wavelength.
+fn lumens_of(power: Rgb, lines: [Option<Nanometres>; 3]) -> f64 {
+    let channels = power.to_array();
+    let mut used = channels.iter().zip(lines).filter(|(watts, _)| **watts != 0.0);
+    match (used.next(), used.next()) {
+        (Some((_, Some(line))), None) => f64::from(power.mean()) * luminous_efficacy(line),
+        _ => lumens(power),
+    }
+}
+
 /// Lists a built scene.
 pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
+    inspect_lines(scene, report, [None; 3])
+}
+
+/// [`inspect`] of a scene whose channels have these wavelengths; `None`: none of their own.
+pub(crate) fn inspect_lines(scene: &Scene, report: &BuildReport, lines: [Option<Nanometres>; 3]) -> Inspection {
     let summary = scene.summary();
     let SceneSummary { placed_triangles, stored_triangles, objects, instanced_parts, .. } = summary;
     let mut triangles = vec![0u64; scene.materials().len()];
@@ -170,7 +187,7 @@ pub fn inspect(scene: &Scene, report: &BuildReport) -> Inspection {
         .into_iter()
         .map(|l| LightEntry {
             watts: f64::from(l.power.mean()),
-            lumens: lumens(l.power),
+            lumens: lumens_of(l.power, lines),
             radiance: l.radiance.map(|r| r.to_array()),
             bounds: l.bounds.map(|b| b.map(|corner| corner.to_array())),
             name: l.name,
@@ -347,4 +364,21 @@ fn describe(m: &dunkelfeld_scene::Material) -> String {
         ));
     }
     words.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One watt in one channel: a third of the mean of a grey triple.
+    #[test]
+    fn lumens_of_one_wavelength_are_those_of_the_eye() {
+        let red = Rgb::new(3.0, 0.0, 0.0);
+        let at = |nm: f64, power: Rgb| lumens_of(power, [Some(Nanometres(nm)), None, None]);
+        assert!((at(625.0, red) / (683.0 * 0.321) - 1.0).abs() < 0.03, "{}", at(625.0, red));
+        assert_eq!(at(850.0, red), 0.0);
+        // White light beside it, and red light without a wavelength.
+        assert_eq!(at(850.0, Rgb::WHITE), lumens(Rgb::WHITE));
+        assert_eq!(lumens_of(red, [None; 3]), lumens(red));
+    }
 }

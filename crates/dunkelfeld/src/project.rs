@@ -15,7 +15,7 @@ use crate::camera_fit::{FilmSize, Fitted, Misfit, fit};
 use crate::film_part::FilmPart;
 use crate::frame::Frame;
 use crate::guard::check_outputs;
-use crate::inspect::{Inspection, camera_entry, inspect};
+use crate::inspect::{Inspection, camera_entry, inspect_lines};
 use crate::memory::{KeptFilms, MemoryAccount, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
 use crate::shutter::{TimedExposure, check_shutter, splitter_of, timed_exposure};
@@ -111,7 +111,8 @@ pub struct ProjectResult {
 impl Project {
     /// The content of the scene, and its hazards.
     pub fn inspect(&self) -> Inspection {
-        let mut inspection = inspect(&self.scene, &self.findings());
+        let lines = self.job.as_ref().and_then(|job| job.lines().ok()).unwrap_or_default();
+        let mut inspection = inspect_lines(&self.scene, &self.findings(), lines);
         let film = self.film_size();
         let fitted = |camera: &Camera| {
             fit(camera, &self.lens_of(&camera.name), film).map_or_else(|_| camera.clone(), |fitted| fitted.camera)

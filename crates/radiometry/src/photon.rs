@@ -35,6 +35,21 @@ pub fn lumens(watts: Rgb) -> f64 {
     PHOTOPIC * f64::from(watts.luminance())
 }
 
+/// Luminous efficacy \[lm/W\] of light of one wavelength: 683 V, with the luminous efficiency V of the eye (CIE 1924), which
+/// is the y-bar of the standard observer (CIE 1931). The two lobes are the fit of Wyman, Sloan and Shirley (2013), within
+/// 0.01 of V. From 360 nm to 830 nm; 0 beyond, as in the table of the standard.
+pub fn luminous_efficacy(wavelength: Nanometres) -> f64 {
+    let Nanometres(nm) = wavelength;
+    if !(360.0..=830.0).contains(&nm) {
+        return 0.0;
+    }
+    let lobe = |center: f64, below: f64, above: f64| {
+        let distance = (nm - center) / if nm < center { below } else { above };
+        (-0.5 * distance * distance).exp()
+    };
+    PHOTOPIC * (0.821 * lobe(568.8, 46.9, 40.5) + 0.286 * lobe(530.9, 16.3, 31.1))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -68,6 +83,25 @@ mod tests {
     fn a_photon_of_1240_nm_carries_one_electron_volt() {
         let joule_per_ev = 1.602_176_634e-19;
         assert!((photon_energy(Nanometres(1239.841984)) / joule_per_ev - 1.0).abs() < 1e-9);
+    }
+
+    /// The table of the standard observer (CIE 1931).
+    #[test]
+    fn the_efficacy_of_one_wavelength_is_that_of_the_standard_observer() {
+        for (nm, v) in [
+            (400.0, 0.000_396),
+            (470.0, 0.090_98),
+            (525.0, 0.7932),
+            (555.0, 1.0),
+            (590.0, 0.757),
+            (625.0, 0.321),
+            (630.0, 0.265),
+            (700.0, 0.004_102),
+        ] {
+            let found = luminous_efficacy(Nanometres(nm)) / PHOTOPIC;
+            assert!((found - v).abs() < 0.01, "{nm} nm: {found} instead of {v}");
+        }
+        assert_eq!([200.0, 850.0, 1550.0, f64::NAN].map(|nm| luminous_efficacy(Nanometres(nm))), [0.0; 4]);
     }
 
     #[test]

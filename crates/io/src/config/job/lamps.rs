@@ -232,7 +232,22 @@ impl Job {
             match users[channel] {
                 Some((other, nm)) if nm != wavelength.0 => {
                     let color = ["red", "green", "blue"][channel];
+        let lines = self.lines()?;
                     let problem = format!(
+        for (wavelength, line) in bands.wavelengths.iter_mut().zip(lines) {
+            *wavelength = line.unwrap_or(*wavelength);
+        }
+        if let Some(filter) = &lens.filter {
+            bands = bands.through(filter.center, filter.width, filter.transmission, lines.map(|line| line.is_some()));
+        }
+        Ok(bands)
+    }
+
+    /// The wavelengths of the channels that carry light of one wavelength; `None` for the others.
+    ///
+    /// # Errors
+    /// As [`Job::bands`].
+    pub fn lines(&self) -> Result<[Option<Nanometres>; 3], InputError> {
                         "{} nm needs the {color} channel of the render, which has {} nm for light {}",
                         Number(wavelength.0.0),
                         Number(nm.0),
@@ -245,10 +260,7 @@ impl Job {
             }
             bands.wavelengths[channel] = wavelength.0;
         }
-        if let Some(filter) = &lens.filter {
-            bands = bands.through(filter.center, filter.width, filter.transmission, users.map(|u| u.is_some()));
-        }
-        Ok(bands)
+        Ok(users.map(|user| user.map(|(_, wavelength)| wavelength)))
     }
 
     /// The share of the light that the beam splitters of coaxial lamps let pass to a camera. `first` is the name of the
