@@ -395,6 +395,33 @@ fn a_lamp_that_shines_in_all_directions_does_not_face_away() {
     assert_eq!(averted(b), Vec::<String>::new());
 }
 
+/// A camera above the table looks down, past a lamp that shines down.
+#[test]
+fn lamps_between_camera_and_part_are_hazards() {
+    let blocked = |x: f32, edit: &dyn Fn(&mut Material), up: bool| {
+        let mut b = table();
+        let mut material = lamp();
+        edit(&mut material);
+        let m = b.add_material(material);
+        // The front faces down, or up.
+        let (u, v) = if up { (Vec3::X, Vec3::Y) } else { (Vec3::Y, Vec3::X) };
+        b.add_object("panel", rectangle(Vec3::new(x - 0.1, -0.1, 0.3), u * 0.2, v * 0.2), m);
+        b.add_camera("above", DVec3::new(0.0, 0.001, 0.7), DVec3::ZERO, 0.4);
+        let (scene, _) = b.build().expect("valid");
+        let camera = scene.ray_generator(&scene.cameras()[0], 32, 32).expect("a camera");
+        let mut report = BuildReport::default();
+        scene.report_blocked_view(&camera, [32, 32], &mut report);
+        report.findings.iter().map(|f| format!("{}: {}", f.place, f.message)).collect::<Vec<_>>()
+    };
+    let found = blocked(0.0, &|_| (), false);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found[0].starts_with("object \"panel\"") && found[0].contains("`elevation`"), "{found:?}");
+    assert_eq!(blocked(0.3, &|_| (), false), [""; 0], "beside the axis");
+    assert_eq!(blocked(0.0, &|m| m.is_back_invisible = true, false), [""; 0], "the image of a lamp in a beam splitter");
+    assert_eq!(blocked(0.0, &|_| (), true), [""; 0], "the camera looks at its front");
+    assert_eq!(blocked(0.0, &|m| m.base_color = Rgb::splat(0.8), false), [""; 0], "a part that shines");
+}
+
 #[test]
 fn the_line_rate_follows_the_motion_along_the_height_of_the_image() {
     // A camera above the table, 2 m away, with 100 rows of 1 cm: its up is +y.

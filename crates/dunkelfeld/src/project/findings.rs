@@ -34,6 +34,7 @@ impl Project {
             let mut of_camera = BuildReport::default();
             of_camera.findings.extend(self.splitter_without_lens(&name));
             self.scene.report_motion(&camera, film, &mut of_camera);
+            self.scene.report_blocked_view(&camera, film, &mut of_camera);
             for mut finding in of_camera.findings {
                 // The same in another image is reported once.
                 if report.findings.contains(&finding) {
@@ -63,7 +64,6 @@ impl Project {
         report
     }
 
-    /// The names of the cameras that would be rendered; `None` is the first camera.
     /// The hazard of a beam splitter in front of a camera whose image has no sensor.
     fn splitter_without_lens(&self, camera: &str) -> Option<Finding> {
         let share = splitter_of(self.job.as_ref()?, &self.scene, camera);
@@ -78,6 +78,7 @@ impl Project {
         })
     }
 
+    /// The names of the cameras that would be rendered; `None` is the first camera.
     pub(super) fn views(&self) -> Vec<Option<String>> {
         let defined = self.defined_cameras();
         if defined.is_empty() {

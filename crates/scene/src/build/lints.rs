@@ -5,6 +5,7 @@
 //! triangles or solids in contact, is not reported.
 
 mod attributes;
+mod blocked;
 mod contact;
 mod enclosed;
 mod lights;

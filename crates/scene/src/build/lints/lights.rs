@@ -128,15 +128,10 @@ impl Scene {
         if candidates.is_empty() && spots.is_empty() {
             return;
         }
-        let is_lit = |part: &Part| {
-            let material = &self.materials[part.material as usize];
-            let reflects = material.base_color.mean() > LAMP_REFLECTANCE || material.textures().next().is_some();
-            !self.compiled[part.material as usize].emits || reflects
-        };
         let lit: Vec<(&Part, Aabb)> = self
             .parts
             .iter()
-            .filter(|part| is_lit(part))
+            .filter(|part| !self.is_lamp(part))
             .map(|part| (part, bounds_in_motion(self, part)))
             .filter(|(_, b)| !b.is_empty())
             .collect();
@@ -174,6 +169,13 @@ impl Scene {
             }
         }
         push(report, findings);
+    }
+
+    /// Does a part emit, and reflect so little that it is no object that is lit?
+    pub(super) fn is_lamp(&self, part: &Part) -> bool {
+        let material = &self.materials[part.material as usize];
+        let reflects = material.base_color.mean() > LAMP_REFLECTANCE || material.textures().next().is_some();
+        self.compiled[part.material as usize].emits && !reflects
     }
 
     fn front(&self, part: &Part) -> Front {
