@@ -70,7 +70,7 @@ impl LampKind {
 
     pub(super) fn strength_keys(self) -> &'static [&'static str] {
         match self {
-            Self::Spot | Self::Point => &["power", "intensity"],
+            Self::Spot | Self::Point => &["power", "intensity", "irradiance", "working_distance"],
             Self::Sun => &["irradiance"],
             Self::Environment => &["radiance"],
             _ => &["power", "radiance", "irradiance", "working_distance"],

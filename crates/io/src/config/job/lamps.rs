@@ -67,7 +67,11 @@ impl Job {
         match kind {
             LampKind::Sun => scene.lights.extend(lamps.map(|(name, pose)| sun(light, name, pose, duty))),
             LampKind::Point | LampKind::Spot if !light.has_surface(kind) => {
-                scene.lights.extend(lamps.map(|(name, pose)| punctual(light, kind, name, pose, duty)));
+                let distance = light.working_distance.unwrap_or(distance);
+                if light.irradiance.is_some() && distance <= 0.0 {
+                    return Err(self.no_irradiance(i, distance));
+                }
+                scene.lights.extend(lamps.map(|(name, pose)| punctual((light, kind), name, pose, (duty, distance))));
             }
             _ => {
                 let lamp = self.mesh_lamp(entry, duty, distance)?;
@@ -189,11 +193,8 @@ impl Job {
         let meshes = shape.meshes(leds);
         let distance = light.working_distance.unwrap_or(distance).max(1e-3 * light.extent());
         let splitter = if kind == LampKind::Coaxial { light.splitter.unwrap_or(SPLITTER) } else { 1.0 };
-        let emission = strength(light, kind, &meshes.emitter, &profile, (splitter, distance)).ok_or_else(|| {
-            let problem = format!("no light of the lamp arrives on its axis at {} m", Number(distance));
-            let help = "give `power` or `radiance`, or write another `working_distance`";
-            self.light_error(i, "irradiance", problem, help)
-        })?;
+        let emission = strength(light, kind, &meshes.emitter, &profile, (splitter, distance))
+            .ok_or_else(|| self.no_irradiance(i, distance))?;
         Ok(MeshLamp {
             meshes,
             emission: emission * (duty as f32),
@@ -202,6 +203,13 @@ impl Job {
             // Two triangles of a rectangle are sampled by solid angle, which is better.
             is_single_light: leds.is_some() || !matches!(shape, LampShape::Rectangle { .. }),
         })
+    }
+
+    /// The error of an irradiance at a distance \[m\] where no light arrives.
+    fn no_irradiance(&self, i: usize, distance: f64) -> InputError {
+        let problem = format!("no light of the lamp arrives on its axis at {} m", Number(distance));
+        let help = "give `power` or `radiance`, or write another `working_distance`";
+        self.light_error(i, "irradiance", problem, help)
     }
 
     /// True if the job makes lamps with a place.
@@ -224,16 +232,8 @@ impl Job {
     /// # Errors
     /// As [`Job::bands`].
     pub fn bands_behind(&self, lens: &LensSettings) -> Result<Bands, InputError> {
-        let mut bands = Bands::default();
-        let mut users: [Option<(usize, Nanometres)>; 3] = [None; 3];
-        for (i, light) in self.lights.iter().enumerate().filter(|(_, light)| light.enabled) {
-            let Some(wavelength) = light.wavelength else { continue };
-            let channel = wavelength.channel();
-            match users[channel] {
-                Some((other, nm)) if nm != wavelength.0 => {
-                    let color = ["red", "green", "blue"][channel];
         let lines = self.lines()?;
-                    let problem = format!(
+        let mut bands = Bands::default();
         for (wavelength, line) in bands.wavelengths.iter_mut().zip(lines) {
             *wavelength = line.unwrap_or(*wavelength);
         }
@@ -248,6 +248,14 @@ impl Job {
     /// # Errors
     /// As [`Job::bands`].
     pub fn lines(&self) -> Result<[Option<Nanometres>; 3], InputError> {
+        let mut users: [Option<(usize, Nanometres)>; 3] = [None; 3];
+        for (i, light) in self.lights.iter().enumerate().filter(|(_, light)| light.enabled) {
+            let Some(wavelength) = light.wavelength else { continue };
+            let channel = wavelength.channel();
+            match users[channel] {
+                Some((other, nm)) if nm != wavelength.0 => {
+                    let color = ["red", "green", "blue"][channel];
+                    let problem = format!(
                         "{} nm needs the {color} channel of the render, which has {} nm for light {}",
                         Number(wavelength.0.0),
                         Number(nm.0),
@@ -258,7 +266,6 @@ impl Job {
                 }
                 _ => users[channel] = Some((i, wavelength.0)),
             }
-            bands.wavelengths[channel] = wavelength.0;
         }
         Ok(users.map(|user| user.map(|(_, wavelength)| wavelength)))
     }
@@ -306,15 +313,23 @@ fn cone(light: &LightSettings) -> [f64; 2] {
     [inner.clamp(-1.0, 1.0).acos(), outer]
 }
 
-fn punctual(light: &LightSettings, kind: LampKind, name: String, to_world: DAffine3, duty: f64) -> PunctualLight {
+/// A light without extent. `distance` \[m\] is that of its irradiance.
+fn punctual(
+    (light, kind): (&LightSettings, LampKind),
+    name: String,
+    to_world: DAffine3,
+    (duty, distance): (f64, f64),
+) -> PunctualLight {
     let [inner, outer] = cone(light);
     let solid_angle = match kind {
         LampKind::Spot => super::lights::spot_solid_angle(inner as f32, outer as f32),
         _ => 4.0 * PI,
     };
-    let intensity = match light.intensity {
-        Some(intensity) => in_band(light, intensity),
-        None => of_mean(light, light.power.unwrap_or(DEFAULT_POWER) / solid_angle),
+    let intensity = match (light.intensity, light.irradiance) {
+        (Some(intensity), _) => in_band(light, intensity),
+        // The inverse square of the distance, on the axis (Lambert 1760).
+        (None, Some(irradiance)) => in_band(light, irradiance) * ((distance * distance) as f32),
+        _ => of_mean(light, light.power.unwrap_or(DEFAULT_POWER) / solid_angle),
     } * (duty as f32);
     let kind = match kind {
         LampKind::Spot => PunctualKind::Spot { intensity, inner: inner as f32, outer: outer as f32 },

@@ -270,6 +270,34 @@ fn the_irradiance_of_a_lamp_at_a_position_is_that_at_its_target() {
 }
 
 /// An angle of 120 degrees is Lambertian, so that it needs no profile.
+/// Points and spots: E = I / d^2. With a diameter: a sphere of radius R gives E = pi L R^2 / d^2 at the distance d from its
+/// centre, the same as that of its projected area in the far field.
+#[test]
+fn the_irradiance_of_points_and_spots_is_that_at_their_target() {
+    for kind in ["point", "spot"] {
+        let head = format!("[[light]]\nkind = \"{kind}\"\nname = \"lamp\"\nirradiance = 5\n");
+        for (keys, distance) in [
+            ("distance = \"300mm\"\n", 0.3),
+            ("position = [0.3, 0.4, 0]\n", 0.5),
+            ("distance = \"300mm\"\nworking_distance = \"200mm\"\n", 0.2),
+        ] {
+            let intensity = match lit(&format!("{head}{keys}")).lights[0].kind {
+                PunctualKind::Point { intensity } | PunctualKind::Spot { intensity, .. } => intensity.g,
+                other => panic!("{other:?}"),
+            };
+            assert!((f64::from(intensity) / (5.0 * distance * distance) - 1.0).abs() < 1e-6, "{kind}: {keys}");
+        }
+        let round = lit(&format!("{head}distance = \"300mm\"\ndiameter = \"20mm\"\n"));
+        let part = round.meshes.iter().find(|m| m.name == "lamp").expect("a lamp");
+        let radiance = f64::from(round.materials[part.material].emission.g);
+        let per_radiance = PI * 0.01f64.powi(2) / if kind == "spot" { 0.09 + 0.01f64.powi(2) } else { 0.09 };
+        assert!((radiance * per_radiance / 5.0 - 1.0).abs() < 2e-3, "{kind}: {}", radiance * per_radiance);
+        let error = job(&format!("{head}distance = 0\n")).expect("a job").apply_overrides(&mut scene());
+        let error = error.expect_err("at its target");
+        assert!(error.place.contains("irradiance") && error.problem.contains("0 m"), "{error}");
+    }
+}
+
 #[test]
 fn the_widest_lens_angle_is_lambertian() {
     let panel = "[[light]]\nkind = \"panel\"\nwidth = 0.1\ndistance = 0.3\n";
