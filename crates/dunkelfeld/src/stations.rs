@@ -31,6 +31,12 @@ pub const STATIONS: [Station; 7] = [
     },
 ];
 
+/// Places in the world of the line scan, above the stand-in part, and the same places for the centre of all objects.
+const IN_WORLD: [(&str, &str); 2] = [
+    ("look_at = [0, \"4mm\", 0]", "look_at = \"*\""),
+    ("position = [0, \"90mm\", \"-60mm\"]", "distance = \"105mm\"\nelevation = \"55deg\"\nazimuth = \"90deg\""),
+];
+
 /// The stand-in part of most stations without a scene.
 const PART: &str = include_str!("../stations/part.toml");
 
@@ -76,9 +82,13 @@ impl Station {
         )
     }
 
-    /// Its keys, and its changes of the part, for a scene: names of the stand-in are those of all objects.
+    /// Its keys, and its changes of the part, for a scene: names of the stand-in are those of all objects, and places in the
+    /// world are those beside them.
     pub(crate) fn keys_for_scene(&self) -> (String, String) {
-        let renamed = |text: &str| text.replace("\"part*\"", "\"*\"");
+        let renamed = |text: &str| {
+            let places = IN_WORLD.iter().fold(text.to_string(), |text, (world, beside)| text.replace(world, beside));
+            places.replace("\"part*\"", "\"*\"")
+        };
         (renamed(self.keys), renamed(self.changes))
     }
 }
@@ -87,6 +97,18 @@ impl Station {
 mod tests {
     use super::*;
     use dunkelfeld_io::job::Job;
+
+    /// The camera of each station looks at the objects of a scene, wherever they are.
+    #[test]
+    fn stations_of_a_scene_have_no_place_in_the_world() {
+        for station in STATIONS {
+            let (keys, _) = station.keys_for_scene();
+            assert!(keys.contains("look_at = \"*\"") && !keys.contains("position"), "{}: {keys}", station.name);
+        }
+        for (world, _) in IN_WORLD {
+            assert!(STATIONS.iter().any(|station| station.keys.contains(world)), "{world}");
+        }
+    }
 
     #[test]
     fn stations_are_short_jobs_that_parse() {
