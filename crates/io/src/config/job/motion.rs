@@ -96,7 +96,8 @@ fn angular_speed<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
 pub(super) fn velocity<'de, D: Deserializer<'de>>(d: D) -> Result<Option<DVec3>, D::Error> {
     let what = "three speeds such as [\"200mm/s\", 0, 0]";
     let v = DVec3::from_array(place::three::<Speed, D>(d, what)?.map(f64::from));
-    if v.abs().max_element() <= FASTEST {
+    // The largest of three components is not NaN if one of them is.
+    if v.is_finite() && v.abs().max_element() <= FASTEST {
         return Ok(Some(v));
     }
     Err(D::Error::custom("the velocity is out of range; write three speeds from -1e6 to 1e6 m/s"))

@@ -343,6 +343,7 @@ mod tests {
         for (text, part) in [
             ("[[object]]\nname = \"a\"\nvelocity = [1, 2]\n", "three values"),
             ("[[object]]\nname = \"a\"\nvelocity = [1, 2, nan]\n", "out of range"),
+            ("[[object]]\nname = \"a\"\nvelocity = [nan, 0, 0]\n", "out of range"),
             ("[[object]]\nname = \"a\"\nvelocity = [1, 2, \"3mm\"]\n", "unknown unit"),
             ("[[object]]\nname = \"a\"\nrotation = { speed = \"1rpm\" }\n", "axis"),
             ("[[object]]\nname = \"a\"\nrotation = { axis = [0, 1, 0], speed = 3 }\n", "unit"),
