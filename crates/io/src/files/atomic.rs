@@ -136,6 +136,13 @@ fn writable_target(path: &Path) -> io::Result<PathBuf> {
     }
     // A link is followed, so that the file behind it is replaced and not the link itself.
     let target = resolved(path);
+    // The partial file has a shorter name, so that only the rename would fail.
+    if let Err(e) = fs::symlink_metadata(&target)
+        && e.kind() == io::ErrorKind::InvalidFilename
+    {
+        let problem = format!("cannot write {}: its name is too long; use a shorter one", path.display());
+        return Err(io::Error::new(e.kind(), problem));
+    }
     // A pipe or a device would be replaced by a file.
     if let Some(what) = fs::metadata(&target).ok().as_ref().and_then(crate::input::other_kind) {
         return Err(io::Error::new(
@@ -242,6 +249,16 @@ mod tests {
         write_atomically(&path, |_| Err(io::Error::other("failed"))).expect_err("the writer fails");
         assert_eq!(fs::read_to_string(&path).expect("readable"), "second");
         assert_eq!(names(folder.path()), ["a.film"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_name_that_is_too_long_is_found_before_the_work() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let name = |length: usize| folder.path().join(format!("{}.png", "a".repeat(length)));
+        check_writable(&name(240)).expect("a long name");
+        let error = check_writable(&name(260)).expect_err("a longer name").to_string();
+        assert!(error.contains("too long") && error.contains("shorter"), "{error}");
     }
 
     #[test]
