@@ -301,10 +301,8 @@ fn describe(path: &[Step]) -> String {
 }
 
 fn join_place(table: &str, key: &str) -> String {
-    if table.starts_with("[[") {
-        return format!("{table}, {key}");
-    }
-    format!("[{}] {key}", table.trim_matches(['[', ']']))
+    // A table inside of another one has a place such as `[lens] filter`.
+    if table.starts_with('[') { format!("{table}, {key}") } else { format!("[{table}] {key}") }
 }
 
 /// The errors of serde and toml, as a problem and help.

@@ -198,6 +198,7 @@ fn wrong_lamps_are_refused_with_place_and_help() {
         ("[[light]]\nkind = \"sun\"\naim = [0, -1, 0]\nelevation = \"9deg\"\n".into(), "elevation", "both set"),
         (format!("{ring}lens_angle = \"130deg\"\n"), "lens_angle", "120deg"),
         (format!("{ring}strobe = \"0.4ns\"\n"), "strobe", "1ns"),
+        ("[lens]\nfilter = { center = \"600nm\" }\n".into(), "[lens] filter, width", "is missing"),
         (format!("{SKY}[environment]\nradiance = 1\n"), "kind", "[environment] sets it"),
         (format!("{SKY}{SKY}"), "[[light]] 2, kind", "[[light]] 1 sets it"),
         ("[[light]]\nname = \"lamp\"\nradiance = [1, 0, 0]\nwavelength = \"red\"\n".into(), "radiance", "no colour"),
@@ -269,7 +270,6 @@ fn the_irradiance_of_a_lamp_at_a_position_is_that_at_its_target() {
     assert!((irradiance(&scene, DVec3::ZERO, 1) / 7.0 - 1.0).abs() < 1e-6);
 }
 
-/// An angle of 120 degrees is Lambertian, so that it needs no profile.
 /// Points and spots: E = I / d^2. With a diameter: a sphere of radius R gives E = pi L R^2 / d^2 at the distance d from its
 /// centre, the same as that of its projected area in the far field.
 #[test]
@@ -298,6 +298,7 @@ fn the_irradiance_of_points_and_spots_is_that_at_their_target() {
     }
 }
 
+/// An angle of 120 degrees is Lambertian, so that it needs no profile.
 #[test]
 fn the_widest_lens_angle_is_lambertian() {
     let panel = "[[light]]\nkind = \"panel\"\nwidth = 0.1\ndistance = 0.3\n";
