@@ -5,6 +5,7 @@ use crate::outputs::OutputPaths;
 use crate::project::Project;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_render::Error;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 impl Project {
@@ -59,7 +60,8 @@ impl Project {
             outputs.check_beside(self.settings.has_sensor(), None, &inputs)?;
         }
         let all: Vec<Output<'_>> = renders.iter().flat_map(OutputPaths::named).collect();
-        check_outputs(&all, &InputFiles::new())
+        check_outputs(&all, &InputFiles::new())?;
+        check_cases(&all)
     }
 }
 
@@ -79,6 +81,21 @@ impl OutputPaths {
     }
 }
 
+/// Refuses names that differ in upper and lower case only: on a disk that ignores the case they are one file.
+fn check_cases(outputs: &[Output<'_>]) -> Result<(), Error> {
+    let mut known: HashMap<String, &Path> = HashMap::new();
+    for (what, path) in outputs {
+        if let Some(other) = known.insert(path.to_string_lossy().to_lowercase(), path) {
+            return Err(Error::Output {
+                file: (*path).into(),
+                problem: format!("is {what}, and differs from {} in upper and lower case only", other.display()),
+                help: "rename one of the cameras; some disks have one file for both names".into(),
+            });
+        }
+    }
+    Ok(())
+}
+
 fn with_camera(path: &Path, camera: &str) -> PathBuf {
     let is_plain = |c: char| c.is_alphanumeric() || "-_.".contains(c);
     let mut name = path.file_stem().unwrap_or_default().to_os_string();
@@ -94,6 +111,14 @@ fn with_camera(path: &Path, camera: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_that_differ_in_case_only_are_refused() {
+        let [a, b, c] = ["x/p-top.png", "x/p-Top.png", "x/p-top.exr"].map(Path::new);
+        check_cases(&[("the image", a), ("the EXR", c)]).expect("apart");
+        let error = check_cases(&[("the image", a), ("the EXR", c), ("the image", b)]).expect_err("the same");
+        assert!(error.to_string().contains("upper and lower case"), "{error}");
+    }
 
     #[test]
     fn the_name_of_the_camera_is_in_front_of_the_extension() {
