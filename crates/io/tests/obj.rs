@@ -151,7 +151,7 @@ fn objects_groups_and_materials_become_instances_and_parts() {
     ));
     let scene = &imported.scene;
     let names: Vec<(&str, usize)> = scene.instances.iter().map(|i| (i.name.as_str(), i.meshes.len())).collect();
-    assert_eq!(names, [("", 1), ("box", 2), ("box/lid top", 1)]);
+    assert_eq!(names, [("object 0", 1), ("box", 2), ("box/lid top", 1)]);
     let triangles: Vec<usize> = scene.meshes.iter().map(|m| m.mesh.triangles.len()).collect();
     assert_eq!(triangles, [1, 6, 2, 2]);
     let materials: Vec<&str> = scene.meshes.iter().map(|m| scene.materials[m.material].name.as_str()).collect();

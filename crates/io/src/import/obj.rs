@@ -129,7 +129,12 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
     let mut last_object = None;
     for mut part in assembly.parts {
         let material = materials.find(part.material, part.closed, &mut warnings);
-        let name = parsed.objects.get(part.object as usize).map_or("", String::as_str);
+        // Faces before any name belong to an object too, which a job can name.
+        let name = match parsed.objects.get(part.object as usize) {
+            Some(name) if !name.is_empty() => name.clone(),
+            _ => format!("object {}", part.object),
+        };
+        let name = name.as_str();
         materials.check_mesh(material, name, &mut part.mesh, &mut warnings);
         scene.meshes.push(MeshPart { name: name.to_string(), mesh: part.mesh.into(), material, ..MeshPart::default() });
         let mesh = scene.meshes.len() - 1;
