@@ -26,10 +26,11 @@ pub fn find_camera(scene: &Scene, settings: &RenderSettings) -> Result<Camera, E
         Error::setting(
             "camera",
             format!("there is no camera \"{name}\""),
-            format!(
-                "cameras: {known}; leave it out for {}",
-                if names.is_empty() { "a view of the whole scene" } else { "the first" }
-            ),
+            if names.is_empty() {
+                format!("cameras: {known}; leave it out for a view of the whole scene")
+            } else {
+                format!("write one of {known}, or leave it out")
+            },
         )
     })
 }
