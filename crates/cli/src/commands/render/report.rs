@@ -157,9 +157,10 @@ pub(crate) fn as_seen(image: Option<&Path>, s: &Stats) -> String {
     let mut text = image.map_or(String::new(), |path| format!("{}: ", path.display()));
     match &s.sensor {
         Some(sensor) => {
+            let before = if sensor.saturated > 0.0 { " before saturation" } else { "" };
             let _ = writeln!(
                 text,
-                "{}, exposed for {}, {:.0} electrons on average, {:.2} % of pixels saturated",
+                "{}, exposed for {}, {:.0} electrons on average{before}, {:.2} % of pixels saturated",
                 sensor.name,
                 exposure_time(sensor.exposure_seconds),
                 sensor.mean_electrons,
