@@ -13,7 +13,7 @@ use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{Features, LightChoice, MediumEvent, Scene};
+use dunkelfeld_scene::{Features, Interface, LightChoice, MediumEvent, Scene, SurfacePoint};
 use std::marker::PhantomData;
 
 /// From this bounce on the survival probability is below one, also for a path without any loss. So light between
@@ -59,8 +59,17 @@ pub(crate) fn trace_path<F: Features>(
         if let Some(at) = path.sample_medium(vertex, hit.surface.distance) {
             if path.scatter(&at, vertex) { continue } else { break }
         }
-        // The path passes a face without refraction, and a stochastic surface that is absent for this sample.
-        let Some(u_kind) = path.sample_coverage(vertex, &hit) else { continue };
+        // The path passes a face without refraction, and a stochastic surface that is absent for this sample. A surface
+        // in contact with an absent one may be present.
+        let mut behind = None;
+        let (hit, u_kind) = match path.sample_coverage(vertex, &hit) {
+            Presence::Present { u_kind } => (hit, u_kind),
+            Presence::Open => continue,
+            Presence::Absent { u } => match path.sample_coincident(hit.surface, u, &mut behind) {
+                Some(found) => found,
+                None => continue,
+            },
+        };
         let at = SurfaceVertex::<F>::new(scene, path.ray_state, hit, u_kind, &mut bsdf);
         // Emission of the surface, then next-event estimation, then a new direction.
         path.add_emission(&at);
@@ -217,27 +226,65 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         }
     }
 
-    /// Samples if the surface is present. If it is, returns a number in `[0, 1)` that is still unused, for surfaces
-    /// with two random kinds. If it is absent, the path continues in the same direction and the result is `None`.
+    /// Samples if the surface is present. The path passes an open face.
     #[inline]
-    fn sample_coverage(&mut self, vertex: u32, hit: &SurfaceHit<'_>) -> Option<f32> {
+    fn sample_coverage(&mut self, vertex: u32, hit: &SurfaceHit<'_>) -> Presence {
         let tint = if F::MEDIA { hit.open_tint() } else { None };
-        let mut u_kind = 0.0;
         if let Some(tint) = tint {
             self.throughput *= tint;
-        } else if F::STOCHASTIC && self.scene.is_stochastic(&hit.surface) {
-            u_kind = self.sampler.get_1d(dimensions::surface_kind(vertex));
-            let coverage = self.scene.coverage(&hit.surface, self.ray_state.ray.direction);
-            if u_kind < coverage {
-                return Some(u_kind / coverage);
-            }
-        } else {
-            return Some(u_kind);
+            self.pass(hit);
+            return Presence::Open;
         }
+        if !(F::STOCHASTIC && self.scene.is_stochastic(&hit.surface)) {
+            return Presence::Present { u_kind: 0.0 };
+        }
+        let u = self.sampler.get_1d(dimensions::surface_kind(vertex));
+        presence(u, self.scene.coverage(&hit.surface, self.ray_state.ray.direction))
+    }
+
+    /// Samples which of the surfaces that coincide with an absent one is present, with a number in `[0, 1)` that is
+    /// still unused. If none is, the path passes all of them.
+    // Rare, so the point is passed by value.
+    #[inline(never)]
+    fn sample_coincident<'b>(
+        &mut self,
+        absent: SurfacePoint,
+        mut u: f32,
+        storage: &'b mut Option<Interface>,
+    ) -> Option<(SurfaceHit<'b>, f32)> {
+        let ray = self.ray_state.ray;
+        let mut last = None;
+        while let Some(point) = self.scene.next_coincident(&ray, absent, last) {
+            last = Some(point);
+            let u_kind = match self.scene.is_stochastic(&point) {
+                false => 0.0,
+                true => match presence(u, self.scene.coverage(&point, ray.direction)) {
+                    Presence::Present { u_kind } => u_kind,
+                    Presence::Absent { u: rest } => {
+                        u = rest;
+                        continue;
+                    }
+                    Presence::Open => continue,
+                },
+            };
+            let hit = self.ray_state.hit_at::<F>(self.scene, point, storage);
+            if let Some(tint) = if F::MEDIA { hit.open_tint() } else { None } {
+                self.throughput *= tint;
+                self.pass(&hit);
+                return None;
+            }
+            return Some((hit, u_kind));
+        }
+        self.pass(&SurfaceHit::of_surface(absent));
+        None
+    }
+
+    /// The path continues behind a surface in the same direction.
+    #[inline]
+    fn pass(&mut self, hit: &SurfaceHit<'_>) {
         // This is no vertex. So the last scattering stays the one that is combined with light sampling.
         self.path_length += hit.surface.distance;
         self.ray_state = self.ray_state.pass_through::<F>(hit);
-        None
     }
 
     /// Scattering at a vertex: auxiliary layers, next-event estimation and a new direction. False if the path ends.
@@ -357,6 +404,28 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         };
         *count += 1;
         if *count < forced_rr_count { 1.0 } else { survival }
+    }
+}
+
+/// The result of the sampling of a coverage.
+enum Presence {
+    /// The surface is present. `u_kind` is a number in `[0, 1)` that is still unused, for surfaces with two random kinds.
+    Present { u_kind: f32 },
+    /// The surface is absent for this sample. `u` is a number in `[0, 1)` that is still unused.
+    Absent { u: f32 },
+    /// The path has passed an open face.
+    Open,
+}
+
+/// Samples a coverage by a number in `[0, 1)`.
+#[inline]
+fn presence(u: f32, coverage: f32) -> Presence {
+    /// The largest number below 1.
+    const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
+    if u < coverage {
+        Presence::Present { u_kind: u / coverage }
+    } else {
+        Presence::Absent { u: ((u - coverage) / (1.0 - coverage)).min(BELOW_ONE) }
     }
 }
 

@@ -63,6 +63,15 @@ pub struct Crossing {
     pub onward: Vec3,
 }
 
+/// A surface of low coverage that a ray has passed.
+struct Passed {
+    /// The ray behind it.
+    beyond: RayState,
+    surface: SurfacePoint,
+    /// The last of the surfaces in contact with it that was visited.
+    last: Option<SurfacePoint>,
+}
+
 /// Upper bound on the cost of a hostile file. No real scene has so many sheets behind one another.
 const MAX_CROSSINGS: u32 = 10_000;
 
@@ -102,9 +111,22 @@ pub fn crossings(
     let ray = camera.ray(x as f32 + place[0], y + (place[1] - 0.5)).at_time(time);
     let mut ray_state = RayState::from_camera::<AllFeatures>(scene, ray);
     let mut is_behind = false;
+    let mut passed: Option<Passed> = None;
     for _ in 0..MAX_CROSSINGS {
         let (mut interface, mut bsdf) = (None, None);
-        let Some(hit) = ray_state.intersect_next::<AllFeatures>(scene, &mut interface) else { break };
+        // The surfaces in contact with one that was passed, then those behind it.
+        let coincident = passed.as_ref().and_then(|p| scene.next_coincident(&ray_state.ray, p.surface, p.last));
+        let hit = match (coincident, passed.take()) {
+            (Some(point), Some(before)) => {
+                passed = Some(Passed { last: Some(point), ..before });
+                ray_state.hit_at::<AllFeatures>(scene, point, &mut interface)
+            }
+            (_, before) => {
+                ray_state = before.map_or(ray_state, |before| before.beyond);
+                let Some(hit) = ray_state.intersect_next::<AllFeatures>(scene, &mut interface) else { break };
+                hit
+            }
+        };
         let (object, material) = scene.ids(&hit.surface);
         let ids = PixelIds::new(object, material);
         let coverage = scene.coverage(&hit.surface, ray_state.ray.direction);
@@ -114,9 +136,15 @@ pub fn crossings(
         let is_open = hit.open_tint().is_some() || coverage < 0.5;
         if is_behind || is_open {
             visit(&at(if is_behind { Passage::Scattering } else { Passage::Open }))?;
-            ray_state = ray_state.pass_through::<AllFeatures>(&hit);
+            let beyond = ray_state.pass_through::<AllFeatures>(&hit);
+            if is_behind || hit.open_tint().is_some() {
+                (ray_state, passed) = (beyond, None);
+            } else if passed.is_none() {
+                passed = Some(Passed { beyond, surface: hit.surface, last: None });
+            }
             continue;
         }
+        passed = None;
         let straight = ray_state.pass_through::<AllFeatures>(&hit);
         let (scattering, clear) = (at(Passage::Scattering), at(Passage::Clear));
         let vertex = SurfaceVertex::<AllFeatures>::new(scene, ray_state, hit, 0.5, &mut bsdf);

@@ -47,11 +47,22 @@ impl RayState {
         // Intersects a copy of the ray, so that the path state is not kept in memory because of a reference.
         let ray = self.ray;
         let hit = scene.intersect(&ray)?;
+        Some(self.hit_at::<F>(scene, hit, storage))
+    }
+
+    /// The intersection at a point of the ray. In kernels with media its interface is stored in `storage`.
+    #[inline]
+    pub(crate) fn hit_at<'a, F: Features>(
+        &self,
+        scene: &Scene,
+        point: SurfacePoint,
+        storage: &'a mut Option<Interface>,
+    ) -> SurfaceHit<'a> {
         if F::MEDIA {
-            let interface = storage.insert(scene.interface(&self.ray, &hit, &self.enclosing.interior));
-            Some(SurfaceHit { surface: interface.surface, interface: Some(interface) })
+            let interface = storage.insert(scene.interface(&self.ray, &point, &self.enclosing.interior));
+            SurfaceHit { surface: interface.surface, interface: Some(interface) }
         } else {
-            Some(SurfaceHit { surface: hit, interface: None })
+            SurfaceHit { surface: point, interface: None }
         }
     }
 
@@ -91,7 +102,8 @@ impl RayState {
         Self { ray: Ray::new(point, wi).at_time(self.ray.time), enclosing: self.enclosing }
     }
 
-    /// Continues behind a surface in the same direction, as if the surface were absent.
+    /// Continues behind a surface in the same direction, as if the surface were absent. Faces that coincide with it are
+    /// stepped over: [`Scene::next_coincident`] gives them.
     #[inline]
     pub(crate) fn pass_through<F: Features>(&self, hit: &SurfaceHit<'_>) -> Self {
         let mut enclosing = self.enclosing;
@@ -142,6 +154,12 @@ impl RayState {
 }
 
 impl SurfaceHit<'_> {
+    /// The intersection with a surface that bounds no solid.
+    #[inline]
+    pub(crate) fn of_surface(surface: SurfacePoint) -> Self {
+        Self { surface, interface: None }
+    }
+
     /// The tint of a face that bends no light; `None` for other faces.
     #[inline]
     pub(crate) fn open_tint(&self) -> Option<Rgb> {

@@ -1,6 +1,6 @@
 //! Estimates of single samples: the recorded path reproduces the sample, and pixel ids name the front surface.
 
-use dunkelfeld_geometry::{DVec3, Vec3};
+use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Vec3};
 use dunkelfeld_integrator::{Estimator, PixelIds, PixelSample, pixel_ids};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
@@ -120,5 +120,65 @@ fn samples_depend_on_all_coordinates_and_on_nothing_else() {
         ("index", of(1, 0, 5, 7, 1)),
     ] {
         assert!(base.iter().zip(&other).all(|(a, b)| a.depth != b.depth || a.radiance != b.radiance), "{what}");
+    }
+}
+
+/// A plate that emits outward, with a body on it whose lower face is the upper one of the plate. Both are turned, so that
+/// the distances of the faces round differently. With `is_covered`, an absorbing slab of index 1 is between them.
+fn contact(alpha: Option<f32>, is_covered: bool) -> (Scene, RayGenerator) {
+    let turn = DAffine3::from_quat(DQuat::from_rotation_z(0.7) * DQuat::from_rotation_x(0.4));
+    let mut b = SceneBuilder::default();
+    let add = |b: &mut SceneBuilder, name: &str, low: Vec3, high: Vec3, material: Material| {
+        let material = b.add_material(material);
+        b.add_object(name, cuboid(low, high), material);
+        if let Some(object) = b.instances.last_mut() {
+            object.to_world = turn;
+        }
+    };
+    let emitter = Material { emission: Rgb::WHITE, base_color: Rgb::BLACK, specular: 0.0, ..Material::default() };
+    let ground = if is_covered { -0.07 } else { 0.0 };
+    add(&mut b, "plate", Vec3::new(-1.0, -1.0, -0.2), Vec3::new(1.0, 1.0, ground), emitter);
+    if is_covered {
+        let volume = Volume { attenuation_color: Rgb::splat(0.5), attenuation_distance: 0.05, ..Volume::default() };
+        let slab = Material {
+            roughness: 0.0,
+            transmission: 1.0,
+            ior: 1.0,
+            surface: Surface::Solid(volume),
+            ..Material::default()
+        };
+        add(&mut b, "slab", Vec3::new(-0.9, -0.9, -0.05), Vec3::new(0.9, 0.9, 0.0), slab);
+    }
+    if let Some(alpha) = alpha {
+        let body = Material { base_color: Rgb::BLACK, alpha, alpha_mode: AlphaMode::Blend, ..Material::default() };
+        add(&mut b, "body", Vec3::new(-0.37, -0.41, 0.0), Vec3::new(0.33, 0.29, 0.3), body);
+    }
+    let (eye, at) = (DVec3::new(0.4, -1.1, 1.6), DVec3::new(0.0, 0.0, 0.0));
+    b.add_camera("camera", turn.transform_point3(eye), turn.transform_point3(at), 0.35);
+    let scene = b.build().expect("valid").0;
+    let camera = scene.ray_generator(&scene.cameras()[0], 32, 32).expect("a camera");
+    (scene, camera)
+}
+
+#[test]
+fn an_absent_surface_in_contact_with_another_one_does_not_hide_it() {
+    for is_covered in [false, true] {
+        let [with, without] = [Some(0.0), None].map(|alpha| contact(alpha, is_covered));
+        let of = |(scene, camera): &(Scene, RayGenerator), at| {
+            Estimator { scene, camera, width: 32, seed: 3, frame: 0, roulette: None }.sample(at).radiance.g
+        };
+        for k in 0..32 * 32 {
+            let (x, y) = (k % 32, k / 32);
+            for index in 0..8 {
+                let at = PixelSample { x, y, index };
+                let (seen, expected) = (of(&with, at), of(&without, at));
+                assert!(
+                    expected > 0.1 && (seen / expected - 1.0).abs() < 1e-4,
+                    "{is_covered} {at:?}: {seen}, {expected}"
+                );
+            }
+            let ids = [&with, &without].map(|(scene, camera)| pixel_ids(scene, camera, x, y).map(|ids| ids.object()));
+            assert_eq!(ids, [Some(0); 2], "{is_covered} {x} {y}");
+        }
     }
 }

@@ -57,6 +57,17 @@ pub(super) fn trace_chain<F: Features>(
             None => 1.0 - scene.coverage(&hit.surface, ray_state.ray.direction),
         };
         if open > 0.0 {
+            // A surface in contact with one that is passed lets light pass as well, or is in the way.
+            let (mut open, mut last) = (open, None);
+            while let Some(point) =
+                if hit.open_tint().is_none() { scene.next_coincident(&ray_state.ray, hit.surface, last) } else { None }
+            {
+                open *= 1.0 - scene.coverage(&point, ray_state.ray.direction);
+                last = Some(point);
+            }
+            if open == 0.0 {
+                return None;
+            }
             weight *= open;
             probability *= open;
             passed += 1;

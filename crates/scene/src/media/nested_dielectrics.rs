@@ -182,14 +182,7 @@ impl Scene {
         }
         let mut faces = [Face { point: *hit, solid: part.solid, enters: !outward }; MAX_FACES];
         let mut count = 1;
-        // The range contains all coincident faces in spite of the rounding of distances. Their sides decide which of
-        // them count.
-        let cos = ray.direction.dot(hit.normal).abs().max(1e-3);
-        let reach = 16.0 * f32::EPSILON * (self.radius + hit.distance) / cos;
-        let start = (hit.distance - reach).max(0.0);
-        let probe = Ray::with_end(ray.at(start), ray.direction, hit.distance - start + reach).at_time(ray.time);
-        self.bvh.each_hit(&probe, |other| {
-            let point = self.surface_point(&other, ray.time);
+        self.each_face_near(ray, hit, |point| {
             let same = point.part == hit.part && point.triangle == hit.triangle;
             if !same && count < MAX_FACES {
                 let enters = ray.direction.dot(point.normal) < 0.0;
@@ -275,7 +268,7 @@ impl Scene {
     /// True if the step from a ray's origin to `end` crosses the plane of a face, along the ray. If the ray continues
     /// from `end`, the face is hit again only if `end` lies strictly before it. If the ray turns back, only if `end`
     /// lies strictly behind it.
-    fn crosses(&self, ray: &Ray, end: Vec3, face: &SurfacePoint, continues: bool) -> bool {
+    pub(crate) fn crosses(&self, ray: &Ray, end: Vec3, face: &SurfacePoint, continues: bool) -> bool {
         let part = &self.parts[face.part as usize];
         let corners = self.meshes[part.mesh as usize].corners(face.triangle as usize);
         let transform = part.transform_at(ray.time);
