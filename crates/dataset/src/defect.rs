@@ -65,6 +65,7 @@ pub(crate) struct DefectEntry {
     /// Name of draws and objects.
     name: String,
     pub(crate) category: String,
+    kind: DefectKind,
     count: Template,
     /// Most defects of an image.
     most: u32,
@@ -74,8 +75,43 @@ pub(crate) struct DefectEntry {
 /// A defect in the scene of an image.
 #[derive(Clone, Debug)]
 pub(crate) struct AddedDefect {
-    pub(crate) kind: String,
+    kind: DefectKind,
     pub(crate) placed: PlacedDefect,
+}
+
+impl AddedDefect {
+    /// The kind as a study has it.
+    pub(crate) fn kind(&self) -> String {
+        format!("{:?}", self.kind).to_lowercase()
+    }
+}
+
+/// Adds the defects of an image to its scene: first all changes of objects, then the other defects, so that these follow an
+/// object that is shifted, and are not made on one that is missing. An object changes at most once. `drawn` receives all that
+/// was drawn, and the reason why a defect is not made.
+///
+/// # Errors
+/// The number of the entry, and the fault.
+pub(crate) fn add_defects(
+    entries: &[DefectEntry],
+    study: &Study,
+    scene: &mut SceneBuilder,
+    draws: Draws,
+    drawn: &mut BTreeMap<String, Value>,
+) -> Result<Vec<AddedDefect>, (usize, Fault)> {
+    let mut added: Vec<AddedDefect> = Vec::new();
+    for is_change in [true, false] {
+        for entry in entries.iter().filter(|entry| entry.kind.is_change() == is_change) {
+            entry.apply(study, scene, draws, drawn, &mut added)?;
+        }
+    }
+    // A changed object has the label of its defect. Until here it has the name that the study gives it.
+    for AddedDefect { placed, .. } in added.iter().filter(|defect| defect.kind.is_change()) {
+        if let Some(object) = scene.instances.get_mut(placed.host) {
+            object.name.clone_from(&placed.object);
+        }
+    }
+    Ok(added)
 }
 
 /// The entries of a study.
@@ -98,7 +134,7 @@ pub(crate) fn entries(study: &Study) -> Result<Vec<DefectEntry>, (usize, Fault)>
         let kind = text("kind")?.ok_or_else(|| {
             at(Fault::new("the entry has no `kind`", "write `kind = \"scratch\"`, or another one of docs/datasets.md"))
         })?;
-        check_keys(&kind, &rest).map_err(at)?;
+        let known = check_keys(&kind, &rest).map_err(at)?;
         let category = text("category")?.unwrap_or(kind);
         let mut name = text("name")?.unwrap_or_else(|| category.clone());
         if entries.iter().any(|entry| entry.name == name) {
@@ -106,7 +142,7 @@ pub(crate) fn entries(study: &Study) -> Result<Vec<DefectEntry>, (usize, Fault)>
         }
         let count = rest.get("count").cloned().unwrap_or(Template::Fixed(Value::Integer(1)));
         let most = most(&count, study, &mut BTreeMap::new()).map_err(|e| at(e.below("count")))?;
-        entries.push(DefectEntry { number, name, category, count, most: most as u32, rest });
+        entries.push(DefectEntry { number, name, category, kind: known, count, most: most as u32, rest });
     }
     Ok(entries)
 }
@@ -116,7 +152,7 @@ fn no_object() -> Fault {
 }
 
 /// Refuses an unknown kind, keys that the kind does not use, which would have no effect, and the lack of a key.
-fn check_keys(kind: &str, entry: &BTreeMap<String, Template>) -> Result<(), Fault> {
+fn check_keys(kind: &str, entry: &BTreeMap<String, Template>) -> Result<DefectKind, Fault> {
     let Ok(known) = Value::String(kind.into()).try_into::<DefectKind>() else {
         let list = DefectKind::NAMES.join(", ");
         let help = match nearest_names(kind, DefectKind::NAMES).first() {
@@ -141,7 +177,7 @@ fn check_keys(kind: &str, entry: &BTreeMap<String, Template>) -> Result<(), Faul
     if !entry.contains_key("on") {
         return Err(Fault::new("a defect needs the key `on`", "write names or patterns of objects"));
     }
-    Ok(())
+    Ok(known)
 }
 
 /// The largest number of defects that a template can give. That of a formula is the largest one that is allowed. `known`
@@ -191,20 +227,20 @@ impl DefectEntry {
         format!("{} {number}", self.name)
     }
 
-    /// Adds the defects of an image to its scene. `drawn` receives all that was drawn.
-    pub(crate) fn apply(
+    /// Adds the defects of the entry to the scene of an image.
+    fn apply(
         &self,
         study: &Study,
         scene: &mut SceneBuilder,
         draws: Draws,
         drawn: &mut BTreeMap<String, Value>,
-    ) -> Result<Vec<AddedDefect>, (usize, Fault)> {
+        added: &mut Vec<AddedDefect>,
+    ) -> Result<(), (usize, Fault)> {
         let at = |fault: Fault| (self.number, fault);
         let mut named = study.named(draws);
         let prefix = format!("defect[{}]", self.name);
         let mut record = |name: &str, value: &Value| drop(drawn.insert(name.to_owned(), value.clone()));
         let count = self.number(draws, &mut named, &mut record).map_err(at)?;
-        let mut added = Vec::new();
         for number in 1..=count {
             let place = format!("{prefix}[{number}]");
             let settings = self.settings(&place, draws, &mut named, &mut record).map_err(at)?;
@@ -212,13 +248,26 @@ impl DefectEntry {
             if !scene.instances.iter().any(|object| settings.on.match_name(&object.name)) {
                 continue;
             }
-            let kind = settings.kind;
-            let spec = self.spec(settings, self.object_name(number), scene).map_err(at)?;
+            let is_free = |object: &usize| {
+                let mut changes = added.iter().filter(|d| d.kind.is_change() && d.placed.host == *object);
+                !changes.any(|d| self.kind.is_change() || d.kind == DefectKind::Missing)
+            };
+            let mut spec = self.spec(settings, self.object_name(number), scene).map_err(at)?;
+            spec.on.retain(is_free);
+            if spec.on.is_empty() {
+                let reason = if self.kind.is_change() {
+                    "not made: each of its objects is missing, faded or shifted already"
+                } else {
+                    "not made: each of its objects is missing"
+                };
+                record(&place, &Value::String(reason.into()));
+                continue;
+            }
             let mut stream = draws.stream(&format!("{place}.place"));
             let placed = add_defect(scene, &spec, &mut stream).map_err(|e| at(Fault::new(e.problem, e.help)))?;
-            added.push(AddedDefect { kind: format!("{kind:?}").to_lowercase(), placed });
+            added.push(AddedDefect { kind: self.kind, placed });
         }
-        Ok(added)
+        Ok(())
     }
 
     /// The number of defects of an image.

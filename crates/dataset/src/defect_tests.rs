@@ -103,3 +103,45 @@ fn errors_of_draws_have_their_names() {
     let error = study.expect_err("infinite").to_string();
     assert!(error.contains("[budget] spp") && error.contains("in the draw `inverse`"), "{error}");
 }
+
+/// A part that is changed and carries dust, with the entries in both orders: the record of the first image.
+fn both_orders(change: &str) -> [(Vec<AddedDefect>, BTreeMap<String, Value>, SceneBuilder); 2] {
+    let dust = "[[study.defect]]\nkind = \"dust\"\non = \"part\"\nfacing = [0, 1, 0]\nlength = \"1mm\"\n";
+    [format!("{dust}{change}"), format!("{change}{dust}")].map(|defects| {
+        let study = Study::from_text("study.toml", &format!("scene = \"none\"\n[study]\n{defects}")).expect("a study");
+        let mut scene = SceneBuilder::default();
+        let material = scene.add_material(dunkelfeld_scene::Material::default());
+        let corner = dunkelfeld_geometry::Vec3::splat(0.01);
+        scene.add_object("part", dunkelfeld_scene::shapes::cuboid(-corner, corner * 2.0), material);
+        let mut drawn = BTreeMap::new();
+        let added = add_defects(&entries(&study).expect("entries"), &study, &mut scene, study.draws(0), &mut drawn);
+        (added.expect("defects"), drawn, scene)
+    })
+}
+
+#[test]
+fn defects_follow_a_shifted_object_in_any_order_of_the_entries() {
+    let shifted = "[[study.defect]]\nkind = \"shifted\"\non = \"part\"\nlength = \"30mm\"\nangle = \"0deg\"\n";
+    let [(a, _, scene), (b, ..)] = both_orders(shifted);
+    let places = |added: &[AddedDefect]| added.iter().map(|d| d.placed.clone()).collect::<Vec<_>>();
+    assert_eq!(places(&a), places(&b));
+    let names: Vec<&str> = scene.instances.iter().map(|i| i.name.as_str()).collect();
+    assert_eq!(names, ["shifted 1", "dust 1"]);
+    let [shift, dust] = [&a[0].placed, &a[1].placed];
+    assert_eq!((dust.on.as_str(), dust.host), ("part", 0));
+    // The dust lies on the moved part.
+    let [low, high] = scene.bounds_of(&scene.instances[0]).expect("bounds");
+    assert!(dust.at.cmpge(low - 1e-9).all() && dust.at.cmple(high + 1e-9).all(), "{} in {low} to {high}", dust.at);
+    assert!(shift.at.distance(DVec3::splat(0.005)) > 0.029);
+}
+
+#[test]
+fn a_missing_object_carries_no_defect_in_any_order_of_the_entries() {
+    let missing = "[[study.defect]]\nkind = \"missing\"\non = \"part\"\ncount = 2\n";
+    for (added, drawn, scene) in both_orders(missing) {
+        assert_eq!((added.len(), added[0].kind().as_str(), scene.instances.len()), (1, "missing", 1));
+        let notes: Vec<_> = drawn.iter().filter(|(_, value)| value.to_string().contains("not made")).collect();
+        let names: Vec<&str> = notes.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["defect[dust][1]", "defect[missing][2]"], "{notes:?}");
+    }
+}

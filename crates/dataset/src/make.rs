@@ -1,7 +1,7 @@
 //! One image of a set with its labels and its record.
 
 use crate::coco::Annotation;
-use crate::defect::{AddedDefect, DefectEntry, entries};
+use crate::defect::{AddedDefect, DefectEntry, add_defects, entries};
 use crate::defects::PlacedDefect;
 use crate::distribution::Fault;
 use crate::encode;
@@ -233,13 +233,10 @@ impl Worker {
                 Placement::parse(value).and_then(|p| p.apply(scene, draws, hulls, &mut record)).map_err(at)?;
                 drawn.append(&mut record);
             }
-            for entry in entries {
-                let added = entry.apply(study, scene, draws, drawn);
-                parts.defects.extend(added.map_err(|(number, fault)| {
-                    let fault = Fault { problem: format!("image {index}: {}", fault.problem), ..fault };
-                    study.error(fault, &["study", "defect", &number.to_string()])
-                })?);
-            }
+            parts.defects = add_defects(entries, study, scene, draws, drawn).map_err(|(number, fault)| {
+                let fault = Fault { problem: format!("image {index}: {}", fault.problem), ..fault };
+                study.error(fault, &["study", "defect", &number.to_string()])
+            })?;
             let is_defect = |name: &String| parts.defects.iter().any(|defect| defect.placed.object == *name);
             let boxes = scene.instances.iter().filter(|i| is_defect(&i.name)).filter_map(|i| scene.bounds_of(i));
             parts.boxes = boxes.collect();
@@ -406,11 +403,7 @@ impl Worker {
 
     /// The place of a defect in the world and in the frame of its object.
     fn place(&self, placed: &PlacedDefect, parts: &SceneParts) -> PlaceRecord {
-        let names = self.project.scene.object_names();
-        // Of an object that changes, the name is that of the defect.
-        let of = |wanted: &str| names.iter().position(|name| name == wanted);
-        let host = of(&placed.on).or_else(|| of(&placed.object));
-        let object = host.and_then(|i| parts.poses.get(i)).and_then(|(to_world, _)| {
+        let object = parts.poses.get(placed.host).and_then(|(to_world, _)| {
             let to_world = *to_world * DAffine3::from_scale(self.project.imported_scale_of(&placed.on).recip());
             let position = to_world.inverse().transform_point3(placed.at);
             position.is_finite().then(|| position.to_array())
@@ -474,7 +467,7 @@ impl Worker {
                     contrast_error: seen.and_then(|v| v.error),
                     cnr: seen.and_then(|v| v.cnr),
                     size_mm: defect.map(|d| d.placed.extent * 1e3),
-                    defect: defect.map(|d| d.kind.clone()),
+                    defect: defect.map(AddedDefect::kind),
                 })
             })
             .collect()

@@ -9,7 +9,7 @@ use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::{AlphaMode, Instance, Material, SceneBuilder};
 use std::sync::Arc;
 
-/// Changes one of the candidates.
+/// Changes one of the candidates. It keeps its name, so that other defects find it.
 ///
 /// # Errors
 /// If a candidate emits light, is a solid that shall fade, or has no extent.
@@ -35,10 +35,10 @@ pub(super) fn change(
             scene.instances[index].to_world.translation += (tangents[0] * cos + tangents[1] * sin) * spec.length;
         }
     }
-    let on = std::mem::replace(&mut scene.instances[index].name, spec.name.clone());
+    let on = scene.instances[index].name.clone();
     let [low, high] = scene.bounds_of(&scene.instances[index]).unwrap_or_default();
     let extent = low.distance(high);
-    Ok(PlacedDefect { object: spec.name.clone(), at: 0.5 * (low + high), normal, on, extent, angle })
+    Ok(PlacedDefect { object: spec.name.clone(), at: 0.5 * (low + high), normal, on, host: index, extent, angle })
 }
 
 /// Unit normal and two tangents of the largest side of the bounding box of an object, in the world. The box is that in

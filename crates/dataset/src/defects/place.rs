@@ -47,6 +47,7 @@ pub(super) fn on_surface(
             at: anchor.point,
             normal: anchor.normal,
             on,
+            host: anchor.instance,
             extent,
             angle,
         });

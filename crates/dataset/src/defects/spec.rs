@@ -35,6 +35,11 @@ impl DefectKind {
     pub(crate) const NAMES: [&str; 10] =
         ["scratch", "dent", "stain", "dust", "fibre", "bubble", "inclusion", "missing", "faded", "shifted"];
 
+    /// True if the defect is a change of an object, and adds none.
+    pub(crate) fn is_change(self) -> bool {
+        matches!(self, Self::Missing | Self::Faded | Self::Shifted)
+    }
+
     /// The keys that the kind needs.
     pub(crate) fn required(self) -> &'static [&'static str] {
         match self {
@@ -68,7 +73,8 @@ impl DefectKind {
 /// One defect with all its parameters drawn.
 #[derive(Clone, Debug)]
 pub(crate) struct DefectSpec {
-    /// Name of the added object. For missing, faded and shifted: the new name of the object that changes.
+    /// Name of the added object. For missing, faded and shifted: the name of the object that changes after all defects
+    /// of the image are made.
     pub(crate) name: String,
     /// Kind of the defect.
     pub(crate) kind: DefectKind,
@@ -117,6 +123,8 @@ pub(crate) struct PlacedDefect {
     pub(crate) normal: DVec3,
     /// Name of the object below, or around. For missing, faded and shifted the former name of the object.
     pub(crate) on: String,
+    /// Its index in [`SceneBuilder::instances`](dunkelfeld_scene::SceneBuilder::instances).
+    pub(crate) host: usize,
     /// Largest extent \[m\].
     pub(crate) extent: f64,
     /// Direction in the tangent plane \[rad\], drawn or given. `None` if the kind has none.

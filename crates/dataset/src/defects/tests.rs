@@ -281,7 +281,7 @@ fn changed_objects_have_copies_of_what_they_share() {
         b.instances.push(twin);
         let before = b.clone();
         let done = add_defect(&mut b, &DefectSpec { angle: Some(0.5), ..spec(kind, &[0]) }, &mut stream(4)).unwrap();
-        assert_eq!((b.instances[0].name.as_str(), done.on.as_str()), ("defect", "ball"));
+        assert_eq!((b.instances[0].name.as_str(), done.on.as_str(), done.host), ("ball", "ball", 0));
         let twin = b.instances.last().unwrap();
         assert_eq!((&twin.meshes, twin.to_world), (&before.instances[4].meshes, before.instances[4].to_world));
         assert_eq!(b.materials[b.meshes[twin.meshes[0]].material], before.materials[0]);

@@ -91,14 +91,15 @@ pub(super) fn inside(
             "make it smaller, or name larger objects",
         ));
     };
-    let instance = &scene.instances[solid.instance];
+    let host = solid.instance;
+    let instance = &scene.instances[host];
     let (on, motion) = (instance.name.clone(), instance.motion);
     let material = match spec.kind {
         DefectKind::Bubble => material::gas(&spec.name, &solid.volume, material::roughness_or(spec, 0.0)),
         _ => material::own(spec, INCLUSION_COLOR, INCLUSION_ROUGHNESS),
     };
     insert(scene, &spec.name, Made { mesh, angle: None, material }, at, motion);
-    Ok(PlacedDefect { object: spec.name.clone(), at, normal: DVec3::Y, on, extent: spec.length, angle: None })
+    Ok(PlacedDefect { object: spec.name.clone(), at, normal: DVec3::Y, on, host, extent: spec.length, angle: None })
 }
 
 /// A point in one of the solids, uniform by volume over the points that are at least `clearance` \[m\] away from the
