@@ -2,8 +2,8 @@
 
 use dunkelfeld::Error;
 use jiff::civil::{Date, Time};
-use jiff::fmt::temporal::DateTimeParser;
-use jiff::tz::TimeZone;
+use jiff::fmt::temporal::{DateTimeParser, Pieces};
+use jiff::tz::{AmbiguousOffset, Offset, TimeZone};
 use jiff::{SignedDuration, Timestamp, Zoned};
 use std::fmt;
 
@@ -81,8 +81,14 @@ impl fmt::Display for Deadline {
 /// Reads `[DATE|tomorrow] TIME [ZONE]`, or a date and a time of RFC 3339 or RFC 9557.
 fn read(text: &str, now: &Zoned) -> Result<Zoned, String> {
     let text = text.trim();
+    let far = || format!("{text:?}: no zone is more than 14 hours from UTC");
+    let pieces = Pieces::parse(text).ok();
+    if pieces.as_ref().and_then(Pieces::to_numeric_offset).is_some_and(is_far) {
+        return Err(far());
+    }
     if let Ok(at) = text.parse::<Zoned>() {
-        return Ok(at);
+        let written = pieces.as_ref().and_then(|p| Some(p.date().to_datetime(p.time()?)));
+        return if written.is_some_and(|written| written != at.datetime()) { Err(gap(text)) } else { Ok(at) };
     }
     if let Ok(at) = text.parse::<Timestamp>() {
         return Ok(at.to_zoned(now.time_zone().clone()));
@@ -107,19 +113,40 @@ fn read(text: &str, now: &Zoned) -> Result<Zoned, String> {
             parsed.map_err(|_| format!("{text:?}: {name:?} is no known time zone"))?
         }
     };
+    if zone.to_fixed_offset().is_ok_and(is_far) {
+        return Err(far());
+    }
     if rest.next().is_some() {
         return Err(no_form());
     }
     let now = now.with_time_zone(zone.clone());
-    let at = |date: Date| date.to_datetime(time).to_zoned(zone.clone()).map_err(|e| format!("{text:?}: {e}"));
+    let at = |date: Date| {
+        let found = zone.to_ambiguous_zoned(date.to_datetime(time));
+        if matches!(found.offset(), AmbiguousOffset::Gap { .. }) {
+            return Err(gap(text));
+        }
+        // Of a time that comes twice, when clocks are put back, the first one.
+        found.compatible().map_err(|e| format!("{text:?}: {e}"))
+    };
     let tomorrow = || now.date().tomorrow().map_err(|e| format!("{text:?}: {e}")).and_then(at);
     match day {
         Some("tomorrow") => tomorrow(),
         Some(date) => at(Date::strptime("%Y-%m-%d", date).map_err(|_| no_form())?),
         None => {
-            at(now.date()).and_then(|today| if today.timestamp() > now.timestamp() { Ok(today) } else { tomorrow() })
+            let today = at(now.date()).ok().filter(|today| today.timestamp() > now.timestamp());
+            today.map_or_else(tomorrow, Ok)
         }
     }
+}
+
+/// The problem of a time that clocks skip.
+fn gap(text: &str) -> String {
+    format!("{text:?}: clocks are put forward at that time, and do not show it")
+}
+
+/// Is an offset larger than that of any zone?
+fn is_far(offset: Offset) -> bool {
+    offset.seconds().abs() > 14 * 3600
 }
 
 fn time_of_day(word: &str) -> Option<Time> {
@@ -169,6 +196,19 @@ mod tests {
         let before: Zoned = "2030-03-30T20:00[Europe/Berlin]".parse().expect("a date");
         let Deadline(at) = Deadline::parse_at("8:00", &before).expect("a time");
         assert_eq!(at.timestamp().duration_since(before.timestamp()).as_secs(), 11 * 3600);
+    }
+
+    #[test]
+    fn a_time_that_clocks_skip_and_a_zone_that_no_place_has_are_refused() {
+        for text in ["2030-03-31 2:30", "2030-03-31T02:30[Europe/Berlin]", "2030-03-31 2:30 Europe/Berlin"] {
+            assert!(read_at(text).contains("clocks are put forward"), "{text}: {}", read_at(text));
+        }
+        // A time that comes twice is the first one.
+        assert_eq!(read_at("2030-10-27 2:30"), "2030-10-27 02:30:00 +02:00 (Europe/Berlin)");
+        for text in ["8:00 +25:00", "8:00 -14:30", "2030-03-31T08:00+25:00", "2030-03-31 8:00 +15:00"] {
+            assert!(read_at(text).contains("more than 14 hours"), "{text}: {}", read_at(text));
+        }
+        assert!(read_at("8:00 +14:00").starts_with("2030"), "{}", read_at("8:00 +14:00"));
     }
 
     #[test]
