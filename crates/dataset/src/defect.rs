@@ -1,6 +1,6 @@
 //! `[[study.defect]]`: defects with drawn parameters.
 
-use crate::defects::{DefectKind, DefectSpec, PlacedDefect, add_defect};
+use crate::defects::{DefectKind, DefectProblem, DefectSpec, PlacedDefect, add_defect};
 use crate::distribution::{Distribution, Fault, Named, Template};
 use crate::draws::Draws;
 use crate::label_entry::Names;
@@ -47,7 +47,7 @@ pub(crate) struct DefectSettings {
     #[serde(default)]
     roughness: Option<f64>,
     #[serde(default)]
-    color: Option<[f64; 3]>,
+    color: Option<Color>,
     #[serde(default)]
     metallic: Option<f64>,
     #[serde(default)]
@@ -55,6 +55,46 @@ pub(crate) struct DefectSettings {
     /// A direction of the world that the surface faces, within 60°.
     #[serde(default)]
     facing: Option<[f64; 3]>,
+}
+
+impl DefectSettings {
+    /// Reads the values of an entry. A fault is at the key of its value.
+    fn read(table: toml::Table) -> Result<Self, Fault> {
+        let read = |table: toml::Table| -> Result<Self, toml::de::Error> { Value::Table(table).try_into() };
+        let fault = |e: &toml::de::Error| Fault::new(e.message(), "see docs/datasets.md for the keys of defects");
+        let error = match read(table.clone()) {
+            Ok(settings) => return Ok(settings),
+            Err(error) => error,
+        };
+        // The error does not name its key: it is the one that fails alone, beside keys that are valid.
+        for (key, value) in table {
+            let mut alone = toml::Table::new();
+            alone.insert("kind".into(), Value::String("dust".into()));
+            alone.insert("on".into(), Value::String("object".into()));
+            alone.insert(key.clone(), value);
+            if let Err(error) = read(alone) {
+                return Err(fault(&error).below(key));
+            }
+        }
+        Err(fault(&error))
+    }
+}
+
+/// A colour: three channels, or one number for all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(untagged, expecting = "expected a colour: [r, g, b], or one number for all three")]
+enum Color {
+    Gray(f64),
+    Channels([f64; 3]),
+}
+
+impl Color {
+    fn channels(self) -> [f64; 3] {
+        match self {
+            Self::Gray(value) => [value; 3],
+            Self::Channels(channels) => channels,
+        }
+    }
 }
 
 /// An entry of the study, as far as it is the same in all images.
@@ -264,7 +304,7 @@ impl DefectEntry {
                 continue;
             }
             let mut stream = draws.stream(&format!("{place}.place"));
-            let placed = add_defect(scene, &spec, &mut stream).map_err(|e| at(Fault::new(e.problem, e.help)))?;
+            let placed = add_defect(scene, &spec, &mut stream).map_err(|e| at(self.fault(e)))?;
             added.push(AddedDefect { kind: self.kind, placed });
         }
         Ok(())
@@ -285,6 +325,17 @@ impl DefectEntry {
                 format!("let it be a whole number from 0 to {MOST}; `round` and `floor` of an expression give one");
             Fault::new(problem, help).below("count")
         })
+    }
+
+    /// Of an entry that changes more objects than there are: its name, the largest number of changes, and the number of
+    /// objects. `None` for other entries, and for a number by a formula.
+    pub(crate) fn excess(&self, study: &Study, names: &ObjectNames<'_>) -> Option<(&str, u32, usize)> {
+        let draws = study.draws(0);
+        let place = format!("defect[{}][1]", self.name);
+        let settings = self.settings(&place, draws, &mut study.named(draws), &mut |_, _| {}).ok()?;
+        let objects = names.listed().iter().filter(|name| settings.on.match_name(name)).count();
+        let is_more = self.kind.is_change() && i64::from(self.most) < MOST && self.most as usize > objects;
+        is_more.then_some((self.name.as_str(), self.most, objects))
     }
 
     /// Checks the number of defects of an image.
@@ -309,9 +360,7 @@ impl DefectEntry {
             let value = template.draw(draws, &format!("{place}.{key}"), named, record).map_err(|e| e.below(key))?;
             table.insert(key.clone(), value);
         }
-        Value::Table(table)
-            .try_into()
-            .map_err(|e: toml::de::Error| Fault::new(e.message(), "see docs/datasets.md for the keys of defects"))
+        DefectSettings::read(table)
     }
 
     /// Checks the entry before the first image: its keys, and that an image has its objects.
@@ -327,6 +376,15 @@ impl DefectEntry {
         checked.map_err(|fault| (self.number, fault))
     }
 
+    /// A problem of a defect, at the key of the entry that has the value at fault.
+    fn fault(&self, DefectProblem { problem, help, key }: DefectProblem) -> Fault {
+        let fault = Fault::new(problem, help);
+        match key.filter(|key| self.rest.contains_key(*key)) {
+            Some(key) => fault.below(key),
+            None => fault,
+        }
+    }
+
     fn spec(&self, settings: DefectSettings, name: String, scene: &SceneBuilder) -> Result<DefectSpec, Fault> {
         let on: Vec<usize> =
             (0..scene.instances.len()).filter(|i| settings.on.match_name(&scene.instances[*i].name)).collect();
@@ -340,9 +398,11 @@ impl DefectEntry {
             v => Ok(v),
         };
         let length = |value: Option<Length>| value.map_or(0.0, |l| l.0);
-        let color = match settings.color {
+        let color = match settings.color.map(Color::channels) {
             Some(color) if !color.iter().all(|v| (0.0..=1.0).contains(v)) => {
-                return Err(Fault::new("not a colour", "write three numbers from 0 to 1").below("color"));
+                return Err(
+                    Fault::new("not a colour", "write three numbers from 0 to 1, or one for all three").below("color")
+                );
             }
             color => color.map(|[r, g, b]| Rgb::new(r as f32, g as f32, b as f32)),
         };

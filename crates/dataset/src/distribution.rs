@@ -137,6 +137,51 @@ impl Template {
         }
     }
 
+    /// One of the alternatives of the value: of choices and sequences the one at the position `k`, counted round; of whole
+    /// numbers the largest one. Named draws are in `draws`. `None` for other distributions, and for draws that depend on
+    /// themselves.
+    pub(crate) fn alternative(&self, k: usize, draws: &BTreeMap<String, Self>, depth: usize) -> Option<Value> {
+        /// Named draws that refer to others.
+        const DEEPEST: usize = 64;
+        match self {
+            Self::Fixed(value) => Some(value.clone()),
+            Self::List(items) => {
+                items.iter().map(|item| item.alternative(k, draws, depth)).collect::<Option<_>>().map(Value::Array)
+            }
+            Self::Table(entries) => {
+                let entries = entries.iter().map(|(key, item)| Some((key.clone(), item.alternative(k, draws, depth)?)));
+                entries.collect::<Option<_>>().map(Value::Table)
+            }
+            Self::Drawn(Distribution::Integer { high, .. }) => Some(Value::Integer(*high)),
+            Self::Drawn(Distribution::Choice { values, .. } | Distribution::Sequence { values, .. }) => {
+                values[k % values.len()].alternative(k / values.len(), draws, depth)
+            }
+            Self::Drawn(Distribution::Named(name)) if depth < DEEPEST => {
+                draws.get(name)?.alternative(k, draws, depth + 1)
+            }
+            Self::Drawn(_) => None,
+        }
+    }
+
+    /// The number of alternatives, of values that are drawn independently the largest one.
+    pub(crate) fn alternatives(&self, draws: &BTreeMap<String, Self>, depth: usize) -> usize {
+        const DEEPEST: usize = 64;
+        let most = |items: &mut dyn Iterator<Item = &Self>| {
+            items.map(|item| item.alternatives(draws, depth)).max().unwrap_or(1)
+        };
+        match self {
+            Self::List(items) => most(&mut items.iter()),
+            Self::Table(entries) => most(&mut entries.values()),
+            Self::Drawn(Distribution::Choice { values, .. } | Distribution::Sequence { values, .. }) => {
+                values.len().saturating_mul(most(&mut values.iter()))
+            }
+            Self::Drawn(Distribution::Named(name)) if depth < DEEPEST => {
+                draws.get(name).map_or(1, |draw| draw.alternatives(draws, depth + 1))
+            }
+            _ => 1,
+        }
+    }
+
     fn fixed(&self) -> Option<Value> {
         match self {
             Self::Fixed(value) => Some(value.clone()),
@@ -246,6 +291,7 @@ impl Distribution {
                 Self::Normal { mean: mean.number, deviation: deviation.number, min, max, unit: unit.unit }
             }
             "log_normal" => {
+                finite(&main).map_err(|e| e.below(kind))?;
                 let items = main.as_array().filter(|items| items.len() == 2);
                 let quantities = items.and_then(|items| Some((Quantity::of(&items[0])?, Quantity::of(&items[1])?)));
                 let Some((median, factor)) =
@@ -389,6 +435,7 @@ fn truncated(u: f64, low: f64, high: f64) -> f64 {
 /// Two quantities of a list, of one kind, in one unit; the third value has that unit.
 fn pair(value: &Value, kind: &str) -> Result<[Quantity; 3], Fault> {
     let help = format!("write two values of one kind, as in {{ {kind} = [\"1mm\", \"5mm\"] }}");
+    finite(value)?;
     let items = value.as_array().filter(|items| items.len() == 2);
     let Some((a, b)) = items.and_then(|items| Some((Quantity::of(&items[0])?, Quantity::of(&items[1])?))) else {
         return Err(Fault::new("not a list of two numbers or quantities", help));
@@ -400,6 +447,17 @@ fn pair(value: &Value, kind: &str) -> Result<[Quantity; 3], Fault> {
     };
     let of = |number| Quantity { number, unit: unit.clone() };
     Ok([of(low), of(high), of(0.0)])
+}
+
+/// Refuses `nan` and `inf`, which no distribution has.
+fn finite(value: &Value) -> Result<(), Fault> {
+    match value {
+        Value::Array(items) => items.iter().try_for_each(finite),
+        Value::Float(number) if !number.is_finite() => {
+            Err(Fault::new(format!("{number} is no finite number"), "write finite numbers"))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn ordered(low: Quantity, high: Quantity, kind: &str) -> Result<(), Fault> {
@@ -425,6 +483,9 @@ fn above_zero(quantity: &Quantity, kind: &str) -> Result<(), Fault> {
 fn limits(table: &Table, unit: &str) -> Result<(f64, f64), Fault> {
     let limit = |key: &str, none: f64| match table.get(key) {
         None => Ok(none),
+        Some(value) if finite(value).is_err() => {
+            Err(Fault::new(format!("{value} is no finite number"), "leave the limit out").below(key))
+        }
         Some(value) => match Quantity::of(value).and_then(|q| q.number_in(unit)) {
             Some(number) => Ok(number),
             None => Err(Fault::new(format!("not a quantity in \"{unit}\""), "use a unit of the same kind").below(key)),

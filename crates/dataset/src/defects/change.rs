@@ -22,7 +22,7 @@ pub(super) fn change(
     let index = spec.on[draw::index(stream, spec.on.len())];
     let Some((normal, tangents)) = largest_side(scene, &scene.instances[index]) else {
         let problem = format!("the object \"{}\" has no extent", scene.instances[index].name);
-        return Err(DefectProblem::new(problem, "name an object with triangles"));
+        return Err(DefectProblem::new(problem, "name an object with triangles").at("on"));
     };
     let mut angle = None;
     match spec.kind {
@@ -63,7 +63,7 @@ fn fade(scene: &mut SceneBuilder, index: usize, spec: &DefectSpec) -> Result<(),
     let of = |part: &usize| scene.meshes.get(*part).and_then(|m| scene.materials.get(m.material));
     if instance.meshes.iter().filter_map(of).any(|m| material::clear_volume(m).is_some()) {
         let problem = format!("the object \"{}\" is a clear solid, which cannot fade", instance.name);
-        return Err(DefectProblem::new(problem, "name a print, a label or an opaque object"));
+        return Err(DefectProblem::new(problem, "name a print, a label or an opaque object").at("on"));
     }
     let is_opaque = |m: &Material| m.alpha_mode == AlphaMode::Opaque;
     let opaque: Vec<bool> = instance.meshes.iter().map(|part| of(part).is_some_and(is_opaque)).collect();

@@ -70,8 +70,11 @@ impl AreaTable {
             (true, true) => Err(DefectProblem::new(
                 "no surface of the candidates faces the direction",
                 "turn the objects, name other ones, or leave the direction out",
-            )),
-            (true, false) => Err(DefectProblem::new("the candidates have no surface", "name objects with triangles")),
+            )
+            .at("facing")),
+            (true, false) => {
+                Err(DefectProblem::new("the candidates have no surface", "name objects with triangles").at("on"))
+            }
         }
     }
 
@@ -98,7 +101,7 @@ pub(super) fn refuse_emitters(scene: &SceneBuilder, on: &[usize]) -> Result<(), 
         let material = |part: &usize| scene.materials.get(scene.meshes.get(*part)?.material);
         if instance.meshes.iter().filter_map(material).any(emits) {
             let problem = format!("the object \"{}\" emits light", instance.name);
-            return Err(DefectProblem::new(problem, "name only objects that emit no light"));
+            return Err(DefectProblem::new(problem, "name only objects that emit no light").at("on"));
         }
     }
     Ok(())

@@ -55,7 +55,8 @@ pub(super) fn on_surface(
     Err(DefectProblem::new(
         format!("the defect \"{}\" finds no room on the surface: no place of {TRIES} fits", spec.name),
         "make it smaller, or name larger or smoother objects; a defect does not extend over sharp edges",
-    ))
+    )
+    .at("length"))
 }
 
 fn attempt(scene: &SceneBuilder, spec: &DefectSpec, anchor: &Anchor, rounding: f64, stream: &mut Pcg) -> Option<Made> {

@@ -139,10 +139,17 @@ pub(crate) struct DefectProblem {
     pub(crate) problem: String,
     /// Advice.
     pub(crate) help: &'static str,
+    /// The key of the study with the value at fault.
+    pub(crate) key: Option<&'static str>,
 }
 
 impl DefectProblem {
     pub(super) fn new(problem: impl Into<String>, help: &'static str) -> Self {
-        Self { problem: problem.into(), help }
+        Self { problem: problem.into(), help, key: None }
+    }
+
+    /// The same problem, at a key of the study.
+    pub(super) fn at(self, key: &'static str) -> Self {
+        Self { key: Some(key), ..self }
     }
 }

@@ -60,11 +60,13 @@ fn solids(scene: &SceneBuilder, spec: &DefectSpec) -> Result<(Vec<Solid>, Vec<f6
         (true, Some(name)) => Err(DefectProblem::new(
             format!("the object \"{name}\" is not closed"),
             "repair its mesh: a solid needs an inside",
-        )),
+        )
+        .at("on")),
         (true, None) => Err(DefectProblem::new(
             "no candidate is a clear solid",
             "name an object whose material is solid and has a transmission above 0",
-        )),
+        )
+        .at("on")),
     }
 }
 
@@ -89,7 +91,8 @@ pub(super) fn inside(
         return Err(DefectProblem::new(
             format!("the defect \"{}\" finds no room in the solid: no point of {TRIES} fits", spec.name),
             "make it smaller, or name larger objects",
-        ));
+        )
+        .at("length"));
     };
     let host = solid.instance;
     let instance = &scene.instances[host];
