@@ -398,7 +398,7 @@ fn a_lamp_that_shines_in_all_directions_does_not_face_away() {
 /// A camera above the table looks down, past a lamp that shines down.
 #[test]
 fn lamps_between_camera_and_part_are_hazards() {
-    let blocked = |x: f32, edit: &dyn Fn(&mut Material), up: bool| {
+    let blocked_part = |x: f32, edit: &dyn Fn(&mut Material), up: bool, is_small: bool| {
         let mut b = table();
         let mut material = lamp();
         edit(&mut material);
@@ -407,14 +407,21 @@ fn lamps_between_camera_and_part_are_hazards() {
         let (u, v) = if up { (Vec3::X, Vec3::Y) } else { (Vec3::Y, Vec3::X) };
         b.add_object("panel", rectangle(Vec3::new(x - 0.1, -0.1, 0.3), u * 0.2, v * 0.2), m);
         b.add_camera("above", DVec3::new(0.0, 0.001, 0.7), DVec3::ZERO, 0.4);
+        if is_small {
+            // It fills a tenth of the middle.
+            b.instances[0].to_world = DAffine3::from_scale(DVec3::splat(0.05));
+        }
         let (scene, _) = b.build().expect("valid");
         let camera = scene.ray_generator(&scene.cameras()[0], 32, 32).expect("a camera");
         let mut report = BuildReport::default();
         scene.report_blocked_view(&camera, [32, 32], &mut report);
         report.findings.iter().map(|f| format!("{}: {}", f.place, f.message)).collect::<Vec<_>>()
     };
+    let blocked = |x: f32, edit: &dyn Fn(&mut Material), up: bool| blocked_part(x, edit, up, false);
+    for is_small in [false, true] {
+        assert_eq!(blocked_part(0.0, &|_| (), false, is_small).len(), 1, "small part: {is_small}");
+    }
     let found = blocked(0.0, &|_| (), false);
-    assert_eq!(found.len(), 1, "{found:?}");
     assert!(found[0].starts_with("object \"panel\"") && found[0].contains("`elevation`"), "{found:?}");
     assert_eq!(blocked(0.3, &|_| (), false), [""; 0], "beside the axis");
     assert_eq!(blocked(0.0, &|m| m.is_back_invisible = true, false), [""; 0], "the image of a lamp in a beam splitter");

