@@ -101,7 +101,7 @@ fn a_study_draws_one_of_several_cameras() {
         bench.command(&format!("dataset --verify {set}")).assert().success();
     }
     fs::write(bench.path("bad.toml"), one.replace("[\"right\", \"left\"]", "[\"right\", \"top\"]")).expect("writable");
-    let assert = bench.command("dataset bad.toml -o c --count 2 --jobs 1").assert().code(1);
+    let assert = bench.command("dataset bad.toml -o c --count 2 --jobs 1").assert().code(2);
     let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
     assert!(message.contains("no camera \"top\"") && message.contains("left, right"), "{message}");
 }
@@ -162,4 +162,74 @@ fn key_points_and_stable_poses_are_in_all_files() {
     assert!(faces.len() > 3, "{faces:?}");
     fs::write(bench.path("bad.toml"), text.replacen(points, "", 1)).expect("writable");
     assert!(bench.refused("dataset bad.toml -o bad").contains("same number of key points"));
+}
+
+/// Two names with the same hash, of objects that the first 64 images do not have.
+#[test]
+fn objects_of_rare_images_have_ids_of_their_own() {
+    let object = |name: &str, first: bool| {
+        format!(
+            "[[object]]\nname = \"{name}\"\nkind = \"sphere\"\ndiameter = \"20mm\"\ntranslate = [\"-40mm\", \"10mm\", 0]\n\
+             visible = {{ sequence = [false, {first}, {}], repeat = 64 }}\n",
+            !first
+        )
+    };
+    let labels = "[[study.label]]\ncategory = \"extra\"\nobjects = \"extra *\"\n[[study.place]]\n";
+    let text = STUDY.replace("[[study.place]]\n", labels) + &object("extra 32", true) + &object("extra 70", false);
+    let bench = Bench::new(&text);
+    bench.run("dataset study.toml -o a --count 200 --index 70,140");
+    let set = bench.json("a/set.json");
+    let mut ids = Vec::new();
+    for (index, name) in [(70, "extra 32"), (140, "extra 70")] {
+        let record = bench.json(&format!("a/records/{index:06}.json"));
+        let instances = record["instances"].as_array().expect("instances");
+        let id = instances.iter().find(|i| i["name"] == name).expect(name)["id"].clone();
+        assert!(
+            set["instances"].as_array().expect("a list").iter().any(|i| i["id"] == id && i["name"] == name),
+            "{name}"
+        );
+        ids.push(id);
+    }
+    assert_ne!(ids[0], ids[1]);
+}
+
+#[test]
+fn a_study_changes_cameras_of_its_job_key_by_key() {
+    let (before, rest) = STUDY.split_once("[camera]").expect("a camera");
+    let (_, after) = rest.split_once("[film]").expect("a film");
+    let camera = |name: &str| {
+        format!(
+            "[[camera]]\nname = \"{name}\"\nposition = [0, \"300mm\", \"1mm\"]\nlook_at = [0, 0, 0]\nvertical_fov = \"25deg\"\n"
+        )
+    };
+    let fixed = |cameras: &str| {
+        format!("scene = \"none\"\n{cameras}[film]{after}")
+            .replace("{ expression = \"1.5 * supply\", unit = \"W\" }", "\"1.5W\"")
+            .replace("{ log_uniform = [\"6mm\", \"12mm\"] }", "\"8mm\"")
+    };
+    let tables = before.split_once("[study]").expect("a study").1;
+    let study = |own: &str| format!("[study]\njob = \"station.toml\"\n{tables}{own}");
+    let bench = Bench::new(STUDY);
+    let write = |name: &str, text: &str| fs::write(bench.path(name), text).expect("writable");
+    write("station.toml", &fixed(&camera("above")));
+    let field = "vertical_fov = { uniform = [\"20deg\", \"40deg\"] }\n";
+    for own in [format!("[camera]\n{field}"), format!("[[camera]]\nname = \"above\"\n{field}")] {
+        write("one.toml", &study(&own));
+        bench.run("dataset one.toml -o one --count 2");
+        let focal =
+            |index| bench.json(&format!("one/labels/{index:06}.json"))["camera"]["k"][0].as_f64().expect("a number");
+        assert_ne!(focal(0), focal(1));
+        fs::remove_dir_all(bench.path("one")).expect("removed");
+    }
+    write("station.toml", &fixed(&(camera("above") + &camera("aside"))));
+    for (own, words) in [
+        (format!("[camera]\n{field}"), "the job has several cameras"),
+        (format!("[camera]\nname = \"abuve\"\n{field}"), "no camera of this name"),
+    ] {
+        write("two.toml", &study(&own));
+        let message = bench.refused("dataset two.toml -o two");
+        assert!(message.contains(words) && message.contains("above, aside"), "{message}");
+    }
+    write("two.toml", &study(&format!("[[camera]]\nname = \"above\"\n{field}")));
+    bench.run("dataset two.toml -o two --count 1");
 }

@@ -5,5 +5,6 @@
 
 mod bench;
 mod content;
+mod refusals;
 mod runs;
 mod set_files;

@@ -32,7 +32,7 @@ pub(crate) struct ImageLabels {
     pub(crate) width: u32,
     pub(crate) height: u32,
     pub(crate) annotations: Vec<Annotation>,
-    /// The camera without its lens errors; `None` for a telecentric lens.
+    /// The camera without its lens errors; `None` for a telecentric lens and a line scan.
     pub(crate) camera: Option<Pinhole>,
     pub(crate) poses: Vec<Pose>,
     /// The key points of all objects of the image that have some, also of hidden ones.
@@ -73,7 +73,10 @@ pub(crate) fn images(files: &mut Files, name: &str, settings: &ImageSettings, fr
                 Picture::Gray(plane) => File::Gray8(plane),
                 Picture::Rgb(plane) => File::Rgb8(plane),
             };
-            files.push((format!("images/{name}.jpg"), encoded("picture", jpeg_bytes(picture, settings.quality))?));
+            files.push((
+                format!("images/{name}.jpg"),
+                encoded("picture", jpeg_bytes(picture, settings.quality.unwrap_or(95)))?,
+            ));
         }
     }
     if settings.linear == LinearFormat::None && !settings.raw {

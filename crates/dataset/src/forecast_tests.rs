@@ -68,6 +68,7 @@ fn the_samples_of_an_image_are_those_of_the_time_beside_exposure_and_plan() {
 fn an_image_without_a_level_has_its_true_reason() {
     let certificate = CertificateRecord { k: 1.0, hidden: 0.5, median: None, p99: Some(0.25), saturated: 0.5 };
     let record = |certificate| Record {
+        study: "study".into(),
         index: 0,
         drawn: BTreeMap::new(),
         seed: 0,

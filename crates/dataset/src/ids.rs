@@ -2,6 +2,7 @@
 
 use crate::label_entry::{KeyPoint, LabelEntry};
 use crate::names::ObjectNames;
+use crate::record::Record;
 use crate::study::Study;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -47,6 +48,26 @@ pub(crate) struct Ids {
     patterns: Vec<(LabelEntry, u16)>,
 }
 
+/// The name of each id in the images of a set. Ids by a hash of a name may be those of two names.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SetNames(BTreeMap<u16, (String, u64)>);
+
+impl SetNames {
+    /// Adds the instances of an image. Gives the problem if one has the id of another name.
+    pub(crate) fn add(&mut self, record: &Record) -> Option<String> {
+        for instance in &record.instances {
+            let (name, index) = self.0.entry(instance.id).or_insert_with(|| (instance.name.clone(), record.index));
+            if *name != instance.name {
+                return Some(format!(
+                    "the objects \"{name}\" of image {index} and \"{}\" of image {} have the same id {}",
+                    instance.name, record.index, instance.id
+                ));
+            }
+        }
+        None
+    }
+}
+
 /// The label of an object in one image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ObjectLabel {
@@ -88,6 +109,13 @@ impl Ids {
         for (category, name) in slots {
             let category = ids.category(category, true);
             ids.add(name, category);
+        }
+        // Objects of rare images come last, so that a study without them keeps its ids.
+        for (i, entry) in study.label.iter().enumerate() {
+            let category = ids.patterns.get(i).map_or(0, |(_, category)| *category);
+            for name in names.rare().iter().filter(|name| entry.objects.match_name(name)) {
+                ids.add(name, category);
+            }
         }
         if ids.instances.len() >= usize::from(FIRST_HASHED) {
             return Err((0, format!("{} instances are more than {FIRST_HASHED}", ids.instances.len())));

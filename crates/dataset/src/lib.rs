@@ -5,6 +5,8 @@
 
 #![forbid(unsafe_code)]
 
+mod cameras;
+mod checks;
 mod coco;
 mod deadline;
 mod defect;

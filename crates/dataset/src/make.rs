@@ -1,5 +1,6 @@
 //! One image of a set with its labels and its record.
 
+use crate::checks::{check, warnings};
 use crate::coco::Annotation;
 use crate::defect::{AddedDefect, DefectEntry, add_defects, entries};
 use crate::defects::PlacedDefect;
@@ -40,6 +41,7 @@ pub struct Worker {
     hulls: Hulls,
     session: Session<'static>,
     threads: usize,
+    warnings: Vec<String>,
 }
 
 /// An image, before its files are written.
@@ -121,8 +123,15 @@ impl Worker {
             );
             return Err(study.error(fault, &["study", "labels", "yolo"]).into());
         }
+        check(study, &project, &names)?;
+        let warnings = warnings(study, &project, &entries, &names);
         let session = Session::new(threads)?;
-        Ok(Self { study: study.clone(), project, ids, entries, hulls: Hulls::default(), session, threads })
+        Ok(Self { study: study.clone(), project, ids, entries, hulls: Hulls::default(), session, threads, warnings })
+    }
+
+    /// Settings of the study that have no effect, in sentences.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// The categories and instances of the set.
@@ -157,6 +166,10 @@ impl Worker {
     /// # Errors
     /// Values that the scene refuses, a placement that is impossible, and the errors of a render.
     pub fn make(&mut self, index: u64, seconds: Option<f64>, cancel: &Cancel) -> Result<Option<Made>, Error> {
+        if index >= MAX_COUNT {
+            let problem = format!("there is no image {index}");
+            return Err(Error::setting("index", problem, format!("a set has at most {MAX_COUNT} images, from 0")));
+        }
         let began = Instant::now();
         let mut job = self.study.job(index)?;
         let parts = self.change_scene(index, &mut job)?;
@@ -299,7 +312,7 @@ impl Worker {
         let refined: Vec<PixelBox> = parts
             .boxes
             .iter()
-            .map(|bounds| image_box(&camera, size, *bounds).unwrap_or([0, 0, width, height]))
+            .map(|bounds| image_box(&camera, scene.shutter(), size, *bounds).unwrap_or([0, 0, width, height]))
             .collect();
         let labelled = LabelCamera { rays: &rays, pose: camera.to_world, size };
         let on_film = LabelObjects { labels: &objects, bounds: &parts.labelled, refined: &refined };
@@ -318,7 +331,7 @@ impl Worker {
         let mut annotations: Vec<Annotation> = encode::annotations(index, wanted, &planes, &instances, &points);
         let file_name = files.iter().find(|(n, _)| n.starts_with("images/") || n.starts_with("linear/"));
         let file_name = file_name.map(|(n, _)| n.clone()).unwrap_or_default();
-        let pinhole = Pinhole::new(&camera, size);
+        let pinhole = Pinhole::new(&camera, scene.shutter(), size);
         let poses: Vec<encode::Pose> = (0..)
             .zip(&objects)
             .filter_map(|(i, label)| {
@@ -358,6 +371,7 @@ impl Worker {
         });
         let record = Record {
             index,
+            study: study.hash().to_owned(),
             drawn: job.drawn.iter().map(|(name, value)| (name.clone(), json_of(value))).collect(),
             seed: job.seed,
             frame: job.frame,

@@ -5,6 +5,7 @@ use crate::study::Study;
 use dunkelfeld::{Error, Project};
 use dunkelfeld_io::job::Job;
 use std::collections::BTreeSet;
+use toml::Value;
 
 /// Images whose objects get ids in their order.
 const LISTED: u64 = 64;
@@ -23,6 +24,8 @@ pub(crate) struct ObjectNames<'a> {
     variants: BTreeSet<String>,
     next: u64,
     listed: usize,
+    /// Names of later images, as far as the study has them.
+    rare: Vec<String>,
 }
 
 impl<'a> ObjectNames<'a> {
@@ -36,6 +39,7 @@ impl<'a> ObjectNames<'a> {
             variants: BTreeSet::new(),
             next: 0,
             listed: 0,
+            rare: Vec::new(),
         };
         names.extend(project.scene.object_names().to_vec());
         if !may_vary(&study.template) {
@@ -45,7 +49,41 @@ impl<'a> ObjectNames<'a> {
             names.read_next();
         }
         names.listed = names.names.len();
+        if may_vary(&study.template) {
+            names.add_rare();
+        }
         names
+    }
+
+    /// The names of objects that the first images do not have, as far as they follow from the study without a draw: each
+    /// alternative of a name, a scene or a kind, all that may be visible, and the largest numbers of copies.
+    pub(crate) fn rare(&self) -> &[String] {
+        &self.rare
+    }
+
+    fn add_rare(&mut self) {
+        /// Alternatives that are tried.
+        const MOST: usize = 256;
+        let study = self.study;
+        let alternatives = |value: &Template| study.alternatives_of(value);
+        let count = widest(&study.template, &|value| alternatives(value).len()).clamp(1, MOST);
+        for k in 0..count {
+            let template = extreme(&study.template, &|value| {
+                let values = alternatives(value);
+                values.get(k % values.len().max(1)).cloned()
+            });
+            let Ok(drawn) = study.with_template(template).job(0) else { continue };
+            let Ok(job) = Job::from_text(study.job_path(), drawn.text) else { continue };
+            if !self.variants.insert(variant(&job)) {
+                continue;
+            }
+            let Ok(found) = self.project.object_names_of(&job) else { continue };
+            for name in found {
+                if !self.known.contains(&name) && !self.rare.contains(&name) {
+                    self.rare.push(name);
+                }
+            }
+        }
     }
 
     /// The names that get ids in their order.
@@ -94,9 +132,51 @@ impl<'a> ObjectNames<'a> {
     }
 }
 
+/// The keys of an object or a light that decide about names.
+const KEYS: [&str; 7] = ["name", "kind", "visible", "instances", "grid", "enabled", "count"];
+
+/// The values that decide about the names of the objects, changed by a function; each other one stays.
+fn extreme(template: &Template, of: &dyn Fn(&Template) -> Option<Value>) -> Template {
+    let replaced = |value: &Template| of(value).map_or_else(|| value.clone(), Template::Fixed);
+    let Template::Table(keys) = template else { return template.clone() };
+    let entry = |item: &Template| match item {
+        Template::Table(entry) => {
+            let entry = entry.iter().map(|(key, value)| {
+                let value = match (key.as_str(), value) {
+                    (_, Template::Fixed(_)) => value.clone(),
+                    ("visible" | "enabled", _) => Template::Fixed(Value::Boolean(true)),
+                    (key, _) if KEYS.contains(&key) => replaced(value),
+                    _ => value.clone(),
+                };
+                (key.clone(), value)
+            });
+            Template::Table(entry.collect())
+        }
+        item => item.clone(),
+    };
+    let keys = keys.iter().map(|(key, value)| {
+        let value = match (key.as_str(), value) {
+            ("scene" | "import", _) => replaced(value),
+            ("object" | "light", Template::List(items)) => Template::List(items.iter().map(entry).collect()),
+            _ => value.clone(),
+        };
+        (key.clone(), value)
+    });
+    Template::Table(keys.collect())
+}
+
+/// The largest number of alternatives of the values that decide about the names of the objects.
+fn widest(template: &Template, count: &dyn Fn(&Template) -> usize) -> usize {
+    let most = std::cell::Cell::new(0);
+    extreme(template, &|value| {
+        most.set(most.get().max(count(value)));
+        None
+    });
+    most.get()
+}
+
 /// Can the images of a study have different objects?
 fn may_vary(template: &Template) -> bool {
-    const KEYS: [&str; 7] = ["name", "kind", "visible", "instances", "grid", "enabled", "count"];
     let is_drawn = |value: Option<&Template>| value.is_some_and(|value| !matches!(value, Template::Fixed(_)));
     let Template::Table(keys) = template else { return !matches!(template, Template::Fixed(_)) };
     is_drawn(keys.get("scene"))

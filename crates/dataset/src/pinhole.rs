@@ -1,7 +1,7 @@
 //! The camera of an image and the poses of its objects, in the frames of OpenCV and BOP.
 
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3};
-use dunkelfeld_scene::{Camera, Projection};
+use dunkelfeld_scene::{Camera, Projection, Shutter};
 use serde::{Deserialize, Serialize};
 
 /// A camera without its lens errors. The frame of the camera has x to the right, y down and z forward.
@@ -18,8 +18,12 @@ pub(crate) struct Pinhole {
 }
 
 impl Pinhole {
-    /// The camera of an image of `width` x `height` pixels; `None` for a telecentric lens, which has no such matrix.
-    pub(crate) fn new(camera: &Camera, [width, height]: [u32; 2]) -> Option<Self> {
+    /// The camera of an image of `width` x `height` pixels; `None` for a telecentric lens and for a line scan, which have
+    /// no such matrix. The rows of a line scan are of different times, all through one row of the lens.
+    pub(crate) fn new(camera: &Camera, shutter: Option<&Shutter>, [width, height]: [u32; 2]) -> Option<Self> {
+        if matches!(shutter, Some(Shutter::Lines(_))) {
+            return None;
+        }
         let Projection::Perspective { vertical_fov } = camera.projection else { return None };
         let (whole, origin, step) =
             camera.window.map_or(([width, height], [0.0; 2], 1.0), |window| (window.full, window.origin, window.step));
@@ -43,12 +47,17 @@ impl Pinhole {
 }
 
 /// A box of pixels that contains the image of a box of the world, with a margin for clear covers: left, top, right, bottom.
-/// `None` if it is not known: for a telecentric or distorting lens, and for a box that reaches behind the camera.
-pub(crate) fn image_box(camera: &Camera, size: [u32; 2], [low, high]: [DVec3; 2]) -> Option<[u32; 4]> {
+/// `None` if it is not known: for a line scan, a telecentric or distorting lens, and a box that reaches behind the camera.
+pub(crate) fn image_box(
+    camera: &Camera,
+    shutter: Option<&Shutter>,
+    size: [u32; 2],
+    [low, high]: [DVec3; 2],
+) -> Option<[u32; 4]> {
     /// Pixels beside the share of the film by which a cover of a few millimetres moves a point.
     const MARGIN: f64 = 4.0;
     const SHARE: f64 = 0.01;
-    let pinhole = Pinhole::new(camera, size).filter(|pinhole| pinhole.distortion == [0.0; 8])?;
+    let pinhole = Pinhole::new(camera, shutter, size).filter(|pinhole| pinhole.distortion == [0.0; 8])?;
     let to_camera = world_to_camera(camera.to_world);
     let mut bounds = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     for corner in 0..8 {

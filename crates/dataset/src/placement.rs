@@ -86,16 +86,27 @@ impl Placement {
         Ok(placement)
     }
 
+    /// An entry of a study, drawn for an image.
+    pub(crate) fn drawn(study: &Study, number: usize, index: u64) -> Result<Self, Fault> {
+        let draws = study.draws(index);
+        let drawn =
+            study.place[number].draw(draws, &format!("place[{number}]"), &mut study.named(draws), &mut |_, _| {});
+        drawn.and_then(Self::parse)
+    }
+
+    /// Does the entry place an object of this name?
+    pub(crate) fn has_object(&self, name: &str) -> bool {
+        self.objects.match_name(name)
+    }
+
     /// Checks the entries of a study before the first image: their keys, and that an image has their objects.
     ///
     /// # Errors
     /// The number of the entry, and the fault.
     pub(crate) fn check(study: &Study, names: &mut ObjectNames<'_>) -> Result<(), (usize, Fault)> {
-        let draws = study.draws(0);
-        for (number, template) in study.place.iter().enumerate() {
+        for number in 0..study.place.len() {
             let at = |fault: Fault| (number, fault);
-            let drawn = template.draw(draws, &format!("place[{number}]"), &mut study.named(draws), &mut |_, _| {});
-            let placement = drawn.and_then(Self::parse).map_err(at)?;
+            let placement = Self::drawn(study, number, 0).map_err(at)?;
             if !names.any(|name| placement.objects.match_name(name)) {
                 let help = "`dunkelfeld inspect` lists the objects";
                 return Err(at(Fault::new("no object has such a name", help).below("objects")));

@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use twox_hash::XxHash3_128;
 
-/// Version of the format of a set. In format 1, `set.json` had no `inputs` and no `files`.
-pub(crate) const FORMAT: u32 = 2;
+/// Version of the format of a set. In format 1, `set.json` had no `inputs` and no `files`. In format 2, records had no hash
+/// of the study, and `set.json` none of itself and of `study.toml`.
+pub(crate) const FORMAT: u32 = 3;
 
 /// The record of an image. It is a function of the study and the index: it contains no times and names no machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -13,6 +14,8 @@ pub(crate) const FORMAT: u32 = 2;
 pub struct Record {
     /// Index of the image in the set.
     pub index: u64,
+    /// Hash of the texts of the study, as in `set.json`.
+    pub study: String,
     /// The name and the value of each draw, of each placement and of each defect.
     pub drawn: BTreeMap<String, serde_json::Value>,
     /// Seed of the render and of the device.

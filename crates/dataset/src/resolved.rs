@@ -1,7 +1,9 @@
 //! The study in the folder of its set: it makes the same images from there.
 
+use crate::record::FileRecord;
 use crate::study::Study;
 use std::path::{Component, Path, PathBuf};
+use toml::{Table, Value};
 use toml_edit::{DocumentMut, Item, value};
 
 /// The text of the study for the folder of a set, which exists. The first line names the original. The text has the `name`
@@ -31,6 +33,25 @@ pub(crate) fn resolved_study(study: &Study, set: &Path, has_files: bool) -> Stri
             format!("# The study of {original}, for this folder: `folder` leads to its files.\n{text}")
         }
     }
+}
+
+/// XXH3 of [`stable_text`].
+pub(crate) fn text_hash(text: &str, name: &str) -> String {
+    FileRecord::of(stable_text(text, name).as_bytes()).hash
+}
+
+/// The keys and values of a study of a name, without what depends on its place: comments and `folder`. Those of
+/// [`resolved_study`] are the same.
+pub(crate) fn stable_text(text: &str, name: &str) -> String {
+    let stable = text.parse::<Table>().ok().and_then(|mut keys| {
+        let study = keys.get_mut("study").and_then(Value::as_table_mut)?;
+        study.remove("folder");
+        // The name may be in the text or not.
+        let own = study.remove("name").and_then(|name| name.as_str().map(str::to_owned));
+        let name = own.unwrap_or_else(|| name.to_owned());
+        Some(format!("{name}\n{}", toml::to_string(&keys).ok()?))
+    });
+    stable.unwrap_or_else(|| text.to_owned())
 }
 
 /// The relative path from a folder to another one, with slashes; both exist. `None` if they have no more than the root in
@@ -108,6 +129,10 @@ mod tests {
                 assert_eq!(study.job(index).expect("a job"), again.job(index).expect("a job"));
             }
             assert_eq!(again.job_path().canonicalize().ok(), at("jobs/job.toml").canonicalize().ok());
+            // The hash of the text is that of the original, and finds an edited value.
+            let hash = text_hash(study.text(), &study.name);
+            assert_eq!(text_hash(again.text(), &study.name), hash);
+            assert_ne!(text_hash(&again.text().replace("[1, 2]", "[1, 3]"), &study.name), hash);
         }
         // Without other files nothing but the name is added.
         fs::write(at("studies/alone.toml"), "scene = \"none\"\n[study]\nname = \"x\"\n").expect("written");

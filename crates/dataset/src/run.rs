@@ -1,6 +1,7 @@
 //! Makes the images of a set: several at a time, next to other processes that do the same.
 
 use crate::forecast::{LevelGap, Measured, Run, SetForecast};
+use crate::ids::SetNames;
 use crate::make::{Worker, checked_count};
 use crate::record::Cost;
 use crate::set::Set;
@@ -12,6 +13,9 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
+
+/// The longest time of a run: 10000 days \[s\].
+const MAX_SECONDS: f64 = 10_000.0 * 86_400.0;
 
 /// How a set is made.
 #[derive(Clone, Debug, Default, PartialEq, Setters)]
@@ -51,6 +55,9 @@ pub trait RunProgress: Sync {
 
     /// Receives the forecast of a run with a time, before its first image.
     fn forecast(&self, _: &SetForecast) {}
+
+    /// Receives a setting of the study that has no effect, before the first image.
+    fn warning(&self, _: &str) {}
 }
 
 /// The result of a run.
@@ -100,6 +107,10 @@ pub fn run(
         let problem = format!("there is no image {index}: the set has {count}, counted from 0");
         return Err(Error::setting("index", problem, "write a smaller index, or a larger --count"));
     }
+    if let Some(seconds) = options.seconds.filter(|seconds| !(0.0..=MAX_SECONDS).contains(seconds)) {
+        let problem = format!("a run of {seconds} s is out of range");
+        return Err(Error::setting("time", problem, "write a time up to 10000 days, or leave it out"));
+    }
     study.check_jobs(count)?;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = options.jobs.unwrap_or(cores).clamp(1, usize::try_from(count).unwrap_or(usize::MAX));
@@ -108,6 +119,7 @@ pub fn run(
     let first = Worker::open(study, threads)?;
     let is_new = !folder.exists();
     let set = first.open_set(folder, Some(count))?;
+    first.warnings().iter().for_each(|warning| progress.warning(warning));
     let mut wanted: Vec<u64> = match &options.indices {
         Some(indices) => indices.clone(),
         None => (0..count).collect(),
@@ -145,6 +157,7 @@ pub fn run(
         unmade: Mutex::new(Vec::new()),
         matched: Mutex::new((0.0, 0)),
         levels: Mutex::new(Vec::new()),
+        names: Mutex::default(),
         stop: AtomicBool::new(false),
     };
     shared.report();
@@ -239,6 +252,8 @@ struct Shared<'a> {
     matched: Mutex<(f64, u32)>,
     /// The levels of the images that were made.
     levels: Mutex<Vec<f64>>,
+    /// The names of the instances of the images that were made.
+    names: Mutex<SetNames>,
     stop: AtomicBool,
 }
 
@@ -292,6 +307,9 @@ impl Shared<'_> {
                 }
                 Err(e) => return Err(e),
             };
+            if let Some(problem) = self.names.lock().ok().and_then(|mut names| names.add(&image.record)) {
+                return Err(Error::setting("study.label", problem, "rename one of them"));
+            }
             let (record, _) = self.set.commit(claim, image)?;
             self.end(job, share, true);
             if let (Some(share), Ok(mut matched)) = (record.matched, self.matched.lock()) {

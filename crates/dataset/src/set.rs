@@ -2,12 +2,12 @@
 
 use crate::coco::{Category as CocoCategory, Coco, Image, Info};
 use crate::encode::{ImageLabels, json};
-use crate::ids::{Category, Ids, Instance};
+use crate::ids::{Category, Ids, Instance, SetNames};
 use crate::inputs::{InputRecord, changed_input};
 use crate::make::Made;
-use crate::record::{Cost, FORMAT, Record};
+use crate::record::{Cost, FORMAT, FileRecord, Record};
 use crate::report::{ReportError, SetView, SheetOptions, contact_sheet, page};
-use crate::resolved::resolved_study;
+use crate::resolved::{resolved_study, text_hash};
 use crate::study::{MAX_COUNT, PictureFormat, Segmentation, Study};
 use dunkelfeld::{Error, written};
 use dunkelfeld_io::InputError;
@@ -36,6 +36,8 @@ pub(crate) struct Manifest {
     pub(crate) program: String,
     pub(crate) study: String,
     pub(crate) study_hash: String,
+    /// XXH3 of the keys of `study.toml` without `folder`, which depends on its place.
+    pub(crate) study_text: String,
     /// The files that the images are made from.
     pub(crate) inputs: Vec<InputRecord>,
     /// The files of the whole set.
@@ -43,6 +45,20 @@ pub(crate) struct Manifest {
     pub(crate) count: u64,
     pub(crate) categories: Vec<Category>,
     pub(crate) instances: Vec<Instance>,
+    /// XXH3 of this description with an empty `hash`.
+    pub(crate) hash: String,
+}
+
+impl Manifest {
+    /// The hash of the description.
+    fn own_hash(&self) -> String {
+        FileRecord::of(&json(&Self { hash: String::new(), ..self.clone() })).hash
+    }
+
+    /// The description with its hash.
+    fn sealed(self) -> Self {
+        Self { hash: self.own_hash(), ..self }
+    }
 }
 
 /// The part of `set.json` that all formats have.
@@ -100,12 +116,15 @@ impl Set {
             program: program(),
             study: study.name.clone(),
             study_hash: study.hash().to_owned(),
+            study_text: text_hash(study.text(), &study.name),
             inputs,
             files: files_of(study),
             count,
             categories: ids.categories.clone(),
             instances: ids.instances.clone(),
-        };
+            hash: String::new(),
+        }
+        .sealed();
         match Self::read(path) {
             Ok(set) => {
                 let before = set.manifest;
@@ -127,6 +146,7 @@ impl Set {
                 }
                 if !is_empty {
                     manifest.count = manifest.count.max(before.count);
+                    manifest = manifest.sealed();
                     if manifest != before {
                         put(path, "set.json", &json(&manifest))?;
                     }
@@ -233,8 +253,28 @@ impl Set {
     /// whole. So this is for images that are the same from each process: those without a budget by time.
     ///
     /// # Errors
-    /// Those of the file system.
+    /// An image of another study, an index outside of the set, and those of the file system: then the files of the image are
+    /// removed.
     pub fn write(&self, made: Made) -> Result<(Record, Cost), Error> {
+        let (index, count) = (made.record.index, self.count());
+        if let Some(problem) = self.foreign(&made.record) {
+            return Err(Error::setting("image", problem, "make it by a worker of the study of this set"));
+        }
+        if index >= count {
+            let problem = format!("there is no image {index}: the set has {count}, counted from 0");
+            return Err(Error::setting("index", problem, "open the set with a larger count"));
+        }
+        let names: Vec<String> = made.files.iter().map(|(name, _)| name.clone()).collect();
+        self.put_image(made).inspect_err(|_| {
+            // Files without a record are of no use, and take the room of a full disk. A file that stays is replaced by the
+            // next attempt.
+            for name in names.into_iter().chain([cost_name(index)]).filter(|_| !self.is_finished(index)) {
+                let _ = fs::remove_file(self.path.join(name));
+            }
+        })
+    }
+
+    fn put_image(&self, made: Made) -> Result<(Record, Cost), Error> {
         let began = Instant::now();
         let Made { record, files, mut cost } = made;
         let index = record.index;
@@ -244,7 +284,7 @@ impl Set {
         let seconds = began.elapsed().as_secs_f64();
         cost.write += seconds;
         cost.total += seconds;
-        put(&self.path, &format!("costs/{index:06}.json"), &json(&cost))?;
+        put(&self.path, &cost_name(index), &json(&cost))?;
         put(&self.path, &record_name(index), &json(&record))?;
         Ok((record, cost))
     }
@@ -294,6 +334,28 @@ impl Set {
         Ok(())
     }
 
+    /// Has the description changed since the program wrote it? In a sentence.
+    pub(crate) fn changed_description(&self) -> Option<String> {
+        let changed = self.manifest.own_hash() != self.manifest.hash;
+        changed.then(|| "set.json differs from its hash: it was changed".into())
+    }
+
+    /// Has `study.toml` changed since the program wrote it, other than by its place? In a sentence.
+    pub(crate) fn changed_study(&self) -> Option<String> {
+        let text = match read_text(&self.path, "study.toml") {
+            Ok(text) => text,
+            Err(e) => return Some(e.to_string().replace("\n  help:", "; help:")),
+        };
+        let changed = text_hash(&text, &self.manifest.study) != self.manifest.study_text;
+        changed.then(|| "study.toml differs from the study of the set: it was changed".into())
+    }
+
+    /// The problem of a record of another study.
+    pub(crate) fn foreign(&self, record: &Record) -> Option<String> {
+        let is_foreign = record.study != self.manifest.study_hash;
+        is_foreign.then(|| format!("image {} is of another study than \"{}\"", record.index, self.manifest.study))
+    }
+
     /// The names of the files of the whole set.
     pub(crate) fn files(&self) -> &[String] {
         &self.manifest.files
@@ -314,8 +376,12 @@ impl Set {
     ) -> Result<(), Error> {
         let finished = self.finished();
         visit("records.jsonl", &|out| {
+            let mut names = SetNames::default();
             for index in &finished {
                 let record = self.record(*index).map_err(std::io::Error::other)?;
+                if let Some(problem) = names.add(&record) {
+                    return Err(std::io::Error::other(format!("{problem}; rename one of them in the study")));
+                }
                 out.write_all(&json(&record))?;
             }
             Ok(())
@@ -424,6 +490,10 @@ pub struct Claim {
 
 pub(crate) fn record_name(index: u64) -> String {
     format!("records/{index:06}.json")
+}
+
+fn cost_name(index: u64) -> String {
+    format!("costs/{index:06}.json")
 }
 
 /// The problem of a file that does not exist.

@@ -1,10 +1,12 @@
 //! The study file: a job in which values may be distributions, and the table `[study]` that describes the set.
 
+use crate::cameras::change_cameras;
 use crate::defect::entries;
 use crate::distribution::{Fault, Named, Template};
 use crate::draws::Draws;
 use crate::label_entry::{LabelEntry, check};
 use crate::named::NamedDraws;
+use crate::resolved::stable_text;
 use dunkelfeld::Error;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::{InputFiles, Role};
@@ -102,7 +104,7 @@ pub(crate) struct ImageSettings {
     /// The 8-bit picture, gamma 2.2. Default `"png"`.
     pub(crate) picture: PictureFormat,
     /// Quality of a JPEG, 1 to 100. Default 95.
-    pub(crate) quality: u8,
+    pub(crate) quality: Option<u8>,
     /// Linear grey values, 16 bit; a Bayer sensor gives its mosaic. Default `"none"`.
     pub(crate) linear: LinearFormat,
     /// Linear grey values without a header: rows from the top, little-endian, 16 bit. Default false.
@@ -111,7 +113,14 @@ pub(crate) struct ImageSettings {
 
 impl Default for ImageSettings {
     fn default() -> Self {
-        Self { picture: PictureFormat::Png, quality: 95, linear: LinearFormat::None, raw: false }
+        Self { picture: PictureFormat::Png, quality: None, linear: LinearFormat::None, raw: false }
+    }
+}
+
+impl ImageSettings {
+    /// Has the set no images?
+    fn is_none(&self) -> bool {
+        self.picture == PictureFormat::None && self.linear == LinearFormat::None && !self.raw
     }
 }
 
@@ -168,6 +177,14 @@ impl Default for LabelSettings {
             yolo: false,
             bop: false,
         }
+    }
+}
+
+impl LabelSettings {
+    /// Are all layers off?
+    fn is_none(&self) -> bool {
+        let layers = [self.masks, self.semantic, self.coverage > 1, self.depth, self.normals, self.yolo, self.bop];
+        layers.iter().all(|is_on| !is_on) && self.coco == Segmentation::None
     }
 }
 
@@ -296,9 +313,19 @@ impl Study {
             let help = "write the number of samples on each side of a pixel, 1 to 16";
             return Err(source.error_at_key(&["study", "labels", "coverage"], problem, help));
         }
-        if !(1..=100).contains(&study.images.quality) {
-            let problem = format!("{} is out of range", study.images.quality);
-            return Err(source.error_at_key(&["study", "images", "quality"], problem, "write 1 to 100"));
+        if let Some(quality) = study.images.quality {
+            let at = |problem: String, help| source.error_at_key(&["study", "images", "quality"], problem, help);
+            if !(1..=100).contains(&quality) {
+                return Err(at(format!("{quality} is out of range"), "write 1 to 100"));
+            }
+            if study.images.picture != PictureFormat::Jpeg {
+                let problem = "`quality` has no effect: only a JPEG has one".into();
+                return Err(at(problem, "write `picture = \"jpeg\"`, or remove `quality`"));
+            }
+        }
+        if study.images.is_none() && study.labels.is_none() {
+            let help = "choose a layer in [study.images] or [study.labels], such as `masks = true`";
+            return Err(source.error_at_key(&["study"], "the study has neither images nor labels", help));
         }
         let own = source.path().parent().unwrap_or(Path::new(""));
         let folder = study.folder.as_ref().map_or(own.to_path_buf(), |folder| own.join(folder));
@@ -322,7 +349,8 @@ impl Study {
             let help = "write a name without slashes, which can be the name of a folder";
             return Err(source.error_at_key(&["study", "name"], format!("{name:?} is not the name of a set"), help));
         }
-        let text = format!("{name}\n{}\n{}", toml::to_string(&base).unwrap_or_default(), source.text());
+        let own = stable_text(source.text(), &name);
+        let text = format!("{name}\n{}\n{own}", toml::to_string(&base).unwrap_or_default());
         let study = Self {
             name,
             count,
@@ -380,6 +408,19 @@ impl Study {
                 selected.get_or_insert(name.clone());
                 own.remove("camera");
             }
+            if let (Some(cameras), Some(Value::Array(list))) = (own.get("camera"), table.get_mut("camera")) {
+                let is_list = cameras.is_array();
+                let changes = match cameras {
+                    Value::Array(changes) => changes.as_slice(),
+                    change => std::slice::from_ref(change),
+                };
+                let added = change_cameras(list, changes, is_list).map_err(|e| self.error(e, &[]))?;
+                if added.is_empty() {
+                    own.remove("camera");
+                } else {
+                    own.insert("camera".into(), Value::Array(added));
+                }
+            }
             if own.contains_key("budget") {
                 // Limits of the job would end the images as well.
                 table.remove("budget");
@@ -421,6 +462,38 @@ impl Study {
         NamedDraws::new(&self.draw, draws)
     }
 
+    /// The alternatives of a value, at most 4096 of them, as far as they are known without a draw.
+    pub(crate) fn alternatives_of(&self, value: &Template) -> Vec<Value> {
+        const MOST: usize = 4096;
+        let count = value.alternatives(&self.draw, 0).min(MOST);
+        (0..count).filter_map(|k| value.alternative(k, &self.draw, 0)).collect()
+    }
+
+    /// The study with other keys of its job.
+    pub(crate) fn with_template(&self, template: Template) -> Self {
+        Self { template, ..self.clone() }
+    }
+
+    /// The value that selects the camera of an image, if it may be a name.
+    pub(crate) fn camera_choice(&self) -> Option<&Template> {
+        let of_job = || match &self.template {
+            Template::Table(keys) => keys.get("camera"),
+            _ => None,
+        };
+        self.camera.as_ref().or_else(of_job)
+    }
+
+    /// Have all images the scene and the cameras of the job?
+    pub(crate) fn has_one_scene(&self) -> bool {
+        let Template::Table(keys) = &self.template else { return true };
+        ["scene", "import"].iter().all(|key| matches!(keys.get(*key), None | Some(Template::Fixed(_))))
+    }
+
+    /// May the images have different devices?
+    pub(crate) fn has_devices(&self) -> bool {
+        self.device != Device::One
+    }
+
     /// The distribution of a named draw.
     pub(crate) fn named_template(&self, name: &str) -> Option<&Template> {
         self.draw.get(name)
@@ -431,7 +504,7 @@ impl Study {
         fault.in_file(&self.source, path)
     }
 
-    /// Hash of all texts of the study: sets of the same hash have the same images.
+    /// Hash of all texts of the study, without what depends on its place: sets of the same hash have the same images.
     pub fn hash(&self) -> &str {
         &self.hash
     }
@@ -496,86 +569,5 @@ fn no_camera_name() -> Fault {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::defect::DefectSettings;
-    use crate::placement::Placement;
-    use serde::de::DeserializeOwned;
-    use std::collections::BTreeSet;
-
-    /// The keys of a table, as its error about an unknown key lists them.
-    fn keys<T: DeserializeOwned>() -> BTreeSet<String> {
-        let error = toml::from_str::<T>("no-such-key = 1").err().expect("an unknown key").to_string();
-        let list = error.split_once("expected one of ").expect("a list").1;
-        list.split('`').skip(1).step_by(2).map(str::to_owned).collect()
-    }
-
-    #[test]
-    fn the_page_has_every_key_and_no_other() {
-        let page = include_str!("../../../docs/datasets.md");
-        let section = |title: &str| {
-            let from = page.find(&format!("\n{title}\n")).unwrap_or_else(|| panic!("{title}")) + title.len() + 2;
-            let end = page[from..].find("\n## ").into_iter().chain(page[from..].find("\n### ")).min();
-            &page[from..end.map_or(page.len(), |end| from + end)]
-        };
-        let listed = |title: &str, header: &str| -> BTreeSet<String> {
-            let text = section(title);
-            let table = &text[text.find(header).unwrap_or_else(|| panic!("{title}: {header}"))..];
-            let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
-            rows.flat_map(|row| row.split('|').nth(1).unwrap_or("").split('`').skip(1).step_by(2))
-                .map(str::to_owned)
-                .collect()
-        };
-        let tables = ["draw", "images", "labels", "label", "place", "defect"].map(str::to_owned);
-        let mut study = keys::<StudySettings>();
-        tables.iter().for_each(|table| assert!(study.remove(table), "{table}"));
-        assert_eq!(listed("## `[study]`", "| key |"), study);
-        assert_eq!(listed("### `[study.images]`", "| key |"), keys::<ImageSettings>());
-        assert_eq!(listed("### `[study.labels]`", "| key |"), keys::<LabelSettings>());
-        assert_eq!(listed("### `[[study.place]]`", "| key |"), keys::<Placement>());
-        let mut defect = keys::<DefectSettings>();
-        ["length", "width", "depth"].iter().for_each(|key| assert!(defect.remove(*key), "{key}"));
-        defect.insert("count".into());
-        assert_eq!(listed("## Defects", "| key |"), defect);
-        let kinds = listed("## Defects", "| kind |");
-        for kind in &kinds {
-            let known: crate::defects::DefectKind = Value::String(kind.clone()).try_into().expect("a kind");
-            let row = page.lines().find(|line| line.starts_with(&format!("| `{kind}` |"))).expect("a row");
-            let cells: Vec<&str> = row.split('|').map(str::trim).collect();
-            let sizes = ["length", "width", "depth"].into_iter().zip(&cells[3..6]).filter(|(_, cell)| **cell != "-");
-            let other = cells[6].split('`').skip(1).step_by(2);
-            let on_page: BTreeSet<&str> = sizes.map(|(key, _)| key).chain(other).collect();
-            assert_eq!(on_page, known.keys().iter().copied().collect(), "{kind}");
-        }
-        assert_eq!(kinds.len(), 10);
-        // Each distribution of the page can be read.
-        let distributions = section("## Distributions");
-        let mut count = 0;
-        for line in distributions.lines().filter(|line| line.starts_with("| `{")) {
-            let text = line.split('`').nth(1).expect("a table");
-            let example =
-                ["mean, deviation", "median, factor"].iter().fold(text.to_owned(), |t, w| t.replace(w, "3, 2"));
-            let example = example.replace("[a, b]", "[1, 2]").replace("min = a, max = b", "min = 1, max = 9");
-            let example = example.replace("[x, y, z]", "[\"x\", \"y\", \"z\"]").replace("repeat = n", "repeat = 5");
-            let mut table: Table = format!("v = {example}").parse().unwrap_or_else(|e| panic!("{example}: {e}"));
-            let value = table.remove("v").expect("a value");
-            assert!(matches!(Template::parse(value), Ok(Template::Drawn(_))), "{example}");
-            count += 1;
-        }
-        assert_eq!(count, crate::distribution::KINDS.len());
-    }
-
-    #[test]
-    fn the_shipped_study_is_read() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes/studies/symbols.toml");
-        let study = Study::open(path).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()));
-        study.check_jobs(20).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()));
-        let [a, b] = [0, 1].map(|index| study.job(index).expect("a job"));
-        assert_ne!(a.seed, b.seed, "each image has its own device");
-        assert_eq!(a, study.job(0).expect("a job"));
-        let table: Table = a.text.parse().expect("TOML");
-        let lights = table["light"].as_array().expect("lights");
-        assert!(lights.iter().all(|light| light["power"] == lights[0]["power"]), "one supply: {lights:?}");
-        assert!(table["budget"].get("time").is_none(), "the budget of the study replaces that of the job");
-    }
-}
+#[path = "study_tests.rs"]
+mod tests;

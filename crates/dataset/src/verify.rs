@@ -2,6 +2,7 @@
 
 use crate::coco::Segmentation;
 use crate::encode::ImageLabels;
+use crate::ids::SetNames;
 use crate::record::{FileRecord, Record};
 use crate::set::{Content, REPORT, Set, read_bytes};
 use dunkelfeld::{Error, InputError};
@@ -47,7 +48,7 @@ impl Verified {
     }
 }
 
-/// Checks a set: the description, the record of each image, the size and the hash of each file, the masks against the
+/// Checks a set: the description and the study by their hashes, the record of each image, the size and the hash of each file, the masks against the
 /// records and the annotations, and the files of the whole set byte by byte against those that the finished images give.
 /// The latter only if this version of the program made the set. `report.html` contains times and must only exist. An unfinished set may have no files of the whole set.
 ///
@@ -56,13 +57,14 @@ impl Verified {
 pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Error> {
     let set = Set::read(folder)?;
     let mut found = Verified { count: set.count(), ..Verified::default() };
+    set.changed_description().into_iter().chain(set.changed_study()).for_each(|problem| found.fault(problem));
     let other = set.other_version();
     if let Some(problem) = &other {
         // The images may have other files, also if nothing changed since they were made.
         let rest = "the files of the whole set are not compared; help: use that version";
         found.fault(format!("{} {problem}; {rest}", folder.display()));
     }
-    let mut annotations = 0;
+    let (mut annotations, mut names) = (0, SetNames::default());
     for index in 0..set.count() {
         progress(index, set.count());
         if !set.is_finished(index) {
@@ -70,7 +72,11 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
         }
         found.finished += 1;
         match set.record(index) {
-            Ok(record) if record.index == index => annotations += check_image(&set, &record, &mut found),
+            Ok(record) if record.index == index => {
+                let problems = names.add(&record).into_iter().chain(set.foreign(&record));
+                problems.for_each(|problem| found.fault(problem));
+                annotations += check_image(&set, &record, &mut found);
+            }
             Ok(record) => found.fault(format!("record {index} is that of image {}", record.index)),
             Err(e) => found.fault(one_line(&e)),
         }
@@ -87,11 +93,8 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
 fn check_whole(set: &Set, found: &mut Verified) {
     let is_there = |name: &str| set.path().join(name).exists();
     let is_finished = found.finished == found.count;
-    for name in ["study.toml", REPORT] {
-        let is_expected = name != REPORT || (is_finished && set.files().iter().any(|file| file == REPORT));
-        if is_expected && !is_there(name) {
-            found.fault(format!("{name} does not exist"));
-        }
+    if is_finished && set.files().iter().any(|file| file == REPORT) && !is_there(REPORT) {
+        found.fault(format!("{REPORT} does not exist"));
     }
     if !is_finished && !set.files().iter().any(|name| is_there(name)) {
         return;

@@ -112,6 +112,10 @@ impl RunProgress for SetProgress<'_> {
         }
     }
 
+    fn warning(&self, warning: &str) {
+        self.sink.say(&format!("warning: {warning}"));
+    }
+
     fn forecast(&self, forecast: &SetForecast) {
         match self.sink {
             Sink::Json => say_object(&json!({

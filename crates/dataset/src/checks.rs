@@ -1,0 +1,122 @@
+//! Checks of a study beside its scene: what would have no effect is an error, or a warning where it is harmless.
+
+use crate::defect::DefectEntry;
+use crate::distribution::Fault;
+use crate::names::ObjectNames;
+use crate::placement::Placement;
+use crate::study::Study;
+use dunkelfeld::{Error, Project, SensorChoice};
+use dunkelfeld_scene::{Projection, Shutter};
+use toml::Value;
+
+/// Checks the parts of a study against each other, and against the scene of image 0.
+///
+/// # Errors
+/// An object in two entries, a camera that does not exist, a camera matrix of a line scan.
+pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>) -> Result<(), Error> {
+    check_labels(study, names)?;
+    check_places(study, names)?;
+    check_cameras(study, project)?;
+    if study.labels.bop && matches!(project.scene.shutter(), Some(Shutter::Lines(_))) {
+        let fault = Fault::new(
+            "BOP has a camera matrix for each image, and a line scan has none: its rows are of different times",
+            "write `bop = false`; `labels/*.json` has the poses at the start of the exposure",
+        );
+        return Err(study.error(fault, &["study", "labels", "bop"]).into());
+    }
+    Ok(())
+}
+
+/// An object has one category and one list of key points.
+fn check_labels(study: &Study, names: &ObjectNames<'_>) -> Result<(), Error> {
+    for name in names.listed() {
+        let mut found = study.label.iter().enumerate().filter(|(_, entry)| entry.objects.match_name(name));
+        let Some((first, entry)) = found.next() else { continue };
+        let differs = |other: &crate::label_entry::LabelEntry| {
+            (&other.category, &other.keypoints, &other.skeleton) != (&entry.category, &entry.keypoints, &entry.skeleton)
+        };
+        if let Some((number, _)) = found.find(|(_, other)| differs(other)) {
+            let problem = format!("the object \"{name}\" is in entry {} of [[study.label]] as well", first + 1);
+            let fault =
+                Fault::new(problem, "leave it in one of them: an object has one category and one set of key points");
+            return Err(study.error(fault, &["study", "label", &number.to_string(), "objects"]).into());
+        }
+    }
+    Ok(())
+}
+
+/// An object is placed once.
+fn check_places(study: &Study, names: &ObjectNames<'_>) -> Result<(), Error> {
+    let at = |fault: Fault, number: usize| study.error(fault, &["study", "place", &number.to_string()]);
+    let mut places = Vec::new();
+    for number in 0..study.place.len() {
+        places.push(Placement::drawn(study, number, 0).map_err(|fault| at(fault, number))?);
+    }
+    for name in names.listed() {
+        let mut found = (0..).zip(&places).filter(|(_, place)| place.has_object(name));
+        if let (Some((first, _)), Some((number, _))) = (found.next(), found.next()) {
+            let problem = format!("entry {} of [[study.place]] places the object \"{name}\" as well", first + 1);
+            let fault = Fault::new(problem, "leave it in one of them").below("objects");
+            return Err(at(fault, number).into());
+        }
+    }
+    Ok(())
+}
+
+/// The cameras that any image may have, if the scene is the same in all of them.
+fn check_cameras(study: &Study, project: &Project) -> Result<(), Error> {
+    let Some(choice) = study.camera_choice().filter(|_| study.has_one_scene()) else { return Ok(()) };
+    let cameras = project.scene.cameras();
+    for value in study.alternatives_of(choice) {
+        let Value::String(name) = &value else { continue };
+        if !cameras.iter().any(|camera| camera.name == *name) {
+            let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
+            let problem = format!("there is no camera \"{name}\"");
+            let fault = Fault::new(problem, format!("the cameras are {}", names.join(", ")));
+            return Err(study.error(fault, study.camera_key()).into());
+        }
+    }
+    Ok(())
+}
+
+/// Settings of a study that have no effect and do no harm, in sentences.
+pub(crate) fn warnings(
+    study: &Study,
+    project: &Project,
+    entries: &[DefectEntry],
+    names: &ObjectNames<'_>,
+) -> Vec<String> {
+    let mut found = Vec::new();
+    if let SensorChoice::Emva { model, .. } = &project.settings.sensor
+        && study.has_devices()
+        && model.spec().fixed_pattern == Default::default()
+        && model.spec().defects == Default::default()
+    {
+        found.push(
+            "`device` varies, and the sensor has no fixed pattern: its DSNU, its PRNU and its defect pixels are 0, so that \
+             devices differ in the seed of their noise alone"
+                .to_owned(),
+        );
+    }
+    if study.labels.coverage > 1 && !study.labels.masks {
+        found.push(
+            "`coverage` is the share of the instance of the mask, and the study has no masks: write `masks = true`"
+                .into(),
+        );
+    }
+    let is_telecentric =
+        |camera: &dunkelfeld_scene::Camera| !matches!(camera.projection, Projection::Perspective { .. });
+    let has_camera =
+        |camera: &&dunkelfeld_scene::Camera| project.settings.camera.as_ref().is_none_or(|name| camera.name == *name);
+    if study.labels.bop && project.scene.cameras().iter().find(has_camera).is_some_and(is_telecentric) {
+        found.push("`scene_camera.json` is empty: a telecentric lens has no camera matrix".into());
+    }
+    for entry in entries {
+        let Some((name, most, objects)) = entry.excess(study, names) else { continue };
+        found.push(format!(
+            "the entry \"{name}\" changes up to {most} objects of an image, and {objects} of the first images match; an \
+             object changes once, and the others are not made"
+        ));
+    }
+    found
+}
