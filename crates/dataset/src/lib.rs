@@ -36,6 +36,7 @@ mod rle;
 mod run;
 mod set;
 mod stable;
+mod stable_text;
 mod study;
 mod surface_path;
 mod surroundings;

@@ -1,9 +1,7 @@
 //! The study in the folder of its set: it makes the same images from there.
 
-use crate::record::FileRecord;
 use crate::study::Study;
 use std::path::{Component, Path, PathBuf};
-use toml::{Table, Value};
 use toml_edit::{DocumentMut, Item, value};
 
 /// The text of the study for the folder of a set, which exists. The first line names the original. The text has the `name`
@@ -35,25 +33,6 @@ pub(crate) fn resolved_study(study: &Study, set: &Path, has_files: bool) -> Stri
     }
 }
 
-/// XXH3 of [`stable_text`].
-pub(crate) fn text_hash(text: &str, name: &str) -> String {
-    FileRecord::of(stable_text(text, name).as_bytes()).hash
-}
-
-/// The keys and values of a study of a name, without what depends on its place: comments and `folder`. Those of
-/// [`resolved_study`] are the same.
-pub(crate) fn stable_text(text: &str, name: &str) -> String {
-    let stable = text.parse::<Table>().ok().and_then(|mut keys| {
-        let study = keys.get_mut("study").and_then(Value::as_table_mut)?;
-        study.remove("folder");
-        // The name may be in the text or not.
-        let own = study.remove("name").and_then(|name| name.as_str().map(str::to_owned));
-        let name = own.unwrap_or_else(|| name.to_owned());
-        Some(format!("{name}\n{}", toml::to_string(&keys).ok()?))
-    });
-    stable.unwrap_or_else(|| text.to_owned())
-}
-
 /// The relative path from a folder to another one, with slashes; both exist. `None` if they have no more than the root in
 /// common: then the path would contain all of the absolute path.
 fn way(from: &Path, to: &Path) -> Option<String> {
@@ -82,6 +61,7 @@ fn way(from: &Path, to: &Path) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stable_text::text_hash;
     use std::fs;
 
     #[test]

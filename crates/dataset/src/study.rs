@@ -6,7 +6,7 @@ use crate::distribution::{Fault, Named, Template};
 use crate::draws::Draws;
 use crate::label_entry::{LabelEntry, check};
 use crate::named::NamedDraws;
-use crate::resolved::stable_text;
+use crate::stable_text::stable_text;
 use dunkelfeld::Error;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::{InputFiles, Role};
