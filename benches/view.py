@@ -140,6 +140,23 @@ def show_knobs(page, is_film=True, is_running=False):
         print(f"  {name}: median {median:.0f} ms, 95 % {high:.0f} ms", flush=True)
 
 
+def show_answers(view):
+    """Time of the server to answer a knob, without a page."""
+    camera = view.camera()
+    for noise in ["plain", "matched"]:
+        for knob, value in [("device", lambda i: i + 11), ("exposure", lambda i: 3e-3 + 1e-4 * i)]:
+            times = []
+            for i in range(20):
+                began = time.monotonic()
+                changed = {**camera, "noise": noise, knob: value(i)}
+                view.picture("frame", {"camera": changed, "frame": 0, "tone": "gamma", "exact": False})
+                times.append(1e3 * (time.monotonic() - began))
+                time.sleep(0.05)
+            print(
+                f"  answer to {knob} with noise {noise}: median {statistics.median(times):.0f}, largest {max(times):.0f} ms"
+            )
+
+
 def show_first_changes(page):
     """Knobs that need an analysis, before the first analysis of a scene."""
     for knob, value, off in [("noise", "matched", "plain"), ("denoise", "auto", "off")]:
@@ -265,6 +282,8 @@ def main():
                         if width == 1024:
                             show_knobs(page, is_running=state == "running")
                     if width == 1024:
+                        driver.get("about:blank")
+                        show_answers(view)
                         body = {"what": ["exr"], "name": "knobs", "camera": view.camera(), "frame": 0}
                         view.post("save", body)
                     driver.get("about:blank")

@@ -11,9 +11,11 @@ use dunkelfeld_dataset::{
     Cost, Deadline, LevelGap, Made as MadeImage, Record, RunOptions, RunProgress, RunState, RunSummary, Set,
     SetForecast, Study as SetStudy, Worker, run, verify,
 };
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 use std::collections::BTreeMap;
+use std::ffi::CString;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -208,6 +210,10 @@ impl RunProgress for Reports<'_> {
         let Some(function) = self.function else { return };
         let arguments = (state.finished, state.count, state.elapsed, state.remaining);
         self.check(Python::attach(|py| function.call1(py, arguments).map(|_| ())));
+    }
+
+    fn warning(&self, warning: &str) {
+        self.check(Python::attach(|py| PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(warning)?, 0)));
     }
 
     fn forecast(&self, forecast: &SetForecast) {
