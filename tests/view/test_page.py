@@ -166,6 +166,20 @@ def test_refused_camera(mock_page):
     page.assert_quiet_console(refusals=True)
 
 
+def test_numbers_out_of_range_are_refused_and_forgotten(mock_page):
+    page = mock_page(*FROZEN)
+    for knob, key, value in [("temperature-value", "temperature", "300"), ("gain-value", "gain", "0")]:
+        before = page.log("/api/frame")[-1]["body"]["camera"]
+        page.set(knob, value)
+        assert "out of range" in page.text("problems")
+        page.set("black-level", "100" if key == "gain" else "90")
+        page.settle()
+        after = page.log("/api/frame")[-1]["body"]["camera"]
+        assert after[key] == before[key] and after["black_level"] != before["black_level"]
+        assert page.text("problems") == ""
+    page.assert_quiet_console()
+
+
 def test_provisional_pictures_are_asked_for_again(mock_page):
     page = mock_page(*FROZEN)
     page.set("noise", "plain")

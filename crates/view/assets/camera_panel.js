@@ -20,7 +20,9 @@ export function cameraPanel(store, problems) {
   store.on(["camera", "state"], () => showKnobs(store));
   store.on(["kept", "camera"], () => showKept(store));
   // A message about a text is outdated when a knob has moved.
-  store.on("camera", () => problems.clear("exposure"));
+  store.on("camera", () => {
+    for (const key of ["exposure", "gain", "temperature"]) problems.clear(key);
+  });
   store.on("picture", () => {
     showFrame(store);
     showExposure(store);
@@ -46,6 +48,24 @@ function followKnobs(store, problems) {
       else showKnobs(store, true);
     });
   };
+  /**
+   * The number if it is in the range of its knob, and otherwise null with a message.
+   * @param {string} key
+   * @param {string} name
+   * @param {number} value
+   * @param {[number, number] | undefined} range
+   */
+  const within = (key, name, value, range) => {
+    const [low, high] = range ?? [-Infinity, Infinity];
+    if (value >= low && value <= high) {
+      problems.clear(key);
+      return value;
+    }
+    problems.setText(key, {
+      problem: `${name} ${number(value)} is out of range.`, place: null, help: `Type ${number(low)} to ${number(high)}.`,
+    });
+    return null;
+  };
   knob("sensor", "change", (value) => ({ sensor: value === "" ? null : value }));
   knob("exposure", "input", (value) => ({ exposure: rounded(10 ** Number(value)) }));
   knob("exposure-value", "change", (value) => {
@@ -66,9 +86,16 @@ function followKnobs(store, problems) {
     exposure: input("exposure-auto").checked ? null : shownExposure(store),
   }));
   knob("gain", "input", (value) => ({ gain: rounded(10 ** Number(value)) }));
-  knob("gain-value", "change", (value) => (Number(value) > 0 ? { gain: Number(value) } : null));
+  knob("gain-value", "change", (value) => {
+    const gain = within("gain", "The gain", Number(value), store.server?.ranges.gain);
+    return gain === null ? null : { gain };
+  });
   knob("temperature", "input", (value) => ({ temperature: Number(value) }));
-  knob("temperature-value", "change", (value) => (value === "" ? null : { temperature: Number(value) }));
+  knob("temperature-value", "change", (value) => {
+    const temperature = value === "" ? null
+      : within("temperature", "The temperature", Number(value), store.server?.ranges.temperature);
+    return temperature === null ? null : { temperature };
+  });
   knob("temperature-model", "change", () => ({
     temperature: input("temperature-model").checked ? null : Number(input("temperature").value),
   }));
