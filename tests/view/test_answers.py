@@ -227,18 +227,18 @@ def test_large_seeds_keep_their_digits(view, open_page):
     page.idle()
     page.click("device-next")
     page.idle()
-    assert page.frame()["camera"]["device"] == str(seed + 1)
+    assert page.js("return window.dunkelfeld.frame().camera.device") == str(seed + 1)
     page.set("device", "77")
     page.idle()
-    assert page.frame()["camera"]["device"] == 77
+    assert page.js("return window.dunkelfeld.frame().camera.device") == 77
     # A larger one than that of a job is none.
     page.set("device", str(2**63))
     page.idle()
-    assert page.frame()["camera"]["device"] == 77
+    assert page.js("return window.dunkelfeld.frame().camera.device") == 77
     # A page that is loaded again keeps the knobs.
     page.driver.refresh()
     page.wait(lambda: page.frame() is not None, "a picture")
-    assert page.frame()["camera"]["device"] == 77
+    assert page.js("return window.dunkelfeld.frame().camera.device") == 77
 
 
 def test_changes_that_cannot_be_rendered_are_refused(view):
