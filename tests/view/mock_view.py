@@ -45,10 +45,12 @@ class MockView:
         self.left_out, self.saved, self.ablations = set(), [], {}
         self.log, self.settings = [], {"delay": 0.0, "frozen": options.freeze}
         # `mute`: no state is sent. `no_picture`: the film of the state is not there yet. `regions`: a fault of all regions.
+        # `black`: frames without light.
         self.settings |= {
             "mute": options.mute,
             "no_picture": False,
             "regions": None,
+            "black": False,
             "analysis": "exact",
             "prepared": 0,
             "timed": None,
@@ -287,6 +289,7 @@ class MockView:
             "film": film["id"],
             "exposure": shot["exposure"],
             "no_light": False,
+            "is_black": self.settings["black"],
             "saturated": float(np.mean(shot["dn"] >= shot["white"])),
             "matched": shot["matched"],
             "analysis": self.settings["analysis"],

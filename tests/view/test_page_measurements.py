@@ -45,6 +45,54 @@ def test_refused_measurements_have_no_values(mock_page):
     page.assert_quiet_console(refusals=True)
 
 
+def test_texts_of_regions_are_taken_or_refused(mock_page):
+    page = mock_page(*FROZEN)
+    page.set("region1", "10 10 60 60")
+    page.set("line", f"0,0; {WIDTH - 1}, {HEIGHT - 1}")
+    page.settle()
+    assert page.value("region1") == "10 10 60 60" and page.value("line") == f"0 0 {WIDTH - 1} {HEIGHT - 1}"
+    assert page.text("problems") == ""
+    size = f"{WIDTH} x {HEIGHT}"
+    cases = [
+        ("region1", "10 10 60", "four whole numbers"),
+        ("region1", "10 10 60 60 70", "four whole numbers"),
+        ("region1", "10 10 60 6o", "four whole numbers"),
+        ("region1", "10.5 10 60 60", "four whole numbers"),
+        ("region1", "1e1 10 60 60", "four whole numbers"),
+        ("region1", "60 10 10 60", "contains no pixel"),
+        ("region1", f"10 10 {WIDTH + 1} 60", size),
+        ("region1", "-1 10 60 60", size),
+        ("line", f"0 0 {WIDTH} 5", size),
+        ("line", "left", "four whole numbers"),
+    ]
+    count = len(page.log("/api/regions"))
+    before = {id_: page.value(id_) for id_ in ("region1", "line")}
+    for id_, text, part in cases:
+        page.set(id_, text)
+        page.settle()
+        assert part in page.text("problems") and "for example" in page.text("problems"), (text, page.text("problems"))
+        assert page.value(id_) == before[id_], text
+        assert page.text("region1-pixels") != UNKNOWN
+    assert len(page.log("/api/regions")) == count
+    page.set("region1", f"0 0 {WIDTH} {HEIGHT}")
+    page.settle()
+    assert page.text("problems") == "" and page.last("/api/regions")["regions"] == [[0, 0, WIDTH, HEIGHT]]
+    page.assert_quiet_console()
+
+
+def test_a_black_picture_is_not_good_enough(mock_page):
+    page = mock_page(*FROZEN)
+    page.set("target", "4")
+    page.wait(lambda: page.attribute("verdict", "data-level") != "none", "a verdict")
+    page.mock.settings["black"] = True
+    page.click("next-frame")
+    page.wait(lambda: page.attribute("verdict", "data-level") == "none", "the verdict of a black picture")
+    assert page.text("verdict-name") == "Black picture" and "Check the lights" in page.text("verdict-text")
+    page.mock.settings["black"] = False
+    page.click("next-frame")
+    page.wait(lambda: page.attribute("verdict", "data-level") != "none", "the verdict of a picture with light")
+
+
 def test_a_restart_measures_again(mock_page):
     page = mock_page(*FROZEN)
     page.mock.settings["regions"] = "No."

@@ -83,7 +83,7 @@ def test_words_of_the_time(mock_page):
             "forecast": [{"k": level, "seconds": t, "spp": n} for (level, t), n in zip(forecast, spp)],
         }
         return page.driver.execute_async_script(
-            "const done = arguments[2]; import('/assets/accuracy.js').then(m => done([m.timeOfLevel(arguments[0], arguments[1]), m.timeSentence(arguments[0], arguments[1]), m.verdict({...arguments[0], target: arguments[1]}).level]))",
+            "const done = arguments[2]; import('/assets/accuracy.js').then(m => done([m.timeOfLevel(arguments[0], arguments[1]), m.timeSentence(arguments[0], arguments[1]), m.verdict({...arguments[0], target: arguments[1]}, false).level]))",
             changed,
             k,
         )

@@ -1,6 +1,7 @@
 //! The likely cause of a black image, and its cure.
 
 use crate::project::ProjectResult;
+use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::Number;
 use dunkelfeld_render::RenderedFilm;
 use dunkelfeld_scene::Scene;
@@ -9,6 +10,12 @@ use dunkelfeld_scene::Scene;
 const NEARLY_ALL: f64 = 0.999;
 /// A pixel with fewer expected photo-electrons is black.
 const ONE_ELECTRON: f32 = 1.0;
+
+/// The share of the pixels with less than one expected photo-electron, if it is nearly all of them.
+pub(crate) fn black_share(electrons: &Plane<f32>) -> Option<f64> {
+    let black = electrons.data().iter().filter(|&&e| e < ONE_ELECTRON).count() as f64;
+    Some(black / electrons.data().len() as f64).filter(|share| *share >= NEARLY_ALL)
+}
 
 /// The likely cause of an image without light, and its cure; `None` for an image with light.
 ///
@@ -28,14 +35,12 @@ pub fn black_image(scene: &Scene, result: &ProjectResult) -> Option<String> {
         return Some(format!("the image is black: {percent} % of its pixels have no light: {}", cause(scene, film)));
     }
     let sensor = result.frame.sensor.as_ref()?;
-    let dark = sensor.electrons.data().iter().filter(|&&e| e < ONE_ELECTRON).count() as f64 / (width * height);
-    (dark >= NEARLY_ALL && !result.frame.no_light).then(|| {
-        let percent = Number((1000.0 * dark).floor() / 10.0);
-        let time = Number(sensor.exposure.time().0);
-        format!(
-            "the image is black: {percent} % of its pixels receive less than one photo-electron in {time} s; expose longer (`exposure` in [sensor], or --exposure auto), or raise the light (`power` in [[light]])"
-        )
-    })
+    let share = black_share(&sensor.electrons).filter(|_| !result.frame.no_light)?;
+    let percent = Number((1000.0 * share).floor() / 10.0);
+    let time = Number(sensor.exposure.time().0);
+    Some(format!(
+        "the image is black: {percent} % of its pixels receive less than one photo-electron in {time} s; expose longer (`exposure` in [sensor], or --exposure auto), or raise the light (`power` in [[light]])"
+    ))
 }
 
 fn cause(scene: &Scene, film: &RenderedFilm) -> &'static str {

@@ -1,5 +1,6 @@
 //! An image and a camera: exposes a film or an EXR again and again, without a render.
 
+use crate::black_image::black_share;
 use crate::commands::expose::{ExposeSettings, check};
 use crate::exr_image::ExrImage;
 use crate::frame::{Frame, Picture, SensorFrame};
@@ -341,6 +342,11 @@ impl Exposer {
     /// Was the image so dark that no automatic exposure exists? The longest one was used then.
     pub fn no_light(&self) -> bool {
         self.no_light
+    }
+
+    /// Is the image black: do 99.9 % of the pixels receive less than one photo-electron?
+    pub fn is_black(&self) -> bool {
+        black_share(&self.electrons).is_some()
     }
 
     /// Pixels whose radiance was negative or not a number (they count as black) or infinite (they saturate).

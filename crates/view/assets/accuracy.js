@@ -198,10 +198,17 @@ export function forecastNote(state) {
 
 /**
  * @param {State} state
+ * @param {boolean} isBlack nearly no pixel receives a photo-electron
  * @returns {Verdict}
  */
-export function verdict(state) {
+export function verdict(state, isBlack) {
   const k = levelNow(state);
+  if (isBlack) {
+    return {
+      level: "none", title: "Black picture",
+      text: "Nearly no pixel receives a photo-electron. Check the lights and the exposure time.",
+    };
+  }
   if (k === null && state.source === "exr") {
     return {
       level: "none", title: "No verdict",

@@ -113,12 +113,15 @@ export function bytes(value) {
 }
 
 /**
- * The numbers in a text, whatever separates them.
+ * The four whole numbers of a text, with blanks, commas or semicolons between them.
  * @param {string} text
- * @returns {number[]}
+ * @returns {[number, number, number, number] | null} null: the text has others, or something else
  */
-export function numbers(text) {
-  return (text.match(/-?\d+(?:\.\d+)?/g) ?? []).map(Number);
+export function fourNumbers(text) {
+  const words = text.split(/[\s,;]+/).filter((word) => word !== "");
+  const [a, b, c, d] = words.every((word) => /^-?\d{1,9}$/.test(word)) ? words.map(Number) : [];
+  if (words.length !== 4 || a === undefined || b === undefined || c === undefined || d === undefined) return null;
+  return [a, b, c, d];
 }
 
 /**

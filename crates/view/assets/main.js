@@ -63,7 +63,7 @@ const noisePanel = new NoisePanel(store, measurements, act);
 noisePanel.onDifference = () => {
   if (store.map === "difference") pictures.invalidateMap();
 };
-const updateMeasures = measurePanel(store, measurements);
+const updateMeasures = measurePanel(store, measurements, problems);
 probePanel(store);
 savePanel(store, problems);
 legend(store, pictures, redraw);

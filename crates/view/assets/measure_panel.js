@@ -2,7 +2,7 @@
 
 import { drawPlot, rangeOf } from "./chart.js";
 import { box, button, byId, element, input, select, setText, setValue, show, svg } from "./dom.js";
-import { count, number, numbers, percent, plain, quantity } from "./format.js";
+import { count, fourNumbers, number, percent, plain, quantity } from "./format.js";
 
 /** @typedef {import("./store.js").Store} Store */
 /** @typedef {import("./measurements.js").Measurements} Measurements */
@@ -17,9 +17,10 @@ const grey = (value) => plain(value, 5);
 /**
  * @param {Store} store
  * @param {Measurements} measurements
+ * @param {import("./problems.js").Problems} problems
  */
-export function measurePanel(store, measurements) {
-  followTexts(store);
+export function measurePanel(store, measurements, problems) {
+  followTexts(store, problems);
   input("transfer-on").addEventListener("change", () => {
     measurements.wantTransfer(input("transfer-on").checked);
   });
@@ -44,37 +45,65 @@ export function measurePanel(store, measurements) {
 }
 
 /**
- * Texts with coordinates: the way to a region or a line without a pointer.
+ * Texts with coordinates: the way to a region or a line without a pointer. A text that is none is taken back with a message.
  * @param {Store} store
+ * @param {import("./problems.js").Problems} problems
  */
-function followTexts(store) {
-  for (const index of /** @type {const} */ ([0, 1])) {
-    const text = input(`region${index + 1}`);
-    text.addEventListener("change", () => {
-      const [x0, y0, x1, y1] = numbers(text.value);
-      if (text.value.trim() === "") {
-        store.setRegion(index, null);
-      } else if (x0 !== undefined && y0 !== undefined && x1 !== undefined && y1 !== undefined) {
-        const first = store.clamp({ x: Math.min(x0, x1), y: Math.min(y0, y1) });
-        const last = store.clamp({ x: Math.max(x0, x1) - 1, y: Math.max(y0, y1) - 1 });
-        store.setRegion(index, [first.x, first.y, Math.max(first.x, last.x) + 1, Math.max(first.y, last.y) + 1]);
-      } else {
-        showShapes(store, true);
-      }
+function followTexts(store, problems) {
+  /**
+   * @param {string} id
+   * @param {string} help
+   * @param {(corners: [number, number, number, number] | null) => string | null} change the problem, if it is refused
+   */
+  const field = (id, help, change) => {
+    input(id).addEventListener("change", () => {
+      const text = input(id).value.trim();
+      const corners = fourNumbers(text);
+      const problem = text === "" || corners ? change(corners) : `"${text}" is not four whole numbers.`;
+      problems.setText(id, problem === null ? null : { problem, place: null, help });
+      if (problem !== null) showShapes(store, true);
     });
-    button(`region${index + 1}-clear`).addEventListener("click", () => store.setRegion(index, null));
+  };
+  const size = () => `${store.server?.width ?? 0} x ${store.server?.height ?? 0} pixels`;
+  for (const index of /** @type {const} */ ([0, 1])) {
+    const id = `region${index + 1}`;
+    const help = `Type left, top, right and bottom of region ${index + 1}, for example 10 10 60 60. The last two are exclusive.`;
+    field(id, help, (corners) => {
+      if (corners) {
+        const [x0, y0, x1, y1] = corners;
+        if (x0 >= x1 || y0 >= y1) return `Region ${index + 1} contains no pixel.`;
+        if (!isInside(store, x0, y0) || !isInside(store, x1 - 1, y1 - 1)) {
+          return `Region ${index + 1} is not inside of the image of ${size()}.`;
+        }
+      }
+      store.setRegion(index, corners);
+      return null;
+    });
+    button(`${id}-clear`).addEventListener("click", () => store.setRegion(index, null));
   }
-  input("line").addEventListener("change", () => {
-    const [x0, y0, x1, y1] = numbers(input("line").value);
-    if (input("line").value.trim() === "") {
+  field("line", "Type the first and the last pixel of the line, for example 10 10 60 60.", (corners) => {
+    if (!corners) {
       store.setLine(null);
-    } else if (x0 !== undefined && y0 !== undefined && x1 !== undefined && y1 !== undefined) {
-      store.setLine({ from: store.clamp({ x: x0, y: y0 }), to: store.clamp({ x: x1, y: y1 }) });
-    } else {
-      showShapes(store, true);
+      return null;
     }
+    const [x0, y0, x1, y1] = corners;
+    if (!isInside(store, x0, y0) || !isInside(store, x1, y1)) return `The line is not inside of the image of ${size()}.`;
+    store.setLine({ from: { x: x0, y: y0 }, to: { x: x1, y: y1 } });
+    return null;
   });
   button("line-clear").addEventListener("click", () => store.setLine(null));
+  // A shape that is drawn, removed or typed without a fault takes the messages along.
+  store.on("shapes", () => ["region1", "region2", "line"].forEach((id) => problems.clear(id)));
+}
+
+/**
+ * @param {Store} store
+ * @param {number} x
+ * @param {number} y
+ */
+function isInside(store, x, y) {
+  const pixel = store.clamp({ x, y });
+  return pixel.x === x && pixel.y === y;
 }
 
 /**

@@ -77,6 +77,9 @@ export class NoisePanel {
     this.measurements = measurements;
     this.act = act;
     store.on("state", () => this.show());
+    store.on("picture", () => {
+      if (store.server) this.#showVerdict({ ...store.server, target: this.target });
+    });
     input("target").addEventListener("change", () => this.setTarget(Number(input("target").value)));
     button("target-reset").addEventListener("click", () => this.setTarget(0.5));
     this.#followDrag();
@@ -124,7 +127,7 @@ export class NoisePanel {
 
   /** @param {State} state */
   #showVerdict(state) {
-    const { level, title, text } = verdict(state);
+    const { level, title, text } = verdict(state, this.store.frameA?.header.is_black ?? false);
     box("verdict").dataset["level"] = level;
     const k = levelNow(state);
     // The level changes with each event; a screen reader reads only the verdict itself.

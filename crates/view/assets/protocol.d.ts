@@ -94,7 +94,7 @@ export interface FrameHeader {
   format: "gray16" | "rgb8";
   white: number; black: number;
   film: number;
-  exposure: number | null; no_light: boolean;
+  exposure: number | null; no_light: boolean; is_black: boolean;
   saturated: number; matched: number | null;
   /** Are noise or denoised mean those of an earlier film or another camera? */
   /** Noise or denoised mean of this film and camera, of an earlier one, or missing: plain noise, not denoised. */

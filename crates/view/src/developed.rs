@@ -332,6 +332,7 @@ impl Developed {
             film: self.snapshot.id,
             exposure: None,
             no_light: false,
+            is_black: false,
             saturated: 0.0,
             matched: None,
             analysis: self.readiness(),
@@ -346,6 +347,7 @@ impl Developed {
                 header.black = model.spec().offset.0;
                 header.exposure = Some(exposer.exposure().time().0);
                 header.no_light = exposer.no_light();
+                header.is_black = exposer.is_black();
                 header.saturated = exposer.saturated();
                 header.matched = exposer.matched();
                 header.mean_value = mean(values.data().iter().map(|&v| f64::from(v)));

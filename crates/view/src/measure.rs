@@ -117,7 +117,11 @@ fn values_in(
     [x0, y0, x1, y1]: [u32; 4],
     channel: Option<Channel>,
 ) -> Result<Vec<u16>, Fault> {
-    let (x1, y1) = (x1.min(values.width()), y1.min(values.height()));
+    if x1 > values.width() || y1 > values.height() {
+        let problem =
+            format!("the region {x0} {y0} {x1} {y1} leaves the image of {} x {}", values.width(), values.height());
+        return Err(Fault::new(problem, "draw the region on the image"));
+    }
     let pixels = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
     let is_meant = |&(x, y): &(u32, u32)| channel.is_none() || channel_at(exposer, x, y) == channel;
     let inside: Vec<u16> = pixels.filter(is_meant).map(|(x, y)| *values.at(x, y)).collect();
@@ -363,6 +367,26 @@ mod tests {
         let grey = developed(0.0, 40.0, 0.0);
         assert!(regions(&grey, 0, &[whole], Some(Channel::Red)).is_err());
         assert!(line(&grey, 0, [[0.0; 2]; 2], Some(Channel::Red)).is_err());
+    }
+
+    /// A region that is not wholly on the image is refused, and not cut to another one.
+    #[test]
+    fn regions_are_on_the_image() {
+        let lit = developed(1e-3, 40.0, 400.0);
+        let [width, height] = SIZE;
+        let of = |region| regions(&lit, 0, &[region], None);
+        assert_eq!(of([0, 0, width, height]).expect("a region").regions[0].pixels, u64::from(width * height));
+        for (region, part) in [
+            ([0, 0, width + 1, 4], "leaves the image"),
+            ([0, 0, 4, height + 1], "leaves the image"),
+            ([width, 0, width + 2, 4], "leaves the image"),
+            ([0, 0, u32::MAX, u32::MAX], "leaves the image"),
+            ([4, 4, 4, 8], "contains no pixel"),
+            ([8, 4, 4, 8], "contains no pixel"),
+        ] {
+            let fault = of(region).expect_err("a fault").to_string();
+            assert!(fault.contains(part), "{region:?}: {fault}");
+        }
     }
 
     /// Two regions have the same bins, so that their histograms can be compared.

@@ -336,6 +336,8 @@ pub(crate) struct FrameHeader {
     pub(crate) film: u64,
     pub(crate) exposure: Option<f64>,
     pub(crate) no_light: bool,
+    /// Nearly no pixel receives a photo-electron.
+    pub(crate) is_black: bool,
     pub(crate) saturated: f64,
     pub(crate) matched: Option<f64>,
     pub(crate) analysis: Readiness,
