@@ -137,13 +137,13 @@ fn a_time_for_the_whole_set_replaces_the_budget_of_the_job() {
 struct Witness {
     records: PathBuf,
     forecasts: Mutex<Vec<(SetForecast, usize)>>,
-    reports: Mutex<Vec<(u64, bool)>>,
+    reports: Mutex<Vec<(RunState, bool)>>,
 }
 
 impl RunProgress for Witness {
     fn update(&self, state: &RunState) {
         let is_known = !self.forecasts.lock().expect("no panic").is_empty();
-        self.reports.lock().expect("no panic").push((state.finished, is_known));
+        self.reports.lock().expect("no panic").push((*state, is_known));
     }
 
     fn forecast(&self, forecast: &SetForecast) {
@@ -166,6 +166,11 @@ fn the_forecast_comes_before_the_first_image() {
         (options.count, options.seconds, options.jobs) = (Some(count), seconds, Some(2));
         let summary = run(&study, &bench.path("a"), &options, &witness, &Cancel::new()).expect("a set");
         let forecasts = witness.forecasts.into_inner().expect("no panic");
+        let reports = witness.reports.into_inner().expect("no panic");
+        // The level of the progress is the median of the levels so far.
+        let level = summary.levels.get(summary.levels.len() / 2).copied();
+        assert!(reports.iter().filter(|(state, _)| state.finished == count).all(|(state, _)| state.level == level));
+        assert!(reports.iter().any(|(state, _)| state.finished == count));
         assert_eq!(summary.forecast.as_ref(), forecasts.first().map(|(forecast, _)| forecast));
         // Images with few samples have no level.
         assert!(summary.levels.len() as u64 <= count - before && summary.levels.is_sorted());
@@ -180,7 +185,7 @@ fn the_forecast_comes_before_the_first_image() {
         assert!(forecast.images <= tests && forecast.levels.len() as u64 <= forecast.images, "{forecast:?}");
         assert!(!forecast.levels.is_empty() || forecast.gap.is_some(), "{forecast:?}");
         assert!(forecast.seconds > 0.0 && forecast.end > 0.0, "{forecast:?}");
-        assert!(witness.reports.into_inner().expect("no panic").iter().all(|(_, is_known)| *is_known));
+        assert!(reports.iter().all(|(_, is_known)| *is_known));
     }
 }
 

@@ -46,6 +46,8 @@ pub struct RunState {
     pub elapsed: f64,
     /// Expected remaining seconds; `None` before the first image.
     pub remaining: Option<f64>,
+    /// The median of the levels of the images that this run has made ([`RunSummary::levels`]); `None` before the first one.
+    pub level: Option<f64>,
 }
 
 /// A sink for the progress of a run. Called from the threads of the run.
@@ -230,6 +232,12 @@ fn load_together(
     })
 }
 
+/// The median; of an even number the larger of the two in the middle. `None` without a value.
+fn upper_median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
 /// The parts of a run that its threads share.
 struct Shared<'a> {
     set: &'a Set,
@@ -263,7 +271,8 @@ impl Shared<'_> {
         let finished = (self.already + made).min(self.total);
         let left = (self.total - finished) as f64;
         let remaining = (made > 0).then(|| elapsed / made as f64 * left);
-        self.progress.update(&RunState { finished, count: self.total, elapsed, remaining });
+        let level = self.levels.lock().ok().and_then(|levels| upper_median(levels.clone()));
+        self.progress.update(&RunState { finished, count: self.total, elapsed, remaining, level });
     }
 
     /// The share of the next image, if the run has a time.

@@ -102,11 +102,12 @@ impl RunProgress for SetProgress<'_> {
                 bar.set_position(state.finished);
                 bar.set_prefix("images");
                 let left = state.remaining.map_or(String::new(), |s| format!(", {}", remaining(s)));
-                bar.set_message(format!("{} of {}{left}", state.finished, state.count));
+                let level = state.level.map_or(String::new(), |k| format!(", median k = {k:.2}"));
+                bar.set_message(format!("{} of {}{level}{left}", state.finished, state.count));
             }
             Sink::Json => say_object(&json!({
                 "event": "images", "finished": state.finished, "count": state.count, "elapsed": state.elapsed,
-                "remaining": state.remaining,
+                "remaining": state.remaining, "level": state.level,
             })),
             Sink::None => {}
         }
