@@ -120,6 +120,11 @@ pub(crate) struct AddedDefect {
 }
 
 impl AddedDefect {
+    /// True if the defect is a change of an object.
+    pub(crate) fn is_change(&self) -> bool {
+        self.kind.is_change()
+    }
+
     /// The kind as a study has it.
     pub(crate) fn kind(&self) -> String {
         format!("{:?}", self.kind).to_lowercase()

@@ -74,6 +74,8 @@ pub(crate) struct ObjectLabel {
     pub(crate) instance: u16,
     pub(crate) category: u16,
     pub(crate) is_defect: bool,
+    /// Is the defect a changed object? Other defects can lie on it.
+    pub(crate) is_change: bool,
 }
 
 impl Ids {
@@ -162,7 +164,7 @@ impl Ids {
         let mut hashed: BTreeMap<u16, &str> = BTreeMap::new();
         let label = |instance, category: u16| {
             let found = self.categories.get(usize::from(category).saturating_sub(1));
-            ObjectLabel { instance, category, is_defect: found.is_some_and(|c| c.is_defect) }
+            ObjectLabel { instance, category, is_defect: found.is_some_and(|c| c.is_defect), is_change: false }
         };
         (names.iter())
             .map(|name| {

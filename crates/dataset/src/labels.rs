@@ -22,6 +22,8 @@ pub(crate) struct LabelLayers {
     pub(crate) normals: bool,
     /// The surfaces below the defects.
     pub(crate) surfaces: bool,
+    /// The surfaces below the defects that change no object.
+    pub(crate) carriers: bool,
 }
 
 /// The labels of an image.
@@ -38,6 +40,8 @@ pub(crate) struct LabelPlanes {
     pub(crate) normals: Option<Plane<[f32; 3]>>,
     /// The surface that each pixel shows without the defects.
     pub(crate) surfaces: Option<Plane<SurfacePath>>,
+    /// The surface that each pixel shows without the defects, but with the objects that a defect has changed.
+    pub(crate) carriers: Option<Plane<SurfacePath>>,
     /// Area of each instance that is in the film.
     pub(crate) areas: BTreeMap<u16, Area>,
 }
@@ -66,6 +70,8 @@ struct Met {
     surface: Option<(Crossing, bool)>,
     /// The surfaces without those of defects.
     below: SurfacePath,
+    /// The surfaces without those of defects that change no object.
+    carrier: SurfacePath,
 }
 
 impl Met {
@@ -78,7 +84,9 @@ impl Met {
     /// Receives a surface.
     fn visit(&mut self, crossing: &Crossing, labels: &[Option<ObjectLabel>]) {
         let label = labels.get(crossing.ids.object() as usize).copied().flatten();
-        self.below.visit(crossing, label, LEAST_COVERAGE);
+        let (is_defect, is_change) = label.map_or((false, false), |label| (label.is_defect, label.is_change));
+        self.below.visit(crossing, is_defect, LEAST_COVERAGE);
+        self.carrier.visit(crossing, is_defect && !is_change, LEAST_COVERAGE);
         if let Some(label) = label
             && (label.is_defect || crossing.coverage >= LEAST_COVERAGE)
             && !self.all.contains(&label.instance)
@@ -183,6 +191,7 @@ pub(crate) fn trace_labels(
         depth: layers.depth.then(|| plane(width, height, rows.iter().flat_map(|r| &r.depth).copied())),
         normals: layers.normals.then(|| plane(width, height, rows.iter().flat_map(|r| &r.normals).copied())),
         surfaces: layers.surfaces.then(|| plane(width, height, rows.iter().flat_map(|r| &r.surfaces).copied())),
+        carriers: layers.carriers.then(|| plane(width, height, rows.iter().flat_map(|r| &r.carriers).copied())),
         areas,
     }
 }
@@ -242,6 +251,7 @@ struct CentreRow {
     depth: Vec<f32>,
     normals: Vec<[f32; 3]>,
     surfaces: Vec<SurfacePath>,
+    carriers: Vec<SurfacePath>,
 }
 
 /// The samples of a row of pixels.
@@ -256,11 +266,13 @@ struct FineRow {
 impl Tracer<'_> {
     fn ray(&self, met: &mut Met, pixel: [u32; 2], place: [f32; 2]) {
         met.begin();
+        // What nobody asks for is not followed.
+        (met.below.is_decided, met.carrier.is_decided) = (!self.layers.surfaces, !self.layers.carriers);
         let _ = crossings(self.scene, self.camera.rays, pixel, place, |crossing| {
             met.visit(crossing, self.labels);
             // Behind the first surface that scatters, only objects with a label matter.
             let is_behind = crossing.passage == Passage::Scattering;
-            let is_known = met.below.is_decided || !self.layers.surfaces;
+            let is_known = met.below.is_decided && met.carrier.is_decided;
             if is_behind && is_known && !self.objects.iter().any(|bounds| meets(bounds, crossing)) {
                 return ControlFlow::Break(());
             }
@@ -279,6 +291,9 @@ impl Tracer<'_> {
             row.met.extend(met.all.iter().map(|id| (x, *id)));
             if self.layers.surfaces {
                 row.surfaces.push(met.below);
+            }
+            if self.layers.carriers {
+                row.carriers.push(met.carrier);
             }
             if self.layers.depth || self.layers.normals {
                 let found = met.surface.map(|(crossing, _)| {

@@ -298,17 +298,25 @@ impl Worker {
         let began = Instant::now();
         let (study, scene, settings) = (&self.study, &self.project.scene, result.settings());
         let size @ [width, height] = [settings.width, settings.height];
-        let objects = self.ids.label(scene.object_names()).map_err(|problem| {
+        let mut objects = self.ids.label(scene.object_names()).map_err(|problem| {
             study.error(
                 Fault::new(format!("image {index}: {problem}"), "rename one of the objects"),
                 &["study", "label"],
             )
         })?;
+        for (label, name) in objects.iter_mut().zip(scene.object_names()) {
+            let is_this = |defect: &&AddedDefect| defect.placed.object == *name;
+            let is_change = parts.defects.iter().find(is_this).is_some_and(AddedDefect::is_change);
+            label.iter_mut().for_each(|label| label.is_change = is_change);
+        }
         let camera = settings.view.clone().ok_or_else(|| Error::setting("camera", "there is none", "name a camera"))?;
         let rays = scene.ray_generator(&camera, width, height)?;
         let wanted = &study.labels;
         let surfaces = result.frame.sensor.is_some() && !parts.defects.is_empty();
-        let layers = LabelLayers { samples: wanted.coverage, depth: wanted.depth, normals: wanted.normals, surfaces };
+        let is_any = |is_change: bool| parts.defects.iter().any(|defect| defect.is_change() == is_change);
+        let carriers = surfaces && is_any(true) && is_any(false);
+        let (samples, depth, normals) = (wanted.coverage, wanted.depth, wanted.normals);
+        let layers = LabelLayers { samples, depth, normals, surfaces, carriers };
         let refined: Vec<PixelBox> = parts
             .boxes
             .iter()
@@ -463,8 +471,11 @@ impl Worker {
                 let (label, name) = known.get(id)?;
                 let (bounds, pixels) = found.get(id).copied().map_or((None, 0), |(b, n)| (Some(b), n));
                 let seen = bounds.zip(exposed.as_ref()).and_then(|(bounds, exposed)| {
-                    let surfaces = planes.surfaces.as_ref().filter(|_| label.is_defect);
-                    let is_other = |other| other != *id && is_defect(other);
+                    // A changed object carries the other defects on it.
+                    let carriers = planes.carriers.as_ref().filter(|_| !label.is_change);
+                    let surfaces = carriers.or(planes.surfaces.as_ref()).filter(|_| label.is_defect);
+                    let carries = |other| !label.is_change && known.get(&other).is_some_and(|(l, _)| l.is_change);
+                    let is_other = |other| other != *id && is_defect(other) && !(label.is_defect && carries(other));
                     visibility(exposed, &planes.instances, *id, bounds, is_other, surfaces)
                 });
                 let defect = parts.defects.iter().find(|d| d.placed.object == *name);

@@ -1,6 +1,5 @@
 //! The surface that a pixel shows below its defects: what its ray meets if the defects are left out.
 
-use crate::ids::ObjectLabel;
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_integrator::{Crossing, Passage};
 
@@ -25,12 +24,13 @@ pub(crate) struct SurfacePath {
 }
 
 impl SurfacePath {
-    /// Receives a surface of the ray. Those that cover less than `least` of the light do not count.
-    pub(crate) fn visit(&mut self, crossing: &Crossing, label: Option<ObjectLabel>, least: f32) {
+    /// Receives a surface of the ray, and whether it is that of a defect. Those that cover less than `least` of the light do not
+    /// count.
+    pub(crate) fn visit(&mut self, crossing: &Crossing, is_defect: bool, least: f32) {
         if self.is_decided {
             return;
         }
-        if label.is_some_and(|label| label.is_defect) {
+        if is_defect {
             self.is_bent |= crossing.passage == Passage::Clear && !self.is_covered;
             self.is_covered |= crossing.passage == Passage::Scattering && crossing.coverage >= 0.5;
             return;

@@ -181,6 +181,14 @@ pub(crate) struct Difference {
     pub(crate) variance: Option<f64>,
     /// The mean that the surroundings predict for the pixels of the instance.
     pub(crate) below: f64,
+    /// The least and the largest value of the surroundings.
+    pub(crate) range: [f64; 2],
+}
+
+/// The least and the largest value.
+fn range_of(values: &[Value]) -> [f64; 2] {
+    let all = || values.iter().map(|v| v.value);
+    [all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)]
 }
 
 /// The mean of the instance less the mean of the ring.
@@ -191,7 +199,12 @@ pub(crate) fn difference_of_means(inside: &[Value], ring: &[Value]) -> Option<Di
         (!values.is_empty()).then(|| (values.iter().map(|v| v.value).sum::<f64>() / n, variance.map(|v| v / (n * n))))
     };
     let ((inside, of_inside), (below, of_ring)) = (mean(inside)?, mean(ring)?);
-    Some(Difference { value: inside - below, variance: of_inside.zip(of_ring).map(|(a, b)| a + b), below })
+    Some(Difference {
+        value: inside - below,
+        variance: of_inside.zip(of_ring).map(|(a, b)| a + b),
+        below,
+        range: range_of(ring),
+    })
 }
 
 /// The mean of the instance less the prediction of a polynomial in x and y, which is fitted to the ring by least squares.
@@ -199,6 +212,10 @@ pub(crate) fn difference_of_means(inside: &[Value], ring: &[Value]) -> Option<Di
 /// significantly beyond its variance is structure of the surface. The fit may be off by as much below the instance, so that
 /// it is added as a whole: structure of neighbouring pixels does not average out. `None` with fewer than [`LEAST_PLANE`]
 /// pixels in the ring.
+///
+/// Where the ring does not reach around the instance, the shading may go on as the polynomial does or stay as it is at the
+/// nearest pixels, as behind the terminator of a round surface. The difference of both is added to the error, for the pixels of
+/// the instance outside of the convex hull of the ring.
 pub(crate) fn difference_on_surface(inside: &[Value], ring: &[Value]) -> Option<Difference> {
     let most = if ring.len() >= LEAST_SQUARE { 6 } else { 3 };
     if ring.len() < LEAST_PLANE || inside.is_empty() {
@@ -240,7 +257,52 @@ fn fitted(inside: &[Value], ring: &[Value], terms: usize) -> Option<Difference> 
     let of_ring: f64 = ring.iter().map(|v| dot(&of_mean, basis(v)).powi(2) * variance_of(v)).sum();
     let below: f64 = ring.iter().map(|v| dot(&of_mean, basis(v)) * v.value).sum();
     let value = inside.iter().map(|v| v.value).sum::<f64>() / n - below;
-    Some(Difference { value, variance: Some(of_inside + of_ring + structure), below })
+    let continued: f64 = beyond(inside, ring).map(|(v, nearest)| dot(&coefficients, basis(v)) - nearest).sum();
+    let variance = of_inside + of_ring + structure + (continued / n).powi(2);
+    Some(Difference { value, variance: Some(variance), below, range: range_of(ring) })
+}
+
+/// The pixels of the instance outside of the convex hull of the ring, each with the mean of the pixels of the ring that are
+/// nearest to it.
+fn beyond<'a>(inside: &'a [Value], ring: &'a [Value]) -> impl Iterator<Item = (&'a Value, f64)> {
+    let hull = convex_hull(ring.iter().map(|v| v.at).collect());
+    let is_beyond = move |at: [i64; 2]| {
+        let next = hull.iter().cycle().skip(1);
+        hull.len() < 3 || hull.iter().zip(next).any(|(a, b)| turn(*a, *b, at) < 0)
+    };
+    let distance = |a: [i64; 2], b: [i64; 2]| (a[0] - b[0]).pow(2) + (a[1] - b[1]).pow(2);
+    inside.iter().filter(move |v| is_beyond(v.at)).filter_map(move |v| {
+        let least = ring.iter().map(|r| distance(r.at, v.at)).min()?;
+        let nearest: Vec<f64> = ring.iter().filter(|r| distance(r.at, v.at) == least).map(|r| r.value).collect();
+        Some((v, nearest.iter().sum::<f64>() / nearest.len() as f64))
+    })
+}
+
+/// Twice the area of a triangle: positive if its corners turn to the left.
+fn turn(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+/// The corners of the convex hull, turning to the left (Andrew 1979, by monotone chains).
+fn convex_hull(mut points: Vec<[i64; 2]>) -> Vec<[i64; 2]> {
+    points.sort_unstable();
+    points.dedup();
+    let chain = |points: &mut dyn Iterator<Item = [i64; 2]>| {
+        let mut chain: Vec<[i64; 2]> = Vec::new();
+        for point in points {
+            while let [.., a, b] = chain[..]
+                && turn(a, b, point) <= 0
+            {
+                chain.pop();
+            }
+            chain.push(point);
+        }
+        chain.pop();
+        chain
+    };
+    let mut hull = chain(&mut points.iter().copied());
+    hull.extend(chain(&mut points.iter().rev().copied()));
+    hull
 }
 
 /// Solves two systems of equations with a symmetric matrix by elimination with pivots on the diagonal. `None` if a pivot is

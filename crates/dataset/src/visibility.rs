@@ -80,7 +80,9 @@ pub(crate) fn visibility(
         if difference.below >= saturation && difference.below + difference.value >= saturation {
             return None;
         }
-        let below = Electrons(difference.below.clamp(0.0, saturation));
+        // A prediction outside of the range of the ring may be far from the signal.
+        let [least, most] = difference.range;
+        let below = Electrons(difference.below.max(least).min(most).clamp(0.0, saturation));
         let noise = exposed.model.temporal_variance(below, exposed.time);
         let signal = difference.variance.map(|variance| (difference.value.powi(2) - variance).max(0.0));
         Some(Visibility {

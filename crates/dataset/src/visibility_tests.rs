@@ -225,3 +225,66 @@ fn stains_without_strength_are_invisible_and_black_ones_are_not() {
     let shown = dark.iter().filter(|(contrast, _, cnr)| *contrast < 0.0 && *cnr > 3.0).count();
     assert!(dark.len() > 12 && 10 * shown >= 9 * dark.len(), "{shown} of {dark:?}");
 }
+
+/// A defect beyond the terminator of a round surface, on pixels so near to the edge that the ring has none of them: the
+/// polynomial goes on to zero, and the signal does not. The error contains the difference, and the noise is that of a signal
+/// of the ring.
+#[test]
+fn a_defect_beyond_its_ring_has_the_error_of_the_continuation() {
+    let model = preset("imx250").expect("a preset");
+    let time = Seconds(0.01);
+    let signal = |y: u32| 180.0 + 190.0 * f64::from(y.max(20) - 20);
+    let is_defect = |x: u32, y: u32| (20..26).contains(&x) && (18..20).contains(&y);
+    let ids = Plane::from_fn(SIDE, SIDE, |x, y| u16::from(is_defect(x, y)));
+    let surfaces = Plane::from_fn(SIDE, SIDE, |x, y| SurfacePath {
+        path: if y < 20 && !is_defect(x, y) { 2 } else { 1 },
+        first: if y < 20 && !is_defect(x, y) { 2 } else { 1 },
+        normals: [Vec3::Z; 2],
+        is_covered: is_defect(x, y),
+        is_decided: true,
+        ..SurfacePath::default()
+    });
+    let at = Bounds { from: [20, 18], to: [26, 20] };
+    let exact = Plane::new(SIDE, SIDE, 0.0);
+    for change in [0.0, 60.0] {
+        let electrons =
+            Plane::from_fn(SIDE, SIDE, |x, y| (signal(y) + if is_defect(x, y) { change } else { 0.0 }) as f32);
+        let exposed = Exposed { electrons: &electrons, ratios: Some(&exact), model: &model, time };
+        let found = visibility(&exposed, &ids, 1, at, |_| false, Some(&surfaces)).expect("surroundings");
+        let (gain, error) = (model.spec().system_gain, found.error.expect("an error"));
+        assert!((found.contrast - change * gain).abs() < 3.0 * error && error > 100.0 * gain, "{change}: {found:?}");
+        assert!(found.cnr.expect("a ratio") < 1.0, "{change}: {found:?}");
+    }
+}
+
+/// Dark stains on a block that is faded, moved, or neither: each has the contrast of its colour to the block.
+#[test]
+fn a_stain_on_a_changed_object_has_that_object_as_its_surroundings() {
+    let stain = "[[study.defect]]\nkind = \"stain\"\nname = \"spot\"\non = \"block\"\ncount = 4\nlength = \"1.6mm\"\n\
+                 facing = [0, 1, 0]\ncolor = [0, 0, 0]\nroughness = 1\n";
+    let change = |kind: &str| {
+        format!(
+            "[[study.defect]]\nkind = \"{kind}\"\nname = \"change\"\non = \"block\"\n{}",
+            match kind {
+                "faded" => "strength = 0.2\n",
+                _ => "length = \"1mm\"\n",
+            }
+        )
+    };
+    let spots = |text: &str| -> Vec<f64> {
+        let instances = made(text).record.instances;
+        let spots = instances.iter().filter(|i| i.name.starts_with("spot"));
+        spots.filter_map(|i| i.contrast).collect()
+    };
+    let plain = spots(stain);
+    assert!(plain.len() >= 3 && plain.iter().all(|contrast| *contrast < 0.0), "{plain:?}");
+    let usual = plain.iter().sum::<f64>() / plain.len() as f64;
+    for kind in ["faded", "shifted"] {
+        let found = spots(&format!("{}{stain}", change(kind)));
+        assert!(found.len() >= 3, "{kind}: {found:?}");
+        for contrast in &found {
+            // The rest of the block is as bright as before: within a quarter, as a fifth of it shows what is behind.
+            assert!((0.6..1.4).contains(&(contrast / usual)), "{kind}: {contrast} instead of about {usual}");
+        }
+    }
+}

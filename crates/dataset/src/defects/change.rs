@@ -3,6 +3,7 @@
 use super::draw;
 use super::host::refuse_emitters;
 use super::material;
+use super::site::largest_distance;
 use super::spec::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
 use dunkelfeld_geometry::{DVec3, Mesh};
 use dunkelfeld_sampling::Pcg;
@@ -37,8 +38,18 @@ pub(super) fn change(
     }
     let on = scene.instances[index].name.clone();
     let [low, high] = scene.bounds_of(&scene.instances[index]).unwrap_or_default();
-    let extent = low.distance(high);
+    let extent = extent_of(scene, &scene.instances[index]);
     Ok(PlacedDefect { object: spec.name.clone(), at: 0.5 * (low + high), normal, on, host: index, extent, angle })
+}
+
+/// The largest extent of an object in the world \[m\].
+fn extent_of(scene: &SceneBuilder, instance: &Instance) -> f64 {
+    let meshes = instance.meshes.iter().filter_map(|m| scene.meshes.get(*m)).map(|part| &part.mesh);
+    let corners =
+        meshes.flat_map(|mesh| mesh.triangles.iter().flatten().filter_map(|i| mesh.positions.get(*i as usize)));
+    largest_distance(
+        corners.map(|p| instance.to_world.transform_point3(p.as_dvec3())).filter(|p: &DVec3| p.is_finite()),
+    )
 }
 
 /// Unit normal and two tangents of the largest side of the bounding box of an object, in the world. The box is that in

@@ -47,13 +47,43 @@ pub(super) fn insert(scene: &mut SceneBuilder, name: &str, made: Made, at: DVec3
     scene.instances.push(Instance { name: name.into(), meshes: vec![scene.meshes.len() - 1], to_world, motion });
 }
 
-/// The largest distance between two vertices \[m\], to 15 %: the larger one of two distances, from the first vertex to
-/// the farthest one, and from there to the farthest one.
+/// The largest distance between two vertices of a mesh \[m\] ([`largest_distance`]).
 pub(super) fn extent_of(mesh: &Mesh) -> f64 {
-    let farthest = |from: DVec3| {
-        let distances = mesh.positions.iter().map(|p| (p.as_dvec3().distance(from), p.as_dvec3()));
-        distances.reduce(|a, b| if b.0 > a.0 { b } else { a })
-    };
-    let first = mesh.positions.first().map_or(DVec3::ZERO, |p| p.as_dvec3());
-    farthest(first).and_then(|(_, p)| farthest(p)).map_or(0.0, |(distance, _)| distance)
+    largest_distance(mesh.positions.iter().map(|p| p.as_dvec3()))
+}
+
+/// The largest distance between two points, to a few per cent: from the largest distance between the outermost points in 26
+/// directions, to the farthest point of each point, until the distance grows no more. Exact for balls and boxes.
+pub(super) fn largest_distance(points: impl Iterator<Item = DVec3> + Clone) -> f64 {
+    let steps = || (-1..=1).map(f64::from);
+    let directions = steps().flat_map(|x| steps().flat_map(move |y| steps().map(move |z| DVec3::new(x, y, z))));
+    // Of two opposite directions one is enough.
+    let mut outermost: Vec<(DVec3, [(f64, DVec3); 2])> =
+        directions.skip(14).map(|d| (d, [(f64::INFINITY, DVec3::ZERO), (f64::NEG_INFINITY, DVec3::ZERO)])).collect();
+    let mut is_empty = true;
+    for p in points.clone() {
+        is_empty = false;
+        for (direction, [least, most]) in &mut outermost {
+            let height = p.dot(*direction);
+            if height < least.0 {
+                *least = (height, p);
+            }
+            if height > most.0 {
+                *most = (height, p);
+            }
+        }
+    }
+    if is_empty {
+        return 0.0;
+    }
+    let ends = || outermost.iter().flat_map(|(_, ends)| ends.map(|(_, p)| p));
+    let pairs = ends().flat_map(|a| ends().map(move |b| (a.distance(b), a)));
+    let Some((mut distance, mut from)) = pairs.reduce(|a, b| if b.0 > a.0 { b } else { a }) else { return 0.0 };
+    loop {
+        let all = points.clone().map(|p| (p.distance(from), p));
+        match all.reduce(|a, b| if b.0 > a.0 { b } else { a }) {
+            Some((farther, p)) if farther > distance => (distance, from) = (farther, p),
+            _ => return distance,
+        }
+    }
 }
