@@ -1,11 +1,11 @@
 //! The acceleration structure of a scene: meshes, their instances, and ray queries.
 
-use dunkelfeld_geometry::{Aabb, Ray, RigidMotion, Transform, geometric_normal};
+use dunkelfeld_geometry::{Aabb, Ray, RigidMotion, Threads, Transform, geometric_normal};
 use fearless_simd::Level;
 use glam::Vec3;
 use std::sync::Arc;
 
-use crate::build::build_tree;
+use crate::build::{CHUNK, build_tree};
 use crate::simd8::WIDTH;
 use crate::traverse;
 use crate::tree::{LEAF, MAX_DEPTH, NONE, Node, Tree};
@@ -133,7 +133,7 @@ pub struct Bvh {
 }
 
 impl Bvh {
-    /// Builds the structure. A mesh with several instances is stored once.
+    /// Builds the structure, by one thread. A mesh with several instances is stored once.
     ///
     /// Triangles with a NaN or infinite corner, and those without area, are left out: no ray can hit them.
     /// (`dunkelfeld_geometry::health` counts them.) Without triangles, meshes or instances nothing is ever hit.
@@ -158,8 +158,8 @@ impl Bvh {
         instances: &[BvhInstance],
         level: Level,
     ) -> Result<Self, BvhError> {
-        let trees = meshes.iter().enumerate().map(|(i, mesh)| Ok(Arc::new(MeshTree::of_mesh(mesh, i)?)));
-        Self::from_trees_for(trees.collect::<Result<_, BvhError>>()?, instances, level)
+        let trees = meshes.iter().enumerate().map(|(i, mesh)| Ok(Arc::new(MeshTree::of_mesh(mesh, i, Threads::ONE)?)));
+        Self::from_trees_for(trees.collect::<Result<_, BvhError>>()?, instances, level, Threads::ONE)
     }
 
     /// Builds the structure over trees of meshes that exist already. The result is that of [`Bvh::build`] for the same
@@ -167,11 +167,20 @@ impl Bvh {
     ///
     /// # Errors
     /// [`BvhError`] for a mesh out of range, or for more instances than fit.
-    pub fn from_trees(meshes: Vec<Arc<MeshTree>>, instances: &[BvhInstance]) -> Result<Self, BvhError> {
-        Self::from_trees_for(meshes, instances, Level::new())
+    pub fn from_trees(
+        meshes: Vec<Arc<MeshTree>>,
+        instances: &[BvhInstance],
+        threads: Threads,
+    ) -> Result<Self, BvhError> {
+        Self::from_trees_for(meshes, instances, Level::new(), threads)
     }
 
-    fn from_trees_for(meshes: Vec<Arc<MeshTree>>, instances: &[BvhInstance], level: Level) -> Result<Self, BvhError> {
+    fn from_trees_for(
+        meshes: Vec<Arc<MeshTree>>,
+        instances: &[BvhInstance],
+        level: Level,
+        threads: Threads,
+    ) -> Result<Self, BvhError> {
         if instances.len() > MAX_COUNT {
             return Err(BvhError::TooMany);
         }
@@ -207,7 +216,7 @@ impl Bvh {
             })
             .collect();
         let boxes: Vec<Aabb> = present.iter().map(|&i| instances[i as usize].bounds).collect();
-        let top = build_tree(&boxes, 1, |leaf| present[leaf[0] as usize]);
+        let (top, _) = build_tree(threads, &boxes, 1, |_, leaf| present[leaf[0] as usize]);
         Ok(Self { meshes, instances, top, single, level })
     }
 
@@ -306,40 +315,29 @@ impl Bvh {
 }
 
 impl MeshTree {
-    /// Builds the tree of a mesh. Triangles that no ray can hit are left out, as in [`Bvh::build`].
+    /// Builds the tree of a mesh. Triangles that no ray can hit are left out, as in [`Bvh::build`]. The tree has the same bits
+    /// for any number of threads.
     ///
     /// # Errors
     /// [`BvhError`] for an index out of range, or for too many triangles.
-    pub fn build(mesh: &MeshTriangles) -> Result<Self, BvhError> {
-        Self::of_mesh(mesh, 0)
+    pub fn build(mesh: &MeshTriangles, threads: Threads) -> Result<Self, BvhError> {
+        Self::of_mesh(mesh, 0, threads)
     }
 
-    fn of_mesh(mesh: &MeshTriangles, number: usize) -> Result<Self, BvhError> {
+    fn of_mesh(mesh: &MeshTriangles, number: usize, threads: Threads) -> Result<Self, BvhError> {
         if mesh.triangles.len() > MAX_COUNT {
             return Err(BvhError::TooMany);
         }
-        let mut kept = Vec::with_capacity(mesh.triangles.len());
-        let mut boxes = Vec::with_capacity(mesh.triangles.len());
-        for (i, triangle) in mesh.triangles.iter().enumerate() {
-            let at = |v: u32| mesh.positions.get(v as usize).copied();
-            let [Some(a), Some(b), Some(c)] = triangle.map(at) else {
-                return Err(BvhError::VertexOutOfRange { mesh: number, triangle: i, vertices: mesh.positions.len() });
-            };
-            let corners = [a, b, c];
-            if corners.iter().all(|c| c.is_finite()) && geometric_normal(&corners) != Vec3::ZERO {
-                kept.push(i as u32);
-                boxes.push(Aabb::from_points(corners));
-            }
-        }
-        let mut blocks = Vec::with_capacity(kept.len() / 4 + 1);
-        let tree = build_tree(&boxes, WIDTH, |leaf| {
-            blocks.push(TriangleBlock::new(leaf.iter().map(|&k| {
+        let threads = if mesh.triangles.len() < Threads::LARGE { Threads::ONE } else { threads };
+        let (kept, boxes) = boxes_of(mesh, number, threads)?;
+        let (tree, leaves) = build_tree(threads, &boxes, WIDTH, |leaf, _| leaf);
+        drop(boxes);
+        let blocks = leaves.map(threads, |_, leaf| {
+            TriangleBlock::new(leaf.iter().map(|&k| {
                 let triangle = kept[k as usize];
                 (triangle, mesh.triangles[triangle as usize].map(|v| mesh.positions[v as usize]))
-            })));
-            blocks.len() as u32 - 1
+            }))
         });
-        blocks.shrink_to_fit();
         Ok(Self { tree, blocks, triangles: kept.len(), parts: Vec::new(), shift: 0 })
     }
 
@@ -358,7 +356,7 @@ impl MeshTree {
         }
         let present: Vec<u32> = (0..parts.len() as u32).filter(|&i| parts[i as usize].tree.root != NONE).collect();
         let boxes: Vec<Aabb> = present.iter().map(|&i| parts[i as usize].tree.bounds).collect();
-        let mut tree = build_tree(&boxes, 1, |leaf| present[leaf[0] as usize]);
+        let (mut tree, _) = build_tree(Threads::ONE, &boxes, 1, |_, leaf| present[leaf[0] as usize]);
         let deepest = parts.iter().map(|part| part.tree.depth()).max().unwrap_or(0);
         if tree.depth() + deepest > MAX_DEPTH {
             return None;
@@ -395,6 +393,33 @@ impl MeshTree {
         let block = payload & ((1 << self.shift) - 1);
         Some((self.parts.get(part as usize)?.blocks.get(block as usize)?, part))
     }
+}
+
+/// The numbers of the triangles that a ray can hit, and their boxes.
+fn boxes_of(mesh: &MeshTriangles, number: usize, threads: Threads) -> Result<(Vec<u32>, Vec<Aabb>), BvhError> {
+    let chunks = (0..).step_by(CHUNK).zip(mesh.triangles.chunks(CHUNK)).collect();
+    let parts = threads.map(chunks, |(first, triangles): (usize, &[[u32; 3]])| {
+        let (mut kept, mut boxes) = (Vec::with_capacity(triangles.len()), Vec::with_capacity(triangles.len()));
+        for (i, triangle) in (first..).zip(triangles) {
+            let at = |v: u32| mesh.positions.get(v as usize).copied();
+            let [Some(a), Some(b), Some(c)] = triangle.map(at) else {
+                return Err(BvhError::VertexOutOfRange { mesh: number, triangle: i, vertices: mesh.positions.len() });
+            };
+            let corners = [a, b, c];
+            if corners.iter().all(|c| c.is_finite()) && geometric_normal(&corners) != Vec3::ZERO {
+                kept.push(i as u32);
+                boxes.push(Aabb::from_points(corners));
+            }
+        }
+        Ok((kept, boxes))
+    });
+    let (mut kept, mut boxes) = (Vec::with_capacity(mesh.triangles.len()), Vec::with_capacity(mesh.triangles.len()));
+    for part in parts {
+        let (numbers, of_part) = part?;
+        kept.extend(numbers);
+        boxes.extend(of_part);
+    }
+    Ok((kept, boxes))
 }
 
 /// A child word of a tree that is joined to others: its nodes begin at `first`, and `payload` has the number of the part.

@@ -5,7 +5,7 @@ mod common;
 
 use common::{Random, Shape, bumpy_torus, icosphere, random_soup};
 use dunkelfeld_bvh::{Bvh, BvhInstance, Hit, MeshTree};
-use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Ray, Transform, Vec3};
+use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Ray, Threads, Transform, Vec3};
 use std::sync::Arc;
 
 /// Rays of all kinds: arbitrary, along axes, through vertices or along edges, and short ones.
@@ -123,17 +123,17 @@ fn joined_trees_have_the_hits_of_one_tree() {
         })
         .collect();
     let all = Shape::soup(shapes.iter().flat_map(|s| (0..s.triangles.len() as u32).map(|t| s.corners(t))));
-    let trees = shapes.iter().map(|s| Arc::new(MeshTree::build(&s.view()).unwrap())).collect();
+    let trees = shapes.iter().map(|s| Arc::new(MeshTree::build(&s.view(), Threads::ONE).unwrap())).collect();
     let joined = Arc::new(MeshTree::join(trees).expect("few parts"));
     assert!(MeshTree::join(vec![joined.clone()]).is_none(), "a joined tree cannot be a part");
-    let other = Arc::new(MeshTree::build(&icosphere(2).view()).unwrap());
+    let other = Arc::new(MeshTree::build(&icosphere(2).view(), Threads::ONE).unwrap());
     let here = BvhInstance { mesh: 0, to_world: None, motion: None };
     let turned = Transform::new(DAffine3::from_translation(DVec3::new(0.0, 4.0, 0.0))).unwrap();
     let there = BvhInstance { mesh: 1, to_world: Some(turned), motion: None };
-    let soup = Arc::new(MeshTree::build(&all.view()).unwrap());
+    let soup = Arc::new(MeshTree::build(&all.view(), Threads::ONE).unwrap());
     for instances in [&[here][..], &[here, there]] {
-        let mut bvh = Bvh::from_trees(vec![joined.clone(), other.clone()], instances).unwrap();
-        let mut flat = Bvh::from_trees(vec![soup.clone(), other.clone()], instances).unwrap();
+        let mut bvh = Bvh::from_trees(vec![joined.clone(), other.clone()], instances, Threads::ONE).unwrap();
+        let mut flat = Bvh::from_trees(vec![soup.clone(), other.clone()], instances, Threads::ONE).unwrap();
         let is_tested = |triangle: u32| triangle.is_multiple_of(3);
         bvh.mark_alpha_tested(|mesh, part, triangle| mesh == 0 && is_tested(first[part as usize] + triangle));
         flat.mark_alpha_tested(|mesh, _, triangle| mesh == 0 && is_tested(triangle));

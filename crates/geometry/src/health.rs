@@ -6,9 +6,11 @@
 //! linear time.
 
 use glam::{DVec3, Vec3};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxBuildHasher, FxHashMap};
+use std::collections::hash_map::Entry;
+use std::hash::BuildHasher as _;
 
-use crate::{Aabb, Mesh};
+use crate::{Aabb, Mesh, Threads};
 
 /// A triangle whose height over its longest edge is below this fraction of that edge has no area. The limit is a few
 /// hundredths of the rounding of its coordinates, so that needles with an area are kept.
@@ -34,40 +36,132 @@ impl Repairs {
     pub fn total(&self) -> usize {
         self.out_of_range + self.non_finite + self.zero_area + self.duplicates + self.opposite_duplicates
     }
+
+    fn with(&self, other: &Self) -> Self {
+        Self {
+            out_of_range: self.out_of_range + other.out_of_range,
+            non_finite: self.non_finite + other.non_finite,
+            zero_area: self.zero_area + other.zero_area,
+            duplicates: self.duplicates + other.duplicates,
+            opposite_duplicates: self.opposite_duplicates + other.opposite_duplicates,
+        }
+    }
 }
 
 /// Removes the triangles that no ray can hit, or that would be hit twice. Of coincident triangles the first stays.
 ///
-/// The order of the others and all vertices are kept.
-pub fn clean(mesh: &mut Mesh) -> Repairs {
-    let mut repairs = Repairs::default();
+/// The order of the others and all vertices are kept. The result is the same for any number of threads.
+pub fn clean(mesh: &mut Mesh, threads: Threads) -> Repairs {
+    let defects = Defects::of(mesh, threads);
+    defects.remove_from(mesh);
+    defects.repairs
+}
+
+/// The triangles of a mesh that [`clean`] removes.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Defects {
+    /// Numbers of the triangles, in ascending order.
+    triangles: Vec<u32>,
+    repairs: Repairs,
+}
+
+/// Number of triangles whose corners are read as one task.
+const CHUNK: usize = 1 << 13;
+/// Triangles are compared in sets of about so many: the table of a set is small enough for a cache.
+const COMPARED: usize = 1 << 14;
+/// Maximum number of these sets.
+const MAX_SETS: usize = 256;
+
+impl Defects {
+    /// Finds the defects of a mesh.
+    pub fn of(mesh: &Mesh, threads: Threads) -> Self {
+        let threads = if mesh.triangles.len() < Threads::LARGE { Threads::ONE } else { threads };
+        let sets = (mesh.triangles.len() / COMPARED).next_power_of_two().min(MAX_SETS);
+        let chunks = (0u32..).step_by(CHUNK).zip(mesh.triangles.chunks(CHUNK)).collect();
+        let parts = threads.map(chunks, |(first, triangles)| Chunk::new(&mesh.positions, (first, triangles), sets));
+        let compared = threads.map((0..sets).collect(), |set| {
+            let numbers = parts.iter().flat_map(|chunk| &chunk.sets[set]).copied();
+            duplicates(mesh, numbers, parts.iter().map(|chunk| chunk.sets[set].len()).sum())
+        });
+        let mut all = Self::default();
+        for found in parts.into_iter().map(|chunk| chunk.defects).chain(compared) {
+            all.triangles.extend(found.triangles);
+            all.repairs = all.repairs.with(&found.repairs);
+        }
+        all.triangles.sort_unstable();
+        all
+    }
+
+    /// Number of triangles by reason.
+    pub fn repairs(&self) -> &Repairs {
+        &self.repairs
+    }
+
+    /// Removes the triangles.
+    pub fn remove_from(&self, mesh: &mut Mesh) {
+        let mut defects = self.triangles.iter().copied().peekable();
+        if defects.peek().is_some() {
+            let mut numbers = 0..;
+            mesh.triangles.retain(|_| defects.next_if_eq(&numbers.next().unwrap_or(u32::MAX)).is_none());
+        }
+    }
+}
+
+/// Triangles in a row.
+struct Chunk {
+    /// Those that have a defect of their own.
+    defects: Defects,
+    /// The numbers of the others. Triangles with the same positions are in the same set.
+    sets: Vec<Vec<u32>>,
+}
+
+impl Chunk {
+    fn new(positions: &[Vec3], (first, triangles): (u32, &[[u32; 3]]), sets: usize) -> Self {
+        let mut chunk = Self { defects: Defects::default(), sets: vec![Vec::new(); sets] };
+        let Repairs { out_of_range, non_finite, zero_area, .. } = &mut chunk.defects.repairs;
+        for (number, triangle) in (first..).zip(triangles) {
+            let reason = match corners_of(positions, triangle) {
+                None => &mut *out_of_range,
+                Some(corners) if !corners.iter().all(|c| c.is_finite()) => &mut *non_finite,
+                Some(corners) if has_no_area(&corners) => &mut *zero_area,
+                Some(corners) => {
+                    let set = if sets == 1 { 0 } else { hash(&unordered(corners.map(position_key)).0) as usize % sets };
+                    chunk.sets[set].push(number);
+                    continue;
+                }
+            };
+            *reason += 1;
+            chunk.defects.triangles.push(number);
+        }
+        chunk
+    }
+}
+
+/// A number for the set of a triangle, from bits of the hash that the table of a set does not use most.
+fn hash(key: &[[u32; 3]; 3]) -> u64 {
+    FxBuildHasher.hash_one(key) >> 32
+}
+
+/// The triangles that repeat an earlier one.
+fn duplicates(mesh: &Mesh, numbers: impl Iterator<Item = u32>, count: usize) -> Defects {
+    let mut defects = Defects::default();
     let mut seen: FxHashMap<[[u32; 3]; 3], bool> = FxHashMap::default();
-    seen.reserve(mesh.triangles.len());
-    let positions = &mesh.positions;
-    mesh.triangles.retain(|triangle| {
-        let Some(corners) = corners_of(positions, triangle) else {
-            repairs.out_of_range += 1;
-            return false;
-        };
-        if !corners.iter().all(|c| c.is_finite()) {
-            repairs.non_finite += 1;
-            return false;
-        }
-        if has_no_area(&corners) {
-            repairs.zero_area += 1;
-            return false;
-        }
+    seen.reserve(count);
+    for number in numbers {
+        let Some(corners) = corners_of(&mesh.positions, &mesh.triangles[number as usize]) else { continue };
         let (key, even) = unordered(corners.map(position_key));
-        match seen.insert(key, even) {
-            None => true,
-            Some(first) => {
-                seen.insert(key, first);
-                *(if first == even { &mut repairs.duplicates } else { &mut repairs.opposite_duplicates }) += 1;
-                false
+        match seen.entry(key) {
+            Entry::Vacant(entry) => {
+                entry.insert(even);
+            }
+            Entry::Occupied(first) => {
+                let Repairs { duplicates, opposite_duplicates, .. } = &mut defects.repairs;
+                *(if *first.get() == even { duplicates } else { opposite_duplicates }) += 1;
+                defects.triangles.push(number);
             }
         }
-    });
-    repairs
+    }
+    defects
 }
 
 /// Properties of a mesh after [`clean`]. Triangles that `clean` would remove for their corners are ignored.
@@ -260,12 +354,35 @@ mod tests {
             [a, b, c],
             [a, c, b],
         ]);
-        let repairs = clean(&mut mesh);
+        let repairs = clean(&mut mesh, Threads::ONE);
         let want = Repairs { out_of_range: 2, non_finite: 2, zero_area: 1, duplicates: 2, opposite_duplicates: 1 };
         assert_eq!(repairs, want);
         assert_eq!(repairs.total(), 8);
         assert_eq!(mesh.triangles, good);
-        assert_eq!(clean(&mut mesh), Repairs::default());
+        assert_eq!(clean(&mut mesh, Threads::ONE), Repairs::default());
+    }
+
+    /// A strip of triangles, each twice and each third one also from the other side, the repetitions after all others.
+    fn repeated(count: u32) -> Mesh {
+        let positions = (0..count + 2).map(|i| Vec3::new((i / 2) as f32, (i % 2) as f32, (i * 7 % 5) as f32)).collect();
+        let strip: Vec<[u32; 3]> = (0..count).map(|i| [i, i + 1, i + 2]).collect();
+        let again = strip.iter().rev().map(|&[a, b, c]| [b, c, a]);
+        let opposite = strip.iter().step_by(3).map(|&[a, b, c]| [a, c, b]);
+        let triangles = strip.iter().copied().chain(again).chain(opposite).collect();
+        Mesh { positions, triangles, ..Mesh::default() }
+    }
+
+    #[test]
+    fn a_large_mesh_is_cleaned_on_any_number_of_threads() {
+        let count = 30_000;
+        let original = repeated(count);
+        for threads in [1, 2, 3, 8] {
+            let mut mesh = original.clone();
+            let repairs = clean(&mut mesh, Threads::new(threads));
+            assert_eq!((repairs.duplicates, repairs.opposite_duplicates), (count as usize, count as usize / 3));
+            assert_eq!(repairs.total(), original.triangles.len() - count as usize);
+            assert!(mesh.triangles == original.triangles[..count as usize], "the first ones stay, in their order");
+        }
     }
 
     #[test]
@@ -275,7 +392,7 @@ mod tests {
             triangles: vec![[0, 1, 2], [0, 1, 3], [4, 0, 2], [4, 1, 2]],
             ..Mesh::default()
         };
-        let repairs = clean(&mut mesh);
+        let repairs = clean(&mut mesh, Threads::ONE);
         assert_eq!(mesh.triangles, [[0, 1, 2]]);
         assert_eq!((repairs.zero_area, repairs.duplicates), (2, 1), "-0 and 0 are one position");
     }

@@ -13,6 +13,7 @@ mod mesh;
 mod motion;
 mod ray;
 pub mod shape;
+mod threads;
 mod transform;
 pub mod triangle;
 
@@ -21,6 +22,7 @@ pub use frame::{Frame, LocalDir};
 pub use mesh::Mesh;
 pub use motion::{RigidMotion, Spin};
 pub use ray::Ray;
+pub use threads::Threads;
 pub use transform::{Transform, TransformError};
 pub use triangle::{geometric_normal, hit_point, offset_ray_origin, triangle_area};
 

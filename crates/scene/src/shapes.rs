@@ -134,6 +134,7 @@ pub fn turned(outline: &[Vec2], corners: u32) -> Mesh {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dunkelfeld_geometry::Threads;
     use dunkelfeld_geometry::health::{MeshHealth, clean};
 
     #[test]
@@ -151,7 +152,7 @@ mod tests {
             ("ring", turned(&ring, 100), 0.375 * polygon),
             ("sphere", sphere(Vec3::X, r, 40, true), 4.0 / 3.0 * std::f64::consts::PI * f64::from(r * r * r)),
         ] {
-            assert_eq!(clean(&mut mesh).total(), 0, "{name} has unusable triangles");
+            assert_eq!(clean(&mut mesh, Threads::ONE).total(), 0, "{name} has unusable triangles");
             let health = MeshHealth::from_mesh(&mesh);
             assert!(health.is_closed() && !health.is_inside_out(), "{name}: {health:?}");
             assert!((health.signed_volume / volume - 1.0).abs() < 0.01, "{name}: {}", health.signed_volume);

@@ -3,9 +3,11 @@
 //! Each binary node has the least cost of a forest of at most 1, 2, .. 7 wide subtrees, from the costs of its children. The
 //! children of a wide node are the best forest of eight below its binary node.
 
+use super::CHUNK;
 use super::split::{Binary, BinaryNode, LEAF_COST, Reference};
 use crate::simd8::WIDTH;
 use crate::tree::{LEAF, MAX_DEPTH, NONE, Node};
+use dunkelfeld_geometry::Threads;
 
 /// The collapse, and the wide tree as far as it is made.
 pub(super) struct Collapse<'a> {
@@ -23,17 +25,35 @@ pub(super) struct Collapse<'a> {
 
 /// Leaves: the numbers of their boxes.
 #[derive(Default)]
-pub(super) struct Leaves {
+pub(crate) struct Leaves {
     members: Vec<u32>,
     /// The end of each leaf in `members`.
     ends: Vec<u32>,
 }
 
 impl Leaves {
-    /// The boxes of each leaf.
-    pub(super) fn iter(&self) -> impl Iterator<Item = &[u32]> {
-        let starts = std::iter::once(0).chain(self.ends.iter().copied());
-        starts.zip(&self.ends).map(|(start, &end)| &self.members[start as usize..end as usize])
+    /// Number of leaves.
+    pub(crate) fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// The boxes of a leaf.
+    fn members(&self, leaf: usize) -> &[u32] {
+        let start = if leaf == 0 { 0 } else { self.ends[leaf - 1] };
+        &self.members[start as usize..self.ends[leaf] as usize]
+    }
+
+    /// The results of a function of the number and the boxes of each leaf.
+    pub(crate) fn map<T: Send>(&self, threads: Threads, value: impl Fn(u32, &[u32]) -> T + Sync) -> Vec<T> {
+        let of = |leaf: usize| value(leaf as u32, self.members(leaf));
+        if threads == Threads::ONE || self.len() < CHUNK {
+            return (0..self.len()).map(of).collect();
+        }
+        let chunks = (0..self.len()).step_by(CHUNK).map(|start| start..(start + CHUNK).min(self.len()));
+        let parts = threads.map(chunks.collect(), |chunk| chunk.map(of).collect::<Vec<T>>());
+        let mut all = Vec::with_capacity(self.len());
+        parts.into_iter().for_each(|part| all.extend(part));
+        all
     }
 }
 

@@ -4,7 +4,7 @@
 //! The binary tree comes from splits by the binned surface area heuristic (Wald 2007), with the sizes of boxes as a fourth
 //! axis ([`split`]). Then the largest nodes are reinserted where they cost least (Meister & Bittner 2018b;
 //! [`reinsertion`]). The collapse is optimal for the surface area heuristic (Ylitie, Karras & Laine 2017; [`collapse`]).
-//! All is deterministic and single-threaded, with the same bits on every instruction set.
+//! All is deterministic, with the same bits on every instruction set and any number of threads ([`subtrees`]).
 //!
 //! Boxes are scaled by a power of two, so that no area overflows or vanishes. The boxes of the nodes come from the boxes
 //! that were not scaled. If the tree is too deep for a fixed stack, it is built again with fewer levels.
@@ -12,33 +12,61 @@
 mod collapse;
 mod reinsertion;
 mod split;
+mod subtrees;
 
-use dunkelfeld_geometry::Aabb;
+use dunkelfeld_geometry::{Aabb, Threads};
 use fearless_simd::Level;
 use glam::Vec3;
 
 use crate::simd8::WIDTH;
-use crate::tree::{LEAF, MAX_DEPTH, NONE, Tree};
-use collapse::Collapse;
+use crate::tree::{LEAF, MAX_DEPTH, NONE, Node, Tree};
+use collapse::{Collapse, Leaves};
 use reinsertion::reinsert_largest;
 use split::{Reference, Splitter};
 
 /// Maximum number of levels of the binary tree at first. Trees of ordinary scenes have 20 to 50.
 const LEVELS: usize = 96;
 
-/// Builds a tree over boxes. `make_leaf` receives the numbers of up to `leaf_size` (at most eight) boxes and returns
-/// the payload (below 2^31) of their leaf. All boxes must be finite and not empty.
-pub(crate) fn build_tree(boxes: &[Aabb], leaf_size: usize, make_leaf: impl FnMut(&[u32]) -> u32) -> Tree {
-    build_tree_for(Level::new(), boxes, leaf_size, make_leaf)
+/// Number of boxes, and of leaves, of a task. It does not depend on the number of threads.
+pub(crate) const CHUNK: usize = 1 << 13;
+
+/// Builds a tree over boxes, with leaves of up to `leaf_size` (at most eight) boxes. `payload` receives the number of a leaf
+/// and those of its boxes, and returns its payload (below 2^31). All boxes must be finite and not empty.
+pub(crate) fn build_tree(
+    threads: Threads,
+    boxes: &[Aabb],
+    leaf_size: usize,
+    payload: impl Fn(u32, &[u32]) -> u32 + Sync,
+) -> (Tree, Leaves) {
+    build_tree_for(Level::new(), threads, boxes, leaf_size, payload)
 }
 
 /// [`build_tree`] by the instructions of a level.
-fn build_tree_for(level: Level, boxes: &[Aabb], leaf_size: usize, mut make_leaf: impl FnMut(&[u32]) -> u32) -> Tree {
+fn build_tree_for(
+    level: Level,
+    threads: Threads,
+    boxes: &[Aabb],
+    leaf_size: usize,
+    payload: impl Fn(u32, &[u32]) -> u32 + Sync,
+) -> (Tree, Leaves) {
     if boxes.is_empty() {
-        return Tree::EMPTY;
+        return (Tree::EMPTY, Leaves::default());
     }
+    let threads = if boxes.len() < Threads::LARGE { Threads::ONE } else { threads };
+    let (nodes, leaves, root) = wide_tree(&Splitter { level, leaf_size, threads }, boxes);
+    let mut tree = Tree { nodes, root, bounds: Aabb::EMPTY };
+    let filled = leaves.map(threads, |number, members| {
+        let bounds = members.iter().fold(Aabb::EMPTY, |all, &i| all.union(boxes[i as usize]));
+        (LEAF | payload(number, members), bounds)
+    });
+    fill_nodes(&mut tree, &filled);
+    (tree, leaves)
+}
+
+/// The nodes without their boxes, the leaves, and the child word of the root.
+fn wide_tree(splitter: &Splitter, boxes: &[Aabb]) -> (Vec<Node>, Leaves, u32) {
+    let leaf_size = splitter.leaf_size;
     let mut references = references(boxes);
-    let splitter = Splitter { level, leaf_size };
     let mut binary = splitter.build(&mut references, LEVELS);
     reinsert_largest(&mut binary, leaf_size);
     let mut collapsed = Collapse::new(&binary, &references, leaf_size);
@@ -49,16 +77,7 @@ fn build_tree_for(level: Level, boxes: &[Aabb], leaf_size: usize, mut make_leaf:
     }
     let Collapse { mut nodes, leaves, root, .. } = collapsed;
     nodes.shrink_to_fit();
-    let mut tree = Tree { nodes, root, bounds: Aabb::EMPTY };
-    let filled: Vec<(u32, Aabb)> = leaves
-        .iter()
-        .map(|members| {
-            let bounds = members.iter().fold(Aabb::EMPTY, |all, &i| all.union(boxes[i as usize]));
-            (LEAF | make_leaf(members), bounds)
-        })
-        .collect();
-    fill_nodes(&mut tree, &filled);
-    tree
+    (nodes, leaves, root)
 }
 
 /// Gives the nodes of a tree their boxes, and the words of their leaves. The leaves have their numbers instead, and each
@@ -102,6 +121,8 @@ mod tests {
     use rand_core::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
 
+    use super::split::BinaryNode;
+    use super::subtrees::Subtrees;
     use super::*;
     use crate::simd8::levels;
 
@@ -135,23 +156,56 @@ mod tests {
         found
     }
 
+    /// Bits of the nodes, and the boxes of the leaves.
+    type Bits = (Vec<([[u32; WIDTH]; 6], [u32; WIDTH])>, Vec<Vec<u32>>);
+
+    fn bits(level: Level, threads: usize, boxes: &[Aabb], leaf_size: usize) -> Bits {
+        let (tree, leaves) = build_tree_for(level, Threads::new(threads), boxes, leaf_size, |leaf, _| leaf);
+        let nodes = tree.nodes.iter().map(|n| (n.bounds.map(|side| side.map(f32::to_bits)), n.children));
+        (nodes.collect(), leaves.map(Threads::ONE, |_, members| members.to_vec()))
+    }
+
     #[test]
     fn all_instruction_sets_give_the_same_tree() {
         let boxes = random_boxes(20_000);
-        let build = |level: Level, leaf_size: usize| {
-            let mut members = Vec::new();
-            let tree = build_tree_for(level, &boxes, leaf_size, |leaf| {
-                members.push(leaf.to_vec());
-                members.len() as u32 - 1
-            });
-            let nodes = tree.nodes.iter().map(|n| (n.bounds.map(|side| side.map(f32::to_bits)), n.children));
-            (nodes.collect::<Vec<_>>(), members)
-        };
         for leaf_size in [1, 8] {
-            let plain = build(Level::fallback(), leaf_size);
+            let plain = bits(Level::fallback(), 1, &boxes, leaf_size);
             for level in levels() {
-                assert!(build(level, leaf_size) == plain, "{level:?} differs from plain Rust");
+                assert!(bits(level, 1, &boxes, leaf_size) == plain, "{level:?} differs from plain Rust");
             }
+        }
+    }
+
+    #[test]
+    fn any_number_of_threads_gives_the_same_tree() {
+        // More leaves than one task has; sets that are halved because they have one centre; as few boxes as have several tasks.
+        let equal = [Aabb { min: Vec3::NEG_ONE, max: Vec3::ONE }; 20_000];
+        let mut mixed = random_boxes(100_000);
+        mixed[30_000..50_000].copy_from_slice(&equal);
+        for boxes in [&mixed[..], &equal, &random_boxes(Threads::LARGE)] {
+            let plain = bits(Level::fallback(), 1, boxes, 8);
+            for level in levels() {
+                for threads in [2, 3, 8] {
+                    assert!(bits(level, threads, boxes, 8) == plain, "{level:?}, {threads} threads: another tree");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn tasks_give_the_tree_of_a_recursion() {
+        // Below the size that has several threads by itself, and with few levels, so that sets are halved.
+        for (count, levels) in [(10_000, 96), (10_000, 14), (1, 96), (9, 1)] {
+            let boxes = random_boxes(count);
+            let splitter = Splitter { level: Level::new(), leaf_size: 8, threads: Threads::new(3) };
+            let (mut first, mut second) = (references(&boxes), references(&boxes));
+            let plain = Splitter { threads: Threads::ONE, ..splitter }.build(&mut first, levels);
+            let mut nodes = Vec::new();
+            let whole = splitter.extent(&second);
+            Subtrees::new(&splitter, &mut second, whole, levels).build(&mut nodes);
+            let bits = |n: &BinaryNode| (n.bounds, n.costs.map(f32::to_bits), n.count, n.children);
+            assert!(nodes.iter().map(bits).eq(plain.nodes.iter().map(bits)), "{count} boxes, {levels} levels");
+            assert!(first.iter().map(Reference::number).eq(second.iter().map(Reference::number)));
         }
     }
 
@@ -165,15 +219,12 @@ mod tests {
                 Aabb { min: corner, max: corner + 1.0 }
             })
             .collect();
-        let mut clusters = BTreeSet::new();
-        let tree = build_tree(&boxes, 8, |leaf| {
-            assert_eq!(leaf.len(), 8);
-            let of_leaf: BTreeSet<u32> = leaf.iter().map(|i| i * 5 % 64 / 8).collect();
-            assert_eq!(of_leaf.len(), 1, "a leaf has boxes of several clusters");
-            clusters.extend(of_leaf.iter().copied());
-            clusters.len() as u32 - 1
-        });
-        assert_eq!((tree.nodes.len(), clusters.len()), (1, 8));
+        let (tree, leaves) = build_tree(Threads::ONE, &boxes, 8, |leaf, _| leaf);
+        let clusters_of = |_: u32, leaf: &[u32]| leaf.iter().map(|i| i * 5 % 64 / 8).collect::<BTreeSet<u32>>();
+        let of_leaves = leaves.map(Threads::ONE, clusters_of);
+        assert!(of_leaves.iter().all(|clusters| clusters.len() == 1), "a leaf has boxes of several clusters");
+        let clusters: BTreeSet<u32> = of_leaves.into_iter().flatten().collect();
+        assert_eq!((tree.nodes.len(), leaves.len(), clusters.len()), (1, 8, 8));
         assert_eq!(tree.bounds, Aabb { min: Vec3::ZERO, max: Vec3::new(7001.0, 8.0, 1.0) });
     }
 
@@ -194,11 +245,8 @@ mod tests {
                 boxes.push(wall);
             }
         }
-        let mut has_wall = Vec::new();
-        let tree = build_tree(&boxes, 8, |leaf| {
-            has_wall.push(leaf.iter().any(|&i| i >= first_wall));
-            has_wall.len() as u32 - 1
-        });
+        let (tree, members) = build_tree(Threads::ONE, &boxes, 8, |leaf, _| leaf);
+        let has_wall = members.map(Threads::ONE, |_, leaf| leaf.iter().any(|&i| i >= first_wall));
         let walls: Vec<usize> =
             leaves(&tree).iter().filter(|(leaf, _)| has_wall[*leaf as usize]).map(|l| l.1).collect();
         assert!(!walls.is_empty() && walls.iter().all(|&depth| depth == 1), "nodes above the walls: {walls:?}");
@@ -208,7 +256,8 @@ mod tests {
     fn a_binary_tree_has_no_more_levels_than_it_may_have() {
         let boxes = random_boxes(1000);
         for levels in [10, 11, 14, 96] {
-            let binary = Splitter { level: Level::new(), leaf_size: 1 }.build(&mut references(&boxes), levels);
+            let binary = Splitter { level: Level::new(), leaf_size: 1, threads: Threads::ONE }
+                .build(&mut references(&boxes), levels);
             let mut depths = vec![0; binary.nodes.len()];
             for at in 0..binary.nodes.len() {
                 let node = &binary.nodes[at];

@@ -5,10 +5,11 @@
 //! position. The split with the smallest sum of areas times numbers of leaves is taken. It is a function of the set, not of
 //! its order.
 
-use dunkelfeld_geometry::Aabb;
+use dunkelfeld_geometry::{Aabb, Threads};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x4, f32x8};
 
+use super::subtrees::Subtrees;
 use crate::simd8::{Eight, WIDTH, dispatch8, greater, load};
 
 /// Cost of a leaf in units of one node. A block of eight triangles takes about a fifth longer than eight boxes.
@@ -94,6 +95,10 @@ pub(super) struct BinaryNode {
 }
 
 impl BinaryNode {
+    /// A leaf without boxes.
+    pub(super) const EMPTY: Self =
+        Self { bounds: Aabb::EMPTY, costs: [0.0; WIDTH - 1], count: 0, children: [LEAF_CHILD, 0] };
+
     /// A node that is never a leaf of the binary tree, over two others.
     pub(super) fn above(nodes: &[Self], children: [u32; 2], leaf_size: usize) -> Self {
         let [left, right] = children.map(|child| &nodes[child as usize]);
@@ -105,6 +110,11 @@ impl BinaryNode {
 
     pub(super) fn is_leaf(&self) -> bool {
         self.children[0] == LEAF_CHILD
+    }
+
+    /// The node of a subtree that follows so many other nodes.
+    pub(super) fn moved(self, nodes: u32) -> Self {
+        if self.is_leaf() { self } else { Self { children: self.children.map(|child| child + nodes), ..self } }
     }
 }
 
@@ -168,7 +178,7 @@ struct Split {
 
 /// A part of a set: its box, and the box of its centres.
 #[derive(Clone, Copy, Debug)]
-struct Extent {
+pub(super) struct Extent {
     bounds: Reference,
     centers: Reference,
 }
@@ -261,6 +271,7 @@ pub(super) struct Splitter {
     pub(super) level: Level,
     /// Maximum number of boxes of a leaf.
     pub(super) leaf_size: usize,
+    pub(super) threads: Threads,
 }
 
 impl Splitter {
@@ -269,12 +280,16 @@ impl Splitter {
     pub(super) fn build(&self, references: &mut [Reference], levels: usize) -> Binary {
         let mut nodes = Vec::with_capacity(references.len() / 2);
         let whole = self.extent(references);
-        self.build_below(references, 0, &whole, levels, &mut nodes);
+        if references.len() < Threads::LARGE || self.threads == Threads::ONE {
+            self.build_below(references, 0, &whole, levels, &mut nodes);
+        } else {
+            Subtrees::new(self, references, whole, levels).build(&mut nodes);
+        }
         Binary { nodes, root: 0 }
     }
 
     /// Appends the subtree of a set that begins at number `first` of the list. Recursion is as deep as the levels.
-    fn build_below(
+    pub(super) fn build_below(
         &self,
         set: &mut [Reference],
         first: u32,
@@ -299,7 +314,7 @@ impl Splitter {
     }
 
     /// Sorts a set of at least two boxes into two parts that are not empty. Returns the number of boxes in the first part.
-    fn divide(&self, set: &mut [Reference], whole: &Extent, levels: usize) -> (usize, [Extent; 2]) {
+    pub(super) fn divide(&self, set: &mut [Reference], whole: &Extent, levels: usize) -> (usize, [Extent; 2]) {
         if levels > set.len().ilog2() as usize + 2 {
             let binning = Binning::new(&whole.centers, set.len());
             if let Some(split) = self.best_split(set, &binning) {
@@ -330,7 +345,7 @@ impl Splitter {
     }
 
     #[inline(never)]
-    fn extent(&self, set: &[Reference]) -> Extent {
+    pub(super) fn extent(&self, set: &[Reference]) -> Extent {
         dispatch8!(self.level, simd => extent(simd, set))
     }
 }

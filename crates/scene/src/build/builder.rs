@@ -42,6 +42,8 @@ pub struct SceneBuilder {
     pub techniques: Techniques,
     /// The times of the samples. Without it, everything is at rest in the pose of time 0.
     pub shutter: Option<Shutter>,
+    /// Number of threads of the build; 0 means one per core. The scene has the same bits for any number.
+    pub threads: usize,
 }
 
 /// A mesh and its material.

@@ -7,10 +7,9 @@ use crate::build::lints::{Shape, lost_digits};
 use crate::build::validate::drop_unusable_attributes;
 use crate::geometry::triangle_data::Facet;
 use dunkelfeld_bvh::{MeshTree, MeshTriangles};
-use dunkelfeld_geometry::health::{MeshHealth, Repairs, clean};
-use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Transform, Vec2, Vec3, Vec4};
+use dunkelfeld_geometry::health::{Defects, MeshHealth, Repairs};
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Threads, Vec2, Vec3, Vec4};
 use std::collections::HashMap;
-use std::convert::Infallible;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::Arc;
 
@@ -60,21 +59,15 @@ fn keep_present<T>(results: &mut ByPlace<T>, build: u64) {
     }
 }
 
-/// The result for a place: the earlier one, or a new one.
-fn result<T: Clone, E>(
-    results: &mut ByPlace<T>,
-    (place, build): (&DAffine3, u64),
-    compute: impl FnOnce() -> Result<T, E>,
-) -> Result<T, E> {
-    let key = bits(place);
-    if let Some((last, earlier)) = results.get_mut(&key) {
-        *last = build;
-        return Ok(earlier.clone());
-    }
-    let result = compute()?;
-    results.insert(key, (build, result.clone()));
-    Ok(result)
+/// The earlier result for a place, which the present build uses.
+fn earlier<T: Clone>(results: &mut ByPlace<T>, place: &DAffine3, build: u64) -> Option<T> {
+    let (last, earlier) = results.get_mut(&bits(place))?;
+    *last = build;
+    Some(earlier.clone())
 }
+
+/// A mesh and its place. Results that do not depend on the place have the identity.
+pub(crate) type Key<'a> = (&'a Arc<Mesh>, DAffine3);
 
 /// A mesh in render space.
 #[derive(Clone, Debug)]
@@ -98,15 +91,15 @@ pub(crate) struct OwnTree {
 }
 
 impl OwnTree {
-    fn new(mesh: &Mesh) -> Result<Self, BuildError> {
-        let tree = Arc::new(tree_of(&mesh.positions, &mesh.triangles)?);
+    fn new(mesh: &Mesh, threads: Threads) -> Result<Self, BuildError> {
+        let tree = Arc::new(tree_of(&mesh.positions, &mesh.triangles, threads)?);
         Ok(Self { tree, facets: Facet::of_mesh(mesh, u32::MAX).collect() })
     }
 }
 
 /// The tree of triangles.
-pub(crate) fn tree_of(positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<MeshTree, BuildError> {
-    MeshTree::build(&MeshTriangles { positions, triangles }).map_err(|e| BuildError::Hierarchy(e.to_string()))
+pub(crate) fn tree_of(positions: &[Vec3], triangles: &[[u32; 3]], threads: Threads) -> Result<MeshTree, BuildError> {
+    MeshTree::build(&MeshTriangles { positions, triangles }, threads).map_err(|e| BuildError::Hierarchy(e.to_string()))
 }
 
 /// The repair of a mesh.
@@ -118,13 +111,18 @@ pub(crate) struct Repaired {
     pub(crate) lost_digits: Option<String>,
 }
 
-/// Computes the results for meshes, or takes them from a cache.
-pub(crate) struct Builds<'a>(pub(crate) Option<&'a mut BuildCache>);
+/// Computes the results for meshes, or takes them from a cache. What is not known is computed for several meshes at the same
+/// time, and for large meshes by several threads.
+pub(crate) struct Builds<'a> {
+    cache: Option<&'a mut BuildCache>,
+    threads: Threads,
+}
 
-impl Builds<'_> {
+impl<'a> Builds<'a> {
     /// Begins a build. Removes the results that no recent build used.
-    pub(crate) fn begin(&mut self) {
-        if let Some(cache) = &mut self.0 {
+    pub(crate) fn begin(cache: Option<&'a mut BuildCache>, threads: Threads) -> Self {
+        let mut this = Self { cache, threads };
+        if let Some(cache) = &mut this.cache {
             cache.builds += 1;
             let build = cache.builds;
             cache.meshes.retain(|_, known| known.last_build + KEPT_BUILDS >= build);
@@ -134,11 +132,17 @@ impl Builds<'_> {
                 !addresses.is_empty()
             });
         }
+        this
+    }
+
+    /// The threads of the build.
+    pub(crate) fn threads(&self) -> Threads {
+        self.threads
     }
 
     /// Ends a build. Removes the places of a mesh that it did not use.
     pub(crate) fn finish(self) {
-        if let Some(cache) = self.0 {
+        if let Some(cache) = self.cache {
             let build = cache.builds;
             for known in cache.meshes.values_mut() {
                 keep_present(&mut known.bounds, build);
@@ -148,8 +152,13 @@ impl Builds<'_> {
         }
     }
 
+    /// The number of the build; 0 without a cache.
+    fn build(&self) -> u64 {
+        self.cache.as_ref().map_or(0, |cache| cache.builds)
+    }
+
     fn known(&mut self, mesh: &Arc<Mesh>) -> Option<&mut MeshResults> {
-        let cache = self.0.as_mut()?;
+        let cache = self.cache.as_mut()?;
         let builds = cache.builds;
         let known = cache.meshes.entry(Arc::as_ptr(mesh).addr()).or_insert_with(|| {
             cache.by_digest.entry(digest(mesh)).or_default().push(Arc::as_ptr(mesh).addr());
@@ -171,7 +180,7 @@ impl Builds<'_> {
 
     /// The earlier mesh with the content of a new one, such as a primitive that a job has made again.
     fn same(&self, mesh: &Arc<Mesh>) -> Option<Arc<Mesh>> {
-        let cache = self.0.as_ref()?;
+        let cache = self.cache.as_ref()?;
         if cache.meshes.contains_key(&Arc::as_ptr(mesh).addr()) {
             return None;
         }
@@ -180,74 +189,146 @@ impl Builds<'_> {
         known.map(|known| &known.mesh).find(|known| has_same_bits(known, mesh)).cloned()
     }
 
+    /// Results of keys in their order: `earlier` ones from the cache, and those that `compute` gives for the others, which
+    /// `store` puts into the cache. A key that occurs several times is computed once.
+    fn results<R: Clone + Send>(
+        &mut self,
+        keys: &[Key<'_>],
+        earlier: impl Fn(&mut MeshResults, &DAffine3) -> Option<R>,
+        compute: impl Fn(&Arc<Mesh>, &DAffine3, Threads) -> R + Sync,
+        store: impl Fn(&mut MeshResults, &DAffine3, R),
+    ) -> Vec<R> {
+        let mut numbers: HashMap<(usize, [u64; 12]), usize> = HashMap::new();
+        let mut missing: Vec<&Key<'_>> = Vec::new();
+        let mut known: Vec<Result<R, usize>> = Vec::with_capacity(keys.len());
+        for key @ (mesh, place) in keys {
+            let result = self.known(mesh).and_then(|known| earlier(known, place));
+            known.push(result.ok_or_else(|| {
+                *numbers.entry((Arc::as_ptr(mesh).addr(), bits(place))).or_insert_with(|| {
+                    missing.push(key);
+                    missing.len() - 1
+                })
+            }));
+        }
+        let triangles = |(mesh, _): &&Key<'_>| mesh.triangles.len();
+        let computed =
+            self.threads.map_sized(missing.clone(), triangles, |(mesh, place), threads| compute(mesh, place, threads));
+        for ((mesh, place), result) in missing.into_iter().zip(&computed) {
+            if let Some(known) = self.known(mesh) {
+                store(known, place, result.clone());
+            }
+        }
+        known.into_iter().map(|result| result.unwrap_or_else(|number| computed[number].clone())).collect()
+    }
+
     /// Removes triangles and attributes that cannot be used.
-    pub(crate) fn repair(&mut self, part: &mut MeshPart) -> Repaired {
-        if let Some(earlier) = self.same(&part.mesh) {
-            part.mesh = earlier;
+    pub(crate) fn repair(&mut self, parts: &mut [MeshPart]) -> Vec<Repaired> {
+        for part in parts.iter_mut() {
+            if let Some(earlier) = self.same(&part.mesh) {
+                part.mesh = earlier;
+            }
+            // Registered, so that the same content in a later part is found.
+            let _ = self.known(&part.mesh);
         }
-        let Some(known) = self.known(&part.mesh) else { return repair(Arc::make_mut(&mut part.mesh)) };
-        let (mesh, repaired) = known.repaired.get_or_insert_with(|| {
-            let mut sound = (*part.mesh).clone();
-            let repaired = repair(&mut sound);
-            // A mesh without a fault stays the same one.
-            let is_same = repaired.repairs.total() == 0 && repaired.attributes.is_empty();
-            (if is_same { part.mesh.clone() } else { Arc::new(sound) }, repaired)
-        });
-        part.mesh = mesh.clone();
-        repaired.clone()
-    }
-
-    /// Edges, volume and bounds of a mesh.
-    pub(crate) fn health(&mut self, mesh: &Arc<Mesh>) -> MeshHealth {
-        match self.known(mesh) {
-            Some(known) => *known.health.get_or_insert_with(|| MeshHealth::from_mesh(mesh)),
-            None => MeshHealth::from_mesh(mesh),
-        }
-    }
-
-    /// Corners of the box around a placed mesh in the world; `None` for a mesh without triangles.
-    pub(crate) fn bounds(&mut self, mesh: &Arc<Mesh>, transform: &Transform) -> Option<[DVec3; 2]> {
-        let to_world = transform.to_world();
-        let compute = || {
-            let placed = mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize].as_dvec3());
-            let corners = placed.map(|p| to_world.transform_point3(p));
-            corners.map(|p| [p, p]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
+        let keys: Vec<Key<'_>> = parts.iter().map(|part| (&part.mesh, DAffine3::IDENTITY)).collect();
+        let repaired = self.results(
+            &keys,
+            |known, _| known.repaired.clone(),
+            |mesh, _, threads| repaired(mesh, threads),
+            |known, _, result| known.repaired = Some(result),
+        );
+        let of_part = |(part, (mesh, repaired)): (&mut MeshPart, (Arc<Mesh>, Repaired))| {
+            part.mesh = mesh;
+            repaired
         };
-        let Some(known) = self.known(mesh) else { return compute() };
-        let key = (to_world, known.last_build);
-        result(&mut known.bounds, key, || Ok::<_, Infallible>(compute())).unwrap_or_else(|e| match e {})
+        parts.iter_mut().zip(repaired).map(of_part).collect()
     }
 
-    /// The shape of an object in the world.
-    pub(crate) fn shape(&mut self, object: &PlacedObject, meshes: &[MeshPart]) -> Shape {
-        let (_, instance, transform) = object;
-        let compute = || Shape::of(object, meshes);
+    /// Edges, volume and bounds of meshes.
+    pub(crate) fn health(&mut self, meshes: &[&Arc<Mesh>]) -> Vec<MeshHealth> {
+        let keys: Vec<Key<'_>> = meshes.iter().map(|mesh| (*mesh, DAffine3::IDENTITY)).collect();
+        self.results(
+            &keys,
+            |known, _| known.health,
+            |mesh, _, _| MeshHealth::from_mesh(mesh),
+            |known, _, health| known.health = Some(health),
+        )
+    }
+
+    /// Corners of the boxes around placed meshes in the world; `None` for a mesh without triangles.
+    pub(crate) fn bounds(&mut self, placed: &[Key<'_>]) -> Vec<Option<[DVec3; 2]>> {
+        let build = self.build();
+        self.results(
+            placed,
+            |known, place| earlier(&mut known.bounds, place, build),
+            |mesh, to_world, _| {
+                let placed = mesh.triangles.iter().flatten().map(|&i| mesh.positions[i as usize].as_dvec3());
+                let corners = placed.map(|p| to_world.transform_point3(p));
+                corners.map(|p| [p, p]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
+            },
+            |known, place, bounds| {
+                known.bounds.insert(bits(place), (build, bounds));
+            },
+        )
+    }
+
+    /// The shapes of objects in the world.
+    pub(crate) fn shapes(&mut self, objects: &[&PlacedObject], meshes: &[MeshPart]) -> Vec<Shape> {
+        let build = self.build();
         // The shape of several meshes is not that of one of them.
-        let [mesh] = instance.meshes.as_slice() else { return compute() };
-        let Some(known) = self.known(&meshes[*mesh].mesh) else { return compute() };
-        let key = (transform.to_world(), known.last_build);
-        result(&mut known.shapes, key, || Ok::<_, Infallible>(compute())).unwrap_or_else(|e| match e {})
-    }
-
-    /// A mesh in render space, with a tree of its own.
-    pub(crate) fn placed(&mut self, mesh: &Arc<Mesh>, to_render: &DAffine3) -> Result<PlacedMesh, BuildError> {
-        let compute = || {
-            let mesh = Arc::new(bake(mesh, to_render));
-            let own = OwnTree::new(&mesh)?;
-            Ok(PlacedMesh { mesh, own })
+        let of_one = |(_, instance, transform): &PlacedObject| match instance.meshes.as_slice() {
+            [mesh] => Some((&meshes[*mesh].mesh, *transform.to_world())),
+            _ => None,
         };
-        let Some(known) = self.known(mesh) else { return compute() };
-        let key = (to_render, known.last_build);
-        result(&mut known.places, key, compute)
+        let mut known: Vec<Option<Shape>> = Vec::with_capacity(objects.len());
+        for object in objects {
+            let result = of_one(object).and_then(|(mesh, place)| earlier(&mut self.known(mesh)?.shapes, &place, build));
+            known.push(result);
+        }
+        let missing: Vec<&PlacedObject> =
+            objects.iter().zip(&known).filter(|(_, shape)| shape.is_none()).map(|(object, _)| *object).collect();
+        let triangles =
+            |(_, i, _): &&PlacedObject| i.meshes.iter().map(|&m| meshes[m].mesh.triangles.len()).sum::<usize>();
+        let computed = self.threads.map_sized(missing.clone(), triangles, |object, _| Shape::of(object, meshes));
+        for (object, shape) in missing.into_iter().zip(&computed) {
+            if let Some((mesh, place)) = of_one(object)
+                && let Some(known) = self.known(mesh)
+            {
+                known.shapes.insert(bits(&place), (build, *shape));
+            }
+        }
+        let mut computed = computed.into_iter();
+        known.into_iter().filter_map(|shape| shape.or_else(|| computed.next())).collect()
     }
 
-    /// The tree of a mesh in its own space.
-    pub(crate) fn instanced(&mut self, mesh: &Arc<Mesh>) -> Result<OwnTree, BuildError> {
-        let Some(known) = self.known(mesh) else { return OwnTree::new(mesh) };
-        match &known.instanced {
-            Some(own) => Ok(own.clone()),
-            None => Ok(known.instanced.insert(OwnTree::new(mesh)?).clone()),
-        }
+    /// Meshes in render space, each with a tree of its own.
+    pub(crate) fn placed(&mut self, placed: &[Key<'_>]) -> Result<Vec<PlacedMesh>, BuildError> {
+        let build = self.build();
+        let meshes = self.results(
+            placed,
+            |known, place| earlier(&mut known.places, place, build).map(Ok),
+            |mesh, to_render, threads| {
+                let mesh = Arc::new(bake(mesh, to_render));
+                let own = OwnTree::new(&mesh, threads)?;
+                Ok(PlacedMesh { mesh, own })
+            },
+            |known, place, result: Result<PlacedMesh, BuildError>| {
+                known.places.extend(result.ok().map(|placed| (bits(place), (build, placed))));
+            },
+        );
+        meshes.into_iter().collect()
+    }
+
+    /// The trees of meshes in their own spaces.
+    pub(crate) fn instanced(&mut self, meshes: &[&Arc<Mesh>]) -> Result<Vec<OwnTree>, BuildError> {
+        let keys: Vec<Key<'_>> = meshes.iter().map(|mesh| (*mesh, DAffine3::IDENTITY)).collect();
+        let trees = self.results(
+            &keys,
+            |known, _| known.instanced.clone().map(Ok),
+            |mesh, _, threads| OwnTree::new(mesh, threads),
+            |known, _, result: Result<OwnTree, BuildError>| known.instanced = result.ok(),
+        );
+        trees.into_iter().collect()
     }
 
     /// The common tree of meshes in render space, which `compute` builds.
@@ -256,7 +337,7 @@ impl Builds<'_> {
         parts: &[(Arc<Mesh>, DAffine3)],
         compute: impl FnOnce() -> Result<MeshTree, BuildError>,
     ) -> Result<Arc<MeshTree>, BuildError> {
-        let Some(cache) = &mut self.0 else { return Ok(Arc::new(compute()?)) };
+        let Some(cache) = &mut self.cache else { return Ok(Arc::new(compute()?)) };
         let is_same =
             |a: &(Arc<Mesh>, DAffine3), b: &(Arc<Mesh>, DAffine3)| Arc::ptr_eq(&a.0, &b.0) && bits(&a.1) == bits(&b.1);
         if let Some(known) = &cache.shared
@@ -301,11 +382,17 @@ fn has_same_bits(a: &Mesh, b: &Mesh) -> bool {
         && same(&a.colors, &b.colors, four)
 }
 
-/// Removes triangles and attributes of a mesh that cannot be used.
-fn repair(mesh: &mut Mesh) -> Repaired {
-    let attributes = drop_unusable_attributes(mesh);
-    let repairs = clean(mesh);
-    Repaired { repairs, attributes, lost_digits: lost_digits(mesh) }
+/// A mesh without the triangles and attributes that cannot be used. A mesh without a fault stays the same one.
+fn repaired(mesh: &Arc<Mesh>, threads: Threads) -> (Arc<Mesh>, Repaired) {
+    let mut sound = mesh.clone();
+    let attributes = drop_unusable_attributes(&mut sound);
+    let defects = Defects::of(mesh, threads);
+    let repairs = *defects.repairs();
+    if repairs.total() > 0 {
+        defects.remove_from(Arc::make_mut(&mut sound));
+    }
+    let lost_digits = lost_digits(&sound);
+    (sound, Repaired { repairs, attributes, lost_digits })
 }
 
 #[cfg(test)]

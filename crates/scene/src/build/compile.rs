@@ -13,12 +13,13 @@ use crate::features::FeatureSet;
 use crate::light::LightTable;
 use crate::light::delta::DeltaLight;
 use crate::light::environment::EnvironmentLight;
-use crate::material::Surface;
+use crate::material::{Material, Surface};
 use crate::query::surface::CompiledMaterial;
 use crate::scene::{Part, Scene};
 use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_geometry::health::{MeshHealth, Repairs};
-use dunkelfeld_geometry::{Aabb, DAffine3, DVec3, Mesh, Transform, Vec3};
+use dunkelfeld_geometry::{Aabb, DAffine3, DVec3, Mesh, Threads, Transform, Vec3};
+use std::sync::Arc;
 
 /// Beyond this radius [m] the square of a distance, and with it the irradiance, may leave the range of f32.
 const LARGEST_RADIUS: f32 = 1e18;
@@ -34,7 +35,7 @@ impl SceneBuilder {
     /// Indices out of range, invalid values, a scene whose triangles were all dropped and that has no environment, a
     /// scene beyond 1e18 m.
     pub fn build(self) -> Result<(Scene, BuildReport), BuildError> {
-        let (scene, mut report) = self.compile(Builds(None))?;
+        let (scene, mut report) = self.compile(None)?;
         scene.report_hazards(&mut report);
         Ok((scene, report))
     }
@@ -45,11 +46,11 @@ impl SceneBuilder {
     /// # Errors
     /// As [`Self::build`].
     pub fn build_with(self, cache: &mut BuildCache) -> Result<(Scene, BuildReport), BuildError> {
-        self.compile(Builds(Some(cache)))
+        self.compile(Some(cache))
     }
 
-    fn compile(mut self, mut builds: Builds<'_>) -> Result<(Scene, BuildReport), BuildError> {
-        builds.begin();
+    fn compile(mut self, cache: Option<&mut BuildCache>) -> Result<(Scene, BuildReport), BuildError> {
+        let mut builds = Builds::begin(cache, Threads::new(self.threads));
         check_indices(&self)?;
         check_values(&self)?;
         let mut effects = Effects::from_scene(&self);
@@ -58,7 +59,7 @@ impl SceneBuilder {
         let had_triangles = self.shows_triangles();
         let closed = self.clean_meshes(&mut builds, &mut report);
         let placed = self.valid_instances(&mut report);
-        let shapes = &mut |object: &PlacedObject| builds.shape(object, &self.meshes);
+        let shapes = &mut |objects: &[&PlacedObject]| builds.shapes(objects, &self.meshes);
         crate::build::lints::twins(&placed, &self.meshes, shapes, &mut report);
         let times = self.shutter.map(|shutter| shutter.times());
         let baking = Baking::new(&placed, &self.meshes, times.is_some());
@@ -195,9 +196,13 @@ impl SceneBuilder {
     /// Returns for each mesh whether it encloses a volume.
     fn clean_meshes(&mut self, builds: &mut Builds<'_>, report: &mut BuildReport) -> Vec<bool> {
         let mut closed = vec![false; self.meshes.len()];
-        for (index, part) in self.meshes.iter_mut().enumerate() {
+        let repaired = builds.repair(&mut self.meshes);
+        let is_examined = |part: &&MeshPart| may_bound_a_volume(&self.materials[part.material]);
+        let examined: Vec<&Arc<Mesh>> = self.meshes.iter().filter(is_examined).map(|part| &part.mesh).collect();
+        let mut healths = builds.health(&examined).into_iter();
+        for (index, (part, repaired)) in self.meshes.iter().zip(repaired).enumerate() {
             let place = mesh_place(index, &part.name);
-            let Repaired { attributes, repairs, lost_digits } = builds.repair(part);
+            let Repaired { attributes, repairs, lost_digits } = repaired;
             attributes.into_iter().for_each(|note| report.note(&place, note));
             if repairs.total() > 0 {
                 // A part of the object is missing then, which triangles without an area and copies do not show.
@@ -207,6 +212,7 @@ impl SceneBuilder {
             }
             lost_digits.into_iter().for_each(|message| report.hazard(&place, message));
             let material = &self.materials[part.material];
+            let health = if may_bound_a_volume(material) { healths.next() } else { None };
             if material.transmission > 0.0 && material.metallic >= 1.0 && material.metallic_texture.is_none() {
                 report.hazard(
                     &place,
@@ -214,20 +220,16 @@ impl SceneBuilder {
                 );
                 continue;
             }
-            let passes = material.transmission > 0.0 || material.diffuse_transmission > 0.0;
-            if material.surface == Surface::Thin
-                && material.transmission > 0.0
-                && encloses_a_volume(&builds.health(&part.mesh))
-            {
+            let Some(health) = health else { continue };
+            if material.surface == Surface::Thin && encloses_a_volume(&health) {
                 report.hazard(
                     &place,
                     format!("is closed, but its clear material \"{}\" is a thin sheet without an inside, as if it was exported without volume: light passes both faces straight; write `solid = true` for it in `[[material]]` of a job, or export the material with a thickness", material.name),
                 );
             }
-            if !matches!(material.surface, Surface::Solid(_)) || !passes {
+            if material.surface == Surface::Thin {
                 continue;
             }
-            let health = builds.health(&part.mesh);
             closed[index] = health.is_closed();
             if !health.is_closed() {
                 report.hazard(
@@ -282,6 +284,15 @@ impl SceneBuilder {
     }
 }
 
+/// Does it matter whether a mesh of this material is closed?
+fn may_bound_a_volume(material: &Material) -> bool {
+    let passes = material.transmission > 0.0 || material.diffuse_transmission > 0.0;
+    match material.surface {
+        Surface::Thin => material.transmission > 0.0,
+        Surface::Solid(_) => passes,
+    }
+}
+
 /// Is the mesh closed, other than a sheet that was modelled from both sides?
 fn encloses_a_volume(health: &MeshHealth) -> bool {
     health.is_closed() && health.signed_volume != 0.0
@@ -322,9 +333,11 @@ fn describe(r: &Repairs) -> String {
 
 /// Corners of the box around everything, in world space and f64.
 fn world_bounds(placed: &[PlacedObject], meshes: &[MeshPart], builds: &mut Builds<'_>) -> Option<[DVec3; 2]> {
-    let parts = placed.iter().flat_map(|(_, instance, transform)| instance.meshes.iter().map(move |m| (*m, transform)));
-    let boxes = parts.filter_map(|(m, transform)| builds.bounds(&meshes[m].mesh, transform));
-    boxes.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
+    let parts = placed
+        .iter()
+        .flat_map(|(_, i, transform)| i.meshes.iter().map(move |m| (&meshes[*m].mesh, *transform.to_world())));
+    let boxes = builds.bounds(&parts.collect::<Vec<_>>());
+    boxes.into_iter().flatten().reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
 }
 
 /// [`world_bounds`] of all poses between two times. `None` if nothing moves.

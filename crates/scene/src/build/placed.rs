@@ -2,7 +2,7 @@
 
 use crate::build::bake::{PlacedObject, bake};
 use crate::build::builder::{Instance, MeshPart};
-use crate::build::cache::{Builds, OwnTree, PlacedMesh, tree_of};
+use crate::build::cache::{Builds, PlacedMesh, tree_of};
 use crate::build::error::BuildError;
 use crate::geometry::triangle_data::Facet;
 use crate::material::{Material, Surface};
@@ -13,7 +13,7 @@ use crate::query::surface::CompiledMaterial;
 use crate::scene::{Part, Placement};
 use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_bvh::{Bvh, BvhInstance, InstanceMotion, MeshTree};
-use dunkelfeld_geometry::{Aabb, DAffine3, DVec3, Mesh, Transform, Vec3};
+use dunkelfeld_geometry::{Aabb, DAffine3, DVec3, Mesh, Threads, Transform, Vec3};
 use std::sync::Arc;
 
 /// Meshes used more than once are also moved to render space if their copies have at most this many triangles together.
@@ -100,9 +100,13 @@ impl PlacedScene {
         let all = || placed.iter().flat_map(|(object, i, t)| i.meshes.iter().map(move |&m| (*object, i, m, t)));
         let in_render = |t: &Transform| to_render * *t.to_world();
         // Parts of the shared tree come first, so that their triangles are numbered without gaps.
-        for (object, _, m, t) in all().filter(|(_, i, m, _)| baking.is_shared && baking.bakes(i, *m)) {
+        let threads = builds.threads();
+        let shared: Vec<_> = all().filter(|(_, i, m, _)| baking.is_shared && baking.bakes(i, *m)).collect();
+        let triangles = |(_, _, m, _): &(u32, &Instance, usize, &Transform)| meshes[*m].mesh.triangles.len();
+        let baked = threads
+            .map_sized(shared.clone(), triangles, |(_, _, m, t), _| Arc::new(bake(&meshes[m].mesh, &in_render(t))));
+        for ((object, _, m, t), mesh) in shared.into_iter().zip(baked) {
             let to_render = in_render(t);
-            let mesh = Arc::new(bake(&meshes[m].mesh, &to_render));
             let (part, first_facet) = (scene.parts.len() as u32, scene.facets.len() as u32);
             scene.facets.extend(Facet::of_mesh(&mesh, part));
             scene.shared.push((meshes[m].mesh.clone(), to_render));
@@ -114,26 +118,34 @@ impl PlacedScene {
             scene.placements.push(Placement::Shared);
             scene.transforms.push(Transform::IDENTITY);
         }
-        for (object, _, m, t) in all().filter(|(_, i, m, _)| baking.has_own_trees() && baking.bakes(i, *m)) {
-            let PlacedMesh { mesh, own } = builds.placed(&meshes[m].mesh, &in_render(t))?;
+        let own_trees: Vec<_> = all().filter(|(_, i, m, _)| baking.has_own_trees() && baking.bakes(i, *m)).collect();
+        let keys: Vec<_> = own_trees.iter().map(|(_, _, m, t)| (&meshes[*m].mesh, in_render(t))).collect();
+        for ((object, _, m, _), PlacedMesh { mesh, own }) in own_trees.into_iter().zip(builds.placed(&keys)?) {
             scene.meshes.push(mesh);
             let mesh = scene.meshes.len() as u32 - 1;
             let part = Part { mesh, object, facets: Some(own.facets), ..Part::of(&meshes[m]) };
             scene.push(part, (m, &meshes[m]), Some(own.tree));
         }
         scene.join();
-        let mut stored: Vec<Option<(u32, OwnTree)>> = vec![None; meshes.len()];
-        for (object, instance, m, transform) in all().filter(|(_, i, m, _)| !baking.bakes(i, *m)) {
-            // Invertible in world space and moved: still invertible.
-            let Ok(transform) = Transform::new(in_render(transform)) else { continue };
-            let (mesh, own) = match &stored[m] {
-                Some(known) => known.clone(),
-                None => {
-                    scene.meshes.push(meshes[m].mesh.clone());
-                    let own = builds.instanced(&meshes[m].mesh)?;
-                    stored[m].insert((scene.meshes.len() as u32 - 1, own)).clone()
-                }
-            };
+        // Invertible in world space and moved: still invertible.
+        let moved = |t: &Transform| Transform::new(in_render(t)).ok();
+        let instanced: Vec<_> = all()
+            .filter(|(_, i, m, _)| !baking.bakes(i, *m))
+            .filter_map(|(object, instance, m, t)| Some((object, instance, m, moved(t)?)))
+            .collect();
+        let mut numbers: Vec<Option<usize>> = vec![None; meshes.len()];
+        let mut stored: Vec<&Arc<Mesh>> = Vec::new();
+        for (_, _, m, _) in &instanced {
+            numbers[*m].get_or_insert_with(|| {
+                stored.push(&meshes[*m].mesh);
+                stored.len() - 1
+            });
+        }
+        let (trees, first) = (builds.instanced(&stored)?, scene.meshes.len());
+        scene.meshes.extend(stored.into_iter().cloned());
+        for (object, instance, m, transform) in instanced {
+            let Some((number, own)) = numbers[m].and_then(|i| Some((i, trees.get(i)?.clone()))) else { continue };
+            let mesh = (first + number) as u32;
             scene.placements.push(Placement::Part(scene.parts.len() as u32));
             scene.transforms.push(transform);
             let motion = baking.moves(instance).then(|| Box::new(instance.motion.seen_from(world_origin)));
@@ -206,6 +218,7 @@ impl PlacedScene {
         covers_partly: &dyn Fn(&Part) -> bool,
         builds: &mut Builds<'_>,
     ) -> Result<Bvh, BuildError> {
+        let threads = builds.threads();
         let mut trees: Vec<Arc<MeshTree>> = Vec::new();
         let mut tree_of_mesh = vec![u32::MAX; self.meshes.len()];
         let mut instances = Vec::with_capacity(self.placements.len());
@@ -213,7 +226,7 @@ impl PlacedScene {
             match placement {
                 Placement::Shared => {
                     instances.push(BvhInstance { mesh: trees.len() as u32, to_world: None, motion: None });
-                    trees.push(builds.shared_tree(&self.shared, || self.shared_tree())?);
+                    trees.push(builds.shared_tree(&self.shared, || self.shared_tree(threads))?);
                 }
                 Placement::Joined => {
                     instances.push(BvhInstance { mesh: trees.len() as u32, to_world: None, motion: None });
@@ -236,7 +249,7 @@ impl PlacedScene {
         // Parts in render space are in the first mesh.
         let first = self.placements.first().copied();
         let count = trees.len();
-        let mut bvh = Bvh::from_trees(trees, &instances).map_err(|e| BuildError::Hierarchy(e.to_string()))?;
+        let mut bvh = Bvh::from_trees(trees, &instances, threads).map_err(|e| BuildError::Hierarchy(e.to_string()))?;
         if self.parts.iter().any(covers_partly) {
             // A mesh that several parts share is alpha-tested if one of them is. An evaluation of the coverage is correct
             // for all of them.
@@ -258,7 +271,7 @@ impl PlacedScene {
     }
 
     /// The tree of all triangles without a tree of their own.
-    fn shared_tree(&self) -> Result<MeshTree, BuildError> {
+    fn shared_tree(&self, threads: Threads) -> Result<MeshTree, BuildError> {
         let mut positions = Vec::new();
         let mut triangles = Vec::with_capacity(self.facets.len());
         for part in self.parts.iter().filter(|p| p.facets.is_none()) {
@@ -267,7 +280,7 @@ impl PlacedScene {
             positions.extend_from_slice(&mesh.positions);
             triangles.extend(mesh.triangles.iter().map(|t| t.map(|i| base + i)));
         }
-        tree_of(&positions, &triangles)
+        tree_of(&positions, &triangles, threads)
     }
 }
 

@@ -198,7 +198,7 @@ pub(crate) fn mesh_place(index: usize, name: &str) -> String {
 
 /// Drops attributes whose length differs from that of the positions, because they would be read out of range. Drops
 /// colours that are not finite, because they would make the surface invalid. Gives a note for each.
-pub(crate) fn drop_unusable_attributes(mesh: &mut Mesh) -> Vec<String> {
+pub(crate) fn drop_unusable_attributes(mesh: &mut Arc<Mesh>) -> Vec<String> {
     let n = mesh.positions.len();
     let mut notes = Vec::new();
     let mut drop = |len: usize, name: &str| {
@@ -209,23 +209,23 @@ pub(crate) fn drop_unusable_attributes(mesh: &mut Mesh) -> Vec<String> {
         wrong
     };
     if drop(mesh.normals.len(), "normals") {
-        mesh.normals.clear();
+        Arc::make_mut(mesh).normals.clear();
     }
     if drop(mesh.tangents.len(), "tangents") {
-        mesh.tangents.clear();
+        Arc::make_mut(mesh).tangents.clear();
     }
     if drop(mesh.colors.len(), "vertex colours") {
-        mesh.colors.clear();
+        Arc::make_mut(mesh).colors.clear();
     }
     for set in 0..2 {
         if drop(mesh.uvs[set].len(), "texture coordinates") {
-            mesh.uvs[set].clear();
+            Arc::make_mut(mesh).uvs[set].clear();
         }
     }
     // Values outside [0, 1] are clamped where they are used; a NaN would pass every clamp.
     if mesh.colors.iter().any(|c| !c.is_finite()) {
         notes.push("has vertex colours that are not finite; they are ignored".into());
-        mesh.colors.clear();
+        Arc::make_mut(mesh).colors.clear();
     }
     notes
 }

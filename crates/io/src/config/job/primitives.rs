@@ -113,8 +113,8 @@ fn cylinder(radius: f32, height: f32) -> Mesh {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld_geometry::geometric_normal;
     use dunkelfeld_geometry::health::{MeshHealth, clean};
+    use dunkelfeld_geometry::{Threads, geometric_normal};
 
     #[test]
     fn primitives_have_their_sizes_and_point_outward() {
@@ -132,7 +132,7 @@ mod tests {
             [(PrimitiveKind::Box, 6.0), (PrimitiveKind::Cylinder, 3.0 * pi), (PrimitiveKind::Sphere, 4.0 / 3.0 * pi)]
         {
             let mut mesh = of(kind, &[1.0, 2.0, 3.0]);
-            assert_eq!(clean(&mut mesh).total(), 0, "{kind:?}");
+            assert_eq!(clean(&mut mesh, Threads::ONE).total(), 0, "{kind:?}");
             let health = MeshHealth::from_mesh(&mesh);
             assert!(health.is_closed() && (health.signed_volume / volume - 1.0).abs() < 2e-3, "{kind:?} {health:?}");
             for (t, corners) in mesh.triangles.iter().enumerate().filter(|_| !mesh.normals.is_empty()) {

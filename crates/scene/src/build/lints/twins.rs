@@ -20,7 +20,7 @@ const MAX_PAIRS: usize = 1 << 20;
 pub(crate) fn twins(
     placed: &[PlacedObject],
     meshes: &[MeshPart],
-    shape_of: &mut dyn FnMut(&PlacedObject) -> Shape,
+    shapes_of: &mut dyn FnMut(&[&PlacedObject]) -> Vec<Shape>,
     report: &mut BuildReport,
 ) {
     let mut known: HashMap<(&[usize], [u32; 12]), usize> = HashMap::new();
@@ -49,7 +49,8 @@ pub(crate) fn twins(
         }
         let most = triangles / count;
         triangles -= count * group.len().min(most);
-        let mut shapes: Vec<(Shape, usize)> = group.iter().take(most).map(|i| (shape_of(&placed[*i]), *i)).collect();
+        let measured: Vec<&PlacedObject> = group.iter().take(most).map(|i| &placed[*i]).collect();
+        let mut shapes: Vec<(Shape, usize)> = shapes_of(&measured).into_iter().zip(group).collect();
         shapes.sort_by(|(a, i), (b, j)| a.low.x.total_cmp(&b.low.x).then(i.cmp(j)));
         for (k, (shape, i)) in shapes.iter().enumerate() {
             let tolerance = shape.tolerance();
