@@ -21,7 +21,8 @@ use crate::visibility::{Bounds, Exposed, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{
-    Budget, Cancel, DenoiseMethod, Error, Project, ProjectResult, RenderSettings, Session, Silent, Stage,
+    Budget, Cancel, DenoiseMethod, Error, Project, ProjectOptions, ProjectResult, RenderSettings, Session, Silent,
+    Stage,
 };
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
 use dunkelfeld_io::input::InputFiles;
@@ -87,13 +88,16 @@ struct SceneParts {
 }
 
 impl Worker {
-    /// Loads the scene of a study. `threads` is the number of threads of each image; 0 means one per core.
+    /// Loads the scene of a study. `threads` is the number of threads of each image, also of the build of its scene; 0 means
+    /// one per core.
     ///
     /// # Errors
     /// A job or scene that cannot be opened, labels and defects that match no object.
     pub fn open(study: &Arc<Study>, threads: usize) -> Result<Self, Error> {
         let job = study.job(0)?;
-        let project = Project::from_text(study.job_path(), &job.text).map_err(|e| in_study(study, e, 0))?;
+        let options = ProjectOptions::default().with_threads(threads);
+        let project =
+            Project::from_text_with(study.job_path(), &job.text, options).map_err(|e| in_study(study, e, 0))?;
         let at = |(number, fault): (usize, Fault)| study.error(fault, &["study", "defect", &number.to_string()]);
         let entries = entries(study).map_err(at)?;
         let mut names = ObjectNames::new(study, &project);

@@ -117,7 +117,9 @@ struct Chunk {
 
 impl Chunk {
     fn new(positions: &[Vec3], (first, triangles): (u32, &[[u32; 3]]), sets: usize) -> Self {
-        let mut chunk = Self { defects: Defects::default(), sets: vec![Vec::new(); sets] };
+        let room = triangles.len() / sets;
+        let sets_of_chunk = (0..sets).map(|_| Vec::with_capacity(room + room / 4)).collect();
+        let mut chunk = Self { defects: Defects::default(), sets: sets_of_chunk };
         let Repairs { out_of_range, non_finite, zero_area, .. } = &mut chunk.defects.repairs;
         for (number, triangle) in (first..).zip(triangles) {
             let reason = match corners_of(positions, triangle) {

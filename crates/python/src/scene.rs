@@ -29,6 +29,8 @@ use std::time::{Duration, Instant};
 /// The outputs of the renders are marked. `Scene.effects` lists those that a scene uses. Another choice needs another
 /// `Scene`, which loads its files again.
 ///
+/// `threads` is the number of threads that load the scene, and the default of `render`; 0 stands for one per core.
+///
 /// A scene can be used by several threads; its renders run one after the other.
 #[pyclass(frozen, module = "dunkelfeld")]
 pub(crate) struct Scene {
@@ -36,6 +38,8 @@ pub(crate) struct Scene {
     /// Path, and the text of a job that is no file: for copies.
     origin: (PathBuf, Option<String>),
     without: Vec<Effect>,
+    /// Number of threads with which it was opened.
+    threads: usize,
     overrides: Mutex<String>,
     /// Ends the render that holds the project.
     running: Mutex<Option<Arc<Cancel>>>,
@@ -112,10 +116,10 @@ impl Scene {
         }
     }
 
-    fn open(path: PathBuf, text: Option<String>, without: Vec<Effect>) -> Result<Self, Failure> {
+    fn open(path: PathBuf, text: Option<String>, without: Vec<Effect>, threads: usize) -> Result<Self, Failure> {
         // Other files may be read, and copies be made, after a change of folder.
         let path = std::path::absolute(&path).unwrap_or(path);
-        let options = ProjectOptions::default().with_without(without);
+        let options = ProjectOptions::default().with_without(without).with_threads(threads);
         let project = match &text {
             None => Project::open_with(&path, options)?,
             Some(text) => Project::from_text_with(&path, text, options)?,
@@ -125,6 +129,7 @@ impl Scene {
             project: Mutex::new(project),
             origin: (path, text),
             without,
+            threads,
             overrides: Mutex::default(),
             running: Mutex::default(),
         })
@@ -170,25 +175,26 @@ fn replay_of(plan: &Bound<'_, PyAny>) -> Result<ReplayOption, Failure> {
 #[pymethods]
 impl Scene {
     #[new]
-    #[pyo3(signature = (path, *, without=None))]
-    fn new(py: Python<'_>, path: PathBuf, without: Option<NamesArgument>) -> Result<Self, Failure> {
+    #[pyo3(signature = (path, *, without=None, threads=0))]
+    fn new(py: Python<'_>, path: PathBuf, without: Option<NamesArgument>, threads: usize) -> Result<Self, Failure> {
         let without = effects_of(without)?;
-        py.detach(|| Self::open(path, None, without).map_err(PyErr::from)).map_err(Failure::from)
+        py.detach(|| Self::open(path, None, without, threads).map_err(PyErr::from)).map_err(Failure::from)
     }
 
     /// Opens a job from a text of TOML or a dictionary with the keys of a job file. Paths in it are relative to `folder`.
-    /// `without` names effects to leave out, as for `Scene(path)`.
+    /// `without` and `threads` are those of `Scene(path)`.
     #[staticmethod]
-    #[pyo3(signature = (job, folder=None, *, without=None))]
+    #[pyo3(signature = (job, folder=None, *, without=None, threads=0))]
     fn from_job(
         py: Python<'_>,
         job: &Bound<'_, PyAny>,
         folder: Option<PathBuf>,
         without: Option<NamesArgument>,
+        threads: usize,
     ) -> Result<Self, Failure> {
         let path = folder.unwrap_or_default().join("job.toml");
         let (text, without) = (job_text(job)?, effects_of(without)?);
-        py.detach(|| Self::open(path, Some(text), without).map_err(PyErr::from)).map_err(Failure::from)
+        py.detach(|| Self::open(path, Some(text), without, threads).map_err(PyErr::from)).map_err(Failure::from)
     }
 
     /// Changes scene and settings by keys of a job (a text of TOML or a dictionary), which are merged into the job. They
@@ -417,7 +423,7 @@ impl Scene {
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
         let (path, text) = &self.origin;
         let overrides = lock(&self.overrides).clone();
-        let arguments = (path.clone(), text.clone(), overrides, self.without()).into_pyobject(py)?;
+        let arguments = (path.clone(), text.clone(), overrides, self.without(), self.threads).into_pyobject(py)?;
         Ok((py.get_type::<Self>().getattr("_restore")?, arguments))
     }
 
@@ -428,10 +434,11 @@ impl Scene {
         text: Option<String>,
         overrides: String,
         without: NamesArgument,
+        threads: usize,
     ) -> Result<Self, Failure> {
         let without = effects_of(Some(without))?;
         let opened = py.detach(|| {
-            let scene = Self::open(path, text, without)?;
+            let scene = Self::open(path, text, without, threads)?;
             if !overrides.is_empty() {
                 lock(&scene.project).set_overrides(&overrides)?;
                 *lock(&scene.overrides) = overrides;

@@ -112,7 +112,8 @@ fn given<T>(name: &str, values: Option<Vec<T>>) -> Result<Vec<T>, Failure> {
 /// The project of a scene or job, with a view.
 fn open(input: &Path, view: &ViewOptions, sink: &dyn Progress) -> Result<Project, Error> {
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let mut project = Project::open_with(input, ProjectOptions::default().with_can_change(false))?;
+    let options = ProjectOptions::default().with_can_change(false).with_threads(view.threads.unwrap_or(0));
+    let mut project = Project::open_with(input, options)?;
     view.apply(&mut project)?;
     Ok(project)
 }

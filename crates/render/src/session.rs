@@ -14,6 +14,18 @@ const BACKGROUND: u8 = 20;
 /// Largest number of threads of a session.
 pub const MAX_THREADS: usize = 1024;
 
+/// Checks a number of threads.
+///
+/// # Errors
+/// More than [`MAX_THREADS`].
+pub fn check_threads(threads: usize) -> Result<(), Error> {
+    if threads <= MAX_THREADS {
+        return Ok(());
+    }
+    let help = format!("use at most {MAX_THREADS}, or 0 for one per core");
+    Err(Error::setting("threads", format!("{threads} is out of range"), help))
+}
+
 static SILENT: Silent = Silent;
 static NEVER: Cancel = Cancel::new();
 
@@ -51,14 +63,7 @@ impl Session<'static> {
     }
 
     fn with_threads(threads: usize, start: impl Fn(usize) + Send + Sync + 'static) -> Result<Self, Error> {
-        if threads > MAX_THREADS {
-            let problem = format!("{threads} is out of range");
-            return Err(Error::setting(
-                "threads",
-                problem,
-                format!("use at most {MAX_THREADS}, or 0 for one per core"),
-            ));
-        }
+        check_threads(threads)?;
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .thread_name(|i| format!("dunkelfeld-{i}"))
@@ -154,8 +159,37 @@ impl std::fmt::Debug for Session<'_> {
     }
 }
 
-#[cfg(all(test, target_os = "linux"))]
+#[cfg(test)]
 mod tests {
+    use super::*;
+    use dunkelfeld_scene::{Material, SceneBuilder, shapes};
+    use rayon::prelude::*;
+    use std::sync::Mutex;
+
+    /// A worker of a pool holds a lock while it builds a scene on several threads. If it took up other work of its pool while
+    /// it waits, it would wait for its own lock.
+    #[test]
+    fn a_scene_is_built_within_a_pool_and_a_lock() {
+        let mut builder = SceneBuilder { threads: 3, ..SceneBuilder::default() };
+        let grey = builder.add_material(Material::default());
+        builder.add_object("ball", shapes::sphere(Default::default(), 1.0, 120, true), grey);
+        assert!(builder.meshes[0].mesh.triangles.len() > 1 << 14, "it has several threads");
+        let fingerprint = |builder: SceneBuilder| builder.build().expect("valid").0.fingerprint();
+        let alone = fingerprint(SceneBuilder { threads: 1, ..builder.clone() });
+        let lock = Mutex::new(());
+        let all: Vec<u128> = Session::new(2).expect("threads").install(|| {
+            let build = |_| {
+                let _guard = lock.lock().expect("no panic");
+                fingerprint(builder.clone())
+            };
+            (0..8).into_par_iter().with_max_len(1).map(build).collect()
+        });
+        assert_eq!(all, [alone; 8]);
+    }
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod priorities {
     use super::*;
 
     /// The nice value of this thread (getpriority(2): on Linux it is that of a thread).

@@ -2,10 +2,11 @@
 
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::shapes::{cuboid, rectangle};
+use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    BuildError, Camera, ColorEncoding, Environment, EnvironmentSource, Finding, Image, ImageId, Instance, Material,
-    MeshPart, Projection, PunctualKind, PunctualLight, SceneBuilder, Severity, Texels, Texture,
+    BuildCache, BuildError, Camera, ColorEncoding, Environment, EnvironmentSource, Finding, Image, ImageId, Instance,
+    Material, MeshPart, Projection, PunctualKind, PunctualLight, Scene, SceneBuilder, Severity, Surface, SurfacePoint,
+    Texels, Texture, Volume,
 };
 use std::sync::Arc;
 
@@ -244,12 +245,12 @@ fn invalid_radiance_texels_are_replaced_by_black() {
 
 #[test]
 fn solids_that_are_open_or_inside_out_are_hazards() {
-    let volume = dunkelfeld_scene::Volume::default();
+    let volume = Volume::default();
     let clear = |b: &mut SceneBuilder| {
         b.add_material(Material {
             name: "clear".into(),
             transmission: 1.0,
-            surface: dunkelfeld_scene::Surface::Solid(volume),
+            surface: Surface::Solid(volume),
             ..Material::default()
         })
     };
@@ -293,4 +294,61 @@ fn light_that_cannot_be_found_is_a_hazard() {
     assert!(hazards(frosted, true).is_empty(), "what scatters can be connected");
     let metal = Material { metallic: 1.0, ..clear };
     assert!(hazards(metal, true).contains("its transmission has no effect; set metallic to 0"));
+}
+
+/// Tori with as many triangles as `meshes` says, in places of their own, on a floor of glass.
+fn tori(meshes: &[u32]) -> SceneBuilder {
+    let mut b = SceneBuilder::default();
+    let grey = b.add_material(Material::default());
+    let glass = b.add_material(Material {
+        transmission: 1.0,
+        surface: Surface::Solid(Volume::default()),
+        ..Material::default()
+    });
+    b.add_object("floor", cuboid(Vec3::new(-9.0, -9.0, -2.0), Vec3::new(99.0, 9.0, -1.0)), glass);
+    for (i, rings) in meshes.iter().enumerate() {
+        let ball = b.add_object(&format!("ball {i}"), sphere(Vec3::ZERO, 0.9, *rings, true), grey);
+        b.instances[ball].to_world = DAffine3::from_translation(DVec3::new(2.0 * i as f64, 0.1, 0.3));
+    }
+    // Twice the same triangle.
+    let mesh = &mut Arc::make_mut(&mut b.meshes[1].mesh).triangles;
+    mesh.push(mesh[7]);
+    b
+}
+
+/// The hits of a grid of rays, bit by bit.
+fn hits(scene: &Scene) -> Vec<Option<[u32; 3]>> {
+    let down = Vec3::new(0.1, -0.05, -1.0).normalize();
+    let ray = |i: u32| {
+        let [x, y] = [(i % 128) as f32 * 0.08 - 1.0, (i / 128) as f32 * 0.02 - 0.9];
+        Ray::new((DVec3::new(x.into(), y.into(), 3.0) - scene.world_origin()).as_vec3(), down)
+    };
+    let bits = |p: SurfacePoint| [p.distance.to_bits(), p.point.x.to_bits(), p.point.z.to_bits()];
+    (0..128 * 96).map(|i| scene.intersect(&ray(i)).map(bits)).collect()
+}
+
+/// One mesh that all threads build, many that have one thread each with trees of their own, and many in one tree.
+#[test]
+fn any_number_of_threads_gives_the_same_scene() {
+    let many: Vec<u32> = (0..40).map(|i| 30 + i).collect();
+    for meshes in [&[400][..], &many, &[24; 30]] {
+        let builder = |threads: usize| SceneBuilder { threads, ..tori(meshes) };
+        let (plain, report) = builder(1).build().expect("valid");
+        let findings: Vec<String> = report.findings.iter().map(|f| format!("{} {}", f.place, f.message)).collect();
+        assert!(findings.iter().any(|f| f.contains("repeat another")), "{findings:?}");
+        let seen = hits(&plain);
+        assert!(seen.iter().flatten().count() > 5000, "the test does not test");
+        for (threads, with_cache) in [(2, false), (3, true), (8, false)] {
+            let built = if with_cache {
+                builder(threads).build_with(&mut BuildCache::default())
+            } else {
+                builder(threads).build()
+            };
+            let (scene, report) = built.expect("valid");
+            assert_eq!(scene.fingerprint(), plain.fingerprint(), "{threads} threads");
+            assert!(hits(&scene) == seen, "{threads} threads: other hits");
+            let of_build: Vec<String> = report.findings.iter().map(|f| format!("{} {}", f.place, f.message)).collect();
+            assert!(findings.starts_with(&of_build), "{threads} threads: {of_build:?}");
+        }
+    }
 }

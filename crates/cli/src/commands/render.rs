@@ -29,8 +29,11 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
     // The lock comes before loading: another process may use the file.
     let checkpoint = args.checkpoint.as_ref().map(|path| checkpoint(args, path)).transpose()?;
     begin(Stage::Load, 0.0, 0);
-    let options =
-        ProjectOptions::default().with_started(started).with_without(args.without.clone()).with_can_change(false);
+    let options = ProjectOptions::default()
+        .with_started(started)
+        .with_without(args.without.clone())
+        .with_threads(args.run.threads.map_or(0, usize::from))
+        .with_can_change(false);
     let mut project = Project::open_with(&args.input, options)?;
     project.settings.checkpoint = checkpoint;
     apply(args, &mut project)?;

@@ -14,7 +14,9 @@ pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {
     settings.check()?;
     let sink = Sink::new(args.view.run.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let mut project = Project::open_with(&args.input, ProjectOptions::default().with_can_change(false))?;
+    let options =
+        ProjectOptions::default().with_can_change(false).with_threads(args.view.run.threads.map_or(0, usize::from));
+    let mut project = Project::open_with(&args.input, options)?;
     apply_view(&args.view, &mut project)?;
     let folder = args.output.clone().unwrap_or_else(|| noted(default_folder(&args.input, &project.inputs)));
     let own_size = args.view.width.is_some() || args.view.height.is_some();

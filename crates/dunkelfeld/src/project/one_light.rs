@@ -32,7 +32,8 @@ impl Project {
             Ok(())
         };
         let (source, cache) = (description.imported.clone(), &mut description.cache);
-        let compiled = compile_and(job.scene_path(), Some(job), source, &description.without, Some(cache), keep)?;
+        let options = (description.without.as_slice(), self.settings.threads);
+        let compiled = compile_and(job.scene_path(), Some(job), source, options, Some(cache), keep)?;
         let Compiled { scene, report, warnings, inputs, .. } = compiled;
         Ok(Self {
             scene,

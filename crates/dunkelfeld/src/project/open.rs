@@ -11,7 +11,7 @@ use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Seconds};
-use dunkelfeld_render::{Budget, DEFAULT_F_NUMBER, Error, RenderSettings, SensorChoice};
+use dunkelfeld_render::{Budget, DEFAULT_F_NUMBER, Error, RenderSettings, SensorChoice, check_threads};
 use dunkelfeld_scene::{BuildCache, BuildError, BuildReport, Effect, Scene, SceneBuilder};
 use dunkelfeld_sensor::{Exposure, Optics, Published, SensorModel};
 use std::path::Path;
@@ -32,11 +32,14 @@ pub struct ProjectOptions {
     /// Keep the description of the scene, so that [`Project::set_overrides`] can change it. It takes the memory of the
     /// meshes once more. Default true.
     pub can_change: bool,
+    /// Number of threads that build the scene, and that render it unless
+    /// [`RenderSettings::threads`] is changed; 0 means one per core, the default.
+    pub threads: usize,
 }
 
 impl Default for ProjectOptions {
     fn default() -> Self {
-        Self { started: None, without: Vec::new(), can_change: true }
+        Self { started: None, without: Vec::new(), can_change: true, threads: 0 }
     }
 }
 
@@ -74,7 +77,7 @@ impl Project {
     /// [`Project::open`] with options.
     ///
     /// # Errors
-    /// As [`Project::open`], and for an effect that cannot be left out.
+    /// As [`Project::open`], for an effect that cannot be left out, and for too many threads.
     pub fn open_with(path: impl AsRef<Path>, options: ProjectOptions) -> Result<Self, Error> {
         Self::open_recorded(path, options, &mut InputFiles::new())
     }
@@ -140,7 +143,8 @@ impl Project {
         options: ProjectOptions,
         read: &mut InputFiles,
     ) -> Result<Self, Error> {
-        let ProjectOptions { started, without, can_change } = options;
+        let ProjectOptions { started, without, can_change, threads } = options;
+        check_threads(threads)?;
         let imported = match &job {
             Some(job) => job.load_scene(),
             None => load_scene(path, &ImportOptions::default()),
@@ -150,7 +154,7 @@ impl Project {
         let mut description = None;
         let compiled = if can_change {
             let mut cache = BuildCache::default();
-            let mut compiled = compile(path, job.as_ref(), imported.clone(), &without, Some(&mut cache))?;
+            let mut compiled = compile(path, job.as_ref(), imported.clone(), (&without, threads), Some(&mut cache))?;
             compiled.scene.report_hazards(&mut compiled.report);
             // The name of a scene that is not UTF-8 cannot stand in a job.
             let base = job.clone().map_or_else(|| Job::of_scene(path), Ok);
@@ -159,7 +163,7 @@ impl Project {
                 base.ok().map(|base| Box::new(Description { base, job: None, imported, without, given, cache }));
             compiled
         } else {
-            compile(path, job.as_ref(), imported, &without, None)?
+            compile(path, job.as_ref(), imported, (&without, threads), None)?
         };
         let Compiled { scene, report, warnings, inputs, part, given, build_seconds } = compiled;
         let load_seconds = began.elapsed().as_secs_f64() - build_seconds;
@@ -191,15 +195,16 @@ pub fn removable_effects() -> Vec<Effect> {
     Effect::ALL.into_iter().filter(|&effect| SceneBuilder::default().leave_out(effect)).collect()
 }
 
-/// Compiles an imported scene with the changes of a job, if there is one. `path` is the file that was opened.
+/// Compiles an imported scene with the changes of a job, if there is one, without some effects and on so many threads. `path`
+/// is the file that was opened.
 pub(super) fn compile(
     path: &Path,
     job: Option<&Job>,
     imported: Imported,
-    without: &[Effect],
+    options: (&[Effect], usize),
     cache: Option<&mut BuildCache>,
 ) -> Result<Compiled, Error> {
-    compile_and(path, job, imported, without, cache, |_| Ok(()))
+    compile_and(path, job, imported, options, cache, |_| Ok(()))
 }
 
 /// [`compile`] with a change of the description after those of the job.
@@ -207,7 +212,7 @@ pub(super) fn compile_and(
     path: &Path,
     job: Option<&Job>,
     mut imported: Imported,
-    without: &[Effect],
+    (without, threads): (&[Effect], usize),
     cache: Option<&mut BuildCache>,
     edit: impl FnOnce(&mut SceneBuilder) -> Result<(), Error>,
 ) -> Result<Compiled, Error> {
@@ -221,7 +226,9 @@ pub(super) fn compile_and(
         None => (RenderSettings::default(), OutputPaths::default()),
     };
     inputs.extend(&imported.inputs);
+    settings.threads = threads;
     edit(&mut imported.scene)?;
+    imported.scene.threads = threads;
     for &effect in without {
         // An effect that is given twice is left out once.
         if settings.without.contains(&effect) {

@@ -120,7 +120,8 @@ impl Project {
         let Description { base, job, imported, without, given, cache } = description;
         let read = if changed.has_scene_of(job.as_ref().unwrap_or(base)) { None } else { Some(changed.load_scene()?) };
         let source = read.as_ref().unwrap_or(imported).clone();
-        let compiled = compile_and(changed.scene_path(), Some(&changed), source, without, Some(cache), edit)?;
+        let options = (without.as_slice(), self.settings.threads);
+        let compiled = compile_and(changed.scene_path(), Some(&changed), source, options, Some(cache), edit)?;
         let Compiled { scene, report, warnings, inputs, given: new, .. } = compiled;
         let mut settings = self.settings.clone();
         settings.update(&given.settings, &new.settings);

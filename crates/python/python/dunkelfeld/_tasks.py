@@ -150,7 +150,7 @@ def _opened(source: Source, threads: int, is_study: bool) -> StudyWorker | Scene
         study = Study(path)
         hash, opened = study.hash, study.worker(threads)
     else:
-        hash, opened = "", Scene(path)
+        hash, opened = "", Scene(path, threads=threads)
     if _fingerprint(hash, opened.inputs) != source.fingerprint:
         problem = f"a worker has dunkelfeld {__version__} and other files than the client, or another version"
         raise setting(

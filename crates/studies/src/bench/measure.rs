@@ -262,7 +262,10 @@ impl Bench<'_> {
     fn without(&self, effect: Effect) -> Result<(Scene, RenderSettings), Error> {
         let mut other = Project::open_with(
             self.input,
-            ProjectOptions::default().with_without(vec![effect]).with_can_change(false),
+            ProjectOptions::default()
+                .with_without(vec![effect])
+                .with_can_change(false)
+                .with_threads(self.project.settings.threads),
         )?;
         other.take_settings_of(self.project);
         other.settings.without = vec![effect];
