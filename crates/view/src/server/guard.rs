@@ -4,7 +4,8 @@ use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, COOKIE, HOST, ORIGIN, SET_COOKIE};
 use axum::http::header::{REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS};
-use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::net::SocketAddr;
@@ -36,9 +37,20 @@ impl Guard {
     }
 
     /// The reason why a request is refused.
-    fn refusal(&self, method: &Method, headers: &HeaderMap, is_first: bool) -> Option<&'static str> {
+    fn refusal(&self, (method, uri): (&Method, &Uri), headers: &HeaderMap, is_first: bool) -> Option<&'static str> {
         let text = |name| headers.get(name).and_then(|value: &HeaderValue| value.to_str().ok());
         let is_own = |host: &str| self.hosts.iter().any(|own| own.eq_ignore_ascii_case(host));
+        // Of two names, another program may read the other one.
+        if headers.get_all(HOST).iter().nth(1).is_some() {
+            return Some("the request names two hosts");
+        }
+        // A target in the form for proxies has a name too.
+        if let Some(name) = uri.authority().map(Authority::as_str) {
+            let is_same = if self.token.is_none() { is_own(name) } else { text(HOST) == Some(name) };
+            if !is_same {
+                return Some("the request names another host");
+            }
+        }
         // With a token, the server may have any name.
         if self.token.is_none() && !text(HOST).is_some_and(is_own) {
             return Some("the request names another host");
@@ -87,7 +99,7 @@ fn is_equal(a: &str, b: &str) -> bool {
 pub(super) async fn check(State(guard): State<Guard>, request: Request, next: Next) -> Response {
     let is_page = request.uri().path() == "/";
     let is_invited = is_page && guard.is_invited(request.uri().query());
-    let refusal = guard.refusal(request.method(), request.headers(), is_invited);
+    let refusal = guard.refusal((request.method(), request.uri()), request.headers(), is_invited);
     let mut response = match refusal {
         Some(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
         None => next.run(request).await,
@@ -115,13 +127,39 @@ pub(super) async fn check(State(guard): State<Guard>, request: Request, next: Ne
 #[cfg(test)]
 mod tests {
     use super::*;
+    use axum::http::HeaderName;
 
     fn headers(entries: &[(&'static str, &str)]) -> HeaderMap {
-        entries.iter().map(|(name, value)| (name.parse().expect("name"), value.parse().expect("value"))).collect()
+        let pair = |&(name, value): &(&str, &str)| {
+            (name.parse::<HeaderName>().expect("name"), value.parse::<HeaderValue>().expect("value"))
+        };
+        let mut headers = HeaderMap::new();
+        for (name, value) in entries.iter().map(pair) {
+            headers.append(name, value);
+        }
+        headers
     }
 
     fn refuses(guard: &Guard, method: Method, entries: &[(&'static str, &str)]) -> bool {
-        guard.refusal(&method, &headers(entries), false).is_some()
+        guard.refusal((&method, &Uri::from_static("/api/state")), &headers(entries), false).is_some()
+    }
+
+    /// A target in the form for proxies, and a second name.
+    #[test]
+    fn other_names_of_the_host_are_refused() {
+        let own = headers(&[("host", "127.0.0.1:7000"), ("cookie", "dunkelfeld-view-7000=0123abcd")]);
+        let both = headers(&[("host", "127.0.0.1:7000"), ("host", "evil.example")]);
+        for token in [None, Some("0123abcd".to_owned())] {
+            let guard = Guard::new(([127, 0, 0, 1], 7000).into(), token);
+            let refusal = |target: &'static str, headers: &HeaderMap| {
+                guard.refusal((&Method::GET, &Uri::from_static(target)), headers, false)
+            };
+            assert_eq!(refusal("/api/state", &own), None);
+            assert_eq!(refusal("http://127.0.0.1:7000/api/state", &own), None);
+            assert_eq!(refusal("http://evil.example/api/state", &own), Some("the request names another host"));
+            assert_eq!(refusal("http://evil.example@127.0.0.1:7000/", &own), Some("the request names another host"));
+            assert_eq!(refusal("/api/state", &both), Some("the request names two hosts"));
+        }
     }
 
     #[test]
