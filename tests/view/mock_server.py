@@ -46,19 +46,21 @@ class Handler(BaseHTTPRequestHandler):
         self.send(status, "application/json", json.dumps(value, allow_nan=False).encode())
 
     def do_GET(self):
-        while self.path.startswith("/api/") and self.path != "/api/events" and self.mock.settings["mute"]:
+        while self.path.startswith("/api/") and not self.path.startswith("/api/events") and self.mock.settings["mute"]:
             time.sleep(0.02)
-        if self.path == "/api/state":
-            return self.send_json(self.mock.state())
-        if self.path == "/api/events":
-            return self.events()
+        path, _, query = self.path.partition("?")
+        page = query.removeprefix("page=") if query else None
+        if path == "/api/state":
+            return self.send_json(self.mock.state(page))
+        if path == "/api/events":
+            return self.events(page)
         name = "index.html" if self.path == "/" else self.path.removeprefix("/assets/")
         file = ASSETS / name
         if "/" in name or not file.is_file():
             return self.send_json({"problem": "There is no such page.", "place": self.path, "help": None}, 404)
         return self.send(200, TYPES.get(file.suffix, "application/octet-stream"), file.read_bytes())
 
-    def events(self):
+    def events(self, page):
         self.send_response(200)
         self.send_header("content-type", "text/event-stream")
         self.send_header("cache-control", "no-store")
@@ -67,7 +69,7 @@ class Handler(BaseHTTPRequestHandler):
         try:
             while not self.server.stopping:
                 self.mock.connected = True
-                state = json.dumps(self.mock.state())
+                state = json.dumps(self.mock.state(page))
                 if state != last and not self.mock.settings["mute"]:
                     self.wfile.write(f"event: state\ndata: {state}\n\n".encode())
                     self.wfile.flush()

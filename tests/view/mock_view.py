@@ -54,7 +54,12 @@ class MockView:
             "analysis": "exact",
             "prepared": 0,
             "timed": None,
+            "frame": 0,
+            "exposure": JOB_CAMERA["exposure"],
+            "other_camera": False,
         }
+        # The cameras of the pages.
+        self.pages = {}
         self.begin, self.paused_at, self.film_offset = time.time(), 0.0, 0
         self.connected = False
 
@@ -84,7 +89,8 @@ class MockView:
     def level(self, seconds):
         return K_START / math.sqrt(max(seconds, 0.1)) * (1 + 0.06 * math.sin(3 * math.log(seconds + 1)))
 
-    def state(self):
+    def state(self, page=None):
+        """The state for a page, with the statistics of its camera; those of another camera with `other_camera`."""
         seconds, film = self.seconds(), self.film()
         render = {
             "stage": "render",
@@ -178,10 +184,15 @@ class MockView:
             "prepared": self.settings["prepared"],
             "target": self.target,
             "certificate": certificate,
+            "statistics_of": {
+                **self.pages.get(page, JOB_CAMERA),
+                **{"noise": "plain", "denoise": "off", "device": 0},
+                **({"gain": 77} if self.settings["other_camera"] else {}),
+            },
             "sensors": SENSORS,
-            "camera": JOB_CAMERA,
+            "camera": {**JOB_CAMERA, "exposure": self.settings["exposure"]},
             "ranges": RANGES,
-            "frame": 0,
+            "frame": self.settings["frame"],
             "timed": self.settings["timed"],
             "scene": scene,
             "saved": self.saved,
@@ -275,8 +286,10 @@ class MockView:
     # Answers -------------------------------------------------------------------------------------
     def frame(self, body):
         camera = self.check_camera(body["camera"])
-        if set(body) != {"camera", "frame", "tone"} or body["tone"] not in ("gamma", "linear", "log"):
-            raise Fault(400, "The frame needs camera, frame and tone.")
+        if set(body) != {"camera", "frame", "tone", "page"} or body["tone"] not in ("gamma", "linear", "log"):
+            raise Fault(400, "The frame needs camera, frame, tone and page.")
+        if body["page"] is not None:
+            self.pages[body["page"]] = camera
         begin, film = time.time(), self.need_film()
         shot = self.expose(camera, body["frame"], film)
         colour = camera["sensor"] is None or shot["sensor"]["colour"]

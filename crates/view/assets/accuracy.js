@@ -19,6 +19,28 @@ const ENOUGH = 4; // measured points from which the level is extrapolated
 const PILOT = 32; // samples per pixel of the pilot, after which the plan of the render and the forecast follow
 
 /**
+ * The camera without its noise, on which statistics do not depend, as a text that is compared.
+ * @param {import("./protocol").Camera} camera
+ */
+function keyOf(camera) {
+  const lights = camera.lights && Object.entries(camera.lights).sort(([a], [b]) => (a < b ? -1 : 1));
+  const { sensor, exposure, gain, temperature, black_level, vignetting } = camera;
+  return JSON.stringify([sensor, exposure, gain, temperature, black_level, vignetting, lights]);
+}
+
+/**
+ * The state without statistics of a camera that this page does not show.
+ * @param {State} state
+ * @param {(import("./protocol").Camera | null)[]} shown the cameras of the page
+ * @returns {State}
+ */
+export function ownStatistics(state, shown) {
+  const key = keyOf(state.statistics_of);
+  if (shown.some((camera) => camera !== null && keyOf(camera) === key)) return state;
+  return { ...state, curve: [], forecast: [], certificate: null };
+}
+
+/**
  * The measured points with a known level.
  * @param {State} state
  * @returns {Level[]}

@@ -2,6 +2,9 @@
 
 /** @typedef {import("./protocol").Fault} FaultText */
 
+/** The name of this page: the server gives it the statistics of its own picture A. */
+const PAGE = [...crypto.getRandomValues(new Uint32Array(4))].map((word) => word.toString(16).padStart(8, "0")).join("");
+
 /** An answer of the server that states a problem. */
 export class Fault extends Error {
   /**
@@ -112,12 +115,13 @@ async function postBinary(path, body, signal) {
 
 /**
  * @param {{ camera: import("./protocol").Camera, frame: number, tone: import("./protocol").Tone }} body
+ * @param {boolean} hasStatistics true for the picture A, whose camera is that of the statistics of this page
  * @param {AbortSignal} signal
  * @returns {Promise<import("./protocol").Frame>}
  */
-export async function requestFrame(body, signal) {
+export async function requestFrame(body, hasStatistics, signal) {
   /** @type {{ header: import("./protocol").FrameHeader, buffer: ArrayBuffer, offset: number }} */
-  const { header, buffer, offset } = await postBinary("/api/frame", body, signal);
+  const { header, buffer, offset } = await postBinary("/api/frame", { ...body, page: hasStatistics ? PAGE : null }, signal);
   const pixels = header.width * header.height;
   const values = header.format === "gray16"
     ? new Uint16Array(buffer, offset, pixels)
@@ -144,7 +148,7 @@ export async function requestMap(body) {
 export function followState(onState, onConnection) {
   let wait = 500;
   const connect = () => {
-    const source = new EventSource("/api/events");
+    const source = new EventSource(`/api/events?page=${PAGE}`);
     let received = false;
     let closed = false;
     /** @param {import("./protocol").State} state */
@@ -157,7 +161,7 @@ export function followState(onState, onConnection) {
       wait = 500;
       // The events may start with the next change, which can be far away when nothing renders.
       try {
-        const answer = await fetch("/api/state");
+        const answer = await fetch(`/api/state?page=${PAGE}`);
         const state = await answer.json();
         if (answer.ok && !received && !closed) receive(state);
       } catch {

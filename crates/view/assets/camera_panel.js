@@ -21,12 +21,35 @@ export function cameraPanel(store, problems) {
   store.on(["kept", "camera"], () => showKept(store));
   // A message about a text is outdated when a knob has moved.
   store.on("camera", () => {
-    for (const key of ["exposure", "gain", "temperature"]) problems.clear(key);
+    for (const key of ["exposure", "gain", "temperature", "lights"]) problems.clear(key);
   });
+  store.on("returned", () => showReturned(store, problems));
   store.on("picture", () => {
     showFrame(store);
     showExposure(store);
   });
+}
+
+/**
+ * States the knobs that a change of the job has taken back.
+ * @param {Store} store
+ * @param {import("./problems.js").Problems} problems
+ */
+function showReturned(store, problems) {
+  const { returned, server } = store;
+  if (!server) return;
+  if (returned.includes("exposure") && server.camera.exposure !== null) {
+    problems.setText("exposure", {
+      problem: `The exposure time is that of the job again, ${exposure(server.camera.exposure)}.`,
+      place: null, help: `It is fixed, because ${server.timed}. Change it in the job.`,
+    });
+  }
+  if (returned.includes("lights")) {
+    problems.setText("lights", {
+      problem: "The factors of the lights of A and B are 1 again.",
+      place: null, help: "There is one film for all lights. The power of the lights is in the panel Scene.",
+    });
+  }
 }
 
 /**

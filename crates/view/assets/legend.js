@@ -94,14 +94,21 @@ function showTitle({ map, filmMap, compare }) {
  */
 function noteOf(map, values, target) {
   let known = 0;
+  let leftOut = 0;
   let hidden = 0;
   for (const value of values) {
+    if (Number.isNaN(value)) leftOut += 1;
     if (!Number.isFinite(value)) continue;
     known += 1;
     if (value <= target) hidden += 1;
   }
-  const unknown = values.length - known;
-  const rest = unknown > 0 ? ` No colour: unknown (${percent(unknown / values.length)}).` : "";
-  if (map !== "ratio") return rest.trim();
-  return `${percent(known > 0 ? hidden / known : 0)} at or below the target.${rest}`;
+  const share = (/** @type {number} */ pixels) => percent(pixels / values.length);
+  if (map !== "ratio") return known < values.length ? `No colour: unknown (${share(values.length - known)}).` : "";
+  // As in the certificate: saturated pixels do not count, and pixels of unknown noise are above the target.
+  const counted = values.length - leftOut;
+  const rest = [
+    ...(leftOut > 0 ? [`saturated (${share(leftOut)})`] : []),
+    ...(counted > known ? [`unknown (${share(counted - known)})`] : []),
+  ].join(", ");
+  return `${percent(counted > 0 ? hidden / counted : 1)} at or below the target.${rest ? ` No colour: ${rest}.` : ""}`;
 }

@@ -1,7 +1,8 @@
 // The verdict, the plot of the noise level against time with its target, and the ablation.
 
 import {
-  forecastNote, foretoldLevels, isFinished, levelMeaning, levelNow, measuredLevels, timeOfLevel, timeSentence, verdict,
+  forecastNote, foretoldLevels, isFinished, levelMeaning, levelNow, measuredLevels, ownStatistics, timeOfLevel,
+  timeSentence, verdict,
 } from "./accuracy.js";
 import { drawPlot, placer, plotArea } from "./chart.js";
 import { box, button, byId, input, press, select, setOptions, setText, setValue, svg } from "./dom.js";
@@ -78,7 +79,8 @@ export class NoisePanel {
     this.act = act;
     store.on("state", () => this.show());
     store.on("picture", () => {
-      if (store.server) this.#showVerdict({ ...store.server, target: this.target });
+      const shown = this.#shown();
+      if (shown) this.#showVerdict(shown);
     });
     input("target").addEventListener("change", () => this.setTarget(Number(input("target").value)));
     button("target-reset").addEventListener("click", () => this.setTarget(0.5));
@@ -88,6 +90,15 @@ export class NoisePanel {
 
   get target() {
     return this.#pending ?? this.store.server?.target ?? 0.5;
+  }
+
+  /**
+   * The state with the target of this moment and the statistics of the picture A.
+   * @returns {State | null}
+   */
+  #shown() {
+    const { server, camera, frameA } = this.store;
+    return server && { ...ownStatistics(server, [camera, frameA?.camera ?? null]), target: this.target };
   }
 
   /** @param {number} k */
@@ -116,13 +127,12 @@ export class NoisePanel {
   }
 
   show() {
-    const state = this.store.server;
-    if (!state) return;
-    const shown = { ...state, target: this.target };
+    const shown = this.#shown();
+    if (!shown) return;
     this.#showVerdict(shown);
     this.#showNumbers(shown);
     if (!box("panel-noise").hidden) this.#drawCurve(shown);
-    this.#showEffects(state);
+    this.#showEffects(shown);
   }
 
   /** @param {State} state */

@@ -193,7 +193,7 @@ export class Pictures {
     if (kind === "a") this.#inFlight = { camera, abort };
     let frame;
     try {
-      frame = await requestFrame({ camera, frame: frameNumber, tone }, abort.signal);
+      frame = await requestFrame({ camera, frame: frameNumber, tone }, kind === "a", abort.signal);
     } finally {
       if (kind === "a") this.#inFlight = null;
     }

@@ -55,6 +55,8 @@ export interface State {
   max_spp: number;
   target: number;
   certificate: Certificate | null;
+  /** The camera of curve, forecast and certificate, without its noise. */
+  statistics_of: Camera;
   /** Counts the results for provisional pictures. */
   prepared: number;
   sensors: Sensor[];

@@ -60,6 +60,11 @@ export class ScenePanel {
    */
   #scene = null;
   /**
+   * The state before the changes of the user.
+   * @type {Scene | null}
+   */
+  #base = null;
+  /**
    * Keys of the contract that changed.
    * @type {Set<keyof SceneChange>}
    */
@@ -111,7 +116,11 @@ export class ScenePanel {
     const change = {};
     if (this.#changed.has("camera")) change.camera = scene.camera;
     if (this.#changed.has("lights")) {
-      change.lights = Object.fromEntries(scene.lights.map(({ name, on, factor }) => [name, { on, factor }]));
+      // Another page may change another light at the same moment.
+      const before = new Map(this.#base?.lights.map(({ name, on, factor }) => [name, JSON.stringify([on, factor])]));
+      change.lights = Object.fromEntries(scene.lights
+        .filter(({ name, on, factor }) => before.get(name) !== JSON.stringify([on, factor]))
+        .map(({ name, on, factor }) => [name, { on, factor }]));
     }
     if (this.#changed.has("without")) {
       change.without = scene.effects.filter((effect) => effect.left_out).map(({ name }) => name);
@@ -125,6 +134,7 @@ export class ScenePanel {
       }]));
     }
     this.#changed.clear();
+    this.#base = structuredClone(scene);
     this.#heldUntil = Infinity;
     const accepted = await this.act("/api/scene", change);
     // A refused change is taken back at once: the controls show the state of the server again.
@@ -146,6 +156,7 @@ export class ScenePanel {
     if (!state.scene) return;
     const held = this.#send.waiting || performance.now() < this.#heldUntil;
     const scene = held && this.#scene ? this.#scene : structuredClone(state.scene);
+    if (scene !== this.#scene) this.#base = state.scene;
     this.#scene = scene;
     this.#write(scene);
   }

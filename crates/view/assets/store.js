@@ -12,8 +12,9 @@
 /** @typedef {{ from: Pixel, to: Pixel }} Segment */
 /**
  * @typedef {"state" | "connection" | "camera" | "kept" | "view" | "frame" | "picture" | "map"
- *   | "mapChoice" | "tool" | "shapes" | "pin" | "cursor" | "probe" | "path" | "measures" | "session"} Topic
+ *   | "mapChoice" | "tool" | "shapes" | "pin" | "cursor" | "probe" | "path" | "measures" | "session" | "returned"} Topic
  * `session`: the first state of a server has arrived, and what was measured at an earlier one is dropped.
+ * `returned`: a change of the job has taken back knobs of the user (`returned` of the store).
  */
 
 /**
@@ -39,6 +40,36 @@ function withKnownSensor(knobs, state) {
   const isKnown = knobs.sensor === null || state.sensors.length === 0
     || state.sensors.some(({ name }) => name === knobs.sensor);
   return isKnown ? knobs : { ...knobs, sensor: state.camera.sensor };
+}
+
+/**
+ * A camera with the exposure of the job, where the samples are made for it.
+ * @param {Camera} knobs
+ * @param {State} state
+ * @returns {Camera}
+ */
+function withTimedExposure(knobs, state) {
+  const isOther = state.timed !== null && knobs.sensor !== null && state.camera.exposure !== null
+    && knobs.exposure !== state.camera.exposure;
+  return isOther ? { ...knobs, exposure: state.camera.exposure } : knobs;
+}
+
+/**
+ * A camera without factors of lights, where these have no films of their own.
+ * @param {Camera} knobs
+ * @param {State} state
+ * @returns {Camera}
+ */
+function withoutUnusedLights(knobs, state) {
+  return knobs.lights && !state.scene?.per_light.on ? { ...knobs, lights: null } : knobs;
+}
+
+/**
+ * True where a light has another factor than in the scene.
+ * @param {Camera | null} knobs
+ */
+function hasFactors(knobs) {
+  return Object.values(knobs?.lights ?? {}).some((factor) => factor !== 1);
 }
 
 /**
@@ -82,6 +113,13 @@ export class Store {
    * @type {Camera | null}
    */
   #job = null;
+  /** The frame of the job, which the number of the frame follows. */
+  #jobFrame = 0;
+  /**
+   * The knobs that a change of the job has taken back.
+   * @type {("exposure" | "lights")[]}
+   */
+  returned = [];
   /**
    * Size of the film of the shapes [pixels].
    * @type {[number, number]}
@@ -183,9 +221,14 @@ export class Store {
     this.#fitShapes(state);
     // The knobs start from the job. Later states must not move a knob of the user. The other knobs follow a job that has
     // been loaded or has changed.
+    const isFirstJob = this.camera === null || !before;
+    if ((isFirstJob || this.frameNumber === this.#jobFrame) && this.frameNumber !== state.frame) {
+      this.frameNumber = state.frame;
+      this.emit("frame");
+    }
+    this.#jobFrame = state.frame;
     if (this.camera === null || !before) {
       this.camera = knobsOf(state) ?? structuredClone(state.camera);
-      this.frameNumber = state.frame;
       this.emit("camera");
     } else if (JSON.stringify(before) !== JSON.stringify(state.camera)) {
       this.camera = follow(this.camera, before, state.camera);
@@ -194,23 +237,36 @@ export class Store {
         this.emit("kept");
       }
       this.emit("camera");
-    } else if (!state.scene?.per_light.on && (this.camera.lights || this.kept?.lights)) {
-      // The lights have no films of their own any more, so the factors mean nothing.
-      this.camera = { ...this.camera, lights: null };
-      if (this.kept) this.kept = { ...this.kept, lights: null };
+    }
+    this.#fitKnobs(state);
+    this.emit("state");
+  }
+
+  /**
+   * Takes back the knobs that the server of this state refuses: each picture with them would be refused.
+   * @param {State} state
+   */
+  #fitKnobs(state) {
+    /** @param {Camera} knobs */
+    const fit = (knobs) => withTimedExposure(withoutUnusedLights(withKnownSensor(knobs, state), state), state);
+    const { camera, kept } = this;
+    const [nextCamera, nextKept] = [camera && fit(camera), kept && fit(kept)];
+    if (nextCamera !== camera) {
+      this.camera = nextCamera;
+      if (nextCamera) keepKnobs(state, nextCamera);
       this.emit("camera");
     }
-    const known = this.camera && withKnownSensor(this.camera, state);
-    if (known !== this.camera) {
-      this.camera = known;
-      this.emit("camera");
-    }
-    const kept = this.kept && withKnownSensor(this.kept, state);
-    if (kept !== this.kept) {
-      this.kept = kept;
+    if (nextKept !== kept) {
+      this.kept = nextKept;
       this.emit("kept");
     }
-    this.emit("state");
+    const pairs = /** @type {const} */ ([[camera, nextCamera], [kept, nextKept]]);
+    const hasLost = pairs.some(([before, after]) => hasFactors(before) && !hasFactors(after));
+    const isTimed = pairs.some(([before, after]) => before?.exposure !== after?.exposure);
+    this.returned = [];
+    if (isTimed) this.returned.push("exposure");
+    if (hasLost) this.returned.push("lights");
+    if (this.returned.length > 0) this.emit("returned");
   }
 
   /** @param {boolean} connected */

@@ -6,7 +6,7 @@ use crate::engine::AFTER_PANIC;
 use crate::hidden_shares::HiddenShares;
 use crate::panics::caught;
 use crate::protocol::{Activity, Camera, CertificateState, CurvePoint, Denoise, Noise, Readiness};
-use crate::shared::{Shared, lock};
+use crate::shared::{Control, Shared, lock};
 use crate::snapshot::{Content, Snapshot};
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
@@ -25,9 +25,7 @@ const PREPARED_AFTER: f64 = 5.0;
 
 /// Analyses the films that are published, at a small share of the time, until the view ends.
 pub(crate) fn run(shared: &Arc<Shared>) {
-    // The last film and camera.
-    let mut last: Option<(u64, Camera)> = None;
-    while let Some((snapshot, camera)) = next(shared, last.as_ref()) {
+    while let Some((snapshot, camera)) = next(shared) {
         let began = Instant::now();
         let analysed = caught("the analysis of the noise", AFTER_PANIC, || {
             prepare_shown(shared, &snapshot, &camera);
@@ -38,30 +36,22 @@ pub(crate) fn run(shared: &Arc<Shared>) {
             shared.update(|live| live.error = Some(fault));
         }
         shared.notify();
-        last = Some((snapshot.id, camera.without_device()));
         pause(shared, &camera, began.elapsed().as_secs_f64());
     }
 }
 
-/// The next film and camera, when there are new ones. `None` at the end of the view.
-fn next(shared: &Shared, last: Option<&(u64, Camera)>) -> Option<(Arc<Snapshot>, Camera)> {
+/// The newest film and the next camera, when one of both is new. `None` at the end of the view.
+fn next(shared: &Shared) -> Option<(Arc<Snapshot>, Camera)> {
     let mut control = lock(&shared.control);
     loop {
         if control.quit {
             return None;
         }
-        control.is_analysis_awaited = false;
-        let (camera, is_curve_of) = {
-            let live = lock(&shared.live);
-            let camera = live.camera();
-            let is_curve_of = live.curve_of.as_ref() == Some(&camera.without_noise());
-            (camera, is_curve_of)
-        };
-        if let Some(snapshot) = shared.snapshot() {
-            let is_same = last.is_some_and(|(id, of)| *id == snapshot.id && *of == camera.without_device());
-            if !is_same || !is_curve_of {
-                return Some((snapshot, camera));
-            }
+        (control.is_analysis_awaited, control.is_certificate_awaited) = (false, false);
+        if let Some(snapshot) = shared.snapshot()
+            && let Some(camera) = lock(&shared.live).next_camera(snapshot.id)
+        {
+            return Some((snapshot, camera));
         }
         control = shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
     }
@@ -84,18 +74,16 @@ fn certify(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
         if live.target != target {
             continue;
         }
-        if live.curve_of.as_ref() != Some(camera) {
-            live.curve.clear();
-            live.curve_of = Some(camera.clone());
-        }
-        live.certificate = state;
+        let is_of_render = snapshot.restarted == live.render.restarted;
+        let statistics = live.pages.statistics_mut(camera);
+        statistics.certificate = state;
         // A film has one point. The render may have started again meanwhile.
         if let (Some(state), Some(shares)) = (state, shares)
-            && snapshot.restarted == live.render.restarted
-            && live.curve.last().is_none_or(|point| point.film != snapshot.id)
+            && is_of_render
+            && statistics.curve.last().is_none_or(|point| point.film != snapshot.id)
         {
             let (seconds, spp, film) = (snapshot.seconds, snapshot.spp(), snapshot.id);
-            live.add_point(CurvePoint { seconds, spp, k99: state.p99, hidden: state.hidden, film, shares });
+            statistics.add_point(CurvePoint { seconds, spp, k99: state.p99, hidden: state.hidden, film, shares });
         }
         break;
     }
@@ -148,11 +136,16 @@ fn pause(shared: &Shared, camera: &Camera, seconds: f64) {
         (true, true) => SHARE_IF_WANTED,
         (true, false) => SHARE,
     };
-    let pause = Duration::from_secs_f64((seconds / share * 0.5).clamp(MIN_PAUSE, MAX_PAUSE));
+    let pause = |share: f64| Duration::from_secs_f64((seconds / share * 0.5).clamp(MIN_PAUSE, MAX_PAUSE));
+    // A page whose camera has no certificate waits for this time at most.
+    let shortest = pause(share.max(SHARE_IF_WANTED));
     let control = lock(&shared.control);
-    if !control.quit {
-        let waits = |c: &mut crate::shared::Control| !(c.quit || (is_running && c.is_paused) || c.is_analysis_awaited);
-        drop(shared.wake.wait_timeout_while(control, pause, waits));
+    let is_over = |c: &Control| c.quit || (is_running && c.is_paused) || c.is_analysis_awaited;
+    let waited = shared.wake.wait_timeout_while(control, shortest, |c| !is_over(c));
+    let (control, waited) = waited.unwrap_or_else(PoisonError::into_inner);
+    if waited.timed_out() {
+        let waits = |c: &mut Control| !(is_over(c) || c.is_certificate_awaited);
+        drop(shared.wake.wait_timeout_while(control, pause(share).saturating_sub(shortest), waits));
     }
 }
 

@@ -15,6 +15,7 @@ use crate::protocol::{
 };
 use crate::scenes::Scenes;
 use crate::shared::{Job, Shared, lock};
+use crate::snapshot::Snapshot;
 use dunkelfeld::FilmInProgress;
 use dunkelfeld::trace::PixelSample;
 use std::sync::Arc;
@@ -23,25 +24,42 @@ use std::time::Duration;
 
 /// Seconds that a request waits for the thread that renders.
 const PATIENCE: Duration = Duration::from_secs(20);
+/// The longest name of a page \[bytes\].
+const MAX_PAGE_NAME: usize = 64;
 
 fn developed(shared: &Shared, camera: &Camera) -> Result<Arc<Developed>, Fault> {
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
-    shared.store.get(&snapshot, camera, &shared.session)
+    shared.store.get(&snapshot, camera, &shared.session).map_err(|fault| until_change(shared, &snapshot, fault))
 }
 
-/// A frame. Its camera becomes that of the statistics.
+/// A fault of the picture before a change of the scene: the next picture may have the sensor and the exposure that this one has
+/// not, so that the same request is answered later.
+fn until_change(shared: &Shared, snapshot: &Snapshot, fault: Fault) -> Fault {
+    Fault { is_early: shared.is_outdated(snapshot), ..fault }
+}
+
+/// A frame. Its camera becomes that of the statistics of its page.
 pub(crate) fn frame(shared: &Shared, request: &FrameRequest) -> Result<(FrameHeader, Vec<u8>), Fault> {
+    if request.page.as_ref().is_some_and(|page| page.len() > MAX_PAGE_NAME) {
+        let problem = format!("the name of the page is longer than {MAX_PAGE_NAME} bytes");
+        return Err(Fault::new(problem, "use a shorter one"));
+    }
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
     let accept = if request.exact { Accept::Exact } else { Accept::Provisional };
-    let developed = shared.store.find(&snapshot, &request.camera, accept, &shared.session)?;
-    let is_new = {
-        let mut live = lock(&shared.live);
-        let is_new = live.shown.as_ref() != Some(&request.camera);
-        live.shown = Some(request.camera.clone());
-        is_new
-    };
-    if is_new {
-        shared.control(|control| control.is_analysis_awaited |= !developed.is_exact());
+    let found = shared.store.find(&snapshot, &request.camera, accept, &shared.session);
+    let developed = found.map_err(|fault| until_change(shared, &snapshot, fault))?;
+    if let Some(page) = &request.page {
+        let (is_new, is_unknown) = {
+            let mut live = lock(&shared.live);
+            let is_new = live.pages.show(page, &request.camera, snapshot.id);
+            (is_new, live.pages.statistics(&request.camera.without_noise()).is_none_or(|of| of.certificate.is_none()))
+        };
+        if is_new {
+            shared.control(|control| {
+                control.is_analysis_awaited |= !developed.is_exact();
+                control.is_certificate_awaited |= is_unknown;
+            });
+        }
     }
     shared.session.install(|| developed.frame(request.frame, request.tone))
 }
@@ -118,7 +136,7 @@ pub(crate) fn path(shared: &Arc<Shared>, request: &PathRequest) -> Result<PathAn
         return Err(Fault::new("the pixel is outside the image", "choose a pixel of the image"));
     }
     // Of several films, the sample is that of the one with the heaviest sample.
-    let factors = snapshot.factors(lock(&shared.live).camera().lights.as_ref())?;
+    let factors = snapshot.factors(lock(&shared.live).camera(None).lights.as_ref())?;
     let heaviest = snapshot.heaviest(&factors, request.x, request.y);
     let none = || Fault::new("no sample of the pixel has light", "choose a brighter pixel, or a number of a sample");
     let index = request.index.or(heaviest.map(|heaviest| heaviest.index)).ok_or_else(none)?;
@@ -180,33 +198,30 @@ pub(crate) fn target(shared: &Shared, request: TargetRequest) -> Result<(), Faul
         let (low, high) = (TARGETS.start(), TARGETS.end());
         return Err(Fault::new(format!("the level {} is out of range", request.k), format!("use {low} to {high}")));
     }
-    let camera = {
+    let film = shared.snapshot().map_or(0, |snapshot| snapshot.id);
+    let cameras = {
         let mut live = lock(&shared.live);
         live.target = request.k;
-        live.camera().without_noise()
+        live.cameras(film)
     };
     // The shares of another level need no new analysis.
-    let state = developed(shared, &camera).ok().and_then(|developed| {
+    let certificate = |camera: Camera| {
+        let developed = developed(shared, &camera).ok()?;
         developed.certify(&shared.session);
-        analysis::certificate_of(&developed.snapshot, &developed, request.k)
-    });
-    shared.update(|live| {
-        live.certificate = state.filter(|state| state.k == live.target).or(live.certificate);
-        // Another request may have moved the target meanwhile.
-        let target = live.target;
-        for point in &mut live.curve {
-            let exact = live.certificate.filter(|state| state.film == point.film && state.k == target);
-            point.hidden = exact.map_or_else(|| point.shares.at(target), |state| state.hidden);
-        }
-    });
+        Some((camera, analysis::certificate_of(&developed.snapshot, &developed, request.k)?))
+    };
+    let known = cameras.into_iter().filter_map(certificate).collect();
+    // Another request may have moved the target meanwhile.
+    shared.update(|live| live.pages.set_target(live.target, known));
     Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::protocol::Tone;
     use crate::shared::Subject;
-    use crate::snapshot::{Content, PictureScene, Snapshot};
+    use crate::snapshot::{Content, PictureScene};
     use dunkelfeld::{Cancel, Project, Session, Silent};
 
     const JOB: &str = "scene = 'none'\nfilm = { width = 16, height = 16 }\nbudget = { spp = 2 }\n\
@@ -262,6 +277,43 @@ mod tests {
         }
         lock(&shared.live).scene_number = 4;
         assert_eq!(path_of(&shared, &project), Err(Fault::earlier_scene()));
+    }
+
+    /// The frame of a page makes its camera that of the statistics of this page alone. Picture B has none.
+    #[test]
+    fn the_statistics_of_a_page_are_those_of_its_picture() {
+        let (shared, _) = view();
+        let first = lock(&shared.live).first_camera();
+        let camera = |gain: f64| Camera { gain, ..first.clone() };
+        let show = |page: Option<&str>, gain: f64| {
+            let page = page.map(str::to_owned);
+            frame(&shared, &FrameRequest { camera: camera(gain), frame: 0, tone: Tone::Gamma, exact: false, page })
+        };
+        let gain = |page: Option<&str>| shared.state(page).statistics_of.gain;
+        assert_eq!([None, Some("a")].map(gain), [1.0, 1.0]);
+        for (page, gain) in [(Some("a"), 2.0), (Some("b"), 3.0), (None, 4.0)] {
+            show(page, gain).expect("a frame");
+        }
+        assert_eq!([Some("a"), Some("b"), Some("c"), None].map(gain), [2.0, 3.0, 1.0, 3.0]);
+        assert!(show(Some(&"x".repeat(65)), 5.0).is_err());
+    }
+
+    /// A camera that the old picture refuses may be right for the scene that is being loaded.
+    #[test]
+    fn a_refusal_of_an_old_picture_is_early() {
+        use crate::protocol::Activity;
+        let (shared, _) = view();
+        let camera = Camera { sensor: Some("as in the job".into()), ..lock(&shared.live).first_camera() };
+        let body = FrameRequest { camera, frame: 0, tone: Tone::Gamma, exact: false, page: None };
+        let is_early = || frame(&shared, &body).expect_err("no sensor of the list").is_early;
+        assert!(!is_early());
+        lock(&shared.live).render.state = Activity::Loading;
+        assert!(!is_early());
+        lock(&shared.live).scene_number = 4;
+        assert!(is_early());
+        // Without a scene, no picture follows.
+        lock(&shared.live).error = Some(Fault::new("an unknown key", "remove it"));
+        assert!(!is_early());
     }
 
     #[test]

@@ -190,7 +190,7 @@ impl Developed {
                 // The model of the exposer has the binning of the file already.
                 let mut settings = self.settings(model)?;
                 settings.exposure = Some(exposer.exposure());
-                image.image_noise(&settings)?
+                image.image_noise(&settings).map_err(without_options)?
             }
             Content::Film(_) | Content::Lights(_) => exposer.image_noise(&self.weighted())?,
         };
@@ -382,7 +382,9 @@ impl Developed {
             MapKind::Recent => ("samples", self.snapshot.recent.as_ref().map(counts).unwrap_or_default()),
             MapKind::Ratio => {
                 let certified = self.certified().ok_or_else(without)?;
-                ("", certified.ratios.data().iter().map(|&v| ratio(v)).collect())
+                let pixels = certified.ratios.data().iter().zip(certified.saturated.data());
+                // Pixels that the certificate leaves out are distinct from those of unknown noise, which it counts.
+                ("", pixels.map(|(&v, &is_left_out)| if is_left_out { f32::NAN } else { v.sqrt() }).collect())
             }
             MapKind::CameraSigma => {
                 let exposer = of_camera()?;
@@ -417,6 +419,18 @@ impl Developed {
         let payload = little_endian(&values, |v| v.to_le_bytes());
         let (film, compute) = (self.snapshot.id, began.elapsed().as_secs_f64());
         Ok((MapHeader { width, height, format: "f32", unit, film, compute, low, high }, payload))
+    }
+}
+
+/// A fault of an EXR without noise, with the help for a page.
+fn without_options(error: dunkelfeld::Error) -> Fault {
+    let fault = Fault::from(error);
+    match &fault.help {
+        Some(help) if help.contains("--exposure-noise") => {
+            let help = "choose plain noise, or open an EXR with the layer `variance`";
+            Fault { help: Some(help.to_owned()), ..fault }
+        }
+        _ => fault,
     }
 }
 

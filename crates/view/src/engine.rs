@@ -125,7 +125,8 @@ fn prepare(
     lock(&shared.ablations).keep_only(number);
     let (mut opened, parts) = match project.take() {
         Some(project) => (project, lock(&shared.live).parts.clone()),
-        None => open(shared, change)?,
+        // The change is made as soon as the job can be read.
+        None => open(shared, change).inspect_err(|_| lock(&shared.live).change = change.clone())?,
     };
     // A change that comes now is checked by the parts that were read.
     lock(&shared.live).parts = parts.clone();
@@ -133,7 +134,9 @@ fn prepare(
         *project = Some(opened);
         return Ok(());
     }
-    // A file that has changed may no longer contain a part that the page has changed.
+    // A file that has changed, or an effect that is left out, may remove a part that the page has changed. The change is kept
+    // for the scene that has the part again.
+    let kept = change.clone();
     let change = change.restricted_to(&parts);
     let text = toml::to_string(&change.overrides(&parts))
         .map_err(|e| Error::setting("scene", e.to_string(), "use other values"))?;
@@ -158,7 +161,7 @@ fn prepare(
         live.notes = notes;
         live.is_vignetted = is_vignetted;
         live.parts = parts;
-        live.change = change;
+        live.change = kept;
         live.light_films = light_films;
         live.error = None;
         for (path, stamp) in files {
@@ -167,6 +170,9 @@ fn prepare(
         live.sensors = sensors;
         live.settings = Some(settings);
         live.timed = timed;
+        if let Some(timed) = timed {
+            live.pages.set_exposure(timed.time.0);
+        }
     });
     *project = Some(opened);
     Ok(())
@@ -217,7 +223,7 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
         let live = lock(&shared.live);
         PictureScene {
             number: live.scene_number,
-            change: live.change.clone(),
+            change: live.change.restricted_to(&live.parts),
             parts: live.parts.clone(),
             job: live.job.clone(),
             sensors: live.sensors.clone(),
@@ -227,7 +233,7 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
         }
     };
     shared.update(|live| {
-        live.curve.clear();
+        live.pages.clear_curves();
         live.plan.clear();
         live.render.state = Activity::Running;
         live.render.reason = None;
@@ -311,10 +317,10 @@ impl Watcher<'_> {
         let earlier = before.as_deref().filter(|_| !is_first);
         let mut snapshot = Snapshot::new(id, content, self.settings.clone(), self.scene.clone(), seconds, earlier);
         snapshot.restarted = lock(&self.shared.live).render.restarted;
-        let snapshot = Arc::new(snapshot);
-        *lock(&self.shared.snapshot) = Some(snapshot);
-        self.shared.notify();
-        self.shared.wake();
+        if is_first {
+            lock(&self.shared.live).pages.clear_certificates();
+        }
+        self.shared.publish(snapshot);
     }
 
     /// Publishes a film that has other samples than the picture, as soon as it may be shown.
@@ -380,10 +386,6 @@ impl Progress for Watcher<'_> {
             live.render.stage = progress.stage.name().into();
             live.render.elapsed = seconds;
             live.render.samples_per_second = if seconds > 0.0 { progress.samples as f64 / seconds } else { 0.0 };
-            // The end of a view is its target.
-            let expected = live.seconds_to_target();
-            live.render.remaining = expected.map(|expected| (expected - seconds).max(0.0));
-            live.render.fraction = expected.map_or(0.0, |expected| (seconds / expected).clamp(0.0, 1.0));
         });
     }
 

@@ -22,6 +22,7 @@ mod light_sum;
 mod locks;
 mod measure;
 mod outlook;
+mod pages;
 mod panics;
 mod path;
 mod prepared;

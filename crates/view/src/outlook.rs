@@ -1,24 +1,48 @@
 //! The expected noise of a render: for the camera of the job from its plan, for others from the measured points.
 
 use crate::protocol::{CurvePoint, ForecastPoint};
-use dunkelfeld::{FORECAST_LEVELS, ForecastLevel};
+use dunkelfeld::ForecastLevel;
 
 /// The most samples per pixel of a view.
 pub(crate) const MAX_SPP: f64 = 65_536.0;
 /// Samples per pixel of the pilot, after which the plan follows.
 pub(crate) const PILOT_SPP: u32 = 32;
+/// The levels of a forecast. Those from 1 on are those of a plan.
+const LEVELS: [f64; 8] = [4.0, 2.8, 2.0, 1.4, 1.0, 0.7, 0.5, 0.25];
+/// The progress of a render whose expected time has passed, and whose target is not reached.
+const NEARLY: f64 = 0.99;
 /// The newest points of which the median is taken, and the fewest that suffice.
 const NEWEST: usize = 5;
 const FEWEST: usize = 3;
 
 /// The levels of a plan for an image of so many pixels. The clock of a plan goes on during a pause, that of a view does not.
+/// The levels above those of the plan follow by the root law, as far as they are ahead of the pilot.
 pub(crate) fn of_plan(levels: &[ForecastLevel], pixels: f64, paused: f64) -> Vec<ForecastPoint> {
     let point = |level: &ForecastLevel| ForecastPoint {
         k: level.k,
         seconds: level.seconds.map(|seconds| seconds - paused),
         spp: level.samples.map(|samples| samples / pixels.max(1.0)),
     };
-    levels.iter().map(point).collect()
+    let planned: Vec<ForecastPoint> = levels.iter().map(point).collect();
+    let highest = planned.iter().map(|point| point.k).fold(0.0, f64::max);
+    let earlier = |k: f64| {
+        let spp = value_at(&planned, k, |point| point.spp)?;
+        let seconds = value_at(&planned, k, |point| point.seconds);
+        (spp > f64::from(PILOT_SPP)).then_some(ForecastPoint { k, seconds, spp: Some(spp) })
+    };
+    let above = LEVELS.into_iter().filter(|k| highest > 0.0 && *k > highest).filter_map(earlier);
+    above.chain(planned.iter().copied()).collect()
+}
+
+/// The share of a render that has passed, and its remaining seconds, from the expected time of its target. A target that is
+/// not reached is never complete, and its time is not known when the expected time has passed.
+pub(crate) fn progress_at(elapsed: f64, expected: Option<f64>, is_reached: bool) -> (f64, Option<f64>) {
+    match expected {
+        _ if is_reached => (1.0, Some(0.0)),
+        Some(expected) if expected > elapsed => ((elapsed / expected).clamp(0.0, NEARLY), Some(expected - elapsed)),
+        Some(_) => (NEARLY, None),
+        None => (0.0, None),
+    }
 }
 
 /// The samples and seconds at which the noise will have fallen to some levels, from the measured points of one camera.
@@ -47,7 +71,7 @@ pub(crate) fn from_measured(curve: &[CurvePoint]) -> Vec<ForecastPoint> {
         let spp = product / (k * k);
         ForecastPoint { k, seconds: Some(last.seconds + (spp - last.spp) / rate), spp: Some(spp) }
     };
-    FORECAST_LEVELS.into_iter().filter(is_ahead).map(point).collect()
+    LEVELS.into_iter().filter(is_ahead).map(point).collect()
 }
 
 /// The levels of a forecast, without the times of those that a view does not reach.
@@ -138,6 +162,23 @@ mod tests {
         let plan = of_plan(&[level(1.0, Some(3000.0), Some(70.0)), level(0.5, None, None)], 100.0, 60.0);
         let point = |k, seconds, spp| ForecastPoint { k, seconds, spp };
         assert_eq!(plan, [point(1.0, Some(10.0), Some(30.0)), point(0.5, None, None)]);
+        // Levels above 1 by the root law; at k = 4 the pilot has more samples.
+        let plan = of_plan(&[level(1.0, Some(40_000.0), Some(160.0)), level(0.7, None, None)], 100.0, 60.0);
+        assert_eq!(plan.iter().map(|point| point.k).collect::<Vec<_>>(), [2.8, 2.0, 1.4, 1.0, 0.7]);
+        assert_eq!(plan[1], point(2.0, Some(25.0), Some(100.0)));
+        assert!((plan[0].spp.expect("known") - 400.0 / 7.84).abs() < 1e-9);
+        assert_eq!(of_plan(&[level(1.0, None, None)], 100.0, 0.0), [point(1.0, None, None)]);
+    }
+
+    #[test]
+    fn a_target_that_is_not_reached_is_never_complete() {
+        assert_eq!(progress_at(5.0, Some(20.0), false), (0.25, Some(15.0)));
+        for (elapsed, expected) in [(20.0, 20.0), (300.0, 20.0), (1.0, 0.0), (1.0, -4.0)] {
+            assert_eq!(progress_at(elapsed, Some(expected), false), (NEARLY, None));
+        }
+        assert!(progress_at(19.99, Some(20.0), false).0 <= NEARLY);
+        assert_eq!(progress_at(5.0, None, false), (0.0, None));
+        assert_eq!(progress_at(5.0, Some(20.0), true), (1.0, Some(0.0)));
     }
 
     #[test]

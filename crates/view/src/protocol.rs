@@ -119,6 +119,8 @@ pub(crate) struct State {
     pub(crate) max_spp: f64,
     pub(crate) target: f64,
     pub(crate) certificate: Option<CertificateState>,
+    /// The camera of curve, forecast and certificate, without its noise.
+    pub(crate) statistics_of: Camera,
     /// Counts the results for provisional pictures, which are then asked for again.
     pub(crate) prepared: u64,
     pub(crate) sensors: Vec<SensorState>,
@@ -212,7 +214,7 @@ pub(crate) struct ForecastPoint {
 pub(crate) enum ForecastSource {
     /// The plan of the render, which is for the camera of the job.
     Plan,
-    /// The measured points of the camera that is shown.
+    /// The measured points of the camera.
     Points,
 }
 
@@ -311,6 +313,14 @@ pub(crate) struct FrameRequest {
     /// Wait for the noise and the denoised mean of this film and camera.
     #[serde(default)]
     pub(crate) exact: bool,
+    /// The page whose statistics are those of this camera. `None` for a picture without statistics.
+    #[serde(default = "unnamed_page")]
+    pub(crate) page: Option<String>,
+}
+
+/// The page of requests without one.
+fn unnamed_page() -> Option<String> {
+    Some(String::new())
 }
 
 /// How far the noise and the denoised mean that a camera needs are there.
@@ -408,18 +418,19 @@ pub(crate) struct PathVertex {
     pub(crate) event: String,
 }
 
-/// A change of the scene. Keys that are left out stay.
+/// A change of the scene. Keys that are left out stay, and so do lights, materials and values of a material; `None` as a light
+/// or a material is that of the job.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SceneRequest {
     #[serde(default)]
     pub(crate) camera: Option<String>,
     #[serde(default)]
-    pub(crate) lights: Option<BTreeMap<String, LightChange>>,
+    pub(crate) lights: Option<BTreeMap<String, Option<LightChange>>>,
     #[serde(default)]
     pub(crate) without: Option<Vec<String>>,
     #[serde(default)]
-    pub(crate) materials: Option<BTreeMap<String, MaterialChange>>,
+    pub(crate) materials: Option<BTreeMap<String, Option<MaterialChange>>>,
     #[serde(default)]
     pub(crate) per_light: Option<bool>,
 }

@@ -13,13 +13,14 @@ use dunkelfeld::{
     encode_layers, encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
 };
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use toml::{Table, Value};
 
 /// The longest stem of a file name \[bytes\].
 const MAX_NAME: usize = 100;
 
 /// Writes files of what is shown. No file is replaced.
-pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Fault> {
+pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved, Fault> {
     check_name(&request.name)?;
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
     let files: Vec<(SaveKind, PathBuf)> =
@@ -56,8 +57,8 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     }
     let kinds = || files.iter().map(|(kind, _)| *kind);
     let is_continued = kinds().any(|kind| kind == SaveKind::Checkpoint) && shared.subject.kind == SourceKind::Render;
-    if is_continued && snapshot.restarted != lock(&shared.live).render.restarted {
-        return Err(Fault::new("the picture is that of the scene before its change", "wait for the next picture"));
+    if is_continued && snapshot.scene.number != lock(&shared.live).scene_number {
+        return Err(Fault::earlier_scene());
     }
     if is_continued && kinds().any(|kind| kind == SaveKind::Job) && request.camera.device != snapshot.settings.seed {
         return Err(Fault::new(
@@ -84,6 +85,12 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
         true => job_of(shared, &request.camera, frame_of_job, &snapshot, continued)?,
         false => String::new(),
     };
+    // All files of a request are of one film: that of the checkpoint.
+    let checkpoint = continued.map(|file| save_checkpoint(shared, file, &settings, &snapshot)).transpose()?.flatten();
+    let (snapshot, is_checkpoint_written) = match checkpoint {
+        Some(snapshot) => (snapshot, true),
+        None => (snapshot, false),
+    };
     let frame = if needs_frame {
         // An EXR has its own lens and pixels.
         let developed = match &snapshot.content {
@@ -105,7 +112,13 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
                 None => develop(image.radiance(), &settings).map(Some),
             },
         });
-        frame.map_err(Fault::from)?
+        frame.map_err(|error| {
+            // All files are written, or none.
+            if let Some(file) = continued.filter(|_| is_checkpoint_written) {
+                drop(std::fs::remove_file(file));
+            }
+            Fault::from(error)
+        })?
     } else {
         None
     };
@@ -116,8 +129,7 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     });
     let mut saved = Saved { files: Vec::new(), note };
     for (kind, file) in files {
-        let is_written = kind == SaveKind::Checkpoint && is_continued && save_checkpoint(shared, &file, &settings)?;
-        if !is_written {
+        if kind != SaveKind::Checkpoint || !is_checkpoint_written {
             let write = |path: &Path| write(kind, path, (&snapshot, &factors), &settings, frame.as_ref(), &job);
             // A file that has appeared meanwhile is not replaced either.
             shared.session.install(|| save_new(&file, write))?;
@@ -129,12 +141,31 @@ pub(crate) fn save(shared: &Shared, request: &SaveRequest) -> Result<Saved, Faul
     Ok(saved)
 }
 
-/// Writes the film of the render that runs, so that the command line can continue it. Returns false if no render runs.
-fn save_checkpoint(shared: &Shared, file: &Path, settings: &RenderSettings) -> Result<bool, Fault> {
-    let (file, settings) = (file.to_owned(), settings.clone());
-    let written =
-        at_render(shared, move |_, film| film.map(|film| save_new(&file, |path| film.save(path, &settings))))?;
-    Ok(written.transpose()?.is_some())
+/// Writes the film of the render that runs, so that the command line can continue it, and shows it. Returns the picture of
+/// this film; `None` if no render runs.
+///
+/// # Errors
+/// The render is that of another scene than the picture.
+fn save_checkpoint(
+    shared: &Arc<Shared>,
+    file: &Path,
+    settings: &RenderSettings,
+    picture: &Snapshot,
+) -> Result<Option<Arc<Snapshot>>, Fault> {
+    let (file, settings, number, state) = (file.to_owned(), settings.clone(), picture.scene.number, shared.clone());
+    at_render(shared, move |_, film| {
+        if lock(&state.live).scene_number != number {
+            return Err(Fault::earlier_scene());
+        }
+        let Some(film) = film else { return Ok(None) };
+        save_new(&file, |path| film.save(path, &settings))?;
+        let shown = state.snapshot().ok_or_else(Fault::no_picture)?;
+        if shown.samples == film.film().sums.total_samples() {
+            return Ok(Some(shown));
+        }
+        let seconds = lock(&state.live).render.elapsed.max(shown.seconds);
+        Ok(Some(state.publish(shown.next(Content::Film(film.film().clone()), seconds))))
+    })?
 }
 
 /// A stem of a file name is no path.

@@ -113,9 +113,13 @@ impl SceneChange {
             next.camera = Some(camera);
         }
         if let Some(lights) = request.lights {
-            for (name, change) in &lights {
-                let Some((_, kind, _)) = parts.lights.iter().find(|(light, ..)| light == name) else {
-                    return Err(unknown("light", name));
+            for (name, change) in lights {
+                let Some(change) = change else {
+                    next.lights.remove(&name);
+                    continue;
+                };
+                let Some((_, kind, _)) = parts.lights.iter().find(|(light, ..)| *light == name) else {
+                    return Err(unknown("light", &name));
                 };
                 if kind == "environment" && !change.on {
                     let problem = format!("{name:?} is the environment, which has no switch");
@@ -134,14 +138,18 @@ impl SceneChange {
                         "use 0 to 1000000",
                     ));
                 }
+                next.lights.insert(name, change);
             }
-            next.lights = lights;
         }
         if let Some(materials) = request.materials {
-            for (name, change) in &materials {
-                if !parts.materials.iter().any(|material| material.name == *name) {
-                    return Err(unknown("material", name));
-                }
+            for (name, change) in materials {
+                let Some(change) = change else {
+                    next.materials.remove(&name);
+                    continue;
+                };
+                let Some(base) = parts.materials.iter().find(|material| material.name == name) else {
+                    return Err(unknown("material", &name));
+                };
                 let mut values = change.roughness.iter().chain(&change.metallic).chain(change.color.iter().flatten());
                 if let Some(value) = values.find(|value| !(0.0..=1.0).contains(*value)) {
                     return Err(Fault::new(
@@ -149,8 +157,13 @@ impl SceneChange {
                         "use 0 to 1",
                     ));
                 }
+                // A value of the job is no change: it follows the job.
+                let of_material = next.materials.entry(name).or_default();
+                of_material.roughness =
+                    change.roughness.or(of_material.roughness).filter(|v| Some(*v) != base.roughness);
+                of_material.metallic = change.metallic.or(of_material.metallic).filter(|v| Some(*v) != base.metallic);
+                of_material.color = change.color.or(of_material.color).filter(|v| Some(*v) != base.color);
             }
-            next.materials = materials;
         }
         if let Some(names) = request.without {
             let effect = |name: &String| {
@@ -276,10 +289,28 @@ mod tests {
         assert_eq!(read["material"][0].get("metallic"), None, "the value of the scene needs no key");
         // A scene without these parts has no such changes.
         assert!(change.restricted_to(&SceneParts::default()).overrides(&parts()).is_empty());
-        // A later request replaces the lights, and leaves the materials.
-        change.add(serde_json::from_str(r#"{"lights": {}}"#).expect("JSON"), &parts()).expect("valid");
-        let table = change.overrides(&parts());
-        assert!(!table.contains_key("light") && table.contains_key("material"));
+    }
+
+    /// Requests of two pages at the same moment: each contains its own light, and none takes back the other one.
+    #[test]
+    fn later_requests_keep_the_changes_of_other_parts() {
+        let mut change = SceneChange::default();
+        let mut add = |request: &str| {
+            change.add(serde_json::from_str(request).expect("JSON"), &parts()).expect("names of the scene");
+            change.clone()
+        };
+        add(r#"{"lights": {"sun": {"on": true, "factor": 3}}, "materials": {"steel": {"roughness": 0.1}}}"#);
+        let both =
+            add(r#"{"lights": {"bar \"left\"": {"on": false, "factor": 1}}, "materials": {"steel": {"metallic": 0}}}"#);
+        assert_eq!(both.lights["sun"], LightChange { on: true, factor: 3.0 });
+        assert!(!both.lights["bar \"left\""].on);
+        let steel = both.materials["steel"];
+        assert_eq!((steel.roughness, steel.metallic, steel.color), (Some(0.1), Some(0.0), None));
+        // The value of the job is no change, and null takes back all changes of a part.
+        let back = add(r#"{"materials": {"steel": {"roughness": 0.5}}}"#);
+        assert_eq!((back.materials["steel"].roughness, back.materials["steel"].metallic), (None, Some(0.0)));
+        let back = add(r#"{"lights": {"sun": null}, "materials": {"steel": null}}"#);
+        assert!(!back.lights.contains_key("sun") && back.lights.len() == 1 && back.materials.is_empty());
     }
 
     /// Factors of a camera are those of the power. Lights without a power have none.

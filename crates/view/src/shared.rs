@@ -3,11 +3,11 @@
 use crate::ablation::Ablations;
 use crate::developed::{OWN_SENSOR, Sensors};
 pub(crate) use crate::locks::lock;
-use crate::outlook::{MAX_SPP, from_measured, seconds_at, within_view};
+use crate::outlook::{MAX_SPP, from_measured, progress_at, seconds_at, within_view};
+use crate::pages::{Pages, Statistics};
 use crate::protocol::{
-    Activity, Camera, CertificateState, CurvePoint, Denoise, EffectState, Fault, FilmState, ForecastPoint,
-    ForecastSource, LightState, MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState,
-    SourceKind, State,
+    Activity, Camera, Denoise, EffectState, Fault, FilmState, ForecastPoint, ForecastSource, LightState, MaterialState,
+    Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
 };
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::scenes::Scenes;
@@ -23,8 +23,6 @@ use tokio::sync::watch;
 
 /// The level at which a view begins: total noise 12 % above that of the sensor.
 const DEFAULT_TARGET: f64 = 0.5;
-/// The most points of a measured curve.
-const MAX_CURVE: usize = 400;
 
 /// What the view shows.
 #[derive(Clone, Debug)]
@@ -51,6 +49,8 @@ pub(crate) struct Control {
     pub(crate) reload: bool,
     /// A page shows a picture with results of an earlier film or another camera.
     pub(crate) is_analysis_awaited: bool,
+    /// A page shows a camera without a certificate.
+    pub(crate) is_certificate_awaited: bool,
     pub(crate) quit: bool,
 }
 
@@ -63,13 +63,11 @@ pub(crate) struct Live {
     pub(crate) render: RenderState,
     pub(crate) error: Option<Fault>,
     pub(crate) notes: Vec<Note>,
-    pub(crate) curve: Vec<CurvePoint>,
-    /// The camera of the curve, without its noise.
-    pub(crate) curve_of: Option<Camera>,
+    /// The pages, and the statistics of their cameras.
+    pub(crate) pages: Pages,
     /// The forecast of the plan, for the camera of the job. Its seconds are without pauses.
     pub(crate) plan: Vec<ForecastPoint>,
     pub(crate) target: f64,
-    pub(crate) certificate: Option<CertificateState>,
     /// The settings with which the scene was opened.
     pub(crate) settings: Option<RenderSettings>,
     pub(crate) is_vignetted: bool,
@@ -83,8 +81,6 @@ pub(crate) struct Live {
     pub(crate) light_films: Option<(usize, LightFilmsMemory)>,
     pub(crate) saved: Vec<String>,
     pub(crate) sensors: Sensors,
-    /// The camera of the last frame that a page asked for.
-    pub(crate) shown: Option<Camera>,
     /// The files of the scene, as they were when they were read.
     pub(crate) files: BTreeMap<PathBuf, Stamp>,
     /// The text of the job as it was read; `None` for a scene without a job.
@@ -128,11 +124,9 @@ impl Shared {
             render,
             error: None,
             notes: Vec::new(),
-            curve: Vec::new(),
-            curve_of: None,
+            pages: Pages::default(),
             plan: Vec::new(),
             target: DEFAULT_TARGET,
-            certificate: None,
             settings: None,
             is_vignetted: false,
             timed: None,
@@ -142,7 +136,6 @@ impl Shared {
             light_films: None,
             saved: Vec::new(),
             sensors: Sensors::new(&SensorChoice::None),
-            shown: None,
             files: BTreeMap::new(),
             job: None,
         };
@@ -197,8 +190,24 @@ impl Shared {
         lock(&self.snapshot).clone()
     }
 
-    /// The state of the page.
-    pub(crate) fn state(&self) -> State {
+    /// Shows a picture.
+    pub(crate) fn publish(&self, snapshot: Snapshot) -> Arc<Snapshot> {
+        let snapshot = Arc::new(snapshot);
+        *lock(&self.snapshot) = Some(snapshot.clone());
+        self.notify();
+        self.wake();
+        snapshot
+    }
+
+    /// Is the picture that of a scene before a change that is being made?
+    pub(crate) fn is_outdated(&self, snapshot: &Snapshot) -> bool {
+        let live = lock(&self.live);
+        let is_being_made = matches!(live.render.state, Activity::Loading | Activity::Running);
+        is_being_made && live.error.is_none() && snapshot.scene.number != live.scene_number
+    }
+
+    /// The state of a page, with the statistics of its camera. `None`: with those of the page that asked for a frame last.
+    pub(crate) fn state(&self, page: Option<&str>) -> State {
         let snapshot = self.snapshot();
         let live = lock(&self.live);
         let settings = live.settings.as_ref();
@@ -224,7 +233,15 @@ impl Shared {
                 pixel: spec.pixel_pitch.micrometres(),
             }
         };
-        let (forecast, forecast_from) = live.forecast();
+        let camera = live.camera(page).without_noise();
+        let statistics = live.pages.statistics(&camera);
+        let (forecast, forecast_from) = live.forecast(&camera);
+        let mut render = live.render.clone();
+        if matches!(render.state, Activity::Running | Activity::Paused) {
+            let is_reached = statistics.is_some_and(|of| of.is_reached(live.target));
+            (render.fraction, render.remaining) =
+                progress_at(render.elapsed, seconds_at(&forecast, live.target), is_reached);
+        }
         let title = self.subject.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         State {
             version: env!("CARGO_PKG_VERSION"),
@@ -240,15 +257,16 @@ impl Shared {
                 seconds: snapshot.seconds,
                 first: snapshot.has_gaps,
             }),
-            render: live.render.clone(),
+            render,
             error: live.error.clone(),
             notes: live.notes.clone(),
-            curve: live.curve.clone(),
+            curve: statistics.map_or_else(Vec::new, |of| of.curve.clone()),
             forecast: within_view(&forecast),
             forecast_from,
             max_spp: MAX_SPP,
             target: live.target,
-            certificate: live.certificate,
+            certificate: statistics.and_then(|of| of.certificate),
+            statistics_of: camera,
             prepared: self.store.prepared(),
             sensors: live.sensors.all().iter().map(sensor).collect(),
             camera: Camera {
@@ -266,9 +284,21 @@ impl Shared {
 }
 
 impl Live {
-    /// The camera that is shown.
-    pub(crate) fn camera(&self) -> Camera {
-        self.shown.clone().unwrap_or_else(|| self.first_camera())
+    /// The camera of a page. `None`: that of the page that asked for a frame last.
+    pub(crate) fn camera(&self, page: Option<&str>) -> Camera {
+        self.pages.camera(page).cloned().unwrap_or_else(|| self.first_camera())
+    }
+
+    /// The next camera for which a film is analysed. `None` if all are.
+    pub(crate) fn next_camera(&mut self, film: u64) -> Option<Camera> {
+        let first = self.first_camera();
+        self.pages.next(film, || first)
+    }
+
+    /// The cameras whose statistics are shown, without their noise.
+    pub(crate) fn cameras(&mut self, film: u64) -> Vec<Camera> {
+        let cameras = self.pages.cameras(film);
+        if cameras.is_empty() { vec![self.first_camera().without_noise()] } else { cameras }
     }
 
     /// The camera of the job: the start of the knobs.
@@ -295,24 +325,13 @@ impl Live {
         }
     }
 
-    /// The expected noise of the camera that is shown, and its origin.
-    pub(crate) fn forecast(&self) -> (Vec<ForecastPoint>, ForecastSource) {
-        let camera = self.camera().without_noise();
-        if camera == self.first_camera().without_noise() && !self.plan.is_empty() {
+    /// The expected noise of a camera without noise, and its origin.
+    fn forecast(&self, camera: &Camera) -> (Vec<ForecastPoint>, ForecastSource) {
+        if *camera == self.first_camera().without_noise() && !self.plan.is_empty() {
             return (self.plan.clone(), ForecastSource::Plan);
         }
-        let is_measured = self.curve_of.as_ref() == Some(&camera);
-        (if is_measured { from_measured(&self.curve) } else { Vec::new() }, ForecastSource::Points)
-    }
-
-    /// The seconds of the render at which the camera that is shown reaches the target, as far as they are known.
-    pub(crate) fn seconds_to_target(&self) -> Option<f64> {
-        let (forecast, _) = self.forecast();
-        let is_measured = self.curve_of == Some(self.camera().without_noise());
-        match self.curve.last().filter(|point| is_measured && point.k99.is_some_and(|k99| k99 <= self.target)) {
-            Some(point) => Some(point.seconds),
-            None => seconds_at(&forecast, self.target),
-        }
+        let measured = |of: &Statistics| from_measured(&of.curve);
+        (self.pages.statistics(camera).map_or_else(Vec::new, measured), ForecastSource::Points)
     }
 
     fn scene(&self) -> SceneState {
@@ -321,7 +340,7 @@ impl Live {
         let of_job = self.settings.as_ref().and_then(|settings| settings.camera.clone());
         SceneState {
             cameras: parts.cameras.clone(),
-            camera: change.camera.clone().or(of_job).unwrap_or(first),
+            camera: change.restricted_to(parts).camera.or(of_job).unwrap_or(first),
             lights: (parts.lights.iter())
                 .map(|(name, kind, watts)| {
                     let changed = change.lights.get(name);
@@ -360,17 +379,5 @@ impl Live {
                 lights: self.light_films.as_ref().map_or(0, |(lights, _)| *lights),
             },
         }
-    }
-
-    /// Adds a point of the measured curve. A long curve loses every second of its earlier points.
-    pub(crate) fn add_point(&mut self, point: CurvePoint) {
-        if self.curve.len() >= MAX_CURVE {
-            let mut number = 0;
-            self.curve.retain(|_| {
-                number += 1;
-                number % 2 == 0
-            });
-        }
-        self.curve.push(point);
     }
 }
