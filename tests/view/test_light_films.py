@@ -198,7 +198,7 @@ def test_changes_of_the_scene_in_the_mode(view):
     with pytest.raises(Refused, match="no light is on"):
         running.post("scene", {"lights": {name: {"on": False, "factor": 1} for name in ["left", "right"]}})
     before = running.state()["film"]["id"]
-    running.post("scene", {"lights": {}})
+    running.post("scene", {"lights": {"left": None, "right": None}})
     state = running.wait(lambda state: state["film"]["id"] > before and state["error"] is None, "both lights")
     assert state["scene"]["per_light"]["lights"] == 2
 

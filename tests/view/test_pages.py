@@ -1,0 +1,171 @@
+"""Several pages of one render, changes at awkward moments, and files that belong together."""
+
+import json
+import time
+
+import numpy as np
+import OpenEXR
+import pytest
+from images import layers
+from jobs import station
+from page import wait_for
+from program import Refused, run
+
+FIXED = station(width=48, height=36, sensor='exposure = "5ms"')
+SPOT = '\n[[light]]\nname = "spot"\nkind = "point"\nposition = [0, "150mm", 0]\npower = 0.2\n'
+MOVED = FIXED.replace('["-40mm", "25mm", 0]', '["-40mm", "25mm", 0]\nvelocity = ["1m/s", 0, 0]')
+
+
+def state_of(running, page):
+    """The state for a page."""
+    status, _, body = running.request("GET", f"/api/state?page={page}")
+    assert status == 200
+    return json.loads(body)
+
+
+def level_of(running, camera):
+    """The level of 99 % of the pixels that a certificate counts."""
+    _, ratios = running.picture("map", {"camera": camera, "map": "ratio"})
+    return np.quantile(ratios[~np.isnan(ratios)], 0.99)
+
+
+def test_each_page_has_the_statistics_of_its_camera(view):
+    running = view(job=FIXED)
+    running.wait_for_film(40)
+    cameras = {"one": running.camera(exposure=2e-4), "two": running.camera(exposure=2e-3)}
+    body = {"frame": 0, "tone": "gamma"}
+    for page, camera in cameras.items():
+        running.picture("frame", {**body, "camera": camera, "page": page})
+    running.pause()
+    film = running.state()["film"]["id"]
+    for page, camera in cameras.items():
+        running.picture("frame", {**body, "camera": camera, "page": page})
+
+    def certified():
+        states = [state_of(running, page) for page in cameras]
+        films = [(state["certificate"] or {}).get("film") for state in states]
+        return states if films == [film, film] else None
+
+    states = wait_for(certified, "the certificates of both pages")
+    # Picture B has no page, and changes nothing.
+    running.picture("frame", {**body, "camera": running.camera(exposure=1e-2), "page": None})
+    for state, camera in zip(states, cameras.values()):
+        assert state["statistics_of"]["exposure"] == camera["exposure"] and state["curve"]
+        assert state["certificate"]["p99"] == pytest.approx(level_of(running, camera), rel=0.03)
+    # More light: the noise of the camera hides less.
+    assert states[0]["certificate"]["p99"] < 0.8 * states[1]["certificate"]["p99"]
+    assert [state_of(running, page)["statistics_of"] for page in cameras] == [state["statistics_of"] for state in states]
+    # The target is that of all pages, each with the exact share of its own camera.
+    running.post("target", {"k": 0.3})
+    for page, camera in cameras.items():
+        _, ratios = running.picture("map", {"camera": camera, "map": "ratio"})
+        counted = ratios[~np.isnan(ratios)]
+        certificate = state_of(running, page)["certificate"]
+        assert certificate["k"] == 0.3 and certificate["hidden"] == pytest.approx(np.mean(counted <= 0.3), abs=1e-3)
+        assert certificate["saturated"] == np.isnan(ratios).sum()
+
+
+def test_a_target_that_is_not_reached_is_not_complete(view):
+    running = view(job=FIXED)
+    running.post("target", {"k": 1})
+    levels, end = set(), time.monotonic() + 8
+    while time.monotonic() < end:
+        state = running.state()
+        levels |= {point["k"] for point in state["forecast"]}
+        reached = state["curve"] and (state["curve"][-1]["k99"] or 9) <= 1
+        if state["render"]["state"] == "running" and not reached:
+            assert state["render"]["fraction"] < 1 and state["render"]["remaining"] != 0
+    assert {1, 0.7, 0.5, 0.25} <= levels
+
+
+def test_changes_of_absent_parts_are_kept(view, tmp_path):
+    running = view(job=FIXED + SPOT)
+    running.wait_for_film(1)
+
+    def factors():
+        return {light["name"]: light["factor"] for light in running.state()["scene"]["lights"]}
+
+    # Two pages at the same moment.
+    running.post("scene", {"lights": {"spot": {"on": True, "factor": 3}}})
+    running.post("scene", {"lights": {"left": {"on": True, "factor": 2}}})
+    running.wait(lambda _: factors() == {"spot": 3, "left": 2, "right": 1}, "both changes")
+    running.post("scene", {"without": ["punctual-lights"]})
+    running.wait(lambda _: "spot" not in factors(), "the scene without the spot")
+    running.post("scene", {"without": []})
+    running.wait(lambda _: factors() == {"spot": 3, "left": 2, "right": 1}, "the spot with its factor")
+    # A change while the job is broken is made when it is mended.
+    job = tmp_path / "station.toml"
+    text = job.read_text()
+    job.write_text(text + "\nnonsense = [\n")
+    running.wait(lambda state: state["error"], "the error")
+    running.post("scene", {"lights": {"right": {"on": True, "factor": 4}}, "materials": {"lid": {"roughness": 0.9}}})
+    running.wait(lambda _: factors()["right"] == 4, "the change that waits")
+    job.write_text(text)
+    state = running.wait(lambda state: state["error"] is None and state["render"]["state"] == "running", "the render")
+    assert factors() == {"spot": 3, "left": 2, "right": 4}
+    assert next(m for m in state["scene"]["materials"] if m["name"] == "lid")["roughness"] == 0.9
+    # Null is as in the job.
+    running.post("scene", {"lights": {name: None for name in ["spot", "left", "right"]}, "materials": {"lid": None}})
+    running.wait(lambda _: set(factors().values()) == {1}, "the scene of the job")
+
+
+def test_files_of_one_request_are_of_one_film_and_scene(view, tmp_path):
+    running = view(job=FIXED)
+    running.wait_for_film(40)
+    what = {"what": ["job", "checkpoint", "exr"], "camera": running.camera(), "frame": 0}
+    running.post("save", {**what, "name": "same"})
+    spp = layers(tmp_path / "same.exr")["spp.Y"]
+    running_film = view("same.film")
+    state = running_film.wait(lambda state: state["film"], "the film")
+    assert state["film"]["samples"] == spp.sum()
+    # During a change: the files are of the scene before or after it, or nothing is written.
+    for attempt, factor in enumerate([2, 3, 4, 5, 6, 7]):
+        running.post("scene", {"lights": {"left": {"on": True, "factor": factor}}})
+        time.sleep(0.03 * attempt)
+        name = f"race{attempt}"
+        try:
+            running.post("save", {**what, "name": name})
+        except Refused as refusal:
+            assert "before its change" in str(refusal), refusal
+            assert not list(tmp_path.glob(f"{name}.*"))
+        else:
+            run("render", f"{name}.toml", "--checkpoint", f"{name}.film", "--spp", "1", "-o", "x.png",
+                "--exr", f"{name}-again.exr", cwd=tmp_path)  # fmt: skip
+            one, two = layers(tmp_path / f"{name}.exr"), layers(tmp_path / f"{name}-again.exr")
+            assert np.array_equal(one["G"], two["G"]), name
+        running.wait(lambda state, factor=factor: state["scene"]["lights"][0]["factor"] == factor, "the change")
+
+
+def test_a_job_that_gets_motion_has_its_exposure(view, tmp_path, open_page):
+    running = view(job=FIXED)
+    page = open_page(running)
+    page.set("exposure-value", "1 ms")
+    job = tmp_path / "station.toml"
+    job.write_text(MOVED)
+    page.wait(lambda: "5 ms" in page.text("problems"), "the message")
+    page.wait(lambda: page.js("return window.dunkelfeld.frame().camera.exposure") == 0.005, "the exposure of the job")
+    state = running.wait(lambda state: state["timed"] and state["film"] and not state["film"]["first"], "a film")
+    page.wait(lambda: page.film() >= state["film"]["id"], "pictures")
+    assert "5 ms" in page.text("problems") and page.text("problems").count("Close") == 1
+    # Another exposure in the job: no picture is refused for good.
+    job.write_text(MOVED.replace('"5ms"', '"2ms"'))
+    page.wait(lambda: page.js("return window.dunkelfeld.frame().camera.exposure") == 0.002, "the new exposure")
+    # A sensor that is removed and restored.
+    job.write_text(FIXED.replace('model = "imx250"', 'model = "none"').replace('exposure = "5ms"', ""))
+    page.wait(lambda: page.js("return window.dunkelfeld.frame().camera.sensor") is None, "a picture without a sensor")
+    job.write_text(FIXED)
+    sensor = "return window.dunkelfeld.frame().camera.sensor"
+    page.wait(lambda: page.js(sensor) == "as in the job", "a picture with the sensor")
+    page.idle()
+    assert "sensor" not in page.text("problems"), page.text("problems")
+
+
+def test_the_help_for_an_exr_is_for_the_page(view, tmp_path):
+    grey = np.full((8, 8), 0.5, np.float32)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {name: grey for name in "RGB"}).write(str(tmp_path / "grey.exr"))
+    running = view("grey.exr")
+    running.wait(lambda state: state["film"], "the image")
+    with pytest.raises(Refused) as refusal:
+        running.frame(noise="matched")
+    assert "--" not in refusal.value.fault["help"] and "plain noise" in refusal.value.fault["help"]
