@@ -237,7 +237,9 @@ def test_scene_debounce(mock_page):
     assert body["materials"]["anodised aluminium"]["roughness"] == 0.8 and body["without"] == ["covers"]
     colour = body["materials"]["solder mask"]["color"]
     assert abs(colour[0] - 1) < 1e-6 and abs(colour[1] - 0.2159) < 1e-3 and colour[2] == 0
-    assert "metallic" not in body["materials"]["PMMA cover <clear>"] and body["lights"] == {"bar left": {"on": False, "factor": 1}}
+    assert "metallic" not in body["materials"]["PMMA cover <clear>"] and body["lights"] == {
+        "bar left": {"on": False, "factor": 1}
+    }
     # The states of the server no longer contain the effect, so the box stays empty.
     page.wait(lambda: page.state()["scene"]["effects"][0]["left_out"], "the state without the effect")
     assert page.checked("effect-0") is False

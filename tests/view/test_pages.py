@@ -54,7 +54,9 @@ def test_each_page_has_the_statistics_of_its_camera(view):
         assert state["certificate"]["p99"] == pytest.approx(level_of(running, camera), rel=0.03)
     # More light: the noise of the camera hides less.
     assert states[0]["certificate"]["p99"] < 0.8 * states[1]["certificate"]["p99"]
-    assert [state_of(running, page)["statistics_of"] for page in cameras] == [state["statistics_of"] for state in states]
+    assert [state_of(running, page)["statistics_of"] for page in cameras] == [
+        state["statistics_of"] for state in states
+    ]
     # The target is that of all pages, each with the exact share of its own camera.
     running.post("target", {"k": 0.3})
     for page, camera in cameras.items():
@@ -75,7 +77,8 @@ def test_a_target_that_is_not_reached_is_not_complete(view):
         reached = state["curve"] and (state["curve"][-1]["k99"] or 9) <= 1
         if state["render"]["state"] == "running" and not reached:
             assert state["render"]["fraction"] < 1 and state["render"]["remaining"] != 0
-    assert {1, 0.7, 0.5, 0.25} <= levels
+    # Levels above that of the plan, too.
+    assert {1.4, 1, 0.7, 0.5, 0.25} <= levels
 
 
 def test_changes_of_absent_parts_are_kept(view, tmp_path):
