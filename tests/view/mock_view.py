@@ -186,7 +186,9 @@ class MockView:
             "certificate": certificate,
             "statistics_of": {
                 **self.pages.get(page, JOB_CAMERA),
-                **{"noise": "plain", "denoise": "off", "device": 0},
+                "noise": "plain",
+                "denoise": "off",
+                "device": 0,
                 **({"gain": 77} if self.settings["other_camera"] else {}),
             },
             "sensors": SENSORS,

@@ -97,7 +97,9 @@ def test_factors_of_lights_need_no_samples(view, tmp_path, open_page):
     assert page.hidden("light-factors") and running.state()["scene"]["per_light"]["on"] is False
     page.wait(lambda: page.js("return window.dunkelfeld.frame().header.film") > now["film"]["id"], "one film")
     assert not [name for name in saved_layers(running, "one") if name.startswith("light.")]
-    assert page.text("problems") == ""
+    # The factors are gone, with a message.
+    assert page.text("problems").startswith("The factors of the lights of A and B are 1 again.")
+    assert page.text("problems").count("Close") == 1
     page.assert_quiet_console()
 
 

@@ -269,6 +269,7 @@ def test_forecast_of_another_camera(view):
     assert level["spp"] > state["film"]["spp"] or level["k"] < state["curve"][-1]["k99"]
     running.pause()
     running.post("render", {"action": "resume"})
+    running.wait(lambda state: state["render"]["state"] == "running", "the render after the pause")
 
     def reached(state):
         return state["curve"] and state["curve"][-1]["k99"] is not None and state["curve"][-1]["k99"] <= level["k"]

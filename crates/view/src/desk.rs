@@ -29,13 +29,15 @@ const MAX_PAGE_NAME: usize = 64;
 
 fn developed(shared: &Shared, camera: &Camera) -> Result<Arc<Developed>, Fault> {
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
-    shared.store.get(&snapshot, camera, &shared.session).map_err(|fault| until_change(shared, &snapshot, fault))
+    shared.store.get(&snapshot, camera, &shared.session).map_err(|fault| until_change(shared, &snapshot, camera, fault))
 }
 
 /// A fault of the picture before a change of the scene: the next picture may have the sensor and the exposure that this one has
 /// not, so that the same request is answered later.
-fn until_change(shared: &Shared, snapshot: &Snapshot, fault: Fault) -> Fault {
-    Fault { is_early: shared.is_outdated(snapshot), ..fault }
+fn until_change(shared: &Shared, snapshot: &Snapshot, camera: &Camera, fault: Fault) -> Fault {
+    let sensors = lock(&shared.live).sensors.clone();
+    let is_known = camera.sensor.as_ref().is_none_or(|name| sensors.all().iter().any(|(listed, _)| listed == name));
+    Fault { is_early: is_known && shared.is_outdated(snapshot), ..fault }
 }
 
 /// A frame. Its camera becomes that of the statistics of its page.
@@ -47,7 +49,7 @@ pub(crate) fn frame(shared: &Shared, request: &FrameRequest) -> Result<(FrameHea
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
     let accept = if request.exact { Accept::Exact } else { Accept::Provisional };
     let found = shared.store.find(&snapshot, &request.camera, accept, &shared.session);
-    let developed = found.map_err(|fault| until_change(shared, &snapshot, fault))?;
+    let developed = found.map_err(|fault| until_change(shared, &snapshot, &request.camera, fault))?;
     if let Some(page) = &request.page {
         let (is_new, is_unknown) = {
             let mut live = lock(&shared.live);
@@ -304,6 +306,10 @@ mod tests {
         use crate::protocol::Activity;
         let (shared, _) = view();
         let camera = Camera { sensor: Some("as in the job".into()), ..lock(&shared.live).first_camera() };
+        let model = Box::new(dunkelfeld::find_sensor("imx250").expect("a preset"));
+        let optics = dunkelfeld::ExposeSettings::new((*model).clone()).expect("a sensor").optics;
+        let choice = dunkelfeld::SensorChoice::Emva { model, optics, exposure: None };
+        lock(&shared.live).sensors = crate::developed::Sensors::new(&choice);
         let body = FrameRequest { camera, frame: 0, tone: Tone::Gamma, exact: false, page: None };
         let is_early = || frame(&shared, &body).expect_err("no sensor of the list").is_early;
         assert!(!is_early());
@@ -311,6 +317,10 @@ mod tests {
         assert!(!is_early());
         lock(&shared.live).scene_number = 4;
         assert!(is_early());
+        // A name that no sensor has.
+        let unknown =
+            FrameRequest { camera: Camera { sensor: Some("x".into()), ..body.camera.clone() }, ..body.clone() };
+        assert!(!frame(&shared, &unknown).expect_err("no sensor of the list").is_early);
         // Without a scene, no picture follows.
         lock(&shared.live).error = Some(Fault::new("an unknown key", "remove it"));
         assert!(!is_early());
