@@ -41,6 +41,7 @@ mod study;
 mod surface_path;
 mod surroundings;
 mod time_shares;
+mod trial;
 mod verify;
 mod visibility;
 mod yolo;

@@ -7,6 +7,7 @@ use crate::record::Cost;
 use crate::set::Set;
 use crate::study::Study;
 use crate::time_shares::{Share, TimeShares};
+use crate::trial::Trial;
 use derive_setters::Setters;
 use dunkelfeld::{Cancel, Error};
 use std::path::Path;
@@ -94,8 +95,10 @@ pub struct RunSummary {
 /// process that finds all images finished writes the files of the whole set.
 ///
 /// # Errors
-/// Errors of the study, of its scene and of the folder. An image that cannot be made, because its draws do not fit, ends a run
-/// that has made none before. Otherwise it is in the summary, and the other images are made.
+/// Errors of the study, of its scene and of the folder. An image that cannot be made, because its draws do not fit, is in the
+/// summary, and the other images are made. But if the set has no image yet, and none of the first 16 images of the run can be
+/// made, the run ends with the error of the first one, and writes no image. So the images that are written and the result do
+/// not depend on the numbers of jobs and threads.
 pub fn run(
     study: &Arc<Study>,
     folder: &Path,
@@ -126,6 +129,9 @@ pub fn run(
         Some(indices) => indices.clone(),
         None => (0..count).collect(),
     };
+    // An index may be there twice.
+    wanted.sort_unstable();
+    wanted.dedup();
     let total = wanted.len() as u64;
     wanted.retain(|index| !set.is_finished(*index));
     let already = total - wanted.len() as u64;
@@ -155,7 +161,7 @@ pub fn run(
         progress,
         cancel,
         failed: Mutex::new(None),
-        has_images: (0..set.count()).any(|index| set.is_finished(index)),
+        trial: Trial::new(wanted.len(), (0..set.count()).any(|index| set.is_finished(index))),
         unmade: Mutex::new(Vec::new()),
         matched: Mutex::new((0.0, 0)),
         levels: Mutex::new(Vec::new()),
@@ -174,8 +180,12 @@ pub fn run(
             shared.work(job, first);
         }
     });
-    let Shared { made, failed, unmade, matched, levels, .. } = shared;
-    if let Ok(Some(e)) = failed.into_inner() {
+    let Shared { made, failed, trial, unmade, matched, levels, .. } = shared;
+    let mut unmade = unmade.into_inner().unwrap_or_default();
+    unmade.sort_by_key(|(index, _)| *index);
+    let fault = failed.into_inner().ok().flatten();
+    let is_hopeless = fault.is_none() && trial.is_failed() && !unmade.is_empty();
+    if let Some(e) = fault.or_else(|| is_hopeless.then(|| unmade.swap_remove(0).1)) {
         if is_new && made.load(Ordering::Relaxed) == 0 {
             set.discard();
         }
@@ -183,7 +193,6 @@ pub fn run(
     }
     let interrupted = cancel.is_cancelled();
     let finished = (0..set.count()).filter(|index| set.is_finished(*index)).count() as u64;
-    let unmade = unmade.into_inner().unwrap_or_default();
     // Images that cannot be made stay away, and do not keep the others from use.
     if finished + unmade.len() as u64 >= set.count() && !interrupted {
         set.assemble()?;
@@ -199,7 +208,7 @@ pub fn run(
         seconds,
         missed: options.seconds.filter(is_missed),
         interrupted,
-        failed: unmade,
+        failed: unmade.into_iter().map(|(index, e)| (index, e.to_string())).collect(),
         matched: matched.into_inner().ok().and_then(|(sum, images)| (images > 0).then(|| sum / f64::from(images))),
         forecast,
         levels,
@@ -252,10 +261,10 @@ struct Shared<'a> {
     progress: &'a dyn RunProgress,
     cancel: &'a Cancel,
     failed: Mutex<Option<Error>>,
-    /// Had the set images before?
-    has_images: bool,
+    /// Do the first images let the run go on?
+    trial: Trial,
     /// Images that could not be made.
-    unmade: Mutex<Vec<(u64, String)>>,
+    unmade: Mutex<Vec<(u64, Error)>>,
     /// Sum of the matched shares of the images that were made, and their number.
     matched: Mutex<(f64, u32)>,
     /// The levels of the images that were made.
@@ -266,6 +275,11 @@ struct Shared<'a> {
 }
 
 impl Shared<'_> {
+    /// Does the run end before its last image?
+    fn is_over(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.cancel.is_cancelled()
+    }
+
     fn report(&self) {
         let (made, elapsed) = (self.made.load(Ordering::Relaxed), self.began.elapsed().as_secs_f64());
         let finished = (self.already + made).min(self.total);
@@ -294,7 +308,7 @@ impl Shared<'_> {
     /// Makes the next image that nobody else makes. False at the end.
     fn next_image(&self, job: usize, worker: &mut Worker) -> Result<bool, Error> {
         loop {
-            if self.stop.load(Ordering::Relaxed) || self.cancel.is_cancelled() {
+            if self.is_over() {
                 return Ok(false);
             }
             let position = self.next.fetch_add(1, Ordering::Relaxed);
@@ -302,24 +316,32 @@ impl Shared<'_> {
             let share = self.begin(job);
             let Some(claim) = self.set.claim(index)? else {
                 self.end(job, share, false);
+                self.trial.pass(position);
                 continue;
             };
             let image = match worker.make(index, share.map(|share| share.seconds), self.cancel) {
                 Ok(Some(image)) => image,
                 Ok(None) => return Ok(false),
-                Err(e @ Error::Input(_)) if self.made.load(Ordering::Relaxed) > 0 || self.has_images => {
+                Err(e @ Error::Input(_)) => {
                     if let Ok(mut unmade) = self.unmade.lock() {
-                        unmade.push((index, e.to_string()));
+                        unmade.push((index, e));
                     }
                     self.end(job, share, false);
+                    if self.trial.refuse(position) {
+                        self.stop.store(true, Ordering::Relaxed);
+                    }
                     continue;
                 }
                 Err(e) => return Err(e),
             };
+            if !self.trial.wait(position, || self.is_over()) {
+                return Ok(false);
+            }
             if let Some(problem) = self.names.lock().ok().and_then(|mut names| names.add(&image.record)) {
                 return Err(Error::setting("study.label", problem, "rename one of them"));
             }
             let (record, _) = self.set.commit(claim, image)?;
+            self.trial.pass(position);
             self.end(job, share, true);
             if let (Some(share), Ok(mut matched)) = (record.matched, self.matched.lock()) {
                 *matched = (matched.0 + share, matched.1 + 1);
@@ -334,6 +356,7 @@ impl Shared<'_> {
     }
 
     fn work(&self, job: usize, worker: Result<Worker, Error>) {
+        let _guard = StopOnPanic(&self.stop);
         let result = worker.and_then(|mut worker| {
             while self.next_image(job, &mut worker)? {}
             Ok(())
@@ -343,6 +366,17 @@ impl Shared<'_> {
             if let Ok(mut failed) = self.failed.lock() {
                 failed.get_or_insert(e);
             }
+        }
+    }
+}
+
+/// Ends a run if a thread of it panics, so that no other one waits for its image.
+struct StopOnPanic<'a>(&'a AtomicBool);
+
+impl Drop for StopOnPanic<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.store(true, Ordering::Relaxed);
         }
     }
 }

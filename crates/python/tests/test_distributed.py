@@ -222,6 +222,20 @@ def test_one_cluster_continues_shares_ships_and_refuses(
     assert (summary["made"], summary["finished"]) == (3, 3)
     assert summary["failed"] == expected["failed"] and [index for index, _ in summary["failed"]] == [2]
     assert_same(tmp_path / "some", tmp_path / "some-shipped")
+    # Without one of the first 16 images nothing is made, also if later images fit and are ready before.
+    late = tmp_path / "late.toml"
+    late.write_text(
+        STUDY.replace(
+            'size = ["90mm", 0, "90mm"]', 'size = [{ sequence = ["20mm", "90mm"], repeat = 16 }, 0, "90mm"]'
+        )
+    )
+    for shared in (False, True):
+        with pytest.raises(df.InputError, match="image 0: ") as first:
+            distributed.make(late, tmp_path / "late", client, count=18, shared=shared)
+        assert "finds no place" in first.value.problem
+        assert not list((tmp_path / "late" / "records").glob("*.json"))
+    summary = distributed.make(late, tmp_path / "late", client, count=18, indices=[3, 16, 17])
+    assert [index for index, _ in summary["failed"]] == [3] and summary["made"] == 2
     changed = tmp_path / "changed.toml"
     changed.write_text(STUDY)
     before = Study(changed)
@@ -237,6 +251,7 @@ def test_one_cluster_continues_shares_ships_and_refuses(
         (lambda: distributed.make(study, tmp_path / "x", client, stall=0.5), "stall"),
         (lambda: distributed.make(study, tmp_path / "x", client, files=[tmp_path / "no"]), "no file"),
         (lambda: distributed.render(folder / "job.toml", client, 0), "spp"),
+        (lambda: distributed.render(folder / "job.toml", client, 2.5), "spp: 2.5 is not a whole number"),  # type: ignore[arg-type]
         (lambda: distributed.render(folder / "job.toml", client, 4, parts=0), "parts"),
     ]
     for call, says in calls:

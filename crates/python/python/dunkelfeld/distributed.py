@@ -16,6 +16,7 @@ on the worker that makes it, so the first result counts. See `docs/distributed.m
 from __future__ import annotations
 
 import math
+import operator
 import os
 import tempfile
 import time as clock
@@ -48,8 +49,8 @@ SAMPLES_PER_PART = 16
 """Least samples per pixel of a part by default: the transfer and merge of a part take about the time of a few samples."""
 WRITERS = 4
 """Threads of the client that write images."""
-HOPELESS = 16
-"""Images that cannot be made, after which a set without images is given up."""
+TRIED = 16
+"""The first images of a call: if none of them can be made, a set without images is given up."""
 HELD = 2.0
 """With `shared`, multiples of `patience` after which an image is written although another process has claimed it."""
 
@@ -112,7 +113,9 @@ def make(
 
     `progress` is called with (finished images, all images, elapsed [s], remaining [s] or None).
 
-    An image whose draws do not fit is left out, and is in `failed`. If no image can be made, its error is raised.
+    An image whose draws do not fit is left out, and is in `failed`. If the set has no image yet, and none of the first 16
+    images of the call can be made, the error of the first one is raised, and no image is written. With `shared`, the other images
+    start when one of the first 16 is made.
 
     Raises the errors of the study, `SettingError` if a worker has other files or another version of the package, and
     `DunkelfeldError` if an image fails too often or the scheduler is lost.
@@ -150,6 +153,10 @@ class _SetMaker:
         missing = set(self.set.missing())
         self.pending = deque(index for index in wanted if index in missing)
         self.total, self.finished, self.ended = len(wanted), len(wanted) - len(self.pending), 0
+        # The first images decide whether the call goes on. Until then the images of others stay on their workers.
+        self.tried = set(list(self.pending)[:TRIED]) if len(missing) == self.set.count else set()
+        self.undecided: set[int] = set(self.tried)
+        self.early: list[Attempt] = []
         # Images that another process has claimed: when they are looked at again, and until when. A worker may stall while
         # it writes.
         self.held: list[tuple[float, float, Attempt, Made | None]] = []
@@ -175,9 +182,10 @@ class _SetMaker:
             while self.finished + len(self.failed) < self.total:
                 cluster.watch()
                 self._look_at_held(cluster, writers)
-                while self.pending and cluster.has_room():
+                while self.pending and cluster.has_room() and (not shared or self._may_write(self.pending[0])):
                     index = self.pending.popleft()
                     if self.set.is_finished(index):
+                        self._pass(cluster)
                         self._end()
                     else:
                         cluster.start(str(index), "image", make_image, source, index, time, self.threads, target, False)
@@ -185,7 +193,9 @@ class _SetMaker:
                 if event is None:
                     continue
                 attempt, kind, value = event
-                if kind == "finished":
+                if kind == "finished" and not self._may_write(int(attempt.name)):
+                    self.early.append(attempt)
+                elif kind == "finished":
                     cluster.fetch(attempt)
                 elif kind == "refused":
                     self._refused(cluster, attempt, value)
@@ -199,8 +209,6 @@ class _SetMaker:
                     self._written(cluster, attempt, *value)
             repeated = cluster.repeated
         finished = self.set.count - len(self.set.missing())
-        if self.failed and finished == 0:
-            raise self.failed[0][1]
         # Images that cannot be made do not keep the others from use.
         if finished + len(self.failed) >= self.set.count:
             self.set.assemble()
@@ -219,8 +227,20 @@ class _SetMaker:
         """Leaves out an image that cannot be made."""
         cluster.drop(attempt.name)
         self.failed.append((int(attempt.name), error))
-        if len(self.failed) >= HOPELESS and len(self.set.missing()) == self.set.count:
-            raise error
+        self.undecided.discard(int(attempt.name))
+        if self.tried and not self.undecided:
+            raise min(self.failed, key=lambda failed: failed[0])[1]
+
+    def _may_write(self, index: int) -> bool:
+        """May the files of an image be written?"""
+        return not self.tried or index in self.tried
+
+    def _pass(self, cluster: Cluster) -> None:
+        """One of the first images is made: the call goes on, with the images that waited."""
+        self.tried.clear()
+        early, self.early = self.early, []
+        for attempt in early:
+            cluster.fetch(attempt)
 
     def _write(
         self, cluster: Cluster, writers: ThreadPoolExecutor, attempt: Attempt, image: Made | None, until: float
@@ -240,6 +260,7 @@ class _SetMaker:
             self.made += is_made or image is None
             self.workers[attempt.worker] += 1
             cluster.settle(attempt)
+            self._pass(cluster)
             self._end()
         else:
             attempt.is_repeated = True
@@ -276,6 +297,14 @@ def _message(error: InputError) -> str:
     return f"{error.file}: {error.place}: {error.problem}\n  help: {error.help}"
 
 
+def _whole(name: str, number: int) -> int:
+    """A whole number, also one of numpy."""
+    try:
+        return operator.index(number)
+    except TypeError:
+        raise setting(name, f"{number!r} is not a whole number", "pass a whole number, such as 64") from None
+
+
 def render(
     job: _Path,
     client: Any,
@@ -307,8 +336,10 @@ def render(
     A part has up to 396 bytes per pixel in memory, and about a third of that on the network.
     """
     began = clock.monotonic()
+    spp = _whole("spp", spp)
     if spp < 1:
         raise setting("spp", f"{spp} is out of range", "pass 1 or more")
+    parts = None if parts is None else _whole("parts", parts)
     if parts is not None and parts < 1:
         raise setting("parts", f"{parts} is out of range", "pass 1 or more")
     given: dict[str, Any] = {"width": width, "height": height, "camera": camera, "seed": seed, "frame": frame}
