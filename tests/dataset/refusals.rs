@@ -56,6 +56,37 @@ fn parts_that_contradict_each_other_are_refused_at_their_key() {
 }
 
 #[test]
+fn a_defect_with_the_name_of_an_object_is_refused() {
+    let object = |name: &str, rest: &str| {
+        format!(
+            "[[object]]\nname = \"{name}\"\nkind = \"sphere\"\ndiameter = \"5mm\"\ntranslate = [0, \"30mm\", 0]\n{rest}"
+        )
+    };
+    let entry =
+        "[[study.defect]]\nname = \"x\"\nkind = \"dust\"\non = \"plate\"\nlength = \"4mm\"\ncount = 2\n[camera]";
+    let study = |objects: &str| changed("[camera]", entry) + objects;
+    // An object, one of rare images, and one of the copies of an object.
+    let rare = "visible = { choice = [true, false], weights = [1, 99999] }\n";
+    let grid = "grid = { count = [3, 1, 1], step = [\"9mm\", 0, 0] }\n";
+    for objects in [object("x 2", ""), object("x 2", rare), object("x", grid)] {
+        let message = Bench::new(&study(&objects)).refused("dataset study.toml -o a");
+        assert!(message.contains("[[study.defect]] 2, name") && message.contains("and so is an object"), "{message}");
+    }
+    // Names that differ are fine, and objects keep their ids.
+    let bench = Bench::new(&study(&object("x 3", "")));
+    bench.run("dataset study.toml -o a --count 1");
+    // A number of copies by a formula is known in its image.
+    let copies = "grid = { count = [{ expression = \"n\" }, 1, 1], step = [\"9mm\", 0, 0] }\n";
+    let text =
+        study(&object("x", copies)).replace("[study.draw]", "[study.draw]\nn = { sequence = [1, 3], repeat = 64 }");
+    fs::write(bench.path("study.toml"), text).expect("writable");
+    let assert = bench.command("dataset study.toml -o b --count 128 --index 0,64 --jobs 2").assert().code(1);
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(message.contains("image 64: a defect of this entry is called \"x 1\""), "{message}");
+    assert!(bench.path("b/records/000000.json").is_file() && !bench.path("b/records/000064.json").exists());
+}
+
+#[test]
 fn settings_without_an_effect_are_named() {
     let study = changed("yolo = true", "coverage = 2\nmasks = false")
         .replace("[camera]", "[[study.defect]]\nkind = \"missing\"\non = \"block *\"\ncount = 5\ncolor = 0.5\n[camera]")

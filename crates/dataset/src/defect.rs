@@ -297,7 +297,12 @@ impl DefectEntry {
                 let mut changes = added.iter().filter(|d| d.kind.is_change() && d.placed.host == *object);
                 !changes.any(|d| self.kind.is_change() || d.kind == DefectKind::Missing)
             };
-            let mut spec = self.spec(settings, self.object_name(number), scene).map_err(at)?;
+            // An object whose name is not known before the first image, as one of a number of copies by a formula.
+            let name = self.object_name(number);
+            if scene.instances.iter().any(|object| object.name == name) {
+                return Err(at(self.same_name(&name)));
+            }
+            let mut spec = self.spec(settings, name, scene).map_err(at)?;
             spec.on.retain(is_free);
             if spec.on.is_empty() {
                 let reason = if self.kind.is_change() {
@@ -368,9 +373,26 @@ impl DefectEntry {
         DefectSettings::read(table)
     }
 
-    /// Checks the entry before the first image: its keys, and that an image has its objects.
+    /// A defect with the name of an object would be one instance with it.
+    fn same_name(&self, name: &str) -> Fault {
+        let problem = format!("a defect of this entry is called \"{name}\", and so is an object");
+        let own = if self.rest.contains_key("name") { "another `name`" } else { "a `name`" };
+        let help =
+            format!("give the entry {own}: its defects are called by it and a number, and the object keeps its name");
+        let fault = Fault::new(problem, help);
+        match ["name", "category", "kind"].into_iter().find(|key| self.rest.contains_key(*key)) {
+            Some(key) => fault.below(key),
+            None => fault,
+        }
+    }
+
+    /// Checks the entry before the first image: its keys, that an image has its objects, and that no object has the name of
+    /// one of its defects.
     pub(crate) fn check(&self, study: &Study, names: &mut ObjectNames<'_>) -> Result<(), (usize, Fault)> {
         self.check_count(study, 0)?;
+        if let Some((_, name)) = self.slots().find(|(_, name)| names.has(name)) {
+            return Err((self.number, self.same_name(&name)));
+        }
         let draws = study.draws(0);
         let place = format!("defect[{}][1]", self.name);
         let settings = self.settings(&place, draws, &mut study.named(draws), &mut |_, _| {});

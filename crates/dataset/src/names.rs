@@ -91,6 +91,11 @@ impl<'a> ObjectNames<'a> {
         &self.names[..self.listed]
     }
 
+    /// Is this the name of an object, as far as the names are known?
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.known.contains(name) || self.rare.iter().any(|rare| rare == name)
+    }
+
     /// Has one of the images an object whose name matches?
     pub(crate) fn any(&mut self, matches: impl Fn(&str) -> bool) -> bool {
         let mut from = 0;
