@@ -89,6 +89,12 @@ pub(crate) enum Distribution {
 pub(crate) trait Named {
     /// The value of a draw.
     fn value(&mut self, name: &str) -> Result<Value, Fault>;
+
+    /// The number of a draw in a formula.
+    fn number(&mut self, name: &str) -> Result<f64, Fault> {
+        let value = self.value(name)?;
+        Quantity::of(&value).map(|quantity| quantity.number).ok_or_else(|| no_number(name, &value))
+    }
 }
 
 /// The fault of a table whose only key looks like a distribution.
@@ -179,6 +185,24 @@ impl Template {
                 draws.get(name).map_or(1, |draw| draw.alternatives(draws, depth + 1))
             }
             _ => 1,
+        }
+    }
+
+    /// Checks the formulas of the value. A fault is at its formula.
+    pub(crate) fn check_formulas(&self, check: &dyn Fn(&str) -> Result<(), Fault>) -> Result<(), Fault> {
+        let list = |items: &[Self]| {
+            let mut items = items.iter().enumerate();
+            items.try_for_each(|(i, item)| item.check_formulas(check).map_err(|e| e.below(i.to_string())))
+        };
+        match self {
+            Self::List(items) => list(items),
+            Self::Table(entries) => {
+                entries.iter().try_for_each(|(key, item)| item.check_formulas(check).map_err(|e| e.below(key)))
+            }
+            Self::Drawn(Distribution::Choice { values, .. }) => list(values).map_err(|e| e.below("choice")),
+            Self::Drawn(Distribution::Sequence { values, .. }) => list(values).map_err(|e| e.below("sequence")),
+            Self::Drawn(Distribution::Expression { text, .. }) => check(text).map_err(|e| e.below("expression")),
+            _ => Ok(()),
         }
     }
 
@@ -345,10 +369,8 @@ impl Distribution {
                     Some(Value::String(unit)) => unit,
                     Some(_) => return Err(Fault::new("not a unit", "write it in quotes, as in \"mm\"").below("unit")),
                 };
-                crate::expression::variables(&text).map_err(|problem| {
-                    Fault::new(problem, "use + - * / ^, functions such as sin, sqrt and exp, and names of [study.draw]")
-                        .below(kind)
-                })?;
+                crate::expression::variables(&text)
+                    .map_err(|problem| Fault::new(problem, crate::expression::HELP).below(kind))?;
                 Self::Expression { text, unit }
             }
         })
@@ -400,13 +422,8 @@ impl Distribution {
             }
             Self::Named(draw) => named.value(draw).map_err(|e| e.below("draw"))?,
             Self::Expression { text, unit } => {
-                let number = crate::expression::evaluate(text, |variable| {
-                    let value = named.value(variable)?;
-                    let number = Quantity::of(&value).map(|q| q.number);
-                    number
-                        .ok_or_else(|| Fault::new(format!("`{variable}` is no number: {value}"), "use a numeric draw"))
-                })
-                .map_err(|e| e.below("expression"))?;
+                let number = crate::expression::evaluate(text, |variable| named.number(variable))
+                    .map_err(|e| e.below("expression"))?;
                 match whole(number) {
                     Some(whole) if unit.is_empty() => Value::Integer(whole),
                     _ => Quantity::value(number, unit),
@@ -414,6 +431,11 @@ impl Distribution {
             }
         })
     }
+}
+
+/// The fault of a draw in a formula that is no number.
+pub(crate) fn no_number(name: &str, value: &Value) -> Fault {
+    Fault::new(format!("`{name}` is no number: {value}"), "use a numeric draw")
 }
 
 /// A number without a fraction, as an integer. Keys with numbers take integers as well. From 2^53 on, neighbours of f64

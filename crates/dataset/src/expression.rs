@@ -1,7 +1,12 @@
 //! Formulas of named draws, by the crate exmex.
 
-use crate::distribution::Fault;
+use crate::distribution::{Distribution, Fault, Template};
+use crate::quantity::Quantity;
 use exmex::{Express, FlatEx};
+use std::collections::BTreeMap;
+
+/// The parts of a formula.
+pub(crate) const HELP: &str = "use + - * / ^, functions such as sin, sqrt and exp, and names of [study.draw]; a name with other characters than letters, digits and _ stands in braces, as in \"2 * {my-draw}\"";
 
 /// Longer formulas are refused.
 const LONGEST: usize = 1000;
@@ -23,12 +28,120 @@ pub(crate) fn variables(text: &str) -> Result<Vec<String>, String> {
 /// # Errors
 /// A text that is no formula, a variable without a value, and a value that is not finite.
 pub(crate) fn evaluate(text: &str, mut value: impl FnMut(&str) -> Result<f64, Fault>) -> Result<f64, Fault> {
-    let help = "use + - * / ^, functions such as sin, sqrt and exp, and names of [study.draw]";
-    let formula = parse(text).map_err(|problem| Fault::new(problem, help))?;
+    let formula = parse(text).map_err(|problem| Fault::new(problem, HELP))?;
     let values: Vec<f64> = formula.var_names().iter().map(|name| value(name)).collect::<Result<_, _>>()?;
     match formula.eval(&values) {
         Ok(number) if number.is_finite() => Ok(number),
         Ok(number) => Err(Fault::new(format!("`{text}` is {number}"), "let it be finite for all draws")),
-        Err(e) => Err(Fault::new(format!("`{text}` has no value: {e}"), help)),
+        Err(e) => Err(Fault::new(format!("`{text}` has no value: {e}"), HELP)),
     }
 }
+
+/// Checks a formula against the draws of its study: the name of a draw outside of braces is read as that draw, and each draw
+/// of the formula has one unit.
+///
+/// # Errors
+/// The name of a draw that the formula reads in another way, such as `e` or `my-draw`, and a draw whose values are of
+/// different kinds.
+pub(crate) fn check(text: &str, draws: &BTreeMap<String, Template>) -> Result<(), Fault> {
+    if let Some(name) = draws.keys().filter(|name| !is_plain(name)).find(|name| has_word(text, name)) {
+        let reading = match parse(name) {
+            Ok(formula) if formula.var_names().is_empty() => "is a constant in a formula",
+            _ => "is not read as one name in a formula",
+        };
+        let problem = format!("`{name}` {reading}, and [study.draw] has a draw of this name");
+        let help = format!(
+            "write {{{name}}} for the draw, or rename it; names of letters, digits and _ that are no function and no constant need no braces"
+        );
+        return Err(Fault::new(problem, help));
+    }
+    for name in variables(text).map_err(|problem| Fault::new(problem, HELP))? {
+        if let Some(template) = draws.get(&name) {
+            unit_of(&name, template, draws)?;
+        }
+    }
+    Ok(())
+}
+
+/// Is a name read as a variable of this name?
+fn is_plain(name: &str) -> bool {
+    !name.contains(['{', '}', ' ']) && parse(name).is_ok_and(|formula| formula.var_names() == [name])
+}
+
+/// Has a formula a name outside of braces, not as a part of a longer one?
+fn has_word(text: &str, name: &str) -> bool {
+    let is_part = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == '.');
+    // Texts between braces are whole names.
+    let outside = text.split('{').enumerate().map(|(i, part)| match part.split_once('}') {
+        Some((_, rest)) if i > 0 => rest,
+        _ => part,
+    });
+    outside.into_iter().any(|part| {
+        part.match_indices(name)
+            .any(|(at, _)| !is_part(part[..at].chars().next_back()) && !is_part(part[at + name.len()..].chars().next()))
+    })
+}
+
+/// The unit in which a draw counts in formulas: that of its first value. A plain zero has any unit.
+///
+/// # Errors
+/// A draw whose values are of different kinds, as `"1mm"` and `"1s"`.
+pub(crate) fn unit_of(name: &str, template: &Template, draws: &BTreeMap<String, Template>) -> Result<String, Fault> {
+    let mut units = Vec::new();
+    collect_units(template, draws, 0, &mut units);
+    let first = units.first().cloned().unwrap_or_default();
+    let one = |unit: &str| Quantity { number: 1.0, unit: unit.to_owned() };
+    match units.iter().find(|unit| one(unit).number_in(&first).is_none()) {
+        None => Ok(first),
+        Some(other) => {
+            let words = |unit: &str| if unit.is_empty() { "without a unit".into() } else { format!("in \"{unit}\"") };
+            let problem = format!(
+                "the draw `{name}` has values {} and {}, and a formula counts it in one unit",
+                words(&first),
+                words(other)
+            );
+            Err(Fault::new(problem, "write all values of the draw in units of one kind"))
+        }
+    }
+}
+
+/// The units of all values that a template may have, but those of plain zeros.
+fn collect_units(template: &Template, draws: &BTreeMap<String, Template>, depth: usize, units: &mut Vec<String>) {
+    /// Named draws that refer to others.
+    const DEEPEST: usize = 64;
+    let mut add = |unit: &str| {
+        if !units.iter().any(|known| known == unit) {
+            units.push(unit.to_owned());
+        }
+    };
+    match template {
+        // Words such as the name of a material have no unit.
+        Template::Fixed(value) => match Quantity::of(value) {
+            Some(Quantity { number, unit }) if number != 0.0 || !unit.is_empty() => add(&unit),
+            _ => {}
+        },
+        Template::Drawn(distribution) => match distribution {
+            Distribution::Uniform { unit, .. }
+            | Distribution::LogUniform { unit, .. }
+            | Distribution::Normal { unit, .. }
+            | Distribution::LogNormal { unit, .. }
+            | Distribution::Expression { unit, .. } => add(unit),
+            Distribution::Integer { low: 0, high: 0 } => {}
+            Distribution::Integer { .. } => add(""),
+            Distribution::Choice { values, .. } | Distribution::Sequence { values, .. } => {
+                values.iter().for_each(|value| collect_units(value, draws, depth, units));
+            }
+            Distribution::Named(name) if depth < DEEPEST => {
+                if let Some(template) = draws.get(name) {
+                    collect_units(template, draws, depth + 1, units);
+                }
+            }
+            Distribution::Named(_) => {}
+        },
+        Template::List(_) | Template::Table(_) => {}
+    }
+}
+
+#[cfg(test)]
+#[path = "expression_tests.rs"]
+mod tests;

@@ -1,7 +1,9 @@
 //! The named draws of one image, computed when they are needed.
 
-use crate::distribution::{Fault, Named, Template};
+use crate::distribution::{Fault, Named, Template, no_number};
 use crate::draws::Draws;
+use crate::expression::unit_of;
+use crate::quantity::Quantity;
 use std::collections::BTreeMap;
 use toml::Value;
 
@@ -51,6 +53,17 @@ impl Named for NamedDraws<'_> {
         let value = drawn.map_err(|fault| in_draw(fault, name))?;
         self.values.insert(name.to_owned(), value.clone());
         Ok(value)
+    }
+
+    /// In the unit of the draw, which is the same in all images.
+    fn number(&mut self, name: &str) -> Result<f64, Fault> {
+        let value = self.value(name)?;
+        let quantity = Quantity::of(&value).ok_or_else(|| no_number(name, &value))?;
+        let unit = match self.templates.get(name) {
+            Some(template) => unit_of(name, template, self.templates)?,
+            None => String::new(),
+        };
+        quantity.number_in(&unit).ok_or_else(|| no_number(name, &value))
     }
 }
 

@@ -4,6 +4,7 @@ use crate::cameras::change_cameras;
 use crate::defect::entries;
 use crate::distribution::{Fault, Named, Template};
 use crate::draws::Draws;
+use crate::expression::check as check_formula;
 use crate::label_entry::{LabelEntry, check};
 use crate::named::NamedDraws;
 use crate::stable_text::stable_text;
@@ -378,7 +379,24 @@ impl Study {
     /// Names of draws that do not exist are found before the first image.
     fn check_names(&self) -> Result<(), InputError> {
         check(&self.label).map_err(|(i, fault)| self.error(fault, &["study", "label", &i.to_string()]))?;
+        self.check_formulas()?;
         self.job(0).map(drop)?;
+        Ok(())
+    }
+
+    /// Formulas of draws whose names they read in another way, or whose units differ from image to image.
+    fn check_formulas(&self) -> Result<(), InputError> {
+        let checked = |template: &Template, path: &[&str]| {
+            let faults = template.check_formulas(&|text| check_formula(text, &self.draw));
+            faults.map_err(|fault| self.error(fault, path))
+        };
+        checked(&self.template, &[])?;
+        self.draw.iter().try_for_each(|(name, draw)| checked(draw, &["study", "draw", name]))?;
+        self.camera.iter().try_for_each(|camera| checked(camera, &["study", "camera"]))?;
+        for (list, templates) in [("place", &self.place), ("defect", &self.defect)] {
+            let mut templates = templates.iter().enumerate();
+            templates.try_for_each(|(i, template)| checked(template, &["study", list, &i.to_string()]))?;
+        }
         Ok(())
     }
 

@@ -1,0 +1,101 @@
+//! Names and units of draws in formulas.
+
+use super::*;
+use crate::study::Study;
+use toml::{Table, Value};
+
+fn study(draws: &str, formula: &str) -> Result<Study, String> {
+    let text = format!("scene = \"none\"\nx = {{ expression = \"{formula}\" }}\n[study]\n[study.draw]\n{draws}\n");
+    Study::from_text("study.toml", &text).map_err(|e| e.to_string())
+}
+
+/// The values of the formula in the first images.
+fn values(draws: &str, formula: &str) -> Vec<f64> {
+    let study = study(draws, formula).unwrap_or_else(|e| panic!("{formula}: {e}"));
+    let value = |index| {
+        let job: Table = study.job(index).expect("a job").text.parse().expect("TOML");
+        Quantity::of(&job["x"]).expect("a number").number
+    };
+    (0..3).map(value).collect()
+}
+
+#[test]
+fn a_draw_that_a_formula_reads_in_another_way_is_refused_by_its_name() {
+    for (name, formula) in [
+        ("e", "2 * e"),
+        ("E", "E+1"),
+        ("PI", "sqrt(PI)"),
+        ("TAU", "1/TAU"),
+        ("π", "π"),
+        ("τ", "2 * τ"),
+        ("my-draw", "2 * my-draw"),
+        ("max_load", "max_load + 1"),
+        ("sin", "sin(sin)"),
+        ("two words", "two words"),
+    ] {
+        let own = format!("{name:?} = {{ sequence = [3, 4, 5] }}\nmy = 100\ndraw = 1");
+        let error = study(&own, formula).expect_err(formula);
+        if !error.contains("not a formula") {
+            let words = format!("`{name}` is");
+            assert!(error.contains(&words) && error.contains(&format!("{{{name}}}")), "{formula}: {error}");
+        }
+        assert_eq!(values(&own, &format!("2 * {{{name}}}")), [6.0, 8.0, 10.0], "{name}");
+    }
+    // Without a draw of its name, a constant is one; numbers and longer names have no draw.
+    let e = std::f64::consts::E;
+    assert_eq!(values("load = 2", "load * e"), [2.0 * e; 3]);
+    assert_eq!(values("e = 7\nload = 2\nlate = 1", "2e3 * load + late + 1e-1 * 0"), [4001.0; 3]);
+    assert_eq!(values("my = 5\ndraw = 3", "my-draw"), [2.0; 3]);
+    // Other letters of a name are refused with the help.
+    let error = study("größe = 2", "größe").expect_err("a letter");
+    assert!(error.contains("stands in braces"), "{error}");
+    assert_eq!(values("größe = 2", "{größe}"), [2.0; 3]);
+}
+
+#[test]
+fn formulas_of_all_parts_of_a_study_are_checked() {
+    for part in [
+        "[study.draw]\nb = { expression = \"2 * e\" }",
+        "[[study.place]]\nobjects = { expression = \"2 * e\" }",
+        "[[study.defect]]\ncount = { choice = [1, { expression = \"2 * e\" }], weights = [1, 0] }",
+        "camera = [{ sequence = [1, { expression = \"2 * e\" }] }]",
+    ] {
+        let text = format!("scene = \"none\"\n[study]\ndraw.e = 3\n{}", part.replace("[study.draw]\n", "draw."));
+        let error = Study::from_text("study.toml", &text).expect_err(part).to_string();
+        assert!(error.contains("`e` is a constant"), "{part}: {error}");
+    }
+}
+
+#[test]
+fn a_draw_counts_in_one_unit() {
+    for (draw, expected) in [
+        ("{ sequence = [\"1us\", \"1ms\", \"2s\"] }", [1.0, 1e3, 2e6]),
+        ("{ sequence = [\"1mm\", \"2cm\", 0] }", [1.0, 20.0, 0.0]),
+        ("{ sequence = [0, \"2cm\", \"1mm\"] }", [0.0, 2.0, 0.1]),
+        ("{ sequence = [{ uniform = [\"3m\", \"3m\"] }, { draw = \"b\" }, \"1m\"] }", [3.0, 0.005, 1.0]),
+        ("{ sequence = [\"3deg\", \"5deg\", \"1deg\"] }", [3.0, 5.0, 1.0]),
+        ("{ draw = \"c\" }", [1.0, 1e-3, 1.0]),
+    ] {
+        let draws =
+            format!("b = {{ expression = \"5\", unit = \"mm\" }}\nc = {{ sequence = [\"1ms\", \"1us\"] }}\na = {draw}");
+        assert_eq!(values(&draws, "a"), expected, "{draw}");
+        // The value itself is as it is written.
+        let text = study(&draws, "a").expect("a study").job(0).expect("a job").drawn["draw.a"].clone();
+        assert!(
+            draw.contains("draw") || draw.contains(&text.to_string()) || text == Value::String("0".into()),
+            "{text}"
+        );
+    }
+    for draw in [
+        "{ choice = [\"1mm\", \"1s\"], weights = [1, 0] }",
+        "{ choice = [\"1mm\", 2], weights = [1, 0] }",
+        "{ sequence = [\"1deg\", \"1rad\"] }",
+        "{ choice = [\"1mm\", { draw = \"b\" }], weights = [1, 0] }",
+    ] {
+        let draws = format!("b = {{ uniform = [\"1s\", \"2s\"] }}\na = {draw}");
+        let error = study(&draws, "2 * a").expect_err(draw);
+        assert!(error.contains("the draw `a` has values in") && error.contains("of one kind"), "{error}");
+        // Without a formula the units may differ.
+        assert_eq!(values(&draws, "b"), values(&draws, "b"));
+    }
+}
