@@ -6,8 +6,13 @@ use crate::names::ObjectNames;
 use crate::placement::Placement;
 use crate::study::Study;
 use dunkelfeld::{Error, Project, SensorChoice};
-use dunkelfeld_scene::{Projection, Shutter};
+use dunkelfeld_io::job::{Job, LensProjection};
+use dunkelfeld_scene::{Camera, Projection, Shutter};
+use std::collections::BTreeSet;
 use toml::Value;
+
+/// Images whose cameras are read for warnings.
+const CHECKED: u64 = 64;
 
 /// Checks the parts of a study against each other, and against the scene of image 0.
 ///
@@ -79,6 +84,28 @@ fn check_cameras(study: &Study, project: &Project) -> Result<(), Error> {
     Ok(())
 }
 
+/// The cameras of the first images that have a telecentric lens, by their own projection or by the lens of the job.
+fn telecentric_cameras(study: &Study, project: &Project) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    for index in 0..study.count.min(CHECKED) {
+        // An image with an error is reported when it is made.
+        let Ok(drawn) = study.job(index) else { continue };
+        let Ok(job) = Job::from_text(study.job_path(), drawn.text) else { continue };
+        let selected = drawn.camera.or_else(|| job.camera.selected.clone());
+        let is_it = |camera: &&Camera| selected.as_ref().is_none_or(|name| camera.name == *name);
+        let Some(camera) = project.scene.cameras().iter().find(is_it) else { continue };
+        let lens = job.camera_settings(&camera.name).map_or_else(|| job.lens.clone(), |own| own.lens_or(&job.lens));
+        let is_parallel = match lens.projection {
+            None => !matches!(camera.projection, Projection::Perspective { .. }),
+            Some(projection) => projection == LensProjection::Telecentric,
+        };
+        if is_parallel {
+            names.insert(camera.name.clone());
+        }
+    }
+    names
+}
+
 /// Settings of a study that have no effect and do no harm, in sentences.
 pub(crate) fn warnings(
     study: &Study,
@@ -104,12 +131,15 @@ pub(crate) fn warnings(
                 .into(),
         );
     }
-    let is_telecentric =
-        |camera: &dunkelfeld_scene::Camera| !matches!(camera.projection, Projection::Perspective { .. });
-    let has_camera =
-        |camera: &&dunkelfeld_scene::Camera| project.settings.camera.as_ref().is_none_or(|name| camera.name == *name);
-    if study.labels.bop && project.scene.cameras().iter().find(has_camera).is_some_and(is_telecentric) {
-        found.push("`scene_camera.json` is empty: a telecentric lens has no camera matrix".into());
+    if study.labels.bop
+        && let telecentric = telecentric_cameras(study, project)
+        && !telecentric.is_empty()
+    {
+        let names: Vec<String> = telecentric.iter().map(|name| format!("\"{name}\"")).collect();
+        found.push(format!(
+            "`scene_camera.json` has no entry for images of {}: a telecentric lens has no camera matrix",
+            names.join(", ")
+        ));
     }
     for entry in entries {
         let Some((name, most, objects)) = entry.excess(study, names) else { continue };
