@@ -100,6 +100,23 @@ fn a_study_draws_one_of_several_cameras() {
         }
         bench.command(&format!("dataset --verify {set}")).assert().success();
     }
+    // A telecentric lens of the job, and one of a camera: the images of these cameras have no matrix.
+    let lens = "[lens]\nprojection = \"telecentric\"\nfield_height = \"100mm\"\n";
+    let own = "vertical_fov = \"30deg\"\n";
+    let of_job =
+        one.replace("vertical_fov = \"25deg\"\n", "").replace(own, "").replace("[film]", &format!("{lens}[film]"));
+    let of_camera = one.replace(own, &lens.replace("[lens]", "[camera.lens]"));
+    for (set, text, names) in [("c", of_job, "\"left\", \"right\""), ("d", of_camera, "images of \"right\"")] {
+        fs::write(bench.path("flat.toml"), text).expect("writable");
+        let assert = bench.command(&format!("dataset flat.toml -o {set} --count 2")).assert().success();
+        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        assert!(
+            message.contains("`scene_camera.json` has no entry for images of") && message.contains(names),
+            "{message}"
+        );
+        let cameras = bench.json(&format!("{set}/scene_camera.json"));
+        assert_eq!(cameras.as_object().map(|c| c.len()), Some(usize::from(set == "d")));
+    }
     fs::write(bench.path("bad.toml"), one.replace("[\"right\", \"left\"]", "[\"right\", \"top\"]")).expect("writable");
     let assert = bench.command("dataset bad.toml -o c --count 2 --jobs 1").assert().code(2);
     let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
@@ -160,8 +177,30 @@ fn key_points_and_stable_poses_are_in_all_files() {
         assert!([5.0, 4.0, 10.0].iter().any(|half| (height - half).abs() < 1e-6), "{height}");
     }
     assert!(faces.len() > 3, "{faces:?}");
-    fs::write(bench.path("bad.toml"), text.replacen(points, "", 1)).expect("writable");
-    assert!(bench.refused("dataset bad.toml -o bad").contains("same number of key points"));
+    let three = points.replacen("[{", "[{ name = \"top\", at = [0, \"4mm\", 0] }, {", 1);
+    fs::write(bench.path("bad.toml"), text.replacen(points, &three, 1)).expect("writable");
+    assert!(bench.refused("dataset bad.toml -o bad").contains("same number, or write `yolo = false`"));
+    // The lines of a category without key points, and of defects, are filled with points that are not labelled.
+    let scratch = "[[study.defect]]\nkind = \"scratch\"\non = \"plate\"\nfacing = [0, 1, 0]\nlength = \"40mm\"\nwidth = \"4mm\"\n\
+        depth = \"100um\"\ncount = 3\n[camera]";
+    let text = text.replacen(points, "", 1).replacen("[camera]", scratch, 1);
+    fs::write(bench.path("study.toml"), text).expect("writable");
+    bench.run("dataset study.toml -o b --count 2");
+    let yaml = fs::read_to_string(bench.path("b/data.yaml")).expect("data.yaml");
+    assert!(yaml.contains("kpt_shape: [2, 3]") && yaml.contains("2: \"scratch\""), "{yaml}");
+    let mut classes = std::collections::BTreeSet::new();
+    for index in 0..2 {
+        let lines = fs::read_to_string(bench.path(&format!("b/labels/{index:06}.txt"))).expect("lines");
+        for line in lines.lines() {
+            let numbers: Vec<f64> = line.split(' ').map(|word| word.parse().expect("a number")).collect();
+            assert_eq!(numbers.len(), 5 + 6, "{line}");
+            // The ball has key points; blocks and scratches have none.
+            assert_eq!(numbers[5..].iter().any(|v| *v != 0.0), numbers[0] == 1.0, "{line}");
+            classes.insert(numbers[0] as u32);
+        }
+    }
+    assert_eq!(Vec::from_iter(classes), [0, 1, 2]);
+    bench.command("dataset --verify b").assert().success();
 }
 
 /// Two names with the same hash, of objects that the first 64 images do not have.

@@ -188,13 +188,19 @@ pub(crate) fn annotations(
         .collect()
 }
 
-/// The lines of YOLO of an image: the class is the id of the category less one. Instances with key points have them behind
-/// their box.
-pub(crate) fn yolo(instances: &[InstanceRecord], points: &[InstancePoints], [width, height]: [u32; 2]) -> String {
+/// The lines of YOLO of an image: the class is the id of the category less one. Behind the box there are `count` key
+/// points. An instance without key points, as a defect, has zeros there: points that are not labelled.
+pub(crate) fn yolo(
+    instances: &[InstanceRecord],
+    points: &[InstancePoints],
+    count: usize,
+    [width, height]: [u32; 2],
+) -> String {
     let lines = instances.iter().filter(|record| record.area > 0).filter_map(|record| {
         let class = usize::from(record.category).checked_sub(1)?;
         let points = points.iter().find(|points| points.instance == record.id);
         let points = points.iter().flat_map(|points| &points.points).map(|point| (point.x, point.y, point.v));
+        let points = points.chain(std::iter::repeat((0.0, 0.0, 0))).take(count);
         let line = crate::yolo::line(class, record.bbox.map(f64::from), width, height)?;
         Some(line + &crate::yolo::keypoints(points, width, height))
     });

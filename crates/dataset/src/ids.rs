@@ -27,6 +27,11 @@ pub(crate) struct Category {
     pub(crate) skeleton: Vec<[u32; 2]>,
 }
 
+/// The largest number of key points of a category; 0 if none has any.
+pub(crate) fn most_keypoints(categories: &[Category]) -> usize {
+    categories.iter().map(|category| category.keypoints.len()).max().unwrap_or(0)
+}
+
 /// An instance of a category.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -146,6 +151,11 @@ impl Ids {
             let id = u16::try_from(self.instances.len() + 1).unwrap_or(u16::MAX);
             self.instances.push(Instance { id, name: name.to_owned(), category });
         }
+    }
+
+    /// The largest number of key points of a category.
+    pub(crate) fn most_keypoints(&self) -> usize {
+        most_keypoints(&self.categories)
     }
 
     /// The key points of an object that is no defect.

@@ -120,10 +120,11 @@ impl Worker {
             return Err(study.error(fault, &["study", "labels", "yolo"]).into());
         }
         let counts: BTreeSet<usize> = ids.categories.iter().map(|category| category.keypoints.len()).collect();
-        if study.labels.yolo && counts.len() > 1 {
+        // Rows of categories without key points, as those of defects, are filled with zeros.
+        if study.labels.yolo && counts.iter().filter(|count| **count > 0).count() > 1 {
             let fault = Fault::new(
-                "YOLO has the same number of key points in all categories, and those of the study differ",
-                "give all categories, also those of defects, the same number, or write `yolo = false`",
+                "YOLO has one number of key points in all rows, and those of the categories differ",
+                "give all categories with key points the same number, or write `yolo = false`",
             );
             return Err(study.error(fault, &["study", "labels", "yolo"]).into());
         }
@@ -354,7 +355,7 @@ impl Worker {
             })
             .collect();
         annotations.sort_by_key(|a| a.instance);
-        let yolo = wanted.yolo.then(|| encode::yolo(&instances, &points, size));
+        let yolo = wanted.yolo.then(|| encode::yolo(&instances, &points, self.ids.most_keypoints(), size));
         let labels = encode::ImageLabels {
             index,
             file_name,

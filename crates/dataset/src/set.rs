@@ -2,7 +2,7 @@
 
 use crate::coco::{Category as CocoCategory, Coco, Image, Info};
 use crate::encode::{ImageLabels, json};
-use crate::ids::{Category, Ids, Instance, SetNames};
+use crate::ids::{Category, Ids, Instance, SetNames, most_keypoints};
 use crate::inputs::{InputRecord, changed_input};
 use crate::make::Made;
 use crate::record::{Cost, FORMAT, FileRecord, Record};
@@ -400,7 +400,7 @@ impl Set {
         }
         if self.has_file("data.yaml") {
             let names = self.manifest.categories.iter().map(|c| c.name.as_str());
-            let keypoints = self.manifest.categories.first().map_or(0, |c| c.keypoints.len());
+            let keypoints = most_keypoints(&self.manifest.categories);
             let text = crate::yolo::data_yaml(names, keypoints);
             visit("data.yaml", &|out| out.write_all(text.as_bytes()))?;
         }
