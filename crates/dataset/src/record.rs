@@ -90,7 +90,7 @@ pub struct InstanceRecord {
     pub place: Option<PlaceRecord>,
 }
 
-/// The place of a defect at the start of the exposure.
+/// The place of a defect in the middle of the exposure (of a line scan: in that of the middle row).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlaceRecord {
