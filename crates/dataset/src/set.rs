@@ -337,8 +337,18 @@ impl Set {
 
     /// Has the description changed since the program wrote it? In a sentence.
     pub(crate) fn changed_description(&self) -> Option<String> {
-        let changed = self.manifest.own_hash() != self.manifest.hash;
-        changed.then(|| "set.json differs from its hash: it was changed".into())
+        if self.manifest.own_hash() != self.manifest.hash {
+            return Some("set.json differs from its hash: it was changed".into());
+        }
+        self.changed_bytes("set.json", &self.manifest)
+    }
+
+    /// Has a file other bytes than those that this version writes for its content? In a sentence. Other versions may write
+    /// other ones.
+    pub(crate) fn changed_bytes(&self, name: &str, content: &impl Serialize) -> Option<String> {
+        let is_changed = || read_bytes(&self.path, name).is_ok_and(|bytes| bytes != json(content));
+        let is_own = self.other_version().is_none();
+        (is_own && is_changed()).then(|| format!("{name} has other spaces or line breaks: it was changed"))
     }
 
     /// Has `study.toml` changed since the program wrote it, other than by its place? In a sentence.
@@ -493,7 +503,7 @@ pub(crate) fn record_name(index: u64) -> String {
     format!("records/{index:06}.json")
 }
 
-fn cost_name(index: u64) -> String {
+pub(crate) fn cost_name(index: u64) -> String {
     format!("costs/{index:06}.json")
 }
 

@@ -4,12 +4,13 @@ use crate::coco::Segmentation;
 use crate::encode::ImageLabels;
 use crate::ids::SetNames;
 use crate::record::{FileRecord, Record};
-use crate::set::{Content, REPORT, Set, read_bytes};
+use crate::set::{Content, REPORT, Set, cost_name, read_bytes, record_name};
 use dunkelfeld::{Error, InputError};
 use dunkelfeld_io::gray::read_gray;
 use dunkelfeld_io::input::{InputFiles, MAX_STREAMED, OpenFile, ReadFault, Role};
 use dunkelfeld_io::loader::Limits;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
@@ -49,7 +50,8 @@ impl Verified {
 }
 
 /// Checks a set: the description and the study by their hashes, the record of each image, the size and the hash of each file, the masks against the
-/// records and the annotations, and the files of the whole set byte by byte against those that the finished images give.
+/// records and the annotations, and the files of the whole set byte by byte against those that the finished images give. A
+/// file that belongs to no image is a fault in the folders of images, such as `images/`.
 /// The latter only if this version of the program made the set. `report.html` contains times and must only exist. An unfinished set may have no files of the whole set.
 ///
 /// # Errors
@@ -65,28 +67,74 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
         found.fault(format!("{} {problem}; {rest}", folder.display()));
     }
     let (mut annotations, mut names) = (0, SetNames::default());
+    let mut known = KnownFiles::default();
     for index in 0..set.count() {
         progress(index, set.count());
         if !set.is_finished(index) {
+            known.open.insert(index);
             continue;
         }
+        known.names.extend([record_name(index), cost_name(index)]);
         found.finished += 1;
         match set.record(index) {
             Ok(record) if record.index == index => {
                 let problems = names.add(&record).into_iter().chain(set.foreign(&record));
+                let problems = problems.chain(set.changed_bytes(&record_name(index), &record));
+                known.names.extend(record.files.keys().cloned());
                 problems.for_each(|problem| found.fault(problem));
                 annotations += check_image(&set, &record, &mut found);
             }
-            Ok(record) => found.fault(format!("record {index} is that of image {}", record.index)),
-            Err(e) => found.fault(one_line(&e)),
+            Ok(record) => {
+                known.open.insert(index);
+                found.fault(format!("record {index} is that of image {}", record.index));
+            }
+            Err(e) => {
+                known.open.insert(index);
+                found.fault(one_line(&e));
+            }
         }
     }
     progress(set.count(), set.count());
     found.annotations = annotations;
+    known
+        .foreign(set.path())
+        .into_iter()
+        .for_each(|name| found.fault(format!("{name} belongs to no image of the set")));
     if other.is_none() {
         check_whole(&set, &mut found);
     }
     Ok(found)
+}
+
+/// The folders of the files of images.
+const FOLDERS: [&str; 11] =
+    ["costs", "coverage", "depth", "images", "labels", "linear", "masks", "normals", "raw", "records", "semantic"];
+
+/// The files that the images of a set may have.
+#[derive(Default)]
+struct KnownFiles {
+    names: BTreeSet<String>,
+    /// Images whose files are not known: they are not finished, or their record is broken.
+    open: BTreeSet<u64>,
+}
+
+impl KnownFiles {
+    /// The files in the folders of images that belong to none. Hidden files, and claims of images, are not meant.
+    fn foreign(&self, set: &Path) -> BTreeSet<String> {
+        let mut found = BTreeSet::new();
+        for folder in FOLDERS {
+            for entry in fs::read_dir(set.join(folder)).into_iter().flatten().flatten() {
+                let file = entry.file_name().to_string_lossy().into_owned();
+                let index = file.split_once('.').and_then(|(index, _)| index.parse().ok());
+                let name = format!("{folder}/{file}");
+                let is_open = index.is_some_and(|index| self.open.contains(&index)) || file.ends_with(".lock");
+                if !file.starts_with('.') && !is_open && !self.names.contains(&name) {
+                    found.insert(name);
+                }
+            }
+        }
+        found
+    }
 }
 
 /// Compares the files of the whole set with those that the finished images give.
