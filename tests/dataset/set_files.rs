@@ -60,6 +60,13 @@ fn a_set_has_hashes_of_its_inputs_and_refuses_others() {
         fs::write(bench.path(file), before).expect("writable");
     }
     bench.run("dataset studies/tiles.toml -o a --count 2 --jobs 1");
+    // The study is compared by its keys: a comment and another name of the file change no image.
+    let study = fs::read_to_string(bench.path("studies/tiles.toml")).expect("a study");
+    fs::write(bench.path("studies/tiles.toml"), format!("# a comment\n{study}")).expect("writable");
+    bench.run("dataset studies/tiles.toml -o a --count 2 --jobs 1");
+    let named = study.replace("[study]\n", "# another comment\n[study]\nname = \"tiles\"\n");
+    fs::write(bench.path("studies/renamed.toml"), named).expect("writable");
+    bench.run("dataset studies/renamed.toml -o a --count 2 --jobs 1");
     // A set of the format without hashes.
     fs::write(bench.path("a/set.json"), "{\"format\":1,\"study\":\"tiles\"}").expect("writable");
     for line in ["dataset studies/tiles.toml -o a", "dataset --verify a"] {
@@ -99,6 +106,33 @@ fn a_check_compares_the_files_of_the_whole_set() {
         }
         fs::write(&path, before).expect("writable");
     }
+    // Spaces and line breaks of descriptions and records, and files of no image.
+    for name in ["set.json", "records/000001.json"] {
+        let path = bench.path("a").join(name);
+        let before = fs::read(&path).expect(name);
+        for changed in [before[..before.len() - 1].to_vec(), [&before[..], b"\n"].concat()] {
+            fs::write(&path, changed).expect("writable");
+            let message = check();
+            assert!(message.contains(&format!("{name} has other spaces or line breaks")), "{message}");
+        }
+        fs::write(&path, before).expect("writable");
+    }
+    for name in ["images/000099.jpg", "masks/000001.tif", "records/000003.json", "labels/notes"] {
+        fs::write(bench.path("a").join(name), "foreign").expect("writable");
+        let message = check();
+        assert!(message.contains(&format!("{name} belongs to no image of the set")), "{message}");
+        fs::remove_file(bench.path("a").join(name)).expect("there");
+    }
+    // A partial file of an image that is not finished is none, and files beside the folders may be there.
+    bench.run("dataset studies/tiles.toml -o b --jobs 1 --index 0");
+    fs::write(bench.path("b/images/000002.png"), "a part").expect("writable");
+    fs::write(bench.path("b/labels.cache"), "of a reader").expect("writable");
+    let assert = bench.command("dataset --verify b").assert().code(1);
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(
+        !message.contains("belongs to no image") && message.contains("2 of 3 images are not finished"),
+        "{message}"
+    );
     // The page contains times, and is only there.
     fs::write(bench.path("a/report.html"), "a page").expect("writable");
     bench.run("dataset --verify a");

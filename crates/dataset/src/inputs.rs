@@ -50,14 +50,23 @@ pub(crate) fn input_records(study: &Study, read: &InputFiles) -> Result<Vec<Inpu
     Ok(records.into_iter().collect())
 }
 
-/// The first file that differs between two lists, with the difference. The study itself may have another name: its text is
-/// compared by the hash of the study.
+/// The first file that differs between two lists of the same study, with the difference. The study itself may have another
+/// name and other comments: its keys are compared by the hash of the study.
 pub(crate) fn changed_input(before: &[InputRecord], now: &[InputRecord], study: &Study) -> Option<String> {
-    let own = hash_of(study.path());
-    let others = |list: &'_ [InputRecord]| -> Vec<InputRecord> {
-        list.iter().filter(|file| own.is_none() || file.hash != own).cloned().collect()
-    };
-    let (before, now) = (others(before), others(now));
+    let own = InputRecord { path: name_of(study.path(), study), hash: hash_of(study.path()) };
+    let is_own = |file: &InputRecord| file.path == own.path || (own.hash.is_some() && file.hash == own.hash);
+    let others =
+        |list: &[InputRecord]| -> Vec<InputRecord> { list.iter().filter(|file| !is_own(file)).cloned().collect() };
+    let had_own = before.iter().any(is_own);
+    let (mut before, now) = (others(before), others(now));
+    if !had_own {
+        // Another name and another comment. The keys are the same, so that they name the same files: the study is the only
+        // one of its folder that is not used now.
+        let is_left = |file: &InputRecord| file.path.ends_with(".toml") && !now.iter().any(|n| n.path == file.path);
+        if let Some(at) = before.iter().position(|file| !file.path.contains('/') && is_left(file)) {
+            before.remove(at);
+        }
+    }
     let is_known = |list: &[InputRecord], file: &InputRecord| list.iter().any(|other| other.path == file.path);
     if let Some(file) = now.iter().find(|file| !before.contains(file)) {
         return Some(match (is_known(&before, file), &file.hash) {
