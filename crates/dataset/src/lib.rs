@@ -19,6 +19,7 @@ mod forecast;
 mod hull;
 mod ids;
 mod inputs;
+mod job_error;
 mod keypoints;
 mod label_entry;
 mod labels;

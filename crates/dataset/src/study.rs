@@ -537,6 +537,16 @@ impl Study {
         self.source.text()
     }
 
+    /// The file of the study with its text.
+    pub(crate) fn source(&self) -> &TomlFile {
+        &self.source
+    }
+
+    /// The keys of the named job.
+    pub(crate) fn base(&self) -> &Table {
+        &self.base
+    }
+
     /// The folder that relative paths of the study refer to.
     pub(crate) fn folder(&self) -> &Path {
         &self.folder
@@ -567,18 +577,6 @@ impl Study {
             entries.iter().try_for_each(|entry| entry.check_count(self, index).map_err(at))?;
         }
         Ok(())
-    }
-
-    /// An error of the drawn job of an image, as an error of the study: with the line of the drawn job.
-    pub(crate) fn in_study(&self, error: InputError, index: u64) -> InputError {
-        if error.file != self.job_path {
-            return error;
-        }
-        InputError {
-            file: self.source.path().to_path_buf(),
-            place: format!("image {index}, job: {}", error.place),
-            ..error
-        }
     }
 }
 

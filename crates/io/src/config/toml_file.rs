@@ -186,14 +186,25 @@ impl TomlFile {
         ))
     }
 
+    /// The path of the key whose key or value contains `range`, as for [`Self::error_at_key`].
+    pub fn path_at(&self, range: &Range<usize>) -> Option<Vec<String>> {
+        let step = |step| match step {
+            Step::Key(key) => key,
+            Step::Item(number) => number.to_string(),
+        };
+        self.steps_at(range).map(|path| path.into_iter().map(step).collect())
+    }
+
+    fn steps_at(&self, range: &Range<usize>) -> Option<Vec<Step>> {
+        let mut finder = Finder { range, best: None };
+        finder.table(DeTable::parse(&self.text).ok()?.get_ref(), &mut Vec::new());
+        finder.best.map(|(_, path)| path)
+    }
+
     /// The path of the key whose key or value contains `range`: `[film] width`, `[[light]] 2, power`.
     fn place(&self, range: &Range<usize>) -> String {
-        let mut finder = Finder { range, best: None };
-        if let Ok(root) = DeTable::parse(&self.text) {
-            finder.table(root.get_ref(), &mut Vec::new());
-        }
-        match finder.best {
-            Some((_, path)) => describe(&path),
+        match self.steps_at(range) {
+            Some(path) => describe(&path),
             None => format!("line {}", self.text.get(..range.start).unwrap_or("").matches('\n').count() + 1),
         }
     }
