@@ -25,6 +25,15 @@ fn parts_that_contradict_each_other_are_refused_at_their_key() {
             again("place", "objects = \"block 1\"\ncenter = [0, 0, 0]\nsize = [\"9mm\", 0, \"9mm\"]"),
             ["[[study.place]] 2, objects", "entry 1 of [[study.place]] places the object \"block 1\""],
         ),
+        (changed("objects = [\"ball\"]", "objects = []"), ["[[study.label]] 2, objects", "the list is empty"]),
+        (
+            changed("objects = \"block *\"\ncenter", "objects = []\ncenter"),
+            ["[[study.place]] 1, objects", "list is empty"],
+        ),
+        (
+            defect("kind = \"dust\"\nlength = \"1mm\"").replace("on = \"block 1\"", "on = []"),
+            ["[[study.defect]] 2, on", "list is empty"],
+        ),
         (changed("raw = true", "quality = 80"), ["quality = 80", "only a JPEG"]),
         (
             changed("device = 2", "device = 2\ncamera = { choice = [\"above\", \"below\"], weights = [9999, 1] }"),
@@ -75,15 +84,15 @@ fn a_defect_with_the_name_of_an_object_is_refused() {
     // Names that differ are fine, and objects keep their ids.
     let bench = Bench::new(&study(&object("x 3", "")));
     bench.run("dataset study.toml -o a --count 1");
-    // A number of copies by a formula is known in its image.
-    let copies = "grid = { count = [{ expression = \"n\" }, 1, 1], step = [\"9mm\", 0, 0] }\n";
-    let text =
-        study(&object("x", copies)).replace("[study.draw]", "[study.draw]\nn = { sequence = [1, 3], repeat = 64 }");
+    // The last of so many alternatives is known in its image.
+    let mut names: Vec<String> = (0..299).map(|n| format!("\"n{n}\"")).collect();
+    names.push("\"x 1\"".into());
+    let text = study(&object("y", "")).replace("\"y\"", &format!("{{ sequence = [{}] }}", names.join(", ")));
     fs::write(bench.path("study.toml"), text).expect("writable");
-    let assert = bench.command("dataset study.toml -o b --count 128 --index 0,64 --jobs 2").assert().code(1);
+    let assert = bench.command("dataset study.toml -o b --count 300 --index 0,299 --jobs 2").assert().code(1);
     let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
-    assert!(message.contains("image 64: a defect of this entry is called \"x 1\""), "{message}");
-    assert!(bench.path("b/records/000000.json").is_file() && !bench.path("b/records/000064.json").exists());
+    assert!(message.contains("image 299: a defect of this entry is called \"x 1\""), "{message}");
+    assert!(bench.path("b/records/000000.json").is_file() && !bench.path("b/records/000299.json").exists());
 }
 
 #[test]
@@ -91,11 +100,21 @@ fn settings_without_an_effect_are_named() {
     let study = changed("yolo = true", "coverage = 2\nmasks = false")
         .replace("[camera]", "[[study.defect]]\nkind = \"missing\"\non = \"block *\"\ncount = 5\ncolor = 0.5\n[camera]")
         .replace("color = 0.5\n", "")
+        .replace("objects = \"block *\"\ncenter", "objects = [\"block 1\", \"block 1\"]\ncenter")
+        .replace("objects = [\"ball\"]", "objects = [\"ball\", \"ball\"]")
+        .replace("[camera]", "[[study.defect]]\nkind = \"dust\"\non = \"plate\"\nlength = \"1km\"\n[camera]")
         .replace("exposure = \"20ms\"", "exposure = \"20ms\"\nmodel = \"imx250\"");
     let bench = Bench::new(&study);
     let assert = bench.command("dataset study.toml -o a --count 1").assert().success();
     let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
-    for words in ["`device` varies", "the study has no masks", "\"missing\" changes up to 5 objects"] {
+    for words in [
+        "`device` varies",
+        "the study has no masks",
+        "\"missing\" changes up to 5 objects",
+        "entry 2 of [[study.label]] has \"ball\" twice",
+        "entry 1 of [[study.place]] has \"block 1\" twice",
+        "a defect \"dust\" is 1000 m long, and the whole scene 0.",
+    ] {
         assert!(message.contains(words), "{words}: {message}");
     }
     let record = bench.json("a/records/000000.json");

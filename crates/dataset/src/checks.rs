@@ -25,7 +25,7 @@ pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>) -
     if study.labels.bop && matches!(project.scene.shutter(), Some(Shutter::Lines(_))) {
         let fault = Fault::new(
             "BOP has a camera matrix for each image, and a line scan has none: its rows are of different times",
-            "write `bop = false`; `labels/*.json` has the poses at the start of the exposure",
+            "write `bop = false`; `labels/*.json` has the poses in the middle of the exposure of the middle row",
         );
         return Err(study.error(fault, &["study", "labels", "bop"]).into());
     }
@@ -141,7 +141,21 @@ pub(crate) fn warnings(
             names.join(", ")
         ));
     }
+    for (number, entry) in study.label.iter().enumerate() {
+        if let Some(name) = entry.objects.repeated() {
+            found.push(format!("entry {} of [[study.label]] has \"{name}\" twice", number + 1));
+        }
+    }
+    for number in 0..study.place.len() {
+        if let Ok(place) = Placement::drawn(study, number, 0)
+            && let Some(name) = place.repeated()
+        {
+            found.push(format!("entry {} of [[study.place]] has \"{name}\" twice, and places it once", number + 1));
+        }
+    }
+    let scene = project.scene.bounds().map_or(f64::INFINITY, |[low, high]| low.distance(high));
     for entry in entries {
+        found.extend(entry.doubts(study, scene));
         let Some((name, most, objects)) = entry.excess(study, names) else { continue };
         found.push(format!(
             "the entry \"{name}\" changes up to {most} objects of an image, and {objects} of the first images match; an \

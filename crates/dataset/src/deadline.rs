@@ -37,7 +37,7 @@ impl Deadline {
     pub fn at_unix_time(seconds: f64) -> Result<Self, Error> {
         let at = SignedDuration::try_from_secs_f64(seconds)
             .and_then(Timestamp::from_duration)
-            .map_err(|e| Error::setting("until", format!("{seconds} s is no date: {e}"), HELP))?;
+            .map_err(|_| Error::setting("until", format!("{seconds} s is no date of the years -9999 to 9999"), HELP))?;
         Self(at.to_zoned(TimeZone::system())).checked(&Zoned::now())
     }
 
@@ -126,9 +126,9 @@ fn read(text: &str, now: &Zoned) -> Result<Zoned, String> {
             return Err(gap(text));
         }
         // Of a time that comes twice, when clocks are put back, the first one.
-        found.compatible().map_err(|e| format!("{text:?}: {e}"))
+        found.compatible().map_err(|_| too_late(text))
     };
-    let tomorrow = || now.date().tomorrow().map_err(|e| format!("{text:?}: {e}")).and_then(at);
+    let tomorrow = || now.date().tomorrow().map_err(|_| too_late(text)).and_then(at);
     match day {
         Some("tomorrow") => tomorrow(),
         Some(date) => at(Date::strptime("%Y-%m-%d", date).map_err(|_| no_form())?),
@@ -142,6 +142,11 @@ fn read(text: &str, now: &Zoned) -> Result<Zoned, String> {
 /// The problem of a time that clocks skip.
 fn gap(text: &str) -> String {
     format!("{text:?}: clocks are put forward at that time, and do not show it")
+}
+
+/// The problem of a time beyond those that can be computed.
+fn too_late(text: &str) -> String {
+    format!("{text:?} is beyond the last date, at the end of the year 9999 in UTC")
 }
 
 /// Is an offset larger than that of any zone?
@@ -220,6 +225,10 @@ mod tests {
             assert!(message.starts_with("error:") && message.contains("8:00"), "{text}: {message}");
         }
         assert!(read_at("8:00 Europe/Atlantis").contains("\"Europe/Atlantis\" is no known time zone"));
+        for text in ["9999-12-31 23:00 UTC", "9999-12-31 8:00 -12:00"] {
+            let message = read_at(text);
+            assert!(message.contains("is beyond the last date") && !message.contains("jiff"), "{text}: {message}");
+        }
         for text in ["2030-02-01 21:29", "2029-12-31T08:00", "2030-02-01T20:30Z", "2030-02-01T21:30 Europe/Berlin"] {
             assert!(read_at(text).contains("is over: it is 2030-02-01 21:30:00 +01:00"), "{text}: {}", read_at(text));
         }

@@ -63,7 +63,7 @@ impl DefectSettings {
         let read = |table: toml::Table| -> Result<Self, toml::de::Error> { Value::Table(table).try_into() };
         let fault = |e: &toml::de::Error| Fault::new(e.message(), "see docs/datasets.md for the keys of defects");
         let error = match read(table.clone()) {
-            Ok(settings) => return Ok(settings),
+            Ok(settings) => return settings.on.check("on").map(|()| settings),
             Err(error) => error,
         };
         // The error does not name its key: it is the one that fails alone, beside keys that are valid.
@@ -346,6 +346,24 @@ impl DefectEntry {
         let objects = names.listed().iter().filter(|name| settings.on.match_name(name)).count();
         let is_more = self.kind.is_change() && i64::from(self.most) < MOST && self.most as usize > objects;
         is_more.then_some((self.name.as_str(), self.most, objects))
+    }
+
+    /// Settings of the first defect of image 0 that do no harm and have hardly a sense, in sentences: a length of more than
+    /// the scene [m], and a name that is there twice.
+    pub(crate) fn doubts(&self, study: &Study, scene: f64) -> Vec<String> {
+        let draws = study.draws(0);
+        let place = format!("defect[{}][1]", self.name);
+        let Ok(settings) = self.settings(&place, draws, &mut study.named(draws), &mut |_, _| {}) else {
+            return Vec::new();
+        };
+        let is_long = |length: &f64| *length > scene && !self.kind.is_change() && self.kind != DefectKind::Fibre;
+        let length =
+            settings.length.map(|length| length.0).filter(is_long).map(|length| {
+                format!("a defect \"{}\" is {length} m long, and the whole scene {scene:.3} m", self.name)
+            });
+        let name = settings.on.repeated();
+        let name = name.map(|name| format!("the entry \"{}\" of [[study.defect]] has \"{name}\" twice", self.name));
+        length.into_iter().chain(name).collect()
     }
 
     /// Checks the number of defects of an image.

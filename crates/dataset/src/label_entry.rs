@@ -33,6 +33,20 @@ pub(crate) enum Names {
 }
 
 impl Names {
+    /// The fault of a list without a name; the key is that of the list.
+    pub(crate) fn check(&self, key: &str) -> Result<(), Fault> {
+        if self.patterns().is_empty() {
+            return Err(Fault::new("the list is empty", "write names or patterns of objects").below(key));
+        }
+        Ok(())
+    }
+
+    /// A name that is there twice.
+    pub(crate) fn repeated(&self) -> Option<&str> {
+        let names = self.patterns();
+        names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)).map(|(_, name)| name.as_str())
+    }
+
     pub(crate) fn patterns(&self) -> &[String] {
         match self {
             Self::One(name) => std::slice::from_ref(name),
@@ -72,6 +86,7 @@ impl LabelEntry {
         if self.category.is_empty() {
             return Err(Fault::new("a category has no name", "write `category`").below("category"));
         }
+        self.objects.check("objects")?;
         if self.keypoints.len() > MOST {
             let problem = format!("{} key points are more than {MOST}", self.keypoints.len());
             return Err(Fault::new(problem, format!("write at most {MOST}")).below("keypoints"));

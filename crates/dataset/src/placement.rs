@@ -71,6 +71,7 @@ impl Placement {
     pub(crate) fn parse(value: Value) -> Result<Self, Fault> {
         let placement: Self =
             value.try_into().map_err(|e: toml::de::Error| Fault::new(e.message(), "see docs/datasets.md"))?;
+        placement.objects.check("objects")?;
         let edges = placement.size.map(|l| l.0);
         let numbers =
             placement.center.iter().chain(&placement.size).map(|l| l.0).chain(placement.clearance.map(|c| c.0));
@@ -92,6 +93,11 @@ impl Placement {
         let drawn =
             study.place[number].draw(draws, &format!("place[{number}]"), &mut study.named(draws), &mut |_, _| {});
         drawn.and_then(Self::parse)
+    }
+
+    /// A name that is there twice.
+    pub(crate) fn repeated(&self) -> Option<&str> {
+        self.objects.repeated()
     }
 
     /// Does the entry place an object of this name?
