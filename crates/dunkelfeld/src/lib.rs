@@ -127,6 +127,7 @@ pub mod geometry {
 
 /// Files of sensors, quantities with units, and text that a terminal can print.
 pub mod io {
+    pub use dunkelfeld_io::job::{literal_pattern, matches};
     pub use dunkelfeld_io::private_file::PrivateFile;
     pub use dunkelfeld_io::quantity::{Length, Memory, QuantityError, Time};
     pub use dunkelfeld_io::sensor_file;

@@ -162,6 +162,9 @@ impl Project {
         if settings.view.is_some() {
             return Ok(settings);
         }
+        if settings.camera.is_none() {
+            settings.camera = self.job.as_ref().and_then(|job| job.first_enabled()).map(str::to_owned);
+        }
         let camera = find_camera(&self.scene, &settings)?;
         let (lens, film) = (self.lens_of(&camera.name), self.film_size());
         let Fitted { camera: mut view, f_number, magnification } =

@@ -9,11 +9,14 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 impl Project {
-    /// Names of the cameras that the job defines, in its order; none if the settings name a camera. Each of them gets
+    /// Names of the cameras that the job defines and enables, in its order; none if the settings name a camera. Each of them gets
     /// a render of its own.
     pub fn defined_cameras(&self) -> Vec<String> {
         match (&self.settings.camera, &self.job) {
-            (None, Some(job)) => job.camera.defined.iter().map(|camera| camera.name.clone()).collect(),
+            (None, Some(job)) => {
+                let enabled = job.camera.defined.iter().filter(|camera| camera.is_enabled());
+                enabled.map(|camera| camera.name.clone()).collect()
+            }
             _ => Vec::new(),
         }
     }

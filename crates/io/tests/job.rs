@@ -330,6 +330,27 @@ fn emission_of(scene: &SceneBuilder, instance: usize) -> Rgb {
     scene.materials[scene.meshes[scene.instances[instance].meshes[0]].material].emission
 }
 
+/// Each light keeps its share of the strength of all lights of its name.
+#[test]
+fn a_scale_multiplies_the_strength_of_each_light() {
+    let mut scene = scene();
+    let light = PunctualKind::Point { intensity: Rgb::new(1.0, 2.0, 3.0) };
+    let lamp = |kind| PunctualLight { name: "twins".into(), kind, to_world: DAffine3::IDENTITY };
+    scene.lights = vec![lamp(light), lamp(PunctualKind::Directional { irradiance: Rgb::splat(4.0) })];
+    let text = "[[light]]\nname = \"twins\"\nscale = 2\n";
+    job(&with(text)).apply_overrides(&mut scene).expect("two lights");
+    assert_eq!(scene.lights[0].kind, PunctualKind::Point { intensity: Rgb::new(2.0, 4.0, 6.0) });
+    assert_eq!(scene.lights[1].kind, PunctualKind::Directional { irradiance: Rgb::splat(8.0) });
+    // Of a surface, beside its power.
+    let emission = |keys: &str| emission_of(&changed(&format!("[[light]]\nname = \"left\"\n{keys}\n")), 0).mean();
+    let once = emission("power = 1");
+    assert!(once > 0.0 && (emission("power = 1\nscale = 3") / (3.0 * once) - 1.0).abs() < 1e-6);
+    let error = unfit("[[light]]\nname = \"pmma\"\nscale = 2\n");
+    assert!(error.problem.contains("does not emit"), "{error}");
+    let new = Job::from_text("a.toml", with("[[light]]\nkind = \"sun\"\nscale = 2\n")).expect_err("a new lamp");
+    assert!(new.problem.contains("has no scale"), "{new}");
+}
+
 #[test]
 fn material_factors_are_replaced_by_name_and_pattern() {
     let scene = changed(

@@ -54,6 +54,19 @@ fn a_camera_looks_at_a_point_or_an_object() {
 }
 
 #[test]
+fn one_camera_at_least_is_enabled() {
+    let two = |first: &str, second: &str| {
+        let text = format!("scene = \"a.glb\"\n[[camera]]\nname = \"a\"\n{first}[[camera]]\nname = \"b\"\n{second}");
+        Job::from_text("a.toml", text)
+    };
+    let off = "enabled = false\n";
+    assert_eq!(two("", off).expect("one is enabled").first_enabled(), None, "the first one of the scene");
+    assert_eq!(two(off, "enabled = true\n").expect("one is enabled").first_enabled(), Some("b"));
+    let error = two(off, off).expect_err("none is enabled");
+    assert!(error.place.contains("enabled") && error.problem.contains("no camera"), "{error}");
+}
+
+#[test]
 fn a_working_distance_places_the_camera() {
     let above = cameras("[camera]\nlook_at = \"plate\"\nworking_distance = \"200mm\"");
     assert_pose(&above[0], [3.0, 0.2, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]);

@@ -58,7 +58,7 @@ pub use lens::{FilterSettings, LensProjection, LensSettings};
 pub use materials::{AlphaKind, MaterialOverride};
 pub use motion::{LineScanSettings, RotationSettings};
 pub use objects::{Grid, ObjectOverride, Pivot, Placement};
-pub use patterns::matches;
+pub use patterns::{literal_pattern, matches};
 pub use place::Place;
 pub use primitives::PrimitiveKind;
 pub use scene_files::{SceneFile, SceneFiles};
@@ -282,6 +282,9 @@ pub struct LightSettings {
     /// distance.
     #[serde(default, deserialize_with = "check::light")]
     pub irradiance: Option<Rgb>,
+    /// Factor of the strength of each light of the scene that the name selects. Default 1.
+    #[serde(default, deserialize_with = "check::light_scale")]
+    pub scale: Option<f64>,
     /// Wavelength of the light; the quantum efficiency of the sensor is that at it.
     pub wavelength: Option<Wavelength>,
     /// Duration \[s\] of the pulse of the lamp in the middle of each exposure, at most the exposure time.

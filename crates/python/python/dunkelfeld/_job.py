@@ -73,6 +73,7 @@ class CameraKeys(TypedDict, total=False):
     vertical_fov: Angle
     K: Matrix
     lens: LensKeys
+    enabled: bool
 
 
 class LightKeys(TypedDict, total=False):
@@ -86,6 +87,7 @@ class LightKeys(TypedDict, total=False):
     power: Quantity
     intensity: Color
     irradiance: Color
+    scale: float
     wavelength: Quantity
     strobe: Quantity
     working_distance: Quantity

@@ -92,6 +92,8 @@ pub struct CameraSettings {
     pub intrinsics: Option<[[f64; 3]; 3]>,
     /// The lens of this camera, instead of `[lens]`.
     pub lens: Option<LensSettings>,
+    /// `false`: it is not rendered, and lamps may refer to it. Default true.
+    pub enabled: Option<bool>,
 }
 
 /// A matrix of three rows.
@@ -132,6 +134,11 @@ impl CameraSettings {
             }
         }
         lens
+    }
+
+    /// Is it rendered?
+    pub fn is_enabled(&self) -> bool {
+        self.enabled != Some(false)
     }
 
     fn has_pose(&self) -> bool {
@@ -350,6 +357,9 @@ impl Cameras {
     ) -> Result<(), InputError> {
         if self.is_list && self.defined.is_empty() {
             return Err(file.error_at_key(&["camera"], "the list of cameras is empty", "define one, or remove it"));
+        }
+        if !self.defined.is_empty() && !self.defined.iter().any(CameraSettings::is_enabled) {
+            return Err(self.error(file, 0, &["enabled"], "no camera is enabled", "remove this from one camera"));
         }
         for i in 0..self.defined.len() {
             let (before, rest) = self.defined.split_at_mut(i);

@@ -302,6 +302,11 @@ pub(super) fn power<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::E
     Err(D::Error::custom(format!("{} W is out of range; write a power of zero or more, such as \"1.5W\"", Number(v))))
 }
 
+/// A factor of the strength of a light.
+pub(super) fn light_scale<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 0.0, 1e12).map(Some)
+}
+
 /// A colour with channels from 0 to 1.
 pub(super) fn color<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
     triple(d, 1.0).map(Some)

@@ -30,6 +30,7 @@ const KEYS: &[&str] = &[
     "radiance",
     "intensity",
     "irradiance",
+    "scale",
     "working_distance",
     "camera",
     "position",
@@ -70,7 +71,7 @@ const NEEDS: &[(&str, &str, &str)] = &[
 
 /// The first key of an entry without `kind` that only new lamps have.
 pub(super) fn lamp_key(given: impl Fn(&str) -> bool) -> Option<&'static str> {
-    let shared = ["power", "radiance", "intensity", "irradiance"];
+    let shared = ["power", "radiance", "intensity", "irradiance", "scale"];
     let own = KEYS.iter().copied().filter(|key| !shared.contains(key));
     own.chain(["strobe"]).find(|key| given(key))
 }

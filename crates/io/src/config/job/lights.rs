@@ -30,13 +30,13 @@ impl Job {
             }
             for light in scene.lights.iter_mut().filter(|l| matches(&change.name, &l.name)) {
                 light.kind = self.changed_kind(i, change, &light.name, light.kind, &scene.profiles)?;
-                if let Some(wavelength) = change.wavelength {
+                if change.wavelength.is_some() || change.scale.is_some() {
                     let (PunctualKind::Point { intensity: strength }
                     | PunctualKind::Spot { intensity: strength, .. }
                     | PunctualKind::Directional { irradiance: strength }
                     | PunctualKind::Sun { irradiance: strength, .. }
                     | PunctualKind::Profile { scale: strength, .. }) = &mut light.kind;
-                    *strength = wavelength.triple(f64::from(strength.mean()));
+                    *strength = scaled_line(change, *strength);
                 }
             }
             return Ok(());
@@ -69,14 +69,15 @@ impl Job {
                 if let Some(material) = scene.materials.get_mut(material) {
                     // Strengths that a file gives as ratios are preserved only if the light has a single material.
                     material.emission = emission.map_or(material.emission, |e| e.of(material.emission));
-                    if let Some(wavelength) = change.wavelength {
+                    let keys = [("wavelength", change.wavelength.is_some()), ("scale", change.scale.is_some())];
+                    if let Some((key, _)) = keys.iter().find(|(_, given)| *given) {
                         let is_unset = change.enabled && change.radiance.is_none() && change.power.is_none();
                         if is_unset && material.emission.is_black() {
-                            let problem = format!("\"{}\" does not emit, so that it has no wavelength", light.name);
+                            let problem = format!("\"{}\" does not emit, so that it has no {key}", light.name);
                             let help = "give `radiance` or `power` as well, or remove this";
-                            return Err(self.light_error(i, "wavelength", problem, help));
+                            return Err(self.light_error(i, key, problem, help));
                         }
-                        material.emission = wavelength.triple(f64::from(material.emission.mean()));
+                        material.emission = scaled_line(change, material.emission);
                     }
                 }
             }
@@ -229,6 +230,12 @@ impl Job {
     ) -> InputError {
         self.source.error_at_key(&["light", &i.to_string(), key], problem, help)
     }
+}
+
+/// A strength with the wavelength and the factor of a change.
+fn scaled_line(change: &LightSettings, strength: Rgb) -> Rgb {
+    let strength = change.wavelength.map_or(strength, |line| line.triple(f64::from(strength.mean())));
+    change.scale.map_or(strength, |scale| strength.map(|v| (f64::from(v) * scale) as f32))
 }
 
 /// A change of the emission of a material.

@@ -34,6 +34,13 @@ impl Job {
         }
     }
 
+    /// The camera that is rendered if none is chosen, where this is not the first one of the scene.
+    pub fn first_enabled(&self) -> Option<&str> {
+        let defined = &self.camera.defined;
+        let enabled = defined.iter().position(CameraSettings::is_enabled).filter(|index| *index > 0)?;
+        Some(&defined[enabled].name)
+    }
+
     /// The definition of a camera by its name.
     pub fn camera_settings(&self, name: &str) -> Option<&CameraSettings> {
         self.camera.defined.iter().find(|camera| camera.name == name)
