@@ -41,7 +41,7 @@ class MockView:
         self.target, self.restarted, self.paused = 0.5, 0, False
         self.camera_name, self.per_light = "front", False
         self.lights = {name: {"on": True, "factor": 1.0} for name, _, _ in LIGHTS}
-        self.materials = [dict(m) for m in MATERIALS]
+        self.materials = [{**m, "changed": {}} for m in MATERIALS]
         self.left_out, self.saved, self.ablations = set(), [], {}
         self.log, self.settings = [], {"delay": 0.0, "frozen": options.freeze}
         # `mute`: no state is sent. `no_picture`: the film of the state is not there yet. `regions`: a fault of all regions.
@@ -521,7 +521,8 @@ class MockView:
             if "without" in body:
                 self.left_out = set(body["without"])
             for name, change in body.get("materials", {}).items():
-                next(m for m in self.materials if m["name"] == name).update(change)
+                material = next(m for m in self.materials if m["name"] == name)
+                material.update(change, changed=change)
             self.per_light = body.get("per_light", self.per_light)
             self.restart()
         return {}

@@ -234,19 +234,30 @@ def test_scene_debounce(mock_page):
     page.idle()
     body = page.last("/api/scene")
     assert len(page.log("/api/scene")) == 2 and set(body) == {"materials", "without", "lights"}
-    assert body["materials"]["anodised aluminium"]["roughness"] == 0.8 and body["without"] == ["covers"]
+    # Values that the user did not change follow the files of the scene.
+    assert set(body["materials"]) == {"anodised aluminium", "solder mask"} and body["without"] == ["covers"]
+    assert body["materials"]["anodised aluminium"] == {"roughness": 0.8}
+    assert set(body["materials"]["solder mask"]) == {"color"}
     colour = body["materials"]["solder mask"]["color"]
     assert abs(colour[0] - 1) < 1e-6 and abs(colour[1] - 0.2159) < 1e-3 and colour[2] == 0
-    assert "metallic" not in body["materials"]["PMMA cover <clear>"] and body["lights"] == {
-        "bar left": {"on": False, "factor": 1}
-    }
+    assert body["lights"] == {"bar left": {"on": False, "factor": 1}}
     # The states of the server no longer contain the effect, so the box stays empty.
     page.wait(lambda: page.state()["scene"]["effects"][0]["left_out"], "the state without the effect")
     assert page.checked("effect-0") is False
+    # A further change has the earlier ones with it.
+    page.wait(
+        lambda: page.state()["scene"]["materials"][0]["changed"] == {"roughness": 0.8}, "the state with the change"
+    )
+    page.js(
+        """const e = document.getElementById('material-metallic-0'); e.value = '0.5'; e.dispatchEvent(new Event('input'));"""
+    )
+    page.idle()
+    materials = page.last("/api/scene")["materials"]
+    assert materials["anodised aluminium"] == {"roughness": 0.8, "metallic": 0.5} and "solder mask" in materials
     page.set("scene-camera", "oblique 30°")
     page.idle()
     assert page.last("/api/scene") == {"camera": "oblique 30°"}
-    page.wait(lambda: page.text("scene-restarts") == "Started again 3 times.", what="count of restarts")
+    page.wait(lambda: page.text("scene-restarts") == "Started again 4 times.", what="count of restarts")
 
 
 def test_effects(mock_page):

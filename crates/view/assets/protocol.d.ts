@@ -19,7 +19,10 @@ export interface Light { name: string; kind: string; on: boolean; factor: number
 export type Colour = [number, number, number];
 export interface Material {
   name: string; roughness: number | null; metallic: number | null; color: Colour | null;
+  /** The values that are not those of the scene. */
+  changed: MaterialChange;
 }
+export interface MaterialChange { roughness?: number; metallic?: number; color?: Colour }
 export interface Effect { name: string; title: string; used: boolean; left_out: boolean }
 
 export interface Scene {
@@ -144,7 +147,7 @@ export interface SceneChange {
   camera?: string;
   lights?: Record<string, { on: boolean; factor: number }>;
   without?: string[];
-  materials?: Record<string, { roughness?: number; metallic?: number; color?: Colour }>;
+  materials?: Record<string, MaterialChange>;
   per_light?: boolean;
 }
 

@@ -127,11 +127,9 @@ export class ScenePanel {
     }
     if (this.#changed.has("per_light")) change.per_light = scene.per_light.on;
     if (this.#changed.has("materials")) {
-      change.materials = Object.fromEntries(scene.materials.map(({ name, roughness, metallic, color }) => [name, {
-        ...(roughness !== null && { roughness }),
-        ...(metallic !== null && { metallic }),
-        ...(color !== null && { color }),
-      }]));
+      // Only what the user changed: other values follow the files of the scene.
+      change.materials = Object.fromEntries(scene.materials
+        .filter(({ changed }) => Object.keys(changed).length > 0).map(({ name, changed }) => [name, changed]));
     }
     this.#changed.clear();
     this.#base = structuredClone(scene);
@@ -268,7 +266,9 @@ export class ScenePanel {
         id: `material-${key}-${index}`, label, name: material.name, low: 0, high: 1, log: false, title,
         set: (value) => this.#change("materials", (scene) => {
           const found = scene.materials[index];
-          if (found) found[key] = value;
+          if (!found) return;
+          found[key] = value;
+          found.changed[key] = value;
         }),
       }));
     };
@@ -293,7 +293,9 @@ export class ScenePanel {
     colour.addEventListener("input", () => this.#change("materials", (scene) => {
       const found = scene.materials[index];
       if (!found) return;
-      found.color = fromHex(colour.value);
+      const color = fromHex(colour.value);
+      found.color = color;
+      found.changed.color = color;
       this.#writeMaterial(found, index);
     }));
     return element("div", { class: "row colour" },

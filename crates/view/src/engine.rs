@@ -11,6 +11,7 @@ use crate::shared::{Shared, Stamp, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::radiometry::Number;
+use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::{ExposureNoise, Optics};
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, ExrImage, FilmInProgress, Forecast, InputFiles, KeptFilms,
@@ -203,6 +204,9 @@ fn open(shared: &Arc<Shared>, change: &SceneChange) -> Result<(Project, ScenePar
     let before = lock(&shared.live).parts.effects.clone();
     for (name, used) in &mut parts.effects {
         *used |= change.without.iter().any(|effect| effect.name() == name) && before.contains(&(name.clone(), true));
+    }
+    if change.without.contains(&Effect::Textures) {
+        parts.keep_textured(&lock(&shared.live).parts.materials);
     }
     let is_job = shared.subject.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     lock(&shared.live).job = opened.job_text().filter(|_| is_job).map(str::to_owned);

@@ -284,6 +284,8 @@ pub(crate) struct MaterialState {
     pub(crate) roughness: Option<f64>,
     pub(crate) metallic: Option<f64>,
     pub(crate) color: Option<[f64; 3]>,
+    /// The values that are not those of the scene.
+    pub(crate) changed: MaterialChange,
 }
 
 /// An effect of the scene.
@@ -444,14 +446,14 @@ pub(crate) struct LightChange {
 }
 
 /// A change of a material.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct MaterialChange {
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) roughness: Option<f64>,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) metallic: Option<f64>,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) color: Option<[f64; 3]>,
 }
 

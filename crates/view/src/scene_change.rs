@@ -1,6 +1,7 @@
 //! The changes of the scene that the page asked for, as keys of a job.
 
 use crate::protocol::{Fault, LightChange, MaterialChange, MaterialState, SceneRequest};
+use dunkelfeld::io::literal_pattern;
 use dunkelfeld::scene::{Effect, Material};
 use dunkelfeld::{Inspection, removable_effects};
 use std::collections::BTreeMap;
@@ -29,12 +30,22 @@ pub(crate) struct SceneParts {
     /// The materials that a job can change.
     pub(crate) materials: Vec<MaterialState>,
     pub(crate) effects: Vec<(String, bool)>,
+    /// Names that lights with a surface share with other lights. An entry of a job changes one of both kinds only.
+    mixed_names: Vec<String>,
 }
 
 impl SceneParts {
     pub(crate) fn new(inspection: &Inspection, materials: &[Material]) -> Self {
         let mut lights: Vec<(String, String, f64)> = Vec::new();
+        let mut mixed_names: Vec<String> = Vec::new();
+        let has_surface = |kind: &str| kind.starts_with("area");
         for light in &inspection.lights {
+            let is_mixed = |(name, kind, _): &(String, String, f64)| {
+                *name == light.name && has_surface(kind) != has_surface(&light.kind)
+            };
+            if lights.iter().any(is_mixed) {
+                mixed_names.push(light.name.clone());
+            }
             match lights.iter_mut().find(|(name, ..)| *name == light.name) {
                 Some((.., watts)) => *watts += light.watts,
                 None => lights.push((light.name.clone(), light.kind.clone(), light.watts)),
@@ -48,7 +59,29 @@ impl SceneParts {
                 .filter(|effect| removable_effects().iter().any(|removable| removable.name() == effect.name))
                 .map(|effect| (effect.name.clone(), effect.on))
                 .collect(),
+            mixed_names,
         }
+    }
+
+    /// Values that textures multiply stay without a knob while textures are left out: a value of a job multiplies their
+    /// mean then. `before` are the materials with textures.
+    pub(crate) fn keep_textured(&mut self, before: &[MaterialState]) {
+        for material in &mut self.materials {
+            let Some(before) = before.iter().find(|before| before.name == material.name) else { continue };
+            material.roughness = material.roughness.filter(|_| before.roughness.is_some());
+            material.metallic = material.metallic.filter(|_| before.metallic.is_some());
+            material.color = material.color.filter(|_| before.color.is_some());
+        }
+    }
+
+    /// Checks that an entry of a job changes all lights of a name.
+    fn check_light(&self, name: &str) -> Result<(), Fault> {
+        if self.mixed_names.iter().any(|mixed| mixed == name) {
+            let problem =
+                format!("lights with and without a surface have the name {name:?}, and a job changes one kind");
+            return Err(Fault::new(problem, "give them different names"));
+        }
+        Ok(())
     }
 }
 
@@ -72,19 +105,26 @@ fn of_materials(inspection: &Inspection, materials: &[Material]) -> Vec<Material
             roughness: material.roughness_texture.is_none().then(|| decimal(material.roughness)),
             metallic: material.metallic_texture.is_none().then(|| decimal(material.metallic)),
             color: material.base_color_texture.is_none().then(|| material.base_color.to_array().map(decimal)),
+            changed: MaterialChange::default(),
         });
     }
     list
 }
 
-/// A power with the digits that the scene has of it.
-fn rounded(watts: f64) -> f64 {
-    format!("{watts:.5e}").parse().unwrap_or(watts)
-}
-
 /// The decimal number that the f32 was read from.
 fn decimal(value: f32) -> f64 {
     value.to_string().parse().unwrap_or_else(|_| f64::from(value))
+}
+
+impl MaterialChange {
+    /// The values that differ from those of a material of the scene.
+    fn other_than(self, base: &MaterialState) -> Self {
+        Self {
+            roughness: self.roughness.filter(|_| self.roughness != base.roughness),
+            metallic: self.metallic.filter(|_| self.metallic != base.metallic),
+            color: self.color.filter(|_| self.color != base.color),
+        }
+    }
 }
 
 impl SceneChange {
@@ -138,6 +178,9 @@ impl SceneChange {
                         "use 0 to 1000000",
                     ));
                 }
+                if !change.on || change.factor != 1.0 {
+                    parts.check_light(&name)?;
+                }
                 next.lights.insert(name, change);
             }
         }
@@ -157,12 +200,17 @@ impl SceneChange {
                         "use 0 to 1",
                     ));
                 }
-                // A value of the job is no change: it follows the job.
-                let of_material = next.materials.entry(name).or_default();
-                of_material.roughness =
-                    change.roughness.or(of_material.roughness).filter(|v| Some(*v) != base.roughness);
-                of_material.metallic = change.metallic.or(of_material.metallic).filter(|v| Some(*v) != base.metallic);
-                of_material.color = change.color.or(of_material.color).filter(|v| Some(*v) != base.color);
+                // Values of the scene are no changes: they follow its files.
+                let before = next.materials.remove(&name).unwrap_or_default();
+                let own = MaterialChange {
+                    roughness: change.roughness.or(before.roughness),
+                    metallic: change.metallic.or(before.metallic),
+                    color: change.color.or(before.color),
+                }
+                .other_than(base);
+                if own != MaterialChange::default() {
+                    next.materials.insert(name, own);
+                }
             }
         }
         if let Some(names) = request.without {
@@ -198,6 +246,7 @@ impl SceneChange {
             if factor == 1.0 || !light.on {
                 continue;
             }
+            parts.check_light(name)?;
             if !NO_POWER.contains(&&kind[..]) {
                 light.factor *= factor;
             } else if factor == 0.0 && kind != "environment" {
@@ -213,14 +262,16 @@ impl SceneChange {
     /// The keys of a job that make the changes of lights and materials.
     pub(crate) fn overrides(&self, parts: &SceneParts) -> Table {
         let mut table = Table::new();
+        // A name is that of one light, and no pattern.
+        let entry_of = |name: &str| Table::from_iter([("name".to_owned(), Value::from(literal_pattern(name)))]);
         let mut lights = Vec::new();
-        for (name, change) in &self.lights {
-            let Some((_, _, watts)) = parts.lights.iter().find(|(light, ..)| light == name) else { continue };
-            let mut entry = Table::from_iter([("name".to_owned(), Value::from(name.clone()))]);
+        for (name, change) in self.lights.iter().filter(|(name, _)| parts.lights.iter().any(|(l, ..)| l == *name)) {
+            let mut entry = entry_of(name);
             if !change.on {
                 entry.insert("enabled".into(), false.into());
             } else if change.factor != 1.0 {
-                entry.insert("power".into(), rounded(watts * change.factor).into());
+                // Lights that share a name may have different powers.
+                entry.insert("scale".into(), change.factor.into());
             } else {
                 continue;
             }
@@ -229,12 +280,10 @@ impl SceneChange {
         let mut materials = Vec::new();
         for base in &parts.materials {
             let Some(change) = self.materials.get(&base.name) else { continue };
-            let mut entry = Table::from_iter([("name".to_owned(), Value::from(base.name.clone()))]);
-            // A page sends all values of a material; those of the scene need no key.
-            let changed = |value: Option<f64>, base: Option<f64>| value.filter(|_| value != base);
-            changed(change.roughness, base.roughness).map(|v| entry.insert("roughness".into(), v.into()));
-            changed(change.metallic, base.metallic).map(|v| entry.insert("metallic".into(), v.into()));
-            let color = change.color.filter(|_| change.color != base.color);
+            let mut entry = entry_of(&base.name);
+            let MaterialChange { roughness, metallic, color } = change.other_than(base);
+            roughness.map(|v| entry.insert("roughness".into(), v.into()));
+            metallic.map(|v| entry.insert("metallic".into(), v.into()));
             color.map(|c| entry.insert("base_color".into(), c.map(Value::from).to_vec().into()));
             if entry.len() > 1 {
                 materials.push(Value::Table(entry));
@@ -261,14 +310,18 @@ mod tests {
                 ("sun".into(), "point".into(), 2.0),
                 ("moonlight".into(), "directional".into(), 1.0),
                 ("sky".into(), "environment".into(), 1.0),
+                ("l?mp".into(), "point".into(), 1.0),
+                ("spot".into(), "area (1 triangle)".into(), 1.0),
             ],
             materials: vec![MaterialState {
                 name: "steel".into(),
                 roughness: Some(0.5),
                 metallic: Some(1.0),
                 color: Some([0.9, 0.9, 0.9]),
+                changed: MaterialChange::default(),
             }],
             effects: Vec::new(),
+            mixed_names: vec!["spot".into()],
         }
     }
 
@@ -283,10 +336,15 @@ mod tests {
         let read: Table = text.parse().expect("TOML");
         let light = |i: usize| read["light"][i].clone();
         assert_eq!(light(0)["name"].as_str(), Some("bar \"left\""));
-        assert_eq!(light(0)["power"].as_float(), Some(0.5));
+        assert_eq!(light(0)["scale"].as_float(), Some(2.0));
         assert_eq!(light(1)["enabled"].as_bool(), Some(false));
         assert_eq!(read["material"][0]["base_color"][2].as_float(), Some(0.3));
         assert_eq!(read["material"][0].get("metallic"), None, "the value of the scene needs no key");
+        assert_eq!(change.materials["steel"].metallic, None, "and is no change");
+        let same = r#"{"materials": {"steel": {"roughness": 0.5, "metallic": 1.0, "color": [0.9, 0.9, 0.9]}}}"#;
+        let mut unchanged = SceneChange::default();
+        unchanged.add(serde_json::from_str(same).expect("JSON"), &parts()).expect("values of the scene");
+        assert_eq!(unchanged, SceneChange::default());
         // A scene without these parts has no such changes.
         assert!(change.restricted_to(&SceneParts::default()).overrides(&parts()).is_empty());
     }
@@ -313,6 +371,27 @@ mod tests {
         assert!(!back.lights.contains_key("sun") && back.lights.len() == 1 && back.materials.is_empty());
     }
 
+    /// A name with `?` is that of one light.
+    #[test]
+    fn names_are_no_patterns() {
+        let mut change = SceneChange::default();
+        let request = r#"{"lights": {"l?mp": {"on": false, "factor": 1}}}"#;
+        change.add(serde_json::from_str(request).expect("JSON"), &parts()).expect("a name of the scene");
+        let name = change.overrides(&parts())["light"][0]["name"].clone();
+        let matches = |light: &str| dunkelfeld::io::matches(name.as_str().expect("a text"), light);
+        assert!(matches("l?mp") && !matches("lamp"), "{name}");
+    }
+
+    /// Without textures, their mean is in the values of the scene, which a value of a job would multiply.
+    #[test]
+    fn textured_values_have_no_knob_without_textures() {
+        let mut before = parts().materials;
+        before[0].color = None;
+        let mut without = parts();
+        without.keep_textured(&before);
+        assert_eq!((without.materials[0].color, without.materials[0].roughness), (None, Some(0.5)));
+    }
+
     /// Factors of a camera are those of the power. Lights without a power have none.
     #[test]
     fn factors_of_lights_become_their_power() {
@@ -327,12 +406,12 @@ mod tests {
         let table = change.with_factors(&parts(), Some(&given)).expect("powers").overrides(&parts());
         let entries: Vec<String> =
             table["light"].as_array().expect("a list").iter().map(|entry| entry.to_string()).collect();
-        assert_eq!(entries, [r#"{ enabled = false, name = "moonlight" }"#, r#"{ name = "sun", power = 6.0 }"#]);
+        assert_eq!(entries, [r#"{ enabled = false, name = "moonlight" }"#, r#"{ name = "sun", scale = 3.0 }"#]);
         assert_eq!(
             change.with_factors(&parts(), None).expect("no factors").overrides(&parts()),
             change.overrides(&parts())
         );
-        for wrong in [("moonlight", 0.5), ("sky", 2.0), ("sky", 0.0)] {
+        for wrong in [("moonlight", 0.5), ("sky", 2.0), ("sky", 0.0), ("spot", 2.0)] {
             assert!(change.with_factors(&parts(), Some(&factors(&[wrong]))).is_err(), "{wrong:?}");
         }
         // A light that is off stays off.
@@ -353,6 +432,8 @@ mod tests {
             r#"{"materials": {"steel": {"color": [0.5, 0.5, -0.1]}}}"#,
             r#"{"lights": {"moonlight": {"on": true, "factor": 2}}}"#,
             r#"{"lights": {"sky": {"on": false, "factor": 1}}}"#,
+            r#"{"lights": {"spot": {"on": false, "factor": 1}}}"#,
+            r#"{"lights": {"spot": {"on": true, "factor": 3}}}"#,
             r#"{"without": ["gravity"]}"#,
             r#"{"without": ["color"]}"#,
             r#"{"camera": "above", "without": ["gravity"]}"#,

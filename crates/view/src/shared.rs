@@ -362,6 +362,7 @@ impl Live {
                         roughness: changed.roughness.or(base.roughness),
                         metallic: changed.metallic.or(base.metallic),
                         color: changed.color.or(base.color),
+                        changed,
                     }
                 })
                 .collect(),
