@@ -147,7 +147,7 @@ export interface SceneChange {
   camera?: string;
   lights?: Record<string, { on: boolean; factor: number }>;
   without?: string[];
-  materials?: Record<string, MaterialChange>;
+  materials?: Record<string, MaterialChange | null>;
   per_light?: boolean;
 }
 

@@ -29,6 +29,7 @@ mod prepared;
 mod protocol;
 mod protocol_measurements;
 mod save;
+mod saved_job;
 mod scene_change;
 mod scenes;
 mod server;

@@ -4,6 +4,7 @@ use crate::desk::at_render;
 use crate::developed::{Accept, OWN_SENSOR, check_timed};
 use crate::light_sum;
 use crate::protocol::{Camera, Denoise, Fault, Noise, SaveKind, SaveRequest, Saved, SourceKind};
+use crate::saved_job::{self, Difference, select_camera, set_vignetting};
 use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::radiometry::Seconds;
@@ -81,15 +82,24 @@ pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved,
     // The frame of a continued film is that of its samples.
     let frame_of_job = if is_continued { snapshot.settings.frame } else { request.frame };
     // What is refused is refused before the first file.
-    let job = match files.iter().any(|(kind, _)| *kind == SaveKind::Job) {
-        true => job_of(shared, &request.camera, frame_of_job, &snapshot, continued)?,
-        false => String::new(),
+    let (job, difference) = match files.iter().find(|(kind, _)| *kind == SaveKind::Job) {
+        Some((_, file)) => {
+            let text = job_of(shared, &request.camera, frame_of_job, &snapshot, continued)?;
+            let without = &snapshot.scene.change.without;
+            let difference = saved_job::check(file, &text, without, (&snapshot, &settings))?;
+            (text, difference)
+        }
+        None => (String::new(), None),
     };
+    if let (Some(Difference::Film(text)), true) = (&difference, is_continued) {
+        let problem = format!("the job cannot continue this film. {text}");
+        return Err(Fault::new(problem, "save the job alone, or choose the sensor of the job"));
+    }
     // All files of a request are of one film: that of the checkpoint.
     let checkpoint = continued.map(|file| save_checkpoint(shared, file, &settings, &snapshot)).transpose()?.flatten();
-    let (snapshot, is_checkpoint_written) = match checkpoint {
-        Some(snapshot) => (snapshot, true),
-        None => (snapshot, false),
+    let (snapshot, written) = match checkpoint {
+        Some(snapshot) => (snapshot, continued),
+        None => (snapshot, None),
     };
     let frame = if needs_frame {
         // An EXR has its own lens and pixels.
@@ -114,7 +124,7 @@ pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved,
         });
         frame.map_err(|error| {
             // All files are written, or none.
-            if let Some(file) = continued.filter(|_| is_checkpoint_written) {
+            if let Some(file) = written {
                 drop(std::fs::remove_file(file));
             }
             Fault::from(error)
@@ -127,18 +137,38 @@ pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved,
         let of_samples = snapshot.settings.frame;
         format!("The job has frame {of_samples}, that of the samples; the picture has frame {}.", request.frame)
     });
-    let mut saved = Saved { files: Vec::new(), note };
-    for (kind, file) in files {
-        if kind != SaveKind::Checkpoint || !is_checkpoint_written {
-            let write = |path: &Path| write(kind, path, (&snapshot, &factors), &settings, frame.as_ref(), &job);
-            // A file that has appeared meanwhile is not replaced either.
-            shared.session.install(|| save_new(&file, write))?;
+    let notes: Vec<&str> = note.as_deref().into_iter().chain(difference.as_ref().map(Difference::text)).collect();
+    let note = (!notes.is_empty()).then(|| notes.join(" "));
+    write_others(&files, written, |kind, file| {
+        let write = |path: &Path| write(kind, path, (&snapshot, &factors), &settings, frame.as_ref(), &job);
+        // A file that has appeared meanwhile is not replaced either.
+        shared.session.install(|| save_new(file, write))?;
+        Ok(())
+    })?;
+    let names: Vec<String> = files.iter().map(|(_, file)| file.to_string_lossy().into_owned()).collect();
+    shared.update(|live| live.saved.extend(names.iter().cloned()));
+    Ok(Saved { files: names, note })
+}
+
+/// Writes new files: all of them, or none. `written` exists already; without the others it is removed too.
+fn write_others(
+    files: &[(SaveKind, PathBuf)],
+    written: Option<&Path>,
+    mut write: impl FnMut(SaveKind, &Path) -> Result<(), Fault>,
+) -> Result<(), Fault> {
+    let mut present: Vec<&Path> = written.into_iter().collect();
+    for (kind, file) in files.iter().filter(|(_, file)| written != Some(file)) {
+        if let Err(mut fault) = write(*kind, file) {
+            for file in present {
+                if let Err(e) = std::fs::remove_file(file) {
+                    fault.problem += &format!("; {} was written and cannot be removed: {e}", file.display());
+                }
+            }
+            return Err(fault);
         }
-        let name = file.to_string_lossy().into_owned();
-        saved.files.push(name.clone());
-        shared.update(|live| live.saved.push(name));
+        present.push(file);
     }
-    Ok(saved)
+    Ok(())
 }
 
 /// Writes the film of the render that runs, so that the command line can continue it, and shows it. Returns the picture of
@@ -277,8 +307,10 @@ fn job_of(
             (_, entries) => drop(job.insert(key, entries)),
         }
     }
-    if let Some(name) = &change.camera {
-        job.insert("camera".into(), name.clone().into());
+    let first = parts.cameras.first().cloned().unwrap_or_default();
+    let shown = change.camera.clone().or_else(|| snapshot.settings.camera.clone()).unwrap_or_else(|| first.clone());
+    if !parts.cameras.is_empty() {
+        select_camera(&mut job, &shown, &first);
     }
     job.insert("frame".into(), i64::from(frame).into());
     let seed = i64::try_from(camera.device).map_err(|_| {
@@ -303,12 +335,11 @@ fn job_of(
     } else {
         ("spp".to_owned(), Value::from(snapshot.spp()))
     };
-    job.insert("budget".into(), Table::from_iter([budget]).into());
+    let memory = job.get("budget").and_then(|budget| budget.get("memory")).cloned();
+    let memory = memory.map(|memory| ("memory".to_owned(), memory));
+    job.insert("budget".into(), Table::from_iter([budget].into_iter().chain(memory)).into());
     if camera.vignetting != snapshot.is_vignetted {
-        let lens = job.entry("lens").or_insert_with(|| Table::new().into());
-        if let Value::Table(lens) = lens {
-            lens.insert("vignetting".into(), if camera.vignetting { "cos4" } else { "none" }.into());
-        }
+        set_vignetting(&mut job, &shown, camera.vignetting);
     }
     // Outputs of the job before are not replaced.
     job.remove("output");
@@ -371,6 +402,17 @@ fn describe_sensor(sensor: &mut Table, camera: &Camera, is_timed: bool) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_files_that_cannot_all_be_written_none_stays() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [job, gone] = ["a.toml", "gone/a.png"].map(|name| folder.path().join(name));
+        let files = [(SaveKind::Job, job.clone()), (SaveKind::Png, gone)];
+        let write = |_, file: &Path| std::fs::write(file, "x").map_err(|e| Fault::new(e.to_string(), ""));
+        assert!(write_others(&files, None, write).is_err() && !job.exists());
+        write_others(&files[..1], None, write).expect("a folder that exists");
+        assert!(job.exists());
+    }
 
     #[test]
     fn names_of_files_stay_in_their_folder() {

@@ -1,0 +1,202 @@
+//! The job of a picture: its camera and its lens, and the check that `render` does not refuse it.
+
+use crate::protocol::Fault;
+use crate::snapshot::Snapshot;
+use dunkelfeld::radiometry::Number;
+use dunkelfeld::scene::{Effect, Vignetting};
+use dunkelfeld::sensor::Optics;
+use dunkelfeld::{Project, ProjectOptions, RenderSettings, SensorChoice};
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Makes the job render the camera `shown` alone. `first` is the first camera of the scene. Lamps without the name of a
+/// camera belong to the one that the job selects, or to the first one. They keep it.
+pub(crate) fn select_camera(job: &mut Table, shown: &str, first: &str) {
+    let defined = match job.get("camera") {
+        Some(Value::Table(camera)) => vec![Value::Table(camera.clone())],
+        Some(Value::Array(cameras)) => cameras.clone(),
+        _ => {
+            let before = job.get("camera").and_then(Value::as_str).unwrap_or(first).to_owned();
+            if shown != before {
+                name_camera_of_lamps(job, &before);
+                job.insert("camera".into(), shown.into());
+            }
+            return;
+        }
+    };
+    if let [Value::Table(only)] = &defined[..]
+        && name_of(only, 0) == shown
+    {
+        return;
+    }
+    let mut is_defined = false;
+    let mut cameras: Vec<Value> = Vec::new();
+    for (i, camera) in defined.into_iter().enumerate() {
+        let Value::Table(mut camera) = camera else { continue };
+        let name = name_of(&camera, i);
+        if name == shown {
+            is_defined = true;
+            camera.remove("enabled");
+        } else {
+            camera.insert("enabled".into(), false.into());
+        }
+        camera.insert("name".into(), name.into());
+        cameras.push(camera.into());
+    }
+    if !is_defined {
+        // A camera of the scene, as it is.
+        cameras.push(Table::from_iter([("name".to_owned(), Value::from(shown))]).into());
+    }
+    job.insert("camera".into(), cameras.into());
+}
+
+/// Names the camera of the lamps that have none.
+fn name_camera_of_lamps(job: &mut Table, camera: &str) {
+    let entries = job.get_mut("light").and_then(Value::as_array_mut).into_iter().flatten();
+    for lamp in entries.filter_map(Value::as_table_mut) {
+        let has_place = lamp.get("kind").is_some_and(|kind| kind.as_str() != Some("environment"));
+        if has_place && !lamp.contains_key("camera") {
+            lamp.insert("camera".into(), camera.into());
+        }
+    }
+}
+
+/// The name of a camera of the job at an index.
+fn name_of(camera: &Table, index: usize) -> String {
+    let given = camera.get("name").and_then(Value::as_str).filter(|name| !name.is_empty());
+    let default = || if index == 0 { "camera".to_owned() } else { format!("camera-{}", index + 1) };
+    given.map_or_else(default, str::to_owned)
+}
+
+/// Sets the vignetting of the lens of the camera `shown`: its own, or that of the job.
+pub(crate) fn set_vignetting(job: &mut Table, shown: &str, is_vignetted: bool) {
+    let defined = match job.get_mut("camera") {
+        Some(Value::Table(camera)) => vec![camera],
+        Some(Value::Array(cameras)) => cameras.iter_mut().filter_map(Value::as_table_mut).collect(),
+        _ => Vec::new(),
+    };
+    let camera = defined.into_iter().enumerate().find(|(i, camera)| name_of(camera, *i) == shown);
+    let own = camera.and_then(|(_, camera)| camera.get_mut("lens")).and_then(Value::as_table_mut);
+    let value = Value::from(if is_vignetted { "cos4" } else { "none" });
+    if let Some(lens) = own {
+        lens.insert("vignetting".into(), value);
+    } else if let Value::Table(lens) = job.entry("lens").or_insert_with(|| Table::new().into()) {
+        lens.insert("vignetting".into(), value);
+    }
+}
+
+/// A difference between the picture and the job.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Difference {
+    /// The job renders other samples.
+    Film(String),
+    /// The job exposes the same samples in another way.
+    Exposure(String),
+}
+
+impl Difference {
+    pub(crate) fn text(&self) -> &str {
+        let (Self::Film(text) | Self::Exposure(text)) = self;
+        text
+    }
+}
+
+/// Opens the job as `render` does, and compares its image with the picture. `settings` are those of the picture behind the
+/// camera that is shown.
+///
+/// # Errors
+/// The reason why `render` would refuse the job.
+pub(crate) fn check(
+    file: &Path,
+    text: &str,
+    without: &[Effect],
+    (snapshot, settings): (&Snapshot, &RenderSettings),
+) -> Result<Option<Difference>, Fault> {
+    let options = ProjectOptions::default().with_without(without.to_vec()).with_can_change(false);
+    let project = Project::from_text_with(file, text, options)?;
+    let of_job = project.fitted()?;
+    let [width, height] = snapshot.size();
+    if [of_job.width, of_job.height] != [width, height] {
+        return Ok(Some(Difference::Film(format!(
+            "The job renders {} x {} pixels, because its film depends on the sensor; the picture has {width} x {height}.",
+            of_job.width, of_job.height
+        ))));
+    }
+    let view_of = |settings: &RenderSettings| {
+        settings.view.clone().map(|mut view| {
+            view.lens.vignetting = Vignetting::default();
+            view
+        })
+    };
+    if view_of(&of_job) != view_of(settings) {
+        let text = "The job renders another field of view than the picture: its lens is given by lengths, and this sensor \
+                    has pixels of another size.";
+        return Ok(Some(Difference::Film(text.into())));
+    }
+    let optics_of = |settings: &RenderSettings| match &settings.sensor {
+        SensorChoice::Emva { optics, .. } => Some(*optics),
+        SensorChoice::None => None,
+    };
+    let of_lens = |optics: Optics| {
+        let (f_number, transmission) = (Number(optics.f_number()), Number(optics.transmission()));
+        format!("f/{f_number}, transmission {transmission}, magnification {}", Number(optics.magnification()))
+    };
+    Ok(match (optics_of(&of_job), optics_of(settings)) {
+        (Some(job), Some(picture)) if job != picture => Some(Difference::Exposure(format!(
+            "The lens of the job has {} for this sensor; that of the picture has {}.",
+            of_lens(job),
+            of_lens(picture)
+        ))),
+        _ => None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TWO: &str = "[[camera]]\nname = \"above\"\n[[camera]]\nvertical_fov = \"30deg\"\nlens = { f_number = 2 }\n\
+        [[light]]\nname = \"lamp\"\n[[light]]\nkind = \"ring\"\n[[light]]\nkind = \"environment\"\n\
+        [[light]]\nkind = \"bar\"\ncamera = \"camera-2\"\n";
+
+    fn selected(text: &str, shown: &str, first: &str) -> Table {
+        let mut job: Table = text.parse().expect("TOML");
+        select_camera(&mut job, shown, first);
+        job
+    }
+
+    #[test]
+    fn the_shown_camera_is_rendered_and_lamps_keep_theirs() {
+        let job = selected(TWO, "camera-2", "above");
+        let [above, second] = [0, 1].map(|i| job["camera"][i].clone());
+        assert_eq!((above["name"].as_str(), above["enabled"].as_bool()), (Some("above"), Some(false)));
+        assert_eq!((second["name"].as_str(), second.get("enabled")), (Some("camera-2"), None));
+        assert_eq!(job["light"], TWO.parse::<Table>().expect("TOML")["light"], "the first camera is still the first");
+        assert_eq!(selected(TWO, "above", "above")["camera"][1]["enabled"].as_bool(), Some(false));
+        // The choice of a camera of the scene would move lamps.
+        let lamps = &TWO[TWO.find("[[light]]").expect("lamps")..];
+        let job = selected(lamps, "right", "left");
+        let cameras = [0, 1, 2, 3].map(|i| job["light"][i].get("camera").and_then(Value::as_str).map(str::to_owned));
+        assert_eq!(cameras, [None, Some("left".into()), None, Some("camera-2".into())]);
+        // A camera of the scene beside one of the job.
+        let job = selected("[camera]\nlook_at = [0, 0, 0]\n", "scene", "camera");
+        assert_eq!(job["camera"][0]["enabled"].as_bool(), Some(false));
+        assert_eq!(job["camera"][1]["name"].as_str(), Some("scene"));
+        // A single camera, and cameras of the scene alone.
+        let text = "[camera]\nlook_at = [0, 0, 0]\n";
+        assert_eq!(selected(text, "camera", "camera"), text.parse::<Table>().expect("TOML"));
+        assert_eq!(selected("seed = 1", "left", "left"), "seed = 1".parse::<Table>().expect("TOML"));
+        assert_eq!(selected("seed = 1", "right", "left")["camera"].as_str(), Some("right"));
+        assert_eq!(selected("camera = \"right\"", "left", "left")["camera"].as_str(), Some("left"));
+    }
+
+    #[test]
+    fn vignetting_is_that_of_the_lens_of_the_camera() {
+        let mut job: Table = TWO.parse().expect("TOML");
+        set_vignetting(&mut job, "camera-2", true);
+        assert_eq!(job["camera"][1]["lens"]["vignetting"].as_str(), Some("cos4"));
+        assert!(!job.contains_key("lens"));
+        set_vignetting(&mut job, "above", false);
+        assert_eq!(job["lens"]["vignetting"].as_str(), Some("none"));
+    }
+}
