@@ -68,6 +68,7 @@ impl Study {
     ///
     /// Returns a dictionary: `made`, `finished` and `count` (images), `seconds`, `failed` (index and message of
     /// images whose draws do not fit), `forecast` (None without `time` and `until`), `levels` (k of the images that were made).
+    /// Raises the error of the first image if the set has no image yet and none of the first 16 images of the run can be made.
     /// Ctrl-C and an exception of `progress` or `forecast` end the run; finished images remain, and the same call continues.
     #[pyo3(signature = (folder, *, count=None, indices=None, jobs=None, threads=None, time=None, until=None, forecast=None, progress=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
