@@ -369,8 +369,6 @@ impl Distribution {
                     Some(Value::String(unit)) => unit,
                     Some(_) => return Err(Fault::new("not a unit", "write it in quotes, as in \"mm\"").below("unit")),
                 };
-                crate::expression::variables(&text)
-                    .map_err(|problem| Fault::new(problem, crate::expression::HELP).below(kind))?;
                 Self::Expression { text, unit }
             }
         })

@@ -6,7 +6,7 @@ use exmex::{Express, FlatEx};
 use std::collections::BTreeMap;
 
 /// The parts of a formula.
-pub(crate) const HELP: &str = "use + - * / ^, functions such as sin, sqrt and exp, and names of [study.draw]; a name with other characters than letters, digits and _ stands in braces, as in \"2 * {my-draw}\"";
+const HELP: &str = "use + - * / ^, functions such as sin, sqrt and exp, and names of [study.draw]; a name with other characters than letters, digits and _ stands in braces, as in \"2 * {my-draw}\"";
 
 /// Longer formulas are refused.
 const LONGEST: usize = 1000;
@@ -19,7 +19,7 @@ fn parse(text: &str) -> Result<FlatEx<f64>, String> {
 }
 
 /// The names of the variables of a formula.
-pub(crate) fn variables(text: &str) -> Result<Vec<String>, String> {
+fn variables(text: &str) -> Result<Vec<String>, String> {
     parse(text).map(|formula| formula.var_names().to_vec())
 }
 
@@ -41,7 +41,7 @@ pub(crate) fn evaluate(text: &str, mut value: impl FnMut(&str) -> Result<f64, Fa
 /// of the formula has one unit.
 ///
 /// # Errors
-/// The name of a draw that the formula reads in another way, such as `e` or `my-draw`, and a draw whose values are of
+/// A text that is no formula, the name of a draw that the formula reads in another way, such as `e` or `my-draw`, and a draw whose values are of
 /// different kinds.
 pub(crate) fn check(text: &str, draws: &BTreeMap<String, Template>) -> Result<(), Fault> {
     if let Some(name) = draws.keys().filter(|name| !is_plain(name)).find(|name| has_word(text, name)) {

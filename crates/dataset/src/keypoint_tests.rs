@@ -229,12 +229,13 @@ fn key_points_that_do_not_fit_are_refused() {
         let error = Study::from_text("test.toml", &telecentric(&study, &scene)).expect_err(words);
         assert!(error.to_string().contains(words) && error.to_string().contains("help:"), "{error}");
     }
-    // YOLO has one number of key points for all categories.
+    // YOLO has one number of key points for all categories that have any.
     let study = format!(
-        "[study.labels]\nyolo = true\n{}[[study.label]]\ncategory = \"floor\"\nobjects = \"floor\"\n",
-        entry(&ab)
+        "[study.labels]\nyolo = true\n{}[[study.label]]\ncategory = \"floor\"\nobjects = \"floor\"\nkeypoints = [{}]\n",
+        entry(&ab),
+        point("a")
     );
     let study = Arc::new(Study::from_text("test.toml", &telecentric(&study, &scene)).expect("a study"));
     let error = Worker::open(&study, 1).err().expect("different numbers").to_string();
-    assert!(error.contains("same number of key points"), "{error}");
+    assert!(error.contains("one number of key points in all rows"), "{error}");
 }
