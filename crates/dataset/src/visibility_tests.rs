@@ -280,11 +280,12 @@ fn a_stain_on_a_changed_object_has_that_object_as_its_surroundings() {
     assert!(plain.len() >= 3 && plain.iter().all(|contrast| *contrast < 0.0), "{plain:?}");
     let usual = plain.iter().sum::<f64>() / plain.len() as f64;
     for kind in ["faded", "shifted"] {
-        let found = spots(&format!("{}{stain}", change(kind)));
+        let found = spots(&format!("{stain}{}", change(kind)));
         assert!(found.len() >= 3, "{kind}: {found:?}");
         for contrast in &found {
-            // The rest of the block is as bright as before: within a quarter, as a fifth of it shows what is behind.
-            assert!((0.6..1.4).contains(&(contrast / usual)), "{kind}: {contrast} instead of about {usual}");
+            // The block is about as bright as before. But beside another defect a stain has the pixels only of which it
+            // covers most, so that its contrast is up to twice as large.
+            assert!((0.6..2.0).contains(&(contrast / usual)), "{kind}: {contrast} instead of about {usual}");
         }
     }
 }
