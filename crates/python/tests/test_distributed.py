@@ -225,9 +225,7 @@ def test_one_cluster_continues_shares_ships_and_refuses(
     # Without one of the first 16 images nothing is made, also if later images fit and are ready before.
     late = tmp_path / "late.toml"
     late.write_text(
-        STUDY.replace(
-            'size = ["90mm", 0, "90mm"]', 'size = [{ sequence = ["20mm", "90mm"], repeat = 16 }, 0, "90mm"]'
-        )
+        STUDY.replace('size = ["90mm", 0, "90mm"]', 'size = [{ sequence = ["20mm", "90mm"], repeat = 16 }, 0, "90mm"]')
     )
     for shared in (False, True):
         with pytest.raises(df.InputError, match="image 0: ") as first:
