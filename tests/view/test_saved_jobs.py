@@ -169,7 +169,7 @@ def test_a_textured_colour_is_no_value(view, tmp_path):
     assert tile(running.state())["color"] is None
     assert tile(change(running, without=["textures"]))["color"] is None
     change(running, materials={"tile": {"roughness": 0.9}})
-    change(running, without=[], materials={})
+    change(running, without=[], materials={"tile": None})
     save(running, ["exr", "job"], "after")
     assert "tile" not in (tmp_path / "after.toml").read_text().replace('"tile.obj"', "")
     assert_equal_means(layers(tmp_path / "after.exr"), layers(tmp_path / "before.exr"))
