@@ -256,24 +256,13 @@ fn difference(with: &Developed, without: &Developed) -> Result<Comparison, Fault
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::protocol::{AblationAnswer, Denoise, Noise};
+    use crate::protocol::AblationAnswer;
     use crate::snapshot::PictureScene;
     use dunkelfeld::film::Film;
     use dunkelfeld::{RenderSettings, RenderedFilm, Session};
 
     fn camera(exposure: f64) -> Camera {
-        Camera {
-            sensor: None,
-            exposure: Some(exposure),
-            gain: 1.0,
-            temperature: None,
-            black_level: None,
-            noise: Noise::Plain,
-            device: 0,
-            denoise: Denoise::Off,
-            vignetting: false,
-            lights: None,
-        }
+        Camera { exposure: Some(exposure), ..Camera::plain(None) }
     }
 
     fn image(scene: u64, exposure: f64) -> Arc<Developed> {

@@ -258,7 +258,7 @@ pub(crate) fn photon_transfer(developed: &Developed) -> Result<PhotonTransfer, F
 mod tests {
     use super::*;
     use crate::developed::{OWN_SENSOR, Sensors};
-    use crate::protocol::{Camera, Denoise, Noise};
+    use crate::protocol::Camera;
     use crate::snapshot::{Content, PictureScene, Snapshot};
     use crate::store::Store;
     use dunkelfeld::film::{Accumulate, Film, PixelSums, Sample};
@@ -305,18 +305,7 @@ mod tests {
         let scene = PictureScene { sensors: Sensors::new(&settings.sensor), ..PictureScene::default() };
         let film = RenderedFilm::without_ids(film);
         let snapshot = Arc::new(Snapshot::new(1, Content::Film(film), (settings, false), Arc::new(scene), 0.0, None));
-        let camera = Camera {
-            sensor: Some(OWN_SENSOR.to_owned()),
-            exposure: Some(0.5),
-            gain: 1.0,
-            temperature: None,
-            black_level: None,
-            noise: Noise::Plain,
-            device: 3,
-            denoise: Denoise::Off,
-            vignetting: false,
-            lights: None,
-        };
+        let camera = Camera { exposure: Some(0.5), device: 3, ..Camera::plain(Some(OWN_SENSOR)) };
         Store::default().get(&snapshot, &camera, &Session::new(1).expect("a thread")).expect("a sensor")
     }
 

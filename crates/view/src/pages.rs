@@ -178,22 +178,10 @@ impl Pages {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::protocol::{Denoise, Noise};
     use std::sync::Arc;
 
     fn camera(exposure: f64) -> Camera {
-        Camera {
-            sensor: Some("imx250".into()),
-            exposure: Some(exposure),
-            gain: 1.0,
-            temperature: None,
-            black_level: None,
-            noise: Noise::Plain,
-            device: 0,
-            denoise: Denoise::Off,
-            vignetting: false,
-            lights: None,
-        }
+        Camera { exposure: Some(exposure), ..Camera::plain(Some("imx250")) }
     }
 
     fn point(film: u64, k99: f64) -> CurvePoint {

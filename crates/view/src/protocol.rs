@@ -32,6 +32,25 @@ pub(crate) struct Camera {
     pub(crate) lights: Option<BTreeMap<String, f64>>,
 }
 
+#[cfg(test)]
+impl Camera {
+    /// The settings of tests: automatic exposure, plain noise, no denoiser.
+    pub(crate) fn plain(sensor: Option<&str>) -> Self {
+        Self {
+            sensor: sensor.map(str::to_owned),
+            exposure: None,
+            gain: 1.0,
+            temperature: None,
+            black_level: None,
+            noise: Noise::Plain,
+            device: 0,
+            denoise: Denoise::Off,
+            vignetting: false,
+            lights: None,
+        }
+    }
+}
+
 impl Camera {
     /// The camera for statistics of the unbiased film, which do not depend on the frame.
     pub(crate) fn without_noise(&self) -> Self {
