@@ -250,6 +250,8 @@ def main():
     parser.add_argument("--pictures", type=Path, help="folder of the screenshots")
     parser.add_argument("--only-pictures", action="store_true")
     arguments = parser.parse_args()
+    if arguments.pictures:
+        arguments.pictures.mkdir(parents=True, exist_ok=True)
     options = webdriver.ChromeOptions()
     options.binary_location = "/usr/bin/chromium"
     for argument in ["headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage"]:

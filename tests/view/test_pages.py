@@ -172,3 +172,31 @@ def test_the_help_for_an_exr_is_for_the_page(view, tmp_path):
     with pytest.raises(Refused) as refusal:
         running.frame(noise="matched")
     assert "--" not in refusal.value.fault["help"] and "plain noise" in refusal.value.fault["help"]
+
+
+@pytest.mark.parametrize("file", ["layers.exr", "stored.film"])
+def test_a_camera_of_long_ago_is_analysed_again(view, tmp_path, file):
+    (tmp_path / "station.toml").write_text(FIXED)
+    command = ["render", "station.toml", "--spp", "16", "-o", "x.png"]
+    run(*command, "--exr", "layers.exr", "--checkpoint", "stored.film", cwd=tmp_path)
+    running = view(file)
+    running.wait(lambda state: state["film"], "the image")
+    is_film = file == "stored.film"
+
+    def shown(exposure):
+        """The analysis of the picture and the certificate for a page with this exposure, once it has both."""
+        camera = running.camera(exposure=exposure, noise="matched")
+
+        def ready():
+            body = {"camera": camera, "frame": 0, "tone": "gamma", "page": "one"}
+            header, _ = running.picture("frame", body)
+            # An EXR has no certificate.
+            certificate = state_of(running, "one")["certificate"] if is_film else 0
+            return header["analysis"] == "exact" and certificate is not None and [certificate]
+
+        return wait_for(ready, f"the analysis for {exposure} s")
+
+    # More cameras than those whose analyses and statistics are kept.
+    exposures = [1e-3 * (2 + step) for step in range(12)]
+    first = [shown(exposure) for exposure in exposures]
+    assert [shown(exposure) for exposure in exposures] == first

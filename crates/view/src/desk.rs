@@ -51,15 +51,19 @@ pub(crate) fn frame(shared: &Shared, request: &FrameRequest) -> Result<(FrameHea
     let found = shared.store.find(&snapshot, &request.camera, accept, &shared.session);
     let developed = found.map_err(|fault| until_change(shared, &snapshot, &request.camera, fault))?;
     if let Some(page) = &request.page {
-        let (is_new, is_unknown) = {
-            let mut live = lock(&shared.live);
-            let is_new = live.pages.show(page, &request.camera, snapshot.id);
-            (is_new, live.pages.statistics(&request.camera.without_noise()).is_none_or(|of| of.certificate.is_none()))
+        let is_inexact = !developed.is_exact();
+        let (is_new, is_unknown, is_again) = {
+            let pages = &mut lock(&shared.live).pages;
+            let is_new = pages.show(page, &request.camera, snapshot.id);
+            let is_unknown =
+                pages.statistics(&request.camera.without_noise()).is_none_or(|of| of.certificate.is_none());
+            let is_missing = is_inexact || (is_new && is_unknown);
+            (is_new, is_unknown, is_missing && pages.analyse_again(&request.camera))
         };
-        if is_new {
+        if is_new || is_again {
             shared.control(|control| {
-                control.is_analysis_awaited |= !developed.is_exact();
-                control.is_certificate_awaited |= is_unknown;
+                control.is_analysis_awaited |= is_new && is_inexact;
+                control.is_certificate_awaited |= is_new && is_unknown;
             });
         }
     }

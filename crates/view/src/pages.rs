@@ -42,6 +42,8 @@ pub(crate) struct Pages {
     turns: u64,
     /// The cameras that the film of this number was analysed for, without their devices.
     analysed: (u64, Vec<Camera>),
+    /// The camera of the last analysis, without its device.
+    last: Option<Camera>,
 }
 
 impl Statistics {
@@ -120,9 +122,19 @@ impl Pages {
             })
         };
         self.turns += u64::from(camera.is_some());
+        self.last = camera.as_ref().map(Camera::without_device);
         self.analysed = (film, done);
-        self.analysed.1.extend(camera.as_ref().map(Camera::without_device));
+        self.analysed.1.extend(self.last.clone());
         camera
+    }
+
+    /// A page shows a camera whose results are missing. Analyses the film for it again if it was before: not all results are
+    /// kept. Returns whether it was. An analysis for this camera that goes on is not repeated.
+    pub(crate) fn analyse_again(&mut self, camera: &Camera) -> bool {
+        let key = camera.without_device();
+        let done = &mut self.analysed.1;
+        let place = done.iter().position(|of| *of == key).filter(|_| self.last.as_ref() != Some(&key));
+        place.map(|place| done.remove(place)).is_some()
     }
 
     /// The statistics of a camera without noise, as far as there are some.
@@ -227,6 +239,14 @@ mod tests {
         pages.show("b", &camera(2.0), 5);
         pages.show("a", &camera(5.0), 5);
         assert_eq!([5, 5, 5].map(|film| next(&mut pages, film)), [Some(5.0), Some(2.0), None]);
+        // Results that were not kept are computed again, except while their analysis goes on.
+        assert!(pages.analyse_again(&camera(5.0)) && !pages.analyse_again(&camera(5.0)));
+        assert_eq!([5, 5].map(|film| next(&mut pages, film)), [Some(5.0), None]);
+        assert!(!pages.analyse_again(&camera(6.0)), "no analysis yet");
+        pages.analyse_again(&camera(5.0));
+        assert_eq!(next(&mut pages, 5), Some(5.0));
+        assert!(!pages.analyse_again(&camera(5.0)), "it goes on");
+        assert_eq!(next(&mut pages, 5), None);
         // A device needs no other analysis.
         pages.show("a", &Camera { device: 7, ..camera(5.0) }, 5);
         assert_eq!(next(&mut pages, 5), None);

@@ -10,7 +10,7 @@ const HOMES: [(&str, &[&str]); 28] = [
     ("tokio", &["view"]),
     ("tokio-stream", &["view"]),
     ("thread-priority", &["render"]),
-    ("rayon", &["render", "dunkelfeld", "studies", "bvh", "dataset"]),
+    ("rayon", &["render", "dunkelfeld", "studies", "bvh", "dataset", "io"]),
     ("obvhs", &["bvh"]),
     ("jiff", &["dataset"]),
     ("rustc-hash", &["geometry", "integrator"]),
@@ -219,7 +219,7 @@ mod tests {
         let faults = with(package("geometry", &["rayon"]));
         assert_eq!(
             faults,
-            ["crates/geometry: uses rayon, which belongs in render, dunkelfeld, studies, bvh, dataset only"]
+            ["crates/geometry: uses rayon, which belongs in render, dunkelfeld, studies, bvh, dataset, io only"]
         );
         assert_eq!(with(package("dunkelfeld", &["png", "clap"])).len(), 2);
     }

@@ -63,7 +63,8 @@ pub struct ExrLayers {
     pub attributes: String,
 }
 
-/// Writes a file: one part, scan lines from the top, ZIP in blocks of 16 lines. The same contents give the same bytes.
+/// Writes a file: one part, scan lines from the top, ZIP in blocks of 16 lines. The same contents give the same bytes. Runs on
+/// the threads of the current pool.
 ///
 /// [`write_exr_rows`] is for images whose samples do not fit into memory at once.
 ///

@@ -4,14 +4,16 @@ use std::io::{self, Seek, Write};
 use std::ops::Range;
 use std::path::Path;
 
+use exr::block::chunk::Chunk;
 use exr::block::writer::ChunksWriter;
-use exr::block::{UncompressedBlock, enumerate_ordered_header_block_indices};
+use exr::block::{BlockIndex, UncompressedBlock, enumerate_ordered_header_block_indices};
 use exr::meta::attribute::{
     AttributeValue, ChannelDescription, ChannelList, IntegerBounds, LineOrder, SampleType, Text,
 };
 use exr::meta::header::{Header, ImageAttributes, LayerAttributes};
 use exr::meta::{BlockDescription, compute_chunk_count};
 use exr::prelude::{Compression, Vec2};
+use rayon::prelude::*;
 
 use super::{ATTRIBUTE, Channel, ExrLayers, ascii_json};
 use crate::atomic::write_atomically;
@@ -130,7 +132,6 @@ impl ExrHead {
             channels,
             compression,
             blocks,
-            // Blocks that are compressed in parallel arrive in any order; this makes the writer sort them.
             line_order: LineOrder::Increasing,
             layer_size: size,
             chunk_count: compute_chunk_count(compression, size, blocks),
@@ -152,7 +153,8 @@ fn refuse<T>(problem: String) -> io::Result<T> {
 ///
 /// `rows` is called for consecutive strips from the top: ranges of rows, of [`ExrHead::strip_rows`] each but for the
 /// last one.
-/// It returns a channel for each one of the head, in their order, with the samples of these rows.
+/// It returns a channel for each one of the head, in their order, with the samples of these rows. The strips are compressed on
+/// the threads of the current pool.
 ///
 /// # Errors
 /// Those of the file system and of `rows`; no pixels, no channels, a channel of the wrong length or type, a name that is empty,
@@ -166,7 +168,7 @@ pub fn write_exr_rows(
     write_atomically(path, |file| encode(file, head, head.strip_rows(), rows))
 }
 
-/// Encodes the file of [`write_exr_rows`], in strips of this number of rows, a multiple of 16. The head has been
+/// Encodes the file of [`write_exr_rows`], in strips of this number of rows, a multiple of 16 or all of them. The head has been
 /// checked.
 fn encode(
     file: impl Write + Seek,
@@ -176,49 +178,54 @@ fn encode(
 ) -> io::Result<()> {
     let (header, order) = head.header();
     let headers = [header.clone()];
-    let mut strip: Vec<Channel> = Vec::new();
-    let mut range = 0..0;
-    let mut blocks = enumerate_ordered_header_block_indices(&headers).map(|(index, place)| {
-        let first = place.pixel_position.y() as u32;
-        if first >= range.end {
-            range = first..head.height.min(first.saturating_add(strip_rows));
+    let blocks: Vec<(usize, BlockIndex)> = enumerate_ordered_header_block_indices(&headers).collect();
+    exr::block::write(file, [header].into_iter().collect(), true, |_, writer| {
+        let mut strip: Vec<Channel> = Vec::new();
+        for blocks in blocks.chunks(strip_rows.div_ceil(BLOCK_LINES).max(1) as usize) {
+            let Some((_, first)) = blocks.first() else { continue };
+            let first = first.pixel_position.y() as u32;
+            let range = first..head.height.min(first.saturating_add(strip_rows));
             // The previous strip is dropped first, so that there is never more than one.
-            strip = Vec::new();
+            drop(strip);
             strip = rows(range.clone())?;
             head.check_strip(&strip, range.end - range.start)?;
-        }
-        let mut written = Ok(());
-        let block = UncompressedBlock::from_lines(&headers[0].channels, place, |line| {
-            let start = (line.location.position.y() - range.start as usize) * head.width as usize;
-            let samples = start..start + line.location.sample_count;
-            let done = match &strip[order[line.location.channel]] {
-                Channel::F32(v) => line.write_samples_from_slice(&v[samples]),
-                Channel::U32(v) => line.write_samples_from_slice(&v[samples]),
+            let compress = |(index, place): &(usize, BlockIndex)| {
+                let block = block_of(&strip, &order, &headers[0], place, (range.start, head.width))?;
+                Ok((*index, block.compress_to_chunk(&headers)?))
             };
-            if done.is_err() {
-                written = done;
-            }
-        });
-        written.map(|()| (index, block))
-    });
-    let headers = [header].into_iter().collect();
-    exr::block::write(file, headers, true, |meta, chunks| {
-        if let Some(mut compressor) = chunks.parallel_blocks_compressor(&meta) {
-            return blocks.try_for_each(|block| {
-                let (index, block) = block?;
-                compressor.add_block_to_compression_queue(index, block)
-            });
+            let chunks: Vec<(usize, Chunk)> = blocks.par_iter().map(compress).collect::<exr::error::Result<_>>()?;
+            chunks.into_iter().try_for_each(|(index, chunk)| writer.write_chunk(index, chunk))?;
         }
-        let mut compressor = chunks.sequential_blocks_compressor(&meta);
-        blocks.try_for_each(|block| {
-            let (index, block) = block?;
-            compressor.compress_block(index, block)
-        })
+        Ok(())
     })
     .map_err(|e| match e {
         exr::error::Error::Io(e) => e,
         other => io::Error::other(other.to_string()),
     })
+}
+
+/// The samples of a block of lines, from a strip that begins with the row `start` of an image with this width. `order`
+/// contains the places of the header's channels in the strip.
+fn block_of(
+    strip: &[Channel],
+    order: &[usize],
+    header: &Header,
+    place: &BlockIndex,
+    (start, width): (u32, u32),
+) -> exr::error::Result<UncompressedBlock> {
+    let mut written = Ok(());
+    let block = UncompressedBlock::from_lines(&header.channels, *place, |line| {
+        let start = (line.location.position.y() - start as usize) * width as usize;
+        let samples = start..start + line.location.sample_count;
+        let done = match &strip[order[line.location.channel]] {
+            Channel::F32(v) => line.write_samples_from_slice(&v[samples]),
+            Channel::U32(v) => line.write_samples_from_slice(&v[samples]),
+        };
+        if done.is_err() {
+            written = done;
+        }
+    });
+    written.map(|()| block)
 }
 
 #[cfg(test)]
