@@ -177,6 +177,13 @@ def test_numbers_out_of_range_are_refused_and_forgotten(mock_page):
         after = page.log("/api/frame")[-1]["body"]["camera"]
         assert after[key] == before[key] and after["black_level"] != before["black_level"]
         assert page.text("problems") == ""
+    for knob, value, words in [("black-level", "-1", '"-1" is no black level'), ("device", "-1", '"-1" is no device')]:
+        before = page.value(knob)
+        page.set(knob, value)
+        assert words in page.text("problems") and page.value(knob) == before
+        page.set("gain-value", "2" if knob == "device" else "3")
+        page.settle()
+        assert page.text("problems") == ""
     page.assert_quiet_console()
 
 
@@ -290,6 +297,10 @@ def test_per_light(mock_page):
     assert page.last("/api/scene") == {"per_light": True}
     page.wait(lambda: not page.js("return document.getElementById('light-factors').hidden"), what="factors")
     page.wait(lambda: page.mock.film() is not None, "a film")
+    before = page.value("light-factor-value-1")
+    for text in ["-1", "2e6"]:
+        page.set("light-factor-value-1", text)
+        assert "Type 0 to 1000000" in page.text("problems") and page.value("light-factor-value-1") == before
     page.set("light-factor-value-1", "0")
     page.settle()
     wanted = {"ring light": 1, "bar left": 0, "room": 1}

@@ -88,9 +88,16 @@ def test_a_black_picture_is_not_good_enough(mock_page):
     page.click("next-frame")
     page.wait(lambda: page.attribute("verdict", "data-level") == "none", "the verdict of a black picture")
     assert page.text("verdict-name") == "Black picture" and "Check the lights" in page.text("verdict-text")
-    page.mock.settings["black"] = False
+    # k would be 0, and all pixels hidden at once.
+    assert page.text("verdict-k") == "" and page.text("verdict-time") == ""
+    page.mock.settings |= {"black": False, "saturated": 0.75}
+    page.click("next-frame")
+    page.wait(lambda: page.text("verdict-name") == "Saturated picture", "the verdict of a saturated picture")
+    assert page.text("verdict-text").startswith("75.0 % of the pixels are saturated") and page.text("verdict-k") == ""
+    page.mock.settings["saturated"] = None
     page.click("next-frame")
     page.wait(lambda: page.attribute("verdict", "data-level") != "none", "the verdict of a picture with light")
+    assert page.text("verdict-k") != ""
 
 
 def test_a_restart_measures_again(mock_page):

@@ -56,9 +56,14 @@ def test_verdict_and_target(mock_page):
     assert page.mock.target == 1 and re.search(r"at k = 1 since 1\d s", page.text("target-time")), page.text(
         "target-time"
     )
-    page.set("target", "99")
-    page.idle()
-    assert page.mock.target == 4
+    for text in ["99", "0", ""]:
+        page.set("target", text)
+        page.idle()
+        assert page.mock.target == 1 and page.value("target") == "1"
+        assert "Type 0.05 to 4" in page.text("problems"), text
+    page.set("target", "4")
+    page.settle()
+    assert page.mock.target == 4 and page.text("problems") == ""
     page.click("target-reset")
     page.idle()
     page.hold(70)

@@ -4,7 +4,7 @@ import { count, duration, percent, plain } from "./format.js";
 
 /** @typedef {import("./protocol").State} State */
 /** @typedef {"none" | "no" | "look" | "measure"} VerdictLevel */
-/** @typedef {{ level: VerdictLevel, title: string, text: string }} Verdict */
+/** @typedef {{ level: VerdictLevel, title: string, text: string, isVoid?: boolean }} Verdict isVoid: k has no meaning */
 /**
  * The time of a level: `since` when it was measured, `after` when it is foretold, `never` when a view has too few samples.
  * @typedef {{ kind: "since" | "after" | "unknown" | "never", seconds: number }} LevelTime
@@ -15,6 +15,7 @@ import { count, duration, percent, plain } from "./format.js";
 const LOOK = 1;
 // At k = 0.5 the total noise is sqrt(1 + 0.25) = 1.12 times that of the camera alone.
 const MEASURE = 0.5;
+const MOST = 0.5; // share of saturated pixels from which a verdict about the others says little
 const ENOUGH = 4; // measured points from which the level is extrapolated
 const PILOT = 32; // samples per pixel of the pilot, after which the plan of the render and the forecast follow
 
@@ -220,14 +221,21 @@ export function forecastNote(state) {
 
 /**
  * @param {State} state
- * @param {boolean} isBlack nearly no pixel receives a photo-electron
+ * @param {{ is_black: boolean, saturated: number } | undefined} picture the picture that is shown
  * @returns {Verdict}
  */
-export function verdict(state, isBlack) {
+export function verdict(state, picture) {
   const k = levelNow(state);
-  if (isBlack) {
+  const saturated = picture?.saturated ?? 0;
+  if (saturated >= MOST) {
     return {
-      level: "none", title: "Black picture",
+      level: "none", title: "Saturated picture", isVoid: true,
+      text: `${percent(saturated)} of the pixels are saturated. Shorten the exposure time, or dim the lights.`,
+    };
+  }
+  if (picture?.is_black) {
+    return {
+      level: "none", title: "Black picture", isVoid: true,
       text: "Nearly no pixel receives a photo-electron. Check the lights and the exposure time.",
     };
   }

@@ -10,6 +10,7 @@ import { count, exposure, number, parseExposure, percent, plain, quantity } from
 const EXPOSURE_SLIDER = [1e-6, 100]; // s: other times can be typed
 const LARGEST_SEED = 2n ** 63n - 1n; // of a job
 const LIGHT_RANGE = 2; // decades on each side of the factor 1 of a light
+const LARGEST_FACTOR = 1e6; // of a light
 
 /**
  * @param {Store} store
@@ -19,9 +20,12 @@ export function cameraPanel(store, problems) {
   followKnobs(store, problems);
   store.on(["camera", "state"], () => showKnobs(store));
   store.on(["kept", "camera"], () => showKept(store));
+  store.on("state", () => {
+    if (store.server?.timed === null) problems.clear("exposure-returned");
+  });
   // A message about a text is outdated when a knob has moved.
   store.on("camera", () => {
-    for (const key of ["exposure", "gain", "temperature", "lights"]) problems.clear(key);
+    for (const key of ["exposure", "exposure-returned", "gain", "temperature", "black-level", "device", "light-factor", "lights"]) problems.clear(key);
   });
   store.on("returned", () => showReturned(store, problems));
   store.on("picture", () => {
@@ -39,7 +43,7 @@ function showReturned(store, problems) {
   const { returned, server } = store;
   if (!server) return;
   if (returned.includes("exposure") && server.camera.exposure !== null) {
-    problems.setText("exposure", {
+    problems.setText("exposure-returned", {
       problem: `The exposure time is that of the job again, ${exposure(server.camera.exposure)}.`,
       place: null, help: `It is fixed, because ${server.timed}. Change it in the job.`,
     });
@@ -122,15 +126,31 @@ function followKnobs(store, problems) {
   knob("temperature-model", "change", () => ({
     temperature: input("temperature-model").checked ? null : Number(input("temperature").value),
   }));
-  knob("black-level", "change", (value) => (Number(value) >= 0 && value !== "" ? { black_level: Number(value) } : null));
+  knob("black-level", "change", (value) => {
+    const isLevel = value !== "" && Number(value) >= 0;
+    problems.setText("black-level", isLevel ? null : {
+      problem: `"${value}" is no black level.`, place: null, help: "Type 0 or a positive number of grey values.",
+    });
+    return isLevel ? { black_level: Number(value) } : null;
+  });
   knob("black-level-model", "change", () => ({
     black_level: input("black-level-model").checked ? null : store.frameA?.header.black ?? 0,
   }));
   knob("noise", "change", (value) => ({ noise: /** @type {Camera["noise"]} */ (value) }));
   knob("device", "change", (value) => {
     const number = wholeNumber(value);
+    problems.setText("device", number !== null ? null : {
+      problem: `"${value}" is no device.`, place: null, help: `Type a whole number from 0 to ${LARGEST_SEED}.`,
+    });
     return number === null ? null : { device: number };
   });
+  // Before the row takes the text back.
+  box("light-factors-list").addEventListener("change", ({ target }) => {
+    if (!(target instanceof HTMLInputElement) || target.type !== "number") return;
+    problems.setText("light-factor", isFactor(target.value) ? null : {
+      problem: `The factor "${target.value}" of a light is out of range.`, place: null, help: `Type 0 to ${LARGEST_FACTOR}.`,
+    });
+  }, { capture: true });
   knob("denoise", "change", (value) => ({ denoise: /** @type {Camera["denoise"]} */ (value) }));
   knob("vignetting", "change", () => ({ vignetting: input("vignetting").checked }));
   button("device-next").addEventListener("click", () => {
@@ -152,6 +172,11 @@ function wholeNumber(text) {
   const value = BigInt(text.trim());
   if (value > LARGEST_SEED) return null;
   return value <= BigInt(Number.MAX_SAFE_INTEGER) ? Number(value) : String(value);
+}
+
+/** @param {string} text */
+function isFactor(text) {
+  return text !== "" && Number(text) >= 0 && Number(text) <= LARGEST_FACTOR;
 }
 
 /**
@@ -317,7 +342,7 @@ function lightRow(store, name, index) {
   });
   slider.addEventListener("input", () => change(rounded(10 ** Number(slider.value))));
   value.addEventListener("change", () => {
-    if (value.value !== "" && Number(value.value) >= 0) change(Number(value.value));
+    if (isFactor(value.value)) change(Number(value.value));
     else showKnobs(store, true);
   });
   return element("div", { class: "row" },

@@ -59,7 +59,7 @@ header(store, act, problems);
 toolbar(store, viewer);
 cameraPanel(store, problems);
 new ScenePanel(store, act);
-const noisePanel = new NoisePanel(store, measurements, act);
+const noisePanel = new NoisePanel(store, measurements, problems, act);
 noisePanel.onDifference = () => {
   if (store.map === "difference") pictures.invalidateMap();
 };

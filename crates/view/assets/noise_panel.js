@@ -71,9 +71,10 @@ export class NoisePanel {
   /**
    * @param {Store} store
    * @param {import("./measurements.js").Measurements} measurements
+   * @param {import("./problems.js").Problems} problems
    * @param {(path: string, body: unknown) => Promise<boolean>} act
    */
-  constructor(store, measurements, act) {
+  constructor(store, measurements, problems, act) {
     this.store = store;
     this.measurements = measurements;
     this.act = act;
@@ -82,7 +83,17 @@ export class NoisePanel {
       const shown = this.#shown();
       if (shown) this.#showVerdict(shown);
     });
-    input("target").addEventListener("change", () => this.setTarget(Number(input("target").value)));
+    input("target").addEventListener("change", () => {
+      const text = input("target").value;
+      const k = Number(text);
+      const isLevel = text !== "" && k >= LOWEST && k <= HIGHEST;
+      problems.setText("target", isLevel ? null : {
+        problem: text === "" ? "The target is not a number." : `The target ${number(k)} is out of range.`,
+        place: null, help: `Type ${LOWEST} to ${HIGHEST}.`,
+      });
+      if (isLevel) this.setTarget(k);
+      else input("target").value = String(this.target);
+    });
     button("target-reset").addEventListener("click", () => this.setTarget(0.5));
     this.#followDrag();
     this.#followAblation();
@@ -137,14 +148,14 @@ export class NoisePanel {
 
   /** @param {State} state */
   #showVerdict(state) {
-    const { level, title, text } = verdict(state, this.store.frameA?.header.is_black ?? false);
+    const { level, title, text, isVoid } = verdict(state, this.store.frameA?.header);
     box("verdict").dataset["level"] = level;
     const k = levelNow(state);
     // The level changes with each event; a screen reader reads only the verdict itself.
     setText(box("verdict-name"), title);
-    setText(box("verdict-k"), k === null ? "" : `(k = ${number(k, 2)})`);
+    setText(box("verdict-k"), k === null || isVoid ? "" : `(k = ${number(k, 2)})`);
     setText(box("verdict-text"), text);
-    setText(box("verdict-time"), timeSentence(state, state.target));
+    setText(box("verdict-time"), isVoid ? "" : timeSentence(state, state.target));
   }
 
   /** @param {State} state */

@@ -261,7 +261,7 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
         watcher.publish(content);
         shared.update(|live| {
             live.render.state = Activity::Finished;
-            live.render.remaining = None;
+            (live.render.fraction, live.render.remaining) = (1.0, None);
             live.render.reason = Some(format!("the image has {MAX_SPP} samples per pixel, the most of a view"));
         });
     }

@@ -5,7 +5,7 @@ use axum::extract::{Request, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, COOKIE, HOST, ORIGIN, SET_COOKIE};
 use axum::http::header::{REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS};
 use axum::http::uri::Authority;
-use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::net::SocketAddr;
@@ -38,34 +38,40 @@ impl Guard {
 
     /// The reason why a request is refused.
     fn refusal(&self, (method, uri): (&Method, &Uri), headers: &HeaderMap, is_first: bool) -> Option<&'static str> {
-        let text = |name| headers.get(name).and_then(|value: &HeaderValue| value.to_str().ok());
+        // A value that is no text is that of no page of this server.
+        let text = |name: &HeaderName| headers.get(name).map(|value: &HeaderValue| value.to_str().unwrap_or("?"));
+        let is_twice = |name: &HeaderName| headers.get_all(name).iter().nth(1).is_some();
+        let site = HeaderName::from_static("sec-fetch-site");
         let is_own = |host: &str| self.hosts.iter().any(|own| own.eq_ignore_ascii_case(host));
-        // Of two names, another program may read the other one.
-        if headers.get_all(HOST).iter().nth(1).is_some() {
+        // Of two values, another program may read the other one.
+        if is_twice(&HOST) {
             return Some("the request names two hosts");
+        }
+        if [&ORIGIN, &CONTENT_TYPE, &site].into_iter().any(is_twice) {
+            return Some("the request has two values of a header that is checked");
         }
         // A target in the form for proxies has a name too.
         if let Some(name) = uri.authority().map(Authority::as_str) {
-            let is_same = if self.token.is_none() { is_own(name) } else { text(HOST) == Some(name) };
+            let is_same = if self.token.is_none() { is_own(name) } else { text(&HOST) == Some(name) };
             if !is_same {
                 return Some("the request names another host");
             }
         }
         // With a token, the server may have any name.
-        if self.token.is_none() && !text(HOST).is_some_and(is_own) {
+        if self.token.is_none() && !text(&HOST).is_some_and(is_own) {
             return Some("the request names another host");
         }
-        if let Some(origin) = text(ORIGIN) {
+        if let Some(origin) = text(&ORIGIN) {
             let host = origin.strip_prefix("http://").unwrap_or_default();
-            let is_same = if self.token.is_none() { is_own(host) } else { text(HOST) == Some(host) };
+            let is_same = if self.token.is_none() { is_own(host) } else { text(&HOST) == Some(host) };
             if !is_same {
                 return Some("the request comes from another page");
             }
         }
-        if text("sec-fetch-site".parse().unwrap_or(ORIGIN)).is_some_and(|site| site == "cross-site") && !is_first {
+        if text(&site).is_some_and(|site| site == "cross-site") && !is_first {
             return Some("the request comes from another site");
         }
-        let is_json = text(CONTENT_TYPE).is_some_and(|kind| kind.split(';').next() == Some("application/json"));
+        let is_json = text(&CONTENT_TYPE).is_some_and(|kind| kind.split(';').next() == Some("application/json"));
         if *method == Method::POST && !is_json {
             return Some("the body is not JSON");
         }
@@ -179,12 +185,20 @@ mod tests {
             &[own, ("origin", "http://evil.example")],
             &[own, ("origin", "https://127.0.0.1:7000")],
             &[own, ("origin", "null")],
+            &[own, ("origin", "http://127.0.0.1:7000"), ("origin", "http://evil.example")],
+            &[own, ("sec-fetch-site", "same-origin"), ("sec-fetch-site", "cross-site")],
             &[own, ("sec-fetch-site", "cross-site")],
         ] {
             assert!(refuses(&guard, Method::GET, entries), "{entries:?}");
         }
         assert!(refuses(&guard, Method::POST, &[own]), "a form of another page");
         assert!(refuses(&guard, Method::POST, &[own, ("content-type", "text/plain")]));
+        assert!(refuses(&guard, Method::POST, &[own, json, ("content-type", "text/plain")]));
+        // An origin that is no text.
+        let mut unreadable = headers(&[own]);
+        unreadable.insert(ORIGIN, HeaderValue::from_bytes(b"http://\xe9vil.example").expect("a value"));
+        let uri = Uri::from_static("/api/state");
+        assert!(guard.refusal((&Method::GET, &uri), &unreadable, false).is_some());
     }
 
     #[test]
