@@ -8,6 +8,7 @@
 mod cameras;
 mod checks;
 mod coco;
+mod continuation;
 mod deadline;
 mod defect;
 mod defects;

@@ -1,5 +1,6 @@
 //! The surroundings of an instance: the pixels around it, and the values that they predict for it.
 
+use crate::continuation::beyond;
 use crate::surface_path::SurfacePath;
 use crate::visibility::Bounds;
 use dunkelfeld_film::Plane;
@@ -257,52 +258,10 @@ fn fitted(inside: &[Value], ring: &[Value], terms: usize) -> Option<Difference> 
     let of_ring: f64 = ring.iter().map(|v| dot(&of_mean, basis(v)).powi(2) * variance_of(v)).sum();
     let below: f64 = ring.iter().map(|v| dot(&of_mean, basis(v)) * v.value).sum();
     let value = inside.iter().map(|v| v.value).sum::<f64>() / n - below;
-    let continued: f64 = beyond(inside, ring).map(|(v, nearest)| dot(&coefficients, basis(v)) - nearest).sum();
+    let continued: f64 =
+        beyond(inside, ring).into_iter().map(|(v, nearest)| dot(&coefficients, basis(v)) - nearest).sum();
     let variance = of_inside + of_ring + structure + (continued / n).powi(2);
     Some(Difference { value, variance: Some(variance), below, range: range_of(ring) })
-}
-
-/// The pixels of the instance outside of the convex hull of the ring, each with the mean of the pixels of the ring that are
-/// nearest to it.
-fn beyond<'a>(inside: &'a [Value], ring: &'a [Value]) -> impl Iterator<Item = (&'a Value, f64)> {
-    let hull = convex_hull(ring.iter().map(|v| v.at).collect());
-    let is_beyond = move |at: [i64; 2]| {
-        let next = hull.iter().cycle().skip(1);
-        hull.len() < 3 || hull.iter().zip(next).any(|(a, b)| turn(*a, *b, at) < 0)
-    };
-    let distance = |a: [i64; 2], b: [i64; 2]| (a[0] - b[0]).pow(2) + (a[1] - b[1]).pow(2);
-    inside.iter().filter(move |v| is_beyond(v.at)).filter_map(move |v| {
-        let least = ring.iter().map(|r| distance(r.at, v.at)).min()?;
-        let nearest: Vec<f64> = ring.iter().filter(|r| distance(r.at, v.at) == least).map(|r| r.value).collect();
-        Some((v, nearest.iter().sum::<f64>() / nearest.len() as f64))
-    })
-}
-
-/// Twice the area of a triangle: positive if its corners turn to the left.
-fn turn(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i64 {
-    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-}
-
-/// The corners of the convex hull, turning to the left (Andrew 1979, by monotone chains).
-fn convex_hull(mut points: Vec<[i64; 2]>) -> Vec<[i64; 2]> {
-    points.sort_unstable();
-    points.dedup();
-    let chain = |points: &mut dyn Iterator<Item = [i64; 2]>| {
-        let mut chain: Vec<[i64; 2]> = Vec::new();
-        for point in points {
-            while let [.., a, b] = chain[..]
-                && turn(a, b, point) <= 0
-            {
-                chain.pop();
-            }
-            chain.push(point);
-        }
-        chain.pop();
-        chain
-    };
-    let mut hull = chain(&mut points.iter().copied());
-    hull.extend(chain(&mut points.iter().rev().copied()));
-    hull
 }
 
 /// Solves two systems of equations with a symmetric matrix by elimination with pivots on the diagonal. `None` if a pivot is
