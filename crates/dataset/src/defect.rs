@@ -1,6 +1,6 @@
 //! `[[study.defect]]`: defects with drawn parameters.
 
-use crate::defects::{DefectKind, DefectProblem, DefectSpec, PlacedDefect, add_defect};
+use crate::defects::{DefectKind, DefectProblem, DefectSpec, PlacedDefect, add_defect, has_surface};
 use crate::distribution::{Distribution, Fault, Named, Template};
 use crate::draws::Draws;
 use crate::label_entry::Names;
@@ -132,7 +132,7 @@ impl AddedDefect {
 }
 
 /// Adds the defects of an image to its scene: first all changes of objects, then the other defects, so that these follow an
-/// object that is shifted, and are not made on one that is missing. An object changes at most once. `drawn` receives all that
+/// object that is shifted, and are not made on one that is missing or faded in full. An object changes at most once. `drawn` receives all that
 /// was drawn, and the reason why a defect is not made.
 ///
 /// # Errors
@@ -294,8 +294,8 @@ impl DefectEntry {
                 continue;
             }
             let is_free = |object: &usize| {
-                let mut changes = added.iter().filter(|d| d.kind.is_change() && d.placed.host == *object);
-                !changes.any(|d| self.kind.is_change() || d.kind == DefectKind::Missing)
+                let is_changed = added.iter().any(|d| d.kind.is_change() && d.placed.host == *object);
+                !is_changed || (!self.kind.is_change() && has_surface(scene, *object))
             };
             // An object whose name is not known before the first image, as one of a number of copies by a formula.
             let name = self.object_name(number);
@@ -308,7 +308,7 @@ impl DefectEntry {
                 let reason = if self.kind.is_change() {
                     "not made: each of its objects is missing, faded or shifted already"
                 } else {
-                    "not made: each of its objects is missing"
+                    "not made: each of its objects is missing or faded in full"
                 };
                 record(&place, &Value::String(reason.into()));
                 continue;

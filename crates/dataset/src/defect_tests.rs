@@ -136,12 +136,23 @@ fn defects_follow_a_shifted_object_in_any_order_of_the_entries() {
 }
 
 #[test]
-fn a_missing_object_carries_no_defect_in_any_order_of_the_entries() {
-    let missing = "[[study.defect]]\nkind = \"missing\"\non = \"part\"\ncount = 2\n";
-    for (added, drawn, scene) in both_orders(missing) {
-        assert_eq!((added.len(), added[0].kind().as_str(), scene.instances.len()), (1, "missing", 1));
-        let notes: Vec<_> = drawn.iter().filter(|(_, value)| value.to_string().contains("not made")).collect();
-        let names: Vec<&str> = notes.iter().map(|(name, _)| name.as_str()).collect();
-        assert_eq!(names, ["defect[dust][1]", "defect[missing][2]"], "{notes:?}");
+fn an_object_without_a_surface_carries_no_defect_in_any_order_of_the_entries() {
+    // By default the strength of a faded object is 1, and nothing of it is left.
+    for kind in ["missing", "faded"] {
+        let change = format!("[[study.defect]]\nkind = \"{kind}\"\non = \"part\"\ncount = 2\n");
+        for (added, drawn, scene) in both_orders(&change) {
+            assert_eq!((added.len(), added[0].kind().as_str(), scene.instances.len()), (1, kind, 1));
+            let notes: Vec<_> = drawn.iter().filter(|(_, value)| value.to_string().contains("not made")).collect();
+            let mut names: Vec<&str> = notes.iter().map(|(name, _)| name.as_str()).collect();
+            names.sort_unstable();
+            let changed = format!("defect[{kind}][2]");
+            let mut expected = ["defect[dust][1]", changed.as_str()];
+            expected.sort_unstable();
+            assert_eq!(names, expected, "{notes:?}");
+        }
+    }
+    let weak = "[[study.defect]]\nkind = \"faded\"\non = \"part\"\nstrength = 0.9\n";
+    for (added, _, scene) in both_orders(weak) {
+        assert_eq!((added.len(), scene.instances.len()), (2, 2));
     }
 }

@@ -94,6 +94,13 @@ impl AreaTable {
     }
 }
 
+/// True if a part of an object is present: with strength 1 a faded object is as absent as a missing one.
+pub(crate) fn has_surface(scene: &SceneBuilder, index: usize) -> bool {
+    let Some(instance) = scene.instances.get(index) else { return false };
+    let materials = instance.meshes.iter().filter_map(|part| scene.materials.get(scene.meshes.get(*part)?.material));
+    materials.into_iter().any(|material| !is_absent(material))
+}
+
 /// # Errors
 /// If a candidate emits light.
 pub(super) fn refuse_emitters(scene: &SceneBuilder, on: &[usize]) -> Result<(), DefectProblem> {

@@ -37,6 +37,7 @@ mod tree;
 mod volume;
 mod walk;
 
+pub(crate) use host::has_surface;
 pub(crate) use spec::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
 
 use dunkelfeld_radiometry::Rgb;
