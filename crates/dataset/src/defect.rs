@@ -3,6 +3,7 @@
 use crate::defects::{DefectKind, DefectProblem, DefectSpec, PlacedDefect, add_defect, has_surface};
 use crate::distribution::{Distribution, Fault, Named, Template};
 use crate::draws::Draws;
+use crate::ids::LabelSight;
 use crate::label_entry::Names;
 use crate::names::ObjectNames;
 use crate::study::Study;
@@ -123,6 +124,15 @@ impl AddedDefect {
     /// True if the defect is a change of an object.
     pub(crate) fn is_change(&self) -> bool {
         self.kind.is_change()
+    }
+
+    /// The places where its label is seen.
+    pub(crate) fn sight(&self) -> LabelSight {
+        match (self.kind, self.placed.is_clear) {
+            (DefectKind::Shifted, _) => LabelSight::Surface,
+            (DefectKind::Missing | DefectKind::Faded, true) => LabelSight::Behind,
+            _ => LabelSight::Everywhere,
+        }
     }
 
     /// The kind as a study has it.

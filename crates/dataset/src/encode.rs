@@ -1,6 +1,7 @@
 //! The files of an image: pictures, layers of labels, annotations.
 
 use crate::coco::{Annotation, CompressedRle, Segmentation as Shape};
+use crate::ids::Ids;
 use crate::keypoints::InstancePoints;
 use crate::labels::LabelPlanes;
 use crate::outline::outline;
@@ -144,13 +145,15 @@ pub(crate) fn labels(
     Ok(())
 }
 
-/// The annotations of an image, without numbers. Instances without a visible pixel have none.
+/// The annotations of an image, without numbers. Instances without a visible pixel have none. A defect in a category with
+/// key points has points that are not labelled, as readers of COCO expect the field then.
 pub(crate) fn annotations(
     index: u64,
     settings: &LabelSettings,
     planes: &LabelPlanes,
     instances: &[InstanceRecord],
     points: &[InstancePoints],
+    ids: &Ids,
 ) -> Vec<Annotation> {
     if settings.coco == Segmentation::None {
         return Vec::new();
@@ -162,6 +165,7 @@ pub(crate) fn annotations(
         .filter_map(|record| {
             let rle = runs.get(&record.id)?;
             let points = points.iter().find(|points| points.instance == record.id);
+            let count = ids.keypoint_count(record.category);
             let is_inside = |x: usize, y: usize| mask.data().get(y * width as usize + x) == Some(&record.id);
             let polygons = match settings.coco {
                 Segmentation::Polygon => outline(record.bbox, is_inside).exact(),
@@ -181,8 +185,8 @@ pub(crate) fn annotations(
                 visible_fraction: if record.amodal > 0.0 { (record.visible / record.amodal).min(1.0) } else { 0.0 },
                 cnr: record.cnr,
                 size_mm: record.size_mm,
-                keypoints: points.map(InstancePoints::coco),
-                num_keypoints: points.map(InstancePoints::in_film),
+                keypoints: points.map(InstancePoints::coco).or_else(|| (count > 0).then(|| vec![0.0; 3 * count])),
+                num_keypoints: points.map(InstancePoints::in_film).or((count > 0).then_some(0)),
             })
         })
         .collect()

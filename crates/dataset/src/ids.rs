@@ -78,9 +78,24 @@ impl SetNames {
 pub(crate) struct ObjectLabel {
     pub(crate) instance: u16,
     pub(crate) category: u16,
+    /// Is the object a defect of the image? Its category does not tell: parts may share it.
     pub(crate) is_defect: bool,
-    /// Is the defect a changed object? Other defects can lie on it.
+    /// Is the defect a changed object? It is a surface for all that lies on it.
     pub(crate) is_change: bool,
+    pub(crate) sight: LabelSight,
+}
+
+/// The places where the label of an object is seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum LabelSight {
+    /// Where the surface scatters, or covers a part of the light. Labels are seen through a clear surface.
+    #[default]
+    Surface,
+    /// Everywhere: an added defect may be as clear as what contains it, such as a bubble, and an object that was opaque and
+    /// is missing or faded shows little or nothing.
+    Everywhere,
+    /// Where no label is seen behind: a clear object that is missing or faded.
+    Behind,
 }
 
 impl Ids {
@@ -130,12 +145,10 @@ impl Ids {
         Ok(ids)
     }
 
+    /// The id of a category. One that parts and defects share is of parts: those come first.
     fn category(&mut self, name: &str, is_defect: bool) -> u16 {
-        match self.categories.iter_mut().find(|c| c.name == name) {
-            Some(category) => {
-                category.is_defect |= is_defect;
-                category.id
-            }
+        match self.categories.iter().find(|c| c.name == name) {
+            Some(category) => category.id,
             None => {
                 let id = self.categories.len() as u16 + 1;
                 let (keypoints, skeleton) = Default::default();
@@ -158,6 +171,11 @@ impl Ids {
         most_keypoints(&self.categories)
     }
 
+    /// The number of key points of a category.
+    pub(crate) fn keypoint_count(&self, category: u16) -> usize {
+        self.categories.iter().find(|c| c.id == category).map_or(0, |c| c.keypoints.len())
+    }
+
     /// The key points of an object that is no defect.
     pub(crate) fn keypoints(&self, name: &str) -> &[KeyPoint] {
         let found = self.patterns.iter().find(|(entry, _)| entry.objects.match_name(name));
@@ -165,16 +183,19 @@ impl Ids {
     }
 
     /// The labels of the objects of one image, by the index of the object. Objects of the same name share a label. An
-    /// object without an id of its own gets one from a hash of its name.
+    /// object without an id of its own gets one from a hash of its name. The defects of the image are not marked as such.
     ///
     /// # Errors
     /// Two names with the same hash.
     pub(crate) fn label(&self, names: &[String]) -> Result<Vec<Option<ObjectLabel>>, String> {
         let known: BTreeMap<&str, &Instance> = self.instances.iter().map(|i| (i.name.as_str(), i)).collect();
         let mut hashed: BTreeMap<u16, &str> = BTreeMap::new();
-        let label = |instance, category: u16| {
-            let found = self.categories.get(usize::from(category).saturating_sub(1));
-            ObjectLabel { instance, category, is_defect: found.is_some_and(|c| c.is_defect), is_change: false }
+        let label = |instance, category| ObjectLabel {
+            instance,
+            category,
+            is_defect: false,
+            is_change: false,
+            sight: LabelSight::Surface,
         };
         (names.iter())
             .map(|name| {

@@ -172,3 +172,86 @@ fn records_have_the_place_of_defects_also_outside_of_the_film() {
     let lines = String::from_utf8_lossy(file(&made, "labels/000000.txt")).into_owned();
     assert_eq!(lines.lines().count(), 1, "only the missing block is in the film: {lines}");
 }
+
+/// A clear sheet over a print on an unlabelled floor, changed in each way. The telecentric view from above has the sheet in
+/// its middle, 40 x 40 pixels, and the print of 16 x 16 pixels below it.
+#[test]
+fn labels_are_seen_through_a_changed_clear_cover() {
+    let print =
+        object("print", "kind = \"box\"\nsize = [\"10mm\", \"0.1mm\", \"10mm\"]\ntranslate = [0, \"0.1mm\", 0]");
+    let clear = |solid: bool| {
+        format!(
+            "[[object]]\nname = \"sheet\"\nkind = \"box\"\nsize = [\"25mm\", \"2mm\", \"25mm\"]\ntranslate = [0, \"9mm\", 0]\n\
+             [[material]]\nname = \"sheet\"\nbase_color = 1\ntransmission = 1\nroughness = 0\nior = 1.49\nsolid = {solid}\n"
+        )
+    };
+    for samples in [1, 4] {
+        let label = format!(
+            "[study.labels]\ncoverage = {samples}\n[[study.label]]\ncategory = \"print\"\nobjects = \"print\"\n"
+        );
+        let usual = make(&label, &format!("{FLOOR}{print}{}", clear(true)));
+        let usual = instance(&usual, "print");
+        assert_eq!((usual.area, usual.bbox), (256, [24, 24, 16, 16]));
+        for (kind, keys, solid) in [
+            ("missing", "", true),
+            ("missing", "", false),
+            ("faded", "strength = 1\n", false),
+            ("faded", "strength = 0.7\n", false),
+            ("faded", "strength = 0.1\n", false),
+            ("shifted", "length = \"1mm\"\nangle = \"0deg\"\n", true),
+        ] {
+            let change = format!("[[study.defect]]\nkind = \"{kind}\"\non = \"sheet\"\n{keys}");
+            let made = make(&format!("{label}{change}"), &format!("{FLOOR}{print}{}", clear(solid)));
+            let found = instance(&made, "print");
+            assert_eq!((found.area, found.bbox), (usual.area, usual.bbox), "{kind} {keys}");
+            assert_eq!((found.visible, found.amodal), (usual.visible, usual.amodal), "{kind} {keys}");
+            // The changed sheet has the pixels around the print.
+            let sheet = instance(&made, &format!("{kind} 1"));
+            let expected = 1600.0 - 256.0;
+            assert!((sheet.area as f64 - expected).abs() < 90.0, "{kind} {keys}: {sheet:?}");
+            assert!((sheet.amodal - 1600.0).abs() < 90.0, "{kind} {keys}: {sheet:?}");
+        }
+    }
+}
+
+/// An opaque object that is changed has its label where it is or was, also in front of a labelled one.
+#[test]
+fn a_changed_opaque_object_hides_the_labels_behind_it() {
+    let print =
+        object("print", "kind = \"box\"\nsize = [\"10mm\", \"0.1mm\", \"10mm\"]\ntranslate = [0, \"0.1mm\", 0]");
+    let label = "[[study.label]]\ncategory = \"floor\"\nobjects = \"floor\"\n";
+    for change in ["missing\"", "faded\"", "faded\"\nstrength = 0.3", "shifted\"\nlength = \"1um\""] {
+        let study = format!("{label}[[study.defect]]\nname = \"change\"\non = \"print\"\nkind = \"{change}\n");
+        let made = make(&study, &format!("{FLOOR}{print}"));
+        assert_eq!(instance(&made, "change 1").area, 256, "{change}");
+        assert_eq!(instance(&made, "floor").area, u64::from(SIDE * SIDE) - 256, "{change}");
+    }
+}
+
+/// A part and a defect in one category: only the defect is one.
+#[test]
+fn a_part_with_the_category_of_a_defect_is_no_defect() {
+    let block = object("block", "kind = \"box\"\nsize = [\"10mm\", \"2mm\", \"10mm\"]\ntranslate = [0, \"1mm\", 0]");
+    let cover = object(
+        "cover",
+        "kind = \"box\"\nsize = [\"20mm\", \"1mm\", \"20mm\"]\ntranslate = [0, \"9mm\", 0]\nmaterial = \"pmma\"",
+    );
+    let pmma = "[[material]]\nname = \"pmma\"\nnew = true\nbase_color = 1\ntransmission = 1\nroughness = 0\nior = 1.49\nsolid = true\n";
+    let study = |category: &str| {
+        format!(
+            "[study.labels]\ncoverage = 4\n[[study.label]]\ncategory = \"spot\"\nobjects = [\"block\", \"cover\"]\n\
+             [[study.defect]]\nkind = \"dust\"\nname = \"dust\"\ncategory = \"{category}\"\non = \"floor\"\n\
+             facing = [0, 1, 0]\nlength = \"2mm\"\n"
+        )
+    };
+    let scene = format!("{FLOOR}{block}{cover}{pmma}");
+    let [own, shared] = ["dust", "spot"].map(|category| make(&study(category), &scene));
+    assert_eq!(file(&own, "masks/000000.png"), file(&shared, "masks/000000.png"));
+    for name in ["block", "cover"] {
+        let [own, shared] = [&own, &shared].map(|made| instance(made, name));
+        assert_eq!((own.area, own.visible, own.amodal), (shared.area, shared.visible, shared.amodal), "{name}");
+    }
+    assert!(instance(&own, "block").area > 200);
+    assert_eq!(instance(&own, "dust 1").category, 2);
+    assert_eq!(instance(&shared, "dust 1").category, 1);
+}

@@ -1,6 +1,6 @@
 //! Labels of an image: the instance at each pixel, seen through clear covers, with coverage, depth and normals.
 
-use crate::ids::ObjectLabel;
+use crate::ids::{LabelSight, ObjectLabel};
 use crate::surface_path::SurfacePath;
 use dunkelfeld_film::Plane;
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
@@ -20,10 +20,10 @@ pub(crate) struct LabelLayers {
     pub(crate) samples: u32,
     pub(crate) depth: bool,
     pub(crate) normals: bool,
-    /// The surfaces below the defects.
-    pub(crate) surfaces: bool,
     /// The surfaces below the defects that change no object.
-    pub(crate) carriers: bool,
+    pub(crate) surfaces: bool,
+    /// The surfaces below the changed objects. Needs `surfaces`.
+    pub(crate) below: bool,
 }
 
 /// The labels of an image.
@@ -38,10 +38,11 @@ pub(crate) struct LabelPlanes {
     pub(crate) depth: Option<Plane<f32>>,
     /// Unit normal toward the camera in its frame: x right, y down, z forward; 0 where there is no surface.
     pub(crate) normals: Option<Plane<[f32; 3]>>,
-    /// The surface that each pixel shows without the defects.
+    /// The surfaces that each pixel shows without the defects, but with the objects that a defect has changed.
     pub(crate) surfaces: Option<Plane<SurfacePath>>,
-    /// The surface that each pixel shows without the defects, but with the objects that a defect has changed.
-    pub(crate) carriers: Option<Plane<SurfacePath>>,
+    /// Where the centre of a pixel shows a changed object: its instance, and the surfaces without it, but with all other
+    /// changed objects. 0 elsewhere.
+    pub(crate) below: Option<Plane<(u16, SurfacePath)>>,
     /// Area of each instance that is in the film.
     pub(crate) areas: BTreeMap<u16, Area>,
 }
@@ -62,33 +63,43 @@ struct Met {
     /// The instance that is visible, 0 for none.
     visible: u16,
     is_decided: bool,
+    /// Is the visible instance a defect that hides what is behind it?
+    is_defect: bool,
     /// The first clear object with a label.
     clear: u16,
+    /// The first changed object that labels are seen through.
+    changed: u16,
     /// All instances.
     all: Vec<u16>,
     /// The first surface that scatters, or else the first clear one.
     surface: Option<(Crossing, bool)>,
-    /// The surfaces without those of defects.
-    below: SurfacePath,
     /// The surfaces without those of defects that change no object.
-    carrier: SurfacePath,
+    path: SurfacePath,
+    /// The surfaces without those of all defects. Its end is not before that of the path below any changed object.
+    lowest: SurfacePath,
+    /// All surfaces up to the end of `lowest`, for the path below a changed object.
+    crossings: Vec<(Crossing, Option<ObjectLabel>)>,
 }
 
 impl Met {
     fn begin(&mut self) {
-        let all = std::mem::take(&mut self.all);
-        *self = Self { all, ..Self::default() };
+        let (all, crossings) = (std::mem::take(&mut self.all), std::mem::take(&mut self.crossings));
+        *self = Self { all, crossings, ..Self::default() };
         self.all.clear();
+        self.crossings.clear();
     }
 
     /// Receives a surface.
     fn visit(&mut self, crossing: &Crossing, labels: &[Option<ObjectLabel>]) {
         let label = labels.get(crossing.ids.object() as usize).copied().flatten();
         let (is_defect, is_change) = label.map_or((false, false), |label| (label.is_defect, label.is_change));
-        self.below.visit(crossing, is_defect, LEAST_COVERAGE);
-        self.carrier.visit(crossing, is_defect && !is_change, LEAST_COVERAGE);
+        if !self.lowest.is_decided {
+            self.crossings.push((*crossing, label));
+        }
+        self.lowest.visit(crossing, is_defect, LEAST_COVERAGE);
+        self.path.visit(crossing, is_defect && !is_change, LEAST_COVERAGE);
         if let Some(label) = label
-            && (label.is_defect || crossing.coverage >= LEAST_COVERAGE)
+            && (label.sight != LabelSight::Surface || crossing.coverage >= LEAST_COVERAGE)
             && !self.all.contains(&label.instance)
         {
             self.all.push(label.instance);
@@ -104,20 +115,47 @@ impl Met {
         }
         // A print that covers a little of the light is visible, and the hole of a mask is not.
         let covers = crossing.passage == Passage::Open && (LEAST_COVERAGE..0.5).contains(&crossing.coverage);
-        match label {
-            // A defect may be as clear as what contains it, such as a bubble, or be the lack of something.
-            Some(label) if scatters || covers || label.is_defect => {
-                (self.visible, self.is_decided) = (label.instance, true);
+        let Some(label) = label else {
+            self.is_decided = scatters;
+            return;
+        };
+        let (is_seen, is_passed) = match label.sight {
+            LabelSight::Surface => (scatters || covers, crossing.passage == Passage::Clear),
+            LabelSight::Everywhere => (true, false),
+            LabelSight::Behind => (scatters, true),
+        };
+        if is_seen {
+            (self.visible, self.is_decided, self.is_defect) = (label.instance, true, is_defect);
+        } else if is_passed {
+            let first = |id: &mut u16| *id = if *id == 0 { label.instance } else { *id };
+            first(&mut self.clear);
+            if is_change {
+                first(&mut self.changed);
             }
-            None if scatters => self.is_decided = true,
-            Some(label) if self.clear == 0 && crossing.passage == Passage::Clear => self.clear = label.instance,
-            _ => {}
         }
     }
 
     /// The visible instance, 0 for none.
     fn instance(&self) -> u16 {
-        if self.is_decided { self.visible } else { self.clear }
+        match (self.is_decided, self.visible) {
+            (false, _) => self.clear,
+            (true, 0) => self.changed,
+            (true, visible) => visible,
+        }
+    }
+
+    /// The visible instance and the surfaces without it, if it is a changed object.
+    fn below(&self) -> (u16, SurfacePath) {
+        let (instance, mut path) = (self.instance(), SurfacePath::default());
+        let is_it = |label: &Option<ObjectLabel>| label.is_some_and(|l| l.is_change && l.instance == instance);
+        if !self.crossings.iter().any(|(_, label)| is_it(label)) {
+            return (0, path);
+        }
+        for (crossing, label) in &self.crossings {
+            let is_added = label.is_some_and(|label| label.is_defect && !label.is_change);
+            path.visit(crossing, is_added || is_it(label), LEAST_COVERAGE);
+        }
+        (instance, path)
     }
 }
 
@@ -191,7 +229,7 @@ pub(crate) fn trace_labels(
         depth: layers.depth.then(|| plane(width, height, rows.iter().flat_map(|r| &r.depth).copied())),
         normals: layers.normals.then(|| plane(width, height, rows.iter().flat_map(|r| &r.normals).copied())),
         surfaces: layers.surfaces.then(|| plane(width, height, rows.iter().flat_map(|r| &r.surfaces).copied())),
-        carriers: layers.carriers.then(|| plane(width, height, rows.iter().flat_map(|r| &r.carriers).copied())),
+        below: layers.below.then(|| plane(width, height, rows.iter().flat_map(|r| &r.below).copied())),
         areas,
     }
 }
@@ -251,7 +289,7 @@ struct CentreRow {
     depth: Vec<f32>,
     normals: Vec<[f32; 3]>,
     surfaces: Vec<SurfacePath>,
-    carriers: Vec<SurfacePath>,
+    below: Vec<(u16, SurfacePath)>,
 }
 
 /// The samples of a row of pixels.
@@ -264,15 +302,16 @@ struct FineRow {
 }
 
 impl Tracer<'_> {
-    fn ray(&self, met: &mut Met, pixel: [u32; 2], place: [f32; 2]) {
+    fn ray(&self, met: &mut Met, pixel: [u32; 2], place: [f32; 2], has_paths: bool) {
         met.begin();
         // What nobody asks for is not followed.
-        (met.below.is_decided, met.carrier.is_decided) = (!self.layers.surfaces, !self.layers.carriers);
+        met.path.is_decided = !(has_paths && self.layers.surfaces);
+        met.lowest.is_decided = !(has_paths && self.layers.below);
         let _ = crossings(self.scene, self.camera.rays, pixel, place, |crossing| {
             met.visit(crossing, self.labels);
             // Behind the first surface that scatters, only objects with a label matter.
             let is_behind = crossing.passage == Passage::Scattering;
-            let is_known = met.below.is_decided && met.carrier.is_decided;
+            let is_known = met.path.is_decided && met.lowest.is_decided;
             if is_behind && is_known && !self.objects.iter().any(|bounds| meets(bounds, crossing)) {
                 return ControlFlow::Break(());
             }
@@ -286,14 +325,14 @@ impl Tracer<'_> {
         let axes = [pose.matrix3.x_axis, -pose.matrix3.y_axis, forward].map(|axis| axis.normalize_or_zero().as_vec3());
         let (mut row, mut met) = (CentreRow::default(), Met::default());
         for x in 0..self.camera.size[0] {
-            self.ray(&mut met, [x, y], [0.5; 2]);
+            self.ray(&mut met, [x, y], [0.5; 2], true);
             row.instances.push(met.instance());
             row.met.extend(met.all.iter().map(|id| (x, *id)));
             if self.layers.surfaces {
-                row.surfaces.push(met.below);
+                row.surfaces.push(met.path);
             }
-            if self.layers.carriers {
-                row.carriers.push(met.carrier);
+            if self.layers.below {
+                row.below.push(met.below());
             }
             if self.layers.depth || self.layers.normals {
                 let found = met.surface.map(|(crossing, _)| {
@@ -314,7 +353,7 @@ impl Tracer<'_> {
         let side = self.layers.samples.max(1);
         let share = 1.0 / f64::from(side * side);
         let (mut row, mut met) = (FineRow::default(), Met::default());
-        let mut counts: Vec<(u16, u32)> = Vec::new();
+        let mut counts: Vec<(u16, u32, bool)> = Vec::new();
         for (x, (&centre, &refined)) in
             (0..).zip(row_of(centres, y as usize).iter().zip(row_of(is_refined, y as usize)))
         {
@@ -326,11 +365,11 @@ impl Tracer<'_> {
             counts.clear();
             for k in 0..side * side {
                 let place = [k % side, k / side].map(|i| (i as f32 + 0.5) / side as f32);
-                self.ray(&mut met, [x, y], place);
+                self.ray(&mut met, [x, y], place, false);
                 let instance = met.instance();
                 match counts.iter_mut().find(|(id, ..)| *id == instance) {
-                    Some((_, count)) => *count += 1,
-                    None => counts.push((instance, 1)),
+                    Some((_, count, is_defect)) => (*count, *is_defect) = (*count + 1, *is_defect || met.is_defect),
+                    None => counts.push((instance, 1, met.is_defect)),
                 }
                 for &id in &met.all {
                     row.areas.entry(id).or_default().amodal += share;
@@ -339,12 +378,11 @@ impl Tracer<'_> {
                     row.areas.entry(instance).or_default().visible += share;
                 }
             }
-            let is_defect = |id: u16| self.labels.iter().flatten().any(|l| l.instance == id && l.is_defect);
             let most = |defects: bool| {
-                let found = counts.iter().copied().filter(|(id, _)| !defects || is_defect(*id));
-                found.max_by_key(|&(id, count)| (count, u16::MAX - id))
+                let found = counts.iter().copied().filter(|(.., is_defect)| !defects || *is_defect);
+                found.max_by_key(|&(id, count, _)| (count, u16::MAX - id))
             };
-            let (instance, count) = most(true).or_else(|| most(false)).unwrap_or((0, 0));
+            let (instance, count, _) = most(true).or_else(|| most(false)).unwrap_or_default();
             let covered = if instance == 0 { 0.0 } else { f64::from(count) * share };
             row.instances.push(instance);
             row.coverage.push((covered * 65535.0).round() as u16);

@@ -17,6 +17,7 @@ use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, PlaceRe
 use crate::set::Set;
 use crate::stable::Hulls;
 use crate::study::{DrawnJob, MAX_COUNT, PictureFormat, Study};
+use crate::surface_path::Surfaces;
 use crate::visibility::{Bounds, Exposed, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
@@ -311,17 +312,17 @@ impl Worker {
         })?;
         for (label, name) in objects.iter_mut().zip(scene.object_names()) {
             let is_this = |defect: &&AddedDefect| defect.placed.object == *name;
-            let is_change = parts.defects.iter().find(is_this).is_some_and(AddedDefect::is_change);
-            label.iter_mut().for_each(|label| label.is_change = is_change);
+            if let (Some(label), Some(defect)) = (label, parts.defects.iter().find(is_this)) {
+                (label.is_defect, label.is_change, label.sight) = (true, defect.is_change(), defect.sight());
+            }
         }
         let camera = settings.view.clone().ok_or_else(|| Error::setting("camera", "there is none", "name a camera"))?;
         let rays = scene.ray_generator(&camera, width, height)?;
         let wanted = &study.labels;
         let surfaces = result.frame.sensor.is_some() && !parts.defects.is_empty();
-        let is_any = |is_change: bool| parts.defects.iter().any(|defect| defect.is_change() == is_change);
-        let carriers = surfaces && is_any(true) && is_any(false);
+        let below = surfaces && parts.defects.iter().any(AddedDefect::is_change);
         let (samples, depth, normals) = (wanted.coverage, wanted.depth, wanted.normals);
-        let layers = LabelLayers { samples, depth, normals, surfaces, carriers };
+        let layers = LabelLayers { samples, depth, normals, surfaces, below };
         let refined: Vec<PixelBox> = parts
             .boxes
             .iter()
@@ -341,7 +342,8 @@ impl Worker {
         encode::images(&mut files, &name, &study.images, &result.frame)?;
         let categories: BTreeMap<u16, u16> = instances.iter().map(|i| (i.id, i.category)).collect();
         encode::labels(&mut files, &name, wanted, &planes, &categories)?;
-        let mut annotations: Vec<Annotation> = encode::annotations(index, wanted, &planes, &instances, &points);
+        let mut annotations: Vec<Annotation> =
+            encode::annotations(index, wanted, &planes, &instances, &points, &self.ids);
         let file_name = files.iter().find(|(n, _)| n.starts_with("images/") || n.starts_with("linear/"));
         let file_name = file_name.map(|(n, _)| n.clone()).unwrap_or_default();
         let pinhole = Pinhole::new(&camera, scene.shutter(), size);
@@ -465,7 +467,8 @@ impl Worker {
             model: &sensor.model,
             time: sensor.exposure.time(),
         });
-        let is_defect = |id: u16| known.get(&id).is_some_and(|(label, _)| label.is_defect);
+        // A changed object is a surface like any other.
+        let is_added = |id: u16| known.get(&id).is_some_and(|(label, _)| label.is_defect && !label.is_change);
         // A defect outside of the film has no area.
         let mut areas = planes.areas.clone();
         for (id, _) in known.iter().filter(|(_, (label, _))| label.is_defect) {
@@ -476,11 +479,9 @@ impl Worker {
                 let (label, name) = known.get(id)?;
                 let (bounds, pixels) = found.get(id).copied().map_or((None, 0), |(b, n)| (Some(b), n));
                 let seen = bounds.zip(exposed.as_ref()).and_then(|(bounds, exposed)| {
-                    // A changed object carries the other defects on it.
-                    let carriers = planes.carriers.as_ref().filter(|_| !label.is_change);
-                    let surfaces = carriers.or(planes.surfaces.as_ref()).filter(|_| label.is_defect);
-                    let carries = |other| !label.is_change && known.get(&other).is_some_and(|(l, _)| l.is_change);
-                    let is_other = |other| other != *id && is_defect(other) && !(label.is_defect && carries(other));
+                    let surfaces = planes.surfaces.as_ref().filter(|_| label.is_defect);
+                    let surfaces = surfaces.map(|all| Surfaces { all, below: planes.below.as_ref() });
+                    let is_other = |other| other != *id && is_added(other);
                     visibility(exposed, &planes.instances, *id, bounds, is_other, surfaces)
                 });
                 let defect = parts.defects.iter().find(|d| d.placed.object == *name);

@@ -1,10 +1,31 @@
 //! The surface that a pixel shows below its defects: what its ray meets if the defects are left out.
 
+use dunkelfeld_film::Plane;
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_integrator::{Crossing, Passage};
 
 /// Smallest cosine between the normals of two pixels side by side on one smooth surface: 20 degrees.
 const LEAST_COSINE: f32 = 0.94;
+
+/// The surfaces of an image without those of defects.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Surfaces<'a> {
+    /// The surfaces of each pixel, with the objects that a defect has changed.
+    pub(crate) all: &'a Plane<SurfacePath>,
+    /// Of a pixel that shows a changed object: its instance, and the surfaces without it. `None` if no object has changed.
+    pub(crate) below: Option<&'a Plane<(u16, SurfacePath)>>,
+}
+
+impl Surfaces<'_> {
+    /// The surfaces of a pixel for an instance. A changed object is no part of its own surroundings, and is a surface like
+    /// any other for all else.
+    pub(crate) fn at(&self, index: usize, instance: u16) -> SurfacePath {
+        match self.below.map(|below| below.data()[index]) {
+            Some((changed, below)) if changed == instance => below,
+            _ => self.all.data()[index],
+        }
+    }
+}
 
 /// The surfaces of a ray without those of defects.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

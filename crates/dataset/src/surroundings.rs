@@ -1,7 +1,7 @@
 //! The surroundings of an instance: the pixels around it, and the values that they predict for it.
 
 use crate::continuation::beyond;
-use crate::surface_path::SurfacePath;
+use crate::surface_path::{SurfacePath, Surfaces};
 use crate::visibility::Bounds;
 use dunkelfeld_film::Plane;
 use std::collections::BTreeMap;
@@ -62,7 +62,7 @@ impl Surroundings {
         id: u16,
         bounds: Bounds,
         is_excluded: impl Fn(u16) -> bool,
-        surfaces: Option<&Plane<SurfacePath>>,
+        surfaces: Option<Surfaces<'_>>,
     ) -> Self {
         let size = [instances.width(), instances.height()].map(i64::from);
         let window = Window::around(bounds, size);
@@ -77,7 +77,7 @@ impl Surroundings {
         let mut ring: Vec<bool> =
             (0..pixels).map(|k| far[k] && !near[k] && !is_excluded(instances.data()[index(k)])).collect();
         if let Some(surfaces) = surfaces {
-            let paths: Vec<SurfacePath> = (0..pixels).map(|k| surfaces.data()[index(k)]).collect();
+            let paths: Vec<SurfacePath> = (0..pixels).map(|k| surfaces.at(index(k), id)).collect();
             restrict(&window, &paths, &mut inside, &mut ring);
         }
         let of = |mask: &[bool]| (0..pixels).filter(|k| mask[*k]).map(|k| window.pixel(k)).collect();

@@ -1,6 +1,6 @@
 //! Visibility of an instance for a camera: contrast to its surroundings over the noise of the camera.
 
-use crate::surface_path::SurfacePath;
+use crate::surface_path::Surfaces;
 use crate::surroundings::{Surroundings, Value, difference_of_means, difference_on_surface};
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{Electrons, Seconds};
@@ -40,7 +40,7 @@ pub(crate) struct Exposed<'a> {
 }
 
 /// The contrast of an instance to the pixels around it. Pixels of `is_excluded` instances are not part of the surroundings:
-/// other defects. Electrons above saturation do not count. Behind a colour filter array, pixels of one colour are compared
+/// defects that are added to the objects. Electrons above saturation do not count. Behind a colour filter array, pixels of one colour are compared
 /// with each other, and the result is that of the colour with the largest ratio. `None` if nothing surrounds the instance,
 /// for example if it fills the image, and if both sides are saturated.
 ///
@@ -52,7 +52,7 @@ pub(crate) fn visibility(
     id: u16,
     bounds: Bounds,
     is_excluded: impl Fn(u16) -> bool,
-    surfaces: Option<&Plane<SurfacePath>>,
+    surfaces: Option<Surfaces<'_>>,
 ) -> Option<Visibility> {
     let spec = exposed.model.spec();
     let saturation = exposed.model.saturation().0;

@@ -3,6 +3,7 @@
 use super::*;
 use crate::make::Worker;
 use crate::study::Study;
+use crate::surface_path::SurfacePath;
 use dunkelfeld::Cancel;
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_io::sensor_file::preset;
@@ -87,6 +88,11 @@ fn ids() -> Plane<u16> {
     Plane::from_fn(SIDE, SIDE, |x, y| u16::from(is_defect(x, y)))
 }
 
+/// No object has changed.
+fn on(all: &Plane<SurfacePath>) -> Option<Surfaces<'_>> {
+    Some(Surfaces { all, below: None })
+}
+
 /// Left of the end one smooth surface, and another one on the right.
 fn surfaces() -> Plane<SurfacePath> {
     let of =
@@ -113,7 +119,7 @@ fn a_defect_on_a_curved_surface_near_its_edge_has_its_contrast() {
         });
         let exact = Plane::new(SIDE, SIDE, 0.0);
         let exposed = Exposed { electrons: &electrons, ratios: Some(&exact), model: &model, time };
-        let found = visibility(&exposed, &ids(), 1, AT, |_| false, Some(&surfaces())).expect("surroundings");
+        let found = visibility(&exposed, &ids(), 1, AT, |_| false, on(&surfaces())).expect("surroundings");
         assert!((found.contrast / model.spec().system_gain - change).abs() < 0.01, "{change}: {found:?}");
         // The mean of the shading over the square: the squares of -2 to 2 have the mean 2.
         let noise = model.temporal_variance(Electrons(2000.0 - 3.0 * 2.0), time).sqrt();
@@ -133,7 +139,7 @@ fn a_defect_on_a_curved_surface_near_its_edge_has_its_contrast() {
     let electrons = Plane::from_fn(SIDE, SIDE, |x, _| if x < 24 { 500.0 } else { 4000.0 });
     let exact = Plane::new(SIDE, SIDE, 0.0);
     let exposed = Exposed { electrons: &electrons, ratios: Some(&exact), model: &model, time };
-    let found = visibility(&exposed, &ids(), 1, AT, |_| false, Some(&bent)).expect("surroundings");
+    let found = visibility(&exposed, &ids(), 1, AT, |_| false, on(&bent)).expect("surroundings");
     assert!(found.contrast.abs() < 1e-9, "{found:?}");
     // Of a surface of the size of the defect nothing is around it.
     let island = Plane::from_fn(SIDE, SIDE, |x, y| SurfacePath {
@@ -142,7 +148,7 @@ fn a_defect_on_a_curved_surface_near_its_edge_has_its_contrast() {
         normals: [Vec3::Z; 2],
         ..SurfacePath::default()
     });
-    assert_eq!(visibility(&exposed, &ids(), 1, AT, |_| false, Some(&island)), None);
+    assert_eq!(visibility(&exposed, &ids(), 1, AT, |_| false, on(&island)), None);
 }
 
 /// Noise of the render alone: contrasts over their errors have the variance 1, and the squared ratio the mean zero.
@@ -164,7 +170,7 @@ fn a_defect_without_contrast_has_the_ratio_zero_within_the_error() {
             (1000.0 + deviation * (bits as f64 / (1u64 << 53) as f64 - 0.5)) as f32
         });
         let exposed = Exposed { electrons: &electrons, ratios: Some(&ratios), model: &model, time };
-        let found = visibility(&exposed, &ids(), 1, AT, |_| false, Some(&surfaces())).expect("surroundings");
+        let found = visibility(&exposed, &ids(), 1, AT, |_| false, on(&surfaces())).expect("surroundings");
         let error = found.error.expect("an error");
         let score = found.contrast / error;
         squares += score * score;
@@ -250,7 +256,7 @@ fn a_defect_beyond_its_ring_has_the_error_of_the_continuation() {
         let electrons =
             Plane::from_fn(SIDE, SIDE, |x, y| (signal(y) + if is_defect(x, y) { change } else { 0.0 }) as f32);
         let exposed = Exposed { electrons: &electrons, ratios: Some(&exact), model: &model, time };
-        let found = visibility(&exposed, &ids, 1, at, |_| false, Some(&surfaces)).expect("surroundings");
+        let found = visibility(&exposed, &ids, 1, at, |_| false, on(&surfaces)).expect("surroundings");
         let (gain, error) = (model.spec().system_gain, found.error.expect("an error"));
         assert!((found.contrast - change * gain).abs() < 3.0 * error && error > 100.0 * gain, "{change}: {found:?}");
         assert!(found.cnr.expect("a ratio") < 1.0, "{change}: {found:?}");
@@ -286,6 +292,63 @@ fn a_stain_on_a_changed_object_has_that_object_as_its_surroundings() {
             // The block is about as bright as before. But beside another defect a stain has the pixels only of which it
             // covers most, so that its contrast is up to twice as large.
             assert!((0.6..2.0).contains(&(contrast / usual)), "{kind}: {contrast} instead of about {usual}");
+        }
+    }
+}
+
+/// The contrasts of a dark print on a bright label on a dark plate, by name: the label is 1.5 or 3 times as wide as the
+/// print, and is a part of the ring of the print alone, or all of it.
+fn stack(width: &str, study: &str) -> std::collections::BTreeMap<String, Option<f64>> {
+    let object = |name: &str, width: &str, y: &str, color: f64| {
+        format!(
+            "[[object]]\nname = \"{name}\"\nkind = \"box\"\nsize = [\"{width}\", \"0.2mm\", \"{width}\"]\n\
+             translate = [0, \"{y}\", 0]\n[[material]]\nname = \"{name}\"\nbase_color = {color}\n"
+        )
+    };
+    let (plate, label, print) = (
+        object("plate", "90mm", "0mm", 0.1),
+        object("label", width, "0.25mm", 0.8),
+        object("print", "12mm", "0.5mm", 0.2),
+    );
+    let text = format!(
+        "scene = \"none\"\n[study]\nname = \"test\"\n[[study.label]]\ncategory = \"part\"\n\
+         objects = [\"print\", \"label\", \"plate\"]\n{study}[film]\nwidth = 60\nheight = 60\n[budget]\nspp = 32\n[camera]\n\
+         name = \"above\"\nposition = [0, \"200mm\", 0]\nlook_at = [0, 0, 0]\n[lens]\nprojection = \"telecentric\"\n\
+         field_height = \"60mm\"\n[environment]\nradiance = 1\n{plate}{label}{print}"
+    );
+    let study =
+        std::sync::Arc::new(Study::from_text("test.toml", &text).unwrap_or_else(|e| panic!("{e}\n{}", e.caret())));
+    let mut worker = Worker::open(&study, 2).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()));
+    let made = worker.make(0, None, &Cancel::new()).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()));
+    let instances = made.expect("an image").record.instances;
+    instances.into_iter().map(|i| (i.name, i.contrast)).collect()
+}
+
+/// A changed object is a surface like any other for parts and for other changed objects: their contrasts hardly change.
+#[test]
+fn contrasts_are_those_to_the_surface_below_also_if_it_is_changed() {
+    let change =
+        |name: &str, rest: &str| format!("[[study.defect]]\nname = \"{name}\"\non = \"{name}\"\nkind = {rest}\n");
+    let faded = change("print", "\"faded\"\nstrength = 0.3");
+    for width in ["22mm", "36mm"] {
+        let near = |a: Option<f64>, b: Option<f64>, what: &str| match (a, b) {
+            (Some(a), Some(b)) => assert!((a / b - 1.0).abs() < 0.12, "{width}, {what}: {a} and {b}"),
+            _ => panic!("{width}, {what}: {a:?} and {b:?}"),
+        };
+        let usual = stack(width, "");
+        let on_label = stack(width, &faded);
+        assert!(usual["print"] < Some(-100.0) && on_label["print 1"] < Some(-100.0), "{usual:?} {on_label:?}");
+        for (below, what) in [
+            (change("label", "\"shifted\"\nlength = \"0.1mm\""), "a shifted label"),
+            (change("label", "\"faded\"\nstrength = 0.02"), "a faded label"),
+            (change("plate", "\"shifted\"\nlength = \"0.1mm\""), "a shifted plate"),
+            (change("plate", "\"faded\"\nstrength = 0"), "a faded plate"),
+        ] {
+            let found = stack(width, &below);
+            near(found["print"], usual["print"], what);
+            let name = if below.contains("\"label\"") { "label 1" } else { "label" };
+            assert!(found[name] > Some(100.0), "{what}: {found:?}");
+            near(stack(width, &format!("{faded}{below}"))["print 1"], on_label["print 1"], what);
         }
     }
 }

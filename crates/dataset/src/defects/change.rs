@@ -26,6 +26,11 @@ pub(super) fn change(
         return Err(DefectProblem::new(problem, "name an object with triangles").at("on"));
     };
     let mut angle = None;
+    let is_clear = {
+        let parts = &scene.instances[index].meshes;
+        let of = |part: &usize| scene.meshes.get(*part).and_then(|m| scene.materials.get(m.material));
+        parts.iter().all(|part| of(part).is_some_and(material::is_clear))
+    };
     match spec.kind {
         DefectKind::Missing => with_materials(scene, index, |m| material::absent(m, &spec.name)),
         DefectKind::Faded => fade(scene, index, spec)?,
@@ -39,7 +44,16 @@ pub(super) fn change(
     let on = scene.instances[index].name.clone();
     let [low, high] = scene.bounds_of(&scene.instances[index]).unwrap_or_default();
     let extent = extent_of(scene, &scene.instances[index]);
-    Ok(PlacedDefect { object: spec.name.clone(), at: 0.5 * (low + high), normal, on, host: index, extent, angle })
+    Ok(PlacedDefect {
+        object: spec.name.clone(),
+        at: 0.5 * (low + high),
+        normal,
+        on,
+        host: index,
+        extent,
+        angle,
+        is_clear,
+    })
 }
 
 /// The largest extent of an object in the world \[m\].

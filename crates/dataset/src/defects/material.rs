@@ -6,6 +6,8 @@ use dunkelfeld_scene::{AlphaMode, Material, SceneBuilder, Surface, Volume};
 
 /// Roughness of the walls of a scratch.
 const SCRATCH_ROUGHNESS: f32 = 0.3;
+/// A material is smooth below this roughness, as in `dunkelfeld-scene`.
+const SMOOTH_ROUGHNESS: f32 = 0.01;
 
 /// True if a material emits light.
 pub(super) fn emits(m: &Material) -> bool {
@@ -19,6 +21,13 @@ pub(super) fn is_absent(m: &Material) -> bool {
         AlphaMode::Mask { cutoff } => m.alpha < cutoff,
         AlphaMode::Blend => m.alpha <= 0.0,
     }
+}
+
+/// True if a surface is smooth and clear everywhere: labels are seen through it.
+pub(super) fn is_clear(m: &Material) -> bool {
+    let is_smooth = m.roughness < SMOOTH_ROUGHNESS && m.roughness_texture.is_none();
+    let is_whole = m.transmission >= 1.0 && m.transmission_texture.is_none();
+    is_smooth && is_whole && m.metallic <= 0.0 && m.metallic_texture.is_none()
 }
 
 /// The volume of a solid that light can enter.

@@ -50,6 +50,7 @@ pub(super) fn on_surface(
             host: anchor.instance,
             extent,
             angle,
+            is_clear: false,
         });
     }
     Err(DefectProblem::new(

@@ -129,6 +129,8 @@ pub(crate) struct PlacedDefect {
     pub(crate) extent: f64,
     /// Direction in the tangent plane \[rad\], drawn or given. `None` if the kind has none.
     pub(crate) angle: Option<f64>,
+    /// Of a changed object: were all of its materials smooth and clear?
+    pub(crate) is_clear: bool,
 }
 
 /// The reason why a defect cannot be made.

@@ -102,7 +102,16 @@ pub(super) fn inside(
         _ => material::own(spec, INCLUSION_COLOR, INCLUSION_ROUGHNESS),
     };
     insert(scene, &spec.name, Made { mesh, angle: None, material }, at, motion);
-    Ok(PlacedDefect { object: spec.name.clone(), at, normal: DVec3::Y, on, host, extent: spec.length, angle: None })
+    Ok(PlacedDefect {
+        object: spec.name.clone(),
+        at,
+        normal: DVec3::Y,
+        on,
+        host,
+        extent: spec.length,
+        angle: None,
+        is_clear: false,
+    })
 }
 
 /// A point in one of the solids, uniform by volume over the points that are at least `clearance` \[m\] away from the
