@@ -58,7 +58,7 @@ fn objects_of_some_images_have_labels_placements_and_defects_there() {
         assert!(message.contains("bad.toml") && message.contains("no object"), "{message}");
     }
     fs::write(bench.path("bad.toml"), text.replace("objects = \"washer\"", "objects = \"wascher\"")).expect("writable");
-    assert!(bench.refused("dataset bad.toml -o bad").contains("no object has such a name"));
+    assert!(bench.refused("dataset bad.toml -o bad").contains("no object is called \"wascher\""));
 }
 
 #[test]

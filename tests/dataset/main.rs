@@ -5,6 +5,7 @@
 
 mod bench;
 mod content;
+mod faults;
 mod refusals;
 mod runs;
 mod set_files;

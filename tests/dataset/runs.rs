@@ -381,7 +381,7 @@ fn bad_studies_are_refused_before_anything_is_written() {
         ("\"2 * supply\"", "\"1 / (supply - supply)\"", "inf"),
         ("[film]", "[output]\nimage = \"a.png\"\n\n[film]", "not for the images of a set"),
         ("objects = [\"ball\"]", "objects = [\"bal\"]", "no object is called \"bal\""),
-        ("on = \"plate\"", "on = \"plat\"", "no object has such a name"),
+        ("on = \"plate\"", "on = \"plat\"", "no object is called \"plat\""),
         ("kind = \"scratch\"", "kind = \"scrath\"", "[[study.defect]] 1, kind"),
         ("kind = \"scratch\"", "kind = \"scrath\"", "did you mean \"scratch\"? The kinds are scratch, dent,"),
         ("width = \"2mm\"\n", "", "`kind = \"scratch\"` needs the key `width`"),

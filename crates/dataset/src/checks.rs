@@ -92,6 +92,7 @@ fn telecentric_cameras(study: &Study, project: &Project) -> BTreeSet<String> {
         let Ok(drawn) = study.job(index) else { continue };
         let Ok(job) = Job::from_text(study.job_path(), drawn.text) else { continue };
         let selected = drawn.camera.or_else(|| job.camera.selected.clone());
+        let selected = selected.or_else(|| job.first_enabled().map(str::to_owned));
         let is_it = |camera: &&Camera| selected.as_ref().is_none_or(|name| camera.name == *name);
         let Some(camera) = project.scene.cameras().iter().find(is_it) else { continue };
         let lens = job.camera_settings(&camera.name).map_or_else(|| job.lens.clone(), |own| own.lens_or(&job.lens));

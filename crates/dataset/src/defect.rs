@@ -1,10 +1,10 @@
 //! `[[study.defect]]`: defects with drawn parameters.
 
-use crate::defects::{DefectKind, DefectProblem, DefectSpec, PlacedDefect, add_defect, has_surface};
+use crate::defects::{DefectKind, DefectProblem, DefectSpec, PlacedDefect, SMALLEST, add_defect, check_numbers, has_surface};
 use crate::distribution::{Distribution, Fault, Named, Template};
 use crate::draws::Draws;
 use crate::ids::LabelSight;
-use crate::label_entry::Names;
+use crate::label_entry::{Names, texts};
 use crate::names::ObjectNames;
 use crate::study::Study;
 use dunkelfeld_geometry::DVec3;
@@ -194,6 +194,10 @@ pub(crate) fn entries(study: &Study) -> Result<Vec<DefectEntry>, (usize, Fault)>
         let mut name = text("name")?.unwrap_or_else(|| category.clone());
         if entries.iter().any(|entry| entry.name == name) {
             name = format!("{name} #{}", number + 1);
+            if let Some(other) = entries.iter().find(|entry| entry.name == name) {
+                let problem = format!("the name of this entry is \"{name}\", as that of entry {}", other.number + 1);
+                return Err(at(Fault::new(problem, "give each entry its own `name`")));
+            }
         }
         let count = rest.get("count").cloned().unwrap_or(Template::Fixed(Value::Integer(1)));
         let most = most(&count, study, &mut BTreeMap::new()).map_err(|e| at(e.below("count")))?;
@@ -424,11 +428,33 @@ impl DefectEntry {
         let draws = study.draws(0);
         let place = format!("defect[{}][1]", self.name);
         let settings = self.settings(&place, draws, &mut study.named(draws), &mut |_, _| {});
-        let checked = settings.and_then(|settings| match names.any(|name| settings.on.match_name(name)) {
-            true => Ok(()),
-            false => Err(no_object()),
+        let own = self.rest.get("on").map(|value| study.alternatives_of(value));
+        let checked = settings.and_then(|settings| {
+            let patterns = own.iter().flatten().flat_map(texts).chain(settings.on.patterns().to_vec());
+            names.check(patterns).map_err(|fault| fault.below("on"))
         });
-        checked.map_err(|fault| (self.number, fault))
+        checked.and_then(|()| self.check_constants()).map_err(|fault| (self.number, fault))
+    }
+
+    /// Checks the values that are the same in all images. Image 0 may have no defect of the entry.
+    fn check_constants(&self) -> Result<(), Fault> {
+        /// Drawn sizes are any that let the constant ones be valid \[m\].
+        const LONG: f64 = 1e6;
+        let mut table = toml::Table::new();
+        table.insert("on".into(), Value::String("*".into()));
+        for (key, template) in &self.rest {
+            if let Template::Fixed(value) = template
+                && key != "count"
+            {
+                table.insert(key.clone(), value.clone());
+            }
+        }
+        let mut settings = DefectSettings::read(table)?;
+        let length = settings.length.get_or_insert(Length(LONG)).0;
+        settings.width.get_or_insert(Length(length));
+        settings.depth.get_or_insert(Length(SMALLEST));
+        let spec = self.values(settings, self.name.clone())?;
+        check_numbers(&spec).map_err(|problem| self.fault(problem))
     }
 
     /// A problem of a defect, at the key of the entry that has the value at fault.
@@ -446,6 +472,11 @@ impl DefectEntry {
         if on.is_empty() {
             return Err(no_object());
         }
+        Ok(DefectSpec { on, ..self.values(settings, name)? })
+    }
+
+    /// The values of a defect without its candidates.
+    fn values(&self, settings: DefectSettings, name: String) -> Result<DefectSpec, Fault> {
         let share = |key: &str, value: Option<f64>| match value {
             Some(v) if !(0.0..=1.0).contains(&v) => {
                 Err(Fault::new(format!("{v} is out of range"), "write a number from 0 to 1").below(key))
@@ -464,7 +495,7 @@ impl DefectEntry {
         Ok(DefectSpec {
             name,
             kind: settings.kind,
-            on,
+            on: Vec::new(),
             length: length(settings.length),
             width: length(settings.width),
             depth: length(settings.depth),

@@ -2,7 +2,7 @@
 
 use crate::distribution::{Distribution, Fault, Template};
 use crate::quantity::Quantity;
-use exmex::{Express, FlatEx};
+use exmex::{Express, FlatEx, FloatOpsFactory, MatchLiteral};
 use std::collections::BTreeMap;
 
 /// The parts of a formula.
@@ -11,11 +11,38 @@ const HELP: &str = "use + - * / ^, functions such as sin, sqrt and exp, and name
 /// Longer formulas are refused.
 const LONGEST: usize = 1000;
 
-fn parse(text: &str) -> Result<FlatEx<f64>, String> {
+/// The numbers of a formula: decimal, with an exponent of ten where there is one, as in `1e-5`.
+#[derive(Clone, Debug)]
+struct Decimal;
+
+impl MatchLiteral for Decimal {
+    fn is_literal(text: &str) -> Option<&str> {
+        let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
+        let whole = digits(text);
+        let rest = &text[whole..];
+        let parts = rest.strip_prefix('.').map_or(0, digits);
+        if whole + parts == 0 {
+            return None;
+        }
+        let end = whole + if rest.starts_with('.') { 1 + parts } else { 0 };
+        let exponent = text[end..].strip_prefix(['e', 'E']).map_or(0, |rest| {
+            let sign = usize::from(rest.starts_with(['+', '-']));
+            match digits(&rest[sign..]) {
+                0 => 0,
+                count => 1 + sign + count,
+            }
+        });
+        Some(&text[..end + exponent])
+    }
+}
+
+type Formula = FlatEx<f64, FloatOpsFactory<f64>, Decimal>;
+
+fn parse(text: &str) -> Result<Formula, String> {
     if text.len() > LONGEST {
         return Err(format!("the formula has more than {LONGEST} characters"));
     }
-    exmex::parse::<f64>(text).map_err(|e| format!("not a formula: {e}"))
+    Formula::parse(text).map_err(|e| format!("not a formula: {e}"))
 }
 
 /// The names of the variables of a formula.
@@ -68,17 +95,24 @@ fn is_plain(name: &str) -> bool {
     !name.contains(['{', '}', ' ']) && parse(name).is_ok_and(|formula| formula.var_names() == [name])
 }
 
-/// Has a formula a name outside of braces, not as a part of a longer one?
+/// Has a formula a name outside of braces, not as a part of a longer one? A name before a parenthesis is a function, and one
+/// of operators alone is an operator.
 fn has_word(text: &str, name: &str) -> bool {
     let is_part = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == '.');
+    if !name.contains(char::is_alphanumeric) && !name.contains('_') {
+        return false;
+    }
+    let is_function = |rest: &str| rest.trim_start().starts_with('(');
     // Texts between braces are whole names.
     let outside = text.split('{').enumerate().map(|(i, part)| match part.split_once('}') {
         Some((_, rest)) if i > 0 => rest,
         _ => part,
     });
     outside.into_iter().any(|part| {
-        part.match_indices(name)
-            .any(|(at, _)| !is_part(part[..at].chars().next_back()) && !is_part(part[at + name.len()..].chars().next()))
+        part.match_indices(name).any(|(at, _)| {
+            let rest = &part[at + name.len()..];
+            !is_part(part[..at].chars().next_back()) && !is_part(rest.chars().next()) && !is_function(rest)
+        })
     })
 }
 
@@ -121,6 +155,7 @@ fn collect_units(template: &Template, draws: &BTreeMap<String, Template>, depth:
             _ => {}
         },
         Template::Drawn(distribution) => match distribution {
+            Distribution::Uniform { low, high, unit } if unit.is_empty() && (*low, *high) == (0.0, 0.0) => {}
             Distribution::Uniform { unit, .. }
             | Distribution::LogUniform { unit, .. }
             | Distribution::Normal { unit, .. }

@@ -51,6 +51,37 @@ fn a_draw_that_a_formula_reads_in_another_way_is_refused_by_its_name() {
 }
 
 #[test]
+fn numbers_of_formulas_have_exponents() {
+    let half = "load = 0.5";
+    for (formula, expected) in [
+        ("1e-5*2", 2e-5),
+        ("1E2", 100.0),
+        ("2.5e+1 - .5", 24.5),
+        ("1.e1 + load", 10.5),
+        ("3-1e0", 2.0),
+        ("max(1e1, 2)", 10.0),
+        ("e1 + 1", 8.0),
+        ("2 * e", 2.0 * std::f64::consts::E),
+    ] {
+        assert_eq!(values(&format!("{half}\ne1 = 7"), formula), [expected; 3], "{formula}");
+    }
+    for formula in ["1e", "2e+", "1.2.3", "."] {
+        assert!(study(half, formula).is_err(), "{formula}");
+    }
+}
+
+#[test]
+fn functions_and_operators_stay_what_they_are() {
+    for (name, formula, expected) in
+        [("sqrt", "sqrt(4)", 2.0), ("sqrt", "sqrt ({sqrt})", 3.0), ("-", "5 - 2", 3.0), ("*", "5 * {*}", 45.0)]
+    {
+        assert_eq!(values(&format!("{name:?} = 9"), formula), [expected; 3], "{name}: {formula}");
+    }
+    let error = study("sqrt = 9", "2 * sqrt").expect_err("no function");
+    assert!(error.contains("`sqrt` is") && error.contains("{sqrt}"), "{error}");
+}
+
+#[test]
 fn formulas_of_all_parts_of_a_study_are_checked() {
     for part in [
         "[study.draw]\nb = { expression = \"2 * e\" }",
@@ -69,6 +100,7 @@ fn a_draw_counts_in_one_unit() {
     for (draw, expected) in [
         ("{ sequence = [\"1us\", \"1ms\", \"2s\"] }", [1.0, 1e3, 2e6]),
         ("{ sequence = [\"1mm\", \"2cm\", 0] }", [1.0, 20.0, 0.0]),
+        ("{ sequence = [{ uniform = [0, 0] }, { choice = [\"1mm\"] }, \"2cm\"] }", [0.0, 1.0, 20.0]),
         ("{ sequence = [0, \"2cm\", \"1mm\"] }", [0.0, 2.0, 0.1]),
         ("{ sequence = [{ uniform = [\"3m\", \"3m\"] }, { draw = \"b\" }, \"1m\"] }", [3.0, 0.005, 1.0]),
         ("{ sequence = [\"3deg\", \"5deg\", \"1deg\"] }", [3.0, 5.0, 1.0]),

@@ -1,7 +1,6 @@
 //! The files that the images of a set are made from, with hashes of their contents. They are the same on every machine.
 
 use crate::study::Study;
-use dunkelfeld::Error;
 use dunkelfeld_io::input::{InputFiles, MAX_STREAMED, ReadFault, Role};
 use dunkelfeld_io::job::Job;
 use serde::{Deserialize, Serialize};
@@ -22,51 +21,41 @@ pub(crate) struct InputRecord {
     pub(crate) path: String,
     /// XXH3 of the content, 128 bits as hexadecimal digits; `None` for a file that cannot be read.
     pub(crate) hash: Option<String>,
+    /// Is it the study itself?
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) is_study: bool,
 }
 
 /// The input files of a study, each once, by path: `read`, which the first image reads, and those that the jobs of the
 /// first 64 images name. Libraries belong to the machine and are left out.
-///
-/// # Errors
-/// A job of these images that is not valid.
-pub(crate) fn input_records(study: &Study, read: &InputFiles) -> Result<Vec<InputRecord>, Error> {
+pub(crate) fn input_records(study: &Study, read: &InputFiles) -> Vec<InputRecord> {
     let mut inputs = study.inputs().clone();
     inputs.extend(read);
-    // The number of images of the set has no effect, so that a set that grows keeps its list.
+    // The number of images of the set has no effect, so that a set that grows keeps its list. An image with an error is
+    // named when it is made, if the set has it.
     for index in 0..JOBS {
-        let job = study.job(index)?;
-        let job = Job::from_text(study.job_path(), job.text).map_err(|e| study.in_study(e, index))?;
+        let Ok(job) = study.job(index) else { continue };
+        let Ok(job) = Job::from_text(study.job_path(), job.text) else { continue };
         inputs.extend(job.inputs());
     }
     let mut paths = BTreeSet::new();
     let files = inputs.iter().filter(|input| !matches!(input.role, Role::Library | Role::Report));
     let records: BTreeSet<InputRecord> = files
-        .map(|input| input.identity.path())
         // The text of a job is not that of a file.
-        .filter(|path| *path != study.job_path() || study.inputs().iter().any(|i| i.identity.path() == *path))
+        .filter(|input| input.role != Role::Job || study.inputs().iter().any(|own| own == *input))
+        .map(|input| input.identity.path())
         .filter(|path| paths.insert(path.to_path_buf()))
-        .map(|path| InputRecord { path: name_of(path, study), hash: hash_of(path) })
+        .map(|path| InputRecord { path: name_of(path, study), hash: hash_of(path), is_study: path == study.path() })
         .collect();
-    Ok(records.into_iter().collect())
+    records.into_iter().collect()
 }
 
 /// The first file that differs between two lists of the same study, with the difference. The study itself may have another
 /// name and other comments: its keys are compared by the hash of the study.
-pub(crate) fn changed_input(before: &[InputRecord], now: &[InputRecord], study: &Study) -> Option<String> {
-    let own = InputRecord { path: name_of(study.path(), study), hash: hash_of(study.path()) };
-    let is_own = |file: &InputRecord| file.path == own.path || (own.hash.is_some() && file.hash == own.hash);
+pub(crate) fn changed_input(before: &[InputRecord], now: &[InputRecord]) -> Option<String> {
     let others =
-        |list: &[InputRecord]| -> Vec<InputRecord> { list.iter().filter(|file| !is_own(file)).cloned().collect() };
-    let had_own = before.iter().any(is_own);
-    let (mut before, now) = (others(before), others(now));
-    if !had_own {
-        // Another name and another comment. The keys are the same, so that they name the same files: the study is the only
-        // one of its folder that is not used now.
-        let is_left = |file: &InputRecord| file.path.ends_with(".toml") && !now.iter().any(|n| n.path == file.path);
-        if let Some(at) = before.iter().position(|file| !file.path.contains('/') && is_left(file)) {
-            before.remove(at);
-        }
-    }
+        |list: &[InputRecord]| -> Vec<InputRecord> { list.iter().filter(|file| !file.is_study).cloned().collect() };
+    let (before, now) = (others(before), others(now));
     let is_known = |list: &[InputRecord], file: &InputRecord| list.iter().any(|other| other.path == file.path);
     if let Some(file) = now.iter().find(|file| !before.contains(file)) {
         return Some(match (is_known(&before, file), &file.hash) {
@@ -141,8 +130,8 @@ mod tests {
     #[test]
     fn inputs_are_the_same_in_any_folder() {
         let [a, b] = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
-        let list = input_records(&files(a.path()), &InputFiles::new()).expect("inputs");
-        assert_eq!(list, input_records(&files(b.path()), &InputFiles::new()).expect("inputs"));
+        let list = input_records(&files(a.path()), &InputFiles::new());
+        assert_eq!(list, input_records(&files(b.path()), &InputFiles::new()));
         let paths: Vec<&str> = list.iter().map(|file| file.path.as_str()).collect();
         assert_eq!(paths, ["../jobs/job.toml", "../jobs/own.toml", "../jobs/part.obj", "study.toml"]);
         // The value of the reference implementation is that of one call for the whole content.
@@ -154,21 +143,21 @@ mod tests {
     fn changes_are_named_and_another_name_of_the_study_is_none() {
         let folder = tempfile::tempdir().expect("a folder");
         let study = files(folder.path());
-        let list = |study: &Study| input_records(study, &InputFiles::new()).expect("inputs");
+        let list = |study: &Study| input_records(study, &InputFiles::new());
         let before = list(&study);
-        assert_eq!(changed_input(&before, &before, &study), None);
+        assert_eq!(changed_input(&before, &before), None);
         let other = folder.path().join("studies/renamed.toml");
         fs::copy(study.path(), &other).expect("copied");
         let renamed = Study::open(&other).expect("a study");
-        assert_eq!(changed_input(&before, &list(&renamed), &renamed), None);
+        assert_eq!(changed_input(&before, &list(&renamed)), None);
         let obj = folder.path().join("jobs/part.obj");
         fs::write(&obj, "v 0 0 0\n").expect("written");
-        assert_eq!(changed_input(&before, &list(&study), &study).as_deref(), Some("another \"../jobs/part.obj\""));
+        assert_eq!(changed_input(&before, &list(&study)).as_deref(), Some("another \"../jobs/part.obj\""));
         fs::remove_file(&obj).expect("removed");
-        let words = changed_input(&before, &list(&study), &study).expect("a change");
+        let words = changed_input(&before, &list(&study)).expect("a change");
         assert!(words.contains("\"../jobs/part.obj\", which cannot be read now"), "{words}");
         let less: Vec<InputRecord> = before.iter().filter(|file| !file.path.ends_with("obj")).cloned().collect();
-        assert!(changed_input(&before, &less, &study).is_some_and(|words| words.contains("not used now")));
-        assert!(changed_input(&less, &before, &study).is_some_and(|words| words.contains("was not among them")));
+        assert!(changed_input(&before, &less).is_some_and(|words| words.contains("not used now")));
+        assert!(changed_input(&less, &before).is_some_and(|words| words.contains("was not among them")));
     }
 }

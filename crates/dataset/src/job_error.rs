@@ -21,11 +21,13 @@ impl Study {
             let is_there = !keys.is_empty() && file.has_key(&keys);
             is_there.then(|| file.error_at_key(&keys, problem.clone(), help.clone()))
         };
-        let of_study = || at(self.source(), &self.own_path(&path)?);
+        // A value inside of a distribution has no line of its own: that of the distribution counts.
+        let of_study = |own: &[String]| (1..=own.len()).rev().find_map(|end| at(self.source(), &own[..end]));
         let of_job = || at(&TomlFile::read(self.job_path(), Role::Job, &mut InputFiles::new()).ok()?, &path);
-        let found = match of_study() {
+        let found = match self.own_path(&path, index) {
+            Some(own) => of_study(&own),
             None if !self.base().is_empty() => of_job(),
-            found => found,
+            None => None,
         };
         match found {
             Some(found) => InputError { place: format!("image {index}, {}", found.place), read, ..found },
@@ -36,22 +38,55 @@ impl Study {
         }
     }
 
-    /// The path in the study of a key of the drawn job. Lists of tables of the study come behind those of its job. `None` for an
-    /// entry of the job, and for cameras, which a study changes by their names.
-    fn own_path(&self, path: &[String]) -> Option<Vec<String>> {
+    /// The path in the study of a key of the drawn job of an image. Lists of tables of the study come behind those of its
+    /// job; cameras of the study change those of the job by their names, and others come behind. `None` for a value that the
+    /// study does not have.
+    fn own_path(&self, path: &[String], index: u64) -> Option<Vec<String>> {
+        let draws = self.draws(index);
+        let value = self.template.draw(draws, "", &mut self.named(draws), &mut |_, _| {}).ok()?;
         let mut own = path.to_vec();
-        let of_job = match path.first().and_then(|key| self.base().get(key)) {
-            Some(Value::Array(list)) if list.iter().all(Value::is_table) => list.len(),
-            _ => return Some(own),
-        };
-        if path.first().is_some_and(|key| key == "camera") {
-            return None;
+        let first = path.first()?;
+        if let Some(Value::Array(list)) = self.base().get(first)
+            && list.iter().all(Value::is_table)
+        {
+            match (value.get(first)?, path.get(1)) {
+                (changes, Some(number)) if first == "camera" => {
+                    let position = own_camera(list, changes, number.parse().ok()?)?;
+                    own.splice(1..2, position.map(|position| position.to_string()));
+                }
+                (Value::Array(more), Some(number)) if more.iter().all(Value::is_table) => {
+                    own[1] = number.parse::<usize>().ok()?.checked_sub(list.len())?.to_string();
+                }
+                _ => {}
+            }
         }
-        if let Some(number) = own.get_mut(1) {
-            *number = number.parse::<usize>().ok()?.checked_sub(of_job)?.to_string();
-        }
-        Some(own)
+        let has_value = own.iter().try_fold(&value, |value, step| match value {
+            Value::Table(table) => table.get(step),
+            Value::Array(items) => items.get(step.parse::<usize>().ok()?),
+            _ => None,
+        });
+        has_value.map(|_| own)
     }
+}
+
+/// The position in the cameras of a study of a camera of the drawn job: `Some(None)` if the study has one table, and `None`
+/// if it does not change this camera.
+fn own_camera(of_job: &[Value], of_study: &Value, number: usize) -> Option<Option<usize>> {
+    let name = |camera: &Value| camera.get("name").and_then(Value::as_str).map(str::to_owned);
+    let Value::Array(changes) = of_study else {
+        let is_only = of_job.len() == 1 && name(of_study).is_none();
+        let is_this = is_only || of_job.get(number).is_some_and(|camera| name(camera) == name(of_study));
+        return is_this.then_some(None);
+    };
+    let is_known = |change: &&Value| of_job.iter().any(|camera| name(camera) == name(change));
+    let found = match of_job.get(number) {
+        Some(camera) => changes.iter().position(|change| name(change) == name(camera)),
+        None => {
+            let added = changes.iter().enumerate().filter(|(_, change)| !is_known(change));
+            added.map(|(position, _)| position).nth(number - of_job.len())
+        }
+    };
+    found.map(Some)
 }
 
 #[cfg(test)]
@@ -79,6 +114,65 @@ spp = { choice = [4] } # own
 name = "a"
 power = { uniform = ["1W", "2W"] }
 "#;
+
+    /// The place of the error of image 0, and its line; a job stands beside the study.
+    fn error_of(job: &str, study: &str) -> (String, String) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        std::fs::write(at("job.toml"), job).expect("written");
+        std::fs::write(at("study.toml"), study).expect("written");
+        match Study::open(at("study.toml")).expect("a study").check_jobs(1) {
+            Err(dunkelfeld::Error::Input(error)) => {
+                let file = error.file.file_name().expect("a name").to_string_lossy().into_owned();
+                (format!("{file}: {}", error.place), error.caret())
+            }
+            other => panic!("{study}: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn drawn_cameras_and_lists_have_the_line_of_the_study() {
+        let camera = "[[camera]]\nname = \"a\"\nposition = [0, 1, 0]\nlook_at = [0, 0, 0]\nvertical_fov = \"25deg\"\n";
+        let job =
+            format!("scene = \"none\"\n[film]\nwidth = 8\nheight = 8\n[lens]\ndistortion = [0.01, 0, 0, 0]\n{camera}");
+        let head = "[study]\njob = \"job.toml\"\n";
+        let fov = "vertical_fov = { uniform = [\"-5deg\", \"-4deg\"] }";
+        for (text, place, line) in [
+            (format!("[[camera]]\nname = \"a\"\n{fov}"), "[[camera]] 1, vertical_fov", fov),
+            (format!("[camera]\n{fov}"), "[camera] vertical_fov", fov),
+            (
+                format!("{camera}\n{}\n{fov}", "[[camera]]\nname = \"b\"\nposition = [0, 1, 0]"),
+                "[[camera]] 2, vertical_fov",
+                fov,
+            ),
+            (
+                "[[camera]]\nname = \"a\"\nposition = { choice = [[0, \"1m\", \"x\"]] }".into(),
+                "[[camera]] 1, position",
+                "position = { choice",
+            ),
+            (
+                "[lens]\ndistortion = { choice = [[\"x\", 0, 0, 0]] }".into(),
+                "[lens] distortion",
+                "distortion = { choice",
+            ),
+        ] {
+            let (found, caret) = error_of(&job, &format!("{head}{text}\n"));
+            assert_eq!(found, format!("study.toml: image 0, {place}"), "{text}");
+            assert!(caret.contains(line), "{text}: {caret}");
+        }
+        // A key of the job beside keys of the study.
+        let (found, caret) = error_of(
+            &job.replace("25deg", "-25deg"),
+            &format!("{head}[[camera]]\nname = \"a\"\nposition = {{ choice = [[0, 1, 0]] }}\n"),
+        );
+        assert_eq!(found, "job.toml: image 0, [[camera]] 1, vertical_fov");
+        assert!(caret.contains("vertical_fov = \"-25deg\""), "{caret}");
+        // Without a job.
+        let study = format!("{}\n[study]\n", job.replace("[0.01, 0, 0, 0]", "{ choice = [[\"x\", 0, 0, 0]] }"));
+        let (found, caret) = error_of("", &study);
+        assert_eq!(found, "study.toml: image 0, [lens] distortion");
+        assert!(caret.contains("distortion = { choice"), "{caret}");
+    }
 
     #[test]
     fn errors_of_drawn_keys_have_the_line_of_their_file() {

@@ -4,6 +4,7 @@ use crate::distribution::Fault;
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_io::quantity::Length;
 use serde::Deserialize;
+use toml::Value;
 
 /// Most key points of an object.
 const MOST: usize = 1000;
@@ -57,6 +58,15 @@ impl Names {
     /// Does one of the patterns match a name?
     pub(crate) fn match_name(&self, name: &str) -> bool {
         self.patterns().iter().any(|pattern| dunkelfeld_io::job::matches(pattern, name))
+    }
+}
+
+/// The texts of a value: a text, or those of a list.
+pub(crate) fn texts(value: &Value) -> Vec<String> {
+    match value {
+        Value::String(text) => vec![text.clone()],
+        Value::Array(items) => items.iter().flat_map(texts).collect(),
+        _ => Vec::new(),
     }
 }
 

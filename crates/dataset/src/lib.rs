@@ -37,6 +37,7 @@ mod resolved;
 mod rle;
 mod run;
 mod set;
+mod set_folder;
 mod stable;
 mod stable_text;
 mod study;

@@ -16,14 +16,14 @@ use crate::placement::Placement;
 use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, PlaceRecord, Record};
 use crate::set::Set;
 use crate::stable::Hulls;
-use crate::study::{DrawnJob, MAX_COUNT, PictureFormat, Study};
+use crate::study::{DrawnJob, LinearFormat, MAX_COUNT, PictureFormat, Study};
 use crate::surface_path::Surfaces;
 use crate::visibility::{Bounds, Exposed, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{
-    Budget, Cancel, DenoiseMethod, Error, Project, ProjectOptions, ProjectResult, RenderSettings, Session, Silent,
-    Stage,
+    Budget, Cancel, DenoiseMethod, Error, Project, ProjectOptions, ProjectResult, RenderSettings, SensorChoice,
+    Session, Silent, Stage,
 };
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
 use dunkelfeld_io::input::InputFiles;
@@ -157,7 +157,7 @@ impl Worker {
         inputs.extend(self.study.inputs());
         check_outputs(&[("the set", folder)], &inputs)?;
         check_folder(folder, &inputs)?;
-        let records = input_records(&self.study, &self.project.inputs)?;
+        let records = input_records(&self.study, &self.project.inputs);
         Set::start(folder, &self.study, self.ids(), records, count)
     }
 
@@ -179,6 +179,7 @@ impl Worker {
         let began = Instant::now();
         let mut job = self.study.job(index)?;
         let parts = self.change_scene(index, &mut job)?;
+        self.check_sensor(index)?;
         let change = began.elapsed().as_secs_f64();
         self.choose_settings(seconds);
         let result = self.project.render_with(&Silent, cancel).map_err(|e| in_study(&self.study, e, index))?;
@@ -282,6 +283,19 @@ impl Worker {
         }
         self.project.settings.camera.clone_from(&job.camera);
         Ok(parts)
+    }
+
+    /// Grey values are those of a sensor.
+    fn check_sensor(&self, index: u64) -> Result<(), Error> {
+        let images = &self.study.images;
+        let key = if images.raw { "raw" } else { "linear" };
+        let has_values = images.raw || images.linear != LinearFormat::None;
+        if !has_values || matches!(self.project.settings.sensor, SensorChoice::Emva { .. }) {
+            return Ok(());
+        }
+        let problem = format!("image {index}: there is no sensor, so there are no grey values");
+        let fault = Fault::new(problem, "let each image have a sensor, or remove this key");
+        Err(self.study.error(fault, &["study", "images", key]).into())
     }
 
     fn choose_settings(&mut self, seconds: Option<f64>) {

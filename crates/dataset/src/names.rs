@@ -1,6 +1,6 @@
 //! Names of the objects that the images of a study have.
 
-use crate::distribution::Template;
+use crate::distribution::{Fault, Template};
 use crate::study::Study;
 use dunkelfeld::{Error, Project};
 use dunkelfeld_io::job::Job;
@@ -109,6 +109,20 @@ impl<'a> ObjectNames<'a> {
             }
             self.read_next();
         }
+    }
+
+    /// Has one of the images an object for each of these patterns?
+    ///
+    /// # Errors
+    /// A pattern that matches no object.
+    pub(crate) fn check(&mut self, patterns: impl IntoIterator<Item = String>) -> Result<(), Fault> {
+        for pattern in patterns.into_iter().collect::<BTreeSet<_>>() {
+            if !self.any(|name| dunkelfeld_io::job::matches(&pattern, name)) {
+                let problem = format!("no object is called \"{pattern}\"");
+                return Err(Fault::new(problem, "`dunkelfeld inspect` lists the objects"));
+            }
+        }
+        Ok(())
     }
 
     fn extend(&mut self, names: Vec<String>) {

@@ -1,8 +1,8 @@
 //! `[[study.place]]`: objects at drawn places that keep apart.
 
-use crate::distribution::Fault;
+use crate::distribution::{Fault, Template};
 use crate::draws::{Draws, uniform};
-use crate::label_entry::Names;
+use crate::label_entry::{Names, texts};
 use crate::names::ObjectNames;
 use crate::stable::{Hulls, choose};
 use crate::study::Study;
@@ -113,10 +113,12 @@ impl Placement {
         for number in 0..study.place.len() {
             let at = |fault: Fault| (number, fault);
             let placement = Self::drawn(study, number, 0).map_err(at)?;
-            if !names.any(|name| placement.objects.match_name(name)) {
-                let help = "`dunkelfeld inspect` lists the objects";
-                return Err(at(Fault::new("no object has such a name", help).below("objects")));
-            }
+            let own = match &study.place[number] {
+                Template::Table(keys) => keys.get("objects").map(|value| study.alternatives_of(value)),
+                _ => None,
+            };
+            let patterns = own.iter().flatten().flat_map(texts).chain(placement.objects.patterns().to_vec());
+            names.check(patterns).map_err(|fault| at(fault.below("objects")))?;
         }
         Ok(())
     }

@@ -8,6 +8,7 @@ use crate::make::Made;
 use crate::record::{Cost, FORMAT, FileRecord, Record};
 use crate::report::{ReportError, SetView, SheetOptions, contact_sheet, page};
 use crate::resolved::resolved_study;
+use crate::set_folder::{OpenMark, enter, is_open, remove_empty, remove_stale};
 use crate::stable_text::text_hash;
 use crate::study::{MAX_COUNT, PictureFormat, Segmentation, Study};
 use dunkelfeld::{Error, written};
@@ -21,6 +22,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// The page of a set, which contains times.
@@ -76,6 +78,8 @@ pub(crate) type Content<'a> = dyn Fn(&mut dyn Write) -> std::io::Result<()> + 'a
 pub struct Set {
     path: PathBuf,
     manifest: Manifest,
+    /// The mark of a set that is open for its images.
+    mark: Option<Arc<OpenMark>>,
 }
 
 fn program() -> String {
@@ -107,11 +111,8 @@ impl Set {
         count: u64,
     ) -> Result<Self, Error> {
         let fault = |problem: String, help: &str| Error::Output { file: path.into(), problem, help: help.into() };
-        fs::create_dir_all(path)
-            .map_err(|e| fault(format!("cannot be made: {e}"), "name a folder on a disk with room"))?;
-        let file = path.join("set.json");
         // Two processes may start the same set.
-        let _lock = wait_for(&file)?;
+        let _lock = enter(path)?;
         let mut manifest = Manifest {
             format: FORMAT,
             program: program(),
@@ -129,23 +130,34 @@ impl Set {
         match Self::read(path) {
             Ok(set) => {
                 let before = set.manifest;
+                let is_same = before.study_hash == manifest.study_hash;
                 let is_empty = !(0..before.count).any(|index| path.join(record_name(index)).is_file());
-                if is_empty {
-                    // Nothing was made: the study may have been corrected.
+                let is_open = is_empty.then(|| is_open(&path.join("records"))).flatten();
+                if is_empty && is_open != Some(true) {
+                    // Nothing was made: the study may have been corrected. Images without a record may have other names.
+                    if is_open.is_some() && (!is_same || manifest.count < before.count) {
+                        remove_stale(path);
+                    }
                     put(path, "set.json", &json(&manifest))?;
-                } else if before.program != manifest.program {
-                    let problem = other_program(&before.program);
-                    return Err(fault(problem, "name another folder, or use that version"));
-                }
-                if !is_empty && before.study_hash != manifest.study_hash {
-                    let problem = format!("holds a set of another study, or of \"{}\" before a change", before.study);
-                    return Err(fault(problem, "name another folder for the changed study"));
-                }
-                if !is_empty && let Some(change) = changed_input(&before.inputs, &manifest.inputs, study) {
-                    let problem = format!("holds images that were made from {change}");
-                    return Err(fault(problem, "restore the file, or name another folder for the new images"));
-                }
-                if !is_empty {
+                } else {
+                    if before.program != manifest.program {
+                        let problem = other_program(&before.program);
+                        return Err(fault(problem, "name another folder, or use that version"));
+                    }
+                    if !is_same && is_empty {
+                        let problem =
+                            format!("is in use for another study, or for \"{}\" before a change", before.study);
+                        return Err(fault(problem, "wait until the other run ends, or name another folder"));
+                    }
+                    if !is_same {
+                        let problem =
+                            format!("holds a set of another study, or of \"{}\" before a change", before.study);
+                        return Err(fault(problem, "name another folder for the changed study"));
+                    }
+                    if let Some(change) = changed_input(&before.inputs, &manifest.inputs) {
+                        let problem = format!("holds images that were made from {change}");
+                        return Err(fault(problem, "restore the file, or name another folder for the new images"));
+                    }
                     manifest.count = manifest.count.max(before.count);
                     manifest = manifest.sealed();
                     if manifest != before {
@@ -172,21 +184,13 @@ impl Set {
             let folder = path.join(folder);
             written(&folder, fs::create_dir_all(&folder))?;
         }
-        Ok(Self { path: path.into(), manifest })
+        let mark = OpenMark::new(&path.join("records")).map(Arc::new);
+        Ok(Self { path: path.into(), manifest, mark })
     }
 
-    /// Removes the folder of a set without images. A folder that contains any other file is left.
-    pub(crate) fn discard(&self) {
-        // Claims and partial files of other processes are in these folders, which then are not empty.
-        let folders = fs::read_dir(&self.path).into_iter().flatten().flatten().filter(|entry| entry.path().is_dir());
-        if folders.map(|entry| fs::remove_dir(entry.path())).any(|removed| removed.is_err()) {
-            return;
-        }
-        for name in ["study.toml", "set.json"] {
-            // A file that stays is in a folder that stays.
-            let _ = fs::remove_file(self.path.join(name));
-        }
-        let _ = fs::remove_dir(&self.path);
+    /// Removes the folder of a set without images that nobody else has open. A folder that contains any other file is left.
+    pub fn discard(&self) {
+        remove_empty(&self.path, self.mark.as_deref());
     }
 
     /// Opens a set that exists.
@@ -209,7 +213,7 @@ impl Set {
         if !(1..=MAX_COUNT).contains(&manifest.count) {
             return Err(fault(format!("has a count of {}, which no set has", manifest.count)).into());
         }
-        Ok(Self { path: path.into(), manifest })
+        Ok(Self { path: path.into(), manifest, mark: None })
     }
 
     /// The folder.
@@ -537,16 +541,4 @@ fn put(folder: &Path, name: &str, content: &[u8]) -> Result<(), Error> {
 fn report_error(error: ReportError) -> Error {
     let ReportError { file, problem, help } = error;
     InputError::new(file, "the file", problem, help).into()
-}
-
-/// Waits for another process that starts or finishes the same set, which takes milliseconds.
-fn wait_for(target: &Path) -> Result<TargetLock, Error> {
-    const PAUSES: u32 = 500;
-    for _ in 0..PAUSES {
-        if let Some(lock) = TargetLock::try_acquire(target)? {
-            return Ok(lock);
-        }
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
-    Ok(TargetLock::acquire(target)?)
 }

@@ -4,7 +4,8 @@ use crate::coco::Segmentation;
 use crate::encode::ImageLabels;
 use crate::ids::SetNames;
 use crate::record::{FileRecord, Record};
-use crate::set::{Content, REPORT, Set, cost_name, read_bytes, record_name};
+use crate::set::{Content, MISSING, REPORT, Set, cost_name, read_bytes, record_name};
+use crate::set_folder::FOLDERS;
 use dunkelfeld::{Error, InputError};
 use dunkelfeld_io::gray::read_gray;
 use dunkelfeld_io::input::{InputFiles, MAX_STREAMED, OpenFile, ReadFault, Role};
@@ -105,10 +106,6 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
     }
     Ok(found)
 }
-
-/// The folders of the files of images.
-const FOLDERS: [&str; 11] =
-    ["costs", "coverage", "depth", "images", "labels", "linear", "masks", "normals", "raw", "records", "semantic"];
 
 /// The files that the images of a set may have.
 #[derive(Default)]
@@ -219,6 +216,10 @@ fn check_image(set: &Set, record: &Record, found: &mut Verified) -> u64 {
             is_mask_whole &= !name.starts_with("masks/");
             found.fault(fault);
         }
+    }
+    let cost = cost_name(record.index);
+    if !set.path().join(&cost).is_file() {
+        found.fault(format!("{cost} {MISSING}"));
     }
     let labels: Result<ImageLabels, Error> = set.parsed(&format!("labels/{:06}.json", record.index));
     let labels = match labels {

@@ -53,7 +53,10 @@ pub(crate) fn add_defect(
     spec: &DefectSpec,
     stream: &mut Pcg,
 ) -> Result<PlacedDefect, DefectProblem> {
-    check(scene, spec)?;
+    check_numbers(spec)?;
+    let help = "name at least one object of the scene";
+    fits("on", !spec.on.is_empty(), "the defect has no candidates", help)?;
+    fits("on", spec.on.iter().all(|i| *i < scene.instances.len()), "a candidate is no object of the scene", help)?;
     match spec.kind {
         DefectKind::Scratch | DefectKind::Dent | DefectKind::Stain | DefectKind::Dust | DefectKind::Fibre => {
             place::on_surface(scene, spec, stream)
@@ -64,10 +67,13 @@ pub(crate) fn add_defect(
 }
 
 /// Smallest size \[m\]. Smaller bodies lose their shape in f32.
-const SMALLEST: f64 = 1e-9;
+pub(crate) const SMALLEST: f64 = 1e-9;
 
 /// Checks the numbers that the kind uses.
-fn check(scene: &SceneBuilder, spec: &DefectSpec) -> Result<(), DefectProblem> {
+///
+/// # Errors
+/// A number out of its range, at its key.
+pub(crate) fn check_numbers(spec: &DefectSpec) -> Result<(), DefectProblem> {
     use DefectKind::{Dent, Faded, Fibre, Missing, Scratch, Stain};
     let kind = spec.kind;
     let size = |name: &'static str, value: f64| {
@@ -114,10 +120,7 @@ fn check(scene: &SceneBuilder, spec: &DefectSpec) -> Result<(), DefectProblem> {
         has_direction,
         "the direction that the surface must face has no length",
         "give a vector other than 0",
-    )?;
-    let help = "name at least one object of the scene";
-    fits("on", !spec.on.is_empty(), "the defect has no candidates", help)?;
-    fits("on", spec.on.iter().all(|i| *i < scene.instances.len()), "a candidate is no object of the scene", help)
+    )
 }
 
 fn fits(key: &'static str, condition: bool, problem: &str, help: &'static str) -> Result<(), DefectProblem> {

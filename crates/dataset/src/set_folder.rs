@@ -1,0 +1,155 @@
+//! The folder of a set among several processes: its start and its removal, one at a time, and a mark that it is open.
+
+use dunkelfeld::Error;
+use dunkelfeld_io::lock::TargetLock;
+use std::fs::{self, File, TryLockError};
+use std::io::ErrorKind;
+use std::path::Path;
+use std::time::Duration;
+
+/// The mark of a process that has a set open. It ends with the process, and is no file of the set.
+#[derive(Debug)]
+pub(crate) struct OpenMark(File);
+
+impl OpenMark {
+    /// Marks the folder of the records of a set, by a shared lock of the operating system. `None` where the file system has
+    /// no locks of folders.
+    pub(crate) fn new(records: &Path) -> Option<Self> {
+        let folder = File::open(records).ok()?;
+        folder.try_lock_shared().ok()?;
+        Some(Self(folder))
+    }
+
+    /// Has nobody else marked the set? If somebody has, the mark ends, so that the last one finds itself alone.
+    pub(crate) fn is_last(&self) -> bool {
+        let is_last = self.0.try_lock().is_ok();
+        if !is_last {
+            let _ = self.0.unlock();
+        }
+        is_last
+    }
+}
+
+/// Has anybody marked a set? `None` where the file system has no locks of folders.
+pub(crate) fn is_open(records: &Path) -> Option<bool> {
+    match File::open(records).map(|folder| folder.try_lock()) {
+        Ok(Ok(())) => Some(false),
+        Ok(Err(TryLockError::WouldBlock)) => Some(true),
+        Ok(Err(TryLockError::Error(_))) => None,
+        Err(e) => (e.kind() == ErrorKind::NotFound).then_some(false),
+    }
+}
+
+/// Creates the folder of a set, and waits for another process that starts, finishes or removes the same set, which takes
+/// milliseconds.
+pub(crate) fn enter(path: &Path) -> Result<TargetLock, Error> {
+    const PAUSES: u32 = 500;
+    /// Another process may have removed the folder.
+    const TRIES: u32 = 10;
+    let file = path.join("set.json");
+    for pause in 0..PAUSES {
+        fs::create_dir_all(path).map_err(|e| Error::Output {
+            file: path.into(),
+            problem: format!("cannot be made: {e}"),
+            help: "name a folder on a disk with room".into(),
+        })?;
+        match TargetLock::try_acquire(&file) {
+            Ok(Some(lock)) => return Ok(lock),
+            Err(e) if pause >= TRIES => return Err(e.into()),
+            Ok(None) | Err(_) => std::thread::sleep(Duration::from_millis(20)),
+        }
+    }
+    Ok(TargetLock::acquire(&file)?)
+}
+
+/// The folders of the files of images.
+pub(crate) const FOLDERS: [&str; 11] =
+    ["costs", "coverage", "depth", "images", "labels", "linear", "masks", "normals", "raw", "records", "semantic"];
+
+/// Removes the files of images in the folder of a set in which no image is finished, and that nobody has open.
+pub(crate) fn remove_stale(path: &Path) {
+    for folder in FOLDERS {
+        for entry in fs::read_dir(path.join(folder)).into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            let is_index = |(index, _): (&str, &str)| index.parse::<u64>().is_ok();
+            if name.split_once('.').is_some_and(is_index) {
+                // A file that stays is found by a check.
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+    }
+}
+
+/// Removes the folder of a set without images that nobody else has open. A folder that contains any other file is left.
+pub(crate) fn remove_empty(path: &Path, mark: Option<&OpenMark>) {
+    let Ok(lock) = enter(path) else { return };
+    if !mark.is_some_and(OpenMark::is_last) {
+        return;
+    }
+    let folders = fs::read_dir(path).into_iter().flatten().flatten().filter(|entry| entry.path().is_dir());
+    if folders.map(|entry| fs::remove_dir(entry.path())).any(|removed| removed.is_err()) {
+        return;
+    }
+    for name in ["study.toml", "set.json"] {
+        // A file that stays is in a folder that stays.
+        let _ = fs::remove_file(path.join(name));
+    }
+    drop(lock);
+    // Another process that starts the set has its lock in the folder.
+    let _ = fs::remove_dir(path);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn start(path: &Path) -> Option<OpenMark> {
+        let _lock = enter(path).expect("a folder");
+        for name in ["records", "labels"] {
+            fs::create_dir_all(path.join(name)).expect("a folder");
+        }
+        fs::write(path.join("set.json"), "{}").expect("written");
+        OpenMark::new(&path.join("records"))
+    }
+
+    #[test]
+    fn the_last_one_removes_an_empty_set() {
+        let home = tempfile::tempdir().expect("a folder");
+        let path = home.path().join("a/set");
+        let [first, second] = [(); 2].map(|()| start(&path));
+        assert!(first.is_some() && second.is_some());
+        remove_empty(&path, None);
+        remove_empty(&path, first.as_ref());
+        assert!(path.join("records").is_dir() && path.join("labels").is_dir() && path.join("set.json").is_file());
+        // The first one has given up its mark, although it is still there.
+        assert_eq!(is_open(&path.join("records")), Some(true));
+        remove_empty(&path, second.as_ref());
+        assert!(!path.exists() && is_open(&path.join("records")) == Some(false));
+        // A file of an image keeps the folder.
+        let mark = start(&path);
+        fs::write(path.join("records/000000.json"), "{}").expect("written");
+        remove_empty(&path, mark.as_ref());
+        assert!(path.join("set.json").is_file());
+    }
+
+    /// Two threads start and remove one set many times: each of them finds the folder of its records until its end.
+    #[test]
+    fn starts_and_removals_do_not_fight() {
+        let home = tempfile::tempdir().expect("a folder");
+        let path = home.path().join("set");
+        std::thread::scope(|scope| {
+            for _ in 0..3 {
+                scope.spawn(|| {
+                    for _ in 0..40 {
+                        let mark = start(&path);
+                        assert!(path.join("records").is_dir() && path.join("set.json").is_file());
+                        std::thread::yield_now();
+                        assert!(path.join("records").is_dir() && path.join("set.json").is_file());
+                        remove_empty(&path, mark.as_ref());
+                    }
+                });
+            }
+        });
+        assert!(!path.exists());
+    }
+}
