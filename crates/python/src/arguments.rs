@@ -7,7 +7,7 @@ use dunkelfeld::io::{Length, Memory, QuantityError};
 use dunkelfeld::removable_effects;
 use dunkelfeld::scene::{Effect, Vignetting};
 use dunkelfeld::sensor::ExposureNoise;
-use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::{PyOverflowError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PyBool;
 use std::path::PathBuf;
@@ -65,6 +65,46 @@ pub(crate) fn checked_threads(threads: Option<usize>) -> Result<Option<usize>, F
         }
         threads => Ok(threads),
     }
+}
+
+/// Whole numbers from 0 on. One below 0, or beyond any use, is the error of its argument.
+fn natural<T>(what: &str, value: &Bound<'_, PyAny>, extracted: PyResult<T>) -> PyResult<T> {
+    extracted.map_err(|e| match e.is_instance_of::<PyOverflowError>(value.py()) {
+        true => setting(what, format!("{value} is out of range"), "pass whole numbers from 0 on").into(),
+        false => e,
+    })
+}
+
+/// The argument `threads`.
+pub(crate) fn threads_of(value: &Bound<'_, PyAny>) -> PyResult<usize> {
+    natural("threads", value, value.extract())
+}
+
+/// The argument `threads`, which may be None.
+pub(crate) fn some_threads_of(value: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
+    natural("threads", value, value.extract())
+}
+
+/// The argument `jobs`, which may be None.
+pub(crate) fn jobs_of(value: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
+    let jobs: Option<usize> = natural("jobs", value, value.extract())?;
+    match jobs {
+        Some(n) if !(1..=MOST_THREADS).contains(&n) => {
+            let help = format!("use 1 to {MOST_THREADS}; None means one for each core");
+            Err(setting("jobs", format!("{n} is out of range"), &help).into())
+        }
+        jobs => Ok(jobs),
+    }
+}
+
+/// The argument `index`.
+pub(crate) fn index_of(value: &Bound<'_, PyAny>) -> PyResult<u64> {
+    natural("index", value, value.extract())
+}
+
+/// The argument `indices`, which may be None.
+pub(crate) fn indices_of(value: &Bound<'_, PyAny>) -> PyResult<Option<Vec<u64>>> {
+    natural("indices", value, value.extract())
 }
 
 /// A limit of memory: bytes, or a text such as "6GB".

@@ -1,6 +1,6 @@
 //! Commands on files.
 
-use crate::arguments::{MemoryArgument, checked_threads};
+use crate::arguments::{MemoryArgument, checked_threads, threads_of};
 use crate::errors::{Failure, setting};
 use crate::film::Film;
 use crate::inputs::absolute;
@@ -18,7 +18,7 @@ use std::time::Instant;
 pub(crate) fn merge(
     py: Python<'_>,
     paths: Vec<PathBuf>,
-    threads: usize,
+    #[pyo3(from_py_with = threads_of)] threads: usize,
     checkpoint: Option<PathBuf>,
     memory: Option<MemoryArgument>,
 ) -> Result<Film, Failure> {

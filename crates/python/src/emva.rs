@@ -1,6 +1,6 @@
 //! EMVA 1288: data sets of simulated cameras, and the analysis of data sets. The module `dunkelfeld.emva` has the docstrings.
 
-use crate::arguments::{LengthArgument, checked_threads, named};
+use crate::arguments::{LengthArgument, checked_threads, named, some_threads_of};
 use crate::errors::{Failure, setting};
 use crate::json::loaded;
 use crate::progress::{completed, supervised};
@@ -38,7 +38,7 @@ pub(crate) fn emva_dataset<'py>(
     bit_depth: Option<u32>,
     color: Option<&str>,
     seed: Option<u64>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
     let model = match sensor {
@@ -87,7 +87,7 @@ pub(crate) fn emva_analyse<'py>(
     pixel_pitch: Option<LengthArgument>,
     json: Option<PathBuf>,
     html: Option<PathBuf>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
     let release = named("release", release, &[("4.0", Release::R40), ("3.1", Release::R31)])?;

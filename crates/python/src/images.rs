@@ -1,6 +1,6 @@
 //! Images of any renderer: exposed and denoised, from EXR files or arrays.
 
-use crate::arguments::{MemoryArgument, checked_threads, exposure_noise_of, method_of, vignetting_of};
+use crate::arguments::{MemoryArgument, checked_threads, exposure_noise_of, method_of, some_threads_of, vignetting_of};
 use crate::arrays::{ImageArray, rgb, stack};
 use crate::errors::{Failure, setting};
 use crate::progress::{completed, supervised};
@@ -66,7 +66,7 @@ pub(crate) fn expose_exr<'py>(
     focal_length: Option<f64>,
     layer: Option<String>,
     memory: Option<MemoryArgument>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
 ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
     let lens = [f_number, transmission, magnification, focal_length];
     let mut options = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?;
@@ -109,7 +109,7 @@ pub(crate) fn expose_exr_files<'py>(
     focal_length: Option<f64>,
     layer: Option<String>,
     memory: Option<MemoryArgument>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
     let lens = [f_number, transmission, magnification, focal_length];
@@ -156,7 +156,7 @@ pub(crate) fn expose_radiance<'py>(
     vignetting: Option<&str>,
     focal_length: Option<f64>,
     memory: Option<MemoryArgument>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
 ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
     let lens = [f_number, transmission, magnification, focal_length];
     let settings = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?.settings()?;
@@ -193,7 +193,7 @@ pub(crate) fn denoise_exr<'py>(
     denoise: Option<&str>,
     oidn: Option<PathBuf>,
     memory: Option<MemoryArgument>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
     let settings = denoiser(denoise, oidn)?;
@@ -230,7 +230,7 @@ pub(crate) fn denoise_radiance<'py>(
     denoise: Option<&str>,
     oidn: Option<PathBuf>,
     memory: Option<MemoryArgument>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
     let settings = denoiser(denoise, oidn)?;

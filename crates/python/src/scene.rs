@@ -1,8 +1,8 @@
 //! Scenes: opened, changed and rendered.
 
 use crate::arguments::{
-    MemoryArgument, NamesArgument, checked_threads, effect_left_out, exposure_noise_of, method_of, strategy_of,
-    vignetting_of,
+    MemoryArgument, NamesArgument, checked_threads, effect_left_out, exposure_noise_of, method_of, some_threads_of,
+    strategy_of, threads_of, vignetting_of,
 };
 use crate::arrays::CountsArray;
 use crate::errors::{Failure, Interrupted, setting};
@@ -176,7 +176,12 @@ fn replay_of(plan: &Bound<'_, PyAny>) -> Result<ReplayOption, Failure> {
 impl Scene {
     #[new]
     #[pyo3(signature = (path, *, without=None, threads=0))]
-    fn new(py: Python<'_>, path: PathBuf, without: Option<NamesArgument>, threads: usize) -> Result<Self, Failure> {
+    fn new(
+        py: Python<'_>,
+        path: PathBuf,
+        without: Option<NamesArgument>,
+        #[pyo3(from_py_with = threads_of)] threads: usize,
+    ) -> Result<Self, Failure> {
         let without = effects_of(without)?;
         py.detach(|| Self::open(path, None, without, threads).map_err(PyErr::from)).map_err(Failure::from)
     }
@@ -190,7 +195,7 @@ impl Scene {
         job: &Bound<'_, PyAny>,
         folder: Option<PathBuf>,
         without: Option<NamesArgument>,
-        threads: usize,
+        #[pyo3(from_py_with = threads_of)] threads: usize,
     ) -> Result<Self, Failure> {
         let path = folder.unwrap_or_default().join("job.toml");
         let (text, without) = (job_text(job)?, effects_of(without)?);
@@ -247,7 +252,7 @@ impl Scene {
         camera: Option<String>,
         seed: Option<u64>,
         frame: Option<u32>,
-        threads: Option<usize>,
+        #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
         samples: Option<(u32, u32)>,
         strategy: Option<&str>,
         sensor: Option<SensorArgument>,

@@ -1,7 +1,7 @@
 //! The studies of a scene: `bench` and `ptc`.
 
 use crate::arguments::{
-    MemoryArgument, NamesArgument, PathsArgument, checked_threads, effect_of, method_of, strategy_of,
+    MemoryArgument, NamesArgument, PathsArgument, checked_threads, effect_of, method_of, some_threads_of, strategy_of,
 };
 use crate::errors::{Failure, setting};
 use crate::json::loaded;
@@ -155,7 +155,7 @@ pub(crate) fn bench<'py>(
     exposure: Option<ExposureArgument>,
     seed: Option<u64>,
     memory: Option<MemoryArgument>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
     let input = input.path()?;
@@ -221,7 +221,7 @@ pub(crate) fn ptc<'py>(
     exposure: Option<ExposureArgument>,
     seed: Option<u64>,
     memory: Option<MemoryArgument>,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
     let inputs = input.list()?;

@@ -1,6 +1,6 @@
 //! Data sets: studies, single images for programs that distribute them, and the folder of a set.
 
-use crate::arguments::checked_threads;
+use crate::arguments::{checked_threads, index_of, indices_of, jobs_of, some_threads_of, threads_of};
 use crate::errors::{Failure, internal, setting};
 use crate::inputs::names_of;
 use crate::json::loaded;
@@ -77,20 +77,17 @@ impl Study {
         py: Python<'py>,
         folder: PathBuf,
         count: Option<u64>,
-        indices: Option<Vec<u64>>,
-        jobs: Option<usize>,
-        threads: Option<usize>,
+        #[pyo3(from_py_with = indices_of)] indices: Option<Vec<u64>>,
+        #[pyo3(from_py_with = jobs_of)] jobs: Option<usize>,
+        #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
         time: Option<f64>,
         until: Option<Bound<'py, PyAny>>,
         forecast: Option<Py<PyAny>>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Bound<'py, PyDict>, Failure> {
-        if jobs == Some(0) {
-            return Err(setting("jobs", "0 is out of range", "use 1 or more; None means one for each core"));
-        }
         let mut options = RunOptions::default();
         (options.count, options.indices) = (count, indices);
-        options.jobs = checked_threads(jobs)?;
+        options.jobs = jobs;
         options.threads = checked_threads(threads)?;
         options.seconds = match until {
             None => checked_seconds(time)?,
@@ -125,7 +122,11 @@ impl Study {
 
     /// Loads the scene, and makes single images. `threads` is the number of threads of each image; 0 means one per core.
     #[pyo3(signature = (threads=1))]
-    fn worker(&self, py: Python<'_>, threads: usize) -> Result<StudyWorker, Failure> {
+    fn worker(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = threads_of)] threads: usize,
+    ) -> Result<StudyWorker, Failure> {
         let threads = checked_threads(Some(threads))?.unwrap_or(1);
         let worker = py.detach(|| Worker::open(&self.0, threads))?;
         let inputs = names_of([worker.project().inputs.iter(), self.0.inputs().iter()].into_iter().flatten());
@@ -255,7 +256,12 @@ impl StudyWorker {
     /// replaces the budget of the job; the image then depends on the speed of the machine. Nothing is written. Ctrl-C ends
     /// it.
     #[pyo3(signature = (index, time=None))]
-    fn make(&self, py: Python<'_>, index: u64, time: Option<f64>) -> Result<Made, Failure> {
+    fn make(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = index_of)] index: u64,
+        time: Option<f64>,
+    ) -> Result<Made, Failure> {
         let time = checked_seconds(time)?;
         let cancel = Cancel::new();
         let (result, raised) = interruptible(py, &cancel, || {
@@ -280,6 +286,12 @@ impl StudyWorker {
     #[getter]
     fn is_timed(&self, py: Python<'_>) -> PyResult<bool> {
         self.with(py, |worker| worker.project().settings.budget.seconds.is_some())
+    }
+
+    /// Settings of the study that have no effect, in sentences. `Study.run` gives them as warnings.
+    #[getter]
+    fn warnings(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.with(py, |worker| worker.warnings().to_vec())
     }
 
     /// The absolute paths of the files that image 0 is made from: the scene with its textures, sensors, job and study. Files
@@ -422,6 +434,11 @@ impl DataSet {
     /// so on.
     fn assemble(&self, py: Python<'_>) -> Result<(), Failure> {
         Ok(py.detach(|| self.0.assemble())?)
+    }
+
+    /// Removes the folder of a set without images that no other object or process has open.
+    fn _discard(&self, py: Python<'_>) {
+        py.detach(|| self.0.discard());
     }
 
     /// Checks the set as `dunkelfeld dataset --verify`: the size and the hash of each file, labels against masks, and the files

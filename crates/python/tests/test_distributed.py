@@ -222,6 +222,10 @@ def test_one_cluster_continues_shares_ships_and_refuses(
     assert (summary["made"], summary["finished"]) == (3, 3)
     assert summary["failed"] == expected["failed"] and [index for index, _ in summary["failed"]] == [2]
     assert_same(tmp_path / "some", tmp_path / "some-shipped")
+    twice = tmp_path / "twice.toml"
+    twice.write_text(STUDY.replace('objects = ["ball"]', 'objects = ["ball", "ball"]'))
+    with pytest.warns(UserWarning, match='has "ball" twice'):
+        distributed.make(twice, tmp_path / "twice", client, count=1)
     # Without one of the first 16 images nothing is made, also if later images fit and are ready before.
     late = tmp_path / "late.toml"
     late.write_text(
@@ -231,7 +235,7 @@ def test_one_cluster_continues_shares_ships_and_refuses(
         with pytest.raises(df.InputError, match="image 0: ") as first:
             distributed.make(late, tmp_path / "late", client, count=18, shared=shared)
         assert "finds no place" in (first.value.problem or "")
-        assert not list((tmp_path / "late" / "records").glob("*.json"))
+        assert not (tmp_path / "late").exists()
     summary = distributed.make(late, tmp_path / "late", client, count=18, indices=[3, 16, 17])
     assert [index for index, _ in summary["failed"]] == [3] and summary["made"] == 2
     changed = tmp_path / "changed.toml"
@@ -244,6 +248,11 @@ def test_one_cluster_continues_shares_ships_and_refuses(
     calls: list[tuple[Callable[[], object], str]] = [
         (lambda: distributed.make(study, tmp_path / "x", client, indices=[5]), "no image 5"),
         (lambda: distributed.make(study, tmp_path / "x", client, indices=[-1]), "no image -1"),
+        (lambda: distributed.make(study, tmp_path / "x", client, indices=[1.9]), "indices: 1.9 is not a whole"),  # type: ignore[list-item]
+        (lambda: distributed.make(study, tmp_path / "x", client, indices=["0"]), "indices: '0' is not a whole"),  # type: ignore[list-item]
+        (lambda: distributed.make(study, tmp_path / "x", client, retries=1.5), "retries: 1.5 is not a whole"),  # type: ignore[arg-type]
+        (lambda: distributed.make(study, tmp_path / "x", client, count=2.5), "count: 2.5 is not a whole"),  # type: ignore[arg-type]
+        (lambda: distributed.make(study, tmp_path / "x", client, threads=-1), "threads: -1 is out of range"),
         (lambda: distributed.make(study, tmp_path / "x", client, retries=-1), "retries"),
         (lambda: distributed.make(study, tmp_path / "x", client, patience=0.0), "patience"),
         (lambda: distributed.make(study, tmp_path / "x", client, stall=0.5), "stall"),
@@ -256,6 +265,7 @@ def test_one_cluster_continues_shares_ships_and_refuses(
         with pytest.raises(df.SettingError, match=says) as wrong:
             call()
         assert wrong.value.help and wrong.value.problem
+        assert not (tmp_path / "x").exists()
     # Nothing remains on the cluster.
     deadline = time.monotonic() + 10
     while client.who_has() and time.monotonic() < deadline:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import operator
 import os
 import queue
 import statistics
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-__all__ = ["Attempt", "Cluster", "dask", "setting"]
+__all__ = ["Attempt", "Cluster", "dask", "setting", "whole_number"]
 
 
 def dask() -> Any:
@@ -38,6 +39,14 @@ def setting(what: str, problem: str, help: str) -> SettingError:
     error = SettingError(f"{what}: {problem}\n  help: {help}")
     error.place, error.problem, error.help = what, problem, help
     return error
+
+
+def whole_number(name: str, number: int) -> int:
+    """A whole number, also one of numpy."""
+    try:
+        return operator.index(number)
+    except TypeError:
+        raise setting(name, f"{number!r} is not a whole number", "pass a whole number, such as 64") from None
 
 
 def failure(problem: str, help: str) -> DunkelfeldError:
@@ -95,6 +104,7 @@ class Cluster:
     ) -> None:
         if getattr(client, "asynchronous", False):
             raise setting("client", "is asynchronous", "pass a Client that was made without asynchronous=True")
+        retries = whole_number("retries", retries)
         if retries < 0:
             raise setting("retries", f"{retries} is out of range", "pass 0 or more")
         if not patience > 0:

@@ -16,10 +16,10 @@ on the worker that makes it, so the first result counts. See `docs/distributed.m
 from __future__ import annotations
 
 import math
-import operator
 import os
 import tempfile
 import time as clock
+import warnings
 from collections import Counter, deque
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 
-from ._attempts import Attempt, Cluster, setting
+from ._attempts import Attempt, Cluster, setting, whole_number
 from ._native import Film, InputError, Made, Scene, Study, merge
 from ._tasks import file_of, make_image, merge_parts, render_part, shipped
 
@@ -95,7 +95,7 @@ def make(
 ) -> MakeSummary:
     """Makes the missing images of a set on the workers of a Dask `client`, and then the files of the whole set.
 
-    The set is that of `Study(study).run(folder)`, byte by byte. The same call continues after the end of this process.
+    The set is that of `Study(study).run(folder)`, byte by byte, with the same warnings. The same call continues after the end of this process.
     Other processes may work on the same folder.
 
     `count` is the number of images (default: that of the study), and `indices` are the only images to make. `threads` is
@@ -114,7 +114,7 @@ def make(
     `progress` is called with (finished images, all images, elapsed [s], remaining [s] or None).
 
     An image whose draws do not fit is left out, and is in `failed`. If the set has no image yet, and none of the first 16
-    images of the call can be made, the error of the first one is raised, and no image is written. With `shared`, the other images
+    images of the call can be made, the error of the first one is raised, no image is written, and a new folder is removed. With `shared`, the other images
     start when one of the first 16 is made.
 
     Raises the errors of the study, `SettingError` if a worker has other files or another version of the package, and
@@ -139,15 +139,23 @@ class _SetMaker:
         progress: _Progress | None,
     ) -> None:
         self.began = clock.monotonic()
-        self.client, self.threads, self.progress = client, threads, progress
+        self.client, self.threads, self.progress = client, whole_number("threads", threads), progress
+        # Wrong arguments leave no folder.
+        chosen = None if indices is None else sorted({whole_number("indices", index) for index in indices})
+        count = None if count is None else whole_number("count", count)
+        self.made = 0
         self.study = study if isinstance(study, Study) else Study(study)
         # The scene is loaded for its instances and for the list of its files.
         loaded = self.study.worker(threads=threads)
         self.inputs = loaded.inputs
+        self.is_new = not Path(folder).exists()
         self.set: DataSet = loaded.open(folder, count)
-        wanted = range(self.set.count) if indices is None else sorted({int(index) for index in indices})
+        for warning in loaded.warnings:
+            warnings.warn(warning, UserWarning, stacklevel=3)
+        wanted = range(self.set.count) if chosen is None else chosen
         wrong = next((index for index in wanted if not 0 <= index < self.set.count), None)
         if wrong is not None:
+            self._discard()
             problem = f"there is no image {wrong}: the set has {self.set.count}, counted from 0"
             raise setting("indices", problem, "pass smaller indices, or a larger count")
         missing = set(self.set.missing())
@@ -160,11 +168,30 @@ class _SetMaker:
         # Images that another process has claimed: when they are looked at again, and until when. A worker may stall while
         # it writes.
         self.held: list[tuple[float, float, Attempt, Made | None]] = []
-        self.made, self.received = 0, 0
+        self.received = 0
         self.failed: list[tuple[int, InputError]] = []
         self.workers: Counter[str] = Counter()
 
     def run(
+        self,
+        time: float | None,
+        shared: bool,
+        ship: bool,
+        files: Iterable[_Path],
+        limits: tuple[float, float, int],
+    ) -> MakeSummary:
+        try:
+            return self._run(time, shared, ship, files, limits)
+        except Exception:
+            self._discard()
+            raise
+
+    def _discard(self) -> None:
+        """Removes a new folder without images."""
+        if self.is_new and not self.made:
+            self.set._discard()
+
+    def _run(
         self,
         time: float | None,
         shared: bool,
@@ -297,14 +324,6 @@ def _message(error: InputError) -> str:
     return f"{error.file}: {error.place}: {error.problem}\n  help: {error.help}"
 
 
-def _whole(name: str, number: int) -> int:
-    """A whole number, also one of numpy."""
-    try:
-        return operator.index(number)
-    except TypeError:
-        raise setting(name, f"{number!r} is not a whole number", "pass a whole number, such as 64") from None
-
-
 def render(
     job: _Path,
     client: Any,
@@ -336,10 +355,10 @@ def render(
     A part has up to 396 bytes per pixel in memory, and about a third of that on the network.
     """
     began = clock.monotonic()
-    spp = _whole("spp", spp)
+    spp = whole_number("spp", spp)
     if spp < 1:
         raise setting("spp", f"{spp} is out of range", "pass 1 or more")
-    parts = None if parts is None else _whole("parts", parts)
+    parts = None if parts is None else whole_number("parts", parts)
     if parts is not None and parts < 1:
         raise setting("parts", f"{parts} is out of range", "pass 1 or more")
     given: dict[str, Any] = {"width": width, "height": height, "camera": camera, "seed": seed, "frame": frame}
