@@ -194,7 +194,10 @@ fn constants_of_defects_are_checked_before_the_first_image() {
 
 #[test]
 fn an_image_without_a_sensor_has_no_grey_values() {
-    let bench = Bench::new(&changed(&[("[sensor]", "[sensor]\nmodel = { sequence = [\"imx250\", \"none\"] }")]));
+    let bench = Bench::new(&changed(&[(
+        "[sensor]\nexposure = \"20ms\"",
+        "[sensor]\nmodel = { sequence = [\"imx250\", \"none\"] }",
+    )]));
     let named = message(&bench, "dataset study.toml -o a --count 2", 1);
     assert!(named.contains("study.toml: [study.images] raw: image 1: there is no sensor"), "{named}");
     assert!(bench.path("a/records/000000.json").is_file() && !bench.path("a/records/000001.json").exists());
