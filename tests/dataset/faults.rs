@@ -137,8 +137,7 @@ fn a_missing_file_of_costs_and_files_of_a_killed_run() {
     // A run that is killed between the files and the record of its first image, and a study that is corrected.
     bench.run("dataset study.toml -o b --count 6 --index 5");
     fs::remove_file(bench.path("b/records/000005.json")).expect("there");
-    fs::write(bench.path("b/images/notes.txt"), "of the user").expect("writable");
-    fs::rename(bench.path("b/images/notes.txt"), bench.path("b/notes.txt")).expect("free");
+    fs::write(bench.path("b/notes.txt"), "of the user").expect("writable");
     let jpeg = changed(&[("linear = \"tiff\"\nraw = true", "picture = \"jpeg\""), ("normals = true\n", "")]);
     fs::write(bench.path("study.toml"), jpeg).expect("writable");
     bench.run("dataset study.toml -o b --count 6");
@@ -182,11 +181,9 @@ fn constants_of_defects_are_checked_before_the_first_image() {
         .expect("writable");
     bench.run("dataset study.toml -o a --count 1");
     // The name of an entry may be that which another one gets.
-    let twice =
-        format!("{SCRATCH}\nname = \"dust #3\"\non = \"plate\"\nlength = \"9mm\"\nwidth = \"1mm\"\ndepth = \"9um\"\n")
-            + &"[[study.defect]]\nkind = \"dust\"\non = \"plate\"\nlength = \"2mm\"\n".repeat(1);
     let dust = "[[study.defect]]\nkind = \"dust\"\non = \"plate\"\nlength = \"2mm\"\n";
-    let text = changed(&[(SCRATCH, &format!("{dust}{twice}{SCRATCH}"))]);
+    let twice = format!("{dust}{}{dust}", dust.replace("kind", "name = \"dust #3\"\nkind"));
+    let text = changed(&[(SCRATCH, &format!("{twice}{SCRATCH}"))]);
     fs::write(bench.path("study.toml"), text).expect("writable");
     let refused = message(&bench, "dataset study.toml -o b --count 1", 2);
     assert!(refused.contains("the name of this entry is \"dust #3\", as that of entry 2"), "{refused}");
