@@ -8,14 +8,14 @@ use crate::make::Made;
 use crate::record::{Cost, FORMAT, FileRecord, Record};
 use crate::report::{ReportError, SetView, SheetOptions, contact_sheet, page};
 use crate::resolved::resolved_study;
-use crate::set_folder::{OpenMark, enter, is_open, remove_empty, remove_stale};
+use crate::set_folder::{enter, remove_empty, remove_stale};
 use crate::stable_text::text_hash;
 use crate::study::{MAX_COUNT, PictureFormat, Segmentation, Study};
 use dunkelfeld::{Error, written};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::atomic::write_atomically;
 use dunkelfeld_io::input::{InputFiles, ReadFault, Role};
-use dunkelfeld_io::lock::TargetLock;
+use dunkelfeld_io::lock::{FolderMark, TargetLock, is_marked};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -79,7 +79,7 @@ pub struct Set {
     path: PathBuf,
     manifest: Manifest,
     /// The mark of a set that is open for its images.
-    mark: Option<Arc<OpenMark>>,
+    mark: Option<Arc<FolderMark>>,
 }
 
 fn program() -> String {
@@ -132,7 +132,7 @@ impl Set {
                 let before = set.manifest;
                 let is_same = before.study_hash == manifest.study_hash;
                 let is_empty = !(0..before.count).any(|index| path.join(record_name(index)).is_file());
-                let is_open = is_empty.then(|| is_open(&path.join("records"))).flatten();
+                let is_open = is_empty.then(|| is_marked(&path.join("records"))).flatten();
                 if is_empty && is_open != Some(true) {
                     // Nothing was made: the study may have been corrected. Images without a record may have other names.
                     if is_open.is_some() && (!is_same || manifest.count < before.count) {
@@ -184,11 +184,11 @@ impl Set {
             let folder = path.join(folder);
             written(&folder, fs::create_dir_all(&folder))?;
         }
-        let mark = OpenMark::new(&path.join("records")).map(Arc::new);
+        let mark = FolderMark::new(&path.join("records")).map(Arc::new);
         Ok(Self { path: path.into(), manifest, mark })
     }
 
-    /// Removes the folder of a set without images that nobody else has open. A folder that contains any other file is left.
+    /// Removes the folder of a set without images that no other program has open. A folder that contains any other file is left.
     pub fn discard(&self) {
         remove_empty(&self.path, self.mark.as_deref());
     }

@@ -1,44 +1,10 @@
 //! The folder of a set among several processes: its start and its removal, one at a time, and a mark that it is open.
 
 use dunkelfeld::Error;
-use dunkelfeld_io::lock::TargetLock;
-use std::fs::{self, File, TryLockError};
-use std::io::ErrorKind;
+use dunkelfeld_io::lock::{FolderMark, TargetLock};
+use std::fs;
 use std::path::Path;
 use std::time::Duration;
-
-/// The mark of a process that has a set open. It ends with the process, and is no file of the set.
-#[derive(Debug)]
-pub(crate) struct OpenMark(File);
-
-impl OpenMark {
-    /// Marks the folder of the records of a set, by a shared lock of the operating system. `None` where the file system has
-    /// no locks of folders.
-    pub(crate) fn new(records: &Path) -> Option<Self> {
-        let folder = File::open(records).ok()?;
-        folder.try_lock_shared().ok()?;
-        Some(Self(folder))
-    }
-
-    /// Has nobody else marked the set? If somebody has, the mark ends, so that the last one finds itself alone.
-    pub(crate) fn is_last(&self) -> bool {
-        let is_last = self.0.try_lock().is_ok();
-        if !is_last {
-            let _ = self.0.unlock();
-        }
-        is_last
-    }
-}
-
-/// Has anybody marked a set? `None` where the file system has no locks of folders.
-pub(crate) fn is_open(records: &Path) -> Option<bool> {
-    match File::open(records).map(|folder| folder.try_lock()) {
-        Ok(Ok(())) => Some(false),
-        Ok(Err(TryLockError::WouldBlock)) => Some(true),
-        Ok(Err(TryLockError::Error(_))) => None,
-        Err(e) => (e.kind() == ErrorKind::NotFound).then_some(false),
-    }
-}
 
 /// Creates the folder of a set, and waits for another process that starts, finishes or removes the same set, which takes
 /// milliseconds.
@@ -66,7 +32,7 @@ pub(crate) fn enter(path: &Path) -> Result<TargetLock, Error> {
 pub(crate) const FOLDERS: [&str; 11] =
     ["costs", "coverage", "depth", "images", "labels", "linear", "masks", "normals", "raw", "records", "semantic"];
 
-/// Removes the files of images in the folder of a set in which no image is finished, and that nobody has open.
+/// Removes the files of images in the folder of a set in which no image is finished, and that no program has open.
 pub(crate) fn remove_stale(path: &Path) {
     for folder in FOLDERS {
         for entry in fs::read_dir(path.join(folder)).into_iter().flatten().flatten() {
@@ -80,10 +46,10 @@ pub(crate) fn remove_stale(path: &Path) {
     }
 }
 
-/// Removes the folder of a set without images that nobody else has open. A folder that contains any other file is left.
-pub(crate) fn remove_empty(path: &Path, mark: Option<&OpenMark>) {
+/// Removes the folder of a set without images that no other program has open. A folder that contains any other file is left.
+pub(crate) fn remove_empty(path: &Path, mark: Option<&FolderMark>) {
     let Ok(lock) = enter(path) else { return };
-    if !mark.is_some_and(OpenMark::is_last) {
+    if !mark.is_some_and(FolderMark::end) {
         return;
     }
     let folders = fs::read_dir(path).into_iter().flatten().flatten().filter(|entry| entry.path().is_dir());
@@ -102,14 +68,15 @@ pub(crate) fn remove_empty(path: &Path, mark: Option<&OpenMark>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dunkelfeld_io::lock::is_marked;
 
-    fn start(path: &Path) -> Option<OpenMark> {
+    fn start(path: &Path) -> Option<FolderMark> {
         let _lock = enter(path).expect("a folder");
         for name in ["records", "labels"] {
             fs::create_dir_all(path.join(name)).expect("a folder");
         }
         fs::write(path.join("set.json"), "{}").expect("written");
-        OpenMark::new(&path.join("records"))
+        FolderMark::new(&path.join("records"))
     }
 
     #[test]
@@ -122,9 +89,9 @@ mod tests {
         remove_empty(&path, first.as_ref());
         assert!(path.join("records").is_dir() && path.join("labels").is_dir() && path.join("set.json").is_file());
         // The first one has given up its mark, although it is still there.
-        assert_eq!(is_open(&path.join("records")), Some(true));
+        assert_eq!(is_marked(&path.join("records")), Some(true));
         remove_empty(&path, second.as_ref());
-        assert!(!path.exists() && is_open(&path.join("records")) == Some(false));
+        assert!(!path.exists() && is_marked(&path.join("records")) == Some(false));
         // A file of an image keeps the folder.
         let mark = start(&path);
         fs::write(path.join("records/000000.json"), "{}").expect("written");
