@@ -523,7 +523,7 @@ class MockView:
                 self.left_out = set(body["without"])
             for name, change in body.get("materials", {}).items():
                 material = next(m for m in self.materials if m["name"] == name)
-                material.update(change, changed=change)
+                material.update(change, changed={**material["changed"], **change})
             self.per_light = body.get("per_light", self.per_light)
             self.restart()
         return {}

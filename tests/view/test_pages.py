@@ -112,6 +112,92 @@ def test_changes_of_absent_parts_are_kept(view, tmp_path):
     running.wait(lambda _: set(factors().values()) == {1}, "the scene of the job")
 
 
+def test_a_page_takes_back_no_material_of_another(view, open_page):
+    running = view(job=FIXED)
+    running.wait_for_film(1)
+    running.post("scene", {"materials": {"plate": {"roughness": 0.2}}})
+    running.wait(lambda state: changes(state)["plate"], "the change")
+    page = open_page(running)
+    page.wait(lambda: changes(page.state())["plate"] == {"roughness": 0.2}, "the change on the page")
+    # This page changes the lid, and the other one takes the plate back before the page has sent its request.
+    move = """const e = document.getElementById('material-roughness-2'); e.value = arguments[0];
+        e.dispatchEvent(new Event('input', {bubbles: true}))"""
+    page.js(move, "0.9")
+    running.post("scene", {"materials": {"plate": None}})
+    running.wait(lambda state: changes(state)["lid"] == {"roughness": 0.9}, "the change of the page")
+    page.idle()
+    assert changes(running.state()) == {"plate": {}, "ball": {}, "lid": {"roughness": 0.9}}
+    # Another value of the same material.
+    page.wait(lambda: changes(page.state()) == changes(running.state()), "the state on the page")
+    page.js(move, "0.8")
+    running.post("scene", {"materials": {"lid": {"metallic": 1}}})
+    running.wait(lambda state: changes(state)["lid"] == {"roughness": 0.8, "metallic": 1}, "both changes")
+
+
+def changes(state):
+    """The changed values of the materials."""
+    return {material["name"]: material["changed"] for material in state["scene"]["materials"]}
+
+
+def test_a_change_of_nothing_starts_no_render(view):
+    running = view(job=FIXED)
+    running.wait_for_film(1)
+    running.post("scene", {"lights": {"left": {"on": True, "factor": 2}}})
+    running.wait(lambda state: state["render"]["restarted"] == 1, "the change")
+    running.pause()
+    same = {"lights": {"left": {"on": True, "factor": 2}, "right": {"on": True, "factor": 1}}, "per_light": False}
+    for request in [{}, {"lights": {}}, {"lights": {"right": None}, "materials": {"lid": None}, "without": []}, same]:
+        running.post("scene", request)
+        # The pause is kept too.
+        running.picture("frame", {"camera": running.camera(), "frame": 0, "tone": "gamma"})
+        assert running.state()["render"]["state"] == "paused", request
+    running.post("scene", {"lights": {"left": None}})
+    running.wait(lambda state: state["render"]["restarted"] == 2, "a change")
+
+
+def test_a_change_during_an_error_of_the_lens(view, tmp_path):
+    """The file can be read, and its lens does not fit."""
+    running = view(job=FIXED)
+    running.wait_for_film(1)
+    job = tmp_path / "station.toml"
+    job.write_text(FIXED + "\n[lens]\ndistortion = [-5, 0, 0, 0, 0]\n")
+    running.wait(lambda state: state["error"], "the error")
+    running.post("scene", {"lights": {"right": {"on": True, "factor": 4}}})
+
+    def factor(state):
+        return next(light["factor"] for light in state["scene"]["lights"] if light["name"] == "right")
+
+    running.wait(lambda state: state["error"] and factor(state) == 4, "the change that waits")
+    job.write_text(FIXED)
+    state = running.wait(lambda state: state["error"] is None and state["render"]["state"] == "running", "the render")
+    assert factor(state) == 4
+
+
+def test_a_change_of_a_light_that_gets_a_mixed_name(view, tmp_path):
+    running = view(job=FIXED + SPOT)
+    running.wait_for_film(1)
+    running.post("scene", {"lights": {"spot": {"on": False, "factor": 1}}})
+    job = tmp_path / "station.toml"
+
+    def spot(state):
+        return next(light for light in state["scene"]["lights"] if light["name"] == "spot")
+
+    running.wait(lambda state: state["render"]["restarted"] == 1 and not spot(state)["on"], "the change")
+    job.write_text((FIXED + SPOT).replace('name = "left"', 'name = "spot"'))
+    state = running.wait(lambda state: state["render"]["restarted"] == 2, "the new names")
+    # Lights with and without a surface: none is changed, and the page states it.
+    assert spot(state)["on"] and spot(state)["power"] == "0.700 W"
+    assert any("is not made" in note["text"] and "spot" in note["text"] for note in state["notes"])
+    body = {"what": ["job"], "name": "mixed", "camera": running.camera(), "frame": 0}
+    running.wait_for_film(1)
+    running.post("save", body)
+    assert "enabled" not in (tmp_path / "mixed.toml").read_text()
+    # The change is made again for the light that was changed.
+    job.write_text(FIXED + SPOT)
+    state = running.wait(lambda state: state["render"]["restarted"] == 3, "the old names")
+    assert not spot(state)["on"] and not any("is not made" in note["text"] for note in state["notes"])
+
+
 def test_files_of_one_request_are_of_one_film_and_scene(view, tmp_path):
     running = view(job=FIXED)
     running.wait_for_film(40)

@@ -53,6 +53,53 @@ function isChoice(effect) {
   return effect.used || effect.left_out;
 }
 
+/**
+ * The entries of a part of the scene that differ from those before the changes of the user. Another page may change other
+ * entries at the same moment, and values that nobody changed follow the files of the scene.
+ * @template {{ name: string }} T
+ * @param {T[]} parts
+ * @param {T[]} before
+ * @param {(keyof T)[]} keys
+ * @returns {Map<string, Partial<T>>}
+ */
+function differences(parts, before, keys) {
+  /** @type {Map<string, Partial<T>>} */
+  const found = new Map();
+  for (const part of parts) {
+    const old = before.find(({ name }) => name === part.name);
+    const moved = keys.filter((key) => JSON.stringify(part[key]) !== JSON.stringify(old?.[key]));
+    if (moved.length > 0) found.set(part.name, /** @type {Partial<T>} */ (Object.fromEntries(moved.map((key) => [key, part[key]]))));
+  }
+  return found;
+}
+
+/**
+ * The request for the changes of the user: it contains what they change, and nothing if the knobs are where they were.
+ * @param {Scene} scene
+ * @param {Scene} base the scene before them
+ * @param {ReadonlySet<keyof SceneChange>} keys
+ * @returns {SceneChange}
+ */
+function changeOf(scene, base, keys) {
+  /** @type {SceneChange} */
+  const change = {};
+  if (keys.has("camera") && scene.camera !== base.camera) change.camera = scene.camera;
+  const lights = differences(scene.lights, base.lights, ["on", "factor"]);
+  if (keys.has("lights") && lights.size > 0) {
+    change.lights = Object.fromEntries(scene.lights
+      .filter(({ name }) => lights.has(name)).map(({ name, on, factor }) => [name, { on, factor }]));
+  }
+  const materials = differences(scene.materials, base.materials, ["roughness", "metallic", "color"]);
+  if (keys.has("materials") && materials.size > 0) {
+    change.materials = /** @type {SceneChange["materials"]} */ (Object.fromEntries(materials));
+  }
+  if (keys.has("without") && differences(scene.effects, base.effects, ["left_out"]).size > 0) {
+    change.without = scene.effects.filter((effect) => effect.left_out).map(({ name }) => name);
+  }
+  if (keys.has("per_light") && scene.per_light.on !== base.per_light.on) change.per_light = scene.per_light.on;
+  return change;
+}
+
 export class ScenePanel {
   /**
    * The state that the user wants. It follows the server while no change waits.
@@ -110,28 +157,15 @@ export class ScenePanel {
   }
 
   async #sendChange() {
-    const scene = this.#scene;
-    if (!scene) return;
-    /** @type {SceneChange} */
-    const change = {};
-    if (this.#changed.has("camera")) change.camera = scene.camera;
-    if (this.#changed.has("lights")) {
-      // Another page may change another light at the same moment.
-      const before = new Map(this.#base?.lights.map(({ name, on, factor }) => [name, JSON.stringify([on, factor])]));
-      change.lights = Object.fromEntries(scene.lights
-        .filter(({ name, on, factor }) => before.get(name) !== JSON.stringify([on, factor]))
-        .map(({ name, on, factor }) => [name, { on, factor }]));
+    const { scene, base, changed } = { scene: this.#scene, base: this.#base, changed: this.#changed };
+    if (!scene || !base) return;
+    const change = changeOf(scene, base, changed);
+    changed.clear();
+    if (Object.keys(change).length === 0) {
+      // The knobs are where they were.
+      this.show();
+      return;
     }
-    if (this.#changed.has("without")) {
-      change.without = scene.effects.filter((effect) => effect.left_out).map(({ name }) => name);
-    }
-    if (this.#changed.has("per_light")) change.per_light = scene.per_light.on;
-    if (this.#changed.has("materials")) {
-      // Only what the user changed: other values follow the files of the scene.
-      change.materials = Object.fromEntries(scene.materials
-        .filter(({ changed }) => Object.keys(changed).length > 0).map(({ name, changed }) => [name, changed]));
-    }
-    this.#changed.clear();
     this.#base = structuredClone(scene);
     this.#heldUntil = Infinity;
     const accepted = await this.act("/api/scene", change);
@@ -268,7 +302,6 @@ export class ScenePanel {
           const found = scene.materials[index];
           if (!found) return;
           found[key] = value;
-          found.changed[key] = value;
         }),
       }));
     };
@@ -295,7 +328,6 @@ export class ScenePanel {
       if (!found) return;
       const color = fromHex(colour.value);
       found.color = color;
-      found.changed.color = color;
       this.#writeMaterial(found, index);
     }));
     return element("div", { class: "row colour" },
