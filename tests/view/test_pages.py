@@ -249,6 +249,23 @@ def test_a_job_that_gets_motion_has_its_exposure(view, tmp_path, open_page):
     assert "sensor" not in page.text("problems"), page.text("problems")
 
 
+def test_a_page_without_a_sensor_follows_a_job_that_gets_motion(view, tmp_path, open_page):
+    running = view(job=FIXED)
+    page = open_page(running)
+    camera = "return window.dunkelfeld.frame().camera"
+    page.set("exposure-value", "1 ms")
+    page.set("sensor", "")
+    page.wait(lambda: page.js(camera)["sensor"] is None, "a picture without a sensor")
+    (tmp_path / "station.toml").write_text(MOVED)
+    running.wait(lambda state: state["timed"] and state["render"]["restarted"] == 1, "the job")
+    running.wait_for_film(1)
+    film = running.pause()["film"]["id"]
+    page.wait(lambda: page.state()["render"]["state"] == "paused" and page.film() == film, "the last picture")
+    # Its first picture with the sensor has the exposure of the job: no later state needs to mend it.
+    page.set("sensor", "as in the job")
+    assert (page.js(camera)["sensor"], page.js(camera)["exposure"]) == ("as in the job", 0.005)
+
+
 def test_the_help_for_an_exr_is_for_the_page(view, tmp_path):
     grey = np.full((8, 8), 0.5, np.float32)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -49,8 +49,8 @@ function withKnownSensor(knobs, state) {
  * @returns {Camera}
  */
 function withTimedExposure(knobs, state) {
-  const isOther = state.timed !== null && knobs.sensor !== null && state.camera.exposure !== null
-    && knobs.exposure !== state.camera.exposure;
+  // Also for knobs without a sensor: they may get one at any time.
+  const isOther = state.timed !== null && state.camera.exposure !== null && knobs.exposure !== state.camera.exposure;
   return isOther ? { ...knobs, exposure: state.camera.exposure } : knobs;
 }
 
