@@ -199,14 +199,15 @@ fn open(shared: &Arc<Shared>, change: &SceneChange) -> Result<(Project, ScenePar
         }
     });
     let opened = opened?;
-    let mut parts = SceneParts::new(&opened.inspect(), opened.scene.materials());
+    let inspection = opened.inspect();
+    let mut parts = SceneParts::new(&inspection, opened.scene.materials());
     // An effect that is left out is not used any more.
     let before = lock(&shared.live).parts.effects.clone();
     for (name, used) in &mut parts.effects {
         *used |= change.without.iter().any(|effect| effect.name() == name) && before.contains(&(name.clone(), true));
     }
     if change.without.contains(&Effect::Textures) {
-        parts.keep_textured(&lock(&shared.live).parts.materials);
+        parts.keep_textured(&inspection, &opened.described_materials()?);
     }
     let is_job = shared.subject.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     lock(&shared.live).job = opened.job_text().filter(|_| is_job).map(str::to_owned);

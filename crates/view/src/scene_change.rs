@@ -64,24 +64,41 @@ impl SceneParts {
     }
 
     /// Values that textures multiply stay without a knob while textures are left out: a value of a job multiplies their
-    /// mean then. `before` are the materials with textures.
-    pub(crate) fn keep_textured(&mut self, before: &[MaterialState]) {
+    /// mean then. `described` are the materials with their textures.
+    pub(crate) fn keep_textured(&mut self, inspection: &Inspection, described: &[Material]) {
+        self.keep_values_of(&of_materials(inspection, described));
+    }
+
+    fn keep_values_of(&mut self, textured: &[MaterialState]) {
         for material in &mut self.materials {
-            let Some(before) = before.iter().find(|before| before.name == material.name) else { continue };
-            material.roughness = material.roughness.filter(|_| before.roughness.is_some());
-            material.metallic = material.metallic.filter(|_| before.metallic.is_some());
-            material.color = material.color.filter(|_| before.color.is_some());
+            let Some(textured) = textured.iter().find(|textured| textured.name == material.name) else { continue };
+            material.roughness = material.roughness.filter(|_| textured.roughness.is_some());
+            material.metallic = material.metallic.filter(|_| textured.metallic.is_some());
+            material.color = material.color.filter(|_| textured.color.is_some());
         }
     }
 
     /// Checks that an entry of a job changes all lights of a name.
-    fn check_light(&self, name: &str) -> Result<(), Fault> {
+    fn check_name(&self, name: &str) -> Result<(), Fault> {
         if self.mixed_names.iter().any(|mixed| mixed == name) {
             let problem =
                 format!("lights with and without a surface have the name {name:?}, and a job changes one kind");
             return Err(Fault::new(problem, "give them different names"));
         }
         Ok(())
+    }
+
+    /// Checks that an entry of a job makes a change of a light. `kind` is that of the light.
+    fn check_light(&self, name: &str, kind: &str, change: LightChange) -> Result<(), Fault> {
+        if kind == "environment" && !change.on {
+            let problem = format!("{name:?} is the environment, which has no switch");
+            return Err(Fault::new(problem, "write `radiance = 0` or `scale = 0` in `[environment]` of the job"));
+        }
+        if change.factor != 1.0 && NO_POWER.contains(&kind) {
+            let problem = format!("the light {name:?} comes from infinitely far away, and has no power");
+            return Err(Fault::new(problem, "change it in the job"));
+        }
+        if change == LightChange::NONE { Ok(()) } else { self.check_name(name) }
     }
 }
 
@@ -116,6 +133,11 @@ fn decimal(value: f32) -> f64 {
     value.to_string().parse().unwrap_or_else(|_| f64::from(value))
 }
 
+impl LightChange {
+    /// A light as it is in the scene.
+    const NONE: Self = Self { on: true, factor: 1.0 };
+}
+
 impl MaterialChange {
     /// The values that differ from those of a material of the scene.
     fn other_than(self, base: &MaterialState) -> Self {
@@ -125,16 +147,40 @@ impl MaterialChange {
             color: self.color.filter(|_| self.color != base.color),
         }
     }
+
+    /// The values that the material has as numbers. A texture multiplies the others.
+    fn without_textured(self, base: &MaterialState) -> Self {
+        Self {
+            roughness: self.roughness.filter(|_| base.roughness.is_some()),
+            metallic: self.metallic.filter(|_| base.metallic.is_some()),
+            color: self.color.filter(|_| base.color.is_some()),
+        }
+    }
 }
 
 impl SceneChange {
-    /// The changes of the parts that the scene has.
+    /// The changes that an entry of a job makes in the scene: those of the parts that it has.
     pub(crate) fn restricted_to(&self, parts: &SceneParts) -> Self {
         let mut change = self.clone();
         change.camera = change.camera.filter(|camera| parts.cameras.contains(camera));
-        change.lights.retain(|name, _| parts.lights.iter().any(|(light, ..)| light == name));
-        change.materials.retain(|name, _| parts.materials.iter().any(|material| material.name == *name));
+        change.lights.retain(|name, light| {
+            let found = parts.lights.iter().find(|(of_scene, ..)| of_scene == name);
+            found.is_some_and(|(_, kind, _)| parts.check_light(name, kind, *light).is_ok())
+        });
+        change.materials.retain(|name, values| {
+            let Some(base) = parts.materials.iter().find(|material| material.name == *name) else { return false };
+            *values = values.without_textured(base);
+            *values != MaterialChange::default()
+        });
         change
+    }
+
+    /// The reasons why changes of lights of the scene are not made: files that have changed since may allow them no more.
+    pub(crate) fn unmade(&self, parts: &SceneParts) -> Vec<Fault> {
+        let fault = |(name, kind, _): &(String, String, f64)| {
+            self.lights.get(name).and_then(|light| parts.check_light(name, kind, *light).err())
+        };
+        parts.lights.iter().filter_map(fault).collect()
     }
 
     /// Adds a request.
@@ -161,27 +207,19 @@ impl SceneChange {
                 let Some((_, kind, _)) = parts.lights.iter().find(|(light, ..)| *light == name) else {
                     return Err(unknown("light", &name));
                 };
-                if kind == "environment" && !change.on {
-                    let problem = format!("{name:?} is the environment, which has no switch");
-                    return Err(Fault::new(
-                        problem,
-                        "write `radiance = 0` or `scale = 0` in `[environment]` of the job",
-                    ));
-                }
-                if change.factor != 1.0 && NO_POWER.contains(&&kind[..]) {
-                    let problem = format!("the light {name:?} comes from infinitely far away, and has no power");
-                    return Err(Fault::new(problem, "change it in the job"));
-                }
                 if !(change.factor.is_finite() && (0.0..=1e6).contains(&change.factor)) {
                     return Err(Fault::new(
                         format!("the factor {} of a light is out of range", change.factor),
                         "use 0 to 1000000",
                     ));
                 }
-                if !change.on || change.factor != 1.0 {
-                    parts.check_light(&name)?;
+                parts.check_light(&name, kind, change)?;
+                // A light as in the scene is no change.
+                if change == LightChange::NONE {
+                    next.lights.remove(&name);
+                } else {
+                    next.lights.insert(name, change);
                 }
-                next.lights.insert(name, change);
             }
         }
         if let Some(materials) = request.materials {
@@ -199,6 +237,10 @@ impl SceneChange {
                         format!("the value {value} of the material {name:?} is out of range"),
                         "use 0 to 1",
                     ));
+                }
+                if change.without_textured(base) != change {
+                    let problem = format!("a texture multiplies a value of the material {name:?}");
+                    return Err(Fault::new(problem, "leave out the values that are null in the state"));
                 }
                 // Values of the scene are no changes: they follow its files.
                 let before = next.materials.remove(&name).unwrap_or_default();
@@ -221,7 +263,8 @@ impl SceneChange {
             };
             next.without = names.iter().map(effect).collect::<Result<_, _>>()?;
         }
-        let is_off = |(name, ..): &(String, String, f64)| next.lights.get(name).is_some_and(|light| !light.on);
+        let made = next.restricted_to(parts);
+        let is_off = |(name, ..): &(String, String, f64)| made.lights.get(name).is_some_and(|light| !light.on);
         if next.per_light && !parts.lights.is_empty() && parts.lights.iter().all(is_off) {
             let help = "leave a light on, or use one film for all lights";
             return Err(Fault::new("no light is on, and each light has a film", help));
@@ -242,11 +285,11 @@ impl SceneChange {
         let mut change = self.clone();
         for (name, kind, _) in &parts.lights {
             let factor = factors.and_then(|factors| factors.get(name)).copied().unwrap_or(1.0);
-            let light = change.lights.entry(name.clone()).or_insert(LightChange { on: true, factor: 1.0 });
+            let light = change.lights.entry(name.clone()).or_insert(LightChange::NONE);
             if factor == 1.0 || !light.on {
                 continue;
             }
-            parts.check_light(name)?;
+            parts.check_name(name)?;
             if !NO_POWER.contains(&&kind[..]) {
                 light.factor *= factor;
             } else if factor == 0.0 && kind != "environment" {
@@ -388,8 +431,42 @@ mod tests {
         let mut before = parts().materials;
         before[0].color = None;
         let mut without = parts();
-        without.keep_textured(&before);
+        without.keep_values_of(&before);
         assert_eq!((without.materials[0].color, without.materials[0].roughness), (None, Some(0.5)));
+        // A colour that was changed before the texture came is kept for a scene without it, and not made.
+        let mut change = SceneChange::default();
+        let request = r#"{"materials": {"steel": {"color": [0.1, 0.2, 0.3]}}}"#;
+        change.add(serde_json::from_str(request).expect("JSON"), &parts()).expect("a value of the scene");
+        assert!(change.restricted_to(&without).materials.is_empty());
+        change
+            .add(serde_json::from_str(r#"{"materials": {"steel": {"roughness": 0.1}}}"#).expect("JSON"), &without)
+            .expect("a value of the scene");
+        let made = change.restricted_to(&without).materials["steel"];
+        assert_eq!((made.roughness, made.color), (Some(0.1), None));
+        assert_eq!(change.restricted_to(&parts()).materials["steel"].color, Some([0.1, 0.2, 0.3]));
+        let fault = change.add(serde_json::from_str(request).expect("JSON"), &without).expect_err("a textured value");
+        assert!(fault.problem.contains("texture"), "{fault}");
+    }
+
+    /// A light whose name becomes that of lights of another kind, or that has no power any more, is not half changed.
+    #[test]
+    fn changes_that_the_lights_do_not_allow_any_more_are_not_made() {
+        let mut change = SceneChange::default();
+        change.lights.insert("spot".into(), LightChange { on: false, factor: 1.0 });
+        change.lights.insert("moonlight".into(), LightChange { on: true, factor: 3.0 });
+        change.lights.insert("sky".into(), LightChange { on: false, factor: 1.0 });
+        change.lights.insert("sun".into(), LightChange { on: true, factor: 2.0 });
+        let made = change.restricted_to(&parts());
+        assert_eq!(made.lights.keys().collect::<Vec<_>>(), ["sun"]);
+        let unmade: Vec<String> = change.unmade(&parts()).into_iter().map(|fault| fault.problem).collect();
+        assert!(unmade.len() == 3 && unmade.iter().any(|problem| problem.contains("\"spot\"")), "{unmade:?}");
+        let mut separate = parts();
+        separate.mixed_names.clear();
+        assert!(!change.restricted_to(&separate).lights["spot"].on, "the change is kept");
+        // A light as in the scene is no change.
+        let back = r#"{"lights": {"sun": {"on": true, "factor": 1}, "spot": {"on": true, "factor": 1}}}"#;
+        change.add(serde_json::from_str(back).expect("JSON"), &parts()).expect("no changes");
+        assert_eq!(change.lights.keys().collect::<Vec<_>>(), ["moonlight", "sky"]);
     }
 
     /// Factors of a camera are those of the power. Lights without a power have none.

@@ -335,12 +335,13 @@ impl Live {
     }
 
     fn scene(&self) -> SceneState {
-        let (parts, change) = (&self.parts, &self.change);
+        // Changes that are kept for other files are not made.
+        let (parts, change) = (&self.parts, self.change.restricted_to(&self.parts));
         let first = parts.cameras.first().cloned().unwrap_or_default();
         let of_job = self.settings.as_ref().and_then(|settings| settings.camera.clone());
         SceneState {
             cameras: parts.cameras.clone(),
-            camera: change.restricted_to(parts).camera.or(of_job).unwrap_or(first),
+            camera: change.camera.clone().or(of_job).unwrap_or(first),
             lights: (parts.lights.iter())
                 .map(|(name, kind, watts)| {
                     let changed = change.lights.get(name);

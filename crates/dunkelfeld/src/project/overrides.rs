@@ -6,7 +6,7 @@ use dunkelfeld_geometry::DVec3;
 use dunkelfeld_io::import::Imported;
 use dunkelfeld_io::job::Job;
 use dunkelfeld_render::{Error, SensorChoice};
-use dunkelfeld_scene::{BuildCache, Effect, SceneBuilder};
+use dunkelfeld_scene::{BuildCache, Effect, Material, SceneBuilder};
 
 /// The description of an opened project.
 #[derive(Debug)]
@@ -90,6 +90,21 @@ impl Project {
         job.environment = None;
         job.apply_overrides(&mut scene)?;
         Ok(scene.instances.into_iter().filter(|object| !object.meshes.is_empty()).map(|object| object.name).collect())
+    }
+
+    /// The materials of the scene files with the changes of the job, without a build: with the textures that the project
+    /// leaves out.
+    ///
+    /// # Errors
+    /// A project that was opened without [`ProjectOptions::can_change`](super::ProjectOptions::can_change).
+    pub fn described_materials(&self) -> Result<Vec<Material>, Error> {
+        let description = kept(self.description.as_deref())?;
+        let mut scene = description.imported.scene.clone();
+        // Its image takes time to read, and is no material.
+        let mut job = description.job.as_ref().unwrap_or(&description.base).clone();
+        job.environment = None;
+        job.apply_overrides(&mut scene)?;
+        Ok(scene.materials)
     }
 
     /// The size of a unit of the vertices of an object along its three axes \[m\], after the import and before the job
