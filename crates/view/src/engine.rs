@@ -76,6 +76,10 @@ pub(crate) fn run(shared: &Arc<Shared>) {
         })
         .and_then(|result| result.map_err(Fault::from));
         opened_without.clone_from(&change.without);
+        if result.is_err() {
+            // The change is made as soon as the files allow it.
+            lock(&shared.live).change = change;
+        }
         {
             let mut control = lock(&shared.control);
             let unfinished = control
@@ -126,8 +130,7 @@ fn prepare(
     lock(&shared.ablations).keep_only(number);
     let (mut opened, parts) = match project.take() {
         Some(project) => (project, lock(&shared.live).parts.clone()),
-        // The change is made as soon as the job can be read.
-        None => open(shared, change).inspect_err(|_| lock(&shared.live).change = change.clone())?,
+        None => open(shared, change)?,
     };
     // A change that comes now is checked by the parts that were read.
     lock(&shared.live).parts = parts.clone();
