@@ -170,7 +170,15 @@ impl Shared {
     /// Changes the requests to the thread that renders, and wakes it. `change` may lock `live`.
     pub(crate) fn control<T>(&self, change: impl FnOnce(&mut Control) -> T) -> T {
         let mut control = lock(&self.control);
+        let (had_change, was_paused) = (control.change.is_some(), control.is_paused);
         let result = change(&mut control);
+        // A change of nothing begins no render.
+        if !had_change && control.change.is_some() {
+            let present = control.in_progress.clone().unwrap_or_else(|| lock(&self.live).change.clone());
+            if control.change.as_ref() == Some(&present) {
+                (control.change, control.is_paused) = (None, was_paused);
+            }
+        }
         if control.change.is_some() || control.reload || control.quit {
             lock(&self.cancel).cancel();
         }
