@@ -1,5 +1,8 @@
 """Jobs that the view saves render the picture that is shown, without options of the command line."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 from images import assert_equal_means, layers
@@ -73,6 +76,80 @@ def test_the_camera_that_is_shown(view, tmp_path, camera):
     assert_equal_means(render(tmp_path), layers(tmp_path / "saved.exr"))
     # The film continues without the choice of a camera.
     run("render", "saved.toml", "--checkpoint", "saved.film", "--spp", "1", "-o", "b.png", cwd=tmp_path)
+
+
+@pytest.mark.parametrize("camera", ["left", "right"])
+def test_a_camera_of_a_file_beside_one_of_the_job(view, tmp_path, camera):
+    """The film is continued by the job, so that its scene has the same cameras in the same order."""
+    quarter = 0.5**0.5
+    node = {"rotation": [-quarter, 0, 0, quarter]}
+    gltf = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{**node, "camera": i, "name": name, "translation": [0.1 * i, 0.4, 0]}
+                  for i, name in enumerate(["left", "right"])],
+        "cameras": [{"type": "perspective", "name": name, "perspective": {"yfov": 0.7, "znear": 0.01}}
+                    for name in ["left", "right"]],
+    }  # fmt: skip
+    (tmp_path / "two.gltf").write_text(json.dumps(gltf))
+    running = view(job=FIXED.replace('scene = "none"', 'scene = "two.gltf"'))
+    assert running.wait_for_film(1)["scene"]["cameras"] == ["camera", "left", "right"]
+    change(running, spp=1, camera=camera)
+    running.pause()
+    save(running, ["job", "checkpoint"])
+    command = ["--checkpoint", "saved.film", "--spp", "1", "-o", "b.png"]
+    run("render", "saved.toml", *command, cwd=tmp_path)
+    assert not (tmp_path / "b-camera.png").exists(), "one camera"
+
+
+def test_the_denoiser_of_a_job(view, tmp_path):
+    running = view(job=FIXED + '[denoise]\nmethod = "builtin"\n')
+    running.wait_for_film(4)
+    # The knob starts as in the job, and the saved job has that of the picture.
+    assert running.camera()["denoise"] == "builtin"
+    for method in ["builtin", "auto", "off"]:
+        assert save(running, ["job"], method, denoise=method)["note"] is None
+        section = re.findall(r"\[denoise\]\n((?:.+\n)*)", (tmp_path / f"{method}.toml").read_text())
+        assert section == ([] if method == "off" else [f'method = "{method}"\n'])
+    assert "plain noise" in save(running, ["job"], "none", noise="none")["note"]
+    assert save(running, ["checkpoint"], "film", noise="none")["note"] is None
+
+
+def test_a_gain_that_the_job_multiplies(view, tmp_path):
+    running = view(job=FIXED.replace('exposure = "5ms"', 'exposure = "5ms"\ngain = 2'))
+    running.wait_for_film(1)
+    with pytest.raises(Refused) as refusal:
+        save(running, ["job"], gain=60)
+    fault = refusal.value.fault
+    assert "knob has the gain 60" in fault["problem"] and "to 50" in fault["help"] and fault["place"] is None
+    save(running, ["job"], gain=50)
+    assert "\ngain = 100.0\n" in (tmp_path / "saved.toml").read_text()
+
+
+def test_the_samples_of_a_job_without_a_sensor(view, tmp_path):
+    """They are those of the film that is saved with it, which is newer than the picture."""
+    running = view(job=FIXED.replace('model = "imx250"\nexposure = "5ms"', 'model = "none"'))
+    for attempt in range(4):
+        running.wait_for_film(8 + attempt)
+        save(running, ["job", "checkpoint", "exr"], f"n{attempt}")
+        spp = layers(tmp_path / f"n{attempt}.exr")["spp.Y"].mean()
+        (of_job,) = re.findall(r"^spp = (.+)$", (tmp_path / f"n{attempt}.toml").read_text(), re.MULTILINE)
+        assert float(of_job) == pytest.approx(spp)
+
+
+def test_a_finished_render_is_continued(view, tmp_path):
+    small = FIXED.replace("width = 64", "width = 4").replace("height = 48", "height = 4")
+    running = view(job=small)
+    state = running.wait(lambda state: state["render"]["state"] == "finished", "the last sample")
+    assert state["film"]["spp"] == state["max_spp"] and "65536" in state["render"]["reason"]
+    assert save(running, ["job", "checkpoint", "exr"])["note"] is None
+    assert (tmp_path / "saved.toml").read_text().startswith("# Render it with --checkpoint")
+    command = ["--checkpoint", "saved.film", "--spp", "1", "-o", "b.png", "--exr", "b.exr"]
+    run("render", "saved.toml", *command, cwd=tmp_path)
+    saved, continued = layers(tmp_path / "saved.exr"), layers(tmp_path / "b.exr")
+    assert np.array_equal(saved["spp.Y"], continued["spp.Y"]) and np.array_equal(saved["G"], continued["G"])
+    # It still answers, and begins again.
+    assert running.post("path", {"x": 1, "y": 1, "index": 0})["index"] == 0
+    change(running, spp=1, lights={"left": {"on": True, "factor": 2}})
 
 
 def test_vignetting_of_a_lens_of_the_camera(view, tmp_path):
@@ -173,6 +250,21 @@ def test_a_textured_colour_is_no_value(view, tmp_path):
     save(running, ["exr", "job"], "after")
     assert "tile" not in (tmp_path / "after.toml").read_text().replace('"tile.obj"', "")
     assert_equal_means(layers(tmp_path / "after.exr"), layers(tmp_path / "before.exr"))
+    # A file that gains the texture while textures are left out, and while a colour is changed.
+    plain = "newmtl tile\nKd 0.5 0.5 0.5\n"
+    (tmp_path / "tile.mtl").write_text(plain)
+    running.wait(lambda state: tile(state)["color"], "the plain material")
+    change(running, without=["textures"], materials={"tile": {"color": [0.3] * 3}}, spp=1)
+    (tmp_path / "tile.mtl").write_text("newmtl tile\nKd 1 1 1\nmap_Kd grey.png\n")
+    state = running.wait(lambda state: tile(state)["color"] is None and state["error"] is None, "the texture")
+    assert tile(state)["changed"] == {}
+    with pytest.raises(Refused) as refusal:
+        running.post("scene", {"materials": {"tile": {"color": [0.3] * 3}}})
+    assert "texture" in refusal.value.fault["problem"]
+    change(running, without=[])
+    save(running, ["exr", "job"], "again")
+    assert "base_color = [0.3" not in (tmp_path / "again.toml").read_text()
+    assert_equal_means(layers(tmp_path / "again.exr"), layers(tmp_path / "before.exr"))
 
 
 @pytest.mark.parametrize("powers", [(0.5, 0.5), (0.5, 0.1)])

@@ -3,7 +3,7 @@
 use crate::desk::at_render;
 use crate::developed::{Accept, OWN_SENSOR, check_timed};
 use crate::light_sum;
-use crate::protocol::{Camera, Denoise, Fault, Noise, SaveKind, SaveRequest, Saved, SourceKind};
+use crate::protocol::{Camera, Denoise, Fault, Noise, Ranges, SaveKind, SaveRequest, Saved, SourceKind};
 use crate::saved_job::{self, Difference, select_camera, set_vignetting};
 use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
@@ -310,7 +310,7 @@ fn job_of(
     let first = parts.cameras.first().cloned().unwrap_or_default();
     let shown = change.camera.clone().or_else(|| snapshot.settings.camera.clone()).unwrap_or_else(|| first.clone());
     if !parts.cameras.is_empty() {
-        select_camera(&mut job, &shown, &first);
+        select_camera(&mut job, &shown, &parts.cameras);
     }
     job.insert("frame".into(), i64::from(frame).into());
     let seed = i64::try_from(camera.device).map_err(|_| {

@@ -2,20 +2,23 @@
 
 use crate::protocol::Fault;
 use crate::snapshot::Snapshot;
+use dunkelfeld::io::visible_line;
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::{Effect, Vignetting};
 use dunkelfeld::sensor::Optics;
-use dunkelfeld::{Project, ProjectOptions, RenderSettings, SensorChoice};
+use dunkelfeld::{Error, Project, ProjectOptions, RenderSettings, SensorChoice};
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Makes the job render the camera `shown` alone. `first` is the first camera of the scene. Lamps without the name of a
-/// camera belong to the one that the job selects, or to the first one. They keep it.
-pub(crate) fn select_camera(job: &mut Table, shown: &str, first: &str) {
+/// Makes the job render the camera `shown` alone. `all` are the cameras of the scene. They keep their order, so that the
+/// scene of the job is that of the picture. Lamps without the name of a camera belong to the one that the job selects, or
+/// to the first one. They keep it.
+pub(crate) fn select_camera(job: &mut Table, shown: &str, all: &[String]) {
     let defined = match job.get("camera") {
         Some(Value::Table(camera)) => vec![Value::Table(camera.clone())],
         Some(Value::Array(cameras)) => cameras.clone(),
         _ => {
+            let first = all.first().map_or("", String::as_str);
             let before = job.get("camera").and_then(Value::as_str).unwrap_or(first).to_owned();
             if shown != before {
                 name_camera_of_lamps(job, &before);
@@ -29,22 +32,30 @@ pub(crate) fn select_camera(job: &mut Table, shown: &str, first: &str) {
     {
         return;
     }
-    let mut is_defined = false;
+    let mut names: Vec<String> = Vec::new();
     let mut cameras: Vec<Value> = Vec::new();
     for (i, camera) in defined.into_iter().enumerate() {
         let Value::Table(mut camera) = camera else { continue };
         let name = name_of(&camera, i);
         if name == shown {
-            is_defined = true;
             camera.remove("enabled");
         } else {
             camera.insert("enabled".into(), false.into());
         }
-        camera.insert("name".into(), name.into());
+        camera.insert("name".into(), name.clone().into());
+        names.push(name);
         cameras.push(camera.into());
     }
-    if !is_defined {
-        // A camera of the scene, as it is.
+    if !names.iter().any(|name| name == shown) {
+        // A camera of a file, as it is. Cameras of the job come first, so that those before it are named too.
+        for name in all.iter().take_while(|name| *name != shown) {
+            // A file may have two cameras of one name, and a job may not.
+            if !names.contains(name) {
+                let entry = [("name".to_owned(), Value::from(name.as_str())), ("enabled".to_owned(), false.into())];
+                cameras.push(Table::from_iter(entry).into());
+                names.push(name.clone());
+            }
+        }
         cameras.push(Table::from_iter([("name".to_owned(), Value::from(shown))]).into());
     }
     job.insert("camera".into(), cameras.into());
@@ -113,8 +124,17 @@ pub(crate) fn check(
     (snapshot, settings): (&Snapshot, &RenderSettings),
 ) -> Result<Option<Difference>, Fault> {
     let options = ProjectOptions::default().with_without(without.to_vec()).with_can_change(false);
-    let project = Project::from_text_with(file, text, options)?;
-    let of_job = project.fitted()?;
+    // The file does not exist, so that neither its name nor its lines are a place.
+    let refused = |error: Error| {
+        let mut fault = Fault::from(error);
+        fault.place = fault.place.map(|place| {
+            let place = place.replacen(&*visible_line(&file.to_string_lossy()), "the job to be saved", 1);
+            place.split_once(", line ").map_or(place.clone(), |(key, _)| key.to_owned())
+        });
+        fault
+    };
+    let project = Project::from_text_with(file, text, options).map_err(refused)?;
+    let of_job = project.fitted().map_err(refused)?;
     let [width, height] = snapshot.size();
     if [of_job.width, of_job.height] != [width, height] {
         return Ok(Some(Difference::Film(format!(
@@ -159,35 +179,41 @@ mod tests {
         [[light]]\nname = \"lamp\"\n[[light]]\nkind = \"ring\"\n[[light]]\nkind = \"environment\"\n\
         [[light]]\nkind = \"bar\"\ncamera = \"camera-2\"\n";
 
-    fn selected(text: &str, shown: &str, first: &str) -> Table {
+    fn selected(text: &str, shown: &str, all: &[&str]) -> Table {
         let mut job: Table = text.parse().expect("TOML");
-        select_camera(&mut job, shown, first);
+        select_camera(&mut job, shown, &all.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>());
         job
     }
 
     #[test]
     fn the_shown_camera_is_rendered_and_lamps_keep_theirs() {
-        let job = selected(TWO, "camera-2", "above");
+        let job = selected(TWO, "camera-2", &["above", "camera-2"]);
         let [above, second] = [0, 1].map(|i| job["camera"][i].clone());
         assert_eq!((above["name"].as_str(), above["enabled"].as_bool()), (Some("above"), Some(false)));
         assert_eq!((second["name"].as_str(), second.get("enabled")), (Some("camera-2"), None));
         assert_eq!(job["light"], TWO.parse::<Table>().expect("TOML")["light"], "the first camera is still the first");
-        assert_eq!(selected(TWO, "above", "above")["camera"][1]["enabled"].as_bool(), Some(false));
+        assert_eq!(selected(TWO, "above", &["above", "camera-2"])["camera"][1]["enabled"].as_bool(), Some(false));
         // The choice of a camera of the scene would move lamps.
         let lamps = &TWO[TWO.find("[[light]]").expect("lamps")..];
-        let job = selected(lamps, "right", "left");
+        let job = selected(lamps, "right", &["left", "right"]);
         let cameras = [0, 1, 2, 3].map(|i| job["light"][i].get("camera").and_then(Value::as_str).map(str::to_owned));
         assert_eq!(cameras, [None, Some("left".into()), None, Some("camera-2".into())]);
         // A camera of the scene beside one of the job.
-        let job = selected("[camera]\nlook_at = [0, 0, 0]\n", "scene", "camera");
+        let job = selected("[camera]\nlook_at = [0, 0, 0]\n", "scene", &["camera", "scene"]);
         assert_eq!(job["camera"][0]["enabled"].as_bool(), Some(false));
         assert_eq!(job["camera"][1]["name"].as_str(), Some("scene"));
+        // Cameras of a file keep their order behind those of the job.
+        let all = ["camera", "left", "left", "right", "top"];
+        let job = selected("[camera]\nlook_at = [0, 0, 0]\n", "right", &all);
+        let cameras = [0, 1, 2].map(|i| (job["camera"][i]["name"].as_str(), job["camera"][i].get("enabled").is_none()));
+        assert_eq!(cameras, [(Some("camera"), false), (Some("left"), false), (Some("right"), true)]);
+        assert_eq!(job["camera"].as_array().map(Vec::len), Some(3));
         // A single camera, and cameras of the scene alone.
         let text = "[camera]\nlook_at = [0, 0, 0]\n";
-        assert_eq!(selected(text, "camera", "camera"), text.parse::<Table>().expect("TOML"));
-        assert_eq!(selected("seed = 1", "left", "left"), "seed = 1".parse::<Table>().expect("TOML"));
-        assert_eq!(selected("seed = 1", "right", "left")["camera"].as_str(), Some("right"));
-        assert_eq!(selected("camera = \"right\"", "left", "left")["camera"].as_str(), Some("left"));
+        assert_eq!(selected(text, "camera", &["camera"]), text.parse::<Table>().expect("TOML"));
+        assert_eq!(selected("seed = 1", "left", &["left"]), "seed = 1".parse::<Table>().expect("TOML"));
+        assert_eq!(selected("seed = 1", "right", &["left", "right"])["camera"].as_str(), Some("right"));
+        assert_eq!(selected("camera = \"right\"", "left", &["left", "right"])["camera"].as_str(), Some("left"));
     }
 
     #[test]
