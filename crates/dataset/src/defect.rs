@@ -1,6 +1,8 @@
 //! `[[study.defect]]`: defects with drawn parameters.
 
-use crate::defects::{DefectKind, DefectProblem, DefectSpec, PlacedDefect, SMALLEST, add_defect, check_numbers, has_surface};
+use crate::defects::{
+    DefectKind, DefectProblem, DefectSpec, PlacedDefect, SMALLEST, add_defect, check_numbers, has_surface,
+};
 use crate::distribution::{Distribution, Fault, Named, Template};
 use crate::draws::Draws;
 use crate::ids::LabelSight;

@@ -263,11 +263,7 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
     };
     if !cancel.is_cancelled() {
         watcher.publish(content);
-        shared.update(|live| {
-            live.render.state = Activity::Finished;
-            (live.render.fraction, live.render.remaining) = (1.0, None);
-            live.render.reason = Some(format!("the image has {MAX_SPP} samples per pixel, the most of a view"));
-        });
+        watcher.finish();
     }
     Ok(())
 }
@@ -344,6 +340,32 @@ impl Watcher<'_> {
         self.copied(began, self.seconds() - began, COPY_SHARE);
     }
 
+    /// States that the render has its last sample.
+    fn finish(&self) {
+        self.shared.update(|live| {
+            live.render.state = Activity::Finished;
+            (live.render.fraction, live.render.remaining) = (1.0, None);
+            live.render.reason = Some(format!("the image has {MAX_SPP} samples per pixel, the most of a view"));
+        });
+    }
+
+    /// Holds a render with its last film until it is cancelled. It can be saved meanwhile as a checkpoint, because the
+    /// render has not ended.
+    fn hold_complete(&self, present: FilmInProgress<'_>) {
+        self.finish();
+        let mut control = lock(&self.shared.control);
+        while !self.cancel.is_cancelled() {
+            let jobs = std::mem::take(&mut control.jobs);
+            if jobs.is_empty() {
+                control = self.shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
+                continue;
+            }
+            drop(control);
+            jobs.into_iter().for_each(|job| job(self.scenes, Some(present)));
+            control = lock(&self.shared.control);
+        }
+    }
+
     /// Does the work that waits for the scene, and holds the render while it is paused.
     pub(crate) fn hold(&self, present: Option<FilmInProgress<'_>>) {
         let began = Instant::now();
@@ -408,10 +430,16 @@ impl Progress for Watcher<'_> {
     }
 
     fn film(&self, present: FilmInProgress<'_>) {
-        if self.is_due() {
+        let pixels = f64::from(self.settings.0.width) * f64::from(self.settings.0.height);
+        let is_complete = present.film().sums.total_samples() as f64 >= MAX_SPP * pixels;
+        if is_complete || self.is_due() {
             self.publish_newest(present);
         }
-        self.hold(Some(present));
+        if is_complete {
+            self.hold_complete(present);
+        } else {
+            self.hold(Some(present));
+        }
     }
 }
 
