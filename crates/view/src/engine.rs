@@ -14,8 +14,9 @@ use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::{ExposureNoise, Optics};
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, Error, ExposeSettings, ExrImage, FilmInProgress, Forecast, InputFiles, KeptFilms,
-    Progress, ProgressState, Project, ProjectOptions, RenderSettings, SavedFilm, SensorChoice, find_sensor,
+    Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeSettings, ExrImage, FilmInProgress, Forecast,
+    InputFiles, KeptFilms, Progress, ProgressState, Project, ProjectOptions, RenderSettings, SavedFilm, SensorChoice,
+    find_denoiser, find_sensor,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -149,15 +150,22 @@ fn prepare(
     opened.settings.budget = Budget::default().with_spp(MAX_SPP);
     opened.settings.max_pilot_spp = Some(PILOT_SPP);
     opened.settings.layers = FilmLayers::All;
-    let settings = opened.fitted()?;
+    let mut settings = opened.fitted()?;
     let is_vignetted = dunkelfeld::camera(&opened.scene, &settings)?.has_vignetting();
+    let no_denoiser = without_missing_denoiser(&mut settings);
     let timed = opened.timed_exposure();
     let lights = opened.light_names().len();
     let light_films = Some((lights, opened.memory_of_light_films(&settings, lights)));
     let note = |text: String| Note { level: "warning", text, help: None };
     let findings = opened.findings();
     let notes = opened.warnings.iter().map(|w| note(w.to_string()));
-    let notes = notes.chain(findings.findings.iter().map(|f| note(format!("{}: {}", f.place, f.message)))).collect();
+    let notes = notes.chain(findings.findings.iter().map(|f| note(format!("{}: {}", f.place, f.message))));
+    let unmade = kept.unmade(&parts).into_iter().map(|fault| Note {
+        level: "warning",
+        text: format!("a change of the scene is not made: {}", fault.problem),
+        help: fault.help,
+    });
+    let notes = notes.chain(unmade).chain(no_denoiser).collect();
     // Files and presets are read without the lock.
     let sensors = Sensors::new(&settings.sensor);
     let files = stamps(opened.inputs.iter().map(|file| file.identity.path()));
@@ -217,7 +225,15 @@ fn open(shared: &Arc<Shared>, change: &SceneChange) -> Result<(Project, ScenePar
     Ok((opened, parts))
 }
 
-/// Renders a project until it is cancelled or has the most samples.
+/// The picture of a job is denoised. Where this machine lacks the denoiser, the view begins without, and states it.
+fn without_missing_denoiser(settings: &mut RenderSettings) -> Option<Note> {
+    let fault = Fault::from(find_denoiser(&settings.denoise).err()?);
+    settings.denoise.method = DenoiseMethod::Off;
+    let help = Some("choose another denoiser".to_owned());
+    Some(Note { level: "warning", text: format!("the picture is not denoised: {}", fault.problem), help })
+}
+
+/// Renders a project until it is cancelled. Its last film, which has the most samples, stays until then.
 fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Result<(), Error> {
     if cancel.is_cancelled() {
         return Ok(());
@@ -497,7 +513,8 @@ pub(crate) fn show_exr(shared: &Arc<Shared>, image: ExrImage, lens: Option<Optic
 
 /// Shows a film of a file.
 pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
-    let SavedFilm { film, settings, is_vignetted } = saved;
+    let SavedFilm { film, mut settings, is_vignetted } = saved;
+    let no_denoiser = without_missing_denoiser(&mut settings);
     let scene = scene_of_file(&settings);
     let content = Content::Film(film);
     let snapshot = Snapshot::new(1, content, (settings.clone(), is_vignetted), scene.clone(), 0.0, None);
@@ -505,6 +522,7 @@ pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
     shared.update(|live| {
         live.sensors = scene.sensors.clone();
         live.settings = Some(settings);
+        live.notes.extend(no_denoiser);
         live.is_vignetted = is_vignetted;
         live.render.state = Activity::None;
         live.render.stage = "film".into();

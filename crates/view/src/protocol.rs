@@ -4,6 +4,7 @@ pub(crate) use crate::fault::Fault;
 pub(crate) use crate::protocol_measurements::*;
 
 use crate::hidden_shares::HiddenShares;
+use dunkelfeld::DenoiseMethod;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -107,6 +108,29 @@ pub(crate) enum Denoise {
     Auto,
     Builtin,
     Oidn,
+}
+
+impl From<DenoiseMethod> for Denoise {
+    fn from(method: DenoiseMethod) -> Self {
+        match method {
+            DenoiseMethod::Off => Self::Off,
+            DenoiseMethod::Auto => Self::Auto,
+            DenoiseMethod::Oidn => Self::Oidn,
+            DenoiseMethod::Builtin => Self::Builtin,
+        }
+    }
+}
+
+impl Denoise {
+    /// The same denoiser in the settings of a render.
+    pub(crate) fn method(self) -> DenoiseMethod {
+        match self {
+            Self::Off => DenoiseMethod::Off,
+            Self::Auto => DenoiseMethod::Auto,
+            Self::Oidn => DenoiseMethod::Oidn,
+            Self::Builtin => DenoiseMethod::Builtin,
+        }
+    }
 }
 
 /// The tone curve of a picture in colours.

@@ -7,7 +7,7 @@ use crate::protocol::{Camera, Denoise, Fault, Noise, Ranges, SaveKind, SaveReque
 use crate::saved_job::{self, Difference, select_camera, set_vignetting};
 use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
-use dunkelfeld::radiometry::Seconds;
+use dunkelfeld::radiometry::{Number, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
     Error, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_behind_lens, develop_film,
@@ -101,6 +101,20 @@ pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved,
         Some(snapshot) => (snapshot, continued),
         None => (snapshot, None),
     };
+    // All files are written, or none.
+    let without_written = |fault: Fault| {
+        if let Some(file) = written {
+            drop(std::fs::remove_file(file));
+        }
+        fault
+    };
+    let has_job = kinds().any(|kind| kind == SaveKind::Job);
+    // The job has the samples of this film, and names a film that it continues.
+    let job = if has_job && is_continued {
+        job_of(shared, &request.camera, frame_of_job, &snapshot, written).map_err(without_written)?
+    } else {
+        job
+    };
     let frame = if needs_frame {
         // An EXR has its own lens and pixels.
         let developed = match &snapshot.content {
@@ -122,22 +136,26 @@ pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved,
                 None => develop(image.radiance(), &settings).map(Some),
             },
         });
-        frame.map_err(|error| {
-            // All files are written, or none.
-            if let Some(file) = written {
-                drop(std::fs::remove_file(file));
-            }
-            Fault::from(error)
-        })?
+        frame.map_err(|error| without_written(Fault::from(error)))?
     } else {
         None
     };
     let is_other_frame = is_continued && request.frame != snapshot.settings.frame;
-    let note = (is_other_frame && needs_frame && kinds().any(|kind| kind == SaveKind::Job)).then(|| {
+    let mut notes = Vec::new();
+    if is_other_frame && needs_frame && has_job {
         let of_samples = snapshot.settings.frame;
-        format!("The job has frame {of_samples}, that of the samples; the picture has frame {}.", request.frame)
-    });
-    let notes: Vec<&str> = note.as_deref().into_iter().chain(difference.as_ref().map(Difference::text)).collect();
+        notes.push(format!(
+            "The job has frame {of_samples}, that of the samples; the picture has frame {}.",
+            request.frame
+        ));
+    }
+    if has_job && request.camera.noise == Noise::None && request.camera.sensor.is_some() {
+        notes.push("A job makes no picture without the noise of the camera: this one has plain noise.".to_owned());
+    }
+    if is_continued && written.is_none() {
+        notes.push("The film is that of no render that runs, so that no render continues it.".to_owned());
+    }
+    notes.extend(difference.as_ref().map(|difference| difference.text().to_owned()));
     let note = (!notes.is_empty()).then(|| notes.join(" "));
     write_others(&files, written, |kind, file| {
         let write = |path: &Path| write(kind, path, (&snapshot, &factors), &settings, frame.as_ref(), &job);
@@ -239,6 +257,7 @@ fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32
     settings.frame = frame;
     settings.exposure_noise =
         if camera.noise == Noise::Matched { ExposureNoise::Matched } else { ExposureNoise::Plain };
+    settings.denoise.method = camera.denoise.method();
     settings.budget.noise = Some(lock(&shared.live).target);
     Ok(settings)
 }
@@ -321,6 +340,7 @@ fn job_of(
     if let Value::Table(sensor) = sensor {
         describe_sensor(sensor, camera, snapshot.scene.timed.is_some())?;
     }
+    describe_denoiser(&mut job, camera.denoise);
     // The samples of the picture: a job by noise ends at the same level.
     let [width, height] = snapshot.size();
     let film = job.entry("film").or_insert_with(|| Table::new().into());
@@ -377,7 +397,9 @@ fn describe_sensor(sensor: &mut Table, camera: &Camera, is_timed: bool) -> Resul
         Some(OWN_SENSOR) => {
             let before = sensor.get("gain").and_then(|gain| gain.as_float().or(gain.as_integer().map(|v| v as f64)));
             if camera.gain != 1.0 {
-                sensor.insert("gain".into(), (before.unwrap_or(1.0) * camera.gain).into());
+                let before = before.unwrap_or(1.0);
+                check_gain(before, camera.gain)?;
+                sensor.insert("gain".into(), (before * camera.gain).into());
             }
         }
         Some(name) => {
@@ -399,9 +421,55 @@ fn describe_sensor(sensor: &mut Table, camera: &Camera, is_timed: bool) -> Resul
     Ok(())
 }
 
+/// Checks the gain of a job whose own gain the knob multiplies.
+fn check_gain(of_job: f64, of_knob: f64) -> Result<(), Fault> {
+    let [low, high] = Ranges::KNOBS.gain;
+    if (low..=high).contains(&(of_job * of_knob)) {
+        return Ok(());
+    }
+    let (job, knob) = (Number(of_job), Number(of_knob));
+    let problem = format!("the knob has the gain {knob}, and {knob} times the gain {job} of the job is out of range");
+    Err(Fault::new(problem, format!("choose a gain from {} to {}", Number(low / of_job), Number(high / of_job))))
+}
+
+/// The section `[denoise]`: the place of the library stays where it is used.
+fn describe_denoiser(job: &mut Table, denoise: Denoise) {
+    if denoise == Denoise::Off {
+        job.remove("denoise");
+        return;
+    }
+    if let Value::Table(section) = job.entry("denoise").or_insert_with(|| Table::new().into()) {
+        section.insert("method".into(), denoise.method().name().into());
+        if denoise == Denoise::Builtin {
+            section.remove("oidn");
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_gain_beyond_the_range_names_the_knob() {
+        assert_eq!(check_gain(2.0, 50.0), Ok(()));
+        let fault = check_gain(2.0, 60.0).expect_err("a gain of 120");
+        assert!(fault.problem.starts_with("the knob has the gain 60,") && fault.place.is_none(), "{fault}");
+        assert_eq!(fault.help.as_deref(), Some("choose a gain from 0.005 to 50"));
+    }
+
+    #[test]
+    fn the_denoiser_of_a_job_is_that_of_the_picture() {
+        let text = "[denoise]\nmethod = \"auto\"\noidn = \"lib\"\n";
+        let described = |denoise: Denoise| {
+            let mut job: Table = text.parse().expect("TOML");
+            describe_denoiser(&mut job, denoise);
+            job.get("denoise").map(ToString::to_string)
+        };
+        assert_eq!(described(Denoise::Off), None);
+        assert_eq!(described(Denoise::Builtin).as_deref(), Some("{ method = \"builtin\" }"));
+        assert_eq!(described(Denoise::Oidn).as_deref(), Some("{ method = \"oidn\", oidn = \"lib\" }"));
+    }
 
     #[test]
     fn of_files_that_cannot_all_be_written_none_stays() {

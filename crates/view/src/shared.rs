@@ -327,7 +327,7 @@ impl Live {
                 _ => Noise::Plain,
             },
             device: settings.map_or(0, |settings| settings.seed),
-            denoise: Denoise::Off,
+            denoise: settings.map_or(Denoise::Off, |settings| settings.denoise.method.into()),
             vignetting: self.is_vignetted,
             lights: None,
         }
