@@ -114,6 +114,17 @@ def test_the_denoiser_of_a_job(view, tmp_path):
     assert save(running, ["checkpoint"], "film", noise="none")["note"] is None
 
 
+def test_a_denoiser_that_the_machine_lacks(view, tmp_path):
+    (tmp_path / "no-library.so").write_text("no library")
+    running = view(job=FIXED + '[denoise]\nmethod = "oidn"\noidn = "no-library.so"\n')
+    state = running.wait_for_film(1)
+    assert state["camera"]["denoise"] == "off"
+    assert any("is not denoised" in note["text"] for note in state["notes"])
+    running.frame()
+    with pytest.raises(Refused):
+        running.frame(denoise="oidn")
+
+
 def test_a_gain_that_the_job_multiplies(view, tmp_path):
     running = view(job=FIXED.replace('exposure = "5ms"', 'exposure = "5ms"\ngain = 2'))
     running.wait_for_film(1)
