@@ -151,6 +151,7 @@ def test_a_finished_render_is_continued(view, tmp_path):
     small = FIXED.replace("width = 64", "width = 4").replace("height = 48", "height = 4")
     running = view(job=small)
     state = running.wait(lambda state: state["render"]["state"] == "finished", "the last sample")
+    assert (state["render"]["fraction"], state["render"]["remaining"]) == (1, None)
     assert state["film"]["spp"] == state["max_spp"] and "65536" in state["render"]["reason"]
     assert save(running, ["job", "checkpoint", "exr"])["note"] is None
     assert (tmp_path / "saved.toml").read_text().startswith("# Render it with --checkpoint")
