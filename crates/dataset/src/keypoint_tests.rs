@@ -239,3 +239,23 @@ fn key_points_that_do_not_fit_are_refused() {
     let error = Worker::open(&study, 1).err().expect("different numbers").to_string();
     assert!(error.contains("one number of key points in all rows"), "{error}");
 }
+
+/// A faded block in the category of the others: readers of COCO expect key points of each annotation of the category.
+#[test]
+fn a_defect_in_a_category_with_key_points_has_points_without_labels() {
+    let change = "[[study.defect]]\nkind = \"faded\"\nname = \"change\"\ncategory = \"part\"\non = \"block 2\"\nstrength = 0.3\n";
+    let study = format!("{}{change}", label("block *", &[["1mm", "2mm", "0"], ["0", "2mm", "0"]]));
+    let block = |name: &str, x: &str| {
+        format!(
+            "[[object]]\nname = \"{name}\"\nkind = \"box\"\nsize = [\"8mm\", \"4mm\", \"8mm\"]\n\
+             translate = [\"{x}\", \"2mm\", 0]\n"
+        )
+    };
+    let made = make(&telecentric(&study, &format!("{FLOOR}{}{}", block("block 1", "-9mm"), block("block 2", "9mm"))));
+    let (_, bytes) = made.files.iter().find(|(name, _)| name == "labels/000000.json").expect("labels");
+    let labels: ImageLabels = serde_json::from_slice(bytes).expect("labels");
+    let of = |name: &str| labels.annotations.iter().find(|a| a.name == name).expect("an annotation");
+    let (part, defect) = (of("block 1"), of("change 1"));
+    assert_eq!((part.category_id, part.num_keypoints), (defect.category_id, Some(2)));
+    assert_eq!((defect.num_keypoints, defect.keypoints.as_deref()), (Some(0), Some(&[0.0; 6][..])));
+}
