@@ -5,8 +5,7 @@ use crate::defects::{
 };
 use crate::distribution::{Distribution, Fault, Named, Template};
 use crate::draws::Draws;
-use crate::ids::LabelSight;
-use crate::label_entry::{Names, texts};
+use crate::label_entry::{LabelSight, Names, texts};
 use crate::names::ObjectNames;
 use crate::study::Study;
 use dunkelfeld_geometry::DVec3;

@@ -1,6 +1,6 @@
 //! Ids of instances: stable over a whole set, in any order of its images.
 
-use crate::label_entry::{KeyPoint, LabelEntry};
+use crate::label_entry::{KeyPoint, LabelEntry, LabelSight};
 use crate::names::ObjectNames;
 use crate::record::Record;
 use crate::study::Study;
@@ -83,19 +83,6 @@ pub(crate) struct ObjectLabel {
     /// Is the defect a changed object? It is a surface for all that lies on it.
     pub(crate) is_change: bool,
     pub(crate) sight: LabelSight,
-}
-
-/// The places where the label of an object is seen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum LabelSight {
-    /// Where the surface scatters, or covers a part of the light. Labels are seen through a clear surface.
-    #[default]
-    Surface,
-    /// Everywhere: an added defect may be as clear as what contains it, such as a bubble, and an object that was opaque and
-    /// is missing or faded shows little or nothing.
-    Everywhere,
-    /// Where no label is seen behind: a clear object that is missing or faded.
-    Behind,
 }
 
 impl Ids {

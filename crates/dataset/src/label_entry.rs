@@ -6,6 +6,19 @@ use dunkelfeld_io::quantity::Length;
 use serde::Deserialize;
 use toml::Value;
 
+/// The places where the label of an object is seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum LabelSight {
+    /// Where the surface scatters, or covers a part of the light. Labels are seen through a clear surface.
+    #[default]
+    Surface,
+    /// Everywhere: an added defect may be as clear as what contains it, such as a bubble, and an object that was opaque and
+    /// is missing or faded shows little or nothing.
+    Everywhere,
+    /// Where no label is seen behind: a clear object that is missing or faded.
+    Behind,
+}
+
 /// Most key points of an object.
 const MOST: usize = 1000;
 

@@ -1,6 +1,7 @@
 //! Labels of an image: the instance at each pixel, seen through clear covers, with coverage, depth and normals.
 
-use crate::ids::{LabelSight, ObjectLabel};
+use crate::ids::ObjectLabel;
+use crate::label_entry::LabelSight;
 use crate::surface_path::SurfacePath;
 use dunkelfeld_film::Plane;
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
