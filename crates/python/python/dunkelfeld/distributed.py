@@ -22,6 +22,7 @@ import time as clock
 import warnings
 from collections import Counter, deque
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -32,7 +33,7 @@ from ._native import Film, InputError, Made, Scene, Study, merge
 from ._tasks import file_of, make_image, merge_parts, render_part, shipped
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
     from ._native import DataSet, Sensor
 
@@ -155,9 +156,9 @@ class _SetMaker:
         wanted = range(self.set.count) if chosen is None else chosen
         wrong = next((index for index in wanted if not 0 <= index < self.set.count), None)
         if wrong is not None:
-            self._discard()
-            problem = f"there is no image {wrong}: the set has {self.set.count}, counted from 0"
-            raise setting("indices", problem, "pass smaller indices, or a larger count")
+            with self._new_folder():
+                problem = f"there is no image {wrong}: the set has {self.set.count}, counted from 0"
+                raise setting("indices", problem, "pass smaller indices, or a larger count")
         missing = set(self.set.missing())
         self.pending = deque(index for index in wanted if index in missing)
         self.total, self.finished, self.ended = len(wanted), len(wanted) - len(self.pending), 0
@@ -172,26 +173,17 @@ class _SetMaker:
         self.failed: list[tuple[int, InputError]] = []
         self.workers: Counter[str] = Counter()
 
-    def run(
-        self,
-        time: float | None,
-        shared: bool,
-        ship: bool,
-        files: Iterable[_Path],
-        limits: tuple[float, float, int],
-    ) -> MakeSummary:
+    @contextmanager
+    def _new_folder(self) -> Iterator[None]:
+        """Removes a new folder without images after a failure."""
         try:
-            return self._run(time, shared, ship, files, limits)
+            yield
         except Exception:
-            self._discard()
+            if self.is_new and not self.made:
+                self.set._discard()
             raise
 
-    def _discard(self) -> None:
-        """Removes a new folder without images."""
-        if self.is_new and not self.made:
-            self.set._discard()
-
-    def _run(
+    def run(
         self,
         time: float | None,
         shared: bool,
@@ -201,6 +193,7 @@ class _SetMaker:
     ) -> MakeSummary:
         target = str(self.set.path) if shared else None
         with (
+            self._new_folder(),
             Cluster(self.client, *limits, refused=(InputError,)) as cluster,
             shipped(self.client, self.study.path, self.study.hash, self.inputs, files, ship) as source,
             ThreadPoolExecutor(WRITERS) as writers,
