@@ -58,6 +58,7 @@ class MockView:
             "frame": 0,
             "exposure": JOB_CAMERA["exposure"],
             "other_camera": False,
+            "earlier_picture": False,
         }
         # The cameras of the pages.
         self.pages = {}
@@ -85,6 +86,7 @@ class MockView:
             "spp": spp,
             "seconds": float(step),
             "first": step == 0,
+            "restarted": self.restarted,
         }
 
     def level(self, seconds):
@@ -100,7 +102,7 @@ class MockView:
             "remaining": max(0.0, 120 - seconds),
             "state": "running",
             "reason": None,
-            "restarted": self.restarted,
+            "restarted": self.restarted + self.settings["earlier_picture"],
             "samples_per_second": 3.7e6,
         }
         if film is None:

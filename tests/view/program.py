@@ -116,10 +116,14 @@ class View:
         return wait_for(met, what)
 
     def wait_for_film(self, spp=1.0):
-        """Waits for a film without gaps that has so many samples per pixel."""
-        return self.wait(
-            lambda state: state["film"] and not state["film"]["first"] and state["film"]["spp"] >= spp, f"{spp} spp"
-        )
+        """Waits for a film without gaps that has so many samples per pixel. After a restart it is that of the new render."""
+
+        def is_there(state):
+            film = state["film"]
+            is_of_render = film and film["restarted"] == state["render"]["restarted"]
+            return is_of_render and not film["first"] and film["spp"] >= spp
+
+        return self.wait(is_there, f"{spp} spp")
 
     def pause(self):
         """Pauses the render, and returns the state of the pause."""

@@ -52,6 +52,23 @@ def test_a_saved_job_makes_the_scene_again(view, tmp_path, open_page):
     page.assert_quiet_console()
 
 
+def test_a_save_of_the_picture_before_a_change_states_it(view, tmp_path):
+    # The first picture of so many pixels takes a while after a restart.
+    running = view(job=station(width=2400, height=1800))
+    running.wait_for_film(1)
+    body = {"what": ["job"], "name": "now", "camera": running.camera(), "frame": 0}
+    assert running.post("save", body)["note"] is None
+    running.post("scene", {"lights": {"left": {"on": False, "factor": 1}}})
+    state = running.wait(lambda state: state["render"]["restarted"] == 1, "the restart")
+    assert state["film"]["restarted"] == 0, "the earlier picture stays"
+    note = running.post("save", {**body, "name": "earlier"})["note"]
+    assert note == "The picture is that of the scene before its change."
+    assert "enabled" not in (tmp_path / "earlier.toml").read_text()
+    running.wait_for_film(1)
+    assert running.post("save", {**body, "name": "new"})["note"] is None
+    assert "enabled = false" in (tmp_path / "new.toml").read_text()
+
+
 @pytest.mark.parametrize("folder", [".", "out"])
 def test_the_command_line_continues_a_saved_film(view, tmp_path, open_page, folder):
     (tmp_path / "out").mkdir()

@@ -524,6 +524,10 @@ def test_no_film_and_error(mock_page):
     page.mock.settings["frozen"] = 0.5
     page.wait(lambda: page.frame() is not None, what="coarse picture")
     assert "coarse picture" in page.text("stage-text")
+    page.mock.settings["earlier_picture"] = True
+    page.wait(lambda: "earlier picture" in page.text("stage-text"), what="the picture before a restart")
+    page.mock.settings["earlier_picture"] = False
+    page.wait(lambda: "coarse picture" in page.text("stage-text"), what="the picture of the render")
     assert page.element("verdict").get_attribute("data-level") == "none"
     page.click("notes-open")
     assert "<b>bolt</b>" in page.text("notes-list")

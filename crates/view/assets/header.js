@@ -5,6 +5,7 @@ import { duration } from "./format.js";
 
 /** @typedef {import("./store.js").Store} Store */
 /** @typedef {import("./protocol").Render} Render */
+/** @typedef {import("./protocol").Film} Film */
 
 const THEMES = ["system", "light", "dark"];
 const THEME_KEY = "dunkelfeld-colours";
@@ -22,7 +23,7 @@ export function header(store, act, problems) {
     box("title").title = state.path;
     document.title = `${state.title} \u2013 dunkelfeld view`;
     setText(box("version"), `dunkelfeld ${state.version}`);
-    showProgress(state.render, state.film?.first ?? false);
+    showProgress(state.render, state.film);
     showNotes(state.notes);
     problems.setText("render", state.error);
     setText(box("empty"), state.error ? "There is no picture" : `Waiting for the first picture (${state.render.stage})`);
@@ -68,11 +69,13 @@ export function pause(store, act) {
 
 /**
  * @param {Render} render
- * @param {boolean} first the film has only the coarse first picture
+ * @param {Film | null} film
  */
-function showProgress(render, first) {
+function showProgress(render, film) {
   const { state, stage, fraction, elapsed, remaining, reason } = render;
-  const words = { loading: stage, running: first ? `${stage}: coarse picture` : stage, paused: `paused: ${stage}`, finished: reason ?? "finished", failed: reason ?? "failed", none: "finished samples" };
+  const isEarlier = film !== null && film.restarted !== render.restarted;
+  const running = isEarlier ? `${stage}: earlier picture` : film?.first ? `${stage}: coarse picture` : stage;
+  const words = { loading: stage, running, paused: `paused: ${stage}`, finished: reason ?? "finished", failed: reason ?? "failed", none: "finished samples" };
   setText(box("stage-text"), words[state]);
   box("progress").title = reason ?? "Stage and progress of the render";
   setText(box("time-text"), state === "none" ? ""

@@ -37,7 +37,11 @@ export interface Render {
   reason: string | null; restarted: number; samples_per_second: number;
 }
 
-export interface Film { id: number; samples: number; spp: number; seconds: number; first: boolean }
+export interface Film {
+  id: number; samples: number; spp: number; seconds: number; first: boolean;
+  /** The restarts before its render. */
+  restarted: number;
+}
 
 export interface Certificate {
   k: number; hidden: number; median: number | null; p99: number | null;

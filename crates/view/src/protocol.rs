@@ -194,6 +194,8 @@ pub(crate) struct FilmState {
     pub(crate) spp: f64,
     pub(crate) seconds: f64,
     pub(crate) first: bool,
+    /// The restarts before its render. With fewer than those of the render, it is of the scene before a change.
+    pub(crate) restarted: u32,
 }
 
 /// The state of the render.

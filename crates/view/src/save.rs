@@ -24,6 +24,7 @@ const MAX_NAME: usize = 100;
 pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved, Fault> {
     check_name(&request.name)?;
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
+    let is_earlier = shared.is_outdated(&snapshot);
     let files: Vec<(SaveKind, PathBuf)> =
         request.what.iter().map(|&kind| (kind, path_of(shared, kind, &request.name))).collect();
     // Of two requests with one name, the second finds the files of the first, and writes none of its files.
@@ -154,6 +155,9 @@ pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved,
     }
     if is_continued && written.is_none() {
         notes.push("The film is that of no render that runs, so that no render continues it.".to_owned());
+    }
+    if is_earlier {
+        notes.push("The picture is that of the scene before its change.".to_owned());
     }
     notes.extend(difference.as_ref().map(|difference| difference.text().to_owned()));
     let note = (!notes.is_empty()).then(|| notes.join(" "));

@@ -264,6 +264,7 @@ impl Shared {
                 spp: snapshot.spp(),
                 seconds: snapshot.seconds,
                 first: snapshot.has_gaps,
+                restarted: snapshot.restarted,
             }),
             render,
             error: live.error.clone(),
