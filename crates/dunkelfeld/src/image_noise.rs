@@ -50,17 +50,14 @@ impl FilmPart {
     fn converted(&self, response: &Response, counts: Option<&Plane<u32>>) -> CompensationInputs {
         let mut inputs = self.inputs.clone();
         let grey = |response: &Response, x: u32, y: u32| response.at(x, y).electrons([1.0; 3]).0;
+        let counts = self.counts.as_ref().zip(counts);
         let width = inputs.variance.width() as usize;
         inputs.variance.data_mut().par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+            let signals = [0, 1].map(|x| grey(response, x, y as u32) / grey(&self.response, x, y as u32));
+            let number = |counts: &Plane<u32>, x: usize| f64::from(counts.data()[y * width + x].max(1));
             for (x, variance) in row.iter_mut().enumerate() {
-                let (x, y) = (x as u32, y as u32);
-                let signal = grey(response, x, y) / grey(&self.response, x, y);
-                let samples = match (&self.counts, counts) {
-                    (Some(before), Some(now)) => {
-                        f64::from((*before.at(x, y)).max(1)) / f64::from((*now.at(x, y)).max(1))
-                    }
-                    _ => 1.0,
-                };
+                let signal = signals[x & 1];
+                let samples = counts.map_or(1.0, |(before, now)| number(before, x) / number(now, x));
                 let scaled = (f64::from(*variance) * signal * signal * samples) as f32;
                 *variance = if scaled.is_nan() { f32::INFINITY } else { scaled };
             }

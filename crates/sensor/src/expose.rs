@@ -82,7 +82,8 @@ impl Device {
     /// The device of a model for a seed, whose images have `size` (width, height) pixels.
     ///
     /// All rows of a line scan have the same pixels. So its fixed pattern consists of columns: the mean over the stages,
-    /// whose charges are added. A column is hot if a pixel of its stages is.
+    /// whose charges are added. A column is hot if a pixel of its stages is. Runs on the threads of the pool of the caller, if
+    /// there is one.
     pub fn with_readout(model: SensorModel, seed: u64, [width, height]: [u32; 2], readout: Readout) -> Self {
         let is_line_scan = readout.line_scan_stages > 0;
         let pattern_rows = if is_line_scan { height.min(1) } else { height };

@@ -27,6 +27,7 @@ mod expose;
 mod matched;
 mod model;
 mod optics;
+mod parallel;
 mod pattern;
 mod poisson;
 mod presets;

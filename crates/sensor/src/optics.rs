@@ -19,6 +19,7 @@ use crate::bands::Bands;
 use crate::efficiency::{BayerPattern, Efficiency, QuantumEfficiency};
 use crate::error::{SensorError, in_range};
 use crate::model::SensorModel;
+use crate::parallel::for_rows;
 
 /// The share of a grey triple's radiance in each band.
 const BAND_SHARE: f64 = 1.0 / 3.0;
@@ -257,29 +258,41 @@ pub struct MeanElectrons {
     pub invalid: u64,
 }
 
-/// Expected photo-electrons of every pixel of a film [W/(m^2 sr) per channel].
+/// Expected photo-electrons of every pixel of a film [W/(m^2 sr) per channel]. Runs on the threads of the pool of the caller,
+/// if there is one.
 pub fn electrons(radiance: &Plane<[f32; 3]>, response: &Response) -> MeanElectrons {
-    let (width, height) = (radiance.width(), radiance.height());
-    let mut plane = Plane::new(width, height, 0.0f32);
-    let mut invalid = 0;
-    let rows = radiance.data().chunks(width.max(1) as usize).zip(plane.data_mut().chunks_mut(width.max(1) as usize));
-    for ((pixels, out), y) in rows.zip(0u32..) {
-        let pair = [response.at(0, y), response.at(1, y)];
-        for ((&pixel, out), x) in pixels.iter().zip(out).zip(0usize..) {
-            let weights = &pair[x & 1];
-            let valid = pixel.iter().all(|v| v.is_finite() && *v >= 0.0);
-            invalid += u64::from(!valid);
-            let electrons = if valid { weights.electrons(pixel) } else { repaired(weights, pixel) };
-            // A sum beyond the range of f32 is set to the largest f32, not to infinity.
-            *out = (electrons.0 as f32).min(f32::MAX);
-        }
-    }
+    let width = radiance.width();
+    let mut plane = Plane::new(width, radiance.height(), 0.0f32);
+    let invalid = for_rows(plane.data_mut(), width, |y, out| {
+        let pixels = radiance.data().get(y * width as usize..).unwrap_or(&[]);
+        let pair = [response.at(0, y as u32), response.at(1, y as u32)];
+        electrons_of_row(pixels, out, pair)
+    });
     MeanElectrons { plane, invalid }
 }
 
-#[cold]
-fn repaired(weights: &Weights, pixel: [f32; 3]) -> Electrons {
-    weights.electrons(pixel.map(|v| if v > 0.0 { v.min(f32::MAX) } else { 0.0 }))
+/// Expected photo-electrons of a row, for the responses of even and odd columns. Returns the number of repaired pixels.
+fn electrons_of_row(pixels: &[[f32; 3]], out: &mut [f32], pair: [Weights; 2]) -> u64 {
+    // A sum beyond the range of f32 is set to the largest f32, not to infinity.
+    let limited = |electrons: Electrons| (electrons.0 as f32).min(f32::MAX);
+    let mut invalid = 0;
+    for ((out, &pixel), x) in out.iter_mut().zip(pixels).zip(0usize..) {
+        *out = limited(pair[x & 1].electrons(pixel));
+        invalid += u64::from(!is_radiance(pixel));
+    }
+    if invalid > 0 {
+        let pixels = out.iter_mut().zip(pixels).zip(0usize..);
+        for ((out, &pixel), x) in pixels.filter(|((_, pixel), _)| !is_radiance(**pixel)) {
+            *out = limited(pair[x & 1].electrons(pixel.map(|v| if v > 0.0 { v.min(f32::MAX) } else { 0.0 })));
+        }
+    }
+    invalid
+}
+
+/// Are all channels finite and not negative? Without branches.
+fn is_radiance([r, g, b]: [f32; 3]) -> bool {
+    let is_valid = |v: f32| (v >= 0.0) & (v <= f32::MAX);
+    is_valid(r) & is_valid(g) & is_valid(b)
 }
 
 /// The exposure time at which the 99.5 % quantile of the image is at 90 % of saturation.

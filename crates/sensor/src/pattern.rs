@@ -10,6 +10,7 @@ use rand_core::Rng as _;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::error::{SensorError, in_range};
+use crate::parallel::for_rows;
 use crate::random::stream;
 
 /// Purposes of random numbers. Streams of different purposes are independent.
@@ -140,16 +141,19 @@ impl Pattern {
             let rows = lines(ROWS, height, p.dsnu_row, p.prnu_row);
             let columns = lines(COLUMNS, width, p.dsnu_column, p.prnu_column);
             let (key, own) = (hash_u64([seed, PATTERN]), [p.dsnu_pixel().0, p.prnu_pixel()]);
-            pixels.reserve_exact(count as usize);
-            for (row, y) in rows.iter().zip(0u64..) {
-                pixels.extend(columns.iter().zip(0u64..).map(|(column, x)| {
-                    let [dark, response] = normals(key, y * u64::from(width) + x, own);
-                    PixelPattern {
+            pixels = vec![PixelPattern::NONE; count as usize];
+            for_rows(&mut pixels, width, |y, pixels| {
+                let row = rows.get(y).copied().unwrap_or_default();
+                let first = y as u64 * u64::from(width);
+                for ((pixel, column), index) in pixels.iter_mut().zip(&columns).zip(first..) {
+                    let [dark, response] = normals(key, index, own);
+                    *pixel = PixelPattern {
                         dark: (dark + row[0] + column[0]) as f32,
                         response: (1.0 + response + row[1] + column[1]).max(0.0) as f32,
-                    }
-                }));
-            }
+                    };
+                }
+                0
+            });
         }
         let mut hot = Vec::new();
         if defects.hot > 0.0 || defects.dead > 0.0 {

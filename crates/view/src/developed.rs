@@ -319,7 +319,8 @@ impl Developed {
         }))
     }
 
-    /// A frame with its description: grey values of a monochrome sensor, or a picture in colours.
+    /// A frame with its description: grey values of a monochrome sensor, or a picture in colours. Runs on the threads of the
+    /// session.
     pub(crate) fn frame(&self, frame: u32, tone: Tone) -> Result<(FrameHeader, Vec<u8>), Fault> {
         let began = Instant::now();
         let [width, height] = self.snapshot.size();
@@ -340,28 +341,31 @@ impl Developed {
             mean_electrons: 0.0,
             compute: 0.0,
         };
-        let payload = match (&self.exposer, self.values(frame)?) {
+        let describe = |exposer: &Exposer| {
+            header.white = exposer.model().saturation_value().0;
+            header.black = exposer.model().spec().offset.0;
+            header.exposure = Some(exposer.exposure().time().0);
+            header.no_light = exposer.no_light();
+            header.is_black = exposer.is_black();
+            header.saturated = exposer.saturated();
+            header.matched = exposer.matched();
+            header.mean_electrons = mean(exposer.electrons().data().iter().map(|&e| f64::from(e)));
+        };
+        let (values, ()) = rayon::join(|| self.values(frame), || self.exposer.as_ref().map_or((), describe));
+        let payload = match (&self.exposer, values?) {
             (Some(exposer), Some(values)) => {
                 let model = exposer.model();
-                header.white = model.saturation_value().0;
-                header.black = model.spec().offset.0;
-                header.exposure = Some(exposer.exposure().time().0);
-                header.no_light = exposer.no_light();
-                header.is_black = exposer.is_black();
-                header.saturated = exposer.saturated();
-                header.matched = exposer.matched();
-                header.mean_value = mean(values.data().iter().map(|&v| f64::from(v)));
-                header.mean_electrons = mean(exposer.electrons().data().iter().map(|&e| f64::from(e)));
-                match model.spec().quantum_efficiency.filter() {
-                    None => {
-                        header.format = "gray16";
-                        little_endian(values.data(), |v| v.to_le_bytes())
-                    }
+                let mean_value = || mean(values.data().iter().map(|&v| f64::from(v)));
+                let payload = || match model.spec().quantum_efficiency.filter() {
+                    None => ("gray16", little_endian(values.data(), |v| v.to_le_bytes())),
                     Some(_) => match Picture::from_values(&values, model) {
-                        Picture::Rgb(picture) => toned(picture.data(), tone),
-                        Picture::Gray(_) => Vec::new(),
+                        Picture::Rgb(picture) => ("rgb8", toned(picture.data(), tone)),
+                        Picture::Gray(_) => ("rgb8", Vec::new()),
                     },
-                }
+                };
+                let (mean_value, (format, payload)) = rayon::join(mean_value, payload);
+                (header.mean_value, header.format) = (mean_value, format);
+                payload
             }
             _ => toned(display::linear_to_8bit(self.mean()).data(), tone),
         };
