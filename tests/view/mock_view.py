@@ -511,7 +511,7 @@ class MockView:
     def scene(self, body):
         if self.options.source != "render":
             raise Fault(422, "Nothing renders here.")
-        if not body or set(body) - {"camera", "lights", "without", "materials", "per_light"}:
+        if not body or set(body) - {"camera", "lights", "effects", "materials", "per_light"}:
             raise Fault(400, "The change of the scene is invalid.")
         if body.get("per_light") and self.lights_on() == 0:
             raise Fault(422, "No light is on, so there is nothing to give a film to.", None, "Switch a light on.")
@@ -521,8 +521,8 @@ class MockView:
                 if set(light) != {"on", "factor"}:
                     raise Fault(400, "A light needs on and factor.")
                 self.lights[name] = light
-            if "without" in body:
-                self.left_out = set(body["without"])
+            for name, is_on in body.get("effects", {}).items():
+                self.left_out = self.left_out - {name} if is_on else self.left_out | {name}
             for name, change in body.get("materials", {}).items():
                 material = next(m for m in self.materials if m["name"] == name)
                 material.update(change, changed={**material["changed"], **change})

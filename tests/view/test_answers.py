@@ -248,7 +248,7 @@ def test_changes_that_cannot_be_rendered_are_refused(view):
     effects = [effect["name"] for effect in scene["effects"]]
     assert "textures" in effects and "color" not in effects, effects
     with pytest.raises(Refused, match="color"):
-        running.post("scene", {"without": ["color"]})
+        running.post("scene", {"effects": {"color": False}})
     dark = {light["name"]: {"on": False, "factor": 1} for light in scene["lights"]}
     with pytest.raises(Refused, match="no light is on"):
         running.post("scene", {"per_light": True, "lights": dark})

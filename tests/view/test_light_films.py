@@ -149,11 +149,14 @@ def test_files_and_measurements_of_the_sum(view, tmp_path):
     assert probe["object"] == "plate" and probe["material"] == "plate" and probe["samples"] == samples[y, x]
     assert probe["radiance"][1] == pytest.approx(shown["G"][y, x], rel=1e-5)
     assert probe["electrons"] == pytest.approx(shown["electrons.Y"][y, x], rel=1e-6)
-    for light in ["left", "right"]:
-        only = {"left": 0, "right": 0, light: 1}
-        running.frame(lights=only)
+    # Two pages with a light each.
+    lit = {light: {"left": 0, "right": 0, light: 1} for light in ["left", "right"]}
+    for light, only in lit.items():
+        camera = running.camera(lights=only)
+        running.picture("frame", {"camera": camera, "frame": 0, "tone": "gamma", "page": light})
+    for light, only in lit.items():
         probe = running.post("probe", {"camera": running.camera(lights=only), "frame": 0, "x": x, "y": y})
-        path = running.post("path", {"x": x, "y": y, "index": None})
+        path = running.post("path", {"x": x, "y": y, "index": None, "page": light})
         assert path["index"] == probe["heaviest"]["index"]
         # The share of the sample is its luminance over that of all samples of its film, some half of the samples.
         mean = np.dot([0.2126, 0.7152, 0.0722], probe["radiance"])

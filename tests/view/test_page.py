@@ -240,9 +240,9 @@ def test_scene_debounce(mock_page):
         for (const id of ['effect-0', 'light-on-1']) document.getElementById(id).click()""")
     page.idle()
     body = page.last("/api/scene")
-    assert len(page.log("/api/scene")) == 2 and set(body) == {"materials", "without", "lights"}
+    assert len(page.log("/api/scene")) == 2 and set(body) == {"materials", "effects", "lights"}
     # Values that the user did not change follow the files of the scene.
-    assert set(body["materials"]) == {"anodised aluminium", "solder mask"} and body["without"] == ["covers"]
+    assert set(body["materials"]) == {"anodised aluminium", "solder mask"} and body["effects"] == {"covers": False}
     assert body["materials"]["anodised aluminium"] == {"roughness": 0.8}
     assert set(body["materials"]["solder mask"]) == {"color"}
     colour = body["materials"]["solder mask"]["color"]

@@ -92,9 +92,9 @@ def test_changes_of_absent_parts_are_kept(view, tmp_path):
     running.post("scene", {"lights": {"spot": {"on": True, "factor": 3}}})
     running.post("scene", {"lights": {"left": {"on": True, "factor": 2}}})
     running.wait(lambda _: factors() == {"spot": 3, "left": 2, "right": 1}, "both changes")
-    running.post("scene", {"without": ["punctual-lights"]})
+    running.post("scene", {"effects": {"punctual-lights": False}})
     running.wait(lambda _: "spot" not in factors(), "the scene without the spot")
-    running.post("scene", {"without": []})
+    running.post("scene", {"effects": {"punctual-lights": True}})
     running.wait(lambda _: factors() == {"spot": 3, "left": 2, "right": 1}, "the spot with its factor")
     # A change while the job is broken is made when it is mended.
     job = tmp_path / "station.toml"
@@ -146,7 +146,7 @@ def test_a_change_of_nothing_starts_no_render(view):
     running.wait(lambda state: state["render"]["restarted"] == 1, "the change")
     running.pause()
     same = {"lights": {"left": {"on": True, "factor": 2}, "right": {"on": True, "factor": 1}}, "per_light": False}
-    for request in [{}, {"lights": {}}, {"lights": {"right": None}, "materials": {"lid": None}, "without": []}, same]:
+    for request in [{}, {"lights": {}}, {"lights": {"right": None}, "materials": {"lid": None}, "effects": {"textures": True}}, same]:
         running.post("scene", request)
         # The pause is kept too.
         running.picture("frame", {"camera": running.camera(), "frame": 0, "tone": "gamma"})

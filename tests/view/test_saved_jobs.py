@@ -256,9 +256,9 @@ def test_a_textured_colour_is_no_value(view, tmp_path):
 
     save(running, ["exr"], "before")
     assert tile(running.state())["color"] is None
-    assert tile(change(running, without=["textures"]))["color"] is None
+    assert tile(change(running, effects={"textures": False}))["color"] is None
     change(running, materials={"tile": {"roughness": 0.9}})
-    change(running, without=[], materials={"tile": None})
+    change(running, effects={"textures": True}, materials={"tile": None})
     save(running, ["exr", "job"], "after")
     assert "tile" not in (tmp_path / "after.toml").read_text().replace('"tile.obj"', "")
     assert_equal_means(layers(tmp_path / "after.exr"), layers(tmp_path / "before.exr"))
@@ -266,14 +266,14 @@ def test_a_textured_colour_is_no_value(view, tmp_path):
     plain = "newmtl tile\nKd 0.5 0.5 0.5\n"
     (tmp_path / "tile.mtl").write_text(plain)
     running.wait(lambda state: tile(state)["color"], "the plain material")
-    change(running, without=["textures"], materials={"tile": {"color": [0.3] * 3}}, spp=1)
+    change(running, effects={"textures": False}, materials={"tile": {"color": [0.3] * 3}}, spp=1)
     (tmp_path / "tile.mtl").write_text("newmtl tile\nKd 1 1 1\nmap_Kd grey.png\n")
     state = running.wait(lambda state: tile(state)["color"] is None and state["error"] is None, "the texture")
     assert tile(state)["changed"] == {}
     with pytest.raises(Refused) as refusal:
         running.post("scene", {"materials": {"tile": {"color": [0.3] * 3}}})
     assert "texture" in refusal.value.fault["problem"]
-    change(running, without=[])
+    change(running, effects={"textures": True})
     save(running, ["exr", "job"], "again")
     assert "base_color = [0.3" not in (tmp_path / "again.toml").read_text()
     assert_equal_means(layers(tmp_path / "again.exr"), layers(tmp_path / "before.exr"))

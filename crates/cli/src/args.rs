@@ -4,6 +4,8 @@ use crate::choices::{denoisers, exposure_noises, strategies, vignettings};
 use crate::run_args::{MemoryArgs, RunArgs};
 #[cfg(feature = "studies")]
 use crate::studies::{BenchArgs, DatasetArgs, EmvaArgs, PtcArgs};
+#[cfg(feature = "view")]
+use crate::values::socket_address;
 use crate::values::{
     ExposureChoice, effect, exposure, length, noise_level, pause, pixel_sample, sample_range, samples_per_pixel,
     time_limit, whole, within,
@@ -355,7 +357,7 @@ pub(crate) struct ViewArgs {
     pub(crate) port: Option<u16>,
     /// Listen on this address instead of 127.0.0.1, as in 0.0.0.0:8080. The address of the page then contains a random token:
     /// whoever has it can use the page.
-    #[arg(long, value_name = "ADDRESS", conflicts_with = "port")]
+    #[arg(long, value_name = "ADDRESS", conflicts_with = "port", value_parser = socket_address)]
     pub(crate) listen: Option<std::net::SocketAddr>,
     /// The folder of saved pictures and films [default: this folder].
     #[arg(short = 'o', long = "output", value_name = "FOLDER")]

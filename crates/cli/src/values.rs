@@ -73,6 +73,14 @@ where
     }
 }
 
+/// An address with a port. `localhost` is 127.0.0.1; no other name is looked up.
+#[cfg(feature = "view")]
+pub(crate) fn socket_address(text: &str) -> Result<std::net::SocketAddr, String> {
+    let loopback = |port: &str| Some((std::net::Ipv4Addr::LOCALHOST, port.parse::<u16>().ok()?).into());
+    let address = text.parse().ok().or_else(|| text.strip_prefix("localhost:").and_then(loopback));
+    address.ok_or_else(|| "write an IP address with a port, as in 0.0.0.0:8080 or [::1]:8080".to_owned())
+}
+
 /// A time of zero or more, in seconds.
 pub(crate) fn pause(text: &str) -> Result<f64, String> {
     match time(text)? {
@@ -147,6 +155,16 @@ mod tests {
         for e in Effect::ALL {
             let listed = list.replace("write one of ", "").split(", ").any(|name| name == e.name());
             assert_eq!(listed, SceneBuilder::default().leave_out(e), "{}: {list}", e.name());
+        }
+    }
+
+    #[cfg(feature = "view")]
+    #[test]
+    fn addresses_have_a_port() {
+        assert_eq!(socket_address("localhost:80"), socket_address("127.0.0.1:80"));
+        assert!(socket_address("[::1]:8080").is_ok() && socket_address("0.0.0.0:0").is_ok());
+        for bad in ["localhost", "localhost:", "localhost:70000", "127.0.0.1", "::1:80", "example.org:80", ""] {
+            assert!(socket_address(bad).is_err(), "{bad}");
         }
     }
 

@@ -130,6 +130,15 @@ export async function requestFrame(body, hasStatistics, signal) {
 }
 
 /**
+ * The path of the heaviest sample of a pixel, with the factors of the lights of this page.
+ * @param {import("./store.js").Pixel} pixel
+ * @returns {Promise<import("./protocol").LightPath>}
+ */
+export function requestPath({ x, y }) {
+  return postJson("/api/path", { x, y, index: null, page: PAGE });
+}
+
+/**
  * @param {{ camera: import("./protocol").Camera, map: import("./protocol").MapName, effect: string | null }} body
  * @returns {Promise<import("./protocol").FilmMap>}
  */

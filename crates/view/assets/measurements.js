@@ -1,6 +1,6 @@
 // Requests of the measurements: probe, light path, regions, line, photon transfer, ablation.
 
-import { Fault, isEarly, postJson } from "./api.js";
+import { Fault, isEarly, postJson, requestPath } from "./api.js";
 import { Debounce, Throttle } from "./requests.js";
 
 /** @typedef {import("./store.js").Store} Store */
@@ -141,8 +141,7 @@ export class Measurements {
     this.#request("path", wish, async () => {
       const pixel = store.pin ?? store.cursor;
       if (!pixel || !store.showPath) return;
-      /** @type {import("./protocol").LightPath} */
-      const path = await postJson("/api/path", { x: pixel.x, y: pixel.y, index: null });
+      const path = await requestPath(pixel);
       if (!(store.pin ?? store.cursor) || !store.showPath) return;
       store.path = path;
       store.emit("measures");

@@ -150,7 +150,7 @@ export interface PhotonTransfer {
 export interface SceneChange {
   camera?: string;
   lights?: Record<string, { on: boolean; factor: number }>;
-  without?: string[];
+  effects?: Record<string, boolean>;
   materials?: Record<string, MaterialChange | null>;
   per_light?: boolean;
 }

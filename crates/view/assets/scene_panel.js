@@ -93,8 +93,9 @@ function changeOf(scene, base, keys) {
   if (keys.has("materials") && materials.size > 0) {
     change.materials = /** @type {SceneChange["materials"]} */ (Object.fromEntries(materials));
   }
-  if (keys.has("without") && differences(scene.effects, base.effects, ["left_out"]).size > 0) {
-    change.without = scene.effects.filter((effect) => effect.left_out).map(({ name }) => name);
+  const effects = differences(scene.effects, base.effects, ["left_out"]);
+  if (keys.has("effects") && effects.size > 0) {
+    change.effects = Object.fromEntries([...effects].map(([name, { left_out }]) => [name, !left_out]));
   }
   if (keys.has("per_light") && scene.per_light.on !== base.per_light.on) change.per_light = scene.per_light.on;
   return change;
@@ -341,7 +342,7 @@ export class ScenePanel {
    */
   #effectItem(effect, index) {
     const on = element("input", { type: "checkbox", id: `effect-${index}`, "data-effect": effect.name });
-    on.addEventListener("change", () => this.#change("without", (scene) => {
+    on.addEventListener("change", () => this.#change("effects", (scene) => {
       const found = scene.effects[index];
       if (found) found.left_out = !on.checked;
     }));

@@ -89,9 +89,13 @@ pub(crate) fn map(shared: &Shared, request: &MapRequest) -> Result<(MapHeader, V
 pub(crate) fn probe(shared: &Shared, request: &ProbeRequest) -> Result<Probe, Fault> {
     // Both are of one picture.
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
-    let unbiased = shared.store.get(&snapshot, &request.camera.without_noise(), &shared.session)?;
+    let of_camera = |camera: &Camera| {
+        let found = shared.store.get(&snapshot, camera, &shared.session);
+        found.map_err(|fault| until_change(shared, &snapshot, camera, fault))
+    };
+    let unbiased = of_camera(&request.camera.without_noise())?;
     unbiased.certify(&shared.session);
-    let developed = shared.store.get(&snapshot, &request.camera, &shared.session)?;
+    let developed = of_camera(&request.camera)?;
     shared.session.install(|| measure::probe(&developed, &unbiased, request.frame, [request.x, request.y]))
 }
 
@@ -142,7 +146,7 @@ pub(crate) fn path(shared: &Arc<Shared>, request: &PathRequest) -> Result<PathAn
         return Err(Fault::new("the pixel is outside the image", "choose a pixel of the image"));
     }
     // Of several films, the sample is that of the one with the heaviest sample.
-    let factors = snapshot.factors(lock(&shared.live).camera(None).lights.as_ref())?;
+    let factors = snapshot.factors(lock(&shared.live).camera(request.page.as_deref()).lights.as_ref())?;
     let heaviest = snapshot.heaviest(&factors, request.x, request.y);
     let none = || Fault::new("no sample of the pixel has light", "choose a brighter pixel, or a number of a sample");
     let index = request.index.or(heaviest.map(|heaviest| heaviest.index)).ok_or_else(none)?;
@@ -253,7 +257,7 @@ mod tests {
     /// The answer of a path while this thread is the one that renders.
     fn path_of(shared: &Arc<Shared>, project: &Project) -> Result<PathAnswer, Fault> {
         std::thread::scope(|scope| {
-            let asked = scope.spawn(|| path(shared, &PathRequest { x: 8, y: 8, index: Some(1) }));
+            let asked = scope.spawn(|| path(shared, &PathRequest { x: 8, y: 8, index: Some(1), page: None }));
             loop {
                 let jobs = shared.control(|control| std::mem::take(&mut control.jobs));
                 if !jobs.is_empty() {

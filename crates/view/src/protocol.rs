@@ -446,6 +446,9 @@ pub(crate) struct PathRequest {
     pub(crate) x: u32,
     pub(crate) y: u32,
     pub(crate) index: Option<u32>,
+    /// The page with the factors of the lights. `None`: the one that asked for a frame last.
+    #[serde(default)]
+    pub(crate) page: Option<String>,
 }
 
 /// A path.
@@ -465,8 +468,8 @@ pub(crate) struct PathVertex {
     pub(crate) event: String,
 }
 
-/// A change of the scene. Keys that are left out stay, and so do lights, materials and values of a material; `None` as a light
-/// or a material is that of the job.
+/// A change of the scene. Keys that are left out stay, and so do lights, materials, values of a material, and effects; `None`
+/// as a light or a material is that of the job.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SceneRequest {
@@ -474,8 +477,9 @@ pub(crate) struct SceneRequest {
     pub(crate) camera: Option<String>,
     #[serde(default)]
     pub(crate) lights: Option<BTreeMap<String, Option<LightChange>>>,
+    /// Is the effect part of the render?
     #[serde(default)]
-    pub(crate) without: Option<Vec<String>>,
+    pub(crate) effects: Option<BTreeMap<String, bool>>,
     #[serde(default)]
     pub(crate) materials: Option<BTreeMap<String, Option<MaterialChange>>>,
     #[serde(default)]

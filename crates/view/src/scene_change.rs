@@ -255,13 +255,17 @@ impl SceneChange {
                 }
             }
         }
-        if let Some(names) = request.without {
-            let effect = |name: &String| {
+        if let Some(effects) = request.effects {
+            let removable = removable_effects();
+            if let Some(name) = effects.keys().find(|name| !removable.iter().any(|effect| effect.name() == *name)) {
                 let help = "choose an effect of the list";
-                let found = removable_effects().into_iter().find(|effect| effect.name() == name);
-                found.ok_or_else(|| Fault::new(format!("{name:?} is no effect that can be left out"), help))
+                return Err(Fault::new(format!("{name:?} is no effect that can be left out"), help));
+            }
+            // In the order of the list, so that equal changes are equal lists.
+            let left_out = |effect: &Effect| {
+                effects.get(effect.name()).map_or_else(|| next.without.contains(effect), |is_on| !is_on)
             };
-            next.without = names.iter().map(effect).collect::<Result<_, _>>()?;
+            next.without = removable.into_iter().filter(left_out).collect();
         }
         let made = next.restricted_to(parts);
         let is_off = |(name, ..): &(String, String, f64)| made.lights.get(name).is_some_and(|light| !light.on);
@@ -412,6 +416,13 @@ mod tests {
         assert_eq!((back.materials["steel"].roughness, back.materials["steel"].metallic), (None, Some(0.0)));
         let back = add(r#"{"lights": {"sun": null}, "materials": {"steel": null}}"#);
         assert!(!back.lights.contains_key("sun") && back.lights.len() == 1 && back.materials.is_empty());
+        // Effects one by one, in one order.
+        add(r#"{"effects": {"textures": false}}"#);
+        let two = add(r#"{"effects": {"covers": false, "caustics": true}}"#).without;
+        assert_eq!(two.len(), 2);
+        add(r#"{"effects": {"textures": true}}"#);
+        assert_eq!(add(r#"{"effects": {"textures": false}}"#).without, two);
+        assert_eq!(add(r#"{"effects": {"textures": true, "covers": true}}"#).without, []);
     }
 
     /// A name with `?` is that of one light.
@@ -511,9 +522,9 @@ mod tests {
             r#"{"lights": {"sky": {"on": false, "factor": 1}}}"#,
             r#"{"lights": {"spot": {"on": false, "factor": 1}}}"#,
             r#"{"lights": {"spot": {"on": true, "factor": 3}}}"#,
-            r#"{"without": ["gravity"]}"#,
-            r#"{"without": ["color"]}"#,
-            r#"{"camera": "above", "without": ["gravity"]}"#,
+            r#"{"effects": {"gravity": false}}"#,
+            r#"{"effects": {"color": false}}"#,
+            r#"{"camera": "above", "effects": {"textures": false, "gravity": true}}"#,
         ] {
             let mut change = SceneChange::default();
             let fault = change.add(serde_json::from_str(request).expect("JSON"), &parts());
