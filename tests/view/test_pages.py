@@ -146,7 +146,12 @@ def test_a_change_of_nothing_starts_no_render(view):
     running.wait(lambda state: state["render"]["restarted"] == 1, "the change")
     running.pause()
     same = {"lights": {"left": {"on": True, "factor": 2}, "right": {"on": True, "factor": 1}}, "per_light": False}
-    for request in [{}, {"lights": {}}, {"lights": {"right": None}, "materials": {"lid": None}, "effects": {"textures": True}}, same]:
+    for request in [
+        {},
+        {"lights": {}},
+        {"lights": {"right": None}, "materials": {"lid": None}, "effects": {"textures": True}},
+        same,
+    ]:
         running.post("scene", request)
         # The pause is kept too.
         running.picture("frame", {"camera": running.camera(), "frame": 0, "tone": "gamma"})
