@@ -127,6 +127,11 @@ impl<'a> Session<'a> {
         self.pool.current_num_threads()
     }
 
+    /// Runs two pieces of work side by side on the threads of the session.
+    pub fn join<A: Send, B: Send>(&self, a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
+        self.install(|| rayon::join(a, b))
+    }
+
     /// Runs `work` on the threads of the session.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         if rayon::current_thread_index().is_none() || self.pool.current_thread_index().is_some() {

@@ -291,7 +291,7 @@ fn electrons_of_row(pixels: &[[f32; 3]], out: &mut [f32], pair: [Weights; 2]) ->
 
 /// Are all channels finite and not negative? Without branches.
 fn is_radiance([r, g, b]: [f32; 3]) -> bool {
-    let is_valid = |v: f32| (v >= 0.0) & (v <= f32::MAX);
+    let is_valid = |v: f32| (0.0..=f32::MAX).contains(&v);
     is_valid(r) & is_valid(g) & is_valid(b)
 }
 

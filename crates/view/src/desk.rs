@@ -67,7 +67,7 @@ pub(crate) fn frame(shared: &Shared, request: &FrameRequest) -> Result<(FrameHea
             });
         }
     }
-    shared.session.install(|| developed.frame(request.frame, request.tone))
+    developed.frame(request.frame, request.tone, &shared.session)
 }
 
 /// A map.

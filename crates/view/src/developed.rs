@@ -319,9 +319,9 @@ impl Developed {
         }))
     }
 
-    /// A frame with its description: grey values of a monochrome sensor, or a picture in colours. Runs on the threads of the
+    /// A frame with its description: grey values of a monochrome sensor, or a picture in colours, computed on the threads of the
     /// session.
-    pub(crate) fn frame(&self, frame: u32, tone: Tone) -> Result<(FrameHeader, Vec<u8>), Fault> {
+    pub(crate) fn frame(&self, frame: u32, tone: Tone, session: &Session<'_>) -> Result<(FrameHeader, Vec<u8>), Fault> {
         let began = Instant::now();
         let [width, height] = self.snapshot.size();
         let mut header = FrameHeader {
@@ -351,7 +351,7 @@ impl Developed {
             header.matched = exposer.matched();
             header.mean_electrons = mean(exposer.electrons().data().iter().map(|&e| f64::from(e)));
         };
-        let (values, ()) = rayon::join(|| self.values(frame), || self.exposer.as_ref().map_or((), describe));
+        let (values, ()) = session.join(|| self.values(frame), || self.exposer.as_ref().map_or((), describe));
         let payload = match (&self.exposer, values?) {
             (Some(exposer), Some(values)) => {
                 let model = exposer.model();
@@ -363,7 +363,7 @@ impl Developed {
                         Picture::Gray(_) => ("rgb8", Vec::new()),
                     },
                 };
-                let (mean_value, (format, payload)) = rayon::join(mean_value, payload);
+                let (mean_value, (format, payload)) = session.join(mean_value, payload);
                 (header.mean_value, header.format) = (mean_value, format);
                 payload
             }

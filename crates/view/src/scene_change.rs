@@ -418,11 +418,11 @@ mod tests {
         assert!(!back.lights.contains_key("sun") && back.lights.len() == 1 && back.materials.is_empty());
         // Effects one by one, in one order.
         add(r#"{"effects": {"textures": false}}"#);
-        let two = add(r#"{"effects": {"nesting": false, "sheen": true}}"#).without;
+        let two = add(r#"{"effects": {"environment": false, "sheen": true}}"#).without;
         assert_eq!(two.len(), 2);
         add(r#"{"effects": {"textures": true}}"#);
         assert_eq!(add(r#"{"effects": {"textures": false}}"#).without, two);
-        assert_eq!(add(r#"{"effects": {"textures": true, "nesting": true}}"#).without, []);
+        assert_eq!(add(r#"{"effects": {"textures": true, "environment": true}}"#).without, []);
     }
 
     /// A name with `?` is that of one light.

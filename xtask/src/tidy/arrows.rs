@@ -10,7 +10,7 @@ const HOMES: [(&str, &[&str]); 28] = [
     ("tokio", &["view"]),
     ("tokio-stream", &["view"]),
     ("thread-priority", &["render"]),
-    ("rayon", &["render", "dunkelfeld", "studies", "bvh", "dataset", "io"]),
+    ("rayon", &["render", "dunkelfeld", "studies", "bvh", "dataset", "io", "sensor"]),
     ("obvhs", &["bvh"]),
     ("jiff", &["dataset"]),
     ("rustc-hash", &["geometry", "integrator"]),
@@ -219,7 +219,9 @@ mod tests {
         let faults = with(package("geometry", &["rayon"]));
         assert_eq!(
             faults,
-            ["crates/geometry: uses rayon, which belongs in render, dunkelfeld, studies, bvh, dataset, io only"]
+            [
+                "crates/geometry: uses rayon, which belongs in render, dunkelfeld, studies, bvh, dataset, io, sensor only"
+            ]
         );
         assert_eq!(with(package("dunkelfeld", &["png", "clap"])).len(), 2);
     }
