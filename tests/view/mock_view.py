@@ -86,7 +86,7 @@ class MockView:
             "spp": spp,
             "seconds": float(step),
             "first": step == 0,
-            "restarted": self.restarted,
+            "earlier": self.settings["earlier_picture"],
         }
 
     def level(self, seconds):
@@ -102,7 +102,7 @@ class MockView:
             "remaining": max(0.0, 120 - seconds),
             "state": "running",
             "reason": None,
-            "restarted": self.restarted + self.settings["earlier_picture"],
+            "restarted": self.restarted,
             "samples_per_second": 3.7e6,
         }
         if film is None:

@@ -116,12 +116,11 @@ class View:
         return wait_for(met, what)
 
     def wait_for_film(self, spp=1.0):
-        """Waits for a film without gaps that has so many samples per pixel. After a restart it is that of the new render."""
+        """Waits for a film without gaps that has so many samples per pixel. It is no picture before a change."""
 
         def is_there(state):
             film = state["film"]
-            is_of_render = film and film["restarted"] == state["render"]["restarted"]
-            return is_of_render and not film["first"] and film["spp"] >= spp
+            return film and not film["earlier"] and not film["first"] and film["spp"] >= spp
 
         return self.wait(is_there, f"{spp} spp")
 

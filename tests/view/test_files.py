@@ -20,14 +20,11 @@ def test_a_saved_job_makes_the_scene_again(view, tmp_path, open_page):
     running.wait_for_film(1)
     page.set("light-power-0-value", "3")
     page.set("material-roughness-2-value", "0.2")
-    state = running.wait(
+    running.wait(
         lambda state: state["scene"]["lights"][0]["factor"] == 3 and state["scene"]["materials"][2]["roughness"] == 0.2,
         "the changes",
     )
-    running.wait(
-        lambda now: now["film"]["id"] > state["film"]["id"] and now["film"]["spp"] >= 24 and now["error"] is None,
-        "a film",
-    )
+    running.wait_for_film(24)
     page.set("sensor", "imx174")
     page.set("gain-value", "1.5")
     page.set("exposure-value", "7 ms")
@@ -60,10 +57,16 @@ def test_a_save_of_the_picture_before_a_change_states_it(view, tmp_path):
     assert running.post("save", body)["note"] is None
     running.post("scene", {"lights": {"left": {"on": False, "factor": 1}}})
     state = running.wait(lambda state: state["render"]["restarted"] == 1, "the restart")
-    assert state["film"]["restarted"] == 0, "the earlier picture stays"
+    assert state["film"]["earlier"], "the earlier picture stays"
     note = running.post("save", {**body, "name": "earlier"})["note"]
     assert note == "The picture is that of the scene before its change."
     assert "enabled" not in (tmp_path / "earlier.toml").read_text()
+    # A pause that comes before the new picture keeps the earlier one.
+    running.post("render", {"action": "restart"})
+    running.wait(lambda state: state["render"]["restarted"] == 2, "the next restart")
+    assert running.pause()["film"]["earlier"]
+    assert running.post("save", {**body, "name": "paused"})["note"] == note
+    running.post("render", {"action": "resume"})
     running.wait_for_film(1)
     assert running.post("save", {**body, "name": "new"})["note"] is None
     assert "enabled = false" in (tmp_path / "new.toml").read_text()

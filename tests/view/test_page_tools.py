@@ -321,7 +321,9 @@ def test_regions_line_path_transfer(mock_page):
     page.click("tool-move")
     page.mouse((x0 + 200, y0 + 200), drag=True)
     page.settle()
-    assert page.last("/api/path") == {"x": 200, "y": 200, "index": None}
+    # The factors of the lights are those of this page.
+    name = page.last("/api/frame")["page"]
+    assert page.last("/api/path") == {"x": 200, "y": 200, "index": None, "page": name}
     items = page.js("return [...document.querySelectorAll('#path-list li')].map(e => e.textContent)")
     assert len(items) == 5 and "behind the camera" in items[2]
     page.click("transfer-on")

@@ -160,6 +160,21 @@ def test_a_change_of_nothing_starts_no_render(view):
     running.wait(lambda state: state["render"]["restarted"] == 2, "a change")
 
 
+def test_the_state_has_a_change_that_is_not_made_yet(view):
+    running = view(job=station(width=400, height=300))
+    running.wait_for_film(1)
+    running.post("scene", {"effects": {"textures": False}, "lights": {"left": {"on": False, "factor": 1}}})
+    state = running.state()
+    assert state["film"]["earlier"]
+    assert next(effect for effect in state["scene"]["effects"] if effect["name"] == "textures")["left_out"]
+    assert not next(light for light in state["scene"]["lights"] if light["name"] == "left")["on"]
+    # A later request for another effect keeps this one.
+    running.post("scene", {"effects": {"environment": False}})
+    running.wait_for_film(1)
+    left_out = [effect["name"] for effect in running.state()["scene"]["effects"] if effect["left_out"]]
+    assert sorted(left_out) == ["environment", "textures"]
+
+
 def test_a_change_during_an_error_of_the_lens(view, tmp_path):
     """The file can be read, and its lens does not fit."""
     running = view(job=FIXED)

@@ -73,9 +73,8 @@ export function pause(store, act) {
  */
 function showProgress(render, film) {
   const { state, stage, fraction, elapsed, remaining, reason } = render;
-  const isEarlier = film !== null && film.restarted !== render.restarted;
-  const running = isEarlier ? `${stage}: earlier picture` : film?.first ? `${stage}: coarse picture` : stage;
-  const words = { loading: stage, running, paused: `paused: ${stage}`, finished: reason ?? "finished", failed: reason ?? "failed", none: "finished samples" };
+  const work = film?.earlier ? `${stage}: earlier picture` : film?.first ? `${stage}: coarse picture` : stage;
+  const words = { loading: work, running: work, paused: `paused: ${work}`, finished: reason ?? "finished", failed: reason ?? "failed", none: "finished samples" };
   setText(box("stage-text"), words[state]);
   box("progress").title = reason ?? "Stage and progress of the render";
   setText(box("time-text"), state === "none" ? ""

@@ -39,8 +39,8 @@ export interface Render {
 
 export interface Film {
   id: number; samples: number; spp: number; seconds: number; first: boolean;
-  /** The restarts before its render. */
-  restarted: number;
+  /** Is it that of the scene before a change or a restart? */
+  earlier: boolean;
 }
 
 export interface Certificate {

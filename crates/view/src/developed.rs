@@ -377,7 +377,16 @@ impl Developed {
     pub(crate) fn map(&self, kind: MapKind, difference: Option<&[f32]>) -> Result<(MapHeader, Vec<u8>), Fault> {
         let began = Instant::now();
         let [width, height] = self.snapshot.size();
-        let without = || Fault::new("there is no sensor, so there is no noise to compare with", "choose a sensor");
+        let is_exr = matches!(self.snapshot.content, Content::Exr(_));
+        let without = || match &self.exposer {
+            Some(_) if is_exr => {
+                Fault::new("the noise of an EXR is not certified", "open the saved film of the render")
+            }
+            _ => Fault::new("there is no sensor, so there is no noise to compare with", "choose a sensor"),
+        };
+        if is_exr && matches!(kind, MapKind::Samples | MapKind::Recent) {
+            return Err(Fault::new("an EXR has no samples", "open the saved film of the render"));
+        }
         let of_camera = || self.exposer.as_ref().ok_or_else(without);
         let ratio = |v: f32| if v.is_finite() { v.sqrt() } else { f32::NAN };
         let counts = |plane: &Plane<u32>| plane.data().iter().map(|&n| n as f32).collect::<Vec<f32>>();

@@ -197,6 +197,7 @@ fn open(shared: &Arc<Shared>, change: &SceneChange) -> Result<(Project, ScenePar
     let files = stamps(before.iter().chain([&shared.subject.path]).map(PathBuf::as_path));
     shared.update(|live| {
         live.render.state = Activity::Loading;
+        "load".clone_into(&mut live.render.stage);
         live.files = files;
     });
     let options = ProjectOptions::default().with_without(change.without.clone());

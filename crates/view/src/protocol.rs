@@ -194,8 +194,8 @@ pub(crate) struct FilmState {
     pub(crate) spp: f64,
     pub(crate) seconds: f64,
     pub(crate) first: bool,
-    /// The restarts before its render. With fewer than those of the render, it is of the scene before a change.
-    pub(crate) restarted: u32,
+    /// Is it that of the scene before a change or a restart?
+    pub(crate) earlier: bool,
 }
 
 /// The state of the render.
@@ -284,6 +284,8 @@ pub(crate) struct SensorState {
     pub(crate) bits: u32,
     pub(crate) colour: bool,
     pub(crate) saturation: f64,
+    /// Of the chip \[degrees Celsius\].
+    pub(crate) temperature: f64,
     pub(crate) dark_noise: f64,
     pub(crate) pixel: f64,
 }
@@ -320,6 +322,9 @@ pub(crate) struct LightState {
     pub(crate) on: bool,
     pub(crate) factor: f64,
     pub(crate) power: String,
+    /// Can its power be changed, and can it be switched off?
+    pub(crate) has_power: bool,
+    pub(crate) has_switch: bool,
 }
 
 /// A material.

@@ -46,7 +46,8 @@ pub(crate) struct Probe {
     pub(crate) camera_sigma: Option<f64>,
     pub(crate) render_sigma: Option<f64>,
     pub(crate) ratio: Option<f64>,
-    pub(crate) samples: u32,
+    /// `None` for an EXR.
+    pub(crate) samples: Option<u32>,
     pub(crate) object: Option<String>,
     pub(crate) material: Option<String>,
     pub(crate) depth: Option<f32>,

@@ -24,7 +24,7 @@ const MAX_NAME: usize = 100;
 pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved, Fault> {
     check_name(&request.name)?;
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
-    let is_earlier = shared.is_outdated(&snapshot);
+    let is_earlier = shared.is_earlier(&snapshot);
     let files: Vec<(SaveKind, PathBuf)> =
         request.what.iter().map(|&kind| (kind, path_of(shared, kind, &request.name))).collect();
     // Of two requests with one name, the second finds the files of the first, and writes none of its files.

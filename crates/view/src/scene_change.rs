@@ -10,6 +10,16 @@ use toml::{Table, Value};
 /// Kinds of lights without a power.
 const NO_POWER: [&str; 3] = ["environment", "sun", "directional"];
 
+/// Has a light of this kind a power?
+pub(crate) fn has_power(kind: &str) -> bool {
+    !NO_POWER.contains(&kind)
+}
+
+/// Can a light of this kind be switched off?
+pub(crate) fn has_switch(kind: &str) -> bool {
+    kind != "environment"
+}
+
 /// All changes since the scene was opened.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct SceneChange {
@@ -90,11 +100,11 @@ impl SceneParts {
 
     /// Checks that an entry of a job makes a change of a light. `kind` is that of the light.
     fn check_light(&self, name: &str, kind: &str, change: LightChange) -> Result<(), Fault> {
-        if kind == "environment" && !change.on {
+        if !has_switch(kind) && !change.on {
             let problem = format!("{name:?} is the environment, which has no switch");
             return Err(Fault::new(problem, "write `radiance = 0` or `scale = 0` in `[environment]` of the job"));
         }
-        if change.factor != 1.0 && NO_POWER.contains(&kind) {
+        if change.factor != 1.0 && !has_power(kind) {
             let problem = format!("the light {name:?} comes from infinitely far away, and has no power");
             return Err(Fault::new(problem, "change it in the job"));
         }
@@ -294,9 +304,9 @@ impl SceneChange {
                 continue;
             }
             parts.check_name(name)?;
-            if !NO_POWER.contains(&&kind[..]) {
+            if has_power(kind) {
                 light.factor *= factor;
-            } else if factor == 0.0 && kind != "environment" {
+            } else if factor == 0.0 && has_switch(kind) {
                 light.on = false;
             } else {
                 let problem = format!("the light {name:?} has the factor {factor}, and no power");

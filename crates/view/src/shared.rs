@@ -9,7 +9,7 @@ use crate::protocol::{
     Activity, Camera, Denoise, EffectState, Fault, FilmState, ForecastPoint, ForecastSource, LightState, MaterialState,
     Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
 };
-use crate::scene_change::{SceneChange, SceneParts};
+use crate::scene_change::{SceneChange, SceneParts, has_power, has_switch};
 use crate::scenes::Scenes;
 use crate::snapshot::Snapshot;
 use crate::store::Store;
@@ -214,9 +214,22 @@ impl Shared {
         is_being_made && live.error.is_none() && snapshot.scene.number != live.scene_number
     }
 
+    /// The change of the scene that waits, or is being made.
+    fn pending(&self) -> Option<SceneChange> {
+        let control = lock(&self.control);
+        control.change.clone().or_else(|| control.in_progress.clone())
+    }
+
+    /// Is the picture that of the scene before a change or a restart?
+    pub(crate) fn is_earlier(&self, snapshot: &Snapshot) -> bool {
+        let is_pending = self.pending().is_some() || lock(&self.control).reload;
+        is_pending || snapshot.scene.number != lock(&self.live).scene_number
+    }
+
     /// The state of a page, with the statistics of its camera. `None`: with those of the page that asked for a frame last.
     pub(crate) fn state(&self, page: Option<&str>) -> State {
         let snapshot = self.snapshot();
+        let (pending, is_earlier) = (self.pending(), snapshot.as_ref().is_some_and(|shown| self.is_earlier(shown)));
         let live = lock(&self.live);
         let settings = live.settings.as_ref();
         let [width, height] = match (&snapshot, settings) {
@@ -237,6 +250,7 @@ impl Shared {
                 bits: spec.bit_depth,
                 colour: spec.quantum_efficiency.filter().is_some(),
                 saturation: model.saturation().0,
+                temperature: spec.temperature.0,
                 dark_noise: spec.dark_noise.0,
                 pixel: spec.pixel_pitch.micrometres(),
             }
@@ -264,7 +278,7 @@ impl Shared {
                 spp: snapshot.spp(),
                 seconds: snapshot.seconds,
                 first: snapshot.has_gaps,
-                restarted: snapshot.restarted,
+                earlier: is_earlier,
             }),
             render,
             error: live.error.clone(),
@@ -286,7 +300,8 @@ impl Shared {
             ranges: Ranges::KNOBS,
             frame: settings.map_or(0, |settings| settings.frame),
             timed: live.timed.map(|timed| format!("{} for this exposure", timed.reason)),
-            scene: (self.subject.kind == SourceKind::Render && settings.is_some()).then(|| live.scene()),
+            scene: (self.subject.kind == SourceKind::Render && settings.is_some())
+                .then(|| live.scene(pending.as_ref())),
             saved: live.saved.clone(),
         }
     }
@@ -343,9 +358,10 @@ impl Live {
         (self.pages.statistics(camera).map_or_else(Vec::new, measured), ForecastSource::Points)
     }
 
-    fn scene(&self) -> SceneState {
+    /// The scene with a change that is not made yet, or with that of the picture.
+    fn scene(&self, pending: Option<&SceneChange>) -> SceneState {
         // Changes that are kept for other files are not made.
-        let (parts, change) = (&self.parts, self.change.restricted_to(&self.parts));
+        let (parts, change) = (&self.parts, pending.unwrap_or(&self.change).restricted_to(&self.parts));
         let first = parts.cameras.first().cloned().unwrap_or_default();
         let of_job = self.settings.as_ref().and_then(|settings| settings.camera.clone());
         SceneState {
@@ -361,6 +377,8 @@ impl Live {
                         on: changed.is_none_or(|c| c.on),
                         factor,
                         power: format!("{:.3} W", watts * factor),
+                        has_power: has_power(kind),
+                        has_switch: has_switch(kind),
                     }
                 })
                 .collect(),

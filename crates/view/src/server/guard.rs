@@ -33,6 +33,12 @@ impl Guard {
         let port = address.port();
         let mut hosts = vec![format!("127.0.0.1:{port}"), format!("localhost:{port}"), format!("[::1]:{port}")];
         hosts.push(address.to_string());
+        // Clients leave out the standard port.
+        if port == 80 {
+            let without_port: Vec<String> =
+                hosts.iter().filter_map(|host| host.strip_suffix(":80")).map(str::to_owned).collect();
+            hosts.extend(without_port);
+        }
         Self { hosts: Arc::new(hosts), cookie: cookie_name(port).into(), token: token.map(Into::into) }
     }
 
@@ -166,6 +172,19 @@ mod tests {
             assert_eq!(refusal("http://evil.example@127.0.0.1:7000/", &own), Some("the request names another host"));
             assert_eq!(refusal("/api/state", &both), Some("the request names two hosts"));
         }
+    }
+
+    /// Clients leave out the standard port of `http` in host and origin.
+    #[test]
+    fn the_standard_port_needs_no_number() {
+        let names = ["127.0.0.1", "localhost", "[::1]", "127.0.0.1:80", "localhost:80"];
+        let is_own = |port: u16, host: &str| {
+            let origin = format!("http://{host}");
+            let guard = Guard::new(([127, 0, 0, 1], port).into(), None);
+            !refuses(&guard, Method::GET, &[("host", host), ("origin", &origin)])
+        };
+        assert!(names.iter().all(|host| is_own(80, host)));
+        assert!(names.iter().all(|host| !is_own(8080, host)));
     }
 
     #[test]
