@@ -206,7 +206,8 @@ export class Pictures {
     const canvas = (kind === "a" ? viewer.pictureA : viewer.pictureB) ?? document.createElement("canvas");
     const first = kind === "a" && (viewer.pictureA === null || canvas.width !== frame.header.width
       || canvas.height !== frame.header.height);
-    paintFrame(frame, tone, canvas);
+    // The tone may have changed since the request.
+    paintFrame(frame, store.tone, canvas);
     if (kind === "a") {
       store.frameA = frame;
       viewer.pictureA = canvas;
@@ -216,7 +217,6 @@ export class Pictures {
       store.frameB = frame;
       viewer.pictureB = canvas;
     }
-    if (tone !== store.tone) this.#repaint();
     viewer.invalidate();
     store.emit("picture");
   }
