@@ -19,3 +19,37 @@ def test_the_tone_of_this_moment_is_painted(mock_page):
     for x, y in [(10, 10), (160, 120), (300, 200)]:
         expected = tone_value(frame["values"][y * WIDTH + x], frame["header"], "log")
         assert page.pixel(x0 + x, y0 + y)[:3] == [expected] * 3, (x, y)
+
+
+def test_storage_that_is_switched_off(driver, mock_page):
+    page = mock_page(*FROZEN)
+    script = (
+        "Object.defineProperty(window, 'sessionStorage', {get() { throw new DOMException('off', 'SecurityError'); }})"
+    )
+    added = driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": script})
+    try:
+        page.refresh()
+        page.settle()
+        assert page.text("connection") == "connected" and page.film() == page.state()["film"]["id"]
+        page.set("gain-value", "2")
+        page.settle()
+        assert page.camera()["gain"] == 2
+    finally:
+        driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
+    page.assert_quiet_console()
+
+
+def test_broken_texts_in_the_storage(mock_page):
+    page = mock_page(*FROZEN)
+    page.set("gain-value", "2")
+    kept = page.js("return sessionStorage.getItem('knobs of jobs/panel.toml')")
+    for text in ["{", "null", "5", kept.replace('"camera":{', '"camera":{"old":1,'), kept.replace('"gain":2,', "")]:
+        page.js("sessionStorage.setItem('knobs of jobs/panel.toml', arguments[0])", text)
+        page.refresh()
+        page.settle()
+        assert page.value("gain-value") == "1" and page.camera()["gain"] == 1, text
+    page.js("sessionStorage.setItem('knobs of jobs/panel.toml', arguments[0])", kept)
+    page.refresh()
+    page.settle()
+    assert page.camera()["gain"] == 2
+    page.assert_quiet_console()

@@ -86,7 +86,11 @@ function placeOf(state) {
  */
 function keepKnobs(state, camera) {
   if (!state) return;
-  sessionStorage.setItem(placeOf(state), JSON.stringify({ job: state.camera, camera }));
+  try {
+    sessionStorage.setItem(placeOf(state), JSON.stringify({ job: state.camera, camera }));
+  } catch {
+    // The storage of a browser may be switched off or full: the knobs then start as in the job.
+  }
 }
 
 /**
@@ -95,11 +99,23 @@ function keepKnobs(state, camera) {
  * @returns {Camera | null}
  */
 function knobsOf(state) {
-  const text = sessionStorage.getItem(placeOf(state));
-  if (text === null || state.width === 0) return null;
-  /** @type {{ job: Camera, camera: Camera }} */
-  const { job, camera } = JSON.parse(text);
-  return JSON.stringify(job) === JSON.stringify(state.camera) ? camera : null;
+  if (state.width === 0) return null;
+  try {
+    // The text may be that of another version, or broken.
+    const found = JSON.parse(sessionStorage.getItem(placeOf(state)) ?? "null");
+    const isSame = JSON.stringify(found?.job) === JSON.stringify(state.camera);
+    return isSame && hasKeysOf(found.camera, state.camera) ? found.camera : null;
+  } catch {
+    return null;
+  }
+}
+
+/**
+ * @param {object} found
+ * @param {Camera} camera
+ */
+function hasKeysOf(found, camera) {
+  return JSON.stringify(Object.keys(found).sort()) === JSON.stringify(Object.keys(camera).sort());
 }
 
 export class Store {
