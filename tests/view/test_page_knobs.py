@@ -53,3 +53,34 @@ def test_broken_texts_in_the_storage(mock_page):
     page.settle()
     assert page.camera()["gain"] == 2
     page.assert_quiet_console()
+
+
+def test_a_page_that_is_loaded_again_has_its_knobs(mock_page):
+    page = mock_page(*FROZEN)
+    page.click("keep")
+    page.set("gain-value", "2")
+    # After a change of the job.
+    page.mock.settings["exposure"] = 0.004
+    page.wait(lambda: page.value("exposure-value") == "4 ms", "the exposure of the job")
+    page.refresh()
+    page.settle()
+    assert page.camera()["gain"] == 2 and page.camera()["exposure"] == 0.004
+    # Before the job is loaded.
+    page.mock.width = 0
+    page.mock.settings |= {"frozen": 0.1, "exposure": None}
+    page.refresh()
+    page.mock.width = WIDTH
+    page.mock.settings |= {"frozen": 18.4, "exposure": 0.004}
+    page.wait(lambda: page.state()["width"] == WIDTH, "the job")
+    page.settle()
+    assert page.camera()["gain"] == 2 and page.camera()["exposure"] == 0.004
+    # After an exchange.
+    page.click("keep")
+    page.set("gain-value", "3")
+    page.click("swap")
+    page.settle()
+    assert page.camera()["gain"] == 2
+    page.refresh()
+    page.settle()
+    assert page.camera()["gain"] == 2
+    page.assert_quiet_console()

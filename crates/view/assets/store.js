@@ -227,6 +227,7 @@ export class Store {
   /** @param {State} state */
   setServer(state) {
     const isFirst = this.server === null;
+    const wasLoading = this.server?.width === 0;
     const before = this.#job;
     this.server = state;
     this.#job = state.camera;
@@ -246,8 +247,14 @@ export class Store {
     if (this.camera === null || !before) {
       this.camera = knobsOf(state) ?? structuredClone(state.camera);
       this.emit("camera");
+    } else if (wasLoading && JSON.stringify(this.camera) === JSON.stringify(before) && knobsOf(state)) {
+      // The page was loaded again before the job was: its knobs are those of this job.
+      this.camera = knobsOf(state);
+      this.emit("camera");
     } else if (JSON.stringify(before) !== JSON.stringify(state.camera)) {
       this.camera = follow(this.camera, before, state.camera);
+      // A job that is not loaded must not replace the knobs of the one that is.
+      if (state.width > 0) keepKnobs(state, this.camera);
       if (this.kept) {
         this.kept = follow(this.kept, before, state.camera);
         this.emit("kept");
@@ -352,6 +359,7 @@ export class Store {
   swap() {
     if (!this.camera || !this.kept) return;
     [this.camera, this.kept] = [this.kept, this.camera];
+    keepKnobs(this.server, this.camera);
     this.emit("camera");
     this.emit("kept");
   }
