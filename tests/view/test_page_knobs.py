@@ -84,3 +84,26 @@ def test_a_page_that_is_loaded_again_has_its_knobs(mock_page):
     page.settle()
     assert page.camera()["gain"] == 2
     page.assert_quiet_console()
+
+
+def test_numbers_of_the_scene_are_refused_with_a_message(mock_page):
+    page = mock_page(*FROZEN)
+    page.tab("scene")
+    page.js("document.querySelectorAll('#materials details').forEach(d => d.open = true)")
+    for knob, texts, largest in [
+        ("light-power-0-value", ["-1", "2e6", ""], "1000000"),
+        ("material-roughness-0-value", ["1.5", "-1", ""], "1"),
+    ]:
+        before = page.value(knob)
+        for text in texts:
+            # The field has the focus, as after Enter.
+            page.js("document.getElementById(arguments[0]).focus()", knob)
+            page.set(knob, text)
+            words = "not a number" if text == "" else f"{text} is out of range"
+            assert words in page.text("problems") and f"Type 0 to {largest}." in page.text("problems"), (knob, text)
+            assert page.value(knob) == before, (knob, text)
+    assert not page.log("/api/scene")
+    page.set("material-roughness-0-value", "0.6")
+    assert page.text("problems") == ""
+    assert page.last("/api/scene") == {"materials": {"anodised aluminium": {"roughness": 0.6}}}
+    page.assert_quiet_console()

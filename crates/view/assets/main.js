@@ -58,7 +58,7 @@ const measurements = new Measurements(store, new Lane(report), problems);
 header(store, act, problems);
 toolbar(store, viewer);
 cameraPanel(store, problems);
-new ScenePanel(store, act);
+new ScenePanel(store, act, problems);
 const noisePanel = new NoisePanel(store, measurements, problems, act);
 noisePanel.onDifference = () => {
   if (store.map === "difference") pictures.invalidateMap();

@@ -11,6 +11,7 @@ import { Debounce } from "./requests.js";
 const DELAY = 400; // ms without a further change before the render starts again
 const HOLD = 1500; // ms in which states from before a change must not move the controls back
 const FILTER_FROM = 8; // materials from which a filter helps
+const LARGEST_FACTOR = 1e6; // of the power of a light
 
 // Short explanations; docs/effects.md has the whole ones.
 const EFFECTS = new Map([
@@ -124,13 +125,16 @@ export class ScenePanel {
   /**
    * @param {Store} store
    * @param {(path: string, body: unknown) => Promise<boolean>} act
+   * @param {import("./problems.js").Problems} problems
    */
-  constructor(store, act) {
+  constructor(store, act, problems) {
     this.store = store;
     this.act = act;
+    this.problems = problems;
     store.on("session", () => {
       // A change for an earlier server means nothing to this one.
       this.#heldUntil = 0;
+      problems.clear("scene-number");
     });
     store.on("state", () => this.show());
     select("scene-camera").addEventListener("change", () => {
@@ -152,6 +156,8 @@ export class ScenePanel {
    */
   #change(key, edit) {
     if (!this.#scene) return;
+    // A message about a text is outdated when a knob has moved.
+    this.problems.clear("scene-number");
     edit(this.#scene);
     this.#changed.add(key);
     this.#send.call();
@@ -275,6 +281,7 @@ export class ScenePanel {
       ...this.#pair({
         id: `light-power-${index}`, label: "Power ×", name: light.name, low: -2, high: 2, log: true,
         title: "Factor of the power of this light on a logarithmic scale. The render starts again",
+        get: () => this.#scene?.lights[index]?.factor,
         set: (value) => this.#change("lights", (scene) => {
           const found = scene.lights[index];
           if (found) found.factor = value;
@@ -299,6 +306,7 @@ export class ScenePanel {
       if (material[key] === null) return;
       item.append(...this.#pair({
         id: `material-${key}-${index}`, label, name: material.name, low: 0, high: 1, log: false, title,
+        get: () => this.#scene?.materials[index]?.[key],
         set: (value) => this.#change("materials", (scene) => {
           const found = scene.materials[index];
           if (!found) return;
@@ -370,10 +378,10 @@ export class ScenePanel {
 
   /**
    * @param {{ id: string, label: string, name: string, low: number, high: number, log: boolean,
-   *   title: string, set: (value: number) => void }} options
+   *   title: string, get: () => number | null | undefined, set: (value: number) => void }} options
    * @returns {HTMLElement[]}
    */
-  #pair({ id, label, name, low, high, log, title, set }) {
+  #pair({ id, label, name, low, high, log, title, get, set }) {
     const slider = element("input", { id, type: "range", min: low, max: high, step: (high - low) / 200, title });
     const value = element("input", {
       id: `${id}-value`, type: "number", step: "any", min: 0, class: "number", title,
@@ -386,8 +394,14 @@ export class ScenePanel {
     });
     value.addEventListener("change", () => {
       const next = Number(value.value);
-      if (value.value === "" || !(next >= 0) || (!log && next > high)) {
-        this.show();
+      const largest = log ? LARGEST_FACTOR : high;
+      if (value.value === "" || !(next >= 0 && next <= largest)) {
+        this.problems.setText("scene-number", {
+          problem: `${label.replace(" ×", "")} of ${name}: ${value.value === "" ? "this is not a number" : `${value.value} is out of range`}.`,
+          place: null, help: `Type 0 to ${largest}.`,
+        });
+        // Also while the field has the focus.
+        value.value = String(get() ?? "");
         return;
       }
       slider.value = String(log ? Math.log10(Math.max(next, 1e-9)) : next);
