@@ -45,7 +45,7 @@ class MockView:
         self.left_out, self.saved, self.ablations = set(), [], {}
         self.log, self.settings = [], {"delay": 0.0, "frozen": options.freeze}
         # `mute`: no state is sent. `no_picture`: the film of the state is not there yet. `regions`: a fault of all regions.
-        # `black`: frames without light.
+        # `black`: frames without light. `light_fields`: other fields of a light, by its name.
         self.settings |= {
             "mute": options.mute,
             "no_picture": False,
@@ -55,6 +55,7 @@ class MockView:
             "analysis": "exact",
             "prepared": 0,
             "timed": None,
+            "light_fields": {},
             "frame": 0,
             "exposure": JOB_CAMERA["exposure"],
             "other_camera": False,
@@ -153,7 +154,11 @@ class MockView:
             scene = {
                 "cameras": ["front", "oblique 30°"],
                 "camera": self.camera_name,
-                "lights": [{"name": n, "kind": k, "power": p, **self.lights[n]} for n, k, p in LIGHTS],
+                "lights": [
+                    {"name": n, "kind": k, "power": p, "has_power": True, "has_switch": True, **self.lights[n]}
+                    | self.settings["light_fields"].get(n, {})
+                    for n, k, p in LIGHTS
+                ],
                 "materials": self.materials,
                 "effects": [{"name": n, "title": t, "used": u, "left_out": n in self.left_out} for n, t, u in EFFECTS],
                 "per_light": {

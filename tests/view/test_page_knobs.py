@@ -107,3 +107,47 @@ def test_numbers_of_the_scene_are_refused_with_a_message(mock_page):
     assert page.text("problems") == ""
     assert page.last("/api/scene") == {"materials": {"anodised aluminium": {"roughness": 0.6}}}
     page.assert_quiet_console()
+
+
+def title(page, id_):
+    """The tooltip of a control, or of its label."""
+    return page.js("const e = document.getElementById(arguments[0]); return e.title || e.closest('label').title", id_)
+
+
+def test_a_light_that_is_off_has_no_factor(mock_page):
+    page = mock_page(*FROZEN)
+    page.tab("scene")
+    page.click("per-light")
+    page.wait(lambda: not page.hidden("light-factors"), "factors")
+    knobs = ["light-factor-1", "light-factor-value-1"]
+    before = [title(page, knob) for knob in knobs]
+    for on in [False, True]:
+        page.click("light-on-1")
+        page.wait(lambda on=on: page.state()["scene"]["lights"][1]["on"] is on, "the state of the light")
+        for knob, text in zip(knobs, before):
+            assert page.disabled(knob) is not on and not page.disabled("light-factor-0")
+            assert title(page, knob) == text if on else "This light is off" in title(page, knob)
+    page.assert_quiet_console()
+
+
+def test_lights_without_power_or_switch(mock_page):
+    page = mock_page(*FROZEN)
+    page.tab("scene")
+    knobs = ["light-power-2", "light-power-2-value", "light-on-2"]
+    before = [title(page, knob) for knob in knobs]
+    assert not any(page.disabled(knob) for knob in knobs)
+    page.mock.settings["light_fields"] = {"room": {"has_power": False}}
+    page.wait(lambda: page.disabled("light-power-2"), "a sun")
+    assert page.disabled("light-power-2-value") and not page.disabled("light-on-2")
+    assert title(page, "light-power-2-value") == (
+        "This light comes from infinitely far away, and has no power: change it in the job"
+    )
+    page.mock.settings["light_fields"] = {"room": {"has_power": False, "has_switch": False}}
+    page.wait(lambda: page.disabled("light-on-2"), "an environment")
+    assert title(page, "light-on-2") == (
+        "The environment has no switch: write `radiance = 0` or `scale = 0` in [environment] of the job"
+    )
+    page.mock.settings["light_fields"] = {}
+    page.wait(lambda: not page.disabled("light-on-2"), "a lamp")
+    assert [title(page, knob) for knob in knobs] == before
+    page.assert_quiet_console()

@@ -1,6 +1,6 @@
 // The settings of the camera: they change the picture without new samples.
 
-import { box, button, element, input, select, setOptions, setText, setValue, show } from "./dom.js";
+import { allow, box, button, element, input, select, setOptions, setText, setValue, show } from "./dom.js";
 import { count, exposure, number, parseExposure, percent, plain, quantity } from "./format.js";
 
 /** @typedef {import("./store.js").Store} Store */
@@ -248,11 +248,8 @@ function showKnobs(store, force = false) {
     input(id).disabled = camera.sensor === null;
   }
   for (const id of ["exposure", "exposure-value", "exposure-auto"]) {
-    const target = input(id);
-    target.dataset["help"] ??= target.title;
-    target.title = server.timed === null ? target.dataset["help"]
-      : `Fixed, because ${server.timed}. Change it in the job`;
-    target.disabled ||= server.timed !== null;
+    allow(input(id), server.timed === null ? null : `Fixed, because ${server.timed}. Change it in the job`);
+    input(id).disabled ||= camera.sensor === null;
   }
   select("noise").disabled = camera.sensor === null;
   button("device-next").disabled = camera.sensor === null;
@@ -313,8 +310,10 @@ function showLights(store) {
     list.dataset["names"] = names;
     list.replaceChildren(...lights.map(({ name }, index) => lightRow(store, name, index)));
   }
-  lights.forEach(({ name }, index) => {
+  lights.forEach(({ name, on }, index) => {
     const factor = camera?.lights?.[name] ?? 1;
+    const reason = on ? null : "This light is off, so it has no film: switch it on in the panel Scene";
+    for (const id of [`light-factor-${index}`, `light-factor-value-${index}`]) allow(input(id), reason);
     setValue(input(`light-factor-${index}`), String(factor > 0 ? Math.log10(factor) : -LIGHT_RANGE));
     setValue(input(`light-factor-value-${index}`), String(factor));
   });

@@ -98,6 +98,19 @@ export function show(target, visible) {
 }
 
 /**
+ * Disables a control that has no effect, with the reason as its tooltip.
+ * @param {HTMLInputElement | HTMLSelectElement | HTMLOptionElement} target
+ * @param {string | null} reason null: the control has an effect
+ * @param {HTMLElement} owner the element with the tooltip
+ */
+export function allow(target, reason, owner = target) {
+  owner.dataset["help"] ??= owner.title;
+  const title = reason ?? owner.dataset["help"];
+  if (owner.title !== title) owner.title = title;
+  target.disabled = reason !== null;
+}
+
+/**
  * Sets the state of a button that stays pressed.
  * @param {HTMLElement} target
  * @param {boolean} pressed

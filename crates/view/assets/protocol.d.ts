@@ -15,7 +15,13 @@ export interface Sensor {
   saturation: number; dark_noise: number; pixel: number;
 }
 
-export interface Light { name: string; kind: string; on: boolean; factor: number; power: string }
+export interface Light {
+  name: string; kind: string; on: boolean; factor: number; power: string;
+  /** False for a light from infinitely far away. */
+  has_power: boolean;
+  /** False for an environment. */
+  has_switch: boolean;
+}
 export type Colour = [number, number, number];
 export interface Material {
   name: string; roughness: number | null; metallic: number | null; color: Colour | null;

@@ -1,7 +1,7 @@
 // Saving of files.
 
 import { postJson } from "./api.js";
-import { box, button, element, input, setText, setValue } from "./dom.js";
+import { allow, box, button, element, input, setText, setValue } from "./dom.js";
 import { tracked } from "./requests.js";
 
 /** @typedef {import("./store.js").Store} Store */
@@ -30,13 +30,9 @@ function refusal(kind, state) {
  * @param {SaveKind} kind
  * @param {string | null} reason
  */
-function allow(kind, reason) {
+function allowKind(kind, reason) {
   const target = input(`save-${kind}`);
-  const label = target.closest("label");
-  if (!label) return;
-  label.dataset["help"] ??= label.title;
-  label.title = reason ?? label.dataset["help"];
-  target.disabled = reason !== null;
+  allow(target, reason, target.closest("label") ?? target);
   if (reason !== null) target.checked = false;
 }
 
@@ -67,7 +63,7 @@ export function savePanel(store, problems) {
       suggested = `${store.server.title.replace(/\.[^.]*$/, "")}-view`;
       setValue(input("save-name"), suggested);
     }
-    for (const kind of KINDS) allow(kind, refusal(kind, store.server));
+    for (const kind of KINDS) allowKind(kind, refusal(kind, store.server));
     showSaved();
   });
   store.on("session", () => {

@@ -1,6 +1,6 @@
 // The settings of the scene: each change starts the render again.
 
-import { box, element, input, select, setOptions, setText, setValue, show } from "./dom.js";
+import { allow, box, element, input, select, setOptions, setText, setValue, show } from "./dom.js";
 import { bytes, fromHex, number, toHex } from "./format.js";
 import { Debounce } from "./requests.js";
 
@@ -12,6 +12,8 @@ const DELAY = 400; // ms without a further change before the render starts again
 const HOLD = 1500; // ms in which states from before a change must not move the controls back
 const FILTER_FROM = 8; // materials from which a filter helps
 const LARGEST_FACTOR = 1e6; // of the power of a light
+const NO_POWER = "This light comes from infinitely far away, and has no power: change it in the job";
+const NO_SWITCH = "The environment has no switch: write `radiance = 0` or `scale = 0` in [environment] of the job";
 
 // Short explanations; docs/effects.md has the whole ones.
 const EFFECTS = new Map([
@@ -214,7 +216,12 @@ export class ScenePanel {
     setOptions(select("scene-camera"), scene.cameras.map((name) => ({ value: name, text: name })));
     setValue(select("scene-camera"), scene.camera);
     scene.lights.forEach((light, index) => {
-      input(`light-on-${index}`).checked = light.on;
+      const on = input(`light-on-${index}`);
+      on.checked = light.on;
+      allow(on, light.has_switch === false ? NO_SWITCH : null, on.closest("label") ?? on);
+      for (const id of [`light-power-${index}`, `light-power-${index}-value`]) {
+        allow(input(id), light.has_power === false ? NO_POWER : null);
+      }
       // The text of the power may follow the factor, so it must not build the list again.
       setText(box(`light-facts-${index}`), `${light.kind}, ${light.power}`);
       this.#writePair(`light-power-${index}`, light.factor > 0 ? Math.log10(light.factor) : -2, light.factor);
