@@ -11,6 +11,7 @@ SENSORS = [
         "saturation": 10500,
         "dark_noise": 2.3,
         "pixel": 3.45,
+        "temperature": 35.0,
     },
     {
         "name": "imx250-8bit",
@@ -20,6 +21,7 @@ SENSORS = [
         "saturation": 10500,
         "dark_noise": 2.3,
         "pixel": 3.45,
+        "temperature": 35.0,
     },
     {
         "name": "imx264-colour",
@@ -29,6 +31,7 @@ SENSORS = [
         "saturation": 10600,
         "dark_noise": 2.4,
         "pixel": 3.45,
+        "temperature": 35.0,
     },
     {
         "name": "ccd-icx285",
@@ -38,6 +41,7 @@ SENSORS = [
         "saturation": 18000,
         "dark_noise": 8.1,
         "pixel": 6.45,
+        "temperature": 25.0,
     },
 ]
 LIGHTS = [("ring light", "area", "0.25 W"), ("bar left", "area", "0.1 W"), ("room", "environment", "2 W/m²")]

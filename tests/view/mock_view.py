@@ -46,6 +46,7 @@ class MockView:
         self.log, self.settings = [], {"delay": 0.0, "frozen": options.freeze}
         # `mute`: no state is sent. `no_picture`: the film of the state is not there yet. `regions`: a fault of all regions.
         # `black`: frames without light. `light_fields`: other fields of a light, by its name.
+        # `samples`: the number of samples in each pixel.
         self.settings |= {
             "mute": options.mute,
             "no_picture": False,
@@ -56,6 +57,7 @@ class MockView:
             "prepared": 0,
             "timed": None,
             "light_fields": {},
+            "samples": None,
             "frame": 0,
             "exposure": JOB_CAMERA["exposure"],
             "other_camera": False,
@@ -355,6 +357,8 @@ class MockView:
             ),
         }[name]
         values = values.astype(np.float32)
+        if name == "samples" and self.settings["samples"]:
+            values[:] = self.settings["samples"]
         if name == "ratio":
             values[shot["dn"] >= shot["white"]] = np.nan
             values[:12, :12] = np.inf

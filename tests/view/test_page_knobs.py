@@ -151,3 +151,54 @@ def test_lights_without_power_or_switch(mock_page):
     page.wait(lambda: not page.disabled("light-on-2"), "a lamp")
     assert [title(page, knob) for knob in knobs] == before
     page.assert_quiet_console()
+
+
+def test_durations(mock_page):
+    page = mock_page(*FROZEN)
+    words = {
+        0.4: "0.4 s",
+        9.97: "10 s",
+        89.4: "89 s",
+        200: "3 min 20 s",
+        599.4: "9 min 59 s",
+        599.6: "10 min",
+        3569: "59 min",
+        3595: "1 h 0 min",
+        7190: "2 h 0 min",
+        7500: "2 h 5 min",
+        172795: "2 days",
+    }
+    found = page.driver.execute_async_script(
+        "const done = arguments[1]; import('/assets/format.js').then(m => done(arguments[0].map(m.duration)))",
+        list(words),
+    )
+    assert found == list(words.values())
+
+
+def test_knobs_of_the_model_start_from_its_values(mock_page):
+    page = mock_page(*FROZEN)
+    for sensor, temperature in [("imx250", 35), ("ccd-icx285", 25)]:
+        page.set("sensor", sensor)
+        page.settle()
+        assert page.value("temperature") == str(temperature) and page.value("temperature-value") == ""
+        page.click("temperature-model")
+        page.settle()
+        assert page.camera()["temperature"] == temperature and page.value("temperature-value") == str(temperature)
+        page.click("temperature-model")
+    # A colour sensor has a black level too.
+    page.set("sensor", "imx264-colour")
+    page.settle()
+    frame = page.frame()
+    assert frame["header"]["format"] == "rgb8" and page.value("black-level") == str(frame["header"]["black"]) == "4"
+    page.set("sensor", "")
+    page.settle()
+    assert page.value("black-level") == "" and page.disabled("black-level")
+    page.assert_quiet_console()
+
+
+def test_a_legend_of_one_value(mock_page):
+    page = mock_page(*FROZEN)
+    page.mock.settings["samples"] = 16
+    page.set("map", "samples")
+    page.settle()
+    assert page.js("return [...document.querySelectorAll('#legend-ticks span')].map(e => e.textContent)") == ["16"]

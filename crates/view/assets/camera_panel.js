@@ -124,7 +124,8 @@ function followKnobs(store, problems) {
     return temperature === null ? null : { temperature };
   });
   knob("temperature-model", "change", () => ({
-    temperature: input("temperature-model").checked ? null : Number(input("temperature").value),
+    temperature: input("temperature-model").checked ? null
+      : store.sensorOf(store.camera)?.temperature ?? Number(input("temperature").value),
   }));
   knob("black-level", "change", (value) => {
     const isLevel = value !== "" && Number(value) >= 0;
@@ -231,11 +232,12 @@ function showKnobs(store, force = false) {
 
   const [coldest, hottest] = server.ranges.temperature;
   setRange("temperature", coldest, hottest, hottest - coldest);
-  if (camera.temperature !== null) write("temperature", String(camera.temperature));
+  const temperature = camera.temperature ?? sensor?.temperature;
+  if (temperature !== undefined) write("temperature", String(temperature));
   write("temperature-value", camera.temperature === null ? "" : String(camera.temperature));
   input("temperature-model").checked = camera.temperature === null;
   write("black-level", camera.black_level === null
-    ? String(store.frameA?.header.format === "gray16" ? store.frameA.header.black : "")
+    ? String(sensor ? store.frameA?.header.black ?? "" : "")
     : String(camera.black_level));
   input("black-level-model").checked = camera.black_level === null;
   setValue(select("noise"), camera.noise);
@@ -380,7 +382,7 @@ function showFrame(store) {
   setText(box("frame-analysis"), !isAnalysed ? number(null)
     : ANALYSES[header.analysis](store));
   setText(box("frame-compute"), quantity(header.compute * 1e3, "ms", 2));
-  if (store.camera?.black_level === null && header.format === "gray16") {
+  if (store.camera?.black_level === null && store.camera.sensor !== null) {
     setValue(input("black-level"), String(header.black));
   }
 }

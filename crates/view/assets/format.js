@@ -94,14 +94,14 @@ export function parseExposure(text) {
  */
 export function duration(seconds) {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return UNKNOWN;
-  if (seconds < 10) return `${seconds.toFixed(1)} s`;
+  if (seconds < 9.95) return `${seconds.toFixed(1)} s`;
   const whole = Math.round(seconds);
   if (whole < 90) return `${whole} s`;
-  const minutes = Math.floor(whole / 60);
-  if (minutes < 10) return `${minutes} min ${whole % 60} s`;
-  if (minutes < 60) return `${Math.round(whole / 60)} min`;
-  const hours = Math.floor(whole / 3600);
-  if (hours < 48) return `${hours} h ${Math.round((whole % 3600) / 60)} min`;
+  if (whole < 600) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
+  // Rounded before it is divided: 7190 s are 2 h 0 min and not 1 h 60 min.
+  const minutes = Math.round(whole / 60);
+  if (minutes < 60) return `${minutes} min`;
+  if (minutes < 48 * 60) return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
   return `${Math.round(whole / 86400)} days`;
 }
 

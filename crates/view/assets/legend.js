@@ -67,7 +67,9 @@ function showLegend(store) {
   const target = store.server?.target ?? 0.5;
   const scale = mapScale(map, filmMap.header, target, store.mapColours);
   paintScale(scale, byId("legend-bar", HTMLCanvasElement));
-  const values = [0, 0.25, 0.5, 0.75, 1].map((share) => valueAt(scale, share));
+  const all = [0, 0.25, 0.5, 0.75, 1].map((share) => valueAt(scale, share));
+  // A map of one value has one tick.
+  const values = new Set(all.map((value) => plain(value, 3))).size > 1 ? all : all.slice(0, 1);
   box("legend-ticks").replaceChildren(...values.map((value) => {
     const middle = map === "ratio" && value === values[2];
     const tick = element("span", middle ? { class: "target" } : {},

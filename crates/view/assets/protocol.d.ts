@@ -13,6 +13,8 @@ export type Channel = "red" | "green" | "blue";
 export interface Sensor {
   name: string; label: string; bits: number; colour: boolean;
   saturation: number; dark_noise: number; pixel: number;
+  /** That of the model [degrees Celsius]. */
+  temperature: number;
 }
 
 export interface Light {
