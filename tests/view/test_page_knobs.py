@@ -2,6 +2,8 @@
 
 from mock_page import FROZEN, WIDTH
 from page import tone_value
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.keys import Keys
 
 
 def test_the_tone_of_this_moment_is_painted(mock_page):
@@ -202,3 +204,20 @@ def test_a_legend_of_one_value(mock_page):
     page.set("map", "samples")
     page.settle()
     assert page.js("return [...document.querySelectorAll('#legend-ticks span')].map(e => e.textContent)") == ["16"]
+
+
+def test_the_result_of_a_save_by_key_is_seen(mock_page):
+    page = mock_page(*FROZEN)
+    page.chord(Keys.CONTROL, "s")
+    assert not page.hidden("panel-save") and page.text("save-result") == "Saved 1 file."
+    assert page.js("return document.activeElement.id") == "image", "arrow keys still move the image"
+    # A number that is being typed belongs to the picture that is saved.
+    page.tab("camera")
+    page.js("document.getElementById('gain-value').select()")
+    page.set("save-name", "typed")
+    ActionChains(page.driver).send_keys("2").key_down(Keys.CONTROL).send_keys("s").key_up(Keys.CONTROL).perform()
+    page.settle()
+    body = page.last("/api/save")
+    assert body["name"] == "typed" and body["camera"]["gain"] == 2 and not page.hidden("panel-save")
+    assert page.js("return document.activeElement.id") == "tab-save"
+    page.assert_quiet_console()

@@ -7,8 +7,11 @@ import { box, button, byId, element, input } from "./dom.js";
  * @typedef {{ key: string, shown?: string, shift?: boolean, text: string, run: () => unknown }} Key
  */
 
-/** @param {Key[]} keys */
-export function followKeys(keys) {
+/**
+ * @param {Key[]} keys
+ * @param {() => void} save
+ */
+export function followKeys(keys, save) {
   const dialog = byId("help", HTMLDialogElement);
   const list = [
     ...keys,
@@ -24,7 +27,7 @@ export function followKeys(keys) {
     if (dialog.open) return;
     if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "s") {
       event.preventDefault();
-      button("save").click();
+      save();
       return;
     }
     if (event.ctrlKey || event.metaKey || event.altKey) return;

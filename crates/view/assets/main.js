@@ -87,6 +87,16 @@ function movePin(dx, dy) {
   store.setPin({ x: from.x + dx, y: from.y + dy });
 }
 
+/** Saves the chosen files, and shows the panel with the result. */
+function save() {
+  const { activeElement } = document;
+  const isInPanel = activeElement instanceof HTMLElement && activeElement.closest(".panel:not(#panel-save)") !== null;
+  // A number that is being typed counts, and the focus must not stay in a panel that is hidden.
+  if (isInPanel) activeElement.blur();
+  chooseTab("save", isInPanel);
+  button("save").click();
+}
+
 /** @param {number} step */
 function moveDivider(step) {
   if (store.compare) store.setDivider(store.divider + step);
@@ -142,7 +152,7 @@ followKeys([
   { key: "d", shown: "D", text: "colours: system, light, dark", run: nextTheme },
   // The keys below have another place in the code; they are here for the list.
   { key: "save", shown: "Ctrl+S", text: "save the chosen files", run: () => {} },
-]);
+], save);
 
 followState((state) => store.setServer(state), (connected) => store.setConnected(connected));
 
