@@ -399,7 +399,7 @@ class MockView:
             "camera_sigma": at(shot["camera_sigma"]) * shot["gain"],
             "render_sigma": at(shot["render_sigma"]) * shot["gain"],
             "ratio": at(shot["render_sigma"] / shot["camera_sigma"]),
-            "samples": int(film["spp"] * (0.4 + at(self.noise))),
+            "samples": None if self.options.source == "exr" else int(film["spp"] * (0.4 + at(self.noise))),
             "object": name,
             "material": material,
             "depth": 0.412 + 0.0001 * x if name else None,

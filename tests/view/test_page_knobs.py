@@ -221,3 +221,33 @@ def test_the_result_of_a_save_by_key_is_seen(mock_page):
     assert body["name"] == "typed" and body["camera"]["gain"] == 2 and not page.hidden("panel-save")
     assert page.js("return document.activeElement.id") == "tab-save"
     page.assert_quiet_console()
+
+
+def test_an_exr_has_no_knobs_without_effect(mock_page):
+    page = mock_page("--source", "exr", *FROZEN)
+    assert page.disabled("denoise") and title(page, "denoise") == (
+        "An EXR is shown as it is: denoise it by `dunkelfeld denoise`"
+    )
+    assert page.disabled("vignetting") and title(page, "vignetting") == "The lens is that of the EXR"
+    for name in ["samples", "recent", "ratio", "camera_sigma"]:
+        is_disabled = page.js(f"return document.querySelector('#map option[value={name}]').disabled")
+        assert is_disabled == (name in ("samples", "recent")), name
+    page.set("region1", "10 10 60 60")
+    page.keys(Keys.ENTER)
+    page.settle()
+    assert page.text("probe-value") != "–" and page.text("probe-samples") == "–"
+    page.tab("noise")
+    assert page.text("forecast-note") == ""
+    page.assert_quiet_console()
+
+
+def test_the_words_of_the_dashed_line_go_with_it(mock_page):
+    page = mock_page("--source", "film", *FROZEN)
+    page.tab("noise")
+    assert not page.disabled("denoise") and not page.disabled("vignetting")
+    for target, has_line in [("0.25", True), ("3", False)]:
+        page.set("target", target)
+        page.settle()
+        assert (page.js("return document.querySelectorAll('#curve .foretold-point').length") == 1) is has_line
+        assert ("dashed line" in page.text("forecast-note")) is has_line
+    page.assert_quiet_console()

@@ -212,7 +212,11 @@ function increase(k) {
  * @param {State} state
  */
 export function forecastNote(state) {
-  if (isFinished(state)) return "The dashed line is the root law: k falls with the root of the number of samples.";
+  if (isFinished(state)) {
+    // The line goes from the level of the samples down to the target.
+    const hasLine = (state.film?.spp ?? 0) > 0 && (levelNow(state) ?? 0) > state.target;
+    return hasLine ? "The dashed line is the root law: k falls with the root of the number of samples." : "";
+  }
   if (foretoldLevels(state).length === 0) return "";
   return state.forecast_from === "plan"
     ? "The foretold points are those of the plan of the render, for the camera of the job."

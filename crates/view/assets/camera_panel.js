@@ -246,13 +246,18 @@ function showKnobs(store, force = false) {
   input("vignetting").checked = camera.vignetting;
 
   for (const id of ["exposure", "exposure-value", "exposure-auto", "gain", "gain-value", "temperature",
-    "temperature-value", "temperature-model", "black-level", "black-level-model", "device", "vignetting"]) {
+    "temperature-value", "temperature-model", "black-level", "black-level-model", "device"]) {
     input(id).disabled = camera.sensor === null;
   }
   for (const id of ["exposure", "exposure-value", "exposure-auto"]) {
     allow(input(id), server.timed === null ? null : `Fixed, because ${server.timed}. Change it in the job`);
     input(id).disabled ||= camera.sensor === null;
   }
+  const isExr = server.source === "exr";
+  allow(select("denoise"), isExr ? "An EXR is shown as it is: denoise it by `dunkelfeld denoise`" : null);
+  const vignetting = input("vignetting");
+  allow(vignetting, isExr ? "The lens is that of the EXR" : null, vignetting.closest("label") ?? vignetting);
+  vignetting.disabled ||= camera.sensor === null;
   select("noise").disabled = camera.sensor === null;
   button("device-next").disabled = camera.sensor === null;
   showLights(store);

@@ -134,7 +134,9 @@ export interface Probe {
   channel: Channel | null;
   value: number | null; electrons: number | null; radiance: Colour;
   camera_sigma: number | null; render_sigma: number | null; ratio: number | null;
-  samples: number; object: string | null; material: string | null; depth: number | null;
+  /** Null for a picture without samples. */
+  samples: number | null;
+  object: string | null; material: string | null; depth: number | null;
   heaviest: { index: number; share: number } | null;
 }
 

@@ -1,6 +1,6 @@
 // The tools above the image and the tabs of the panels.
 
-import { box, button, press, select, setText, setValue, show } from "./dom.js";
+import { allow, box, button, press, select, setText, setValue, show } from "./dom.js";
 import { number } from "./format.js";
 
 /** @typedef {import("./store.js").Store} Store */
@@ -37,6 +37,7 @@ export function toolbar(store, viewer) {
     store.setMap(/** @type {import("./protocol").MapName | "none"} */ (select("map").value));
   });
   store.on("mapChoice", () => setValue(select("map"), store.map));
+  store.on("state", () => allowMaps(store));
 
   button("compare").addEventListener("click", () => store.setCompare(!store.compare));
   button("keep").addEventListener("click", () => store.keep());
@@ -53,6 +54,19 @@ export function toolbar(store, viewer) {
   store.on(["view", "kept"], showView);
   store.on("picture", () => showRate(store));
   showView();
+}
+
+/**
+ * Disables the maps of samples for a picture without samples.
+ * @param {Store} store
+ */
+function allowMaps(store) {
+  const reason = store.server?.source === "exr" ? "An EXR has no samples" : null;
+  for (const map of /** @type {const} */ (["samples", "recent"])) {
+    const option = select("map").querySelector(`option[value=${map}]`);
+    if (option instanceof HTMLOptionElement) allow(option, reason);
+    if (reason !== null && store.map === map) store.setMap("none");
+  }
 }
 
 /** @param {Store} store */
