@@ -3,6 +3,7 @@
 Each request is checked against docs/view-protocol.md. One that breaks it gets the status 400.
 """
 
+import json
 import math
 import threading
 import time
@@ -342,7 +343,7 @@ class MockView:
         ratio = shot["render_sigma"] / shot["camera_sigma"]
         spp = film["spp"] * (0.4 + self.noise)
         name = body["map"]
-        if name == "difference" and body["effect"] not in self.ablations:
+        if name == "difference" and self.ablated(body["effect"], camera) < 1:
             raise Fault(422, "No ablation was computed.")
         values, unit = {
             "ratio": (ratio, ""),
@@ -539,10 +540,15 @@ class MockView:
             self.restart()
         return {}
 
+    def ablated(self, effect, camera):
+        """The progress of the ablation of an effect and a camera."""
+        begin = self.ablations.get(json.dumps([effect, camera]))
+        return 0 if begin is None else (time.time() - begin) / 1.5
+
     def ablation(self, body):
         self.check_camera(body["camera"])
-        begin = self.ablations.setdefault(body["effect"], time.time())
-        fraction = (time.time() - begin) / 1.5
+        self.ablations.setdefault(json.dumps([body["effect"], body["camera"]]), time.time())
+        fraction = self.ablated(body["effect"], body["camera"])
         if fraction < 1:
             return {"state": "running", "fraction": fraction}
         return {"state": "finished", "mean": -3.12, "largest": 41.7, "sigma": 1.04, "significant": True}

@@ -60,7 +60,8 @@ function showLegend(store) {
   showTitle(store);
   select("map-colours").disabled = map === "ratio" || map === "difference";
   if (!filmMap) {
-    setText(box("legend-note"), "Waiting for the map.");
+    setText(box("legend-note"), map === "difference" && !store.hasDifference
+      ? "Waiting for the ablation with these settings." : "Waiting for the map.");
     box("legend-ticks").replaceChildren();
     return;
   }

@@ -241,6 +241,7 @@ export class Measurements {
     if (!this.ablation) return;
     this.ablation = null;
     this.ablationIsOld = true;
+    this.store.setDifference(null, null, false);
     if (this.store.map === "difference") this.store.setMap("none");
     this.#onAblation();
   }
@@ -249,15 +250,21 @@ export class Measurements {
     this.#request("ablation", () => "", async () => {
       const effect = this.ablation?.effect;
       if (effect === undefined) return;
+      const { store } = this;
+      const { camera } = store;
       try {
         /** @type {Ablation} */
         const result = await postJson("/api/ablation", { effect, ...this.#camera() });
         // Another effect may have been chosen meanwhile; it has a request of its own.
         if (this.ablation?.effect !== effect) return;
         this.ablation = { effect, result };
+        store.setDifference(effect, camera, result.state === "finished");
         if (result.state !== "finished") setTimeout(() => this.#askAblation(), ABLATION_INTERVAL);
+        else if (camera !== store.camera) this.#ablation.call();
       } catch (error) {
         this.ablation = null;
+        store.setDifference(effect, camera, false);
+        if (store.map === "difference") store.setMap("none");
         throw error;
       } finally {
         this.#onAblation();

@@ -316,7 +316,7 @@ export class NoisePanel {
     const option = select("map").querySelector("option[value=difference]");
     if (option instanceof HTMLOptionElement) option.disabled = !done;
     if (this.store.server) this.#showEffects(this.store.server);
-    if (done) this.onDifference();
+    this.onDifference();
   }
 
   /** Set by the page: the map of the difference has a new content. */

@@ -47,7 +47,10 @@ export class Pictures {
     this.lane = lane;
     this.problems = problems;
     store.on("session", () => this.#forget());
-    store.on("camera", () => this.#withdraw());
+    store.on("camera", () => {
+      this.#withdraw();
+      this.#dropDifference();
+    });
     store.on(["state", "connection", "camera", "kept", "frame", "mapChoice"], () => this.refresh());
     store.on("view", () => {
       this.#repaint();
@@ -72,7 +75,24 @@ export class Pictures {
     if (store.compare && store.kept) {
       this.#want("b", () => this.#frameKey(store.kept), () => this.#fetchFrame("b"));
     }
-    if (store.map !== "none") this.#want("map", () => this.#mapKey(), () => this.#fetchMap());
+    if (this.#hasMap()) this.#want("map", () => this.#mapKey(), () => this.#fetchMap());
+  }
+
+  /** The map of a difference is there when its ablation is finished: until then the server refuses it. */
+  #hasMap() {
+    const { store } = this;
+    return store.map !== "none" && (store.map !== "difference" || store.hasDifference);
+  }
+
+  /** The difference of another camera or effect is not that of this picture. */
+  #dropDifference() {
+    const { store, viewer } = this;
+    if (store.map !== "difference" || !store.filmMap || store.hasDifference) return;
+    this.#shown.map = "";
+    store.filmMap = null;
+    viewer.mapPicture = null;
+    viewer.invalidate();
+    store.emit("map");
   }
 
   /** Another server may count its films from the start again, and may have films of another size. */
@@ -110,6 +130,7 @@ export class Pictures {
     this.#shown.map = "";
     this.#failed.map = "";
     this.#refused.map = "";
+    this.#dropDifference();
     this.refresh();
   }
 
@@ -224,10 +245,11 @@ export class Pictures {
   async #fetchMap() {
     const { store, viewer } = this;
     const { map, camera, session, ablated } = store;
-    if (map === "none" || !camera) return;
+    // The camera may have changed while this request waited.
+    if (!this.#hasMap() || map === "none" || !camera) return;
     const asked = this.#mapKey();
     const filmMap = await requestMap({ camera, map, effect: map === "difference" ? ablated : null });
-    if (session !== store.session || map !== store.map) return;
+    if (session !== store.session || map !== store.map || !this.#hasMap()) return;
     this.#shown.map = asked;
     store.filmMap = filmMap;
     this.paintMap();
