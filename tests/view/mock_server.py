@@ -66,6 +66,7 @@ class Handler(BaseHTTPRequestHandler):
         self.send_header("cache-control", "no-store")
         self.end_headers()
         last = None
+        self.mock.streams.append(page)
         try:
             while not self.server.stopping:
                 self.mock.connected = True
@@ -77,6 +78,7 @@ class Handler(BaseHTTPRequestHandler):
                 time.sleep(0.05)
         except OSError:
             pass
+        self.mock.streams.remove(page)
         self.close_connection = True
 
     def do_POST(self):

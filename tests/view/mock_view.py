@@ -68,6 +68,8 @@ class MockView:
         self.pages = {}
         self.begin, self.paused_at, self.film_offset = time.time(), 0.0, 0
         self.connected = False
+        # The names of the pages whose streams of events are open.
+        self.streams = []
 
     # State ---------------------------------------------------------------------------------------
     def seconds(self):

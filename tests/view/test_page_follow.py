@@ -1,5 +1,7 @@
 """The page follows the job, and shows the statistics of its own picture, with a server of synthetic data."""
 
+import time
+
 import numpy as np
 from mock_data import JOB_CAMERA
 from mock_page import FROZEN, HEIGHT, WIDTH
@@ -110,3 +112,55 @@ def test_the_legend_counts_as_the_certificate(mock_page):
     note = page.text("legend-note")
     assert abs(float(note.split(" %")[0]) - share) < 0.06, (note, share)
     assert "saturated (" in note and "unknown (" in note
+
+
+def hide(page, is_hidden):
+    """Tells the page that it is hidden, as a browser does for a page in the background."""
+    page.js(
+        "Object.defineProperty(document, 'hidden', {configurable: true, value: arguments[0]});"
+        "document.dispatchEvent(new Event('visibilitychange'))",
+        is_hidden,
+    )
+
+
+def test_a_hidden_page_frees_its_connection(mock_page):
+    """A browser has six connections to one server, so that each page that nobody sees must give its own back."""
+    page = mock_page("--speed", "3")
+    page.tab("noise")
+    page.click("ablation-start")
+    page.wait(lambda: "mean" in page.text("ablation-result"), "the ablation")
+    page.js(
+        "window.lost = false; new MutationObserver(() => { window.lost ||= !document.getElementById('connection')"
+        ".textContent.startsWith('connected'); }).observe(document.getElementById('connection'), "
+        "{childList: true, characterData: true, subtree: true})"
+    )
+    assert len(page.mock.streams) == 1
+    # A short look at another tab closes nothing.
+    hide(page, True)
+    time.sleep(1)
+    hide(page, False)
+    hidden = time.monotonic()
+    hide(page, True)
+    page.wait(lambda: not page.mock.streams, "the end of the stream", seconds=30)
+    assert time.monotonic() - hidden > 9
+    film = page.state()["film"]["id"]
+    assert page.text("connection") == "connected"
+    shown = page.mock.film()["id"]
+    assert shown >= film
+    hide(page, False)
+    page.wait(lambda: len(page.mock.streams) == 1, "the stream")
+    page.wait(lambda: page.film() > shown, "the picture of a newer film")
+    assert page.text("connection") == "connected" and not page.js("return window.lost")
+    assert "mean" in page.text("ablation-result"), "the server is the same"
+    # Another server has begun meanwhile.
+    page.set("gain-value", "2")
+    hide(page, True)
+    page.wait(lambda: not page.mock.streams, "the end of the stream", seconds=30)
+    page.stop()
+    page.start(page.port, "--freeze", "2.2")
+    hide(page, False)
+    page.wait(lambda: page.film() == 3, "the picture of the other server")
+    page.settle()
+    assert page.camera()["gain"] == 2 and "mean" not in page.text("ablation-result")
+    assert page.text("connection") == "connected"
+    page.console()

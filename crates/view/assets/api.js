@@ -24,6 +24,7 @@ export class Unreachable extends Error {}
 /** The page no longer wants the answer. */
 export class Withdrawn extends Error {}
 
+const HIDDEN_DELAY = 10_000; // ms after which a hidden page closes its stream of events
 const EARLY = 409; // status of a request about a picture before the first one
 
 /**
@@ -149,43 +150,87 @@ export async function requestMap(body) {
 }
 
 /**
+ * True where the state can be a later one of the same server.
+ * @param {import("./protocol").State} state
+ * @param {import("./protocol").State | null} before
+ */
+function isLater(state, before) {
+  return before !== null && state.path === before.path && state.render.restarted >= before.render.restarted
+    && (state.film?.id ?? 0) >= (before.film?.id ?? 0);
+}
+
+/**
  * Follows the state of the server, and connects again by itself. A server counts as connected from its first state on:
- * until then the page knows nothing about its film.
+ * until then the page knows nothing about its film. A page that nobody sees closes its stream of events after a while,
+ * because a browser has six connections to a server, and each stream occupies one. It still counts as connected.
  * @param {(state: import("./protocol").State) => void} onState
  * @param {(connected: boolean) => void} onConnection
  */
 export function followState(onState, onConnection) {
   let wait = 500;
+  /** @type {EventSource | null} */
+  let source = null;
+  /**
+   * The last state before the stream was closed for a hidden page.
+   * @type {import("./protocol").State | null}
+   */
+  let left = null;
+  /** @type {import("./protocol").State | null} */
+  let last = null;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  let retry;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  let leave;
   const connect = () => {
-    const source = new EventSource(`/api/events?page=${PAGE}`);
+    const opened = new EventSource(`/api/events?page=${PAGE}`);
+    source = opened;
     let received = false;
-    let closed = false;
     /** @param {import("./protocol").State} state */
     const receive = (state) => {
-      if (!received) onConnection(true);
+      if (!received && !isLater(state, left)) onConnection(true);
       received = true;
+      left = null;
+      last = state;
       onState(state);
     };
-    source.addEventListener("open", async () => {
+    opened.addEventListener("open", async () => {
       wait = 500;
       // The events may start with the next change, which can be far away when nothing renders.
       try {
         const answer = await fetch(`/api/state?page=${PAGE}`);
         const state = await answer.json();
-        if (answer.ok && !received && !closed) receive(state);
+        if (answer.ok && !received && source === opened) receive(state);
       } catch {
         // The source of the events reports a lost connection itself.
       }
     });
-    source.addEventListener("state", (event) => receive(JSON.parse(event.data)));
-    source.addEventListener("error", () => {
+    opened.addEventListener("state", (event) => receive(JSON.parse(event.data)));
+    opened.addEventListener("error", () => {
       // The browser gives up after some kinds of error, so the page makes a new connection itself.
-      source.close();
-      closed = true;
+      opened.close();
+      source = null;
+      left = null;
+      last = null;
       onConnection(false);
-      setTimeout(connect, wait);
+      retry = setTimeout(connect, wait);
       wait = Math.min(wait * 1.5, 4000);
     });
   };
+  const followVisibility = () => {
+    clearTimeout(leave);
+    if (document.hidden) {
+      leave = setTimeout(() => {
+        clearTimeout(retry);
+        source?.close();
+        source = null;
+        left = last;
+      }, HIDDEN_DELAY);
+    } else if (source === null) {
+      clearTimeout(retry);
+      connect();
+    }
+  };
+  document.addEventListener("visibilitychange", followVisibility);
   connect();
+  followVisibility();
 }
