@@ -366,13 +366,16 @@ def test_light_from_infinitely_far_away(view, open_page):
     lights = {light["name"]: light["kind"] for light in running.state()["scene"]["lights"]}
     assert {"left", "right", "sun"} < set(lights) and "environment" in lights.values()
     index = index_of(running, "lights", "sun")
-    # The view cannot change its power, and takes the knob back. The render goes on.
-    page.set(f"light-power-{index}-value", "2")
-    assert "sun" in page.text("problems") and page.value(f"light-power-{index}-value") == "1"
+    # The view cannot change its power, nor switch off the environment: the page has no such knobs, and the server refuses.
+    assert page.disabled(f"light-power-{index}-value") and not page.disabled(f"light-on-{index}")
+    assert "no power" in page.attribute(f"light-power-{index}-value", "title")
+    listed = enumerate(running.state()["scene"]["lights"])
+    index, sky = next((i, light["name"]) for i, light in listed if light["kind"] == "environment")
+    assert page.disabled(f"light-on-{index}") and page.disabled(f"light-power-{index}")
+    for name, on, factor in [("sun", True, 2), (sky, False, 1), (sky, True, 2)]:
+        with pytest.raises(Refused, match="no power|no switch"):
+            running.post("scene", {"lights": {name: {"on": on, "factor": factor}}})
     assert running.state()["render"]["restarted"] == 0 and running.state()["error"] is None
-    index = next(i for i, light in enumerate(running.state()["scene"]["lights"]) if light["kind"] == "environment")
-    page.click(f"light-on-{index}")
-    assert "environment" in page.text("problems") and page.checked(f"light-on-{index}")
     # All lights but the environment are off: its radiance on a white surface is the most that remains.
     for name in ["left", "right", "sun"]:
         index = index_of(running, "lights", name)
