@@ -214,22 +214,26 @@ impl Shared {
         is_being_made && live.error.is_none() && snapshot.scene.number != live.scene_number
     }
 
-    /// The change of the scene that waits, or is being made.
-    fn pending(&self) -> Option<SceneChange> {
+    /// The change of the scene that waits, or is being made, and whether the scene will be another one: a reload has no change
+    /// until it begins. Both are of one moment.
+    fn pending(&self) -> (Option<SceneChange>, bool) {
         let control = lock(&self.control);
-        control.change.clone().or_else(|| control.in_progress.clone())
+        let change = control.change.clone().or_else(|| control.in_progress.clone());
+        let is_pending = control.reload || change.is_some();
+        (change, is_pending)
     }
 
     /// Is the picture that of the scene before a change or a restart?
     pub(crate) fn is_earlier(&self, snapshot: &Snapshot) -> bool {
-        let is_pending = self.pending().is_some() || lock(&self.control).reload;
+        let (_, is_pending) = self.pending();
         is_pending || snapshot.scene.number != lock(&self.live).scene_number
     }
 
     /// The state of a page, with the statistics of its camera. `None`: with those of the page that asked for a frame last.
     pub(crate) fn state(&self, page: Option<&str>) -> State {
         let snapshot = self.snapshot();
-        let (pending, is_earlier) = (self.pending(), snapshot.as_ref().is_some_and(|shown| self.is_earlier(shown)));
+        let ((pending, _), is_earlier) =
+            (self.pending(), snapshot.as_ref().is_some_and(|shown| self.is_earlier(shown)));
         let live = lock(&self.live);
         let settings = live.settings.as_ref();
         let [width, height] = match (&snapshot, settings) {
