@@ -17,9 +17,11 @@
 //! # Ok::<(), dunkelfeld_io::InputError>(())
 //! ```
 
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use dunkelfeld_radiometry::Number;
 use serde::Serialize;
@@ -35,11 +37,21 @@ use crate::names::nearest_names;
 const LARGEST: u64 = 1 << 20;
 
 /// A TOML text and its file. Its errors contain the place in the text.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub struct TomlFile {
     path: PathBuf,
     text: String,
+    /// The range of the value at each path of keys, read from the text when it is first needed.
+    spans: OnceLock<BTreeMap<String, Range<usize>>>,
 }
+
+impl PartialEq for TomlFile {
+    fn eq(&self, other: &Self) -> bool {
+        (&self.path, &self.text) == (&other.path, &other.text)
+    }
+}
+
+impl Eq for TomlFile {}
 
 impl TomlFile {
     /// Reads a file of at most 1 MiB, and records it as an input. A byte order mark at its start is left out.
@@ -61,7 +73,7 @@ impl TomlFile {
         if text.starts_with('\u{feff}') {
             text.drain(..'\u{feff}'.len_utf8());
         }
-        Self { path: path.into(), text }
+        Self { path: path.into(), text, spans: OnceLock::new() }
     }
 
     /// The text with the keys of another one: tables are merged key by key, lists of tables (`[[light]]`) are extended,
@@ -75,7 +87,7 @@ impl TomlFile {
         let text = toml::to_string(&root).map_err(|e| {
             InputError::new(&self.path, "the file", format!("cannot be combined with {name}: {e}"), "check both texts")
         })?;
-        Ok(Self { path: self.path.clone(), text })
+        Ok(Self::from_text(&self.path, text))
     }
 
     /// The text.
@@ -133,7 +145,7 @@ impl TomlFile {
     /// An error about the value of a key: its path, with positions in arrays as numbers from 0 (`["light", "2", "name"]`).
     /// A path that does not exist gives an error without a caret.
     pub fn error_at_key(&self, path: &[&str], problem: impl Into<String>, help: impl Into<String>) -> InputError {
-        match DeTable::parse(&self.text).ok().and_then(|root| span_of(root.get_ref(), path)) {
+        match self.span_of(path) {
             Some(range) => self.error_at(range, problem, help),
             None => InputError::new(&self.path, path.join(", "), problem, help),
         }
@@ -141,13 +153,25 @@ impl TomlFile {
 
     /// Is there a value at the end of this path, as in [`Self::error_at_key`]?
     pub fn has_key(&self, path: &[&str]) -> bool {
-        DeTable::parse(&self.text).is_ok_and(|root| span_of(root.get_ref(), path).is_some())
+        self.span_of(path).is_some()
     }
 
     /// The text of the value at the end of this path, as in [`Self::error_at_key`].
     pub fn text_at(&self, path: &[&str]) -> Option<&str> {
-        let root = DeTable::parse(&self.text).ok()?;
-        self.text.get(span_of(root.get_ref(), path)?)
+        self.text.get(self.span_of(path)?)
+    }
+
+    fn span_of(&self, path: &[&str]) -> Option<Range<usize>> {
+        let spans = self.spans.get_or_init(|| {
+            let mut spans = BTreeMap::new();
+            if let Ok(root) = DeTable::parse(&self.text) {
+                for (key, value) in root.get_ref() {
+                    add_spans(key.get_ref().to_string(), value, &mut spans);
+                }
+            }
+            spans
+        });
+        spans.get(&path.join(BELOW)).cloned()
     }
 
     /// Returns `value` if it lies in `range`. NaN never does.
@@ -283,19 +307,24 @@ impl Finder<'_> {
     }
 }
 
-/// The range of the value at the end of a key path.
-fn span_of(table: &DeTable<'_>, path: &[&str]) -> Option<Range<usize>> {
-    let (first, mut rest) = path.split_first()?;
-    let mut value = table.iter().find(|(key, _)| key.get_ref() == first)?.1;
-    while let Some((step, tail)) = rest.split_first() {
-        value = match value.get_ref() {
-            DeValue::Table(table) => table.iter().find(|(key, _)| key.get_ref() == step)?.1,
-            DeValue::Array(items) => items.get(step.parse::<usize>().ok()?)?,
-            _ => return None,
-        };
-        rest = tail;
+/// Separates the keys of a path.
+const BELOW: &str = "\u{1f}";
+
+/// Adds the range of a value, and those of all values in it.
+fn add_spans(path: String, value: &Spanned<DeValue<'_>>, spans: &mut BTreeMap<String, Range<usize>>) {
+    match value.get_ref() {
+        DeValue::Table(table) => {
+            table.iter().for_each(|(key, value)| add_spans([&path, key.get_ref().as_ref()].join(BELOW), value, spans));
+        }
+        DeValue::Array(items) => {
+            items
+                .iter()
+                .enumerate()
+                .for_each(|(i, item)| add_spans([&path, i.to_string().as_str()].join(BELOW), item, spans));
+        }
+        _ => {}
     }
-    Some(value.span())
+    spans.insert(path, value.span());
 }
 
 /// A key path as in the file.
