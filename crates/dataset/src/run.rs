@@ -133,7 +133,8 @@ pub fn run(
     wanted.sort_unstable();
     wanted.dedup();
     let total = wanted.len() as u64;
-    wanted.retain(|index| !set.is_finished(*index));
+    let before = set.finished();
+    wanted.retain(|index| before.binary_search(index).is_err());
     let already = total - wanted.len() as u64;
     let jobs = jobs.min(wanted.len()).max(1);
     let mut workers: Vec<Option<Result<Worker, Error>>> = (1..jobs).map(|_| None).collect();
@@ -161,7 +162,7 @@ pub fn run(
         progress,
         cancel,
         failed: Mutex::new(None),
-        trial: Trial::new(wanted.len(), (0..set.count()).any(|index| set.is_finished(index))),
+        trial: Trial::new(wanted.len(), !before.is_empty()),
         unmade: Mutex::new(Vec::new()),
         matched: Mutex::new((0.0, 0)),
         levels: Mutex::new(Vec::new()),
@@ -192,7 +193,7 @@ pub fn run(
         return Err(e);
     }
     let interrupted = cancel.is_cancelled();
-    let finished = (0..set.count()).filter(|index| set.is_finished(*index)).count() as u64;
+    let finished = set.finished().len() as u64;
     // Images that cannot be made stay away, and do not keep the others from use.
     if finished + unmade.len() as u64 >= set.count() && !interrupted {
         set.assemble()?;

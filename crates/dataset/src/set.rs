@@ -18,7 +18,7 @@ use dunkelfeld_io::input::{InputFiles, ReadFault, Role};
 use dunkelfeld_io::lock::{FolderMark, TargetLock, is_marked};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -131,7 +131,7 @@ impl Set {
             Ok(set) => {
                 let before = set.manifest;
                 let is_same = before.study_hash == manifest.study_hash;
-                let is_empty = !(0..before.count).any(|index| path.join(record_name(index)).is_file());
+                let is_empty = finished_in(path, before.count).is_empty();
                 let is_open = is_empty.then(|| is_marked(&path.join("records"))).flatten();
                 if is_empty && is_open != Some(true) {
                     // Nothing was made: the study may have been corrected. Images without a record may have other names.
@@ -313,12 +313,13 @@ impl Set {
 
     /// Indices of the images without a record.
     pub fn missing(&self) -> Vec<u64> {
-        (0..self.count()).filter(|index| !self.is_finished(*index)).collect()
+        let finished: BTreeSet<u64> = self.finished().into_iter().collect();
+        (0..self.count()).filter(|index| !finished.contains(index)).collect()
     }
 
-    /// Indices of the finished images.
-    fn finished(&self) -> Vec<u64> {
-        (0..self.count()).filter(|index| self.is_finished(*index)).collect()
+    /// Indices of the finished images, in ascending order.
+    pub(crate) fn finished(&self) -> Vec<u64> {
+        finished_in(&self.path, self.count())
     }
 
     /// Writes the files of the whole set from those of its finished images: `records.jsonl`, `coco.json`, `data.yaml`,
@@ -501,6 +502,16 @@ pub struct Claim {
     /// Index of the image.
     pub index: u64,
     _lock: TargetLock,
+}
+
+/// Indices of the images of a folder that have a record, in ascending order.
+fn finished_in(path: &Path, count: u64) -> Vec<u64> {
+    let files = fs::read_dir(path.join("records")).into_iter().flatten().flatten();
+    let index = |file: fs::DirEntry| -> Option<u64> {
+        let index = file.file_name().to_str()?.strip_suffix(".json")?.parse().ok().filter(|index| *index < count)?;
+        path.join(record_name(index)).is_file().then_some(index)
+    };
+    files.filter_map(index).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
 pub(crate) fn record_name(index: u64) -> String {
