@@ -1,6 +1,7 @@
 //! Distributions: what a study may write in place of a value.
 
 use crate::draws::Draws;
+use crate::expression::Formula;
 use crate::quantity::Quantity;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::names::nearest_names;
@@ -82,7 +83,7 @@ pub(crate) enum Distribution {
     /// The value of a named draw.
     Named(String),
     /// A formula of named draws, whose value has the unit.
-    Expression { text: String, unit: String },
+    Expression { formula: Formula, unit: String },
 }
 
 /// The values of named draws.
@@ -169,27 +170,38 @@ impl Template {
         }
     }
 
-    /// The number of alternatives, of values that are drawn independently the largest one.
-    pub(crate) fn alternatives(&self, draws: &BTreeMap<String, Self>, depth: usize) -> usize {
-        const DEEPEST: usize = 64;
-        let most = |items: &mut dyn Iterator<Item = &Self>| {
-            items.map(|item| item.alternatives(draws, depth)).max().unwrap_or(1)
+    /// The number of alternatives, of values that are drawn independently the largest one. `known` has the numbers of the
+    /// named draws so far.
+    pub(crate) fn alternatives<'a>(
+        &'a self,
+        draws: &'a BTreeMap<String, Self>,
+        known: &mut BTreeMap<&'a str, usize>,
+    ) -> usize {
+        let most = |items: &mut dyn Iterator<Item = &'a Self>, known: &mut BTreeMap<&'a str, usize>| {
+            items.map(|item| item.alternatives(draws, known)).max().unwrap_or(1)
         };
         match self {
-            Self::List(items) => most(&mut items.iter()),
-            Self::Table(entries) => most(&mut entries.values()),
+            Self::List(items) => most(&mut items.iter(), known),
+            Self::Table(entries) => most(&mut entries.values(), known),
             Self::Drawn(Distribution::Choice { values, .. } | Distribution::Sequence { values, .. }) => {
-                values.len().saturating_mul(most(&mut values.iter()))
+                values.len().saturating_mul(most(&mut values.iter(), known))
             }
-            Self::Drawn(Distribution::Named(name)) if depth < DEEPEST => {
-                draws.get(name).map_or(1, |draw| draw.alternatives(draws, depth + 1))
+            Self::Drawn(Distribution::Named(name)) => {
+                if let Some(count) = known.get(name.as_str()) {
+                    return *count;
+                }
+                // For draws that depend on themselves, which are refused elsewhere.
+                known.insert(name, 1);
+                let count = draws.get(name).map_or(1, |draw| draw.alternatives(draws, known));
+                known.insert(name, count);
+                count
             }
             _ => 1,
         }
     }
 
     /// Checks the formulas of the value. A fault is at its formula.
-    pub(crate) fn check_formulas(&self, check: &dyn Fn(&str) -> Result<(), Fault>) -> Result<(), Fault> {
+    pub(crate) fn check_formulas(&self, check: &dyn Fn(&Formula) -> Result<(), Fault>) -> Result<(), Fault> {
         let list = |items: &[Self]| {
             let mut items = items.iter().enumerate();
             items.try_for_each(|(i, item)| item.check_formulas(check).map_err(|e| e.below(i.to_string())))
@@ -201,7 +213,7 @@ impl Template {
             }
             Self::Drawn(Distribution::Choice { values, .. }) => list(values).map_err(|e| e.below("choice")),
             Self::Drawn(Distribution::Sequence { values, .. }) => list(values).map_err(|e| e.below("sequence")),
-            Self::Drawn(Distribution::Expression { text, .. }) => check(text).map_err(|e| e.below("expression")),
+            Self::Drawn(Distribution::Expression { formula, .. }) => check(formula).map_err(|e| e.below("expression")),
             _ => Ok(()),
         }
     }
@@ -369,7 +381,7 @@ impl Distribution {
                     Some(Value::String(unit)) => unit,
                     Some(_) => return Err(Fault::new("not a unit", "write it in quotes, as in \"mm\"").below("unit")),
                 };
-                Self::Expression { text, unit }
+                Self::Expression { formula: Formula::new(text), unit }
             }
         })
     }
@@ -419,9 +431,8 @@ impl Distribution {
                 values[at].draw(draws, &format!("{name}.sequence[{at}]"), named, drawn)?
             }
             Self::Named(draw) => named.value(draw).map_err(|e| e.below("draw"))?,
-            Self::Expression { text, unit } => {
-                let number = crate::expression::evaluate(text, |variable| named.number(variable))
-                    .map_err(|e| e.below("expression"))?;
+            Self::Expression { formula, unit } => {
+                let number = formula.evaluate(|variable| named.number(variable)).map_err(|e| e.below("expression"))?;
                 match whole(number) {
                     Some(whole) if unit.is_empty() => Value::Integer(whole),
                     _ => Quantity::value(number, unit),

@@ -3,7 +3,8 @@
 use crate::distribution::{Distribution, Fault, Template};
 use crate::quantity::Quantity;
 use exmex::{Express, FlatEx, FloatOpsFactory, MatchLiteral};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 /// The parts of a formula.
 const HELP: &str = "use + - * / ^, functions such as sin, sqrt and exp, and names of [study.draw]; a name with other characters than letters, digits and _ stands in braces, as in \"2 * {my-draw}\"";
@@ -36,42 +37,69 @@ impl MatchLiteral for Decimal {
     }
 }
 
-type Formula = FlatEx<f64, FloatOpsFactory<f64>, Decimal>;
+type Parsed = FlatEx<f64, FloatOpsFactory<f64>, Decimal>;
 
-fn parse(text: &str) -> Result<Formula, String> {
+/// A formula, which is parsed once.
+#[derive(Clone, Debug)]
+pub(crate) struct Formula {
+    text: String,
+    /// The formula, or why the text is none.
+    parsed: Arc<Result<Parsed, String>>,
+}
+
+impl PartialEq for Formula {
+    fn eq(&self, other: &Self) -> bool {
+        self.text == other.text
+    }
+}
+
+fn parse(text: &str) -> Result<Parsed, String> {
     if text.len() > LONGEST {
         return Err(format!("the formula has more than {LONGEST} characters"));
     }
-    Formula::parse(text).map_err(|e| format!("not a formula: {e}"))
+    Parsed::parse(text).map_err(|e| format!("not a formula: {e}"))
 }
 
-/// The names of the variables of a formula.
-fn variables(text: &str) -> Result<Vec<String>, String> {
-    parse(text).map(|formula| formula.var_names().to_vec())
-}
+impl Formula {
+    /// A text that shall be a formula.
+    pub(crate) fn new(text: String) -> Self {
+        let parsed = Arc::new(parse(&text));
+        Self { text, parsed }
+    }
 
-/// The value of a formula.
-///
-/// # Errors
-/// A text that is no formula, a variable without a value, and a value that is not finite.
-pub(crate) fn evaluate(text: &str, mut value: impl FnMut(&str) -> Result<f64, Fault>) -> Result<f64, Fault> {
-    let formula = parse(text).map_err(|problem| Fault::new(problem, HELP))?;
-    let values: Vec<f64> = formula.var_names().iter().map(|name| value(name)).collect::<Result<_, _>>()?;
-    match formula.eval(&values) {
-        Ok(number) if number.is_finite() => Ok(number),
-        Ok(number) => Err(Fault::new(format!("`{text}` is {number}"), "let it be finite for all draws")),
-        Err(e) => Err(Fault::new(format!("`{text}` has no value: {e}"), HELP)),
+    fn parsed(&self) -> Result<&Parsed, Fault> {
+        self.parsed.as_ref().as_ref().map_err(|problem| Fault::new(problem, HELP))
+    }
+
+    /// The value of the formula.
+    ///
+    /// # Errors
+    /// A text that is no formula, a variable without a value, and a value that is not finite.
+    pub(crate) fn evaluate(&self, mut value: impl FnMut(&str) -> Result<f64, Fault>) -> Result<f64, Fault> {
+        let Self { text, .. } = self;
+        let formula = self.parsed()?;
+        let values: Vec<f64> = formula.var_names().iter().map(|name| value(name)).collect::<Result<_, _>>()?;
+        match formula.eval(&values) {
+            Ok(number) if number.is_finite() => Ok(number),
+            Ok(number) => Err(Fault::new(format!("`{text}` is {number}"), "let it be finite for all draws")),
+            Err(e) => Err(Fault::new(format!("`{text}` has no value: {e}"), HELP)),
+        }
     }
 }
 
-/// Checks a formula against the draws of its study: the name of a draw outside of braces is read as that draw, and each draw
+/// The names of draws that formulas read in another way without braces.
+pub(crate) fn names_in_braces(draws: &BTreeMap<String, Template>) -> Vec<&str> {
+    draws.keys().map(String::as_str).filter(|name| !is_plain(name)).collect()
+}
+
+/// Checks a formula against the draws of its study, with [`names_in_braces`]: the name of a draw outside of braces is read as that draw, and each draw
 /// of the formula has one unit.
 ///
 /// # Errors
 /// A text that is no formula, the name of a draw that the formula reads in another way, such as `e` or `my-draw`, and a draw whose values are of
 /// different kinds.
-pub(crate) fn check(text: &str, draws: &BTreeMap<String, Template>) -> Result<(), Fault> {
-    if let Some(name) = draws.keys().filter(|name| !is_plain(name)).find(|name| has_word(text, name)) {
+pub(crate) fn check(formula: &Formula, draws: &BTreeMap<String, Template>, in_braces: &[&str]) -> Result<(), Fault> {
+    if let Some(name) = in_braces.iter().find(|name| has_word(&formula.text, name)) {
         let reading = match parse(name) {
             Ok(formula) if formula.var_names().is_empty() => "is a constant in a formula",
             _ => "is not read as one name in a formula",
@@ -82,9 +110,9 @@ pub(crate) fn check(text: &str, draws: &BTreeMap<String, Template>) -> Result<()
         );
         return Err(Fault::new(problem, help));
     }
-    for name in variables(text).map_err(|problem| Fault::new(problem, HELP))? {
-        if let Some(template) = draws.get(&name) {
-            unit_of(&name, template, draws)?;
+    for name in formula.parsed()?.var_names() {
+        if let Some(template) = draws.get(name) {
+            unit_of(name, template, draws)?;
         }
     }
     Ok(())
@@ -122,7 +150,7 @@ fn has_word(text: &str, name: &str) -> bool {
 /// A draw whose values are of different kinds, as `"1mm"` and `"1s"`.
 pub(crate) fn unit_of(name: &str, template: &Template, draws: &BTreeMap<String, Template>) -> Result<String, Fault> {
     let mut units = Vec::new();
-    collect_units(template, draws, 0, &mut units);
+    collect_units(template, draws, &mut BTreeSet::new(), &mut units);
     let first = units.first().cloned().unwrap_or_default();
     let one = |unit: &str| Quantity { number: 1.0, unit: unit.to_owned() };
     match units.iter().find(|unit| one(unit).number_in(&first).is_none()) {
@@ -139,10 +167,14 @@ pub(crate) fn unit_of(name: &str, template: &Template, draws: &BTreeMap<String, 
     }
 }
 
-/// The units of all values that a template may have, but those of plain zeros.
-fn collect_units(template: &Template, draws: &BTreeMap<String, Template>, depth: usize, units: &mut Vec<String>) {
-    /// Named draws that refer to others.
-    const DEEPEST: usize = 64;
+/// The units of all values that a template may have, but those of plain zeros. `seen` are the named draws whose units are
+/// among them.
+fn collect_units<'a>(
+    template: &'a Template,
+    draws: &'a BTreeMap<String, Template>,
+    seen: &mut BTreeSet<&'a str>,
+    units: &mut Vec<String>,
+) {
     let mut add = |unit: &str| {
         if !units.iter().any(|known| known == unit) {
             units.push(unit.to_owned());
@@ -164,14 +196,13 @@ fn collect_units(template: &Template, draws: &BTreeMap<String, Template>, depth:
             Distribution::Integer { low: 0, high: 0 } => {}
             Distribution::Integer { .. } => add(""),
             Distribution::Choice { values, .. } | Distribution::Sequence { values, .. } => {
-                values.iter().for_each(|value| collect_units(value, draws, depth, units));
+                values.iter().for_each(|value| collect_units(value, draws, seen, units));
             }
-            Distribution::Named(name) if depth < DEEPEST => {
-                if let Some(template) = draws.get(name) {
-                    collect_units(template, draws, depth + 1, units);
+            Distribution::Named(name) => {
+                if let Some(template) = draws.get(name).filter(|_| seen.insert(name)) {
+                    collect_units(template, draws, seen, units);
                 }
             }
-            Distribution::Named(_) => {}
         },
         Template::List(_) | Template::Table(_) => {}
     }

@@ -130,3 +130,14 @@ fn a_draw_counts_in_one_unit() {
         assert_eq!(values(&draws, "b"), values(&draws, "b"));
     }
 }
+
+#[test]
+fn nested_draws_take_time_in_proportion_to_their_number() {
+    // Two branches at each of 40 levels: 2^40 ways to the last draw.
+    let level = |k: usize| format!("a{k} = {{ choice = [{{ draw = \"a{0}\" }}, {{ draw = \"a{0}\" }}] }}\n", k + 1);
+    let draws: String = (0..40).map(level).chain(["a40 = 7".into()]).collect();
+    assert_eq!(values(&draws, "2 * a0"), [14.0; 3]);
+    let study = study(&draws, "a0").expect("a study");
+    let name = study.named_template("a0").expect("a draw");
+    assert_eq!(study.alternatives_of(name).len(), 4096);
+}

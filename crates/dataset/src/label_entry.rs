@@ -19,8 +19,10 @@ pub(crate) enum LabelSight {
     Behind,
 }
 
-/// Most key points of an object.
+/// Most key points of an object, and most entries of a study.
 const MOST: usize = 1000;
+/// Most names in a list.
+const MOST_NAMES: usize = 10_000;
 
 /// `[[study.label]]`: objects that are labelled.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -51,6 +53,10 @@ impl Names {
     pub(crate) fn check(&self, key: &str) -> Result<(), Fault> {
         if self.patterns().is_empty() {
             return Err(Fault::new("the list is empty", "write names or patterns of objects").below(key));
+        }
+        if self.patterns().len() > MOST_NAMES {
+            let problem = format!("{} names are more than {MOST_NAMES}", self.patterns().len());
+            return Err(Fault::new(problem, "write patterns, as in \"screw*\"").below(key));
         }
         Ok(())
     }
@@ -139,6 +145,10 @@ impl LabelEntry {
 /// Checks the entries of a study: the number of the entry with a fault, and the fault. The entries of a category have the
 /// same names of key points and the same lines between them; positions may differ.
 pub(crate) fn check(entries: &[LabelEntry]) -> Result<(), (usize, Fault)> {
+    if entries.len() > MOST {
+        let problem = format!("{} entries of [[study.label]] are more than {MOST}", entries.len());
+        return Err((MOST, Fault::new(problem, "write one entry for the objects of a category")));
+    }
     for (i, entry) in entries.iter().enumerate() {
         entry.check().map_err(|fault| (i, fault))?;
         let Some(first) = entries[..i].iter().find(|other| other.category == entry.category) else { continue };

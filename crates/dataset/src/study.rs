@@ -4,7 +4,7 @@ use crate::cameras::change_cameras;
 use crate::defect::entries;
 use crate::distribution::{Fault, Named, Template};
 use crate::draws::Draws;
-use crate::expression::check as check_formula;
+use crate::expression::{check as check_formula, names_in_braces};
 use crate::label_entry::{LabelEntry, check};
 use crate::named::NamedDraws;
 use crate::stable_text::stable_text;
@@ -386,8 +386,9 @@ impl Study {
 
     /// Formulas of draws whose names they read in another way, or whose units differ from image to image.
     fn check_formulas(&self) -> Result<(), InputError> {
+        let in_braces = names_in_braces(&self.draw);
         let checked = |template: &Template, path: &[&str]| {
-            let faults = template.check_formulas(&|text| check_formula(text, &self.draw));
+            let faults = template.check_formulas(&|formula| check_formula(formula, &self.draw, &in_braces));
             faults.map_err(|fault| self.error(fault, path))
         };
         checked(&self.template, &[])?;
@@ -483,7 +484,7 @@ impl Study {
     /// The alternatives of a value, at most 4096 of them, as far as they are known without a draw.
     pub(crate) fn alternatives_of(&self, value: &Template) -> Vec<Value> {
         const MOST: usize = 4096;
-        let count = value.alternatives(&self.draw, 0).min(MOST);
+        let count = value.alternatives(&self.draw, &mut BTreeMap::new()).min(MOST);
         (0..count).filter_map(|k| value.alternative(k, &self.draw, 0)).collect()
     }
 
