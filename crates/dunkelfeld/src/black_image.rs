@@ -3,7 +3,7 @@
 use crate::project::ProjectResult;
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::Number;
-use dunkelfeld_render::RenderedFilm;
+use dunkelfeld_render::{RenderedFilm, camera};
 use dunkelfeld_scene::Scene;
 
 /// An image with this share of black pixels is black.
@@ -22,7 +22,7 @@ pub(crate) fn black_share(electrons: &Plane<f32>) -> Option<f64> {
 /// An image is black if 99.9 % of the pixels with samples have no light. It is also black if its sensor has a fixed exposure
 /// and receives less than one photo-electron in 99.9 % of the pixels.
 pub fn black_image(scene: &Scene, result: &ProjectResult) -> Option<String> {
-    let (stats, film) = (&result.stats, &result.rendering.film);
+    let stats = &result.stats;
     let [width, height] = stats.size.map(f64::from);
     let sampled = width * height - stats.pixels_without_samples as f64;
     if sampled <= 0.0 {
@@ -32,7 +32,7 @@ pub fn black_image(scene: &Scene, result: &ProjectResult) -> Option<String> {
     if share >= NEARLY_ALL {
         // A share just below one is not printed as all.
         let percent = Number((1000.0 * share).floor() / 10.0);
-        return Some(format!("the image is black: {percent} % of its pixels have no light: {}", cause(scene, film)));
+        return Some(format!("the image is black: {percent} % of its pixels have no light: {}", cause(scene, result)));
     }
     let sensor = result.frame.sensor.as_ref()?;
     let share = black_share(&sensor.electrons).filter(|_| !result.frame.no_light)?;
@@ -43,7 +43,17 @@ pub fn black_image(scene: &Scene, result: &ProjectResult) -> Option<String> {
     ))
 }
 
-fn cause(scene: &Scene, film: &RenderedFilm) -> &'static str {
+fn cause(scene: &Scene, result: &ProjectResult) -> String {
+    let camera = camera(scene, result.settings()).ok();
+    if let Some(body) = camera.and_then(|camera| scene.body_around(&camera, false)) {
+        return format!(
+            "the camera is inside the object \"{body}\"; move it out (`position` or `working_distance` in [camera]), or remove the object by `[[object]]` with `visible = false`"
+        );
+    }
+    likely_cause(scene, &result.rendering.film).into()
+}
+
+fn likely_cause(scene: &Scene, film: &RenderedFilm) -> &'static str {
     if scene.light_inventory().iter().all(|light| light.power.is_black()) {
         return "the scene has no light; add [[light]] with a `kind` such as \"ring\", or [environment] with `radiance = 1`, to a job";
     }
@@ -80,7 +90,9 @@ mod tests {
         const NONE: &str = "sensor = { model = \"none\" }\n";
         let light = "[[light]]\nkind = \"point\"\nposition = [0, 1.5, 0]\npower = \"10W\"\n";
         let off = "[[light]]\nname = \"lamp\"\nenabled = false\n";
-        let short = "sensor = { exposure = \"1ns\" }\n";
+        let short = "sensor = { exposure = \"19us\" }\n";
+        let faint = light.replace("10W", "1nW");
+        let inside = "[camera]\nposition = [0, 0.1, 0]\nlook_at = [0, 0, 0]\n[[object]]\nname = \"crate\"\nkind = \"box\"\nsize = [0.5, 0.5, 0.5]\ntranslate = [0, -0.1, 0]\n";
         let away = "[camera]\nposition = [0, 2, 0]\nlook_at = [0, 9, 0]\n";
         for (job, part) in [
             (format!("{NONE}{off}"), Some("the scene has no light; add [[light]]")),
@@ -88,7 +100,8 @@ mod tests {
             (format!("{NONE}{light}{away}"), Some("no object is in the image")),
             (NONE.to_string(), Some("no light reaches the objects in the image")),
             (String::new(), Some("no light reaches the objects in the image")),
-            (format!("{short}{light}"), Some("less than one photo-electron in 1e-9 s; expose longer")),
+            (format!("{short}{faint}"), Some("less than one photo-electron in 0.000019 s; expose longer")),
+            (format!("{NONE}{light}{inside}"), Some("the camera is inside the object \"crate\"; move it out")),
             (format!("{NONE}{light}"), None),
             (light.to_string(), None),
         ] {

@@ -321,6 +321,51 @@ fn lights_inside_bodies_are_hazards() {
     contains_message(inside(rough, block(), 0.2), "light \"bulb 2\"", &["clear solid of material \"epoxy\""]);
 }
 
+#[test]
+fn cameras_inside_bodies_are_hazards() {
+    let body = |material: Material| with(material, cuboid(Vec3::new(-0.2, -0.2, 0.1), Vec3::new(0.2, 0.2, 0.3)));
+    let around = |b: SceneBuilder, z: f64, closed: bool| {
+        let (scene, _) = b.build().expect("valid");
+        let eye = DVec3::new(0.05, 0.0, z);
+        let camera = Camera { to_world: look_at(eye, DVec3::ZERO, DVec3::Y), ..Camera::default() };
+        let camera = scene.ray_generator(&camera, 8, 8).expect("valid");
+        let mut report = BuildReport::default();
+        scene.report_enclosed_camera(&camera, &mut report);
+        let hazard =
+            report.hazards().any(|f| f.place == "object \"thing\"" && f.message.contains("move the camera out"));
+        assert_eq!(hazard, scene.body_around(&camera, true).is_some());
+        scene.body_around(&camera, closed).map(str::to_owned)
+    };
+    assert_eq!(around(body(opaque("steel")), 0.2, true).as_deref(), Some("thing"));
+    assert_eq!(around(body(opaque("steel")), 0.4, true), None, "above the body");
+    assert_eq!(around(body(glass("glass")), 0.2, true), None, "in a clear body");
+    assert_eq!(around(body(lamp()), 0.2, true), None, "in a lamp");
+    let mut lit = body(opaque("steel"));
+    let to_world = DAffine3::from_translation(DVec3::new(0.0, 0.1, 0.2));
+    let kind = PunctualKind::Point { intensity: Rgb::WHITE };
+    lit.lights.push(PunctualLight { name: "bulb".into(), to_world, kind });
+    assert_eq!(around(lit, 0.2, true), None, "a room with a lamp");
+    let mut open = body(opaque("steel"));
+    let part = open.meshes.last_mut().expect("a body");
+    std::sync::Arc::make_mut(&mut part.mesh).triangles.pop();
+    assert_eq!(around(open.clone(), 0.2, true), None, "light can enter");
+    assert_eq!(around(open, 0.2, false).as_deref(), Some("thing"));
+}
+
+/// A part of a file without a unit is small by its size in the world.
+#[test]
+fn small_parts_of_files_without_a_unit_are_hazards() {
+    let part = |size: f32, is_unit_assumed: bool, scale: f64| {
+        let mut b = with(opaque("part"), cuboid(Vec3::splat(-0.5 * size), Vec3::splat(0.5 * size)));
+        b.meshes.last_mut().expect("a part").is_unit_assumed = is_unit_assumed;
+        let lifted = DAffine3::from_translation(DVec3::new(0.0, 0.0, 0.1)) * DAffine3::from_scale(DVec3::splat(scale));
+        b.instances.last_mut().expect("a part").to_world = lifted;
+        hazards(b).iter().any(|h| h.starts_with("object \"thing\"") && h.contains("unit = \"m\""))
+    };
+    assert!(part(1.9e-3, true, 1.0) && part(2.1, true, 9e-4));
+    assert!(!part(2.1e-3, true, 1.0) && !part(1.9e-3, false, 1.0) && !part(1.9e-3, true, 1000.0));
+}
+
 /// The hazards of lights that face away, seen from a camera above the table.
 fn averted(b: SceneBuilder) -> Vec<String> {
     let (scene, _) = b.build().expect("valid");

@@ -42,7 +42,7 @@ pub(super) fn rounding(scene: &SceneBuilder) -> f64 {
 /// Adds a mesh relative to a point in the world as an object of its own.
 pub(super) fn insert(scene: &mut SceneBuilder, name: &str, made: Made, at: DVec3, motion: RigidMotion) {
     let material = material::add(scene, made.material);
-    scene.meshes.push(MeshPart { name: name.into(), mesh: made.mesh.into(), material, is_single_light: false });
+    scene.meshes.push(MeshPart { name: name.into(), mesh: made.mesh.into(), material, ..MeshPart::default() });
     let to_world = DAffine3::from_translation(at);
     scene.instances.push(Instance { name: name.into(), meshes: vec![scene.meshes.len() - 1], to_world, motion });
 }

@@ -9,7 +9,7 @@ use dunkelfeld_scene::{BuildReport, Finding, RayGenerator, Severity};
 
 impl Project {
     /// The findings of the scene builder, and hazards of the images with the present settings: lights that light no object
-    /// and are in no image, motion and lamps in the image of each camera that
+    /// and are in no image, bodies around the camera, motion and lamps in the image of each camera that
     /// would be rendered, a beam splitter without a lens, and wavelengths that the sensor does not know. Cameras with settings out of
     /// range are left out.
     pub fn findings(&self) -> BuildReport {
@@ -34,6 +34,7 @@ impl Project {
             let mut of_camera = BuildReport::default();
             of_camera.findings.extend(self.splitter_without_lens(&name));
             self.scene.report_motion(&camera, film, &mut of_camera);
+            self.scene.report_enclosed_camera(&camera, &mut of_camera);
             self.scene.report_blocked_view(&camera, film, &mut of_camera);
             for mut finding in of_camera.findings {
                 // The same in another image is reported once.

@@ -34,6 +34,8 @@ mod warnings;
 pub use crate::import::options::{EmissiveUnit, ImportOptions, Imported, LUMENS_PER_WATT, UpAxis};
 
 use crate::error::InputError;
+use dunkelfeld_geometry::Aabb;
+use dunkelfeld_scene::MeshPart;
 use std::path::Path;
 
 /// Reads a scene file. The extension selects the reader (`.gltf`, `.glb`, `.obj`, `.stl`, `.ply`). Lengths of the file
@@ -65,6 +67,12 @@ pub fn load_scene(path: &Path, options: &ImportOptions) -> Result<Imported, Inpu
         "stl" | "ply" => (1e-3, UpAxis::Z),
         _ => (1.0, UpAxis::Y),
     };
+    if matches!(extension.as_str(), "stl" | "ply") && options.unit.or(options.scale).is_none() {
+        // One of several small parts of a file is no sign of another unit, so that only the largest counts.
+        let size = |part: &MeshPart| Aabb::from_points(part.mesh.positions.iter().copied()).size().max_element();
+        let largest = imported.scene.meshes.iter_mut().max_by(|a, b| size(a).total_cmp(&size(b)));
+        largest.into_iter().for_each(|part| part.is_unit_assumed = true);
+    }
     let scale = options.unit.unwrap_or(unit) * options.scale.unwrap_or(1.0);
     let up = options.up.unwrap_or(up);
     if scale != 1.0 || up != UpAxis::Y {

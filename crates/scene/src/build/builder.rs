@@ -58,6 +58,8 @@ pub struct MeshPart {
     /// True if all emitting triangles of the mesh are one light, whose points are sampled uniformly over the area. By
     /// default each triangle, or each rectangle of two, is a light of its own.
     pub is_single_light: bool,
+    /// True if neither its file nor its user states the unit of length: a size below 2 mm is then reported.
+    pub is_unit_assumed: bool,
 }
 
 /// One placement of an object in the world.
@@ -223,7 +225,7 @@ impl SceneBuilder {
 
     /// Adds a mesh with one placement by the identity, as an object of its own. Returns the index of the object.
     pub fn add_object(&mut self, name: &str, mesh: impl Into<Arc<Mesh>>, material: usize) -> usize {
-        self.meshes.push(MeshPart { name: name.into(), mesh: mesh.into(), material, is_single_light: false });
+        self.meshes.push(MeshPart { name: name.into(), mesh: mesh.into(), material, ..MeshPart::default() });
         self.instances.push(Instance {
             name: name.into(),
             meshes: vec![self.meshes.len() - 1],

@@ -60,6 +60,7 @@ impl SceneBuilder {
         let closed = self.clean_meshes(&mut builds, &mut report);
         let placed = self.valid_instances(&mut report);
         let shapes = &mut |objects: &[&PlacedObject]| builds.shapes(objects, &self.meshes);
+        crate::build::lints::small_objects(&placed, &self.meshes, &mut report);
         crate::build::lints::twins(&placed, &self.meshes, shapes, &mut report);
         let times = self.shutter.map(|shutter| shutter.times());
         let baking = Baking::new(&placed, &self.meshes, times.is_some());

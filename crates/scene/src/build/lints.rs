@@ -15,6 +15,7 @@ mod places;
 mod twins;
 
 pub use modelling::LARGEST_OBJECT;
+pub(crate) use modelling::small_objects;
 pub(crate) use twins::{Shape, twins};
 
 use crate::build::lints::places::{bounds, corners, meters, place, push};

@@ -87,6 +87,11 @@ pub struct RayGenerator {
 }
 
 impl RayGenerator {
+    /// The camera's position in render space.
+    pub(crate) fn origin(&self) -> dunkelfeld_geometry::Vec3 {
+        self.origin.as_vec3()
+    }
+
     /// Binds a camera to a film of `width * height` pixels.
     ///
     /// Rays start in render space: world space moved by `-world_origin`, where the scene lies within `radius` \[m\]

@@ -398,7 +398,13 @@ impl MeshLamp {
             ..Material::default()
         });
         let mesh = self.meshes.emitter.clone().into();
-        let mut parts = vec![MeshPart { name: name.clone(), mesh, material, is_single_light: self.is_single_light }];
+        let mut parts = vec![MeshPart {
+            name: name.clone(),
+            mesh,
+            material,
+            is_single_light: self.is_single_light,
+            ..MeshPart::default()
+        }];
         if !self.meshes.plate.triangles.is_empty() && self.has_body {
             let name = format!("{name} plate");
             let material = scene.add_material(Material {
@@ -407,7 +413,7 @@ impl MeshLamp {
                 roughness: 0.5,
                 ..Material::default()
             });
-            parts.push(MeshPart { name, mesh: self.meshes.plate.clone().into(), material, is_single_light: false });
+            parts.push(MeshPart { name, mesh: self.meshes.plate.clone().into(), material, ..MeshPart::default() });
         }
         let first = scene.meshes.len();
         let meshes = (first..first + parts.len()).collect();

@@ -1,8 +1,10 @@
-//! Checks for lights inside solids: opaque bodies, which no light leaves, and clear ones.
+//! Checks for lights inside solids: opaque bodies, which no light leaves, and clear ones. Check for cameras inside opaque
+//! bodies, which no light enters.
 
 use super::lights::{CONTACT, points};
-use super::places::{place, push};
+use super::places::{bounds, place, push};
 use crate::build::report::BuildReport;
+use crate::camera::RayGenerator;
 use crate::light::Light;
 use crate::light::delta::DeltaLight;
 use crate::scene::{Part, Scene};
@@ -88,6 +90,33 @@ pub(super) fn check(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
         }
     }
     push(report, findings);
+}
+
+impl Scene {
+    /// The name of the opaque object around a camera, if no lamp is inside with it: its image is black. With `closed`, an
+    /// object with open edges does not count, because light can enter it.
+    pub fn body_around(&self, camera: &RayGenerator, closed: bool) -> Option<&str> {
+        let mut around = objects_around(self, camera.origin());
+        if around.is_empty() {
+            return None;
+        }
+        let boxes: Vec<Aabb> = self.parts.iter().map(|part| bounds(self, part)).collect();
+        let bodies = opaque_objects(self, &boxes);
+        around.retain(|object| bodies.contains_key(object) && (!closed || is_closed(self, *object)));
+        for source in sources(self, &boxes) {
+            let inside = source.points.first().map(|point| objects_around(self, *point)).unwrap_or_default();
+            around.retain(|object| source.object != Some(*object) && !inside.contains(object));
+        }
+        around.first().and_then(|object| self.object_names.get(*object as usize)).map(String::as_str)
+    }
+
+    /// Reports a closed opaque object around a camera, without a lamp inside.
+    pub fn report_enclosed_camera(&self, camera: &RayGenerator, report: &mut BuildReport) {
+        if let Some(name) = self.body_around(camera, true) {
+            let message = "is opaque and closed, and the camera is inside it, so that its image is black; move the camera out (`position` or `working_distance` in [camera]), or remove the object by `[[object]]` with `visible = false`";
+            report.hazard(format!("object \"{name}\""), message);
+        }
+    }
 }
 
 fn sources(scene: &Scene, boxes: &[Aabb]) -> Vec<Source> {

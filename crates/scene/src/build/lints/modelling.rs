@@ -1,15 +1,42 @@
 //! Checks for slips of modelling and export: a wrong unit of length, and materials that no one chose.
 
 use super::places::{meters, place, push};
+use crate::build::bake::PlacedObject;
+use crate::build::builder::MeshPart;
 use crate::build::report::BuildReport;
 use crate::material::Material;
 use crate::scene::Scene;
-use dunkelfeld_geometry::Aabb;
-use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_geometry::{Aabb, DVec3};
+use dunkelfeld_radiometry::{Number, Rgb};
 
 /// An object that is larger \[m\] was probably modelled in millimetres: a station is smaller, and a part of 10 mm is then
 /// 10 m large.
 pub const LARGEST_OBJECT: f32 = 10.0;
+
+/// An object of a file without a unit that is smaller \[m\] was probably modelled in metres, and read in millimetres.
+const SMALLEST_OBJECT: f64 = 2e-3;
+
+/// Reports objects of files without a unit that are too small for the unit that was assumed.
+pub(crate) fn small_objects(placed: &[PlacedObject], meshes: &[MeshPart], report: &mut BuildReport) {
+    let mut findings = Vec::new();
+    for (_, instance, transform) in placed {
+        let to_world = transform.to_world().matrix3;
+        let axes = [to_world.x_axis, to_world.y_axis, to_world.z_axis].map(|axis| axis.length());
+        let of_file = instance.meshes.iter().map(|&m| &meshes[m]).filter(|part| part.is_unit_assumed);
+        let sizes = of_file.map(|part| Aabb::from_points(part.mesh.positions.iter().copied()).size().as_dvec3());
+        let largest = sizes.map(|size| (size * DVec3::from(axes)).max_element()).fold(0.0, f64::max);
+        if largest > 0.0 && largest < SMALLEST_OBJECT {
+            findings.push((
+                format!("object \"{}\"", instance.name),
+                format!(
+                    "is {} mm large, as its file was read in millimetres; if it was modelled in metres, write `[import]` with `unit = \"m\"` in a job, otherwise `unit = \"mm\"`",
+                    Number((1e6 * largest).round() / 1e3)
+                ),
+            ));
+        }
+    }
+    push(report, findings);
+}
 
 pub(super) fn check(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     unit(scene, boxes, report);
