@@ -52,7 +52,7 @@
 //! let exposer = Exposer::of_film(film, &settings)?;
 //! assert_eq!(exposer.frame(0)?, result.frame.sensor.as_ref().expect("a sensor").values);
 //! assert_ne!(exposer.frame(1)?, exposer.frame(0)?);
-//! let short = Exposer::of_film(film, &settings.clone().with_exposure(Exposure::new(Seconds(1e-5))?))?;
+//! let short = Exposer::of_film(film, &settings.clone().with_exposure(Exposure::new(Seconds(1e-4))?))?;
 //! assert!(short.electrons().at(16, 12) < exposer.electrons().at(16, 12));
 //! let other = Exposer::of_film(film, &ExposeSettings::new(find_sensor("imx174")?)?)?;
 //! assert!(other.model().spec().name.contains("IMX174"));

@@ -70,9 +70,12 @@ mod tests {
 
     /// Silicon absorbs little infrared light. Up to 610 nm the presets have one value, as their sources.
     #[test]
-    fn presets_detect_less_infrared_light() {
+    fn monochrome_presets_detect_less_infrared_light() {
         for (name, _) in dunkelfeld_sensor::PRESETS {
             let model = dunkelfeld_io::sensor_file::preset(name).expect("a preset");
+            if model.spec().quantum_efficiency.filter().is_some() {
+                continue;
+            }
             let curve = &model.spec().quantum_efficiency.curves()[0];
             let relative = |nm: f64| curve.at(Nanometres(nm)) / curve.peak().1;
             assert!(BANDS.iter().all(|nm| relative(nm.0) == 1.0), "{name}");

@@ -556,3 +556,16 @@ fn the_memory_of_textures_is_an_amount_with_its_unit() {
         assert!(e.place.contains("texture_memory") && e.to_string().contains(words), "{value}: {e}");
     }
 }
+
+/// 6 dB are a factor of 10^(6/20).
+#[test]
+fn a_gain_is_a_factor_or_decibels() {
+    let gain = |text: &str| job(&format!("scene = \"a.obj\"\n[sensor]\ngain = {text}\n")).sensor.gain;
+    for (text, factor) in [("2", 2.0), ("0.5", 0.5), ("\"6dB\"", 1.995_262_315), ("\"-6 dB\"", 0.501_187_234)] {
+        assert!(gain(text).is_some_and(|found| (found - factor).abs() < 1e-9), "{text}: {:?}", gain(text));
+    }
+    for text in ["\"2\"", "\"6 bel\"", "true", "\"41dB\"", "0"] {
+        let error = refusal(&format!("scene = \"a.obj\"\n[sensor]\ngain = {text}\n"));
+        assert!(error.to_string().contains("dB"), "{text}: {error}");
+    }
+}

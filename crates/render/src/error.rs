@@ -3,7 +3,7 @@
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::visible::visible_line;
 use dunkelfeld_scene::{BuildError, CameraError};
-use dunkelfeld_sensor::SensorError;
+use dunkelfeld_sensor::{SensorError, time_in_words};
 use std::borrow::Cow;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ pub enum Error {
     },
     /// A sensor that cannot be exposed with these settings.
     #[error("the sensor cannot be used: {0}")]
-    Sensor(#[from] SensorError),
+    Sensor(SensorError),
     /// A file that could not be written.
     #[error(
         "{}: {}\n  help: {}",
@@ -152,6 +152,21 @@ pub struct ErrorParts<'a> {
     pub problem: Option<Cow<'a, str>>,
     /// Advice to the user.
     pub help: Option<Cow<'a, str>>,
+}
+
+impl From<SensorError> for Error {
+    fn from(error: SensorError) -> Self {
+        match &error {
+            SensorError::Exposure { limit, .. } => {
+                let help = format!(
+                    "use {}, or another sensor; a sensor file without limits has all exposures",
+                    time_in_words(*limit)
+                );
+                Self::setting("exposure", error.to_string(), help)
+            }
+            _ => Self::Sensor(error),
+        }
+    }
 }
 
 /// Advice for a camera that cannot be used.

@@ -116,6 +116,10 @@ pub struct RenderSettings {
     /// How the pixels of the sensor form those of the film. It changes no sample.
     #[serde(skip)]
     pub readout: Readout,
+    /// Are the samples those of this exposure time, because objects move, rows are scanned or a lamp has a strobe? It changes
+    /// no sample.
+    #[serde(skip)]
+    pub is_timed: bool,
     /// Noise that the sensor adds to the render's own. [`ExposureNoise::Matched`] needs a sensor.
     pub exposure_noise: ExposureNoise,
     /// Denoiser of the picture. No measurement uses its image.
@@ -177,6 +181,7 @@ impl RenderSettings {
             threads: 0,
             sensor: SensorChoice::None,
             readout: Readout::default(),
+            is_timed: false,
             exposure_noise: ExposureNoise::default(),
             denoise: DenoiseSettings::default(),
             replay: None,
@@ -213,6 +218,7 @@ impl RenderSettings {
             threads,
             sensor,
             readout,
+            is_timed,
             exposure_noise,
             denoise,
             replay,

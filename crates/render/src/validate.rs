@@ -1,7 +1,7 @@
 //! Checks the ranges of settings before a render begins.
 
 use crate::error::Error;
-use crate::settings::{Budget, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, RenderSettings};
+use crate::settings::{Budget, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_adaptive::{budget, plan};
 use dunkelfeld_sensor::ExposureNoise;
@@ -40,6 +40,9 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
             let problem = "the noise target needs the noise of a sensor, and there is no sensor";
             return Err(Error::setting("noise", problem, "choose a sensor, or another budget"));
         }
+    }
+    if let SensorChoice::Emva { model, exposure: Some(exposure), .. } = &s.sensor {
+        model.check_exposure(*exposure)?;
     }
     if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
         let problem = "the allocation `sensor` needs the noise of a sensor, and there is no sensor";

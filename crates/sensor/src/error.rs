@@ -16,6 +16,16 @@ pub enum SensorError {
         /// The allowed range, in words.
         allowed: &'static str,
     },
+    /// An exposure time that the camera does not have.
+    #[error("{} is {} of {camera}, {}", time_in_words(*time), if time < limit { "below the shortest" } else { "above the longest" }, time_in_words(*limit))]
+    Exposure {
+        /// The name of the sensor and its camera.
+        camera: String,
+        /// The exposure time \[s\].
+        time: f64,
+        /// The shortest or the longest one \[s\].
+        limit: f64,
+    },
     /// The quantum efficiency is not a curve.
     #[error("quantum_efficiency: {0}")]
     Curve(&'static str),
@@ -37,6 +47,11 @@ pub enum SensorError {
     /// No pixel receives light, so no exposure time gives an image.
     #[error("no pixel receives any light, so there is no exposure time to choose")]
     NoLight,
+}
+
+/// A time \[s\] in words.
+pub fn time_in_words(time: f64) -> String {
+    if time < 1e-3 { format!("{} us", Number(1e6 * time)) } else { format!("{} s", Number(time)) }
 }
 
 /// Checks that a value lies in `low..=high`.

@@ -36,7 +36,7 @@ mod random;
 pub use bands::Bands;
 pub use data_sheet::{ChannelSheet, DataSheet, Figure, data_sheet};
 pub use efficiency::{BANDS, BayerPattern, ColorFilter, Efficiency, FilterColor, QuantumEfficiency};
-pub use error::SensorError;
+pub use error::{SensorError, time_in_words};
 pub use expose::{Device, FrameKey, Readout};
 pub use matched::{ExposureNoise, LeftOut, holds, left_out, matched_where};
 pub use model::{DarkCurrent, Published, SensorModel, SensorSpec};

@@ -4,6 +4,7 @@ use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Seconds};
 
 use crate::efficiency::Efficiency;
 use crate::error::{SensorError, in_range};
+use crate::optics::{Exposure, LONGEST};
 use crate::pattern::{Defects, FixedPattern};
 
 /// Dark current mu_I: thermally generated electrons, whose rate doubles every few degrees (EMVA 1288 release 4.0,
@@ -110,6 +111,12 @@ pub struct SensorSpec {
     pub dark_current: DarkCurrent,
     /// Temperature of the sensor during the exposure.
     pub temperature: Celsius,
+    /// Shortest exposure time of the camera. `None` for no limit.
+    #[serde(default)]
+    pub min_exposure: Option<Seconds>,
+    /// Longest exposure time of the camera. `None` for no limit.
+    #[serde(default)]
+    pub max_exposure: Option<Seconds>,
     /// Overall system gain K \[DN/e-\].
     pub system_gain: f64,
     /// Grey value of a pixel without electrons (black level).
@@ -155,6 +162,11 @@ impl SensorModel {
         in_range("dark_current_reference", s.dark_current.reference.0, -273.15, 200.0, "from -273.15 to 200 degC")?;
         in_range("dark_current_doubling", s.dark_current.doubling, 1.0, 100.0, "from 1 to 100 K")?;
         in_range("temperature", s.temperature.0, -273.15, 200.0, "from -273.15 to 200 degC")?;
+        let [least, most] = [s.min_exposure, s.max_exposure].map(|time| time.map(|t| t.0));
+        let shortest = f64::MIN_POSITIVE;
+        in_range("min_exposure", least.unwrap_or(shortest), shortest, LONGEST, "above 0 and at most 1e6 s")?;
+        let allowed = "from the least exposure to 1e6 s";
+        in_range("max_exposure", most.unwrap_or(LONGEST), least.unwrap_or(shortest), LONGEST, allowed)?;
         in_range("system_gain", s.system_gain, 1e-6, 1e4, "from 1e-6 to 1e4 DN per electron")?;
         in_range("bit_depth", f64::from(s.bit_depth), 8.0, 16.0, "from 8 to 16")?;
         let top = f64::from(max_value(s.bit_depth));
@@ -199,6 +211,25 @@ impl SensorModel {
             spec.name = format!("{}, binned {factor} x {factor}", spec.name);
         }
         Self::new(spec)
+    }
+
+    /// The shortest and the longest exposure time of the camera.
+    pub fn exposure_range(&self) -> [Seconds; 2] {
+        let Self(spec) = self;
+        [spec.min_exposure.unwrap_or(Seconds(f64::MIN_POSITIVE)), spec.max_exposure.unwrap_or(Seconds(LONGEST))]
+    }
+
+    /// Checks that the camera has an exposure time.
+    ///
+    /// # Errors
+    /// It is shorter than the shortest, or longer than the longest one.
+    pub fn check_exposure(&self, exposure: Exposure) -> Result<(), SensorError> {
+        let ([least, most], time) = (self.exposure_range().map(|t| t.0), exposure.time().0);
+        let limit = time.clamp(least, most);
+        if limit == time {
+            return Ok(());
+        }
+        Err(SensorError::Exposure { camera: self.0.name.clone(), time, limit })
     }
 
     /// The parameters.
@@ -270,6 +301,8 @@ pub(crate) mod tests {
             row_noise: Electrons(0.0),
             dark_current: DarkCurrent { rate: 3.0, reference: Celsius(35.0), doubling: 7.0 },
             temperature: Celsius(42.0),
+            min_exposure: None,
+            max_exposure: None,
             system_gain: 0.25,
             offset: DigitalNumber(60.0),
             bit_depth: 12,
@@ -282,13 +315,15 @@ pub(crate) mod tests {
     #[test]
     fn each_number_is_checked_and_named() {
         type Change = fn(&mut SensorSpec);
-        let cases: [(&str, Change); 22] = [
+        let cases: [(&str, Change); 24] = [
             ("pixel_pitch", |s| s.pixel_pitch = Metres(0.0)),
             ("full_well", |s| s.full_well = Electrons(f64::NAN)),
             ("dark_noise", |s| s.dark_noise = Electrons(-1.0)),
             ("dark_current", |s| s.dark_current.rate = f64::INFINITY),
             ("dark_current_doubling", |s| s.dark_current.doubling = 0.0),
             ("temperature", |s| s.temperature = Celsius(-300.0)),
+            ("min_exposure", |s| s.min_exposure = Some(Seconds(0.0))),
+            ("max_exposure", |s| (s.min_exposure, s.max_exposure) = (Some(Seconds(2.0)), Some(Seconds(1.0)))),
             ("system_gain", |s| s.system_gain = 0.0),
             ("system_gain", |s| s.system_gain = 5e-5),
             ("bit_depth", |s| s.bit_depth = 17),

@@ -29,7 +29,7 @@ const AUTO_QUANTILE: f64 = 0.995;
 /// Level of that quantile as a fraction of saturation.
 const AUTO_LEVEL: f64 = 0.9;
 /// Longest valid exposure \[s\].
-const LONGEST: f64 = 1e6;
+pub(crate) const LONGEST: f64 = 1e6;
 
 /// The lens in front of the sensor. Its values are checked when they are read from their serialised form.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -297,7 +297,8 @@ fn is_radiance([r, g, b]: [f32; 3]) -> bool {
 
 /// The exposure time at which the 99.5 % quantile of the image is at 90 % of saturation.
 ///
-/// If fewer than 0.5 % of the pixels receive light, the quantile is that of the lit pixels. The time is at most 1e6 s.
+/// If fewer than 0.5 % of the pixels receive light, the quantile is that of the lit pixels. The time is within the
+/// range of the camera ([`SensorModel::exposure_range`]): light that saturates the pixels in the shortest time still does.
 /// Errors: [`SensorError::NoLight`] if every pixel is black.
 pub fn auto_exposure(
     radiance: &Plane<[f32; 3]>,
@@ -317,7 +318,13 @@ pub fn auto_exposure(
     // Dark electrons fill a part of the well.
     let dark = model.dark_electrons(Seconds(1.0)).0;
     let time = AUTO_LEVEL * model.saturation().0 / (f64::from(rate) + dark);
-    Exposure::new(Seconds(time.clamp(f64::MIN_POSITIVE, LONGEST)))
+    Exposure::new(clamped(time, model))
+}
+
+/// The exposure time of the camera that is nearest to a time \[s\].
+fn clamped(time: f64, model: &SensorModel) -> Seconds {
+    let [least, most] = model.exposure_range();
+    Seconds(time.clamp(least.0, most.0))
 }
 
 /// Exposure time of an image without light, for which no automatic exposure exists.
@@ -328,7 +335,8 @@ pub const DARK_EXPOSURE: Seconds = Seconds(1.0);
 pub struct ImageExposure {
     /// The exposure.
     pub exposure: Exposure,
-    /// True if every pixel is black and the exposure is [`DARK_EXPOSURE`], because no other was given.
+    /// True if every pixel is black and the exposure is [`DARK_EXPOSURE`], or the nearest of the camera, because no other was
+    /// given.
     pub no_light: bool,
 }
 
@@ -337,16 +345,21 @@ impl ImageExposure {
     /// pixel is black. Radiance in W/(m^2 sr) per channel.
     ///
     /// # Errors
-    /// The automatic exposure is out of range.
+    /// A given exposure that the camera does not have ([`SensorModel::check_exposure`]).
     pub fn new(
         given: Option<Exposure>,
         radiance: &Plane<[f32; 3]>,
         model: &SensorModel,
         optics: &Optics,
     ) -> Result<Self, SensorError> {
+        if let Some(given) = given {
+            model.check_exposure(given)?;
+        }
         let found = given.map_or_else(|| auto_exposure(radiance, model, optics), Ok);
         match found {
-            Err(SensorError::NoLight) => Ok(Self { exposure: Exposure { time: DARK_EXPOSURE }, no_light: true }),
+            Err(SensorError::NoLight) => {
+                Ok(Self { exposure: Exposure { time: clamped(DARK_EXPOSURE.0, model) }, no_light: true })
+            }
             found => Ok(Self { exposure: found?, no_light: false }),
         }
     }
@@ -446,6 +459,22 @@ mod tests {
         let all = photo + model().dark_electrons(exposure.time()).0;
         assert!((all - 9000.0).abs() < 1e-2, "{all}");
         assert_eq!(auto_exposure(&Plane::new(0, 0, [0.0; 3]), &model(), &lens()), Err(SensorError::NoLight));
+    }
+
+    #[test]
+    fn exposures_stay_within_the_range_of_the_camera() {
+        let spec = SensorSpec { min_exposure: Some(Seconds(3.4e-5)), max_exposure: Some(Seconds(10.0)), ..example() };
+        let model = SensorModel::new(spec).expect("valid");
+        for (radiance, time) in [(1e9, 3.4e-5), (1e-9, 10.0)] {
+            let plane = Plane::new(4, 4, [radiance; 3]);
+            assert_eq!(auto_exposure(&plane, &model, &lens()).expect("light").time(), Seconds(time));
+            for given in [0.9 * time, time, 1.1 * time] {
+                let exposure = Exposure::new(Seconds(given)).expect("valid");
+                let is_possible = (3.4e-5..=10.0).contains(&given);
+                let found = ImageExposure::new(Some(exposure), &plane, &model, &lens());
+                assert_eq!(found.is_ok(), is_possible, "{given}: {found:?}");
+            }
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use crate::args::SensorsArgs;
 use crate::outcome::{Outcome, print};
+use crate::words::exposure_time;
 use dunkelfeld::io::sensor_file;
 use dunkelfeld::sensor::{DataSheet, Figure, SensorModel, data_sheet};
 use dunkelfeld::{Error, sensor_sheet};
@@ -53,6 +54,11 @@ fn sheet(model: &SensorModel) -> String {
     }
     let pitch = s.pixel_pitch.0 * 1e6;
     let _ = writeln!(text, "  pixel pitch {pitch:.3} um, {} bit, black level {} DN", s.bit_depth, s.offset.0);
+    for (what, time) in [("shortest", s.min_exposure), ("longest", s.max_exposure)] {
+        if let Some(time) = time {
+            let _ = writeln!(text, "  {what} exposure {}", exposure_time(time.0));
+        }
+    }
     if let Some(filter) = s.quantum_efficiency.filter() {
         let _ = writeln!(text, "  colour filter {}", filter.pattern.name());
     }

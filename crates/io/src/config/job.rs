@@ -227,6 +227,19 @@ pub struct OutputSettings {
     pub stats: Option<PathBuf>,
     /// The plan of samples per pixel, for a replay.
     pub plan: Option<PathBuf>,
+    /// The place of the bits in the 16 of the linear image. Default `"right"`.
+    pub align: Align,
+}
+
+/// The place of the bits of a grey value in 16 bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Align {
+    /// The lowest bits: the number is the grey value, as in `Mono12` of GenICam.
+    #[default]
+    Right,
+    /// The highest bits: the number is the grey value times a power of two.
+    Left,
 }
 
 /// `[environment]`: exactly one of `radiance` and `image`.

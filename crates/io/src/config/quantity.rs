@@ -14,6 +14,7 @@ use serde::de::{self, Deserializer, Visitor};
 /// A unit: the ways to write it, and its size in SI.
 type Unit = (&'static [&'static str], f64);
 
+const DECIBELS: &[Unit] = &[(&["dB"], 1.0)];
 const TIME: &[Unit] = &[
     (&["ns"], 1e-9),
     (&["us", "µs", "μs"], 1e-6),
@@ -125,6 +126,10 @@ macro_rules! quantity {
 }
 
 quantity!(
+    /// A level \[dB\]; never a plain number.
+    Decibels, DECIBELS, "decibels", "dB", "6dB", plain: false
+);
+quantity!(
     /// A time \[s\]: `ns`, `us`, `ms`, `s`, `min`, `h`, also several in a row (`1min 30s`), or a plain number of seconds.
     Time, TIME, "a time", "s", "5ms", plain: true
 );
@@ -160,6 +165,25 @@ quantity!(
     /// An amount of memory \[B\]: `B`, `kB`, `MB`, `GB`, `TB`, `KiB`, `MiB`, `GiB`, `TiB`; never a plain number.
     Memory, MEMORY, "an amount of memory", "B", "2GiB", plain: false
 );
+
+/// A factor of amplitudes: a plain number, or decibels. 6 dB are 10^(6/20).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Factor(pub f64);
+
+impl<'de> Deserialize<'de> for Factor {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "this is no factor; write a number such as 2, or decibels as \"6dB\"")]
+        enum Written {
+            Plain(f64),
+            Decibels(Decibels),
+        }
+        Ok(Self(match Written::deserialize(deserializer)? {
+            Written::Plain(factor) => factor,
+            Written::Decibels(Decibels(level)) => 10f64.powf(level / 20.0),
+        }))
+    }
+}
 
 impl Memory {
     /// As a whole number of bytes; `None` below one and out of range.

@@ -19,6 +19,7 @@
 //! dsnu_column_e = 0.8
 //! prnu_percent = 0.7                          # optional, 0 if absent; with prnu_row_percent and prnu_column_percent
 //! temperature_c = 36                          # optional, 25 if absent
+//! min_exposure_us = 19                        # optional, as max_exposure_s: no limit if absent
 //! [dark_current]                              # optional, none if absent
 //! e_per_s = 1.47
 //! at_c = 36
@@ -40,7 +41,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use dunkelfeld_film::MAX_SIDE;
-use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres};
+use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Seconds};
 use dunkelfeld_sensor::{
     BayerPattern, ColorFilter, DarkCurrent, Defects, Efficiency, FixedPattern, PRESETS, Published, QuantumEfficiency,
     SensorError, SensorModel, SensorSpec,
@@ -145,6 +146,8 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
         row_noise: Electrons(value(&toml.row_noise_e, 0.0)),
         dark_current,
         temperature,
+        min_exposure: toml.min_exposure_us.as_ref().map(|us| Seconds(us.get_ref() * 1e-6)),
+        max_exposure: toml.max_exposure_s.as_ref().map(|s| Seconds(*s.get_ref())),
         system_gain: gain,
         offset: DigitalNumber(*toml.offset_dn.get_ref()),
         bit_depth: toml.bit_depth.get_ref().0,
@@ -178,7 +181,7 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
 const EFFICIENCY: &str = "write points [wavelength in nm, efficiency from 0 to 1] by ascending wavelength";
 
 /// All keys that `derived` and `assumed` may contain.
-const KEYS: [&str; 22] = [
+const KEYS: [&str; 24] = [
     "bit_depth",
     "pixel_pitch_um",
     "resolution",
@@ -196,6 +199,8 @@ const KEYS: [&str; 22] = [
     "prnu_row_percent",
     "prnu_column_percent",
     "temperature_c",
+    "min_exposure_us",
+    "max_exposure_s",
     "dark_current",
     "doubling_k",
     "color_filter",
@@ -229,6 +234,8 @@ struct SensorToml {
     prnu_row_percent: Option<Spanned<f64>>,
     prnu_column_percent: Option<Spanned<f64>>,
     temperature_c: Option<Spanned<f64>>,
+    min_exposure_us: Option<Spanned<f64>>,
+    max_exposure_s: Option<Spanned<f64>>,
     dark_current: Option<DarkCurrentToml>,
     color_filter: Option<ColorFilterToml>,
     defects: Option<DefectsToml>,
@@ -421,6 +428,8 @@ impl SensorToml {
             "dark_current_reference" => dark.map(|d| d.at_c.span()),
             "dark_current_doubling" => dark.map(|d| d.doubling_k.span()),
             "temperature" => of(&self.temperature_c),
+            "min_exposure" => of(&self.min_exposure_us),
+            "max_exposure" => of(&self.max_exposure_s),
             "system_gain" => Some(gain.clone()),
             "bit_depth" => Some(self.bit_depth.span()),
             "offset" => Some(self.offset_dn.span()),

@@ -17,6 +17,8 @@ pub(crate) struct ExposureRecipe {
     sensor: SensorChoice,
     #[serde(default)]
     readout: Readout,
+    #[serde(default)]
+    is_timed: bool,
     exposure_noise: ExposureNoise,
     without: Vec<String>,
     /// Does the lens darken the image towards its corners?
@@ -38,6 +40,7 @@ impl ExposureRecipe {
             frame: settings.frame,
             sensor: settings.sensor.clone(),
             readout: settings.readout,
+            is_timed: settings.is_timed,
             exposure_noise: settings.exposure_noise,
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
             is_vignetted,
@@ -58,6 +61,7 @@ impl ExposureRecipe {
             training_paths: Some(self.training_paths),
             sensor: self.sensor.clone(),
             readout: self.readout,
+            is_timed: self.is_timed,
             exposure_noise: self.exposure_noise,
             without: self
                 .without

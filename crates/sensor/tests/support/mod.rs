@@ -18,6 +18,8 @@ pub(crate) fn spec() -> SensorSpec {
         row_noise: Electrons(0.0),
         dark_current: DarkCurrent { rate: 100.0, reference: Celsius(25.0), doubling: 7.0 },
         temperature: Celsius(25.0),
+        min_exposure: None,
+        max_exposure: None,
         system_gain: 0.25,
         offset: DigitalNumber(40.0),
         bit_depth: 12,

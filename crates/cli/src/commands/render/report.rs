@@ -11,7 +11,7 @@ use std::path::Path;
 /// An automatic exposure above this time \[s\] gives a warning.
 const LONG_EXPOSURE: f64 = 10.0;
 
-/// An automatic exposure below this time \[s\] gives a warning.
+/// An automatic exposure below this time \[s\], or of the shortest time of the camera, gives a warning.
 const SHORT_EXPOSURE: f64 = 1e-6;
 
 /// A share of saturated pixels above this value gives a warning.
@@ -38,10 +38,14 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
              raise it ([[light]] power), check its unit ([import] emissive_unit), or set --exposure"
         ));
     }
-    if is_automatic(project) && s.sensor.as_ref().is_some_and(|s| s.exposure_seconds < SHORT_EXPOSURE && !s.no_light) {
+    let shortest = match &project.settings.sensor {
+        SensorChoice::Emva { model, .. } => model.exposure_range()[0].0.max(SHORT_EXPOSURE),
+        SensorChoice::None => SHORT_EXPOSURE,
+    };
+    if is_automatic(project) && s.sensor.as_ref().is_some_and(|s| s.exposure_seconds <= shortest && !s.no_light) {
         let time = s.sensor.as_ref().map_or_else(String::new, |s| exposure_time(s.exposure_seconds));
         say(&format!(
-            "warning: the automatic exposure is {time}, shorter than a camera exposes: the light is strong; lower it \
+            "warning: the automatic exposure is {time}, and the camera has no shorter one: the light is strong; lower it \
              ([[light]] power), or check its unit ([import] emissive_unit) and its distance"
         ));
     }

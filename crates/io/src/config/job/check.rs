@@ -2,7 +2,7 @@
 //! messages.
 
 use crate::import::options::EmissiveUnit;
-use crate::quantity::{Angle, Length, Memory, PerLength, Power, Time};
+use crate::quantity::{Angle, Factor, Length, Memory, PerLength, Power, Time};
 use dunkelfeld_adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS};
 use dunkelfeld_film::MAX_SIDE;
 use dunkelfeld_radiometry::{Number, Rgb};
@@ -11,6 +11,9 @@ use serde::Deserialize;
 use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 use std::fmt;
 use std::time::Duration;
+
+/// Least and greatest gain.
+const GAINS: [f64; 2] = [0.01, 100.0];
 
 /// The default of switches.
 pub(super) fn yes() -> bool {
@@ -37,7 +40,14 @@ pub(super) fn noise<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::E
 }
 
 pub(super) fn gain<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 0.01, 100.0).map(Some)
+    let Factor(gain) = Factor::deserialize(d)?;
+    if (GAINS[0]..=GAINS[1]).contains(&gain) {
+        return Ok(Some(gain));
+    }
+    Err(D::Error::custom(format!(
+        "{} is out of range; write a factor from 0.01 to 100, or -40dB to 40dB",
+        Number(gain)
+    )))
 }
 
 pub(super) fn temperature<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
