@@ -6,7 +6,9 @@
 mod bench;
 
 use bench::{Bench, stderr, stdout};
-use dunkelfeld_io::exr::{Channel, ExrLayers, write_exr};
+use dunkelfeld_io::exr::{Channel, ExrLayers, read_exr, write_exr};
+use dunkelfeld_io::gray::read_gray;
+use dunkelfeld_io::loader::Limits;
 use serde_json::Value;
 
 /// A grey ramp as another renderer writes it.
@@ -38,11 +40,113 @@ fn an_image_of_our_own_is_exposed_as_its_render_was() {
     }
     // The byte of a PNG with its kind of pixels: grey is 0, colours are 2.
     assert_eq!(bench.read("b.png")[25], 2, "behind a colour filter the picture has colours");
-    bench.run("expose a.exr -o grey.png").code(0);
+    bench.run("expose a.exr -o colour.png").code(0);
+    assert_eq!(bench.read("colour.png")[25], 2, "the sensor is that of the file");
+    bench.run("expose a.exr --sensor imx250 -o grey.png").code(0);
     assert_eq!(bench.read("grey.png")[25], 0);
 }
 
-/// The EXR of a render contains binning, stages and wavelengths, so that `expose` needs only the lens.
+/// A job whose lens, gain and black level are not the default ones: `expose` takes them from the EXR, with pixels without
+/// samples and with an effect left out. A flag replaces its value.
+#[test]
+fn an_exr_contains_the_lens_and_the_sensor_of_its_render() {
+    let bench = Bench::new();
+    bench.write(
+        "job.toml",
+        "scene = \"scene.gltf\"\nlens = { f_number = 2.8, transmission = 0.7, magnification = 0.2 }\n\
+         film = { width = 40, height = 30, pixel_pitch = \"64um\" }\nseed = 3\n\
+         sensor = { model = \"imx174\", exposure = \"2ms\", gain = \"6dB\", black_level = 100, temperature = 40 }\n",
+    );
+    for more in ["--spp 4", "--spp 0.5", "--spp 4 --without every-light"] {
+        bench.run(&format!("render job.toml {more} -o a.png --linear a.tif --exr a.exr")).code(0);
+        let run = bench.run("expose a.exr --exposure 2ms --seed 3 -o b.png --linear b.tif").code(0);
+        let line = "lens: f/2.8 (of the file), transmission 0.7 (of the file), magnification 0.200 (of the file)";
+        assert!(stdout(&run).contains(line) && stdout(&run).contains("IMX174"), "{}", stdout(&run));
+        assert_eq!(bench.read("a.png"), bench.read("b.png"), "{more}");
+        assert_eq!(bench.read("a.tif"), bench.read("b.tif"), "{more}");
+    }
+    // The sensor of a flag has no gain of a job, in a render as in an exposure.
+    bench.run("render job.toml --spp 4 --sensor imx174 -o a.png --linear a.tif --exr a.exr").code(0);
+    bench.run("expose a.exr --sensor imx174 --exposure 2ms --seed 3 --linear b.tif").code(0);
+    assert_eq!(bench.read("a.tif"), bench.read("b.tif"));
+    let run =
+        bench.run("expose a.exr --f-number 2.8 --transmission 0.7 --exposure 2ms --seed 3 --linear c.tif").code(0);
+    assert!(stdout(&run).contains("lens: f/2.8, transmission 0.7, magnification 0.200 (of the file)"));
+    bench.run("expose a.exr --exposure 2ms --seed 3 --linear d.tif").code(0);
+    assert_eq!(bench.read("c.tif"), bench.read("d.tif"));
+    ramp(&bench, "ramp.exr", 0.0);
+    let run = bench.run("expose ramp.exr --f-number 8 -o c.png").code(0);
+    let defaults = "lens: f/8, transmission 0.9 (default, the file contains none), magnification 0 (default";
+    assert!(stdout(&run).contains(defaults), "{}", stdout(&run));
+}
+
+/// 16-bit files of a 12-bit sensor: right-aligned, or times 16.
+#[test]
+fn grey_values_are_right_aligned_or_left_aligned() {
+    let bench = Bench::new();
+    ramp(&bench, "ramp.exr", 0.0);
+    let values = |file: &str| read_gray(&bench.path(file), &Limits::default()).expect("grey values").values.into_vec();
+    bench.run("expose ramp.exr --linear right.png").code(0);
+    bench.run("expose ramp.exr --linear left.png --align left").code(0);
+    let [right, left] = ["right.png", "left.png"].map(values);
+    assert!(right.iter().all(|v| *v <= 4095) && right.iter().any(|v| *v > 3000));
+    assert!(right.iter().zip(&left).all(|(right, left)| right * 16 == *left));
+    bench.run("render scene.gltf --width 8 --height 6 --spp 1 --linear a.png -o p.png").code(0);
+    bench.run("render scene.gltf --width 8 --height 6 --spp 1 --linear b.png -o p.png --align left").code(0);
+    assert!(values("a.png").iter().zip(values("b.png")).all(|(right, left)| right * 16 == left));
+}
+
+/// Frames of one device are the renders with their numbers; an automatic exposure is that of the first.
+#[test]
+fn frames_of_a_render_are_those_of_one_device() {
+    let bench = Bench::new();
+    let render = "render scene.gltf --width 24 --height 16 --spp 2 --seed 5";
+    let run = bench.run(&format!("{render} --frames 3 --frame 7 -o a.png --linear a.tif --stats a.json")).code(0);
+    assert!(stdout(&run).contains("frame 9"), "{}", stdout(&run));
+    let stats = |file: &str| serde_json::from_slice::<Value>(&bench.read(file)).expect("JSON");
+    let exposure = stats("a-0007.json")["sensor"]["exposure_seconds"].as_f64().expect("a time");
+    for (frame, name) in [(7, "a-0007"), (8, "a-0008"), (9, "a-0009")] {
+        let one = format!("{render} --frame {frame} --exposure {exposure}s -o b.png --linear b.tif");
+        bench.run(&one).code(0);
+        assert_eq!(bench.read(&format!("{name}.tif")), bench.read("b.tif"), "{name}");
+        assert_eq!(stats(&format!("{name}.json"))["sensor"]["exposure_seconds"].as_f64(), Some(exposure));
+    }
+    assert_ne!(bench.read("a-0007.tif"), bench.read("a-0008.tif"));
+    for (flags, part) in [
+        ("--frames 2 --checkpoint a.film", "--checkpoint"),
+        ("--frames 2 --debug-sample 1,1,0", "--debug-sample"),
+        ("--frames 0", "--frames"),
+        ("--frames 2 --frame 4294967295", "2^32"),
+    ] {
+        let message = stderr(&bench.run(&format!("{render} {flags}")).code(2));
+        assert!(message.contains(part), "{flags}: {message}");
+    }
+}
+
+/// Exposures that the camera of a preset does not have are refused, and no automatic one is shorter.
+#[test]
+fn exposures_are_those_of_the_camera() {
+    let bench = Bench::new();
+    ramp(&bench, "ramp.exr", 1e9);
+    let render = "render scene.gltf --width 8 --height 6 --spp 1 -o a.png";
+    for command in [render, "expose ramp.exr -o a.png"] {
+        for (exposure, code) in [("1.5us", 2), ("34us", 0)] {
+            let run = bench.run(&format!("{command} --sensor imx174 --exposure {exposure}")).code(code);
+            let said =
+                ["1.5 us is below the shortest", "34 us", "help:"].iter().all(|part| stderr(&run).contains(part));
+            assert_eq!(said, code == 2, "{}", stderr(&run));
+        }
+    }
+    bench.write("bright.toml", "scene = \"scene.gltf\"\n[environment]\nradiance = 1e6\n[sensor]\nmodel = \"imx174\"\n");
+    let run = bench.run("render bright.toml --width 8 --height 6 --spp 1 -o a.png").code(0);
+    assert!(
+        stdout(&run).contains("exposed for 34.00 us") && stderr(&run).contains("no shorter one"),
+        "{}",
+        stderr(&run)
+    );
+}
+
+/// The EXR of a render contains lens, binning, stages, wavelengths and the exposure time of its samples.
 #[test]
 fn a_line_scan_in_infrared_light_is_exposed_as_its_render_was() {
     let bench = Bench::new();
@@ -60,9 +164,12 @@ fn a_line_scan_in_infrared_light_is_exposed_as_its_render_was() {
          power = \"5W\"\nwavelength = \"850nm\"\n",
     );
     bench.run("render job.toml --spp 4 --seed 3 --linear a.tif --exr a.exr").code(0);
-    let camera = "--sensor lines.toml --f-number 4 --transmission 0.9 --magnification 0.05 --exposure 60us --seed 3";
-    bench.run(&format!("expose a.exr {camera} --linear b.tif")).code(0);
-    assert_eq!(bench.read("a.tif"), bench.read("b.tif"));
+    for camera in ["", "--sensor lines.toml --f-number 4 --magnification 0.05 --exposure 60us"] {
+        bench.run(&format!("expose a.exr {camera} --seed 3 --linear b.tif")).code(0);
+        assert_eq!(bench.read("a.tif"), bench.read("b.tif"), "{camera}");
+    }
+    let said = stderr(&bench.run("expose a.exr --exposure 1ms --linear b.tif").code(2));
+    assert!(said.contains("0.00006 s") && said.contains("leave the exposure out"), "{said}");
     // Parts of it, merged, have the pattern of the whole.
     bench.run("render job.toml --samples 0..4 --seed 3 --linear whole.tif --checkpoint whole.film").code(0);
     bench.run("render job.toml --samples 0..2 --seed 3 --checkpoint first.film").code(0);
@@ -75,11 +182,13 @@ fn a_line_scan_in_infrared_light_is_exposed_as_its_render_was() {
 #[test]
 fn impossible_films_of_an_exr_are_refused() {
     let bench = Bench::new();
+    bench.run("render scene.gltf --width 4 --height 2 --spp 1 -o own.png --exr own.exr").code(0);
+    let own: Value = serde_json::from_str(&read_exr(&bench.path("own.exr")).expect("an EXR").attributes).expect("JSON");
     let film = |stages: u64, nm: f64| {
-        format!(
-            "{{\"film\": {{\"readout\": {{\"binning\": 1, \"line_scan_stages\": {stages}}}, \
-             \"bands\": {{\"wavelengths\": [{nm}, 550, 465], \"transmission\": [1, 1, 1]}}}}}}"
-        )
+        let mut all = own.clone();
+        all["film"]["readout"]["line_scan_stages"] = stages.into();
+        all["film"]["optics"]["bands"]["wavelengths"][0] = nm.into();
+        all.to_string()
     };
     for (attributes, code) in [(film(4, 610.0), 0), (film(4_000_000_000, 610.0), 2), (film(4, -610.0), 2)] {
         let mut layers = ExrLayers::new(4, 2);

@@ -1,6 +1,6 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
-use crate::choices::{denoisers, exposure_noises, strategies, vignettings};
+use crate::choices::{alignments, denoisers, exposure_noises, strategies, vignettings};
 use crate::run_args::{MemoryArgs, RunArgs};
 #[cfg(feature = "studies")]
 use crate::studies::{BenchArgs, DatasetArgs, EmvaArgs, PtcArgs};
@@ -15,7 +15,7 @@ use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::scene::{Effect, Vignetting};
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::trace::PixelSample;
-use dunkelfeld::{DenoiseMethod, Error, ImageOptions};
+use dunkelfeld::{Align, DenoiseMethod, Error, ImageOptions};
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -81,6 +81,9 @@ pub(crate) struct RenderArgs {
     /// Linear grey values, 16 bit, .png or .tif (with a sensor).
     #[arg(long, value_name = "FILE")]
     pub(crate) linear: Option<PathBuf>,
+    /// Place of the bits of the grey values in the 16 of --linear [default: right].
+    #[arg(long, value_parser = alignments())]
+    pub(crate) align: Option<Align>,
     /// All layers: mean radiance, its variance, samples per pixel, albedo, normal, depth, ids, electrons, the
     /// ratio of the noise to that of the sensor, and the pixels with matched exposure.
     #[arg(long, value_name = "FILE.exr")]
@@ -172,6 +175,11 @@ pub(crate) struct RenderArgs {
     /// Frame number: frames of one seed are independent, and come from the same device [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u32>)]
     pub(crate) frame: Option<u32>,
+    /// Number of frames of one device, each with samples and noise of its own, from --frame on. Of several frames each file gets
+    /// its number, as in out-0007.png. An automatic exposure is that of the first frame [default: 1].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=10_000u32),
+          conflicts_with_all = ["checkpoint", "replay", "samples", "debug_sample"])]
+    pub(crate) frames: Option<u32>,
     /// Leave out an effect that the scene needs, as in scattering or normal-maps, to measure its cost and its influence on
     /// the image. Techniques too: without every-light one light is sampled at a time, for the same image with other
     /// noise. May be repeated. `inspect` lists the effects. The outputs name the effects that were left out.
@@ -206,6 +214,9 @@ pub(crate) struct MergeArgs {
     /// Linear grey values, 16 bit, .png or .tif (with a sensor).
     #[arg(long, value_name = "FILE")]
     pub(crate) linear: Option<PathBuf>,
+    /// Place of the bits of the grey values in the 16 of --linear [default: right].
+    #[arg(long, value_parser = alignments(), requires = "linear")]
+    pub(crate) align: Option<Align>,
     /// All layers, as those of `render`.
     #[arg(long, value_name = "FILE.exr")]
     pub(crate) exr: Option<PathBuf>,
@@ -265,7 +276,10 @@ pub(crate) struct ExposeArgs {
     /// Linear grey values, 16 bit, .png or .tif; behind a colour filter the raw mosaic. Numbered like the picture.
     #[arg(long, value_name = "FILE")]
     pub(crate) linear: Option<PathBuf>,
-    /// Sensor preset, or a sensor file (.toml) [default: imx250].
+    /// Place of the bits of the grey values in the 16 of --linear [default: right].
+    #[arg(long, value_parser = alignments(), requires = "linear")]
+    pub(crate) align: Option<Align>,
+    /// Sensor preset, or a sensor file (.toml) [default: that of the render, if the file contains it; imx250].
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) sensor: Option<String>,
     /// Exposure time as in 5ms, or auto: the 99.5 % quantile comes to 90 % of saturation [default: auto].
@@ -304,13 +318,13 @@ pub(crate) struct ExposeArgs {
 /// The lens in front of an EXR.
 #[derive(Debug, Args)]
 pub(crate) struct LensArgs {
-    /// f-number of the lens, 0.5 to 1000 [default: 4].
+    /// f-number of the lens, 0.5 to 1000 [default: that of the render, if the file contains it; 4].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub(crate) f_number: Option<f64>,
-    /// Share of the light that passes the lens, above 0 and at most 1 [default: 0.9].
+    /// Share of the light that passes the lens, above 0 and at most 1 [default: that of the render; 0.9].
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
     pub(crate) transmission: Option<f64>,
-    /// Image size over object size, 0 (far away) to 100 [default: 0].
+    /// Image size over object size, 0 (far away) to 100 [default: that of the render; 0].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub(crate) magnification: Option<f64>,
 }
@@ -320,12 +334,6 @@ impl LensArgs {
     pub(crate) fn set(&self, options: &mut ImageOptions) {
         (options.f_number, options.transmission) = (self.f_number, self.transmission);
         options.magnification = self.magnification;
-    }
-
-    /// Is a flag given?
-    #[cfg(feature = "view")]
-    pub(crate) fn is_given(&self) -> bool {
-        self.f_number.or(self.transmission).or(self.magnification).is_some()
     }
 }
 

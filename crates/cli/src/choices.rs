@@ -1,10 +1,10 @@
 //! Flags with a closed set of values: each value with its name and its help.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::ExposureNoise;
+use dunkelfeld::{Align, DenoiseMethod};
 
 /// Reads one of the values by its name. Clap has refused every other text before `default` could be the result.
 fn one_of<T>(all: Vec<(&'static str, T, &'static str)>, default: T) -> impl TypedValueParser<Value = T>
@@ -48,6 +48,15 @@ pub(crate) fn exposure_noises() -> impl TypedValueParser<Value = ExposureNoise> 
     };
     let all = [ExposureNoise::Plain, ExposureNoise::Matched];
     one_of(all.map(|n| (n.name(), n, help(n))).to_vec(), ExposureNoise::Plain)
+}
+
+/// The place of the bits of grey values, for `--align`.
+pub(crate) fn alignments() -> impl TypedValueParser<Value = Align> {
+    let all = [
+        ("right", Align::Right, "The lowest bits: the number is the grey value, as in Mono12 of GenICam"),
+        ("left", Align::Left, "The highest bits: the number is the grey value times a power of two"),
+    ];
+    one_of(all.to_vec(), Align::Right)
 }
 
 /// Vignetting, for `--vignetting`.

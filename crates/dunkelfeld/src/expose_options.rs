@@ -1,7 +1,7 @@
 //! Options of the exposure of an image of any renderer: an EXR, or an array of radiance. Names are those of the flags of
 //! `dunkelfeld expose`.
 
-use crate::commands::expose::{ExposeSettings, check};
+use crate::commands::expose::{ExposeSettings, OfImage, check};
 use crate::exposer::Exposer;
 use crate::options::{ExposureOption, SensorOption, check_frames, frames_of};
 use crate::project::find_sensor_recorded;
@@ -20,13 +20,13 @@ use std::path::Path;
 #[setters(prefix = "with_", strip_option, into)]
 #[non_exhaustive]
 pub struct ImageOptions {
-    /// The sensor; by default [`DEFAULT_SENSOR`].
+    /// The sensor; by default that of the render of the image, or [`DEFAULT_SENSOR`].
     pub sensor: Option<SensorOption>,
-    /// The exposure time; by default automatic.
+    /// The exposure time; by default automatic, or that for which the samples of the image were made.
     pub exposure: Option<ExposureOption>,
     /// The noise that the sensor adds. Matched noise needs a layer `variance`, and is for one frame.
     pub exposure_noise: Option<ExposureNoise>,
-    /// f-number of the lens, 0.5 to 1000.
+    /// f-number of the lens, 0.5 to 1000; by default that of the render of the image, as the other values of the lens.
     pub f_number: Option<f64>,
     /// Share of the light that passes the lens, above 0 and at most 1.
     pub transmission: Option<f64>,
@@ -58,6 +58,8 @@ impl ImageOptions {
     /// a focal length.
     pub fn settings(self) -> Result<ExposeSettings, Error> {
         let mut inputs = InputFiles::new();
+        let lens = [self.f_number, self.transmission, self.magnification].map(|value| value.is_none());
+        let of_image = OfImage { sensor: self.sensor.is_none(), lens };
         let model = match self.sensor {
             None => find_sensor_recorded(DEFAULT_SENSOR, &mut inputs)?,
             Some(SensorOption::Named(name)) => find_sensor_recorded(&name, &mut inputs)?,
@@ -96,6 +98,7 @@ impl ImageOptions {
         };
         Ok(defaults
             .with_optics(optics)
+            .with_of_image(of_image)
             .with_vignetting(vignetting)
             .with_exposure(match self.exposure {
                 None | Some(ExposureOption::Auto) => None,

@@ -6,17 +6,19 @@ use crate::exposer::{Exposer, lens_share, through_lens};
 use crate::image_noise::{FilmPart, ImageNoise};
 use crate::memory::expose_account;
 use crate::noise_compensation::CompensationInputs;
-use crate::outputs::{FilmOfSensor, VIGNETTING, attributes};
+use crate::outputs::{FilmOfSensor, VIGNETTING, attributes, left_out_of_file};
+use crate::shutter::TimedExposure;
 use dunkelfeld_adaptive::required_samples::SensorNoise;
 use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures, pixel_features};
-use dunkelfeld_film::{Plane, Scatter};
+use dunkelfeld_film::{Plane, Scatter, fill_gaps};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
+use dunkelfeld_radiometry::Number;
 use dunkelfeld_render::film_noise::{FilmNoise, levels, per_luminance, sensor_noise, signal_scatter};
 use dunkelfeld_render::{Error, thread_count};
-use dunkelfeld_sensor::{ExposureNoise, Optics, Response, SensorModel, Weights};
+use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Response, SensorModel, Weights};
 use std::borrow::Cow;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -31,6 +33,19 @@ pub struct ExrImage {
     is_read_for_matched: bool,
     film: Option<FilmOfSensor>,
     has_vignetting: bool,
+    /// The words for the effects that the render left out.
+    pub(crate) left_out: Option<String>,
+}
+
+/// The source of a value of the lens of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LensSource {
+    /// The settings of the exposure.
+    Given,
+    /// The file, which is of a render of this program.
+    Image,
+    /// The default, because the file contains no lens.
+    Default,
 }
 
 impl ExrImage {
@@ -49,10 +64,18 @@ impl ExrImage {
             account.check(settings.memory_limit, 0, help)
         };
         let layers = read_exr_if(path, Role::Image, &mut InputFiles::new(), agree)?;
+        let mut radiance = radiance_of(path, &layers, settings.layer.as_deref())?;
+        if let (None, Some(counts)) = (&settings.layer, layers.integers(Single::SampleCount))
+            && counts.data().contains(&0)
+        {
+            // As in the frame of the render.
+            radiance = fill_gaps(&radiance, &counts.map(|n| *n > 0));
+        }
         Ok(Self {
             path: path.to_owned(),
             has_vignetting: attributes(&layers).contains_key(VIGNETTING),
-            radiance: radiance_of(path, &layers, settings.layer.as_deref())?,
+            left_out: left_out_of_file(&layers),
+            radiance,
             noise: if is_matched { NoiseLayers::from_layers(&layers) } else { None },
             is_read_for_matched: is_matched,
             film: FilmOfSensor::of_file(path, &layers)?,
@@ -65,11 +88,12 @@ impl ExrImage {
     }
 
     /// Combines the image with a camera. Binning, the stages of a line scan, the wavelengths of the channels, the filter of the
-    /// lens and the beam splitters in front of it are those of the render, if the file contains them. The layer is that of [`Self::open`]. Runs on the threads
-    /// of the current pool.
+    /// lens and the beam splitters in front of it are those of the render, if the file contains them. So are the values of the
+    /// lens and the sensor that the settings leave to the image ([`ExposeSettings::of_image`]), and an exposure time for which
+    /// the samples were made. The layer is that of [`Self::open`]. Runs on the threads of the current pool.
     ///
     /// # Errors
-    /// Settings outside their range; vignetting that the image has already; noise that is to be matched, but is not in the
+    /// Settings outside their range; another exposure time than that of the samples; vignetting that the image has already; noise that is to be matched, but is not in the
     /// file or was not read.
     pub fn expose(&self, settings: &ExposeSettings) -> Result<Exposer, Error> {
         let image = self.behind_lens(settings)?;
@@ -104,7 +128,7 @@ impl ExrImage {
             return Err(InputError::new(&self.path, "--vignetting", problem, "leave out --vignetting").into());
         }
         let size = [radiance.width(), radiance.height()];
-        let share = lens_share(focal_length, self.optics(settings), &self.model(settings)?, size);
+        let share = lens_share(focal_length, self.lens(settings).0, &self.model(settings)?, size);
         let noise = noise.map(|noise| Cow::Owned(noise.darkened(&share)));
         Ok(Image { radiance: Cow::Owned(through_lens(radiance, &share)), noise })
     }
@@ -112,19 +136,50 @@ impl ExrImage {
     fn model(&self, settings: &ExposeSettings) -> Result<SensorModel, Error> {
         let model = settings.model.clone();
         Ok(match &self.film {
+            Some(film) if settings.of_image.sensor => film.model.clone(),
             Some(film) => model.binned(film.readout.binning)?,
             None => model,
         })
     }
 
-    fn optics(&self, settings: &ExposeSettings) -> Optics {
-        self.film.map_or(settings.optics, |film| settings.optics.with_bands(film.bands))
+    /// The lens in front of the image, and the sources of f-number, transmission and magnification.
+    pub fn lens(&self, settings: &ExposeSettings) -> (Optics, [LensSource; 3]) {
+        let (given, of_image) = (settings.optics, settings.of_image.lens);
+        let Some(FilmOfSensor { optics, .. }) = &self.film else {
+            return (given, of_image.map(|is_open| if is_open { LensSource::Default } else { LensSource::Given }));
+        };
+        let values = |lens: Optics| [lens.f_number(), lens.transmission(), lens.magnification()];
+        let [given, own] = [values(given), values(*optics)];
+        let [f_number, transmission, magnification] = [0, 1, 2].map(|i| if of_image[i] { own[i] } else { given[i] });
+        // Values of two valid lenses are valid.
+        let lens = Optics::new(f_number, transmission, magnification).unwrap_or(*optics).with_bands(optics.bands());
+        (lens, of_image.map(|is_own| if is_own { LensSource::Image } else { LensSource::Given }))
+    }
+
+    /// The exposure time for which the samples of the image were made. `None` if it can be exposed for any time.
+    pub fn timed_exposure(&self) -> Option<TimedExposure> {
+        let time = self.film.as_ref()?.timed?.time();
+        Some(TimedExposure { time, reason: "objects move, rows are scanned, or the strobe of a lamp is timed," })
+    }
+
+    /// The exposure of the settings, or that of the samples.
+    fn exposure(&self, settings: &ExposeSettings) -> Result<Option<Exposure>, Error> {
+        let Some(TimedExposure { time, reason }) = self.timed_exposure() else { return Ok(settings.exposure) };
+        // A time is rounded when it is written in another unit.
+        if settings.exposure.is_some_and(|given| (given.time().0 / time.0 - 1.0).abs() > 1e-9) {
+            let problem = format!("{reason} for an exposure of {} s", Number(time.0));
+            return Err(
+                InputError::new(&self.path, "exposure", problem, "leave the exposure out, or render again").into()
+            );
+        }
+        Ok(Some(Exposure::new(time)?))
     }
 
     /// Plain exposure.
     fn plain(&self, radiance: &Plane<[f32; 3]>, settings: &ExposeSettings) -> Result<Exposer, Error> {
-        let readout = self.film.map_or(settings.readout, |film| film.readout);
-        Exposer::new(radiance, settings, (&self.model(settings)?, self.optics(settings), readout))
+        let readout = self.film.as_ref().map_or(settings.readout, |film| film.readout);
+        let settings = settings.clone().with_exposure(self.exposure(settings)?);
+        Exposer::new(radiance, &settings, (&self.model(&settings)?, self.lens(&settings).0, readout))
     }
 
     /// The noise of the image behind a camera, and the number of its variances that are no variances.

@@ -54,13 +54,13 @@ mod views;
 
 pub use black_image::black_image;
 pub use commands::denoise::{DenoisePlanes, DenoisedFile, check_denoise_output, denoise_exr, denoise_planes};
-pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, expose_exr};
+pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, OfImage, expose_exr};
 pub use commands::init::{init, init_text};
 pub use commands::merge::{MergeSettings, Merged, merge};
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser, select_denoiser};
 pub use expose_options::{ImageOptions, expose_image, expose_radiance};
 pub use exposer::{Exposer, FilmVariances, through_lens};
-pub use exr_image::ExrImage;
+pub use exr_image::{ExrImage, LensSource};
 pub use film_files::{save_film, save_film_files};
 pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
@@ -77,7 +77,7 @@ pub use options::{
 };
 pub use outliers::HeavySample;
 pub use outputs::{
-    OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear,
+    Align, OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear,
     save_new, save_picture, save_plan, save_text,
 };
 pub use project::{
@@ -129,7 +129,7 @@ pub mod geometry {
 pub mod io {
     pub use dunkelfeld_io::job::{literal_pattern, matches};
     pub use dunkelfeld_io::private_file::PrivateFile;
-    pub use dunkelfeld_io::quantity::{Length, Memory, QuantityError, Time};
+    pub use dunkelfeld_io::quantity::{Factor, Length, Memory, QuantityError, Time};
     pub use dunkelfeld_io::sensor_file;
     pub use dunkelfeld_io::toml_file::toml_text;
     pub use dunkelfeld_io::visible::{visible, visible_json, visible_line};

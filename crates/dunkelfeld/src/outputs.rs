@@ -8,6 +8,7 @@ use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr_recorded, write_exr, write_exr_rows};
 use dunkelfeld_io::input::{InputFiles, Role};
+pub use dunkelfeld_io::job::Align;
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_io::png::png_bytes;
@@ -16,8 +17,9 @@ use dunkelfeld_render::{Error, written};
 use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_render::{RenderedFilm, SavedFilm};
 use dunkelfeld_scene::Effect;
-use dunkelfeld_sensor::{Bands, Exposure, Readout, SensorModel};
+use dunkelfeld_sensor::{Exposure, Optics, Readout, SensorModel};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -41,6 +43,8 @@ pub struct OutputPaths {
     /// EXR with the sample plan alone.
     #[setters(into)]
     pub plan: Option<PathBuf>,
+    /// The place of the bits of linear grey values.
+    pub align: Align,
 }
 
 impl OutputPaths {
@@ -149,11 +153,6 @@ pub fn save_picture(frame: &Frame, path: &Path) -> Result<(), Error> {
     save_commented(&frame.picture, comment(frame).as_deref(), path)
 }
 
-/// Writes a picture without metadata.
-pub(crate) fn save_plain_picture(picture: &Picture, path: &Path) -> Result<(), Error> {
-    save_commented(picture, None, path)
-}
-
 /// The bytes of a PNG file of a picture, gamma 2.2, without metadata.
 ///
 /// # Errors
@@ -166,7 +165,7 @@ pub fn encode_picture(picture: &Picture) -> Result<Vec<u8>, Error> {
     bytes.map_err(|e| Error::setting("picture", e.to_string(), "render an image with pixels"))
 }
 
-fn save_commented(picture: &Picture, comment: Option<&str>, path: &Path) -> Result<(), Error> {
+pub(crate) fn save_commented(picture: &Picture, comment: Option<&str>, path: &Path) -> Result<(), Error> {
     let picture = match picture {
         Picture::Gray(p) => File::Gray8(p),
         Picture::Rgb(p) => File::Rgb8(p),
@@ -199,12 +198,16 @@ fn left_out(without: &[Effect]) -> Option<String> {
 /// # Errors
 /// A frame without a sensor; a file that cannot be written.
 pub fn save_linear(frame: &Frame, path: &Path) -> Result<(), Error> {
+    save_aligned(frame, Align::Right, path)
+}
+
+fn save_aligned(frame: &Frame, align: Align, path: &Path) -> Result<(), Error> {
     let Some(sensor) = &frame.sensor else {
         return Err(Error::setting("linear", "there is no sensor, so there are no grey values", "choose a sensor"));
     };
     let mut text = values_words(&sensor.model, sensor.exposure);
     text.extend(left_out(&frame.without).iter().flat_map(|words| [", ", words]));
-    save_values(&sensor.values, &text, path)
+    save_values(&sensor.values, &sensor.model, align, &text, path)
 }
 
 /// The metadata of linear grey values.
@@ -216,8 +219,19 @@ pub(crate) fn values_words(model: &SensorModel, exposure: Exposure) -> String {
 }
 
 /// Writes linear grey values with a description as 16-bit PNG or TIFF.
-pub(crate) fn save_values(values: &Plane<u16>, words: &str, path: &Path) -> Result<(), Error> {
-    let picture = File::Gray16(values);
+pub(crate) fn save_values(
+    values: &Plane<u16>,
+    model: &SensorModel,
+    align: Align,
+    words: &str,
+    path: &Path,
+) -> Result<(), Error> {
+    let shift = 16u32.saturating_sub(model.spec().bit_depth);
+    let (values, words) = match align {
+        Align::Right => (Cow::Borrowed(values), Cow::Borrowed(words)),
+        Align::Left => (Cow::Owned(values.map(|v| v << shift)), Cow::Owned(format!("{words}, left-aligned in 16 bit"))),
+    };
+    let (picture, words) = (File::Gray16(&values), &*words);
     written(
         path,
         match extension(path).as_str() {
@@ -353,21 +367,24 @@ pub(crate) fn plane<T: Clone>(width: u32, height: u32, values: impl Iterator<Ite
 const FILM_OF_SENSOR: &str = "film";
 
 /// The properties of a film that another exposure of it needs.
-#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub(crate) struct FilmOfSensor {
     /// How pixels of the sensor form those of the film.
     pub(crate) readout: Readout,
-    /// Wavelengths of the channels, and transmission of a filter and of beam splitters.
-    pub(crate) bands: Bands,
+    /// The lens, with the wavelengths of the channels, and the transmission of a filter and of beam splitters.
+    pub(crate) optics: Optics,
+    /// The sensor, as the job adjusts it. It describes the pixels of the film.
+    pub(crate) model: SensorModel,
+    /// The exposure time for which the samples were made; `None` if they hold for any time.
+    pub(crate) timed: Option<Exposure>,
 }
 
 impl FilmOfSensor {
     /// The properties of a render; `None` without a sensor.
     fn new(settings: &RenderSettings) -> Option<Self> {
-        match &settings.sensor {
-            SensorChoice::Emva { optics, .. } => Some(Self { readout: settings.readout, bands: optics.bands() }),
-            SensorChoice::None => None,
-        }
+        let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else { return None };
+        let timed = exposure.filter(|_| settings.is_timed);
+        Some(Self { readout: settings.readout, optics: *optics, model: (**model).clone(), timed })
     }
 
     /// The properties that a file contains, if it is of a render with a sensor.
@@ -385,6 +402,13 @@ impl FilmOfSensor {
 
 /// The attribute of images with vignetting.
 pub(crate) const VIGNETTING: &str = "vignetting";
+
+/// The words for the effects that the render of a file left out.
+pub(crate) fn left_out_of_file(layers: &ExrLayers) -> Option<String> {
+    let names = attributes(layers).remove("without").unwrap_or_default();
+    let names: Vec<String> = serde_json::from_value(names).unwrap_or_default();
+    (!names.is_empty()).then(|| format!("rendered without {}", names.join(", ")))
+}
 
 /// The attribute of a file, if this program wrote it.
 pub(crate) fn attributes(layers: &ExrLayers) -> serde_json::Map<String, serde_json::Value> {
@@ -431,7 +455,7 @@ impl Written<'_> {
             save_picture(self.frame, path)?;
         }
         if let Some(path) = &paths.linear {
-            save_linear(self.frame, path)?;
+            save_aligned(self.frame, paths.align, path)?;
         }
         if let Some(path) = &paths.exr {
             written(path, self.write_layers(path))?;

@@ -159,6 +159,7 @@ impl Project {
     fn fit_settings(&self, mut settings: RenderSettings) -> Result<RenderSettings, Error> {
         validate(&settings)?;
         check_shutter(&self.scene, &settings, self.job.as_deref())?;
+        settings.is_timed = self.timed_exposure().is_some();
         if settings.view.is_some() {
             return Ok(settings);
         }

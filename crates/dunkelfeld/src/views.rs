@@ -1,5 +1,6 @@
 //! Several cameras of one job: their names, their files, and the clock of each render.
 
+use crate::commands::expose::with_number;
 use crate::guard::{DefaultPath, Output, check_outputs, free_file};
 use crate::outputs::OutputPaths;
 use crate::project::Project;
@@ -73,8 +74,19 @@ impl OutputPaths {
     /// that are neither letters nor digits nor one of `-`, `_` and `.` become `_`.
     #[must_use]
     pub fn for_camera(&self, camera: &str) -> Self {
-        let named = |path: &Option<PathBuf>| path.as_ref().map(|path| with_camera(path, camera));
+        self.renamed(|path| with_camera(path, camera))
+    }
+
+    /// The files of one of several frames, up to the number `last`, as [`ExposeSettings::numbered`](crate::ExposeSettings::numbered).
+    #[must_use]
+    pub fn for_frame(&self, number: u32, last: u32) -> Self {
+        self.renamed(|path| with_number(path, number, last))
+    }
+
+    fn renamed(&self, name: impl Fn(&Path) -> PathBuf) -> Self {
+        let named = |path: &Option<PathBuf>| path.as_deref().map(&name);
         Self {
+            align: self.align,
             image: named(&self.image),
             linear: named(&self.linear),
             exr: named(&self.exr),
@@ -101,9 +113,14 @@ fn check_cases(outputs: &[Output<'_>]) -> Result<(), Error> {
 
 fn with_camera(path: &Path, camera: &str) -> PathBuf {
     let is_plain = |c: char| c.is_alphanumeric() || "-_.".contains(c);
+    with_suffix(path, &camera.chars().map(|c| if is_plain(c) { c } else { '_' }).collect::<String>())
+}
+
+/// The name with a suffix in front of the extension.
+pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_os_string();
     name.push("-");
-    name.push(camera.chars().map(|c| if is_plain(c) { c } else { '_' }).collect::<String>());
+    name.push(suffix);
     if let Some(ending) = path.extension() {
         name.push(".");
         name.push(ending);

@@ -12,11 +12,11 @@ use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Effect;
-use dunkelfeld::sensor::{ExposureNoise, Optics};
+use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeSettings, ExrImage, FilmInProgress, Forecast,
-    InputFiles, KeptFilms, Progress, ProgressState, Project, ProjectOptions, RenderSettings, SavedFilm, SensorChoice,
-    find_denoiser, find_sensor,
+    ImageOptions, InputFiles, KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings,
+    SavedFilm, SensorChoice, find_denoiser, find_sensor,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -181,7 +181,6 @@ fn prepare(
         }
         live.sensors = sensors;
         live.settings = Some(settings);
-        live.timed = timed;
         if let Some(timed) = timed {
             live.pages.set_exposure(timed.time.0);
         }
@@ -472,15 +471,14 @@ pub(crate) fn open_exr(path: &Path) -> Result<ExrImage, Error> {
 }
 
 /// Shows an EXR of any renderer.
-pub(crate) fn show_exr(shared: &Arc<Shared>, image: ExrImage, lens: Option<Optics>) -> Result<(), Error> {
+pub(crate) fn show_exr(shared: &Arc<Shared>, image: ExrImage, options: &ImageOptions) -> Result<(), Error> {
     let mean = image.radiance();
     let mut settings = RenderSettings::default();
     (settings.width, settings.height) = (mean.width(), mean.height());
     let model = Box::new(find_sensor(DEFAULT_SENSOR)?);
-    let defaults = ExposeSettings::new((*model).clone())?;
-    let optics = lens.unwrap_or(defaults.optics);
+    let (optics, sources) = image.lens(&options.clone().settings()?);
     let mut notes = Vec::new();
-    if lens.is_none() {
+    if sources.contains(&LensSource::Default) {
         let text = format!(
             "the file contains no lens: f/{}, transmission {} and magnification {} are assumed",
             Number(optics.f_number()),

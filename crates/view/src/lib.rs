@@ -42,8 +42,7 @@ pub use crate::address::PageAddress;
 use crate::protocol::SourceKind;
 use crate::server::{Guard, router};
 use crate::shared::{Shared, Subject, lock};
-use dunkelfeld::sensor::Optics;
-use dunkelfeld::{Cancel, Error, ExrImage, Project, SavedFilm, Session};
+use dunkelfeld::{Cancel, Error, ExrImage, ImageOptions, Project, SavedFilm, Session};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -62,8 +61,8 @@ pub struct ViewOptions {
     pub output: PathBuf,
     /// Threads of exposures and measurements; 0 means one per core.
     pub threads: usize,
-    /// The lens behind which an EXR is exposed; `None`: that of [`dunkelfeld::ExposeSettings::new`].
-    pub optics: Option<Optics>,
+    /// The lens behind which an EXR is exposed; by default that of its render, or of [`dunkelfeld::ExposeSettings::new`].
+    pub image: ImageOptions,
 }
 
 /// Receives the events of a view that a terminal shows.
@@ -79,7 +78,7 @@ impl Default for ViewOptions {
     /// A free port of the loopback interface, and the current folder.
     fn default() -> Self {
         let listen = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
-        Self { listen, output: PathBuf::from("."), threads: 0, optics: None }
+        Self { listen, output: PathBuf::from("."), threads: 0, image: ImageOptions::default() }
     }
 }
 
@@ -110,7 +109,7 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, events: &mut d
         }
         Stored::Scene
     };
-    if options.optics.is_some() && !matches!(stored, Stored::Exr(_)) {
+    if options.image != ImageOptions::default() && !matches!(stored, Stored::Exr(_)) {
         let problem = "f-number, transmission and magnification are for an EXR";
         return Err(Error::setting("the lens", problem, "write them in `[lens]` of the job"));
     }
@@ -146,7 +145,7 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, events: &mut d
     std::thread::scope(|scope| {
         match stored {
             Stored::Film(saved) => engine::show_film(&shared, *saved),
-            Stored::Exr(image) => engine::show_exr(&shared, *image, options.optics)?,
+            Stored::Exr(image) => engine::show_exr(&shared, *image, &options.image)?,
             Stored::Scene => {
                 scope.spawn(|| engine::run(&shared));
                 scope.spawn(|| engine::watch_files(&shared));

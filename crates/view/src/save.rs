@@ -7,6 +7,7 @@ use crate::protocol::{Camera, Denoise, Fault, Noise, Ranges, SaveKind, SaveReque
 use crate::saved_job::{self, Difference, select_camera, set_vignetting};
 use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
+use dunkelfeld::io::Factor;
 use dunkelfeld::radiometry::{Number, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
@@ -399,7 +400,7 @@ fn describe_sensor(sensor: &mut Table, camera: &Camera, is_timed: bool) -> Resul
             return Ok(());
         }
         Some(OWN_SENSOR) => {
-            let before = sensor.get("gain").and_then(|gain| gain.as_float().or(gain.as_integer().map(|v| v as f64)));
+            let before = sensor.get("gain").and_then(|gain| gain.clone().try_into::<Factor>().ok()).map(|Factor(f)| f);
             if camera.gain != 1.0 {
                 let before = before.unwrap_or(1.0);
                 check_gain(before, camera.gain)?;

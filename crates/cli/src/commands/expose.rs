@@ -5,9 +5,12 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::values::ExposureChoice;
-use crate::words::{counted, exposure_time, flagged_variances, seconds};
+use crate::words::{counted, exposure_time, flagged_variances, seconds, three_digits};
+use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Vignetting;
-use dunkelfeld::{Error, ExposeOutputs, ExposeSettings, ExposedFile, ImageOptions, SensorOption, Session, expose_exr};
+use dunkelfeld::{
+    Error, ExposeOutputs, ExposeSettings, ExposedFile, ImageOptions, LensSource, SensorOption, Session, expose_exr,
+};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
@@ -17,7 +20,9 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
         say(&note);
     }
     let mut outputs = ExposeOutputs::default().with_image(args.image.clone()).with_linear(args.linear.clone());
-    if outputs == ExposeOutputs::default()
+    outputs.align = args.align.unwrap_or_default();
+    if args.image.is_none()
+        && args.linear.is_none()
         && let Some(reason) = outputs.set_default_image(&args.input, &settings).reason
     {
         say(&format!("note: {reason}"));
@@ -26,7 +31,7 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
     let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
     let exposed = expose_exr(&args.input, &settings, &outputs, &session)?;
     drop(sink);
-    print(&report(&settings, &exposed));
+    print(&report(&exposed));
     if exposed.no_light {
         say("warning: the image is black, so there is no automatic exposure; 1 s was used");
     }
@@ -63,14 +68,31 @@ fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
     options.settings().map_err(of_flag)
 }
 
-fn report(settings: &ExposeSettings, exposed: &ExposedFile) -> String {
+/// The lens, each value with its source.
+fn lens(exposed: &ExposedFile) -> String {
+    let (lens, sources) = (&exposed.optics, &exposed.lens);
+    let values = [
+        format!("f/{}", Number(lens.f_number())),
+        format!("transmission {}", Number(lens.transmission())),
+        format!("magnification {}", three_digits(lens.magnification())),
+    ];
+    let values = values.iter().zip(sources).map(|(value, source)| match source {
+        LensSource::Given => value.clone(),
+        LensSource::Image => format!("{value} (of the file)"),
+        LensSource::Default => format!("{value} (default, the file contains none)"),
+    });
+    values.collect::<Vec<_>>().join(", ")
+}
+
+fn report(exposed: &ExposedFile) -> String {
     let [width, height] = exposed.size;
     let mut text = format!(
         "{width} x {height} pixels, {}, exposed for {}; {:.2} % of the pixels are saturated\n",
-        settings.model.spec().name,
+        exposed.model.spec().name,
         exposure_time(exposed.exposure.time().0),
         100.0 * exposed.saturated
     );
+    let _ = writeln!(text, "lens: {}", lens(exposed));
     if let Some(share) = exposed.matched {
         let percent = (1000.0 * share).floor() / 10.0;
         let _ = writeln!(text, "noise-matched exposure can hold in {percent:.1} % of the pixels");

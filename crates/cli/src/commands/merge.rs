@@ -13,7 +13,8 @@ pub(crate) fn run(args: &MergeArgs, started: Instant) -> Result<Outcome, Error> 
         .with_image(args.image.clone())
         .with_linear(args.linear.clone())
         .with_exr(args.exr.clone())
-        .with_stats(args.stats.clone());
+        .with_stats(args.stats.clone())
+        .with_align(args.align.unwrap_or_default());
     let settings = MergeSettings::default()
         .with_parts(args.parts.clone())
         .with_outputs(outputs)

@@ -9,6 +9,7 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 use crate::values::ExposureChoice;
+use dunkelfeld::sensor::Exposure;
 use dunkelfeld::{
     Cancel, CheckpointSettings, DefaultPath, Error, ExposureOption, Progress, ProgressState, Project, ProjectOptions,
     RenderOptions, ReplayOption, SensorOption, Stage,
@@ -43,8 +44,8 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
     let cancel = cancel_on_interrupt();
     let cameras = project.defined_cameras();
     if cameras.len() > 1 {
-        cameras::check(args, &cameras)?;
-        return cameras::run(args, project, &cameras, started, (&sink, &cancel));
+        let turns = cameras::of_cameras(args, &mut project, &cameras, &sink)?;
+        return cameras::run(args, project, turns, started, (&sink, &cancel));
     }
     if let Some(sample) = args.debug_sample {
         return debug_sample::run(&project, sample);
@@ -54,11 +55,19 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
         project.outputs.image = Some(path);
         reason.iter().for_each(|reason| sink.say(&format!("note: {reason}")));
     }
-    render(args, &project, (&sink, &cancel))
+    if let Some(frames @ 2..) = args.frames {
+        let turns = cameras::of_frames(&project, frames)?;
+        return cameras::run(args, project, turns, started, (&sink, &cancel));
+    }
+    Ok(render(args, &project, (&sink, &cancel))?.0)
 }
 
-/// Renders a project, writes its files and prints the summary.
-fn render(args: &RenderArgs, project: &Project, (sink, cancel): (&Sink, &Cancel)) -> Result<Outcome, Error> {
+/// Renders a project, writes its files and prints the summary. The second value is the exposure of the sensor.
+fn render(
+    args: &RenderArgs,
+    project: &Project,
+    (sink, cancel): (&Sink, &Cancel),
+) -> Result<(Outcome, Option<Exposure>), Error> {
     let mut result = project.render_to_files(sink, cancel)?;
     let (elapsed, samples) = (result.elapsed(), result.stats.samples);
     sink.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed, remaining: None, samples });
@@ -68,11 +77,12 @@ fn render(args: &RenderArgs, project: &Project, (sink, cancel): (&Sink, &Cancel)
     let is_flagged = result.stats.is_flagged()
         || result.rendering.checkpoint_fault.is_some()
         || (args.strict && result.stats.budget_missed);
-    Ok(match (result.rendering.interrupted, is_flagged) {
+    let outcome = match (result.rendering.interrupted, is_flagged) {
         (true, _) => Outcome::Interrupted,
         (false, true) => Outcome::Flagged,
         (false, false) => Outcome::Done,
-    })
+    };
+    Ok((outcome, result.frame.sensor.as_ref().map(|sensor| sensor.exposure)))
 }
 
 /// The checkpoint of the flags, locked.
@@ -98,6 +108,7 @@ fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
             to.clone_from(from);
         }
     }
+    o.align = args.align.unwrap_or(o.align);
     project.keep_needed_layers();
     Ok(())
 }

@@ -3,8 +3,8 @@
 use crate::args::{ViewArgs, of_flag};
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
+use dunkelfeld::Error;
 use dunkelfeld::io::PrivateFile;
-use dunkelfeld::{Error, ImageOptions};
 use dunkelfeld_view::{PageAddress, ViewEvents, ViewOptions, serve};
 use std::process::{Command, Stdio};
 
@@ -19,11 +19,8 @@ pub(crate) fn run(args: &ViewArgs) -> Result<Outcome, Error> {
         options.output.clone_from(output);
     }
     options.threads = args.threads.map_or(0, usize::from);
-    if args.lens.is_given() {
-        let mut image = ImageOptions::default();
-        args.lens.set(&mut image);
-        options.optics = Some(image.settings().map_err(of_flag)?.optics);
-    }
+    args.lens.set(&mut options.image);
+    options.image.clone().settings().map_err(of_flag)?;
     let cancel = cancel_on_interrupt();
     // The page that leads to the address stays until the end: a browser may be slow.
     let mut terminal = Terminal { opens: !args.no_open, redirect: None };

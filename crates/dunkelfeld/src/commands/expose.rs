@@ -1,10 +1,12 @@
 //! `expose`: converts an EXR of ours or of another renderer to frames of a camera.
 
 use crate::exposer::Exposer;
+use crate::exr_image::{ExrImage, LensSource};
 use crate::frame::Picture;
 use crate::guard::{DefaultPath, Output, check_outputs, free_file};
 use crate::memory::estimate::MAX_WAITING;
-use crate::outputs::{extension, misfit, save_plain_picture, save_values, values_words};
+use crate::outputs::{Align, extension, misfit, save_commented, save_values, values_words};
+use crate::views::with_suffix;
 use derive_setters::Setters;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::input::{InputFiles, Role, files_in};
@@ -26,7 +28,10 @@ pub struct ExposeSettings {
     /// The sensor.
     pub model: SensorModel,
     /// The lens: determines the irradiance on its axis from the radiance.
+    #[setters(skip)]
     pub optics: Optics,
+    /// The values of sensor and lens that an image of a render replaces by those of its render.
+    pub of_image: OfImage,
     /// Focal length \[m\] of a lens that darkens the image with the fourth power of the cosine of the field angle. Its
     /// axis meets the middle of the image. `None` for a lens without vignetting, or for an image that already contains
     /// it.
@@ -57,6 +62,15 @@ pub struct ExposeSettings {
     pub inputs: InputFiles,
 }
 
+/// The values that an image of a render replaces by those of its render.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct OfImage {
+    /// The sensor, as the job of the render adjusts it.
+    pub sensor: bool,
+    /// f-number, transmission and magnification of the lens.
+    pub lens: [bool; 3],
+}
+
 /// The files to write. With several frames, each name contains the frame number before its extension, as in
 /// `out-0007.png`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Setters)]
@@ -69,6 +83,8 @@ pub struct ExposeOutputs {
     /// 16-bit linear grey values, PNG or TIFF.
     #[setters(into)]
     pub linear: Option<PathBuf>,
+    /// The place of their bits.
+    pub align: Align,
 }
 
 /// The result of an exposure.
@@ -79,6 +95,12 @@ pub struct ExposedFile {
     pub size: [u32; 2],
     /// Written frames: fewer than requested if the run was cancelled.
     pub frames: u32,
+    /// The sensor that was used.
+    pub model: SensorModel,
+    /// The lens that was used.
+    pub optics: Optics,
+    /// The sources of its f-number, transmission and magnification.
+    pub lens: [LensSource; 3],
     /// The exposure that was used.
     pub exposure: Exposure,
     /// Was the image so dark that no automatic exposure exists?
@@ -113,10 +135,16 @@ pub fn expose_exr(
 ) -> Result<ExposedFile, Error> {
     check(settings)?;
     outputs.check(input, settings)?;
-    let exposer = session.install(|| Exposer::open(input, settings))?;
+    let image = session.install(|| ExrImage::open(input, settings))?;
+    let exposer = session.install(|| image.expose(settings))?;
+    let ((optics, lens), left_out) = (image.lens(settings), image.left_out.clone());
+    drop(image);
     let mut done = ExposedFile {
         size: exposer.size(),
         frames: 0,
+        model: exposer.model().clone(),
+        optics,
+        lens,
         exposure: exposer.exposure(),
         no_light: exposer.no_light(),
         saturated: exposer.saturated(),
@@ -138,8 +166,11 @@ pub fn expose_exr(
         done.expose_seconds += began.elapsed().as_secs_f64();
         let began = Instant::now();
         // Errors are reported in the order of the frames, for any order of the threads.
-        let written: Vec<Result<Vec<PathBuf>, Error>> = session
-            .install(|| frames.par_iter().map(|(n, values)| save(&exposer, settings, outputs, *n, values)).collect());
+        let written: Vec<Result<Vec<PathBuf>, Error>> = session.install(|| {
+            let save =
+                |(n, values): &(u32, Plane<u16>)| save(&exposer, left_out.as_deref(), settings, outputs, *n, values);
+            frames.par_iter().map(save).collect()
+        });
         done.write_seconds += began.elapsed().as_secs_f64();
         for files in written {
             done.files.extend(files?);
@@ -151,6 +182,7 @@ pub fn expose_exr(
 
 fn save(
     exposer: &Exposer,
+    left_out: Option<&str>,
     settings: &ExposeSettings,
     outputs: &ExposeOutputs,
     number: u32,
@@ -159,20 +191,22 @@ fn save(
     let mut files = Vec::new();
     if let Some(path) = &outputs.image {
         let path = settings.numbered(path, number);
-        save_plain_picture(&Picture::from_values(values, exposer.model()), &path)?;
+        save_commented(&Picture::from_values(values, exposer.model()), left_out, &path)?;
         files.push(path);
     }
     if let Some(path) = &outputs.linear {
         let path = settings.numbered(path, number);
-        save_values(values, &values_words(exposer.model(), exposer.exposure()), &path)?;
+        let mut words = values_words(exposer.model(), exposer.exposure());
+        words.extend(left_out.iter().flat_map(|left_out| [", ", left_out]));
+        save_values(values, exposer.model(), outputs.align, &words, &path)?;
         files.push(path);
     }
     Ok(files)
 }
 
 impl ExposeSettings {
-    /// One frame through a lens of f/4 and transmission 0.9, far from the object, with automatic exposure. These are
-    /// the values of a render without a job.
+    /// One frame through the lens of the image, with automatic exposure. For an image without a lens it has f/4 and
+    /// transmission 0.9, and is far from the object. These are the values of a render without a job.
     ///
     /// # Errors
     /// None.
@@ -180,6 +214,7 @@ impl ExposeSettings {
         Ok(Self {
             model,
             optics: Optics::new(DEFAULT_F_NUMBER, LensSettings::default().transmission, 0.0)?,
+            of_image: OfImage { sensor: false, lens: [true; 3] },
             vignetting: None,
             readout: Readout::default(),
             exposure: None,
@@ -204,6 +239,7 @@ impl ExposeSettings {
         let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else { return Ok(None) };
         Ok(Some(Self {
             optics: *optics,
+            of_image: OfImage::default(),
             exposure: *exposure,
             readout: settings.readout,
             exposure_noise: settings.exposure_noise,
@@ -211,6 +247,13 @@ impl ExposeSettings {
             first_frame: settings.frame,
             ..Self::new((**model).clone())?
         }))
+    }
+
+    /// The lens, instead of that of the image.
+    #[must_use]
+    pub fn with_optics(mut self, optics: Optics) -> Self {
+        (self.optics, self.of_image.lens) = (optics, [false; 3]);
+        self
     }
 
     /// Number of the last frame.
@@ -238,18 +281,14 @@ impl ExposeSettings {
 
     /// The name of a frame's file. For a single frame it is the name of the output.
     pub fn numbered(&self, path: &Path, number: u32) -> PathBuf {
-        if self.frames == 1 {
-            return path.to_path_buf();
-        }
-        let digits = self.last_frame().to_string().len().max(DIGITS);
-        let mut name = path.file_stem().unwrap_or_default().to_os_string();
-        name.push(format!("-{number:0digits$}"));
-        if let Some(ending) = path.extension() {
-            name.push(".");
-            name.push(ending);
-        }
-        path.with_file_name(name)
+        if self.frames == 1 { path.to_path_buf() } else { with_number(path, number, self.last_frame()) }
     }
+}
+
+/// The name of the file of one of several frames, up to `last`.
+pub(crate) fn with_number(path: &Path, number: u32, last: u32) -> PathBuf {
+    let digits = last.to_string().len().max(DIGITS);
+    with_suffix(path, &format!("{number:0digits$}"))
 }
 
 impl ExposeOutputs {
@@ -303,7 +342,7 @@ impl ExposeOutputs {
     pub fn set_default_image(&mut self, input: &Path, settings: &ExposeSettings) -> DefaultPath {
         let usual = PathBuf::from(input.file_stem().unwrap_or_else(|| "render".as_ref())).with_extension("png");
         let chosen = free_file(usual, "exposed", |path| {
-            Self { image: Some(path.to_path_buf()), linear: None }.check_apart(input, settings)
+            Self { image: Some(path.to_path_buf()), ..Self::default() }.check_apart(input, settings)
         });
         self.image = Some(chosen.path.clone());
         chosen
@@ -314,6 +353,9 @@ pub(crate) fn check(s: &ExposeSettings) -> Result<(), Error> {
     if s.frames == 0 || s.first_frame.checked_add(s.frames - 1).is_none() {
         let problem = format!("{} frames from number {} on cannot be counted", s.frames, s.first_frame);
         return Err(Error::setting("frames", problem, "use at least 1, and numbers below 2^32"));
+    }
+    if let Some(exposure) = s.exposure.filter(|_| !s.of_image.sensor) {
+        s.model.check_exposure(exposure)?;
     }
     if s.vignetting.is_some_and(|f| !(1e-6..=1e3).contains(&f)) {
         return Err(Error::setting("vignetting", "the focal length is out of range", "use 1 um to 1 km, as in 12mm"));

@@ -304,6 +304,7 @@ fn apply_job(
         exr: o.exr.clone(),
         stats: o.stats.clone(),
         plan: o.plan.clone(),
+        align: o.align,
     };
     Ok((settings, outputs))
 }
