@@ -131,6 +131,7 @@ impl Analysis {
 /// # Errors
 /// The measurement lacks a requirement. The error contains help.
 pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result<Analysis, AnalysisError> {
+    let (measurement, of_steps) = measurement.in_steps();
     let data = measurement.ordered()?;
     let saturation = saturation(&data, settings.release)?;
     let summary = Summary::new(&data, &saturation);
@@ -178,8 +179,11 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
         mean: [d.mean.value, d.mean.error],
         variance: [d.variance.value, d.variance.error],
     });
-    let mut notes: Vec<String> = saturation.note.into_iter().collect();
+    let nonuniformity = data.stacks.map(|(bright, dark)| nonuniformity(bright, dark));
+    let mut notes: Vec<String> = of_steps.into_iter().chain(saturation.note).collect();
     notes.extend(shortcomings::linear(&data, &summary, &hidden));
+    let response = nonuniformity.as_ref().and_then(|n| n.response_histogram.as_ref());
+    notes.extend(response.and_then(|response| shortcomings::uneven(&summary, &results, &errors, response)));
     Ok(Analysis {
         release: settings.release,
         bits: data.bits,
@@ -190,7 +194,7 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
         levels: levels.collect(),
         darks: darks.collect(),
         linearity,
-        nonuniformity: data.stacks.map(|(bright, dark)| nonuniformity(bright, dark)),
+        nonuniformity,
     })
 }
 

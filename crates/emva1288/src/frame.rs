@@ -108,6 +108,11 @@ impl<'a> Frame<'a> {
         self.values
     }
 
+    /// The largest number that divides `step` and all values. 0 divides by nothing but itself.
+    pub(crate) fn step(&self, step: u16) -> u16 {
+        self.values.iter().fold(step, |step, &y| if step == 1 { 1 } else { common_step(y, step) })
+    }
+
     pub(crate) fn same_size(&self, width: u32, height: u32) -> Result<(), AnalysisError> {
         if (self.width, self.height) == (width, height) {
             Ok(())
@@ -115,4 +120,12 @@ impl<'a> Frame<'a> {
             Err(AnalysisError::SizeMismatch([width, height, self.width, self.height]))
         }
     }
+}
+
+/// The greatest common divisor, by Euclid; with 0 the other number.
+pub(crate) fn common_step(mut a: u16, mut b: u16) -> u16 {
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a
 }

@@ -66,6 +66,7 @@ pub fn analyse_general(
     measurement: &Measurement,
     settings: &AnalysisSettings,
 ) -> Result<GeneralAnalysis, AnalysisError> {
+    let (measurement, of_steps) = measurement.in_steps();
     let data = measurement.ordered()?;
     let saturation = saturation(&data, settings.release)?;
     let mut summary = Summary::new(&data, &saturation);
@@ -128,7 +129,7 @@ pub fn analyse_general(
             snr: if noise > 0.0 { p.photons / noise } else { 0.0 },
         }
     });
-    let mut notes: Vec<String> = saturation.note.into_iter().collect();
+    let mut notes: Vec<String> = of_steps.into_iter().chain(saturation.note).collect();
     notes.extend(shortcomings::general(&data, summary.is_bound));
     if !values[0].is_finite() {
         notes.push("at no level is the light as large as its noise: mu_p.min and DR were not found".into());

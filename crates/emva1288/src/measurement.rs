@@ -3,8 +3,9 @@
 
 use derive_setters::Setters;
 use serde::Serialize;
+use std::borrow::Cow;
 
-use crate::frame::AnalysisError;
+use crate::frame::{AnalysisError, common_step};
 use crate::stack::SpatialStack;
 use crate::temporal::FramePair;
 
@@ -93,6 +94,27 @@ pub(crate) fn same_time(a: f64, b: f64) -> bool {
 }
 
 impl Measurement {
+    /// The measurement in steps of its grey values, and a note. If all values are multiples of a number above 1, as values
+    /// that are stored left-aligned, that number is the step to which rounding and all rules in DN refer.
+    pub(crate) fn in_steps(&self) -> (Cow<'_, Self>, Option<String>) {
+        let of_stacks = self.stacks.iter().map(|s| s.stack.step);
+        let step = self.levels.iter().map(|l| l.pair.step).chain(of_stacks).fold(0, common_step);
+        if step < 2 {
+            return (Cow::Borrowed(self), None);
+        }
+        let largest = |bits: u32| ((1u32 << bits.min(16)) - 1) / u32::from(step);
+        let measurement = Self {
+            bits: self.bits.map(|bits| 32 - largest(bits).leading_zeros()),
+            levels: self.levels.iter().map(|l| Level { pair: l.pair.in_steps(step), ..*l }).collect(),
+            stacks: self.stacks.iter().map(|s| StackLevel { stack: s.stack.in_steps(step), ..*s }).collect(),
+        };
+        let note = format!(
+            "all grey values are multiples of {step}, so they are stored left-aligned or scaled: they were divided by {step}, and K and \
+             all figures in DN are those of the quotients; store values right-aligned"
+        );
+        (Cow::Owned(measurement), Some(note))
+    }
+
     /// Sorts bright levels by light and dark levels by time, and finds the dark level of each bright one.
     pub(crate) fn ordered(&self) -> Result<Ordered<'_>, AnalysisError> {
         let (mut bright, mut dark): (Vec<&Level>, Vec<&Level>) = self.levels.iter().partition(|l| l.photons > 0.0);

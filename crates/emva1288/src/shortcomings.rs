@@ -1,8 +1,9 @@
 //! Differences between a measurement and the requirements of the standard, in sentences that name the affected figures.
 
 use crate::hidden::Hidden;
+use crate::histogram::Histogram;
 use crate::measurement::Ordered;
-use crate::summary::Summary;
+use crate::summary::{Is, RESULTS, Summary};
 
 /// The requirements of the standard.
 const LEVELS: usize = 50;
@@ -61,6 +62,35 @@ pub(crate) fn linear(data: &Ordered<'_>, summary: &Summary, hidden: &Hidden) -> 
         }
     }
     notes
+}
+
+/// The note on a response that changes smoothly over the image. The standard errors of the nonuniformity do not contain the
+/// shape of the light.
+///
+/// Of independent pixels, the high-pass filter of the histogram keeps 24/25 of the variance, and of rows and columns 4/5. It
+/// keeps nearly nothing of what is smooth. The variance of the pixels is known from the split.
+pub(crate) fn uneven(
+    summary: &Summary,
+    results: &[f64; RESULTS],
+    errors: &[f64; RESULTS],
+    response: &Histogram,
+) -> Option<String> {
+    let (bright, dark, _) = summary.spatial.as_ref()?;
+    let noise =
+        [bright, dark].map(|s| s.temporal.value / s.frames).iter().sum::<f64>() / (bright.mean - dark.mean).powi(2);
+    let filtered = (response.deviation / 100.0).powi(2) - 0.96 * noise;
+    let [all, pixels] = [Is::Prnu2, Is::PrnuPixel2].map(|is| results[is as usize]);
+    let even = (filtered / 0.8 - (0.96 / 0.8 - 1.0) * pixels).max(0.0);
+    // The parts of rows and columns in both estimates are of the same rows and columns.
+    let is_uneven = all - even > 4.0 * errors[Is::Prnu2 as usize] && even < 0.9 * all;
+    is_uneven.then(|| {
+        format!(
+            "the response changes smoothly over the image, by uneven light or by the camera: PRNU1288 is {:.3} % with that, and {:.3} % \
+             after the high-pass filter of 5 x 5 pixels; it is also in PRNU1288.row and PRNU1288.col; take the stacks in more even light",
+            100.0 * all.sqrt(),
+            100.0 * even.sqrt()
+        )
+    })
 }
 
 /// The notes for the general module. `is_bound` is true if rounding hides the dark noise.

@@ -13,12 +13,13 @@ pub struct StackAccumulator {
     frames: u32,
     sums: Vec<u32>,
     squares: u128,
+    step: u16,
 }
 
 impl StackAccumulator {
     /// An empty stack of frames of the given size.
     pub fn new(width: u32, height: u32) -> Self {
-        Self { width, height, frames: 0, sums: vec![0; width as usize * height as usize], squares: 0 }
+        Self { width, height, frames: 0, sums: vec![0; width as usize * height as usize], squares: 0, step: 0 }
     }
 
     /// Adds a frame.
@@ -31,6 +32,7 @@ impl StackAccumulator {
             return Err(AnalysisError::TooManyFrames(MAX_FRAMES.into()));
         }
         self.frames += 1;
+        self.step = frame.step(self.step);
         for (row, values) in
             self.sums.chunks_mut(self.width.max(1) as usize).zip(frame.values().chunks(self.width.max(1) as usize))
         {
@@ -73,6 +75,7 @@ impl StackAccumulator {
             sums: self.sums,
             mean,
             temporal_variance: temporal,
+            step: self.step,
         })
     }
 }
@@ -90,6 +93,8 @@ pub struct SpatialStack {
     pub mean: f64,
     /// Temporal variance of a frame, averaged over the pixels, sigma_y.stack^2 \[DN^2\].
     pub temporal_variance: f64,
+    /// The largest number that divides all values; 0 if all are zero.
+    pub step: u16,
     /// Sum over the frames for each pixel, row by row.
     sums: Vec<u32>,
 }
@@ -117,6 +122,18 @@ impl SpatialStack {
     /// Sum over the frames for each pixel, row by row: exact.
     pub fn sums(&self) -> &[u32] {
         &self.sums
+    }
+
+    /// The stack with values in units of a step.
+    pub(crate) fn in_steps(&self, step: u16) -> Self {
+        let unit = f64::from(step);
+        Self {
+            mean: self.mean / unit,
+            temporal_variance: self.temporal_variance / (unit * unit),
+            step: self.step / step,
+            sums: self.sums.iter().map(|sum| sum / u32::from(step)).collect(),
+            ..*self
+        }
     }
 
     pub(crate) fn same_size(&self, other: &Self) -> Result<(), AnalysisError> {

@@ -128,6 +128,8 @@ pub struct FramePair {
     pub at_largest: f64,
     /// Variance of the values over both frames, temporal and spatial together \[DN^2\].
     pub spread: f64,
+    /// The largest number that divides all values; 0 if all are zero.
+    pub step: u16,
 }
 
 impl FramePair {
@@ -190,7 +192,19 @@ impl FramePair {
             largest,
             at_largest: at_largest as f64 / (2.0 * n),
             spread: (squares as f64 / (2.0 * n) - mean * mean).max(0.0),
+            step: b.step(a.step(0)),
         })
+    }
+
+    /// The pair with values in units of a step.
+    pub(crate) fn in_steps(mut self, step: u16) -> Self {
+        let unit = f64::from(step);
+        for (q, unit) in [(&mut self.mean, unit), (&mut self.variance, unit * unit)] {
+            (q.value, q.standard_error) = (q.value / unit, q.standard_error / unit);
+        }
+        self.spread /= unit * unit;
+        (self.largest, self.step) = (self.largest / step, self.step / step);
+        self
     }
 }
 

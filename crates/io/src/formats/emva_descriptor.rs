@@ -66,8 +66,8 @@ pub struct FrameBlock {
 /// Reads a descriptor.
 ///
 /// It is as tolerant as the reference: line ends of any system, empty lines and comments (`#`), backslashes in paths,
-/// commas in numbers, blocks in any order, unknown versions. Unknown lines give warnings. In addition, names of files
-/// may contain spaces, and `n` may be missing.
+/// commas in numbers, blocks in any order, unknown versions. A line with an unknown word and the frames below it are left
+/// out with a warning. In addition, names of files may contain spaces, and `n` may be missing.
 ///
 /// # Errors
 /// The file cannot be read, or a line is invalid. The error has the line.
@@ -102,6 +102,8 @@ pub fn write_descriptor(descriptor: &EmvaDescriptor) -> String {
 fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), InputError> {
     let mut descriptor = EmvaDescriptor { version: None, format: None, blocks: Vec::new() };
     let mut warnings = Vec::new();
+    // The last line that is no frame, which the frames below belong to.
+    let mut head = "";
     let mut start = 0;
     for (index, whole) in text.split('\n').enumerate() {
         let line = whole.trim();
@@ -116,6 +118,7 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
         };
         let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let words: Vec<&str> = rest.split_whitespace().collect();
+        head = if key == "i" { head } else { key };
         match key {
             "v" if rest.trim().is_empty() => {
                 return Err(error("the release is missing".into(), "write `v RELEASE`, as in `v 4.0`"));
@@ -173,13 +176,15 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
                 if name.is_empty() {
                     return Err(error("the frame has no name".into(), "write `i PATH`, relative to the descriptor"));
                 }
-                let Some(block) = descriptor.blocks.last_mut() else {
-                    return Err(error(
-                        "the frame belongs to no block".into(),
-                        "write a line `b ...` or `d ...` before it",
-                    ));
-                };
-                block.frames.push(PathBuf::from(name.replace('\\', "/")));
+                match (head, descriptor.blocks.last_mut()) {
+                    ("b" | "d", Some(block)) => block.frames.push(PathBuf::from(name.replace('\\', "/"))),
+                    ("" | "v" | "n", _) => {
+                        let help = "write a line `b ...` or `d ...` before it";
+                        return Err(error("the frame belongs to no block".into(), help));
+                    }
+                    // Those of an unknown word, which has its warning.
+                    _ => {}
+                }
             }
             other if words.is_empty() => {
                 // The reference refuses single words, and warns of other unknown lines.
@@ -188,9 +193,11 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
                     "write lines `v`, `n`, `b`, `d` and `i` with their values, and comments behind `#`",
                 ));
             }
-            other => {
-                warnings.push(format!("{}: line {}: `{other}` is unknown and was left out", path.display(), index + 1))
-            }
+            other => warnings.push(format!(
+                "{}: line {}: `{other}` is unknown: the line and the frames below it were left out",
+                path.display(),
+                index + 1
+            )),
         }
     }
     let fail =
@@ -251,7 +258,7 @@ mod tests {
     #[test]
     fn the_reference_s_tolerance_is_ours() {
         let text = "###\n# Copyright M\u{fc}ller\n#\nv 3.0\nn 12 640 480\nb 40000.0 120,5\ni images\\b_000_snap_001.tif\n\
-                    i images\\b_000_snap_002.tif\n\n  d 40000.0 \n\ti images\\d_000_snap_001.tif\ni  images/d 2.tif\nx 1\n";
+                    i images\\b_000_snap_002.tif\n\n  d 40000.0 \n\ti images\\d_000_snap_001.tif\ni  images/d 2.tif\ndc 1\ni x.tif\ni y.tif\n";
         let (unix, warnings) = read(text.as_bytes()).expect("readable");
         assert_eq!(unix.version.as_deref(), Some("3.0"));
         assert_eq!(
@@ -259,7 +266,12 @@ mod tests {
             (120.5, "images/b_000_snap_002.tif".into())
         );
         assert_eq!((unix.blocks[1].photons, unix.blocks[1].frames[1].clone()), (0.0, "images/d 2.tif".into()));
-        assert!(warnings.len() == 1 && warnings[0].contains("line 13"), "{warnings:?}");
+        assert!(warnings.len() == 1 && warnings[0].contains("line 13: `dc`"), "{warnings:?}");
+        assert_eq!(
+            unix.blocks.iter().map(|b| b.frames.len()).collect::<Vec<_>>(),
+            [2, 2],
+            "a frame of an unknown block"
+        );
         for ends in ["\r", "\r\n"] {
             let other = format!("\u{feff}{}", text.replace('\n', ends));
             assert_eq!(read(other.as_bytes()).expect("readable").0, unix, "{ends:?}");
@@ -302,6 +314,7 @@ mod tests {
             ("b 1 1e-300\n".into(), "line 1", "out of range"),
             ("d 1e300\n".into(), "line 1", "out of range"),
             ("i a.png\n".into(), "line 1", "belongs to no block"),
+            (format!("d 1\n{frames}v 4.0\n{frames}"), "line 5", "belongs to no block"),
             ("d 1\ni \n".into(), "line 2", "no name"),
             ("d 1\ni a.png\n".into(), "line 1", "1 frame(s)"),
             (format!("d 1\n{frames}b 1 0\n{frames}"), "line 4", "of the one in line 1"),
