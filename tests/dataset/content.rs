@@ -203,6 +203,42 @@ fn key_points_and_stable_poses_are_in_all_files() {
     bench.command("dataset --verify b").assert().success();
 }
 
+/// Two blocks of one shape have one model, also if one is rotated by a matrix with four decimals; a longer one has another. A
+/// mirrored one has no pose but a message, and its matrix.
+#[test]
+fn objects_of_one_shape_have_one_model() {
+    let block = |name: &str, size: &str, rest: &str| {
+        format!("[[object]]\nname = \"{name}\"\nkind = \"box\"\nsize = [\"12mm\", \"6mm\", \"{size}\"]\n{rest}\n")
+    };
+    let placed = |x: i32| format!("translate = [\"{x}mm\", \"3mm\", \"30mm\"]");
+    let rounded = "matrix = [0.8660, 0, 0.5, -0.02, 0, 1, 0, 0.003, -0.5, 0, 0.8660, -0.03, 0, 0, 0, 1]";
+    let mirrored = "matrix = [-1, 0, 0, 0.02, 0, 1, 0, 0.003, 0, 0, 1, -0.03, 0, 0, 0, 1]";
+    let text = STUDY.split("[[study.place]]").next().expect("a part").to_owned()
+        + "[camera]"
+        + STUDY.split("[camera]").nth(1).expect("a camera").split("[[object]]").next().expect("a part")
+        + &block("block 1", "20mm", &placed(-20))
+        + &block("block 2", "12mm", &placed(20))
+        + &block("block 3", "20mm", rounded)
+        + &block("block 4", "20mm", mirrored)
+        + &block("ball", "20mm", &placed(0));
+    let bench = Bench::new(&text);
+    let assert = bench.command("dataset study.toml -o a --count 1").assert().success();
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(message.contains("warning: \"block 4\": no pose"), "{message}");
+    let poses = bench.json("a/scene_gt.json")["0"].as_array().expect("poses").clone();
+    let models: Vec<[u64; 2]> =
+        poses.iter().map(|p| ["obj_id", "instance"].map(|key| p[key].as_u64().expect("an id"))).collect();
+    assert_eq!(models, [[1, 1], [2, 2], [1, 3], [1, 5]]);
+    let record = bench.json("a/records/000000.json");
+    let matrix = |k: usize| &record["instances"][k]["matrix"];
+    // From above, the camera has x to the right and y to the front. It is at x = -5 to 5 mm.
+    let numbers: Vec<f64> =
+        matrix(3).as_array().expect("a matrix").iter().map(|v| v.as_f64().expect("a number")).collect();
+    assert!(numbers.len() == 12 && numbers[0] < -999.0 && (10.0..30.0).contains(&numbers[3]), "{numbers:?}");
+    assert!(matrix(0).is_null());
+    bench.run("dataset --verify a");
+}
+
 /// Two names with the same hash, of objects that the first 64 images do not have.
 #[test]
 fn objects_of_rare_images_have_ids_of_their_own() {

@@ -199,3 +199,30 @@ fn an_image_without_a_sensor_has_no_grey_values() {
     assert!(named.contains("study.toml: [study.images] raw: image 1: there is no sensor"), "{named}");
     assert!(bench.path("a/records/000000.json").is_file() && !bench.path("a/records/000001.json").exists());
 }
+
+/// A link in the folder of a set leads to a file and to a folder of the user: nothing is written there, and a check finds both.
+#[cfg(unix)]
+#[test]
+fn links_in_a_set_are_not_followed() {
+    use std::os::unix::fs::symlink;
+    let bench = Bench::new(&changed(&[]));
+    bench.run("dataset study.toml -o a --count 2");
+    let mine = bench.path("mine");
+    for name in ["images/000001.png", "records/000001.json", "labels", "coco.json"] {
+        let path = bench.path("a").join(name);
+        fs::rename(&path, &mine).expect("moved");
+        symlink(&mine, &path).expect("a link");
+        let before = mine.is_file().then(|| fs::read(&mine).expect("readable"));
+        let found = message(&bench, "dataset --verify a", 1);
+        let is_record = name.starts_with("records");
+        assert!(found.contains(if is_record { "1 of 2 images" } else { "is a symbolic link" }), "{name}: {found}");
+        if !name.starts_with("images") {
+            let refused = message(&bench, "dataset study.toml -o a --count 2", 2);
+            assert!(refused.contains(name) && refused.contains("is a symbolic link"), "{name}: {refused}");
+        }
+        assert_eq!(before, mine.is_file().then(|| fs::read(&mine).expect("readable")));
+        fs::remove_file(&path).expect("a link");
+        fs::rename(&mine, &path).expect("moved back");
+    }
+    bench.run("dataset --verify a");
+}

@@ -325,6 +325,14 @@ fn a_killed_run_goes_on_and_two_processes_share_a_set() {
     assert!(b.wait().expect("it ends").success());
     assert_same(&bench.path("alone"), &bench.path("shared"));
     bench.command("dataset --verify shared").assert().success();
+    // One of two dies: the other one makes its images.
+    fs::remove_dir_all(bench.path("shared")).expect("there");
+    let (mut a, mut b) = (start(), start());
+    std::thread::sleep(Duration::from_millis(400));
+    a.kill().expect("it can be killed");
+    a.wait().expect("it ends");
+    assert!(b.wait().expect("it ends").success());
+    assert_same(&bench.path("alone"), &bench.path("shared"));
 }
 
 #[test]
@@ -344,14 +352,15 @@ fn a_check_finds_what_was_changed() {
     fs::write(&image, before).expect("writable");
     bench.command("dataset --verify a").assert().success();
 
-    // The annotations against the mask: the record with the hash is changed as well.
+    // The annotations against the mask: the record with the hash is changed as well. A mask of another size is not decoded.
     let mut labels = bench.json("a/labels/000000.json");
+    labels["annotations"][1]["segmentation"]["size"] = serde_json::json!([65_535, 65_537]);
     let annotation = &mut labels["annotations"][0];
     annotation["instance"] = Value::from(annotation["instance"].as_u64().expect("an id") + 1);
     fs::write(bench.path("a/labels/000000.json"), labels.to_string()).expect("writable");
     let message = check();
     assert!(message.contains("labels/000000.json differs from its hash"), "{message}");
-    assert!(message.contains("differs from the annotation"), "{message}");
+    assert_eq!(message.matches("differs from the annotation").count(), 2, "{message}");
     fs::remove_file(bench.path("a/records/000001.json")).expect("there");
     assert!(check().contains("flagged: 1 of 2 images are not finished; help:"));
     // A set of another version: its images are checked, and not compared with what this version makes of them.
@@ -425,6 +434,19 @@ fn bad_studies_are_refused_before_anything_is_written() {
     assert!(bench.refused("dataset study.toml -o mine").contains("not empty"));
     assert!(bench.refused("dataset study.toml -o .").contains("holds"));
     assert!(bench.refused("dataset study.toml -o study.toml").contains("study.toml"));
+}
+
+/// A long exposure: the run and the page have the share.
+#[test]
+fn a_set_with_saturated_pixels_says_so() {
+    for (exposure, is_bright) in [("20ms", false), ("20s", true)] {
+        let bench = Bench::new(&STUDY.replace("exposure = \"20ms\"", &format!("exposure = \"{exposure}\"")));
+        let assert = bench.command("dataset study.toml -o a --count 1").assert().success();
+        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        let page = fs::read_to_string(bench.path("a/report.html")).expect("a page");
+        assert_eq!(message.contains("% of the pixels of these images are saturated"), is_bright, "{message}");
+        assert_eq!(page.contains("of the pixels are saturated"), is_bright);
+    }
 }
 
 #[test]

@@ -6,6 +6,7 @@ use crate::keypoints::InstancePoints;
 use crate::labels::LabelPlanes;
 use crate::outline::outline;
 use crate::pinhole::Pinhole;
+use crate::pose::Pose;
 use crate::record::InstanceRecord;
 use crate::rle::{Rle, runs_of_labels};
 use crate::study::{ImageSettings, LabelSettings, LinearFormat, PictureFormat, Segmentation};
@@ -39,25 +40,6 @@ pub(crate) struct ImageLabels {
     /// The key points of all objects of the image that have some, also of hidden ones.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) keypoints: Vec<InstancePoints>,
-}
-
-/// The pose of an object in the frame of the camera.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Pose {
-    /// Id of the instance.
-    pub(crate) instance: u16,
-    /// Rotation from the object to the camera, row by row.
-    pub(crate) r: [f64; 9],
-    /// Translation \[mm\].
-    pub(crate) t: [f64; 3],
-    /// Scale along the axes of the object.
-    pub(crate) scale: [f64; 3],
-}
-
-impl Pose {
-    pub(crate) fn new(instance: u16, (r, t, scale): ([f64; 9], [f64; 3], [f64; 3])) -> Self {
-        Self { instance, r, t, scale }
-    }
 }
 
 fn encoded(what: &str, result: std::io::Result<Vec<u8>>) -> Result<Vec<u8>, Error> {

@@ -30,6 +30,7 @@ mod names;
 mod outline;
 mod pinhole;
 mod placement;
+mod pose;
 mod quantity;
 mod record;
 mod report;

@@ -11,8 +11,9 @@ use crate::inputs::input_records;
 use crate::keypoints::{InstancePoints, PointObject, film_points};
 use crate::labels::{LabelCamera, LabelLayers, LabelObjects, LabelPlanes, PixelBox, trace_labels};
 use crate::names::ObjectNames;
-use crate::pinhole::{Pinhole, image_box, object_pose};
+use crate::pinhole::{Pinhole, image_box};
 use crate::placement::Placement;
+use crate::pose::{poses, shape};
 use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, PlaceRecord, Record};
 use crate::set::Set;
 use crate::stable::Hulls;
@@ -27,7 +28,7 @@ use dunkelfeld::{
 };
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
 use dunkelfeld_io::input::InputFiles;
-use dunkelfeld_scene::{RayGenerator, Scene};
+use dunkelfeld_scene::{Instance, RayGenerator, Scene};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 use std::sync::Arc;
@@ -84,6 +85,8 @@ struct SceneParts {
     labelled: Vec<[DVec3; 2]>,
     /// The transform of each object to the world and its motion, by its index.
     poses: Vec<(DAffine3, RigidMotion)>,
+    /// The hash of the shape of each object, by its index; 0 without a label. Empty if no file has models.
+    shapes: Vec<u64>,
     /// The diagonal of the bounds of each object with key points, by its index.
     pointed: BTreeMap<usize, f64>,
 }
@@ -235,6 +238,7 @@ impl Worker {
             boxes: Vec::new(),
             labelled: Vec::new(),
             poses: Vec::new(),
+            shapes: Vec::new(),
             pointed: BTreeMap::new(),
         };
         let changed = self.project.set_job(&job.text, |scene| {
@@ -265,6 +269,11 @@ impl Worker {
             let labelled = scene.instances.iter().zip(&labels).filter(|(_, label)| label.is_some());
             parts.labelled = labelled.filter_map(|(instance, _)| scene.bounds_of(instance)).collect();
             parts.poses = scene.instances.iter().map(|instance| (instance.to_world, instance.motion)).collect();
+            if study.labels.bop {
+                let meshes = |i: &Instance| shape(i.meshes.iter().filter_map(|m| Some(&*scene.meshes.get(*m)?.mesh)));
+                let shapes = scene.instances.iter().zip(&labels).map(|(i, label)| label.map_or(0, |_| meshes(i)));
+                parts.shapes = shapes.collect();
+            }
             let pointed = scene.instances.iter().enumerate().filter(|(i, object)| {
                 let has_label = labels.get(*i).is_some_and(Option::is_some) && !is_defect(&object.name);
                 has_label && !ids.keypoints(&object.name).is_empty()
@@ -345,7 +354,7 @@ impl Worker {
         let labelled = LabelCamera { rays: &rays, pose: camera.to_world, size };
         let on_film = LabelObjects { labels: &objects, bounds: &parts.labelled, refined: &refined };
         let planes = self.session.install(|| trace_labels(scene, labelled, on_film, layers));
-        let instances = self.instances(&planes, parts, &objects, result);
+        let mut instances = self.instances(&planes, parts, &objects, result);
         let points = self.keypoints(parts, &objects, &rays, size);
         let label = began.elapsed().as_secs_f64();
 
@@ -361,15 +370,7 @@ impl Worker {
         let file_name = files.iter().find(|(n, _)| n.starts_with("images/") || n.starts_with("linear/"));
         let file_name = file_name.map(|(n, _)| n.clone()).unwrap_or_default();
         let pinhole = Pinhole::new(&camera, scene.shutter(), size);
-        let poses: Vec<encode::Pose> = (0..)
-            .zip(&objects)
-            .filter_map(|(i, label)| {
-                let ObjectLabel { instance, .. } = (*label)?;
-                let is_in_film = instances.iter().any(|r| r.id == instance && r.defect.is_none());
-                let pose = object_pose(camera.to_world, parts.poses.get(i as usize)?.0).filter(|_| is_in_film)?;
-                Some(encode::Pose::new(instance, pose))
-            })
-            .collect();
+        let poses = poses(camera.to_world, &parts.poses, &objects, &parts.shapes, &mut instances);
         annotations.sort_by_key(|a| a.instance);
         let yolo = wanted.yolo.then(|| encode::yolo(&instances, &points, self.ids.most_keypoints(), size));
         let labels = encode::ImageLabels {
@@ -513,6 +514,7 @@ impl Worker {
                     cnr: seen.and_then(|v| v.cnr),
                     size_mm: defect.map(|d| d.placed.extent * 1e3),
                     defect: defect.map(AddedDefect::kind),
+                    matrix: None,
                 })
             })
             .collect()

@@ -1,4 +1,4 @@
-//! The camera of an image and the poses of its objects, in the frames of OpenCV and BOP.
+//! The camera of an image, in the frames of OpenCV and BOP.
 
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3};
 use dunkelfeld_scene::{Camera, Projection, Shutter};
@@ -93,21 +93,8 @@ pub(crate) fn world_to_camera(to_world: DAffine3) -> DAffine3 {
     DAffine3 { matrix3: rotation, translation: -(rotation * to_world.translation) }
 }
 
-/// Pose of an object in the frame of the camera: rotation row by row, translation \[mm\], and the scale along the axes of the
-/// object, which a rotation does not contain. `None` for an object that is sheared, mirrored or flat.
-pub(crate) fn object_pose(camera: DAffine3, object: DAffine3) -> Option<([f64; 9], [f64; 3], [f64; 3])> {
-    let to_camera = world_to_camera(camera) * object;
-    let columns = [to_camera.matrix3.x_axis, to_camera.matrix3.y_axis, to_camera.matrix3.z_axis];
-    let scale = columns.map(DVec3::length);
-    let [x, y, z] = columns.map(|c| c.try_normalize());
-    let (x, y, z) = (x?, y?, z?);
-    let shear = x.dot(y).abs().max(y.dot(z).abs()).max(z.dot(x).abs());
-    let rotation = DMat3::from_cols(x, y, z);
-    (shear < 1e-6 && rotation.determinant() > 0.0)
-        .then(|| (rows(rotation), (to_camera.translation * 1e3).to_array(), scale))
-}
-
-fn rows(m: DMat3) -> [f64; 9] {
+/// The elements of a matrix row by row.
+pub(crate) fn rows(m: DMat3) -> [f64; 9] {
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
     [x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z]
 }

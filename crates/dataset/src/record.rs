@@ -88,6 +88,10 @@ pub struct InstanceRecord {
     /// Place of a defect.
     #[serde(default)]
     pub place: Option<PlaceRecord>,
+    /// Only of an object without a pose, which is mirrored, sheared or flat: the first three rows of the matrix from the
+    /// object \[m\] to the camera \[mm\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matrix: Option<[f64; 12]>,
 }
 
 /// The place of a defect in the middle of the exposure (of a line scan: in that of the middle row).

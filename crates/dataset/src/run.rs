@@ -3,20 +3,26 @@
 use crate::forecast::{LevelGap, Measured, Run, SetForecast};
 use crate::ids::SetNames;
 use crate::make::{Worker, checked_count};
-use crate::record::Cost;
+use crate::record::{Cost, Record};
 use crate::set::Set;
 use crate::study::Study;
 use crate::time_shares::{Share, TimeShares};
 use crate::trial::Trial;
 use derive_setters::Setters;
 use dunkelfeld::{Cancel, Error};
+use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// The longest time of a run: 10000 days \[s\].
 const MAX_SECONDS: f64 = 10_000.0 * 86_400.0;
+
+/// Share of saturated pixels above which a run says so.
+pub(crate) const MOST_SATURATED: f64 = 0.01;
+/// Objects without a pose that are named.
+const LISTED: usize = 10;
 
 /// How a set is made.
 #[derive(Clone, Debug, Default, PartialEq, Setters)]
@@ -59,7 +65,8 @@ pub trait RunProgress: Sync {
     /// Receives the forecast of a run with a time, before its first image.
     fn forecast(&self, _: &SetForecast) {}
 
-    /// Receives a setting of the study that has no effect, before the first image.
+    /// Receives a setting of the study that has no effect, before the first image, and a finding about the images of the
+    /// run, at its end.
     fn warning(&self, _: &str) {}
 }
 
@@ -81,6 +88,8 @@ pub struct RunSummary {
     pub interrupted: bool,
     /// Images that could not be made, with the errors.
     pub failed: Vec<(u64, String)>,
+    /// Images that another process had in work when the time of this run was over.
+    pub elsewhere: u64,
     /// Mean share of the pixels of the images that this run made for which noise-matched exposure holds; `None` with plain
     /// noise.
     pub matched: Option<f64>,
@@ -91,8 +100,9 @@ pub struct RunSummary {
     pub levels: Vec<f64>,
 }
 
-/// Makes the missing images of a set. Several processes can run on the same folder: each image is made by one of them. The
-/// process that finds all images finished writes the files of the whole set.
+/// Makes the missing images of a set. Several processes can run on the same folder: each image is made by one of them. A
+/// run ends when all its images are finished: it waits for those of other processes, and makes those of a process that
+/// ends before. A process that finds all images finished writes the files of the whole set.
 ///
 /// # Errors
 /// Errors of the study, of its scene and of the folder. An image that cannot be made, because its draws do not fit, is in the
@@ -154,6 +164,7 @@ pub fn run(
         set: &set,
         wanted: &wanted,
         next: AtomicUsize::new(0),
+        elsewhere: Mutex::default(),
         made: AtomicU64::new(0),
         total,
         already,
@@ -164,7 +175,7 @@ pub fn run(
         failed: Mutex::new(None),
         trial: Trial::new(wanted.len(), !before.is_empty()),
         unmade: Mutex::new(Vec::new()),
-        matched: Mutex::new((0.0, 0)),
+        seen: Mutex::default(),
         levels: Mutex::new(Vec::new()),
         names: Mutex::default(),
         stop: AtomicBool::new(false),
@@ -181,7 +192,7 @@ pub fn run(
             shared.work(job, first);
         }
     });
-    let Shared { made, failed, trial, unmade, matched, levels, .. } = shared;
+    let Shared { made, failed, trial, unmade, seen, levels, .. } = shared;
     let mut unmade = unmade.into_inner().unwrap_or_default();
     unmade.sort_by_key(|(index, _)| *index);
     let fault = failed.into_inner().ok().flatten();
@@ -198,6 +209,10 @@ pub fn run(
     if finished + unmade.len() as u64 >= set.count() && !interrupted {
         set.assemble()?;
     }
+    let seen = seen.into_inner().unwrap_or_default();
+    seen.findings().iter().filter(|_| !interrupted).for_each(|finding| progress.warning(finding));
+    let open = wanted.iter().filter(|index| !set.is_finished(**index)).count();
+    let elsewhere = open.saturating_sub(unmade.len()) as u64;
     let mut levels = levels.into_inner().unwrap_or_default();
     levels.sort_by(f64::total_cmp);
     let seconds = began.elapsed().as_secs_f64();
@@ -210,7 +225,8 @@ pub fn run(
         missed: options.seconds.filter(is_missed),
         interrupted,
         failed: unmade.into_iter().map(|(index, e)| (index, e.to_string())).collect(),
-        matched: matched.into_inner().ok().and_then(|(sum, images)| (images > 0).then(|| sum / f64::from(images))),
+        elsewhere,
+        matched: mean(&seen.matched),
         forecast,
         levels,
     })
@@ -253,6 +269,8 @@ struct Shared<'a> {
     set: &'a Set,
     wanted: &'a [u64],
     next: AtomicUsize,
+    /// Positions of images that another process makes.
+    elsewhere: Mutex<VecDeque<usize>>,
     made: AtomicU64,
     total: u64,
     already: u64,
@@ -266,8 +284,7 @@ struct Shared<'a> {
     trial: Trial,
     /// Images that could not be made.
     unmade: Mutex<Vec<(u64, Error)>>,
-    /// Sum of the matched shares of the images that were made, and their number.
-    matched: Mutex<(f64, u32)>,
+    seen: Mutex<Seen>,
     /// The levels of the images that were made.
     levels: Mutex<Vec<f64>>,
     /// The names of the instances of the images that were made.
@@ -306,18 +323,41 @@ impl Shared<'_> {
         }
     }
 
+    /// The position of the next image: those of other processes come last.
+    fn next_position(&self) -> Option<usize> {
+        let position = self.next.fetch_add(1, Ordering::Relaxed);
+        if position < self.wanted.len() { Some(position) } else { self.elsewhere.lock().ok()?.pop_front() }
+    }
+
+    /// Another process makes the image at a position: this one comes back to it, until its time is over.
+    fn leave(&self, position: usize) {
+        const PAUSE: Duration = Duration::from_millis(50);
+        let deadline = self.shares.as_ref().and_then(|shares| Some(shares.lock().ok()?.deadline()));
+        let is_late = deadline.is_some_and(|deadline| self.began.elapsed().as_secs_f64() > deadline);
+        // The images that nobody makes come first.
+        if self.next.load(Ordering::Relaxed) >= self.wanted.len() {
+            std::thread::sleep(PAUSE);
+        }
+        if let (false, Ok(mut elsewhere)) = (is_late, self.elsewhere.lock()) {
+            elsewhere.push_back(position);
+        }
+    }
+
     /// Makes the next image that nobody else makes. False at the end.
     fn next_image(&self, job: usize, worker: &mut Worker) -> Result<bool, Error> {
         loop {
             if self.is_over() {
                 return Ok(false);
             }
-            let position = self.next.fetch_add(1, Ordering::Relaxed);
+            let Some(position) = self.next_position() else { return Ok(false) };
             let Some(&index) = self.wanted.get(position) else { return Ok(false) };
             let share = self.begin(job);
             let Some(claim) = self.set.claim(index)? else {
                 self.end(job, share, false);
                 self.trial.pass(position);
+                if !self.set.is_finished(index) {
+                    self.leave(position);
+                }
                 continue;
             };
             let image = match worker.make(index, share.map(|share| share.seconds), self.cancel) {
@@ -344,8 +384,8 @@ impl Shared<'_> {
             let (record, _) = self.set.commit(claim, image)?;
             self.trial.pass(position);
             self.end(job, share, true);
-            if let (Some(share), Ok(mut matched)) = (record.matched, self.matched.lock()) {
-                *matched = (matched.0 + share, matched.1 + 1);
+            if let Ok(mut seen) = self.seen.lock() {
+                seen.add(&record);
             }
             if let (Ok(level), Ok(mut levels)) = (LevelGap::level(&record), self.levels.lock()) {
                 levels.push(level);
@@ -369,6 +409,53 @@ impl Shared<'_> {
             }
         }
     }
+}
+
+/// The images that a run made.
+#[derive(Default)]
+struct Seen {
+    /// Shares of the pixels with matched noise, and of those that are saturated.
+    matched: Vec<f64>,
+    saturated: Vec<f64>,
+    /// Names of visible objects without a pose.
+    unposed: BTreeSet<String>,
+}
+
+impl Seen {
+    fn add(&mut self, record: &Record) {
+        self.matched.extend(record.matched);
+        self.saturated.extend(record.certificate.map(|certificate| certificate.saturated));
+        let unposed = record.instances.iter().filter(|instance| instance.matrix.is_some());
+        self.unposed.extend(unposed.map(|instance| instance.name.clone()));
+    }
+
+    /// What a user of the set should know, in sentences.
+    fn findings(&self) -> Vec<String> {
+        let mut findings = Vec::new();
+        if let Some(share) = mean(&self.saturated).filter(|share| *share > MOST_SATURATED) {
+            findings.push(format!(
+                "{:.0} % of the pixels of these images are saturated, and show no contrast; help: use a shorter exposure \
+                 or less light",
+                100.0 * share
+            ));
+        }
+        if !self.unposed.is_empty() {
+            let names: Vec<String> = self.unposed.iter().take(LISTED).map(|name| format!("{name:?}")).collect();
+            let more = self.unposed.len() - names.len();
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            findings.push(format!(
+                "{}{more}: no pose in `poses` and `scene_gt.json`, since the matrix mirrors, shears or is flat; `matrix` \
+                 in the records has it",
+                names.join(", ")
+            ));
+        }
+        findings
+    }
+}
+
+/// The mean; `None` without a value.
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
 /// Ends a run if a thread of it panics, so that no other one waits for its image.

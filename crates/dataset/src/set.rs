@@ -8,7 +8,7 @@ use crate::make::Made;
 use crate::record::{Cost, FORMAT, FileRecord, Record};
 use crate::report::{ReportError, SetView, SheetOptions, contact_sheet, page};
 use crate::resolved::resolved_study;
-use crate::set_folder::{enter, remove_empty, remove_stale};
+use crate::set_folder::{enter, own_path, remove_empty, remove_stale};
 use crate::stable_text::text_hash;
 use crate::study::{MAX_COUNT, PictureFormat, Segmentation, Study};
 use dunkelfeld::{Error, written};
@@ -181,8 +181,7 @@ impl Set {
         let text = resolved_study(study, path, manifest.inputs.len() > 1);
         put(path, "study.toml", text.as_bytes())?;
         for folder in ["records", "costs", "labels"] {
-            let folder = path.join(folder);
-            written(&folder, fs::create_dir_all(&folder))?;
+            write_own(path, folder, |folder| fs::create_dir_all(folder))?;
         }
         let mark = FolderMark::new(&path.join("records")).map(Arc::new);
         Ok(Self { path: path.into(), manifest, mark })
@@ -228,7 +227,7 @@ impl Set {
 
     /// Is an image finished?
     pub fn is_finished(&self, index: u64) -> bool {
-        self.path.join(record_name(index)).is_file()
+        own_path(&self.path, &record_name(index)).is_ok_and(|path| path.is_file())
     }
 
     /// Claims an image: `None` if it is finished, or if another process or thread makes it. A claim ends with its process.
@@ -239,7 +238,7 @@ impl Set {
         if self.is_finished(index) {
             return Ok(None);
         }
-        let lock = TargetLock::try_acquire(&self.path.join(record_name(index)))?;
+        let lock = TargetLock::try_acquire(&own_path(&self.path, &record_name(index))?)?;
         Ok(lock.filter(|_| !self.is_finished(index)).map(|lock| Claim { index, _lock: lock }))
     }
 
@@ -274,7 +273,7 @@ impl Set {
             // Files without a record are of no use, and take the room of a full disk. A file that stays is replaced by the
             // next attempt.
             for name in names.into_iter().chain([cost_name(index)]).filter(|_| !self.is_finished(index)) {
-                let _ = fs::remove_file(self.path.join(name));
+                let _ = own_path(&self.path, &name).map(fs::remove_file);
             }
         })
     }
@@ -330,8 +329,7 @@ impl Set {
     /// Records that are broken, and those of the file system.
     pub fn assemble(&self) -> Result<(), Error> {
         self.each_file(&mut |name, content| {
-            let path = self.path.join(name);
-            written(&path, write_atomically(&path, |file| content(file)))
+            write_own(&self.path, name, |path| write_atomically(path, |file| content(file)))
         })?;
         if self.has_file(REPORT) {
             let view = SetView::read(&self.path).map_err(report_error)?;
@@ -448,6 +446,8 @@ impl Set {
             })
             .collect();
         let (mut cameras, mut poses) = (BTreeMap::new(), BTreeMap::new());
+        // The models in the order of the images, from 1.
+        let mut models: BTreeMap<String, usize> = BTreeMap::new();
         for index in finished {
             let labels: ImageLabels = self.parsed(&format!("labels/{index:06}.json"))?;
             let ImageLabels { file_name, width, height, annotations, camera, poses: objects, .. } = labels;
@@ -464,7 +464,12 @@ impl Set {
                 cameras.insert(index.to_string(), entry);
             }
             let objects: Vec<serde_json::Value> = (objects.iter())
-                .map(|p| json!({ "obj_id": p.instance, "cam_R_m2c": p.r, "cam_t_m2c": p.t, "scale": p.scale }))
+                .map(|p| {
+                    let next = models.len() + 1;
+                    let model = models.entry(p.model.clone()).or_insert(next);
+                    let (r, t) = (p.r, p.t);
+                    json!({ "obj_id": model, "instance": p.instance, "cam_R_m2c": r, "cam_t_m2c": t, "scale": p.scale })
+                })
                 .collect();
             poses.insert(index.to_string(), objects);
         }
@@ -534,7 +539,7 @@ fn read_text(folder: &Path, name: &str) -> Result<String, Error> {
 
 /// The content of a file of a set.
 pub(crate) fn read_bytes(folder: &Path, name: &str) -> Result<Vec<u8>, InputError> {
-    let path = folder.join(name);
+    let path = own_path(folder, name)?;
     InputFiles::new().read(&path, Role::Result, MAX_TEXT).map_err(|fault| match fault {
         ReadFault::Missing => InputError::new(&path, "the file", MISSING, "run `dunkelfeld dataset` with the study"),
         other => InputError::new(&path, "the file", other.problem(), "check the permissions, or make the set again"),
@@ -542,11 +547,16 @@ pub(crate) fn read_bytes(folder: &Path, name: &str) -> Result<Vec<u8>, InputErro
 }
 
 fn put(folder: &Path, name: &str, content: &[u8]) -> Result<(), Error> {
-    let path = folder.join(name);
-    if let Some(parent) = path.parent() {
-        written(&path, fs::create_dir_all(parent))?;
-    }
-    written(&path, write_atomically(&path, |file| file.write_all(content)))
+    write_own(folder, name, |path| {
+        path.parent().map_or(Ok(()), fs::create_dir_all)?;
+        write_atomically(path, |file| file.write_all(content))
+    })
+}
+
+/// Writes a file or folder of a set, and follows no link.
+fn write_own(folder: &Path, name: &str, write: impl FnOnce(&Path) -> std::io::Result<()>) -> Result<(), Error> {
+    let path = own_path(folder, name)?;
+    written(&path, write(&path))
 }
 
 fn report_error(error: ReportError) -> Error {

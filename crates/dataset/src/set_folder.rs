@@ -1,9 +1,9 @@
 //! The folder of a set among several processes: its start and its removal, one at a time, and a mark that it is open.
 
-use dunkelfeld::Error;
+use dunkelfeld::{Error, InputError};
 use dunkelfeld_io::lock::{FolderMark, TargetLock};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Creates the folder of a set, and waits for another process that starts, finishes or removes the same set, which takes
@@ -12,7 +12,7 @@ pub(crate) fn enter(path: &Path) -> Result<TargetLock, Error> {
     const PAUSES: u32 = 500;
     /// Another process may have removed the folder.
     const TRIES: u32 = 10;
-    let file = path.join("set.json");
+    let file = own_path(path, "set.json")?;
     for pause in 0..PAUSES {
         fs::create_dir_all(path).map_err(|e| Error::Output {
             file: path.into(),
@@ -28,6 +28,22 @@ pub(crate) fn enter(path: &Path) -> Result<TargetLock, Error> {
     Ok(TargetLock::acquire(&file)?)
 }
 
+/// The path of a file in the folder of a set. The folder itself may be a link.
+///
+/// # Errors
+/// The file, or a folder in between, is a symbolic link: it may lead to any place. Nothing is read or written there.
+pub(crate) fn own_path(folder: &Path, name: &str) -> Result<PathBuf, InputError> {
+    let mut path = folder.to_path_buf();
+    for part in Path::new(name) {
+        path.push(part);
+        if fs::symlink_metadata(&path).is_ok_and(|meta| meta.is_symlink()) {
+            let help = "replace the link by the file or folder that it leads to";
+            return Err(InputError::new(path, "the file", "is a symbolic link, and a set follows none", help));
+        }
+    }
+    Ok(path)
+}
+
 /// The folders of the files of images.
 pub(crate) const FOLDERS: [&str; 11] =
     ["costs", "coverage", "depth", "images", "labels", "linear", "masks", "normals", "raw", "records", "semantic"];
@@ -35,7 +51,8 @@ pub(crate) const FOLDERS: [&str; 11] =
 /// Removes the files of images in the folder of a set in which no image is finished, and that no program has open.
 pub(crate) fn remove_stale(path: &Path) {
     for folder in FOLDERS {
-        for entry in fs::read_dir(path.join(folder)).into_iter().flatten().flatten() {
+        let Ok(folder) = own_path(path, folder) else { continue };
+        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
             let is_index = |(index, _): (&str, &str)| index.parse::<u64>().is_ok();
             if name.split_once('.').is_some_and(is_index) {

@@ -5,7 +5,7 @@ use crate::encode::ImageLabels;
 use crate::ids::SetNames;
 use crate::record::{FileRecord, Record};
 use crate::set::{Content, MISSING, REPORT, Set, cost_name, read_bytes, record_name};
-use crate::set_folder::FOLDERS;
+use crate::set_folder::{FOLDERS, own_path};
 use dunkelfeld::{Error, InputError};
 use dunkelfeld_io::gray::read_gray;
 use dunkelfeld_io::input::{InputFiles, MAX_STREAMED, OpenFile, ReadFault, Role};
@@ -136,7 +136,7 @@ impl KnownFiles {
 
 /// Compares the files of the whole set with those that the finished images give.
 fn check_whole(set: &Set, found: &mut Verified) {
-    let is_there = |name: &str| set.path().join(name).exists();
+    let is_there = |name: &str| own_path(set.path(), name).is_ok_and(|path| path.exists());
     let is_finished = found.finished == found.count;
     if is_finished && set.files().iter().any(|file| file == REPORT) && !is_there(REPORT) {
         found.fault(format!("{REPORT} does not exist"));
@@ -147,7 +147,7 @@ fn check_whole(set: &Set, found: &mut Verified) {
     let compared = set.each_file(&mut |name, content| {
         if is_finished || is_there(name) {
             found.files += 1;
-            if let Some(problem) = difference(&set.path().join(name), content) {
+            if let Some(problem) = difference(set.path(), name, content) {
                 found.fault(format!("{name} {problem}"));
             }
         }
@@ -159,8 +159,12 @@ fn check_whole(set: &Set, found: &mut Verified) {
 }
 
 /// The difference of a file from its content, as the continuation of its name. `None` if there is none.
-fn difference(path: &Path, content: &Content<'_>) -> Option<String> {
-    let file = match InputFiles::new().open(path, Role::Result, MAX_STREAMED) {
+fn difference(set: &Path, name: &str, content: &Content<'_>) -> Option<String> {
+    let path = match own_path(set, name) {
+        Ok(path) => path,
+        Err(e) => return Some(e.problem),
+    };
+    let file = match InputFiles::new().open(&path, Role::Result, MAX_STREAMED) {
         Ok(file) => file,
         Err(ReadFault::Missing) => return Some("does not exist".into()),
         Err(fault) => return Some(fault.problem()),
@@ -218,8 +222,10 @@ fn check_image(set: &Set, record: &Record, found: &mut Verified) -> u64 {
         }
     }
     let cost = cost_name(record.index);
-    if !set.path().join(&cost).is_file() {
-        found.fault(format!("{cost} {MISSING}"));
+    match own_path(set.path(), &cost) {
+        Ok(path) if path.is_file() => {}
+        Ok(_) => found.fault(format!("{cost} {MISSING}")),
+        Err(e) => found.fault(format!("{cost} {}", e.problem)),
     }
     let labels: Result<ImageLabels, Error> = set.parsed(&format!("labels/{:06}.json", record.index));
     let labels = match labels {
@@ -232,6 +238,9 @@ fn check_image(set: &Set, record: &Record, found: &mut Verified) -> u64 {
     let mask = format!("masks/{:06}.png", record.index);
     if record.files.contains_key(&mask) && is_mask_whole {
         match read_gray(&set.path().join(&mask), &Limits::default()) {
+            Ok(frame) if [frame.values.width(), frame.values.height()] != [record.width, record.height] => {
+                found.fault(format!("{mask} has another size than its record"));
+            }
             Ok(frame) => {
                 check_mask(record, &labels, &mask, frame.values.data(), found);
             }
@@ -255,10 +264,11 @@ fn check_mask(record: &Record, labels: &ImageLabels, name: &str, pixels: &[u16],
     }
     for annotation in &labels.annotations {
         let Segmentation::Rle(runs) = &annotation.segmentation else { continue };
-        let decoded = runs.mask().map(|rle| rle.decode());
-        let [height, width] = runs.size;
-        let is_same = decoded.is_ok_and(|inside| {
-            (u64::from(width) * u64::from(height)) as usize == pixels.len()
+        // A mask is decoded only if it has the size of the image.
+        let is_whole = runs.size == [record.height, record.width];
+        let decoded = is_whole.then(|| runs.mask().ok()).flatten().map(|rle| rle.decode());
+        let is_same = decoded.is_some_and(|inside| {
+            inside.len() == pixels.len()
                 && inside.iter().zip(pixels).all(|(inside, id)| *inside == (u64::from(*id) == annotation.instance))
         });
         if !is_same {

@@ -9,12 +9,13 @@ use std::fmt::Write;
 ///
 /// `class` counts from 0. `bbox` is the box [x, y, width, height] of the object [px], with (0, 0) at the top left corner
 /// of the image. The centre and the size in the line are fractions of `width` and `height` of the image [px], 0 to 1,
-/// with six decimals. The part of the box outside the image is cut off. The result is `None` if nothing remains or if a
-/// number is not finite.
+/// with six decimals, and so that half of the size on both sides of the centre is within 0 to 1. The part of the box
+/// outside the image is cut off. The result is `None` if nothing remains or if a number is not finite.
 pub(crate) fn line(class: usize, bbox: [f64; 4], width: u32, height: u32) -> Option<String> {
     let [x, y, w, h] = bbox;
     let (cx, w) = fractions(x, w, width)?;
     let (cy, h) = fractions(y, h, height)?;
+    let [[cx, w], [cy, h]] = [rounded(cx, w), rounded(cy, h)];
     Some(format!("{class} {cx:.6} {cy:.6} {w:.6} {h:.6}"))
 }
 
@@ -56,6 +57,12 @@ fn fractions(start: f64, length: f64, size: u32) -> Option<(f64, f64)> {
     usable.then(|| (0.5 * (low + high) / size, (high - low) / size))
 }
 
+/// Centre and length with six decimals, and the length such that it ends within 0 to 1.
+fn rounded(centre: f64, length: f64) -> [f64; 2] {
+    let [centre, length] = [centre, length].map(|v| (v * 1e6).round());
+    [centre / 1e6, length.min(2.0 * centre).min(2.0 * (1e6 - centre)) / 1e6]
+}
+
 /// A string as a double-quoted scalar of YAML 1.1 and 1.2.
 ///
 /// It keeps printable ASCII, letters and digits, and escapes all other characters. So the file has no character that
@@ -85,6 +92,23 @@ mod tests {
         assert_eq!(line(7, [2.0, 3.0, 1.0, 2.0], 8, 16).unwrap(), "7 0.312500 0.250000 0.125000 0.125000");
         assert_eq!(line(1, [0.0, 0.0, 1.0, 1.0], 3, 1).unwrap(), "1 0.166667 0.500000 0.333333 1.000000");
         assert_eq!(line(1, [4095.0, 0.0, 1.0, 1.0], 4096, 1).unwrap(), "1 0.999878 0.500000 0.000244 1.000000");
+    }
+
+    /// All boxes at the edges of images of many sizes, in the millionths that the line has.
+    #[test]
+    fn boxes_end_within_the_image() {
+        for size in 1..400 {
+            for length in 1..=size {
+                for start in [0, size - length] {
+                    let text = line(0, [start.into(), 0.0, length.into(), 1.0], size, 1).expect("a box");
+                    let digits: Vec<i64> =
+                        text.split(' ').map(|v| v.replace('.', "").parse().expect("digits")).collect();
+                    let (centre, width) = (digits[1], digits[3]);
+                    assert!(width > 0 && 2 * centre >= width && 2 * centre + width <= 2_000_000, "{size}: {text}");
+                    assert!((width - i64::from(length) * 1_000_000 / i64::from(size)).abs() <= 2, "{size}: {text}");
+                }
+            }
+        }
     }
 
     #[test]

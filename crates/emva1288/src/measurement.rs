@@ -94,7 +94,7 @@ pub(crate) fn same_time(a: f64, b: f64) -> bool {
 }
 
 impl Measurement {
-    /// The measurement in steps of its grey values, and a note. If all values are multiples of a number above 1, as values
+    /// The measurement in steps of its grey values, and a note. If all values are multiples of a number above 1, as those
     /// that are stored left-aligned, that number is the step to which rounding and all rules in DN refer.
     pub(crate) fn in_steps(&self) -> (Cow<'_, Self>, Option<String>) {
         let of_stacks = self.stacks.iter().map(|s| s.stack.step);
@@ -109,8 +109,8 @@ impl Measurement {
             stacks: self.stacks.iter().map(|s| StackLevel { stack: s.stack.in_steps(step), ..*s }).collect(),
         };
         let note = format!(
-            "all grey values are multiples of {step}, so they are stored left-aligned or scaled: they were divided by {step}, and K and \
-             all figures in DN are those of the quotients; store values right-aligned"
+            "all grey values are multiples of {step}, so they are stored left-aligned or scaled: they were divided by {step}, \
+             and K and all figures in DN are those of the quotients; store values right-aligned"
         );
         (Cow::Owned(measurement), Some(note))
     }

@@ -64,11 +64,11 @@ pub(crate) fn linear(data: &Ordered<'_>, summary: &Summary, hidden: &Hidden) -> 
     notes
 }
 
-/// The note on a response that changes smoothly over the image. The standard errors of the nonuniformity do not contain the
-/// shape of the light.
+/// The note on a response that changes smoothly over the image. The standard errors of the nonuniformity do not contain
+/// the shape of the light.
 ///
-/// Of independent pixels, the high-pass filter of the histogram keeps 24/25 of the variance, and of rows and columns 4/5. It
-/// keeps nearly nothing of what is smooth. The variance of the pixels is known from the split.
+/// Of independent pixels, the high-pass filter of the histogram keeps 24/25 of the variance, and of rows and columns 4/5.
+/// It keeps nearly nothing of what is smooth. The variance of the pixels is known from the split.
 pub(crate) fn uneven(
     summary: &Summary,
     results: &[f64; RESULTS],
@@ -85,8 +85,9 @@ pub(crate) fn uneven(
     let is_uneven = all - even > 4.0 * errors[Is::Prnu2 as usize] && even < 0.9 * all;
     is_uneven.then(|| {
         format!(
-            "the response changes smoothly over the image, by uneven light or by the camera: PRNU1288 is {:.3} % with that, and {:.3} % \
-             after the high-pass filter of 5 x 5 pixels; it is also in PRNU1288.row and PRNU1288.col; take the stacks in more even light",
+            "the response changes smoothly over the image, by uneven light or by the camera: PRNU1288 is {:.3} % with \
+             that, and {:.3} % after the high-pass filter of 5 x 5 pixels; it is also in PRNU1288.row and PRNU1288.col; \
+             take the stacks in more even light",
             100.0 * all.sqrt(),
             100.0 * even.sqrt()
         )

@@ -81,7 +81,13 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
     if let Some(more) = summary.failed.len().checked_sub(LISTED).filter(|more| *more > 0) {
         say(&format!("flagged: {more} more images could not be made"));
     }
-    Ok(if summary.failed.is_empty() { Outcome::Done } else { Outcome::Flagged })
+    if summary.elsewhere > 0 {
+        let images = counted(summary.elsewhere, "image");
+        say(&format!(
+            "flagged: another process had {images} in work at the end of the time; help: run the same command again"
+        ));
+    }
+    Ok(if summary.failed.is_empty() && summary.elsewhere == 0 { Outcome::Done } else { Outcome::Flagged })
 }
 
 /// Share of the pixels with matched noise below which a run warns.

@@ -7,7 +7,9 @@ use super::label_section::{findable, label_section};
 use super::overlay::{COLORS, style_of};
 use super::picture::{Pixels, data_uri, png};
 use super::sheet::Shown;
+use super::summary::Summary;
 use super::view::{SetView, image_ending};
+use crate::run::MOST_SATURATED;
 use dunkelfeld_report::page::{self as frame, Extra, head, tiles};
 use dunkelfeld_report::words::{bytes, counted, duration, percent, shortened};
 use maud::{Markup, html};
@@ -64,6 +66,10 @@ fn figures(set: &SetView) -> Vec<(String, String)> {
     }
     if let Some(share) = findable(set) {
         tiles.push((percent(share), "of the defects have a contrast-to-noise ratio above 3".into()));
+    }
+    let saturated = Summary::of(set.saturated.iter().copied()).mean;
+    if saturated > MOST_SATURATED {
+        tiles.push((percent(saturated), "of the pixels are saturated, and show no contrast".into()));
     }
     if let Some(seconds) = image_seconds(set).filter(|s| *s > 0.0) {
         let rest = all.saturating_sub(done);

@@ -69,6 +69,7 @@ pub(crate) struct Record {
 struct Certificate {
     k: Option<f64>,
     hidden: Option<f64>,
+    saturated: Option<f64>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -130,6 +131,8 @@ pub(crate) struct SetView {
     pub(crate) hidden: Vec<f64>,
     pub(crate) ks: BTreeSet<String>,
     pub(crate) matched: Vec<f64>,
+    /// Shares of saturated pixels.
+    pub(crate) saturated: Vec<f64>,
     /// Number of files and bytes by folder.
     pub(crate) bytes: BTreeMap<String, [u64; 2]>,
     /// Times by stage [s], of the images that have them.
@@ -156,6 +159,7 @@ impl SetView {
             hidden: Vec::new(),
             ks: BTreeSet::new(),
             matched: Vec::new(),
+            saturated: Vec::new(),
             bytes: BTreeMap::new(),
             costs: BTreeMap::new(),
         };
@@ -199,6 +203,7 @@ impl SetView {
         *self.sizes.entry([record.width, record.height]).or_default() += 1;
         if let Some(certificate) = &record.certificate {
             self.hidden.extend(certificate.hidden.filter(|v| v.is_finite()));
+            self.saturated.extend(certificate.saturated.filter(|v| v.is_finite()));
             self.ks.extend(certificate.k.map(|k| k.to_string()));
         }
         self.matched.extend(record.matched.filter(|v| v.is_finite()));
