@@ -439,7 +439,7 @@ fn bad_studies_are_refused_before_anything_is_written() {
 /// A long exposure: the run and the page have the share.
 #[test]
 fn a_set_with_saturated_pixels_says_so() {
-    for (exposure, is_bright) in [("20ms", false), ("20s", true)] {
+    for (exposure, is_bright) in [("1ms", false), ("20ms", true)] {
         let bench = Bench::new(&STUDY.replace("exposure = \"20ms\"", &format!("exposure = \"{exposure}\"")));
         let assert = bench.command("dataset study.toml -o a --count 1").assert().success();
         let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
