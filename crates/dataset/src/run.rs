@@ -10,6 +10,7 @@ use crate::time_shares::{Share, TimeShares};
 use crate::trial::Trial;
 use derive_setters::Setters;
 use dunkelfeld::{Cancel, Error};
+use dunkelfeld_report::words::shortened;
 use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -21,8 +22,6 @@ const MAX_SECONDS: f64 = 10_000.0 * 86_400.0;
 
 /// Share of saturated pixels above which a run says so.
 pub(crate) const MOST_SATURATED: f64 = 0.01;
-/// Objects without a pose that are named.
-const LISTED: usize = 10;
 
 /// How a set is made.
 #[derive(Clone, Debug, Default, PartialEq, Setters)]
@@ -440,13 +439,11 @@ impl Seen {
             ));
         }
         if !self.unposed.is_empty() {
-            let names: Vec<String> = self.unposed.iter().take(LISTED).map(|name| format!("{name:?}")).collect();
-            let more = self.unposed.len() - names.len();
-            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            let names: Vec<String> = self.unposed.iter().map(|name| format!("{name:?}")).collect();
             findings.push(format!(
-                "{}{more}: no pose in `poses` and `scene_gt.json`, since the matrix mirrors, shears or is flat; `matrix` \
-                 in the records has it",
-                names.join(", ")
+                "{}: no pose in `poses` and `scene_gt.json`, since the matrix mirrors, shears or is flat; `matrix` in the \
+                 records has it",
+                shortened(&names.join(", "), 400)
             ));
         }
         findings

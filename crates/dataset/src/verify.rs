@@ -7,6 +7,7 @@ use crate::record::{FileRecord, Record};
 use crate::set::{Content, MISSING, REPORT, Set, cost_name, read_bytes, record_name};
 use crate::set_folder::{FOLDERS, own_path};
 use dunkelfeld::{Error, InputError};
+use dunkelfeld_film::Plane;
 use dunkelfeld_io::gray::read_gray;
 use dunkelfeld_io::input::{InputFiles, MAX_STREAMED, OpenFile, ReadFault, Role};
 use dunkelfeld_io::loader::Limits;
@@ -238,11 +239,8 @@ fn check_image(set: &Set, record: &Record, found: &mut Verified) -> u64 {
     let mask = format!("masks/{:06}.png", record.index);
     if record.files.contains_key(&mask) && is_mask_whole {
         match read_gray(&set.path().join(&mask), &Limits::default()) {
-            Ok(frame) if [frame.values.width(), frame.values.height()] != [record.width, record.height] => {
-                found.fault(format!("{mask} has another size than its record"));
-            }
             Ok(frame) => {
-                check_mask(record, &labels, &mask, frame.values.data(), found);
+                check_mask(record, &labels, &mask, &frame.values, found);
             }
             Err(e) => found.fault(format!("{mask} {}", e.problem)),
         }
@@ -250,7 +248,8 @@ fn check_image(set: &Set, record: &Record, found: &mut Verified) -> u64 {
     labels.annotations.len() as u64
 }
 
-fn check_mask(record: &Record, labels: &ImageLabels, name: &str, pixels: &[u16], found: &mut Verified) {
+fn check_mask(record: &Record, labels: &ImageLabels, name: &str, plane: &Plane<u16>, found: &mut Verified) {
+    let pixels = plane.data();
     let mut areas: BTreeMap<u16, u64> = BTreeMap::new();
     pixels.iter().filter(|id| **id != 0).for_each(|id| *areas.entry(*id).or_default() += 1);
     for instance in &record.instances {
@@ -264,12 +263,11 @@ fn check_mask(record: &Record, labels: &ImageLabels, name: &str, pixels: &[u16],
     }
     for annotation in &labels.annotations {
         let Segmentation::Rle(runs) = &annotation.segmentation else { continue };
-        // A mask is decoded only if it has the size of the image.
-        let is_whole = runs.size == [record.height, record.width];
+        // A mask is decoded only if it has the size of the image: an annotation may state any size.
+        let is_whole = runs.size == [plane.height(), plane.width()];
         let decoded = is_whole.then(|| runs.mask().ok()).flatten().map(|rle| rle.decode());
         let is_same = decoded.is_some_and(|inside| {
-            inside.len() == pixels.len()
-                && inside.iter().zip(pixels).all(|(inside, id)| *inside == (u64::from(*id) == annotation.instance))
+            inside.iter().zip(pixels).all(|(inside, id)| *inside == (u64::from(*id) == annotation.instance))
         });
         if !is_same {
             found.fault(format!("{name} differs from the annotation of \"{}\"", annotation.name));
