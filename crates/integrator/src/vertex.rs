@@ -90,16 +90,22 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
         Self { hit, shading, wo, wo_local, ray_state, features: PhantomData }
     }
 
-    /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`.
+    /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`. `None` if its direction would be
+    /// mirrored at the surface around the facet.
     #[inline]
     pub(crate) fn delta(&self, u_lobe: f32) -> Option<Scattering> {
-        if self.shading.bsdf.is_delta() { self.sample([0.0, 0.0, u_lobe]) } else { None }
+        if !self.shading.bsdf.is_delta() {
+            return None;
+        }
+        let (local, scattered) = self.sample_facet([0.0, 0.0, u_lobe])?;
+        self.shading.consistent(self.hit.surface.normal, scattered.wi, local).then_some(scattered)
     }
 
-    /// A world direction in the local frame. `None` if local frame and geometric normal disagree about its side.
-    #[inline]
-    fn consistent(&self, wi: Vec3) -> Option<LocalDir> {
-        self.shading.local_direction(self.hit.surface.normal, wi)
+    /// A sample of the BSDF, with its direction in the local frame. It can lie on the wrong side of the surface.
+    #[inline(always)]
+    fn sample_facet(&self, [u_x, u_y, u_lobe]: [f32; 3]) -> Option<(LocalDir, Scattering)> {
+        let BsdfSample { wi, weight, pdf, lobe, eta } = self.shading.bsdf.sample(self.wo_local, u_lobe, [u_x, u_y])?;
+        Some((wi, Scattering { wi: self.shading.frame.to_world(wi), weight, pdf, lobe, eta }))
     }
 }
 
@@ -118,23 +124,36 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
 
     #[inline]
     fn eval(&self, wi: Vec3) -> (Rgb, f32) {
-        match self.consistent(wi) {
-            Some(local) => self.shading.bsdf.eval_pdf(self.wo_local, local),
-            None => (Rgb::BLACK, 0.0),
+        let (bsdf, normal) = (self.shading.bsdf, self.hit.surface.normal);
+        let Some(local) = self.shading.local_direction(normal, wi) else { return (Rgb::BLACK, 0.0) };
+        match self.shading.inconsistent_image(normal, wi) {
+            None => bsdf.eval_pdf(self.wo_local, local),
+            Some((image, cos)) => eval_with_image(bsdf, self.wo_local, [local, image], cos),
         }
     }
 
     #[inline]
-    fn sample(&self, [u_x, u_y, u_lobe]: [f32; 3]) -> Option<Scattering> {
-        let BsdfSample { wi, weight, pdf, lobe, eta } = self.shading.bsdf.sample(self.wo_local, u_lobe, [u_x, u_y])?;
-        let world = self.shading.frame.to_world(wi);
-        self.shading.consistent(self.hit.surface.normal, world, wi).then_some(Scattering {
-            wi: world,
-            weight,
-            pdf,
-            lobe,
-            eta,
-        })
+    fn sample(&self, u: [f32; 3]) -> Option<Scattering> {
+        let (bsdf, normal) = (self.shading.bsdf, self.hit.surface.normal);
+        let (local, mut scattered) = self.sample_facet(u)?;
+        let is_delta = scattered.lobe.contains(Lobe::DELTA);
+        let (both, cos) = if self.shading.consistent(normal, scattered.wi, local) {
+            match self.shading.inconsistent_image(normal, scattered.wi) {
+                Some((image, cos)) if !is_delta => ([local, image], cos),
+                _ => return Some(scattered),
+            }
+        } else {
+            let (image, cos) = self.shading.image(normal, scattered.wi)?;
+            scattered.wi = image;
+            ([self.shading.frame.to_local(image), local], cos)
+        };
+        if is_delta {
+            scattered.weight *= opposite_albedo(bsdf, both[0], cos);
+            return Some(scattered);
+        }
+        let (value, pdf) = eval_with_image(bsdf, self.wo_local, both, cos);
+        let weight = value / pdf;
+        (pdf > 0.0 && weight.is_finite()).then_some(Scattering { weight, pdf, ..scattered })
     }
 
     #[inline]
@@ -166,6 +185,19 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     fn surface(&self) -> Option<&SurfacePoint> {
         Some(&self.hit.surface)
     }
+}
+
+/// [`Vertex::eval`] for light from a direction and from its inconsistent image, from where the opposite facet reflects
+/// light to this direction. `cos` is the cosine at that facet.
+#[inline(never)]
+fn eval_with_image(bsdf: &Bsdf, wo: LocalDir, [wi, image]: [LocalDir; 2], cos: f32) -> (Rgb, f32) {
+    let (direct, reflected) = (bsdf.eval_pdf(wo, wi), bsdf.eval_pdf(wo, image));
+    (direct.0 + reflected.0 * opposite_albedo(bsdf, wi, cos), direct.1 + reflected.1)
+}
+
+/// Albedo of the opposite facet for light on the side of `wi`.
+fn opposite_albedo(bsdf: &Bsdf, wi: LocalDir, cos: f32) -> Rgb {
+    bsdf.albedo(LocalDir::new((1.0 - cos * cos).sqrt(), 0.0, cos.copysign(wi.cos_theta())))
 }
 
 /// A point inside a medium at which light is scattered.
@@ -245,5 +277,108 @@ impl Vertex for MediumVertex<'_> {
     #[inline]
     fn surface(&self) -> Option<&SurfacePoint> {
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{SurfaceVertex, Vertex};
+    use crate::ray_state::{RayState, SurfaceHit};
+    use dunkelfeld_geometry::{Ray, Vec3};
+    use dunkelfeld_scene::shapes::rectangle;
+    use dunkelfeld_scene::{AllFeatures, Material, Scene, SceneBuilder, Surface, Volume};
+
+    /// Calls `check` with the vertex of a plate whose shading normal is tilted by `tilt` degrees, for a viewer at an
+    /// `elevation` and an `azimuth` from the direction of the tilt [degrees].
+    fn on_tilted(
+        material: &Material,
+        tilt: f32,
+        [elevation, azimuth]: [f32; 2],
+        check: impl FnOnce(&SurfaceVertex<'_, AllFeatures>),
+    ) {
+        let mut b = SceneBuilder { energy_compensation: true, ..SceneBuilder::default() };
+        let m = b.add_material(material.clone());
+        let (sin, cos) = tilt.to_radians().sin_cos();
+        let normals = vec![Vec3::new(sin, 0.0, cos); 4];
+        b.add_object(
+            "plate",
+            dunkelfeld_geometry::Mesh { normals, ..rectangle(-Vec3::ONE, Vec3::X * 2.0, Vec3::Y * 2.0) },
+            m,
+        );
+        let scene: Scene = b.build().expect("the scene is valid").0;
+        let (sin, cos) = elevation.to_radians().sin_cos();
+        let (y, x) = azimuth.to_radians().sin_cos();
+        let wo = Vec3::new(cos * x, cos * y, sin);
+        let center = -scene.world_origin().as_vec3() - Vec3::Z;
+        let ray = Ray::new(center + Vec3::new(0.1, 0.2, 0.0) + wo, -wo);
+        let hit = SurfaceHit::of_surface(scene.intersect(&ray).expect("the plate is hit"));
+        let state = RayState::from_camera::<AllFeatures>(&scene, ray);
+        check(&SurfaceVertex::new(&scene, state, hit, 0.5, &mut None));
+    }
+
+    const N: usize = 48;
+
+    /// The mean weight of evenly distributed samples. The weight times the density is checked to be the BSDF, and the
+    /// side of the surface to be that of the lobe.
+    fn albedo(at: &SurfaceVertex<'_, AllFeatures>, what: &str) -> f64 {
+        let mut sum = 0.0;
+        for k in 0..N * N {
+            let u = |i: usize| (i as f32 + 0.5) / N as f32;
+            let u_lobe = (k as f32 * 0.618_034).fract();
+            let Some(s) = at.sample([u(k % N), u(k / N), u_lobe]) else { continue };
+            sum += f64::from(s.weight.g * s.eta * s.eta);
+            assert_eq!(s.wi.z > 0.0, s.lobe.contains(dunkelfeld_bsdf::Lobe::REFLECTION), "{what}: the wrong side");
+            let (value, pdf) = at.eval(s.wi);
+            let near = |a: f32, b: f32| (a - b).abs() <= 2e-2 * a.abs().max(b.abs());
+            assert!(near(pdf, s.pdf) && near(value.g, s.weight.g * s.pdf), "{what}: {pdf} {value:?} against {s:?}");
+        }
+        sum / (N * N) as f64
+    }
+
+    #[test]
+    fn white_metal_with_tilted_normals_loses_no_light() {
+        for roughness in [0.05, 0.2, 0.5, 0.8] {
+            let metal = Material { metallic: 1.0, roughness, ..Material::default() };
+            for tilt in [10.0, 30.0, 50.0, 70.0] {
+                for view in [[90.0, 0.0], [30.0, 0.0], [30.0, 100.0], [30.0, 180.0], [5.0, 0.0], [5.0, 180.0]] {
+                    let what = format!("roughness {roughness}, tilt {tilt}, view {view:?}");
+                    on_tilted(&metal, tilt, view, |at| {
+                        let albedo = albedo(at, &what);
+                        // The tables of the energy compensation have an error of 0.3 %.
+                        assert!((0.98..=1.005).contains(&albedo), "{what}: {albedo}");
+                    });
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn densities_and_values_on_tilted_normals_integrate_to_those_of_the_samples() {
+        let plastic = Material { roughness: 0.5, ..Material::default() };
+        let glass = Material { transmission: 1.0, surface: Surface::Solid(Volume::default()), ..plastic.clone() };
+        for (name, material) in [("plastic", plastic), ("glass", glass)] {
+            for tilt in [30.0, 60.0] {
+                for view in [[80.0, 0.0], [30.0, 60.0], [20.0, 180.0]] {
+                    let what = format!("{name}, tilt {tilt}, view {view:?}");
+                    on_tilted(&material, tilt, view, |at| {
+                        const STEPS: usize = 200;
+                        let (mut value, mut density) = (0.0, 0.0);
+                        for k in 0..2 * STEPS * STEPS {
+                            let z = 1.0 - ((k / STEPS) as f32 + 0.5) / STEPS as f32;
+                            let (y, x) = (((k % STEPS) as f32 + 0.5) / STEPS as f32 * std::f32::consts::TAU).sin_cos();
+                            let r = (1.0 - z * z).sqrt();
+                            let (v, pdf) = at.eval(Vec3::new(r * x, r * y, z));
+                            // Radiance in a solid, without the factor of its index of refraction.
+                            value += f64::from(v.g) * if z < 0.0 { 2.25 } else { 1.0 };
+                            density += f64::from(pdf);
+                        }
+                        let cell = std::f64::consts::TAU / (STEPS * STEPS) as f64;
+                        let (value, density, albedo) = (value * cell, density * cell, albedo(at, &what));
+                        assert!(density < 1.005, "{what}: the density integrates to {density}");
+                        assert!((value / albedo - 1.0).abs() < 0.02, "{what}: {value}, the samples give {albedo}");
+                    });
+                }
+            }
+        }
     }
 }

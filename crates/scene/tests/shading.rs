@@ -143,16 +143,26 @@ fn smooth_normals_are_continuous_over_an_edge_and_follow_uneven_scales() {
 }
 
 #[test]
-fn below_the_interpolated_normal_the_geometric_normal_is_used() {
+fn a_normal_that_faces_away_is_turned_until_the_viewer_is_above_it() {
     let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
-    mesh.normals = vec![Vec3::new(0.8, 0.0, 0.6); 4];
+    let tilted = Vec3::new(0.8, 0.0, 0.6);
+    mesh.normals = vec![tilted; 4];
     let scene = placed(mesh, Material::default(), Vec::new(), DAffine3::IDENTITY, false);
     let hit = shade(&scene, 0.1, 0.2, true);
-    let above = scene.shade(&hit, Vec3::new(-0.28, 0.0, 0.96), 0.5, &mut None).frame;
-    // -0.28 * 0.8 + 0.96 * 0.6 > 0, and -0.8 * 0.8 + 0.6 * 0.6 < 0.
-    assert!((above.normal - Vec3::new(0.8, 0.0, 0.6)).length() < 1e-6);
-    let below = scene.shade(&hit, Vec3::new(-0.8, 0.0, 0.6), 0.5, &mut None).frame;
-    assert_eq!(below.normal, Vec3::Z);
+    let normal = |wo: Vec3| scene.shade(&hit, wo, 0.5, &mut None).frame.normal;
+    // -0.28 * 0.8 + 0.96 * 0.6 is above a fifth of 0.96.
+    assert!((normal(Vec3::new(-0.28, 0.0, 0.96)) - tilted).length() < 1e-6);
+    for degrees in [2.0f32, 15.0, 40.0] {
+        for azimuth in [0.0f32, 0.5] {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            let wo = Vec3::new(-cos * azimuth.cos(), cos * azimuth.sin(), sin);
+            // In the plane of both normals, between them, with a fifth of the cosine of the geometric one.
+            let n = normal(wo);
+            assert!((n.dot(wo) - 0.2 * wo.z).abs() < 1e-5 && n.y == 0.0 && n.x > 0.0 && n.z > 0.6, "{degrees}: {n}");
+            // From behind, the same normal on the other side.
+            assert!((normal(-wo) + n).length() < 1e-6, "{degrees}: from behind");
+        }
+    }
 }
 
 /// Four texels of different red, one of them with alpha 0.2, the others opaque.

@@ -86,7 +86,7 @@ pub(super) fn trace_chain<F: Features>(
         if scattered.lobe.contains(Lobe::REFLECTION) != is_reflection {
             return None;
         }
-        let (normal, differential) = scene.normal_differential(&at.hit.surface, at.wo);
+        let (normal, differential) = scene.normal_differential(&at.hit.surface, at.wo)?;
         let (normal, eta) = (normal.as_dvec3(), f64::from(scattered.eta));
         if is_reflection {
             ray_differential.reflect(direction, normal, differential.as_ref());

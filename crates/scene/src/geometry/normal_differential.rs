@@ -1,6 +1,7 @@
 //! Derivative of the shading normal over a triangle, for ray differentials at a curved surface.
 
 use crate::query::intersect::{SurfacePoint, mix};
+use crate::query::shading::visible_normal;
 use crate::scene::Scene;
 use dunkelfeld_geometry::{DVec3, Vec3};
 
@@ -24,19 +25,16 @@ impl NormalDifferential {
 
 impl Scene {
     /// The normal of the frame that [`Self::shade`] gives for a viewer in direction `wo`, and its derivative. There is
-    /// no derivative if the normal is constant over the triangle. Normal maps are ignored, because no cover has any.
-    pub fn normal_differential(&self, p: &SurfacePoint, wo: Vec3) -> (Vec3, Option<NormalDifferential>) {
+    /// no derivative if the normal is constant over the triangle. `None` if the normal also depends on `wo`. Normal maps
+    /// are ignored, because no cover has any.
+    pub fn normal_differential(&self, p: &SurfacePoint, wo: Vec3) -> Option<(Vec3, Option<NormalDifferential>)> {
         let normal = self.shading_normal(*p);
-        // As in shading: if the viewer is on different sides of the geometric and the interpolated normal, the
-        // geometric normal is used.
-        let uses_geometric_normal = (normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0);
-        let bent = if uses_geometric_normal { p.normal } else { normal };
-        let faces_viewer = !self.compiled[p.material as usize].is_solid && bent.dot(wo) < 0.0;
-        let oriented = if faces_viewer { -bent } else { bent };
-        if uses_geometric_normal {
-            return (oriented, None);
+        if visible_normal(normal, p.normal, wo).is_some() {
+            return None;
         }
-        (oriented, self.interpolation_differential(p, oriented))
+        let is_behind = !self.compiled[p.material as usize].is_solid && p.normal.dot(wo) < 0.0;
+        let oriented = if is_behind { -normal } else { normal };
+        Some((oriented, self.interpolation_differential(p, oriented)))
     }
 
     /// The derivative of `v / |v|` with `v` the interpolated normal, in render space and on the side of `oriented`.

@@ -38,8 +38,8 @@ impl ShadingPoint<'_> {
         (!self.is_bent || self.consistent(geometric_normal, world, local)).then_some(local)
     }
 
-    /// True if local frame and geometric normal agree about the side of a direction. Interpolated normals can disagree
-    /// with the surface, and light must not leak through it.
+    /// True if local frame and geometric normal agree about the side of a direction. Light must not leak through the
+    /// surface in a direction about which they disagree.
     #[inline]
     pub fn consistent(&self, geometric_normal: Vec3, world: Vec3, local: LocalDir) -> bool {
         if !EFFECTS {
@@ -47,6 +47,44 @@ impl ShadingPoint<'_> {
         }
         let above = geometric_normal.dot(world) > 0.0;
         (local.cos_theta() > 0.0) == (above == self.along)
+    }
+
+    /// The mirror image of a direction at the opposite facet, and the cosine between both and its normal, without sign.
+    /// `None` if the frame has the geometric normal. Light that leaves the facet in an inconsistent direction continues
+    /// in its image.
+    ///
+    /// A shading normal is a facet of a relief that is not modelled. As in the valleys of Torrance and Sparrow (1967),
+    /// light that leaves the facet below the surface meets the facet with the opposite slope. Where the slope is above
+    /// 45 degrees, the opposite facet is perpendicular to this one. So the image of an inconsistent direction is
+    /// consistent, and no light is lost.
+    ///
+    /// The model keeps `f cos`, the reflection of the facet for the light on its slope. It is reciprocal for the normal of
+    /// the facet, not for the geometric one. A model that is reciprocal for the geometric normal and loses no light, such
+    /// as that of Schuessler et al. (2017), cannot reflect more light than a flat surface receives. So a white slope that
+    /// faces the light would not be brighter than one that turns away from it, and a relief would have no contrast.
+    #[inline]
+    pub fn image(&self, geometric_normal: Vec3, world: Vec3) -> Option<(Vec3, f32)> {
+        if !(EFFECTS && self.is_bent) {
+            return None;
+        }
+        let (normal, slope) = (self.frame.normal, geometric_normal.dot(self.frame.normal));
+        let is_flat = slope * slope >= 0.5;
+        let opposite = if is_flat {
+            geometric_normal * (2.0 * slope) - normal
+        } else {
+            (geometric_normal - normal * slope) / (1.0 - slope * slope).sqrt()
+        };
+        let cos = opposite.dot(world);
+        Some((world - opposite * (2.0 * cos), cos.abs().min(1.0)))
+    }
+
+    /// [`Self::image`] of a consistent direction in the local frame, if the image is inconsistent. Then its light arrives
+    /// from this direction.
+    #[inline]
+    pub fn inconsistent_image(&self, geometric_normal: Vec3, world: Vec3) -> Option<(LocalDir, f32)> {
+        let (image, cos) = self.image(geometric_normal, world)?;
+        let local = self.frame.to_local(image);
+        (!self.consistent(geometric_normal, image, local)).then_some((local, cos))
     }
 }
 
@@ -114,15 +152,14 @@ impl Scene {
         } else {
             (Frame::from_normal(normal), compiled.constant_bsdf(u))
         };
-        // For a viewer above the surface but below the interpolated normal the geometric normal is used.
-        if is_bent && (frame.normal.dot(wo) > 0.0) != (p.normal.dot(wo) > 0.0) {
-            frame = Frame::from_normal_tangent(p.normal, frame.tangent);
+        if is_bent && let Some(normal) = visible_normal(frame.normal, p.normal, wo) {
+            frame = Frame::from_normal_tangent(normal, frame.tangent);
         }
-        let mut along = !is_bent || p.normal.dot(frame.normal) > 0.0;
-        let facing = if p.normal.dot(wo) < 0.0 { -p.normal } else { p.normal };
-        if !(EFFECTS && compiled.is_solid) && frame.normal.dot(wo) < 0.0 {
+        let is_behind = p.normal.dot(wo) < 0.0;
+        let facing = if is_behind { -p.normal } else { p.normal };
+        let along = EFFECTS && compiled.is_solid || !is_behind;
+        if !along {
             frame = Frame { tangent: frame.tangent, bitangent: -frame.bitangent, normal: -frame.normal };
-            along = !along;
         }
         let receiver = LightSampleContext { point: p.point, normal: facing, both_sides: compiled.both_sides };
         let is_solid = compiled.is_solid;
@@ -320,6 +357,29 @@ impl Scene {
     pub fn environment_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, direction: Vec3) -> f32 {
         self.lights.pdf_environment(receiver, choice, direction)
     }
+}
+
+/// The least cosine between the direction to the viewer and a shading normal, as a share of that to the geometric one.
+const MIN_COSINE: f32 = 0.2;
+
+/// The shading normal for a viewer that is below it, or nearly: turned toward the geometric normal until its cosine is
+/// [`MIN_COSINE`] times that of the geometric one. `None` if it stays. Both normals are unit vectors on one side.
+#[inline]
+pub(crate) fn visible_normal(normal: Vec3, geometric: Vec3, wo: Vec3) -> Option<Vec3> {
+    let side = geometric.dot(wo);
+    let (cos, least) = (normal.dot(wo) * 1f32.copysign(side), side.abs());
+    (cos < MIN_COSINE * least).then(|| turned_to_viewer(normal, geometric, [cos, least]))
+}
+
+/// The normal `normal * cosines[1] + geometric * t` of [`visible_normal`]. Its condition is quadratic in t.
+#[inline(never)]
+fn turned_to_viewer(normal: Vec3, geometric: Vec3, [cos, side]: [f32; 2]) -> Vec3 {
+    const SQUARE: f32 = MIN_COSINE * MIN_COSINE;
+    let between = normal.dot(geometric).clamp(-1.0, 1.0);
+    let off = cos - side * between;
+    let root = MIN_COSINE * (off * off + side * side * (1.0 - between * between) * (1.0 - SQUARE)).sqrt();
+    let t = (SQUARE * side * between - cos + root) / (1.0 - SQUARE);
+    (normal * side + geometric * t).try_normalize().unwrap_or(geometric)
 }
 
 fn to_render_normal_of(part: &crate::scene::Part, mesh: &dunkelfeld_geometry::Mesh, triangle: u32) -> Vec3 {
