@@ -177,6 +177,44 @@ fn thin_scattering_is_single_scattering() {
 }
 
 #[test]
+#[ignore = "long: .ci/run runs it"]
+fn a_white_sphere_of_three_thousand_free_paths_is_invisible() {
+    let mut b = SceneBuilder::default();
+    let m = b.add_material(body(1.0, scattering(Rgb::BLACK, Rgb::splat(3000.0), 0.0)));
+    b.add_object("sphere", sphere(Vec3::ZERO, 0.5, 32, true), m);
+    b.environment = constant_sky(1.0);
+    spot_camera(&mut b, DVec3::new(0.3, 0.2, 3.0), DVec3::ZERO, 0.25);
+    let scene = build(b);
+    let film = film(&scene, &settings(16, 16, 32.0, 11));
+    // 8192 paths: a standard error of 0.007. Roulette after a number of scatterings was 0.02 too dark, with an error that
+    // was too small.
+    judge(&scene, &film, 32.0, 1, [1.0, 1e-2], "a dense sphere");
+}
+
+#[test]
+fn media_beyond_the_limit_are_refused() {
+    // The mean chord of a cube of 1 m is 2/3 m: 3000 and 2e6 scatterings are the limits.
+    for (absorption, density, is_built) in [
+        (0.0, 4400.0, true),
+        (0.0, 4600.0, false),
+        (1.0, 4600.0, true),
+        (1.0, 1e9, false),
+        (1e5, 2.9e6, true),
+        (1e5, 3.1e6, false),
+    ] {
+        let mut b = SceneBuilder::default();
+        let m = b.add_material(body(1.0, scattering(Rgb::splat(absorption), Rgb::splat(density), 0.0)));
+        b.add_object("cube", cube(0.5), m);
+        b.environment = constant_sky(1.0);
+        let built = b.build().map(|_| ()).map_err(|e| e.to_string());
+        match &built {
+            Ok(()) => assert!(is_built, "{absorption}, {density}"),
+            Err(e) => assert!(!is_built && e.contains("object \"cube\"") && e.contains("opaque white"), "{e}"),
+        }
+    }
+}
+
+#[test]
 fn the_densest_medium_stays_finite() {
     // A million scatterings per metre. White, and a millimetre thick: 1 again. Grey, and a metre: a number below 1.
     for (half, absorption, spp) in [(5e-4, 0.0, 4.0), (0.5, 1e5, 16.0)] {

@@ -16,20 +16,17 @@ use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{Features, Interface, LightChoice, MediumEvent, Scene, SurfacePoint};
 use std::marker::PhantomData;
 
-/// From this bounce on the survival probability is below one, also for a path without any loss. So light between
-/// perfect mirrors ends.
+/// From this bounce at a surface on the survival probability is below one, also for a path without any loss. So light
+/// between perfect mirrors ends. A path in a medium leaves it, and ends by its loss only: a limit would end a share of
+/// the long paths in a dense white medium and increase the weight of the others, with infinite variance.
 const FORCED_RR_BOUNCES: u32 = 64;
 /// Survival probability of such a path. The variance of a closed cavity is finite up to an albedo of the square root of
 /// this value, 0.9899. A value nearer to one would give finite variance for brighter cavities, but light trapped in
 /// clear sheets would be traced for longer.
 const MAX_SURVIVAL: f32 = 0.98;
 
-/// The same limit for scattering in media. It is high because light in a dense medium without absorption is scattered
-/// some thousand times before it leaves the medium. A lower limit would end paths early and increase the weight of the
-/// others.
-const FORCED_RR_SCATTERINGS: u32 = 4096;
-/// Survival probability of such a path.
-const MAX_SURVIVAL_IN_MEDIA: f32 = 0.995;
+/// Vertices between two checks of the clock in a medium: some milliseconds.
+const CHECK_EVERY: u32 = 8192;
 
 /// Scale of Russian roulette: a path whose throughput is a third or more always survives. Termination on dark surfaces
 /// produces rare bright samples. On the inspection scenes this factor reduces the variance of the image by a third and
@@ -57,7 +54,8 @@ pub(crate) fn trace_path<F: Features>(
         };
         // The medium in between attenuates the path, or scatters it before the surface.
         if let Some(at) = path.sample_medium(vertex, hit.surface.distance) {
-            if path.scatter(&at, vertex) { continue } else { break }
+            let is_checked = vertex % CHECK_EVERY == CHECK_EVERY - 1;
+            if path.scatter(&at, vertex) && !(is_checked && path.recorder.abandons()) { continue } else { break }
         }
         // The path passes a face without refraction, and a stochastic surface that is absent for this sample. A surface
         // in contact with an absent one may be present.
@@ -93,9 +91,8 @@ struct Path<'a, F, R> {
     throughput: Rgb,
     /// Change of radiance by refraction (the factor eta^2). Russian roulette must not treat it as loss.
     eta_scale: f32,
-    /// Number of scatterings at surfaces (`bounces`) and in media (`scatterings`).
+    /// Number of scatterings at surfaces.
     bounces: u32,
-    scatterings: u32,
     /// Number of vertices with light samples so far.
     light_vertices: u32,
     /// Distance from the camera along the path \[m\].
@@ -127,7 +124,6 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
             throughput: Rgb::WHITE,
             eta_scale: 1.0,
             bounces: 0,
-            scatterings: 0,
             light_vertices: 0,
             path_length: 0.0,
             only_specular: false,
@@ -397,13 +393,8 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     /// Counts a scattering and returns the survival probability of a path without loss.
     #[inline]
     fn count_scattering<V: Vertex>(&mut self) -> f32 {
-        let (count, forced_rr_count, survival) = if V::IN_MEDIUM {
-            (&mut self.scatterings, FORCED_RR_SCATTERINGS, MAX_SURVIVAL_IN_MEDIA)
-        } else {
-            (&mut self.bounces, FORCED_RR_BOUNCES, MAX_SURVIVAL)
-        };
-        *count += 1;
-        if *count < forced_rr_count { 1.0 } else { survival }
+        self.bounces += u32::from(!V::IN_MEDIUM);
+        if V::IN_MEDIUM || self.bounces < FORCED_RR_BOUNCES { 1.0 } else { MAX_SURVIVAL }
     }
 }
 

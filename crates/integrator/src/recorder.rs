@@ -5,6 +5,7 @@ use crate::vertex::Scattering;
 use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::Chain;
+use std::time::Instant;
 
 /// One vertex of a recorded path.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,6 +84,10 @@ pub struct ConnectionTally {
     pub converged: u64,
     /// Number of rays traced through covers for all connections. A plate needs one ray for each connection.
     pub rays: u64,
+    /// Time at which a path of very many vertices is abandoned.
+    pub abandon_at: Option<Instant>,
+    /// Was a path abandoned? Its sample is invalid and must not be used.
+    pub is_abandoned: bool,
 }
 
 impl ConnectionTally {
@@ -100,6 +105,11 @@ pub(crate) trait Recorder {
     /// True if no shadow ray and no connection is left out by roulette, so that each has an outcome.
     const TRAINING: bool = false;
 
+    /// Is the path to be abandoned? It is asked rarely.
+    #[inline]
+    fn abandons(&mut self) -> bool {
+        false
+    }
     /// The path has reached a vertex.
     fn vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
     /// The path has reached a vertex in the medium of a material.
@@ -128,6 +138,11 @@ pub(crate) trait Recorder {
 }
 
 impl Recorder for ConnectionTally {
+    #[inline]
+    fn abandons(&mut self) -> bool {
+        self.is_abandoned = self.abandon_at.is_some_and(|at| Instant::now() > at);
+        self.is_abandoned
+    }
     #[inline]
     fn vertex(&mut self, _: [f32; 3], _: Option<u32>, _: Rgb) {}
     #[inline]

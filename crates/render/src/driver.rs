@@ -4,6 +4,7 @@ mod resume;
 
 use crate::checkpoint::{AdaptiveState, CheckpointWriter, ResumedWork, Snapshot};
 use crate::error::Error;
+use crate::load::ProcessorLoad;
 use crate::plan::forecast::{Forecast, Throughput};
 use crate::plan::{FIRST_LOOK, NoiseVerdict, Planner, State};
 use crate::rendered_film::{RenderedFilm, material_names};
@@ -170,6 +171,7 @@ struct Renderer<'a> {
     planner: Planner<'a>,
     costs: CostMap,
     stride: Stride,
+    load: ProcessorLoad,
     /// Number of passes so far, and the samples per second of the last one, for passes that are watched.
     passes: u64,
     rate: Option<f64>,
@@ -220,6 +222,7 @@ impl<'a> Renderer<'a> {
             planner: Planner::new(settings),
             costs: CostMap::new(TileGrid::new(width, height, TILE)),
             stride: Stride::default(),
+            load: ProcessorLoad::default(),
             passes: 0,
             rate: None,
             waited: 0.0,
@@ -344,9 +347,11 @@ impl<'a> Renderer<'a> {
         AdaptiveState { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, rehearsed: false }
     }
 
-    /// Seconds reserved for the end, with the last checkpoint. The first checkpoint measures the duration of one.
+    /// Seconds reserved for the end, with the last checkpoint. The first checkpoint measures the duration of one. Other
+    /// programs lengthen the end as they lengthened the rounds.
     fn closing(&self, course: &AdaptiveState) -> f64 {
-        course.closing + self.writer.as_ref().map_or(0.0, |writer| CLOSING_MARGIN * writer.expected_seconds())
+        self.load.stretched(course.closing)
+            + self.writer.as_ref().map_or(0.0, |writer| CLOSING_MARGIN * writer.expected_seconds())
     }
 
     /// Evaluates the schedule. Plans or evaluates the noise where that is due, and does the dry run of the outputs
@@ -389,7 +394,7 @@ impl<'a> Renderer<'a> {
             } else if !course.rehearsed {
                 // Most of the closing time is the certificate, which analyses the film as planning does. On a slow
                 // machine both take longer than estimated.
-                course.closing = course.closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
+                self.measure_closing(course, began);
                 course.schedule.set_closing_seconds(self.closing(course));
             }
             self.spend(Stage::Plan, began);
@@ -418,9 +423,15 @@ impl<'a> Renderer<'a> {
         let began = Instant::now();
         (rehearse.write)(&self.film)?;
         course.rehearsed = true;
-        course.closing = course.closing.max(CLOSING_MARGIN * began.elapsed().as_secs_f64());
+        self.measure_closing(course, began);
         course.schedule.set_closing_seconds(self.closing(course));
         Ok(())
+    }
+
+    /// The work since `began` is a lower bound of that at the end.
+    fn measure_closing(&self, course: &mut AdaptiveState, began: Instant) {
+        let measured = self.load.on_idle_processors(began.elapsed().as_secs_f64());
+        course.closing = course.closing.max(CLOSING_MARGIN * measured);
     }
 
     /// The plan of a round of so many samples. It has fewer if these samples are too much work in their tiles.
@@ -528,6 +539,7 @@ impl<'a> Renderer<'a> {
         }
         self.taken += result.samples;
         self.costs.record(&result.tiles);
+        self.load.add(result.load);
         self.connections.add(&result.connections);
         self.invalid.extend(result.invalid);
         // The clock decides how a round is divided into passes. Sorting makes the list independent of that division.

@@ -11,6 +11,7 @@ mod checkpoint;
 mod driver;
 mod error;
 pub mod film_noise;
+mod load;
 mod merge;
 pub mod parallel;
 mod plan;

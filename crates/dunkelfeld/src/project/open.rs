@@ -384,6 +384,7 @@ fn build_error(error: BuildError, file: &Path) -> Error {
             );
             InputError::new(file, place, problem, "remove the object, or export with the right unit of length").into()
         }
+        BuildError::TooDense { ref place, ref problem, help } => InputError::new(file, place, problem, help).into(),
         other => other.into(),
     }
 }

@@ -92,7 +92,7 @@ pub(crate) struct AdaptiveState {
     /// The purpose of the current round.
     pub(crate) stage: Stage,
     pub(crate) work_per_sample: f64,
-    /// Seconds reserved for the end, without the checkpoint.
+    /// Seconds reserved for the end on idle processors, without the checkpoint.
     pub(crate) closing: f64,
     /// Has the dry run of the outputs been done?
     pub(crate) rehearsed: bool,
@@ -102,7 +102,7 @@ impl State {
     /// The tally of connections. No number in a file makes it overflow.
     pub(crate) fn connections(&self) -> ConnectionTally {
         let [attempts, converged, rays] = self.connections.map(|n| n.min(u64::MAX >> 8));
-        ConnectionTally { attempts, converged, rays }
+        ConnectionTally { attempts, converged, rays, ..ConnectionTally::default() }
     }
 
     /// The first invalid samples.

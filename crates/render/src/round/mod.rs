@@ -8,6 +8,7 @@
 pub(crate) mod pass;
 
 use crate::checkpoint::{CheckpointWriter, Snapshot};
+use crate::load::{ProcessorLoad, ThreadClock};
 use crate::progress::{Cancel, Progress, ProgressState};
 use crate::stage::Stage;
 use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, TileRect, WorkUnit};
@@ -23,8 +24,10 @@ use std::time::{Duration, Instant};
 pub const TILE: u32 = Film::TILE;
 /// Maximum number of invalid samples that are stored by name.
 pub(crate) const MAX_LISTED: usize = 16;
-/// Samples between two checks of the clock and the switch.
+/// Most samples between two checks of the clock and the switch.
 const CHECK_EVERY: u32 = 64;
+/// If they took longer than this, the next sample is checked alone.
+const CHECK_PAUSE: Duration = Duration::from_millis(10);
 /// Pause between two reports of progress.
 const REPORT_EVERY_MS: u64 = 100;
 
@@ -114,6 +117,8 @@ pub(crate) struct RoundResult {
     pub(crate) invalid: Vec<PixelSample>,
     /// Connections through covers, of all samples that reached the film.
     pub(crate) connections: ConnectionTally,
+    /// Seconds of the threads in the units.
+    pub(crate) load: ProcessorLoad,
     /// Was there not enough memory? The round ended early then.
     pub(crate) out_of_memory: bool,
 }
@@ -182,7 +187,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
     // Each thread has one long task, which takes the next unit. The most expensive units are first, as they were
     // divided.
     (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
-        let mut sums = Vec::new();
+        let (mut sums, mut load) = (Vec::new(), ProcessorLoad::default());
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed) as usize;
             let Some(unit) = work.units.get(index) else { break };
@@ -190,9 +195,10 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
             if is_over || work.deadline.is_some_and(|d| Instant::now() > d) {
                 break;
             }
-            let began = Instant::now();
+            let (began, clock) = (Instant::now(), ThreadClock::start());
             let rect = grid.rect(unit.tile);
             let Some(connections) = render_unit(work, unit, rect, reporter, &invalid, &mut sums) else { break };
+            load.add(clock.elapsed());
             let Ok(mut tile) = pending[unit.tile].lock() else { break };
             tile.units_done += 1;
             tile.connections.add(&connections);
@@ -220,6 +226,9 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
                 writer.keep_if_due(snapshot, work.deadline, &mut rows);
             }
         }
+        if let Ok(mut finished) = finished.lock() {
+            finished.load.add(load);
+        }
     });
     let mut result = finished.into_inner().unwrap_or_default();
     // The order in which threads finish has no effect: costs are updated in the order of the tiles.
@@ -241,8 +250,8 @@ fn render_unit(
     sums: &mut Vec<TileSum>,
 ) -> Option<ConnectionTally> {
     sums.clear();
-    let mut connections = ConnectionTally::default();
-    let mut unreported = 0u32;
+    let mut connections = ConnectionTally { abandon_at: work.abort_at, ..ConnectionTally::default() };
+    let (mut unreported, mut check_after, mut checked) = (0u32, 1, Instant::now());
     let mut slot = 0u32;
     for y in rect.y0..rect.y1 {
         for x in rect.x0..rect.x1 {
@@ -252,17 +261,23 @@ fn render_unit(
             for index in indices {
                 let at = PixelSample { x, y, index };
                 let sample = work.estimator.sample_counting(at, &mut connections);
+                if connections.is_abandoned {
+                    return None;
+                }
                 if !sample.is_valid() {
                     name_invalid(invalid, at);
                 }
                 pixel.add(index, &sample);
                 unreported += 1;
-                if unreported == CHECK_EVERY {
+                if unreported >= check_after {
                     reporter.add(work.stage, u64::from(unreported));
                     unreported = 0;
-                    if work.cancel.is_cancelled() || work.abort_at.is_some_and(|d| Instant::now() > d) {
+                    let now = Instant::now();
+                    if work.cancel.is_cancelled() || work.abort_at.is_some_and(|d| now > d) {
                         return None;
                     }
+                    check_after = if now - checked < CHECK_PAUSE { (2 * check_after).min(CHECK_EVERY) } else { 1 };
+                    checked = now;
                 }
             }
             if has_samples {

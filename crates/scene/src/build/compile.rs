@@ -93,6 +93,14 @@ impl SceneBuilder {
             .map(|(m, is_painted)| CompiledMaterial::new(m, is_painted, self.energy_compensation))
             .collect();
         let solids = geometry.solids(&self.materials, &compiled, &closed);
+        geometry.check_density(&solids.list, &closed).map_err(|(part, problem)| {
+            let (object, material) = (&self.instances[part.object as usize], &self.materials[part.material as usize]);
+            BuildError::TooDense {
+                place: format!("object \"{}\" of material \"{}\"", object.name, material.name),
+                problem,
+                help: "make it an opaque white surface (leave out `solid` and `transmission`), lower its scattering, or give it absorption",
+            }
+        })?;
         let (mut lights, mesh_lights) = geometry.area_lights(&self.materials, &compiled, &self.images);
         lights.extend(self.lights.iter().map(|light| DeltaLight::light(light, &to_render)));
         let environment = self.environment.as_ref().map(|e| EnvironmentLight::new(e, &self.images));

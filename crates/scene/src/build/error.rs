@@ -48,6 +48,16 @@ pub enum BuildError {
         /// Radius of the scene, with its unit.
         radius: String,
     },
+    /// A body scatters light so often that a path through it would take too long.
+    #[error("{place}: {problem}; {help}")]
+    TooDense {
+        /// The object and its material.
+        place: String,
+        /// The number of scatterings, and the largest one.
+        problem: String,
+        /// The ways to a medium within the limit.
+        help: &'static str,
+    },
     /// The hierarchy could not be built.
     #[error("the bounding volume hierarchy cannot be built: {0}")]
     Hierarchy(String),

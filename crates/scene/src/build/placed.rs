@@ -211,6 +211,41 @@ impl PlacedScene {
         rank_solids(found, &mut self.parts)
     }
 
+    /// Refuses media in which a path is scattered too often. `closed` as in [`Self::solids`].
+    ///
+    /// The mean chord of a body under uniform light is 4 V / S, also if it scatters (Blanco and Fournier 2003). So a path
+    /// is scattered sigma_s 4 V / S times on average.
+    ///
+    /// # Errors
+    /// The part whose body is too dense, and the problem.
+    pub(crate) fn check_density(&self, solids: &[Solid], closed: &[bool]) -> Result<(), (&Part, String)> {
+        for (index, part) in self.parts.iter().enumerate() {
+            let Some(medium) = solids.get(part.solid as usize).map(|s| s.medium).filter(Medium::scatters) else {
+                continue;
+            };
+            let mesh = &self.meshes[part.mesh as usize];
+            let to_render = |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p)).as_dvec3();
+            let corners = || (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(to_render));
+            let bounds = corners().flatten().map(|p| [p, p]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
+            let Some([low, high]) = bounds else { continue };
+            let (mut area, mut volume) = (0.0, 0.0);
+            for [a, b, c] in corners().map(|c| c.map(|p| p - low)) {
+                area += 0.5 * (b - a).cross(c - a).length();
+                volume += a.dot(b.cross(c)) / 6.0;
+            }
+            // An open mesh has no volume: that of its box is an upper bound.
+            let volume = if closed[self.sources[index]] { volume.abs() } else { (high - low).element_product() };
+            let Some((scatterings, most)) = medium.excess(4.0 * volume / area) else { continue };
+            return Err((
+                part,
+                format!(
+                    "its medium scatters light {scatterings:.1e} times on average (scattering coefficient x 4 V / S), and at most {most} are possible"
+                ),
+            ));
+        }
+        Ok(())
+    }
+
     /// Builds the hierarchy over all geometry. Parts that cover partly are marked, so that rays evaluate their
     /// coverage.
     pub(crate) fn hierarchy(

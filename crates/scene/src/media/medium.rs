@@ -10,6 +10,12 @@ use crate::material::Volume;
 use dunkelfeld_bsdf::HenyeyGreenstein;
 use dunkelfeld_radiometry::Rgb;
 
+/// Largest mean number of scatterings of a path through a body of white medium. The paths that reach its middle have
+/// about a fifth of the square of it, which takes a second.
+const MAX_SCATTERINGS: f64 = 3000.0;
+/// The same for any absorption: beyond it, the way between two scatterings is lost in the rounding of a position.
+const MAX_RESOLVED: f64 = 2e6;
+
 /// A homogeneous medium in compiled form.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Medium {
@@ -73,6 +79,20 @@ impl Medium {
     #[inline]
     pub fn scatters(&self) -> bool {
         !self.scattering.is_black()
+    }
+
+    /// The mean number of scatterings in a body of this mean chord \[m\], and the largest number possible, if it is
+    /// larger. A path that is absorbed before it is scattered as often as the longest paths in the largest white medium
+    /// is short enough.
+    pub(crate) fn excess(&self, chord: f64) -> Option<(f64, f64)> {
+        let longest = 0.2 * MAX_SCATTERINGS * MAX_SCATTERINGS;
+        let channels = self.scattering.to_array().into_iter().zip(self.absorption.to_array());
+        channels.map(|(s, a)| (f64::from(s), f64::from(a))).find_map(|(scattering, absorption)| {
+            let is_absorbed = scattering <= longest * absorption;
+            let most = if is_absorbed { MAX_RESOLVED } else { MAX_SCATTERINGS };
+            let scatterings = scattering * chord;
+            (scatterings > most).then_some((scatterings, most))
+        })
     }
 
     /// True if light passes it unchanged.
