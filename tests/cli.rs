@@ -324,10 +324,12 @@ fn a_render_can_end_when_the_sensor_hides_its_noise() {
     let stats = bench.json("b.json");
     assert!(stats["stop"] == "samples" && stats["mean_spp"] == 20.0 && stats["certificate"]["is_hidden"] == false);
     // A job can set the level, too.
-    bench.write("quiet.toml", "scene = \"scene.gltf\"\n[film]\nwidth = 16\nheight = 12\n[budget]\nnoise = 0.5\n[allocate]\nstrategy = \"uniform\"\n");
+    bench.write("quiet.toml", "scene = \"scene.gltf\"\n[film]\nwidth = 16\nheight = 12\n[budget]\nnoise = 0.5\nshare = 80\n[allocate]\nstrategy = \"uniform\"\n");
     bench.run("render quiet.toml --stats c.json").code(0);
     let stats = bench.json("c.json");
     assert!(stats["stop"] == "noise" && stats["allocation"] == "uniform" && stats["certificate"]["is_hidden"] == true);
+    let run = bench.run("render quiet.toml --spp 4 --share 90").code(2);
+    assert!(stderr(&run).contains("no level of noise"), "{}", stderr(&run));
 }
 
 #[test]

@@ -15,7 +15,7 @@ use dunkelfeld::scene::{Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
     Budget, Forecast, Frame, Progress, ProgressState, Project, RenderSettings, Rendering, SensorChoice, Session,
-    certify, develop, find_sensor, render,
+    certify, develop, develop_film, find_sensor, render,
 };
 use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_testkit::{ImageEstimate, ImageTest, SampleMoments};
@@ -94,6 +94,25 @@ fn a_render_ends_when_it_is_hidden_and_the_forecast_is_right() {
         samples.push(taken);
     }
     assert!(samples[0] < samples[1] && samples[0] < samples[2], "the sensor's way is the shortest: {samples:?}");
+}
+
+#[test]
+fn a_smaller_share_of_the_pixels_is_hidden_earlier() {
+    let scene = still_life();
+    let samples = [50.0, 90.0, 99.0].map(|share| {
+        let s = settings(32, 24, noise(1.0).with_share(share), 3);
+        let rendering = rendered(&scene, &s);
+        let frame = develop_film(&rendering.film, &s).expect("a frame");
+        let certificate =
+            frame.sensor.as_ref().and_then(|s| s.certified.as_ref()).expect("behind a sensor").certificate;
+        assert_eq!(rendering.stop, StopReason::NoiseTarget);
+        assert!(certificate.hidden >= 0.01 * share && certificate.is_hidden(), "{certificate:?}");
+        let course = rendering.forecast.as_ref().and_then(|f| f.course.as_ref()).map(|c| c.share);
+        assert!(course.is_none_or(|course| (course - 0.01 * share).abs() < 1e-12), "{course:?}");
+        rendering.film.sums.total_samples()
+    });
+    println!("{samples:?}");
+    assert!(samples[0] <= samples[1] && samples[1] < samples[2], "{samples:?}");
 }
 
 #[test]
@@ -253,6 +272,8 @@ fn a_black_scene_is_hidden_at_once_and_silly_levels_are_refused() {
     for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(refused(settings(8, 8, noise(k), 0)).contains("noise"));
     }
+    assert!(refused(settings(8, 8, noise(1.0).with_share(0.5), 0)).contains("from 1 to 100"));
+    assert!(refused(settings(8, 8, spp(1.0).with_share(90.0), 0)).contains("no level of noise"));
     let none = settings(8, 8, noise(0.5), 0).with_sensor(SensorChoice::None);
     assert!(refused(none.clone()).contains("sensor"));
     let strategy = Some(Strategy::Sensor);

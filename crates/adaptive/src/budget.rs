@@ -32,6 +32,9 @@ pub const MAX_MEAN_SPP: f64 = 1e9;
 /// sensor shows a difference.
 pub const NOISE_LEVELS: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 
+/// Valid shares of the pixels that must be hidden at the target of the noise [%].
+pub const SHARES: std::ops::RangeInclusive<f64> = 1.0..=100.0;
+
 /// The largest expected time of a round, as a share of the time left.
 pub const TIME_SHARE: f64 = 0.3;
 /// Samples of the first round under a time limit, when their cost is unknown.

@@ -15,6 +15,9 @@ use crate::required_samples::{HIDDEN_SHARE, quantile_in};
 pub struct Certificate {
     /// The level k of the certificate.
     pub k: f64,
+    /// Share of the counted pixels that must be hidden for a hidden render: [`HIDDEN_SHARE`], unless the caller sets
+    /// another.
+    pub share: f64,
     /// Share of the counted pixels whose ratio is at most `k^2`, in \[0, 1\]; 1 if none is counted.
     pub hidden: f64,
     /// Mean ratio.
@@ -34,9 +37,9 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// Returns whether the render is hidden at its k: at least [`HIDDEN_SHARE`] of the unsaturated pixels are.
+    /// Returns whether the render is hidden at its k: at least `share` of the unsaturated pixels are.
     pub fn is_hidden(&self) -> bool {
-        self.hidden >= HIDDEN_SHARE
+        self.hidden >= self.share
     }
 }
 
@@ -96,6 +99,7 @@ pub fn certify([width, height]: [u32; 2], claims: impl Iterator<Item = Claim>, k
     let mut quantile = |share| f64::from(quantile_in(&mut counted, share).unwrap_or(0.0));
     let certificate = Certificate {
         k,
+        share: HIDDEN_SHARE,
         hidden: share(hidden),
         mean,
         median: quantile(0.5),

@@ -10,7 +10,7 @@ use crate::variance::inputs::SensorVarianceRange;
 use crate::variance::neighbours::PredictedNoise;
 use crate::variance::pooled::PixelNoise;
 
-/// A render is hidden if at least this share of its unsaturated pixels is hidden.
+/// A render is hidden if at least this share of its unsaturated pixels is hidden, unless another share is set.
 pub const HIDDEN_SHARE: f64 = 0.99;
 /// Default target k of the `sensor` strategy. At it the total noise is 12 % above that of the sensor.
 pub const DEFAULT_TARGET: f64 = 0.5;
@@ -169,16 +169,16 @@ impl RequiredSamples {
         plane.data().iter().zip(self.saturated.data()).filter(|(_, full)| !**full).map(|(v, _)| *v)
     }
 
-    /// Samples per pixel after which a render is hidden, if the samples beyond `counts` are distributed in proportion
-    /// to weights ([`crate::plan::next_round`]).
-    pub fn if_weighted(&self, counts: &Plane<u32>, weights: &Plane<f32>) -> Plane<f32> {
+    /// Samples per pixel after which this share of the pixels is hidden, if the samples beyond `counts` are distributed in
+    /// proportion to weights ([`crate::plan::next_round`]).
+    pub fn if_weighted(&self, counts: &Plane<u32>, weights: &Plane<f32>, share: f64) -> Plane<f32> {
         // The level at which a pixel has its required samples. Pixels that have them already need no level.
         let levels = self.samples.data().iter().zip(weights.data()).zip(counts.data()).zip(self.saturated.data());
         let levels = levels.filter(|(_, full)| !**full).map(|(((&need, &w), &c), _)| {
             let has_enough = need <= c as f32;
             if has_enough { 0.0 } else { need / w }
         });
-        let level = quantile_of(levels, HIDDEN_SHARE).unwrap_or(0.0);
+        let level = quantile_of(levels, share).unwrap_or(0.0);
         let mut targets = weights.map(|&w| if level > 0.0 { level * w } else { 0.0 });
         targets.data_mut().iter_mut().zip(counts.data()).for_each(|(n, &c)| *n = n.max(c as f32));
         targets
@@ -283,10 +283,16 @@ mod tests {
         let required_samples = needs_of(&evidence, 0.5);
         let weights = Plane::new(16, 16, 1.0);
         // 400 / 2.5 = 160 everywhere.
-        assert!((total(&required_samples.if_weighted(&evidence.counts, &weights)) - 160.0 * 256.0).abs() < 0.1);
+        assert!(
+            (total(&required_samples.if_weighted(&evidence.counts, &weights, HIDDEN_SHARE)) - 160.0 * 256.0).abs()
+                < 0.1
+        );
         assert!((total(&required_samples.capped_targets()) - 160.0 * 256.0).abs() < 0.1);
         // All pixels have their required samples already.
-        assert_eq!(total(&required_samples.if_weighted(&Plane::new(16, 16, 200), &weights)), 200.0 * 256.0);
+        assert_eq!(
+            total(&required_samples.if_weighted(&Plane::new(16, 16, 200), &weights, HIDDEN_SHARE)),
+            200.0 * 256.0
+        );
     }
 
     #[test]

@@ -129,8 +129,8 @@ private:
 struct RenderOptions {
     std::optional<std::uint32_t> width, height;
     std::optional<std::string> camera;
-    /** Limits: seconds, mean samples per pixel, and the k of the certificate. */
-    std::optional<double> time, spp, noise;
+    /** Limits: seconds, mean samples per pixel, the k of the certificate, and the share of the pixels [%] that it needs. */
+    std::optional<double> time, spp, noise, share;
     std::optional<std::uint64_t> seed;
     std::optional<std::uint32_t> frame, threads;
     /** First sample and end of the samples of a part, which merge() joins with others. */
@@ -334,6 +334,7 @@ public:
         c.time = detail::number(options.time);
         c.spp = detail::number(options.spp);
         c.noise = detail::number(options.noise);
+        c.share = detail::number(options.share);
         detail::set_shared(c, options);
         c.threads = options.threads.value_or(0);
         if (options.samples) std::tie(c.samples_from, c.samples_to) = *options.samples;

@@ -48,6 +48,8 @@ pub struct RenderOptions {
     pub spp: f64,
     /// The k of the certificate at which the render ends.
     pub noise: f64,
+    /// The share of the pixels that must be hidden at that k, in per cent.
+    pub share: f64,
     /// Seed of samples, noise and device, if has_seed is not zero.
     pub seed: u64,
     /// Is the seed set?
@@ -172,7 +174,8 @@ impl RenderOptions {
         let mut options = Render::default();
         (options.width, options.height) = (set(self.width), set(self.height));
         options.camera = text(self.camera).get("camera")?.map(Into::into);
-        (options.time, options.spp, options.noise) = (set(self.time), set(self.spp), set(self.noise));
+        (options.time, options.spp) = (set(self.time), set(self.spp));
+        (options.noise, options.share) = (set(self.noise), set(self.share));
         options.seed = (self.has_seed != 0).then_some(self.seed);
         options.frame = (self.has_frame != 0).then_some(self.frame);
         options.threads = set(self.threads).map(|n| n as usize);

@@ -7,7 +7,7 @@ use crate::studies::{BenchArgs, DatasetArgs, EmvaArgs, PtcArgs};
 #[cfg(feature = "view")]
 use crate::values::socket_address;
 use crate::values::{
-    ExposureChoice, effect, exposure, length, noise_level, pause, pixel_sample, sample_range, samples_per_pixel,
+    ExposureChoice, effect, exposure, length, noise_level, pause, pixel_sample, sample_range, samples_per_pixel, share,
     time_limit, whole, within,
 };
 use clap::{ArgGroup, Args, Parser, Subcommand};
@@ -117,12 +117,15 @@ pub(crate) struct RenderArgs {
     /// 12 %, 0.25 3 %.
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = noise_level)]
     pub(crate) noise: Option<f64>,
+    /// The share of the unsaturated pixels at which --noise stops, in per cent, from 1 to 100 [default: 99].
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_parser = share)]
+    pub(crate) share: Option<f64>,
     /// Distribution of the samples [default: sensor; sobel without a sensor].
     #[arg(long, value_parser = strategies())]
     pub(crate) allocate: Option<Strategy>,
     /// Render exactly the samples of an earlier render: an EXR that --exr or --plan wrote. Size, seed and frame are those
     /// of the file, unless they are given.
-    #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["time", "spp", "noise", "allocate"])]
+    #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["time", "spp", "noise", "share", "allocate"])]
     pub(crate) replay: Option<PathBuf>,
 
     /// Paths that train Russian roulette before the render: fewer rare bright samples, for the same expected image. 0 decides
@@ -143,7 +146,7 @@ pub(crate) struct RenderArgs {
     /// Render only the samples A to B - 1 of every pixel: a part of a render, for `merge`. With --replay, those of the
     /// plan.
     #[arg(long, value_name = "A..B", value_parser = sample_range, requires = "checkpoint",
-          conflicts_with_all = ["time", "spp", "noise", "allocate", "plan"])]
+          conflicts_with_all = ["time", "spp", "noise", "share", "allocate", "plan"])]
     pub(crate) samples: Option<Range<u32>>,
 
     /// Sensor preset, a sensor file (.toml), or none for a plain image where radiance 1 is white [default: imx250].

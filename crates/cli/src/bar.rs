@@ -2,8 +2,8 @@
 
 use crate::outcome::{say, say_json, say_object};
 use crate::run_args::ProgressKind;
-use crate::words::{count, remaining};
-use dunkelfeld::{Forecast, ForecastLevel, Progress, ProgressState, Stage};
+use crate::words::{about, count, remaining};
+use dunkelfeld::{Forecast, Progress, ProgressState, Stage};
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// Steps of the bar.
@@ -112,6 +112,7 @@ impl Progress for Sink {
                     "remaining": forecast.remaining,
                     "samples": forecast.made_from,
                     "forecast": forecast.levels,
+                    "course": forecast.course,
                 });
                 say_object(&line);
             }
@@ -126,25 +127,38 @@ impl Progress for Sink {
     }
 }
 
-/// `about 94 s until the noise is hidden at k = 0.7; 31 s at k = 1, 4 min 10 s at k = 0.5`.
+/// `about 94 s until the noise is hidden at k = 0.7: 90 % of the pixels after 40 s, 99 % after 94 s; the last 1 % is
+/// `bracket`; 31 s at k = 1, 250 s at k = 0.5`.
 fn expectation(forecast: &Forecast) -> Option<String> {
-    let first = forecast.target().or(forecast.levels.iter().find(|l| l.k == 0.7))?;
-    let time = |level: &ForecastLevel| level.seconds.map_or_else(|| "an unknown time".into(), remaining);
-    let others = forecast.levels.iter().filter(|l| l.k != first.k).map(|l| format!("{} at k = {}", time(l), l.k));
-    let others: Vec<String> = others.collect();
-    Some(format!("about {} until the noise is hidden at k = {}; {}", time(first), first.k, others.join(", ")))
+    let first = forecast.shown()?;
+    let time = |seconds: Option<f64>| seconds.map_or_else(|| "an unknown time".into(), about);
+    let mut line = format!("about {} until the noise is hidden at k = {}", time(first.seconds), first.k);
+    if let Some(course) = &forecast.course {
+        let percent = |share: f64| (1e4 * share).round() / 100.0;
+        let early = course.early_seconds.map_or(String::new(), |s| format!("90 % of the pixels after {}, ", about(s)));
+        line += &format!(": {early}{} % after {}", percent(course.share), time(first.seconds));
+        if !course.last_objects.is_empty() {
+            let names: Vec<String> = course.last_objects.iter().map(|name| format!("`{name}`")).collect();
+            line += &format!("; the last {} % is mostly {}", percent(1.0 - course.share), names.join(" and "));
+        }
+    }
+    let others =
+        forecast.levels.iter().filter(|l| l.k != first.k).map(|l| format!("{} at k = {}", time(l.seconds), l.k));
+    Some(format!("{line}; {}", others.collect::<Vec<_>>().join(", ")))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dunkelfeld::{ForecastCourse, ForecastLevel};
 
     #[test]
     fn the_expectation_names_its_own_level_first() {
         let level =
             |k, seconds| ForecastLevel { k, samples: None, seconds, actual_samples: None, actual_seconds: None };
         let levels = vec![level(1.0, Some(31.2)), level(0.7, Some(94.0)), level(0.25, None)];
-        let mut forecast = Forecast { levels, target: None, made_at: 3.0, made_from: 4096, remaining: None };
+        let mut forecast =
+            Forecast { levels, target: None, made_at: 3.0, made_from: 4096, course: None, remaining: None };
         assert_eq!(
             expectation(&forecast).as_deref(),
             Some("about 94 s until the noise is hidden at k = 0.7; 31 s at k = 1, an unknown time at k = 0.25")
@@ -153,6 +167,15 @@ mod tests {
         assert!(
             expectation(&forecast)
                 .is_some_and(|line| line.starts_with("about 31 s until the noise is hidden at k = 1;"))
+        );
+        let last_objects = vec!["bracket".to_string()];
+        forecast.course = Some(ForecastCourse { share: 0.99, early_seconds: Some(12.3), last_objects });
+        assert_eq!(
+            expectation(&forecast).as_deref(),
+            Some(
+                "about 31 s until the noise is hidden at k = 1: 90 % of the pixels after 12 s, 99 % after 31 s; the last \
+                 1 % is mostly `bracket`; 94 s at k = 0.7, an unknown time at k = 0.25"
+            )
         );
     }
 }

@@ -2,7 +2,7 @@
 //! form.
 
 use dunkelfeld::ExposureOption;
-use dunkelfeld::adaptive::{MAX_MEAN_SPP, NOISE_LEVELS};
+use dunkelfeld::adaptive::{MAX_MEAN_SPP, NOISE_LEVELS, SHARES};
 use dunkelfeld::io::{Length, Time};
 use dunkelfeld::radiometry::{Number, Seconds};
 use dunkelfeld::scene::Effect;
@@ -114,6 +114,13 @@ pub(crate) fn noise_level(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(k) if NOISE_LEVELS.contains(&k) => Ok(k),
         _ => Err("write a number from 0.001 to 1000, such as 0.7".into()),
+    }
+}
+
+pub(crate) fn share(text: &str) -> Result<f64, String> {
+    match text.trim_end_matches('%').parse::<f64>() {
+        Ok(share) if SHARES.contains(&share) => Ok(share),
+        _ => Err("write a number from 1 to 100, such as 90".into()),
     }
 }
 

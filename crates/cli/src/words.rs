@@ -51,6 +51,20 @@ pub(crate) fn remaining(s: f64) -> String {
     }
 }
 
+/// A forecast of a time: two significant digits, in the unit that suits it.
+pub(crate) fn about(seconds: f64) -> String {
+    let units = [("days", 86_400.0), ("h", 3600.0), ("min", 60.0)];
+    let (name, size) = units.into_iter().find(|(_, size)| seconds >= 2.0 * size).unwrap_or(("s", 1.0));
+    let value = seconds.max(0.0) / size;
+    match value {
+        v if v < 9.95 => format!("{v:.1} {name}"),
+        v => {
+            let unit = 10f64.powf(v.log10().floor() - 1.0).max(1.0);
+            format!("{:.0} {name}", (v / unit).round() * unit)
+        }
+    }
+}
+
 /// A large number.
 pub(crate) fn count(n: u64) -> String {
     match n as f64 {
@@ -124,6 +138,8 @@ mod tests {
         assert_eq!(remaining(119.6), "2 min 00 s");
         assert_eq!(remaining(9000.0), "2 h 30 min");
         assert_eq!(remaining(-1.0), "0 s");
+        let times = [0.04, 9.96, 94.4, 117.0, 130.0, 3600.0, 7300.0, 1e9].map(about);
+        assert_eq!(times, ["0.0 s", "10 s", "94 s", "120 s", "2.2 min", "60 min", "2.0 h", "12000 days"]);
     }
 
     #[test]

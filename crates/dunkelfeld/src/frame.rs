@@ -132,7 +132,7 @@ fn expose(
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
     let measured = film.map(|film| FilmNoise::exposed(response, model, exposure, film));
     let k = settings.budget.noise.unwrap_or(DEFAULT_TARGET);
-    let (noise, certified) = match &measured {
+    let (noise, mut certified) = match &measured {
         None => (None, None),
         Some(measured) if is_matched => {
             let variances = measured.pixel_variances();
@@ -141,6 +141,9 @@ fn expose(
         }
         Some(measured) => (None, measured.certify(k)),
     };
+    if let Some(certified) = &mut certified {
+        certified.certificate.share = settings.budget.hidden_share();
+    }
     let mut values = Plane::new(width, height, 0u16);
     values.data_mut().par_chunks_mut(width as usize).enumerate().try_for_each(|(y, row)| {
         let rows = y as u32..y as u32 + 1;

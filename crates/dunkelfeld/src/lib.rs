@@ -96,9 +96,9 @@ pub use dunkelfeld_render::film_noise::Certified;
 pub use dunkelfeld_render::parallel::mean_without_gaps;
 pub use dunkelfeld_render::{
     Budget, Cancel, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_PILOT_SPP, DEFAULT_SPP, DenoiseMethod,
-    DenoiseSettings, Error, FORECAST_LEVELS, FilmInProgress, Forecast, ForecastLevel, MAX_PIXELS, MAX_SIDE,
-    MAX_THREADS, OIDN_VARIABLE, PilotForecast, Progress, ProgressState, RenderSettings, RenderedFilm, Rendering,
-    ResumedWork, SavedFilm, SensorChoice, Session, Silent, Stage, camera, render, written,
+    DenoiseSettings, Error, FORECAST_LEVELS, FilmInProgress, Forecast, ForecastCourse, ForecastLevel, MAX_PIXELS,
+    MAX_SIDE, MAX_THREADS, OIDN_VARIABLE, PilotForecast, Progress, ProgressState, RenderSettings, RenderedFilm,
+    Rendering, ResumedWork, SavedFilm, SensorChoice, Session, Silent, Stage, camera, render, written,
 };
 
 pub use dunkelfeld_io::InputError;
@@ -107,7 +107,7 @@ pub use dunkelfeld_io::input::{InputFiles, Role as InputRole};
 
 /// Allocation of samples, and the certificate of a render.
 pub mod adaptive {
-    pub use dunkelfeld_adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS};
+    pub use dunkelfeld_adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS, SHARES};
     pub use dunkelfeld_adaptive::plan::MAX_SPP;
     pub use dunkelfeld_adaptive::{Certificate, StopReason, Strategy, UnknownStrategy};
 }

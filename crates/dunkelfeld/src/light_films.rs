@@ -89,7 +89,8 @@ pub fn develop_behind_lens(
     let variances: Vec<_> = lit.map(|light| (exposer.film_variances(light.film), light.factor)).collect();
     let k = settings.budget.noise.unwrap_or(dunkelfeld_adaptive::required_samples::DEFAULT_TARGET);
     let variances: Vec<_> = variances.iter().map(|(variances, factor)| (variances, *factor)).collect();
-    let certified = exposer.certify_sum(&variances, k)?;
+    let mut certified = exposer.certify_sum(&variances, k)?;
+    certified.certificate.share = settings.budget.hidden_share();
     exposer.into_frame(settings.frame, Some(certified), &settings.without)
 }
 

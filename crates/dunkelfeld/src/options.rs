@@ -79,6 +79,8 @@ pub struct RenderOptions {
     pub spp: Option<f64>,
     /// The k of the certificate at which the render may end.
     pub noise: Option<f64>,
+    /// The share of the pixels \[%\] that must be hidden at that k.
+    pub share: Option<f64>,
     /// Seed of the samples, of the noise and of the device.
     pub seed: Option<u64>,
     /// Number of the frame.
@@ -173,14 +175,18 @@ impl RenderOptions {
     fn apply(self, project: &mut Project) -> Result<(), Error> {
         let is_limited = self.time.is_some() || self.spp.is_some() || self.noise.is_some();
         let is_replay = self.replay.is_some();
-        if is_replay && (is_limited || self.strategy.is_some()) {
+        if is_replay && (is_limited || self.share.is_some() || self.strategy.is_some()) {
             let problem = "the samples are those of the plan, so that there is neither a limit nor a strategy";
-            return Err(Error::setting("replay", problem, "leave out time, spp, noise and strategy, or the plan"));
+            return Err(Error::setting(
+                "replay",
+                problem,
+                "leave out time, spp, noise, share and strategy, or the plan",
+            ));
         }
         if let Some(replay) = self.replay {
             replay.apply(project)?;
         }
-        let Self { width, height, camera, time, spp, noise, seed, frame, threads, strategy, .. } = self;
+        let Self { width, height, camera, time, spp, noise, share, seed, frame, threads, strategy, .. } = self;
         let s = &mut project.settings;
         let another = self.sensor.is_some();
         select_sensor(&mut s.sensor, (self.sensor, self.exposure), project.optics, &mut project.inputs)?;
@@ -197,6 +203,7 @@ impl RenderOptions {
         if is_limited {
             s.budget = Budget::default().with_seconds(time).with_spp(spp).with_noise(noise);
         }
+        s.budget.share = share.or(s.budget.share);
         s.seed = seed.unwrap_or(s.seed);
         s.frame = frame.unwrap_or(s.frame);
         s.training_paths = self.training_paths.or(s.training_paths);

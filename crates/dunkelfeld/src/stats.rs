@@ -136,7 +136,7 @@ pub struct PartStats {
 pub struct CertificateStats {
     /// The level that is certified: standard deviation of the render's noise over that of the sensor's.
     pub k: f64,
-    /// Is the render hidden at k: are 99 % of the unsaturated pixels?
+    /// Is the render hidden at k: are 99 % of the unsaturated pixels, or the share that was set?
     pub is_hidden: bool,
     /// Share of the unsaturated pixels that are hidden at k.
     pub hidden: f64,

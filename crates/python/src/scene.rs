@@ -236,8 +236,8 @@ impl Scene {
     /// `training_paths` is the number of paths that train Russian roulette; 0 switches it off.
     ///
     /// Ctrl-C ends the render and raises `Interrupted`, whose `film` has the samples until then.
-    #[pyo3(signature = (*, spp=None, time=None, noise=None, width=None, height=None, camera=None, seed=None, frame=None,
-        threads=None, samples=None, strategy=None, sensor=None, exposure=None, exposure_noise=None, vignetting=None,
+    #[pyo3(signature = (*, spp=None, time=None, noise=None, share=None, width=None, height=None, camera=None, seed=None,
+        frame=None, threads=None, samples=None, strategy=None, sensor=None, exposure=None, exposure_noise=None, vignetting=None,
         denoise=None, oidn=None, replay=None, training_paths=None, memory=None, checkpoint=None, checkpoint_every=None,
         progress=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
@@ -247,6 +247,7 @@ impl Scene {
         spp: Option<f64>,
         time: Option<f64>,
         noise: Option<f64>,
+        share: Option<f64>,
         width: Option<u32>,
         height: Option<u32>,
         camera: Option<String>,
@@ -273,7 +274,7 @@ impl Scene {
         let threads = checked_threads(threads)?;
         let mut options = RenderOptions::default();
         (options.width, options.height, options.camera) = (width, height, camera);
-        (options.time, options.spp, options.noise) = (time, spp, noise);
+        (options.time, options.spp, options.noise, options.share) = (time, spp, noise, share);
         (options.seed, options.frame, options.threads, options.strategy) = (seed, frame, threads, strategy);
         options.samples = samples.map(|(from, to)| from..to);
         options.sensor = sensor.map(SensorArgument::option);

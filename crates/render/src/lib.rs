@@ -32,7 +32,7 @@ pub use checkpoint::ResumedWork;
 pub use driver::{EXR_PER_MEGAPIXEL, OutputDryRun, Rendering, render, render_with_dry_run, thread_count};
 pub use error::{Error, ErrorParts, camera_help, written};
 pub use merge::{JoinedParts, PartSummary};
-pub use plan::forecast::{FORECAST_LEVELS, Forecast, ForecastLevel};
+pub use plan::forecast::{FORECAST_LEVELS, Forecast, ForecastCourse, ForecastLevel};
 pub use plan::pilot_forecast::PilotForecast;
 pub use progress::{Cancel, Progress, ProgressState, Silent};
 pub use render_key::RenderKey;

@@ -130,11 +130,12 @@ impl RenderKey {
 
 /// A budget in words. The text of a number is exact to the last bit.
 fn words(budget: &Budget) -> String {
-    let Budget { seconds, spp, noise } = budget;
+    let Budget { seconds, spp, noise, share } = budget;
+    let of_pixels = share.map_or(String::new(), |share| format!(" in {share} % of the pixels"));
     let limits = [
         seconds.map(|s| format!("{s} s")),
         spp.map(|n| format!("{n} samples per pixel")),
-        noise.map(|k| format!("noise hidden at k = {k}")),
+        noise.map(|k| format!("noise hidden at k = {k}{of_pixels}")),
     ];
     let limits: Vec<String> = limits.into_iter().flatten().collect();
     if limits.is_empty() { "the default".into() } else { limits.join(", ") }

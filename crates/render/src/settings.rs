@@ -7,6 +7,7 @@ pub use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE};
 pub use dunkelfeld_film::{MAX_PIXELS, MAX_SIDE};
 
 use derive_setters::Setters;
+use dunkelfeld_adaptive::required_samples::HIDDEN_SHARE;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::{FilmLayers, Plane};
 use dunkelfeld_io::job::{DEFAULT_SENSOR, LensSettings};
@@ -52,6 +53,16 @@ pub struct Budget {
     /// then at most k times that of the sensor's noise. Needs a sensor.
     #[setters(into)]
     pub noise: Option<f64>,
+    /// The share of the unsaturated pixels \[%\] that must be hidden at that k, instead of 99.
+    #[setters(into)]
+    pub share: Option<f64>,
+}
+
+impl Budget {
+    /// The share of the unsaturated pixels that must be hidden, in \[0, 1\].
+    pub fn hidden_share(&self) -> f64 {
+        self.share.map_or(HIDDEN_SHARE, |percent| percent / 100.0)
+    }
 }
 
 /// The exposure of the render.

@@ -44,6 +44,15 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
     if let SensorChoice::Emva { model, exposure: Some(exposure), .. } = &s.sensor {
         model.check_exposure(*exposure)?;
     }
+    if let Some(share) = s.budget.share {
+        if !budget::SHARES.contains(&share) {
+            return Err(Error::setting("share", "it must be a number from 1 to 100 per cent", "use 90"));
+        }
+        if s.budget.noise.is_none() {
+            let problem = "it is the share of the pixels that must be hidden, and there is no level of noise";
+            return Err(Error::setting("share", problem, "add a level of noise, such as 0.7"));
+        }
+    }
     if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
         let problem = "the allocation `sensor` needs the noise of a sensor, and there is no sensor";
         return Err(Error::setting("allocation", problem, "choose a sensor, or the allocation `variance`"));

@@ -2,22 +2,46 @@
 
 /// Three significant digits, with a power of ten below 0.0001 and from 100 000. A dash for a number that is not finite.
 pub fn rounded(v: f64) -> String {
+    with_decimals(v, 2)
+}
+
+/// A forecast: two significant digits, as [`rounded`].
+pub fn coarse(v: f64) -> String {
+    let unit = 10f64.powi(magnitude(v) - 1);
+    with_decimals((v / unit).round() * unit, 1)
+}
+
+fn magnitude(v: f64) -> i32 {
+    if v == 0.0 { 0 } else { v.abs().log10().floor() as i32 }
+}
+
+/// A number with so many decimals behind its first digit.
+fn with_decimals(v: f64, decimals: i32) -> String {
     if !v.is_finite() {
         return "-".into();
     }
-    let digits = if v == 0.0 { 0 } else { v.abs().log10().floor() as i32 };
+    let digits = magnitude(v);
     match digits {
-        ..-4 | 5.. => format!("{:.2}\u{b7}{}", v / 10f64.powi(digits), power_of_ten(digits)),
-        _ => format!("{v:.*}", (2 - digits).max(0) as usize),
+        ..-4 | 5.. => format!("{:.*}\u{b7}{}", decimals as usize, v / 10f64.powi(digits), power_of_ten(digits)),
+        _ => format!("{v:.*}", (decimals - digits).max(0) as usize),
     }
 }
 
 /// A time \[s\] with three digits, in the unit that suits it: seconds to years.
 pub fn duration(seconds: f64) -> String {
+    in_unit(seconds, rounded)
+}
+
+/// A forecast of a time \[s\] with two digits, as [`duration`].
+pub fn coarse_duration(seconds: f64) -> String {
+    in_unit(seconds, coarse)
+}
+
+fn in_unit(seconds: f64, digits: fn(f64) -> String) -> String {
     let units = [("years", 31_557_600.0), ("days", 86_400.0), ("h", 3600.0), ("min", 60.0)];
     match units.into_iter().find(|(_, size)| seconds >= 2.0 * size) {
-        Some((name, size)) => format!("{} {name}", rounded(seconds / size)),
-        None => format!("{} s", rounded(seconds)),
+        Some((name, size)) => format!("{} {name}", digits(seconds / size)),
+        None => format!("{} s", digits(seconds)),
     }
 }
 

@@ -123,7 +123,7 @@ fn options(args: &RenderArgs, has_sensor: bool) -> Result<RenderOptions, Error> 
     }
     let mut options = RenderOptions::default();
     (options.width, options.height, options.camera) = (args.width, args.height, args.camera.clone());
-    (options.time, options.spp, options.noise) = (args.time, args.spp, args.noise);
+    (options.time, options.spp, options.noise, options.share) = (args.time, args.spp, args.noise, args.share);
     (options.seed, options.frame, options.strategy) = (args.seed, args.frame, args.allocate);
     options.replay = args.replay.clone().map(ReplayOption::File);
     options.training_paths = args.training_paths;

@@ -277,7 +277,8 @@ fn apply_job(
     let budget = Budget::default()
         .with_seconds(job.budget.time.map(|t| t.as_secs_f64()))
         .with_spp(job.budget.spp)
-        .with_noise(job.budget.noise);
+        .with_noise(job.budget.noise)
+        .with_share(job.budget.share);
     let settings = RenderSettings::default()
         .with_width(width)
         .with_height(height)

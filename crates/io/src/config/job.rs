@@ -178,6 +178,9 @@ pub struct BudgetSettings {
     /// The k at which 99 % of the unsaturated pixels must be hidden by the noise of the sensor.
     #[serde(deserialize_with = "check::noise")]
     pub noise: Option<f64>,
+    /// The share of these pixels \[%\] that must be hidden, instead of 99. It needs `noise`.
+    #[serde(deserialize_with = "check::hidden_share")]
+    pub share: Option<f64>,
     /// Memory limit of the run \[bytes\]: `"6GB"`. A run that needs more does not begin.
     #[serde(deserialize_with = "check::memory")]
     pub memory: Option<u64>,

@@ -1,6 +1,7 @@
 //! The forecast of a render from its pilot: samples and seconds until its noise is hidden at several k.
 
-use dunkelfeld_adaptive::required_samples::total;
+use crate::rendered_film::RenderedFilm;
+use dunkelfeld_adaptive::required_samples::{RequiredSamples, total};
 use dunkelfeld_adaptive::tile_cost::CostMap;
 use dunkelfeld_film::Plane;
 use serde::{Deserialize, Serialize};
@@ -8,7 +9,12 @@ use serde::{Deserialize, Serialize};
 /// The levels of every forecast: total noise 41, 22, 12 and 3 % above the sensor's.
 pub const FORECAST_LEVELS: [f64; 4] = [1.0, 0.7, 0.5, 0.25];
 
-/// Cost until 99 % of the unsaturated pixels are hidden at some k.
+/// The earlier share of the pixels whose time a forecast also has.
+const EARLY_SHARE: f64 = 0.9;
+/// Most objects that are named as those of the last pixels.
+const MAX_NAMED: usize = 2;
+
+/// Cost until the share of the unsaturated pixels at which the render ends, or 99 %, is hidden at some k.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ForecastLevel {
     /// The level: the standard deviation of the render's noise over that of the sensor's.
@@ -23,6 +29,18 @@ pub struct ForecastLevel {
     pub actual_seconds: Option<f64>,
 }
 
+/// The shares of the pixels that are hidden early and late.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ForecastCourse {
+    /// The share of the pixels of the levels of the forecast.
+    pub share: f64,
+    /// Wall-clock seconds until 90 % of the pixels are hidden. `null` where the pilot could not determine it, and for a
+    /// share of 90 % or less.
+    pub early_seconds: Option<f64>,
+    /// The objects that have most of the other pixels, the most first.
+    pub last_objects: Vec<String>,
+}
+
 /// A forecast. It is computed once, after the pilot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Forecast {
@@ -35,6 +53,9 @@ pub struct Forecast {
     pub made_at: f64,
     /// Samples of the whole image at the time of the forecast.
     pub made_from: u64,
+    /// The course of the level of [`Self::shown`].
+    #[serde(default)]
+    pub course: Option<ForecastCourse>,
     /// Remaining seconds of this render from then on, to the first limit that it reaches. `None` if unknown.
     pub remaining: Option<f64>,
 }
@@ -55,28 +76,34 @@ pub(crate) struct Throughput<'a> {
 
 /// The inputs of a forecast.
 pub(crate) struct ForecastInput<'a> {
+    pub(crate) film: &'a RenderedFilm,
     /// Samples per pixel so far.
     pub(crate) counts: &'a Plane<u32>,
-    /// Samples per pixel until the image is hidden at k; `None` without a sensor.
-    pub(crate) targets: &'a dyn Fn(f64) -> Option<Plane<f32>>,
+    /// Samples per pixel until a share of the pixels is hidden at k; `None` without a sensor.
+    pub(crate) targets: &'a dyn Fn(f64, f64) -> Option<Plane<f32>>,
+    /// Samples that each pixel needs by itself at k.
+    pub(crate) required: &'a dyn Fn(f64) -> Option<RequiredSamples>,
     /// The level at which the render ends.
     pub(crate) target: Option<f64>,
+    /// The share of the pixels that must be hidden.
+    pub(crate) share: f64,
 }
 
 impl Forecast {
     /// A forecast from the measurements of the pilot; `None` without a sensor.
     pub(crate) fn new(input: &ForecastInput<'_>, pace: &Throughput<'_>) -> Option<Self> {
-        let ForecastInput { counts, target, .. } = *input;
+        let ForecastInput { counts, target, share, .. } = *input;
+        let known = |v: f64| v.is_finite().then_some(v);
+        let seconds = |targets: &Plane<f32>| {
+            let per_work = pace.per_work?;
+            known(pace.elapsed + per_work * work(targets, counts, pace.costs) / pace.threads as f64 + pace.closing)
+        };
         let mut levels: Vec<f64> = FORECAST_LEVELS.into_iter().chain(target).collect();
         levels.sort_by(|a, b| b.total_cmp(a));
         levels.dedup();
         let levels = levels.into_iter().map(|k| {
-            let targets = (input.targets)(k)?;
-            let known = |v: f64| v.is_finite().then_some(v);
-            let seconds = pace.per_work.map(|per_work| {
-                pace.elapsed + per_work * work(&targets, counts, pace.costs) / pace.threads as f64 + pace.closing
-            });
-            let (samples, seconds) = (known(total(&targets)), seconds.and_then(known));
+            let targets = (input.targets)(k, share)?;
+            let (samples, seconds) = (known(total(&targets)), seconds(&targets));
             Some(ForecastLevel { k, samples, seconds, actual_samples: None, actual_seconds: None })
         });
         let levels: Vec<ForecastLevel> = levels.collect::<Option<_>>()?;
@@ -85,15 +112,48 @@ impl Forecast {
         let by_samples = pace.limits.1.zip(pace.per_work).map(|(samples, per_work)| {
             per_work * samples.saturating_sub(made_from) as f64 / pace.threads as f64 + pace.closing
         });
-        let mut forecast = Self { levels, target, made_at: pace.elapsed, made_from, remaining: None };
+        let mut forecast = Self { levels, target, made_at: pace.elapsed, made_from, course: None, remaining: None };
+        if let Some(k) = forecast.shown().map(|level| level.k) {
+            let early = if share > EARLY_SHARE { (input.targets)(k, EARLY_SHARE) } else { None };
+            let early_seconds = early.and_then(|targets| seconds(&targets));
+            forecast.course = Some(ForecastCourse { share, early_seconds, last_objects: input.last_objects(k) });
+        }
         let by_noise = forecast.target().and_then(|l| l.seconds).map(|seconds| seconds - pace.elapsed);
         forecast.remaining = [by_time, by_samples, by_noise].into_iter().flatten().reduce(f64::min);
         Some(forecast)
     }
 
+    /// The level at which the render ends, or 0.7.
+    pub fn shown(&self) -> Option<&ForecastLevel> {
+        self.target().or(self.levels.iter().find(|l| l.k == 0.7))
+    }
+
     /// The level at which the render ends.
     pub fn target(&self) -> Option<&ForecastLevel> {
         self.levels.iter().find(|l| Some(l.k) == self.target)
+    }
+}
+
+impl ForecastInput<'_> {
+    /// The objects of the pixels that are not hidden when the share of the pixels is: the one with most of them, and the
+    /// next one if the first has less than half.
+    fn last_objects(&self, k: f64) -> Vec<String> {
+        let Some((targets, required)) = (self.targets)(k, self.share).zip((self.required)(k)) else {
+            return Vec::new();
+        };
+        let names = &self.film.object_names;
+        let mut pixels = vec![0u64; names.len()];
+        let rest = required.samples.data().iter().zip(targets.data()).zip(self.film.ids.data());
+        for ids in rest.filter(|((required, target), _)| required > target).filter_map(|(_, ids)| ids.as_ref()) {
+            if let Some(n) = pixels.get_mut(ids.object() as usize) {
+                *n += 1;
+            }
+        }
+        let all: u64 = pixels.iter().sum();
+        let mut objects: Vec<(u64, &String)> = pixels.into_iter().zip(names).filter(|(n, _)| *n > 0).collect();
+        objects.sort_by(|a, b| b.0.cmp(&a.0));
+        let is_most = objects.first().is_some_and(|(n, _)| 2 * n >= all);
+        objects.into_iter().take(if is_most { 1 } else { MAX_NAMED }).map(|(_, name)| name.clone()).collect()
     }
 }
 

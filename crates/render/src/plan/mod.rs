@@ -145,7 +145,9 @@ impl<'a> Planner<'a> {
         let (signal_model, image) = self.exposed(&state.film.sums)?;
         let measured = FilmNoise::new(&signal_model, state.film);
         let own = measured.pixel_noise();
-        let is_hidden = measured.certify_by(own.data().iter().copied(), k).is_some_and(|c| c.certificate.is_hidden());
+        let share = self.settings.budget.hidden_share();
+        let is_hidden =
+            measured.certify_by(own.data().iter().copied(), k).is_some_and(|c| c.certificate.hidden >= share);
         let required_samples = measured.needs_by(&own, k);
         let spp = mean_count(state.counts);
         let weights = &self.shares.weights;
@@ -154,10 +156,10 @@ impl<'a> Planner<'a> {
                 return Ok(NoiseVerdict::Hidden);
             }
             let needed = required_samples
-                .map(|n| self.state.trend.extrapolate(n.if_weighted(state.counts, weights), state.counts));
+                .map(|n| self.state.trend.extrapolate(n.if_weighted(state.counts, weights, share), state.counts));
             return Ok(NoiseVerdict::After(needed.map_or(f64::INFINITY, |targets| total(&targets))));
         }
-        let required = required_samples.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, weights)));
+        let required = required_samples.map_or(f64::INFINITY, |n| total(&n.if_weighted(state.counts, weights, share)));
         let required = required / state.counts.data().len() as f64;
         self.state.trend.note(spp, required);
         // A pilot with a target of 20 samples has 16: see below.
@@ -180,8 +182,8 @@ impl<'a> Planner<'a> {
         if let Some(forecast) = &self.forecast {
             report(forecast);
         }
-        let needed = self.required_total(&pilot_noise, k, state.counts, &self.shares.weights);
-        Ok(NoiseVerdict::After(needed))
+        let targets = self.targets(&pilot_noise, (k, share), state.counts, &self.shares.weights);
+        Ok(NoiseVerdict::After(targets.map_or(f64::INFINITY, |t| total(&t))))
     }
 
     /// Fixes the shares for the rest of the render, and computes the forecast.
@@ -197,8 +199,16 @@ impl<'a> Planner<'a> {
         let shares = self.shares_after(signal_model, &image, pilot_noise, state.counts);
         // The forecast needs the memory.
         drop(image);
-        let targets = |k| pilot_noise.and_then(|s| self.targets(s, k, state.counts, &shares.weights));
-        let forecast_input = ForecastInput { counts: state.counts, targets: &targets, target };
+        let targets = |k, share| pilot_noise.and_then(|s| self.targets(s, (k, share), state.counts, &shares.weights));
+        let required = |k| pilot_noise.and_then(|s| s.measured.needs_by(&s.own, k));
+        let forecast_input = ForecastInput {
+            film: state.film,
+            counts: state.counts,
+            targets: &targets,
+            required: &required,
+            target,
+            share: self.settings.budget.hidden_share(),
+        };
         self.forecast = Forecast::new(&forecast_input, pace);
         self.shares = shares;
         self.state.is_made = true;
@@ -232,25 +242,26 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// Estimated samples per pixel until the image is hidden at `k` with the strategy of the render. `None` without a
+    /// Estimated samples per pixel until a share of the pixels is hidden at k with the strategy of the render. `None` without a
     /// sensor. Shares are planned from the neighbours. The total follows from the variance that is certified.
     fn targets(
         &self,
         pilot_noise: &PilotNoise<'_>,
-        k: f64,
+        (k, share): (f64, f64),
         counts: &Plane<u32>,
         weights: &Plane<f32>,
     ) -> Option<Plane<f32>> {
         let required_samples = pilot_noise.measured.needs_by(&pilot_noise.own, k)?;
         let targets = match self.settings.strategy() {
-            Strategy::Sensor => required_samples.if_weighted(counts, &pilot_noise.planned(k)?.shares(least(counts))),
-            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => required_samples.if_weighted(counts, weights),
+            Strategy::Sensor => {
+                let weights = pilot_noise.planned(k)?.shares(least(counts));
+                required_samples.if_weighted(counts, &weights, share)
+            }
+            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => {
+                required_samples.if_weighted(counts, weights, share)
+            }
         };
         Some(self.state.trend.extrapolate(targets, counts))
-    }
-
-    fn required_total(&self, pilot_noise: &PilotNoise<'_>, k: f64, counts: &Plane<u32>, weights: &Plane<f32>) -> f64 {
-        self.targets(pilot_noise, k, counts, weights).map_or(f64::INFINITY, |t| total(&t))
     }
 }
 

@@ -8,9 +8,13 @@ use super::statistics::{Deviations, pooled};
 use crate::report::estimate::Estimate;
 use crate::series::statistics::quantile;
 use dunkelfeld_film::Plane;
+use dunkelfeld_report::words::{coarse, coarse_duration};
 
 /// Share of the unsaturated pixels that must be hidden.
 pub(super) const SHARE: f64 = 0.99;
+
+/// A headline does not extrapolate beyond this many times the measured samples: the trend there is unknown.
+const REACH: f64 = 100.0;
 
 /// The cost of hiding at k with one strategy.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +24,22 @@ pub(super) struct Price {
     pub(super) spp: Estimate,
     /// Seconds of rendering.
     pub(super) seconds: Estimate,
+    /// `spp` over the measured samples per pixel.
+    pub(super) factor: f64,
+}
+
+impl Price {
+    /// Is it so far beyond the measurement that only a lower bound is stated?
+    pub(super) fn is_beyond_reach(&self) -> bool {
+        self.factor > REACH
+    }
+
+    /// Seconds and samples per pixel with two digits.
+    pub(super) fn words(&self) -> [String; 2] {
+        let (prefix, part) = if self.is_beyond_reach() { ("more than ", REACH / self.factor) } else { ("", 1.0) };
+        let [seconds, spp] = [self.seconds, self.spp].map(|v| part * v.value);
+        [coarse_duration(seconds), coarse(spp)].map(|words| format!("{prefix}{words}"))
+    }
 }
 
 /// Ratio of the total noise of a picture to the sensor's own, minus one.
@@ -51,7 +71,7 @@ fn ratios(variance: &Plane<f64>, s: &Plane<f64>, counts: &[bool]) -> Vec<f64> {
 /// mean is in proportion to the inverse of its samples, and the time is in proportion to them.
 pub(super) fn price(k: f64, worst: Estimate, spp: f64, seconds: Estimate) -> Price {
     let samples = worst.scaled(spp / (k * k));
-    Price { k, spp: samples, seconds: samples.times(seconds.scaled(1.0 / spp)) }
+    Price { k, spp: samples, seconds: samples.times(seconds.scaled(1.0 / spp)), factor: samples.value / spp }
 }
 
 #[cfg(test)]
@@ -74,6 +94,16 @@ mod tests {
         assert!((half.seconds.value - 80.0).abs() < 1e-9);
         // 10 % of the ratio and 1 % of the time.
         assert!((half.seconds.error - 80.0 * 0.0101f64.sqrt()).abs() < 1e-3, "{half:?}");
+    }
+
+    #[test]
+    fn headlines_end_at_a_hundred_times_the_measurement() {
+        let seconds = Estimate { value: 10.0, error: 0.1 };
+        let of = |worst| price(0.5, Estimate { value: worst, error: 0.1 }, 32.0, seconds).words();
+        assert_eq!(of(0.3134), ["13 s", "40"]);
+        assert_eq!(of(24.9), ["17 min", "3200"]);
+        assert_eq!(of(25.1), ["more than 17 min", "more than 3200"]);
+        assert_eq!(of(1e9), ["more than 17 min", "more than 3200"]);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use dunkelfeld::save_text;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_report::chart::Chart;
 use dunkelfeld_report::page::{charts, facts, head, picture, tiles};
-use dunkelfeld_report::words::{duration, rounded};
+use dunkelfeld_report::words::rounded;
 use maud::{Markup, html};
 use std::path::{Path, PathBuf};
 
@@ -131,14 +131,15 @@ impl<'a> Report<'a> {
             tiles.push(("no light".into(), "the image is black and has no noise".into()));
         }
         if let Some((strategy, price)) = best.filter(|(_, price)| price.seconds.value > 0.0) {
+            let [time, spp] = price.words();
             tiles.push((
-                duration(price.seconds.value),
+                time,
                 format!(
-                    "until the render\u{2019}s noise is hidden at k = {k} with {strategy}: {} samples per pixel",
-                    rounded(price.spp.value)
+                    "until the render\u{2019}s noise is hidden at k = {k} with {strategy}: {spp} samples per pixel"
                 ),
             ));
-            if let Some((_, plain)) = prices().find(|(s, _)| *s == Strategy::Uniform && strategy != Strategy::Uniform) {
+            let plain = prices().find(|(s, _)| *s == Strategy::Uniform && strategy != Strategy::Uniform);
+            if let Some((_, plain)) = plain.filter(|(_, plain)| !plain.is_beyond_reach()) {
                 tiles.push((
                     format!("{} \u{d7}", rounded(plain.seconds.value / price.seconds.value)),
                     format!(

@@ -14,7 +14,7 @@ use dunkelfeld::Error;
 use dunkelfeld::RenderSettings;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
-use dunkelfeld_report::words::{duration, rounded};
+use dunkelfeld_report::words::rounded;
 use dunkelfeld_scene::Effect;
 
 /// Data of a bench except its settings and units.
@@ -203,13 +203,16 @@ impl Results {
         for top in &self.tops {
             if let Some(price) = top.prices.iter().find(|p| p.k == k && p.seconds.value > 0.0) {
                 let over_best = price.seconds.value / best(k);
-                let compared =
-                    if over_best.is_finite() { format!(" ({over_best:.1} x the best)") } else { String::new() };
+                let compared = if over_best.is_finite() && !price.is_beyond_reach() {
+                    format!(" ({over_best:.1} x the best)")
+                } else {
+                    String::new()
+                };
+                let [time, spp] = price.words();
                 lines.push(format!(
-                    "{}: hidden at k = {k} after about {} samples per pixel, {}{compared}",
+                    "{}: hidden at k = {k} after {}{spp} samples per pixel, {time}{compared}",
                     top.strategy,
-                    rounded(price.spp.value),
-                    duration(price.seconds.value),
+                    if price.is_beyond_reach() { "" } else { "about " },
                 ));
             }
         }

@@ -2,7 +2,7 @@
 
 use crate::args::RenderArgs;
 use crate::outcome::{print, say};
-use crate::words::{count, exposure_time, seconds, shell};
+use crate::words::{about, count, exposure_time, seconds, shell};
 use dunkelfeld::scene::Effect;
 use dunkelfeld::{CertificateStats, Project, ProjectResult, SensorChoice, Stats};
 use std::fmt::Write;
@@ -147,7 +147,7 @@ fn summary(project: &Project, s: &Stats) -> String {
     let reached = s.forecast.iter().flatten().find_map(|l| Some((l.k, l.seconds?, l.actual_seconds?)));
     if let Some((k, forecast, took)) = reached {
         let off = 100.0 * (forecast / took - 1.0);
-        let (forecast, took) = (seconds(forecast), seconds(took));
+        let (forecast, took) = (about(forecast), seconds(took));
         let _ = writeln!(text, "hidden at k = {k} after {took}; the forecast was {forecast} ({off:+.0} %)");
     }
     for path in [&o.image, &o.linear, &o.exr, &o.plan, &o.stats].into_iter().flatten() {
@@ -212,7 +212,7 @@ fn advice(c: &CertificateStats, s: &Stats) -> String {
     // The variance of a mean decreases with the number of samples.
     let factor = c.ratio_p99.map(|ratio| ratio / (c.k * c.k)).filter(|factor| *factor > 1.0);
     ways.push(match (forecast, factor) {
-        (Some(time), _) => format!("more time, about {} in all (--noise {} stops there)", seconds(time), c.k),
+        (Some(time), _) => format!("more time, about {} in all (--noise {} stops there)", about(time), c.k),
         (None, Some(factor)) if factor <= MAX_FACTOR => {
             let factor = if factor < 10.0 { format!("{factor:.1}") } else { format!("{factor:.0}") };
             format!("more time, about {factor} times the samples (--noise {} stops there)", c.k)

@@ -3,7 +3,7 @@
 
 use crate::import::options::EmissiveUnit;
 use crate::quantity::{Angle, Factor, Length, Memory, PerLength, Power, Time};
-use dunkelfeld_adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS};
+use dunkelfeld_adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS, SHARES};
 use dunkelfeld_film::MAX_SIDE;
 use dunkelfeld_radiometry::{Number, Rgb};
 use dunkelfeld_scene::{Distortion, Vignetting};
@@ -37,6 +37,10 @@ pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Err
 /// Below a thousandth no sensor shows a difference. Above a thousand the limit has no effect.
 pub(super) fn noise<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
     real(d, *NOISE_LEVELS.start(), *NOISE_LEVELS.end()).map(Some)
+}
+
+pub(super) fn hidden_share<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, *SHARES.start(), *SHARES.end()).map(Some)
 }
 
 pub(super) fn gain<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
