@@ -137,7 +137,8 @@ def render_ours(dunkelfeld: Path | None, scene_file: Path, store: Path, size: in
         shape = ["--width", str(size), "--height", str(size)]
         before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         files = ["--exr", store, "--stats", statistics, "-o", store.with_suffix(".png")]
-        subprocess.run([dunkelfeld, "render", scene_file, *rules, *shape, *files], check=True, stdout=sys.stderr)
+        job = mitsuba_scene.job(scene_file)
+        subprocess.run([dunkelfeld, "render", job, *rules, *shape, *files], check=True, stdout=sys.stderr)
         facts = json.loads(statistics.read_text())
         facts["processor_seconds"] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
         statistics.write_text(json.dumps(facts))

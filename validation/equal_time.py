@@ -224,8 +224,9 @@ def race(name: str, arguments: argparse.Namespace, sensor: Sensor, denoiser: Den
         source = {"station": name}
     factors: list[float] = []
     flags = [flag for flag in arguments.flags.split(",") if flag]
-    render = our_renderer(arguments.dunkelfeld, file, size, weights, flags, factors)
-    planned = our_renderer(arguments.dunkelfeld, file, size, weights, flags, factors, allocate="sensor")
+    job = mitsuba_scene.job(file) if name in SHIPPED else file
+    render = our_renderer(arguments.dunkelfeld, job, size, weights, flags, factors)
+    planned = our_renderer(arguments.dunkelfeld, job, size, weights, flags, factors, allocate="sensor")
     albedo, normal, per_second = features(work / "features.npz", render, file.with_suffix(".exr"), factors)
     denoise = lambda image: denoiser(image, albedo, normal)
     racers = {"ours": Racer(work / f"{arguments.ours}.npz", spp, weights, render, denoise)}

@@ -44,7 +44,7 @@ def ours(program: Path, scene: Path) -> np.ndarray:
     import mitsuba as mi
 
     job, exr = scene.with_suffix(".toml"), scene.with_suffix(".exr")
-    rules = f'scene = "{scene.name}"\ncamera = "camera"\n[sensor]\nmodel = "none"\n[environment]\nradiance = 1.0\n'
+    rules = f'scene = "{scene.name}"\ncamera = "camera"\n[sensor]\nmodel = "none"\n[render]\nprincipled = "mitsuba"\n[environment]\nradiance = 1.0\n'
     job.write_text(rules)
     size = ["--width", str(SIZE), "--height", str(SIZE), "--spp", str(SPP), "--allocate", "uniform", "--progress", "none"]
     files = ["--exr", exr, "-o", scene.with_suffix(".png")]

@@ -150,6 +150,13 @@ def equal_terms(path: Path, zoom: float, target: Path, faceted: bool = False, cu
     return target
 
 
+def job(scene: Path) -> Path:
+    """Writes a job of ours beside a scene: the sum of lobes of Mitsuba's `principled` instead of layers."""
+    path = scene.with_suffix(".toml")
+    path.write_text(f'scene = "{scene.name}"\n\n[render]\nprincipled = "mitsuba"\n')
+    return path
+
+
 def _make_flat(glb: Glb, primitive: dict[str, Any], binary: bytearray, triangles: np.ndarray | None) -> None:
     """Gives every triangle of a primitive, or those that shall replace them, vertices of its own, with its own normal."""
     if triangles is None:

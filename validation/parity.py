@@ -118,7 +118,7 @@ def render_ours(case: parity_cases.Case, program: Path, work: Path, path: Path) 
     import mitsuba as mi
 
     if isinstance(case.scene, parity_cases.File):
-        scene = equal_terms(case.scene, work)
+        scene = mitsuba_scene.job(equal_terms(case.scene, work))
     else:
         scene = work / f"{case.name}.toml"
         parity_scene.write(case.scene, scene, SIZE, SIZE)

@@ -230,7 +230,7 @@ def write(scene: Scene, job: Path, width: int, height: int) -> None:
         lens += [f"principal_point = {_toml((right * width, down * height))}"]
     if lens:
         lines += ["", "[lens]", *lens]
-    text = "\n".join([*lines, "", "[sensor]", 'model = "none"', ""]) + environment
+    text = "\n".join([*lines, "", "[sensor]", 'model = "none"', "", "[render]", 'principled = "mitsuba"', ""]) + environment
     for name, material in scene.materials.items():
         text += "\n[[material]]\n" + "".join(f"{k} = {_toml(v)}\n" for k, v in _job_material(name, material).items())
     for index, light in enumerate(scene.lights):

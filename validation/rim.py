@@ -96,7 +96,7 @@ def main() -> None:
             exr, png = file.with_suffix(".exr"), file.with_suffix(".png")
             rules = ["--allocate", "uniform", "--spp", str(arguments.spp), "--seed", str(seed), "--sensor", "none"]
             size = ["--width", str(SIZE), "--height", str(SIZE), "--progress", "none"]
-            command = [arguments.dunkelfeld, "render", file, *rules, *size, "--exr", exr, "-o", png]
+            command = [arguments.dunkelfeld, "render", mitsuba_scene.job(file), *rules, *size, "--exr", exr, "-o", png]
             subprocess.run(command, check=True, capture_output=True)
             bitmap = mi.Bitmap(str(exr))
             names = [field.name for field in bitmap.struct_()]

@@ -315,7 +315,8 @@ def main() -> int:
         file = mitsuba_scene.equal_terms(root / "scenes" / "inspection" / f"{name}.glb", 1.0, work / f"{name}.glb")
         scene = mitsuba_scene.load(file, size, size)
         factors: list[float] = []
-        ours = lambda *flags: our_renderer(arguments.dunkelfeld, file, size, sensor.weights, list(flags), factors)
+        job = mitsuba_scene.job(file)
+        ours = lambda *flags: our_renderer(arguments.dunkelfeld, job, size, sensor.weights, list(flags), factors)
         contender = lambda who, render: Contender(work / f"{who}.npz", spp, sensor.weights, render)
         contenders = {"Mitsuba": contender("mitsuba", mitsuba_renderer(scene))}
         mask = covered(scene, size)

@@ -7,8 +7,8 @@
 //! returns NaN, an infinity or a negative value for unit directions, for any parameters.
 //!
 //! One file per lobe: [`diffuse`], [`sheen`], [`clearcoat`], [`specular`], [`transmission`], the last two on the facets
-//! of [`microfacet`] with [`fresnel`]. [`principled`], [`dielectric`] and [`thin`] mix them. [`compensation`]
-//! optionally restores the energy that rough surfaces lose between facets.
+//! of [`microfacet`] with [`fresnel`]. [`principled`], [`dielectric`] and [`thin`] mix them, [`layers`] keeps
+//! the energy of the mix. [`compensation`] optionally restores the energy that rough surfaces lose between facets.
 
 #![forbid(unsafe_code)]
 
@@ -23,6 +23,7 @@ pub mod compensation;
 pub mod dielectric;
 pub mod diffuse;
 pub mod fresnel;
+pub mod layers;
 pub mod microfacet;
 pub mod phase;
 pub mod principled;
@@ -36,6 +37,6 @@ pub use bsdf::Bsdf;
 pub use bsdf_sample::{BsdfSample, Lobe};
 pub use dielectric::Dielectric;
 pub use phase::HenyeyGreenstein;
-pub use principled::{Principled, PrincipledParams};
+pub use principled::{Principled, PrincipledModel, PrincipledParams};
 pub use thin::ThinSheet;
 pub use translucent::Translucent;

@@ -1,6 +1,13 @@
-//! The principled BSDF: the mix of all lobes, with the parameters and formulas of Mitsuba 3.9's `principled`.
+//! The principled BSDF: the mix of all lobes, with the parameters of Mitsuba 3.9's `principled`.
 //!
-//! The model is that of Burley (2012, 2015). Where the papers leave a choice, it follows Mitsuba:
+//! The model is that of Burley (2012, 2015), with layers that conserve energy ([`crate::layers`]). A furnace is never
+//! above one, and all lobes without [`crate::compensation`] are reciprocal:
+//! - the diffuse lobe is Lambert's, below the dielectric reflection, the clear coat and the sheen;
+//! - coat and sheen lie on all other lobes side by side, the sheen with a strength of at most 10;
+//! - a dielectric refracts what it does not reflect in the brightest channel; tint and specular colour change its
+//!   reflection at normal incidence.
+//!
+//! Where the papers leave a choice, it follows Mitsuba:
 //! - roughness squared is the GGX slope, anisotropy divides and multiplies it by `sqrt(1 - 0.9 anisotropic)`, slopes
 //!   are at least 0.001;
 //! - masking and shadowing are separable, `G = g1(wo) g1(wi)`;
@@ -11,13 +18,16 @@
 //!
 //! Deviations: `specular_factor`, `specular_color` and `sheen_color` are added (neutral by default). `anisotropic` may
 //! be negative, which swaps the axes. A transmitting boundary with matched index (within [`MATCHED_INDEX`] of 1) is a
-//! delta lobe. Parameters are clamped to their ranges. No deviation changes a value where Mitsuba's parameters are in
-//! range and `eta` is not 1. The sampling densities differ from Mitsuba's: the reflective lobe uses bounded visible
-//! normals.
+//! delta lobe. Parameters are clamped to their ranges. The sampling densities differ from Mitsuba's: the reflective lobe
+//! uses bounded visible normals.
+//!
+//! [`PrincipledModel::Mitsuba`] has Burley's diffuse lobe, and adds the lobes without regard to energy. Then no deviation
+//! changes a value where Mitsuba's parameters are in range and `eta` is not 1. It exists for comparisons.
 
 use crate::bsdf_sample::{BsdfSample, Lobe};
 use crate::dielectric::{MATCHED_INDEX, clamp_eta, delta, finite_sample, from_above, mirrored_if};
 use crate::fresnel::{self, schlick_weight};
+use crate::layers::{Curve, LEAST_SLOPE, below_coat_and_sheen, below_specular};
 use crate::microfacet::{Ggx, reflect};
 use crate::specular::SpecularColor;
 use crate::transmission::{eval_refraction, refract};
@@ -25,6 +35,18 @@ use crate::{EFFECTS, clearcoat, compensation, diffuse, sheen};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::warp;
+use std::f32::consts::FRAC_1_PI;
+
+/// How the lobes of a principled surface share the light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PrincipledModel {
+    /// Layers that conserve energy.
+    #[default]
+    Layered,
+    /// The sum of the lobes of Mitsuba's `principled`, which may scatter more light than arrives. For comparisons.
+    Mitsuba,
+}
 
 /// The parameters of a surface. Ranges are `[0, 1]` unless noted; values outside are clamped.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,6 +80,8 @@ pub struct PrincipledParams {
     pub clearcoat: f32,
     /// From satin to gloss, for the clear coat.
     pub clearcoat_gloss: f32,
+    /// How the lobes share the light.
+    pub model: PrincipledModel,
 }
 
 impl Default for PrincipledParams {
@@ -78,6 +102,7 @@ impl Default for PrincipledParams {
             sheen_tint: 0.0,
             clearcoat: 0.0,
             clearcoat_gloss: 0.0,
+            model: PrincipledModel::Layered,
         }
     }
 }
@@ -93,6 +118,14 @@ pub struct Principled {
     eta: f32,
     /// Base colour times the opaque dielectric share.
     diffuse_color: Rgb,
+    /// The share of the light of a direction that reaches the diffuse lobe.
+    to_diffuse: Curve,
+    /// Factor of the diffuse lobe, `1 / (pi mean(to_diffuse))`.
+    lambert: f32,
+    /// The share of the light of a direction that passes coat and sheen.
+    to_specular: Curve,
+    /// The refracting share of the dielectric.
+    spec_trans: f32,
     /// The refracting dielectric share, `(1 - metallic) spec_trans`.
     refracting: f32,
     /// Square root of the base colour times the refracting share.
@@ -103,20 +136,25 @@ pub struct Principled {
     /// Strength of the coat times Burley's 1/4.
     coat: f32,
     coat_alpha: f32,
-    /// Luminance of the diffuse and sheen lobes, for the choice of a lobe.
+    /// Luminance of the diffuse lobe without layers above it, and of the sheen, for the choice of a lobe.
     diffuse_luminance: f32,
+    sheen_luminance: f32,
     compensated: bool,
+    /// True if the diffuse lobe is that of Burley.
+    burley: bool,
     /// True if it has more than the diffuse and the specular lobe of an opaque surface. Most surfaces have not. They
     /// use code for these two lobes only: the functions below with `RICH` false.
     rich: bool,
 }
 
-/// Probabilities of the lobes for one `wo`; they sum to one.
+/// Probabilities of the lobes for one `wo`, which sum to one, and the values of both curves for it.
 #[derive(Clone, Copy, Debug)]
 struct Choice {
     diffuse: f32,
     coat: f32,
     specular: f32,
+    to_diffuse: f32,
+    to_specular: f32,
 }
 
 impl Principled {
@@ -129,32 +167,56 @@ impl Principled {
 
         let alpha = roughness * roughness;
         let aspect = (1.0 - 0.9 * unit(p.anisotropic.abs())).sqrt();
-        let (long, short) = ((alpha / aspect).max(0.001), (alpha * aspect).max(0.001));
+        let (long, short) = ((alpha / aspect).max(LEAST_SLOPE), (alpha * aspect).max(LEAST_SLOPE));
         let ggx = if p.anisotropic < 0.0 { Ggx::new(short, long) } else { Ggx::new(long, short) };
 
         let opaque = (1.0 - metallic) * (1.0 - spec_trans);
         let refracting = (1.0 - metallic) * spec_trans;
-        let scale = (unit(p.specular_factor), p.specular_color.map(at_least_zero));
+        let layered = p.model == PrincipledModel::Layered;
+        let mut specular_color = p.specular_color.map(at_least_zero);
+        if layered {
+            specular_color *= Rgb::WHITE.lerp(hue, spec_tint);
+        }
+        let schlick_tint = if layered { 0.0 } else { spec_tint };
+        let scale = (unit(p.specular_factor), specular_color);
+        let specular = SpecularColor::new(eta, base, hue, metallic, schlick_tint, scale);
         // A surface that refracts everything has no sheen, as in Mitsuba, where sheen belongs to the diffuse layer.
         let sheen = if opaque > 0.0 { at_least_zero(p.sheen) * (1.0 - metallic) } else { 0.0 };
-        let sheen_color = Rgb::WHITE.lerp(hue, unit(p.sheen_tint)) * p.sheen_color.map(at_least_zero) * sheen;
+        let mut sheen_color = Rgb::WHITE.lerp(hue, unit(p.sheen_tint)) * p.sheen_color.map(at_least_zero) * sheen;
         let diffuse_color = base * opaque;
         let coat = clearcoat::STRENGTH * at_least_zero(p.clearcoat).min(4.0);
+        let coat_alpha = clearcoat::alpha_from_gloss(unit(p.clearcoat_gloss));
+        let [mut to_specular, mut to_diffuse] = [Curve::ONE; 2];
+        if layered {
+            sheen_color = sheen_color * (10.0 / sheen_color.max_channel().max(10.0));
+            to_specular = below_coat_and_sheen(coat, coat_alpha, sheen_color.max_channel());
+            if opaque > 0.0 {
+                to_diffuse =
+                    below_specular(&ggx, eta).zip(to_specular, |t, above| (1.0 - specular.bound(1.0 - t)) * above);
+            }
+        }
+        let burley = !layered && opaque > 0.0;
         Self {
             ggx,
             roughness,
             eta,
             diffuse_color,
+            spec_trans,
             refracting,
             transmission_color: base.map(f32::sqrt) * refracting,
-            specular: SpecularColor::new(eta, base, hue, metallic, spec_tint, scale),
+            to_diffuse,
+            lambert: FRAC_1_PI / to_diffuse.mean().max(f32::MIN_POSITIVE),
+            to_specular,
+            specular,
             sheen_color,
             coat,
-            coat_alpha: clearcoat::alpha_from_gloss(unit(p.clearcoat_gloss)),
-            // A sheen of strength one scatters between 0.03 and 0.5 of the light, most of it at grazing angles.
-            diffuse_luminance: diffuse_color.luminance() + 0.25 * sheen_color.luminance(),
+            coat_alpha,
+            diffuse_luminance: diffuse_color.luminance(),
+            // More than a sheen of strength one scatters at any view, 0.09, because its colour varies.
+            sheen_luminance: 0.25 * sheen_color.luminance(),
             compensated: false,
-            rich: refracting > 0.0 || coat > 0.0 || !sheen_color.is_black(),
+            burley,
+            rich: burley || refracting > 0.0 || coat > 0.0 || !sheen_color.is_black(),
         }
     }
 
@@ -168,8 +230,19 @@ impl Principled {
     #[inline]
     pub(crate) fn with_less_diffuse(self, factor: f32) -> Self {
         let diffuse_color = self.diffuse_color * factor;
-        let diffuse_luminance = diffuse_color.luminance() + 0.25 * self.sheen_color.luminance();
-        Self { diffuse_color, diffuse_luminance, ..self }
+        Self { diffuse_color, diffuse_luminance: diffuse_color.luminance(), ..self }
+    }
+
+    /// The share of the light of a direction above the surface that reaches the diffuse lobe.
+    #[inline]
+    pub(crate) fn to_diffuse(&self, w: LocalDir) -> f32 {
+        self.to_diffuse.at(w.0.z)
+    }
+
+    /// The diffuse lobe of albedo one below the layers, without `|cos wi|` [1/sr], for both directions above the surface.
+    #[inline]
+    pub(crate) fn diffuse_below(&self, wo: LocalDir, wi: LocalDir) -> f32 {
+        self.lambert * self.to_diffuse(wo) * self.to_diffuse(wi)
     }
 
     /// See [`crate::Bsdf::eval_pdf`].
@@ -230,7 +303,7 @@ impl Principled {
         let choice = if wo.0.z > 0.0 {
             self.choose::<RICH>(wo)?
         } else if RICH && wo.0.z < 0.0 && self.refracting > 0.0 {
-            Choice { diffuse: 0.0, coat: 0.0, specular: 1.0 }
+            Choice { diffuse: 0.0, coat: 0.0, specular: 1.0, to_diffuse: 0.0, to_specular: 0.0 }
         } else {
             return None;
         };
@@ -276,14 +349,19 @@ impl Principled {
         let cos_d = wo.0.dot(m).clamp(1e-6, 1.0);
 
         let f = fresnel::dielectric(cos_d, self.eta);
-        let reflectance = self.specular.reflectance(f.reflectance, self.schlick_weight(cos_d, f.cos_t));
+        let weight = self.schlick_weight(cos_d, f.cos_t);
+        let reflectance = self.specular.reflectance(f.reflectance, weight);
         let stretch = self.ggx.stretch(wo);
         let d = self.ggx.distribution(m);
         // D g1(wo) / (4 wo.z), without its singularity at grazing angles.
         let visible = d / (2.0 * (wo.0.z + stretch));
-        let mut value = reflectance * (visible * self.ggx.g1(wi));
-        if RICH && self.compensated {
-            value *= self.gain_above(wo);
+        let shape = visible * self.ggx.g1(wi);
+        let mut value = reflectance * shape;
+        if RICH {
+            if self.compensated {
+                value = self.compensated_above(wo, f.reflectance, weight) * shape;
+            }
+            value *= choice.to_specular.min(self.to_specular.at(wi.0.z));
         }
         let mut pdf = choice.specular
             * if RICH && self.refracting > 0.0 {
@@ -292,7 +370,12 @@ impl Principled {
                 d / (2.0 * (self.ggx.cap_bound(wo) * wo.0.z + stretch))
             };
         if choice.diffuse > 0.0 {
-            value += self.diffuse_color * diffuse::eval_diffuse(wo, wi, cos_d, self.roughness);
+            value += self.diffuse_color
+                * if RICH && self.burley {
+                    diffuse::eval_diffuse(wo, wi, cos_d, self.roughness)
+                } else {
+                    self.lambert * choice.to_diffuse * self.to_diffuse(wi) * wi.0.z
+                };
             if RICH && !self.sheen_color.is_black() {
                 value += self.sheen_color * sheen::eval_sheen(wi, cos_d);
             }
@@ -331,7 +414,8 @@ impl Principled {
             (Rgb::splat(self.refracting * r.fresnel), 1.0)
         };
         let q = self.reflection_probability(reflected, r.fresnel);
-        (self.transmission_color * (r.value * self.clear_gain(wo, eta)), specular * (1.0 - q) * r.density)
+        let kept = self.specular.refracted(r.fresnel) * self.to_specular.at(if above { wo.0.z } else { -wi.0.z });
+        (self.transmission_color * (r.value * kept * self.clear_gain(wo, eta)), specular * (1.0 - q) * r.density)
     }
 
     /// Samples the refracting boundary from either side: a visible facet, then reflection or refraction there.
@@ -355,7 +439,8 @@ impl Principled {
         } else if self.is_matched() {
             // The facet decided only between reflection and transmission. Averaged over facets, the transmitted
             // direction is straight.
-            let weight = self.transmission_color * ((1.0 - f.reflectance) / (probability * (1.0 - q)));
+            let kept = self.specular.refracted(f.reflectance) * self.to_specular.at(up.0.z);
+            let weight = self.transmission_color * (kept * (1.0 - f.reflectance) / (probability * (1.0 - q)));
             delta(-wo, weight, probability * (1.0 - q), Lobe::TRANSMISSION, 1.0)
         } else {
             let wi = refract(up, m, eta, f.cos_t);
@@ -365,23 +450,21 @@ impl Principled {
         }
     }
 
-    /// The compensation factor of the specular lobe above the surface: the refracting share as a clear boundary, the
-    /// rest by its reflectance at normal incidence (Turquin 2019).
+    /// The reflectance above the surface with compensation: metal by its reflectance at normal incidence (Turquin 2019),
+    /// the refracting share as a clear boundary. The light that the rest loses reaches the diffuse lobe.
     #[cold]
-    fn gain_above(&self, wo: LocalDir) -> Rgb {
+    fn compensated_above(&self, wo: LocalDir, exact: f32, weight: f32) -> Rgb {
         let once = compensation::reflected_once(&self.ggx, wo);
-        let opaque = Rgb::WHITE + self.specular.normal_reflectance() * ((1.0 - once) / once);
-        if self.refracting > 0.0 {
-            opaque.lerp(Rgb::splat(self.clear_gain(wo, self.eta)), self.refracting)
-        } else {
-            opaque
-        }
+        let metal = Rgb::WHITE + self.specular.metal() * ((1.0 - once) / once);
+        let clear = 1.0 + self.spec_trans * (self.clear_gain(wo, self.eta) - 1.0);
+        self.specular.compensated(exact, weight, clear, metal)
     }
 
-    /// The compensation factor of both lobes of the refracting share.
+    /// The compensation factor of both lobes of the refracting share; one if the reflection is brighter than that of the
+    /// index.
     #[inline]
     fn clear_gain(&self, wo: LocalDir, eta: f32) -> f32 {
-        if self.compensated && !self.is_matched() {
+        if self.compensated && !self.is_matched() && !self.specular.is_brighter() {
             1.0 / compensation::scattered_once(&self.ggx, wo, eta)
         } else {
             1.0
@@ -407,12 +490,17 @@ impl Principled {
         let refracted = if RICH { (1.0 - f) * self.transmission_color.luminance() } else { 0.0 };
         let specular = reflected + refracted;
         let coat = if RICH && self.coat > 0.0 { self.coat * (0.04 + 0.96 * w) } else { 0.0 };
-        let sum = self.diffuse_luminance + specular + coat;
+        let to_diffuse = self.to_diffuse(wo);
+        let diffuse = self.diffuse_luminance * to_diffuse + if RICH { self.sheen_luminance } else { 0.0 };
+        let to_specular = if RICH { self.to_specular.at(wo.0.z) } else { 1.0 };
+        let sum = diffuse + specular + coat;
         let scale = 1.0 / sum;
         (sum > 0.0 && scale.is_finite()).then_some(Choice {
-            diffuse: self.diffuse_luminance * scale,
+            diffuse: diffuse * scale,
             coat: coat * scale,
             specular: specular * scale,
+            to_diffuse,
+            to_specular,
         })
     }
 

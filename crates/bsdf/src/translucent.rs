@@ -8,7 +8,8 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
-/// An opaque principled surface of which a share of the diffuse light leaves on the other side, after Lambert.
+/// An opaque principled surface of which a share of the diffuse light leaves on the other side, after Lambert. The
+/// layers above the diffuse lobe lie on both sides.
 ///
 /// Both sides are equal: for directions below (z < 0) it is its own mirror image.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -48,8 +49,8 @@ impl Translucent {
             let (value, pdf) = self.surface.eval_pdf(wo, wi);
             (value, (1.0 - passing) * pdf)
         } else {
-            let lambert = FRAC_1_PI * wi.abs_cos_theta();
-            (self.transmission * lambert, passing * lambert)
+            let up = mirrored_if(true, wi);
+            (self.transmission * (self.surface.diffuse_below(wo, up) * up.0.z), passing * FRAC_1_PI * up.0.z)
         }
     }
 
@@ -84,7 +85,8 @@ impl Translucent {
     /// The probability of the transmission lobe, in proportion to the expected energy of both sides.
     #[inline]
     fn probability_to_pass(&self, up: LocalDir) -> f32 {
-        let (passed, reflected) = (self.transmission.luminance(), self.surface.albedo(up).luminance());
+        let passed = self.transmission.luminance() * self.surface.to_diffuse(up);
+        let reflected = self.surface.albedo(up).luminance();
         // The floor keeps the probability of reflection above zero where its estimate is black.
         if passed > 0.0 { passed / (passed + reflected.max(0.02)) } else { 0.0 }
     }

@@ -1,7 +1,7 @@
 //! Comparison with an independent implementation, Mitsuba 3.9.1. `validation/bsdf_grid.py` makes the table and explains
 //! its lines: each parameter varied alone, and mixes of all.
 
-use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, Principled, PrincipledParams, ThinSheet};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, Principled, PrincipledModel, PrincipledParams, ThinSheet};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 
@@ -43,6 +43,7 @@ impl Surface {
                     sheen_tint: get("sheen_tint", d.sheen_tint),
                     clearcoat: get("clearcoat", d.clearcoat),
                     clearcoat_gloss: get("clearcoat_gloss", d.clearcoat_gloss),
+                    model: PrincipledModel::Mitsuba,
                     ..d
                 };
                 Bsdf::Principled(Principled::new(&p))

@@ -6,8 +6,8 @@ use dunkelfeld_io::import::EmissiveUnit;
 use dunkelfeld_io::job::{Exposure, Job, LensProjection, LensSettings, SensorChoice};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Camera, Distortion, EnvironmentSource, Instance, Material, Medium, MeshPart, Projection, PunctualKind,
-    PunctualLight, SceneBuilder, Surface, Vignetting, Volume,
+    AlphaMode, Camera, Distortion, EnvironmentSource, Instance, Material, Medium, MeshPart, PrincipledModel,
+    Projection, PunctualKind, PunctualLight, SceneBuilder, Surface, Vignetting, Volume,
 };
 use dunkelfeld_sensor::ExposureNoise;
 use std::path::{Path, PathBuf};
@@ -542,6 +542,8 @@ fn energy_compensation_is_off_unless_requested() {
     assert!(!changed("").energy_compensation);
     assert!(!changed("[render]").energy_compensation);
     assert!(changed("[render]\nenergy_compensation = true").energy_compensation);
+    assert_eq!(changed("[render]").principled, PrincipledModel::Layered);
+    assert_eq!(changed("[render]\nprincipled = \"mitsuba\"").principled, PrincipledModel::Mitsuba);
     assert_eq!(refusal(&with("[render]\nenergy_compensation = 1")).place, "[render] energy_compensation");
 }
 

@@ -20,7 +20,7 @@ pub mod sampling_options;
 mod scene;
 pub mod shapes;
 
-pub use dunkelfeld_bsdf::EFFECTS;
+pub use dunkelfeld_bsdf::{EFFECTS, PrincipledModel};
 
 pub use build::builder::{
     Camera, Environment, EnvironmentSource, FilmWindow, Instance, MeshPart, Projection, PunctualKind, PunctualLight,

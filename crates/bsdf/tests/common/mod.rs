@@ -5,7 +5,7 @@
 pub(crate) mod chart;
 
 use chart::{Chart, Way};
-use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledParams, ThinSheet, Translucent};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledModel, PrincipledParams, ThinSheet, Translucent};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::{Pcg, keyed_stream, mix64};
@@ -218,6 +218,7 @@ pub(crate) fn extreme_surface(u: &mut Uniform) -> Bsdf {
             sheen_tint: u.pick(&VALUES),
             clearcoat: u.pick(&VALUES),
             clearcoat_gloss: u.pick(&VALUES),
+            model: if u.next() < 0.5 { PrincipledModel::Layered } else { PrincipledModel::Mitsuba },
         }),
     }
 }

@@ -72,6 +72,7 @@ use dunkelfeld_adaptive::Strategy;
 use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings};
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::PrincipledModel;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -214,6 +215,8 @@ pub struct TransportSettings {
     /// Compensates the energy loss of rough metal, glass and sheets, which the microfacet model loses between facets
     /// (Turquin 2019). Default false: the model of other renderers.
     pub energy_compensation: bool,
+    /// `"layered"` (default) conserves energy; `"mitsuba"` adds the lobes as Mitsuba's `principled`, for comparisons.
+    pub principled: PrincipledModel,
 }
 
 /// `[output]`: paths relative to the current folder. A file without a path is not written.

@@ -7,6 +7,7 @@ use crate::light::luminaire::LightProfile;
 use crate::material::Material;
 use crate::material::texture::{Image, ImageId};
 use crate::sampling_options::Techniques;
+use dunkelfeld_bsdf::PrincipledModel;
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion};
 use dunkelfeld_radiometry::Rgb;
 use std::sync::Arc;
@@ -38,6 +39,8 @@ pub struct SceneBuilder {
     /// True if rough surfaces are compensated for the energy that their model loses between facets. Off by default; see
     /// [`dunkelfeld_bsdf::compensation`].
     pub energy_compensation: bool,
+    /// How the lobes of principled surfaces share the light: layers that conserve energy by default.
+    pub principled: PrincipledModel,
     /// Light sampling techniques that may be used; all by default.
     pub techniques: Techniques,
     /// The times of the samples. Without it, everything is at rest in the pose of time 0.

@@ -14,7 +14,7 @@ use crate::light::LightTable;
 use crate::light::delta::DeltaLight;
 use crate::light::environment::EnvironmentLight;
 use crate::material::{Material, Surface};
-use crate::query::surface::CompiledMaterial;
+use crate::query::surface::{CompiledMaterial, SurfaceOptions};
 use crate::scene::{Part, Scene};
 use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_geometry::health::{MeshHealth, Repairs};
@@ -86,11 +86,12 @@ impl SceneBuilder {
         for part in &geometry.parts {
             is_painted[part.material as usize] |= !geometry.meshes[part.mesh as usize].colors.is_empty();
         }
+        let options = SurfaceOptions { energy_compensation: self.energy_compensation, principled: self.principled };
         let compiled: Vec<CompiledMaterial> = self
             .materials
             .iter()
             .zip(is_painted)
-            .map(|(m, is_painted)| CompiledMaterial::new(m, is_painted, self.energy_compensation))
+            .map(|(m, is_painted)| CompiledMaterial::new(m, is_painted, options))
             .collect();
         let solids = geometry.solids(&self.materials, &compiled, &closed);
         geometry.check_density(&solids.list, &closed).map_err(|(part, problem)| {

@@ -18,7 +18,9 @@ use crate::light::emission_profile::EmissionProfile;
 use crate::material::texture::{Image, Texture};
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
 use crate::media::medium::Medium;
-use dunkelfeld_bsdf::{Bsdf, Dielectric, EFFECTS, Principled, PrincipledParams, ThinSheet, Translucent};
+use dunkelfeld_bsdf::{
+    Bsdf, Dielectric, EFFECTS, Principled, PrincipledModel, PrincipledParams, ThinSheet, Translucent,
+};
 use dunkelfeld_geometry::{Vec2, Vec4};
 use dunkelfeld_radiometry::Rgb;
 
@@ -65,7 +67,14 @@ pub(crate) struct CompiledMaterial {
     /// For the face of a clear solid with constant parameters: the factor on light that passes it where the index of
     /// refraction is the same on both sides.
     pub(crate) clear_tint: Option<Rgb>,
-    energy_compensation: bool,
+    options: SurfaceOptions,
+}
+
+/// Options of all surfaces of a scene.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+pub(crate) struct SurfaceOptions {
+    pub(crate) energy_compensation: bool,
+    pub(crate) principled: PrincipledModel,
 }
 
 #[derive(Clone, Copy, Debug, serde::Serialize)]
@@ -88,7 +97,7 @@ impl Constant {
 
 impl CompiledMaterial {
     /// `is_painted`: true if some mesh of this material has vertex colours.
-    pub(crate) fn new(m: &Material, is_painted: bool, energy_compensation: bool) -> Self {
+    pub(crate) fn new(m: &Material, is_painted: bool, options: SurfaceOptions) -> Self {
         // A metallic texture may reduce the metallic factor (glTF's default factor is 1).
         let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
         let diffuses = m.diffuse_transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
@@ -125,8 +134,7 @@ impl CompiledMaterial {
         let emits = m.unlit || !m.emission.is_black();
         let has_profile = m.emission_profile != EmissionProfile::Lambertian;
         let varies = textured || is_painted;
-        let constant =
-            (!varies).then(|| scatter(m, m.ior, &[], &TexturePoint::ANYWHERE).compensated_if(energy_compensation));
+        let constant = (!varies).then(|| scatter(m, m.ior, &[], &TexturePoint::ANYWHERE, options));
         let fades = is_painted || m.alpha_texture.is_some() || m.base_color_texture.is_some();
         let constant_coverage = (!fades).then(|| coverage(m, &[], &TexturePoint::ANYWHERE));
         let needs_tangent = m.normal_texture.is_some() || m.anisotropy != 0.0;
@@ -153,7 +161,7 @@ impl CompiledMaterial {
             needs_tangent,
             emits,
             has_varying_radiance: m.unlit || EFFECTS && (m.emission_texture.is_some() || has_coverage || has_profile),
-            energy_compensation,
+            options,
         }
     }
 
@@ -186,13 +194,13 @@ impl CompiledMaterial {
     ) -> &'a Bsdf {
         match &self.constant {
             Some(constant) => constant.pick(u),
-            None => storage.insert(*scatter(m, m.ior, images, at).compensated_if(self.energy_compensation).pick(u)),
+            None => storage.insert(*scatter(m, m.ior, images, at, self.options).pick(u)),
         }
     }
 
     /// The BSDF at a place where the index of refraction inside over outside is not that of the material.
     pub(crate) fn bsdf_between(&self, m: &Material, eta: f32, images: &[Image], at: &TexturePoint, u: f32) -> Bsdf {
-        *scatter(m, eta, images, at).compensated_if(self.energy_compensation).pick(u)
+        *scatter(m, eta, images, at, self.options).pick(u)
     }
 
     /// The BSDF of a material with constant parameters; an absorber for other materials.
@@ -276,7 +284,12 @@ pub(crate) fn mean_emission(m: &Material, images: &[Image]) -> Rgb {
 }
 
 /// The BSDF parameters at a place; `eta` is the index of refraction inside over outside.
-fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint) -> Constant {
+fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint, options: SurfaceOptions) -> Constant {
+    lobes(m, eta, images, at, options.principled).compensated_if(options.energy_compensation)
+}
+
+/// [`scatter`] without compensation.
+fn lobes(m: &Material, eta: f32, images: &[Image], at: &TexturePoint, model: PrincipledModel) -> Constant {
     if m.unlit {
         return Constant::One(Bsdf::Absorber);
     }
@@ -320,6 +333,7 @@ fn scatter(m: &Material, eta: f32, images: &[Image], at: &TexturePoint) -> Const
             clearcoat: 4.0 * clearcoat,
             // Burley's coat has GGX-like alpha from 0.1 (satin) to 0.001 (gloss).
             clearcoat_gloss: ((0.1 - coat_roughness * coat_roughness) / 0.099).clamp(0.0, 1.0),
+            model,
         });
         if passed > 0.0 && spec_trans <= 0.0 {
             let tint = color(m.diffuse_transmission_color, &m.diffuse_transmission_color_texture, images, at);

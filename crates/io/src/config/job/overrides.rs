@@ -53,6 +53,7 @@ impl Job {
     pub fn apply_overrides(&self, scene: &mut SceneBuilder) -> Result<Vec<ImportWarning>, InputError> {
         let mut warnings: Vec<ImportWarning> = self.exposure_warning().into_iter().collect();
         scene.energy_compensation = self.render.energy_compensation;
+        scene.principled = self.render.principled;
         if let Some(environment) = &self.environment {
             scene.environment = self.environment(environment, scene, &mut warnings)?;
         }
