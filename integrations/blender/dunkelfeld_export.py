@@ -28,15 +28,11 @@ bl_info = {
     "category": "Import-Export",
 }
 
-# Perceptual roughness at which the mean albedo of Burley's (2012) diffuse term is that of Lambert's.
-LAMBERT_ROUGHNESS = 0.43
 # Width of a spot light's edge in cosines, relative to that of Blender: the edges have the same power and nearly the same middle.
 # Cycles has a cubic step, whose mean is 1/2, Dunkelfeld the squared ramp of KHR_lights_punctual, whose mean is 1/3.
 EDGE = 0.75
 # The smallest f-number of a job.
 LEAST_F_NUMBER = 0.5
-# Reflectance of a dielectric at a cosine of 0.75 over that at normal incidence, for indices around 1.5.
-OBLIQUE = 1.1
 # Width of the side panel that its notes do not have, in units of the scale of the interface.
 MARGIN = 68.0
 # Seconds of the units of a time; the longest time and exposure [s], and the largest number of samples of a job.
@@ -228,18 +224,6 @@ def area_of(shape: str, width: float, height: float) -> float:
     return width * height * (math.pi / 4.0 if shape in ("DISK", "ELLIPSE") else 1.0)
 
 
-def burley_albedo(roughness: float) -> float:
-    """Albedo of Burley's (2012) diffuse term under an even sky, over that of Lambert's: a fit within 0.0005."""
-    return 0.9529 + 0.1078 * roughness + 0.0045 * roughness * roughness
-
-
-def diffuse_scale(roughness: float, ior: float, level: float) -> float:
-    """Factor on the base colour of a dielectric. Cycles reduces the diffuse light by the share that the surface reflects.
-    Dunkelfeld adds both, and has Burley's diffuse term in place of Lambert's."""
-    reflectance = min(((ior - 1.0) / (ior + 1.0)) ** 2 * 2.0 * level, 1.0)
-    return max(1.0 - OBLIQUE * reflectance, 0.0) / burley_albedo(roughness)
-
-
 def film_extent(fit: str, width: int, height: int) -> int:
     """The number of pixels that `sensor_width`, shift and orthographic scale of a camera refer to."""
     return {"HORIZONTAL": width, "VERTICAL": height}.get(fit, max(width, height))
@@ -272,13 +256,12 @@ def change_glb(path: str, change) -> None:
 
 def diffuse_surface(color: list) -> dict:
     """A material of glTF without a specular reflection."""
-    surface = {"baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": LAMBERT_ROUGHNESS}
+    surface = {"baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": 1.0}
     return {"pbrMetallicRoughness": surface, "extensions": {"KHR_materials_specular": {"specularFactor": 0.0}}}
 
 
-def change_materials(document: dict, scales: dict, plain: dict, renamed: dict) -> None:
-    """Multiplies the base colours of materials by the factors of their names, makes those of `plain` diffuse of this colour,
-    and renames. Emitters become double-sided, and meshes without a material get the one of Cycles, diffuse of reflectance
+def change_materials(document: dict, plain: dict, renamed: dict) -> None:
+    """Makes the materials of `plain` diffuse of this colour, and renames. Emitters become double-sided, and meshes without a material get the one of Cycles, diffuse of reflectance
     0.8."""
     materials = document.setdefault("materials", [])
     bare = [p for mesh in document.get("meshes", []) for p in mesh.get("primitives", []) if "material" not in p]
@@ -296,10 +279,6 @@ def change_materials(document: dict, scales: dict, plain: dict, renamed: dict) -
             material.update(kept | diffuse_surface([min(max(c, 0.0), 1.0) for c in plain[name]] + [1.0]))
         if any(material.get("emissiveFactor", [])):
             material["doubleSided"] = True
-        if name in scales:
-            surface = material.setdefault("pbrMetallicRoughness", {})
-            color = surface.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
-            surface["baseColorFactor"] = [min(c * scales[name], 1.0) for c in color[:3]] + color[3:]
         if name in renamed:
             material["name"] = renamed[name]
     if bare or is_plain:
@@ -358,10 +337,9 @@ class Surface:
     """A surface as inputs of the Principled BSDF: socket, number or list by the name of the input."""
 
     def __init__(self):
-        self.inputs = {"Base Color": [0.0, 0.0, 0.0], "Metallic": 0.0, "Roughness": LAMBERT_ROUGHNESS}
+        self.inputs = {"Base Color": [0.0, 0.0, 0.0], "Metallic": 0.0, "Roughness": 1.0}
         self.inputs |= {"Specular IOR Level": 0.0, "Emission Strength": 0.0}
-        # Factor on the base colour; glass; lobes with the energy of multiple scattering.
-        self.scale = 1.0
+        # Glass; lobes with the energy of multiple scattering.
         self.is_clear = False
         self.is_compensated = False
         # Inputs whose links Blender's glTF exporter would read in another sense.
@@ -456,12 +434,6 @@ def principled(node, notes: list) -> Surface:
     s.is_compensated = node.distribution == "MULTI_GGX"
     if transmission not in (0.0, 1.0) and transmission is not None:
         notes.append("a Transmission Weight between 0 and 1 is mixed in another way than in Cycles")
-    metallic, roughness = number("Metallic"), number("Roughness")
-    ior, level = number("IOR"), number("Specular IOR Level")
-    if transmission == 0.0 and metallic is not None and metallic < 1.0:
-        known = lambda value, default: default if value is None else value
-        full = diffuse_scale(known(roughness, 0.5), known(ior, 1.5), known(level, 0.5))
-        s.scale = metallic + (1.0 - metallic) * full
     for socket in node.inputs:
         if source(socket) is None or socket.name in left_out:
             continue
@@ -623,7 +595,7 @@ class Materials:
     """Materials of a scene: the nodes that replace surfaces during the export, and tables of the job."""
 
     def __init__(self):
-        self.scales, self.replaced, self.undo, self.tables = {}, [], [], []
+        self.replaced, self.undo, self.tables = [], [], []
         # Colours of the materials that become diffuse in the file; new names of materials.
         self.plain: dict = {}
         self.renamed: dict = {}
@@ -674,8 +646,6 @@ class Materials:
                     ):
                         texture_notes(name, value, own)
                 self.replaced.append((material, output, s))
-            if s.scale != 1.0:
-                self.scales[material.name] = s.scale
             self.is_compensated |= s.is_compensated
             if output.inputs["Displacement"].is_linked:
                 own.append("displacement is left out")
@@ -695,8 +665,6 @@ class Materials:
                 name = self.renamed.get(material.name, material.name)
                 self.tables.append(("[material]", {"name": name} | keys))
             notes += [f"material {material.name}: {note}" for note in own]
-        if self.scales:
-            notes.append("base colours of plastics are scaled, so that they look as in Cycles, within about 2 %")
 
     def replace(self) -> None:
         """Links a Principled BSDF to the output of each material that has another surface."""
@@ -1550,7 +1518,7 @@ def export(context, path: str, sensor: str = "imx250", exposure: str = "auto", t
     def change(document: dict) -> None:
         """The changes of the file of Blender's exporter."""
         rename_parts(document, copy.nodes, copy.mesh_names)
-        change_materials(document, materials.scales, materials.plain, materials.renamed)
+        change_materials(document, materials.plain, materials.renamed)
 
     change_glb(stem + ".glb", change)
     name = os.path.basename(stem)

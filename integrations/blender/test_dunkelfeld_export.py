@@ -196,7 +196,7 @@ class Conversions(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.glb"
             path.write_bytes(head + text + rest)
-            export.change_glb(str(path), lambda document: export.change_materials(document, {"a": 0.5}, {}, {}))
+            export.change_glb(str(path), lambda document: export.change_materials(document, {}, {}))
             data = path.read_bytes()
         (length,) = struct.unpack_from("<I", data, 12)
         self.assertEqual(struct.unpack_from("<I", data, 8)[0], len(data))
@@ -205,13 +205,13 @@ class Conversions(unittest.TestCase):
         first, second, third = found["materials"]
         self.assertEqual([p["material"] for mesh in found["meshes"] for p in mesh["primitives"]], [0, 2, 2])
         self.assertEqual(third["pbrMetallicRoughness"]["baseColorFactor"], [0.8, 0.8, 0.8, 1.0])
-        self.assertEqual(first["pbrMetallicRoughness"]["baseColorFactor"], [0.25, 0.2, 0.1, 0.9])
+        self.assertEqual(first["pbrMetallicRoughness"]["baseColorFactor"], [0.5, 0.4, 0.2, 0.9])
         self.assertTrue(second["doubleSided"])
 
     def test_materials_without_nodes(self):
         """They are diffuse, whatever Blender's exporter wrote, and renamed."""
         document = {"materials": [{"name": "a*", "doubleSided": True, "emissiveFactor": [1, 1, 1]}, {"name": "b"}]}
-        export.change_materials(document, {}, {"a*": [0.1, 0.3, 1.5]}, {"a*": "a_"})
+        export.change_materials(document, {"a*": [0.1, 0.3, 1.5]}, {"a*": "a_"})
         first, second = document["materials"]
         self.assertEqual(first["pbrMetallicRoughness"]["baseColorFactor"], [0.1, 0.3, 1.0, 1.0])
         self.assertEqual(first["extensions"], {"KHR_materials_specular": {"specularFactor": 0.0}})
