@@ -200,7 +200,8 @@ fn a_single_bright_texel_of_a_sky_is_a_small_sun() {
 #[test]
 fn a_normal_map_reflects_like_a_tilted_surface() {
     // Under parallel light the radiance of the floor whose map says n is f cos about n, with tangents or without, from a
-    // viewer and a light that are far above both horizons, and where the opposite slope reflects no light of the sun. u grows along x, v along y: the image's top is at -y.
+    // viewer and a light that are far above both horizons. The light is so high that the opposite slope reflects none to
+    // the floor. u grows along x, v along y: the image's top is at -y.
     let tilt = DVec3::new(0.3, -0.2, 0.0);
     let tilt = DVec3::new(tilt.x, tilt.y, (1.0 - tilt.length_squared()).sqrt());
     let texel = |v: f64| ((0.5 + 0.5 * v) * 65535.0).round() as u16;

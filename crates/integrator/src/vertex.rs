@@ -90,8 +90,8 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
         Self { hit, shading, wo, wo_local, ray_state, features: PhantomData }
     }
 
-    /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`. `None` if its direction would be
-    /// mirrored at the surface around the facet.
+    /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`. `None` if light would also be
+    /// reflected by the opposite facet ([`ShadingPoint::image`]).
     #[inline]
     pub(crate) fn delta(&self, u_lobe: f32) -> Option<Scattering> {
         if !self.shading.bsdf.is_delta() {

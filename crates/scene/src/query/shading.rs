@@ -53,15 +53,15 @@ impl ShadingPoint<'_> {
     /// `None` if the frame has the geometric normal. Light that leaves the facet in an inconsistent direction continues
     /// in its image.
     ///
-    /// A shading normal is a facet of a relief that is not modelled. As in the valleys of Torrance and Sparrow (1967),
-    /// light that leaves the facet below the surface meets the facet with the opposite slope. Where the slope is above
-    /// 45 degrees, the opposite facet is perpendicular to this one. So the image of an inconsistent direction is
+    /// A shading normal is that of a facet of a relief that is not modelled. As in the valleys of Torrance and Sparrow
+    /// (1967), light that leaves the facet below the surface meets the facet with the opposite slope. Where the slope is
+    /// above 45 degrees, the opposite facet is perpendicular to this one. So the image of an inconsistent direction is
     /// consistent, and no light is lost.
     ///
-    /// The model keeps `f cos`, the reflection of the facet for the light on its slope. It is reciprocal for the normal of
-    /// the facet, not for the geometric one. A model that is reciprocal for the geometric normal and loses no light, such
-    /// as that of Schuessler et al. (2017), cannot reflect more light than a flat surface receives. So a white slope that
-    /// faces the light would not be brighter than one that turns away from it, and a relief would have no contrast.
+    /// The BSDF is reciprocal about the normal of the facet, not about the geometric one. A model that is reciprocal
+    /// about the geometric normal and loses no light, such as that of Schuessler et al. (2017), reflects as much light
+    /// as a flat surface receives. So a white slope that faces the light would not be brighter than one that turns away
+    /// from it.
     #[inline]
     pub fn image(&self, geometric_normal: Vec3, world: Vec3) -> Option<(Vec3, f32)> {
         if !(EFFECTS && self.is_bent) {
@@ -78,8 +78,8 @@ impl ShadingPoint<'_> {
         Some((world - opposite * (2.0 * cos), cos.abs().min(1.0)))
     }
 
-    /// [`Self::image`] of a consistent direction in the local frame, if the image is inconsistent. Then its light arrives
-    /// from this direction.
+    /// [`Self::image`] of a consistent direction in the local frame, if the image is inconsistent. Then light of the
+    /// image arrives from this direction.
     #[inline]
     pub fn inconsistent_image(&self, geometric_normal: Vec3, world: Vec3) -> Option<(LocalDir, f32)> {
         let (image, cos) = self.image(geometric_normal, world)?;
