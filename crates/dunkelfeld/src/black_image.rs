@@ -91,7 +91,7 @@ mod tests {
         let light = "[[light]]\nkind = \"point\"\nposition = [0, 1.5, 0]\npower = \"10W\"\n";
         let off = "[[light]]\nname = \"lamp\"\nenabled = false\n";
         let short = "sensor = { exposure = \"19us\" }\n";
-        let faint = light.replace("10W", "1nW");
+        let faint = light.replace("10W", "0.001uW");
         let inside = "[camera]\nposition = [0, 0.1, 0]\nlook_at = [0, 0, 0]\n[[object]]\nname = \"crate\"\nkind = \"box\"\nsize = [0.5, 0.5, 0.5]\ntranslate = [0, -0.1, 0]\n";
         let away = "[camera]\nposition = [0, 2, 0]\nlook_at = [0, 9, 0]\n";
         for (job, part) in [

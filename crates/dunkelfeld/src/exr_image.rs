@@ -6,7 +6,7 @@ use crate::exposer::{Exposer, lens_share, through_lens};
 use crate::image_noise::{FilmPart, ImageNoise};
 use crate::memory::expose_account;
 use crate::noise_compensation::CompensationInputs;
-use crate::outputs::{FilmOfSensor, VIGNETTING, attributes, left_out_of_file};
+use crate::outputs::{FilmOfSensor, VIGNETTING, attributes};
 use crate::shutter::TimedExposure;
 use dunkelfeld_adaptive::required_samples::SensorNoise;
 use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures, pixel_features};
@@ -196,6 +196,13 @@ impl ExrImage {
         let part = noise.part(*exposer.response(), sensor, &image.radiance);
         Ok((part, invalid_variances_of(&noise.variance)))
     }
+}
+
+/// The words for the effects that the render of a file left out.
+fn left_out_of_file(layers: &ExrLayers) -> Option<String> {
+    let names = attributes(layers).remove("without").unwrap_or_default();
+    let names: Vec<String> = serde_json::from_value(names).unwrap_or_default();
+    (!names.is_empty()).then(|| format!("rendered without {}", names.join(", ")))
 }
 
 /// An image behind a lens.

@@ -403,13 +403,6 @@ impl FilmOfSensor {
 /// The attribute of images with vignetting.
 pub(crate) const VIGNETTING: &str = "vignetting";
 
-/// The words for the effects that the render of a file left out.
-pub(crate) fn left_out_of_file(layers: &ExrLayers) -> Option<String> {
-    let names = attributes(layers).remove("without").unwrap_or_default();
-    let names: Vec<String> = serde_json::from_value(names).unwrap_or_default();
-    (!names.is_empty()).then(|| format!("rendered without {}", names.join(", ")))
-}
-
 /// The attribute of a file, if this program wrote it.
 pub(crate) fn attributes(layers: &ExrLayers) -> serde_json::Map<String, serde_json::Value> {
     match serde_json::from_str(&layers.attributes) {

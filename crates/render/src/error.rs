@@ -156,16 +156,9 @@ pub struct ErrorParts<'a> {
 
 impl From<SensorError> for Error {
     fn from(error: SensorError) -> Self {
-        match &error {
-            SensorError::Exposure { limit, .. } => {
-                let help = format!(
-                    "use {}, or another sensor; a sensor file without limits has all exposures",
-                    time_in_words(*limit)
-                );
-                Self::setting("exposure", error.to_string(), help)
-            }
-            _ => Self::Sensor(error),
-        }
+        let SensorError::Exposure { limit, .. } = &error else { return Self::Sensor(error) };
+        let help = format!("use {}, another sensor, or a sensor file without limits", time_in_words(*limit));
+        Self::setting("exposure", error.to_string(), help)
     }
 }
 
