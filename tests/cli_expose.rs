@@ -46,8 +46,8 @@ fn an_image_of_our_own_is_exposed_as_its_render_was() {
     assert_eq!(bench.read("grey.png")[25], 0);
 }
 
-/// A job whose lens, gain and black level are not the default ones: `expose` takes them from the EXR, with pixels without
-/// samples and with an effect left out. A flag replaces its value.
+/// A job whose lens, gain and black level are not the default ones: `expose` takes them from the EXR, with pixels
+/// without samples and with an effect left out. A flag replaces its value.
 #[test]
 fn an_exr_contains_the_lens_and_the_sensor_of_its_render() {
     let bench = Bench::new();

@@ -178,8 +178,8 @@ pub(crate) struct RenderArgs {
     /// Frame number: frames of one seed are independent, and come from the same device [default: 0].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u32>)]
     pub(crate) frame: Option<u32>,
-    /// Number of frames of one device, each with samples and noise of its own, from --frame on. Of several frames each file gets
-    /// its number, as in out-0007.png. An automatic exposure is that of the first frame [default: 1].
+    /// Number of frames of one device, each with samples and noise of its own, from --frame on. Of several frames each
+    /// file gets its number, as in out-0007.png. An automatic exposure is that of the first frame [default: 1].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=10_000u32),
           conflicts_with_all = ["checkpoint", "replay", "samples", "debug_sample"])]
     pub(crate) frames: Option<u32>,

@@ -88,13 +88,13 @@ impl ExrImage {
     }
 
     /// Combines the image with a camera. Binning, the stages of a line scan, the wavelengths of the channels, the filter of the
-    /// lens and the beam splitters in front of it are those of the render, if the file contains them. So are the values of the
-    /// lens and the sensor that the settings leave to the image ([`ExposeSettings::of_image`]), and an exposure time for which
-    /// the samples were made. The layer is that of [`Self::open`]. Runs on the threads of the current pool.
+    /// lens and the beam splitters in front of it are those of the render, if the file contains them. So are the values
+    /// of the lens and the sensor that the settings leave to the image ([`ExposeSettings::of_image`]), and an exposure
+    /// time for which the samples were made. The layer is that of [`Self::open`]. Runs on the threads of the current pool.
     ///
     /// # Errors
-    /// Settings outside their range; another exposure time than that of the samples; vignetting that the image has already; noise that is to be matched, but is not in the
-    /// file or was not read.
+    /// Settings outside their range; another exposure time than that of the samples; vignetting that the image has
+    /// already; noise that is to be matched, but is not in the file or was not read.
     pub fn expose(&self, settings: &ExposeSettings) -> Result<Exposer, Error> {
         let image = self.behind_lens(settings)?;
         let exposer = self.plain(&image.radiance, settings)?;

@@ -77,7 +77,8 @@ impl OutputPaths {
         self.renamed(|path| with_camera(path, camera))
     }
 
-    /// The files of one of several frames, up to the number `last`, as [`ExposeSettings::numbered`](crate::ExposeSettings::numbered).
+    /// The files of one of several frames, up to the number `last`, as
+    /// [`ExposeSettings::numbered`](crate::ExposeSettings::numbered).
     #[must_use]
     pub fn for_frame(&self, number: u32, last: u32) -> Self {
         self.renamed(|path| with_number(path, number, last))

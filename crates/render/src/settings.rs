@@ -127,8 +127,8 @@ pub struct RenderSettings {
     /// How the pixels of the sensor form those of the film. It changes no sample.
     #[serde(skip)]
     pub readout: Readout,
-    /// Are the samples those of this exposure time, because objects move, rows are scanned or a lamp has a strobe? It changes
-    /// no sample.
+    /// Are the samples those of this exposure time, because objects move, rows are scanned or a lamp has a strobe? It
+    /// changes no sample.
     #[serde(skip)]
     pub is_timed: bool,
     /// Noise that the sensor adds to the render's own. [`ExposureNoise::Matched`] needs a sensor.

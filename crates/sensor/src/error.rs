@@ -17,7 +17,12 @@ pub enum SensorError {
         allowed: &'static str,
     },
     /// An exposure time that the camera does not have.
-    #[error("{} is {} of {camera}, {}", time_in_words(*time), if time < limit { "below the shortest" } else { "above the longest" }, time_in_words(*limit))]
+    #[error(
+        "{} is {} of {camera}, {}",
+        time_in_words(*time),
+        if time < limit { "below the shortest" } else { "above the longest" },
+        time_in_words(*limit)
+    )]
     Exposure {
         /// The name of the sensor and its camera.
         camera: String,

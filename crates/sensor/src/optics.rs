@@ -298,8 +298,8 @@ fn is_radiance([r, g, b]: [f32; 3]) -> bool {
 /// The exposure time at which the 99.5 % quantile of the image is at 90 % of saturation.
 ///
 /// If fewer than 0.5 % of the pixels receive light, the quantile is that of the lit pixels. The time is within the
-/// range of the camera ([`SensorModel::exposure_range`]): light that saturates the pixels in the shortest time still does.
-/// Errors: [`SensorError::NoLight`] if every pixel is black.
+/// range of the camera ([`SensorModel::exposure_range`]): light that saturates the pixels in the shortest time still
+/// does. Errors: [`SensorError::NoLight`] if every pixel is black.
 pub fn auto_exposure(
     radiance: &Plane<[f32; 3]>,
     model: &SensorModel,
@@ -335,8 +335,8 @@ pub const DARK_EXPOSURE: Seconds = Seconds(1.0);
 pub struct ImageExposure {
     /// The exposure.
     pub exposure: Exposure,
-    /// True if every pixel is black and the exposure is [`DARK_EXPOSURE`], or the nearest of the camera, because no other was
-    /// given.
+    /// True if every pixel is black and the exposure is [`DARK_EXPOSURE`], or the nearest of the camera, because no
+    /// other was given.
     pub no_light: bool,
 }
 

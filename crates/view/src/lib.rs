@@ -61,7 +61,8 @@ pub struct ViewOptions {
     pub output: PathBuf,
     /// Threads of exposures and measurements; 0 means one per core.
     pub threads: usize,
-    /// The lens behind which an EXR is exposed; by default that of its render, or of [`dunkelfeld::ExposeSettings::new`].
+    /// The lens behind which an EXR is exposed; by default that of its render, or of
+    /// [`dunkelfeld::ExposeSettings::new`].
     pub image: ImageOptions,
 }
 

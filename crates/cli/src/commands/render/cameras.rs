@@ -62,8 +62,8 @@ pub(super) fn of_frames(project: &Project, frames: u32) -> Result<Vec<Turn>, Err
     Ok((first..=last).map(turn).collect())
 }
 
-/// Does the renders one after the other. The rest of a time budget is divided evenly among those that follow. Frames have the
-/// automatic exposure of the first one.
+/// Does the renders one after the other. The rest of a time budget is divided evenly among those that follow. Frames
+/// have the automatic exposure of the first one.
 pub(super) fn run(
     args: &RenderArgs,
     mut project: Project,

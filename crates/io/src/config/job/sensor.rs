@@ -20,7 +20,8 @@ pub struct SensorSettings {
     pub exposure: Exposure,
     /// `"plain"` (default): all noise of the camera. `"matched"`: the noise of the camera less the noise of the render.
     pub exposure_noise: ExposureNoise,
-    /// Factor of the system gain K of the model, 0.01 to 100, or decibels as `"6dB"`. The noise in electrons stays. Default 1.
+    /// Factor of the system gain K of the model, 0.01 to 100, or decibels as `"6dB"`. The noise in electrons stays.
+    /// Default 1.
     #[serde(deserialize_with = "super::check::gain")]
     pub gain: Option<f64>,
     /// Temperature of the sensor \[°C\], -100 to 200, which sets the dark current. Default: that of the model.

@@ -1,5 +1,5 @@
-//! Checks for lights inside solids: opaque bodies, which no light leaves, and clear ones. Check for cameras inside opaque
-//! bodies, which no light enters.
+//! Checks for lights inside solids: opaque bodies, which no light leaves, and clear ones. Check for cameras inside
+//! opaque bodies, which no light enters.
 
 use super::lights::{CONTACT, points};
 use super::places::{bounds, place, push};
@@ -93,8 +93,8 @@ pub(super) fn check(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
 }
 
 impl Scene {
-    /// The name of the opaque object around a camera, if no lamp is inside with it: its image is black. With `closed`, an
-    /// object with open edges does not count, because light can enter it.
+    /// The name of the opaque object around a camera, if no lamp is inside with it: its image is black. With `closed`,
+    /// an object with open edges does not count, because light can enter it.
     pub fn body_around(&self, camera: &RayGenerator, closed: bool) -> Option<&str> {
         let mut around = objects_around(self, camera.origin());
         if around.is_empty() {
