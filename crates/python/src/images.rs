@@ -42,8 +42,9 @@ fn settings_of(
 /// Exposes an EXR of this or another renderer, as `dunkelfeld expose`: linear grey values, uint16 of shape (frames, height,
 /// width) [DN]. Frames of one seed come from the same device. The arguments are the flags of the command: `sensor` (default
 /// that of the render of the EXR, or "imx250"), `exposure` [s] or "auto", `exposure_noise` ("matched" needs a layer
-/// `variance`), `frame` (number of the first frame), `f_number`, `transmission` and `magnification` (those of the render, or 4, 0.9 and 0), `vignetting` ("cos4"
-/// needs `focal_length` [m]), `layer` (name of the layer with the radiance), `memory` (bytes or a text such as "6GB").
+/// `variance`), `frame` (number of the first frame), `f_number`, `transmission` and `magnification` (those of the
+/// render, or 4, 0.9 and 0), `vignetting` ("cos4" needs `focal_length` [m]), `layer` (name of the layer with the
+/// radiance), `memory` (bytes or a text such as "6GB").
 ///
 /// Radiance that is negative or not a number counts as black, infinite radiance saturates.
 #[pyfunction]
