@@ -285,7 +285,7 @@ def exr(path: Path) -> Path:
 
 
 def test_an_exr_is_exposed_as_by_the_program(exr: Path, tmp_path: Path) -> None:
-    flags = ["--sensor", "imx174", "--exposure", "0.00002s", "--frames", 3, "--frame", 5, "--seed", 9]
+    flags = ["--sensor", "imx174", "--exposure", "0.00004s", "--frames", 3, "--frame", 5, "--seed", 9]
     flags += [
         "--f-number",
         2.8,
@@ -299,10 +299,10 @@ def test_an_exr_is_exposed_as_by_the_program(exr: Path, tmp_path: Path) -> None:
         "1mm",
     ]
     run("expose", exr, *flags, "-o", tmp_path / "a.png", "--linear", tmp_path / "a.tif")
-    keywords: dict[str, Any] = {"exposure": 20e-6, "frames": 3, "frame": 5, "seed": 9, "f_number": 2.8}
+    keywords: dict[str, Any] = {"exposure": 40e-6, "frames": 3, "frame": 5, "seed": 9, "f_number": 2.8}
     keywords |= {"transmission": 0.5, "magnification": 0.1, "vignetting": "cos4", "focal_length": 1e-3}
     made = df.expose_exr_files(exr, tmp_path / "b.png", tmp_path / "b.tif", sensor=df.Sensor("imx174"), **keywords)
-    assert made["frames"] == 3 and made["exposure"] == 20e-6 and made["matched"] is None and made["invalid"] == 0
+    assert made["frames"] == 3 and made["exposure"] == 40e-6 and made["matched"] is None and made["invalid"] == 0
     assert made["files"][0] == str(tmp_path / "b-0005.png") and len(made["files"]) == 6
     for file in map(Path, made["files"]):
         assert file.read_bytes() == file.with_name(file.name.replace("b", "a")).read_bytes()
@@ -329,12 +329,13 @@ def df_image(file: Path) -> Any:
 
 
 def test_matched_noise_and_layers_of_an_exr(exr: Path, tmp_path: Path) -> None:
-    run("expose", exr, "--exposure-noise", "matched", "--exposure", "10us", "--linear", tmp_path / "a.tif")
-    matched = df.expose_exr(exr, exposure=1e-5, exposure_noise="matched")
+    run("expose", exr, "--exposure-noise", "matched", "--exposure", "20us", "--linear", tmp_path / "a.tif")
+    matched = df.expose_exr(exr, exposure=2e-5, exposure_noise="matched")
     assert np.array_equal(matched[0], df_image(tmp_path / "a.tif"))
-    assert not np.array_equal(matched, df.expose_exr(exr, exposure=1e-5))
-    albedo = df.expose_exr(exr, exposure=1e-5, layer="albedo")
-    assert np.array_equal(albedo, df.expose_radiance(df.Film.load(saved(exr)).albedo, exposure=1e-5))
+    assert not np.array_equal(matched, df.expose_exr(exr, exposure=2e-5))
+    lens: dict[str, Any] = {"f_number": 4, "transmission": 0.9, "magnification": 0}
+    albedo = df.expose_exr(exr, "imx250", exposure=2e-5, layer="albedo", **lens)
+    assert np.array_equal(albedo, df.expose_radiance(df.Film.load(saved(exr)).albedo, exposure=2e-5))
 
 
 def test_an_exr_is_denoised_as_by_the_program(exr: Path, tmp_path: Path) -> None:
