@@ -214,7 +214,9 @@ def test_exposures_have_the_range_of_a_job(view):
     running = view(job=station(width=32, height=24, sensor='exposure = "200s"'))
     running.wait_for_film(1)
     assert running.frame()[0]["exposure"] == 200
-    assert running.frame(exposure=5e-7)[0]["exposure"] == 5e-7
+    assert running.frame(exposure=5e-5)[0]["exposure"] == 5e-5
+    with pytest.raises(Refused, match="below the shortest"):
+        running.frame(exposure=5e-7)
     assert running.state()["timed"] is None
 
 
