@@ -136,7 +136,8 @@ fn expectation(forecast: &Forecast) -> Option<String> {
     if let Some(course) = &forecast.course {
         let percent = |share: f64| (1e4 * share).round() / 100.0;
         let early = course.early_seconds.map_or(String::new(), |s| format!("90 % of the pixels after {}, ", about(s)));
-        line += &format!(": {early}{} % after {}", percent(course.share), time(first.seconds));
+        let of = if early.is_empty() { " of the pixels" } else { "" };
+        line += &format!(": {early}{} %{of} after {}", percent(course.share), time(first.seconds));
         if !course.last_objects.is_empty() {
             let names: Vec<String> = course.last_objects.iter().map(|name| format!("`{name}`")).collect();
             line += &format!("; the last {} % is mostly {}", percent(1.0 - course.share), names.join(" and "));
