@@ -25,8 +25,8 @@ const FORCED_RR_BOUNCES: u32 = 64;
 /// clear sheets would be traced for longer.
 const MAX_SURVIVAL: f32 = 0.98;
 
-/// Vertices between two checks of the clock in a medium: some milliseconds.
-const CHECK_EVERY: u32 = 8192;
+/// A path that is scattered in a medium can be abandoned after each so many vertices: some milliseconds.
+const CHECK_EVERY: u32 = 4096;
 
 /// Scale of Russian roulette: a path whose throughput is a third or more always survives. Termination on dark surfaces
 /// produces rare bright samples. On the inspection scenes this factor reduces the variance of the image by a third and

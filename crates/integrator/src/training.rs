@@ -138,6 +138,11 @@ impl TrainingRecorder<'_> {
 impl Recorder for TrainingRecorder<'_> {
     const TRAINING: bool = true;
 
+    // Nothing is learned from the rest of a long path.
+    fn abandons(&mut self) -> bool {
+        true
+    }
+
     fn vertex(&mut self, position: [f32; 3], material: Option<u32>, _: Rgb) {
         self.visit(position, material);
     }
