@@ -169,6 +169,7 @@ mod bounded {
             height,
             channels: ["B", "G", "R"].map(|name| (name.into(), dunkelfeld_io::exr::ChannelKind::F32)).into(),
             attributes: String::new(),
+            frame: None,
         };
         dunkelfeld_io::exr::write_exr_rows(&bench.path("large.exr"), &head, &mut |rows| {
             let samples = (width * (rows.end - rows.start)) as usize;

@@ -64,6 +64,8 @@ impl ExrImage {
             account.check(settings.memory_limit, 0, help)
         };
         let layers = read_exr_if(path, Role::Image, &mut InputFiles::new(), agree)?;
+        layers.check_primaries(path)?;
+        let layers = layers.displayed();
         let mut radiance = radiance_of(path, &layers, settings.layer.as_deref())?;
         if let (None, Some(counts)) = (&settings.layer, layers.integers(Single::SampleCount))
             && counts.data().contains(&0)

@@ -1,10 +1,14 @@
-//! EXR files: round trips, reproducible bytes, foreign layer names, damaged files.
+//! EXR files: round trips, reproducible bytes, foreign layer names, windows, damaged files; factors of Radiance files.
 
 use std::path::Path;
 
 use dunkelfeld_film::Plane;
-use dunkelfeld_io::exr::{Channel, ChannelKind, ExrHead, ExrLayers, read_exr, write_exr, write_exr_rows};
+use dunkelfeld_io::exr::{Channel, ChannelKind, ExrFrame, ExrHead, ExrLayers, read_exr, write_exr, write_exr_rows};
+use dunkelfeld_io::images::decode_image;
 use dunkelfeld_io::layers::{Single, Triple};
+use dunkelfeld_io::loader::Limits;
+use dunkelfeld_scene::Texels;
+use exr::meta::attribute::{Chromaticities, IntegerBounds};
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder,
     SmallVec, Text, Vec2, WritableImage, f16,
@@ -158,7 +162,7 @@ fn strips_make_the_same_bytes_as_the_whole() {
 fn a_strip_is_small_whatever_the_image() {
     let channels: Vec<_> = (0..36).map(|i| (format!("c{i}"), ChannelKind::F32)).collect();
     for (width, height) in [(1, 1), (512, 512), (4096, 4096), (16_384, 32_768), (65_536, 65_536)] {
-        let head = ExrHead { width, height, channels: channels.clone(), attributes: String::new() };
+        let head = ExrHead { width, height, channels: channels.clone(), attributes: String::new(), frame: None };
         let rows = head.strip_rows();
         let bytes = u64::from(width) * u64::from(rows) * 36 * 4;
         assert!(rows == height || rows.is_multiple_of(16), "{rows} rows");
@@ -192,6 +196,37 @@ fn a_strip_that_does_not_fit_leaves_the_target_as_it_was() {
         assert_eq!(std::fs::read(&path).expect("readable"), b"precious");
     }
     assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 1, "no temporary file stays");
+}
+
+/// A data window smaller than the display window, larger, beside it, and apart from it.
+#[test]
+fn the_picture_is_the_display_window() {
+    let folder = temporary();
+    let path = folder.path().join("windows.exr");
+    let (red, green, blue) = (Vec2(0.713, 0.293), Vec2(0.165, 0.83), Vec2(0.128, 0.044));
+    let chromaticities = Some(Chromaticities { red, green, blue, white: Vec2(0.3217, 0.3377) });
+    for (position, display) in [
+        (Vec2(10, -5), IntegerBounds::new((0, 0), (64, 40))),
+        (Vec2(-10, 5), IntegerBounds::new((-4, 9), (8, 3))),
+        (Vec2(3, 4), IntegerBounds::new((20, -2), (30, 12))),
+        (Vec2(3, 4), IntegerBounds::new((3, 4), (W as usize, H as usize))),
+        (Vec2(-100, 100), IntegerBounds::new((0, 0), (9, 7))),
+    ] {
+        let frame = Some(ExrFrame { position, display, chromaticities });
+        let value = |x: u32, y: u32| (1 + x + W * y) as f32;
+        let mut layers = ExrLayers { frame, ..ExrLayers::new(W, H) };
+        layers.push_floats(Single::Depth, Plane::from_fn(W, H, value));
+        write_exr(&path, layers.clone()).expect("written");
+        let read = read_exr(&path).expect("readable");
+        assert_eq!(read, layers, "the windows are kept");
+        assert!(read.check_primaries(&path).expect_err("ACEScg").help.contains("Rec. 709"));
+        let expected = Plane::from_fn(display.size.0 as u32, display.size.1 as u32, |x, y| {
+            let at = Vec2(x as i32, y as i32) + display.position - position;
+            let inside = (0..W as i32).contains(&at.0) && (0..H as i32).contains(&at.1);
+            if inside { value(at.0 as u32, at.1 as u32) } else { 0.0 }
+        });
+        assert_eq!(read.displayed().single(Single::Depth), Some(expected), "{position:?} in {display:?}");
+    }
 }
 
 #[test]
@@ -480,4 +515,38 @@ fn images_of_many_blocks_come_back_in_their_order() {
     layers.push_integers(Single::SampleCount, Plane::from_fn(3, 5000, |x, y| 3 * y + x));
     write_exr(&path, layers.clone()).expect("written");
     assert_eq!(read_exr(&path).expect("readable"), layers);
+}
+
+fn texels(bytes: &[u8]) -> Texels {
+    (*decode_image(bytes, "a", &Limits::default()).expect("decodes").image.texels).clone()
+}
+
+#[test]
+fn the_factors_of_a_radiance_file_are_divided_out() {
+    let file =
+        |head: &str| [format!("{head}FORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n").as_bytes(), &[128, 64, 32, 129]].concat();
+    let bytes = file("#?RGBE\nEXPOSURE=0.25\nEXPOSURE= 2\nCOLORCORR=1 0.5 4\n");
+    assert_eq!(texels(&bytes), Texels::RgbF32(vec![[2.0, 2.0, 0.125]]));
+    assert_eq!(texels(&file("#?RADIANCE\n")), Texels::RgbF32(vec![[1.0, 0.5, 0.25]]));
+    let fault = decode_image(&file("#?RADIANCE\nEXPOSURE=0\n"), "a", &Limits::default()).expect_err("no factor");
+    assert!(fault.problem.contains("EXPOSURE"), "{fault:?}");
+}
+
+#[test]
+fn an_exr_is_cut_to_its_display_window_and_has_the_primaries_of_rec_709() {
+    let file = |white: f32| {
+        let list = vec![AnyChannel::new("Y", FlatSamples::F32(vec![1.0, 2.0, 3.0, 4.0]))];
+        let mut image = Image::from_channels((2, 2), AnyChannels::sort(list.into()));
+        image.attributes.display_window = IntegerBounds::new(Vec2(1, 0), Vec2(3, 1));
+        let (red, green, blue) = (Vec2(0.64, 0.33), Vec2(0.3, 0.6), Vec2(0.15, 0.06));
+        image.attributes.chromaticities = Some(Chromaticities { red, green, blue, white: Vec2(white, 0.329) });
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        image.write().to_buffered(&mut bytes).expect("encode");
+        bytes.into_inner()
+    };
+    let decoded = decode_image(&file(0.3127), "a", &Limits::default()).expect("decodes").image;
+    assert_eq!((decoded.width, decoded.height), (3, 1));
+    assert_eq!(*decoded.texels, Texels::GrayF32(vec![[2.0], [0.0], [0.0]]));
+    let fault = decode_image(&file(0.3457), "a", &Limits::default()).expect_err("another white");
+    assert!(fault.problem.contains("Rec. 709") && fault.help.contains("convert"), "{fault:?}");
 }

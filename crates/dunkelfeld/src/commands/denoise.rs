@@ -17,7 +17,7 @@ use dunkelfeld_render::Error;
 use dunkelfeld_render::Session;
 use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, written};
 use dunkelfeld_sensor::display::linear_to_8bit;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Maximum number of channel names in a message.
@@ -42,6 +42,7 @@ pub struct DenoisedFile {
     pub invalid: u64,
     /// Pixels whose variance was negative or not a number. Such a variance counts as unknown.
     pub invalid_variances: u64,
+    path: PathBuf,
     inputs: InputFiles,
 }
 
@@ -99,7 +100,7 @@ pub fn denoise_exr(
     let features = features.into_iter().filter_map(|(name, there)| there.then_some(name)).collect();
     let Some(denoised) = planes.denoised(&*denoiser, session)? else { return Ok(None) };
     layers.remove_triples(Triple::Denoised);
-    Ok(Some(DenoisedFile { layers, denoised, features, invalid, invalid_variances, inputs }))
+    Ok(Some(DenoisedFile { layers, denoised, features, invalid, invalid_variances, path: path.into(), inputs }))
 }
 
 /// Denoises planes of any program: [`denoise_exr`] without a file.
@@ -152,20 +153,27 @@ fn check_output(output: &Path, inputs: &InputFiles) -> Result<(), Error> {
 }
 
 impl DenoisedFile {
-    /// Writes the result: as EXR with all layers of the input and `denoised.R/G/B`, or as 8-bit PNG with gamma 2.2.
+    /// Writes the result: as EXR with all layers, windows and primaries of the input and `denoised.R/G/B`, or the display
+    /// window as 8-bit PNG with gamma 2.2.
     /// Radiance 1 is white in the picture, as in other programs. The radiances of a render for a sensor have a unit;
     /// then the picture is scaled so that the bright parts are near white.
     ///
     /// # Errors
-    /// If the file cannot be written; an existing one then stays as it was.
+    /// If the file cannot be written, or a PNG would have other primaries than Rec. 709; an existing file then stays as it
+    /// was.
     pub fn save(self, output: &Path) -> Result<(), Error> {
         check_output(output, &self.inputs)?;
+        let mut layers = self.layers;
         if extension(output) == "png" {
-            let scale = match attributes(&self.layers).get("sensor") {
+            layers.check_primaries(&self.path)?;
+            let scale = match attributes(&layers).get("sensor") {
                 Some(serde_json::Value::String(_)) => brightness(&self.denoised.mean),
                 _ => 1.0,
             };
-            let picture = linear_to_8bit(&self.denoised.mean.map(|v| v.map(|v| v * scale)));
+            layers.channels.clear();
+            layers.push_triples(Triple::Denoised, &self.denoised.mean);
+            let mean = layers.displayed().triples(Triple::Denoised).unwrap_or(self.denoised.mean);
+            let picture = linear_to_8bit(&mean.map(|v| v.map(|v| v * scale)));
             let mut comment = denoised_by(&self.denoised.denoiser);
             if scale != 1.0 {
                 comment += &format!("; white is a radiance of {:e} W/(m^2 sr)", 1.0 / scale);
@@ -173,7 +181,6 @@ impl DenoisedFile {
             let text = [("Software", "Dunkelfeld"), ("Comment", comment.as_str())];
             return written(output, dunkelfeld_io::png::write_png(output, Picture::Rgb8(&picture), &text));
         }
-        let mut layers = self.layers;
         set_attribute(&mut layers, "denoiser", &self.denoised.denoiser);
         layers.push_triples(Triple::Denoised, &self.denoised.mean);
         save_exr(output, layers)

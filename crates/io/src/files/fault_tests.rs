@@ -56,11 +56,11 @@ const WRITERS: [(&str, Writer); 10] = [
             ("R".into(), Channel::F32(values(n).map(|&v| v as f32).into_vec())),
             ("spp.Y".into(), Channel::U32(values(n).into_vec())),
         ];
-        write_exr(path, ExrLayers { width: SIDE, height: SIDE, channels, attributes: "{}".into() })
+        write_exr(path, ExrLayers { width: SIDE, height: SIDE, channels, attributes: "{}".into(), frame: None })
     }),
     ("plan.exr", |path, n| {
         let channels = vec![("spp.Y".into(), Channel::U32(values(n).into_vec()))];
-        write_exr(path, ExrLayers { width: SIDE, height: SIDE, channels, attributes: String::new() })
+        write_exr(path, ExrLayers { width: SIDE, height: SIDE, channels, attributes: String::new(), frame: None })
     }),
     ("a.film", |path, n| {
         let mut rows = |rows: std::ops::Range<u32>, out: &mut Vec<PixelSums>| {
@@ -220,7 +220,7 @@ fn a_folder_of_results_has_whole_files_only_whatever_fails() {
     let grow = |folder: &Path| -> Result<(), String> {
         let results = ResultsFolder::open(&folder.join("units")).map_err(|e| e.to_string())?;
         let channels = vec![("R".into(), Channel::F32(vec![0.5; 4]))];
-        let layers = ExrLayers { width: 2, height: 2, channels, attributes: String::new() };
+        let layers = ExrLayers { width: 2, height: 2, channels, attributes: String::new(), frame: None };
         results.write_layers("1.exr", layers).map_err(|e| e.to_string())?;
         results.write_text("1.json", "{\"seed\": 1}").map_err(|e| e.to_string())
     };

@@ -6,6 +6,7 @@ use std::path::Path;
 use exr::image::FlatSamples;
 use exr::meta::MetaData;
 use exr::meta::attribute::{AttributeValue, Text};
+use exr::meta::header::Header;
 use exr::prelude::{ReadChannels, read};
 
 use crate::error::InputError;
@@ -14,6 +15,9 @@ use crate::process::can_reserve;
 
 pub(crate) mod blocks;
 mod strips;
+mod windows;
+
+pub use windows::ExrFrame;
 
 pub use strips::{ChannelKind, ExrHead, write_exr_rows};
 
@@ -61,6 +65,8 @@ pub struct ExrLayers {
     pub channels: Vec<(String, Channel)>,
     /// A JSON text about the image; empty if there is none.
     pub attributes: String,
+    /// Windows and primaries of a file of another program. `None`: the samples are the picture, in Rec. 709.
+    pub frame: Option<ExrFrame>,
 }
 
 /// Writes a file: one part, scan lines from the top, ZIP in blocks of 16 lines. The same contents give the same bytes. Runs on
@@ -111,7 +117,8 @@ fn ascii_json(json: &str) -> String {
 /// Reads all channels of a file, of this program or of another renderer.
 ///
 /// Half precision is widened. The channels of a part that has a name are called `part.channel`. Channels that do not have
-/// one sample per pixel, and parts that differ in size from the first, are left out.
+/// one sample per pixel, and parts that differ in size or place from the first, are left out. The samples are those of
+/// the data window; [`ExrLayers::displayed`] moves them into the display window.
 ///
 /// # Errors
 /// The file is missing, not an EXR, damaged, or uses deep data.
@@ -130,9 +137,9 @@ pub fn read_exr_recorded(path: &Path, role: Role, inputs: &mut InputFiles) -> Re
 /// The size of an image, before its samples are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExrSize {
-    /// Width of the first part in pixels.
+    /// Width of the first part or of its display window in pixels: the larger one.
     pub width: u32,
-    /// Height of the first part in pixels.
+    /// Height, likewise.
     pub height: u32,
     /// Bytes that the samples of all channels take in memory.
     pub bytes: u64,
@@ -149,7 +156,8 @@ pub fn read_exr_if<E: From<InputError>>(
     agree: impl FnOnce(ExrSize) -> Result<(), E>,
 ) -> Result<ExrLayers, E> {
     let fault = |problem: String| {
-        InputError::new(path, "the file", problem, "check that it is a complete OpenEXR image without deep data")
+        let help = "check that it is a complete OpenEXR image without deep data, with ZIP, PIZ or no compression";
+        InputError::new(path, "the file", problem, help)
     };
     let file = inputs.open(path, role, MAX_STREAMED).map_err(|fault| fault.at(path))?;
     let size = file.length();
@@ -178,16 +186,22 @@ pub fn read_exr_if<E: From<InputError>>(
     }
     let layers = read().no_deep_data().largest_resolution_level().all_channels().all_layers();
     let image = blocks::decode(file, &layers).map_err(|e| fault(describe(&e)))?;
-    collect(image).ok_or_else(|| fault("has no channel with one sample per pixel".into()).into())
+    collect(image, meta.headers.first().and_then(ExrFrame::of_header))
+        .ok_or_else(|| fault("has no channel with one sample per pixel".into()).into())
 }
 
-/// Width and height of the first part, and bytes of all samples in memory.
+/// Width and height of the first part or its display window, and bytes of all samples in memory.
 fn size_of_all(meta: &MetaData) -> ExrSize {
-    let of = |h: &exr::meta::header::Header| (h.layer_size.0 as u64).saturating_mul(h.layer_size.1 as u64);
-    let bytes = meta.headers.iter().map(|h| of(h).saturating_mul(4 * h.channels.list.len() as u64));
-    let first = meta.headers.first().map_or((0, 0), |h| (h.layer_size.0, h.layer_size.1));
-    let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
-    ExrSize { width: side(first.0), height: side(first.1), bytes: bytes.fold(0, u64::saturating_add) }
+    let of = |h: &Header| {
+        let display = h.shared_attributes.display_window.size;
+        [h.layer_size.0.max(display.0), h.layer_size.1.max(display.1)]
+    };
+    let bytes = meta.headers.iter().map(|h| {
+        let [width, height] = of(h).map(|v| v as u64);
+        width.saturating_mul(height).saturating_mul(4 * h.channels.list.len() as u64)
+    });
+    let [width, height] = meta.headers.first().map_or([0; 2], of).map(|v| u32::try_from(v).unwrap_or(u32::MAX));
+    ExrSize { width, height, bytes: bytes.fold(0, u64::saturating_add) }
 }
 
 fn describe(error: &exr::error::Error) -> String {
@@ -200,8 +214,9 @@ fn describe(error: &exr::error::Error) -> String {
     }
 }
 
-fn collect(image: exr::image::FlatImage) -> Option<ExrLayers> {
-    let size = image.layer_data.first()?.size;
+fn collect(image: exr::image::FlatImage, frame: Option<ExrFrame>) -> Option<ExrLayers> {
+    let first = image.layer_data.first()?;
+    let (size, position) = (first.size, first.attributes.layer_position);
     let attributes = image
         .attributes
         .other
@@ -214,7 +229,7 @@ fn collect(image: exr::image::FlatImage) -> Option<ExrLayers> {
         .unwrap_or_default();
     let (width, height) = (u32::try_from(size.0).ok()?, u32::try_from(size.1).ok()?);
     let mut channels = Vec::new();
-    for layer in image.layer_data.into_iter().filter(|l| l.size == size) {
+    for layer in image.layer_data.into_iter().filter(|l| (l.size, l.attributes.layer_position) == (size, position)) {
         let part = layer.attributes.layer_name.as_ref().map(Text::to_string).filter(|name| !name.is_empty());
         for channel in layer.channel_data.list {
             let samples = match channel.sample_data {
@@ -233,5 +248,5 @@ fn collect(image: exr::image::FlatImage) -> Option<ExrLayers> {
             }
         }
     }
-    (!channels.is_empty()).then_some(ExrLayers { width, height, channels, attributes })
+    (!channels.is_empty()).then_some(ExrLayers { width, height, channels, attributes, frame })
 }

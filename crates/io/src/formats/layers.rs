@@ -106,7 +106,7 @@ impl Single {
 impl ExrLayers {
     /// An image without channels.
     pub fn new(width: u32, height: u32) -> Self {
-        Self { width, height, channels: Vec::new(), attributes: String::new() }
+        Self { width, height, channels: Vec::new(), attributes: String::new(), frame: None }
     }
 
     /// Adds a layer of triples.

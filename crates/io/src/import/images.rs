@@ -1,13 +1,14 @@
 //! Decodes images of any supported format within limits, and reads environment maps.
 
 use crate::error::{ImportWarning, InputError};
-use crate::exr::blocks;
+use crate::exr::{ExrFrame, blocks};
 use crate::import::texel_budget::TexelBudget;
 use crate::input::{InputFiles, Role};
 use crate::loader::Limits;
 use bytemuck::Pod;
 use dunkelfeld_scene::{Image, Texels};
 use exr::prelude::{AnyChannel, ChannelDescription, FlatSamples, ReadChannels as _};
+use image::codecs::hdr::HdrDecoder;
 use image::{ColorType, ImageDecoder, ImageFormat, ImageReader};
 use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -87,7 +88,8 @@ pub fn image_header(bytes: &[u8], name: &str, limits: &Limits) -> Result<ImageHe
 ///
 /// Bit depth and channels remain as in the file: 1 to 4 channels of 8 or 16 bits (fewer bits become 8, palettes become
 /// red, green, blue), grey or three channels of floating point, whose alpha is dropped. Values are not converted. The
-/// texture that uses them defines their encoding (sRGB, linear). No second copy of the texels is made here.
+/// texture that uses them defines their encoding (sRGB, linear). An EXR is cut to its display window, and the values of
+/// a Radiance HDR are divided by its EXPOSURE and COLORCORR. No second copy of the texels is made here.
 ///
 /// # Errors
 /// If the bytes are no image, are broken, or exceed `limits` (which are checked on the header).
@@ -138,7 +140,9 @@ struct Opened<'a> {
 }
 
 enum Decoder<'a> {
-    Exr(Colors),
+    Exr(Colors, Option<ExrFrame>),
+    /// With the factor of each channel.
+    Hdr(Box<dyn ImageDecoder + 'a>, [f32; 3]),
     Other(Box<dyn ImageDecoder + 'a>),
 }
 
@@ -158,6 +162,9 @@ fn open<'a>(bytes: &'a [u8], name: &str, limits: &Limits) -> Result<Opened<'a>, 
     }
     if let Some(what) = foreign_format(bytes) {
         return Err(ImageFault::new(what, READABLE));
+    }
+    if bytes.starts_with(b"#?RADIANCE") || bytes.starts_with(b"#?RGBE") {
+        return open_hdr(bytes, limits);
     }
     let format = image::guess_format(bytes).ok().or_else(|| {
         let is_tga = Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("tga"));
@@ -207,26 +214,50 @@ fn broken_image(e: &image::ImageError, limits: &Limits) -> ImageFault {
 fn broken_exr(e: exr::error::Error) -> ImageFault {
     match e {
         exr::error::Error::NotSupported(what) => {
-            ImageFault::new(format!("the EXR uses what cannot be read: {what}"), "save it as flat scan-line RGB")
+            let help = "save it as flat scan-line RGB with ZIP compression";
+            ImageFault::new(format!("the EXR uses what cannot be read: {what}"), help)
         }
         other => ImageFault::new(format!("the EXR is broken: {other}"), "save the image again"),
     }
+}
+
+/// The lines EXPOSURE and COLORCORR contain the factors that the values were multiplied by (Ward 1991).
+fn open_hdr<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Opened<'a>, ImageFault> {
+    let decoder = HdrDecoder::new_nonstrict(Cursor::new(bytes)).map_err(|e| broken_image(&e, limits))?;
+    let meta = decoder.metadata();
+    check_size(meta.width as usize, meta.height as usize, 12, limits)?;
+    let exposure = meta.exposure.unwrap_or(1.0);
+    let (r, g, b) = meta.color_correction.unwrap_or((1.0, 1.0, 1.0));
+    let factors = [r, g, b].map(|v| 1.0 / (v * exposure));
+    if !factors.iter().all(|v| *v > 0.0 && v.is_finite()) {
+        let problem = format!("its header has EXPOSURE {exposure} and COLORCORR {r} {g} {b}, which are not above 0");
+        return Err(ImageFault::new(problem, "correct or remove these lines of the header"));
+    }
+    let header = ImageHeader { width: meta.width, height: meta.height, channels: 3, value_bytes: 4 };
+    Ok(Opened { header, decoder: Decoder::Hdr(Box::new(decoder), factors) })
 }
 
 fn open_exr<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Opened<'a>, ImageFault> {
     let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken_exr)?;
     for header in &meta.headers {
         let channels = header.channels.list.len().max(3);
-        check_size(header.layer_size.width(), header.layer_size.height(), 4 * channels as u64, limits)?;
+        for size in [header.layer_size, header.shared_attributes.display_window.size] {
+            check_size(size.width(), size.height(), 4 * channels as u64, limits)?;
+        }
     }
     let deep = || ImageFault::new("the EXR has no flat layer", "save it as flat scan-line RGB");
     let layer = meta.headers.iter().find(|h| !h.deep).ok_or_else(deep)?;
     let colors = colors_of(&layer.channels.list)?;
+    let frame = ExrFrame::of_header(layer);
+    if let Some((problem, help)) = frame.and_then(|frame| frame.other_primaries()) {
+        return Err(ImageFault::new(format!("the EXR cannot be used: {problem}"), help));
+    }
     // `check_size` has kept both below `image_side`, a u32.
-    let (width, height) = (layer.layer_size.width() as u32, layer.layer_size.height() as u32);
+    let display = layer.shared_attributes.display_window.size;
+    let (width, height) = (display.width() as u32, display.height() as u32);
     let channels = if matches!(colors, Colors::Rgb(_)) { 3 } else { 1 };
     let header = ImageHeader { width, height, channels, value_bytes: 4 };
-    Ok(Opened { header, decoder: Decoder::Exr(colors) })
+    Ok(Opened { header, decoder: Decoder::Exr(colors, frame) })
 }
 
 /// Selects by name, among the channels at full resolution: R, G and B, else Y, else the only one.
@@ -247,7 +278,12 @@ impl Opened<'_> {
         let ImageHeader { width, height, .. } = self.header;
         let count = width as usize * height as usize;
         let mut texels = match self.decoder {
-            Decoder::Exr(colors) => decode_exr(bytes, &colors, count)?,
+            Decoder::Exr(colors, frame) => decode_exr(bytes, &colors, frame, count)?,
+            Decoder::Hdr(decoder, factors) => {
+                let mut texels: Vec<[f32; 3]> = read(decoder, count)?;
+                texels.iter_mut().for_each(|texel| (0..3).for_each(|c| texel[c] *= factors[c]));
+                Texels::RgbF32(texels)
+            }
             Decoder::Other(decoder) => match decoder.color_type() {
                 ColorType::L8 => Texels::Gray8(read(decoder, count)?),
                 ColorType::La8 => Texels::GrayAlpha8(read(decoder, count)?),
@@ -293,13 +329,19 @@ fn allocate<T: Copy>(texel: T, count: usize) -> Result<Vec<T>, ImageFault> {
     Ok(texels)
 }
 
-fn decode_exr(bytes: &[u8], colors: &Colors, count: usize) -> Result<Texels, ImageFault> {
+fn decode_exr(bytes: &[u8], colors: &Colors, frame: Option<ExrFrame>, count: usize) -> Result<Texels, ImageFault> {
     let layers = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
     let image = blocks::decode(Cursor::new(bytes), &layers).map_err(broken_exr)?;
+    let size = [image.layer_data.size.0, image.layer_data.size.1];
     let channels = image.layer_data.channel_data.list;
     let values = |i: usize| {
         let missing = || ImageFault::new("the EXR's channels are not those of its header", "save the image again");
-        channels.get(i).map(|c: &AnyChannel<FlatSamples>| c.sample_data.values_as_f32()).ok_or_else(missing)
+        let channel: &AnyChannel<FlatSamples> = channels.get(i).ok_or_else(missing)?;
+        let values = channel.sample_data.values_as_f32();
+        Ok::<Box<dyn Iterator<Item = f32>>, ImageFault>(match frame {
+            Some(frame) => Box::new(frame.displayed(&values.collect::<Vec<_>>(), size).into_iter()),
+            None => Box::new(values),
+        })
     };
     match colors {
         Colors::Gray(y) => {

@@ -15,7 +15,7 @@ use exr::meta::{BlockDescription, compute_chunk_count};
 use exr::prelude::{Compression, Vec2};
 use rayon::prelude::*;
 
-use super::{ATTRIBUTE, Channel, ExrLayers, ascii_json};
+use super::{ATTRIBUTE, Channel, ExrFrame, ExrLayers, ascii_json};
 use crate::atomic::write_atomically;
 
 /// Lines that ZIP compresses together.
@@ -44,7 +44,7 @@ impl Channel {
 }
 
 /// All contents of a file except the samples.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ExrHead {
     /// Width in pixels.
     pub width: u32,
@@ -54,6 +54,8 @@ pub struct ExrHead {
     pub channels: Vec<(String, ChannelKind)>,
     /// A JSON text about the image; empty if there is none.
     pub attributes: String,
+    /// Windows and primaries; `None`: the samples are the picture, in Rec. 709.
+    pub frame: Option<ExrFrame>,
 }
 
 impl ExrHead {
@@ -61,7 +63,7 @@ impl ExrHead {
     /// this one.
     pub fn from_strip(strip: &ExrLayers, height: u32) -> Self {
         let channels = strip.channels.iter().map(|(name, channel)| (name.clone(), channel.kind())).collect();
-        Self { width: strip.width, height, channels, attributes: strip.attributes.clone() }
+        Self { width: strip.width, height, channels, attributes: strip.attributes.clone(), frame: strip.frame }
     }
 
     /// Rows of a strip: the blocks of 16 lines whose samples of all channels have less than 32 MiB, at least one block.
@@ -128,7 +130,7 @@ impl ExrHead {
             shared_attributes.other.insert(Text::from(ATTRIBUTE), value);
         }
         let (compression, blocks) = (Compression::ZIP16, BlockDescription::ScanLines);
-        let header = Header {
+        let mut header = Header {
             channels,
             compression,
             blocks,
@@ -141,6 +143,7 @@ impl ExrHead {
             deep_data_version: None,
             max_samples_per_pixel: None,
         };
+        self.frame.iter().for_each(|frame| frame.apply(&mut header));
         (header, order)
     }
 }
@@ -242,7 +245,7 @@ mod tests {
 
     fn head(height: u32) -> ExrHead {
         let channels = vec![("spp.Y".into(), ChannelKind::U32), ("Y".into(), ChannelKind::F32)];
-        ExrHead { width: WIDTH, height, channels, attributes: "{}".into() }
+        ExrHead { width: WIDTH, height, channels, attributes: "{}".into(), frame: None }
     }
 
     #[test]
