@@ -85,6 +85,59 @@ fn texts_of_careless_programs_are_read() {
 }
 
 #[test]
+fn encodings_of_texts_are_read_or_refused_with_help() {
+    for (name, text) in [("a.stl", ASCII), ("a.ply", PLY)] {
+        let plain = corners(&load(name, text.as_bytes()));
+        assert_eq!(corners(&load(name, format!("\u{feff}{text}").as_bytes())), plain, "a byte order mark");
+        let wide: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+        for bytes in [&wide[..], &[&[0xff, 0xfe], &wide[..]].concat()] {
+            let error = refused(name, bytes);
+            assert!(error.problem.contains("UTF-16") && error.help.contains("UTF-8"), "{error}");
+        }
+    }
+    // Blank lines, comments between the data, and numbers of other forms; the fifth vertex, which is none, has one face.
+    let odd =
+        PLY.replace("ply\nformat", "ply\n\nformat").replace("10 10 0 0", "comment a b\n\n 10. +10.0 .0 -nan(ind)");
+    let odd = load("a.ply", odd.replace("5 5 9", "\t1.#QNAN nan 9").as_bytes());
+    assert_eq!(corners(&odd), corners(&load("a.ply", PLY.as_bytes()))[..6]);
+    assert!(odd.warnings[0].message.contains("1 of them cannot be used"), "{:?}", odd.warnings);
+    let error =
+        refused("a.ply", PLY.replace("end_header\n", "end_header\n\n\n").replace("4 0 1 2 3", "4 0 1 x 3").as_bytes());
+    assert_eq!(error.place, "line 24", "as in the file: {error}");
+}
+
+#[test]
+fn a_look_that_is_not_read_is_reported() {
+    let with = |vertex: &str, face: &str, comment: &str| {
+        let properties =
+            |names: &str| names.split_whitespace().map(|n| format!("property float {n}\n")).collect::<String>();
+        let values = |names: &str| " 0.5".repeat(names.split_whitespace().count());
+        let (vertex, vertex_values, face, face_values) =
+            (properties(vertex), values(vertex), properties(face), values(face));
+        let points: String = ["0 0 0", "1 0 0", "0 1 0"].map(|p| format!("{p}{vertex_values}\n")).concat();
+        let text = format!(
+            "ply\nformat ascii 1.0\n{comment}element vertex 3\nproperty float x\nproperty float y\nproperty float z\n{vertex}\
+             element face 1\nproperty list uchar int vertex_index\n{face}end_header\n{points}3 0 1 2{face_values}\n"
+        );
+        let imported = load("a.ply", text.as_bytes());
+        let texts = imported.warnings.iter().map(|w| w.message.clone()).collect::<Vec<_>>().join("|");
+        (texts, imported.scene.meshes[0].mesh.colors.len())
+    };
+    for (vertex, face, comment, said) in [
+        ("s t", "", "comment TextureFile a b.png\n", "its texture \"a b.png\" is not read"),
+        ("texture_u texture_v", "", "", "its texture is not read"),
+        ("", "texnumber", "", "its texture is not read"),
+        ("", "red green blue", "", "the colours of its faces are not read"),
+        ("u v", "r g b", "", "its texture is not read"),
+    ] {
+        assert!(with(vertex, face, comment).0.contains(said), "{vertex}, {face}: {}", with(vertex, face, comment).0);
+    }
+    for colors in ["red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue"] {
+        assert_eq!(with(colors, "", "comment made by hand\n"), (String::new(), 3), "{colors}");
+    }
+}
+
+#[test]
 fn damaged_stl_is_refused() {
     let cube = binary_stl(b"x", &cuboid(Vec3::ZERO, Vec3::ONE));
     for (bytes, part) in [
@@ -214,13 +267,15 @@ fn other_formats_are_refused_with_the_way_to_gltf() {
         ("a.blend", "open it in Blender"),
         ("a.fbx", "import it in Blender"),
         ("a.usdz", "import it in Blender"),
-        ("a.dae", "import it in Blender"),
-        ("a.3mf", "import it in Blender"),
+        ("a.xyz", "make a mesh of the points"),
+        ("a.dae", "open it in MeshLab or FreeCAD"),
+        ("a.3mf", "open it in MeshLab or FreeCAD"),
         ("a.txt", ".ply"),
         ("a", ".glb"),
     ] {
         let error = load_scene(Path::new(name), &ImportOptions::default()).expect_err(name);
-        assert!(error.place == "file name" && error.help.contains(part) && error.help.contains("glTF"), "{error}");
+        let way = ["glTF", "PLY"].iter().any(|format| error.help.contains(format));
+        assert!(error.place == "file name" && error.help.contains(part) && way, "{error}");
     }
 }
 

@@ -26,9 +26,12 @@ const CAD: &[&str] = &[
     "f3d",
     "fcstd",
 ];
-/// Formats that Blender reads.
-const MESHES: &[&str] =
-    &["fbx", "dae", "usd", "usda", "usdc", "usdz", "abc", "3ds", "3mf", "x3d", "wrl", "vrml", "off", "xyz", "dxf"];
+/// Formats that Blender reads without an extension.
+const OF_BLENDER: &[&str] = &["fbx", "usd", "usda", "usdc", "usdz", "abc"];
+/// Meshes that MeshLab or FreeCAD reads.
+const MESHES: &[&str] = &["3mf", "3ds", "dae", "dxf", "off", "vrml", "wrl", "x3d"];
+/// Points without faces.
+const POINTS: &[&str] = &["asc", "e57", "las", "laz", "pcd", "pts", "ptx", "xyz"];
 
 /// The error about a file whose extension (in lower case, without the dot) no reader has.
 pub(super) fn refusal(path: &Path, extension: &str) -> InputError {
@@ -48,6 +51,14 @@ pub(super) fn refusal(path: &Path, extension: &str) -> InputError {
                 .into(),
         ),
         other if MESHES.contains(&other) => (
+            format!("\".{other}\" is not a scene format that can be read"),
+            "open it in MeshLab or FreeCAD and export it as glTF, OBJ, PLY or STL".into(),
+        ),
+        other if POINTS.contains(&other) => (
+            format!("\".{other}\" is a format of points without faces, which cannot be rendered"),
+            "make a mesh of the points, for example in MeshLab or CloudCompare, and export it as PLY or STL".into(),
+        ),
+        other if OF_BLENDER.contains(&other) => (
             format!("\".{other}\" is not a scene format that can be read"),
             "import it in Blender (File > Import) and export it as glTF 2.0 (File > Export > glTF 2.0, .glb)".into(),
         ),

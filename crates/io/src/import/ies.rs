@@ -5,6 +5,7 @@
 //! `TILT=` describe the ageing of a lamp in a tilted luminaire. No luminaire is tilted here, so they are skipped.
 
 use crate::error::{ImportWarning, InputError, SourceSpan};
+use crate::import::mesh_file::without_mark;
 use crate::import::options::LUMENS_PER_WATT;
 use crate::import::warnings::Warnings;
 use crate::input::{InputFiles, Role};
@@ -35,7 +36,8 @@ pub fn parse_ies(path: &Path, bytes: &[u8]) -> Result<(LightProfile, Vec<ImportW
         return Err(InputError::new(path, "the file", problem, "check that this is the right file"));
     }
     // Keywords may be in any encoding. Only ASCII is used.
-    let text = String::from_utf8_lossy(bytes);
+    let text = String::from_utf8_lossy(without_mark(bytes, path)?);
+    let text = if text.contains('\n') { text } else { text.replace('\r', "\n").into() };
     let mut file = Reader { path: path.to_path_buf(), text: &text, at: 0, last: 0..0 };
     let edition = file.skip_to_tilt(&mut warnings)?;
     let profile = file.profile(edition, &mut warnings)?;
@@ -64,7 +66,7 @@ struct Reader<'a> {
 impl Reader<'_> {
     /// Skips the labels and the tilt data.
     fn skip_to_tilt(&mut self, warnings: &mut Warnings) -> Result<Edition, InputError> {
-        let first = self.text.lines().next().unwrap_or_default().trim().trim_start_matches('\u{feff}');
+        let first = self.text.lines().next().unwrap_or_default().trim();
         let edition = match first.get(..3) {
             Some(head) if head.eq_ignore_ascii_case("IES") && first != "IESNA91" => Edition::Late,
             _ => Edition::Early,
@@ -341,6 +343,10 @@ mod tests {
         // Commas and line breaks in any place, CRLF, Latin-1 and upper case are valid as well.
         let bytes = b"IESNA91\r\n[X] \xe4\r\nTilt=none\r\n1,-1,1\r\n3 1 1 2 0 0\r\n0\r\n1 1\r\n0 0,90\r\n180 0 683\r\n1366, 0\r\n";
         let (q, _) = parse_ies(Path::new("lamp.ies"), bytes).expect("reads");
+        assert_eq!(p, q);
+        let (q, _) =
+            parse_ies(Path::new("lamp.ies"), bytes.split(|b| *b == b'\n').collect::<Vec<_>>().concat().as_slice())
+                .expect("CR alone");
         assert_eq!(p, q);
     }
 

@@ -1,5 +1,6 @@
 //! The scene of a file that contains meshes only: STL and PLY.
 
+use crate::error::InputError;
 use crate::import::options::Imported;
 use crate::import::warnings::Warnings;
 use crate::loader::AssetLoader;
@@ -10,6 +11,23 @@ use std::path::Path;
 
 /// Reflectance of the material: the grey of OBJ faces without a material.
 const GREY: f32 = 0.8;
+
+/// The bytes after a byte order mark of UTF-8, which a text may begin with; `None` for a text in UTF-16.
+pub(crate) fn after_mark(bytes: &[u8]) -> Option<&[u8]> {
+    match bytes {
+        [0xff, 0xfe, ..]
+        | [0xfe, 0xff, ..]
+        | [b'A'..=b'z', 0, b'!'..=b'z', 0, ..]
+        | [0, b'A'..=b'z', 0, b'!'..=b'z', ..] => None,
+        _ => Some(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)),
+    }
+}
+
+/// [`after_mark`], or the error about UTF-16.
+pub(crate) fn without_mark<'a>(bytes: &'a [u8], path: &Path) -> Result<&'a [u8], InputError> {
+    let help = "save it as UTF-8 or ASCII (PowerShell: `Set-Content -Encoding ascii`)";
+    after_mark(bytes).ok_or_else(|| InputError::new(path, "the file", "is a text in UTF-16, which is not read", help))
+}
 
 /// A mesh with its name and the origin of its coordinates in the file.
 pub(crate) struct Object {

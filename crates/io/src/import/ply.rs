@@ -3,7 +3,7 @@
 
 use crate::error::InputError;
 use crate::import::guard::guarded;
-use crate::import::mesh_file::{Object, scene_of_meshes};
+use crate::import::mesh_file::{Object, scene_of_meshes, without_mark};
 use crate::import::options::{ImportOptions, Imported};
 use crate::import::triangulate::{Outcome, Triangulator};
 use crate::import::warnings::Warnings;
@@ -19,17 +19,21 @@ const FACE: u64 = 64;
 /// The mesh lies far from the origin if its centre is farther than this many diagonals of its bounds.
 const FAR: f64 = 8.0;
 
+/// The last line of a header.
+const END: &str = "end_header";
+
 /// Reads a PLY file in its own units and axes; [`load_scene`](crate::import::load_scene) converts them.
 ///
 /// | element | properties | becomes |
 /// |---|---|---|
 /// | `vertex` | `x`, `y`, `z` | positions, read as f64 |
 /// | `vertex` | `nx`, `ny`, `nz` | normals; without them shading is flat |
-/// | `vertex` | `red`, `green`, `blue`, `alpha` | vertex colours, encoded as sRGB: whole numbers of their range, or floating point from 0 to 1 |
+/// | `vertex` | `red`, `green`, `blue` (or `r`, `g`, `b`, or `diffuse_red` and so on), `alpha` | vertex colours, encoded as sRGB: whole numbers of their range, or floating point from 0 to 1 |
 /// | `face` | `vertex_indices` or `vertex_index` | polygons, also concave ones |
 /// | `tristrips` | `vertex_indices` or `vertex_index` | strips of triangles; -1 ends a strip |
 ///
-/// Other elements and properties are skipped. The file is one object with one material of the file's name.
+/// Other elements and properties are skipped; textures and colours of faces with a warning. The file is one object with
+/// one material of the file's name.
 ///
 /// # Errors
 /// If the file cannot be read, is no PLY, is cut off, is beyond the limits, or has no face.
@@ -37,7 +41,9 @@ pub fn load_ply(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
     let loader = AssetLoader::new(path, options.limits);
     let bytes = loader.read_scene()?;
     let mut warnings = Warnings::new(path);
-    let parsed = guarded(path, "the file", || read(&bytes, path, options.limits.geometry_bytes))?;
+    let parsed = guarded(path, "the file", || {
+        read(without_mark(&bytes, path)?, path, options.limits.geometry_bytes, &mut warnings)
+    })?;
     drop(bytes);
     let colored = parsed.has_colors;
     let object = assemble(parsed, path, &mut warnings)?;
@@ -54,26 +60,35 @@ struct Parsed {
     has_colors: bool,
 }
 
-fn read(bytes: &[u8], path: &Path, most: u64) -> Result<Parsed, InputError> {
+fn read(bytes: &[u8], path: &Path, most: u64, warnings: &mut Warnings) -> Result<Parsed, InputError> {
+    let plain = plain_text(bytes);
     let fault = |e: ParseError| {
-        let place = e.line().map_or_else(|| "the file".to_string(), |line| format!("line {line}"));
+        let in_file = |line: usize| match &plain {
+            Some((_, numbers)) => numbers.get(line.wrapping_sub(1)).copied().unwrap_or(line),
+            None => line,
+        };
+        let place = e.line().map_or_else(|| "the file".to_string(), |line| format!("line {}", in_file(line)));
         let problem = format!("cannot be read as PLY: {}", first_line(&e.to_string()));
         InputError::new(path, place, problem, "export the mesh again as PLY, or as glTF")
     };
+    let bytes = plain.as_ref().map_or(bytes, |(text, _)| text.as_bytes());
     let mut reader = Reader::new(Cursor::new(bytes));
     let header = Parser::<Skipped>::new().read_header(&mut reader).map_err(fault)?;
     check_sizes(&header, bytes.len() as u64, path, most)?;
+    warn_of_lost_looks(&header, warnings);
     let mut parsed = Parsed::default();
     for element in header.elements.values() {
         match element.name.as_str() {
             "vertex" => {
                 let has = |names: [&str; 3]| names.iter().all(|name| element.properties.contains_key(*name));
+                let colors =
+                    [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
                 if !has(["x", "y", "z"]) {
                     let problem = "its vertices have no coordinates `x`, `y` and `z`";
                     return Err(InputError::new(path, "the file", problem, "export the mesh again"));
                 }
                 parsed.has_normals = has(["nx", "ny", "nz"]);
-                parsed.has_colors = has(["red", "green", "blue"]);
+                parsed.has_colors = colors.into_iter().any(has);
                 let vertices = Parser::<Vertex>::new().read_payload_for_element(&mut reader, element, &header);
                 parsed.vertices = vertices.map_err(fault)?;
             }
@@ -88,6 +103,68 @@ fn read(bytes: &[u8], path: &Path, most: u64) -> Result<Parsed, InputError> {
         }
     }
     Ok(parsed)
+}
+
+/// A text in the form that the crate reads, and the numbers of its lines in the file; `None` for a binary file. Blank lines
+/// and comments after the header are left out, and numbers have digits on both sides of the point. A number that is none
+/// (`nan`, `-nan(ind)`, `1.#QNAN`) becomes infinite, so that the faces with it are dropped.
+fn plain_text(bytes: &[u8]) -> Option<(String, Vec<usize>)> {
+    let end = bytes.windows(END.len()).position(|b| b == END.as_bytes()).unwrap_or(bytes.len());
+    let header = String::from_utf8_lossy(bytes.get(..end)?);
+    if !header.split(['\n', '\r']).any(|line| line.split_whitespace().take(2).eq(["format", "ascii"])) {
+        return None;
+    }
+    let text = String::from_utf8_lossy(bytes);
+    let text = if text.contains('\n') { text } else { text.replace('\r', "\n").into() };
+    let (mut out, mut numbers, mut is_header) = (String::with_capacity(text.len()), Vec::new(), true);
+    for (line, number) in text.lines().map(str::trim).zip(1..) {
+        let is_comment = ["comment", "obj_info"].iter().any(|word| line.starts_with(word));
+        if line.is_empty() || (is_comment && !is_header) {
+            continue;
+        }
+        numbers.push(number);
+        if is_header {
+            out.push_str(line);
+            is_header = line != END;
+        } else {
+            line.split_whitespace().for_each(|word| push_number(word, &mut out));
+        }
+        out.push('\n');
+    }
+    Some((out, numbers))
+}
+
+fn push_number(word: &str, out: &mut String) {
+    let is_digit = |i: usize| word.as_bytes().get(i).is_some_and(u8::is_ascii_digit);
+    let is_plain = word.bytes().enumerate().all(|(i, b)| match b {
+        b'.' => is_digit(i.wrapping_sub(1)) && is_digit(i + 1),
+        b => b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'e' | b'E'),
+    });
+    match word.parse::<f64>() {
+        _ if is_plain => out.push_str(word),
+        Ok(v) if v.is_finite() => out.push_str(&v.to_string()),
+        Err(_) if !word.contains('#') && !word.to_ascii_lowercase().contains("nan") => out.push_str(word),
+        _ => out.push_str("1e999"),
+    }
+    out.push(' ');
+}
+
+/// Warns of textures and colours that are not read.
+fn warn_of_lost_looks(header: &Header, warnings: &mut Warnings) {
+    let file = header.comments.iter().find(|c| c.to_ascii_lowercase().starts_with("texturefile"));
+    let is_coordinate = |name: &String| name.starts_with("tex") || ["s", "t", "u", "v"].contains(&name.as_str());
+    if file.is_some() || header.elements.values().flat_map(|e| e.properties.keys()).any(is_coordinate) {
+        let file = file.map(|comment| format!(" (`{comment}`)")).unwrap_or_default();
+        let message =
+            format!("its texture{file} is not read; if it should have one, export it as glTF or OBJ with MTL");
+        warnings.push("the header", message);
+    }
+    let mut parts = header.elements.values().filter(|e| !["vertex", "edge"].contains(&e.name.as_str()));
+    if parts.any(|e| e.properties.keys().any(|name| name == "r" || name.ends_with("red"))) {
+        let message = "the colours of its faces are not read; move them to the vertices (in MeshLab: Transfer Color: \
+                       Face to Vertex), or export it as glTF";
+        warnings.push("the header", message);
+    }
 }
 
 /// Refuses numbers of elements that the file cannot hold, or whose memory exceeds the limit.
@@ -226,9 +303,9 @@ impl PropertyAccess for Vertex {
             "nx" => self.normal[0] = value as f32,
             "ny" => self.normal[1] = value as f32,
             "nz" => self.normal[2] = value as f32,
-            "red" => self.color[0] = (value / range) as f32,
-            "green" => self.color[1] = (value / range) as f32,
-            "blue" => self.color[2] = (value / range) as f32,
+            "red" | "r" | "diffuse_red" => self.color[0] = (value / range) as f32,
+            "green" | "g" | "diffuse_green" => self.color[1] = (value / range) as f32,
+            "blue" | "b" | "diffuse_blue" => self.color[2] = (value / range) as f32,
             "alpha" => self.color[3] = (value / range) as f32,
             _ => return PropertyAccessResult::Ignored,
         }

@@ -3,7 +3,7 @@
 
 use crate::error::InputError;
 use crate::import::guard::guarded;
-use crate::import::mesh_file::{Object, scene_of_meshes};
+use crate::import::mesh_file::{Object, after_mark, scene_of_meshes, without_mark};
 use crate::import::options::{ImportOptions, Imported};
 use crate::import::warnings::Warnings;
 use crate::loader::AssetLoader;
@@ -58,6 +58,7 @@ fn announced(bytes: &[u8]) -> Option<usize> {
         return count;
     }
     let start = bytes.get(..START.min(bytes.len())).unwrap_or_default();
+    let start = after_mark(start)?;
     let word = start.trim_ascii_start().get(..5).unwrap_or_default();
     let is_text = word.eq_ignore_ascii_case(b"solid") && !start.contains(&0);
     if is_text { None } else { Some(count.unwrap_or(0)) }
@@ -88,7 +89,7 @@ fn binary(bytes: &mut [u8], count: usize, path: &Path, most: u64, warnings: &mut
 
 /// The solids of a text with their names.
 fn text(bytes: &[u8], path: &Path, most: u64) -> Result<Vec<(String, Mesh)>, InputError> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = String::from_utf8_lossy(without_mark(bytes, path)?);
     let text = if text.contains('\n') { text } else { text.replace('\r', "\n").into() };
     check_size(text.matches("vertex").count() / 3, path, most)?;
     let mut solids: Vec<(String, String)> = Vec::new();

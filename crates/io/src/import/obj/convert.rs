@@ -16,8 +16,9 @@ pub(super) struct Converted {
     pub refracts: bool,
 }
 
-/// The material of faces without one.
+/// The material of faces without one, or with one that no library defines.
 pub(super) fn default_material(name: &str) -> Material {
+    let name = if name.is_empty() { "default" } else { name };
     Material { name: name.to_string(), base_color: Rgb::splat(GREY), specular: 0.0, ..Material::default() }
 }
 
