@@ -112,7 +112,7 @@ fn training_changes_the_samples_and_a_replay_repeats_it() {
 #[test]
 fn matched_exposure_states_where_it_holds_and_leaves_the_other_layers_alone() {
     let bench = Bench::new();
-    bench.write("matched.toml", "scene = \"scene.gltf\"\n[sensor]\nexposure_noise = \"matched\"\n");
+    bench.write("matched.toml", "scene = \"scene.gltf\"\n[sensor]\nexposure_noise = \"matched\"\n[allocate]\nstrategy = \"sensor\"\n");
     let run = |what: &str, name: &str| {
         let files = format!("-o {name}.png --linear {name}.tif --exr {name}.exr --stats {name}.json");
         stdout(&bench.run(&format!("render {what} --width 24 --height 16 --spp 16 {files}")).code(0))
@@ -121,8 +121,9 @@ fn matched_exposure_states_where_it_holds_and_leaves_the_other_layers_alone() {
     assert!(run("scene.gltf --exposure-noise matched", "flag").contains(line));
     assert!(run("matched.toml", "job").contains(line));
     assert!(!run("matched.toml --exposure-noise plain", "plain").contains(line));
-    // Without the job's sensor there is nothing left to match.
-    bench.run("render matched.toml --width 8 --height 8 --spp 1 --sensor none -o none.png").code(0);
+    // Without the job's sensor there is nothing left to match, and nothing that its allocation could use.
+    let none = bench.run("render matched.toml --width 8 --height 8 --spp 1 --sensor none -o none.png").code(0);
+    assert!(stderr(&none).contains("`variance` replaces"), "{}", stderr(&none));
 
     assert_eq!(bench.read("flag.tif"), bench.read("job.tif"));
     assert_ne!(bench.read("flag.tif"), bench.read("plain.tif"));

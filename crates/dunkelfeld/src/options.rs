@@ -13,6 +13,7 @@ use dunkelfeld_adaptive::Strategy;
 use dunkelfeld_adaptive::budget::NOISE_LEVELS;
 use dunkelfeld_film::Plane;
 use dunkelfeld_integrator::PixelSample;
+use dunkelfeld_io::ImportWarning;
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_render::film_noise::Certified;
 use dunkelfeld_render::{
@@ -209,6 +210,12 @@ impl RenderOptions {
         s.training_paths = self.training_paths.or(s.training_paths);
         s.threads = threads.unwrap_or(s.threads);
         s.memory_limit = self.memory.or(s.memory_limit);
+        if another && !s.has_sensor() && strategy.is_none() && s.strategy == Some(Strategy::Sensor) {
+            s.strategy = Some(Strategy::Variance);
+            let message = "there is no sensor, so that `variance` replaces the allocation `sensor` of the job";
+            project.warnings.push(ImportWarning { place: "allocation".into(), message: message.into() });
+        }
+        let s: &mut RenderSettings = &mut project.settings;
         s.strategy = strategy.or(s.strategy);
         if self.samples.is_some() {
             // Those of the job are for the whole render.
@@ -272,12 +279,13 @@ fn select_exposure_noise(noise: Option<ExposureNoise>, s: &mut RenderSettings) -
 /// A project with other settings for a while.
 struct Adjusted<'a> {
     project: &'a mut Project,
-    before: Option<(RenderSettings, FilmRegion, Option<Vignetting>, InputFiles)>,
+    before: Option<(RenderSettings, FilmRegion, Option<Vignetting>, InputFiles, Vec<ImportWarning>)>,
 }
 
 impl<'a> Adjusted<'a> {
     fn new(project: &'a mut Project, options: RenderOptions) -> Result<Self, Error> {
-        let before = (project.settings.clone(), project.region(), project.vignetting, project.inputs.clone());
+        let (settings, inputs, warnings) = (&project.settings, &project.inputs, &project.warnings);
+        let before = (settings.clone(), project.region(), project.vignetting, inputs.clone(), warnings.clone());
         let adjusted = Self { project, before: Some(before) };
         options.apply(adjusted.project)?;
         Ok(adjusted)
@@ -286,11 +294,12 @@ impl<'a> Adjusted<'a> {
 
 impl Drop for Adjusted<'_> {
     fn drop(&mut self) {
-        if let Some((settings, region, vignetting, inputs)) = self.before.take() {
+        if let Some((settings, region, vignetting, inputs, warnings)) = self.before.take() {
             self.project.settings = settings;
             self.project.restore_region(region);
             self.project.vignetting = vignetting;
             self.project.inputs = inputs;
+            self.project.warnings = warnings;
         }
     }
 }

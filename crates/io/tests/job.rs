@@ -571,3 +571,15 @@ fn a_gain_is_a_factor_or_decibels() {
         assert!(error.to_string().contains("dB"), "{text}: {error}");
     }
 }
+
+#[test]
+fn back_slashes_of_paths_have_help() {
+    for path in ["C:\\Users\\me", "C:\\part.obj", "D:\\xyz.obj", "\\\\server\\unc", "a\\"] {
+        let error = refusal(&format!("scene = \"{path}\"\n"));
+        assert!(error.help.contains("single quotes") && error.caret().contains('^'), "{path}: {error}");
+    }
+    for (line, help) in [("scene = \"C:\\temp\\new.obj\"", "single quotes"), ("scene = 'parts\\a.obj'", "`/`")] {
+        let error = job(line).load_scene().expect_err("no file");
+        assert!(error.place == "scene" && error.help.contains(help), "{error}");
+    }
+}

@@ -101,6 +101,20 @@ fn objects_are_removed_and_get_other_materials() {
 }
 
 #[test]
+fn an_entry_changes_no_material_of_a_later_entry() {
+    let s = changed(
+        "[[material]]\nname = \"alu\"\nnew = true\n[[material]]\nname = \"*\"\nmetallic = 0.75\n\
+         [[material]]\nname = \"felt\"\nnew = true\nroughness = 1\n[[material]]\nname = \"f?lt\"\nroughness = 0.25",
+    );
+    let values = |name: &str| s.materials.iter().find(|m| m.name == name).map(|m| (m.metallic, m.roughness));
+    assert_eq!(["steel", "alu", "felt"].map(|name| values(name).map(|v| v.0)), [Some(0.75), Some(0.75), Some(0.0)]);
+    assert_eq!(values("felt"), Some((0.0, 0.25)));
+    let early = apply("[[material]]\nname = \"felt\"\nmetallic = 1\n[[material]]\nname = \"felt\"\nnew = true");
+    let error = early.expect_err("defined later");
+    assert!(error.place == "[[material]] 1, name" && error.problem.contains("later entry"), "{error}");
+}
+
+#[test]
 fn copies_share_the_mesh_and_replace_the_object() {
     let s = changed(
         "[[object]]\nname = \"lid 1\"\ntranslate = [1, 0, 0]\ngrid = { count = [2, 1, 2], step = [5, 1, \"7m\"] }",

@@ -399,6 +399,11 @@ impl Message {
                 missing: None,
             };
         }
+        if ["escape", "unicode"].iter().any(|word| message.contains(word)) {
+            let help =
+                r"put a path in 'single quotes', or write `/` or `\\`: in double quotes a back slash begins an escape";
+            return Self { problem: message, help: help.into(), missing: None };
+        }
         // Messages of our own value types contain their help after a semicolon.
         if let Some((problem, help)) = message.split_once("; ") {
             return Self { problem: problem.into(), help: help.into(), missing: None };

@@ -264,9 +264,17 @@ impl ReadFault {
         }
     }
 
-    /// The help: a correction by the user, without a full stop.
-    pub fn help(&self) -> &'static str {
+    /// The help about this file: a correction by the user, without a full stop.
+    pub fn help(&self, file: &Path) -> &'static str {
+        let name = file.to_string_lossy();
         match self {
+            Self::Missing if name.contains(char::is_control) => {
+                "the name has a control character; in \"double quotes\" of TOML a back slash begins an escape: write `/` \
+                 or put the name in 'single quotes'"
+            }
+            Self::Missing if cfg!(not(windows)) && name.contains('\\') => {
+                "write `/` between folders; here a back slash (`\\`) is a character of the name"
+            }
             Self::Missing => "check the name, upper and lower case included",
             Self::NotPermitted => "change the file's permissions",
             Self::NotRegular(_) => "name a regular file",
@@ -279,7 +287,7 @@ impl ReadFault {
 
     /// The fault as an error of `file` itself.
     pub fn at(&self, file: &Path) -> InputError {
-        InputError::new(file, "the file", self.problem(), self.help())
+        InputError::new(file, "the file", self.problem(), self.help(file))
     }
 }
 

@@ -231,7 +231,7 @@ impl AssetLoader {
         self.inputs.borrow_mut().add(&path, role);
         let missing = |e: std::io::Error| {
             let fault = ReadFault::from(e);
-            self.refuse(shown, &format!("{} {}", path.display(), fault.problem()), fault.help())
+            self.refuse(shown, &format!("{} {}", path.display(), fault.problem()), fault.help(&path))
         };
         let folder = self.folder.canonicalize().map_err(missing)?;
         let real = path.canonicalize().map_err(missing)?;
@@ -258,7 +258,7 @@ impl AssetLoader {
                     true => fault.problem(),
                     false => format!("{} {}", path.display(), fault.problem()),
                 };
-                Err(InputError::new(&self.scene_file, place, problem, fault.help()))
+                Err(InputError::new(&self.scene_file, place, problem, fault.help(path)))
             }
         }
     }

@@ -28,15 +28,19 @@ impl Distortion {
     /// No distortion.
     pub const NONE: Self = Self { radial: [0.0; 6], tangential: [0.0; 2] };
 
-    /// The coefficients in the order in which OpenCV gives them: k1, k2, p1, p2, then k3, then k4, k5, k6.
+    /// The coefficients in the order in which OpenCV gives them: k1, k2, p1, p2, then k3, then k4, k5, k6, then those of a
+    /// thin prism and a tilted sensor, which must be zero.
     ///
-    /// `None` unless there are 4, 5 or 8 of them.
+    /// `None` unless there are 4, 5, 8, 12 or 14 of them.
     pub fn from_opencv(coefficients: &[f64]) -> Option<Self> {
         let (&[k1, k2, p1, p2], rest) = coefficients.split_first_chunk::<4>()?;
         let [k3, k4, k5, k6] = match *rest {
             [] => [0.0; 4],
             [k3] => [k3, 0.0, 0.0, 0.0],
             [k3, k4, k5, k6] => [k3, k4, k5, k6],
+            [k3, k4, k5, k6, ref more @ ..] if [4, 6].contains(&more.len()) && more.iter().all(|v| *v == 0.0) => {
+                [k3, k4, k5, k6]
+            }
             _ => return None,
         };
         Some(Self { radial: [k1, k2, k3, k4, k5, k6], tangential: [p1, p2] })
@@ -265,7 +269,13 @@ mod tests {
         let eight = Distortion::from_opencv(&[1.0, 2.0, 7.0, 8.0, 3.0, 4.0, 5.0, 6.0]).expect("eight");
         assert_eq!((eight.radial, eight.tangential), ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [7.0, 8.0]));
         assert_eq!(Distortion::from_opencv(&[0.0; 5]), Some(Distortion::NONE));
-        for wrong in [0, 3, 6, 7, 9, 12, 14] {
+        for zeros in [5, 8, 12, 14] {
+            let list = [&[1.0, 2.0, 7.0, 8.0], &vec![0.0; zeros - 4][..]].concat();
+            let distortion = Distortion::from_opencv(&list).expect("zeros");
+            assert_eq!((distortion.radial[1], distortion.tangential), (2.0, [7.0, 8.0]), "{zeros}");
+        }
+        assert_eq!(Distortion::from_opencv(&[&[0.0; 11][..], &[1.0]].concat()), None, "a thin prism");
+        for wrong in [0, 3, 6, 7, 9, 13] {
             assert_eq!(Distortion::from_opencv(&vec![0.0; wrong]), None, "{wrong}");
         }
     }

@@ -6,6 +6,7 @@ use crate::error::InputError;
 use crate::names::suggestion;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{AlphaMode, Material, Medium, SceneBuilder, Surface, Volume};
+use std::collections::HashMap;
 
 /// A new material of a job: a grey dielectric of medium roughness, [`Material::default`] with a base colour of 0.5.
 pub(super) fn new_material(name: &str) -> Material {
@@ -37,28 +38,36 @@ impl Job {
         Ok(())
     }
 
-    /// Adds the materials with `new = true`, so that objects can have them.
-    pub(super) fn add_new_materials(&self, scene: &mut SceneBuilder) -> Result<(), InputError> {
+    /// Adds the materials with `new = true`, so that objects can have them. Returns the entries that define them, by their
+    /// place in the scene: an earlier entry does not change them.
+    pub(super) fn add_new_materials(&self, scene: &mut SceneBuilder) -> Result<HashMap<usize, usize>, InputError> {
+        let mut entries = HashMap::new();
         for (i, change) in self.materials.iter().enumerate().filter(|(_, m)| m.new) {
             if scene.materials.iter().any(|m| m.name == change.name) {
                 let problem = format!("there is already a material named \"{}\"", change.name);
                 let help = "write another name, or remove `new` to change the existing one";
                 return Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help));
             }
-            scene.add_material(new_material(&change.name));
+            entries.insert(scene.add_material(new_material(&change.name)), i);
         }
-        Ok(())
+        Ok(entries)
     }
 
-    /// Changes the materials that entry `i` selects.
+    /// Changes the materials that entry `i` selects. `new` contains the entries that define new ones.
     pub(super) fn change_materials(
         &self,
         i: usize,
         change: &MaterialOverride,
+        new: &HashMap<usize, usize>,
         scene: &mut SceneBuilder,
     ) -> Result<(), InputError> {
-        let mut found = false;
-        for material in scene.materials.iter_mut().filter(|m| matches(&change.name, &m.name)) {
+        let (mut found, mut is_later) = (false, false);
+        for (index, material) in scene.materials.iter_mut().enumerate().filter(|(_, m)| matches(&change.name, &m.name))
+        {
+            if new.get(&index).is_some_and(|entry| *entry > i) {
+                is_later = true;
+                continue;
+            }
             found = true;
             apply(change, material);
             if let Some(key) = medium_key(change).filter(|_| material.surface == Surface::Thin) {
@@ -73,6 +82,11 @@ impl Job {
             return Ok(());
         }
         let known = unique(scene.materials.iter().map(|m| m.name.as_str()));
+        if is_later {
+            let problem = format!("\"{}\" is defined by a later entry with `new = true`", change.name);
+            let help = "write this entry behind that one";
+            return Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help));
+        }
         let problem = format!("the scene has no material named \"{}\"", change.name);
         let help = suggestion(&change.name, "materials", &known);
         Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help))

@@ -208,6 +208,10 @@ pub(super) fn distortion<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Disto
     let values = numbers::<D>(d)?;
     match Distortion::from_opencv(&values) {
         Some(distortion) => Ok(Some(distortion)),
+        None if [12, 14].contains(&values.len()) => Err(D::Error::custom(
+            "the coefficients of a thin prism or a tilted sensor (from the ninth on) are not zero; calibrate without \
+             them (no cv2.CALIB_THIN_PRISM_MODEL, no cv2.CALIB_TILTED_MODEL), or write zeros",
+        )),
         None => Err(D::Error::custom(format!(
             "{} coefficients are not OpenCV's model; write 4, 5 or 8 of them: [k1, k2, p1, p2, k3, k4, k5, k6]",
             values.len()

@@ -57,10 +57,10 @@ impl Job {
         if let Some(environment) = &self.environment {
             scene.environment = self.environment(environment, scene, &mut warnings)?;
         }
-        self.add_new_materials(scene)?;
+        let new = self.add_new_materials(scene)?;
         let moved = self.change_all_objects(scene)?.objects(scene);
         for (i, change) in self.materials.iter().enumerate() {
-            self.change_materials(i, change, scene)?;
+            self.change_materials(i, change, &new, scene)?;
         }
         // Lights may be placed on the axis of a camera.
         self.add_cameras(scene)?;
