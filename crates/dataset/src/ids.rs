@@ -4,6 +4,7 @@ use crate::label_entry::{KeyPoint, LabelEntry, LabelSight};
 use crate::names::ObjectNames;
 use crate::record::Record;
 use crate::study::Study;
+use dunkelfeld_integrator::PixelIds;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use twox_hash::XxHash3_64;
@@ -83,6 +84,8 @@ pub(crate) struct ObjectLabel {
     /// Is the defect a changed object? It is a surface for all that lies on it.
     pub(crate) is_change: bool,
     pub(crate) sight: LabelSight,
+    /// The surface whose place the defect has.
+    pub(crate) replaces: Option<PixelIds>,
 }
 
 impl Ids {
@@ -183,6 +186,7 @@ impl Ids {
             is_defect: false,
             is_change: false,
             sight: LabelSight::Surface,
+            replaces: None,
         };
         (names.iter())
             .map(|name| {

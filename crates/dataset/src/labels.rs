@@ -5,7 +5,7 @@ use crate::label_entry::LabelSight;
 use crate::surface_path::SurfacePath;
 use dunkelfeld_film::Plane;
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
-use dunkelfeld_integrator::{Crossing, Passage, crossings};
+use dunkelfeld_integrator::{Crossing, Passage, PixelIds, crossings};
 use dunkelfeld_scene::{RayGenerator, Scene};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -90,9 +90,8 @@ impl Met {
         self.crossings.clear();
     }
 
-    /// Receives a surface.
-    fn visit(&mut self, crossing: &Crossing, labels: &[Option<ObjectLabel>]) {
-        let label = labels.get(crossing.ids.object() as usize).copied().flatten();
+    /// Receives a surface for the paths and the areas.
+    fn pass(&mut self, crossing: &Crossing, label: Option<ObjectLabel>) {
         let (is_defect, is_change) = label.map_or((false, false), |label| (label.is_defect, label.is_change));
         if !self.lowest.is_decided {
             self.crossings.push((*crossing, label));
@@ -105,6 +104,19 @@ impl Met {
         {
             self.all.push(label.instance);
         }
+    }
+
+    /// Receives a surface.
+    fn visit(&mut self, crossing: &Crossing, labels: &[Option<ObjectLabel>]) {
+        let label_of = |ids: PixelIds| labels.get(ids.object() as usize).copied().flatten();
+        let label = label_of(crossing.ids);
+        // Below a defect that fills a hole is the surface with the hole.
+        let replaced = label.and_then(|label| label.replaces).map(|ids| Crossing { ids, ..*crossing });
+        self.pass(crossing, label);
+        if let Some(replaced) = replaced {
+            self.pass(&replaced, label_of(replaced.ids));
+        }
+        let (is_defect, is_change) = label.map_or((false, false), |label| (label.is_defect, label.is_change));
         let scatters = crossing.passage == Passage::Scattering;
         if !self.surface.is_some_and(|(_, is_final)| is_final)
             && (scatters || (self.surface.is_none() && crossing.passage == Passage::Clear))

@@ -19,7 +19,7 @@ use crate::set::Set;
 use crate::stable::Hulls;
 use crate::study::{DrawnJob, LinearFormat, MAX_COUNT, PictureFormat, Study};
 use crate::surface_path::Surfaces;
-use crate::visibility::{Bounds, Exposed, visibility};
+use crate::visibility::{Bounds, Exposed, Visibility, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{
@@ -27,6 +27,7 @@ use dunkelfeld::{
     Session, Silent, Stage,
 };
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
+use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_scene::{Instance, RayGenerator, Scene};
 use std::collections::{BTreeMap, BTreeSet};
@@ -337,6 +338,8 @@ impl Worker {
             let is_this = |defect: &&AddedDefect| defect.placed.object == *name;
             if let (Some(label), Some(defect)) = (label, parts.defects.iter().find(is_this)) {
                 (label.is_defect, label.is_change, label.sight) = (true, defect.is_change(), defect.sight());
+                let placed = &defect.placed;
+                label.replaces = placed.replaces.map(|material| PixelIds::new(placed.host as u32, material as u32));
             }
         }
         let camera = settings.view.clone().ok_or_else(|| Error::setting("camera", "there is none", "name a camera"))?;
@@ -499,6 +502,7 @@ impl Worker {
                     let is_other = |other| other != *id && is_added(other);
                     visibility(exposed, &planes.instances, *id, bounds, is_other, surfaces)
                 });
+                let known = seen.filter(Visibility::is_known);
                 let defect = parts.defects.iter().find(|d| d.placed.object == *name);
                 Some(InstanceRecord {
                     place: defect.map(|d| self.place(&d.placed, parts)),
@@ -509,9 +513,9 @@ impl Worker {
                     area: pixels,
                     visible: area.visible,
                     amodal: area.amodal,
-                    contrast: seen.map(|v| v.contrast),
+                    contrast: known.map(|v| v.contrast),
                     contrast_error: seen.and_then(|v| v.error),
-                    cnr: seen.and_then(|v| v.cnr),
+                    cnr: known.and_then(|v| v.cnr),
                     size_mm: defect.map(|d| d.placed.extent * 1e3),
                     defect: defect.map(AddedDefect::kind),
                     matrix: None,

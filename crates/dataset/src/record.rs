@@ -74,12 +74,13 @@ pub struct InstanceRecord {
     pub visible: f64,
     /// Area in the film that the instance would have if nothing hid it \[pixels\].
     pub amodal: f64,
-    /// Mean of the instance minus mean of its surroundings \[DN\]; `None` if one of them has no pixels, or without a sensor.
+    /// Mean of the instance minus mean of its surroundings \[DN\]; `None` if one of them has no pixels, without a sensor, and
+    /// if it is below three of its errors, which are above the noise of a pixel.
     pub contrast: Option<f64>,
     /// Standard error of the contrast by the noise of the render \[DN\].
     #[serde(default)]
     pub contrast_error: Option<f64>,
-    /// Magnitude of the contrast, less the share of the error, over the temporal noise of a pixel.
+    /// Magnitude of the contrast, less the share of the error, over the temporal noise of a pixel. `None` where `contrast` is.
     pub cnr: Option<f64>,
     /// Largest extent of a defect \[mm\].
     pub size_mm: Option<f64>,

@@ -6,6 +6,9 @@ use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{Electrons, Seconds};
 use dunkelfeld_sensor::SensorModel;
 
+/// A contrast is distinguished from zero at this number of errors.
+const SIGNIFICANT: f64 = 3.0;
+
 /// Pixels of an instance, as a box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Bounds {
@@ -26,6 +29,17 @@ pub(crate) struct Visibility {
     /// (EMVA 1288, release 4): of one pixel. The square of the error is subtracted from that of the contrast, to which the
     /// noise of the render adds it on average; below zero the result is 0. `None` if the error is unknown.
     pub(crate) cnr: Option<f64>,
+    /// The error over the same noise.
+    pub(crate) cnr_error: Option<f64>,
+}
+
+impl Visibility {
+    /// False if the contrast is below [`SIGNIFICANT`] errors, and these are above the noise of a pixel: it is then unknown
+    /// whether a pixel shows the instance. A contrast with smaller errors is known to be near zero.
+    pub(crate) fn is_known(&self) -> bool {
+        let is_lost = |error: f64| self.contrast.abs() < SIGNIFICANT * error;
+        !self.error.is_some_and(is_lost) || !self.cnr_error.is_some_and(|error| SIGNIFICANT * error > 1.0)
+    }
 }
 
 /// The expected electrons of an image, and what turns them into grey values with noise.
@@ -89,6 +103,7 @@ pub(crate) fn visibility(
             contrast: difference.value * spec.system_gain,
             error: difference.variance.map(|variance| variance.sqrt() * spec.system_gain),
             cnr: signal.map(|signal| (signal / noise).sqrt()),
+            cnr_error: difference.variance.map(|variance| (variance / noise).sqrt()),
         })
     };
     let ratio = |v: &Visibility| v.cnr.unwrap_or(-1.0);

@@ -7,7 +7,7 @@ use super::site::largest_distance;
 use super::spec::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
 use dunkelfeld_geometry::{DVec3, Mesh};
 use dunkelfeld_sampling::Pcg;
-use dunkelfeld_scene::{AlphaMode, Instance, Material, SceneBuilder};
+use dunkelfeld_scene::{AlphaMode, Instance, Material, MeshPart, SceneBuilder};
 use std::sync::Arc;
 
 /// Changes one of the candidates. It keeps its name, so that other defects find it.
@@ -53,6 +53,7 @@ pub(super) fn change(
         extent,
         angle,
         is_clear,
+        replaces: None,
     })
 }
 
@@ -104,22 +105,24 @@ fn fade(scene: &mut SceneBuilder, index: usize, spec: &DefectSpec) -> Result<(),
     Ok(())
 }
 
-/// Gives an object materials of its own, made from its materials. Parts that other objects use are copied; the copies
-/// share the triangles.
+/// Gives an object materials of its own, made from its materials.
 fn with_materials(scene: &mut SceneBuilder, index: usize, change: impl Fn(&Material) -> Material) {
-    let uses = |part: usize| scene.instances.iter().flat_map(|i| &i.meshes).filter(|m| **m == part).count();
-    let shared: Vec<bool> = scene.instances[index].meshes.iter().map(|part| uses(*part) > 1).collect();
-    for (k, shared) in shared.into_iter().enumerate() {
+    for k in 0..scene.instances[index].meshes.len() {
         let part = scene.instances[index].meshes[k];
         let Some(old) = scene.meshes.get(part).and_then(|m| scene.materials.get(m.material)) else { continue };
         let new = material::add(scene, change(old));
-        if shared {
-            let mut copy = scene.meshes[part].clone();
-            copy.material = new;
-            scene.meshes.push(copy);
-            scene.instances[index].meshes[k] = scene.meshes.len() - 1;
-        } else {
-            scene.meshes[part].material = new;
-        }
+        own_part(scene, index, part).material = new;
     }
+}
+
+/// A part that only this object uses: the part itself, or a copy, which shares the triangles.
+pub(super) fn own_part(scene: &mut SceneBuilder, index: usize, part: usize) -> &mut MeshPart {
+    let uses = scene.instances.iter().flat_map(|i| &i.meshes).filter(|m| **m == part).count();
+    if uses <= 1 {
+        return &mut scene.meshes[part];
+    }
+    let (copy, new) = (scene.meshes[part].clone(), scene.meshes.len());
+    scene.instances[index].meshes.iter_mut().find(|m| **m == part).into_iter().for_each(|m| *m = new);
+    scene.meshes.push(copy);
+    &mut scene.meshes[new]
 }

@@ -6,7 +6,7 @@
 //! | kind | length | width | depth | made of |
 //! |---|---|---|---|---|
 //! | scratch | along the curve | across, in its middle | of the groove | opaque body: a strip with two ridges of the height `depth`; clear solid: a groove of air |
-//! | dent | diameter | not used | in its middle | opaque body: a round patch with the shading normals of a dent; clear solid: a hollow of air |
+//! | dent | diameter | not used | in its middle | opaque body: a hollow, or with small slopes a round patch with its shading normals; clear solid: a hollow of air |
 //! | stain | largest extent, to 20 % | not used | not used | a patch with partial coverage |
 //! | dust | largest extent | not used | not used | an irregular particle on the surface |
 //! | fibre | along the curve | thickness | not used | a curved tube on the surface |
@@ -19,6 +19,7 @@
 //! Lengths are metres in the world. Angles are radians. A defect on a body that moves has the motion of the body.
 
 mod change;
+mod cut;
 mod draw;
 mod host;
 mod material;

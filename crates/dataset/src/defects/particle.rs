@@ -94,7 +94,7 @@ pub(super) fn dust(site: &Site<'_>, stream: &mut Pcg) -> Made {
     let lowest = heights.fold(f64::INFINITY, f64::min);
     let shift = (foot.point - foot.normal * (lowest + SINK * spec.length)).as_vec3();
     mesh.positions.iter_mut().for_each(|p| *p += shift);
-    Made { mesh, angle: None, material: material::own(spec, DUST_COLOR, DUST_ROUGHNESS) }
+    Made::new(mesh, None, material::own(spec, DUST_COLOR, DUST_ROUGHNESS))
 }
 
 /// A closed tube along a curve on the surface. Its middle line rises and falls by at most three thicknesses.
@@ -143,5 +143,5 @@ pub(super) fn fibre(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
             mesh.triangles.push(if i == 0 { [tip, at(i, k + 1), at(i, k)] } else { [tip, at(i, k), at(i, k + 1)] });
         }
     }
-    Some(Made { mesh, angle: Some(angle), material: material::own(spec, FIBRE_COLOR, FIBRE_ROUGHNESS) })
+    Some(Made::new(mesh, Some(angle), material::own(spec, FIBRE_COLOR, FIBRE_ROUGHNESS)))
 }

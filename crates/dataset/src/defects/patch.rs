@@ -1,7 +1,7 @@
 //! Meshes that follow a surface: positions above it, and the attributes of the surface below.
 
 use super::surface::{LocalSurface, SurfaceHit};
-use dunkelfeld_geometry::{DVec3, Mesh, Vec2};
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec2};
 
 /// A texture coordinate that differs from that of the neighbouring triangle by more than this multiple of its change
 /// over a triangle lies beyond a seam.
@@ -13,6 +13,8 @@ pub(super) struct Patch {
     pub(super) feet: Vec<SurfaceHit>,
     /// The triangles.
     pub(super) triangles: Vec<[u32; 3]>,
+    /// From the points to the space of the mesh.
+    pub(super) frame: DAffine3,
 }
 
 impl Patch {
@@ -24,7 +26,7 @@ impl Patch {
             [[at(r, c), at(r + 1, c), at(r + 1, c + 1)], [at(r, c), at(r + 1, c + 1), at(r, c + 1)]]
         };
         let cells = (1..rows).flat_map(|r| (1..columns).map(move |c| (r - 1, c - 1)));
-        Self { feet, triangles: cells.flat_map(cell).collect() }
+        Self { feet, triangles: cells.flat_map(cell).collect(), frame: DAffine3::IDENTITY }
     }
 
     /// A middle point and rings around it, counter-clockwise from outside. Each ring has `spokes` points.
@@ -38,7 +40,7 @@ impl Patch {
                 triangles.extend([[a, b, at(k, j + 1)], [a, at(k, j + 1), at(k - 1, j + 1)]]);
             }
         }
-        Self { feet, triangles }
+        Self { feet, triangles, frame: DAffine3::IDENTITY }
     }
 
     /// The largest height \[m\] of the surface above the triangles between the points, at least 0. `None` if the
@@ -68,13 +70,22 @@ impl Patch {
         height: impl Fn(usize) -> f64,
         normal: impl Fn(usize) -> DVec3,
     ) -> (Mesh, bool) {
-        let lifted = |(i, foot): (usize, &SurfaceHit)| (foot.point + foot.normal * height(i)).as_vec3();
+        let lifted = |(i, foot): (usize, &SurfaceHit)| {
+            self.frame.transform_point3(foot.point + foot.normal * height(i)).as_vec3()
+        };
+        let to_normal = self.frame.matrix3.inverse().transpose();
+        let is_reflected = self.frame.matrix3.determinant() < 0.0;
+        let in_frame =
+            |n: DVec3| if self.frame == DAffine3::IDENTITY { n } else { (to_normal * n).normalize_or_zero() };
         let mut mesh = Mesh {
             positions: self.feet.iter().enumerate().map(lifted).collect(),
             triangles: self.triangles.clone(),
-            normals: (0..self.feet.len()).map(|i| normal(i).as_vec3()).collect(),
+            normals: (0..self.feet.len()).map(|i| in_frame(normal(i)).as_vec3()).collect(),
             ..Mesh::default()
         };
+        if is_reflected {
+            mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
         let Some((part, below)) = source else { return (mesh, false) };
         if self.feet.iter().any(|f| surface.part_of(f) != part) {
             return (mesh, false);
@@ -84,7 +95,7 @@ impl Patch {
             mesh.colors = self.feet.iter().map(|f| surface.color(f)).collect();
         }
         if below.tangents.len() == n {
-            mesh.tangents = self.feet.iter().map(|f| surface.tangent(f)).collect();
+            mesh.tangents = self.feet.iter().map(|f| surface.tangent(f, &self.frame)).collect();
         }
         for set in 0..2 {
             if below.uvs[set].len() == n {

@@ -1,12 +1,13 @@
 //! Defects on a surface: the search for a place with enough room.
 
+use super::change::own_part;
 use super::host::{Anchor, AreaTable};
 use super::material::{clear_volume, is_absent};
 use super::site::{Made, Site, extent_of, insert, rounding};
 use super::spec::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
 use super::surface::LocalSurface;
 use super::{particle, round, scratch};
-use dunkelfeld_geometry::DVec3;
+use dunkelfeld_geometry::{DAffine3, DVec3};
 use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::SceneBuilder;
 
@@ -37,11 +38,20 @@ pub(super) fn on_surface(
     let rounding = rounding(scene);
     for _ in 0..TRIES {
         let Some(anchor) = table.draw(scene, stream) else { continue };
-        let Some(made) = attempt(scene, spec, &anchor, rounding, stream) else { continue };
+        let Some(mut made) = attempt(scene, spec, &anchor, rounding, stream) else { continue };
         let instance = &scene.instances[anchor.instance];
         let (on, motion) = (instance.name.clone(), instance.motion);
-        let (extent, angle) = (extent_of(&made.mesh), made.angle);
-        insert(scene, &spec.name, made, anchor.point, motion);
+        let to_world = match made.hole {
+            Some(_) => instance.to_world,
+            None => DAffine3::from_translation(anchor.point),
+        };
+        let (extent, angle) = (extent_of(&made.mesh, &to_world), made.angle);
+        let replaces = made.hole.take().map(|mesh| {
+            let part = own_part(scene, anchor.instance, anchor.part);
+            part.mesh = mesh.into();
+            part.material
+        });
+        insert(scene, &spec.name, made, to_world, motion);
         return Ok(PlacedDefect {
             object: spec.name.clone(),
             at: anchor.point,
@@ -51,6 +61,7 @@ pub(super) fn on_surface(
             extent,
             angle,
             is_clear: false,
+            replaces,
         });
     }
     Err(DefectProblem::new(
@@ -78,7 +89,7 @@ fn attempt(scene: &SceneBuilder, spec: &DefectSpec, anchor: &Anchor, rounding: f
     let surface = LocalSurface::collect(scene, instance, &parts, anchor.point, radius);
     let foot = surface.project(DVec3::ZERO, anchor.normal, lift)?;
     let volume = clear_volume(host);
-    let site = Site { spec, surface, foot, below: (anchor.part, &part.mesh), host, volume, lift };
+    let site = Site { spec, scene, anchor, surface, foot, below: (anchor.part, &part.mesh), host, volume, lift };
     match spec.kind {
         DefectKind::Scratch => scratch::scratch(&site, stream),
         DefectKind::Dent => round::dent(&site),

@@ -1,12 +1,15 @@
 //! Round patches: dents and stains.
 
+use super::cut::Holes;
 use super::draw::Harmonics;
 use super::material;
 use super::patch::Patch;
 use super::shell;
 use super::site::{Made, Site};
+use super::spec::DefectSpec;
+use super::surface::{LocalSurface, SurfaceHit};
 use super::walk::{Footing, tangent_at};
-use dunkelfeld_geometry::{DVec3, Vec3};
+use dunkelfeld_geometry::{DVec3, Mesh, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Pcg;
 use std::f64::consts::{PI, TAU};
@@ -16,6 +19,15 @@ const SPOKES: usize = 64;
 const RINGS: usize = 20;
 /// Largest distance between facets and patch, over the diameter.
 const LARGEST_RISE: f64 = 0.03;
+/// Smallest cosine between the normal in the middle of a patch and those of its other points: 30 degrees.
+const LEAST_COSINE: f64 = 0.866;
+/// Smallest cosine between the normals of neighbouring points: 12 degrees. A sharper edge is no smooth surface.
+const LEAST_SMOOTH: f64 = 0.978;
+/// Largest slope of a dent that is made of shading normals. Steeper ones are hollows: from here on a patch of rough metal,
+/// seen at 20 degrees in light from everywhere, is darker than its surroundings by more than the noise of a camera.
+const LARGEST_SHADED_SLOPE: f64 = 0.15;
+/// Smallest thickness of the body below a dent, over its depth.
+const LEAST_WALL: f64 = 0.1;
 /// Mean radius of a stain over its length, and the largest amplitude of the deviations from it.
 const STAIN_RADIUS: f64 = 0.42;
 const STAIN_WAVES: f64 = 0.13;
@@ -28,17 +40,16 @@ const MIDDLE: f64 = 0.7;
 const STAIN_COLOR: Rgb = Rgb::new(0.22, 0.12, 0.05);
 const STAIN_ROUGHNESS: f32 = 0.3;
 
-/// A middle point and rings on the surface. The radius \[m\] is a function of the angle \[rad\]. With each point, the
-/// unit direction away from the middle. `None` if the surface ends within the radius.
-fn rings(site: &Site<'_>, radius: impl Fn(f64) -> f64) -> Option<(Patch, Vec<DVec3>)> {
-    let middle = site.foot;
+/// A middle point and rings around it on the surface. The radius \[m\] is a function of the angle \[rad\]. With each point, the
+/// unit direction away from the middle. `None` if the surface ends within the radius, or is not smooth there.
+fn rings(surface: &LocalSurface<'_>, middle: SurfaceHit, radius: impl Fn(f64) -> f64) -> Option<(Patch, Vec<DVec3>)> {
     let mut spokes = Vec::with_capacity(SPOKES);
     for j in 0..SPOKES {
         let angle = TAU * j as f64 / SPOKES as f64;
         let mut foot = Footing { hit: middle, along: tangent_at(middle.normal, angle) };
         let mut points = Vec::with_capacity(RINGS);
         for _ in 0..RINGS {
-            foot = foot.step(&site.surface, radius(angle) / RINGS as f64, 0.0)?;
+            foot = foot.step(surface, radius(angle) / RINGS as f64, 0.0)?;
             points.push(foot);
         }
         spokes.push(points);
@@ -47,26 +58,45 @@ fn rings(site: &Site<'_>, radius: impl Fn(f64) -> f64) -> Option<(Patch, Vec<DVe
     let first = Footing { hit: middle, along: DVec3::ZERO };
     let all: Vec<Footing> = [first].into_iter().chain(ordered).collect();
     let patch = Patch::disk(all.iter().map(|f| f.hit).collect(), SPOKES);
+    let cosine = |a: u32, b: u32| patch.feet[a as usize].normal.dot(patch.feet[b as usize].normal);
+    let is_smooth = |[a, b, c]: &[u32; 3]| {
+        cosine(0, *b) >= LEAST_COSINE
+            && [cosine(*a, *b), cosine(*b, *c), cosine(*c, *a)].iter().all(|v| *v >= LEAST_SMOOTH)
+    };
+    if !patch.triangles.iter().all(is_smooth) {
+        return None;
+    }
     Some((patch, all.iter().map(|f| f.along).collect()))
 }
 
-/// Distance from the middle over the radius, of a point of a patch.
+/// Distance from the middle over the radius, of a point of a patch. Points after the last ring are on the rim.
 fn share(i: usize) -> f64 {
-    if i == 0 { 0.0 } else { (1 + (i - 1) / SPOKES) as f64 / RINGS as f64 }
+    if i == 0 { 0.0 } else { ((1 + (i - 1) / SPOKES) as f64 / RINGS as f64).min(1.0) }
+}
+
+/// The largest slope of a dent.
+fn steepest(spec: &DefectSpec) -> f64 {
+    PI * spec.depth / spec.length
+}
+
+/// The unit normal at a point of a dent with this largest slope.
+fn tilted(patch: &Patch, outward: &[DVec3], i: usize, steepest: f64) -> DVec3 {
+    let n = patch.feet[i].normal;
+    let outward = outward.get(i).copied().unwrap_or_default();
+    (n - outward * (steepest * (PI * share(i)).sin())).try_normalize().unwrap_or(n)
 }
 
 /// A dent with the depth `d (1 + cos(pi r / R)) / 2` at the distance r from its middle.
 pub(super) fn dent(site: &Site<'_>) -> Option<Made> {
     let (spec, surface) = (site.spec, &site.surface);
     let radius = 0.5 * spec.length;
-    let (patch, outward) = rings(site, |_| radius)?;
+    let (patch, outward) = rings(surface, site.foot, |_| radius)?;
+    if site.volume.is_none() && steepest(spec) > LARGEST_SHADED_SLOPE {
+        return carved(site, patch, &outward);
+    }
+    let normal = |i: usize| tilted(&patch, &outward, i, steepest(spec));
     let rise = patch.rise(surface).filter(|rise| *rise <= LARGEST_RISE * spec.length)?;
     let offset = site.lift + rise;
-    let normal = |i: usize| {
-        let slope = 0.5 * PI * spec.depth / radius * (PI * share(i)).sin();
-        let n = patch.feet[i].normal;
-        (n - outward[i] * slope).try_normalize().unwrap_or(n)
-    };
     let is_rim = |i: usize| i + SPOKES >= patch.feet.len();
     if let Some(volume) = &site.volume {
         let bottom = |i: usize| {
@@ -75,12 +105,73 @@ pub(super) fn dent(site: &Site<'_>) -> Option<Made> {
         };
         let mesh = shell::closed(&patch, surface, |_| offset, bottom, normal);
         let roughness = material::roughness_or(spec, site.host.roughness);
-        return Some(Made { mesh, angle: None, material: material::gas(&spec.name, volume, roughness) });
+        return Some(Made::new(mesh, None, material::gas(&spec.name, volume, roughness)));
     }
     // The rim is below the surface, so that no gap is visible at grazing angles.
     let height = |i: usize| if is_rim(i) { -site.lift } else { offset };
     let (mesh, has_uvs) = patch.mesh(surface, Some(site.below), height, normal);
-    Some(Made { mesh, angle: None, material: material::like_surface(site.host, spec, has_uvs) })
+    Some(Made::new(mesh, None, material::like_surface(site.host, spec, has_uvs)))
+}
+
+/// A dent in an opaque body: its mesh gets a hole, which the dent fills. In a body that is thinner than the dent is deep, the
+/// other side bulges in the same shape. `None` if another surface is near, or if the mesh cannot be cut.
+fn carved(site: &Site<'_>, patch: Patch, outward: &[DVec3]) -> Option<Made> {
+    let (depth, surface, (part, mesh)) = (site.spec.depth, &site.surface, site.below);
+    let below = |i: usize| bell(depth, i) + LEAST_WALL * depth;
+    if !site.has_room(&patch.feet, depth, below) {
+        return None;
+    }
+    let mut holes = Holes::new(surface, part, mesh);
+    let feet = patch.feet.clone();
+    let is_solid = |holes: &Holes<'_>| {
+        let ends = |(i, f): (usize, &SurfaceHit)| [f.point, f.point - f.normal * below(i)];
+        !feet.iter().enumerate().map(ends).any(|[from, to]| surface.is_met(from, to, |f| !holes.is_cut(f)))
+    };
+    let (mesh, has_uvs) = filled(site, &mut holes, patch, outward, -depth)?;
+    let mut back = None;
+    if !is_solid(&holes) {
+        let opposite = surface.project(site.foot.point, -site.foot.normal, (1.0 + LEAST_WALL) * depth)?;
+        let (patch, outward) = rings(surface, opposite, |_| 0.5 * site.spec.length)?;
+        back = Some(filled(site, &mut holes, patch, &outward, depth)?.0);
+    }
+    let material = material::like_surface(site.host, site.spec, has_uvs);
+    is_solid(&holes).then(|| Made { back, hole: Some(holes.mesh()), ..Made::new(mesh, None, material) })
+}
+
+/// Height of a dent or a bulge over its middle height.
+fn bell(height: f64, i: usize) -> f64 {
+    if share(i) < 1.0 { 0.5 * height * (1.0 + (PI * share(i)).cos()) } else { 0.0 }
+}
+
+/// Cuts a hole and gives the mesh that fills it, in the space of the meshes of the body, with the height `height` \[m\] in
+/// its middle. The second result is true if it has texture coordinates.
+fn filled(
+    site: &Site<'_>,
+    holes: &mut Holes<'_>,
+    mut patch: Patch,
+    outward: &[DVec3],
+    height: f64,
+) -> Option<(Mesh, bool)> {
+    let (surface, middle, first) = (&site.surface, patch.feet[0], patch.feet.len() - SPOKES);
+    let rim = holes.add(middle, &patch.feet[first..])?;
+    for (j, way) in rim.iter().enumerate() {
+        let (mut from, to) = (first + j, first + (j + 1) % SPOKES);
+        let ends = [from as u32, to as u32];
+        let last = patch.triangles.iter().position(|t| t[1..] == ends)?;
+        let inner = patch.triangles[last][0];
+        patch.feet[from].point = *way.first()?;
+        for point in &way[1..] {
+            let hit = surface.project(*point, middle.normal, height.abs())?;
+            patch.feet.push(SurfaceHit { point: *point, ..hit });
+            let new = patch.feet.len() - 1;
+            patch.triangles.push([inner, from as u32, new as u32]);
+            from = new;
+        }
+        patch.triangles[last] = [inner, from as u32, to as u32];
+    }
+    patch.frame = surface.to_mesh;
+    let slope = -height.signum() * steepest(site.spec);
+    Some(patch.mesh(surface, Some(site.below), |i| bell(height, i), |i| tilted(&patch, outward, i, slope)))
 }
 
 /// A stain with an irregular outline.
@@ -88,7 +179,7 @@ pub(super) fn stain(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
     let (spec, surface) = (site.spec, &site.surface);
     let outline = Harmonics::draw(stream, 2, 8, STAIN_WAVES);
     let radius = |angle: f64| spec.length * STAIN_RADIUS * (1.0 + outline.at(angle / TAU)).max(0.3);
-    let (patch, _) = rings(site, radius)?;
+    let (patch, _) = rings(surface, site.foot, radius)?;
     let rise = patch.rise(surface).filter(|rise| *rise <= LARGEST_RISE * spec.length)?;
     let (mut mesh, _) = patch.mesh(surface, None, |_| site.lift + rise, |i| patch.feet[i].normal);
     let coverage = |i: usize| {
@@ -98,5 +189,5 @@ pub(super) fn stain(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
     };
     mesh.colors = (0..patch.feet.len()).map(|i| Vec3::ONE.extend(coverage(i) as f32)).collect();
     let own = material::own(spec, STAIN_COLOR, STAIN_ROUGHNESS);
-    Some(Made { mesh, angle: None, material: material::covering_by_colors(own) })
+    Some(Made::new(mesh, None, material::covering_by_colors(own)))
 }

@@ -85,11 +85,7 @@ pub(super) fn scratch(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
             if is_edge(i) { offset } else { offset + depth * groove(ACROSS[i % columns]) }
         };
         let mesh = shell::closed(&patch, surface, |_| offset, bottom, |i| normal(&bottom, i));
-        return Some(Made {
-            mesh,
-            angle: Some(angle),
-            material: material::gas(&spec.name, volume, material::cut_roughness(spec)),
-        });
+        return Some(Made::new(mesh, Some(angle), material::gas(&spec.name, volume, material::cut_roughness(spec))));
     }
     // The edges are below the surface, so that no gap is visible at grazing angles.
     let height = |i: usize| {
@@ -97,5 +93,5 @@ pub(super) fn scratch(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
         if is_edge(i) { -site.lift } else { offset + ridge }
     };
     let (mesh, has_uvs) = patch.mesh(surface, Some(site.below), height, |i| normal(&height, i));
-    Some(Made { mesh, angle: Some(angle), material: material::cut(site.host, spec, has_uvs) })
+    Some(Made::new(mesh, Some(angle), material::cut(site.host, spec, has_uvs)))
 }

@@ -1,8 +1,10 @@
 //! A place on a surface, and a made defect that is put there.
 
+use super::host::Anchor;
 use super::material;
 use super::spec::DefectSpec;
 use super::surface::{LocalSurface, SurfaceHit};
+use super::tree::distance_to_box;
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion};
 use dunkelfeld_scene::{Instance, Material, MeshPart, SceneBuilder, Volume};
 
@@ -10,9 +12,12 @@ use dunkelfeld_scene::{Instance, Material, MeshPart, SceneBuilder, Volume};
 pub(super) struct Site<'a> {
     /// The description of the defect.
     pub(super) spec: &'a DefectSpec,
+    pub(super) scene: &'a SceneBuilder,
+    /// The drawn point.
+    pub(super) anchor: &'a Anchor,
     /// The surface around the place. Positions are relative to the drawn point.
     pub(super) surface: LocalSurface<'a>,
-    /// The drawn point.
+    /// The drawn point on the surface.
     pub(super) foot: SurfaceHit,
     /// Part below the drawn point: index and mesh.
     pub(super) below: (usize, &'a Mesh),
@@ -24,12 +29,43 @@ pub(super) struct Site<'a> {
     pub(super) lift: f64,
 }
 
-/// A defect in coordinates relative to the drawn point.
+impl Site<'_> {
+    /// True if no other object has a surface near the points of a patch: at `above` \[m\] or less above them, and at
+    /// `below` \[m\] or less below them. Clear solids above do not count.
+    pub(super) fn has_room(&self, feet: &[SurfaceHit], above: f64, below: impl Fn(usize) -> f64) -> bool {
+        let (scene, at, reach) = (self.scene, self.anchor.point, self.spec.length);
+        let is_near = |i: &Instance| scene.bounds_of(i).is_some_and(|[a, b]| distance_to_box(at, a, b) <= reach);
+        let blocks = |instance: &Instance, part: &usize| {
+            let material = scene.meshes.get(*part).and_then(|m| scene.materials.get(m.material));
+            let Some(material) = material.filter(|m| !material::is_absent(m)) else { return false };
+            let above = if material::clear_volume(material).is_some() { 0.0 } else { above };
+            let surface = LocalSurface::collect(scene, instance, &[*part], at, reach);
+            let ends = |(i, f): (usize, &SurfaceHit)| [f.point + f.normal * above, f.point - f.normal * below(i)];
+            feet.iter().enumerate().map(ends).any(|[from, to]| surface.is_met(from, to, |_| true))
+        };
+        let others =
+            scene.instances.iter().enumerate().filter(|(i, other)| *i != self.anchor.instance && is_near(other));
+        others.into_iter().all(|(_, other)| !other.meshes.iter().any(|part| blocks(other, part)))
+    }
+}
+
+/// A defect in coordinates relative to the drawn point, or in those of the mesh that has a hole.
 pub(super) struct Made {
     pub(super) mesh: Mesh,
     pub(super) material: Material,
     /// Direction in the tangent plane \[rad\], drawn or given. `None` if the kind has none.
     pub(super) angle: Option<f64>,
+    /// The other side of a defect in a thin body, in the same coordinates.
+    pub(super) back: Option<Mesh>,
+    /// The mesh of the part below, with holes that the defect fills.
+    pub(super) hole: Option<Mesh>,
+}
+
+impl Made {
+    /// A defect that leaves its body as it is.
+    pub(super) fn new(mesh: Mesh, angle: Option<f64>, material: Material) -> Self {
+        Self { mesh, material, angle, back: None, hole: None }
+    }
 }
 
 /// The step of f32 at the radius of the scene \[m\].
@@ -39,17 +75,19 @@ pub(super) fn rounding(scene: &SceneBuilder) -> f64 {
     all.map_or(0.0, |[low, high]| 0.5 * low.distance(high)) * f64::from(f32::EPSILON)
 }
 
-/// Adds a mesh relative to a point in the world as an object of its own.
-pub(super) fn insert(scene: &mut SceneBuilder, name: &str, made: Made, at: DVec3, motion: RigidMotion) {
+/// Adds a mesh in its place in the world as an object of its own.
+pub(super) fn insert(scene: &mut SceneBuilder, name: &str, made: Made, to_world: DAffine3, motion: RigidMotion) {
     let material = material::add(scene, made.material);
-    scene.meshes.push(MeshPart { name: name.into(), mesh: made.mesh.into(), material, ..MeshPart::default() });
-    let to_world = DAffine3::from_translation(at);
-    scene.instances.push(Instance { name: name.into(), meshes: vec![scene.meshes.len() - 1], to_world, motion });
+    let first = scene.meshes.len();
+    let part = |mesh: Mesh| MeshPart { name: name.into(), mesh: mesh.into(), material, ..MeshPart::default() };
+    scene.meshes.extend([made.mesh].into_iter().chain(made.back).map(part));
+    let meshes = (first..scene.meshes.len()).collect();
+    scene.instances.push(Instance { name: name.into(), meshes, to_world, motion });
 }
 
-/// The largest distance between two vertices of a mesh \[m\] ([`largest_distance`]).
-pub(super) fn extent_of(mesh: &Mesh) -> f64 {
-    largest_distance(mesh.positions.iter().map(|p| p.as_dvec3()))
+/// The largest distance between two vertices of a placed mesh \[m\] ([`largest_distance`]).
+pub(super) fn extent_of(mesh: &Mesh, to_world: &DAffine3) -> f64 {
+    largest_distance(mesh.positions.iter().map(|p| to_world.transform_point3(p.as_dvec3())))
 }
 
 /// The largest distance between two points, to a few per cent: from the largest distance between the outermost points in 26

@@ -131,6 +131,8 @@ pub(crate) struct PlacedDefect {
     pub(crate) angle: Option<f64>,
     /// Of a changed object: were all of its materials smooth and clear?
     pub(crate) is_clear: bool,
+    /// The material of the part of the host that has a hole, which the defect fills.
+    pub(crate) replaces: Option<usize>,
 }
 
 /// The reason why a defect cannot be made.

@@ -17,7 +17,7 @@ pub(super) struct Facet {
     /// Index into the triangles of the mesh.
     pub(super) triangle: usize,
     /// Unit normal in the world, on the side given by the winding.
-    normal: DVec3,
+    pub(super) normal: DVec3,
 }
 
 /// A point of the surface.
@@ -41,8 +41,10 @@ pub(super) struct LocalSurface<'a> {
     normal_matrix: DMat3,
     /// -1 if the placement of the object is a reflection.
     side: f64,
-    corners: Vec<[DVec3; 3]>,
-    facets: Vec<Facet>,
+    /// From here to the space of the meshes.
+    pub(super) to_mesh: DAffine3,
+    pub(super) corners: Vec<[DVec3; 3]>,
+    pub(super) facets: Vec<Facet>,
     tree: Tree,
 }
 
@@ -90,7 +92,9 @@ impl<'a> LocalSurface<'a> {
         let matrix = to_world.matrix3;
         let tree = Tree::new(&corners);
         let side = matrix.determinant().signum();
-        Self { scene, matrix, normal_matrix: matrix.inverse().transpose(), side, corners, facets, tree }
+        let normal_matrix = matrix.inverse().transpose();
+        let to_mesh = (DAffine3::from_translation(-origin) * to_world).inverse();
+        Self { scene, matrix, normal_matrix, side, to_mesh, corners, facets, tree }
     }
 
     /// The point of the surface nearest to `point` on the line through it along `normal`, at most `reach` \[m\] away on
@@ -130,6 +134,20 @@ impl<'a> LocalSurface<'a> {
         let smooth = (self.normal_matrix * mixed).normalize_or_zero();
         let smooth = if smooth.dot(normal) < 0.0 { -smooth } else { smooth };
         if smooth.dot(normal) >= LEAST_AGREEMENT { smooth } else { normal }
+    }
+
+    /// True if the segment between two points meets one of the facets that count.
+    pub(super) fn is_met(&self, from: DVec3, to: DVec3, counts: impl Fn(&Facet) -> bool) -> bool {
+        let mut is_met = false;
+        self.tree.visit(|step| match step {
+            Step::Box(low, high) => !is_met && segment_meets_box(from, to - from, low, high),
+            Step::Triangle(i) => {
+                let hit = segment_meets_triangle(from, to - from, &self.corners[i]);
+                is_met |= hit.is_some() && counts(&self.facets[i]);
+                false
+            }
+        });
+        is_met
     }
 
     /// The distance \[m\] between a point and the surface, or `limit` if it is larger.
@@ -196,16 +214,17 @@ impl<'a> LocalSurface<'a> {
         mixed(mesh, &mesh.colors, triangle, hit.weights, as_f64).map_or(Vec4::ONE, |c| c.as_vec4())
     }
 
-    /// Tangent of a point in the world, with the sign of its bitangent.
-    pub(super) fn tangent(&self, hit: &SurfaceHit) -> Vec4 {
+    /// Tangent of a point, with the sign of its bitangent. `frame` leads from the axes of the world to those of the result.
+    pub(super) fn tangent(&self, hit: &SurfaceHit, frame: &DAffine3) -> Vec4 {
         let Facet { part, triangle, .. } = self.facets[hit.facet];
         let mesh = &self.scene.meshes[part].mesh;
         let xyz = |t: &Vec4| t.truncate().as_dvec3();
         let Some(local) = mixed(mesh, &mesh.tangents, triangle, hit.weights, xyz) else { return Vec4::X };
-        let tangent = (self.matrix * local).try_normalize().unwrap_or_else(|| hit.normal.any_orthonormal_vector());
+        let placed = frame.matrix3 * (self.matrix * local);
+        let tangent = placed.try_normalize().unwrap_or_else(|| hit.normal.any_orthonormal_vector());
         let first = mesh.triangles[triangle][0] as usize;
         let sign = mesh.tangents.get(first).map_or(1.0, |t| t.w);
-        tangent.as_vec3().extend(sign * self.side as f32)
+        tangent.as_vec3().extend(sign * (self.side * frame.matrix3.determinant().signum()) as f32)
     }
 }
 

@@ -5,7 +5,7 @@ use crate::defects::host::AreaTable;
 use dunkelfeld_geometry::health::MeshHealth;
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, RigidMotion, Vec2, Vec3, geometric_normal};
 use dunkelfeld_sampling::keyed_stream;
-use dunkelfeld_scene::{AlphaMode, Material, Surface, Volume, shapes};
+use dunkelfeld_scene::{AlphaMode, Instance, Material, Surface, Volume, shapes};
 use std::sync::Arc;
 
 const SURFACE: [DefectKind; 5] =
@@ -131,13 +131,13 @@ fn patches_follow_a_sphere() {
 #[test]
 fn the_normals_of_a_dent_are_those_of_its_bell() {
     let mut b = scene();
-    let spec = DefectSpec { length: 0.2, depth: 0.01, facing: Some(DVec3::Y), ..spec(DefectKind::Dent, &[2]) };
+    let spec = DefectSpec { length: 0.2, depth: 0.009, facing: Some(DVec3::Y), ..spec(DefectKind::Dent, &[2]) };
     let done = add_defect(&mut b, &spec, &mut stream(3)).unwrap();
     let (points, mesh) = placed(&b);
     for (p, n) in points.iter().zip(&mesh.normals) {
         let way = *p - done.at;
         let r = (way.x.hypot(way.z) / 0.1).min(1.0);
-        let slope = 0.5 * std::f64::consts::PI * 0.01 / 0.1 * (std::f64::consts::PI * r).sin();
+        let slope = 0.5 * std::f64::consts::PI * 0.009 / 0.1 * (std::f64::consts::PI * r).sin();
         let inward = -n.as_dvec3().dot(DVec3::new(way.x, 0.0, way.z).normalize_or_zero());
         assert!((inward - slope / (1.0 + slope * slope).sqrt()).abs() < 1e-5, "{r}: {inward} {slope}");
         assert!((n.length() - 1.0).abs() < 1e-5 && way.y.abs() < 5e-5);
@@ -193,6 +193,98 @@ fn hollows_in_clear_solids_are_closed_and_displace_the_solid() {
         }
         let lowest = placed(&b).0.iter().map(height).fold(0.0, f64::min);
         assert!((lowest / -5e-4 - 1.0).abs() < 0.02, "{kind:?}: {lowest}");
+    }
+}
+
+/// The meshes of an object and of the defect in it, joined. They are in one space.
+fn joined(b: &SceneBuilder, object: usize) -> Mesh {
+    let mut all = Mesh::default();
+    for part in b.instances[object].meshes.iter().chain(&b.instances.last().unwrap().meshes) {
+        let (first, mesh) = (all.positions.len() as u32, &b.meshes[*part].mesh);
+        all.positions.extend(&mesh.positions);
+        all.triangles.extend(mesh.triangles.iter().map(|t| t.map(|i| first + i)));
+        assert!(mesh.normals.is_empty() || mesh.normals.len() == mesh.positions.len());
+    }
+    all
+}
+
+/// The volume of a dent is depth * area * (1 / 2 - 2 / pi²). The joint with its body is closed to the last bit.
+#[test]
+fn a_deep_dent_fills_a_hole_in_its_body() {
+    let bell = |length: f64, depth: f64| {
+        depth * std::f64::consts::PI * (0.5 * length).powi(2) * (0.5 - 2.0 / std::f64::consts::PI.powi(2))
+    };
+    for seed in 0..20 {
+        let mut b = scene();
+        b.materials[1] = Material { metallic: 1.0, ..Material::default() };
+        let to_world = DAffine3::from_translation(DVec3::Z * 2.0);
+        let twin = Instance { name: "twin".into(), to_world, ..b.instances[1].clone() };
+        b.instances.push(twin);
+        let before = b.clone();
+        let dent = DefectSpec { length: 0.1, depth: 0.01, ..spec(DefectKind::Dent, &[1]) };
+        let done = add_defect(&mut b, &dent, &mut stream(seed)).unwrap();
+        let (whole, health) = (MeshHealth::from_mesh(&b.meshes[1].mesh), MeshHealth::from_mesh(&joined(&b, 1)));
+        assert!(health.is_closed(), "{seed}: {health:?}");
+        let volume = whole.signed_volume - health.signed_volume;
+        assert!((volume / bell(0.1, 0.01) - 1.0).abs() < 0.01, "{volume}");
+        assert!((done.extent / 0.1 - 1.0).abs() < 0.01 && done.replaces == Some(1), "{done:?}");
+        // Only the struck object has the hole, and nothing of it is left inside.
+        assert_eq!(b.instances[4].meshes, before.instances[4].meshes);
+        assert!(Arc::ptr_eq(&b.meshes[1].mesh, &before.meshes[1].mesh));
+        let (cut, origin) = (&b.meshes[b.instances[1].meshes[0]].mesh, b.instances[1].to_world.translation);
+        for t in 0..cut.triangles.len() {
+            let middle = origin + cut.corners(t).iter().map(|p| p.as_dvec3()).sum::<DVec3>() / 3.0 - done.at;
+            assert!(middle.length() > 0.0499 || middle.dot(done.normal).abs() > 0.01, "{seed}: {middle}");
+        }
+        // A plane that is reflected and stretched, and a ball with smooth normals.
+        for (object, open) in [(2, 4), (0, 0)] {
+            let mut b = scene();
+            let dent = DefectSpec { on: vec![object], ..dent.clone() };
+            add_defect(&mut b, &dent, &mut stream(seed)).unwrap();
+            let health = MeshHealth::from_mesh(&joined(&b, object));
+            let faults = [health.open_edges, health.inconsistent_edges, health.non_manifold_edges];
+            assert_eq!(faults, [open, 0, 0], "{object} {seed}");
+            let (_, mesh) = placed(&b);
+            for (t, corners) in mesh.triangles.iter().enumerate() {
+                let front = geometric_normal(&mesh.corners(t));
+                assert!(corners.iter().all(|i| front.dot(mesh.normals[*i as usize]) > 0.8), "{object} {seed}");
+            }
+        }
+    }
+    // A thin plate bulges on its other side.
+    let mut b = SceneBuilder::default();
+    b.add_material(Material { metallic: 1.0, ..Material::default() });
+    b.add_object("plate", shapes::cuboid(Vec3::ZERO, Vec3::new(1.0, 0.02, 1.0)), 0);
+    let dent = DefectSpec { length: 0.3, depth: 0.05, facing: Some(DVec3::Y), ..spec(DefectKind::Dent, &[0]) };
+    let mut over = b.clone();
+    add_defect(&mut b, &dent, &mut stream(1)).unwrap();
+    let health = MeshHealth::from_mesh(&joined(&b, 0));
+    assert!(health.is_closed() && (health.signed_volume / 0.02 - 1.0).abs() < 1e-3, "{health:?}");
+    assert!((health.bounds.min.y + 0.05).abs() < 1e-6 && health.bounds.max.y == 0.02, "{:?}", health.bounds);
+    // There is no room for it above a table.
+    over.add_object("table", shapes::rectangle(Vec3::new(-1.0, -0.01, 2.0), Vec3::X * 3.0, Vec3::NEG_Z * 3.0), 0);
+    assert!(add_defect(&mut over, &dent, &mut stream(1)).unwrap_err().to_string().contains("no room"));
+}
+
+/// A bar with chamfers at 45 degrees: dents and stains lie on its flat top as a whole.
+#[test]
+fn round_defects_do_not_cross_bevels() {
+    let outline = [[-0.5, 0.0], [0.5, 0.0], [0.5, 0.4], [0.4, 0.5], [-0.4, 0.5], [-0.5, 0.4]];
+    let at = |i: usize, z: f32| Vec3::new(outline[i % 6][0], outline[i % 6][1], z);
+    let side = |i: usize| [at(i, 1.0), at(i, -1.0), at(i + 1, -1.0), at(i, 1.0), at(i + 1, -1.0), at(i + 1, 1.0)];
+    let positions: Vec<Vec3> = (0..6).rev().flat_map(side).collect();
+    let triangles = (0..12).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    let mut bar = SceneBuilder::default();
+    bar.add_material(Material::default());
+    bar.add_object("bar", Mesh { positions, triangles, ..Mesh::default() }, 0);
+    for (kind, depth, radius) in
+        [(DefectKind::Dent, 0.03, 0.1), (DefectKind::Dent, 0.001, 0.1), (DefectKind::Stain, 0.0, 0.06)]
+    {
+        for seed in 0..60 {
+            let dent = DefectSpec { length: 0.2, depth, facing: Some(DVec3::Y), ..spec(kind, &[0]) };
+            let done = add_defect(&mut bar.clone(), &dent, &mut stream(seed)).unwrap();
+            assert!((done.at.y - 0.5).abs() < 1e-9 && done.at.x.abs() <= 0.4 - radius + 1e-6, "{kind:?}: {}", done.at);
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use super::site::{Made, insert, rounding};
 use super::spec::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
 use super::surface::LocalSurface;
 use dunkelfeld_geometry::health::MeshHealth;
-use dunkelfeld_geometry::{DVec3, Vec3};
+use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::{SceneBuilder, Volume, shapes};
@@ -101,7 +101,7 @@ pub(super) fn inside(
         DefectKind::Bubble => material::gas(&spec.name, &solid.volume, material::roughness_or(spec, 0.0)),
         _ => material::own(spec, INCLUSION_COLOR, INCLUSION_ROUGHNESS),
     };
-    insert(scene, &spec.name, Made { mesh, angle: None, material }, at, motion);
+    insert(scene, &spec.name, Made::new(mesh, None, material), DAffine3::from_translation(at), motion);
     Ok(PlacedDefect {
         object: spec.name.clone(),
         at,
@@ -109,6 +109,7 @@ pub(super) fn inside(
         on,
         host,
         extent: spec.length,
+        replaces: None,
         angle: None,
         is_clear: false,
     })
