@@ -112,7 +112,10 @@ fn training_changes_the_samples_and_a_replay_repeats_it() {
 #[test]
 fn matched_exposure_states_where_it_holds_and_leaves_the_other_layers_alone() {
     let bench = Bench::new();
-    bench.write("matched.toml", "scene = \"scene.gltf\"\n[sensor]\nexposure_noise = \"matched\"\n[allocate]\nstrategy = \"sensor\"\n");
+    bench.write(
+        "matched.toml",
+        "scene = \"scene.gltf\"\n[sensor]\nexposure_noise = \"matched\"\n[allocate]\nstrategy = \"sensor\"\n",
+    );
     let run = |what: &str, name: &str| {
         let files = format!("-o {name}.png --linear {name}.tif --exr {name}.exr --stats {name}.json");
         stdout(&bench.run(&format!("render {what} --width 24 --height 16 --spp 16 {files}")).code(0))

@@ -124,13 +124,12 @@ fn a_study_draws_one_of_several_cameras() {
 }
 
 #[test]
-fn key_points_and_stable_poses_are_in_all_files() {
+fn key_points_are_in_all_files() {
     let points = "keypoints = [{ name = \"low\", at = [\"-5mm\", 0, 0] }, { name = \"high\", at = [\"5mm\", 0, 0] }]\n\
         skeleton = [[1, 2]]\n";
     let text = STUDY
         .replace("objects = \"block *\"\n\n", &format!("objects = \"block *\"\n{points}\n"))
-        .replace("objects = [\"ball\"]\n", &format!("objects = [\"ball\"]\n{points}"))
-        .replace("turn = \"360deg\"", "rest = \"stable\"");
+        .replace("objects = [\"ball\"]\n", &format!("objects = [\"ball\"]\n{points}"));
     let text = text.split("[[study.defect]]").next().expect("a part").to_owned()
         + "[camera]"
         + text.split("[camera]").nth(1).expect("a camera");
@@ -144,9 +143,7 @@ fn key_points_and_stable_poses_are_in_all_files() {
     }
     let yaml = fs::read_to_string(bench.path("a/data.yaml")).expect("data.yaml");
     assert!(yaml.contains("kpt_shape: [2, 3]"), "{yaml}");
-    let mut faces = std::collections::BTreeSet::new();
     for index in 0..6 {
-        let record = bench.json(&format!("a/records/{index:06}.json"));
         let labels = bench.json(&format!("a/labels/{index:06}.json"));
         let (camera, poses) = (&labels["camera"], labels["poses"].as_array().expect("poses"));
         let lines = fs::read_to_string(bench.path(&format!("a/labels/{index:06}.txt"))).expect("lines");
@@ -166,17 +163,7 @@ fn key_points_and_stable_poses_are_in_all_files() {
                 .expect("an annotation");
             assert_eq!(annotation["num_keypoints"], 2);
         }
-        for name in ["block 1", "block 2"] {
-            let drawn = |key: &str| record["drawn"][format!("place[{name}].{key}")].as_f64().expect("a number");
-            faces.insert((name, drawn("face") as i64));
-            assert!((0.0..1.0).contains(&drawn("probability")));
-        }
-        // A block of 10 x 8 x 20 mm rests: the height of its centre above the plane is half of an edge.
-        let lift = record["drawn"]["place[block 2].y"].as_str().expect("a length");
-        let height = 4.0 + lift.trim_end_matches("mm").parse::<f64>().expect("a number");
-        assert!([5.0, 4.0, 10.0].iter().any(|half| (height - half).abs() < 1e-6), "{height}");
     }
-    assert!(faces.len() > 3, "{faces:?}");
     let three = points.replacen("[{", "[{ name = \"top\", at = [0, \"4mm\", 0] }, {", 1);
     fs::write(bench.path("bad.toml"), text.replacen(points, &three, 1)).expect("writable");
     assert!(bench.refused("dataset bad.toml -o bad").contains("same number, or write `yolo = false`"));

@@ -16,7 +16,6 @@ use crate::placement::Placement;
 use crate::pose::{poses, shape};
 use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, PlaceRecord, Record};
 use crate::set::Set;
-use crate::stable::Hulls;
 use crate::study::{DrawnJob, LinearFormat, MAX_COUNT, PictureFormat, Study};
 use crate::surface_path::Surfaces;
 use crate::visibility::{Bounds, Exposed, Visibility, visibility};
@@ -42,7 +41,6 @@ pub struct Worker {
     project: Project,
     ids: Ids,
     entries: Vec<DefectEntry>,
-    hulls: Hulls,
     session: Session<'static>,
     threads: usize,
     warnings: Vec<String>,
@@ -136,7 +134,7 @@ impl Worker {
         check(study, &project, &names)?;
         let warnings = warnings(study, &project, &entries, &names);
         let session = Session::new(threads)?;
-        Ok(Self { study: study.clone(), project, ids, entries, hulls: Hulls::default(), session, threads, warnings })
+        Ok(Self { study: study.clone(), project, ids, entries, session, threads, warnings })
     }
 
     /// Settings of the study that have no effect, in sentences.
@@ -231,7 +229,7 @@ impl Worker {
 
     /// Changes the scene to that of an image.
     fn change_scene(&mut self, index: u64, job: &mut DrawnJob) -> Result<SceneParts, Error> {
-        let (study, entries, ids, hulls) = (&self.study, &self.entries, &self.ids, &mut self.hulls);
+        let (study, entries, ids) = (&self.study, &self.entries, &self.ids);
         let draws = study.draws(index);
         let drawn = &mut job.drawn;
         let mut parts = SceneParts {
@@ -255,7 +253,7 @@ impl Worker {
                         drop(record.insert(n.to_owned(), v.clone()))
                     })
                     .map_err(at)?;
-                Placement::parse(value).and_then(|p| p.apply(scene, draws, hulls, &mut record)).map_err(at)?;
+                Placement::parse(value).and_then(|p| p.apply(scene, draws, &mut record)).map_err(at)?;
                 drawn.append(&mut record);
             }
             parts.defects = add_defects(entries, study, scene, draws, drawn).map_err(|(number, fault)| {

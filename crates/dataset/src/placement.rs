@@ -4,7 +4,6 @@ use crate::distribution::{Fault, Template};
 use crate::draws::{Draws, uniform};
 use crate::label_entry::{Names, texts};
 use crate::names::ObjectNames;
-use crate::stable::{Hulls, choose};
 use crate::study::Study;
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3};
 use dunkelfeld_io::quantity::{Angle, Length};
@@ -12,7 +11,6 @@ use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::SceneBuilder;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::f64::consts::TAU;
 use toml::Value;
 
 /// Places that are tried for an object before all objects of the entry are drawn again.
@@ -32,11 +30,8 @@ pub(crate) struct Placement {
     center: [Length; 3],
     /// Edges of the region along x, y and z \[m\]. With a height of 0 the objects rest on a plane.
     size: [Length; 3],
-    /// The orientation of an object before its rotation about the vertical. Default `"given"`.
-    #[serde(default)]
-    rest: Rest,
     /// Range of the rotation about the vertical through the centre of the object: from minus half of it to plus half of it.
-    /// Default 0, and a full turn with stable poses.
+    /// Default 0.
     #[serde(default)]
     turn: Option<Angle>,
     /// Least distance between the objects that are placed \[m\]. Default 0.
@@ -45,17 +40,6 @@ pub(crate) struct Placement {
     /// May objects that are placed overlap? Default false.
     #[serde(default)]
     overlap: bool,
-}
-
-/// The orientation of an object.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum Rest {
-    /// That of the job.
-    #[default]
-    Given,
-    /// A stable pose on a plane, with its probability after a drop.
-    Stable,
 }
 
 /// A vertical cylinder around an object that was placed.
@@ -124,52 +108,34 @@ impl Placement {
     }
 
     /// Moves the objects. An object lies in the region with its whole bounds, which rest on the drawn height; two of them
-    /// never share a part of the vertical cylinders around their bounds. `drawn` receives the position, the rotation, and the
-    /// stable pose.
+    /// never share a part of the vertical cylinders around their bounds. `drawn` receives the position and the
+    /// rotation.
     pub(crate) fn apply(
         &self,
         scene: &mut SceneBuilder,
         draws: Draws,
-        hulls: &mut Hulls,
         drawn: &mut BTreeMap<String, Value>,
     ) -> Result<(), Fault> {
         let found: Vec<usize> =
             (0..scene.instances.len()).filter(|i| self.objects.match_name(&scene.instances[*i].name)).collect();
-        // The object, the centre of its bounds as given, and its cylinder in its pose.
-        let mut shapes: Vec<(usize, DVec3, Occupied)> = Vec::new();
+        // The object and its cylinder.
+        let mut shapes: Vec<(usize, Occupied)> = Vec::new();
         for i in found {
-            let name = scene.instances[i].name.clone();
-            let Some([low, high]) = scene.bounds_of(&scene.instances[i]) else { continue };
-            let before = (low + high) * 0.5;
-            if self.rest == Rest::Stable {
-                let poses = hulls.stable_poses(scene, &scene.instances[i]).map_err(|problem| {
-                    let problem = format!("\"{name}\" has no stable pose: {problem}");
-                    Fault::new(problem, "write `rest = \"given\"` for it").below("rest")
-                })?;
-                let pose = choose(&poses, draws.uniform(&format!("place[{name}].rest")));
-                if let Some(pose) = pose {
-                    let object = &mut scene.instances[i];
-                    let turned = DAffine3::from_rotation_translation(pose.rotation(), before);
-                    object.to_world = turned * DAffine3::from_translation(-before) * object.to_world;
-                    drawn.insert(format!("place[{name}].face"), Value::Integer(pose.face as i64));
-                    drawn.insert(format!("place[{name}].probability"), Value::Float(pose.probability));
-                }
-            }
             let Some([low, high]) = scene.bounds_of(&scene.instances[i]) else { continue };
             let center = (low + high) * 0.5;
             let shape =
                 Occupied { center, radius: 0.5 * (high - low).with_y(0.0).length(), half: 0.5 * (high.y - low.y) };
-            shapes.push((i, before, shape));
+            shapes.push((i, shape));
         }
         let named: Vec<(&str, Occupied)> =
-            shapes.iter().map(|(i, _, shape)| (scene.instances[*i].name.as_str(), *shape)).collect();
+            shapes.iter().map(|(i, shape)| (scene.instances[*i].name.as_str(), *shape)).collect();
         let places = self.arrange(&named, draws)?;
-        for ((i, before, shape), (placed, angle)) in shapes.into_iter().zip(places) {
+        for ((i, shape), (placed, angle)) in shapes.into_iter().zip(places) {
             let turned = DAffine3::from_rotation_translation(DQuat::from_rotation_y(angle), placed.center);
             let object = &mut scene.instances[i];
             object.to_world = turned * DAffine3::from_translation(-shape.center) * object.to_world;
             let name = &object.name;
-            for (axis, length) in ["x", "y", "z"].iter().zip((placed.center - before).to_array()) {
+            for (axis, length) in ["x", "y", "z"].iter().zip((placed.center - shape.center).to_array()) {
                 drawn.insert(format!("place[{name}].{axis}"), Value::String(format!("{}mm", length * 1e3)));
             }
             drawn.insert(format!("place[{name}].turn"), Value::String(format!("{}deg", angle.to_degrees())));
@@ -219,7 +185,7 @@ impl Placement {
             return None;
         }
         let clearance = self.clearance.map_or(0.0, |c| c.0);
-        let range = self.turn.map(|turn| turn.0).or((self.rest == Rest::Stable).then_some(TAU));
+        let range = self.turn.map(|turn| turn.0);
         for _ in 0..tries {
             let place = [(); 3].map(|()| 2.0 * uniform(stream) - 1.0);
             let angle = range.map_or(0.0, |range| range * (uniform(stream) - 0.5));

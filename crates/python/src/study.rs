@@ -8,8 +8,8 @@ use crate::progress::{lock, lock_unless};
 use crate::work::{SIGNALS, interruptible};
 use dunkelfeld::{Cancel, Error};
 use dunkelfeld_dataset::{
-    Cost, Deadline, LevelGap, Made as MadeImage, Record, RunOptions, RunProgress, RunState, RunSummary, Set,
-    SetForecast, Study as SetStudy, Worker, run, verify,
+    Cost, LevelGap, Made as MadeImage, Record, RunOptions, RunProgress, RunState, RunSummary, Set, SetForecast,
+    Study as SetStudy, Worker, run, verify,
 };
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
@@ -61,16 +61,15 @@ impl Study {
     /// Makes the missing images of a set in `folder`, as `dunkelfeld dataset`, and the files of the whole set. `count` is
     /// the number of images (default: that of the study); `indices` are the only images to make; `jobs` images are made at
     /// the same time (default: one per core), each with `threads` threads (default: 1, and with one job one per core);
-    /// `time` [s] is for all missing images together, instead of the budget of the job. `until` is the end of the run instead: a
-    /// `datetime`, or a text such as "8:00", "tomorrow 8:00" or "2030-01-31 8:00 Europe/Berlin". `forecast` is called with the
+    /// `time` [s] is for all missing images together, instead of the budget of the job. `forecast` is called with the
     /// forecast of such a run before its first image. `progress` is called with (finished images, all images, elapsed [s],
     /// remaining [s] or None), from the threads of the run.
     ///
     /// Returns a dictionary: `made`, `finished` and `count` (images), `seconds`, `failed` (index and message of
-    /// images whose draws do not fit), `forecast` (None without `time` and `until`), `levels` (k of the images that were made).
+    /// images whose draws do not fit), `forecast` (None without `time`), `levels` (k of the images that were made).
     /// Raises the error of the first image if the set has no image yet and none of the first 16 images of the run can be made.
     /// Ctrl-C and an exception of `progress` or `forecast` end the run; finished images remain, and the same call continues.
-    #[pyo3(signature = (folder, *, count=None, indices=None, jobs=None, threads=None, time=None, until=None, forecast=None, progress=None))]
+    #[pyo3(signature = (folder, *, count=None, indices=None, jobs=None, threads=None, time=None, forecast=None, progress=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn run<'py>(
         &self,
@@ -81,7 +80,6 @@ impl Study {
         #[pyo3(from_py_with = jobs_of)] jobs: Option<usize>,
         #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
         time: Option<f64>,
-        until: Option<Bound<'py, PyAny>>,
         forecast: Option<Py<PyAny>>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Bound<'py, PyDict>, Failure> {
@@ -89,13 +87,7 @@ impl Study {
         (options.count, options.indices) = (count, indices);
         options.jobs = jobs;
         options.threads = checked_threads(threads)?;
-        options.seconds = match until {
-            None => checked_seconds(time)?,
-            Some(_) if time.is_some() => {
-                return Err(setting("until", "there are a time and an end of the run", "pass one of them"));
-            }
-            Some(until) => Some(deadline_of(&until)?.seconds_left()?),
-        };
+        options.seconds = checked_seconds(time)?;
         let cancel = Cancel::new();
         let sink = Reports {
             function: progress.as_ref(),
@@ -155,18 +147,6 @@ fn checked_seconds(time: Option<f64>) -> Result<Option<f64>, Failure> {
             Err(setting("time", format!("{seconds} s is out of range"), "pass a number of seconds above 0"))
         }
         time => Ok(time),
-    }
-}
-
-/// The end of a run as a text or a `datetime`.
-fn deadline_of(until: &Bound<'_, PyAny>) -> Result<Deadline, Failure> {
-    if let Ok(text) = until.extract::<String>() {
-        return Ok(Deadline::parse(&text)?);
-    }
-    let seconds = until.call_method0("timestamp").and_then(|seconds| seconds.extract::<f64>());
-    match seconds {
-        Ok(seconds) => Ok(Deadline::at_unix_time(seconds)?),
-        Err(_) => Err(setting("until", "it is neither a text nor a datetime", "pass \"8:00\" or a datetime")),
     }
 }
 

@@ -1,6 +1,5 @@
 """Data sets from Python: the files of the program, single images, readers and their formats."""
 
-import datetime
 import json
 import os
 import pickle
@@ -159,22 +158,6 @@ def test_a_time_for_the_whole_set_has_a_forecast(study: Study, tmp_path: Path) -
     with pytest.raises(RuntimeError, match="too noisy"):
         study.run(tmp_path / "none", count=2, time=4.0, forecast=refuse)
     assert not list((tmp_path / "none" / "records").glob("*.json"))
-
-
-def test_a_run_may_have_an_end(study: Study, tmp_path: Path) -> None:
-    end = datetime.datetime.now() + datetime.timedelta(seconds=3)
-    summary = study.run(tmp_path / "set", count=2, until=end)
-    assert summary["finished"] == 2 and summary["forecast"] is not None
-    assert summary["forecast"]["end"] < 4
-    with pytest.raises(df.SettingError, match="is over"):
-        study.run(tmp_path / "none", until="2001-01-01 8:00")
-    with pytest.raises(df.SettingError, match="no known time zone"):
-        study.run(tmp_path / "none", until="8:00 Europe/Atlantis")
-    with pytest.raises(df.SettingError, match="pass one of them"):
-        study.run(tmp_path / "none", until="8:00", time=1.0)
-    with pytest.raises(df.SettingError, match="neither a text nor a datetime"):
-        study.run(tmp_path / "none", until=cast(Any, 8))
-    assert not (tmp_path / "none").exists()
 
 
 def test_single_images_make_the_same_set(study: Study, folder: Path, tmp_path: Path) -> None:

@@ -5,16 +5,14 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 28] = [
+const HOMES: [(&str, &[&str]); 26] = [
     ("axum", &["view"]),
     ("tokio", &["view"]),
     ("tokio-stream", &["view"]),
     ("thread-priority", &["render"]),
     ("rayon", &["render", "dunkelfeld", "studies", "bvh", "dataset", "io", "sensor"]),
     ("obvhs", &["bvh"]),
-    ("jiff", &["dataset"]),
     ("rustc-hash", &["geometry", "integrator"]),
-    ("parry3d-f64", &["dataset"]),
     ("maud", &["report", "studies", "dataset"]),
     ("annotate-snippets", &["io"]),
     ("clap", &["cli"]),

@@ -6,9 +6,7 @@ use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say, say_object};
 use crate::words::{counted, remaining, seconds, three_digits};
 use dunkelfeld::{Error, Progress, ProgressState, Stage};
-use dunkelfeld_dataset::{
-    Deadline, LevelGap, RunOptions, RunProgress, RunState, SetForecast, Study, run as run_study, verify,
-};
+use dunkelfeld_dataset::{LevelGap, RunOptions, RunProgress, RunState, SetForecast, Study, run as run_study, verify};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -27,18 +25,7 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
     options.indices = (!args.index.is_empty()).then(|| args.index.clone());
     options.jobs = args.jobs.map(usize::from);
     options.threads = args.threads.map(usize::from);
-    options.seconds = match &args.until {
-        Some(until) => Some(until.seconds_left()?),
-        None => args.time,
-    };
-    if let (Some(until), Some(left)) = (&args.until, options.seconds) {
-        match &sink {
-            Sink::Json => say_object(&json!({ "event": "deadline", "at": until.to_string(), "seconds": left })),
-            Sink::Bar(_) | Sink::None => {
-                sink.say(&format!("the set shall be finished at {until}, in {}", remaining(left)))
-            }
-        }
-    }
+    options.seconds = args.time;
     let cancel = cancel_on_interrupt();
     let progress = SetProgress { sink: &sink };
     let summary = run_study(&study, &folder, &options, &progress, &cancel)?;
@@ -143,9 +130,8 @@ fn forecast_line(forecast: &SetForecast) -> String {
     if forecast.gap == Some(LevelGap::NoTime) {
         return reason(LevelGap::NoTime).to_owned();
     }
-    let end = Deadline::in_seconds(forecast.end).map_or_else(String::new, |at| format!(" at {at}"));
     format!(
-        "forecast from {}: {}, {:.2} s and about {} samples per pixel for the render of each; {reached}; the set is finished{end}, in {}",
+        "forecast from {}: {}, {:.2} s and about {} samples per pixel for the render of each; {reached}; the set is finished in {}",
         counted(forecast.images, "test image"),
         counted(forecast.count, "image"),
         forecast.seconds,

@@ -3,7 +3,7 @@
 use crate::run_args::ProgressKind;
 use crate::values::{time_limit, within};
 use clap::Args;
-use dunkelfeld_dataset::{Deadline, MAX_COUNT};
+use dunkelfeld_dataset::MAX_COUNT;
 use std::path::PathBuf;
 
 /// Flags of `dataset`.
@@ -26,16 +26,12 @@ pub(crate) struct DatasetArgs {
     /// machine how many samples the images have. The command prints the expected noise before the first image.
     #[arg(long, value_name = "TIME", value_parser = time_limit)]
     pub(crate) time: Option<f64>,
-    /// The end of the command instead of --time: a time of day (8:00, today or tomorrow), "tomorrow 8:00", or a date
-    /// ("2030-01-31 8:00", 2030-01-31T08:00). A zone may follow ("8:00 Europe/Berlin", 2030-01-31T08:00Z).
-    #[arg(long, value_name = "WHEN", value_parser = deadline, conflicts_with = "time")]
-    pub(crate) until: Option<Deadline>,
     /// Images that are made at the same time. Each has its own scene in memory [default: one per core].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
     pub(crate) jobs: Option<u16>,
     /// Check a finished set instead: its files by their hashes, labels against masks, and the files of the whole set against
     /// those that the images give. Exit code 1 if something is wrong or missing.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["study", "output", "count", "index", "time", "until", "jobs", "threads"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["study", "output", "count", "index", "time", "jobs", "threads"])]
     pub(crate) verify: Option<PathBuf>,
     /// Threads of each image [default: 1, and with --jobs 1 one per core].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
@@ -43,25 +39,4 @@ pub(crate) struct DatasetArgs {
     /// Progress on standard error.
     #[arg(long, value_enum, default_value_t = ProgressKind::Bar)]
     pub(crate) progress: ProgressKind,
-}
-
-/// The end of a command, which must be in the future.
-fn deadline(text: &str) -> Result<Deadline, String> {
-    Deadline::parse(text).map_err(|e| {
-        let parts = e.parts();
-        parts.problem.into_iter().chain(parts.help).collect::<Vec<_>>().join("; ")
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_end_is_checked_before_any_file_is_opened() {
-        assert!(deadline("8:00").is_ok() && deadline("9999-01-01 8:00").is_ok());
-        for bad in ["8h", "2001-01-01 8:00", "8:00 Nowhere", ""] {
-            assert!(deadline(bad).is_err_and(|message| message.contains("; write a")), "{bad}");
-        }
-    }
 }

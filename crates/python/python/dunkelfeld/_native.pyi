@@ -1,6 +1,5 @@
 """Types of the native module."""
 
-import datetime
 import os
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
@@ -265,7 +264,6 @@ class Study:
         jobs: int | None = None,
         threads: int | None = None,
         time: float | None = None,
-        until: str | datetime.datetime | None = None,
         forecast: Callable[[Forecast], object] | None = None,
         progress: Callable[[int, int, float, float | None], object] | None = None,
     ) -> SetSummary: ...

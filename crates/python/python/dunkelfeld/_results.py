@@ -101,7 +101,7 @@ class SetSummary(TypedDict):
     failed: list[tuple[int, str]]
     """Index and message of each image whose draws do not fit."""
     forecast: Forecast | None
-    """None without `time` and `until`, and if no test image can be made."""
+    """None without `time`, and if no test image can be made."""
     levels: list[float]
     """For each image that this run made and whose level is known, the k at which 99 % of its unsaturated pixels are hidden,
     in ascending order."""
