@@ -100,7 +100,6 @@ const EXTENSIONS: &[&str] = &[
     "KHR_materials_diffuse_transmission",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
-    "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_sheen",
     "KHR_materials_specular",
     "KHR_materials_transmission",
@@ -347,8 +346,7 @@ fn solids() -> Asset {
             {"pbrMetallicRoughness": {"metallicFactor": 1, "roughnessFactor": 0.3}, "extensions": {
                 "KHR_materials_anisotropy": {"anisotropyStrength": 0.5, "anisotropyRotation": 1},
                 "KHR_materials_clearcoat": {"clearcoatFactor": 1, "clearcoatRoughnessFactor": 0.1}}},
-            {"emissiveFactor": [1, 1, 1], "extensions": {"KHR_materials_pbrSpecularGlossiness": {
-                "diffuseFactor": [0.5, 0.5, 0.5, 1], "specularFactor": [0.04, 0.5, 1], "glossinessFactor": 0.7}}},
+            {"emissiveFactor": [1, 1, 1]},
             {"pbrMetallicRoughness": {"roughnessFactor": 0}, "alphaMode": "BLEND",
                 "extensions": {"KHR_materials_transmission": {"transmissionFactor": 1}}}
         ]

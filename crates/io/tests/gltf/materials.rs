@@ -243,43 +243,6 @@ fn factors_out_of_range_are_clamped_with_a_warning() {
     }
 }
 
-fn specular_glossiness(extension: Value) -> Imported {
-    asset(json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": extension}})).load().expect("loads")
-}
-
-#[test]
-fn specular_glossiness_factors_become_metal_or_dielectric() {
-    // Specular 0.04 is what every dielectric of ior 1.5 has: the diffuse colour stays.
-    let plastic = specular_glossiness(json!({"diffuseFactor": [0.5, 0.25, 0.1, 0.75],
-        "specularFactor": [0.04, 0.04, 0.04], "glossinessFactor": 0.3}));
-    let m = only_material(&plastic);
-    assert!(near(m.metallic, 0.0) && near(m.roughness, 0.7) && m.alpha == 0.75, "{m:?}");
-    assert!((m.base_color - Rgb::new(0.5, 0.25, 0.1)).to_array().iter().all(|v| v.abs() < 1e-6), "{m:?}");
-    // No diffuse part and a strong tinted reflection is a metal.
-    let gold = specular_glossiness(json!({"diffuseFactor": [0, 0, 0, 1], "specularFactor": [1, 0.75, 0.3]}));
-    let m = only_material(&gold);
-    assert!(near(m.metallic, 1.0) && m.roughness == 0.0, "{m:?}");
-    assert!((m.base_color - Rgb::new(1.0, 0.75, 0.3)).to_array().iter().all(|v| v.abs() < 1e-5), "{m:?}");
-}
-
-#[test]
-fn specular_glossiness_textures_are_converted_texel_by_texel() {
-    // Texture 0 (1x1 red) is diffuse; texture 1 (2x1) has specular (0, 1, 0) with glossiness 128, and (0, 0, 1) with 255.
-    let imported = specular_glossiness(json!({"diffuseTexture": {"index": 0},
-        "specularGlossinessTexture": {"index": 1}}));
-    let m = only_material(&imported);
-    let image = |id: dunkelfeld_scene::ImageId| &imported.scene.images[id.0 as usize];
-    let color = image(m.base_color_texture.expect("colour").image);
-    let surface = image(m.roughness_texture.expect("roughness").texture.image);
-    assert_eq!(m.metallic_texture.map(|t| t.channel), Some(2));
-    let (Texels::Rgba8(color), Texels::Rgb8(surface)) = (&*color.texels, &*surface.texels) else {
-        panic!("eight bits were expected")
-    };
-    // Full reflection leaves nothing diffuse: metals with the specular colour.
-    assert_eq!(color[..], [[0, 255, 0, 255], [0, 0, 255, 255]]);
-    assert_eq!(surface[..], [[255, 127, 255], [255, 0, 255]]);
-}
-
 #[test]
 fn lights_become_radiometric() {
     let lights = json!([

@@ -4,7 +4,6 @@ use super::complete::ALPHA_MODE;
 use super::document::Document;
 use super::extensions::{OfMaterial, OfNormalTexture};
 use super::reader::Reader;
-use super::spec_gloss;
 use crate::import::options::{EmissiveUnit, LUMENS_PER_WATT};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{AlphaMode, ChannelTexture, ColorEncoding, Material, Surface, Texture, Volume};
@@ -93,9 +92,6 @@ fn normal_map(source: &Source<'_>, m: &mut Material, r: &mut Reader<'_, '_>) {
 }
 
 fn base(source: &Source<'_>, m: &mut Material, r: &mut Reader<'_, '_>) {
-    if let Some(specular_glossiness) = source.extensions.and_then(|e| e.pbr_specular_glossiness.as_ref()) {
-        return spec_gloss::convert(specular_glossiness, m, r);
-    }
     let pbr = &source.material.pbr_metallic_roughness;
     let [red, green, blue, alpha] = pbr.base_color_factor.0;
     m.base_color = r.color("baseColorFactor", [red, green, blue], 1.0);

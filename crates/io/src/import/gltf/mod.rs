@@ -5,7 +5,7 @@
 //! that a hostile file causes an error and not a panic. Data that a viewer could still show is used, with a warning.
 //!
 //! `container` (GLB, buffers), `document` (JSON) -> `nodes` (hierarchy) -> `accessor`, `primitive`, `deform`, `tangents`
-//! (meshes), `material`, `spec_gloss`, `texture` (surfaces), `light`, `hints` (lights and cameras). `validate` explains refusals.
+//! (meshes), `material`, `texture` (surfaces), `light`, `hints` (lights and cameras). `validate` explains refusals.
 
 mod accessor;
 mod animation;
@@ -22,7 +22,6 @@ mod material;
 mod nodes;
 mod primitive;
 mod reader;
-mod spec_gloss;
 mod texture;
 mod validate;
 
