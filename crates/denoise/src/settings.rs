@@ -10,7 +10,7 @@ pub const OIDN_VARIABLE: &str = "DUNKELFELD_OIDN";
 /// Assumed duration of a denoiser until it has been measured [s of one thread per megapixel]: on the safe side for machines of the
 /// last ten years.
 const OIDN_PER_MEGAPIXEL: f64 = 14.0;
-const BUILTIN_PER_MEGAPIXEL: f64 = 4.0;
+const BUILTIN_PER_MEGAPIXEL: f64 = 8.0;
 /// And whatever the size: loading the library, making its device.
 const OIDN_START: f64 = 0.6;
 

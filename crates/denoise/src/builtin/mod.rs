@@ -23,7 +23,7 @@ pub struct Builtin;
 
 impl Denoiser for Builtin {
     fn name(&self) -> String {
-        "builtin 2".into()
+        "builtin 3".into()
     }
 
     fn denoise(&self, input: &DenoiseInput<'_>, control: &Control<'_>) -> Result<Triples, DenoiseError> {
@@ -34,9 +34,13 @@ impl Denoiser for Builtin {
         let image = patch::Image::new(input);
         let size = image.size();
         let level = Level::new();
-        let variance = tiles::map_tiles(size, control, (0.0, 0.1), |tile| noise::variances(level, &image, tile))?;
+        let shares = tiles::map_tiles(size, control, (0.0, 0.2), |tile| noise::supported_shares(level, &image, tile))?;
+        let estimates =
+            tiles::map_tiles(size, control, (0.2, 0.45), |tile| noise::estimates(level, &image, &shares, tile))?;
+        let image = image.with_mean(&estimates.map(|[mean, _]| *mean));
+        let variance = estimates.map(|[_, variance]| *variance);
         let averages =
-            tiles::map_tiles(size, control, (0.1, 0.95), |tile| average::averages(level, &image, &variance, tile))?;
+            tiles::map_tiles(size, control, (0.45, 0.95), |tile| average::averages(level, &image, &variance, tile))?;
         tiles::map_tiles(size, control, (0.95, 1.0), |tile| blend::blended(&image, &variance, &averages, tile))
     }
 }

@@ -67,6 +67,12 @@ impl<'a> Image<'a> {
         Self { input: *input, mean, scale: exponent.exp2() as f32 }
     }
 
+    /// The same image with another mean, given in the unit of patches.
+    pub(super) fn with_mean(&self, mean: &Triples) -> Self {
+        let back = 1.0 / self.scale;
+        Self { mean: Cow::Owned(mean.map(|v| v.map(|v| v * back))), ..*self }
+    }
+
     /// The factor from values to the unit of patches.
     pub(super) fn scale(&self) -> f32 {
         self.scale
