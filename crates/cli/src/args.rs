@@ -376,6 +376,9 @@ pub(crate) struct ViewArgs {
     /// Threads of the exposures and measurements beside the render [default: one per core].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
     pub(crate) threads: Option<u16>,
+    /// Nice value of the threads of the render, 0 to 19: with a larger one, other programs get more time [default: 10].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(0..=dunkelfeld::MAX_NICE))]
+    pub(crate) nice: Option<u8>,
     #[command(flatten, next_help_heading = "Lens of an EXR")]
     pub(crate) lens: LensArgs,
 }

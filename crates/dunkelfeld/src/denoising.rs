@@ -45,13 +45,27 @@ pub fn find_denoiser(settings: &DenoiseSettings) -> Result<Option<Box<dyn Denois
             Ok(oidn) => Ok(Some(Box::new(oidn))),
             Err(_) if settings.method == DenoiseMethod::Auto && named.is_none() => Ok(Some(Box::new(Builtin))),
             Err(e) => {
-                let help = format!(
-                    "install Open Image Denoise 1.4 or 2, name its library by --oidn PATH or {OIDN_VARIABLE}, or choose the denoiser `builtin`"
-                );
+                let help = format!("{}, or choose the denoiser `builtin`", how_to_install());
                 Err(Error::setting("oidn", e.to_string(), help))
             }
         },
     }
+}
+
+/// How this machine gets Intel Open Image Denoise.
+fn how_to_install() -> String {
+    format!(
+        "install Open Image Denoise 1.4 or 2 (`pip install oidn` has it, in its folder oidn/lib.*), and name its library or its folder by --oidn PATH or {OIDN_VARIABLE}"
+    )
+}
+
+/// The reason why an automatic choice took the built-in filter: the places without Intel Open Image Denoise, and the way to
+/// get it. `None` for other choices. `denoiser` is the name of the one that was used.
+pub fn why_builtin(settings: &DenoiseSettings, denoiser: &str) -> Option<String> {
+    (settings.method == DenoiseMethod::Auto && denoiser == Builtin.name()).then(|| {
+        let places = oidn_library::searched_places();
+        format!("Intel Open Image Denoise was not found in {OIDN_VARIABLE}, {places}\n  help: {}", how_to_install())
+    })
 }
 
 /// Replaces a denoiser by that of options. A library without a denoiser selects OIDN.

@@ -16,7 +16,7 @@ use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_radiometry::Number;
-use dunkelfeld_render::film_noise::{FilmNoise, levels, per_luminance, sensor_noise, signal_scatter};
+use dunkelfeld_render::film_noise::{Certified, FilmNoise, levels, per_luminance, sensor_noise, signal_scatter};
 use dunkelfeld_render::{Error, thread_count};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Response, SensorModel, Weights};
 use std::borrow::Cow;
@@ -35,6 +35,8 @@ pub struct ExrImage {
     has_vignetting: bool,
     /// The words for the effects that the render left out.
     pub(crate) left_out: Option<String>,
+    /// Ids of the objects and of the materials of the pixels, with their names.
+    surfaces: [Option<(Plane<u32>, Vec<String>)>; 2],
 }
 
 /// The source of a value of the lens of an image.
@@ -73,6 +75,10 @@ impl ExrImage {
             // As in the frame of the render.
             radiance = fill_gaps(&radiance, &counts.map(|n| *n > 0));
         }
+        let named = |layer: Single, names: &str| {
+            let names = attributes(&layers).remove(names).and_then(|names| serde_json::from_value(names).ok());
+            Some((layers.integers(layer)?, names.unwrap_or_default()))
+        };
         Ok(Self {
             path: path.to_owned(),
             has_vignetting: attributes(&layers).contains_key(VIGNETTING),
@@ -81,12 +87,36 @@ impl ExrImage {
             noise: if is_matched { NoiseLayers::from_layers(&layers) } else { None },
             is_read_for_matched: is_matched,
             film: FilmOfSensor::of_file(path, &layers)?,
+            surfaces: [named(Single::ObjectId, "objects"), named(Single::MaterialId, "materials")],
         })
     }
 
     /// Mean radiance [W/(m^2 sr)], linear Rec. 709.
     pub fn radiance(&self) -> &Plane<[f32; 3]> {
         &self.radiance
+    }
+
+    /// Samples of each pixel. `None` if the file does not contain them and the noise of the mean, or was read for plain
+    /// exposure.
+    pub fn sample_counts(&self) -> Option<&Plane<u32>> {
+        Some(&self.noise.as_ref()?.pixels.as_ref()?.counts)
+    }
+
+    /// Names of object and material at a pixel, or their numbers if the file has no names. `None` for what the file does not
+    /// contain, and where no surface is.
+    pub fn surface_at(&self, x: u32, y: u32) -> [Option<String>; 2] {
+        self.surfaces.each_ref().map(|layer| {
+            let (ids, names) = layer.as_ref()?;
+            let id = Some(*ids.at(x, y)).filter(|id| *id != u32::MAX)?;
+            Some(names.get(id as usize).cloned().unwrap_or_else(|| format!("number {id}")))
+        })
+    }
+
+    /// The certificate at `k` behind a camera of [`Self::expose`] without vignetting, as that of the film of the image. `None`
+    /// without [`Self::sample_counts`]. Runs on the threads of the current pool.
+    pub fn certify(&self, exposer: &Exposer, k: f64) -> Option<Certified> {
+        let sensor = sensor_noise(exposer.model(), exposer.exposure());
+        self.noise.as_ref()?.film_noise(*exposer.response(), sensor, &self.radiance)?.certify(k)
     }
 
     /// Combines the image with a camera. Binning, the stages of a line scan, the wavelengths of the channels, the filter of the
@@ -279,15 +309,27 @@ impl NoiseLayers {
     /// pixels, otherwise from each pixel's own variance.
     fn part(&self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> FilmPart {
         let (width, height) = (mean.width(), mean.height());
-        let Some(PixelLayers { counts, surface, scatter }) = &self.pixels else {
-            let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
-            let inputs = CompensationInputs {
+        let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
+        let inputs = match self.film_noise(response, sensor, mean) {
+            Some(noise) => CompensationInputs::from_variances(&noise.pixel_variances()),
+            None => CompensationInputs {
                 variance: Plane::from_fn(width, height, own),
                 is_rare: Plane::new(width, height, false),
-            };
-            return FilmPart { response, counts: None, inputs };
+            },
         };
-        let view = |weights: &Weights, rows: &Range<u32>| {
+        FilmPart { response, counts: None, inputs }
+    }
+
+    /// The noise of the electrons of a sensor, as in a render. `None` without samples and ids of the pixels.
+    fn film_noise<'a>(
+        &'a self,
+        response: Response,
+        sensor: SensorNoise,
+        mean: &'a Plane<[f32; 3]>,
+    ) -> Option<FilmNoise<'a>> {
+        let (width, height) = (mean.width(), mean.height());
+        let PixelLayers { counts, surface, scatter } = self.pixels.as_ref()?;
+        let view = move |weights: &Weights, rows: &Range<u32>| {
             let (top, rows) = (rows.start, rows.len() as u32);
             let own = Plane::from_fn(width, rows, |x, y| weights.electrons(*mean.at(x, top + y)).0 as f32);
             let variance = Plane::from_fn(width, rows, |x, y| {
@@ -314,10 +356,8 @@ impl NoiseLayers {
                 surface: Plane::from_fn(width, rows, |x, y| *surface.at(x, top + y)),
             }
         };
-        let views = |rows: Range<u32>| response.kinds().iter().map(|weights| view(weights, &rows)).collect();
+        let views = move |rows: Range<u32>| response.kinds().iter().map(|weights| view(weights, &rows)).collect();
         let own = Plane::from_fn(width, height, |x, y| response.at(x, y).electrons(*mean.at(x, y)).0 as f32);
-        let noise = FilmNoise::from_estimates(own, counts.clone(), views, response, Some(sensor));
-        let inputs = CompensationInputs::from_variances(&noise.pixel_variances());
-        FilmPart { response, counts: None, inputs }
+        Some(FilmNoise::from_estimates(own, counts.clone(), views, response, Some(sensor)))
     }
 }

@@ -57,7 +57,7 @@ pub use commands::denoise::{DenoisePlanes, DenoisedFile, check_denoise_output, d
 pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, OfImage, expose_exr};
 pub use commands::init::{init, init_text};
 pub use commands::merge::{MergeSettings, Merged, merge};
-pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser, select_denoiser};
+pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser, select_denoiser, why_builtin};
 pub use expose_options::{ImageOptions, expose_image, expose_radiance};
 pub use exposer::{Exposer, FilmVariances, through_lens};
 pub use exr_image::{ExrImage, LensSource};
@@ -96,7 +96,7 @@ pub use dunkelfeld_render::film_noise::Certified;
 pub use dunkelfeld_render::parallel::mean_without_gaps;
 pub use dunkelfeld_render::{
     Budget, Cancel, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_PILOT_SPP, DEFAULT_SPP, DenoiseMethod,
-    DenoiseSettings, Error, FORECAST_LEVELS, FilmInProgress, Forecast, ForecastCourse, ForecastLevel, MAX_PIXELS,
+    DenoiseSettings, Error, FORECAST_LEVELS, FilmInProgress, Forecast, ForecastCourse, ForecastLevel, MAX_NICE, MAX_PIXELS,
     MAX_SIDE, MAX_THREADS, OIDN_VARIABLE, PilotForecast, Progress, ProgressState, RenderSettings, RenderedFilm,
     Rendering, ResumedWork, SavedFilm, SensorChoice, Session, Silent, Stage, camera, render, written,
 };

@@ -116,7 +116,7 @@ pub fn encode_light_layers(
     let mut bands = bands.into_iter();
     let mut all = bands.next().unwrap_or_else(|| ExrLayers::new(first.sums.width(), 0));
     bands.for_each(|band| all.append_rows(band));
-    let mut attributes = layer_attributes(frame, settings, &first.object_names);
+    let mut attributes = layer_attributes(frame, settings, first);
     if let Some(attributes) = attributes.as_object_mut() {
         let entry = |(light, layer): (&FilmOfLight<'_>, &String)| serde_json::json!({ "name": light.name, "layer": layer, "factor": light.factor });
         attributes.insert("lights".into(), films.iter().zip(&names).map(entry).collect());

@@ -4,13 +4,19 @@ use dunkelfeld_denoise::DenoiseError;
 use std::path::Path;
 
 #[cfg(feature = "oidn")]
-pub(crate) use with_adapter::load;
+pub(crate) use with_adapter::{load, searched_places};
 
 /// The error of a program without the adapter.
 #[cfg(not(feature = "oidn"))]
 pub(crate) fn load(_named: Option<&Path>) -> Result<dunkelfeld_denoise::Builtin, DenoiseError> {
     let problem = "Intel Open Image Denoise: this program was built without the feature `oidn`";
     Err(DenoiseError::Unavailable(problem.into()))
+}
+
+/// The places that [`load`] searches, as text.
+#[cfg(not(feature = "oidn"))]
+pub(crate) fn searched_places() -> String {
+    "nowhere, as this program was built without the feature `oidn`".into()
 }
 
 #[cfg(feature = "oidn")]
@@ -23,6 +29,12 @@ mod with_adapter {
 
     const OIDN_STEM: &str = "OpenImageDenoise";
     const THREADS_STEM: &str = "tbb";
+
+    /// The places that [`load`] searches, as text.
+    pub(crate) fn searched_places() -> String {
+        let (names, places) = (standard_names().join(", "), standard_places().join(", "));
+        format!("{names} where the loader of the system searches, and the folders {places}")
+    }
 
     /// The named library, or else the first that the system has.
     pub(crate) fn load(named: Option<&Path>) -> Result<Oidn, DenoiseError> {

@@ -249,12 +249,12 @@ pub(crate) fn save_values(
 /// auxiliary layers are left out.
 pub fn encode_layers(film: &RenderedFilm, frame: &Frame, settings: &RenderSettings) -> ExrLayers {
     let mut layers = layers_of_rows(film, frame, 0..film.sums.height());
-    layers.attributes = layer_attributes(frame, settings, &film.object_names).to_string();
+    layers.attributes = layer_attributes(frame, settings, film).to_string();
     layers
 }
 
 /// The attribute of an EXR with all layers.
-pub(crate) fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: &[String]) -> serde_json::Value {
+pub(crate) fn layer_attributes(frame: &Frame, settings: &RenderSettings, film: &RenderedFilm) -> serde_json::Value {
     let mut all = serde_json::json!({
         "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
         "seed": settings.seed,
@@ -265,7 +265,8 @@ pub(crate) fn layer_attributes(frame: &Frame, settings: &RenderSettings, names: 
         "sensor": frame.sensor.as_ref().map(|s| &s.model.spec().name),
         "exposure_noise": frame.sensor.as_ref().map(|_| settings.exposure_noise.name()),
         FILM_OF_SENSOR: FilmOfSensor::new(settings),
-        "objects": names,
+        "objects": film.object_names,
+        "materials": film.material_names,
         "without": settings.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
     });
     add_first_sample(&mut all, settings);
@@ -462,7 +463,7 @@ impl Written<'_> {
     /// Writes all layers in strips. The layers of a whole image would take more memory than its film.
     fn write_layers(&self, path: &Path) -> std::io::Result<()> {
         let mut first = layers_of_rows(self.film, self.frame, 0..self.film.sums.height().min(1));
-        first.attributes = layer_attributes(self.frame, self.settings, &self.film.object_names).to_string();
+        first.attributes = layer_attributes(self.frame, self.settings, self.film).to_string();
         if self.is_vignetted {
             set_attribute(&mut first, VIGNETTING, "cos4");
         }

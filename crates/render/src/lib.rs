@@ -39,7 +39,7 @@ pub use render_key::RenderKey;
 pub use rendered_film::RenderedFilm;
 pub use round::TILE;
 pub use saved_film::SavedFilm;
-pub use session::{MAX_THREADS, Session, check_threads};
+pub use session::{MAX_NICE, MAX_THREADS, Session, check_threads};
 pub use settings::{
     Budget, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_F_NUMBER, DEFAULT_PILOT_SPP, DEFAULT_SPP,
     DenoiseMethod, DenoiseSettings, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, MIN_TRAINED_PIXELS, MIN_TRAINED_SECONDS,

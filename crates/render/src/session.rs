@@ -8,9 +8,8 @@ use std::sync::Arc;
 use std::time::Instant;
 use thread_priority::{ThreadPriority, ThreadPriorityValue, set_current_thread_priority};
 
-/// The priority of threads in the background, from 0 (least) to 99: a nice value of 18 on Linux, where other threads have 0,
-/// and `THREAD_PRIORITY_LOWEST` on Windows. With a nice value of 11, answers of the view took a tenth longer.
-const BACKGROUND: u8 = 1;
+/// The largest nice value of threads in the background: with it they get the least time.
+pub const MAX_NICE: u8 = 19;
 
 /// Largest number of threads of a session.
 pub const MAX_THREADS: usize = 1024;
@@ -50,16 +49,21 @@ impl Session<'static> {
         Self::with_threads(threads, |_| {})
     }
 
-    /// A session as that of [`Session::new`], whose threads have a lower priority: they take the time that other threads and
-    /// programs leave. For long work beside a program that a person uses. Where the system refuses the priority, the threads
-    /// are as others.
+    /// A session as that of [`Session::new`], whose threads have a lower priority than others: this nice value on Linux, 0 to
+    /// [`MAX_NICE`], and the nearest priority on other systems. For long work beside a program that a person uses. With 0, and
+    /// where the system refuses the priority, the threads are as others.
     ///
     /// # Errors
-    /// As [`Session::new`].
-    pub fn in_background(threads: usize) -> Result<Self, Error> {
-        Self::with_threads(threads, |_| {
-            let priority = ThreadPriorityValue::try_from(BACKGROUND).map(ThreadPriority::Crossplatform);
-            let _ = priority.map(set_current_thread_priority);
+    /// As [`Session::new`]; a larger nice value.
+    pub fn in_background(threads: usize, nice: u8) -> Result<Self, Error> {
+        if nice > MAX_NICE {
+            return Err(Error::setting("nice", format!("{nice} is out of range"), format!("use 0 to {MAX_NICE}")));
+        }
+        // The 40 nice values from 19 to -20 are spread over the priorities from 0 to 99.
+        let priority = (100.0 - (f32::from(nice) + 20.5) / 39.0 * 100.0).max(0.0) as u8;
+        Self::with_threads(threads, move |_| {
+            let priority = ThreadPriorityValue::try_from(priority).map(ThreadPriority::Crossplatform);
+            let _ = priority.map(|priority| nice > 0 && set_current_thread_priority(priority).is_ok());
         })
     }
 
@@ -209,7 +213,11 @@ mod priorities {
         let own = nice();
         let of = |session: Session<'_>| session.install(nice);
         assert_eq!(of(Session::new(2).expect("threads")), own);
-        assert!(of(Session::in_background(2).expect("threads")) > own);
+        for value in [0, 1, 10, 18, MAX_NICE] {
+            let expected = if value == 0 { own } else { i32::from(value).max(own) };
+            assert_eq!(of(Session::in_background(2, value).expect("threads")), expected);
+        }
+        assert!(Session::in_background(2, MAX_NICE + 1).is_err());
         assert_eq!(nice(), own);
     }
 }

@@ -216,7 +216,7 @@ fn compare(shared: &Arc<Shared>, effect: Effect, with: &Developed, ablation: &Ab
     project.settings.budget = Budget::default().with_spp(with.snapshot.spp().clamp(1.0, MAX_SPP));
     project.settings.layers = FilmLayers::All;
     let (rendering, settings, is_vignetted) =
-        project.render_film_beside(KeptFilms::default(), ablation, &ablation.cancel)?;
+        project.render_film_beside(shared.subject.nice, KeptFilms::default(), ablation, &ablation.cancel)?;
     if ablation.cancel.is_cancelled() || lock(&shared.control).quit {
         return Err(Fault::new("the comparison was ended, for another one or another scene", "compute it again"));
     }

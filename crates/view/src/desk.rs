@@ -246,7 +246,7 @@ mod tests {
         rendering.film.material_names.fill("of the picture".to_owned());
         let scene = Arc::new(PictureScene { number: 3, ..PictureScene::default() });
         let snapshot = Snapshot::new(1, Content::Film(rendering.film), (settings, is_vignetted), scene, 0.0, None);
-        let subject = Subject { path: "ball.toml".into(), kind: SourceKind::Render, output: ".".into() };
+        let subject = Subject { path: "ball.toml".into(), kind: SourceKind::Render, output: ".".into(), nice: 0 };
         let session = Session::new(1).expect("a thread");
         let shared = Arc::new(Shared::new(subject, session.clone(), session));
         *lock(&shared.snapshot) = Some(Arc::new(snapshot));

@@ -285,7 +285,7 @@ impl Developed {
         let certify = || match (self.exposer.as_ref()?, &self.snapshot.content) {
             (exposer, Content::Film(film)) => exposer.certify(film, 1.0),
             (exposer, Content::Lights(films)) => light_sum::certify(films, &self.factors, (exposer, &self.camera), 1.0),
-            (_, Content::Exr(_)) => None,
+            (exposer, Content::Exr(image)) => image.certify(exposer, 1.0),
         };
         self.certified.get_or_init(|| session.install(certify));
     }
@@ -380,12 +380,12 @@ impl Developed {
         let is_exr = matches!(self.snapshot.content, Content::Exr(_));
         let without = || match &self.exposer {
             Some(_) if is_exr => {
-                Fault::new("the noise of an EXR is not certified", "open the saved film of the render")
+                Fault::new("the EXR does not contain samples and noise", "open the saved film of the render")
             }
             _ => Fault::new("there is no sensor, so there is no noise to compare with", "choose a sensor"),
         };
-        if is_exr && matches!(kind, MapKind::Samples | MapKind::Recent) {
-            return Err(Fault::new("an EXR has no samples", "open the saved film of the render"));
+        if is_exr && self.snapshot.samples == 0 && matches!(kind, MapKind::Samples | MapKind::Recent) {
+            return Err(Fault::new("the EXR contains no numbers of samples", "open the saved film of the render"));
         }
         let of_camera = || self.exposer.as_ref().ok_or_else(without);
         let ratio = |v: f32| if v.is_finite() { v.sqrt() } else { f32::NAN };
@@ -503,7 +503,7 @@ fn denoiser(snapshot: &Snapshot, method: Denoise) -> Result<(Box<dyn Denoiser>, 
     };
     let found = find_denoiser(&settings).map_err(|error| {
         let help = format!(
-            "install Open Image Denoise 1.4 or 2, name its library by `oidn` in `[denoise]` of the job or by {OIDN_VARIABLE}, or choose the built-in filter"
+            "install Open Image Denoise 1.4 or 2 (`pip install oidn` has it), name its library by `oidn` in `[denoise]` of the job or by {OIDN_VARIABLE}, or choose the built-in filter"
         );
         Fault { help: Some(help), ..Fault::from(error) }
     });

@@ -7,7 +7,7 @@ use crate::panics::caught;
 use crate::protocol::{Activity, Fault, Note};
 use crate::scene_change::{SceneChange, SceneParts};
 use crate::scenes::{LightScene, Scenes};
-use crate::shared::{Shared, Stamp, lock};
+use crate::shared::{Control, Shared, Stamp, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::radiometry::Number;
@@ -15,7 +15,7 @@ use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeSettings, ExrImage, FilmInProgress, Forecast,
-    ImageOptions, InputFiles, KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings,
+    ImageOptions, InputFiles, InputRole, KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings,
     SavedFilm, SensorChoice, find_denoiser, find_sensor,
 };
 use std::collections::BTreeMap;
@@ -24,6 +24,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+/// The processor time of the program is measured over so many seconds of a render.
+const LOAD_SECONDS: f64 = 3.0;
+/// The longest account of a process \[bytes\]. It counts hundredths of a second, in the fields 14 and 15 (proc(5)).
+const MAX_ACCOUNT: u64 = 1 << 12;
+const TICKS_PER_SECOND: f64 = 100.0;
+/// Errors of a system that has too few file handles or too little memory for the moment, and the pause before the next load.
+const PASSING_ERRORS: [&str; 3] = ["(os error 23)", "(os error 24)", "(os error 12)"];
+const RETRY_AFTER: Duration = Duration::from_secs(3);
 /// Seconds between two films at the beginning of a render, and later.
 const FIRST_INTERVAL: f64 = 0.4;
 const LATER_INTERVAL: f64 = 1.0;
@@ -95,6 +103,8 @@ pub(crate) fn run(shared: &Arc<Shared>) {
                 .and_then(|result| result.map_err(Fault::from)),
             None => Ok(()),
         });
+        let text = rendered.as_ref().err().map(|fault| fault.to_string()).unwrap_or_default();
+        let is_passing = PASSING_ERRORS.iter().any(|error| text.contains(error));
         if let Err(fault) = rendered {
             shared.update(|live| {
                 live.error = Some(fault);
@@ -103,6 +113,12 @@ pub(crate) fn run(shared: &Arc<Shared>) {
         }
         // Until there is something to do.
         let mut control = lock(&shared.control);
+        if is_passing {
+            let waits = |control: &mut Control| !(control.quit || control.change.is_some() || control.reload);
+            let waited = shared.wake.wait_timeout_while(control, RETRY_AFTER, waits);
+            control = waited.unwrap_or_else(PoisonError::into_inner).0;
+            control.reload = true;
+        }
         while !(control.quit || control.change.is_some() || control.reload) {
             let jobs = std::mem::take(&mut control.jobs);
             if let (false, Some(scenes)) = (jobs.is_empty(), scenes) {
@@ -261,6 +277,7 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
         live.plan.clear();
         live.render.state = Activity::Running;
         live.render.reason = None;
+        live.render.processor_share = None;
         live.render.restarted += u32::from(is_restart);
     });
     let watcher = Watcher {
@@ -270,11 +287,11 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
         scene: Arc::new(scene),
         cancel,
         is_restart,
-        time: Mutex::new(Times { began: Instant::now(), paused: 0.0, next: 0.0, is_published: false }),
+        time: Mutex::new(Times { began: Instant::now(), paused: 0.0, next: 0.0, is_published: false, load: None }),
         next_note: AtomicU64::new(0),
     };
     let content = match scenes.lights {
-        [] => Content::Film(project.render_film_beside(KEPT, &watcher, cancel)?.0.film),
+        [] => Content::Film(project.render_film_beside(shared.subject.nice, KEPT, &watcher, cancel)?.0.film),
         lights => light_films::render(&watcher, lights, cancel)?,
     };
     if !cancel.is_cancelled() {
@@ -291,6 +308,8 @@ struct Times {
     /// When the next film is due, and whether one of this render is shown.
     next: f64,
     is_published: bool,
+    /// Seconds of the render and of the processors at the last measurement of the load.
+    load: Option<[f64; 2]>,
 }
 
 /// Receives progress and films of a render.
@@ -311,6 +330,22 @@ impl Watcher<'_> {
     pub(crate) fn seconds(&self) -> f64 {
         let time = lock(&self.time);
         time.began.elapsed().as_secs_f64() - time.paused
+    }
+
+    /// Nice value of the threads of the render.
+    pub(crate) fn nice(&self) -> u8 {
+        self.shared.subject.nice
+    }
+
+    /// Processor time of the program over that of all of its threads, at the end of some seconds of a render.
+    fn processor_share(&self, seconds: f64) -> Option<f64> {
+        let mut time = lock(&self.time);
+        if time.load.is_some_and(|[began, _]| seconds < began + LOAD_SECONDS) {
+            return None;
+        }
+        let used = processor_seconds()?;
+        let [began, before] = time.load.replace([seconds, used])?;
+        Some((used - before) / ((seconds - began) * self.shared.background.threads() as f64))
     }
 
     /// Is the next film due?
@@ -413,6 +448,7 @@ impl Watcher<'_> {
         }
         drop(control);
         if is_paused {
+            lock(&self.time).load = None;
             lock(&self.time).paused += began.elapsed().as_secs_f64();
             self.shared.update(|live| live.render.state = Activity::Running);
         }
@@ -428,7 +464,9 @@ impl Progress for Watcher<'_> {
             return;
         }
         let seconds = self.seconds();
+        let share = self.processor_share(seconds);
         self.shared.update(|live| {
+            live.render.processor_share = share.or(live.render.processor_share);
             live.render.stage = progress.stage.name().into();
             live.render.elapsed = seconds;
             live.render.samples_per_second = if seconds > 0.0 { progress.samples as f64 / seconds } else { 0.0 };
@@ -527,6 +565,16 @@ pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
         live.render.stage = "film".into();
     });
     shared.wake.notify_all();
+}
+
+/// Processor time of this program \[s\]. `None` where the system does not report it.
+fn processor_seconds() -> Option<f64> {
+    let account = InputFiles::new().read(Path::new("/proc/self/stat"), InputRole::Report, MAX_ACCOUNT).ok()?;
+    // The name of the program, which may contain blanks, is in brackets before the third field.
+    let account = String::from_utf8_lossy(&account).into_owned();
+    let mut fields = account.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let mut ticks = || fields.next()?.parse::<f64>().ok();
+    Some((ticks()? + ticks()?) / TICKS_PER_SECOND)
 }
 
 /// The present version of a file.

@@ -61,6 +61,8 @@ pub struct ViewOptions {
     pub output: PathBuf,
     /// Threads of exposures and measurements; 0 means one per core.
     pub threads: usize,
+    /// Nice value of the threads of the render and of the analyses, 0 to 19: with a larger one, other programs get more time.
+    pub nice: u8,
     /// The lens behind which an EXR is exposed; by default that of its render, or of
     /// [`dunkelfeld::ExposeSettings::new`].
     pub image: ImageOptions,
@@ -79,7 +81,7 @@ impl Default for ViewOptions {
     /// A free port of the loopback interface, and the current folder.
     fn default() -> Self {
         let listen = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
-        Self { listen, output: PathBuf::from("."), threads: 0, image: ImageOptions::default() }
+        Self { listen, output: PathBuf::from("."), threads: 0, nice: 10, image: ImageOptions::default() }
     }
 }
 
@@ -135,8 +137,9 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, events: &mut d
     let address = listener.local_addr().map_err(fault)?;
     let token = if address.ip().is_loopback() { None } else { Some(random_token()?) };
     let page = PageAddress::new(address, token.as_deref());
-    let subject = Subject { path: path.to_owned(), kind, output: options.output.clone() };
-    let (session, background) = (Session::new(options.threads)?, Session::in_background(options.threads)?);
+    let subject = Subject { path: path.to_owned(), kind, output: options.output.clone(), nice: options.nice };
+    let (session, background) =
+        (Session::new(options.threads)?, Session::in_background(options.threads, options.nice)?);
     let shared = Arc::new(Shared::new(subject, session, background));
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -158,7 +161,7 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, events: &mut d
             let app = router(shared.clone(), Guard::new(address, token));
             events.ready(&page);
             tokio::select! {
-                result = async { axum::serve(listener, app).await } => result,
+                () = server::serve(listener, app) => Ok(()),
                 () = watch(&shared, cancel, events) => Ok(()),
             }
         });

@@ -163,7 +163,8 @@ impl Turn<'_> {
 
     fn render(self, project: &Project) -> Result<Arc<RenderedFilm>, Error> {
         self.wait();
-        let result = project.render_film_beside(KeptFilms::default(), &self, self.rounds.cancel);
+        let result =
+            project.render_film_beside(self.rounds.watcher.nice(), KeptFilms::default(), &self, self.rounds.cancel);
         if result.is_err() {
             self.rounds.cancel.cancel();
         }

@@ -38,6 +38,15 @@ pub(crate) fn probe(developed: &Developed, unbiased: &Developed, frame: u32, [x,
     let camera_sigma = of_film.map(|exposer| Developed::camera_sigma(exposer, *exposer.electrons().at(x, y)));
     let ratio = unbiased.certified().map(|c| f64::from(*c.ratios.at(x, y)).sqrt()).filter(|ratio| ratio.is_finite());
     let ids = film.and_then(|film| *film.ids.at(x, y));
+    let [object, material] = match (film.zip(ids), snapshot.exr()) {
+        (Some((film, ids)), _) => [
+            film.object_names.get(ids.object() as usize).cloned(),
+            film.material_names.get(ids.material() as usize).cloned(),
+        ],
+        (None, Some(image)) => image.surface_at(x, y),
+        (None, None) => [None, None],
+    };
+    let of_exr = |count: u32| (snapshot.samples > 0).then_some(count);
     let heaviest = snapshot.heaviest(&developed.factors, x, y);
     let depth = sums.mean_depth();
     Ok(Probe {
@@ -50,9 +59,9 @@ pub(crate) fn probe(developed: &Developed, unbiased: &Developed, frame: u32, [x,
         camera_sigma,
         render_sigma: ratio.zip(camera_sigma).map(|(ratio, sigma)| ratio * sigma),
         ratio,
-        samples: film.map(|_| sums.count()),
-        object: ids.and_then(|ids| film?.object_names.get(ids.object() as usize).cloned()),
-        material: ids.and_then(|ids| film?.material_names.get(ids.material() as usize).cloned()),
+        samples: if film.is_some() { Some(sums.count()) } else { of_exr(*snapshot.counts.at(x, y)) },
+        object,
+        material,
         depth: (depth > 0.0).then_some(depth),
         heaviest: heaviest.map(|heaviest| HeavyProbe { index: heaviest.index, share: heaviest.share }),
     })

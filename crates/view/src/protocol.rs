@@ -209,6 +209,8 @@ pub(crate) struct RenderState {
     pub(crate) reason: Option<String>,
     pub(crate) restarted: u32,
     pub(crate) samples_per_second: f64,
+    /// Processor time of the program over that of all of its threads, in the last seconds of a render.
+    pub(crate) processor_share: Option<f64>,
 }
 
 /// Does something render?

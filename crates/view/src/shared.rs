@@ -31,6 +31,8 @@ pub(crate) struct Subject {
     pub(crate) kind: SourceKind,
     /// The folder of the files that are saved.
     pub(crate) output: PathBuf,
+    /// Nice value of the threads of the render.
+    pub(crate) nice: u8,
 }
 
 /// Work for the thread that renders, which has the scenes and, while it renders one film, this film.
@@ -119,6 +121,7 @@ impl Shared {
             reason: None,
             restarted: 0,
             samples_per_second: 0.0,
+            processor_share: None,
         };
         let live = Live {
             render,

@@ -126,21 +126,26 @@ impl Snapshot {
 
     /// An EXR.
     pub(crate) fn of_exr(image: ExrImage, settings: RenderSettings, scene: Arc<PictureScene>) -> Self {
-        let counts = image.radiance().map(|_| 0);
+        let counts = image.sample_counts().cloned().unwrap_or_else(|| image.radiance().map(|_| 0));
         Self {
             id: 1,
             content: Content::Exr(Box::new(image)),
             settings,
             is_vignetted: false,
+            samples: counts.data().iter().map(|&n| u64::from(n)).sum(),
             counts,
             recent: None,
-            samples: 0,
             has_gaps: false,
             seconds: 0.0,
             restarted: 0,
             scene,
             mean: OnceLock::new(),
         }
+    }
+
+    /// The EXR that is shown.
+    pub(crate) fn exr(&self) -> Option<&ExrImage> {
+        if let Content::Exr(image) = &self.content { Some(image) } else { None }
     }
 
     /// The films: one, one for each light, or none of an EXR.

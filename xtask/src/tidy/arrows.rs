@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 /// Third-party crates that belong to certain folders only.
-const HOMES: [(&str, &[&str]); 26] = [
+const HOMES: [(&str, &[&str]); 27] = [
     ("axum", &["view"]),
+    ("hyper-util", &["view"]),
     ("tokio", &["view"]),
     ("tokio-stream", &["view"]),
     ("thread-priority", &["render"]),

@@ -5,7 +5,9 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::words::{counted, flagged_variances, seconds};
-use dunkelfeld::{DenoiseMethod, DenoiseSettings, Error, Session, check_denoise_output, denoise_exr, select_denoiser};
+use dunkelfeld::{
+    DenoiseMethod, DenoiseSettings, Error, Session, check_denoise_output, denoise_exr, select_denoiser, why_builtin,
+};
 
 pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
     let mut settings = DenoiseSettings::default();
@@ -33,9 +35,13 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
         seconds(file.denoised.seconds),
         args.output.display()
     );
+    let denoiser = file.denoised.denoiser.clone();
     let (invalid, invalid_variances) = (file.invalid, file.invalid_variances);
     file.save(&args.output)?;
     print(&text);
+    if let Some(why) = why_builtin(&settings, &denoiser) {
+        say(&format!("note: {why}"));
+    }
     if invalid > 0 {
         say(&format!(
             "flagged: the radiance of {} is negative, infinite or not a number; the denoised image is not to be \

@@ -19,6 +19,7 @@ pub(crate) fn run(args: &ViewArgs) -> Result<Outcome, Error> {
         options.output.clone_from(output);
     }
     options.threads = args.threads.map_or(0, usize::from);
+    options.nice = args.nice.unwrap_or(options.nice);
     args.lens.set(&mut options.image);
     options.image.clone().settings().map_err(of_flag)?;
     let cancel = cancel_on_interrupt();

@@ -59,17 +59,18 @@ impl Project {
 
     /// [`Project::render_film`] of a program that keeps copies of the film meanwhile, and that a person uses. The memory
     /// account of the render contains the copies, so that a render that does not fit with them is refused. The threads of the
-    /// render leave the processor to those of the program ([`Session::in_background`]).
+    /// render leave the processor to those of the program ([`Session::in_background`] with this `nice`).
     ///
     /// # Errors
     /// As [`Project::render_with`].
     pub fn render_film_beside(
         &self,
+        nice: u8,
         kept: KeptFilms,
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<(Rendering, RenderSettings, bool), Error> {
-        self.film_of(Session::in_background(self.settings.threads)?, kept, progress, cancel)
+        self.film_of(Session::in_background(self.settings.threads, nice)?, kept, progress, cancel)
     }
 
     fn film_of(

@@ -1,6 +1,7 @@
 //! Who may ask: pages of this server only.
 
-use axum::body::Body;
+use super::ARRIVES_WITHIN;
+use axum::body::{Body, to_bytes};
 use axum::extract::{Request, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, COOKIE, HOST, ORIGIN, SET_COOKIE};
 use axum::http::header::{REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS};
@@ -10,6 +11,9 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::net::SocketAddr;
 use std::sync::Arc;
+
+/// The longest body of a request \[bytes\].
+const MAX_BODY: usize = 64 * 1024;
 
 /// The cookie of the token of the server of a port. A browser sends the cookies of a host to all of its ports.
 fn cookie_name(port: u16) -> String {
@@ -114,7 +118,14 @@ pub(super) async fn check(State(guard): State<Guard>, request: Request, next: Ne
     let refusal = guard.refusal((request.method(), request.uri()), request.headers(), is_invited);
     let mut response = match refusal {
         Some(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
-        None => next.run(request).await,
+        None => {
+            let (head, body) = request.into_parts();
+            match tokio::time::timeout(ARRIVES_WITHIN, to_bytes(body, MAX_BODY)).await {
+                Ok(Ok(body)) => next.run(Request::from_parts(head, Body::from(body))).await,
+                Ok(Err(_)) => (StatusCode::PAYLOAD_TOO_LARGE, "the body is too long, or broken\n").into_response(),
+                Err(_) => (StatusCode::REQUEST_TIMEOUT, "the body does not arrive\n").into_response(),
+            }
+        }
     };
     let headers = response.headers_mut();
     let policy = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; \

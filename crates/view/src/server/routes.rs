@@ -7,7 +7,7 @@ use crate::protocol::{Fault, FrameRequest, MapRequest, PathRequest, SaveRequest}
 use crate::save::save;
 use crate::shared::Shared;
 use axum::extract::rejection::JsonRejection;
-use axum::extract::{DefaultBodyLimit, Path, State};
+use axum::extract::{Path, State};
 use axum::http::header::CONTENT_TYPE;
 use axum::http::{StatusCode, Uri};
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -28,8 +28,6 @@ const AT_ONCE: usize = 2;
 /// Requests at the same time that wait for the thread that renders. They hold no turn of the computations, so that pictures
 /// are shown while a scene is loaded.
 const WAITING: usize = 2;
-/// The longest body of a request \[bytes\].
-const MAX_BODY: usize = 64 * 1024;
 /// Least time between two states of a page.
 const STATE_EVERY: Duration = Duration::from_millis(200);
 
@@ -64,7 +62,6 @@ pub(crate) fn router(shared: Arc<Shared>, guard: Guard) -> Router {
         .route("/api/render", post(|app, body| answer(app, body, |s, request| desk::render(s, request).map(done))))
         .route("/api/target", post(|app, body| answer(app, body, |s, request| desk::target(s, request).map(done))))
         .route("/api/save", post(|app, body| answer(app, body, |shared, request: SaveRequest| save(shared, &request))))
-        .layer(DefaultBodyLimit::max(MAX_BODY))
         .layer(middleware::from_fn_with_state(guard, check))
         .with_state(app)
 }

@@ -4,7 +4,7 @@ use crate::args::RenderArgs;
 use crate::outcome::{print, say};
 use crate::words::{about, count, exposure_time, seconds, shell};
 use dunkelfeld::scene::Effect;
-use dunkelfeld::{CertificateStats, Project, ProjectResult, SensorChoice, Stats};
+use dunkelfeld::{CertificateStats, Project, ProjectResult, SensorChoice, Stats, why_builtin};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -117,6 +117,9 @@ fn summary(project: &Project, s: &Stats) -> String {
     if let Some(d) = s.denoise.as_ref().filter(|d| d.error.is_none()) {
         let took = seconds(d.seconds);
         let _ = writeln!(text, "the picture is denoised by {} in {took}: for display, not for measurement", d.denoiser);
+        if let Some(why) = why_builtin(&project.settings.denoise, &d.denoiser) {
+            let _ = writeln!(text, "note: {why}");
+        }
     }
     let [width, height] = s.size;
     let spread = match s.spp_range {
