@@ -15,8 +15,8 @@ use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeSettings, ExrImage, FilmInProgress, Forecast,
-    ImageOptions, InputFiles, InputRole, KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings,
-    SavedFilm, SensorChoice, find_denoiser, find_sensor,
+    ImageOptions, InputFiles, InputRole, KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions,
+    RenderSettings, SavedFilm, SensorChoice, find_denoiser, find_sensor,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
