@@ -110,6 +110,7 @@ class MockView:
             "reason": None,
             "restarted": self.restarted,
             "samples_per_second": 3.7e6,
+            "processor_share": 0.97,
         }
         if film is None:
             render.update(state="loading", stage="build the acceleration structure")

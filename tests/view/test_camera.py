@@ -310,6 +310,22 @@ def test_no_sensor(view, tmp_path, open_page):
     page.assert_quiet_console()
 
 
+def test_an_own_exr_has_verdict_samples_and_names(film, stored, view, open_page):
+    """Those of the film that was saved with it."""
+    running = view(stored / "film.exr")
+    page = open_page(running)
+    for x, y in [(48, 36), (5, 60)]:
+        found, expected = [
+            of.post("probe", {"camera": of.camera(), "frame": 0, "x": x, "y": y}) for of in (running, film)
+        ]
+        assert found["samples"] == expected["samples"] and found["ratio"] is not None
+        assert [found[key] for key in ("object", "material")] == [expected[key] for key in ("object", "material")]
+    page.wait(lambda: page.state()["certificate"] is not None, "the certificate")
+    assert page.state()["film"]["spp"] == film.state()["film"]["spp"]
+    page.wait(lambda: page.text("verdict-k") != "", "the verdict")
+    page.assert_quiet_console()
+
+
 def test_exr_of_another_renderer(stored, view, tmp_path, open_page):
     rng = np.random.default_rng(5)
     colours = {c: (0.2 + rng.random((40, 64))).astype(np.float32) for c in "RGB"}

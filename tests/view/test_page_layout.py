@@ -9,11 +9,15 @@ from selenium.webdriver.common.keys import Keys
 
 PROTOCOL = Path(__file__).resolve().parents[2] / "docs" / "view-protocol.md"
 SIZES = [(1280, 720), (1920, 1080), (1024, 768)]
+TOOLS = "return document.getElementById('toolbar').clientHeight"
 TABS = ["camera", "scene", "noise", "measure", "save"]
 
 
 def test_layout(mock_page):
     page = mock_page(*FROZEN)
+    for width in (1280, 1500, 1699, 1700, 1920):
+        page.size(width, 720)
+        assert page.js(TOOLS) < 45, f"the tools are one row at {width}"
     for width, height in SIZES:
         page.size(width, height)
         for tab in TABS:

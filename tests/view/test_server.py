@@ -295,6 +295,14 @@ def test_the_browser_of_the_desktop(tmp_path):
         process.wait()
 
 
+def test_half_requests_are_closed(running):
+    """Nothing at all, half a head, and a body that stops: the server ends them by itself."""
+    head = f"POST /api/frame HTTP/1.1\r\nHost: 127.0.0.1:{running.port}\r\nContent-Type: application/json\r\n"
+    for data in [b"", head.encode(), f"{head}Content-Length: 9\r\n\r\n{{".encode()]:
+        assert raw(running, data) in (0, 408)
+    running.frame()
+
+
 def memory(running):
     """Resident memory of the program [bytes]."""
     text = (f"/proc/{running.process.pid}/status",)

@@ -243,10 +243,10 @@ export function verdict(state, picture) {
       text: "Nearly no pixel receives a photo-electron. Check the lights and the exposure time.",
     };
   }
-  if (k === null && state.source === "exr") {
+  if (k === null && state.source === "exr" && !state.film?.samples) {
     return {
       level: "none", title: "No verdict",
-      text: "An EXR contains means and no samples, so that the noise of its render is not known.",
+      text: "This EXR contains no samples and no noise of its pixels, so that the noise of its render is not known.",
     };
   }
   if (k === null) {

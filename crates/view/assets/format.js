@@ -48,6 +48,14 @@ export function count(value) {
 }
 
 /**
+ * A count with three digits: 3.70 million, 1 470.
+ * @param {number} value
+ */
+export function bigCount(value) {
+  return value >= 1e6 ? `${number(value / 1e6, 3)} million` : count(Number(value.toPrecision(3)));
+}
+
+/**
  * A share in [0, 1] in per cent. Shares next to 0 or 1 keep the digits that differ.
  * @param {number | null | undefined} share
  */

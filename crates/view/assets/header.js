@@ -1,12 +1,14 @@
 // The header: title, progress, connection, notes, colours.
 
 import { box, button, byId, element, setText, show } from "./dom.js";
-import { duration } from "./format.js";
+import { duration, percent } from "./format.js";
 
 /** @typedef {import("./store.js").Store} Store */
 /** @typedef {import("./protocol").Render} Render */
 /** @typedef {import("./protocol").Film} Film */
 
+/** Below this share of the time of its threads, a render is slowed by other programs. */
+const STARVED = 0.5;
 const THEMES = ["system", "light", "dark"];
 const THEME_KEY = "dunkelfeld-colours";
 
@@ -75,8 +77,12 @@ function showProgress(render, film) {
   const { state, stage, fraction, elapsed, remaining, reason } = render;
   const work = film?.earlier ? `${stage}: earlier picture` : film?.first ? `${stage}: coarse picture` : stage;
   const words = { loading: work, running: work, paused: `paused: ${work}`, finished: reason ?? "finished", failed: reason ?? "failed", none: "finished samples" };
-  setText(box("stage-text"), words[state]);
-  box("progress").title = reason ?? "Stage and progress of the render";
+  const { processor_share: share } = render;
+  const isStarved = state === "running" && share !== null && share < STARVED;
+  box("progress").dataset["starved"] = String(isStarved);
+  setText(box("stage-text"), isStarved ? `${work}: slowed to ${percent(share)} by other programs` : words[state]);
+  box("progress").title = isStarved
+    ? `The threads of the render get ${percent(share)} of their time. End other programs, or start the view with a smaller --nice` : reason ?? "Stage and progress of the render";
   setText(box("time-text"), state === "none" ? ""
     : remaining !== null && state === "running" ? `${duration(elapsed)}, ${duration(remaining)} left` : duration(elapsed));
   byId("progress-bar", HTMLProgressElement).value = state === "none" ? 1 : fraction;

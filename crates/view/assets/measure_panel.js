@@ -21,6 +21,7 @@ const grey = (value) => plain(value, 5);
  */
 export function measurePanel(store, measurements, problems) {
   followTexts(store, problems);
+  input("histogram-log").addEventListener("change", () => drawHistogram(measurements));
   input("transfer-on").addEventListener("change", () => {
     measurements.wantTransfer(input("transfer-on").checked);
   });
@@ -173,10 +174,12 @@ function drawHistogram(measurements) {
   // Regions of different size are compared by the share of their pixels.
   const shares = regions.regions.map(({ histogram, pixels }) => histogram.counts.map((n) => (100 * n) / Math.max(1, pixels)));
   const [low, high] = rangeOf(edges, 0.02);
+  const log = input("histogram-log").checked;
+  const least = Math.min(100, ...shares.flat().filter((share) => share > 0));
   drawPlot(target, {
     width: WIDTH, height: LOW,
     x: { low, high, log: false, label: "grey value [DN]", format: grey },
-    y: { low: 0, high: Math.max(1e-6, ...shares.flat()) * 1.08, log: false, label: "% of the pixels per bin", format: (v) => plain(v, 2) },
+    y: { low: log ? least / 2 : 0, high: Math.max(1e-6, ...shares.flat()) * 1.08, log, label: "% of the pixels per bin", format: (v) => plain(v, 2) },
     series: regions.regions.map(({ histogram }, place) => ({
       kind: /** @type {const} */ ("bars"), style: `bars${(regionIndices[place] ?? 0) + 1}`,
       x: histogram.counts.map((_, index) => histogram.low + index * histogram.width),

@@ -6,7 +6,7 @@ import {
 } from "./accuracy.js";
 import { drawPlot, placer, plotArea } from "./chart.js";
 import { box, button, byId, input, press, select, setOptions, setText, setValue, svg } from "./dom.js";
-import { count, number, percent, plain, quantity } from "./format.js";
+import { bigCount, count, number, percent, plain, quantity } from "./format.js";
 import { Debounce } from "./requests.js";
 
 /** @typedef {import("./store.js").Store} Store */
@@ -173,7 +173,7 @@ export class NoisePanel {
     setText(box("noise-saturated"), count(certificate?.saturated));
     setText(box("noise-spp"), film ? number(film.spp, 4) : number(null));
     setText(box("noise-rate"), render.samples_per_second > 0
-      ? `${number(render.samples_per_second / 1e6, 3)} million` : number(null));
+      ? bigCount(render.samples_per_second) : number(null));
   }
 
   /** @param {State} state */

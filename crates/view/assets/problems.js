@@ -5,6 +5,11 @@ import { box, element } from "./dom.js";
 
 /** @typedef {import("./protocol").Fault} FaultText */
 
+const SHOWN_FOR = 20_000; // ms
+const MOST = 3; // messages at the same time
+/** Faults that are there until the server or a picture without the fault ends them. */
+const LASTING = new Set(["render", "a", "b", "map"]);
+
 export class Problems {
   /** @type {Map<string, FaultText>} */
   #list = new Map();
@@ -13,6 +18,8 @@ export class Problems {
    * @type {Map<string, string>}
    */
   #closed = new Map();
+  /** @type {Map<string, ReturnType<typeof setTimeout>>} */
+  #timers = new Map();
 
   /**
    * @param {string} key
@@ -34,8 +41,12 @@ export class Problems {
       this.clear(key);
       return;
     }
+    clearTimeout(this.#timers.get(key));
+    if (!LASTING.has(key)) this.#timers.set(key, setTimeout(() => this.clear(key), SHOWN_FOR));
     if (JSON.stringify(this.#list.get(key)) === JSON.stringify(text)) return;
     if (this.#closed.get(key) === JSON.stringify(text)) return;
+    // The newest message is the last one.
+    this.#list.delete(key);
     this.#list.set(key, text);
     this.#show();
   }
@@ -53,17 +64,17 @@ export class Problems {
     this.#show();
   }
 
-  /** Two requests with the same fault need one message. */
+  /** Requests with the same fault need one message. Of many faults, the newest are shown. */
   #show() {
     /** @type {Map<string, string[]>} */
     const keys = new Map();
     for (const [key, text] of this.#list) {
-      const content = JSON.stringify(text);
-      keys.set(content, [...(keys.get(content) ?? []), key]);
+      keys.set(text.problem, [...(keys.get(text.problem) ?? []), key]);
     }
-    box("problems").replaceChildren(...[...keys].map(([content, list]) => {
-      /** @type {FaultText} */
-      const { problem, place, help } = JSON.parse(content);
+    const more = keys.size - MOST;
+    const rest = more > 0 ? [element("div", { class: "problem more" }, `${more} earlier ${more === 1 ? "message" : "messages"}`)] : [];
+    box("problems").replaceChildren(...rest, ...[...keys].slice(-MOST).map(([problem, list]) => {
+      const { place, help } = this.#list.get(list.at(-1) ?? "") ?? { place: null, help: null };
       const close = element("button", { type: "button", title: "Closes this message" }, "Close");
       close.addEventListener("click", () => list.forEach((key) => this.#close(key)));
       return element("div", { class: "problem" }, element("b", {}, problem), close,

@@ -43,6 +43,8 @@ export interface Render {
   stage: string; fraction: number; elapsed: number; remaining: number | null;
   state: "loading" | "running" | "paused" | "finished" | "failed" | "none";
   reason: string | null; restarted: number; samples_per_second: number;
+  /** Processor time of the program over that of all of its threads; null: not measured yet. */
+  processor_share: number | null;
 }
 
 export interface Film {

@@ -61,7 +61,7 @@ export function toolbar(store, viewer) {
  * @param {Store} store
  */
 function allowMaps(store) {
-  const reason = store.server?.source === "exr" ? "An EXR has no samples" : null;
+  const reason = store.server?.source === "exr" && !store.server.film?.samples ? "This EXR has no samples" : null;
   for (const map of /** @type {const} */ (["samples", "recent"])) {
     const option = select("map").querySelector(`option[value=${map}]`);
     if (option instanceof HTMLOptionElement) allow(option, reason);
