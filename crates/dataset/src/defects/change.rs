@@ -122,7 +122,9 @@ pub(super) fn own_part(scene: &mut SceneBuilder, index: usize, part: usize) -> &
         return &mut scene.meshes[part];
     }
     let (copy, new) = (scene.meshes[part].clone(), scene.meshes.len());
-    scene.instances[index].meshes.iter_mut().find(|m| **m == part).into_iter().for_each(|m| *m = new);
+    if let Some(own) = scene.instances[index].meshes.iter_mut().find(|m| **m == part) {
+        *own = new;
+    }
     scene.meshes.push(copy);
     &mut scene.meshes[new]
 }

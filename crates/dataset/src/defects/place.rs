@@ -66,7 +66,8 @@ pub(super) fn on_surface(
     }
     Err(DefectProblem::new(
         format!("the defect \"{}\" finds no room on the surface: no place of {TRIES} fits", spec.name),
-        "make it smaller, or name larger or smoother objects; a defect does not extend over sharp edges",
+        "make it smaller, or name larger or smoother objects; a defect does not extend over sharp edges, and a \
+         steep dent needs free space in and below its body",
     )
     .at("length"))
 }

@@ -43,9 +43,9 @@ impl Site<'_> {
             let ends = |(i, f): (usize, &SurfaceHit)| [f.point + f.normal * above, f.point - f.normal * below(i)];
             feet.iter().enumerate().map(ends).any(|[from, to]| surface.is_met(from, to, |_| true))
         };
-        let others =
+        let mut others =
             scene.instances.iter().enumerate().filter(|(i, other)| *i != self.anchor.instance && is_near(other));
-        others.into_iter().all(|(_, other)| !other.meshes.iter().any(|part| blocks(other, part)))
+        others.all(|(_, other)| !other.meshes.iter().any(|part| blocks(other, part)))
     }
 }
 

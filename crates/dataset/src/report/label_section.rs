@@ -76,7 +76,8 @@ pub(crate) fn label_section(set: &SetView) -> Markup {
                 (categories(set, &rows))
                 p.faint { "CNR is the contrast-to-noise ratio: the magnitude of the contrast divided by the noise. A \
                     camera could find an instance whose CNR is high enough. Rose's criterion is 5. An instance without \
-                    visible pixels has the CNR 0. Ranges contain 90 % of the values." }
+                    visible pixels has the CNR 0, and one whose CNR is unknown is not counted. Ranges contain 90 % of the \
+                    values." }
             }
             @if !cnr.is_empty() {
                 h3 { "Contrast-to-noise ratio of defects" }
