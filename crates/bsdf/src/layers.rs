@@ -62,7 +62,7 @@ fn node_cosine(node: f32) -> f32 {
 
 /// Weights of the nodes in [`Curve::mean`].
 static MEAN: LazyLock<[f32; NODES]> = LazyLock::new(|| {
-    const STEPS: usize = 20_000;
+    const STEPS: usize = 5_000;
     let cosines = || (0..STEPS).map(|i| (i as f32 + 0.5) / STEPS as f32);
     let sum = |values: [f32; NODES]| cosines().map(|c| f64::from(c * Curve(values).at(c))).sum::<f64>();
     let total = sum([1.0; NODES]);
@@ -247,12 +247,10 @@ impl Table {
             let low = (x as usize).min(size.saturating_sub(2));
             (low, (low + 1).min(size - 1), x - low as f32)
         };
-        let lerp = |a: Curve, b: Curve, f: f32| a.zip(b, |a, b| a + (b - a) * f);
         let (low, high, f) = between(self.0.len(), at[0]);
-        let along = |row: &[Curve]| {
-            let (low, high, f) = between(row.len(), at[1]);
-            lerp(row[low], row[high], f)
-        };
-        lerp(along(&self.0[low]), along(&self.0[high]), f)
+        let (left, right, g) = between(self.0[low].len(), at[1]);
+        let [a, b, c, d] = [(low, left), (low, right), (high, left), (high, right)].map(|(i, j)| &self.0[i][j].0);
+        let [wa, wb, wc, wd] = [(1.0 - f) * (1.0 - g), (1.0 - f) * g, f * (1.0 - g), f * g];
+        Curve(from_fn(|k| wa * a[k] + wb * b[k] + wc * c[k] + wd * d[k]))
     }
 }

@@ -205,7 +205,7 @@ impl Principled {
             refracting,
             transmission_color: base.map(f32::sqrt) * refracting,
             to_diffuse,
-            lambert: FRAC_1_PI / to_diffuse.mean().max(f32::MIN_POSITIVE),
+            lambert: if opaque > 0.0 { FRAC_1_PI / to_diffuse.mean().max(f32::MIN_POSITIVE) } else { 0.0 },
             to_specular,
             specular,
             sheen_color,
@@ -490,7 +490,7 @@ impl Principled {
         let refracted = if RICH { (1.0 - f) * self.transmission_color.luminance() } else { 0.0 };
         let specular = reflected + refracted;
         let coat = if RICH && self.coat > 0.0 { self.coat * (0.04 + 0.96 * w) } else { 0.0 };
-        let to_diffuse = self.to_diffuse(wo);
+        let to_diffuse = if self.diffuse_luminance > 0.0 { self.to_diffuse(wo) } else { 0.0 };
         let diffuse = self.diffuse_luminance * to_diffuse + if RICH { self.sheen_luminance } else { 0.0 };
         let to_specular = if RICH { self.to_specular.at(wo.0.z) } else { 1.0 };
         let sum = diffuse + specular + coat;

@@ -155,7 +155,7 @@ fn every_lobe_and_mix(roughness: f32) {
             let what = format!("{}, roughness {roughness}, cos {cos}", case.name);
             let wo = direction(cos, 0.3);
             let expected = albedo(&case.bsdf, wo, case.eta, &case.charts);
-            assert!(expected <= 1.0 + CUBATURE, "{what}: gives {expected} of what it gets");
+            assert!(expected <= 1.0 + 1e-4, "{what}: gives {expected} of what it gets");
             let key = (10_000.0 * roughness) as u64 + 10 * k as u64 + v as u64;
             compare(&what, &case.bsdf, wo, key, expected, CUBATURE);
         }
