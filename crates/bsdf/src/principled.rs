@@ -18,11 +18,11 @@
 //!
 //! Deviations: `specular_factor`, `specular_color` and `sheen_color` are added (neutral by default). `anisotropic` may
 //! be negative, which swaps the axes. A transmitting boundary with matched index (within [`MATCHED_INDEX`] of 1) is a
-//! delta lobe. Parameters are clamped to their ranges. The sampling densities differ from Mitsuba's: the reflective lobe
-//! uses bounded visible normals.
+//! delta lobe. Parameters are clamped to their ranges. The sampling densities differ from Mitsuba's: the reflective
+//! lobe uses bounded visible normals.
 //!
-//! [`PrincipledModel::Mitsuba`] has Burley's diffuse lobe, and adds the lobes without regard to energy. Then no deviation
-//! changes a value where Mitsuba's parameters are in range and `eta` is not 1. It exists for comparisons.
+//! [`PrincipledModel::Mitsuba`] has Burley's diffuse lobe, and adds the lobes without regard to energy. Then no
+//! deviation changes a value where Mitsuba's parameters are in range and `eta` is not 1. It exists for comparisons.
 
 use crate::bsdf_sample::{BsdfSample, Lobe};
 use crate::dielectric::{MATCHED_INDEX, clamp_eta, delta, finite_sample, from_above, mirrored_if};
@@ -239,7 +239,8 @@ impl Principled {
         self.to_diffuse.at(w.0.z)
     }
 
-    /// The diffuse lobe of albedo one below the layers, without `|cos wi|` [1/sr], for both directions above the surface.
+    /// The diffuse lobe of albedo one below the layers, without `|cos wi|` [1/sr]. Both directions lie above the
+    /// surface.
     #[inline]
     pub(crate) fn diffuse_below(&self, wo: LocalDir, wi: LocalDir) -> f32 {
         self.lambert * self.to_diffuse(wo) * self.to_diffuse(wi)
@@ -450,8 +451,8 @@ impl Principled {
         }
     }
 
-    /// The reflectance above the surface with compensation: metal by its reflectance at normal incidence (Turquin 2019),
-    /// the refracting share as a clear boundary. The light that the rest loses reaches the diffuse lobe.
+    /// The reflectance above the surface with compensation: metal by its reflectance at normal incidence (Turquin
+    /// 2019), the refracting share as a clear boundary. The light that the rest loses reaches the diffuse lobe.
     #[cold]
     fn compensated_above(&self, wo: LocalDir, exact: f32, weight: f32) -> Rgb {
         let once = compensation::reflected_once(&self.ggx, wo);
@@ -460,8 +461,8 @@ impl Principled {
         self.specular.compensated(exact, weight, clear, metal)
     }
 
-    /// The compensation factor of both lobes of the refracting share; one if the reflection is brighter than that of the
-    /// index.
+    /// The compensation factor of both lobes of the refracting share; one if the reflection is brighter than that of
+    /// the index.
     #[inline]
     fn clear_gain(&self, wo: LocalDir, eta: f32) -> f32 {
         if self.compensated && !self.is_matched() && !self.specular.is_brighter() {
