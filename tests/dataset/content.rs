@@ -218,10 +218,11 @@ fn objects_of_one_shape_have_one_model() {
     assert_eq!(models, [[1, 1], [2, 2], [1, 3], [1, 5]]);
     let record = bench.json("a/records/000000.json");
     let matrix = |k: usize| &record["instances"][k]["matrix"];
-    // From above, the camera has x to the right and y to the front. It is at x = -5 to 5 mm.
-    let numbers: Vec<f64> =
-        matrix(3).as_array().expect("a matrix").iter().map(|v| v.as_f64().expect("a number")).collect();
-    assert!(numbers.len() == 12 && numbers[0] < -999.0 && (10.0..30.0).contains(&numbers[3]), "{numbers:?}");
+    // It mirrors, and takes metres to millimetres.
+    let m: Vec<f64> = matrix(3).as_array().expect("a matrix").iter().map(|v| v.as_f64().expect("a number")).collect();
+    let minor = |a: usize, b: usize| m[4 + a] * m[8 + b] - m[4 + b] * m[8 + a];
+    let determinant = m[0] * minor(1, 2) - m[1] * minor(0, 2) + m[2] * minor(0, 1);
+    assert!(m.len() == 12 && (determinant + 1e9).abs() < 1.0, "{m:?}");
     assert!(matrix(0).is_null());
     bench.run("dataset --verify a");
 }

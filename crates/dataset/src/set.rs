@@ -181,7 +181,8 @@ impl Set {
         let text = resolved_study(study, path, manifest.inputs.len() > 1);
         put(path, "study.toml", text.as_bytes())?;
         for folder in ["records", "costs", "labels"] {
-            write_own(path, folder, |folder| fs::create_dir_all(folder))?;
+            let folder = own_path(path, folder)?;
+            written(&folder, fs::create_dir_all(&folder))?;
         }
         let mark = FolderMark::new(&path.join("records")).map(Arc::new);
         Ok(Self { path: path.into(), manifest, mark })
