@@ -103,7 +103,7 @@ fn encodings_of_texts_are_read_or_refused_with_help() {
     assert!(odd.warnings[0].message.contains("1 of them cannot be used"), "{:?}", odd.warnings);
     let error =
         refused("a.ply", PLY.replace("end_header\n", "end_header\n\n\n").replace("4 0 1 2 3", "4 0 1 x 3").as_bytes());
-    assert_eq!(error.place, "line 24", "as in the file: {error}");
+    assert_eq!(error.place, "line 27", "as in the file: {error}");
 }
 
 #[test]
@@ -124,7 +124,7 @@ fn a_look_that_is_not_read_is_reported() {
         (texts, imported.scene.meshes[0].mesh.colors.len())
     };
     for (vertex, face, comment, said) in [
-        ("s t", "", "comment TextureFile a b.png\n", "its texture \"a b.png\" is not read"),
+        ("s t", "", "comment TextureFile a b.png\n", "its texture (`TextureFile a b.png`) is not read"),
         ("texture_u texture_v", "", "", "its texture is not read"),
         ("", "texnumber", "", "its texture is not read"),
         ("", "red green blue", "", "the colours of its faces are not read"),

@@ -155,7 +155,7 @@ fn objects_groups_and_materials_become_instances_and_parts() {
     let triangles: Vec<usize> = scene.meshes.iter().map(|m| m.mesh.triangles.len()).collect();
     assert_eq!(triangles, [1, 6, 2, 2]);
     let materials: Vec<&str> = scene.meshes.iter().map(|m| scene.materials[m.material].name.as_str()).collect();
-    assert_eq!(materials, ["", "red paint", "blue", "blue"]);
+    assert_eq!(materials, ["default", "red paint", "blue", "blue"]);
     assert_eq!(scene.materials.len(), 3);
     assert!(warned(&imported, "\"red paint\": is not defined"));
 }

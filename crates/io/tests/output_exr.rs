@@ -276,7 +276,7 @@ fn foreign(path: &Path, parts: &[(&str, (usize, usize), &[&str])]) {
             Layer::new(*size, attributes, Encoding::FAST_LOSSLESS, AnyChannels::sort(list))
         })
         .collect();
-    let bounds = exr::meta::attribute::IntegerBounds::from_dimensions(parts[0].1);
+    let bounds = IntegerBounds::from_dimensions(parts[0].1);
     let image = Image::from_layers(exr::meta::header::ImageAttributes::new(bounds), layers);
     image.write().to_file(path).expect("a valid image");
 }
@@ -449,8 +449,8 @@ fn blocks_that_promise_more_than_the_image_are_refused() {
                 std::fs::write(&path, &changed).expect("written");
                 let error = read_exr(&path).expect_err("a size beyond the image").to_string();
                 assert!(error.contains("dwa.exr"), "{field}, {size}: {error}");
-                let limits = dunkelfeld_io::loader::Limits::default();
-                assert!(dunkelfeld_io::images::decode_image(&changed, "dwa.exr", &limits).is_err(), "{field}, {size}");
+                let limits = Limits::default();
+                assert!(decode_image(&changed, "dwa.exr", &limits).is_err(), "{field}, {size}");
             }
         }
     }

@@ -267,9 +267,10 @@ fn origin(places: &[DVec3]) -> DVec3 {
     if is_far && centre.is_finite() { centre.round() } else { DVec3::ZERO }
 }
 
-/// Messages of the crate repeat the whole line of the file in further lines.
+/// Messages of the crate begin with a line number, and repeat the whole line of the file in further lines.
 fn first_line(message: &str) -> &str {
-    message.lines().next().unwrap_or_default().trim_end_matches(['.', ':'])
+    let line = message.lines().next().unwrap_or_default().trim_end_matches(['.', ':']);
+    line.split_once(": ").filter(|(head, _)| head.starts_with("Line ")).map_or(line, |(_, rest)| rest)
 }
 
 /// A vertex as read.
