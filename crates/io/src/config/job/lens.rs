@@ -45,7 +45,8 @@ pub struct LensSettings {
     /// Angle \[rad\] of the first corner between two blades from the camera's right, toward up; written as `"15deg"`.
     #[serde(deserialize_with = "check::angle")]
     pub blade_rotation: Option<f32>,
-    /// Distortion coefficients in the order of OpenCV: k1, k2, p1, p2, k3, k4, k5, k6; 4, 5 or 8 of them.
+    /// Distortion coefficients in the order of OpenCV: k1, k2, p1, p2, k3, k4, k5, k6; 4, 5 or 8 of them, or 12 or
+    /// 14 with zeros after the eighth.
     #[serde(deserialize_with = "check::distortion")]
     pub distortion: Option<Distortion>,
     /// Offset of the optical axis from the film's middle \[pixels\], to the right and down.
