@@ -6,7 +6,7 @@ use crate::ids::{Category, Ids, Instance, SetNames, most_keypoints};
 use crate::inputs::{InputRecord, changed_input};
 use crate::make::Made;
 use crate::record::{Cost, FORMAT, FileRecord, Record};
-use crate::report::{ReportError, SetView, SheetOptions, contact_sheet, page};
+use crate::report::{CELL, MOST_IMAGES, ReportError, SetView, contact_sheet, page};
 use crate::resolved::resolved_study;
 use crate::set_folder::{enter, own_path, remove_empty, remove_stale};
 use crate::stable_text::text_hash;
@@ -420,7 +420,7 @@ impl Set {
         }
         if self.has_file("sheet.png") {
             let view = SetView::read(&self.path).map_err(report_error)?;
-            let sheet = contact_sheet(&view, SheetOptions::default()).map_err(report_error)?;
+            let sheet = contact_sheet(&view, MOST_IMAGES, CELL).map_err(report_error)?;
             visit("sheet.png", &|out| out.write_all(&sheet))?;
         }
         Ok(())

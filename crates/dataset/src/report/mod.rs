@@ -20,5 +20,5 @@ mod view;
 
 pub(crate) use error::ReportError;
 pub(crate) use page::page;
-pub(crate) use sheet::{SheetOptions, contact_sheet};
+pub(crate) use sheet::{CELL, MOST_IMAGES, contact_sheet};
 pub(crate) use view::SetView;

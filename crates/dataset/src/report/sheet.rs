@@ -23,27 +23,13 @@ const LINE: u32 = 24;
 const SPACE: u32 = 26;
 /// Maximum number of characters of a name in the legend.
 const LONGEST: usize = 36;
-/// Maximum number of pixels of all cells. Larger sheets have smaller cells.
-const LARGEST: f64 = 2.4e7;
 /// The ratio of width to height that a sheet approaches.
 const ASPECT: f64 = 1.5;
 
-/// The size and the content of a contact sheet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct SheetOptions {
-    /// Maximum number of images, at most 1024. They are distributed evenly over the set.
-    pub(crate) max_images: usize,
-    /// The long side of an image in the sheet [px], from 16 to 1024. Images are not enlarged.
-    pub(crate) cell: u32,
-    /// Is each image also shown without labels, to the left of the one with labels?
-    pub(crate) is_paired: bool,
-}
-
-impl Default for SheetOptions {
-    fn default() -> Self {
-        Self { max_images: 24, cell: 256, is_paired: false }
-    }
-}
+/// Maximum number of images of a sheet.
+pub(crate) const MOST_IMAGES: usize = 24;
+/// The long side of an image in the sheet [px].
+pub(crate) const CELL: u32 = 256;
 
 /// An image scaled down, with its labels.
 #[derive(Clone, Debug)]
@@ -140,25 +126,23 @@ impl Canvas {
     }
 }
 
-/// Draws the contact sheet. Returns the bytes of a PNG file. A set without finished images has a sheet with a note.
-pub(crate) fn contact_sheet(set: &SetView, options: SheetOptions) -> Result<Vec<u8>, ReportError> {
-    let chosen = set.evenly(options.max_images.clamp(1, 1024));
-    let parts = if options.is_paired { 2 } else { 1 };
-    let room = (LARGEST / (chosen.len().max(1) * parts as usize) as f64).sqrt() as u32;
-    let cell = options.cell.clamp(16, 1024).min(room);
+/// Draws the contact sheet with at most `most` images, distributed evenly over the set. Their long sides are `cell` [px], but
+/// images are not enlarged. Returns the bytes of a PNG file. A set without finished images has a sheet with a note.
+pub(crate) fn contact_sheet(set: &SetView, most: usize, cell: u32) -> Result<Vec<u8>, ReportError> {
+    let chosen = set.evenly(most);
     let shown: Result<Vec<Shown>, _> =
         chosen.iter().map(|index| Shown::read(set, *index, |image| image.size_within(cell))).collect();
     let shown = shown?;
-    let canvas = drawn(set, &shown, parts);
+    let canvas = drawn(set, &shown);
     png(&canvas.rgb, [canvas.width, canvas.height], 3)
 }
 
-fn drawn(set: &SetView, shown: &[Shown], parts: u32) -> Canvas {
+fn drawn(set: &SetView, shown: &[Shown]) -> Canvas {
     let widest = shown.iter().map(|s| s.pixels.width).max().unwrap_or(0);
     let highest = shown.iter().map(|s| s.pixels.height).max().unwrap_or(0);
     // An index needs its width also below narrow images.
     let index = shown.iter().map(|s| font::width(&s.index.to_string(), SCALE)).max().unwrap_or(0);
-    let pitch = [(parts * widest + (parts - 1) * 2).max(index) + GAP, highest + BELOW + font::HEIGHT * SCALE + GAP];
+    let pitch = [widest.max(index) + GAP, highest + BELOW + font::HEIGHT * SCALE + GAP];
     let columns = columns(shown.len() as u32, pitch);
     let rows = (shown.len() as u32).div_ceil(columns);
     let entries = legend(set, shown);
@@ -171,12 +155,8 @@ fn drawn(set: &SetView, shown: &[Shown], parts: u32) -> Canvas {
         let (x, y) = (MARGIN + i % columns * pitch[0], MARGIN + i / columns * pitch[1]);
         let (size, mut rgb) = ([image.pixels.width, image.pixels.height], image.rgb());
         let top = y + (highest - size[1]) / 2;
-        for part in 0..parts {
-            if part + 1 == parts {
-                image.labels.blend(&mut rgb);
-            }
-            canvas.picture([x + part * (widest + 2) + (widest - size[0]) / 2, top], size[0], &rgb);
-        }
+        image.labels.blend(&mut rgb);
+        canvas.picture([x + (widest - size[0]) / 2, top], size[0], &rgb);
         canvas.text([x, y + highest + BELOW], &image.index.to_string());
     }
     for (line, y) in lines.iter().zip((foot..).step_by(LINE as usize)) {
@@ -262,8 +242,8 @@ mod tests {
         SetView::read(folder).expect("a set")
     }
 
-    fn sheet(view: &SetView, options: SheetOptions) -> image::RgbImage {
-        let bytes = contact_sheet(view, options).expect("a sheet");
+    fn sheet(view: &SetView, most: usize, cell: u32) -> image::RgbImage {
+        let bytes = contact_sheet(view, most, cell).expect("a sheet");
         image::load_from_memory(&bytes).expect("a picture").into_rgb8()
     }
 
@@ -271,7 +251,7 @@ mod tests {
     fn a_sheet_has_its_images_at_their_places() {
         let folder = tempfile::tempdir().expect("a folder");
         let view = set(folder.path(), 4, [64, 32]);
-        let sheet = sheet(&view, SheetOptions { max_images: 4, cell: 32, is_paired: false });
+        let sheet = sheet(&view, 4, 32);
         // Cells of 32 x 16 in two columns and two rows are nearest to the ratio; the legend is one line.
         let pitch = [32 + GAP, 16 + BELOW + 14 + GAP];
         assert_eq!(sheet.height(), MARGIN + 2 * pitch[1] + GAP / 2 + 2 * LINE + MARGIN / 2);
@@ -285,26 +265,15 @@ mod tests {
     }
 
     #[test]
-    fn a_pair_has_a_part_without_labels() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let view = set(folder.path(), 1, [64, 32]);
-        let sheet = sheet(&view, SheetOptions { max_images: 4, cell: 64, is_paired: true });
-        let part = |left: u32| (0..64).flat_map(move |x| (0..32).map(move |y| [left + x, MARGIN + y]));
-        let is_plain = |[x, y]: [u32; 2]| sheet.get_pixel(x, y).0 == [100; 3];
-        assert!(part(MARGIN).all(is_plain));
-        assert!(!part(MARGIN + 66).all(is_plain));
-    }
-
-    #[test]
     fn an_empty_set_has_a_sheet_and_a_wrong_mask_is_named() {
         let folder = tempfile::tempdir().expect("a folder");
         let view = set(folder.path(), 0, [1, 1]);
-        assert!(sheet(&view, SheetOptions::default()).width() > 100);
+        assert!(sheet(&view, MOST_IMAGES, CELL).width() > 100);
         let view = set(folder.path(), 1, [64, 32]);
         fs::create_dir_all(folder.path().join("masks")).expect("a folder");
         let bytes = png(&[0; 100], [10, 10], 1).expect("a picture");
         fs::write(folder.path().join("masks/000000.png"), bytes).expect("written");
-        let error = contact_sheet(&view, SheetOptions::default()).expect_err("another size");
+        let error = contact_sheet(&view, MOST_IMAGES, CELL).expect_err("another size");
         assert!(error.file.ends_with("masks/000000.png") && error.problem.contains("10 \u{d7} 10"), "{error}");
     }
 
