@@ -119,8 +119,8 @@ pub struct Principled {
     /// Base colour times the opaque dielectric share.
     diffuse_color: Rgb,
     /// The share of the light of a direction that reaches the diffuse lobe.
-    to_diffuse: Curve,
-    /// Factor of the diffuse lobe, `1 / (pi mean(to_diffuse))`.
+    diffuse_share: Curve,
+    /// Factor of the diffuse lobe, `1 / (pi mean(diffuse_share))`.
     lambert: f32,
     /// The share of the light of a direction that passes coat and sheen.
     to_specular: Curve,
@@ -153,7 +153,7 @@ struct Choice {
     diffuse: f32,
     coat: f32,
     specular: f32,
-    to_diffuse: f32,
+    diffuse_share: f32,
     to_specular: f32,
 }
 
@@ -186,12 +186,12 @@ impl Principled {
         let diffuse_color = base * opaque;
         let coat = clearcoat::STRENGTH * at_least_zero(p.clearcoat).min(4.0);
         let coat_alpha = clearcoat::alpha_from_gloss(unit(p.clearcoat_gloss));
-        let [mut to_specular, mut to_diffuse] = [Curve::ONE; 2];
+        let [mut to_specular, mut diffuse_share] = [Curve::ONE; 2];
         if layered {
             sheen_color = sheen_color * (10.0 / sheen_color.max_channel().max(10.0));
             to_specular = below_coat_and_sheen(coat, coat_alpha, sheen_color.max_channel());
             if opaque > 0.0 {
-                to_diffuse =
+                diffuse_share =
                     below_specular(&ggx, eta).zip(to_specular, |t, above| (1.0 - specular.bound(1.0 - t)) * above);
             }
         }
@@ -204,8 +204,8 @@ impl Principled {
             spec_trans,
             refracting,
             transmission_color: base.map(f32::sqrt) * refracting,
-            to_diffuse,
-            lambert: if opaque > 0.0 { FRAC_1_PI / to_diffuse.mean().max(f32::MIN_POSITIVE) } else { 0.0 },
+            diffuse_share,
+            lambert: if opaque > 0.0 { FRAC_1_PI / diffuse_share.mean().max(f32::MIN_POSITIVE) } else { 0.0 },
             to_specular,
             specular,
             sheen_color,
@@ -235,15 +235,15 @@ impl Principled {
 
     /// The share of the light of a direction above the surface that reaches the diffuse lobe.
     #[inline]
-    pub(crate) fn to_diffuse(&self, w: LocalDir) -> f32 {
-        self.to_diffuse.at(w.0.z)
+    pub(crate) fn diffuse_share(&self, w: LocalDir) -> f32 {
+        self.diffuse_share.at(w.0.z)
     }
 
     /// The diffuse lobe of albedo one below the layers, without `|cos wi|` [1/sr]. Both directions lie above the
     /// surface.
     #[inline]
     pub(crate) fn diffuse_below(&self, wo: LocalDir, wi: LocalDir) -> f32 {
-        self.lambert * self.to_diffuse(wo) * self.to_diffuse(wi)
+        self.lambert * self.diffuse_share(wo) * self.diffuse_share(wi)
     }
 
     /// See [`crate::Bsdf::eval_pdf`].
@@ -304,7 +304,7 @@ impl Principled {
         let choice = if wo.0.z > 0.0 {
             self.choose::<RICH>(wo)?
         } else if RICH && wo.0.z < 0.0 && self.refracting > 0.0 {
-            Choice { diffuse: 0.0, coat: 0.0, specular: 1.0, to_diffuse: 0.0, to_specular: 0.0 }
+            Choice { diffuse: 0.0, coat: 0.0, specular: 1.0, diffuse_share: 0.0, to_specular: 0.0 }
         } else {
             return None;
         };
@@ -375,7 +375,7 @@ impl Principled {
                 * if RICH && self.burley {
                     diffuse::eval_diffuse(wo, wi, cos_d, self.roughness)
                 } else {
-                    self.lambert * choice.to_diffuse * self.to_diffuse(wi) * wi.0.z
+                    self.lambert * choice.diffuse_share * self.diffuse_share(wi) * wi.0.z
                 };
             if RICH && !self.sheen_color.is_black() {
                 value += self.sheen_color * sheen::eval_sheen(wi, cos_d);
@@ -491,8 +491,8 @@ impl Principled {
         let refracted = if RICH { (1.0 - f) * self.transmission_color.luminance() } else { 0.0 };
         let specular = reflected + refracted;
         let coat = if RICH && self.coat > 0.0 { self.coat * (0.04 + 0.96 * w) } else { 0.0 };
-        let to_diffuse = if self.diffuse_luminance > 0.0 { self.to_diffuse(wo) } else { 0.0 };
-        let diffuse = self.diffuse_luminance * to_diffuse + if RICH { self.sheen_luminance } else { 0.0 };
+        let diffuse_share = if self.diffuse_luminance > 0.0 { self.diffuse_share(wo) } else { 0.0 };
+        let diffuse = self.diffuse_luminance * diffuse_share + if RICH { self.sheen_luminance } else { 0.0 };
         let to_specular = if RICH { self.to_specular.at(wo.0.z) } else { 1.0 };
         let sum = diffuse + specular + coat;
         let scale = 1.0 / sum;
@@ -500,7 +500,7 @@ impl Principled {
             diffuse: diffuse * scale,
             coat: coat * scale,
             specular: specular * scale,
-            to_diffuse,
+            diffuse_share,
             to_specular,
         })
     }

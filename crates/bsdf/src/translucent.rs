@@ -85,7 +85,7 @@ impl Translucent {
     /// The probability of the transmission lobe, in proportion to the expected energy of both sides.
     #[inline]
     fn probability_to_pass(&self, up: LocalDir) -> f32 {
-        let passed = self.transmission.luminance() * self.surface.to_diffuse(up);
+        let passed = self.transmission.luminance() * self.surface.diffuse_share(up);
         let reflected = self.surface.albedo(up).luminance();
         // The floor keeps the probability of reflection above zero where its estimate is black.
         if passed > 0.0 { passed / (passed + reflected.max(0.02)) } else { 0.0 }

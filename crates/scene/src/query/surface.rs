@@ -78,6 +78,7 @@ pub(crate) struct SurfaceOptions {
 }
 
 #[derive(Clone, Copy, Debug, serde::Serialize)]
+#[expect(clippy::large_enum_variant, reason = "a box would be allocated at each textured point")]
 enum Constant {
     One(Bsdf),
     /// The first with the given probability, else the second.
