@@ -37,6 +37,8 @@ fn spec() -> Option<SensorSpec> {
         bit_depth: 12,
         fixed_pattern: FixedPattern { dsnu: Electrons(1.0), prnu: 0.005, ..FixedPattern::default() },
         defects: Defects::default(),
+        min_exposure: None,
+        max_exposure: None,
         published: Published::default(),
     })
 }

@@ -48,8 +48,6 @@ pub struct RenderOptions {
     pub spp: f64,
     /// The k of the certificate at which the render ends.
     pub noise: f64,
-    /// The share of the pixels that must be hidden at that k, in per cent.
-    pub share: f64,
     /// Seed of samples, noise and device, if has_seed is not zero.
     pub seed: u64,
     /// Is the seed set?
@@ -78,6 +76,8 @@ pub struct RenderOptions {
     pub user: *mut c_void,
     /// A switch that cancels the render.
     pub cancel: *mut Cancel,
+    /// The share of the pixels that must be hidden at the k of `noise`, in per cent.
+    pub share: f64,
 }
 
 /// Options of an exposure. Fields that are zero or NULL are those of the render. Initialise it by dunkelfeld_expose_options().

@@ -202,7 +202,7 @@ fn a_line_scan_has_a_point_in_the_row_that_exposes_it() {
     let study = label("plate", &[["3mm", "1mm", "5mm"], ["-4mm", "1mm", "-9mm"], ["0", "1mm", "30mm"]]);
     let plate = "[[object]]\nname = \"plate\"\nkind = \"box\"\nsize = [\"40mm\", \"2mm\", \"80mm\"]\n\
         velocity = [0, 0, \"-1250mm/s\"]\n[line_scan]\nline_rate = \"1kHz\"\n";
-    let text = telecentric(&study, plate).replace("model = \"none\"", "exposure = \"10us\"");
+    let text = telecentric(&study, plate).replace("model = \"none\"", "exposure = \"20us\"");
     let found = points(&make(&text), "plate");
     // A pixel is 40 / 64 mm = 0.625 mm, and a period 1 ms: 1.25 mm.
     let row = |z: f64| 32.0 + z / 1.25;

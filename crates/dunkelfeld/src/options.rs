@@ -276,10 +276,13 @@ fn select_exposure_noise(noise: Option<ExposureNoise>, s: &mut RenderSettings) -
     Ok(())
 }
 
+/// What options change in a project.
+type Changed = (RenderSettings, FilmRegion, Option<Vignetting>, InputFiles, Vec<ImportWarning>);
+
 /// A project with other settings for a while.
 struct Adjusted<'a> {
     project: &'a mut Project,
-    before: Option<(RenderSettings, FilmRegion, Option<Vignetting>, InputFiles, Vec<ImportWarning>)>,
+    before: Option<Changed>,
 }
 
 impl<'a> Adjusted<'a> {

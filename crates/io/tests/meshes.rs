@@ -62,7 +62,7 @@ fn stl_is_read_in_both_forms_in_millimetres_with_z_up() {
     let scaled = load_with("part.stl", ASCII.as_bytes(), metres).expect("a part");
     assert_eq!(corners(&scaled)[2], DVec3::Y * 20.0);
 
-    let cube = cuboid(Vec3::ZERO, Vec3::ONE);
+    let cube = cuboid(Vec3::ZERO, Vec3::splat(10.0));
     // The header of some programs looks like a text.
     for header in [&b"made by hand"[..], b"solid of SolidWorks"] {
         let imported = load("CUBE.STL", &binary_stl(header, &cube));

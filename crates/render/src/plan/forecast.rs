@@ -151,7 +151,7 @@ impl ForecastInput<'_> {
         }
         let all: u64 = pixels.iter().sum();
         let mut objects: Vec<(u64, &String)> = pixels.into_iter().zip(names).filter(|(n, _)| *n > 0).collect();
-        objects.sort_by(|a, b| b.0.cmp(&a.0));
+        objects.sort_by_key(|object| std::cmp::Reverse(object.0));
         let is_most = objects.first().is_some_and(|(n, _)| 2 * n >= all);
         objects.into_iter().take(if is_most { 1 } else { MAX_NAMED }).map(|(_, name)| name.clone()).collect()
     }
