@@ -46,7 +46,7 @@ LENGTHS = (1e-9, 1000.0)
 LEAST_SPREAD = math.radians(1.0)
 MOST_PIXELS = 32768
 # Presets of sensors that the dialog proposes. A file of a sensor is allowed too.
-SENSORS = ("imx174", "imx174-pointgrey", "imx183", "imx250", "imx492", "imx900-hcg", "imx900-lcg")
+SENSORS = ("imx174", "imx174-pointgrey", "imx178-color", "imx183", "imx250", "imx492", "imx900-hcg", "imx900-lcg")
 
 
 # The job as text.

@@ -133,7 +133,7 @@ def test_the_lens_of_an_exr(view, tmp_path):
         with pytest.raises(Refused, match="no samples"):
             running.post("save", {**body, "what": [kind], "name": "refused"})
     state = running.state()
-    assert state["sensors"][0]["label"].startswith("default (")
+    assert state["sensors"][0]["label"].startswith("as opened (")
     assert [note["text"] for note in state["notes"] if "1 pixel" in note["text"]]
     assumed = view(tmp_path / "other.exr").state()["notes"]
     assert any("f/4" in note["text"] and "--f-number" in note["help"] for note in assumed)

@@ -17,9 +17,9 @@ const TOLERANCE: f64 = 1e-3;
 pub(crate) struct Pose {
     /// Id of the instance.
     pub(crate) instance: u16,
-    /// Hash of the shape and the scale: objects with one hash have one model. Empty in a set without the files of BOP.
+    /// Hash of the shape. Empty in a set without the files of BOP.
     #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub(crate) model: String,
+    pub(crate) shape: String,
     /// Rotation from the object to the camera, row by row.
     pub(crate) r: [f64; 9],
     /// Translation \[mm\].
@@ -47,8 +47,8 @@ pub(crate) fn poses(
         let scale = columns.map(DVec3::length);
         match nearest_rotation(columns) {
             Some(rotation) => {
-                let model = shapes.get(i).map_or_else(String::new, |shape| model(*shape, scale));
-                poses.push(Pose { instance: record.id, model, r: rows(rotation), t, scale });
+                let shape = shapes.get(i).map_or_else(String::new, |shape| format!("{shape:016x}"));
+                poses.push(Pose { instance: record.id, shape, r: rows(rotation), t, scale });
             }
             None => {
                 let [a, b, c, d, e, f, g, h, i] = rows(to_camera.matrix3).map(|v| v * 1e3);
@@ -84,12 +84,12 @@ pub(crate) fn shape<'a>(meshes: impl Iterator<Item = &'a Mesh>) -> u64 {
     hash.finish()
 }
 
-/// The hash of a shape with its scale, of which steps of 0.1 % count: the scale of a rounded matrix is not exact.
-fn model(shape: u64, scale: [f64; 3]) -> String {
-    let mut hash = XxHash3_64::new();
-    hash.write(&shape.to_le_bytes());
-    scale.iter().for_each(|s| hash.write(&((s.ln() / 1e-3).round() as i64).to_le_bytes()));
-    format!("{:016x}", hash.finish())
+impl Pose {
+    /// Have two objects one model: the same shape, and the same scale within the error of rounded matrices?
+    pub(crate) fn has_model_of(&self, other: &Self) -> bool {
+        let is_near = |(a, b): (&f64, &f64)| (a / b - 1.0).abs() < 3.0 * TOLERANCE;
+        self.shape == other.shape && self.scale.iter().zip(&other.scale).all(is_near)
+    }
 }
 
 #[cfg(test)]

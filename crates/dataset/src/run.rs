@@ -441,8 +441,8 @@ impl Seen {
         if !self.unposed.is_empty() {
             let names: Vec<String> = self.unposed.iter().map(|name| format!("{name:?}")).collect();
             findings.push(format!(
-                "{}: no pose in `poses` and `scene_gt.json`, since the matrix mirrors, shears or is flat; `matrix` in the \
-                 records has it",
+                "{}: no pose in `poses` and `scene_gt.json`, since the matrix mirrors, shears, is flat or has too few \
+                 decimals; `matrix` in the records has it",
                 shortened(&names.join(", "), 400)
             ));
         }

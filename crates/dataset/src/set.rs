@@ -5,6 +5,7 @@ use crate::encode::{ImageLabels, json};
 use crate::ids::{Category, Ids, Instance, SetNames, most_keypoints};
 use crate::inputs::{InputRecord, changed_input};
 use crate::make::Made;
+use crate::pose::Pose;
 use crate::record::{Cost, FORMAT, FileRecord, Record};
 use crate::report::{CELL, MOST_IMAGES, ReportError, SetView, contact_sheet, page};
 use crate::resolved::resolved_study;
@@ -448,7 +449,7 @@ impl Set {
             .collect();
         let (mut cameras, mut poses) = (BTreeMap::new(), BTreeMap::new());
         // The models in the order of the images, from 1.
-        let mut models: BTreeMap<String, usize> = BTreeMap::new();
+        let mut models: Vec<Pose> = Vec::new();
         for index in finished {
             let labels: ImageLabels = self.parsed(&format!("labels/{index:06}.json"))?;
             let ImageLabels { file_name, width, height, annotations, camera, poses: objects, .. } = labels;
@@ -466,9 +467,11 @@ impl Set {
             }
             let objects: Vec<serde_json::Value> = (objects.iter())
                 .map(|p| {
-                    let next = models.len() + 1;
-                    let model = models.entry(p.model.clone()).or_insert(next);
-                    let (r, t) = (p.r, p.t);
+                    let known = models.iter().position(|model| p.has_model_of(model));
+                    if known.is_none() {
+                        models.push(p.clone());
+                    }
+                    let (r, t, model) = (p.r, p.t, known.map_or(models.len(), |position| position + 1));
                     json!({ "obj_id": model, "instance": p.instance, "cam_R_m2c": r, "cam_t_m2c": t, "scale": p.scale })
                 })
                 .collect();

@@ -174,6 +174,11 @@ impl ExrImage {
         })
     }
 
+    /// The sensor of the render of the image. `None` without a render, and if the render combined pixels.
+    pub fn sensor(&self) -> Option<&SensorModel> {
+        self.film.as_ref().filter(|film| film.readout.binning == 1).map(|film| &film.model)
+    }
+
     /// The lens in front of the image, and the sources of f-number, transmission and magnification.
     pub fn lens(&self, settings: &ExposeSettings) -> (Optics, [LensSource; 3]) {
         let (given, of_image) = (settings.optics, settings.of_image.lens);

@@ -1,6 +1,5 @@
 //! Several cameras of one job: their names, their files, and the clock of each render.
 
-use crate::commands::expose::with_number;
 use crate::guard::{DefaultPath, Output, check_outputs, free_file};
 use crate::outputs::OutputPaths;
 use crate::project::Project;
@@ -118,7 +117,7 @@ fn with_camera(path: &Path, camera: &str) -> PathBuf {
 }
 
 /// The name with a suffix in front of the extension.
-pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_os_string();
     name.push("-");
     name.push(suffix);
@@ -127,6 +126,12 @@ pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
         name.push(ending);
     }
     path.with_file_name(name)
+}
+
+/// The name of the file of one of several frames, up to `last`: of four digits at least.
+pub(crate) fn with_number(path: &Path, number: u32, last: u32) -> PathBuf {
+    let digits = last.to_string().len().max(4);
+    with_suffix(path, &format!("{number:0digits$}"))
 }
 
 #[cfg(test)]

@@ -152,7 +152,7 @@ fn faults_are_refused_with_place_help_and_caret() {
         ("[lens]\nfield_height = \"-1mm\"", "[lens] field_height", "out of range", "\"40mm\"", "\"-1mm\""),
         ("[film]\npixel_pitch = nan", "[film] pixel_pitch", "out of range", "\"3.45um\"", "nan"),
         ("[lens]\nvignetting = \"cos\"", "[lens] vignetting", "unknown vignetting \"cos\"", "\"cos4\"", "\"cos\""),
-        ("[lens]\ndistortion = [1, 2, 3]", "[lens] distortion", "3 coefficients", "4, 5 or 8", "[1, 2, 3]"),
+        ("[lens]\ndistortion = [1, 2, 3]", "[lens] distortion", "3 coefficients", "4, 5, 8, 12 or 14", "[1, 2, 3]"),
         ("[lens]\nprincipal_point = [1]", "[lens] principal_point", "two numbers", "[right, down]", "[1]"),
         (
             "[lens]\nfocal_length = \"12mm\"\n[sensor]\nmodel = \"none\"",

@@ -49,8 +49,8 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting("share", "it must be a number from 1 to 100 per cent", "use 90"));
         }
         if s.budget.noise.is_none() {
-            let problem = "it is the share of the pixels that must be hidden, and there is no level of noise";
-            return Err(Error::setting("share", problem, "add a level of noise, such as 0.7"));
+            let problem = "there is no level of noise that so many pixels shall reach";
+            return Err(Error::setting("share", problem, "add a level, as in --noise 0.7"));
         }
     }
     if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {

@@ -513,7 +513,7 @@ pub(crate) fn show_exr(shared: &Arc<Shared>, image: ExrImage, options: &ImageOpt
     let mean = image.radiance();
     let mut settings = RenderSettings::default();
     (settings.width, settings.height) = (mean.width(), mean.height());
-    let model = Box::new(find_sensor(DEFAULT_SENSOR)?);
+    let model = Box::new(image.sensor().cloned().map_or_else(|| find_sensor(DEFAULT_SENSOR), Ok)?);
     let (optics, sources) = image.lens(&options.clone().settings()?);
     let mut notes = Vec::new();
     if sources.contains(&LensSource::Default) {

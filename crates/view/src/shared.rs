@@ -247,7 +247,7 @@ impl Shared {
         let sensor = |(name, model): &(String, dunkelfeld::sensor::SensorModel)| {
             let spec = model.spec();
             let label = match &name[..] {
-                OWN_SENSOR if self.subject.kind == SourceKind::Exr => format!("default ({})", spec.name),
+                OWN_SENSOR if self.subject.kind == SourceKind::Exr => format!("as opened ({})", spec.name),
                 OWN_SENSOR => format!("{OWN_SENSOR} ({})", spec.name),
                 _ => name.clone(),
             };

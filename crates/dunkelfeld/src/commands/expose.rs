@@ -6,7 +6,7 @@ use crate::frame::Picture;
 use crate::guard::{DefaultPath, Output, check_outputs, free_file};
 use crate::memory::estimate::MAX_WAITING;
 use crate::outputs::{Align, extension, misfit, save_commented, save_values, values_words};
-use crate::views::with_suffix;
+use crate::views::with_number;
 use derive_setters::Setters;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::input::{InputFiles, Role, files_in};
@@ -16,9 +16,6 @@ use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Readout, SensorModel};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-
-/// Minimum number of digits of the frame number in a file name.
-const DIGITS: usize = 4;
 
 /// Settings of the exposure of an image.
 #[derive(Clone, Debug, Setters)]
@@ -283,12 +280,6 @@ impl ExposeSettings {
     pub fn numbered(&self, path: &Path, number: u32) -> PathBuf {
         if self.frames == 1 { path.to_path_buf() } else { with_number(path, number, self.last_frame()) }
     }
-}
-
-/// The name of the file of one of several frames, up to `last`.
-pub(crate) fn with_number(path: &Path, number: u32, last: u32) -> PathBuf {
-    let digits = last.to_string().len().max(DIGITS);
-    with_suffix(path, &format!("{number:0digits$}"))
 }
 
 impl ExposeOutputs {

@@ -31,17 +31,22 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
     if let Some(reason) = dunkelfeld::black_image(&project.scene, result) {
         say(&format!("warning: {reason}"));
     }
-    if is_automatic(project) && s.sensor.as_ref().is_some_and(|s| s.exposure_seconds > LONG_EXPOSURE && !s.no_light) {
+    let [shortest, longest] = match &project.settings.sensor {
+        SensorChoice::Emva { model, .. } => model.exposure_range().map(|time| time.0),
+        SensorChoice::None => [0.0, LONG_EXPOSURE],
+    };
+    let shortest = shortest.max(SHORT_EXPOSURE);
+    if is_automatic(project)
+        && s.sensor
+            .as_ref()
+            .is_some_and(|s| (s.exposure_seconds > LONG_EXPOSURE || s.exposure_seconds >= longest) && !s.no_light)
+    {
         let time = s.sensor.as_ref().map_or_else(String::new, |s| exposure_time(s.exposure_seconds));
         say(&format!(
             "warning: the automatic exposure is {time}, longer than an inspection camera exposes: the light is weak; \
              raise it ([[light]] power), check its unit ([import] emissive_unit), or set --exposure"
         ));
     }
-    let shortest = match &project.settings.sensor {
-        SensorChoice::Emva { model, .. } => model.exposure_range()[0].0.max(SHORT_EXPOSURE),
-        SensorChoice::None => SHORT_EXPOSURE,
-    };
     if is_automatic(project) && s.sensor.as_ref().is_some_and(|s| s.exposure_seconds <= shortest && !s.no_light) {
         let time = s.sensor.as_ref().map_or_else(String::new, |s| exposure_time(s.exposure_seconds));
         say(&format!(

@@ -213,7 +213,7 @@ pub(super) fn distortion<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Disto
              them (no cv2.CALIB_THIN_PRISM_MODEL, no cv2.CALIB_TILTED_MODEL), or write zeros",
         )),
         None => Err(D::Error::custom(format!(
-            "{} coefficients are not OpenCV's model; write 4, 5 or 8 of them: [k1, k2, p1, p2, k3, k4, k5, k6]",
+            "{} coefficients are not OpenCV's model; write 4, 5, 8, 12 or 14 of them: [k1, k2, p1, p2, k3, k4, k5, k6]",
             values.len()
         ))),
     }

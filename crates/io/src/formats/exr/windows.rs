@@ -48,8 +48,8 @@ impl ExrFrame {
         }
         let [r, g, b, w] = stated.map(|Vec2(x, y)| format!("{x} {y}"));
         let problem = format!("its primaries (red {r}, green {g}, blue {b}, white {w}) are not those of Rec. 709");
-        let help = "convert it to linear Rec. 709, for example by `oiiotool in.exr --colorconvert ACEScg lin_rec709 -o \
-                    out.exr`";
+        let help = "convert it to linear Rec. 709, for example ACEScg by `oiiotool in.exr --colorconvert ACEScg \
+                    lin_rec709 -o out.exr`";
         Some((problem, help))
     }
 

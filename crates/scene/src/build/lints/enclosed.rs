@@ -104,8 +104,8 @@ impl Scene {
         let bodies = opaque_objects(self, &boxes);
         around.retain(|object| bodies.contains_key(object) && (!closed || is_closed(self, *object)));
         for source in sources(self, &boxes) {
-            let inside = source.points.first().map(|point| objects_around(self, *point)).unwrap_or_default();
-            around.retain(|object| source.object != Some(*object) && !inside.contains(object));
+            let inside: Vec<u32> = source.points.iter().flat_map(|point| objects_around(self, *point)).collect();
+            around.retain(|object| !inside.contains(object));
         }
         around.first().and_then(|object| self.object_names.get(*object as usize)).map(String::as_str)
     }
