@@ -88,7 +88,7 @@ class MockView:
         spp = max(0.25, 12.0 * step)
         return {
             "id": self.film_offset + step + 1,
-            "samples": int(spp * self.width * self.height),
+            "samples": 0 if self.options.source == "exr" else int(spp * self.width * self.height),
             "spp": spp,
             "seconds": float(step),
             "first": step == 0,

@@ -502,7 +502,7 @@ def test_film_source(mock_page):
 
 def test_exr_source(mock_page):
     page = mock_page("--source", "exr", *FROZEN)
-    assert page.attribute("verdict", "data-level") == "none" and "no samples" in page.text("verdict-text")
+    assert page.attribute("verdict", "data-level") == "none" and "contains no samples" in page.text("verdict-text")
     assert page.text("verdict-time") == ""
     for kind in ["exr", "checkpoint", "job"]:
         assert page.disabled(f"save-{kind}") and not page.checked(f"save-{kind}"), kind

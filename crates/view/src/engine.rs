@@ -197,6 +197,7 @@ fn prepare(
         }
         live.sensors = sensors;
         live.settings = Some(settings);
+        live.timed = timed;
         if let Some(timed) = timed {
             live.pages.set_exposure(timed.time.0);
         }
