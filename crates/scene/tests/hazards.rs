@@ -339,7 +339,9 @@ fn cameras_inside_bodies_are_hazards() {
     assert_eq!(around(body(opaque("steel")), 0.2, true).as_deref(), Some("thing"));
     assert_eq!(around(body(opaque("steel")), 0.4, true), None, "above the body");
     assert_eq!(around(body(glass("glass")), 0.2, true), None, "in a clear body");
-    assert_eq!(around(body(lamp()), 0.2, true), None, "in a lamp");
+    assert_eq!(around(body(lamp()), 0.2, true).as_deref(), Some("thing"), "in a lamp that emits outward");
+    let inward = Material { double_sided: true, ..lamp() };
+    assert_eq!(around(body(inward), 0.2, true), None, "in a lamp that emits inward");
     let mut lit = body(opaque("steel"));
     let to_world = DAffine3::from_translation(DVec3::new(0.0, 0.1, 0.2));
     let kind = PunctualKind::Point { intensity: Rgb::WHITE };
