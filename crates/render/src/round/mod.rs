@@ -270,14 +270,15 @@ fn render_unit(
                 pixel.add(index, &sample);
                 unreported += 1;
                 if unreported >= check_after {
+                    // The time of the report, which is that of its sink, is not that of samples.
+                    let is_fast = checked.elapsed() < CHECK_PAUSE;
                     reporter.add(work.stage, u64::from(unreported));
                     unreported = 0;
-                    let now = Instant::now();
-                    if work.cancel.is_cancelled() || work.abort_at.is_some_and(|d| now > d) {
+                    checked = Instant::now();
+                    if work.cancel.is_cancelled() || work.abort_at.is_some_and(|d| checked > d) {
                         return None;
                     }
-                    check_after = if now - checked < CHECK_PAUSE { (2 * check_after).min(CHECK_EVERY) } else { 1 };
-                    checked = now;
+                    check_after = if is_fast { (2 * check_after).min(CHECK_EVERY) } else { 1 };
                 }
             }
             if has_samples {
