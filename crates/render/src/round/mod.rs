@@ -251,7 +251,7 @@ fn render_unit(
 ) -> Option<ConnectionTally> {
     sums.clear();
     let mut connections = ConnectionTally { abandon_at: work.abort_at, ..ConnectionTally::default() };
-    let (mut unreported, mut check_after, mut checked) = (0u32, 1, Instant::now());
+    let (mut unreported, mut unchecked, mut check_after, mut checked) = (0u32, 0u32, 1, Instant::now());
     let mut slot = 0u32;
     for y in rect.y0..rect.y1 {
         for x in rect.x0..rect.x1 {
@@ -268,17 +268,19 @@ fn render_unit(
                     name_invalid(invalid, at);
                 }
                 pixel.add(index, &sample);
-                unreported += 1;
-                if unreported >= check_after {
-                    // The time of the report, which is that of its sink, is not that of samples.
-                    let is_fast = checked.elapsed() < CHECK_PAUSE;
+                (unreported, unchecked) = (unreported + 1, unchecked + 1);
+                if unreported == CHECK_EVERY {
                     reporter.add(work.stage, u64::from(unreported));
                     unreported = 0;
-                    checked = Instant::now();
-                    if work.cancel.is_cancelled() || work.abort_at.is_some_and(|d| checked > d) {
+                }
+                if unchecked >= check_after {
+                    unchecked = 0;
+                    let now = Instant::now();
+                    if work.cancel.is_cancelled() || work.abort_at.is_some_and(|d| now > d) {
                         return None;
                     }
-                    check_after = if is_fast { (2 * check_after).min(CHECK_EVERY) } else { 1 };
+                    check_after = if now - checked < CHECK_PAUSE { (2 * check_after).min(CHECK_EVERY) } else { 1 };
+                    checked = now;
                 }
             }
             if has_samples {
