@@ -203,14 +203,15 @@ pub fn run(
         return Err(e);
     }
     let interrupted = cancel.is_cancelled();
-    let finished = set.finished().len() as u64;
+    let done = set.finished();
+    let finished = done.len() as u64;
     // Images that cannot be made stay away, and do not keep the others from use.
     if finished + unmade.len() as u64 >= set.count() && !interrupted {
         set.assemble()?;
     }
     let seen = seen.into_inner().unwrap_or_default();
     seen.findings().iter().filter(|_| !interrupted).for_each(|finding| progress.warning(finding));
-    let open = wanted.iter().filter(|index| !set.is_finished(**index)).count();
+    let open = wanted.iter().filter(|index| done.binary_search(index).is_err()).count();
     let elsewhere = open.saturating_sub(unmade.len()) as u64;
     let mut levels = levels.into_inner().unwrap_or_default();
     levels.sort_by(f64::total_cmp);

@@ -20,8 +20,28 @@ const MANY_SATURATED: f64 = 0.5;
 /// Largest factor of the samples that the advice after a render names.
 const MAX_FACTOR: f64 = 100.0;
 
-fn is_automatic(project: &Project) -> bool {
-    matches!(project.settings.sensor, SensorChoice::Emva { exposure: None, .. })
+/// The warning of an automatic exposure that is long, or that the camera limits.
+fn exposure_warning(project: &Project, stats: &Stats) -> Option<String> {
+    let (SensorChoice::Emva { model, exposure: None, .. }, Some(sensor)) = (&project.settings.sensor, &stats.sensor)
+    else {
+        return None;
+    };
+    let ([shortest, longest], seconds) = (model.exposure_range().map(|time| time.0), sensor.exposure_seconds);
+    let advice = if sensor.no_light {
+        return None;
+    } else if seconds <= shortest.max(SHORT_EXPOSURE) {
+        "and the camera has no shorter one: the light is strong; lower it ([[light]] power), or check its unit ([import] \
+         emissive_unit) and its distance"
+    } else if seconds > LONG_EXPOSURE {
+        "longer than an inspection camera exposes: the light is weak; raise it ([[light]] power), check its unit \
+         ([import] emissive_unit), or set --exposure"
+    } else if seconds >= longest {
+        "and the camera has no longer one: the light is weak; raise it ([[light]] power), or check its unit ([import] \
+         emissive_unit)"
+    } else {
+        return None;
+    };
+    Some(format!("warning: the automatic exposure is {}, {advice}", exposure_time(seconds)))
 }
 
 pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &ProjectResult) {
@@ -31,28 +51,8 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
     if let Some(reason) = dunkelfeld::black_image(&project.scene, result) {
         say(&format!("warning: {reason}"));
     }
-    let [shortest, longest] = match &project.settings.sensor {
-        SensorChoice::Emva { model, .. } => model.exposure_range().map(|time| time.0),
-        SensorChoice::None => [0.0, LONG_EXPOSURE],
-    };
-    let shortest = shortest.max(SHORT_EXPOSURE);
-    if is_automatic(project)
-        && s.sensor
-            .as_ref()
-            .is_some_and(|s| (s.exposure_seconds > LONG_EXPOSURE || s.exposure_seconds >= longest) && !s.no_light)
-    {
-        let time = s.sensor.as_ref().map_or_else(String::new, |s| exposure_time(s.exposure_seconds));
-        say(&format!(
-            "warning: the automatic exposure is {time}, longer than an inspection camera exposes: the light is weak; \
-             raise it ([[light]] power), check its unit ([import] emissive_unit), or set --exposure"
-        ));
-    }
-    if is_automatic(project) && s.sensor.as_ref().is_some_and(|s| s.exposure_seconds <= shortest && !s.no_light) {
-        let time = s.sensor.as_ref().map_or_else(String::new, |s| exposure_time(s.exposure_seconds));
-        say(&format!(
-            "warning: the automatic exposure is {time}, and the camera has no shorter one: the light is strong; lower it \
-             ([[light]] power), or check its unit ([import] emissive_unit) and its distance"
-        ));
+    if let Some(warning) = exposure_warning(project, s) {
+        say(&warning);
     }
     if let Some(saturated) = s.sensor.as_ref().map(|s| s.saturated).filter(|share| *share > MANY_SATURATED) {
         let percent = 100.0 * saturated;
