@@ -32,7 +32,7 @@ fn shadow() -> Scene {
     let floor = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
     b.add_object("floor", square(0.0, 2.4, false), floor);
     b.add_object("post", cuboid(Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, 0.1, 0.5)), floor);
-    let lamp = b.add_material(emitter(20.0));
+    let lamp = b.add_material(emitter(24.0));
     b.add_object("lamp", square(1.2, 0.8, true), lamp);
     b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
     build(b)
