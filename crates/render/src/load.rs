@@ -60,12 +60,23 @@ impl ThreadClock {
 /// Processor time of this thread \[s\].
 fn processor_seconds() -> Option<f64> {
     #[cfg(unix)]
-    {
-        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)
-    }
+    return Some(seconds_of(rustix::time::ClockId::ThreadCPUTime));
     #[cfg(not(unix))]
     None
+}
+
+/// Processor time of all threads of this program \[s\]. `None` where the system has no clock of it.
+pub fn program_seconds() -> Option<f64> {
+    #[cfg(unix)]
+    return Some(seconds_of(rustix::time::ClockId::ProcessCPUTime));
+    #[cfg(not(unix))]
+    None
+}
+
+#[cfg(unix)]
+fn seconds_of(clock: rustix::time::ClockId) -> f64 {
+    let time = rustix::time::clock_gettime(clock);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
 #[cfg(test)]

@@ -15,8 +15,8 @@ use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
     Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeSettings, ExrImage, FilmInProgress, Forecast,
-    ImageOptions, InputFiles, InputRole, KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions,
-    RenderSettings, SavedFilm, SensorChoice, find_denoiser, find_sensor,
+    ImageOptions, InputFiles, KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings,
+    SavedFilm, SensorChoice, find_denoiser, find_sensor, program_seconds,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -26,9 +26,6 @@ use std::time::{Duration, Instant};
 
 /// The processor time of the program is measured over so many seconds of a render.
 const LOAD_SECONDS: f64 = 3.0;
-/// The longest account of a process \[bytes\]. It counts hundredths of a second, in the fields 14 and 15 (proc(5)).
-const MAX_ACCOUNT: u64 = 1 << 12;
-const TICKS_PER_SECOND: f64 = 100.0;
 /// Errors of a system that has too few file handles or too little memory for the moment, and the pause before the next load.
 const PASSING_ERRORS: [&str; 3] = ["(os error 23)", "(os error 24)", "(os error 12)"];
 const RETRY_AFTER: Duration = Duration::from_secs(3);
@@ -344,7 +341,7 @@ impl Watcher<'_> {
         if time.load.is_some_and(|[began, _]| seconds < began + LOAD_SECONDS) {
             return None;
         }
-        let used = processor_seconds()?;
+        let used = program_seconds()?;
         let [began, before] = time.load.replace([seconds, used])?;
         Some((used - before) / ((seconds - began) * self.shared.background.threads() as f64))
     }
@@ -566,16 +563,6 @@ pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
         live.render.stage = "film".into();
     });
     shared.wake.notify_all();
-}
-
-/// Processor time of this program \[s\]. `None` where the system does not report it.
-fn processor_seconds() -> Option<f64> {
-    let account = InputFiles::new().read(Path::new("/proc/self/stat"), InputRole::Report, MAX_ACCOUNT).ok()?;
-    // The name of the program, which may contain blanks, is in brackets before the third field.
-    let account = String::from_utf8_lossy(&account).into_owned();
-    let mut fields = account.rsplit_once(')')?.1.split_whitespace().skip(11);
-    let mut ticks = || fields.next()?.parse::<f64>().ok();
-    Some((ticks()? + ticks()?) / TICKS_PER_SECOND)
 }
 
 /// The present version of a file.
