@@ -1,16 +1,18 @@
 //! Linear Rec. 709 RGB triples.
 
+use dunkelfeld_lanes::{Lanes, Mask};
 use std::ops::{Add, AddAssign, Div, Index, Mul, MulAssign, Neg, Sub};
 
-/// Three linear Rec. 709 channels. The name of a value states its quantity (radiance, reflectance, throughput).
+/// Three linear Rec. 709 channels, of one number or of lanes. The name of a value states its quantity (radiance,
+/// reflectance, throughput).
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
-pub struct Rgb {
+pub struct Rgb<F = f32> {
     /// Red.
-    pub r: f32,
+    pub r: F,
     /// Green.
-    pub g: f32,
+    pub g: F,
     /// Blue.
-    pub b: f32,
+    pub b: F,
 }
 
 impl Rgb {
@@ -18,48 +20,6 @@ impl Rgb {
     pub const BLACK: Self = Self::splat(0.0);
     /// All channels one.
     pub const WHITE: Self = Self::splat(1.0);
-
-    /// A triple from its channels.
-    #[inline]
-    pub const fn new(r: f32, g: f32, b: f32) -> Self {
-        Self { r, g, b }
-    }
-
-    /// The same value in every channel.
-    #[inline]
-    pub const fn splat(v: f32) -> Self {
-        Self { r: v, g: v, b: v }
-    }
-
-    /// From an array in the order red, green, blue.
-    #[inline]
-    pub const fn from_array([r, g, b]: [f32; 3]) -> Self {
-        Self { r, g, b }
-    }
-
-    /// To an array in the order red, green, blue.
-    #[inline]
-    pub const fn to_array(self) -> [f32; 3] {
-        [self.r, self.g, self.b]
-    }
-
-    /// Relative luminance with the Rec. 709 weights (ITU-R BT.709).
-    #[inline]
-    pub fn luminance(self) -> f32 {
-        0.2126 * self.r + 0.7152 * self.g + 0.0722 * self.b
-    }
-
-    /// The largest channel.
-    #[inline]
-    pub fn max_channel(self) -> f32 {
-        self.r.max(self.g).max(self.b)
-    }
-
-    /// The mean of the channels.
-    #[inline]
-    pub fn mean(self) -> f32 {
-        (self.r + self.g + self.b) * (1.0 / 3.0)
-    }
 
     /// True if every channel is exactly zero.
     #[inline]
@@ -78,19 +38,83 @@ impl Rgb {
     pub fn map(self, f: impl Fn(f32) -> f32) -> Self {
         Self { r: f(self.r), g: f(self.g), b: f(self.b) }
     }
+}
+
+impl<F: Copy> Rgb<F> {
+    /// A triple from its channels.
+    #[inline(always)]
+    pub const fn new(r: F, g: F, b: F) -> Self {
+        Self { r, g, b }
+    }
+
+    /// The same value in every channel.
+    #[inline(always)]
+    pub const fn splat(v: F) -> Self {
+        Self { r: v, g: v, b: v }
+    }
+
+    /// From an array in the order red, green, blue.
+    #[inline(always)]
+    pub const fn from_array([r, g, b]: [F; 3]) -> Self {
+        Self { r, g, b }
+    }
+
+    /// To an array in the order red, green, blue.
+    #[inline(always)]
+    pub const fn to_array(self) -> [F; 3] {
+        [self.r, self.g, self.b]
+    }
+}
+
+impl<F: Lanes> Rgb<F> {
+    /// The same colour in all lanes.
+    #[inline(always)]
+    pub fn in_lanes(token: F::Token, c: Rgb) -> Self {
+        Self::new(F::splat(token, c.r), F::splat(token, c.g), F::splat(token, c.b))
+    }
+
+    /// Relative luminance with the Rec. 709 weights (ITU-R BT.709).
+    #[inline(always)]
+    pub fn luminance(self) -> F {
+        self.r * 0.2126 + self.g * 0.7152 + self.b * 0.0722
+    }
+
+    /// The largest channel.
+    #[inline(always)]
+    pub fn max_channel(self) -> F {
+        self.r.max(self.g).max(self.b)
+    }
+
+    /// The mean of the channels.
+    #[inline(always)]
+    pub fn mean(self) -> F {
+        (self.r + self.g + self.b) * (1.0 / 3.0)
+    }
 
     /// `self * (1 - t) + other * t`.
-    #[inline]
-    pub fn lerp(self, other: Self, t: f32) -> Self {
-        self * (1.0 - t) + other * t
+    #[inline(always)]
+    pub fn lerp(self, other: Self, t: F) -> Self {
+        self * t.one_minus() + other * t
+    }
+
+    /// `yes` in the lanes that are true, `no` in the others.
+    #[inline(always)]
+    pub fn select(mask: F::Mask, yes: Self, no: Self) -> Self {
+        Self::new(mask.select(yes.r, no.r), mask.select(yes.g, no.g), mask.select(yes.b, no.b))
+    }
+
+    /// The lanes in which some channel is above zero.
+    #[inline(always)]
+    pub fn is_lit(self) -> F::Mask {
+        self.r.is_positive() | self.g.is_positive() | self.b.is_positive()
     }
 }
 
 macro_rules! channelwise {
     ($trait:ident, $method:ident, $op:tt) => {
-        impl $trait for Rgb {
+        impl<F: Lanes> $trait for Rgb<F> {
             type Output = Self;
-            #[inline]
+            #[inline(always)]
             fn $method(self, o: Self) -> Self {
                 Self { r: self.r $op o.r, g: self.g $op o.g, b: self.b $op o.b }
             }
@@ -102,10 +126,10 @@ channelwise!(Sub, sub, -);
 channelwise!(Mul, mul, *);
 channelwise!(Div, div, /);
 
-impl Mul<f32> for Rgb {
+impl<F: Lanes> Mul<F> for Rgb<F> {
     type Output = Self;
-    #[inline]
-    fn mul(self, s: f32) -> Self {
+    #[inline(always)]
+    fn mul(self, s: F) -> Self {
         Self { r: self.r * s, g: self.g * s, b: self.b * s }
     }
 }
@@ -118,39 +142,39 @@ impl Mul<Rgb> for f32 {
     }
 }
 
-impl Div<f32> for Rgb {
+impl<F: Lanes> Div<F> for Rgb<F> {
     type Output = Self;
-    #[inline]
-    fn div(self, s: f32) -> Self {
-        self * (1.0 / s)
+    #[inline(always)]
+    fn div(self, s: F) -> Self {
+        self * s.recip()
     }
 }
 
-impl Neg for Rgb {
+impl<F: Lanes> Neg for Rgb<F> {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn neg(self) -> Self {
-        self * -1.0
+        Self { r: -self.r, g: -self.g, b: -self.b }
     }
 }
 
-impl AddAssign for Rgb {
-    #[inline]
+impl<F: Lanes> AddAssign for Rgb<F> {
+    #[inline(always)]
     fn add_assign(&mut self, o: Self) {
         *self = *self + o;
     }
 }
 
-impl MulAssign for Rgb {
-    #[inline]
+impl<F: Lanes> MulAssign for Rgb<F> {
+    #[inline(always)]
     fn mul_assign(&mut self, o: Self) {
         *self = *self * o;
     }
 }
 
-impl MulAssign<f32> for Rgb {
-    #[inline]
-    fn mul_assign(&mut self, s: f32) {
+impl<F: Lanes> MulAssign<F> for Rgb<F> {
+    #[inline(always)]
+    fn mul_assign(&mut self, s: F) {
         *self = *self * s;
     }
 }

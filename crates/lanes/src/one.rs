@@ -1,0 +1,146 @@
+//! One lane: plain numbers.
+
+use crate::{Lanes, Mask, Word};
+use std::ops::{Add, BitAnd, BitOr, BitXor, Mul, Shl, Shr, Sub};
+
+/// A wrapping integer of one lane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct One(pub u32);
+
+macro_rules! operators {
+    ($($trait:ident $method:ident $op:expr;)*) => {$(
+        impl $trait for One {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self($op(self.0, other.0))
+            }
+        }
+        impl $trait<u32> for One {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: u32) -> Self {
+                Self($op(self.0, other))
+            }
+        }
+    )*};
+}
+operators! {
+    Add add u32::wrapping_add;
+    Sub sub u32::wrapping_sub;
+    Mul mul u32::wrapping_mul;
+    BitXor bitxor |a, b| a ^ b;
+    BitAnd bitand |a, b| a & b;
+    BitOr bitor |a, b| a | b;
+}
+
+impl Shl<u32> for One {
+    type Output = Self;
+    #[inline(always)]
+    fn shl(self, bits: u32) -> Self {
+        Self(self.0 << bits)
+    }
+}
+
+impl Shr<u32> for One {
+    type Output = Self;
+    #[inline(always)]
+    fn shr(self, bits: u32) -> Self {
+        Self(self.0 >> bits)
+    }
+}
+
+impl Word for One {}
+
+impl Mask<f32> for bool {
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        u32::from(self)
+    }
+    #[inline(always)]
+    fn select(self, yes: f32, no: f32) -> f32 {
+        if self { yes } else { no }
+    }
+}
+
+impl Lanes for f32 {
+    const WIDTH: usize = 1;
+    type Token = ();
+    type Mask = bool;
+    type Word = One;
+
+    #[inline(always)]
+    fn splat((): (), x: f32) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn token(self) {}
+    #[inline(always)]
+    fn load((): (), from: &[f32]) -> Self {
+        from[0]
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        to[0] = self;
+    }
+    #[inline(always)]
+    fn load_word((): (), from: &[u32]) -> One {
+        One(from[0])
+    }
+    #[inline(always)]
+    fn store_word(word: One, to: &mut [u32]) {
+        to[0] = word.0;
+    }
+    #[inline(always)]
+    fn splat_word((): (), x: u32) -> One {
+        One(x)
+    }
+    #[inline(always)]
+    fn mask((): (), bits: u32) -> bool {
+        bits & 1 == 1
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        f32::sqrt(self)
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        f32::abs(self)
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        if self < other { self } else { other }
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        if self > other { self } else { other }
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> bool {
+        self < other
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> bool {
+        self <= other
+    }
+    #[inline(always)]
+    fn eq(self, other: Self) -> bool {
+        self == other
+    }
+    #[inline(always)]
+    fn to_bits(self) -> One {
+        One(f32::to_bits(self))
+    }
+    #[inline(always)]
+    fn from_bits(bits: One) -> Self {
+        f32::from_bits(bits.0)
+    }
+    #[inline(always)]
+    fn from_word(word: One) -> Self {
+        word.0 as i32 as f32
+    }
+    #[inline(always)]
+    fn word_eq(a: One, b: One) -> bool {
+        a.0 == b.0
+    }
+}

@@ -1,0 +1,150 @@
+//! Vectors of three numbers per lane.
+
+use crate::{Lanes, MAX_WIDTH, Mask};
+use glam::Vec3;
+use std::ops::{Add, AddAssign, Mul, Neg, Sub};
+
+/// A vector per lane: three arrays of lanes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct V3<F> {
+    /// First coordinate.
+    pub x: F,
+    /// Second coordinate.
+    pub y: F,
+    /// Third coordinate.
+    pub z: F,
+}
+
+impl<F> V3<F> {
+    /// From its coordinates.
+    #[inline(always)]
+    pub fn new(x: F, y: F, z: F) -> Self {
+        Self { x, y, z }
+    }
+}
+
+impl From<Vec3> for V3<f32> {
+    #[inline(always)]
+    fn from(v: Vec3) -> Self {
+        Self::new(v.x, v.y, v.z)
+    }
+}
+
+impl From<V3<f32>> for Vec3 {
+    #[inline(always)]
+    fn from(v: V3<f32>) -> Self {
+        Self::new(v.x, v.y, v.z)
+    }
+}
+
+impl<F: Lanes> V3<F> {
+    /// The same vector in all lanes.
+    #[inline(always)]
+    pub fn splat(token: F::Token, v: Vec3) -> Self {
+        Self::new(F::splat(token, v.x), F::splat(token, v.y), F::splat(token, v.z))
+    }
+    /// The vector of each lane.
+    #[inline(always)]
+    pub fn from_lanes(token: F::Token, lanes: &[Vec3; MAX_WIDTH]) -> Self {
+        let [mut x, mut y, mut z] = [[0.0; MAX_WIDTH]; 3];
+        for lane in 0..F::WIDTH {
+            [x[lane], y[lane], z[lane]] = lanes[lane].to_array();
+        }
+        Self::new(F::load(token, &x), F::load(token, &y), F::load(token, &z))
+    }
+    /// The vectors, one for each lane; zero beyond the last lane.
+    #[inline(always)]
+    pub fn to_lanes(self) -> [Vec3; MAX_WIDTH] {
+        let (x, y, z) = (self.x.to_array(), self.y.to_array(), self.z.to_array());
+        let mut lanes = [Vec3::ZERO; MAX_WIDTH];
+        for lane in 0..F::WIDTH {
+            lanes[lane] = Vec3::new(x[lane], y[lane], z[lane]);
+        }
+        lanes
+    }
+    /// Dot product, summed in the order x, y, z.
+    #[inline(always)]
+    pub fn dot(self, o: Self) -> F {
+        self.x * o.x + self.y * o.y + self.z * o.z
+    }
+    /// Cross product.
+    #[inline(always)]
+    pub fn cross(self, o: Self) -> Self {
+        Self::new(self.y * o.z - self.z * o.y, self.z * o.x - self.x * o.z, self.x * o.y - self.y * o.x)
+    }
+    /// Absolute values of the coordinates.
+    #[inline(always)]
+    pub fn abs(self) -> Self {
+        Self::new(self.x.abs(), self.y.abs(), self.z.abs())
+    }
+    /// The largest coordinate.
+    #[inline(always)]
+    pub fn max_element(self) -> F {
+        self.x.max(self.y).max(self.z)
+    }
+    /// Square of the length.
+    #[inline(always)]
+    pub fn length_squared(self) -> F {
+        self.dot(self)
+    }
+    /// Length.
+    #[inline(always)]
+    pub fn length(self) -> F {
+        self.dot(self).sqrt()
+    }
+    /// The unit vector of the same direction. Not finite for a vector of length zero.
+    #[inline(always)]
+    pub fn normalize(self) -> Self {
+        self * self.length().recip()
+    }
+    /// The unit vector of the same direction; `other` where the length is zero or not finite.
+    #[inline(always)]
+    pub fn normalize_or(self, other: Self) -> Self {
+        let inverse = self.length().recip();
+        Self::select(inverse.is_positive() & inverse.is_finite(), self * inverse, other)
+    }
+    /// `yes` in the lanes that are true, `no` in the others.
+    #[inline(always)]
+    pub fn select(mask: F::Mask, yes: Self, no: Self) -> Self {
+        Self::new(mask.select(yes.x, no.x), mask.select(yes.y, no.y), mask.select(yes.z, no.z))
+    }
+}
+
+impl<F: Lanes> Add for V3<F> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        Self::new(self.x + o.x, self.y + o.y, self.z + o.z)
+    }
+}
+
+impl<F: Lanes> Sub for V3<F> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, o: Self) -> Self {
+        Self::new(self.x - o.x, self.y - o.y, self.z - o.z)
+    }
+}
+
+impl<F: Lanes> Mul<F> for V3<F> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, s: F) -> Self {
+        Self::new(self.x * s, self.y * s, self.z * s)
+    }
+}
+
+impl<F: Lanes> Neg for V3<F> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self::new(-self.x, -self.y, -self.z)
+    }
+}
+
+impl<F: Lanes> AddAssign for V3<F> {
+    #[inline(always)]
+    fn add_assign(&mut self, o: Self) {
+        *self = *self + o;
+    }
+}

@@ -1,0 +1,127 @@
+//! Errors of the elementary functions against f64, and the same bits at all widths.
+
+use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, atan2, cos_sin_of_turn, dispatch, exp, ln, pow};
+use rand_core::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+const COUNT: usize = 400_000;
+
+/// Evenly distributed numbers.
+fn numbers(low: f64, high: f64, seed: u64) -> Vec<f32> {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    (0..COUNT).map(|_| (low + (high - low) * (f64::from(rng.next_u32()) / 4_294_967_296.0)) as f32).collect()
+}
+
+#[test]
+fn sine_and_cosine_of_a_turn() {
+    for turn in numbers(-2.0, 2.0, 1).into_iter().chain([0.0, -0.0, 0.25, 0.125, -0.5, 1.0, 2.0]) {
+        let (c, s) = cos_sin_of_turn(turn);
+        let (sin, cos) = (f64::from(turn) * std::f64::consts::TAU).sin_cos();
+        let (dc, ds) = ((f64::from(c) - cos).abs(), (f64::from(s) - sin).abs());
+        assert!(dc < 1.3e-7 && ds < 1.3e-7, "turn {turn}: {dc:e} {ds:e}");
+    }
+}
+
+#[test]
+fn arc_tangent() {
+    for (y, x) in numbers(-1.0, 1.0, 2).into_iter().zip(numbers(-1.0, 1.0, 3)) {
+        for scale in [1.0, 1e-3, 1e-7] {
+            let (exact, found) = (f64::from(y * scale).atan2(x.into()), f64::from(atan2(y * scale, x)));
+            assert!((found - exact).abs() < 4e-7 * exact.abs(), "atan2({}, {x}): {found} {exact}", y * scale);
+        }
+    }
+    assert_eq!(atan2(0.0, 1.0), 0.0);
+    assert_eq!(atan2(0.0, 0.0), 0.0);
+    assert_eq!(atan2(0.0, -1.0), std::f32::consts::PI);
+    assert_eq!(atan2(-1.0, 0.0), -std::f32::consts::FRAC_PI_2);
+}
+
+#[test]
+fn exponential_and_logarithm() {
+    for x in numbers(-86.9, 87.9, 4) {
+        let relative = f64::from(exp(x)) / f64::from(x).exp() - 1.0;
+        assert!(relative.abs() < 2e-7, "exp({x}): {relative:e}");
+        let y = exp(x);
+        let (exact, found) = (f64::from(y).ln(), f64::from(ln(y)));
+        assert!((found - exact).abs() < 2e-7 * exact.abs().max(1.0), "ln({y}): {found} {exact}");
+    }
+    assert_eq!((exp(0.0), ln(1.0), exp(-200.0)), (1.0, 0.0, 0.0));
+    for (x, y) in numbers(0.001, 1.0, 5).into_iter().zip(numbers(0.0, 10.0, 6)) {
+        let exact = f64::from(x).powf(y.into());
+        let relative = f64::from(pow(x, y)) / exact - 1.0;
+        assert!(relative.abs() < 2e-7 * (1.0 - exact.ln()), "{x}^{y}: {relative:e}");
+    }
+}
+
+/// Results of all operations for the lanes of `a` and `b`.
+#[inline(always)]
+fn results<F: Lanes>(token: F::Token, a: &[f32; MAX_WIDTH], b: &[f32; MAX_WIDTH], out: &mut [[f32; MAX_WIDTH]; 24]) {
+    for at in (0..MAX_WIDTH).step_by(F::WIDTH) {
+        let (a, b) = (F::load(token, &a[at..]), F::load(token, &b[at..]));
+        let (c, s) = cos_sin_of_turn(a);
+        let all = [
+            a + b,
+            a - b,
+            a * b,
+            a / b,
+            -a,
+            a + 1.5,
+            a.sqrt(),
+            a.abs(),
+            a.min(b),
+            a.max(b),
+            a.lt(b).select(a, b),
+            a.le(b).select(b, a),
+            a.eq(b).select(a, -b),
+            a.copysign(b),
+            a.round(),
+            a.floor(),
+            F::from_word(a.to_bits() >> 1),
+            F::from_bits((a.to_bits() * 7 + b.to_bits()) ^ 0x55),
+            c,
+            s,
+            atan2(a, b),
+            exp(a),
+            ln(b.abs()),
+            F::mask(token, 0b0110_1001_1100_0101).select(a, b),
+        ];
+        for (row, value) in out.iter_mut().zip(all) {
+            value.store(&mut row[at..]);
+        }
+    }
+}
+
+#[test]
+fn all_widths_have_the_same_bits() {
+    let mut special = vec![0.0, -0.0, 1.0, -1.0, f32::INFINITY, f32::NEG_INFINITY, f32::NAN, f32::MIN_POSITIVE, 1e-40];
+    special.extend(numbers(-3.0, 3.0, 7).into_iter().take(2000));
+    let mut other = special.clone();
+    other.rotate_left(5);
+    for (a, b) in special.chunks_exact(MAX_WIDTH).zip(other.chunks_exact(MAX_WIDTH)) {
+        let (a, b) = (a.try_into().unwrap(), b.try_into().unwrap());
+        let of = |set: InstructionSet| {
+            let mut out = [[0.0; MAX_WIDTH]; 24];
+            dispatch!(set, F, token => results::<F>(token, a, b, &mut out));
+            // The sign of a NaN is not part of a result. A mask of one lane repeats its first bit.
+            let bits = |x: f32| if x.is_nan() { f32::NAN.to_bits() } else { x.to_bits() };
+            out[..23].iter().map(|row| row.map(bits)).collect::<Vec<_>>()
+        };
+        let reference = of(InstructionSet::Scalar);
+        for set in InstructionSet::all() {
+            for (index, (found, expected)) in of(set).iter().zip(&reference).enumerate() {
+                assert_eq!(found, expected, "operation {index} with {set:?}, {a:?}, {b:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn masks_have_their_bits() {
+    for set in InstructionSet::all() {
+        let bits = dispatch!(set, F, token => F::mask(token, 0b1010_0110_0101_1010).bits());
+        assert_eq!(bits, 0b1010_0110_0101_1010 & ((1 << set.lanes()) - 1));
+        let mut found = Vec::new();
+        dispatch!(set, F, token => F::mask(token, 0b1010_0110_0101_1010).each(#[inline(always)] |lane| found.push(lane)));
+        assert_eq!(found, (0..set.lanes()).filter(|lane| 0b1010_0110_0101_1010 >> lane & 1 == 1).collect::<Vec<_>>());
+    }
+}
