@@ -47,6 +47,20 @@ impl Lobe {
     }
 }
 
+impl Lobe {
+    /// The properties as a number, a bit for each.
+    #[inline]
+    pub const fn bits(self) -> u32 {
+        self.0 as u32
+    }
+
+    /// The inverse of [`Self::bits`].
+    #[inline]
+    pub const fn from_bits(bits: u32) -> Self {
+        Self(bits as u8)
+    }
+}
+
 impl BitOr for Lobe {
     type Output = Self;
     #[inline]

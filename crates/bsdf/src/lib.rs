@@ -32,6 +32,7 @@ pub mod specular;
 pub mod thin;
 pub mod translucent;
 pub mod transmission;
+mod view;
 
 pub use bsdf::Bsdf;
 pub use bsdf_sample::{BsdfSample, Lobe};
@@ -40,3 +41,4 @@ pub use phase::HenyeyGreenstein;
 pub use principled::{Principled, PrincipledModel, PrincipledParams};
 pub use thin::ThinSheet;
 pub use translucent::Translucent;
+pub use view::{BsdfSamples, View};

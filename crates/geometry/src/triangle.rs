@@ -11,6 +11,7 @@
 //! hit near the end of a ray is also decided in f64: a shadow ray that ends just before a light, almost parallel to it,
 //! must not hit that light.
 
+use dunkelfeld_lanes::{Lanes, Mask, V3};
 use glam::{DVec3, Vec3};
 
 use crate::Ray;
@@ -192,22 +193,30 @@ pub fn hit_point(corners: &[Vec3; 3], b1: f32, b2: f32) -> (Vec3, Vec3) {
 /// If `direction` lies in the surface, the side is that of the normal.
 #[inline]
 pub fn offset_ray_origin(p: Vec3, p_error: Vec3, geometric_normal: Vec3, direction: Vec3) -> Vec3 {
-    let n = if direction.dot(geometric_normal) < 0.0 { -geometric_normal } else { geometric_normal };
+    offset_ray_origins::<f32>(p.into(), p_error.into(), geometric_normal.into(), direction.into()).into()
+}
+
+/// [`offset_ray_origin`] in lanes.
+#[inline(always)]
+pub fn offset_ray_origins<F: Lanes>(p: V3<F>, p_error: V3<F>, geometric_normal: V3<F>, direction: V3<F>) -> V3<F> {
+    let is_behind = direction.dot(geometric_normal).lt(p.x.constant(0.0));
+    let n = V3::select(is_behind, -geometric_normal, geometric_normal);
     // The factor covers the rounding error of the length of n.
     let offset = n * (n.abs().dot(p_error) * (1.0 + 8.0 * UNIT_ROUNDOFF));
     let moved = p + offset;
-    Vec3::new(away(moved.x, offset.x), away(moved.y, offset.y), away(moved.z, offset.z))
+    V3::new(away(moved.x, offset.x), away(moved.y, offset.y), away(moved.z, offset.z))
 }
 
 /// The next number after `x` in the direction of the sign of `by`; `x` itself if `by` is zero. It has no branches,
 /// because the direction is unpredictable where rays leave a surface.
-#[inline]
-fn away(x: f32, by: f32) -> f32 {
+#[inline(always)]
+fn away<F: Lanes>(x: F, by: F) -> F {
+    let zero = x.constant(0.0);
     // Bit patterns of one sign are ordered like the magnitudes. Zero steps to the smallest number of the sign of `by`.
-    let outward = (x.to_bits() ^ by.to_bits()) >> 31 == 0;
-    let stepped = x.to_bits().wrapping_add(if outward { 1 } else { u32::MAX });
-    let stepped = if x == 0.0 { (by.to_bits() & (1 << 31)) | 1 } else { stepped };
-    f32::from_bits(if by == 0.0 { x.to_bits() } else { stepped })
+    let inward = (x.to_bits() ^ by.to_bits()) >> 31;
+    let stepped = F::from_bits(x.to_bits() + 1 - (inward << 1));
+    let stepped = x.eq(zero).select(F::from_bits((by.to_bits() & (1 << 31)) | 1), stepped);
+    by.eq(zero).select(x, stepped)
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use crate::learned_roulette::VertexRoulette;
 use crate::mnee::SpecularPrefix;
 use crate::recorder::Recorder;
 use crate::vertex::Vertex;
+use dunkelfeld_lanes::{Lanes, Mask};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Features, LightChoice, LightSample, LightSampleContext, Scene};
 
@@ -48,13 +49,10 @@ pub(crate) enum ShadowRoulette<'a> {
 }
 
 impl ShadowRoulette<'_> {
-    /// The roulette applies to contributions below this share of the gathered radiance f. It adds no more than (f /
+    /// The roulette of [`Self::Gathered`] applies to contributions below this share of the gathered radiance f. It adds no more than (f /
     /// 32)^2 / 4 to the variance of a sample, which is little also where light is smooth. A limit at f itself would
     /// more than double the noise of matt rooms.
-    const THRESHOLD: f32 = 1.0 / 32.0;
-
-    /// Smallest survival probability. It limits the weight of a sample.
-    const MIN_SURVIVAL: f32 = 1.0 / 16.0;
+    pub(crate) const THRESHOLD: f32 = 1.0 / 32.0;
 
     /// The roulette for a path with the given `throughput` and the radiance `gathered` \[W/(m^2 sr)\] that it has
     /// gathered before this vertex.
@@ -72,12 +70,7 @@ impl ShadowRoulette<'_> {
     pub(crate) fn shadow_survival(&self, light: Rgb) -> Option<f32> {
         let (survival, u) = match *self {
             Self::Off => return Some(1.0),
-            Self::Gathered { scale, u } => {
-                let relative = scale * light.max_channel();
-                // Samples that are not a number survive, so that the film can count them.
-                let is_below = relative < 1.0;
-                (if is_below { relative.max(Self::MIN_SURVIVAL) } else { 1.0 }, u)
-            }
+            Self::Gathered { scale, u } => (gathered_survival(scale * light.max_channel()), u),
             Self::Learned { vertex, index, throughput, u } => {
                 (vertex.shadow_survival(index, throughput * light.max_channel()), u)
             }
@@ -114,8 +107,7 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
     if unoccluded.is_black() {
         return Rgb::BLACK;
     }
-    let mis_weight = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
-    let expected = unoccluded * (mis_weight / light.pdf);
+    let expected = unoccluded * light_weight(light.pdf, pdf, light.is_delta);
     let Some(survival) = roulette.shadow_survival(expected) else { return Rgb::BLACK };
     let shadow_start = at.spawn_ray(light.direction);
     let ray = scene
@@ -130,57 +122,28 @@ pub(crate) fn estimate<F: Features, V: Vertex>(
     if F::SOLIDS { arriving * transmittance } else { arriving }
 }
 
-/// The power heuristic with exponent 2 (Veach & Guibas 1995): the weight of the technique with the density `pdf`.
-#[inline]
-pub(crate) fn power_heuristic(pdf: f32, other_pdf: f32) -> f32 {
-    if pdf.is_infinite() {
-        return 1.0;
-    }
-    // A ratio, so that squares of large densities do not overflow.
-    let ratio = other_pdf / pdf;
-    1.0 / (1.0 + ratio * ratio)
+/// Factor on the light of a light sample with the density `light_pdf`: the MIS weight over the density. `pdf` is the
+/// density with which scattering draws its direction; it draws no direction to a light without extent.
+#[inline(always)]
+pub(crate) fn light_weight<F: Lanes>(light_pdf: F, pdf: F, is_delta: F::Mask) -> F {
+    is_delta.select(pdf.constant(1.0), power_heuristic(light_pdf, pdf)) / light_pdf
 }
 
-#[cfg(test)]
-mod tests {
-    use super::{ShadowRoulette, power_heuristic};
-    use dunkelfeld_radiometry::Rgb;
+/// The survival probability of a light sample with a contribution of `relative` times the limit
+/// ([`ShadowRoulette::Gathered`]). Samples that are not a number survive, so that the film can count them.
+#[inline(always)]
+pub(crate) fn gathered_survival<F: Lanes>(relative: F) -> F {
+    /// It limits the weight of a sample.
+    const MIN_SURVIVAL: f32 = 1.0 / 16.0;
+    let one = relative.constant(1.0);
+    relative.lt(one).select(relative.max(relative.constant(MIN_SURVIVAL)), one)
+}
 
-    #[test]
-    fn a_light_sample_survives_in_proportion_to_its_contribution() {
-        let survival = |throughput, gathered, light, u| {
-            ShadowRoulette::from_gathered(Rgb::splat(throughput), Rgb::splat(gathered), || u)
-                .shadow_survival(Rgb::splat(light))
-        };
-        // A 32nd of the gathered radiance or more: certain survival. Nothing gathered yet: certain survival.
-        for u in [0.0, 0.5, 0.99] {
-            assert_eq!(survival(0.5, 64.0, 4.0, u), Some(1.0));
-            assert_eq!(survival(0.5, 64.0, 400.0, u), Some(1.0));
-            assert_eq!(survival(0.5, 0.0, 1e-9, u), Some(1.0));
-        }
-        // A quarter of that limit: survival for a quarter of the numbers.
-        assert_eq!(survival(0.5, 64.0, 1.0, 0.24), Some(0.25));
-        assert_eq!(survival(0.5, 64.0, 1.0, 0.26), None);
-        // Values that are not a number survive.
-        for (gathered, light) in
-            [(64.0, f32::NAN), (1e-42, 0.0), (f32::NAN, 1.0), (f32::INFINITY, 1.0), (64.0, f32::INFINITY)]
-        {
-            assert_eq!(survival(0.5, gathered, light, 0.99), Some(1.0), "{gathered} {light}");
-        }
-        // Contributions near zero and of exactly zero survive with the smallest probability.
-        for light in [1e-9, 0.0] {
-            assert_eq!(survival(0.5, 2.0, light, 0.06), Some(ShadowRoulette::MIN_SURVIVAL));
-            assert_eq!(survival(0.5, 2.0, light, 0.07), None);
-        }
-    }
-
-    #[test]
-    fn the_mis_weights_of_two_techniques_sum_to_one() {
-        for (a, b) in [(1.0, 2.0), (1e-20, 1e20), (3e30, 2e30), (5.0, 0.0)] {
-            let sum = power_heuristic(a, b) + power_heuristic(b, a);
-            assert!((sum - 1.0).abs() < 1e-6 || b == 0.0, "{a} and {b} sum to {sum}");
-        }
-        assert_eq!(power_heuristic(5.0, 0.0), 1.0);
-        assert!((power_heuristic(2.0, 1.0) - 0.8).abs() < 1e-6);
-    }
+/// The power heuristic with exponent 2 (Veach & Guibas 1995): the weight of the technique with the density `pdf`.
+#[inline(always)]
+pub(crate) fn power_heuristic<F: Lanes>(pdf: F, other_pdf: F) -> F {
+    let one = pdf.constant(1.0);
+    // A ratio, so that squares of large densities do not overflow.
+    let ratio = other_pdf / pdf;
+    pdf.eq(pdf.constant(f32::INFINITY)).select(one, one / (ratio * ratio + 1.0))
 }

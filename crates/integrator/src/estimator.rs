@@ -5,6 +5,7 @@ use crate::dispatch::trace_path;
 use crate::learned_roulette::LearnedRoulette;
 use crate::recorder::{ConnectionTally, PathTrace, Recorder};
 use dunkelfeld_film::Sample;
+use dunkelfeld_geometry::Ray;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{CameraRay, Moment, RayGenerator, Scene};
 
@@ -44,23 +45,34 @@ impl Estimator<'_> {
     /// unchanged, and the film counts it.
     #[inline]
     pub fn sample(&self, at: PixelSample) -> Sample {
-        self.run(at, &mut ConnectionTally::default())
+        self.run(at, ()).0
     }
 
     /// The same sample. Also counts the connections through covers that it attempted.
     #[inline]
     pub fn sample_counting(&self, at: PixelSample, tally: &mut ConnectionTally) -> Sample {
-        self.run(at, tally)
+        let (sample, counted) = self.run(at, *tally);
+        *tally = counted;
+        sample
     }
 
     /// The same sample, with a record of its path vertex by vertex.
     pub fn trace(&self, at: PixelSample) -> (Sample, PathTrace) {
-        let mut trace = PathTrace::default();
-        let sample = self.run(at, &mut trace);
-        (sample, trace)
+        self.run(at, PathTrace::default())
     }
 
-    fn run(&self, at: PixelSample, recorder: &mut impl Recorder) -> Sample {
+    fn run<R: Recorder>(&self, at: PixelSample, recorder: R) -> (Sample, R) {
+        let CameraSample { sampler, ray, weight, start } = self.camera_sample(at);
+        // The path, and the sample for the film.
+        let (sample, mut recorder) = trace_path(self.scene, self.roulette, ray, sampler, recorder);
+        // The lens scales the radiance, for example by vignetting.
+        recorder.scale(weight);
+        (weighted(&sample, weight, start), recorder)
+    }
+
+    /// The ray of a sample, and its random numbers.
+    #[inline]
+    pub(crate) fn camera_sample(&self, at: PixelSample) -> CameraSample {
         // All random numbers of this sample come from this sampler.
         let sampler = Sampler::new(self.seed, self.frame, at.y * self.width + at.x, at.index);
         // A uniform place in the pixel: the box filter of a sensor that integrates over its pixel.
@@ -73,11 +85,24 @@ impl Estimator<'_> {
         // The ray from the film through the lens into the scene. A pinhole needs no place on the lens.
         let lens = self.camera.has_aperture().then(|| sampler.get_2d(dimensions::LENS));
         let CameraRay { ray, weight, start } = self.camera.camera_ray(at.x as f32 + dx, y, lens);
-        // The path, and the sample for the film.
-        let sample = trace_path(self.scene, self.roulette, ray.at_time(time), &sampler, recorder);
-        // The lens scales the radiance, for example by vignetting.
-        recorder.scale(weight);
-        let depth = if sample.hit { start + sample.depth } else { sample.depth };
-        Sample { radiance: sample.radiance * weight, depth, ..sample }
+        CameraSample { sampler, ray: ray.at_time(time), weight, start }
     }
+}
+
+/// The ray of a sample.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CameraSample {
+    pub(crate) sampler: Sampler,
+    pub(crate) ray: Ray,
+    /// Factor on the radiance.
+    pub(crate) weight: f32,
+    /// Distance from the camera to the origin of the ray \[m\].
+    pub(crate) start: f32,
+}
+
+/// A sample of a camera ray as that of the film.
+#[inline]
+pub(crate) fn weighted(sample: &Sample, weight: f32, start: f32) -> Sample {
+    let depth = if sample.hit { start + sample.depth } else { sample.depth };
+    Sample { radiance: sample.radiance * weight, depth, ..*sample }
 }

@@ -14,11 +14,14 @@ mod path;
 mod pixel_ids;
 mod ray_state;
 mod recorder;
+mod scatterer;
 mod training;
 mod vertex;
+mod wavefront;
 
 pub use estimator::{Estimator, PixelSample};
 pub use learned_roulette::LearnedRoulette;
 pub use pixel_ids::{Crossing, Passage, PixelIds, crossings, pixel_ids};
 pub use recorder::{ConnectionTally, PathTrace, TraceConnection, TraceScattering, TraceVertex};
 pub use training::TrainingBatch;
+pub use wavefront::Wavefront;

@@ -10,10 +10,13 @@ use crate::recorder::Recorder;
 use crate::vertex::{MediumVertex, SurfaceVertex, Vertex};
 use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_film::Sample;
-use dunkelfeld_geometry::Ray;
+use dunkelfeld_geometry::{Ray, Vec3};
+use dunkelfeld_lanes::Lanes;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{Features, Interface, LightChoice, MediumEvent, Scene, SurfacePoint};
+use dunkelfeld_scene::{
+    Features, Interface, LightChoice, LightSampleContext, MediumEvent, Scene, SurfacePoint,
+};
 use std::marker::PhantomData;
 
 /// From this bounce at a surface on the survival probability is below one, also for a path without any loss. So light
@@ -33,16 +36,17 @@ const CHECK_EVERY: u32 = 4096;
 /// costs a tenth more time (`validation/README.md`).
 const RR_SCALE: f32 = 3.0;
 
-/// Estimates the radiance along a camera ray. The estimate is unbiased. The length of the path is not bounded.
+/// Estimates the radiance along a camera ray. The estimate is unbiased. The length of the path is not bounded. Returns
+/// the recorder with its sample.
 // Never inlined: the instances share one caller, which must stay small.
 #[inline(never)]
-pub(crate) fn trace_path<F: Features>(
+pub(crate) fn trace_path<F: Features, R: Recorder>(
     scene: &Scene,
     roulette: Option<&LearnedRoulette>,
     ray: Ray,
-    sampler: &Sampler,
-    recorder: &mut impl Recorder,
-) -> Sample {
+    sampler: Sampler,
+    recorder: R,
+) -> (Sample, R) {
     let mut path = Path::<F, _>::new(scene, roulette, ray, sampler, recorder);
     for vertex in 0.. {
         // Storage for the interface and the BSDF of this vertex, for vertices that need their own.
@@ -70,49 +74,51 @@ pub(crate) fn trace_path<F: Features>(
         };
         let at = SurfaceVertex::<F>::new(scene, path.ray_state, hit, u_kind, &mut bsdf);
         // Emission of the surface, then next-event estimation, then a new direction.
-        path.add_emission(&at);
+        path.recorder.vertex(at.hit.surface.point.to_array(), Some(at.shading.material), path.throughput);
+        path.add_emission(&at.hit.surface);
         if !path.scatter(&at, vertex) {
             break;
         }
     }
-    path.sample
+    (path.sample, path.recorder)
 }
 
 /// The state of a path.
-struct Path<'a, F, R> {
-    scene: &'a Scene,
-    roulette: Option<&'a LearnedRoulette>,
+#[derive(Debug)]
+pub(crate) struct Path<'a, F, R> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) roulette: Option<&'a LearnedRoulette>,
     /// Scale of the learned survival probabilities; `None` before the first surface with statistics.
-    gain_scale: Option<f32>,
-    sampler: &'a Sampler,
-    recorder: &'a mut R,
-    ray_state: RayState,
+    pub(crate) gain_scale: Option<f32>,
+    pub(crate) sampler: Sampler,
+    pub(crate) recorder: R,
+    pub(crate) ray_state: RayState,
     /// Path throughput: the weight of all further contributions.
-    throughput: Rgb,
+    pub(crate) throughput: Rgb,
     /// Change of radiance by refraction (the factor eta^2). Russian roulette must not treat it as loss.
-    eta_scale: f32,
+    pub(crate) eta_scale: f32,
     /// Number of scatterings at surfaces.
-    bounces: u32,
+    pub(crate) bounces: u32,
     /// Number of vertices with light samples so far.
-    light_vertices: u32,
+    pub(crate) light_vertices: u32,
     /// Distance from the camera along the path \[m\].
-    path_length: f32,
+    pub(crate) path_length: f32,
     /// True while the path has hit only smooth glass and mirrors. The auxiliary layers describe the surface behind
     /// them.
-    only_specular: bool,
-    last: Option<LastScatter>,
-    sample: Sample,
+    pub(crate) only_specular: bool,
+    pub(crate) last: Option<LastScatter>,
+    pub(crate) sample: Sample,
     features: PhantomData<F>,
 }
 
 impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     #[inline]
-    fn new(
+    pub(crate) fn new(
         scene: &'a Scene,
         roulette: Option<&'a LearnedRoulette>,
         ray: Ray,
-        sampler: &'a Sampler,
-        recorder: &'a mut R,
+        sampler: Sampler,
+        recorder: R,
     ) -> Self {
         Self {
             scene,
@@ -135,7 +141,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
 
     /// The ray leaves the scene and adds the radiance of the environment.
     #[inline]
-    fn add_environment(&mut self) {
+    pub(crate) fn add_environment(&mut self) {
         let direction = self.ray_state.ray.direction;
         self.recorder.vertex(direction.to_array(), None, self.throughput);
         let radiance = self.throughput * self.scene.environment_radiance(direction);
@@ -152,12 +158,11 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
 
     /// The ray hits a surface and adds its emission.
     #[inline]
-    fn add_emission(&mut self, at: &SurfaceVertex<'_, F>) {
-        self.recorder.vertex(at.hit.surface.point.to_array(), Some(at.shading.material), self.throughput);
-        let radiance = self.throughput * self.scene.emitted(&at.hit.surface, at.wo);
+    pub(crate) fn add_emission(&mut self, surface: &SurfacePoint) {
+        let radiance = self.throughput * self.scene.emitted(surface, -self.ray_state.ray.direction);
         if !radiance.is_black() {
-            let end = || End::surface(at.hit.surface.point, at.hit.surface.normal);
-            let surface = at.hit.surface;
+            let end = || End::surface(surface.point, surface.normal);
+            let surface = *surface;
             self.add_with_mis(radiance, end, |scene, l| scene.light_pdf(&l.receiver, l.choice, &surface));
         }
     }
@@ -190,7 +195,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     /// The segment to the next surface: multiplies the throughput by the transmittance of the medium. Returns the
     /// vertex if the medium scatters the path before the surface.
     #[inline]
-    fn sample_medium(&mut self, vertex: u32, distance: f32) -> Option<MediumVertex<'a>> {
+    pub(crate) fn sample_medium(&mut self, vertex: u32, distance: f32) -> Option<MediumVertex<'a>> {
         if !F::MEDIA {
             if F::SOLIDS {
                 self.throughput *= self.ray_state.transmittance::<F>(self.scene, distance);
@@ -224,7 +229,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
 
     /// Samples if the surface is present. The path passes an open face.
     #[inline]
-    fn sample_coverage(&mut self, vertex: u32, hit: &SurfaceHit<'_>) -> Presence {
+    pub(crate) fn sample_coverage(&mut self, vertex: u32, hit: &SurfaceHit<'_>) -> Presence {
         let tint = if F::MEDIA { hit.open_tint() } else { None };
         if let Some(tint) = tint {
             self.throughput *= tint;
@@ -242,7 +247,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     /// still unused. If none is, the path passes all of them.
     // Rare, so the point is passed by value.
     #[inline(never)]
-    fn sample_coincident<'b>(
+    pub(crate) fn sample_coincident<'b>(
         &mut self,
         absent: SurfacePoint,
         mut u: f32,
@@ -277,7 +282,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
 
     /// The path continues behind a surface in the same direction.
     #[inline]
-    fn pass(&mut self, hit: &SurfaceHit<'_>) {
+    pub(crate) fn pass(&mut self, hit: &SurfaceHit<'_>) {
         // This is no vertex. So the last scattering stays the one that is combined with light sampling.
         self.path_length += hit.surface.distance;
         self.ray_state = self.ray_state.pass_through::<F>(hit);
@@ -290,14 +295,8 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         // the values of the glass.
         self.path_length += at.distance();
         let is_delta = at.is_delta();
-        if !self.sample.hit || self.only_specular {
-            let is_see_through = at.is_see_through();
-            if !self.sample.hit || !is_see_through {
-                let (albedo, normal) = at.aov_features();
-                self.sample =
-                    Sample { hit: true, albedo, normal: normal.to_array(), depth: self.path_length, ..self.sample };
-            }
-            self.only_specular = is_see_through;
+        if self.is_first_surface() {
+            self.set_layers(at.is_see_through(), || at.aov_features());
         }
 
         // Learned decisions at this vertex, if there are any.
@@ -337,12 +336,12 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
                 let Some(light) = self.scene.sample_light(at.receiver(), choice, index, u_choice, u_point) else {
                     continue;
                 };
-                let mut direct = direct::estimate::<F, _>(self.scene, at, &light, index, roulette, self.recorder);
+                let mut direct = direct::estimate::<F, _>(self.scene, at, &light, index, roulette, &mut self.recorder);
                 self.recorder.add_direct(self.throughput * direct);
                 if self.has_covers() {
                     let u_chain = || u.get(3);
                     let connected =
-                        mnee::estimate::<F, _>(self.scene, at, &light, index, roulette, u_chain, self.recorder);
+                        mnee::estimate::<F, _>(self.scene, at, &light, index, roulette, u_chain, &mut self.recorder);
                     self.recorder.add_connection(self.throughput * connected);
                     direct += connected;
                 }
@@ -357,7 +356,7 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         self.eta_scale *= scattered.eta * scattered.eta;
 
         // Russian roulette, by the learned gain or by the throughput.
-        let max_survival = self.count_scattering::<V>();
+        let max_survival = self.count_scattering(V::IN_MEDIUM);
         let survival = match learned {
             Some(vertex) => vertex.path_survival(self.throughput.max_channel()).min(max_survival),
             None => survival(self.throughput.max_channel() * self.eta_scale, max_survival),
@@ -369,37 +368,66 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
         self.recorder.scattering(&scattered, self.throughput);
 
         self.ray_state = at.spawn_ray(scattered.wi);
-        if !scattered.lobe.contains(Lobe::DELTA) {
+        self.set_last(at.receiver(), choice, (scattered.pdf, scattered.lobe), at.surface());
+        true
+    }
+
+    /// True if the auxiliary layers may still be set.
+    #[inline]
+    pub(crate) fn is_first_surface(&self) -> bool {
+        !self.sample.hit || self.only_specular
+    }
+
+    /// Sets the auxiliary layers to albedo and normal of a vertex, unless it lies on smooth glass behind other glass.
+    #[inline]
+    pub(crate) fn set_layers(&mut self, is_see_through: bool, features: impl FnOnce() -> (Rgb, Vec3)) {
+        if !self.sample.hit || !is_see_through {
+            let (albedo, normal) = features();
+            self.sample = Sample { hit: true, albedo, normal: normal.to_array(), depth: self.path_length, ..self.sample };
+        }
+        self.only_specular = is_see_through;
+    }
+
+    /// Sets the vertex at which the next scattered light is combined with light sampling. `at` is the surface of the
+    /// vertex, and `self` has the ray that leaves it.
+    #[inline]
+    pub(crate) fn set_last(
+        &mut self,
+        receiver: &LightSampleContext,
+        choice: LightChoice,
+        (pdf, lobe): (f32, Lobe),
+        at: Option<&SurfacePoint>,
+    ) {
+        if !lobe.contains(Lobe::DELTA) {
             let specular_prefix = self.has_covers().then(|| SpecularPrefix::new(self.ray_state));
-            self.last = Some(LastScatter { receiver: *at.receiver(), choice, pdf: scattered.pdf, specular_prefix });
+            self.last = Some(LastScatter { receiver: *receiver, choice, pdf, specular_prefix });
         } else if self.has_covers() {
-            let is_reflection = scattered.lobe.contains(Lobe::REFLECTION);
+            let is_reflection = lobe.contains(Lobe::REFLECTION);
             self.last = self.last.take().and_then(|last| {
-                let specular_prefix = last.specular_prefix?.extended(self.scene, at.surface()?, is_reflection)?;
+                let specular_prefix = last.specular_prefix?.extended(self.scene, at?, is_reflection)?;
                 Some(LastScatter { specular_prefix: Some(specular_prefix), ..last })
             });
         } else {
             self.last = None;
         }
-        true
     }
 
     /// True if the scene has covers for connections and the kernel includes solids.
     #[inline]
-    fn has_covers(&self) -> bool {
+    pub(crate) fn has_covers(&self) -> bool {
         F::SOLIDS && !self.scene.covers().is_empty()
     }
 
     /// Counts a scattering and returns the survival probability of a path without loss.
     #[inline]
-    fn count_scattering<V: Vertex>(&mut self) -> f32 {
-        self.bounces += u32::from(!V::IN_MEDIUM);
-        if V::IN_MEDIUM || self.bounces < FORCED_RR_BOUNCES { 1.0 } else { MAX_SURVIVAL }
+    pub(crate) fn count_scattering(&mut self, in_medium: bool) -> f32 {
+        self.bounces += u32::from(!in_medium);
+        if in_medium || self.bounces < FORCED_RR_BOUNCES { 1.0 } else { MAX_SURVIVAL }
     }
 }
 
 /// The result of the sampling of a coverage.
-enum Presence {
+pub(crate) enum Presence {
     /// The surface is present. `u_kind` is a number in `[0, 1)` that is still unused, for surfaces with two random kinds.
     Present { u_kind: f32 },
     /// The surface is absent for this sample. `u` is a number in `[0, 1)` that is still unused.
@@ -422,26 +450,7 @@ fn presence(u: f32, coverage: f32) -> Presence {
 
 /// The survival probability in Russian roulette (Arvo and Kirk 1990). `rr_throughput` is the throughput without the
 /// factor eta^2. The last argument is the survival probability of a path without loss.
-#[inline]
-fn survival(rr_throughput: f32, max_survival: f32) -> f32 {
-    (RR_SCALE * rr_throughput).min(max_survival)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::survival;
-
-    #[test]
-    fn paths_with_a_throughput_of_a_third_survive() {
-        for rr_throughput in [1.0 / 3.0, 0.5, 1.0, 7.0] {
-            assert_eq!(survival(rr_throughput, 1.0), 1.0, "{rr_throughput}");
-        }
-        assert_eq!(survival(0.1, 1.0), 0.3);
-        assert_eq!(survival(0.0, 1.0), 0.0, "a throughput of zero ends the path");
-        assert_eq!(survival(1.0, 0.98), 0.98, "the survival probability is limited");
-        // Below the limit a surviving path has a throughput of one third.
-        for rr_throughput in [1e-6f32, 0.01, 0.2] {
-            assert!((rr_throughput / survival(rr_throughput, 1.0) - 1.0 / 3.0).abs() < 1e-6, "{rr_throughput}");
-        }
-    }
+#[inline(always)]
+pub(crate) fn survival<L: Lanes>(rr_throughput: L, max_survival: L) -> L {
+    (rr_throughput * RR_SCALE).min(max_survival)
 }

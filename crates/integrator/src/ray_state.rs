@@ -125,6 +125,19 @@ impl RayState {
         wo: Vec3,
         wi: Vec3,
     ) -> Self {
+        let enclosing = self.enclosing_toward::<F>(hit, shading, wo, wi);
+        Self { ray: Ray::new(hit.surface.ray_origin(wi), wi).at_time(self.ray.time), enclosing }
+    }
+
+    /// The solids around a ray that leaves a surface in the direction `wi`.
+    #[inline]
+    fn enclosing_toward<F: Features>(
+        &self,
+        hit: &SurfaceHit<'_>,
+        shading: &ShadingPoint<'_>,
+        wo: Vec3,
+        wi: Vec3,
+    ) -> EnclosingSolids {
         let mut enclosing = self.enclosing;
         let (inward, from_inside) = (wi.dot(hit.surface.normal) < 0.0, wo.dot(hit.surface.normal) < 0.0);
         if F::MEDIA {
@@ -134,7 +147,20 @@ impl RayState {
         } else if F::SOLIDS && shading.is_solid && inward != from_inside {
             enclosing.material = inward.then_some(shading.material);
         }
-        Self { ray: Ray::new(hit.surface.ray_origin(wi), wi).at_time(self.ray.time), enclosing }
+        enclosing
+    }
+
+    /// The transmittance of an absorbing solid over a distance \[m\] along a ray that leaves a surface in the direction
+    /// `wi`, in scenes in which no solids touch.
+    #[inline]
+    pub(crate) fn transmittance_toward<F: Features>(
+        &self,
+        scene: &Scene,
+        (hit, shading): (&SurfaceHit<'_>, &ShadingPoint<'_>),
+        [wo, wi]: [Vec3; 2],
+        distance: f32,
+    ) -> Rgb {
+        attenuation(scene, self.enclosing_toward::<F>(hit, shading, wo, wi).material, distance)
     }
 
     /// Transmittance along a shadow ray that starts at this state and ends before a light: the open share of the

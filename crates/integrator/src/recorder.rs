@@ -99,8 +99,7 @@ impl ConnectionTally {
     }
 }
 
-/// Receiver of the events of a path. [`ConnectionTally`] records connections only; its other methods are empty and cost
-/// nothing.
+/// Receiver of the events of a path. By default it ignores them, and then they cost nothing.
 pub(crate) trait Recorder {
     /// True if no shadow ray and no connection is left out by roulette, so that each has an outcome.
     const TRAINING: bool = false;
@@ -111,15 +110,20 @@ pub(crate) trait Recorder {
         false
     }
     /// The path has reached a vertex.
-    fn vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
+    #[inline]
+    fn vertex(&mut self, _position: [f32; 3], _material: Option<u32>, _throughput: Rgb) {}
     /// The path has reached a vertex in the medium of a material.
-    fn medium_vertex(&mut self, position: [f32; 3], material: Option<u32>, throughput: Rgb);
+    #[inline]
+    fn medium_vertex(&mut self, _position: [f32; 3], _material: Option<u32>, _throughput: Rgb) {}
     /// Emission was added at the current vertex.
-    fn add_emitted(&mut self, contribution: Rgb);
+    #[inline]
+    fn add_emitted(&mut self, _contribution: Rgb) {}
     /// Direct light was added at the current vertex.
-    fn add_direct(&mut self, contribution: Rgb);
+    #[inline]
+    fn add_direct(&mut self, _contribution: Rgb) {}
     /// The path continues in this direction, with this throughput.
-    fn scattering(&mut self, scattering: &Scattering, throughput: Rgb);
+    #[inline]
+    fn scattering(&mut self, _scattering: &Scattering, _throughput: Rgb) {}
     /// A shadow ray of the light sample with this index was traced. `arrived` is false if it was occluded.
     #[inline]
     fn shadow_ray(&mut self, _index: u32, _arrived: bool) {}
@@ -127,15 +131,22 @@ pub(crate) trait Recorder {
     #[inline]
     fn connection_outcome(&mut self, _index: u32, _arrived: bool) {}
     /// A connection through a cover was attempted at the current vertex.
-    fn connection(&mut self, record: &ConnectionRecord);
+    #[inline]
+    fn connection(&mut self, _record: &ConnectionRecord) {}
     /// The last connection reached the light and has this MIS weight.
-    fn connection_mis_weight(&mut self, mis_weight: f32);
+    #[inline]
+    fn connection_mis_weight(&mut self, _mis_weight: f32) {}
     /// Light of the last connection was added at the current vertex. Nothing is recorded if the light sample had no
     /// connection.
-    fn add_connection(&mut self, contribution: Rgb);
+    #[inline]
+    fn add_connection(&mut self, _contribution: Rgb) {}
     /// The path has ended. All contributions are multiplied by this factor, the weight of the lens.
-    fn scale(&mut self, factor: f32);
+    #[inline]
+    fn scale(&mut self, _factor: f32) {}
 }
+
+/// Nothing is recorded.
+impl Recorder for () {}
 
 impl Recorder for ConnectionTally {
     #[inline]
@@ -144,27 +155,11 @@ impl Recorder for ConnectionTally {
         self.is_abandoned
     }
     #[inline]
-    fn vertex(&mut self, _: [f32; 3], _: Option<u32>, _: Rgb) {}
-    #[inline]
-    fn medium_vertex(&mut self, _: [f32; 3], _: Option<u32>, _: Rgb) {}
-    #[inline]
-    fn add_emitted(&mut self, _: Rgb) {}
-    #[inline]
-    fn add_direct(&mut self, _: Rgb) {}
-    #[inline]
-    fn scattering(&mut self, _: &Scattering, _: Rgb) {}
-    #[inline]
     fn connection(&mut self, record: &ConnectionRecord) {
         self.attempts += 1;
         self.converged += u64::from(record.has_converged);
         self.rays += u64::from(record.rays);
     }
-    #[inline]
-    fn connection_mis_weight(&mut self, _: f32) {}
-    #[inline]
-    fn add_connection(&mut self, _: Rgb) {}
-    #[inline]
-    fn scale(&mut self, _: f32) {}
 }
 
 impl Recorder for PathTrace {

@@ -88,7 +88,7 @@ impl TrainingBatch {
             };
             let ray = camera.camera_ray(x * width as f32, y, lens).ray.at_time(time);
             let begin = batch.visits.len();
-            trace_path(scene, previous, ray, &sampler, &mut TrainingRecorder { visits: &mut batch.visits, begin });
+            trace_path(scene, previous, ray, sampler, TrainingRecorder { visits: &mut batch.visits, begin });
             cost += batch.visits[begin..].iter().map(|visit| visit.cost).sum::<f32>();
         }
         batch

@@ -1,8 +1,10 @@
 //! Vertices of a path at which light is scattered: points on a surface or in a medium.
 
 use crate::ray_state::{RayState, SurfaceHit};
-use dunkelfeld_bsdf::{Bsdf, BsdfSample, Lobe};
+use crate::scatterer::{OneLane, Scatterer};
+use dunkelfeld_bsdf::{Bsdf, BsdfSamples, Lobe, View};
 use dunkelfeld_geometry::{LocalDir, Vec3};
+use dunkelfeld_lanes::V3;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Features, LightSampleContext, Medium, Scene, ShadingPoint, SurfacePoint};
 use std::marker::PhantomData;
@@ -19,6 +21,15 @@ pub(crate) struct Scattering {
     pub(crate) lobe: Lobe,
     /// Index of refraction on the far side over that on the near side; 1 unless the light was refracted.
     pub(crate) eta: f32,
+}
+
+impl Scattering {
+    /// From a direction in render space and the rest of a sample of one lane.
+    #[inline]
+    fn of(wi: V3<f32>, sample: &BsdfSamples<f32>) -> Self {
+        let BsdfSamples { weight, pdf, eta, lobe, .. } = *sample;
+        Self { wi: wi.into(), weight, pdf, lobe: Lobe::from_bits(lobe.0), eta }
+    }
 }
 
 /// The interface between the path loop and a vertex at which light is scattered.
@@ -91,21 +102,35 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
     }
 
     /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`. `None` if light would also be
-    /// reflected by the opposite facet ([`ShadingPoint::image`]).
+    /// reflected by the opposite facet ([`ShadingFrames::image`](dunkelfeld_scene::ShadingFrames::image)).
     #[inline]
     pub(crate) fn delta(&self, u_lobe: f32) -> Option<Scattering> {
         if !self.shading.bsdf.is_delta() {
             return None;
         }
-        let (local, scattered) = self.sample_facet([0.0, 0.0, u_lobe])?;
-        self.shading.consistent(self.hit.surface.normal, scattered.wi, local).then_some(scattered)
+        let scatterer = self.scatterer();
+        let sample = scatterer.view.sample(u_lobe, [0.0; 2]);
+        let wi = scatterer.frames.frame.to_world(sample.wi);
+        (sample.pdf > 0.0 && scatterer.frames.consistent(wi, sample.wi)).then(|| Scattering::of(wi, &sample))
     }
 
-    /// A sample of the BSDF, with its direction in the local frame. It can lie on the wrong side of the surface.
-    #[inline(always)]
-    fn sample_facet(&self, [u_x, u_y, u_lobe]: [f32; 3]) -> Option<(LocalDir, Scattering)> {
-        let BsdfSample { wi, weight, pdf, lobe, eta } = self.shading.bsdf.sample(self.wo_local, u_lobe, [u_x, u_y])?;
-        Some((wi, Scattering { wi: self.shading.frame.to_world(wi), weight, pdf, lobe, eta }))
+    /// The surface as the only lane.
+    #[inline]
+    fn scatterer(&self) -> Scatterer<f32, OneLane<'_>> {
+        let view = OneLane { bsdf: self.shading.bsdf, wo: self.wo_local };
+        Scatterer { frames: self.shading.frames(self.hit.surface.normal), view }
+    }
+
+    /// See [`RayState::transmittance_toward`].
+    #[inline]
+    pub(crate) fn transmittance_toward(&self, scene: &Scene, wi: Vec3, distance: f32) -> Rgb {
+        self.ray_state.transmittance_toward::<F>(scene, (&self.hit, &self.shading), [self.wo, wi], distance)
+    }
+
+    /// Direction toward the camera in the frame of shading.
+    #[inline]
+    pub(crate) fn wo_local(&self) -> LocalDir {
+        self.wo_local
     }
 }
 
@@ -124,36 +149,13 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
 
     #[inline]
     fn eval(&self, wi: Vec3) -> (Rgb, f32) {
-        let (bsdf, normal) = (self.shading.bsdf, self.hit.surface.normal);
-        let Some(local) = self.shading.local_direction(normal, wi) else { return (Rgb::BLACK, 0.0) };
-        match self.shading.inconsistent_image(normal, wi) {
-            None => bsdf.eval_pdf(self.wo_local, local),
-            Some((image, cos)) => eval_with_image(bsdf, self.wo_local, [local, image], cos),
-        }
+        self.scatterer().eval(wi.into())
     }
 
     #[inline]
     fn sample(&self, u: [f32; 3]) -> Option<Scattering> {
-        let (bsdf, normal) = (self.shading.bsdf, self.hit.surface.normal);
-        let (local, mut scattered) = self.sample_facet(u)?;
-        let is_delta = scattered.lobe.contains(Lobe::DELTA);
-        let (both, cos) = if self.shading.consistent(normal, scattered.wi, local) {
-            match self.shading.inconsistent_image(normal, scattered.wi) {
-                Some((image, cos)) if !is_delta => ([local, image], cos),
-                _ => return Some(scattered),
-            }
-        } else {
-            let (image, cos) = self.shading.image(normal, scattered.wi)?;
-            scattered.wi = image;
-            ([self.shading.frame.to_local(image), local], cos)
-        };
-        if is_delta {
-            scattered.weight *= opposite_albedo(bsdf, both[0], cos);
-            return Some(scattered);
-        }
-        let (value, pdf) = eval_with_image(bsdf, self.wo_local, both, cos);
-        let weight = value / pdf;
-        (pdf > 0.0 && weight.is_finite()).then_some(Scattering { weight, pdf, ..scattered })
+        let (wi, sample) = self.scatterer().sample(u);
+        (sample.pdf > 0.0).then(|| Scattering::of(wi, &sample))
     }
 
     #[inline]
@@ -185,19 +187,6 @@ impl<F: Features> Vertex for SurfaceVertex<'_, F> {
     fn surface(&self) -> Option<&SurfacePoint> {
         Some(&self.hit.surface)
     }
-}
-
-/// [`Vertex::eval`] for light from a direction and from its inconsistent image, from where the opposite facet reflects
-/// light to this direction. `cos` is the cosine at that facet.
-#[inline(never)]
-fn eval_with_image(bsdf: &Bsdf, wo: LocalDir, [wi, image]: [LocalDir; 2], cos: f32) -> (Rgb, f32) {
-    let (direct, reflected) = (bsdf.eval_pdf(wo, wi), bsdf.eval_pdf(wo, image));
-    (direct.0 + reflected.0 * opposite_albedo(bsdf, wi, cos), direct.1 + reflected.1)
-}
-
-/// Albedo of the opposite facet for light on the side of `wi`.
-fn opposite_albedo(bsdf: &Bsdf, wi: LocalDir, cos: f32) -> Rgb {
-    bsdf.albedo(LocalDir::new((1.0 - cos * cos).sqrt(), 0.0, cos.copysign(wi.cos_theta())))
 }
 
 /// A point inside a medium at which light is scattered.

@@ -51,7 +51,9 @@ use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, MulAssign, Neg, 
 pub const MAX_WIDTH: usize = 16;
 
 /// A truth value per lane, for numbers of type `F`.
-pub trait Mask<F>: Copy + Debug + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
+pub trait Mask<F>:
+    Copy + Debug + BitAnd<Output = Self> + BitOr<Output = Self> + BitXor<Output = Self> + Not<Output = Self>
+{
     /// Bit i stands for lane i. Bits beyond the last lane are zero.
     fn bits(self) -> u32;
     /// `yes` in the lanes that are true, `no` in the others.

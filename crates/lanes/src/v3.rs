@@ -2,7 +2,7 @@
 
 use crate::{Lanes, MAX_WIDTH, Mask};
 use glam::Vec3;
-use std::ops::{Add, AddAssign, Mul, Neg, Sub};
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 /// A vector per lane: three arrays of lanes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -131,6 +131,14 @@ impl<F: Lanes> Mul<F> for V3<F> {
     #[inline(always)]
     fn mul(self, s: F) -> Self {
         Self::new(self.x * s, self.y * s, self.z * s)
+    }
+}
+
+impl<F: Lanes> Div<F> for V3<F> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, s: F) -> Self {
+        Self::new(self.x / s, self.y / s, self.z / s)
     }
 }
 

@@ -103,10 +103,17 @@ impl<F: Lanes> Rgb<F> {
         Self::new(mask.select(yes.r, no.r), mask.select(yes.g, no.g), mask.select(yes.b, no.b))
     }
 
-    /// The lanes in which some channel is above zero.
+    /// The lanes in which some channel is not zero. A NaN is not zero.
     #[inline(always)]
     pub fn is_lit(self) -> F::Mask {
-        self.r.is_positive() | self.g.is_positive() | self.b.is_positive()
+        let zero = self.r.constant(0.0);
+        !(self.r.eq(zero) & self.g.eq(zero) & self.b.eq(zero))
+    }
+
+    /// The lanes in which every channel is finite.
+    #[inline(always)]
+    pub fn all_finite(self) -> F::Mask {
+        self.r.is_finite() & self.g.is_finite() & self.b.is_finite()
     }
 }
 
@@ -145,6 +152,7 @@ impl Mul<Rgb> for f32 {
 impl<F: Lanes> Div<F> for Rgb<F> {
     type Output = Self;
     #[inline(always)]
+    #[expect(clippy::suspicious_arithmetic_impl, reason = "one division instead of three")]
     fn div(self, s: F) -> Self {
         self * s.recip()
     }

@@ -137,6 +137,18 @@ impl Scene {
         }
     }
 
+    /// The acceleration structure.
+    #[inline]
+    pub fn bvh(&self) -> &Bvh {
+        &self.bvh
+    }
+
+    /// True if some surface covers light in part. Then a shadow ray has a transmittance.
+    #[inline]
+    pub fn has_coverage(&self) -> bool {
+        self.has_coverage
+    }
+
     /// The position in world space of render space's origin.
     pub fn world_origin(&self) -> DVec3 {
         self.world_origin

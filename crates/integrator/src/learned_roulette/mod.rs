@@ -22,6 +22,7 @@ pub(crate) use statistics::{Outcomes, Visit};
 
 use crate::learned_roulette::cells::{Cell, CellGrid};
 use dunkelfeld_geometry::Vec3;
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask};
 use dunkelfeld_scene::Scene;
 
 /// Number of lights with statistics of their own: the lights of a vertex that takes a sample of each.
@@ -72,7 +73,7 @@ impl VertexRoulette<'_> {
     /// throughput ends.
     #[inline]
     pub(crate) fn path_survival(&self, throughput: f32) -> f32 {
-        if throughput == 0.0 { 0.0 } else { clamp(throughput * self.gain_scale * self.cell.path) }
+        path_survival(throughput, self.gain_scale, self.cell.path)
     }
 
     /// Survival probability of the shadow ray of a light sample. `expected` is an upper bound of its contribution to
@@ -89,8 +90,68 @@ impl VertexRoulette<'_> {
     }
 }
 
+/// The survival probabilities at the vertices of lanes.
+pub(crate) struct VertexRoulettes<'a, F: Lanes> {
+    vertices: [Option<VertexRoulette<'a>>; MAX_WIDTH],
+    /// Lanes with statistics.
+    is_learned: F::Mask,
+    gain_scale: F,
+    path: F,
+}
+
+impl<'a, F: Lanes> VertexRoulettes<'a, F> {
+    /// The statistics of each lane.
+    #[inline(always)]
+    pub(crate) fn new(token: F::Token, vertices: [Option<VertexRoulette<'a>>; MAX_WIDTH]) -> Self {
+        let (mut gain_scale, mut path, mut bits) = ([0.0; MAX_WIDTH], [0.0; MAX_WIDTH], 0);
+        for lane in 0..F::WIDTH {
+            if let Some(vertex) = &vertices[lane] {
+                (gain_scale[lane], path[lane]) = (vertex.gain_scale, vertex.cell.path);
+                bits |= 1 << lane;
+            }
+        }
+        let is_learned = F::mask(token, bits);
+        Self { vertices, is_learned, gain_scale: F::load(token, &gain_scale), path: F::load(token, &path) }
+    }
+
+    /// The statistics of a lane.
+    #[inline]
+    pub(crate) fn lane(&self, lane: usize) -> Option<VertexRoulette<'a>> {
+        self.vertices[lane]
+    }
+
+    /// [`VertexRoulette::path_survival`], or the other probability in lanes without statistics.
+    #[inline(always)]
+    pub(crate) fn path_survival(&self, throughput: F, other: F) -> F {
+        self.is_learned.select(path_survival(throughput, self.gain_scale, self.path), other)
+    }
+
+    /// [`VertexRoulette::shadow_survival`], or the other probability in lanes without statistics.
+    #[inline(always)]
+    pub(crate) fn shadow_survival(&self, index: u32, expected: F, other: F) -> F {
+        if !self.is_learned.any() {
+            return other;
+        }
+        let mut shares = [0.0; MAX_WIDTH];
+        for lane in 0..F::WIDTH {
+            if let Some(vertex) = &self.vertices[lane] {
+                shares[lane] = vertex.cell.shadow[index as usize % LIGHTS];
+            }
+        }
+        let survival = clamp(expected * self.gain_scale * F::load(expected.token(), &shares));
+        self.is_learned.select(survival, other)
+    }
+}
+
+#[inline(always)]
+fn path_survival<F: Lanes>(throughput: F, gain_scale: F, path: F) -> F {
+    let zero = throughput.constant(0.0);
+    throughput.eq(zero).select(zero, clamp(throughput * gain_scale * path))
+}
+
 /// A probability in [[`MIN_SURVIVAL`], 1]. Values that are not a number survive, so that the film can count them.
-#[inline]
-fn clamp(q: f32) -> f32 {
-    if q < 1.0 { q.max(MIN_SURVIVAL) } else { 1.0 }
+#[inline(always)]
+fn clamp<F: Lanes>(q: F) -> F {
+    let one = q.constant(1.0);
+    q.lt(one).select(q.max(q.constant(MIN_SURVIVAL)), one)
 }

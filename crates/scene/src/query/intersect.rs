@@ -8,7 +8,8 @@ use crate::query::surface::{self, TexturePoint};
 use crate::scene::{Part, Placement, Scene};
 use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_bvh::Hit;
-use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, hit_point, offset_ray_origin};
+use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, hit_point, offset_ray_origin, offset_ray_origins};
+use dunkelfeld_lanes::{Lanes, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 
 /// A point on a surface, with the data that a ray needs to leave it.
@@ -33,6 +34,12 @@ pub struct SurfacePoint {
 }
 
 impl SurfacePoint {
+    /// Index of its material.
+    #[inline]
+    pub fn material(&self) -> u32 {
+        self.material
+    }
+
     /// The origin of a ray in the given direction, moved so that the ray does not hit this surface again.
     #[inline]
     pub fn ray_origin(&self, direction: Vec3) -> Vec3 {
@@ -47,8 +54,9 @@ impl Scene {
         self.bvh.closest_hit(ray).map(|hit| self.surface_point(&hit, ray.time))
     }
 
+    /// The point on a surface of a hit at a time \[s\].
     #[inline(always)]
-    pub(crate) fn surface_point(&self, hit: &Hit, time: f32) -> SurfacePoint {
+    pub fn surface_point(&self, hit: &Hit, time: f32) -> SurfacePoint {
         let Hit { b1, b2, .. } = *hit;
         let (part_index, part, facet) = match self.placements[hit.instance as usize] {
             Placement::Shared => {
@@ -173,30 +181,37 @@ impl Scene {
     /// The shadow ray at time 0 from a point in space to a light: its far end is moved off the light's surface.
     #[inline(always)]
     pub fn shadow_ray_from(&self, origin: Vec3, direction: Vec3, target: Option<&LightTarget>) -> Ray {
-        match target {
-            None => Ray::new(origin, direction),
-            Some(t) => {
-                // The light's surface is planar. Its points have the rounding error of an interpolated point. The end
-                // of the ray has the rounding error of its direction, which at grazing angles would hit the surface too
-                // early.
-                let error = (t.point.abs() + t.point.distance(origin)) * (4.0 * f32::EPSILON);
-                let end = if t.normal == Vec3::ZERO {
-                    t.point
-                } else {
-                    offset_ray_origin(t.point, error, t.normal, -direction)
-                };
-                let offset = end - origin;
-                let distance = offset.length();
-                if distance > 0.0 {
-                    // The ray is shortened by two units of rounding, so that it does not reach its end. This is a
-                    // relative change of 1e-7, independent of the length.
-                    Ray::with_end(origin, offset / distance, distance * (1.0 - 2.0 * f32::EPSILON))
-                } else {
-                    Ray::with_end(origin, direction, 0.0)
-                }
-            }
-        }
+        let Some(target) = target else { return Ray::new(origin, direction) };
+        let end = (target.point.into(), target.normal.into(), true);
+        let (direction, t_max) = shadow_rays::<f32>(origin.into(), direction.into(), end);
+        Ray::with_end(origin, direction.into(), t_max)
     }
+}
+
+/// Directions and lengths of shadow rays. `end` has the points on the lights, their normals (zero for points without a
+/// surface), and the lanes whose light has a point. In the other lanes the ray has no end.
+#[inline(always)]
+pub fn shadow_rays<F: Lanes>(
+    origin: V3<F>,
+    direction: V3<F>,
+    (point, normal, is_finite): (V3<F>, V3<F>, F::Mask),
+) -> (V3<F>, F) {
+    let infinity = direction.x.constant(f32::INFINITY);
+    if !is_finite.any() {
+        return (direction, infinity);
+    }
+    // The light's surface is planar. Its points have the rounding error of an interpolated point. The end of the ray has
+    // the rounding error of its direction, which at grazing angles would hit the surface too early.
+    let (reach, scale) = ((point - origin).length(), 4.0 * f32::EPSILON);
+    let size = point.abs();
+    let error = V3::new((size.x + reach) * scale, (size.y + reach) * scale, (size.z + reach) * scale);
+    let offset = offset_ray_origins(point, error, normal, -direction) - origin;
+    let distance = offset.length();
+    let is_apart = distance.is_positive() & is_finite;
+    // The ray is shortened by two units of rounding, so that it does not reach its end. This is a relative change of
+    // 1e-7, independent of the length.
+    let length = (distance * (1.0 - 2.0 * f32::EPSILON)).only(is_apart);
+    (V3::select(is_apart, offset / distance, direction), is_finite.select(length, infinity))
 }
 
 /// Point, error and normal of a moving part in render space at a time.

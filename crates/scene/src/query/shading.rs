@@ -1,20 +1,21 @@
 //! Shading: from a point on a surface to a frame and a BSDF.
 
 use crate::features::{AllFeatures, Features};
-use crate::light::sample::{LightSample, LightSampleContext};
+use crate::light::sample::{LightSample, LightSampleContext, LightSamples, Receivers};
 use crate::light::{LightChoice, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
 use crate::query::intersect::{SurfacePoint, mix};
 use crate::query::surface::{self, TexturePoint};
 use crate::scene::Scene;
 use dunkelfeld_bsdf::{Bsdf, EFFECTS};
-use dunkelfeld_geometry::{Frame, LocalDir, Vec2, Vec3};
+use dunkelfeld_geometry::{Frame as PointFrame, Vec2, Vec3};
+use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, V3};
 use dunkelfeld_radiometry::Rgb;
 
 /// All data about a point that scattering needs.
 #[derive(Clone, Debug)]
 pub struct ShadingPoint<'a> {
     /// Shading frame: +z on the outside of solids, on the viewer's side of all other surfaces.
-    pub frame: Frame,
+    pub frame: PointFrame,
     /// The BSDF of the surface.
     pub bsdf: &'a Bsdf,
     /// Index of the material.
@@ -29,29 +30,62 @@ pub struct ShadingPoint<'a> {
     is_bent: bool,
 }
 
-impl ShadingPoint<'_> {
-    /// A world direction in the local frame. `None` if local frame and geometric normal disagree about its side.
-    #[inline]
-    pub fn local_direction(&self, geometric_normal: Vec3, world: Vec3) -> Option<LocalDir> {
-        let local = self.frame.to_local(world);
-        // If both normals are equal, both cosines are the same number.
-        (!self.is_bent || self.consistent(geometric_normal, world, local)).then_some(local)
-    }
+/// Shading frames of surfaces beside their geometric normals, one for each lane.
+#[derive(Clone, Copy, Debug)]
+pub struct ShadingFrames<F: Lanes> {
+    /// Shading frames.
+    pub frame: Frame<F>,
+    /// Unit geometric normals, on the side given by the winding.
+    pub normal: V3<F>,
+    /// Lanes whose shading normal lies on the side of the geometric one.
+    along: F::Mask,
+    /// Lanes whose shading normal may differ from the geometric one by more than its sign.
+    is_bent: F::Mask,
+}
 
-    /// True if local frame and geometric normal agree about the side of a direction. Light must not leak through the
-    /// surface in a direction about which they disagree.
-    #[inline]
-    pub fn consistent(&self, geometric_normal: Vec3, world: Vec3, local: LocalDir) -> bool {
-        if !EFFECTS {
-            return true;
+impl<F: Lanes> ShadingFrames<F> {
+    /// The frames of shading points with their geometric normals, one for each lane.
+    #[inline(always)]
+    pub fn of<'a>(token: F::Token, points: impl Iterator<Item = (&'a ShadingPoint<'a>, Vec3)>) -> Self {
+        let [mut tangents, mut bitangents, mut normals, mut geometric] = [[Vec3::ZERO; MAX_WIDTH]; 4];
+        let (mut along, mut is_bent) = (0, 0);
+        for (lane, (point, normal)) in points.enumerate().take(F::WIDTH) {
+            let frame = &point.frame;
+            (tangents[lane], bitangents[lane], normals[lane]) = (frame.tangent, frame.bitangent, frame.normal);
+            geometric[lane] = normal;
+            along |= u32::from(point.along) << lane;
+            is_bent |= u32::from(point.is_bent) << lane;
         }
-        let above = geometric_normal.dot(world) > 0.0;
-        (local.cos_theta() > 0.0) == (above == self.along)
+        Self {
+            frame: Frame {
+                tangent: V3::from_lanes(token, &tangents),
+                bitangent: V3::from_lanes(token, &bitangents),
+                normal: V3::from_lanes(token, &normals),
+            },
+            normal: V3::from_lanes(token, &geometric),
+            along: F::mask(token, along),
+            is_bent: F::mask(token, is_bent),
+        }
     }
 
-    /// The mirror image of a direction at the opposite facet, and the cosine between both and its normal, without sign.
-    /// `None` if the frame has the geometric normal. Light that leaves the facet in an inconsistent direction continues
-    /// in its image.
+    /// Lanes whose shading normal may differ from the geometric one by more than its sign. In all other lanes the local
+    /// frame and the geometric normal agree about the side of a direction up to rounding.
+    #[inline(always)]
+    pub fn is_bent(&self) -> F::Mask {
+        self.is_bent
+    }
+
+    /// Lanes in which local frame and geometric normal agree about the side of a direction. Light must not leak through
+    /// the surface in a direction about which they disagree.
+    #[inline(always)]
+    pub fn consistent(&self, world: V3<F>, local: V3<F>) -> F::Mask {
+        let is_above = self.normal.dot(world).is_positive();
+        // Up in the frame if above and along, or neither: the parity of the three.
+        local.z.is_positive() ^ is_above ^ self.along
+    }
+
+    /// The mirror image of a direction at the opposite facet, and the cosine between both and its normal, without sign,
+    /// in lanes with a bent normal. Light that leaves the facet in an inconsistent direction continues in its image.
     ///
     /// A shading normal is that of a facet of a relief that is not modelled. As in the valleys of Torrance and Sparrow
     /// (1967), light that leaves the facet below the surface meets the facet with the opposite slope. Where the slope is
@@ -62,29 +96,37 @@ impl ShadingPoint<'_> {
     /// about the geometric normal and loses no light, such as that of Schuessler et al. (2017), reflects as much light
     /// as a flat surface receives. So a white slope that faces the light would not be brighter than one that turns away
     /// from it.
-    #[inline]
-    pub fn image(&self, geometric_normal: Vec3, world: Vec3) -> Option<(Vec3, f32)> {
-        if !(EFFECTS && self.is_bent) {
-            return None;
-        }
-        let (normal, slope) = (self.frame.normal, geometric_normal.dot(self.frame.normal));
-        let is_flat = slope * slope >= 0.5;
-        let opposite = if is_flat {
-            geometric_normal * (2.0 * slope) - normal
-        } else {
-            (geometric_normal - normal * slope) / (1.0 - slope * slope).sqrt()
-        };
+    #[inline(always)]
+    pub fn image(&self, world: V3<F>) -> (V3<F>, F) {
+        let normal = self.frame.normal;
+        let slope = self.normal.dot(normal);
+        let is_flat = (slope * slope).ge(slope.constant(0.5));
+        let steep = (self.normal - normal * slope) / (slope * slope).one_minus().sqrt();
+        let opposite = V3::select(is_flat, self.normal * (slope * 2.0) - normal, steep);
         let cos = opposite.dot(world);
-        Some((world - opposite * (2.0 * cos), cos.abs().min(1.0)))
+        (world - opposite * (cos * 2.0), cos.abs().min(cos.constant(1.0)))
     }
 
-    /// [`Self::image`] of a consistent direction in the local frame, if the image is inconsistent. Then light of the
+    /// [`Self::image`] of a direction in the local frame, and the lanes in which it is inconsistent. Then light of the
     /// image arrives from this direction.
-    #[inline]
-    pub fn inconsistent_image(&self, geometric_normal: Vec3, world: Vec3) -> Option<(LocalDir, f32)> {
-        let (image, cos) = self.image(geometric_normal, world)?;
+    #[inline(always)]
+    pub fn inconsistent_image(&self, world: V3<F>) -> (V3<F>, F, F::Mask) {
+        let (image, cos) = self.image(world);
         let local = self.frame.to_local(image);
-        (!self.consistent(geometric_normal, image, local)).then_some((local, cos))
+        (local, cos, self.is_bent & !self.consistent(image, local))
+    }
+}
+
+impl ShadingPoint<'_> {
+    /// The frame of this point alone.
+    #[inline]
+    pub fn frames(&self, geometric_normal: Vec3) -> ShadingFrames<f32> {
+        let frame = Frame {
+            tangent: self.frame.tangent.into(),
+            bitangent: self.frame.bitangent.into(),
+            normal: self.frame.normal.into(),
+        };
+        ShadingFrames { frame, normal: geometric_normal.into(), along: self.along, is_bent: self.is_bent }
     }
 }
 
@@ -142,7 +184,7 @@ impl Scene {
             let frame = if compiled.needs_tangent {
                 self.tangent_frame(p, normal, material, &at)
             } else {
-                Frame::from_normal(normal)
+                PointFrame::from_normal(normal)
             };
             let bsdf = match between {
                 Some(eta) => storage.insert(compiled.bsdf_between(material, eta, &self.images, &at, u)),
@@ -150,16 +192,16 @@ impl Scene {
             };
             (frame, bsdf)
         } else {
-            (Frame::from_normal(normal), compiled.constant_bsdf(u))
+            (PointFrame::from_normal(normal), compiled.constant_bsdf(u))
         };
         if is_bent && let Some(normal) = visible_normal(frame.normal, p.normal, wo) {
-            frame = Frame::from_normal_tangent(normal, frame.tangent);
+            frame = PointFrame::from_normal_tangent(normal, frame.tangent);
         }
         let is_behind = p.normal.dot(wo) < 0.0;
         let facing = if is_behind { -p.normal } else { p.normal };
         let along = EFFECTS && compiled.is_solid || !is_behind;
         if !along {
-            frame = Frame { tangent: frame.tangent, bitangent: -frame.bitangent, normal: -frame.normal };
+            frame = PointFrame { tangent: frame.tangent, bitangent: -frame.bitangent, normal: -frame.normal };
         }
         let receiver = LightSampleContext { point: p.point, normal: facing, both_sides: compiled.both_sides };
         let is_solid = compiled.is_solid;
@@ -184,7 +226,7 @@ impl Scene {
     }
 
     /// The frame around the shading normal with the surface's storage tangent, and with the normal map.
-    fn tangent_frame(&self, p: &SurfacePoint, normal: Vec3, material: &crate::Material, at: &TexturePoint) -> Frame {
+    fn tangent_frame(&self, p: &SurfacePoint, normal: Vec3, material: &crate::Material, at: &TexturePoint) -> PointFrame {
         let part = &self.parts[p.part as usize];
         let mesh = &self.meshes[part.mesh as usize];
         let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
@@ -198,7 +240,7 @@ impl Scene {
             let t = mix(&p.barycentrics, vertices.map(|v| mesh.tangents[v].truncate()));
             (to_render_vector(t), mesh.tangents[vertices[0]].w)
         };
-        let mut frame = Frame::from_normal_tangent(normal, tangent);
+        let mut frame = PointFrame::from_normal_tangent(normal, tangent);
         // The bitangent of a mirrored instance keeps the handedness of its storage space.
         let mirrored = transform.as_ref().is_some_and(|t| t.swaps_handedness());
         let handedness = if mirrored { -handedness } else { handedness };
@@ -210,13 +252,13 @@ impl Scene {
             if let Some(n) = bent.try_normalize()
                 && n.dot(p.normal) > 0.0
             {
-                frame = Frame::from_normal_tangent(n, frame.tangent);
+                frame = PointFrame::from_normal_tangent(n, frame.tangent);
             }
         }
         if material.anisotropy != 0.0 {
             let (sin, cos) = surface::anisotropy(material, &self.images, at).1.sin_cos();
             let axis = frame.tangent * cos + frame.bitangent * (handedness * sin);
-            frame = Frame::from_normal_tangent(frame.normal, axis);
+            frame = PointFrame::from_normal_tangent(frame.normal, axis);
         }
         frame
     }
@@ -271,6 +313,52 @@ impl Scene {
             sample.radiance = self.radiance_at(part, triangle, target.point, -sample.direction);
         }
         Some(sample)
+    }
+
+    /// [`Self::sample_light`] in lanes.
+    #[inline(always)]
+    pub fn sample_lights<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        choice: LightChoice,
+        index: u32,
+        u_choice: F,
+        [u0, u1]: [F; 2],
+        active: F::Mask,
+    ) -> LightSamples<F> {
+        let (points, normals) = (receivers.point.to_lanes(), receivers.normal.to_lanes());
+        let (u_choice, u0, u1) = (u_choice.to_array(), u0.to_array(), u1.to_array());
+        let both = dunkelfeld_lanes::Mask::bits(receivers.both_sides);
+        let [mut directions, mut ends, mut ns] = [[Vec3::ZERO; MAX_WIDTH]; 3];
+        let mut numbers = [[0.0; MAX_WIDTH]; 4];
+        let (mut finite, mut delta) = (0, 0);
+        let bits = dunkelfeld_lanes::Mask::bits(active);
+        for lane in (0..F::WIDTH).filter(|lane| bits >> lane & 1 == 1) {
+            let receiver = LightSampleContext {
+                point: points[lane],
+                normal: normals[lane],
+                both_sides: both >> lane & 1 == 1,
+            };
+            let Some(s) = self.sample_light(&receiver, choice, index, u_choice[lane], [u0[lane], u1[lane]]) else { continue };
+            directions[lane] = s.direction;
+            if let Some(target) = s.target {
+                finite |= 1 << lane;
+                (ends[lane], ns[lane]) = (target.point, target.normal);
+            }
+            delta |= u32::from(s.is_delta) << lane;
+            [numbers[0][lane], numbers[1][lane], numbers[2][lane]] = s.radiance.to_array();
+            numbers[3][lane] = s.pdf;
+        }
+        LightSamples {
+            direction: V3::from_lanes(token, &directions),
+            point: V3::from_lanes(token, &ends),
+            normal: V3::from_lanes(token, &ns),
+            is_finite: F::mask(token, finite),
+            radiance: Rgb::new(F::load(token, &numbers[0]), F::load(token, &numbers[1]), F::load(token, &numbers[2])),
+            pdf: F::load(token, &numbers[3]),
+            is_delta: F::mask(token, delta),
+        }
     }
 
     /// Radiance [W/(m^2 sr)] of a point on a light whose radiance is not constant.

@@ -1,0 +1,179 @@
+//! Scattering at surfaces in lanes: the BSDF in the frame of shading, without light through the surface.
+
+use dunkelfeld_bsdf::{Bsdf, BsdfSample, BsdfSamples, Lobe, View};
+use dunkelfeld_geometry::LocalDir;
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, One, V3};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::ShadingFrames;
+
+/// Points on surfaces, one for each lane: frames of shading and BSDFs seen from the camera side.
+pub(crate) struct Scatterer<F: Lanes, V> {
+    pub(crate) frames: ShadingFrames<F>,
+    pub(crate) view: V,
+}
+
+impl<F: Lanes, V: View<F>> Scatterer<F, V> {
+    /// The BSDF for light from `wi` toward the camera side [1/sr], cosine included, and the density of [`Self::sample`].
+    #[inline(always)]
+    pub(crate) fn eval(&self, wi: V3<F>) -> (Rgb<F>, F) {
+        let local = self.frames.frame.to_local(wi);
+        let direct = self.view.eval_pdf(local);
+        let is_bent = self.frames.is_bent();
+        if !is_bent.any() {
+            return direct;
+        }
+        let is_consistent = !is_bent | self.frames.consistent(wi, local);
+        let (image, cos, is_reflected) = self.frames.inconsistent_image(wi);
+        let (value, pdf) = self.with_image(direct, local, (image, cos, is_reflected & is_consistent));
+        (Rgb::select(is_consistent, value, Rgb::splat(pdf.constant(0.0))), pdf.only(is_consistent))
+    }
+
+    /// Samples directions in render space: `u` holds direction (2), lobe. The density is zero where the path ends.
+    #[inline(always)]
+    pub(crate) fn sample(&self, [u_x, u_y, u_lobe]: [F; 3]) -> (V3<F>, BsdfSamples<F>) {
+        let mut sample = self.view.sample(u_lobe, [u_x, u_y]);
+        let mut wi = self.frames.frame.to_world(sample.wi);
+        let is_consistent = self.frames.consistent(wi, sample.wi);
+        let is_bent = self.frames.is_bent();
+        if !is_bent.any() {
+            sample.pdf = sample.pdf.only(is_consistent);
+            return (wi, sample);
+        }
+        // Light that leaves a facet in an inconsistent direction continues in its image.
+        let token = u_x.token();
+        let delta = F::splat_word(token, Lobe::DELTA.bits());
+        let is_delta = F::word_eq(sample.lobe & delta, delta);
+        let (image, cos) = self.frames.image(wi);
+        let image_local = self.frames.frame.to_local(image);
+        let is_turned = is_bent & !is_consistent;
+        wi = V3::select(is_turned, image, wi);
+        let local = V3::select(is_turned, image_local, sample.wi);
+        let other = V3::select(is_turned, sample.wi, image_local);
+        let is_smooth = is_turned & is_delta;
+        let lit = sample.weight * self.opposite_albedo(local, cos);
+        sample.weight = Rgb::select(is_smooth, lit, sample.weight);
+        let is_shared = is_bent & !is_delta & (is_turned | !self.frames.consistent(image, image_local));
+        if is_shared.any() {
+            let (value, pdf) = self.with_image(self.view.eval_pdf(local), local, (other, cos, is_shared));
+            let weight = value / pdf;
+            let is_valid = pdf.is_positive() & weight.all_finite();
+            sample.weight = Rgb::select(is_shared, weight, sample.weight);
+            sample.pdf = is_shared.select(pdf.only(is_valid), sample.pdf);
+        }
+        sample.pdf = sample.pdf.only(is_consistent | is_bent);
+        (wi, sample)
+    }
+
+    /// Adds the light of the inconsistent images of directions in some lanes. The opposite facet reflects it to these
+    /// directions. `cos` is the cosine at that facet.
+    #[inline(always)]
+    fn with_image(
+        &self,
+        (value, pdf): (Rgb<F>, F),
+        wi: V3<F>,
+        (image, cos, lanes): (V3<F>, F, F::Mask),
+    ) -> (Rgb<F>, F) {
+        if !lanes.any() {
+            return (value, pdf);
+        }
+        let (reflected, its_pdf) = self.view.eval_pdf(image);
+        let with = value + reflected * self.opposite_albedo(wi, cos);
+        (Rgb::select(lanes, with, value), lanes.select(pdf + its_pdf, pdf))
+    }
+
+    /// Albedo of the opposite facet for light on the side of `wi`.
+    #[inline(always)]
+    fn opposite_albedo(&self, wi: V3<F>, cos: F) -> Rgb<F> {
+        self.view.albedo(V3::new((cos * cos).one_minus().sqrt(), cos.constant(0.0), cos.copysign(wi.z)))
+    }
+}
+
+/// The BSDF of one lane.
+#[derive(Clone, Copy)]
+pub(crate) struct OneLane<'a> {
+    pub(crate) bsdf: &'a Bsdf,
+    /// Direction toward the camera in the frame of shading.
+    pub(crate) wo: LocalDir,
+}
+
+impl OneLane<'_> {
+    #[inline]
+    fn eval_at(&self, wi: V3<f32>) -> (Rgb, f32) {
+        self.bsdf.eval_pdf(self.wo, LocalDir(wi.into()))
+    }
+}
+
+impl View<f32> for OneLane<'_> {
+    #[inline]
+    fn eval_pdf(&self, wi: V3<f32>) -> (Rgb, f32) {
+        self.eval_at(wi)
+    }
+
+    #[inline]
+    fn sample(&self, u_lobe: f32, u: [f32; 2]) -> BsdfSamples<f32> {
+        match self.bsdf.sample(self.wo, u_lobe, u) {
+            Some(BsdfSample { wi, weight, pdf, lobe, eta }) => {
+                BsdfSamples { wi: wi.0.into(), weight, pdf, lobe: One(lobe.bits()), eta }
+            }
+            None => BsdfSamples { wi: V3::new(0.0, 0.0, 1.0), weight: Rgb::BLACK, pdf: 0.0, lobe: One(0), eta: 1.0 },
+        }
+    }
+
+    #[inline]
+    fn albedo(&self, wo: V3<f32>) -> Rgb {
+        self.bsdf.albedo(LocalDir(wo.into()))
+    }
+}
+
+/// BSDFs of different kinds, evaluated lane by lane.
+pub(crate) struct EachLane<'a> {
+    pub(crate) lanes: [OneLane<'a>; MAX_WIDTH],
+}
+
+impl<F: Lanes> View<F> for EachLane<'_> {
+    #[inline(always)]
+    fn eval_pdf(&self, wi: V3<F>) -> (Rgb<F>, F) {
+        let (directions, mut found) = (wi.to_lanes(), [[0.0; MAX_WIDTH]; 4]);
+        for lane in 0..F::WIDTH {
+            let (value, pdf) = self.lanes[lane].eval_at(directions[lane].into());
+            [found[0][lane], found[1][lane], found[2][lane]] = value.to_array();
+            found[3][lane] = pdf;
+        }
+        let load = wi.x.token();
+        let [r, g, b, pdf] = [&found[0], &found[1], &found[2], &found[3]];
+        (Rgb::new(F::load(load, r), F::load(load, g), F::load(load, b)), F::load(load, pdf))
+    }
+
+    #[inline(always)]
+    fn sample(&self, u_lobe: F, [u_x, u_y]: [F; 2]) -> BsdfSamples<F> {
+        let (u_lobes, u_xs, u_ys) = (u_lobe.to_array(), u_x.to_array(), u_y.to_array());
+        let (mut found, mut lobes) = ([[0.0; MAX_WIDTH]; 8], [0; MAX_WIDTH]);
+        for lane in 0..F::WIDTH {
+            let s = View::<f32>::sample(&self.lanes[lane], u_lobes[lane], [u_xs[lane], u_ys[lane]]);
+            let numbers = [s.wi.x, s.wi.y, s.wi.z, s.weight.r, s.weight.g, s.weight.b, s.pdf, s.eta];
+            for k in 0..8 {
+                found[k][lane] = numbers[k];
+            }
+            lobes[lane] = s.lobe.0;
+        }
+        let t = u_lobe.token();
+        BsdfSamples {
+            wi: V3::new(F::load(t, &found[0]), F::load(t, &found[1]), F::load(t, &found[2])),
+            weight: Rgb::new(F::load(t, &found[3]), F::load(t, &found[4]), F::load(t, &found[5])),
+            pdf: F::load(t, &found[6]),
+            lobe: F::load_word(t, &lobes),
+            eta: F::load(t, &found[7]),
+        }
+    }
+
+    #[inline(always)]
+    fn albedo(&self, wo: V3<F>) -> Rgb<F> {
+        let (directions, mut found) = (wo.to_lanes(), [[0.0; MAX_WIDTH]; 3]);
+        for lane in 0..F::WIDTH {
+            let albedo = View::<f32>::albedo(&self.lanes[lane], directions[lane].into());
+            [found[0][lane], found[1][lane], found[2][lane]] = albedo.to_array();
+        }
+        let t = wo.x.token();
+        Rgb::new(F::load(t, &found[0]), F::load(t, &found[1]), F::load(t, &found[2]))
+    }
+}
