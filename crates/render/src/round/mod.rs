@@ -12,8 +12,9 @@ use crate::load::{ProcessorLoad, ThreadClock};
 use crate::progress::{Cancel, Progress, ProgressState};
 use crate::stage::Stage;
 use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, TileRect, WorkUnit};
-use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane, TileRow};
-use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelSample};
+use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane, Sample, TileRow};
+use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelSample, Wavefront};
+use dunkelfeld_lanes::InstructionSet;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Mutex;
@@ -24,9 +25,9 @@ use std::time::{Duration, Instant};
 pub const TILE: u32 = Film::TILE;
 /// Maximum number of invalid samples that are stored by name.
 pub(crate) const MAX_LISTED: usize = 16;
-/// Most samples between two checks of the clock and the switch.
-const CHECK_EVERY: u32 = 64;
-/// If they took longer than this, the next sample is checked alone.
+/// Number of samples of the first batch of a thread. The size grows as long as batches are fast.
+const FIRST_BATCH: usize = 16;
+/// The clock and the switch are checked after each batch. If it took longer than this, the next one is smaller.
 const CHECK_PAUSE: Duration = Duration::from_millis(10);
 /// Pause between two reports of progress.
 const REPORT_EVERY_MS: u64 = 100;
@@ -188,6 +189,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
     // divided.
     (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
         let (mut sums, mut load) = (Vec::new(), ProcessorLoad::default());
+        let mut batch = Batch::new(work.estimator);
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed) as usize;
             let Some(unit) = work.units.get(index) else { break };
@@ -197,7 +199,9 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
             }
             let (began, clock) = (Instant::now(), ThreadClock::start());
             let rect = grid.rect(unit.tile);
-            let Some(connections) = render_unit(work, unit, rect, reporter, &invalid, &mut sums) else { break };
+            let Some(connections) = render_unit(work, unit, rect, &mut batch, reporter, &invalid, &mut sums) else {
+                break;
+            };
             load.add(clock.elapsed());
             let Ok(mut tile) = pending[unit.tile].lock() else { break };
             tile.units_done += 1;
@@ -239,57 +243,91 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
     result
 }
 
+/// Samples of a unit that are computed together, and their results. A thread uses one for all of its units.
+struct Batch<'a> {
+    wavefront: Wavefront<'a>,
+    /// The samples, each with the number of its pixel in the tile.
+    at: Vec<PixelSample>,
+    slots: Vec<u32>,
+    found: Vec<Sample>,
+    /// Number of samples after which the clock and the switch are checked.
+    size: usize,
+}
+
+impl<'a> Batch<'a> {
+    fn new(estimator: &Estimator<'a>) -> Self {
+        let wavefront = Wavefront::new(estimator, InstructionSet::best());
+        Self { wavefront, at: Vec::new(), slots: Vec::new(), found: Vec::new(), size: FIRST_BATCH }
+    }
+
+    /// Computes the samples and adds them to the sums of their pixels, which are in ascending order. False if the unit was
+    /// abandoned.
+    fn run(
+        &mut self,
+        work: &RoundWork<'_>,
+        reporter: &ProgressReporter<'_>,
+        connections: &mut ConnectionTally,
+        invalid: &Mutex<Vec<PixelSample>>,
+        sums: &mut Vec<TileSum>,
+    ) -> bool {
+        let began = Instant::now();
+        self.wavefront.samples(&self.at, connections, &mut self.found);
+        if connections.is_abandoned {
+            return false;
+        }
+        for ((at, &slot), sample) in self.at.iter().zip(&self.slots).zip(&self.found) {
+            if !sample.is_valid() {
+                name_invalid(invalid, *at);
+            }
+            if sums.last().is_none_or(|(last, _)| *last != slot) {
+                sums.push((slot, PixelSums::default()));
+            }
+            if let Some((_, pixel)) = sums.last_mut() {
+                pixel.add(at.index, sample);
+            }
+        }
+        reporter.add(work.stage, self.at.len() as u64);
+        let now = Instant::now();
+        self.size = match now - began > CHECK_PAUSE {
+            true => (self.at.len() / 2).max(1),
+            false => (2 * self.size).min(Wavefront::BATCH),
+        };
+        self.at.clear();
+        self.slots.clear();
+        !work.cancel.is_cancelled() && work.abort_at.is_none_or(|d| now <= d)
+    }
+}
+
 /// Renders a unit into `sums`, whose content is replaced. Returns its attempted connections. `None` if it was
 /// abandoned.
 fn render_unit(
     work: &RoundWork<'_>,
     unit: &WorkUnit,
     rect: TileRect,
+    batch: &mut Batch<'_>,
     reporter: &ProgressReporter<'_>,
     invalid: &Mutex<Vec<PixelSample>>,
     sums: &mut Vec<TileSum>,
 ) -> Option<ConnectionTally> {
     sums.clear();
     let mut connections = ConnectionTally { abandon_at: work.abort_at, ..ConnectionTally::default() };
-    let (mut unreported, mut unchecked, mut check_after, mut checked) = (0u32, 0u32, 1, Instant::now());
-    let mut slot = 0u32;
-    for y in rect.y0..rect.y1 {
-        for x in rect.x0..rect.x1 {
-            let indices = unit.range(*work.counts.at(x, y), *work.increment.at(x, y));
-            let has_samples = !indices.is_empty();
-            let mut pixel = PixelSums::default();
-            for index in indices {
-                let at = PixelSample { x, y, index };
-                let sample = work.estimator.sample_counting(at, &mut connections);
-                if connections.is_abandoned {
-                    return None;
-                }
-                if !sample.is_valid() {
-                    name_invalid(invalid, at);
-                }
-                pixel.add(index, &sample);
-                (unreported, unchecked) = (unreported + 1, unchecked + 1);
-                if unreported == CHECK_EVERY {
-                    reporter.add(work.stage, u64::from(unreported));
-                    unreported = 0;
-                }
-                if unchecked >= check_after {
-                    unchecked = 0;
-                    let now = Instant::now();
-                    if work.cancel.is_cancelled() || work.abort_at.is_some_and(|d| now > d) {
-                        return None;
-                    }
-                    check_after = if now - checked < CHECK_PAUSE { (2 * check_after).min(CHECK_EVERY) } else { 1 };
-                    checked = now;
-                }
+    let places = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y)));
+    for (slot, (x, y)) in (0..).zip(places) {
+        for index in unit.range(*work.counts.at(x, y), *work.increment.at(x, y)) {
+            batch.at.push(PixelSample { x, y, index });
+            batch.slots.push(slot);
+            if batch.at.len() >= batch.size && !batch.run(work, reporter, &mut connections, invalid, sums) {
+                batch.at.clear();
+                batch.slots.clear();
+                return None;
             }
-            if has_samples {
-                sums.push((slot, pixel));
-            }
-            slot += 1;
         }
     }
-    reporter.add(work.stage, u64::from(unreported));
+    if !batch.at.is_empty() && !batch.run(work, reporter, &mut connections, invalid, sums) {
+        batch.at.clear();
+        batch.slots.clear();
+        return None;
+    }
     Some(connections)
 }
 
@@ -317,7 +355,6 @@ pub(crate) fn deadline(started: Instant, seconds: Option<f64>, closing: f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld_film::Sample;
     use dunkelfeld_radiometry::Rgb;
 
     /// A film whose last tiles are cut off by its right and lower edge. Each pixel is visited once, at its own
