@@ -1,6 +1,6 @@
 //! The closed set of surface models behind one interface.
 
-use crate::bsdf_sample::BsdfSample;
+use crate::bsdf_sample::{BsdfSample, View};
 use crate::{Dielectric, EFFECTS, Principled, ThinSheet, Translucent};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
@@ -37,20 +37,28 @@ impl Bsdf {
     #[inline]
     pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
         match self {
-            Self::Principled(b) => b.eval_pdf(wo, wi),
-            _ if EFFECTS => self.eval_clear(wo, wi),
+            Self::Principled(b) if !b.is_rich() => {
+                if wo.0.z > 0.0 && wi.0.z > 0.0 {
+                    b.view::<false>(wo.0.into()).eval_pdf(wi.0.into())
+                } else {
+                    (Rgb::BLACK, 0.0)
+                }
+            }
+            _ if EFFECTS => self.eval_effects(wo, wi),
             _ => (Rgb::BLACK, 0.0),
         }
     }
 
-    /// [`Self::eval_pdf`] of transmitting surfaces. It is a separate function because most surfaces are opaque.
+    /// [`Self::eval_pdf`] of surfaces with more lobes. It is a separate function because most surfaces have two.
     #[inline(never)]
-    fn eval_clear(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
+    fn eval_effects(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
+        let (wo, wi) = (wo.0.into(), wi.0.into());
         match self {
-            Self::Dielectric(b) => b.eval_pdf(wo, wi),
-            Self::ThinSheet(b) => b.eval_pdf(wo, wi),
-            Self::Translucent(b) => b.eval_pdf(wo, wi),
-            Self::Principled(_) | Self::Absorber => (Rgb::BLACK, 0.0),
+            Self::Principled(b) => b.view::<true>(wo).eval_pdf(wi),
+            Self::Dielectric(b) => b.view(wo).eval_pdf(wi),
+            Self::ThinSheet(b) => b.view(wo).eval_pdf(wi),
+            Self::Translucent(b) => b.view(wo).eval_pdf(wi),
+            Self::Absorber => (Rgb::BLACK, 0.0),
         }
     }
 
@@ -60,26 +68,35 @@ impl Bsdf {
     #[inline(always)]
     pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         match self {
-            Self::Principled(b) => b.sample(wo, u_lobe, u),
+            Self::Principled(b) if !b.is_rich() => {
+                if wo.0.z > 0.0 {
+                    b.view::<false>(wo.0.into()).sample(u_lobe, u).into()
+                } else {
+                    None
+                }
+            }
             _ if EFFECTS => {
                 // Bound to a variable first. If the call were returned directly, the sample of the other branch would
                 // be kept in memory as well.
-                let sample = self.sample_clear(wo, u_lobe, u)?;
+                let sample = self.sample_effects(wo, u_lobe, u)?;
                 Some(sample)
             }
             _ => None,
         }
     }
 
-    /// [`Self::sample`] of transmitting surfaces.
+    /// [`Self::sample`] of surfaces with more lobes.
     #[inline(never)]
-    fn sample_clear(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+    fn sample_effects(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        let wo = wo.0.into();
         match self {
-            Self::Dielectric(b) => b.sample(wo, u_lobe, u),
-            Self::ThinSheet(b) => b.sample(wo, u_lobe, u),
-            Self::Translucent(b) => b.sample(wo, u_lobe, u),
-            Self::Principled(_) | Self::Absorber => None,
+            Self::Principled(b) => b.view::<true>(wo).sample(u_lobe, u),
+            Self::Dielectric(b) => b.view(wo).sample(u_lobe, u),
+            Self::ThinSheet(b) => b.view(wo).sample(u_lobe, u),
+            Self::Translucent(b) => b.view(wo).sample(u_lobe, u),
+            Self::Absorber => return None,
         }
+        .into()
     }
 
     /// The same surface with compensation of the energy that rough lobes lose between their facets; see
@@ -125,6 +142,7 @@ impl Bsdf {
     /// `[0, 1]`. Not energy-exact and not for transport.
     #[inline(always)]
     pub fn albedo(&self, wo: LocalDir) -> Rgb {
+        let wo = wo.0.into();
         match self {
             Self::Principled(b) => b.albedo(wo),
             _ if !EFFECTS => Rgb::BLACK,

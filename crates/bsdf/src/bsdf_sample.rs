@@ -1,8 +1,19 @@
 //! A sampled direction and its lobe.
 
 use dunkelfeld_geometry::LocalDir;
+use dunkelfeld_lanes::{Lanes, V3};
 use dunkelfeld_radiometry::Rgb;
 use std::ops::BitOr;
+
+/// A surface seen from `wo`. It contains what does not depend on the other direction.
+pub trait View<F: Lanes> {
+    /// The BSDF times `|cos wi|` [1/sr] and the density of `wi` in [`Self::sample`] [1/sr]. Delta lobes are excluded.
+    fn eval_pdf(&self, wi: V3<F>) -> (Rgb<F>, F);
+    /// Samples a direction; `u_lobe` chooses the lobe, `u` the direction in it, all in `[0, 1)`.
+    fn sample(&self, u_lobe: F, u: [F; 2]) -> BsdfSamples<F>;
+    /// The albedo for a direction, which need not be `wo`: see [`crate::Bsdf::albedo`].
+    fn albedo(&self, wo: V3<F>) -> Rgb<F>;
+}
 
 /// A sampled direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +31,42 @@ pub struct BsdfSample {
     /// The weight of a refraction contains the factor `1 / eta^2` by which radiance changes. Roulette should divide it
     /// out.
     pub eta: f32,
+}
+
+/// A [`BsdfSample`] per lane. Weight and density are zero where the light is absorbed.
+#[derive(Clone, Copy, Debug)]
+pub struct BsdfSamples<F: Lanes> {
+    /// The sampled directions.
+    pub wi: V3<F>,
+    /// `eval / pdf`.
+    pub weight: Rgb<F>,
+    /// Densities [1/sr], or probabilities of delta lobes.
+    pub pdf: F,
+    /// Bits of the [`Lobe`]s.
+    pub lobe: F::Word,
+    /// Relative indices of refraction.
+    pub eta: F,
+}
+
+impl<F: Lanes> BsdfSamples<F> {
+    /// Samples with the weight `weight`. Light is absorbed where the weight is zero or the density underflowed. `lobe` is
+    /// that of [`Lobe::in_lanes`].
+    #[inline(always)]
+    pub(crate) fn new(wi: V3<F>, weight: Rgb<F>, pdf: F, lobe: F, eta: F) -> Self {
+        // Channels are not negative. The sum is finite if all are.
+        let sum = weight.r + weight.g + weight.b;
+        let is_some = pdf.is_positive() & sum.is_positive() & sum.is_finite();
+        let weight = Rgb::select(is_some, weight, Rgb::splat(pdf.constant(0.0)));
+        Self { wi, weight, pdf: pdf.only(is_some), lobe: lobe.to_bits(), eta }
+    }
+}
+
+impl From<BsdfSamples<f32>> for Option<BsdfSample> {
+    #[inline(always)]
+    fn from(s: BsdfSamples<f32>) -> Self {
+        let BsdfSamples { wi, weight, pdf, lobe, eta } = s;
+        (pdf > 0.0).then_some(BsdfSample { wi: LocalDir(wi.into()), weight, pdf, lobe: Lobe(lobe.0 as u8), eta })
+    }
 }
 
 /// A set of properties of a scattering event.
@@ -45,10 +92,8 @@ impl Lobe {
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
-}
 
-impl Lobe {
-    /// The properties as a number, a bit for each.
+    /// The bits in [`BsdfSamples::lobe`].
     #[inline]
     pub const fn bits(self) -> u32 {
         self.0 as u32
@@ -58,6 +103,12 @@ impl Lobe {
     #[inline]
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits as u8)
+    }
+
+    /// The bits in all lanes, as those of a number, for selections.
+    #[inline(always)]
+    pub(crate) fn in_lanes<F: Lanes>(self, token: F::Token) -> F {
+        F::from_bits(F::splat_word(token, self.bits()))
     }
 }
 

@@ -20,30 +20,54 @@
 use crate::fresnel;
 use crate::microfacet::{Ggx, reflect};
 use crate::transmission::refract;
-use dunkelfeld_geometry::LocalDir;
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use std::array::from_fn;
 use std::sync::LazyLock;
 
-/// Directional albedo of a GGX surface whose facets reflect all light.
-pub fn reflected_once(ggx: &Ggx, wo: LocalDir) -> f32 {
-    let [ax, ay] = ggx.slopes();
-    let [t, s] = coordinates(wo.0.z, (ax * ay).sqrt());
+/// Directional albedo of a GGX surface whose facets reflect all light, in the lanes of a mask; 1 in the others.
+#[inline(always)]
+pub fn reflected_once<F: Lanes>(mask: F::Mask, ggx: &Ggx<F>, wo: V3<F>) -> F {
+    lane_by_lane(mask, ggx, wo, wo.z, isotropic_or_not)
+}
+
+/// Reflection plus transmission of a clear GGX boundary in the lanes of a mask; 1 in the others. `eta` is the index behind
+/// over the one in front.
+///
+/// Anisotropic boundaries are treated as isotropic ones of the smaller slope, which lose less.
+#[inline(always)]
+pub fn scattered_once<F: Lanes>(mask: F::Mask, ggx: &Ggx<F>, wo: V3<F>, eta: F) -> F {
+    lane_by_lane(mask, ggx, wo, eta, clear)
+}
+
+/// The results of a function of slopes, `wo` and `eta`: few scenes need it.
+#[inline(always)]
+fn lane_by_lane<F: Lanes>(mask: F::Mask, ggx: &Ggx<F>, wo: V3<F>, eta: F, of: fn([f32; 2], V3<f32>, f32) -> f32) -> F {
+    let (token, [ax, ay]) = (eta.token(), ggx.slopes());
+    let (ax, ay, wo, eta) = (ax.to_array(), ay.to_array(), wo.to_lanes(), eta.to_array());
+    let mut once = [1.0; MAX_WIDTH];
+    mask.each(
+        #[inline(always)]
+        |lane| once[lane] = of([ax[lane], ay[lane]], wo[lane].into(), eta[lane]),
+    );
+    F::load(token, &once)
+}
+
+#[inline(never)]
+fn isotropic_or_not([ax, ay]: [f32; 2], wo: V3<f32>, _: f32) -> f32 {
+    let [t, s] = coordinates(wo.z, (ax * ay).sqrt());
     if ax == ay {
         return ISOTROPIC.at([t, s]);
     }
     let (short, long) = (ax.min(ay), ax.max(ay));
     let stretch = (1.0 - (short / long).sqrt()) / (1.0 - MIN_ASPECT);
-    let (x, y, sin2) = (ax * wo.0.x, ay * wo.0.y, wo.sin2_theta());
+    let (x, y, sin2) = (ax * wo.x, ay * wo.y, wo.x * wo.x + wo.y * wo.y);
     let toward = if sin2 > 0.0 { ((x * x + y * y) / sin2).sqrt() } else { long };
     ANISOTROPIC.at([t, s, stretch, (toward - short) / (long - short)])
 }
 
-/// Reflection plus transmission of a clear GGX boundary; `eta` is the index behind over the one in front.
-///
-/// Anisotropic boundaries are treated as isotropic ones of the smaller slope, which lose less.
-pub fn scattered_once(ggx: &Ggx, wo: LocalDir, eta: f32) -> f32 {
-    let [ax, ay] = ggx.slopes();
-    let [t, s] = coordinates(wo.0.z, ax.min(ay));
+#[inline(never)]
+fn clear([ax, ay]: [f32; 2], wo: V3<f32>, eta: f32) -> f32 {
+    let [t, s] = coordinates(wo.z, ax.min(ay));
     let r = (eta - 1.0) / (eta + 1.0);
     // The remainder of the error of the table.
     (CLEAR.at([t, s, 0.5 + 0.5 * r.abs().sqrt().copysign(r)]) + 2.5e-3).min(1.0)
@@ -58,11 +82,11 @@ fn coordinates(cos: f32, alpha: f32) -> [f32; 2] {
 }
 
 /// The inverse of [`coordinates`]: a direction in the plane y = 0, and the slope.
-fn from_coordinates(t: f32, s: f32) -> (LocalDir, f32) {
+fn from_coordinates(t: f32, s: f32) -> (V3<f32>, f32) {
     // For a smooth surface every cosine has the same coordinate.
     let c = if s > 0.0 { (t * s / (1.0 + s - t)).clamp(1e-3, 1.0) } else { 1.0 };
     let cos = c * c;
-    (LocalDir::new(((1.0 - cos) * (1.0 + cos)).sqrt(), 0.0, cos), s * s)
+    (V3::new(((1.0 - cos) * (1.0 + cos)).sqrt(), 0.0, cos), s * s)
 }
 
 /// Coordinates: cosine, slope.
@@ -82,7 +106,7 @@ static ANISOTROPIC: LazyLock<Table<4>> = LazyLock::new(|| {
         let slope = short + toward * (long - short);
         let cos2 = if long > short { (slope * slope - short * short) / (long * long - short * short) } else { 1.0 };
         let (cos, sin) = (cos2.clamp(0.0, 1.0).sqrt(), (1.0 - cos2).clamp(0.0, 1.0).sqrt());
-        directional_albedo(&Ggx::new(long, short), LocalDir::new(wo.0.x * cos, wo.0.x * sin, wo.0.z), None)
+        directional_albedo(&Ggx::new(long, short), V3::new(wo.x * cos, wo.x * sin, wo.z), None)
     })
 });
 
@@ -99,14 +123,14 @@ static CLEAR: LazyLock<Table<3>> = LazyLock::new(|| {
 const MIN_ASPECT: f32 = 0.316_227_77;
 
 /// The integral of a lobe without colour over all directions: reflection only, or both sides of a boundary.
-fn directional_albedo(ggx: &Ggx, wo: LocalDir, eta: Option<f32>) -> f32 {
+fn directional_albedo(ggx: &Ggx, wo: V3<f32>, eta: Option<f32>) -> f32 {
     const OUTWARD: usize = 32;
     // An isotropic surface is symmetric about the plane of wo: half of the turn is enough.
     let [ax, ay] = ggx.slopes();
     let (around, turn) = if ax == ay { (OUTWARD / 2, 0.5) } else { (OUTWARD, 1.0) };
-    let g1 = |w: LocalDir| if w.0.z > 0.0 { f64::from(ggx.g1(w)) } else { 0.0 };
+    let g1 = |w: V3<f32>| if w.z > 0.0 { f64::from(ggx.g1(w)) } else { 0.0 };
     // Bounded normals reflect with weight g1(wi) times this factor, because they exclude directions below the surface.
-    let bound = f64::from(ggx.pdf_visible(wo, wo.0) / (4.0 * ggx.pdf_bounded_reflection(wo, wo.0)));
+    let bound = f64::from(ggx.pdf_visible(wo, wo) / (4.0 * ggx.pdf_bounded_reflection(wo, wo)));
     let mut sum = 0.0;
     for i in 0..OUTWARD {
         // Dense at both ends, where the integrand bends: u = v^2 (3 - 2 v).
@@ -120,9 +144,9 @@ fn directional_albedo(ggx: &Ggx, wo: LocalDir, eta: Option<f32>) -> f32 {
                 * match eta {
                     None => reflected,
                     Some(eta) => {
-                        let reflected = reflected * f64::from(fresnel::dielectric(wo.0.dot(m), eta).reflectance);
+                        let reflected = reflected * f64::from(fresnel::dielectric(wo.dot(m), eta).reflectance);
                         let m = ggx.sample_visible(wo, u);
-                        let f = fresnel::dielectric(wo.0.dot(m), eta);
+                        let f = fresnel::dielectric(wo.dot(m), eta);
                         let share = f64::from(1.0 - f.reflectance);
                         reflected + if share > 0.0 { share * g1(-refract(wo, m, eta, f.cos_t)) } else { 0.0 }
                     }

@@ -1,11 +1,11 @@
 //! The boundary of a clear solid: smooth (two delta lobes) or rough (Walter, Marschner, Li and Torrance 2007).
 
-use crate::bsdf_sample::{BsdfSample, Lobe};
-use crate::compensation;
-use crate::fresnel;
-use crate::microfacet::{Ggx, reflect};
+use crate::bsdf_sample::{BsdfSamples, Lobe, View};
+use crate::in_lanes::in_lanes;
+use crate::microfacet::{Ggx, mirrored_if, reflect};
 use crate::transmission::{eval_refraction, refract};
-use dunkelfeld_geometry::LocalDir;
+use crate::{compensation, fresnel};
+use dunkelfeld_lanes::{Lanes, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 
 /// Relative indices within this distance of 1 are matched: light passes straight, at any roughness.
@@ -18,13 +18,18 @@ pub const MATCHED_INDEX: f32 = 1e-3;
 ///
 /// The transported quantity is radiance: a refraction scales it by `1 / eta^2`.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Dielectric {
-    eta: f32,
-    rough: Option<Ggx>,
-    reflection_tint: Rgb,
-    transmission_tint: Rgb,
-    compensated: bool,
+pub struct Dielectric<F = f32> {
+    eta: F,
+    ggx: Ggx<F>,
+    /// One if rough, zero if smooth.
+    rough: F,
+    reflection_tint: Rgb<F>,
+    transmission_tint: Rgb<F>,
+    /// One with [`crate::compensation`].
+    compensated: F,
 }
+
+in_lanes!(Dielectric => Dielectric<F> { eta, ggx, rough, reflection_tint, transmission_tint, compensated });
 
 impl Dielectric {
     /// A boundary with index of refraction `eta` inside over outside and GGX roughness `alpha` (0 is smooth).
@@ -35,14 +40,14 @@ impl Dielectric {
     #[inline]
     pub fn new(eta: f32, alpha: f32, reflection_tint: Rgb, transmission_tint: Rgb) -> Self {
         let eta = clamp_eta(eta);
-        let rough = (alpha > 0.0 && (eta - 1.0).abs() >= MATCHED_INDEX).then(|| Ggx::new(alpha, alpha));
-        Self { eta, rough, reflection_tint, transmission_tint, compensated: false }
+        let rough = f32::from(u8::from(alpha > 0.0 && (eta - 1.0).abs() >= MATCHED_INDEX));
+        Self { eta, ggx: Ggx::new(alpha, alpha), rough, reflection_tint, transmission_tint, compensated: 0.0 }
     }
 
     /// The same boundary with [`crate::compensation`].
     #[inline]
     pub fn with_energy_compensation(self) -> Self {
-        Self { compensated: true, ..self }
+        Self { compensated: 1.0, ..self }
     }
 
     /// A clear, smooth boundary.
@@ -54,7 +59,7 @@ impl Dielectric {
     /// True if the boundary is smooth.
     #[inline]
     pub fn is_delta(&self) -> bool {
-        self.rough.is_none()
+        self.rough == 0.0
     }
 
     /// Index of refraction inside over outside.
@@ -62,73 +67,112 @@ impl Dielectric {
     pub fn eta(&self) -> f32 {
         self.eta
     }
+}
 
-    /// See [`crate::Bsdf::eval_pdf`].
-    #[inline]
-    pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
-        let none = (Rgb::BLACK, 0.0);
-        let Some(ggx) = self.rough else { return none };
-        if wo.0.z == 0.0 || wi.0.z == 0.0 {
-            return none;
-        }
-        let (eta, wo, wi) = from_above(self.eta, wo, wi);
-        let gain = if self.compensated { 1.0 / compensation::scattered_once(&ggx, wo, eta) } else { 1.0 };
-        if wi.0.z > 0.0 {
-            let Some(m) = (wo.0 + wi.0).try_normalize() else { return none };
-            let f = fresnel::dielectric(wo.0.dot(m), eta).reflectance;
-            let pdf = f * ggx.distribution(m) / (2.0 * (wo.0.z + ggx.stretch(wo)));
-            (self.reflection_tint * (pdf * ggx.g1(wi) * gain), pdf)
+impl<F: Lanes> Dielectric<F> {
+    /// The boundary seen from `wo`.
+    #[inline(always)]
+    pub fn view(&self, wo: V3<F>) -> DielectricView<'_, F> {
+        let (zero, one) = (wo.z.constant(0.0), wo.z.constant(1.0));
+        let below = wo.z.lt(zero);
+        let (up, eta) = (mirrored_if(below, wo), below.select(self.eta.recip(), self.eta));
+        let rough = self.rough.is_positive();
+        let is_compensated = rough & self.compensated.is_positive();
+        let gain = if is_compensated.any() {
+            compensation::scattered_once(is_compensated, &self.ggx, up, eta).recip()
         } else {
-            let Some(r) = eval_refraction(&ggx, wo, wi, eta) else { return none };
-            (self.transmission_tint * (r.value * gain), (1.0 - r.fresnel) * r.density)
-        }
-    }
-
-    /// See [`crate::Bsdf::sample`].
-    #[inline]
-    pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
-        if wo.0.z == 0.0 {
-            return None;
-        }
-        let (eta, up, _) = from_above(self.eta, wo, wo);
-        let below = wo.0.z < 0.0;
-        match self.rough {
-            None => {
-                let f = fresnel::dielectric(up.0.z, eta);
-                if u_lobe < f.reflectance {
-                    let wi = LocalDir::new(-wo.0.x, -wo.0.y, wo.0.z);
-                    delta(wi, self.reflection_tint, f.reflectance, Lobe::REFLECTION, 1.0)
-                } else {
-                    let inv = 1.0 / eta;
-                    let wi = LocalDir::new(-inv * up.0.x, -inv * up.0.y, -f.cos_t);
-                    let weight = self.transmission_tint * (inv * inv);
-                    delta(mirrored_if(below, wi), weight, 1.0 - f.reflectance, Lobe::TRANSMISSION, eta)
-                }
-            }
-            Some(ggx) => {
-                let m = ggx.sample_visible(up, u);
-                let f = fresnel::dielectric(up.0.dot(m), eta);
-                let (wi, lobe, eta) = if u_lobe < f.reflectance {
-                    (reflect(up, m), Lobe::REFLECTION, 1.0)
-                } else {
-                    (refract(up, m, eta, f.cos_t), Lobe::TRANSMISSION, eta)
-                };
-                if (wi.0.z > 0.0) != (lobe == Lobe::REFLECTION) {
-                    return None;
-                }
-                let wi = mirrored_if(below, wi);
-                let (value, pdf) = self.eval_pdf(wo, wi);
-                finite_sample(wi, value, pdf, Lobe::GLOSSY | lobe, eta)
-            }
-        }
+            one
+        };
+        DielectricView { surface: self, rough, below, up, eta, gain }
     }
 
     /// See [`crate::Bsdf::albedo`].
-    #[inline]
-    pub fn albedo(&self, wo: LocalDir) -> Rgb {
-        let (eta, up, _) = from_above(self.eta, wo, wo);
-        let f = fresnel::dielectric(up.0.z, eta).reflectance;
+    #[inline(always)]
+    pub fn albedo(&self, wo: V3<F>) -> Rgb<F> {
+        let eta = wo.z.lt(wo.z.constant(0.0)).select(self.eta.recip(), self.eta);
+        let f = fresnel::dielectric(wo.z.abs(), eta).reflectance;
         self.transmission_tint.lerp(self.reflection_tint, f)
+    }
+}
+
+/// A [`Dielectric`] seen from `wo`.
+#[derive(Clone, Copy, Debug)]
+pub struct DielectricView<'a, F: Lanes> {
+    surface: &'a Dielectric<F>,
+    rough: F::Mask,
+    /// True for `wo` below the surface. Then all directions are mirrored to the other side.
+    below: F::Mask,
+    up: V3<F>,
+    /// Index of refraction on the far side of `wo` over that on its side.
+    eta: F,
+    /// Factor of the compensation.
+    gain: F,
+}
+
+impl<F: Lanes> DielectricView<'_, F> {
+    /// [`View::eval_pdf`] for a mirrored direction.
+    #[inline(always)]
+    fn eval_up(&self, wi: V3<F>) -> (Rgb<F>, F) {
+        let (s, up) = (self.surface, self.up);
+        let zero = wi.z.constant(0.0);
+        let (mut value, mut pdf) = (Rgb::splat(zero), zero);
+        let facing = self.rough & up.z.is_positive();
+        let reflected = facing & wi.z.is_positive();
+        if reflected.any() {
+            let (m, is_some) = (up + wi).try_normalize();
+            let f = fresnel::dielectric(up.dot(m), self.eta).reflectance;
+            pdf = (f * s.ggx.pdf_visible_reflection(up, m)).only(reflected & is_some);
+            value = s.reflection_tint * (pdf * s.ggx.g1(wi) * self.gain).only(reflected & is_some);
+        }
+        let refracted = facing & wi.z.lt(zero);
+        if refracted.any() {
+            let r = eval_refraction(&s.ggx, up, wi, self.eta);
+            let refracted = refracted & r.is_possible;
+            value += s.transmission_tint * (r.value * self.gain).only(refracted);
+            pdf += (r.fresnel.one_minus() * r.density).only(refracted);
+        }
+        (value, pdf)
+    }
+}
+
+impl<F: Lanes> View<F> for DielectricView<'_, F> {
+    #[inline(always)]
+    fn albedo(&self, wo: V3<F>) -> Rgb<F> {
+        self.surface.albedo(wo)
+    }
+
+    #[inline(always)]
+    fn eval_pdf(&self, wi: V3<F>) -> (Rgb<F>, F) {
+        self.eval_up(mirrored_if(self.below, wi))
+    }
+
+    #[inline(always)]
+    fn sample(&self, u_lobe: F, u: [F; 2]) -> BsdfSamples<F> {
+        let Self { surface: s, rough, below, up, eta, .. } = *self;
+        let (token, zero, one) = (eta.token(), eta.constant(0.0), eta.constant(1.0));
+        let mut m = V3::new(zero, zero, one);
+        if rough.any() {
+            m = V3::select(rough, s.ggx.sample_visible(up, u), m);
+        }
+        let f = fresnel::dielectric(up.dot(m), eta);
+        let reflected = u_lobe.lt(f.reflectance);
+        let inv = reflected.select(one, eta.recip());
+        let refracted = V3::select(rough, refract(up, m, eta, f.cos_t), V3::new(-inv * up.x, -inv * up.y, -f.cos_t));
+        let wi = V3::select(reflected, reflect(up, m), refracted);
+        // The delta lobes.
+        let mut weight = Rgb::select(reflected, s.reflection_tint, s.transmission_tint * (inv * inv));
+        let mut pdf = reflected.select(f.reflectance, f.reflectance.one_minus());
+        if rough.any() {
+            let (value, density) = self.eval_up(wi);
+            // A facet may reflect or refract to the wrong side.
+            let density = density.only(wi.z.is_positive() & reflected | wi.z.lt(zero) & !reflected);
+            weight = Rgb::select(rough, value / density, weight);
+            pdf = rough.select(density, pdf);
+        }
+        let side = reflected.select(Lobe::REFLECTION.in_lanes(token), Lobe::TRANSMISSION.in_lanes(token));
+        let kind = rough.select(Lobe::GLOSSY.in_lanes(token), Lobe::DELTA.in_lanes(token));
+        let lobe = F::from_bits(side.to_bits() | kind.to_bits());
+        BsdfSamples::new(mirrored_if(below, wi), weight, pdf.only(up.z.is_positive()), lobe, reflected.select(one, eta))
     }
 }
 
@@ -136,35 +180,4 @@ impl Dielectric {
 #[inline]
 pub(crate) fn clamp_eta(eta: f32) -> f32 {
     if eta.is_nan() { 1.0 } else { eta.clamp(1e-3, 1e3) }
-}
-
-/// Mirrors directions with `wo` below the surface (`wo.z < 0`) to above: index of refraction, `wo`, `wi`.
-#[inline]
-pub(crate) fn from_above(eta: f32, wo: LocalDir, wi: LocalDir) -> (f32, LocalDir, LocalDir) {
-    if wo.0.z < 0.0 { (1.0 / eta, mirrored_if(true, wo), mirrored_if(true, wi)) } else { (eta, wo, wi) }
-}
-
-/// `w`, mirrored at the surface if the condition is true.
-#[inline]
-pub(crate) fn mirrored_if(condition: bool, w: LocalDir) -> LocalDir {
-    if condition { LocalDir::new(w.0.x, w.0.y, -w.0.z) } else { w }
-}
-
-/// A sample of a delta lobe; `None` if its weight is zero.
-#[inline]
-pub(crate) fn delta(wi: LocalDir, weight: Rgb, probability: f32, side: Lobe, eta: f32) -> Option<BsdfSample> {
-    (probability > 0.0 && weight.is_finite() && !weight.is_black() && wi.0.z != 0.0).then_some(BsdfSample {
-        wi,
-        weight,
-        pdf: probability,
-        lobe: Lobe::DELTA | side,
-        eta,
-    })
-}
-
-/// A sample of a lobe with a density; `None` if its weight is zero or its density underflowed.
-#[inline]
-pub(crate) fn finite_sample(wi: LocalDir, value: Rgb, pdf: f32, lobe: Lobe, eta: f32) -> Option<BsdfSample> {
-    let weight = value / pdf;
-    (pdf > 0.0 && weight.is_finite() && !weight.is_black()).then_some(BsdfSample { wi, weight, pdf, lobe, eta })
 }

@@ -1,41 +1,39 @@
 //! Fresnel reflection: exact for dielectrics, Schlick's approximation for other surfaces.
 
-use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_lanes::{Lanes, Mask};
 
 /// Reflection and refraction of unpolarised light at a smooth boundary between two dielectrics.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FresnelDielectric {
+pub struct FresnelDielectric<F = f32> {
     /// Reflected share of the power, in `[0, 1]`; exactly 1 for total reflection.
-    pub reflectance: f32,
+    pub reflectance: F,
     /// Cosine of the angle of refraction, zero for total reflection.
-    pub cos_t: f32,
+    pub cos_t: F,
 }
 
 /// Reflection at a boundary, for an angle of incidence with cosine `cos_i >= 0`. `eta` is the index of refraction
 /// behind the boundary over the one in front of it (Fresnel 1823; Born and Wolf 1999, section 1.5.2).
-#[inline]
-pub fn dielectric(cos_i: f32, eta: f32) -> FresnelDielectric {
-    if eta == 1.0 {
-        return FresnelDielectric { reflectance: 0.0, cos_t: cos_i };
-    }
+#[inline(always)]
+pub fn dielectric<F: Lanes>(cos_i: F, eta: F) -> FresnelDielectric<F> {
+    let (zero, one) = (eta.constant(0.0), eta.constant(1.0));
     // (1 - c)(1 + c) keeps the digits of a small sine.
-    let sin2_t = (1.0 - cos_i).max(0.0) * (1.0 + cos_i) / (eta * eta);
-    if sin2_t >= 1.0 || cos_i <= 0.0 {
-        return FresnelDielectric { reflectance: 1.0, cos_t: (1.0 - sin2_t).max(0.0).sqrt() };
-    }
-    let cos_t = (1.0 - sin2_t).sqrt();
-    FresnelDielectric { reflectance: from_cosines(cos_i, cos_t, eta), cos_t }
+    let sin2_t = cos_i.one_minus().max(zero) * (cos_i + 1.0) / (eta * eta);
+    let cos_t = sin2_t.one_minus().max(zero).sqrt();
+    let is_total = one.le(sin2_t) | cos_i.le(zero);
+    let is_matched = eta.eq(one);
+    let reflectance = is_total.select(one, from_cosines(cos_i, cos_t, eta)).only(!is_matched);
+    FresnelDielectric { reflectance, cos_t: is_matched.select(cos_i, cos_t) }
 }
 
 /// Reflectance at a boundary for two given angles, by their cosines (above zero).
 ///
 /// On a much denser side the angle of refraction depends on the last digits of the angle of incidence. With both
 /// cosines given no precision is lost, and the value is the same from either side.
-#[inline]
-pub fn from_cosines(cos_i: f32, cos_t: f32, eta: f32) -> f32 {
+#[inline(always)]
+pub fn from_cosines<F: Lanes>(cos_i: F, cos_t: F, eta: F) -> F {
     let perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
     let parallel = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
-    0.5 * (perpendicular * perpendicular + parallel * parallel)
+    (perpendicular * perpendicular + parallel * parallel) * 0.5
 }
 
 /// Reflectance of a dielectric at normal incidence.
@@ -46,18 +44,11 @@ pub fn normal_reflectance(eta: f32) -> f32 {
 }
 
 /// Schlick's (1994) weight `(1 - cos)^5`, with the cosine clamped to `[0, 1]`.
-#[inline]
-pub fn schlick_weight(cos: f32) -> f32 {
-    let m = (1.0 - cos).clamp(0.0, 1.0);
+#[inline(always)]
+pub fn schlick_weight<F: Lanes>(cos: F) -> F {
+    let m = cos.one_minus().clamp(0.0, 1.0);
     let m2 = m * m;
     m2 * m2 * m
-}
-
-/// Schlick's (1994) reflectance between `f0` at normal incidence and white at grazing incidence, for a
-/// [`schlick_weight`].
-#[inline]
-pub fn schlick(f0: Rgb, weight: f32) -> Rgb {
-    f0.lerp(Rgb::WHITE, weight)
 }
 
 #[cfg(test)]

@@ -13,8 +13,8 @@
 
 use crate::fresnel::{self, normal_reflectance};
 use crate::microfacet::{Ggx, reflect};
-use crate::{clearcoat, sheen};
-use dunkelfeld_geometry::{LocalDir, Vec3};
+use crate::{InLanes, clearcoat, sheen};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3};
 use std::array::from_fn;
 use std::f32::consts::PI;
 use std::sync::LazyLock;
@@ -35,11 +35,13 @@ impl Curve {
     pub const ONE: Self = Self([1.0; NODES]);
 
     /// The value for a cosine in `[0, 1]`.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, cos: f32) -> f32 {
-        let x = (1.0 + BEND) * (NODES - 1) as f32 * cos / (cos + BEND);
-        let low = (x as usize).min(NODES - 2);
-        self.0[low] + (self.0[low + 1] - self.0[low]) * (x - low as f32)
+        interpolated(
+            cos,
+            #[inline(always)]
+            |_| self,
+        )
     }
 
     /// The mean over the hemisphere, weighted by the cosine.
@@ -51,6 +53,85 @@ impl Curve {
     #[inline]
     pub fn zip(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
         Self(from_fn(|k| f(self.0[k], other.0[k])))
+    }
+}
+
+/// The values for a cosine in `[0, 1]` on the curve of each lane.
+#[inline(always)]
+fn interpolated<'a, F: Lanes>(cos: F, curve: impl Fn(usize) -> &'a Curve) -> F {
+    let x = cos * ((1.0 + BEND) * (NODES - 1) as f32) / (cos + BEND);
+    let low = (x - 0.5).clamp(0.0, (NODES - 2) as f32).round();
+    let node = F::word_to_array(low.round_to_word());
+    let [mut a, mut b] = [[0.0; MAX_WIDTH]; 2];
+    for lane in 0..F::WIDTH {
+        let (nodes, node) = (&curve(lane).0, node[lane] as usize);
+        // The remainders are those numbers. They are in range for the compiler too.
+        [a[lane], b[lane]] = [nodes[node % NODES], nodes[(node + 1) % NODES]];
+    }
+    let (a, b) = (F::load(cos.token(), &a), F::load(cos.token(), &b));
+    a + (b - a) * (x - low)
+}
+
+/// The curves of a principled surface. In lanes they are references to those of the surface in each lane.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Shares {
+    /// The share of the light of a direction that reaches the diffuse lobe.
+    pub diffuse: Curve,
+    /// The share of the light of a direction that passes coat and sheen.
+    pub specular: Curve,
+}
+
+/// [`Shares`] at cosines.
+pub trait SharesAt<F> {
+    /// The share that reaches the diffuse lobe.
+    fn diffuse(&self, cos: F) -> F;
+    /// The share that passes coat and sheen.
+    fn specular(&self, cos: F) -> F;
+}
+
+impl SharesAt<f32> for Shares {
+    #[inline(always)]
+    fn diffuse(&self, cos: f32) -> f32 {
+        self.diffuse.at(cos)
+    }
+    #[inline(always)]
+    fn specular(&self, cos: f32) -> f32 {
+        self.specular.at(cos)
+    }
+}
+
+impl<F: Lanes> SharesAt<F> for [&Shares; MAX_WIDTH] {
+    #[inline(always)]
+    fn diffuse(&self, cos: F) -> F {
+        interpolated(
+            cos,
+            #[inline(always)]
+            |lane| &self[lane].diffuse,
+        )
+    }
+    #[inline(always)]
+    fn specular(&self, cos: F) -> F {
+        interpolated(
+            cos,
+            #[inline(always)]
+            |lane| &self[lane].specular,
+        )
+    }
+}
+
+impl<F: Lanes> InLanes<F> for Shares {
+    type Lanes<'a> = [&'a Self; MAX_WIDTH];
+    #[inline(always)]
+    fn splat<'a>(_: F::Token, all: &'a Self) -> Self::Lanes<'a> {
+        [all; MAX_WIDTH]
+    }
+    #[inline(always)]
+    fn collect<'a>(_: F::Token, of: impl Fn(usize) -> &'a Self + Copy) -> Self::Lanes<'a> {
+        let mut lanes = [of(0); MAX_WIDTH];
+        for lane in 1..F::WIDTH {
+            lanes[lane] = of(lane);
+        }
+        lanes
     }
 }
 
@@ -128,13 +209,13 @@ static BELOW_SPECULAR: LazyLock<Table> = LazyLock::new(|| {
         let ggx = Ggx::new(alpha, alpha);
         from_fn(|k| {
             let wo = toward(k);
-            let bound = ggx.pdf_visible(wo, wo.0) / (4.0 * ggx.pdf_bounded_reflection(wo, wo.0));
+            let bound = ggx.pdf_visible(wo, wo) / (4.0 * ggx.pdf_bounded_reflection(wo, wo));
             let mut shares = [0.0; COSINES + 1];
             cubature(|u, weight| {
                 let m = ggx.sample_bounded(wo, u);
                 let wi = reflect(wo, m);
-                if wi.0.z > 0.0 {
-                    let x = wo.0.dot(m).clamp(0.0, 1.0) * COSINES as f32;
+                if wi.z > 0.0 {
+                    let x = wo.dot(m).clamp(0.0, 1.0) * COSINES as f32;
                     let low = (x as usize).min(COSINES - 1);
                     let share = weight * bound * ggx.g1(wi);
                     shares[low] += share * (1.0 - x + low as f32);
@@ -152,15 +233,14 @@ static BELOW_SPECULAR: LazyLock<Table> = LazyLock::new(|| {
 /// Coordinate: logarithm of the width.
 static BELOW_COAT: LazyLock<Table> = LazyLock::new(|| {
     let below = |x: f32| -> [f32; FINE] {
-        let alpha = GLOSSIEST * (SATIN / GLOSSIEST).powf(x);
+        let coat = clearcoat::Coat::new(GLOSSIEST * (SATIN / GLOSSIEST).powf(x));
         from_fn(|k| {
             let (wo, mut sum) = (toward(k), 0.0);
             cubature(|[u0, u1], weight| {
-                let m = clearcoat::sample_half_vector([u1, u0], alpha);
-                let (wi, cos_d) = (reflect(wo, m), wo.0.dot(m));
-                if cos_d > 0.0 && wi.0.z > 0.0 {
-                    let value = clearcoat::eval_clearcoat(wo, wi, m, alpha);
-                    sum += weight * value / clearcoat::pdf_reflection(m, cos_d, alpha);
+                let m = coat.sample_half_vector([u1, u0]);
+                let (wi, cos_d) = (reflect(wo, m), wo.dot(m));
+                if cos_d > 0.0 && wi.z > 0.0 {
+                    sum += weight * coat.eval(wo, wi, m) / coat.pdf_reflection(m, cos_d);
                 }
             });
             1.0 - sum
@@ -177,9 +257,9 @@ static BELOW_SHEEN: LazyLock<Table> = LazyLock::new(|| {
             let cos = 1.0 - u1;
             let sin = (1.0 - cos * cos).sqrt();
             let turn = 2.0 * PI * u0;
-            let wi = LocalDir::new(sin * turn.cos(), sin * turn.sin(), cos);
-            let cos_d = (0.5 + 0.5 * wo.0.dot(wi.0)).max(0.0).sqrt();
-            sum += weight * 2.0 * PI * sheen::eval_sheen(wi, cos_d);
+            let wi = V3::new(sin * turn.cos(), sin * turn.sin(), cos);
+            let cos_d = (0.5 + 0.5 * wo.dot(wi)).max(0.0).sqrt();
+            sum += weight * 2.0 * PI * sheen::eval_sheen(wi.z, cos_d);
         });
         1.0 - sum
     });
@@ -187,9 +267,9 @@ static BELOW_SHEEN: LazyLock<Table> = LazyLock::new(|| {
 });
 
 /// The direction of a node or midpoint of a curve.
-fn toward(fine: usize) -> LocalDir {
+fn toward(fine: usize) -> V3<f32> {
     let cos = node_cosine(0.5 * fine as f32);
-    LocalDir(Vec3::new(((1.0 - cos) * (1.0 + cos)).sqrt(), 0.0, cos))
+    V3::new(((1.0 - cos) * (1.0 + cos)).sqrt(), 0.0, cos)
 }
 
 /// Points and weights over the unit square for lobes that are symmetric in the first coordinate: half of it is enough.

@@ -24,17 +24,19 @@
 //! [`PrincipledModel::Mitsuba`] has Burley's diffuse lobe, and adds the lobes without regard to energy. Then no
 //! deviation changes a value where Mitsuba's parameters are in range and `eta` is not 1. It exists for comparisons.
 
-use crate::bsdf_sample::{BsdfSample, Lobe};
-use crate::dielectric::{MATCHED_INDEX, clamp_eta, delta, finite_sample, from_above, mirrored_if};
+use crate::bsdf_sample::{BsdfSamples, Lobe, View};
+use crate::clearcoat::{self, Coat};
+use crate::dielectric::{MATCHED_INDEX, clamp_eta};
 use crate::fresnel::{self, schlick_weight};
-use crate::layers::{Curve, LEAST_SLOPE, below_coat_and_sheen, below_specular};
-use crate::microfacet::{Ggx, reflect};
+use crate::in_lanes::in_lanes;
+use crate::layers::{Curve, LEAST_SLOPE, Shares, SharesAt, below_coat_and_sheen, below_specular};
+use crate::microfacet::{Ggx, mirrored_if, reflect};
 use crate::specular::SpecularColor;
 use crate::transmission::{eval_refraction, refract};
-use crate::{EFFECTS, clearcoat, compensation, diffuse, sheen};
-use dunkelfeld_geometry::LocalDir;
+use crate::warp::sample_cosine_hemisphere;
+use crate::{EFFECTS, compensation, diffuse, sheen};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
 /// How the lobes of a principled surface share the light.
@@ -111,51 +113,45 @@ impl Default for PrincipledParams {
 const POLISHED: f32 = 0.032;
 
 /// A principled surface in compiled form. Products of the parameters are computed once per shading point.
+///
+/// `C` holds the curves: [`Shares`], or in lanes references to those of each lane.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Principled {
-    ggx: Ggx,
-    roughness: f32,
-    eta: f32,
+pub struct Principled<F = f32, C = Shares> {
+    ggx: Ggx<F>,
+    roughness: F,
+    eta: F,
     /// Base colour times the opaque dielectric share.
-    diffuse_color: Rgb,
-    /// The share of the light of a direction that reaches the diffuse lobe.
-    diffuse_share: Curve,
-    /// Factor of the diffuse lobe, `1 / (pi mean(diffuse_share))`.
-    lambert: f32,
-    /// The share of the light of a direction that passes coat and sheen.
-    to_specular: Curve,
+    diffuse_color: Rgb<F>,
+    pub(crate) shares: C,
+    /// Factor of the diffuse lobe, `1 / (pi mean(shares.diffuse))`.
+    pub(crate) lambert: F,
     /// The refracting share of the dielectric.
-    spec_trans: f32,
+    spec_trans: F,
     /// The refracting dielectric share, `(1 - metallic) spec_trans`.
-    refracting: f32,
+    refracting: F,
     /// Square root of the base colour times the refracting share.
-    transmission_color: Rgb,
-    specular: SpecularColor,
+    transmission_color: Rgb<F>,
+    specular: SpecularColor<F>,
     /// Sheen colour times its strength.
-    sheen_color: Rgb,
+    sheen_color: Rgb<F>,
     /// Strength of the coat times Burley's 1/4.
-    coat: f32,
-    coat_alpha: f32,
+    coat: F,
+    coat_shape: Coat<F>,
     /// Luminance of the diffuse lobe without layers above it, and of the sheen, for the choice of a lobe.
-    diffuse_luminance: f32,
-    sheen_luminance: f32,
-    compensated: bool,
-    /// True if the diffuse lobe is that of Burley.
-    burley: bool,
-    /// True if it has more than the diffuse and the specular lobe of an opaque surface. Most surfaces have not. They
-    /// use code for these two lobes only: the functions below with `RICH` false.
+    diffuse_luminance: F,
+    sheen_luminance: F,
+    /// One with [`crate::compensation`].
+    compensated: F,
+    /// One if the diffuse lobe is that of Burley.
+    burley: F,
+    /// See [`Self::is_rich`].
     rich: bool,
 }
 
-/// Probabilities of the lobes for one `wo`, which sum to one, and the values of both curves for it.
-#[derive(Clone, Copy, Debug)]
-struct Choice {
-    diffuse: f32,
-    coat: f32,
-    specular: f32,
-    diffuse_share: f32,
-    to_specular: f32,
-}
+in_lanes!(Principled => Principled<F, [&'a Shares; MAX_WIDTH]> {
+    ggx, roughness, eta, diffuse_color, shares, lambert, spec_trans, refracting, transmission_color, specular, sheen_color,
+    coat, coat_shape, diffuse_luminance, sheen_luminance, compensated, burley, rich
+});
 
 impl Principled {
     /// Computes the products of the parameters. Parameters are clamped to their ranges, and NaN counts as zero.
@@ -186,13 +182,13 @@ impl Principled {
         let diffuse_color = base * opaque;
         let coat = clearcoat::STRENGTH * at_least_zero(p.clearcoat).min(4.0);
         let coat_alpha = clearcoat::alpha_from_gloss(unit(p.clearcoat_gloss));
-        let [mut to_specular, mut diffuse_share] = [Curve::ONE; 2];
+        let mut shares = Shares { diffuse: Curve::ONE, specular: Curve::ONE };
         if layered {
             sheen_color = sheen_color * (10.0 / sheen_color.max_channel().max(10.0));
-            to_specular = below_coat_and_sheen(coat, coat_alpha, sheen_color.max_channel());
+            shares.specular = below_coat_and_sheen(coat, coat_alpha, sheen_color.max_channel());
             if opaque > 0.0 {
-                diffuse_share =
-                    below_specular(&ggx, eta).zip(to_specular, |t, above| (1.0 - specular.bound(1.0 - t)) * above);
+                shares.diffuse =
+                    below_specular(&ggx, eta).zip(shares.specular, |t, above| (1.0 - specular.bound(1.0 - t)) * above);
             }
         }
         let burley = !layered && opaque > 0.0;
@@ -201,21 +197,20 @@ impl Principled {
             roughness,
             eta,
             diffuse_color,
+            shares,
+            lambert: if opaque > 0.0 { FRAC_1_PI / shares.diffuse.mean().max(f32::MIN_POSITIVE) } else { 0.0 },
             spec_trans,
             refracting,
             transmission_color: base.map(f32::sqrt) * refracting,
-            diffuse_share,
-            lambert: if opaque > 0.0 { FRAC_1_PI / diffuse_share.mean().max(f32::MIN_POSITIVE) } else { 0.0 },
-            to_specular,
             specular,
             sheen_color,
             coat,
-            coat_alpha,
+            coat_shape: Coat::new(coat_alpha),
             diffuse_luminance: diffuse_color.luminance(),
             // More than a sheen of strength one scatters at any view, 0.09, because its colour varies.
             sheen_luminance: 0.25 * sheen_color.luminance(),
-            compensated: false,
-            burley,
+            compensated: 0.0,
+            burley: f32::from(u8::from(burley)),
             rich: burley || refracting > 0.0 || coat > 0.0 || !sheen_color.is_black(),
         }
     }
@@ -223,7 +218,7 @@ impl Principled {
     /// The same surface with [`crate::compensation`] of its specular and transmission lobes.
     #[inline]
     pub fn with_energy_compensation(self) -> Self {
-        Self { compensated: true, rich: true, ..self }
+        Self { compensated: 1.0, rich: true, ..self }
     }
 
     /// The same surface with its diffuse lobe scaled by a factor in `[0, 1]`.
@@ -233,290 +228,406 @@ impl Principled {
         Self { diffuse_color, diffuse_luminance: diffuse_color.luminance(), ..self }
     }
 
-    /// The share of the light of a direction above the surface that reaches the diffuse lobe.
-    #[inline]
-    pub(crate) fn diffuse_share(&self, w: LocalDir) -> f32 {
-        self.diffuse_share.at(w.0.z)
-    }
-
-    /// The diffuse lobe of albedo one below the layers, without `|cos wi|` [1/sr]. Both directions lie above the
-    /// surface.
-    #[inline]
-    pub(crate) fn diffuse_below(&self, wo: LocalDir, wi: LocalDir) -> f32 {
-        self.lambert * self.diffuse_share(wo) * self.diffuse_share(wi)
-    }
-
-    /// See [`crate::Bsdf::eval_pdf`].
-    #[inline]
-    pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
-        if self.is_rich() { self.eval_rich(wo, wi) } else { self.eval_above::<false>(wo, wi) }
-    }
-
-    /// See [`crate::Bsdf::sample`].
-    #[inline(always)]
-    pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
-        if self.is_rich() {
-            // Bound to a variable first: see `Bsdf::sample`.
-            let sample = self.sample_rich(wo, u_lobe, u)?;
-            Some(sample)
-        } else {
-            self.sample_as::<false>(wo, u_lobe, u)
-        }
-    }
-
-    #[inline]
-    fn is_rich(&self) -> bool {
-        EFFECTS && self.rich
-    }
-
-    /// [`Self::eval_pdf`] with all lobes, on both sides.
-    #[inline(never)]
-    fn eval_rich(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
-        if wo.0.z > 0.0 && wi.0.z > 0.0 {
-            self.eval_above::<true>(wo, wi)
-        } else if self.refracting > 0.0 && wo.0.z != 0.0 && wi.0.z != 0.0 {
-            if wo.same_side(wi) { self.reflect_inside(wo, wi) } else { self.refract_through(wo, wi) }
-        } else {
-            (Rgb::BLACK, 0.0)
-        }
-    }
-
-    /// [`Self::eval_pdf`] where both directions lie above the surface. For other directions the result is zero.
-    #[inline]
-    fn eval_above<const RICH: bool>(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
-        if !(wo.0.z > 0.0 && wi.0.z > 0.0) {
-            return (Rgb::BLACK, 0.0);
-        }
-        match self.choose::<RICH>(wo) {
-            Some(choice) => self.reflect_above::<RICH>(wo, wi, choice),
-            None => (Rgb::BLACK, 0.0),
-        }
-    }
-
-    /// [`Self::sample`] with all lobes.
-    #[inline(never)]
-    fn sample_rich(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
-        self.sample_as::<true>(wo, u_lobe, u)
-    }
-
-    #[inline(always)]
-    fn sample_as<const RICH: bool>(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
-        let choice = if wo.0.z > 0.0 {
-            self.choose::<RICH>(wo)?
-        } else if RICH && wo.0.z < 0.0 && self.refracting > 0.0 {
-            Choice { diffuse: 0.0, coat: 0.0, specular: 1.0, diffuse_share: 0.0, to_specular: 0.0 }
-        } else {
-            return None;
-        };
-        let (wi, lobe) = if u_lobe < choice.diffuse {
-            (LocalDir(warp::sample_cosine_hemisphere(u)), Lobe::DIFFUSE | Lobe::REFLECTION)
-        } else if RICH && u_lobe < choice.diffuse + choice.coat {
-            let m = clearcoat::sample_half_vector(u, self.coat_alpha);
-            (reflect(wo, m), Lobe::CLEARCOAT | Lobe::GLOSSY | Lobe::REFLECTION)
-        } else if RICH && self.refracting > 0.0 {
-            // The remainder of u_lobe decides between reflection and refraction.
-            let rest = (u_lobe - choice.diffuse - choice.coat) / choice.specular;
-            let rest = rest.clamp(0.0, 1.0 - f32::EPSILON / 2.0);
-            return self.sample_boundary(wo, choice.specular, rest, u);
-        } else {
-            (reflect(wo, self.ggx.sample_bounded(wo, u)), Lobe::GLOSSY | Lobe::REFLECTION)
-        };
-        if wi.0.z <= 0.0 {
-            return None;
-        }
-        let (value, pdf) = self.reflect_above::<RICH>(wo, wi, choice);
-        finite_sample(wi, value, pdf, lobe, 1.0)
-    }
-
     /// True if it has only a specular lobe, and that lobe has its least width.
     #[inline]
     pub(crate) fn is_polished(&self) -> bool {
         self.roughness <= POLISHED && !self.rich && self.diffuse_luminance == 0.0
     }
+}
+
+impl<F: Lanes, C: SharesAt<F>> Principled<F, C> {
+    /// True if it has more than the diffuse and the specular lobe of an opaque surface, in some lane. Most surfaces have
+    /// not. Code for these two lobes is sufficient for them: [`Self::view`] with `RICH` false.
+    #[inline(always)]
+    pub fn is_rich(&self) -> bool {
+        EFFECTS && self.rich
+    }
+
+    /// The surface seen from `wo`. `RICH` must be true if [`Self::is_rich`]; else it changes no result.
+    #[inline(always)]
+    pub fn view<const RICH: bool>(&self, wo: V3<F>) -> PrincipledView<'_, F, C, RICH> {
+        let (zero, one) = (wo.z.constant(0.0), wo.z.constant(1.0));
+        let below = wo.z.lt(zero);
+        let (mut up, mut eta) = (wo, self.eta);
+        if RICH {
+            (up, eta) = (mirrored_if(below, wo), below.select(eta.recip(), eta));
+        }
+        // Schlick's approximation is sufficient for the choice of a lobe, in proportion to their expected energy. The floor
+        // keeps the probability of a lobe that is black at normal incidence above zero, because its tilted facets are not
+        // black.
+        let w = schlick_weight(up.z).max(one * 0.01);
+        let f0 = self.specular.dielectric_f0();
+        let f = (f0 + f0.one_minus() * w).only(!self.eta.eq(one));
+        let mut specular = self.specular.reflectance(f, w).luminance();
+        let mut diffuse_share = zero;
+        if self.diffuse_luminance.is_positive().any() {
+            diffuse_share = self.shares.diffuse(up.z).only(self.diffuse_luminance.is_positive());
+        }
+        let mut diffuse = self.diffuse_luminance * diffuse_share;
+        let (mut coat, mut specular_share) = (zero, one);
+        let is_refracting = self.refracting.is_positive();
+        let has_coat = self.coat.is_positive();
+        let is_covered = has_coat | self.sheen_color.is_lit();
+        if RICH {
+            specular += f.one_minus() * self.transmission_color.luminance();
+            coat = self.coat * (w * 0.96 + 0.04);
+            diffuse += self.sheen_luminance;
+            if is_covered.any() {
+                specular_share = self.shares.specular(up.z);
+            }
+        }
+        let sum = diffuse + specular + coat;
+        let scale = sum.recip();
+        let mut is_lit = wo.z.is_positive() & sum.is_positive() & scale.is_finite();
+        [diffuse, coat, specular] = [diffuse * scale, coat * scale, specular * scale];
+        let mut gains = None;
+        if RICH {
+            // Below the surface only the boundary of the refracting share scatters light.
+            [diffuse, coat, specular] = [diffuse.only(!below), coat.only(!below), below.select(one, specular)];
+            is_lit = is_lit | below & is_refracting;
+            let is_compensated = self.compensated.is_positive();
+            if is_compensated.any() {
+                gains = Some(self.gains(is_compensated, up, eta));
+            }
+        }
+        PrincipledView {
+            surface: self,
+            up,
+            eta,
+            below,
+            is_lit,
+            is_refracting,
+            is_covered,
+            is_matched: (self.eta - 1.0).abs().lt(one * MATCHED_INDEX),
+            visible: self.ggx.visible_scale(up),
+            bounded: self.ggx.bounded_scale(up),
+            diffuse,
+            coat,
+            specular,
+            diffuse_share,
+            specular_share,
+            gains,
+        }
+    }
+
+    /// Compensation of the metal by its reflectance at normal incidence (Turquin 2019), of the refracting share as a clear
+    /// boundary, unless the reflection is brighter than that of the index. The light that the rest loses reaches the
+    /// diffuse lobe.
+    #[inline(always)]
+    fn gains(&self, mask: F::Mask, up: V3<F>, eta: F) -> Gains<F> {
+        let one = eta.constant(1.0);
+        let is_clear = mask & one.le((self.eta - 1.0).abs() / MATCHED_INDEX) & !self.specular.is_brighter();
+        let clear = compensation::scattered_once(is_clear, &self.ggx, up, eta).recip();
+        let once = compensation::reflected_once(mask, &self.ggx, up);
+        Gains {
+            clear,
+            dielectric: self.spec_trans * (clear - 1.0) + 1.0,
+            metal: Rgb::splat(one) + self.specular.metal() * (once.one_minus() / once),
+        }
+    }
 
     /// See [`crate::Bsdf::albedo`].
-    pub fn albedo(&self, wo: LocalDir) -> Rgb {
-        let cos = wo.abs_cos_theta();
+    #[inline(always)]
+    pub fn albedo(&self, wo: V3<F>) -> Rgb<F> {
+        let cos = wo.z.abs();
         let f = fresnel::dielectric(cos, self.eta);
         let specular = self.specular.reflectance(f.reflectance, self.schlick_weight(cos, f.cos_t));
         let below = self.diffuse_color + self.transmission_color;
-        (specular + below * (1.0 - f.reflectance)).map(|c| c.clamp(0.0, 1.0))
-    }
-
-    /// Both directions above the surface: all reflective lobes that the surface has.
-    #[inline]
-    fn reflect_above<const RICH: bool>(&self, wo: LocalDir, wi: LocalDir, choice: Choice) -> (Rgb, f32) {
-        let Some(m) = (wo.0 + wi.0).try_normalize() else { return (Rgb::BLACK, 0.0) };
-        let cos_d = wo.0.dot(m).clamp(1e-6, 1.0);
-
-        let f = fresnel::dielectric(cos_d, self.eta);
-        let weight = self.schlick_weight(cos_d, f.cos_t);
-        let reflectance = self.specular.reflectance(f.reflectance, weight);
-        let stretch = self.ggx.stretch(wo);
-        let d = self.ggx.distribution(m);
-        // D g1(wo) / (4 wo.z), without its singularity at grazing angles.
-        let visible = d / (2.0 * (wo.0.z + stretch));
-        let shape = visible * self.ggx.g1(wi);
-        let mut value = reflectance * shape;
-        if RICH {
-            if self.compensated {
-                value = self.compensated_above(wo, f.reflectance, weight) * shape;
-            }
-            value *= choice.to_specular.min(self.to_specular.at(wi.0.z));
-        }
-        let mut pdf = choice.specular
-            * if RICH && self.refracting > 0.0 {
-                visible * self.reflection_probability(reflectance, f.reflectance)
-            } else {
-                d / (2.0 * (self.ggx.cap_bound(wo) * wo.0.z + stretch))
-            };
-        if choice.diffuse > 0.0 {
-            value += self.diffuse_color
-                * if RICH && self.burley {
-                    diffuse::eval_diffuse(wo, wi, cos_d, self.roughness)
-                } else {
-                    self.lambert * choice.diffuse_share * self.diffuse_share(wi) * wi.0.z
-                };
-            if RICH && !self.sheen_color.is_black() {
-                value += self.sheen_color * sheen::eval_sheen(wi, cos_d);
-            }
-            pdf += choice.diffuse * warp::pdf_cosine_hemisphere(wi.0);
-        }
-        if RICH && choice.coat > 0.0 {
-            value += Rgb::splat(self.coat * clearcoat::eval_clearcoat(wo, wi, m, self.coat_alpha));
-            pdf += choice.coat * clearcoat::pdf_reflection(m, cos_d, self.coat_alpha);
-        }
-        (value, pdf)
-    }
-
-    /// Both directions below the surface: reflection at the boundary of the refracting share.
-    fn reflect_inside(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
-        let (eta, wo, wi) = from_above(self.eta, wo, wi);
-        let Some(m) = (wo.0 + wi.0).try_normalize() else { return (Rgb::BLACK, 0.0) };
-        let f = fresnel::dielectric(wo.0.dot(m), eta).reflectance;
-        let visible = self.ggx.distribution(m) / (2.0 * (wo.0.z + self.ggx.stretch(wo)));
-        let q = self.reflection_probability(Rgb::splat(self.refracting * f), f);
-        (Rgb::splat(self.refracting * f * visible * self.ggx.g1(wi) * self.clear_gain(wo, eta)), visible * q)
-    }
-
-    /// Directions on different sides: refraction at the boundary of the refracting share.
-    fn refract_through(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
-        let none = (Rgb::BLACK, 0.0);
-        if self.is_matched() {
-            return none;
-        }
-        let above = wo.0.z > 0.0;
-        let (eta, wo, wi) = from_above(self.eta, wo, wi);
-        let Some(r) = eval_refraction(&self.ggx, wo, wi, eta) else { return none };
-        let (reflected, specular) = if above {
-            let Some(choice) = self.choose::<true>(wo) else { return none };
-            (self.specular.reflectance(r.fresnel, self.schlick_weight(r.cos_o, r.cos_i)), choice.specular)
-        } else {
-            (Rgb::splat(self.refracting * r.fresnel), 1.0)
-        };
-        let q = self.reflection_probability(reflected, r.fresnel);
-        let kept = self.specular.refracted(r.fresnel) * self.to_specular.at(if above { wo.0.z } else { -wi.0.z });
-        (self.transmission_color * (r.value * kept * self.clear_gain(wo, eta)), specular * (1.0 - q) * r.density)
-    }
-
-    /// Samples the refracting boundary from either side: a visible facet, then reflection or refraction there.
-    fn sample_boundary(&self, wo: LocalDir, probability: f32, u_side: f32, u: [f32; 2]) -> Option<BsdfSample> {
-        let below = wo.0.z < 0.0;
-        let (eta, up, _) = from_above(self.eta, wo, wo);
-        let m = self.ggx.sample_visible(up, u);
-        let up_m = up.0.dot(m);
-        let f = fresnel::dielectric(up_m, eta);
-        let reflected = if below {
-            Rgb::splat(self.refracting * f.reflectance)
-        } else {
-            self.specular.reflectance(f.reflectance, self.schlick_weight(up_m, f.cos_t))
-        };
-        let q = self.reflection_probability(reflected, f.reflectance);
-        if u_side < q {
-            let wi = reflect(up, m);
-            let wi = (wi.0.z > 0.0).then(|| mirrored_if(below, wi))?;
-            let (value, pdf) = self.eval_pdf(wo, wi);
-            finite_sample(wi, value, pdf, Lobe::GLOSSY | Lobe::REFLECTION, 1.0)
-        } else if self.is_matched() {
-            // The facet decided only between reflection and transmission. Averaged over facets, the transmitted
-            // direction is straight.
-            let kept = self.specular.refracted(f.reflectance) * self.to_specular.at(up.0.z);
-            let weight = self.transmission_color * (kept * (1.0 - f.reflectance) / (probability * (1.0 - q)));
-            delta(-wo, weight, probability * (1.0 - q), Lobe::TRANSMISSION, 1.0)
-        } else {
-            let wi = refract(up, m, eta, f.cos_t);
-            let wi = (wi.0.z < 0.0).then(|| mirrored_if(below, wi))?;
-            let (value, pdf) = self.eval_pdf(wo, wi);
-            finite_sample(wi, value, pdf, Lobe::GLOSSY | Lobe::TRANSMISSION, eta)
-        }
-    }
-
-    /// The reflectance above the surface with compensation: metal by its reflectance at normal incidence (Turquin
-    /// 2019), the refracting share as a clear boundary. The light that the rest loses reaches the diffuse lobe.
-    #[cold]
-    fn compensated_above(&self, wo: LocalDir, exact: f32, weight: f32) -> Rgb {
-        let once = compensation::reflected_once(&self.ggx, wo);
-        let metal = Rgb::WHITE + self.specular.metal() * ((1.0 - once) / once);
-        let clear = 1.0 + self.spec_trans * (self.clear_gain(wo, self.eta) - 1.0);
-        self.specular.compensated(exact, weight, clear, metal)
-    }
-
-    /// The compensation factor of both lobes of the refracting share; one if the reflection is brighter than that of
-    /// the index.
-    #[inline]
-    fn clear_gain(&self, wo: LocalDir, eta: f32) -> f32 {
-        if self.compensated && !self.is_matched() && !self.specular.is_brighter() {
-            1.0 / compensation::scattered_once(&self.ggx, wo, eta)
-        } else {
-            1.0
-        }
-    }
-
-    /// Probability of reflection at a facet of the refracting boundary, in proportion to the energy of each side.
-    #[inline]
-    fn reflection_probability(&self, reflected: Rgb, fresnel: f32) -> f32 {
-        let (r, t) = (reflected.luminance(), (1.0 - fresnel) * self.transmission_color.luminance());
-        if r > 0.0 { r / (r + t) } else { 0.0 }
-    }
-
-    /// Probabilities of the lobes above the surface, in proportion to their expected energy; `None` if all are zero.
-    #[inline]
-    fn choose<const RICH: bool>(&self, wo: LocalDir) -> Option<Choice> {
-        // Schlick's approximation is sufficient for the choice. The floor keeps the probability of a lobe that is black
-        // at normal incidence above zero, because its tilted facets are not black.
-        let w = schlick_weight(wo.0.z).max(0.01);
-        let f0 = self.specular.dielectric_f0();
-        let f = if self.eta == 1.0 { 0.0 } else { f0 + (1.0 - f0) * w };
-        let reflected = self.specular.reflectance(f, w).luminance();
-        let refracted = if RICH { (1.0 - f) * self.transmission_color.luminance() } else { 0.0 };
-        let specular = reflected + refracted;
-        let coat = if RICH && self.coat > 0.0 { self.coat * (0.04 + 0.96 * w) } else { 0.0 };
-        let diffuse_share = if self.diffuse_luminance > 0.0 { self.diffuse_share(wo) } else { 0.0 };
-        let diffuse = self.diffuse_luminance * diffuse_share + if RICH { self.sheen_luminance } else { 0.0 };
-        let to_specular = if RICH { self.to_specular.at(wo.0.z) } else { 1.0 };
-        let sum = diffuse + specular + coat;
-        let scale = 1.0 / sum;
-        (sum > 0.0 && scale.is_finite()).then_some(Choice {
-            diffuse: diffuse * scale,
-            coat: coat * scale,
-            specular: specular * scale,
-            diffuse_share,
-            to_specular,
-        })
+        in_unit(specular + below * f.reflectance.one_minus())
     }
 
     /// Schlick's weight at a facet above the surface. Toward a thinner medium it uses the angle of refraction, so that
     /// it reaches one at the critical angle (Burley 2015).
-    #[inline]
-    fn schlick_weight(&self, cos_d: f32, cos_t: f32) -> f32 {
-        schlick_weight(if self.eta > 1.0 { cos_d } else { cos_t })
+    #[inline(always)]
+    fn schlick_weight(&self, cos_d: F, cos_t: F) -> F {
+        schlick_weight(self.eta.gt(self.eta.constant(1.0)).select(cos_d, cos_t))
     }
 
-    /// True if there is no boundary with refraction.
-    #[inline]
-    fn is_matched(&self) -> bool {
-        (self.eta - 1.0).abs() < MATCHED_INDEX
+    /// Probability of reflection at a facet of the refracting boundary, in proportion to the energy of each side.
+    #[inline(always)]
+    fn reflection_probability(&self, reflected: Rgb<F>, fresnel: F) -> F {
+        let (r, t) = (reflected.luminance(), fresnel.one_minus() * self.transmission_color.luminance());
+        (r / (r + t)).only(r.is_positive())
     }
+}
+
+/// Factors of the compensation: on both lobes of the refracting share, on the dielectric, on the metal.
+#[derive(Clone, Copy, Debug)]
+struct Gains<F> {
+    clear: F,
+    dielectric: F,
+    metal: Rgb<F>,
+}
+
+/// A [`Principled`] surface seen from `wo`.
+#[derive(Clone, Copy, Debug)]
+pub struct PrincipledView<'a, F: Lanes, C, const RICH: bool> {
+    surface: &'a Principled<F, C>,
+    /// `wo`, mirrored to above the surface.
+    up: V3<F>,
+    /// Index of refraction on the far side of `wo` over that on its side.
+    eta: F,
+    /// True for `wo` below the surface. Then all directions are mirrored to the other side.
+    below: F::Mask,
+    /// True if it scatters light toward `wo`.
+    is_lit: F::Mask,
+    is_refracting: F::Mask,
+    /// True below a coat or a sheen.
+    is_covered: F::Mask,
+    /// True if there is no boundary with refraction.
+    is_matched: F::Mask,
+    /// Factors from the distribution of normals to densities of visible and of bounded normals.
+    visible: F,
+    bounded: F,
+    /// Probabilities of the lobes, which sum to one.
+    diffuse: F,
+    coat: F,
+    specular: F,
+    /// Values of the curves for `wo`.
+    diffuse_share: F,
+    specular_share: F,
+    gains: Option<Gains<F>>,
+}
+
+/// A direction drawn from the lobes, mirrored like `wo`.
+pub(crate) struct Drawn<F: Lanes> {
+    pub(crate) wi: V3<F>,
+    /// False if the direction lies on the wrong side for its lobe.
+    pub(crate) is_valid: F::Mask,
+    /// See [`Lobe::in_lanes`].
+    pub(crate) lobe: F,
+    eta: F,
+    /// The lanes of delta lobes, with weight and probability.
+    delta: Option<(F::Mask, Rgb<F>, F)>,
+}
+
+impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> {
+    /// The diffuse lobe of albedo one below the layers, without `|cos wi|` [1/sr], for the cosine of `wi`. Both directions
+    /// lie above the surface.
+    #[inline(always)]
+    fn diffuse_below(&self, cos_i: F) -> F {
+        self.surface.lambert * self.diffuse_share * self.surface.shares.diffuse(cos_i)
+    }
+
+    /// [`View::eval_pdf`] for a mirrored direction.
+    #[inline(always)]
+    pub(crate) fn eval_up(&self, wi: V3<F>) -> (Rgb<F>, F) {
+        let zero = wi.z.constant(0.0);
+        let facing = self.is_lit & wi.z.is_positive();
+        let above = if RICH { facing & !self.below } else { facing };
+        let (mut value, mut pdf) = (Rgb::splat(zero), zero);
+        if above.any() {
+            (value, pdf) = self.reflect_above(wi);
+            (value, pdf) = (Rgb::select(above, value, Rgb::splat(zero)), pdf.only(above));
+        }
+        if RICH {
+            let inside = facing & self.below;
+            if inside.any() {
+                let inner = self.reflect_inside(wi);
+                (value, pdf) = (Rgb::select(inside, inner.0, value), inside.select(inner.1, pdf));
+            }
+            let through = self.is_lit & self.is_refracting & !self.is_matched & wi.z.lt(zero);
+            if through.any() {
+                let outer = self.refract_through(wi);
+                (value, pdf) = (Rgb::select(through, outer.0, value), through.select(outer.1, pdf));
+            }
+        }
+        (value, pdf)
+    }
+
+    /// Both directions above the surface: all reflective lobes that the surface has.
+    #[inline(always)]
+    fn reflect_above(&self, wi: V3<F>) -> (Rgb<F>, F) {
+        let (s, wo, zero) = (self.surface, self.up, wi.z.constant(0.0));
+        let (m, is_some) = (wo + wi).try_normalize();
+        let cos_d = wo.dot(m).clamp(1e-6, 1.0);
+
+        let f = fresnel::dielectric(cos_d, s.eta);
+        let weight = s.schlick_weight(cos_d, f.cos_t);
+        let reflectance = s.specular.reflectance(f.reflectance, weight);
+        let d = s.ggx.distribution(m);
+        let shape = d * self.visible * s.ggx.g1(wi);
+        let mut value = reflectance * shape;
+        let mut density = d * self.bounded;
+        if RICH {
+            if let Some(gains) = self.gains {
+                value = s.specular.compensated(f.reflectance, weight, gains.dielectric, gains.metal) * shape;
+            }
+            if self.is_covered.any() {
+                value *= self.specular_share.min(s.shares.specular(wi.z));
+            }
+            if self.is_refracting.any() {
+                let q = s.reflection_probability(reflectance, f.reflectance);
+                density = self.is_refracting.select(d * self.visible * q, density);
+            }
+        }
+        let mut pdf = self.specular * density;
+        let has_diffuse = self.diffuse.is_positive();
+        if has_diffuse.any() {
+            let mut lobe = self.diffuse_below(wi.z) * wi.z;
+            if RICH {
+                let burley = s.burley.is_positive();
+                if burley.any() {
+                    lobe = burley.select(diffuse::eval_diffuse(wo.z, wi.z, cos_d, s.roughness), lobe);
+                }
+                if self.is_covered.any() {
+                    value += s.sheen_color * sheen::eval_sheen(wi.z, cos_d).only(has_diffuse);
+                }
+            }
+            value += s.diffuse_color * lobe.only(has_diffuse);
+            pdf += self.diffuse * (wi.z * FRAC_1_PI);
+        }
+        if RICH {
+            let has_coat = self.coat.is_positive();
+            if has_coat.any() {
+                value += Rgb::splat((s.coat * s.coat_shape.eval(wo, wi, m)).only(has_coat));
+                pdf += self.coat * s.coat_shape.pdf_reflection(m, cos_d);
+            }
+        }
+        (Rgb::select(is_some, value, Rgb::splat(zero)), pdf.only(is_some))
+    }
+
+    /// Both directions below the surface, mirrored: reflection at the boundary of the refracting share.
+    #[inline(always)]
+    fn reflect_inside(&self, wi: V3<F>) -> (Rgb<F>, F) {
+        let s = self.surface;
+        let (m, is_some) = (self.up + wi).try_normalize();
+        let f = fresnel::dielectric(self.up.dot(m), self.eta).reflectance;
+        let visible = s.ggx.distribution(m) * self.visible;
+        let reflected = s.refracting * f;
+        let q = s.reflection_probability(Rgb::splat(reflected), f);
+        let value = reflected * visible * s.ggx.g1(wi) * self.clear_gain();
+        (Rgb::splat(value.only(is_some)), (visible * q).only(is_some))
+    }
+
+    /// Directions on different sides, mirrored: refraction at the boundary of the refracting share.
+    #[inline(always)]
+    fn refract_through(&self, wi: V3<F>) -> (Rgb<F>, F) {
+        let s = self.surface;
+        let r = eval_refraction(&s.ggx, self.up, wi, self.eta);
+        let reflected = self.reflected(r.fresnel, s.schlick_weight(r.cos_o, r.cos_i));
+        let q = s.reflection_probability(reflected, r.fresnel);
+        let value = r.value * self.kept(r.fresnel, wi) * self.clear_gain();
+        let pdf = self.specular * q.one_minus() * r.density;
+        (s.transmission_color * value.only(r.is_possible), pdf.only(r.is_possible))
+    }
+
+    /// Reflectance of a facet of the refracting boundary, from either side.
+    #[inline(always)]
+    fn reflected(&self, fresnel: F, weight: F) -> Rgb<F> {
+        let s = self.surface;
+        Rgb::select(self.below, Rgb::splat(s.refracting * fresnel), s.specular.reflectance(fresnel, weight))
+    }
+
+    /// The share of refracted light that reflection and layers leave, for a mirrored direction.
+    #[inline(always)]
+    fn kept(&self, fresnel: F, wi: V3<F>) -> F {
+        let mut kept = self.surface.specular.refracted(fresnel);
+        if self.is_covered.any() {
+            kept *= self.surface.shares.specular(self.below.select(-wi.z, self.up.z));
+        }
+        kept
+    }
+
+    #[inline(always)]
+    fn clear_gain(&self) -> F {
+        match self.gains {
+            Some(gains) => gains.clear,
+            None => self.eta.constant(1.0),
+        }
+    }
+
+    /// Draws a direction.
+    #[inline(always)]
+    pub(crate) fn draw(&self, u_lobe: F, u: [F; 2]) -> Drawn<F> {
+        let (s, up) = (self.surface, self.up);
+        let (token, zero, one) = (u_lobe.token(), u_lobe.constant(0.0), u_lobe.constant(1.0));
+        let mut wi = V3::new(zero, zero, one);
+        let mut lobe = (Lobe::GLOSSY | Lobe::REFLECTION).in_lanes(token);
+        let (mut eta, mut delta, mut refracted) = (one, None, None);
+
+        let is_diffuse = u_lobe.lt(self.diffuse);
+        let mut is_specular = !is_diffuse;
+        if RICH {
+            let is_coat = !is_diffuse & u_lobe.lt(self.diffuse + self.coat);
+            if is_coat.any() {
+                wi = V3::select(is_coat, reflect(up, s.coat_shape.sample_half_vector(u)), wi);
+                lobe = is_coat.select((Lobe::CLEARCOAT | Lobe::GLOSSY | Lobe::REFLECTION).in_lanes(token), lobe);
+            }
+            let is_boundary = !is_diffuse & !is_coat & self.is_refracting;
+            is_specular = !is_diffuse & !is_coat & !self.is_refracting;
+            if is_boundary.any() {
+                // A visible facet, then reflection or refraction there, by the remainder of u_lobe.
+                let rest = ((u_lobe - self.diffuse - self.coat) / self.specular).clamp(0.0, 1.0 - f32::EPSILON / 2.0);
+                let m = s.ggx.sample_visible(up, u);
+                let up_m = up.dot(m);
+                let f = fresnel::dielectric(up_m, self.eta);
+                let reflected = self.reflected(f.reflectance, s.schlick_weight(up_m, f.cos_t));
+                let q = s.reflection_probability(reflected, f.reflectance);
+                let passes = is_boundary & q.le(rest);
+                wi = V3::select(is_boundary, reflect(up, m), wi);
+                if passes.any() {
+                    lobe = passes.select((Lobe::GLOSSY | Lobe::TRANSMISSION).in_lanes(token), lobe);
+                    wi = V3::select(passes, refract(up, m, self.eta, f.cos_t), wi);
+                    eta = passes.select(self.eta, one);
+                    refracted = Some(passes);
+                    let is_delta = passes & self.is_matched;
+                    if is_delta.any() {
+                        // The facet decided only between reflection and transmission. Averaged over facets, the
+                        // transmitted direction is straight.
+                        lobe = is_delta.select((Lobe::DELTA | Lobe::TRANSMISSION).in_lanes(token), lobe);
+                        wi = V3::select(is_delta, -up, wi);
+                        eta = is_delta.select(one, eta);
+                        let pdf = self.specular * q.one_minus();
+                        let passed = self.kept(f.reflectance, wi) * f.reflectance.one_minus();
+                        delta = Some((is_delta, s.transmission_color * (passed / pdf), pdf));
+                    }
+                }
+            }
+        }
+        if is_specular.any() {
+            wi = V3::select(is_specular, reflect(up, s.ggx.sample_bounded(up, u)), wi);
+        }
+        if is_diffuse.any() {
+            wi = V3::select(is_diffuse, sample_cosine_hemisphere(u), wi);
+            lobe = is_diffuse.select((Lobe::DIFFUSE | Lobe::REFLECTION).in_lanes(token), lobe);
+        }
+        let mut is_valid = wi.z.is_positive();
+        if let Some(refracted) = refracted {
+            is_valid = is_valid & !refracted | wi.z.lt(zero) & refracted;
+        }
+        Drawn { wi, is_valid: is_valid & self.is_lit, lobe, eta, delta }
+    }
+}
+
+impl<F: Lanes, C: SharesAt<F>, const RICH: bool> View<F> for PrincipledView<'_, F, C, RICH> {
+    #[inline(always)]
+    fn albedo(&self, wo: V3<F>) -> Rgb<F> {
+        self.surface.albedo(wo)
+    }
+
+    #[inline(always)]
+    fn eval_pdf(&self, wi: V3<F>) -> (Rgb<F>, F) {
+        self.eval_up(if RICH { mirrored_if(self.below, wi) } else { wi })
+    }
+
+    #[inline(always)]
+    fn sample(&self, u_lobe: F, u: [F; 2]) -> BsdfSamples<F> {
+        let Drawn { wi, is_valid, lobe, eta, delta } = self.draw(u_lobe, u);
+        let (value, pdf) = self.eval_up(wi);
+        let (mut weight, mut pdf) = (value / pdf, pdf);
+        if let Some((mask, straight, probability)) = delta {
+            (weight, pdf) = (Rgb::select(mask, straight, weight), mask.select(probability, pdf));
+        }
+        let wi = if RICH { mirrored_if(self.below, wi) } else { wi };
+        BsdfSamples::new(wi, weight, pdf.only(is_valid), lobe, eta)
+    }
+}
+
+/// A colour clamped to `[0, 1]`.
+#[inline(always)]
+pub(crate) fn in_unit<F: Lanes>(c: Rgb<F>) -> Rgb<F> {
+    Rgb::new(c.r.clamp(0.0, 1.0), c.g.clamp(0.0, 1.0), c.b.clamp(0.0, 1.0))
 }
 
 /// A parameter clamped to `[0, 1]`, NaN to 0.

@@ -1,13 +1,13 @@
 //! The sheen lobe of cloth: light at grazing half-angles (Burley 2012).
 
 use crate::fresnel::schlick_weight;
-use dunkelfeld_geometry::LocalDir;
+use dunkelfeld_lanes::Lanes;
 use dunkelfeld_radiometry::Rgb;
 
-/// The lobe without its colour, times `|cos wi|` [1/sr]; `cos_d` as in [`crate::diffuse::eval_diffuse`].
-#[inline]
-pub fn eval_sheen(wi: LocalDir, cos_d: f32) -> f32 {
-    schlick_weight(cos_d.abs()) * wi.abs_cos_theta()
+/// The lobe without its colour, times the cosine of `wi` [1/sr]; `cos_d` as in [`crate::diffuse::eval_diffuse`].
+#[inline(always)]
+pub fn eval_sheen<F: Lanes>(cos_i: F, cos_d: F) -> F {
+    schlick_weight(cos_d) * cos_i
 }
 
 /// A colour scaled to luminance one, white if it is black: the hue that tints sheen and specular reflection.

@@ -4,54 +4,56 @@
 
 use crate::fresnel;
 use crate::microfacet::Ggx;
-use dunkelfeld_geometry::{LocalDir, Vec3};
+use dunkelfeld_lanes::{Lanes, V3};
 
 /// Properties of the facets that refract one direction into another.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Refraction {
+#[derive(Clone, Copy, Debug)]
+pub struct Refraction<F: Lanes = f32> {
+    /// True if some facet does. Else nothing here has a meaning.
+    pub is_possible: F::Mask,
     /// Cosine between `wo` and the facet, above zero.
-    pub cos_o: f32,
+    pub cos_o: F,
     /// Cosine between `wi` and the back of the facet, above zero.
-    pub cos_i: f32,
+    pub cos_i: F,
     /// Share of the light that the facets reflect.
-    pub fresnel: f32,
+    pub fresnel: F,
     /// Density of `wi` for visible normals if all of them refract [1/sr].
-    pub density: f32,
+    pub density: F,
     /// The lobe without its colour, times `|cos wi|` [1/sr]; radiance falls by `eta^2`.
-    pub value: f32,
+    pub value: F,
 }
 
-/// The lobe for a pair of directions; `None` if no facet refracts one into the other.
-#[inline]
-pub fn eval_refraction(ggx: &Ggx, wo: LocalDir, wi: LocalDir, eta: f32) -> Option<Refraction> {
-    let m = half_vector(wo, wi, eta)?;
-    let (cos_o, cos_i) = (wo.0.dot(m), -wi.0.dot(m));
+/// The lobe for a pair of directions.
+#[inline(always)]
+pub fn eval_refraction<F: Lanes>(ggx: &Ggx<F>, wo: V3<F>, wi: V3<F>, eta: F) -> Refraction<F> {
+    let (m, is_possible) = half_vector(wo, wi, eta);
+    let (cos_o, cos_i) = (wo.dot(m), -wi.dot(m));
     let fresnel = fresnel::from_cosines(cos_o, cos_i, eta);
     let density = ggx.pdf_visible(wo, m) * jacobian(cos_o, cos_i, eta);
-    let value = (1.0 - fresnel) * density * ggx.g1(-wi) / (eta * eta);
-    Some(Refraction { cos_o, cos_i, fresnel, density, value })
+    let value = fresnel.one_minus() * density * ggx.g1(-wi) / (eta * eta);
+    Refraction { is_possible, cos_o, cos_i, fresnel, density, value }
 }
 
 /// Refracts `w` at a unit normal `m` with `w.m > 0`; `cos_t` is the cosine of the angle of refraction.
-#[inline]
-pub fn refract(w: LocalDir, m: Vec3, eta: f32, cos_t: f32) -> LocalDir {
-    let inv = 1.0 / eta;
-    LocalDir((m * (inv * w.0.dot(m) - cos_t) - w.0 * inv).normalize())
+#[inline(always)]
+pub fn refract<F: Lanes>(w: V3<F>, m: V3<F>, eta: F, cos_t: F) -> V3<F> {
+    let inv = eta.recip();
+    (m * (inv * w.dot(m) - cos_t) - w * inv).normalize()
 }
 
-/// The normal, facing up, that refracts `wo` into `wi`; `None` if there is none.
-#[inline]
-pub fn half_vector(wo: LocalDir, wi: LocalDir, eta: f32) -> Option<Vec3> {
-    let h = wo.0 + wi.0 * eta;
-    let m = (if h.z < 0.0 { -h } else { h }).try_normalize()?;
+/// The normal, facing up, that refracts `wo` into `wi`, and whether there is one.
+#[inline(always)]
+pub fn half_vector<F: Lanes>(wo: V3<F>, wi: V3<F>, eta: F) -> (V3<F>, F::Mask) {
+    let (h, zero) = (wo + wi * eta, eta.constant(0.0));
+    let (m, is_some) = V3::select(h.z.lt(zero), -h, h).try_normalize();
     // The front of the facet must face wo and its back wi, as for the surface.
-    (m.z > 0.0 && wo.0.dot(m) > 0.0 && wi.0.dot(m) < 0.0).then_some(m)
+    (m, is_some & m.z.is_positive() & wo.dot(m).is_positive() & wi.dot(m).lt(zero))
 }
 
 /// Solid angle of normals per solid angle of refracted directions (Walter et al. 2007, equation 17), by the cosines between
 /// the directions and the facet's two sides.
-#[inline]
-pub fn jacobian(cos_o: f32, cos_i: f32, eta: f32) -> f32 {
+#[inline(always)]
+pub fn jacobian<F: Lanes>(cos_o: F, cos_i: F, eta: F) -> F {
     let d = cos_o - eta * cos_i;
     eta * eta * cos_i / (d * d)
 }

@@ -89,7 +89,7 @@ fn the_density_of_the_coat_is_the_derivative_of_its_distribution() {
             let h = sin2 * 1e-4;
             let expected = (at(sin2 + h) - at(sin2 - h)) / (2.0 * h) / PI;
             let (s, c) = (sin2.sqrt() as f32, (1.0 - sin2).sqrt() as f32);
-            let d = f64::from(clearcoat::distribution(Vec3::new(s, 0.0, c), alpha));
+            let d = f64::from(clearcoat::Coat::new(alpha).distribution(Vec3::new(s, 0.0, c).into()));
             assert!((d / expected - 1.0).abs() < 1e-4, "gloss {gloss}, sin^2 {sin2}: {d}, expected {expected}");
         }
     }
@@ -102,10 +102,10 @@ fn bounded_normals_waste_fewer_samples() {
     let wo = direction(0.2, 0.0);
     let mut u = Uniform::new(400);
     let lost = |sample: &mut dyn FnMut() -> Vec3| {
-        (0..20_000).filter(|_| dunkelfeld_bsdf::microfacet::reflect(wo, sample()).0.z <= 0.0).count()
+        (0..20_000).filter(|_| dunkelfeld_bsdf::microfacet::reflect(wo.0.into(), sample().into()).z <= 0.0).count()
     };
-    let plain = lost(&mut || ggx.sample_visible(wo, u.pair()));
-    let bounded = lost(&mut || ggx.sample_bounded(wo, u.pair()));
+    let plain = lost(&mut || ggx.sample_visible(wo.0.into(), u.pair()).into());
+    let bounded = lost(&mut || ggx.sample_bounded(wo.0.into(), u.pair()).into());
     assert!(2 * bounded < plain, "lost {bounded} bounded, {plain} plain");
 }
 

@@ -21,11 +21,12 @@ use crate::ray_state::SurfaceHit;
 use crate::recorder::ConnectionTally;
 use crate::scatterer::{EachLane, OneLane, Scatterer};
 use crate::vertex::{SurfaceVertex, Vertex};
-use dunkelfeld_bsdf::{Bsdf, Lobe, View};
+use dunkelfeld_bsdf::{Bsdf, InLanes, Lobe, View};
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{Ray, Vec3, offset_ray_origins};
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3, dispatch};
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{
     KernelFeatures, LightChoice, LightSample, LightSamples, LightTarget, Receivers, ShadingFrames, SurfacePoint,
     shadow_rays,
@@ -223,12 +224,41 @@ impl<'a> Wavefront<'a> {
         vertices
     }
 
-    /// Scattering of a group by the BSDFs of its lanes.
+    /// Scattering of a group by the BSDFs of its lanes: all principled and plain, all principled, or of several kinds.
     #[inline(always)]
     fn scatter_group<F: Lanes>(&mut self, token: F::Token, group: &Group<'_, '_>, tally: &mut ConnectionTally) {
-        let padded = || group.vertices.iter().chain(std::iter::repeat_n(&group.vertices[0], MAX_WIDTH));
+        let first = &group.vertices[0];
+        let padded = || group.vertices.iter().chain(std::iter::repeat_n(first, MAX_WIDTH));
         let frames = ShadingFrames::of(token, padded().map(|at| (&at.shading, at.hit.surface.normal)));
-        let mut lanes = [OneLane { bsdf: group.vertices[0].shading.bsdf, wo: group.vertices[0].wo_local() }; MAX_WIDTH];
+        if let Bsdf::Principled(surface) = first.shading.bsdf {
+            let mut surfaces = [surface; MAX_WIDTH];
+            let (mut all, mut is_same) = (true, true);
+            for (lane, at) in group.vertices.iter().enumerate() {
+                match at.shading.bsdf {
+                    Bsdf::Principled(own) => {
+                        surfaces[lane] = own;
+                        is_same &= std::ptr::eq(own, surface);
+                    }
+                    _ => all = false,
+                }
+            }
+            if all {
+                let mut wo = [Vec3::Z; MAX_WIDTH];
+                for (lane, at) in group.vertices.iter().enumerate() {
+                    wo[lane] = at.wo_local().0;
+                }
+                let wo = V3::from_lanes(token, &wo);
+                let surface =
+                    if is_same { InLanes::<F>::splat(token, surface) } else { InLanes::<F>::gather(token, &surfaces) };
+                if surface.is_rich() {
+                    self.scatter::<F, _>(token, group, &Scatterer { frames, view: surface.view::<true>(wo) }, tally);
+                } else {
+                    self.scatter::<F, _>(token, group, &Scatterer { frames, view: surface.view::<false>(wo) }, tally);
+                }
+                return;
+            }
+        }
+        let mut lanes = [OneLane { bsdf: first.shading.bsdf, wo: first.wo_local() }; MAX_WIDTH];
         for (lane, at) in group.vertices.iter().enumerate() {
             lanes[lane] = OneLane { bsdf: at.shading.bsdf, wo: at.wo_local() };
         }
@@ -246,6 +276,11 @@ impl<'a> Wavefront<'a> {
     ) {
         self.set_layers(token, group, at);
         let (scene, vertex) = (self.estimator.scene, group.vertex);
+        let mut samplers = [self.paths[group.paths[0] as usize].sampler; MAX_WIDTH];
+        for lane in 0..group.vertices.len() {
+            samplers[lane] = self.paths[group.paths[lane] as usize].sampler;
+        }
+        let sampler = Sampler::<F>::from_lanes(token, &samplers);
         let used = F::mask(token, u32::MAX >> (32 - group.vertices.len()));
 
         let mut learned = [None; MAX_WIDTH];
@@ -273,11 +308,13 @@ impl<'a> Wavefront<'a> {
         let throughput = rgb_of_lanes::<F>(token, &throughput);
         let lit = used & !F::mask(token, delta);
         if lit.any() {
-            self.sample_lights(token, group, at, (lit, &learned, throughput, F::load(token, &gathered)), tally);
+            let light = (lit, &learned, throughput, F::load(token, &gathered));
+            self.sample_lights(token, group, at, &sampler, light, tally);
         }
 
         // A new direction by sampling the BSDF.
-        let [u_x, u_y, u_lobe, u_roulette] = self.numbers::<F>(token, group, dimensions::scatter(vertex));
+        let numbers = sampler.numbers(dimensions::scatter(vertex));
+        let ([u_x, u_y], [u_lobe, u_roulette]) = (numbers.first_two(), numbers.last_two());
         let (wi, sample) = at.sample([u_x, u_y, u_lobe]);
         let throughput = throughput * sample.weight;
         let eta_scale = F::load(token, &eta_scale) * (sample.eta * sample.eta);
@@ -346,6 +383,7 @@ impl<'a> Wavefront<'a> {
         token: F::Token,
         group: &Group<'_, '_>,
         at: &Scatterer<F, V>,
+        sampler: &Sampler<F>,
         (lit, learned, throughput, gathered): (F::Mask, &VertexRoulettes<'_, F>, Rgb<F>, F),
         tally: &mut ConnectionTally,
     ) {
@@ -369,14 +407,13 @@ impl<'a> Wavefront<'a> {
         let scale = brightest / (gathered * ShadowRoulette::THRESHOLD);
         let is_gathered = gathered.is_positive() & scale.is_positive();
         for index in 0..scene.num_light_samples(choice) {
-            let [u_x, u_y, u_2, u_chain] = self.numbers::<F>(token, group, dimensions::light(vertex, index));
+            let numbers = sampler.numbers(dimensions::light(vertex, index));
+            let [u_2, u_chain] = numbers.last_two();
             let (u_choice, u_roulette) = match choice {
                 LightChoice::Each => (u_2.constant(0.0), u_2),
-                LightChoice::One => {
-                    (u_2, self.numbers::<F>(token, group, dimensions::single_light_roulette(vertex))[0])
-                }
+                LightChoice::One => (u_2, sampler.numbers(dimensions::single_light_roulette(vertex)).get(0)),
             };
-            let light = scene.sample_lights(token, &receivers, choice, index, u_choice, [u_x, u_y], lit);
+            let light = scene.sample_lights(token, &receivers, choice, index, u_choice, numbers.first_two(), lit);
             let sampled = lit & light.pdf.is_positive();
             if !sampled.any() {
                 continue;
@@ -507,20 +544,6 @@ impl<'a> Wavefront<'a> {
                 self.paths[path as usize].sample.radiance += throughput * (direct + connected);
             }
         }
-    }
-
-    /// Four random numbers of a set for each lane.
-    #[inline(always)]
-    fn numbers<F: Lanes>(&self, token: F::Token, group: &Group<'_, '_>, set: u32) -> [F; 4] {
-        let mut numbers = [[0.0; MAX_WIDTH]; 4];
-        for lane in 0..F::WIDTH {
-            let found = self.paths[group.paths[lane] as usize].sampler.get_4d(set);
-            for k in 0..4 {
-                numbers[k][lane] = found[k];
-            }
-        }
-        let [x, y, z, w] = &numbers;
-        [F::load(token, x), F::load(token, y), F::load(token, z), F::load(token, w)]
     }
 }
 

@@ -93,6 +93,15 @@ pub trait Word:
     + Shl<u32, Output = Self>
     + Shr<u32, Output = Self>
 {
+    /// The bits in reverse order.
+    #[inline(always)]
+    fn reverse_bits(self) -> Self {
+        let x = ((self >> 1) & 0x5555_5555) | ((self & 0x5555_5555) << 1);
+        let x = ((x >> 2) & 0x3333_3333) | ((x & 0x3333_3333) << 2);
+        let x = ((x >> 4) & 0x0f0f_0f0f) | ((x & 0x0f0f_0f0f) << 4);
+        let x = ((x >> 8) & 0x00ff_00ff) | ((x & 0x00ff_00ff) << 8);
+        (x >> 16) | (x << 16)
+    }
 }
 
 /// A single-precision number per lane.

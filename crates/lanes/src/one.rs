@@ -50,7 +50,12 @@ impl Shr<u32> for One {
     }
 }
 
-impl Word for One {}
+impl Word for One {
+    #[inline(always)]
+    fn reverse_bits(self) -> Self {
+        Self(self.0.reverse_bits())
+    }
+}
 
 impl Mask<f32> for bool {
     #[inline(always)]

@@ -100,8 +100,14 @@ impl<F: Lanes> V3<F> {
     /// The unit vector of the same direction; `other` where the length is zero or not finite.
     #[inline(always)]
     pub fn normalize_or(self, other: Self) -> Self {
+        let (unit, is_some) = self.try_normalize();
+        Self::select(is_some, unit, other)
+    }
+    /// The unit vector of the same direction, and whether there is one: the length is neither zero nor not finite.
+    #[inline(always)]
+    pub fn try_normalize(self) -> (Self, F::Mask) {
         let inverse = self.length().recip();
-        Self::select(inverse.is_positive() & inverse.is_finite(), self * inverse, other)
+        (self * inverse, inverse.is_positive() & inverse.is_finite())
     }
     /// `yes` in the lanes that are true, `no` in the others.
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! Errors of the elementary functions against f64, and the same bits at all widths.
 
-use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, atan2, cos_sin_of_turn, dispatch, exp, ln, pow};
+use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, Word, atan2, cos_sin_of_turn, dispatch, exp, ln, pow};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -55,7 +55,7 @@ fn exponential_and_logarithm() {
 
 /// Results of all operations for the lanes of `a` and `b`.
 #[inline(always)]
-fn results<F: Lanes>(token: F::Token, a: &[f32; MAX_WIDTH], b: &[f32; MAX_WIDTH], out: &mut [[f32; MAX_WIDTH]; 24]) {
+fn results<F: Lanes>(token: F::Token, a: &[f32; MAX_WIDTH], b: &[f32; MAX_WIDTH], out: &mut [[f32; MAX_WIDTH]; 25]) {
     for at in (0..MAX_WIDTH).step_by(F::WIDTH) {
         let (a, b) = (F::load(token, &a[at..]), F::load(token, &b[at..]));
         let (c, s) = cos_sin_of_turn(a);
@@ -78,6 +78,7 @@ fn results<F: Lanes>(token: F::Token, a: &[f32; MAX_WIDTH], b: &[f32; MAX_WIDTH]
             a.floor(),
             F::from_word(a.to_bits() >> 1),
             F::from_bits((a.to_bits() * 7 + b.to_bits()) ^ 0x55),
+            F::from_word(a.to_bits().reverse_bits() >> 1),
             c,
             s,
             atan2(a, b),
@@ -100,11 +101,11 @@ fn all_widths_have_the_same_bits() {
     for (a, b) in special.chunks_exact(MAX_WIDTH).zip(other.chunks_exact(MAX_WIDTH)) {
         let (a, b) = (a.try_into().unwrap(), b.try_into().unwrap());
         let of = |set: InstructionSet| {
-            let mut out = [[0.0; MAX_WIDTH]; 24];
+            let mut out = [[0.0; MAX_WIDTH]; 25];
             dispatch!(set, F, token => results::<F>(token, a, b, &mut out));
             // The sign of a NaN is not part of a result. A mask of one lane repeats its first bit.
             let bits = |x: f32| if x.is_nan() { f32::NAN.to_bits() } else { x.to_bits() };
-            out[..23].iter().map(|row| row.map(bits)).collect::<Vec<_>>()
+            out[..24].iter().map(|row| row.map(bits)).collect::<Vec<_>>()
         };
         let reference = of(InstructionSet::Scalar);
         for set in InstructionSet::all() {

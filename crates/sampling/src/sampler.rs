@@ -1,7 +1,8 @@
 //! The sampler of the renderer: an Owen-scrambled Sobol number for every decision of a path.
 
 use crate::hash::{hash_u64, mix64};
-use crate::sobol::{owen_reversed, point_reversed};
+use crate::sobol::{coordinate_reversed, owen_reversed};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, One, Word};
 
 /// Number of independently scrambled batches. The samples of a pixel are assigned to them in turn.
 ///
@@ -9,7 +10,7 @@ use crate::sobol::{owen_reversed, point_reversed};
 /// mean. The means of the batches are independent and identically distributed, so their scatter does.
 pub const BATCHES: u32 = 4;
 
-/// The random numbers of one camera sample: a pure function of (seed, frame, pixel, sample index, dimension set).
+/// The random numbers of one camera sample per lane: a pure function of (seed, frame, pixel, sample index, dimension set).
 ///
 /// Sample `s` is point `s / BATCHES` of batch `s % BATCHES`. Numbers come in *sets* of four dimensions. Within a set
 /// the points of a batch are an Owen-scrambled Sobol sequence (Owen 1995): each aligned power-of-two run of points is
@@ -23,9 +24,11 @@ pub const BATCHES: u32 = 4;
 ///
 /// All values lie in `[0, 1)` and are multiples of 2^-24; 1 is never returned. Indices are valid up to `u32::MAX`.
 #[derive(Clone, Copy, Debug)]
-pub struct Sampler {
-    key: u64,
-    index_reversed: u32,
+pub struct Sampler<F: Lanes = f32> {
+    token: F::Token,
+    /// The two halves of the key.
+    key: [F::Word; 2],
+    index_reversed: F::Word,
 }
 
 impl Sampler {
@@ -33,18 +36,8 @@ impl Sampler {
     #[inline]
     pub fn new(seed: u64, frame: u32, pixel: u32, sample: u32) -> Self {
         let key = hash_u64([seed, u64::from(frame) << 32 | u64::from(pixel), u64::from(sample % BATCHES)]);
-        Self { key, index_reversed: (sample / BATCHES).reverse_bits() }
-    }
-
-    /// The numbers of set `set`. Each is computed on access.
-    #[inline]
-    pub fn numbers(&self, set: u32) -> Numbers {
-        let h = mix64(self.key ^ u64::from(set));
-        let (a, b) = (mix64(h ^ 1), mix64(h ^ 2));
-        // Scrambling of the *index* permutes the points and moves them to another block of the sequence. It keeps every
-        // aligned power-of-two run of them together (Burley 2020).
-        let point = point_reversed(owen_reversed(self.index_reversed, h as u32));
-        Numbers { point, seeds: [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32] }
+        let index_reversed = One((sample / BATCHES).reverse_bits());
+        Self { token: (), key: [One(key as u32), One((key >> 32) as u32)], index_reversed }
     }
 
     /// Four numbers of set `set`.
@@ -68,56 +61,89 @@ impl Sampler {
     }
 }
 
-/// The four numbers of a set.
-#[derive(Clone, Copy, Debug)]
-pub struct Numbers {
-    /// The shuffled Sobol point, in bit-reversed form.
-    point: [u32; 4],
-    /// The scrambling seed of each of its dimensions.
-    seeds: [u32; 4],
+impl<F: Lanes> Sampler<F> {
+    /// The first samplers of a slice, one for each lane.
+    ///
+    /// # Panics
+    /// If the slice is shorter.
+    #[inline(always)]
+    pub fn from_lanes(token: F::Token, samplers: &[Sampler]) -> Self {
+        let samplers = &samplers[..F::WIDTH];
+        let [mut low, mut high, mut index] = [[0; MAX_WIDTH]; 3];
+        for lane in 0..F::WIDTH {
+            let Sampler { key: [One(l), One(h)], index_reversed: One(i), .. } = samplers[lane];
+            (low[lane], high[lane], index[lane]) = (l, h, i);
+        }
+        Self {
+            token,
+            key: [F::load_word(token, &low), F::load_word(token, &high)],
+            index_reversed: F::load_word(token, &index),
+        }
+    }
+
+    /// The numbers of set `set`. Each is computed on access.
+    #[inline(always)]
+    pub fn numbers(&self, set: u32) -> Numbers<F> {
+        let hash = mix::<F>(self.token, self.key, set);
+        // Scrambling of the *index* permutes the points and moves them to another block of the sequence. It keeps every
+        // aligned power-of-two run of them together (Burley 2020).
+        let index = owen_reversed(self.index_reversed, hash[0]).reverse_bits();
+        Numbers { token: self.token, hash, index }
+    }
 }
 
-impl Numbers {
-    /// The number with index `dimension`, 0 to 3.
-    #[inline]
-    pub fn get(&self, dimension: usize) -> f32 {
-        to_unit(self.scrambled(dimension))
+/// [`mix64`] of a word per lane, given as its halves, after an exclusive or with `with`.
+#[inline(always)]
+fn mix<F: Lanes>(token: F::Token, [low, high]: [F::Word; 2], with: u32) -> [F::Word; 2] {
+    let (mut low, mut high) = (F::word_to_array(low), F::word_to_array(high));
+    for lane in 0..F::WIDTH {
+        let h = mix64((u64::from(high[lane]) << 32 | u64::from(low[lane])) ^ u64::from(with));
+        (low[lane], high[lane]) = (h as u32, (h >> 32) as u32);
+    }
+    [F::load_word(token, &low), F::load_word(token, &high)]
+}
+
+/// The four numbers of a set, per lane.
+#[derive(Clone, Copy, Debug)]
+pub struct Numbers<F: Lanes = f32> {
+    token: F::Token,
+    /// The hash of the set.
+    hash: [F::Word; 2],
+    /// The index of the shuffled point.
+    index: F::Word,
+}
+
+impl<F: Lanes> Numbers<F> {
+    /// The number with index `dimension`, 0 to 3. It is zero for others.
+    #[inline(always)]
+    pub fn get(&self, dimension: usize) -> F {
+        match dimension {
+            0 => self.first_two()[0],
+            1 => self.first_two()[1],
+            2 => self.last_two()[0],
+            3 => self.last_two()[1],
+            _ => F::splat(self.token, 0.0),
+        }
     }
 
     /// The numbers with indices 0 and 1.
-    #[inline]
-    pub fn first_two(&self) -> [f32; 2] {
-        to_units([self.scrambled(0), self.scrambled(1)])
+    #[inline(always)]
+    pub fn first_two(&self) -> [F; 2] {
+        let [x, y] = mix::<F>(self.token, self.hash, 1);
+        [self.scrambled::<0>(x), self.scrambled::<1>(y)]
     }
 
     /// The numbers with indices 2 and 3.
-    #[inline]
-    pub fn last_two(&self) -> [f32; 2] {
-        to_units([self.scrambled(2), self.scrambled(3)])
+    #[inline(always)]
+    pub fn last_two(&self) -> [F; 2] {
+        let [z, w] = mix::<F>(self.token, self.hash, 2);
+        [self.scrambled::<2>(z), self.scrambled::<3>(w)]
     }
 
-    /// A number in bit-reversed form.
-    #[inline]
-    fn scrambled(&self, dimension: usize) -> u32 {
-        owen_reversed(self.point[dimension], self.seeds[dimension])
+    /// A coordinate of the point, scrambled with a seed: the 24 most significant bits, so that nothing rounds up to 1.
+    #[inline(always)]
+    fn scrambled<const DIMENSION: usize>(&self, seed: F::Word) -> F {
+        let reversed = owen_reversed(coordinate_reversed::<F::Word, DIMENSION>(self.index), seed);
+        F::from_word(reversed.reverse_bits() >> 8) * (1.0 / (1 << 24) as f32)
     }
-}
-
-/// A bit-reversed 32-bit fraction as a float in `[0, 1)`: the 24 most significant bits, so that nothing rounds up to 1.
-#[inline]
-fn to_unit(reversed: u32) -> f32 {
-    fraction(reversed.reverse_bits())
-}
-
-/// [`to_unit`] of two: a word of 64 bits is reversed in as many steps as one of 32.
-#[inline]
-fn to_units([first, second]: [u32; 2]) -> [f32; 2] {
-    let both = (u64::from(second) << 32 | u64::from(first)).reverse_bits();
-    [fraction((both >> 32) as u32), fraction(both as u32)]
-}
-
-/// The 24 most significant bits of a 32-bit fraction.
-#[inline]
-fn fraction(word: u32) -> f32 {
-    (word >> 8) as f32 * (1.0 / (1 << 24) as f32)
 }

@@ -2,96 +2,131 @@
 //!
 //! Owen scrambling flips a digit as a function of the more significant ones. On bit-reversed words it becomes a hash in
 //! which a bit depends on less significant bits only. Sums and products have this property (Laine and Karras 2011).
-//! Everything here therefore uses reversed words, for the index as well as for the coordinates: one reversal of the
-//! input, and one of each coordinate of the output.
+//!
+//! The reversed coordinate of an index is a product with a matrix over the field of two elements. The recurrence of the
+//! direction numbers (Joe and Kuo 2008) has this consequence: with the bits of the index as the coefficients of a
+//! polynomial i(x), the matrix maps `p(x) g(x)` to the image of `g(x)`, shifted by the degree of the primitive polynomial
+//! p. So the digits of i(x) in base p(x) are mapped one by one. They are found by division by p^16, p^8, p^4 and so on,
+//! which are sparse, because squares over this field have no mixed terms.
 
-/// Primitive polynomials and initial direction numbers (Joe and Kuo 2008): degree, inner coefficients, m_i.
-const JOE_KUO: [(usize, u32, [u32; 3]); 3] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
+use dunkelfeld_lanes::Word;
 
-/// Direction numbers: `[dimension][index bit]`, the most significant bit stands for 1/2.
-const DIRECTIONS: [[u32; 32]; 4] = {
-    let mut v = [[0u32; 32]; 4];
-    let mut i = 0;
-    while i < 32 {
-        v[0][i] = 1 << (31 - i);
-        i += 1;
-    }
-    let mut d = 1;
-    while d < 4 {
-        let (degree, coefficients, m) = JOE_KUO[d - 1];
-        let mut i = 0;
-        while i < 32 {
-            v[d][i] = if i < degree {
-                m[i] << (31 - i)
-            } else {
-                let mut x = v[d][i - degree] ^ (v[d][i - degree] >> degree);
-                let mut k = 1;
-                while k < degree {
-                    if coefficients >> (degree - 1 - k) & 1 == 1 {
-                        x ^= v[d][i - k];
-                    }
-                    k += 1;
-                }
-                x
-            };
-            i += 1;
+/// The bit-reversed coordinate of the Sobol point of an index, a 32-bit fraction. Valid for all 2^32 indices.
+#[inline(always)]
+pub(crate) fn coordinate_reversed<W: Word, const DIMENSION: usize>(index: W) -> W {
+    match DIMENSION {
+        0 => index,
+        // p = x + 1: Pascal's triangle.
+        1 => {
+            let i = index;
+            let i = i ^ ((i >> 16) & 0x0000_ffff);
+            let i = i ^ ((i >> 8) & 0x00ff_00ff);
+            let i = i ^ ((i >> 4) & 0x0f0f_0f0f);
+            let i = i ^ ((i >> 2) & 0x3333_3333);
+            i ^ ((i >> 1) & 0x5555_5555)
         }
-        d += 1;
-    }
-    v
-};
-
-/// `[byte of the reversed index][value of the byte]` -> the contribution of this byte to the reversed coordinates.
-static BY_BYTE: [[[u32; 4]; 256]; 4] = {
-    let mut table = [[[0u32; 4]; 256]; 4];
-    let mut byte = 0;
-    while byte < 4 {
-        let mut value = 0;
-        while value < 256 {
-            let mut bit = 0;
-            while bit < 8 {
-                if value >> bit & 1 == 1 {
-                    let mut d = 0;
-                    while d < 4 {
-                        table[byte][value][d] ^= DIRECTIONS[d][31 - (8 * byte + bit)].reverse_bits();
-                        d += 1;
-                    }
-                }
-                bit += 1;
-            }
-            value += 1;
+        // p = x^2 + x + 1, with the initial direction numbers 1, 3.
+        2 => {
+            let i = divided(index, [16, 8], [0x00ff_0000, 0x0000_ffff, 0x0000_ff00]);
+            let i = divided(i, [8, 4], [0x0f00_0f00, 0x00ff_00ff, 0x00f0_00f0]);
+            let i = divided(i, [4, 2], [0x3030_3030, 0x0f0f_0f0f, 0x0c0c_0c0c]);
+            let i = divided(i, [2, 1], [0x4444_4444, 0x3333_3333, 0x2222_2222]);
+            i ^ ((i >> 1) & 0x5555_5555)
         }
-        byte += 1;
+        // p = x^3 + x + 1, with the initial direction numbers 1, 3, 1.
+        _ => {
+            let i = divided(index, [24, 16], [0, 0x0000_00ff, 0x0000_ff00]);
+            let i = divided(i, [12, 8], [0x0000_f000, 0x0000_0fff, 0x0000_0ff0]);
+            let i = divided(i, [6, 4], [0x000c_00c0, 0x3f03_f03f, 0x3c03_c03c]);
+            let i = divided(i, [3, 2], [0x0820_8208, 0x071c_71c7, 0x0618_6186]);
+            i ^ ((i >> 1) & 0x4924_9249)
+        }
     }
-    table
-};
+}
 
-/// The Sobol point of a bit-reversed index: four bit-reversed 32-bit fractions. Valid for all 2^32 indices.
-#[inline]
-pub(crate) fn point_reversed(index_reversed: u32) -> [u32; 4] {
-    let [b0, b1, b2, b3] = index_reversed.to_le_bytes();
-    let (p0, p1) = (&BY_BYTE[0][b0 as usize], &BY_BYTE[1][b1 as usize]);
-    let (p2, p3) = (&BY_BYTE[2][b2 as usize], &BY_BYTE[3][b3 as usize]);
-    std::array::from_fn(|d| p0[d] ^ p1[d] ^ p2[d] ^ p3[d])
+/// Divides polynomials by `x^n + x^m + 1`, all blocks of 2 n bits at once. The quotients get the high bits.
+/// `shifts` are n and n - m. `masks` select the low bits of a quotient that its high ones change, the remainders, and their
+/// bits from m on.
+#[inline(always)]
+fn divided<W: Word>(x: W, shifts: [u32; 2], masks: [u32; 3]) -> W {
+    let x = x ^ ((x >> shifts[1]) & masks[0]);
+    x ^ ((x >> shifts[0]) & masks[1]) ^ ((x >> shifts[1]) & masks[2])
 }
 
 /// Owen scrambling of a bit-reversed word: output bit i depends on input bits 0..=i and on the seed.
 ///
 /// The form is that of Laine and Karras (2011) and Burley (2020). The constants are those of Vegdahl (2021), found by
 /// search for the least bias. The tests measure that bias again.
-#[inline]
-pub(crate) fn owen_reversed(x: u32, seed: u32) -> u32 {
-    let mut x = x ^ x.wrapping_mul(0x3d20_adea);
-    x = x.wrapping_add(seed);
-    x = x.wrapping_mul((seed >> 16) | 1);
-    x ^= x.wrapping_mul(0x0552_6c56);
-    x ^ x.wrapping_mul(0x53a2_2864)
+#[inline(always)]
+pub(crate) fn owen_reversed<W: Word>(x: W, seed: W) -> W {
+    let x = x ^ (x * 0x3d20_adea);
+    let x = x + seed;
+    let x = x * ((seed >> 16) | 1);
+    let x = x ^ (x * 0x0552_6c56);
+    x ^ (x * 0x53a2_2864)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::mix64;
+    use dunkelfeld_lanes::One;
+
+    /// Primitive polynomials and initial direction numbers (Joe and Kuo 2008): degree, inner coefficients, m_i.
+    const JOE_KUO: [(usize, u32, [u32; 3]); 3] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
+
+    /// Direction numbers: `[dimension][index bit]`, the most significant bit stands for 1/2.
+    const DIRECTIONS: [[u32; 32]; 4] = {
+        let mut v = [[0u32; 32]; 4];
+        let mut i = 0;
+        while i < 32 {
+            v[0][i] = 1 << (31 - i);
+            i += 1;
+        }
+        let mut d = 1;
+        while d < 4 {
+            let (degree, coefficients, m) = JOE_KUO[d - 1];
+            let mut i = 0;
+            while i < 32 {
+                v[d][i] = if i < degree {
+                    m[i] << (31 - i)
+                } else {
+                    let mut x = v[d][i - degree] ^ (v[d][i - degree] >> degree);
+                    let mut k = 1;
+                    while k < degree {
+                        if coefficients >> (degree - 1 - k) & 1 == 1 {
+                            x ^= v[d][i - k];
+                        }
+                        k += 1;
+                    }
+                    x
+                };
+                i += 1;
+            }
+            d += 1;
+        }
+        v
+    };
+
+    fn point_reversed(index_reversed: u32) -> [u32; 4] {
+        let index = One(index_reversed.reverse_bits());
+        [
+            coordinate_reversed::<_, 0>(index).0,
+            coordinate_reversed::<_, 1>(index).0,
+            coordinate_reversed::<_, 2>(index).0,
+            coordinate_reversed::<_, 3>(index).0,
+        ]
+    }
+
+    #[test]
+    fn coordinates_are_products_with_the_direction_numbers() {
+        let indices = (0..32).map(|bit| 1 << bit).chain((0..10_000).map(|k| mix64(k) as u32));
+        for index in indices {
+            let bits = (0..32).filter(|bit| index >> bit & 1 == 1);
+            let products = DIRECTIONS.map(|v| bits.clone().fold(0, |sum, bit| sum ^ v[bit]).reverse_bits());
+            assert_eq!(point_reversed(index.reverse_bits()), products, "index {index:#x}");
+        }
+    }
 
     #[test]
     fn the_first_points_are_those_of_the_literature() {
@@ -137,8 +172,8 @@ mod tests {
                 let mask = (1 << bits) - 1;
                 let mut seen = vec![false; 1 << bits];
                 for low in 0..1u32 << bits {
-                    let a = owen_reversed(low, seed);
-                    let b = owen_reversed(low | (0xdead_beef << bits), seed);
+                    let a = owen_reversed(One(low), One(seed)).0;
+                    let b = owen_reversed(One(low | (0xdead_beef << bits)), One(seed)).0;
                     assert_eq!(a & mask, b & mask, "a bit depends on a more significant one");
                     assert!(!std::mem::replace(&mut seen[(a & mask) as usize], true));
                 }
@@ -156,7 +191,7 @@ mod tests {
             for k in 0..TRIALS {
                 let h = mix64(u64::from(k) << 8 | i);
                 let (x, seed) = (h as u32, (h >> 32) as u32);
-                let d = owen_reversed(x, seed) ^ owen_reversed(x ^ (1 << i), seed);
+                let d = owen_reversed(One(x), One(seed)).0 ^ owen_reversed(One(x ^ (1 << i)), One(seed)).0;
                 for (o, f) in flips.iter_mut().enumerate() {
                     *f += d >> o & 1;
                 }
