@@ -17,7 +17,7 @@ pub struct FresnelDielectric<F = f32> {
 pub fn dielectric<F: Lanes>(cos_i: F, eta: F) -> FresnelDielectric<F> {
     let (zero, one) = (eta.constant(0.0), eta.constant(1.0));
     // (1 - c)(1 + c) keeps the digits of a small sine.
-    let sin2_t = cos_i.one_minus().max(zero) * (cos_i + 1.0) / (eta * eta);
+    let sin2_t = cos_i.one_minus().max(zero) * (cos_i + 1.0) * (eta * eta).recip();
     let cos_t = sin2_t.one_minus().max(zero).sqrt();
     let is_total = one.le(sin2_t) | cos_i.le(zero);
     let is_matched = eta.eq(one);

@@ -34,7 +34,6 @@ pub mod specular;
 pub mod thin;
 pub mod translucent;
 pub mod transmission;
-mod warp;
 
 pub use bsdf::Bsdf;
 pub use bsdf_sample::{BsdfSample, BsdfSamples, Lobe, View};

@@ -27,16 +27,16 @@
 use crate::bsdf_sample::{BsdfSamples, Lobe, View};
 use crate::clearcoat::{self, Coat};
 use crate::dielectric::{MATCHED_INDEX, clamp_eta};
-use crate::fresnel::{self, schlick_weight};
+use crate::fresnel::{self, normal_reflectance, schlick_weight};
 use crate::in_lanes::in_lanes;
 use crate::layers::{Curve, LEAST_SLOPE, Shares, SharesAt, below_coat_and_sheen, below_specular};
 use crate::microfacet::{Ggx, mirrored_if, reflect};
 use crate::specular::SpecularColor;
 use crate::transmission::{eval_refraction, refract};
-use crate::warp::sample_cosine_hemisphere;
 use crate::{EFFECTS, compensation, diffuse, sheen};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::warp::lanes::sample_cosine_hemisphere;
 use std::f32::consts::FRAC_1_PI;
 
 /// How the lobes of a principled surface share the light.
@@ -140,6 +140,9 @@ pub struct Principled<F = f32, C = Shares> {
     /// Luminance of the diffuse lobe without layers above it, and of the sheen, for the choice of a lobe.
     diffuse_luminance: F,
     sheen_luminance: F,
+    /// The same of the specular and the transmission lobe together, at normal and at grazing incidence.
+    specular_luminance: F,
+    grazing_luminance: F,
     /// One with [`crate::compensation`].
     compensated: F,
     /// One if the diffuse lobe is that of Burley.
@@ -150,7 +153,8 @@ pub struct Principled<F = f32, C = Shares> {
 
 in_lanes!(Principled => Principled<F, [&'a Shares; MAX_WIDTH]> {
     ggx, roughness, eta, diffuse_color, shares, lambert, spec_trans, refracting, transmission_color, specular, sheen_color,
-    coat, coat_shape, diffuse_luminance, sheen_luminance, compensated, burley, rich
+    coat, coat_shape, diffuse_luminance, sheen_luminance, specular_luminance,
+    grazing_luminance, compensated, burley, rich
 });
 
 impl Principled {
@@ -191,6 +195,10 @@ impl Principled {
                     below_specular(&ggx, eta).zip(shares.specular, |t, above| (1.0 - specular.bound(1.0 - t)) * above);
             }
         }
+        let transmission_color = base.map(f32::sqrt) * refracting;
+        let lobes = |exact: f32, weight: f32| {
+            specular.reflectance(exact, weight).luminance() + (1.0 - exact) * transmission_color.luminance()
+        };
         let burley = !layered && opaque > 0.0;
         Self {
             ggx,
@@ -201,7 +209,7 @@ impl Principled {
             lambert: if opaque > 0.0 { FRAC_1_PI / shares.diffuse.mean().max(f32::MIN_POSITIVE) } else { 0.0 },
             spec_trans,
             refracting,
-            transmission_color: base.map(f32::sqrt) * refracting,
+            transmission_color,
             specular,
             sheen_color,
             coat,
@@ -209,6 +217,8 @@ impl Principled {
             diffuse_luminance: diffuse_color.luminance(),
             // More than a sheen of strength one scatters at any view, 0.09, because its colour varies.
             sheen_luminance: 0.25 * sheen_color.luminance(),
+            specular_luminance: lobes(normal_reflectance(eta), 0.0),
+            grazing_luminance: lobes(if eta == 1.0 { 0.0 } else { 1.0 }, 1.0),
             compensated: 0.0,
             burley: f32::from(u8::from(burley)),
             rich: burley || refracting > 0.0 || coat > 0.0 || !sheen_color.is_black(),
@@ -255,10 +265,8 @@ impl<F: Lanes, C: SharesAt<F>> Principled<F, C> {
         // Schlick's approximation is sufficient for the choice of a lobe, in proportion to their expected energy. The floor
         // keeps the probability of a lobe that is black at normal incidence above zero, because its tilted facets are not
         // black.
-        let w = schlick_weight(up.z).max(one * 0.01);
-        let f0 = self.specular.dielectric_f0();
-        let f = (f0 + f0.one_minus() * w).only(!self.eta.eq(one));
-        let mut specular = self.specular.reflectance(f, w).luminance();
+        let w = schlick_weight(up.z).max(wo.z.constant(0.01));
+        let mut specular = self.specular_luminance * w.one_minus() + self.grazing_luminance * w;
         let mut diffuse_share = zero;
         if self.diffuse_luminance.is_positive().any() {
             diffuse_share = self.shares.diffuse(up.z).only(self.diffuse_luminance.is_positive());
@@ -269,7 +277,6 @@ impl<F: Lanes, C: SharesAt<F>> Principled<F, C> {
         let has_coat = self.coat.is_positive();
         let is_covered = has_coat | self.sheen_color.is_lit();
         if RICH {
-            specular += f.one_minus() * self.transmission_color.luminance();
             coat = self.coat * (w * 0.96 + 0.04);
             diffuse += self.sheen_luminance;
             if is_covered.any() {

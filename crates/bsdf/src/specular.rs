@@ -11,8 +11,6 @@ use dunkelfeld_radiometry::Rgb;
 /// (Burley 2012, 2015).
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct SpecularColor<F = f32> {
-    /// Reflectance at normal incidence of the index alone.
-    f0: F,
     /// The dielectric reflection: the first colour, plus the second times the exact term.
     dielectric: Rgb<F>,
     exact: Rgb<F>,
@@ -25,7 +23,7 @@ pub struct SpecularColor<F = f32> {
     bound_exact: F,
 }
 
-in_lanes!(SpecularColor => SpecularColor<F> { f0, dielectric, exact, schlick_f0, schlick, bound, bound_exact });
+in_lanes!(SpecularColor => SpecularColor<F> { dielectric, exact, schlick_f0, schlick, bound, bound_exact });
 
 impl SpecularColor {
     /// From the relative index `eta`, the base colour, its `hue`, and shares in `[0, 1]`; `scale` holds the factors on the
@@ -39,7 +37,6 @@ impl SpecularColor {
         let scaled = (color * f0).map(|c| c.min(1.0));
         let brightest = scaled.max_channel().max(f0);
         Self {
-            f0,
             dielectric: scaled.map(|c| (c - f0) / (1.0 - f0) * share),
             exact: scaled.map(|c| (1.0 - c) / (1.0 - f0) * share),
             schlick_f0: base * metallic + if tint > 0.0 { hue * (f0 * tint) } else { Rgb::BLACK },
@@ -51,12 +48,6 @@ impl SpecularColor {
 }
 
 impl<F: Lanes> SpecularColor<F> {
-    /// Reflectance at normal incidence of the index alone.
-    #[inline(always)]
-    pub fn dielectric_f0(&self) -> F {
-        self.f0
-    }
-
     /// Reflected share at a facet, given the exact dielectric term and [`crate::fresnel::schlick_weight`] there.
     #[inline(always)]
     pub fn reflectance(&self, exact: F, weight: F) -> Rgb<F> {
@@ -108,7 +99,7 @@ impl<F: Lanes> SpecularColor<F> {
     /// Colour of the metal at normal incidence.
     #[inline(always)]
     pub fn metal(&self) -> Rgb<F> {
-        let black = Rgb::splat(self.f0.constant(0.0));
+        let black = Rgb::splat(self.schlick.constant(0.0));
         Rgb::select(self.schlick.is_positive(), self.schlick_f0 / self.schlick, black)
     }
 }

@@ -5,9 +5,9 @@ use crate::in_lanes::in_lanes;
 use crate::layers::{Shares, SharesAt};
 use crate::microfacet::mirrored_if;
 use crate::principled::{Drawn, Principled, PrincipledView, in_unit};
-use crate::warp::sample_cosine_hemisphere;
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::warp::lanes::sample_cosine_hemisphere;
 use std::f32::consts::FRAC_1_PI;
 
 /// An opaque principled surface of which a share of the diffuse light leaves on the other side, after Lambert. The
