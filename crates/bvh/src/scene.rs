@@ -14,6 +14,9 @@ use crate::triangle_block::TriangleBlock;
 /// Maximum number of triangles of a mesh, and of instances.
 const MAX_COUNT: usize = (1 << 31) - 2;
 
+/// The number of no instance: a ray of a batch that hits nothing.
+pub const NO_HIT: u32 = u32::MAX;
+
 /// The triangles of a mesh, in its object space \[m\].
 #[derive(Clone, Copy, Debug)]
 pub struct MeshTriangles<'a> {
