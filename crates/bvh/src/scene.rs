@@ -435,7 +435,7 @@ fn moved(word: u32, first: u32, payload: u32) -> u32 {
 }
 
 #[inline]
-fn is_valid(ray: &Ray) -> bool {
+pub(crate) fn is_valid(ray: &Ray) -> bool {
     ray.origin.is_finite() && ray.direction.is_finite() && ray.direction != Vec3::ZERO && ray.t_max > 0.0
 }
 
