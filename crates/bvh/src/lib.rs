@@ -21,6 +21,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
 mod build;
+mod packet;
 mod scene;
 mod simd8;
 mod traverse;
@@ -28,4 +29,5 @@ mod tree;
 mod triangle_block;
 mod validate;
 
-pub use scene::{Bvh, BvhError, BvhInstance, Hit, InstanceMotion, MeshTree, MeshTriangles};
+pub use packet::{HitBatch, RayBatch};
+pub use scene::{Bvh, BvhError, BvhInstance, Hit, InstanceMotion, MeshTree, MeshTriangles, NO_HIT};

@@ -14,6 +14,9 @@ use crate::triangle_block::TriangleBlock;
 /// Maximum number of triangles of a mesh, and of instances.
 const MAX_COUNT: usize = (1 << 31) - 2;
 
+/// The number of no instance: a ray of a batch that hits nothing.
+pub const NO_HIT: u32 = u32::MAX;
+
 /// The triangles of a mesh, in its object space \[m\].
 #[derive(Clone, Copy, Debug)]
 pub struct MeshTriangles<'a> {
@@ -432,7 +435,7 @@ fn moved(word: u32, first: u32, payload: u32) -> u32 {
 }
 
 #[inline]
-fn is_valid(ray: &Ray) -> bool {
+pub(crate) fn is_valid(ray: &Ray) -> bool {
     ray.origin.is_finite() && ray.direction.is_finite() && ray.direction != Vec3::ZERO && ray.t_max > 0.0
 }
 

@@ -4,13 +4,15 @@
 //! [`Reported`] contains the triangles that an occlusion query reports and passes. It is a type, so that a query without
 //! such triangles is compiled without their code.
 
+use dunkelfeld_geometry::triangle::{UNIT_ROUNDOFF, plane_distance_f64, shear_axes};
 use dunkelfeld_geometry::{Aabb, Ray, RigidMotion, Transform};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3};
 use fearless_simd::Simd;
 
-use crate::scene::{Bvh, Hit, Instance, MeshTree, Space};
-use crate::simd8::dispatch8;
-use crate::tree::{Leaves, Slabs};
-use crate::triangle_block::{ALL, BlockHit, ShearLanes, TriangleBlock};
+use crate::scene::{Bvh, Hit, Instance, MeshTree, NO_HIT, Space};
+use crate::simd8::{Eight, F8, dispatch8};
+use crate::tree::{Leaves, Slabs, octant};
+use crate::triangle_block::{Candidates, Shear, TriangleBlock};
 
 /// The triangles that do not block a ray, and the receiver of their hits.
 trait Reported {
@@ -52,7 +54,7 @@ impl<F: FnMut(Hit)> Reported for AlphaTestedTriangles<F> {
 impl<F: FnMut(Hit)> Reported for AllTriangles<F> {
     #[inline(always)]
     fn lanes(&self, _block: &TriangleBlock) -> u32 {
-        ALL
+        u32::MAX
     }
     #[inline(always)]
     fn report(&mut self, hit: Hit) {
@@ -66,108 +68,232 @@ impl<F: FnMut(Hit)> Reported for AllTriangles<F> {
 /// The nearest hit.
 #[inline(never)]
 pub(crate) fn closest_hit(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-    dispatch8!(bvh.level, simd => closest_in_scene(simd, bvh, ray))
+    let mut nearest = Nearest::none(ray.t_max);
+    let form = Prepared::of_ray(ray, &bvh.top.bounds);
+    dispatch8!(bvh.level, simd => closest_below(simd, bvh, &form, ray, bvh.whole(), &mut nearest));
+    (nearest.hit.instance != NO_HIT).then_some(nearest.hit)
+}
+
+/// Continues the search for the nearest hit at a child of a tree.
+#[inline(never)]
+pub(crate) fn closest_in_part(bvh: &Bvh, form: &Prepared<f32>, ray: &Ray, part: Part, nearest: &mut Nearest) {
+    dispatch8!(bvh.level, simd => closest_below(simd, bvh, form, ray, part, nearest));
 }
 
 /// True if any triangle blocks the ray.
 #[inline(never)]
 pub(crate) fn occluded(bvh: &Bvh, ray: &Ray) -> bool {
-    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut NoTriangles))
+    let form = Prepared::of_ray(ray, &bvh.top.bounds);
+    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, &form, ray, bvh.whole(), &mut NoTriangles))
+}
+
+/// True if any triangle below a child of a tree blocks the ray.
+#[inline(never)]
+pub(crate) fn occluded_in_part(bvh: &Bvh, form: &Prepared<f32>, ray: &Ray, part: Part) -> bool {
+    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, form, ray, part, &mut NoTriangles))
 }
 
 /// True if a triangle that is not alpha-tested blocks the ray. Reports hits on the others until then.
 #[inline(never)]
 pub(crate) fn occluded_with_alpha(bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut dyn FnMut(Hit)) -> bool {
-    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut AlphaTestedTriangles(&mut *on_alpha_hit)))
+    let form = Prepared::of_ray(ray, &bvh.top.bounds);
+    let mut reported = AlphaTestedTriangles(&mut *on_alpha_hit);
+    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, &form, ray, bvh.whole(), &mut reported))
 }
 
 /// Reports all hits.
 #[inline(never)]
 pub(crate) fn each_hit(bvh: &Bvh, ray: &Ray, found: &mut dyn FnMut(Hit)) {
-    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut AllTriangles(&mut *found)));
+    let form = Prepared::of_ray(ray, &bvh.top.bounds);
+    let mut reported = AllTriangles(&mut *found);
+    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, &form, ray, bvh.whole(), &mut reported));
 }
 
-/// A ray in the space of some trees, in the forms that boxes and triangles need.
+/// A child of the tree over instances, or of the tree of an instance in world space.
 #[derive(Clone, Copy)]
-struct Prepared<S: Simd> {
-    slabs: Slabs<S>,
-    shear: ShearLanes<S>,
+pub(crate) struct Part {
+    /// The child as an entry of the stack of a traversal.
+    pub(crate) start: u64,
+    /// The instance; [`NO_HIT`] for the tree over instances.
+    pub(crate) instance: u32,
 }
 
-impl<S: Simd> Prepared<S> {
+impl Bvh {
+    /// The whole scene.
+    #[inline(always)]
+    pub(crate) fn whole(&self) -> Part {
+        if self.single {
+            Part { start: self.mesh(0).tree.start(), instance: 0 }
+        } else {
+            Part { start: self.top.start(), instance: NO_HIT }
+        }
+    }
+
+    /// The mesh of an instance.
+    #[inline(always)]
+    pub(crate) fn mesh(&self, instance: u32) -> &MeshTree {
+        &self.meshes[self.instances[instance as usize].mesh as usize]
+    }
+}
+
+/// The nearest hit so far.
+///
+/// It is a function of the ray and the triangles, not of the order in which they are visited: of all hits the first one in
+/// the order of [`Self::is_before`]. A hit counts from the place where the ray enters the box of its leaf, if rounding has
+/// put it before that. So a box that begins behind the nearest hit contains no nearer one.
+#[derive(Clone, Copy)]
+pub(crate) struct Nearest {
+    /// The larger one of the distances to the hit and to the box of its leaf. The end of the ray if there is no hit.
+    pub(crate) key: f32,
+    /// The hit. Its instance is [`NO_HIT`] if there is none.
+    pub(crate) hit: Hit,
+}
+
+impl Nearest {
+    /// No hit up to a distance.
+    #[inline(always)]
+    pub(crate) fn none(end: f32) -> Self {
+        let hit = Hit { t: f32::INFINITY, instance: NO_HIT, part: NO_HIT, triangle: NO_HIT, b1: 0.0, b2: 0.0 };
+        Self { key: end, hit }
+    }
+
+    /// Of equal distances the first instance counts, in it the first part, and in it the first triangle.
+    #[inline(always)]
+    pub(crate) fn is_before(&self, other: &Self) -> bool {
+        let (a, b) = (&self.hit, &other.hit);
+        self.key < other.key
+            || self.key == other.key
+                && (a.t < b.t || a.t == b.t && (a.instance, a.part, a.triangle) < (b.instance, b.part, b.triangle))
+    }
+}
+
+/// Rays in the space of some trees, in the forms that boxes and triangles need.
+#[derive(Clone, Copy)]
+pub(crate) struct Prepared<F> {
+    pub(crate) slabs: Slabs<F>,
+    pub(crate) shear: Shear<F>,
+}
+
+impl<F: Lanes> Prepared<F> {
+    /// Prepares rays for trees within `bounds`. All directions have the same axes and octant.
+    #[inline(always)]
+    pub(crate) fn new(origin: V3<F>, direction: V3<F>, axes: [usize; 3], octant: usize, bounds: &Aabb) -> Self {
+        Self { slabs: Slabs::new(origin, direction, octant, bounds), shear: Shear::new(origin, direction, axes) }
+    }
+
+    /// The numbers of each lane.
+    #[inline(always)]
+    pub(crate) fn to_arrays(self) -> Prepared<[f32; MAX_WIDTH]> {
+        Prepared { slabs: self.slabs.to_arrays(), shear: self.shear.to_arrays() }
+    }
+}
+
+impl Prepared<[f32; MAX_WIDTH]> {
+    /// The ray of a lane.
+    #[inline(always)]
+    pub(crate) fn lane(&self, lane: usize) -> Prepared<f32> {
+        Prepared { slabs: self.slabs.lane(lane), shear: self.shear.lane(lane) }
+    }
+}
+
+impl Prepared<f32> {
     /// Prepares a ray for trees within `bounds`.
     #[inline(always)]
-    fn new(simd: S, ray: &Ray, bounds: &Aabb) -> Self {
-        Self { slabs: Slabs::new(simd, ray, bounds), shear: ShearLanes::new(simd, ray) }
+    fn of_ray(ray: &Ray, bounds: &Aabb) -> Self {
+        let d = ray.direction;
+        Self::new(ray.origin.into(), d.into(), shear_axes(d), octant(d), bounds)
+    }
+
+    /// The same ray in eight lanes.
+    #[inline(always)]
+    fn splat<S: Simd>(&self, simd: S) -> Prepared<F8<S>> {
+        Prepared { slabs: self.slabs.splat(simd), shear: self.shear.splat(simd) }
     }
 }
 
 #[inline(always)]
-fn closest_in_scene<S: Simd>(simd: S, bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-    let mut t_max = ray.t_max;
-    // All instances in world space share it.
-    let prepared = Prepared::new(simd, ray, &bvh.top.bounds);
-    if bvh.single {
-        let (hit, part) = closest_in_mesh(&prepared, &bvh.meshes[bvh.instances[0].mesh as usize], ray, &mut t_max)?;
-        return Some(Hit { t: hit.t, instance: 0, part, triangle: hit.triangle, b1: hit.b1, b2: hit.b2 });
+fn closest_below<S: Simd>(
+    simd: S,
+    bvh: &Bvh,
+    form: &Prepared<f32>,
+    ray: &Ray,
+    Part { start, instance }: Part,
+    nearest: &mut Nearest,
+) {
+    let prepared = form.splat(simd);
+    if instance != NO_HIT {
+        let world = WorldRay { scale: 1.0, t_max: ray.t_max, instance };
+        closest_in_mesh(&prepared, bvh.mesh(instance), start, ray, world, nearest);
+        return;
     }
-    let mut leaves = ClosestInstance { simd, bvh, ray, prepared: &prepared, hit: None };
-    bvh.top.traverse::<S, true>(&prepared.slabs, &mut t_max, &mut leaves);
-    leaves.hit
+    let mut t_max = nearest.key;
+    let mut leaves = ClosestInstance { simd, bvh, ray, prepared: &prepared, nearest };
+    bvh.top.traverse::<S, true>(&prepared.slabs, start, &mut t_max, &mut leaves);
 }
 
+/// `ray` and `nearest` are in object space.
 #[inline(always)]
 fn closest_in_mesh<S: Simd>(
-    prepared: &Prepared<S>,
+    prepared: &Prepared<F8<S>>,
     mesh: &MeshTree,
+    start: u64,
     ray: &Ray,
-    t_max: &mut f32,
-) -> Option<(BlockHit, u32)> {
-    let mut leaves = ClosestTriangle { mesh, ray, shear: prepared.shear, hit: None };
-    mesh.tree.traverse::<S, true>(&prepared.slabs, t_max, &mut leaves);
-    leaves.hit
+    world: WorldRay,
+    nearest: &mut Nearest,
+) {
+    let mut t_max = nearest.key;
+    let mut leaves = ClosestTriangle { mesh, ray, shear: prepared.shear, world, nearest };
+    mesh.tree.traverse::<S, true>(&prepared.slabs, start, &mut t_max, &mut leaves);
 }
 
 #[inline(always)]
-fn occluded_in_scene<S: Simd>(simd: S, bvh: &Bvh, ray: &Ray, reported: &mut impl Reported) -> bool {
+fn occluded_below<S: Simd>(
+    simd: S,
+    bvh: &Bvh,
+    form: &Prepared<f32>,
+    ray: &Ray,
+    Part { start, instance }: Part,
+    reported: &mut impl Reported,
+) -> bool {
+    let prepared = form.splat(simd);
     let mut t_max = ray.t_max;
-    let prepared = Prepared::new(simd, ray, &bvh.top.bounds);
-    if bvh.single {
-        let mesh = &bvh.meshes[bvh.instances[0].mesh as usize];
-        return occluded_in_mesh(&prepared, mesh, ray, WorldRay { scale: 1.0, t_max, instance: 0 }, reported);
+    if instance != NO_HIT {
+        let world = WorldRay { scale: 1.0, t_max, instance };
+        return occluded_in_mesh(&prepared, bvh.mesh(instance), start, ray, world, reported);
     }
     let mut leaves = BlockingInstance { simd, bvh, ray, prepared: &prepared, reported };
-    bvh.top.traverse::<S, false>(&prepared.slabs, &mut t_max, &mut leaves)
+    bvh.top.traverse::<S, false>(&prepared.slabs, start, &mut t_max, &mut leaves)
 }
 
 /// `ray` is in object space.
 #[inline(always)]
 fn occluded_in_mesh<S: Simd>(
-    prepared: &Prepared<S>,
+    prepared: &Prepared<F8<S>>,
     mesh: &MeshTree,
+    start: u64,
     ray: &Ray,
     world: WorldRay,
     reported: &mut impl Reported,
 ) -> bool {
     let mut leaves = BlockingTriangle { mesh, ray, shear: prepared.shear, world, reported };
     let mut t_max = ray.t_max;
-    mesh.tree.traverse::<S, false>(&prepared.slabs, &mut t_max, &mut leaves)
+    mesh.tree.traverse::<S, false>(&prepared.slabs, start, &mut t_max, &mut leaves)
 }
 
 /// The prepared ray of an instance with a space of its own.
-struct Own<S: Simd>(Option<Prepared<S>>);
+struct Own<S: Simd>(Option<Prepared<F8<S>>>);
 
 impl<S: Simd> Own<S> {
     #[inline(always)]
     fn of(instance: &Instance, simd: S, ray: &Ray, mesh: &MeshTree) -> Self {
         match instance.space {
             Space::World => Self(None),
-            Space::Fixed(_) | Space::Moving(_) => Self(Some(Prepared::new(simd, ray, &mesh.tree.bounds))),
+            Space::Fixed(_) | Space::Moving(_) => Self(Some(Prepared::of_ray(ray, &mesh.tree.bounds).splat(simd))),
         }
     }
 
     #[inline(always)]
-    fn prepared<'a>(&'a self, world: &'a Prepared<S>) -> &'a Prepared<S> {
+    fn prepared<'a>(&'a self, world: &'a Prepared<F8<S>>) -> &'a Prepared<F8<S>> {
         self.0.as_ref().unwrap_or(world)
     }
 }
@@ -201,28 +327,74 @@ struct WorldRay {
     instance: u32,
 }
 
-/// The scale rounds: a hit within the ray in object space may be outside in the world. Both kinds of traversal make
-/// this test, so that they agree.
+impl WorldRay {
+    /// The scale rounds: a hit within the ray in object space may be outside in the world. Both kinds of traversal make
+    /// this test, so that they agree.
+    #[inline(always)]
+    fn is_hit(&self, t: f32) -> bool {
+        let t = t / self.scale;
+        t > 0.0 && t < self.t_max
+    }
+}
+
+/// The candidates of a block that hit, and their distances.
 #[inline(always)]
-fn is_world_hit(t: f32, t_max: f32) -> bool {
-    t > 0.0 && t < t_max
+fn block_hits<S: Simd>(
+    candidates: &Candidates<F8<S>>,
+    block: &TriangleBlock,
+    ray: &Ray,
+    world: WorldRay,
+) -> (u32, Eight) {
+    let mut ts: Eight = candidates.t.into();
+    if candidates.near != 0 {
+        decide_near(block, ray, candidates.near, &mut ts);
+    }
+    let (mut rest, mut hits) = (candidates.lanes, 0);
+    while rest != 0 {
+        let lane = rest.trailing_zeros();
+        rest &= rest - 1;
+        let t = ts[lane as usize];
+        hits |= u32::from(t > 0.0 && t < ray.t_max && world.is_hit(t)) << lane;
+    }
+    (hits, ts)
+}
+
+/// Distances within their own error of zero or of the ray's end, computed again in f64.
+#[inline(never)]
+fn decide_near(block: &TriangleBlock, ray: &Ray, lanes: u32, t: &mut Eight) {
+    let mut rest = lanes;
+    while rest != 0 {
+        let lane = rest.trailing_zeros() as usize;
+        rest &= rest - 1;
+        t[lane] = plane_distance_f64(ray, &block.corners(lane));
+    }
 }
 
 struct ClosestTriangle<'a, S: Simd> {
     mesh: &'a MeshTree,
     ray: &'a Ray,
-    shear: ShearLanes<S>,
-    /// The hit, and the number of its part.
-    hit: Option<(BlockHit, u32)>,
+    shear: Shear<F8<S>>,
+    world: WorldRay,
+    nearest: &'a mut Nearest,
 }
 
 impl<S: Simd> Leaves for ClosestTriangle<'_, S> {
     #[inline(always)]
-    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
+    fn visit(&mut self, payload: u32, entry: f32, t_max: &mut f32) -> bool {
         let Some((block, part)) = self.mesh.block(payload) else { return false };
-        if let Some(hit) = self.shear.intersect(block, self.ray, *t_max, ALL) {
-            *t_max = hit.t;
-            self.hit = Some((hit, part));
+        let Some(candidates) = self.shear.intersect_block(block, self.ray.t_max, *t_max) else { return false };
+        let (mut hits, ts) = block_hits(&candidates, block, self.ray, self.world);
+        let (b1, b2): (Eight, Eight) = (candidates.b1.into(), candidates.b2.into());
+        while hits != 0 {
+            let lane = hits.trailing_zeros() as usize;
+            hits &= hits - 1;
+            let (t, triangle) = (ts[lane], block.triangle(lane));
+            let hit = Hit { t, instance: self.world.instance, part, triangle, b1: b1[lane], b2: b2[lane] };
+            let found = Nearest { key: t.max(entry), hit };
+            if found.is_before(self.nearest) {
+                *self.nearest = found;
+                *t_max = found.key;
+            }
         }
         false
     }
@@ -232,24 +404,28 @@ struct ClosestInstance<'a, S: Simd> {
     simd: S,
     bvh: &'a Bvh,
     ray: &'a Ray,
-    prepared: &'a Prepared<S>,
-    hit: Option<Hit>,
+    prepared: &'a Prepared<F8<S>>,
+    nearest: &'a mut Nearest,
 }
 
 impl<S: Simd> Leaves for ClosestInstance<'_, S> {
     #[inline(always)]
-    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
+    fn visit(&mut self, payload: u32, entry: f32, t_max: &mut f32) -> bool {
         let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
         let mesh = &self.bvh.meshes[instance.mesh as usize];
-        let world = Ray { t_max: *t_max, ..*self.ray };
-        let Some((ray, scale)) = object_ray(instance, mesh, &world) else { return false };
+        let Some((ray, scale)) = object_ray(instance, mesh, self.ray) else { return false };
         let own = Own::of(instance, self.simd, &ray, mesh);
-        let mut object_t_max = ray.t_max;
-        if let Some((hit, part)) = closest_in_mesh(own.prepared(self.prepared), mesh, &ray, &mut object_t_max) {
-            let t = hit.t / scale;
-            if is_world_hit(t, *t_max) {
-                *t_max = t;
-                self.hit = Some(Hit { t, instance: payload, part, triangle: hit.triangle, b1: hit.b1, b2: hit.b2 });
+        let world = WorldRay { scale, t_max: self.ray.t_max, instance: payload };
+        // The roundings of the scaled distance must not exclude a hit that would be the nearest one in the world.
+        let end = *t_max * scale * (1.0 + 8.0 * UNIT_ROUNDOFF) + f32::MIN_POSITIVE;
+        let mut nearest = Nearest::none(end.min(ray.t_max));
+        closest_in_mesh(own.prepared(self.prepared), mesh, mesh.tree.start(), &ray, world, &mut nearest);
+        if nearest.hit.instance != NO_HIT {
+            nearest.key = (nearest.key / scale).max(entry);
+            nearest.hit.t /= scale;
+            if nearest.is_before(self.nearest) {
+                *self.nearest = nearest;
+                *t_max = nearest.key;
             }
         }
         false
@@ -259,31 +435,28 @@ impl<S: Simd> Leaves for ClosestInstance<'_, S> {
 struct BlockingTriangle<'a, S: Simd, R: Reported> {
     mesh: &'a MeshTree,
     ray: &'a Ray,
-    shear: ShearLanes<S>,
+    shear: Shear<F8<S>>,
     world: WorldRay,
     reported: &'a mut R,
 }
 
 impl<S: Simd, R: Reported> Leaves for BlockingTriangle<'_, S, R> {
     #[inline(always)]
-    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool {
+    fn visit(&mut self, payload: u32, _entry: f32, t_max: &mut f32) -> bool {
         let Some((block, part)) = self.mesh.block(payload) else { return false };
-        let WorldRay { scale, t_max: world_t_max, instance } = self.world;
-        let mut reported = self.reported.lanes(block);
-        let blocking = self.shear.intersect(block, self.ray, *t_max, ALL & !reported);
-        if blocking.is_some_and(|hit| is_world_hit(hit.t / scale, world_t_max)) {
+        let Some(candidates) = self.shear.intersect_block(block, self.ray.t_max, *t_max) else { return false };
+        let (mut hits, ts) = block_hits(&candidates, block, self.ray, self.world);
+        let reported = self.reported.lanes(block);
+        if hits & !reported != 0 {
             return true;
         }
-        while reported != 0 {
-            let lane = reported & reported.wrapping_neg();
-            reported ^= lane;
-            if let Some(hit) = self.shear.intersect(block, self.ray, *t_max, lane) {
-                let t = hit.t / scale;
-                if is_world_hit(t, world_t_max) {
-                    let BlockHit { triangle, b1, b2, .. } = hit;
-                    self.reported.report(Hit { t, instance, part, triangle, b1, b2 });
-                }
-            }
+        let (b1, b2): (Eight, Eight) = (candidates.b1.into(), candidates.b2.into());
+        while hits & reported != 0 {
+            let lane = hits.trailing_zeros() as usize;
+            hits &= hits - 1;
+            let WorldRay { scale, instance, .. } = self.world;
+            let (t, triangle) = (ts[lane] / scale, block.triangle(lane));
+            self.reported.report(Hit { t, instance, part, triangle, b1: b1[lane], b2: b2[lane] });
         }
         false
     }
@@ -293,18 +466,18 @@ struct BlockingInstance<'a, S: Simd, R: Reported> {
     simd: S,
     bvh: &'a Bvh,
     ray: &'a Ray,
-    prepared: &'a Prepared<S>,
+    prepared: &'a Prepared<F8<S>>,
     reported: &'a mut R,
 }
 
 impl<S: Simd, R: Reported> Leaves for BlockingInstance<'_, S, R> {
     #[inline(always)]
-    fn visit(&mut self, payload: u32, _t_max: &mut f32) -> bool {
+    fn visit(&mut self, payload: u32, _entry: f32, _t_max: &mut f32) -> bool {
         let Some(instance) = self.bvh.instances.get(payload as usize) else { return false };
         let mesh = &self.bvh.meshes[instance.mesh as usize];
         let Some((ray, scale)) = object_ray(instance, mesh, self.ray) else { return false };
         let world = WorldRay { scale, t_max: self.ray.t_max, instance: payload };
         let own = Own::of(instance, self.simd, &ray, mesh);
-        occluded_in_mesh(own.prepared(self.prepared), mesh, &ray, world, self.reported)
+        occluded_in_mesh(own.prepared(self.prepared), mesh, mesh.tree.start(), &ray, world, self.reported)
     }
 }

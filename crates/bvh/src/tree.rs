@@ -5,11 +5,11 @@
 use std::mem::MaybeUninit;
 
 use dunkelfeld_geometry::triangle::UNIT_ROUNDOFF;
-use dunkelfeld_geometry::{Aabb, Ray, Vec3};
-use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x8};
+use dunkelfeld_geometry::{Aabb, Vec3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
+use fearless_simd::Simd;
 
-use crate::simd8::{Eight, WIDTH, bits, greater, lesser, load, splat3};
+use crate::simd8::{Eight, F8, WIDTH};
 
 /// Set in a child word for a leaf; the other bits are the leaf's payload.
 pub(crate) const LEAF: u32 = 1 << 31;
@@ -18,7 +18,7 @@ pub(crate) const NONE: u32 = u32::MAX;
 /// Maximum number of levels of nodes. The builder enforces it.
 pub(crate) const MAX_DEPTH: usize = 44;
 /// Each level leaves at most seven siblings on the stack.
-const STACK: usize = (WIDTH - 1) * MAX_DEPTH + 2;
+pub(crate) const STACK: usize = (WIDTH - 1) * MAX_DEPTH + 2;
 
 /// A node: the boxes of up to eight children.
 #[derive(Clone, Debug)]
@@ -64,11 +64,11 @@ pub(crate) struct Tree {
 
 /// Visitor of the leaves.
 pub(crate) trait Leaves {
-    /// Tests a leaf. Lowers `t_max` to the nearest hit; true ends the traversal.
+    /// Tests a leaf, whose box the ray enters at `entry`. Lowers `t_max` to the nearest hit; true ends the traversal.
     ///
     /// If boxes are so large that differences overflow, an unused slot may be entered. [`NONE`] without its [`LEAF`]
     /// bit is a payload that no leaf has. The visitor must ignore it.
-    fn visit(&mut self, payload: u32, t_max: &mut f32) -> bool;
+    fn visit(&mut self, payload: u32, entry: f32, t_max: &mut f32) -> bool;
 }
 
 /// A ray in the form that the box test needs.
@@ -80,61 +80,142 @@ pub(crate) trait Leaves {
 /// triangle's box by as much. Each box therefore grows by 10 u M on every side, plus the rounding of the grown planes.
 /// This costs nothing, because the origin is shifted instead: one origin for the near planes and one for the far
 /// planes.
+///
+/// A packet has a ray in each lane, all with the same signs of their directions.
 #[derive(Clone, Copy)]
-pub(crate) struct Slabs<S: Simd> {
-    simd: S,
+pub(crate) struct Slabs<F> {
     /// Indices of the three rows of a node with the near sides; the far ones are their neighbours.
     near: [usize; 3],
-    near_origin: [f32x8<S>; 3],
-    near_inverse: [f32x8<S>; 3],
-    far_origin: [f32x8<S>; 3],
-    far_inverse: [f32x8<S>; 3],
+    near_origin: [F; 3],
+    near_inverse: [F; 3],
+    far_origin: [F; 3],
+    far_inverse: [F; 3],
 }
 
-impl<S: Simd> Slabs<S> {
-    /// The form of a ray for trees within `bounds`.
+/// The signs of a direction: bit i is set if coordinate i is negative or minus zero.
+#[inline(always)]
+pub(crate) fn octant(direction: Vec3) -> usize {
+    direction.to_array().iter().enumerate().fold(0, |bits, (axis, x)| bits | usize::from(x.is_sign_negative()) << axis)
+}
+
+impl<F: Lanes> Slabs<F> {
+    /// The form of rays for trees within `bounds`. All directions are in the octant.
     #[inline(always)]
-    pub(crate) fn new(simd: S, ray: &Ray, bounds: &Aabb) -> Self {
-        let (o, d) = (ray.origin, ray.direction);
+    pub(crate) fn new(o: V3<F>, d: V3<F>, octant: usize, bounds: &Aabb) -> Self {
         // The farthest side is at the centre plus half the extent, so no maximum of two is needed.
         let (middle, half) = (0.5 * bounds.min + 0.5 * bounds.max, 0.5 * bounds.max - 0.5 * bounds.min);
-        let reach = ((middle - o).abs() + half).max_element();
-        let grow = 10.0 * UNIT_ROUNDOFF * reach + 2.0 * UNIT_ROUNDOFF * o.abs().max_element();
-        let inverse = d.recip();
-        // Zero and minus zero differ here, so that the sides fit the sign of the infinite inverse.
-        let near = [
-            usize::from(inverse.x.is_sign_negative()),
-            2 + usize::from(inverse.y.is_sign_negative()),
-            4 + usize::from(inverse.z.is_sign_negative()),
-        ];
-        let shift = Vec3::splat(grow).copysign(inverse);
-        let (near_origin, far_origin) = (o + shift, o - shift);
+        let token = o.x.token();
+        let reach = ((V3::splat(token, middle) - o).abs() + V3::splat(token, half)).max_element();
+        let grow = reach * (10.0 * UNIT_ROUNDOFF) + o.abs().max_element() * (2.0 * UNIT_ROUNDOFF);
         let far_scale = 1.0 + 8.0 * UNIT_ROUNDOFF;
-        Self {
-            simd,
-            near,
-            near_origin: splat3(simd, near_origin.into()),
-            near_inverse: splat3(simd, inverse.into()),
-            far_origin: splat3(simd, far_origin.into()),
-            far_inverse: splat3(simd, (inverse * far_scale).into()),
+        // Zero and minus zero differ here, so that the sides fit the sign of the infinite inverse.
+        let near = [octant & 1, 2 + (octant >> 1 & 1), 4 + (octant >> 2 & 1)];
+        let (o, near_inverse) = ([o.x, o.y, o.z], [d.x.recip(), d.y.recip(), d.z.recip()]);
+        let (mut near_origin, mut far_origin, mut far_inverse) = (o, o, near_inverse);
+        for axis in 0..3 {
+            let shift = grow.copysign(near_inverse[axis]);
+            near_origin[axis] = o[axis] + shift;
+            far_origin[axis] = o[axis] - shift;
+            far_inverse[axis] = near_inverse[axis] * far_scale;
         }
+        Self { near, near_origin, near_inverse, far_origin, far_inverse }
     }
 
-    /// The children that the ray may hit before `t_max`, and the entry distance of each.
+    /// The rays that may hit the box of a child before `t_max`, and the entry distance of each.
     #[inline(always)]
-    fn enter(&self, node: &Node, t_max: f32) -> (u32, f32x8<S>) {
-        let (mut near, mut far) = (f32x8::splat(self.simd, 0.0), f32x8::splat(self.simd, t_max));
+    pub(crate) fn enter_child(&self, node: &Node, slot: usize, t_max: F) -> (F::Mask, F) {
+        let (mut near, mut far) = (t_max.constant(0.0), t_max);
         for axis in 0..3 {
             let side = self.near[axis];
-            let near_side = load(self.simd, &node.bounds[side]);
-            let far_side = load(self.simd, &node.bounds[side ^ 1]);
-            let n = (near_side - self.near_origin[axis]) * self.near_inverse[axis];
-            let f = (far_side - self.far_origin[axis]) * self.far_inverse[axis];
-            // 0 * inf, a ray along a side of the box, is a NaN: it must not narrow the interval, hence this order.
-            near = greater(n, near);
-            far = lesser(f, far);
+            let n = t_max.constant(node.bounds[side][slot]);
+            let f = t_max.constant(node.bounds[side ^ 1][slot]);
+            (near, far) = self.narrow(axis, n, f, near, far);
         }
-        (bits(near.simd_le(far)), near)
+        (near.le(far), near)
+    }
+
+    /// The interval narrowed to that between two planes.
+    #[inline(always)]
+    fn narrow(&self, axis: usize, near_side: F, far_side: F, near: F, far: F) -> (F, F) {
+        let n = (near_side - self.near_origin[axis]) * self.near_inverse[axis];
+        let f = (far_side - self.far_origin[axis]) * self.far_inverse[axis];
+        // 0 * inf, a ray along a side of the box, is a NaN: it must not narrow the interval, hence this order.
+        (n.max(near), f.min(far))
+    }
+
+    /// The numbers of each lane.
+    #[inline(always)]
+    pub(crate) fn to_arrays(self) -> Slabs<[f32; MAX_WIDTH]> {
+        let Self { near, near_origin, near_inverse, far_origin, far_inverse } = self;
+        Slabs {
+            near,
+            near_origin: arrays(near_origin),
+            near_inverse: arrays(near_inverse),
+            far_origin: arrays(far_origin),
+            far_inverse: arrays(far_inverse),
+        }
+    }
+}
+
+impl Slabs<[f32; MAX_WIDTH]> {
+    /// The ray of a lane.
+    #[inline(always)]
+    pub(crate) fn lane(&self, lane: usize) -> Slabs<f32> {
+        Slabs {
+            near: self.near,
+            near_origin: of_lane(&self.near_origin, lane),
+            near_inverse: of_lane(&self.near_inverse, lane),
+            far_origin: of_lane(&self.far_origin, lane),
+            far_inverse: of_lane(&self.far_inverse, lane),
+        }
+    }
+}
+
+/// Three numbers of each lane.
+#[inline(always)]
+pub(crate) fn arrays<F: Lanes>([x, y, z]: [F; 3]) -> [[f32; MAX_WIDTH]; 3] {
+    [x.to_array(), y.to_array(), z.to_array()]
+}
+
+/// The three numbers of a lane.
+#[inline(always)]
+pub(crate) fn of_lane([x, y, z]: &[[f32; MAX_WIDTH]; 3], lane: usize) -> [f32; 3] {
+    [x[lane], y[lane], z[lane]]
+}
+
+/// Three numbers, each in all lanes of its own vector.
+#[inline(always)]
+pub(crate) fn splat3<F: Lanes>(token: F::Token, [x, y, z]: [f32; 3]) -> [F; 3] {
+    [F::splat(token, x), F::splat(token, y), F::splat(token, z)]
+}
+
+impl Slabs<f32> {
+    /// The same ray in eight lanes, one for each child.
+    #[inline(always)]
+    pub(crate) fn splat<S: Simd>(&self, simd: S) -> Slabs<F8<S>> {
+        Slabs {
+            near: self.near,
+            near_origin: splat3(simd, self.near_origin),
+            near_inverse: splat3(simd, self.near_inverse),
+            far_origin: splat3(simd, self.far_origin),
+            far_inverse: splat3(simd, self.far_inverse),
+        }
+    }
+}
+
+impl<S: Simd> Slabs<F8<S>> {
+    /// The children that the ray may hit before `t_max`, and the entry distance of each.
+    #[inline(always)]
+    fn enter(&self, node: &Node, t_max: f32) -> (u32, F8<S>) {
+        let simd = self.near_origin[0].token();
+        let (mut near, mut far) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, t_max));
+        for axis in 0..3 {
+            let side = self.near[axis];
+            let n = Lanes::load(simd, &node.bounds[side]);
+            let f = Lanes::load(simd, &node.bounds[side ^ 1]);
+            (near, far) = self.narrow(axis, n, f, near, far);
+        }
+        (near.le(far).bits(), near)
     }
 }
 
@@ -155,21 +236,28 @@ impl Tree {
         deepest
     }
 
-    /// Visits the leaves that a ray may hit before `t_max`; near ones first if `ORDERED`. True if a visit ended the
-    /// traversal.
+    /// The entry of the stack for the whole tree.
+    pub(crate) fn start(&self) -> u64 {
+        u64::from(self.root)
+    }
+
+    /// Visits the leaves below a child that a ray may hit before `t_max`; near ones first if `ORDERED`. True if a visit
+    /// ended the traversal. `start` is the child as an entry of the stack.
     #[inline(always)]
     pub(crate) fn traverse<S: Simd, const ORDERED: bool>(
         &self,
-        slabs: &Slabs<S>,
+        slabs: &Slabs<F8<S>>,
+        start: u64,
         t_max: &mut f32,
         leaves: &mut impl Leaves,
     ) -> bool {
-        if self.root == NONE {
+        let mut stack = Stack::new();
+        let mut entry = start;
+        if entry as u32 == NONE {
             return false;
         }
-        let mut stack = Stack::new();
-        let mut word = self.root;
         loop {
+            let word = entry as u32;
             if word & LEAF == 0 {
                 let node = &self.nodes[word as usize];
                 let (mut entered, near) = slabs.enter(node, *t_max);
@@ -177,7 +265,7 @@ impl Tree {
                     let near: Eight = near.into();
                     let first = take(&mut entered, &near, node);
                     if entered == 0 {
-                        word = first as u32;
+                        entry = first;
                         continue;
                     }
                     let second = take(&mut entered, &near, node);
@@ -185,7 +273,7 @@ impl Tree {
                         if ORDERED && second < first { (second, first) } else { (first, second) };
                     if entered == 0 {
                         stack.push(next);
-                        word = nearest as u32;
+                        entry = nearest;
                         continue;
                     }
                     if ORDERED {
@@ -204,21 +292,33 @@ impl Tree {
                             stack.push(take(&mut entered, &near, node));
                         }
                     }
-                    word = nearest as u32;
+                    entry = nearest;
                     continue;
                 }
-            } else if leaves.visit(word & !LEAF, t_max) {
+            } else if leaves.visit(word & !LEAF, entry_distance(entry), t_max) {
                 return true;
             }
             loop {
-                let Some(entry) = stack.pop() else { return false };
-                if !ORDERED || f32::from_bits((entry >> 32) as u32) < *t_max {
-                    word = entry as u32;
+                let Some(next) = stack.pop() else { return false };
+                if !ORDERED || entry_distance(next) <= *t_max {
+                    entry = next;
                     break;
                 }
             }
         }
     }
+}
+
+/// The distance at which a ray enters the box of an entry of the stack.
+#[inline(always)]
+fn entry_distance(entry: u64) -> f32 {
+    f32::from_bits((entry >> 32) as u32)
+}
+
+/// The entry of the stack for a child.
+#[inline(always)]
+pub(crate) fn entry(distance: f32, child: u32) -> u64 {
+    (u64::from(distance.to_bits()) << 32) | u64::from(child)
 }
 
 /// The next entered child as an entry of the stack: entry distance in the upper half, child word in the lower.
@@ -227,7 +327,7 @@ impl Tree {
 fn take(entered: &mut u32, near: &Eight, node: &Node) -> u64 {
     let slot = entered.trailing_zeros() as usize & (WIDTH - 1);
     *entered &= *entered - 1;
-    (u64::from(near[slot].to_bits()) << 32) | u64::from(node.children[slot])
+    entry(near[slot], node.children[slot])
 }
 
 /// Children that are not visited yet. The stack is not cleared before use, because that would cost a tenth of a short

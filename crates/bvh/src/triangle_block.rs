@@ -1,15 +1,15 @@
-//! Leaves: up to eight triangles, tested at once.
+//! Leaves: up to eight triangles. A ray is tested against all of them at once, a packet of rays against one by one.
 //!
 //! The test is `dunkelfeld_geometry::triangle::intersect_triangle`, lane by lane, with the same operations in the same
 //! order; the two agree to the bit.
 
-use dunkelfeld_geometry::Ray;
-use dunkelfeld_geometry::triangle::{RayShear, T_ERROR, edge_functions_f64, plane_distance_f64};
-use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x8};
+use dunkelfeld_geometry::triangle::{T_ERROR, edge_functions_f64};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
+use fearless_simd::Simd;
 use glam::Vec3;
 
-use crate::simd8::{Eight, WIDTH, bits, greater, lesser, load, splat3};
+use crate::simd8::{Eight, F8, WIDTH};
+use crate::tree::{arrays, of_lane, splat3};
 
 /// Up to eight triangles, coordinate by coordinate. Free lanes hold NaN and are never hit.
 #[derive(Clone, Debug)]
@@ -25,18 +25,6 @@ pub(crate) struct TriangleBlock {
 const NO_TRIANGLE: u32 = u32::MAX >> 1;
 /// Set in the number of a triangle that lets some light through.
 const ALPHA_TESTED: u32 = 1 << 31;
-/// All lanes.
-pub(crate) const ALL: u32 = (1 << WIDTH) - 1;
-
-/// A hit in a block.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct BlockHit {
-    pub(crate) t: f32,
-    pub(crate) b1: f32,
-    pub(crate) b2: f32,
-    pub(crate) triangle: u32,
-}
-
 impl TriangleBlock {
     /// A block of at most eight triangles: their numbers and corners.
     pub(crate) fn new(triangles: impl Iterator<Item = (u32, [Vec3; 3])>) -> Self {
@@ -79,135 +67,188 @@ impl TriangleBlock {
         (0..WIDTH).fold(0, |mask, lane| mask | (self.triangles[lane] >> 31) << lane)
     }
 
+    /// Number of triangles. They are in the first lanes.
+    #[inline(always)]
+    pub(crate) fn count(&self) -> usize {
+        let mut count = 0;
+        while count < WIDTH && self.triangles[count] != NO_TRIANGLE {
+            count += 1;
+        }
+        count
+    }
+
+    /// The number of the triangle in a lane.
+    #[inline(always)]
+    pub(crate) fn triangle(&self, lane: usize) -> u32 {
+        self.triangles[lane] & !ALPHA_TESTED
+    }
+
+    /// The corners of the triangle in a lane.
     #[inline]
-    fn corners(&self, lane: usize) -> [Vec3; 3] {
+    pub(crate) fn corners(&self, lane: usize) -> [Vec3; 3] {
         let [x, y, z] = &self.corners;
         let corner = |c: usize| Vec3::new(x[c][lane], y[c][lane], z[c][lane]);
         [corner(0), corner(1), corner(2)]
     }
 }
 
-/// The values of a ray that the block test needs, in every lane.
+/// The values of rays that the triangle test needs, as in `dunkelfeld_geometry::triangle::RayShear`.
 #[derive(Clone, Copy)]
-pub(crate) struct ShearLanes<S: Simd> {
-    simd: S,
+pub(crate) struct Shear<F> {
     axes: [usize; 3],
-    origin: [f32x8<S>; 3],
-    shear: [f32x8<S>; 3],
+    origin: [F; 3],
+    shear: [F; 3],
 }
 
-impl<S: Simd> ShearLanes<S> {
+/// The lanes in which a ray may hit a triangle.
+pub(crate) struct Candidates<F> {
+    pub(crate) lanes: u32,
+    /// The lanes whose `t` is within its own error of zero or of the end of the ray. It must be computed again by
+    /// `plane_distance_f64`. After that a hit has `0 < t < ray.t_max`.
+    pub(crate) near: u32,
+    pub(crate) t: F,
+    pub(crate) b1: F,
+    pub(crate) b2: F,
+}
+
+impl<F: Lanes> Shear<F> {
+    /// The form of rays whose directions have these axes.
     #[inline(always)]
-    pub(crate) fn new(simd: S, ray: &Ray) -> Self {
-        let s = RayShear::new(ray);
-        Self { simd, axes: s.axes, origin: splat3(simd, s.origin), shear: splat3(simd, s.shear) }
+    pub(crate) fn new(origin: V3<F>, direction: V3<F>, axes: [usize; 3]) -> Self {
+        let [kx, ky, kz] = axes;
+        let (o, d) = ([origin.x, origin.y, origin.z], [direction.x, direction.y, direction.z]);
+        let inv = d[kz].recip();
+        Self { axes, origin: [o[kx], o[ky], o[kz]], shear: [d[kx] * inv, d[ky] * inv, inv] }
     }
 
-    /// One corner of all triangles in the ray's sheared coordinates (z not yet scaled).
+    /// The numbers of each lane.
+    #[inline(always)]
+    pub(crate) fn to_arrays(self) -> Shear<[f32; MAX_WIDTH]> {
+        Shear { axes: self.axes, origin: arrays(self.origin), shear: arrays(self.shear) }
+    }
+
+    /// A corner in the rays' sheared coordinates (z not yet scaled).
     // A function, not a closure, here and below. Only functions can be marked for inlining, and code that is not
     // inlined into the function of a level is compiled for the minimum instruction set.
     #[inline(always)]
-    fn sheared(&self, block: &TriangleBlock, corner: usize) -> [f32x8<S>; 3] {
-        let [kx, ky, kz] = self.axes;
-        let z = load(self.simd, &block.corners[kz][corner]) - self.origin[2];
-        let x = load(self.simd, &block.corners[kx][corner]) - self.origin[0];
-        let y = load(self.simd, &block.corners[ky][corner]) - self.origin[1];
+    fn sheared(&self, [x, y, z]: [F; 3]) -> [F; 3] {
+        let (x, y, z) = (x - self.origin[0], y - self.origin[1], z - self.origin[2]);
         [x - self.shear[0] * z, y - self.shear[1] * z, z]
     }
 
-    /// The nearest hit with `0 < t < t_max` among the given lanes, if any; of equal ones the first lane's.
+    /// The watertight test in the given lanes. Hits beyond `t_max` may be left out. The corners are in the axes of the
+    /// rays.
     #[inline(always)]
-    pub(crate) fn intersect(&self, block: &TriangleBlock, ray: &Ray, t_max: f32, lanes: u32) -> Option<BlockHit> {
-        let zero = f32x8::splat(self.simd, 0.0);
-        let [ax, ay, az] = self.sheared(block, 0);
-        let [bx, by, bz] = self.sheared(block, 1);
-        let [cx, cy, cz] = self.sheared(block, 2);
+    fn intersect(&self, [a, b, c]: [[F; 3]; 3], lanes: u32, ray_end: F, t_max: F) -> Option<Candidates<F>> {
+        let zero = ray_end.constant(0.0);
+        let [ax, ay, az] = self.sheared(a);
+        let [bx, by, bz] = self.sheared(b);
+        let [cx, cy, cz] = self.sheared(c);
         let mut u = cx * by - cy * bx;
         let mut v = ax * cy - ay * cx;
         let mut w = bx * ay - by * ax;
 
-        let mut candidates = inside(zero, u, v, w) & lanes;
-        if candidates == 0 {
+        let mut lanes = inside(zero, u, v, w) & lanes;
+        if lanes == 0 {
             return None;
         }
-        let undecided = candidates & bits(lesser(lesser(u.abs(), v.abs()), w.abs()).simd_eq(zero));
+        let undecided = lanes & u.abs().min(v.abs()).min(w.abs()).eq(zero).bits();
         if undecided != 0 {
-            [u, v, w] = exact_edges(self.simd, undecided, [ax, bx, cx], [ay, by, cy], [u, v, w]);
-            candidates &= inside(zero, u, v, w);
-            if candidates == 0 {
+            [u, v, w] = exact_edges(undecided, [ax, bx, cx], [ay, by, cy], [u, v, w]);
+            lanes &= inside(zero, u, v, w);
+            if lanes == 0 {
                 return None;
             }
         }
 
-        let inv_det = f32x8::splat(self.simd, 1.0) / (u + v + w);
+        let inv_det = (u + v + w).recip();
         let sz = self.shear[2];
         let (az, bz, cz) = (sz * az, sz * bz, sz * cz);
         let t = (u * az + v * bz + w * cz) * inv_det;
         let (mx, my, mz) = (largest(ax, bx, cx), largest(ay, by, cy), largest(az, bz, cz));
         let spread = (mx * my + (mx + my) * mz) * mz;
-        let t_error = f32x8::splat(self.simd, T_ERROR) * spread * inv_det.abs();
-        candidates &= bits((-t_error).simd_le(t)) & bits(t.simd_lt(f32x8::splat(self.simd, t_max)));
-        if candidates == 0 {
+        let t_error = spread * T_ERROR * inv_det.abs();
+        // Compared with the end of the ray, not with the best hit so far: a hit near that one needs no more precision.
+        let near = t.le(t_error) | (ray_end - t_error).le(t);
+        lanes &= ((-t_error).le(t) & t.lt(ray_end) & (t.le(t_max) | near)).bits();
+        if lanes == 0 {
             return None;
         }
-        // Compared with the end of the ray, not with the best hit so far: a hit near that one needs no more precision.
-        let ray_end = f32x8::splat(self.simd, ray.t_max);
-        let near = candidates & (bits(t.simd_le(t_error)) | bits((ray_end - t_error).simd_le(t)));
-        let mut ts: Eight = t.into();
-        if near != 0 {
-            decide_near(block, ray, near, &mut ts);
-        }
+        Some(Candidates { lanes, near: lanes & near.bits(), t, b1: v * inv_det, b2: w * inv_det })
+    }
 
-        let (mut best, mut t) = (NO_TRIANGLE, t_max);
-        while candidates != 0 {
-            let lane = candidates.trailing_zeros();
-            candidates &= candidates - 1;
-            let lane_t = ts[lane as usize];
-            if lane_t > 0.0 && lane_t < t {
-                (best, t) = (lane, lane_t);
+    /// The test of the ray of each lane and a triangle of a block.
+    #[inline(always)]
+    pub(crate) fn intersect_one(
+        &self,
+        block: &TriangleBlock,
+        triangle: usize,
+        lanes: u32,
+        ray_end: F,
+        t_max: F,
+    ) -> Option<Candidates<F>> {
+        let mut corners = [[ray_end; 3]; 3];
+        for corner in 0..3 {
+            for axis in 0..3 {
+                corners[corner][axis] = ray_end.constant(block.corners[self.axes[axis]][corner][triangle]);
             }
         }
-        if best == NO_TRIANGLE {
-            return None;
+        self.intersect(corners, lanes, ray_end, t_max)
+    }
+}
+
+impl Shear<[f32; MAX_WIDTH]> {
+    /// The ray of a lane.
+    #[inline(always)]
+    pub(crate) fn lane(&self, lane: usize) -> Shear<f32> {
+        Shear { axes: self.axes, origin: of_lane(&self.origin, lane), shear: of_lane(&self.shear, lane) }
+    }
+}
+
+impl Shear<f32> {
+    /// The same ray in eight lanes, one for each triangle.
+    #[inline(always)]
+    pub(crate) fn splat<S: Simd>(&self, simd: S) -> Shear<F8<S>> {
+        Shear { axes: self.axes, origin: splat3(simd, self.origin), shear: splat3(simd, self.shear) }
+    }
+}
+
+impl<S: Simd> Shear<F8<S>> {
+    /// The test of a ray and all triangles of a block, a triangle in each lane.
+    #[inline(always)]
+    pub(crate) fn intersect_block(&self, block: &TriangleBlock, ray_end: f32, t_max: f32) -> Option<Candidates<F8<S>>> {
+        let simd = self.origin[0].token();
+        let ray_end = Lanes::splat(simd, ray_end);
+        let mut corners = [[ray_end; 3]; 3];
+        for corner in 0..3 {
+            for axis in 0..3 {
+                corners[corner][axis] = Lanes::load(simd, &block.corners[self.axes[axis]][corner]);
+            }
         }
-        let lane = best as usize;
-        let (b1, b2): (Eight, Eight) = ((v * inv_det).into(), (w * inv_det).into());
-        let (b1, b2) = (b1[lane], b2[lane]);
-        Some(BlockHit { t, b1, b2, triangle: block.triangles[lane] & !ALPHA_TESTED })
+        self.intersect(corners, u32::MAX, ray_end, Lanes::splat(simd, t_max))
     }
 }
 
 /// Lanes whose edge functions do not disagree in sign.
 #[inline(always)]
-fn inside<S: Simd>(zero: f32x8<S>, u: f32x8<S>, v: f32x8<S>, w: f32x8<S>) -> u32 {
-    bits(zero.simd_le(lesser(lesser(u, v), w))) | bits(greater(greater(u, v), w).simd_le(zero))
+fn inside<F: Lanes>(zero: F, u: F, v: F, w: F) -> u32 {
+    (zero.le(u.min(v).min(w)) | u.max(v).max(w).le(zero)).bits()
 }
 
 #[inline(always)]
-fn largest<S: Simd>(a: f32x8<S>, b: f32x8<S>, c: f32x8<S>) -> f32x8<S> {
-    greater(greater(a.abs(), b.abs()), c.abs())
-}
-
-/// Distances within their own error of zero or of the ray's end, computed again in f64.
-#[inline(never)]
-fn decide_near(block: &TriangleBlock, ray: &Ray, lanes: u32, t: &mut Eight) {
-    let mut rest = lanes;
-    while rest != 0 {
-        let lane = rest.trailing_zeros() as usize;
-        rest &= rest - 1;
-        t[lane] = plane_distance_f64(ray, &block.corners(lane));
-    }
+fn largest<F: Lanes>(a: F, b: F, c: F) -> F {
+    a.abs().max(b.abs()).max(c.abs())
 }
 
 /// Edge functions; those of the given lanes are computed again in f64. Rare, so not inlined.
 #[cold]
 #[inline(never)]
-fn exact_lanes(lanes: u32, x: [Eight; 3], y: [Eight; 3], e: &mut [Eight; 3]) {
+fn exact_lanes(lanes: u32, x: [[f32; MAX_WIDTH]; 3], y: [[f32; MAX_WIDTH]; 3], e: &mut [[f32; MAX_WIDTH]; 3]) {
     let mut rest = lanes;
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
         rest &= rest - 1;
-        let exact = edge_functions_f64([x[0][i], x[1][i], x[2][i]], [y[0][i], y[1][i], y[2][i]]);
+        let exact = edge_functions_f64(of_lane(&x, i), of_lane(&y, i));
         for (row, value) in e.iter_mut().zip(exact) {
             row[i] = value;
         }
@@ -215,15 +256,9 @@ fn exact_lanes(lanes: u32, x: [Eight; 3], y: [Eight; 3], e: &mut [Eight; 3]) {
 }
 
 #[inline(always)]
-fn exact_edges<S: Simd>(
-    simd: S,
-    lanes: u32,
-    [x0, x1, x2]: [f32x8<S>; 3],
-    [y0, y1, y2]: [f32x8<S>; 3],
-    [e0, e1, e2]: [f32x8<S>; 3],
-) -> [f32x8<S>; 3] {
-    let mut edges = [e0.into(), e1.into(), e2.into()];
-    exact_lanes(lanes, [x0.into(), x1.into(), x2.into()], [y0.into(), y1.into(), y2.into()], &mut edges);
-    let [e0, e1, e2] = edges;
-    [load(simd, &e0), load(simd, &e1), load(simd, &e2)]
+fn exact_edges<F: Lanes>(lanes: u32, x: [F; 3], y: [F; 3], edges: [F; 3]) -> [F; 3] {
+    let token = x[0].token();
+    let mut e = arrays(edges);
+    exact_lanes(lanes, arrays(x), arrays(y), &mut e);
+    [F::load(token, &e[0]), F::load(token, &e[1]), F::load(token, &e[2])]
 }

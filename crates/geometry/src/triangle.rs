@@ -55,15 +55,20 @@ impl RayShear {
     /// The shear that maps the ray's direction to +z. A zero direction gives non-finite values, which hit nothing.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
-        let (d, o) = (ray.direction, ray.origin);
-        let a = d.abs();
-        // Arithmetic and a table replace branches, because a branch predictor cannot predict the direction of a ray.
-        let largest = if a.x >= a.y.max(a.z) { 0 } else { 1 + usize::from(a.y < a.z) };
-        let (d, o) = (d.to_array(), o.to_array());
-        let [kx, ky, kz] = AXES[2 * largest + usize::from(d[largest] < 0.0)];
+        let (d, o) = (ray.direction.to_array(), ray.origin.to_array());
+        let [kx, ky, kz] = shear_axes(ray.direction);
         let inv = 1.0 / d[kz];
         Self { axes: [kx, ky, kz], origin: [o[kx], o[ky], o[kz]], shear: [d[kx] * inv, d[ky] * inv, inv] }
     }
+}
+
+/// [`RayShear::axes`] of a direction.
+#[inline]
+pub fn shear_axes(direction: Vec3) -> [usize; 3] {
+    let a = direction.abs();
+    // Arithmetic and a table replace branches, because a branch predictor cannot predict the direction of a ray.
+    let largest = if a.x >= a.y.max(a.z) { 0 } else { 1 + usize::from(a.y < a.z) };
+    AXES[2 * largest + usize::from(direction.to_array()[largest] < 0.0)]
 }
 
 /// The three edge functions of a sheared triangle in f64, for the case that one is zero in f32.

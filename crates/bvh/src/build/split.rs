@@ -10,7 +10,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x4, f32x8};
 
 use super::subtrees::Subtrees;
-use crate::simd8::{Eight, WIDTH, dispatch8, greater, load};
+use crate::simd8::{Eight, WIDTH, dispatch8, greater};
 
 /// Cost of a leaf in units of one node. A block of eight triangles takes about a fifth longer than eight boxes.
 pub(super) const LEAF_COST: f32 = 1.2;
@@ -70,7 +70,7 @@ impl Reference {
 
     #[inline(always)]
     fn vector<S: Simd>(&self, simd: S) -> f32x8<S> {
-        load(simd, &self.0)
+        f32x8::load_array_ref(simd, &self.0)
     }
 }
 
