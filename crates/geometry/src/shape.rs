@@ -7,8 +7,8 @@
 //! `sample_x` returns `None`. The choice between the two methods depends on shape and reference alone. Both sides of a
 //! shape are sampled. `invert_x(shape, reference, coordinates)` returns the two numbers.
 //!
-//! All internal computations are f64, because the differences of angles in these formulas would cancel all digits of an
-//! f32.
+//! Triangles are computed in f64, because the differences of angles in these formulas would cancel all digits of an f32.
+//! Rectangles have formulas for f32, and several references at once.
 
 mod rectangle;
 mod triangle;
@@ -16,7 +16,8 @@ mod triangle;
 use glam::Vec3;
 
 pub use rectangle::{
-    Rectangle, RectangleSampler, invert_rectangle, pdf_rectangle, rectangle_from_triangles, sample_rectangle,
+    Rectangle, RectangleLanes, RectangleSampler, RectangleSamples, invert_rectangle, pdf_rectangle,
+    rectangle_from_triangles, sample_rectangle,
 };
 pub use triangle::{
     invert_triangle, invert_triangle_area, pdf_triangle, pdf_triangle_area, sample_triangle, sample_triangle_area,

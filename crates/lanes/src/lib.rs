@@ -38,8 +38,10 @@ pub use functions::{atan2, cos_sin_of_turn, exp, ln, pow};
 pub use instruction_set::InstructionSet;
 #[doc(hidden)]
 pub use instruction_set::separately;
-pub use one::One;
+pub use one::{One, OneLong};
 pub use v3::V3;
+#[doc(hidden)]
+pub use vectors::Halves;
 
 #[doc(hidden)]
 pub use fearless_simd;
@@ -104,6 +106,18 @@ pub trait Word:
     }
 }
 
+/// An unsigned 64-bit integer per lane, with wrapping arithmetic.
+pub trait Long:
+    Copy
+    + Debug
+    + BitXor<Output = Self>
+    + BitXor<u64, Output = Self>
+    + Add<u64, Output = Self>
+    + Mul<u64, Output = Self>
+    + Shr<u32, Output = Self>
+{
+}
+
 /// A single-precision number per lane.
 pub trait Lanes:
     Copy
@@ -130,6 +144,8 @@ pub trait Lanes:
     type Mask: Mask<Self>;
     /// Integers of the same lanes.
     type Word: Word;
+    /// Long integers of the same lanes.
+    type Long: Long;
 
     /// The same number in all lanes.
     fn splat(token: Self::Token, x: f32) -> Self;
@@ -173,6 +189,10 @@ pub trait Lanes:
     fn from_bits(bits: Self::Word) -> Self;
     /// The value of integers below 2^31, rounded to nearest.
     fn from_word(word: Self::Word) -> Self;
+    /// The long integers with these low and high words.
+    fn join(low: Self::Word, high: Self::Word) -> Self::Long;
+    /// The low and the high words of long integers.
+    fn split(long: Self::Long) -> [Self::Word; 2];
     /// Are the integers equal?
     fn word_eq(a: Self::Word, b: Self::Word) -> Self::Mask;
 

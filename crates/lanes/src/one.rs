@@ -1,6 +1,6 @@
 //! One lane: plain numbers.
 
-use crate::{Lanes, Mask, Word};
+use crate::{Lanes, Long, Mask, Word};
 use std::ops::{Add, BitAnd, BitOr, BitXor, Mul, Shl, Shr, Sub};
 
 /// A wrapping integer of one lane.
@@ -57,6 +57,52 @@ impl Word for One {
     }
 }
 
+/// A wrapping long integer of one lane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OneLong(pub u64);
+
+impl Long for OneLong {}
+
+impl BitXor for OneLong {
+    type Output = Self;
+    #[inline(always)]
+    fn bitxor(self, other: Self) -> Self {
+        Self(self.0 ^ other.0)
+    }
+}
+
+impl BitXor<u64> for OneLong {
+    type Output = Self;
+    #[inline(always)]
+    fn bitxor(self, other: u64) -> Self {
+        Self(self.0 ^ other)
+    }
+}
+
+impl Add<u64> for OneLong {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: u64) -> Self {
+        Self(self.0.wrapping_add(other))
+    }
+}
+
+impl Mul<u64> for OneLong {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: u64) -> Self {
+        Self(self.0.wrapping_mul(other))
+    }
+}
+
+impl Shr<u32> for OneLong {
+    type Output = Self;
+    #[inline(always)]
+    fn shr(self, bits: u32) -> Self {
+        Self(self.0 >> bits)
+    }
+}
+
 impl Mask<f32> for bool {
     #[inline(always)]
     fn bits(self) -> u32 {
@@ -73,6 +119,7 @@ impl Lanes for f32 {
     type Token = ();
     type Mask = bool;
     type Word = One;
+    type Long = OneLong;
 
     #[inline(always)]
     fn splat((): (), x: f32) -> Self {
@@ -143,6 +190,14 @@ impl Lanes for f32 {
     #[inline(always)]
     fn from_word(word: One) -> Self {
         word.0 as i32 as f32
+    }
+    #[inline(always)]
+    fn join(low: One, high: One) -> OneLong {
+        OneLong(u64::from(high.0) << 32 | u64::from(low.0))
+    }
+    #[inline(always)]
+    fn split(long: OneLong) -> [One; 2] {
+        [One(long.0 as u32), One((long.0 >> 32) as u32)]
     }
     #[inline(always)]
     fn word_eq(a: One, b: One) -> bool {

@@ -1,13 +1,15 @@
 //! Four, eight and sixteen lanes: the vectors of `fearless_simd`.
 
-use crate::{Lanes, Mask, Word};
+use crate::{Lanes, Long, Mask, Word};
 use fearless_simd::prelude::*;
 use fearless_simd::{
-    Simd, SimdCvtFloat, f32x4, f32x8, f32x16, i32x4, i32x8, i32x16, mask32x4, mask32x8, mask32x16, u32x4, u32x8, u32x16,
+    Simd, SimdCvtFloat, f32x4, f32x8, f32x16, i32x4, i32x8, i32x16, mask32x4, mask32x8, mask32x16, u32x4, u32x8,
+    u32x16, u64x2, u64x4, u64x8,
 };
+use std::ops::{Add, BitXor, Mul, Shr};
 
 macro_rules! vector {
-    ($width:literal, $number:ident, $word:ident, $signed:ident, $mask:ident) => {
+    ($width:literal, $number:ident, $word:ident, $signed:ident, $long:ident, $mask:ident) => {
         impl<S: Simd> Word for $word<S> {}
 
         impl<S: Simd> Mask<$number<S>> for $mask<S> {
@@ -26,6 +28,7 @@ macro_rules! vector {
             type Token = S;
             type Mask = $mask<S>;
             type Word = $word<S>;
+            type Long = Halves<$long<S>>;
 
             #[inline(always)]
             fn splat(token: S, x: f32) -> Self {
@@ -109,6 +112,20 @@ macro_rules! vector {
                 Self::float_from(signed)
             }
             #[inline(always)]
+            fn join(low: Self::Word, high: Self::Word) -> Self::Long {
+                let (low, high): ($long<S>, $long<S>) = (low.bitcast(), high.bitcast());
+                Halves {
+                    even: (low & 0xffff_ffff_u64) | (high << 32),
+                    odd: (low >> 32) | (high & 0xffff_ffff_0000_0000_u64),
+                }
+            }
+            #[inline(always)]
+            fn split(long: Self::Long) -> [Self::Word; 2] {
+                let low = (long.even & 0xffff_ffff_u64) | (long.odd << 32);
+                let high = (long.even >> 32) | (long.odd & 0xffff_ffff_0000_0000_u64);
+                [low.bitcast(), high.bitcast()]
+            }
+            #[inline(always)]
             fn word_eq(a: Self::Word, b: Self::Word) -> Self::Mask {
                 a.simd_eq(b)
             }
@@ -116,9 +133,53 @@ macro_rules! vector {
     };
 }
 
-vector!(4, f32x4, u32x4, i32x4, mask32x4);
-vector!(8, f32x8, u32x8, i32x8, mask32x8);
-vector!(16, f32x16, u32x16, i32x16, mask32x16);
+vector!(4, f32x4, u32x4, i32x4, u64x2, mask32x4);
+vector!(8, f32x8, u32x8, i32x8, u64x4, mask32x8);
+vector!(16, f32x16, u32x16, i32x16, u64x8, mask32x16);
+
+/// Long integers of the lanes with even numbers and of those with odd numbers.
+#[derive(Clone, Copy, Debug)]
+pub struct Halves<L> {
+    even: L,
+    odd: L,
+}
+
+macro_rules! halves {
+    ($($trait:ident $method:ident $other:ty;)*) => {$(
+        impl<L: Copy + $trait<$other, Output = L>> $trait<$other> for Halves<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: $other) -> Self {
+                Self { even: self.even.$method(other), odd: self.odd.$method(other) }
+            }
+        }
+    )*};
+}
+halves! {
+    BitXor bitxor u64;
+    Add add u64;
+    Mul mul u64;
+    Shr shr u32;
+}
+
+impl<L: BitXor<Output = L>> BitXor for Halves<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn bitxor(self, other: Self) -> Self {
+        Self { even: self.even ^ other.even, odd: self.odd ^ other.odd }
+    }
+}
+
+impl<L> Long for Halves<L> where
+    Self: Copy
+        + std::fmt::Debug
+        + BitXor<Output = Self>
+        + BitXor<u64, Output = Self>
+        + Add<u64, Output = Self>
+        + Mul<u64, Output = Self>
+        + Shr<u32, Output = Self>
+{
+}
 
 /// True if the minimum of the instruction set is that of x86. It is faster than a comparison and a selection.
 #[inline(always)]

@@ -1,5 +1,7 @@
 //! Integer hashes: the mixing of all keys.
 
+use dunkelfeld_lanes::Long;
+
 /// A bijection of 64-bit words in which each input bit flips each output bit with probability near one half.
 ///
 /// It is the finaliser of SplitMix64 (Steele, Lea and Flood 2014) with the constants of Stafford's variant 13 (2011),
@@ -9,6 +11,15 @@ pub const fn mix64(x: u64) -> u64 {
     let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+/// [`mix64`] of each lane.
+#[inline(always)]
+pub(crate) fn mix_lanes<L: Long>(x: L) -> L {
+    let x = x + 0x9e37_79b9_7f4a_7c15;
+    let x = (x ^ (x >> 30)) * 0xbf58_476d_1ce4_e5b9;
+    let x = (x ^ (x >> 27)) * 0x94d0_49bb_1331_11eb;
     x ^ (x >> 31)
 }
 
@@ -30,6 +41,15 @@ pub const fn hash_u64<const N: usize>(words: [u64; N]) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dunkelfeld_lanes::OneLong;
+
+    #[test]
+    fn one_lane_is_mixed_like_a_constant() {
+        for k in 0..1000 {
+            let x = mix64(k);
+            assert_eq!(mix_lanes(OneLong(x)).0, mix64(x));
+        }
+    }
 
     #[test]
     fn each_input_bit_flips_each_output_bit_half_the_time() {

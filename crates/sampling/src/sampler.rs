@@ -1,8 +1,8 @@
 //! The sampler of the renderer: an Owen-scrambled Sobol number for every decision of a path.
 
-use crate::hash::{hash_u64, mix64};
+use crate::hash::{hash_u64, mix_lanes};
 use crate::sobol::{coordinate_reversed, owen_reversed};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, One, Word};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, One, OneLong, Word};
 
 /// Number of independently scrambled batches. The samples of a pixel are assigned to them in turn.
 ///
@@ -26,8 +26,7 @@ pub const BATCHES: u32 = 4;
 #[derive(Clone, Copy, Debug)]
 pub struct Sampler<F: Lanes = f32> {
     token: F::Token,
-    /// The two halves of the key.
-    key: [F::Word; 2],
+    key: F::Long,
     index_reversed: F::Word,
 }
 
@@ -37,7 +36,7 @@ impl Sampler {
     pub fn new(seed: u64, frame: u32, pixel: u32, sample: u32) -> Self {
         let key = hash_u64([seed, u64::from(frame) << 32 | u64::from(pixel), u64::from(sample % BATCHES)]);
         let index_reversed = One((sample / BATCHES).reverse_bits());
-        Self { token: (), key: [One(key as u32), One((key >> 32) as u32)], index_reversed }
+        Self { token: (), key: OneLong(key), index_reversed }
     }
 
     /// Four numbers of set `set`.
@@ -71,36 +70,22 @@ impl<F: Lanes> Sampler<F> {
         let samplers = &samplers[..F::WIDTH];
         let [mut low, mut high, mut index] = [[0; MAX_WIDTH]; 3];
         for lane in 0..F::WIDTH {
-            let Sampler { key: [One(l), One(h)], index_reversed: One(i), .. } = samplers[lane];
-            (low[lane], high[lane], index[lane]) = (l, h, i);
+            let Sampler { key: OneLong(key), index_reversed: One(reversed), .. } = samplers[lane];
+            (low[lane], high[lane], index[lane]) = (key as u32, (key >> 32) as u32, reversed);
         }
-        Self {
-            token,
-            key: [F::load_word(token, &low), F::load_word(token, &high)],
-            index_reversed: F::load_word(token, &index),
-        }
+        let key = F::join(F::load_word(token, &low), F::load_word(token, &high));
+        Self { token, key, index_reversed: F::load_word(token, &index) }
     }
 
     /// The numbers of set `set`. Each is computed on access.
     #[inline(always)]
     pub fn numbers(&self, set: u32) -> Numbers<F> {
-        let hash = mix::<F>(self.token, self.key, set);
+        let hash = mix_lanes(self.key ^ u64::from(set));
         // Scrambling of the *index* permutes the points and moves them to another block of the sequence. It keeps every
         // aligned power-of-two run of them together (Burley 2020).
-        let index = owen_reversed(self.index_reversed, hash[0]).reverse_bits();
-        Numbers { token: self.token, hash, index }
+        let [seed, _] = F::split(hash);
+        Numbers { token: self.token, hash, index: owen_reversed(self.index_reversed, seed).reverse_bits() }
     }
-}
-
-/// [`mix64`] of a word per lane, given as its halves, after an exclusive or with `with`.
-#[inline(always)]
-fn mix<F: Lanes>(token: F::Token, [low, high]: [F::Word; 2], with: u32) -> [F::Word; 2] {
-    let (mut low, mut high) = (F::word_to_array(low), F::word_to_array(high));
-    for lane in 0..F::WIDTH {
-        let h = mix64((u64::from(high[lane]) << 32 | u64::from(low[lane])) ^ u64::from(with));
-        (low[lane], high[lane]) = (h as u32, (h >> 32) as u32);
-    }
-    [F::load_word(token, &low), F::load_word(token, &high)]
 }
 
 /// The four numbers of a set, per lane.
@@ -108,7 +93,7 @@ fn mix<F: Lanes>(token: F::Token, [low, high]: [F::Word; 2], with: u32) -> [F::W
 pub struct Numbers<F: Lanes = f32> {
     token: F::Token,
     /// The hash of the set.
-    hash: [F::Word; 2],
+    hash: F::Long,
     /// The index of the shuffled point.
     index: F::Word,
 }
@@ -129,14 +114,14 @@ impl<F: Lanes> Numbers<F> {
     /// The numbers with indices 0 and 1.
     #[inline(always)]
     pub fn first_two(&self) -> [F; 2] {
-        let [x, y] = mix::<F>(self.token, self.hash, 1);
+        let [x, y] = F::split(mix_lanes(self.hash ^ 1));
         [self.scrambled::<0>(x), self.scrambled::<1>(y)]
     }
 
     /// The numbers with indices 2 and 3.
     #[inline(always)]
     pub fn last_two(&self) -> [F; 2] {
-        let [z, w] = mix::<F>(self.token, self.hash, 2);
+        let [z, w] = F::split(mix_lanes(self.hash ^ 2));
         [self.scrambled::<2>(z), self.scrambled::<3>(w)]
     }
 

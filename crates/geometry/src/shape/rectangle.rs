@@ -1,8 +1,16 @@
 //! Rectangles: solid angle, sampling by solid angle, and their detection in pairs of triangles.
+//!
+//! Single precision is enough under three conditions. The rectangle is sampled along its short edge first, because along
+//! the long one the roots are differences of almost equal numbers. No formula subtracts angles or cosines that are almost
+//! equal. References near the plane are treated one by one in double precision (`exact.rs`).
 
-use glam::{DVec3, Vec3};
+mod exact;
 
-use super::{IN_PLANE, MIN_SOLID_ANGLE, ShapeSample, area_pdf};
+use super::{MIN_SOLID_ANGLE, ShapeSample};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3, atan2, cos_sin_of_turn};
+use exact::ExactRectangle;
+use glam::Vec3;
+use std::f32::consts::TAU;
 
 /// A flat rectangle: `corner + u edge_u + v edge_v` for u and v in [0, 1].
 ///
@@ -50,32 +58,24 @@ pub fn pdf_rectangle(rectangle: &Rectangle, reference: Vec3, point: Vec3) -> f32
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct RectangleSampler {
     rectangle: Rectangle,
-    corner: DVec3,
-    center: DVec3,
-    /// Unit vectors along the edges and perpendicular to them.
-    axes: [DVec3; 3],
-    /// Lengths of the edges.
-    size: [f64; 2],
-    area: f64,
-    half_diagonal2: f64,
+    /// True if `edge_v` is the shorter edge. It is sampled first then.
+    is_turned: bool,
+    /// Unit vectors along the short and the long edge, and perpendicular to them.
+    axes: [Vec3; 3],
+    /// Lengths of the short and of the long edge.
+    size: [f32; 2],
+    half_diagonal2: f32,
+    exact: ExactRectangle,
 }
 
 impl RectangleSampler {
     /// Precomputes the values. A rectangle without area is valid: it is never sampled.
     pub fn new(rectangle: &Rectangle) -> Self {
-        let (u, v) = (rectangle.edge_u.as_dvec3(), rectangle.edge_v.as_dvec3());
-        let corner = rectangle.corner.as_dvec3();
-        let size = [u.length(), v.length()];
-        let (ex, ey) = (u / size[0], v / size[1]);
-        Self {
-            rectangle: *rectangle,
-            corner,
-            center: corner + 0.5 * (u + v),
-            axes: [ex, ey, ex.cross(ey)],
-            size,
-            area: size[0] * size[1],
-            half_diagonal2: 0.25 * (u.length_squared() + v.length_squared()),
-        }
+        let is_turned = rectangle.edge_v.length_squared() < rectangle.edge_u.length_squared();
+        let exact = ExactRectangle::new(rectangle, is_turned);
+        let half_diagonal2 = exact.half_diagonal2 as f32;
+        let (axes, size) = (exact.axes.map(|axis| axis.as_vec3()), exact.size.map(|length| length as f32));
+        Self { rectangle: *rectangle, is_turned, axes, size, half_diagonal2, exact }
     }
 
     /// The rectangle itself.
@@ -85,40 +85,117 @@ impl RectangleSampler {
 
     /// See [`sample_rectangle`].
     pub fn sample(&self, reference: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
-        let (coordinates, point, pdf);
-        match Far::new(self, reference) {
-            Some(far) => {
-                (coordinates, point) = (u, self.rectangle.point(u[0], u[1]));
-                pdf = far.pdf(point, reference);
-            }
-            None => {
-                let view = View::new(self, reference)?;
-                coordinates = if view.by_solid_angle() { view.sample(u.map(f64::from)) } else { u };
-                point = self.rectangle.point(coordinates[0], coordinates[1]);
-                pdf = view.pdf(point, reference);
-            }
-        }
-        (pdf > 0.0).then_some(ShapeSample { point, coordinates, pdf })
+        let sample = RectangleLanes::<f32>::splat((), self).sample(reference.into(), u);
+        let [x, y] = [0, 1].map(|axis| (sample.place[axis] / self.size[axis]).clamp(0.0, 1.0));
+        let coordinates = if self.is_turned { [y, x] } else { [x, y] };
+        (sample.pdf > 0.0).then_some(ShapeSample { point: sample.point.into(), coordinates, pdf: sample.pdf })
     }
 
     /// See [`pdf_rectangle`].
     pub fn pdf(&self, reference: Vec3, point: Vec3) -> f32 {
-        match Far::new(self, reference) {
-            Some(far) => far.pdf(point, reference),
-            None => View::new(self, reference).map_or(0.0, |view| view.pdf(point, reference)),
-        }
+        RectangleLanes::<f32>::splat((), self).pdf(reference.into(), point.into())
     }
 }
 
 /// The random numbers for which [`sample_rectangle`] returns the point at these fractions of the edges; `None` where it
 /// returns nothing.
-pub fn invert_rectangle(rectangle: &Rectangle, reference: Vec3, coordinates: [f32; 2]) -> Option<[f32; 2]> {
+pub fn invert_rectangle(rectangle: &Rectangle, reference: Vec3, [u, v]: [f32; 2]) -> Option<[f32; 2]> {
     let rectangle = RectangleSampler::new(rectangle);
-    if Far::new(&rectangle, reference).is_some() {
-        return Some(coordinates);
+    let coordinates = if rectangle.is_turned { [v, u] } else { [u, v] };
+    let view = View::new(&RectangleLanes::<f32>::splat((), &rectangle), reference.into(), None);
+    if view.is_by_solid_angle {
+        rectangle.exact.invert(reference, coordinates)
+    } else {
+        view.volume.is_positive().then_some(coordinates)
     }
-    let view = View::new(&rectangle, reference)?;
-    Some(if view.by_solid_angle() { view.invert(coordinates.map(f64::from)) } else { coordinates })
+}
+
+/// A rectangle per lane.
+#[derive(Clone, Copy, Debug)]
+pub struct RectangleLanes<'a, F> {
+    sources: Sources<'a>,
+    corner: V3<F>,
+    axes: [V3<F>; 3],
+    size: [F; 2],
+    half_diagonal2: F,
+}
+
+/// The rectangles of the lanes, for those that are treated one by one.
+#[derive(Clone, Copy, Debug)]
+enum Sources<'a> {
+    Same(&'a RectangleSampler),
+    Each([&'a RectangleSampler; MAX_WIDTH]),
+}
+
+/// A point on a rectangle per lane.
+#[derive(Clone, Copy, Debug)]
+pub struct RectangleSamples<F> {
+    /// The point \[m\].
+    pub point: V3<F>,
+    /// Density per solid angle at the reference point [1/sr]. Zero where there is no sample.
+    pub pdf: F,
+    /// Distances from the corner along the short and the long edge \[m\].
+    place: [F; 2],
+}
+
+impl<'a, F: Lanes> RectangleLanes<'a, F> {
+    /// The same rectangle in all lanes.
+    #[inline(always)]
+    pub fn splat(token: F::Token, rectangle: &'a RectangleSampler) -> Self {
+        let [x, y, z] = rectangle.axes;
+        Self {
+            sources: Sources::Same(rectangle),
+            corner: V3::splat(token, rectangle.rectangle.corner),
+            axes: [V3::splat(token, x), V3::splat(token, y), V3::splat(token, z)],
+            size: [F::splat(token, rectangle.size[0]), F::splat(token, rectangle.size[1])],
+            half_diagonal2: F::splat(token, rectangle.half_diagonal2),
+        }
+    }
+
+    /// The rectangle of each lane. Those beyond the last lane are not used.
+    #[inline(always)]
+    pub fn gather(token: F::Token, rectangles: [&'a RectangleSampler; MAX_WIDTH]) -> Self {
+        let mut rows = [[0.0; MAX_WIDTH]; 15];
+        for lane in 0..F::WIDTH {
+            let r = rectangles[lane];
+            let (c, [x, y, z]) = (r.rectangle.corner, r.axes);
+            let values =
+                [c.x, c.y, c.z, x.x, x.y, x.z, y.x, y.y, y.z, z.x, z.y, z.z, r.size[0], r.size[1], r.half_diagonal2];
+            for k in 0..15 {
+                rows[k][lane] = values[k];
+            }
+        }
+        let mut of = [F::splat(token, 0.0); 15];
+        for k in 0..15 {
+            of[k] = F::load(token, &rows[k]);
+        }
+        let axes = [V3::new(of[3], of[4], of[5]), V3::new(of[6], of[7], of[8]), V3::new(of[9], of[10], of[11])];
+        let (corner, size) = (V3::new(of[0], of[1], of[2]), [of[12], of[13]]);
+        Self { sources: Sources::Each(rectangles), corner, axes, size, half_diagonal2: of[14] }
+    }
+
+    /// See [`sample_rectangle`].
+    #[inline(always)]
+    pub fn sample(&self, reference: V3<F>, u: [F; 2]) -> RectangleSamples<F> {
+        let view = View::new(self, reference, Some(u));
+        let [x, y] = view.place;
+        let point = self.corner + self.axes[0] * x + self.axes[1] * y;
+        RectangleSamples { point, pdf: view.pdf(point, reference), place: view.place }
+    }
+
+    /// See [`pdf_rectangle`].
+    #[inline(always)]
+    pub fn pdf(&self, reference: V3<F>, point: V3<F>) -> F {
+        View::new(self, reference, None).pdf(point, reference)
+    }
+
+    #[inline(always)]
+    fn source(&self, lane: usize) -> &'a RectangleSampler {
+        match &self.sources {
+            Sources::Same(one) => one,
+            Sources::Each(all) => all[lane],
+        }
+    }
 }
 
 /// A rectangle is far away if the square of its distance is this many times that of its half diagonal.
@@ -126,132 +203,192 @@ pub fn invert_rectangle(rectangle: &Rectangle, reference: Vec3, coordinates: [f3
 /// If it is then sampled by area, the density per solid angle `d^3 / (A h)` varies over it by a factor of 1.4 face on.
 /// That is a variance of one percent of the squared mean, far below that of visibility and surface. The density varies
 /// more only at slanted angles, where the rectangle contributes little light. The cost is a fifth.
-const FAR: f64 = 4.0;
+const FAR: f32 = 4.0;
 
-/// A rectangle that is far away.
-struct Far {
-    /// Area times the distance of the reference from the plane.
-    volume: f64,
+/// A rectangle that is far away is treated in double precision if the sine of the angle to its plane is smaller. At this
+/// angle the rounding of the height is 1e-5 of it.
+const CLOSE_IF_FAR: f32 = 0.01;
+
+/// Other rectangles are treated in double precision if the height over the plane is a smaller part of the extent of the
+/// rectangle around the foot of the perpendicular.
+const CLOSE: f32 = 0.03;
+
+/// The density, and the sampled place if random numbers are given.
+struct View<F: Lanes> {
+    is_by_solid_angle: F::Mask,
+    /// Inverse of the solid angle [1/sr], where that is the density.
+    inverse_solid_angle: F,
+    /// Elsewhere: area times the distance of the reference from the plane [m^3]; zero where there is no sample.
+    volume: F,
+    /// Distances from the corner along the short and the long edge \[m\].
+    place: [F; 2],
 }
 
-impl Far {
-    #[inline]
-    fn new(rectangle: &RectangleSampler, reference: Vec3) -> Option<Self> {
-        let reference = reference.as_dvec3();
-        let height = (rectangle.corner - reference).dot(rectangle.axes[2]);
-        let d2 = (rectangle.center - reference).length_squared();
-        // Near the plane the exact method decides if the rectangle is visible.
-        let clear = height * height > EDGE_ON * EDGE_ON * d2;
-        let volume = rectangle.area * height.abs();
-        (clear && FAR * rectangle.half_diagonal2 < d2).then_some(Self { volume })
+impl<F: Lanes> View<F> {
+    #[inline(always)]
+    fn new(rectangle: &RectangleLanes<'_, F>, reference: V3<F>, u: Option<[F; 2]>) -> Self {
+        let [width, length] = rectangle.size;
+        let to_corner = rectangle.corner - reference;
+        let [x, y, h] =
+            [to_corner.dot(rectangle.axes[0]), to_corner.dot(rectangle.axes[1]), to_corner.dot(rectangle.axes[2])];
+        let h = h.abs();
+        let (middle_x, middle_y) = (x + width * 0.5, y + length * 0.5);
+        let d2 = middle_x * middle_x + middle_y * middle_y + h * h;
+        let is_far = (rectangle.half_diagonal2 * FAR).lt(d2);
+        let zero = h.constant(0.0);
+        let mut view = Self {
+            is_by_solid_angle: F::mask(h.token(), 0),
+            inverse_solid_angle: zero,
+            volume: width * length * h,
+            place: [zero; 2],
+        };
+        if let Some([u, v]) = u {
+            view.place = [u * width, v * length];
+        }
+        // The comparisons are written so that a NaN is near the plane.
+        let mut is_clear = is_far & (d2.sqrt() * CLOSE_IF_FAR).lt(h);
+        if (!is_far).any() {
+            let near = NearView::new([x, y, h], rectangle.size);
+            let is_clear_near = !is_far & h.constant(CLOSE).lt(near.h);
+            is_clear = is_clear | is_clear_near;
+            view.is_by_solid_angle = is_clear_near & h.constant(MIN_SOLID_ANGLE as f32).le(near.solid_angle);
+            view.inverse_solid_angle = near.solid_angle.recip();
+            if let Some(u) = u {
+                let [x, y] = near.sample(u, rectangle.size);
+                view.place =
+                    [view.is_by_solid_angle.select(x, view.place[0]), view.is_by_solid_angle.select(y, view.place[1])];
+            }
+        }
+        if (!is_clear).any() {
+            view.replace_by_exact(rectangle, reference, u, (!is_clear).bits());
+        }
+        view
     }
 
-    #[inline]
-    fn pdf(&self, point: Vec3, reference: Vec3) -> f32 {
-        let d2 = (point.as_dvec3() - reference.as_dvec3()).length_squared();
-        let pdf = (d2 * d2.sqrt() / self.volume) as f32;
-        if pdf.is_finite() { pdf } else { 0.0 }
+    /// Density [1/sr] of a point on the rectangle: constant, or `d^3 / (A h)` (see `area_pdf`).
+    #[inline(always)]
+    fn pdf(&self, point: V3<F>, reference: V3<F>) -> F {
+        let d2 = (point - reference).length_squared();
+        let by_area = d2 / self.volume * d2.sqrt();
+        let pdf = self.is_by_solid_angle.select(self.inverse_solid_angle, by_area);
+        pdf.only(pdf.is_finite())
+    }
+
+    #[inline(always)]
+    fn replace_by_exact(
+        &mut self,
+        rectangle: &RectangleLanes<'_, F>,
+        reference: V3<F>,
+        u: Option<[F; 2]>,
+        mut lanes: u32,
+    ) {
+        let token = self.volume.token();
+        let references = reference.to_lanes();
+        let mut numbers = [[0.0; MAX_WIDTH]; 2];
+        if let Some([u, v]) = u {
+            numbers = [u.to_array(), v.to_array()];
+        }
+        let mut is_by_solid_angle = self.is_by_solid_angle.bits() & !lanes;
+        let (mut inverse, mut volume) = (self.inverse_solid_angle.to_array(), self.volume.to_array());
+        let [mut x, mut y] = [self.place[0].to_array(), self.place[1].to_array()];
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize % MAX_WIDTH;
+            lanes &= lanes - 1;
+            let found = rectangle.source(lane).exact.sample(references[lane], [numbers[0][lane], numbers[1][lane]]);
+            is_by_solid_angle |= u32::from(found.is_by_solid_angle) << lane;
+            (inverse[lane], volume[lane], [x[lane], y[lane]]) = (found.inverse_solid_angle, found.volume, found.place);
+        }
+        self.is_by_solid_angle = F::mask(token, is_by_solid_angle);
+        (self.inverse_solid_angle, self.volume) = (F::load(token, &inverse), F::load(token, &volume));
+        self.place = [F::load(token, &x), F::load(token, &y)];
     }
 }
 
-/// Sine of the angle to the plane below which a far rectangle is sampled by the exact method.
-const EDGE_ON: f64 = 1e-4;
-
-/// A rectangle in the coordinates of a reference point: `[x0, x1] x [y0, y1]` at the distance `h`.
+/// A rectangle in the coordinates of a reference point: `[x0, x1] x [y0, y1]` at the distance `h`, over its reach.
 ///
-/// The part of the rectangle between 0 and x subtends (signed) `G(x) = F(x, y1) - F(x, y0)`, `F(x, y) = atan(x y / (h
-/// sqrt(x^2 + y^2 + h^2)))`. This is the distribution that Urena, Fajardo & King (2013) invert. With
-/// `s = x / sqrt(x^2 + h^2)` and `b = y / sqrt(y^2 + h^2)` each F is `asin(s b)`, and the addition theorem gives the inverse of `g =
-/// asin(s b1) - asin(s b0)` in closed form: `s = sin g / sqrt(b0^2 + b1^2 - 2 b0 b1 cos g)`. This is their result
-/// without the inner angles, whose arc cosines lose half of the digits near 0 and pi.
-struct View {
-    x: [f64; 2],
-    y: [f64; 2],
-    height: f64,
-    /// Lengths of the edges.
-    size: [f64; 2],
-    /// G(x0).
-    g0: f64,
-    /// G(x1) - G(x0).
-    solid_angle: f64,
+/// The notation is that of [`exact::View`]. Differences of cosines are products of sines there and here.
+struct NearView<F> {
+    x: [F; 2],
+    y: [F; 2],
+    h: F,
+    /// At least the distance of the farthest corner, at most 1.8 times it \[m\]: the unit of the other lengths.
+    reach: F,
+    /// Length of the long edge.
+    length: F,
+    /// Distances of the corners (x0, y0) and (x0, y1).
+    d: [F; 2],
+    solid_angle: F,
 }
 
-impl View {
-    fn new(rectangle: &RectangleSampler, reference: Vec3) -> Option<Self> {
-        let size = rectangle.size;
-        let to_corner = rectangle.corner - reference.as_dvec3();
-        let [x0, y0, height] = rectangle.axes.map(|axis| to_corner.dot(axis));
-        let (x, y) = ([x0, x0 + size[0]], [y0, y0 + size[1]]);
-        let height = height.abs();
-        let reach = x[0].abs().max(x[1].abs()).max(y[0].abs()).max(y[1].abs());
-        // A NaN (an edge of no length, a reference that is not finite) fails this comparison too.
-        if height > IN_PLANE * reach && height.is_finite() {
-            let g = x.map(|x| solid_angle_to(x, y, height));
-            Some(Self { x, y, height, size, g0: g[0], solid_angle: g[1] - g[0] })
-        } else {
-            None
-        }
+impl<F: Lanes> NearView<F> {
+    #[inline(always)]
+    fn new([x, y, h]: [F; 3], [width, length]: [F; 2]) -> Self {
+        let reach = x.abs().max((x + width).abs()) + y.abs().max((y + length).abs()) + h;
+        let unit = reach.recip();
+        let ([x0, y0, h], [width, length]) = ([x * unit, y * unit, h * unit], [width * unit, length * unit]);
+        let (x1, y1, h2) = (x0 + width, y0 + length, h * h);
+        let (x00, x01, x11) = (x0 * x0, x0 * x1, x1 * x1);
+        let (y00, y01, y11) = (y0 * y0, y0 * y1, y1 * y1);
+        // Distances of the corners, in the order around the rectangle.
+        let (a, b) = ((x00 + y00 + h2).sqrt(), (x11 + y00 + h2).sqrt());
+        let (c, d) = ((x11 + y11 + h2).sqrt(), (x00 + y11 + h2).sqrt());
+        // The solid angles of two triangles (van Oosterom and Strackee 1983) as one argument. The triple product of each
+        // has no cancellation.
+        let diagonal = x01 + y01 + h2;
+        let first = a * b * c + (x01 + y00 + h2) * c + (x11 + y01 + h2) * a + diagonal * b;
+        let second = a * c * d + diagonal * d + (x01 + y11 + h2) * a + (x00 + y01 + h2) * c;
+        let triple = width * length * h;
+        let solid_angle = atan2(triple * (first + second), first * second - triple * triple) * 2.0;
+        Self { x: [x0, x1], y: [y0, y1], h, reach, length, d: [a, d], solid_angle }
     }
 
-    fn by_solid_angle(&self) -> bool {
-        self.solid_angle >= MIN_SOLID_ANGLE
-    }
+    /// Distances from the corner along the two edges \[m\], uniform by solid angle.
+    #[inline(always)]
+    fn sample(&self, [u, v]: [F; 2], size: [F; 2]) -> [F; 2] {
+        let (h, h2) = (self.h, self.h * self.h);
+        let ([x0, x1], [y0, y1]) = (self.x, self.y);
+        // Each y has an angle b with tan b = y / h. With the difference and the sum of both,
+        // 1 - s^2 = (cos g - cos difference) (cos g + cos sum) / (s^-2 sin^2 g).
+        let product = ((y0 * y0 + h2) * (y1 * y1 + h2)).sqrt();
+        let scale = product.recip();
+        let difference = one_minus_cos(h * self.length * scale, (h2 + y0 * y1) * scale);
+        let sum = one_minus_cos(h * (y0 + y1) * scale, (y0 * y1 - h2) * scale);
+        // Sine and cosine of G(x0).
+        let [d0, d1] = self.d;
+        let scale = scale / (x0 * x0 + h2);
+        let (sin0, cos0) = (x0 * h * (y1 * d0 - y0 * d1) * scale, (h2 * d0 * d1 + x0 * x0 * y0 * y1) * scale);
+        let (cos, sin) = cos_sin_of_turn(u * self.solid_angle * (1.0 / TAU));
+        let (sin, cos) = (sin0 * cos + cos0 * sin, cos0 * cos - sin0 * sin);
+        let from_zero = one_minus_cos(sin, cos);
+        let rest = (difference - from_zero) * (sum - from_zero);
+        let x = (h * sin / rest.max(h.constant(f32::MIN_POSITIVE)).sqrt()).max(x0).min(x1);
 
-    fn pdf(&self, point: Vec3, reference: Vec3) -> f32 {
-        if self.by_solid_angle() {
-            (1.0 / self.solid_angle) as f32
-        } else {
-            area_pdf(point, reference, self.size[0] * self.size[1], self.height)
-        }
-    }
-
-    /// Fractions of the two edges, uniform by solid angle.
-    fn sample(&self, [u, v]: [f64; 2]) -> [f32; 2] {
-        let h = self.height;
-        let [y0, y1] = self.y;
-
-        let (sin_half, cos_half) = (0.5 * (self.g0 + u * self.solid_angle)).sin_cos();
-        let sin_g = 2.0 * sin_half * cos_half;
-        let (r0, r1) = (hypotenuse(y0, h), hypotenuse(y1, h));
-        let (b0, b1) = (y0 / r0, y1 / r1);
-        // b1 - b0 without cancellation when both lie near +1 or -1.
-        let b_difference =
-            if y0 * y1 > 0.0 { h * h * (y1 * y1 - y0 * y0) / (r0 * r1 * (y1 * r0 + y0 * r1)) } else { b1 - b0 };
-        let d2 = b_difference * b_difference + 4.0 * b0 * b1 * sin_half * sin_half;
-        let one_minus_s2 = (d2 - sin_g * sin_g).max(f64::MIN_POSITIVE);
-        let x = (h * sin_g / one_minus_s2.sqrt()).clamp(self.x[0], self.x[1]);
-
-        // Along the meridian the measure is uniform in the sine of the elevation (Archimedes).
-        let d = hypotenuse(x, h);
-        let [e0, e1] = self.y.map(|y| y / hypotenuse(y, d));
-        let e = e0 + v * (e1 - e0);
-        let y = (e * d / (1.0 - e * e).max(f64::MIN_POSITIVE).sqrt()).clamp(y0, y1);
-
-        // Clamped fractions, so that the point stays in the rectangle.
-        [(x - self.x[0]) / self.size[0], (y - y0) / self.size[1]].map(|f| (f as f32).clamp(0.0, 1.0))
-    }
-
-    /// The inverse of [`Self::sample`].
-    fn invert(&self, [u, v]: [f64; 2]) -> [f32; 2] {
-        let (x, y) = (self.x[0] + u * self.size[0], self.y[0] + v * self.size[1]);
-        let turned = solid_angle_to(x, self.y, self.height) - self.g0;
-        let d = hypotenuse(x, self.height);
-        let [e0, e1, e] = [self.y[0], self.y[1], y].map(|y| y / hypotenuse(y, d));
-        [turned / self.solid_angle, (e - e0) / (e1 - e0)].map(|f| (f as f32).clamp(0.0, 1.0))
+        // Along the meridian the measure is uniform in the sine of the elevation (Archimedes). One minus the sine and one
+        // plus it are interpolated, so that their product is exact near 1.
+        let m2 = x * x + h2;
+        let ((below0, above0), (below1, above1)) = (one_minus_and_plus_sin(y0, m2), one_minus_and_plus_sin(y1, m2));
+        let w = v.one_minus();
+        let (below, above) = (below0 * w + below1 * v, above0 * w + above1 * v);
+        let y = ((above - below) * 0.5 * (m2 / (below * above)).sqrt()).max(y0).min(y1);
+        let zero = h.constant(0.0);
+        [((x - x0) * self.reach).max(zero).min(size[0]), ((y - y0) * self.reach).max(zero).min(size[1])]
     }
 }
 
-/// G(x) of [`View`]: the signed solid angle of the part of a rectangle between 0 and x.
-fn solid_angle_to(x: f64, y: [f64; 2], height: f64) -> f64 {
-    // The difference of two arc tangents is the argument of one product of complex numbers, h r + i x y.
-    let [(re0, im0), (re1, im1)] = y.map(|y| (height * DVec3::new(x, y, height).length(), x * y));
-    (im1 * re0 - re1 * im0).atan2(re1 * re0 + im1 * im0)
+/// `1 - cos` of an angle without cancellation.
+#[inline(always)]
+fn one_minus_cos<F: Lanes>(sin: F, cos: F) -> F {
+    cos.is_positive().select(sin * sin / (cos + 1.0), cos.one_minus())
 }
 
-/// `sqrt(a^2 + b^2)`. Lengths come from f32, so their squares neither overflow nor vanish in f64.
-#[inline]
-fn hypotenuse(a: f64, b: f64) -> f64 {
-    (a * a + b * b).sqrt()
+/// `1 - sin` and `1 + sin` of the elevation with the tangent `y / sqrt(m2)`, without cancellation.
+#[inline(always)]
+fn one_minus_and_plus_sin<F: Lanes>(y: F, m2: F) -> (F, F) {
+    let r = (y * y + m2).sqrt();
+    let scale = r.recip();
+    let large = (r + y.abs()) * scale;
+    let small = m2 * scale / (r + y.abs());
+    (y.is_positive().select(small, large), y.is_positive().select(large, small))
 }
 
 /// Relative tolerance of [`rectangle_from_triangles`], as a fraction of the diagonal.
@@ -287,9 +424,58 @@ mod tests {
     use super::super::triangle::tests::triangle_solid_angle;
     use super::*;
 
-    /// The solid angle [sr] that a rectangle subtends at a point.
+    /// The solid angle [sr] that a rectangle subtends at a point: that of the density, or in double precision where the
+    /// rectangle is sampled by area.
     fn rectangle_solid_angle(rectangle: &Rectangle, reference: Vec3) -> f32 {
-        View::new(&RectangleSampler::new(rectangle), reference).map_or(0.0, |view| view.solid_angle as f32)
+        let rectangle = RectangleSampler::new(rectangle);
+        let view = View::new(&RectangleLanes::<f32>::splat((), &rectangle), reference.into(), None);
+        if view.is_by_solid_angle {
+            1.0 / view.inverse_solid_angle
+        } else {
+            rectangle.exact.solid_angle(reference) as f32
+        }
+    }
+
+    /// Densities and places against double precision, over random references of squares, bars and strips. A place is
+    /// compared by its random numbers: an error of theirs is a share of all samples.
+    #[test]
+    fn errors_of_single_precision() {
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        for [width, length] in [[0.015, 0.24], [0.3, 0.001], [0.1, 0.1], [1.0, 1.0], [2e-5, 1e-4]] {
+            let (edge_u, edge_v) = (Vec3::new(0.6, 0.8, 0.0) * width, Vec3::new(-0.48, 0.36, 0.8) * length);
+            let r = Rectangle { corner: Vec3::new(0.3, -0.2, 0.1), edge_u, edge_v };
+            let (sampler, scale) = (RectangleSampler::new(&r), width.hypot(length));
+            let (mut density, mut numbers, mut squares, mut count) = (0.0f64, 0.0f64, 0.0, 0);
+            for _ in 0..200_000 {
+                let over =
+                    r.point(3.0 * random() - 1.0, 3.0 * random() - 1.0) + r.normal() * (scale * 2.0 * random().powi(4));
+                let reference = over
+                    + (0.5 - random()) * scale * edge_u.normalize()
+                    + (0.5 - random()) * scale * edge_v.normalize();
+                let u = [random(), random()];
+                let Some(s) = sampler.sample(reference, u) else { continue };
+                let view = View::new(&RectangleLanes::<f32>::splat((), &sampler), reference.into(), None);
+                let exact = if view.is_by_solid_angle {
+                    let place = RectangleLanes::<f32>::splat((), &sampler).sample(reference.into(), u).place;
+                    // Not those that are treated in double precision.
+                    if place != sampler.exact.sample(reference, u).place {
+                        let back = sampler.exact.invert_place(reference, place);
+                        let error = f64::from((back[0] - u[0]).abs().max((back[1] - u[1]).abs()));
+                        (numbers, squares, count) = (numbers.max(error), squares + error * error, count + 1);
+                    }
+                    1.0 / sampler.exact.solid_angle(reference)
+                } else {
+                    sampler.exact.area_density(reference, s.point)
+                };
+                density = density.max((f64::from(s.pdf) / exact - 1.0).abs());
+            }
+            let rms = (squares / f64::from(count)).sqrt();
+            println!("{width} x {length}: density {density:.1e}, numbers {numbers:.1e}, rms {rms:.1e} of {count}");
+        }
     }
 
     fn rectangle() -> Rectangle {
@@ -318,7 +504,7 @@ mod tests {
         let face = Rectangle { corner: Vec3::new(-1.0, -1.0, 1.0), edge_u: 2.0 * Vec3::X, edge_v: 2.0 * Vec3::Y };
         let want = 4.0 * std::f32::consts::PI / 6.0;
         assert!((rectangle_solid_angle(&face, Vec3::ZERO) - want).abs() < 1e-6);
-        assert!((rectangle_solid_angle(&face, Vec3::new(0.0, 0.0, 1.0 - 1e-6)) - std::f32::consts::TAU).abs() < 1e-4);
+        assert!((rectangle_solid_angle(&face, Vec3::new(0.0, 0.0, 1.0 - 1e-6)) - TAU).abs() < 1e-4);
         assert_eq!(rectangle_solid_angle(&face, Vec3::Z), 0.0, "in the plane nothing is seen");
     }
 

@@ -1,5 +1,6 @@
 //! Triangles: solid angle and sampling by solid angle (Arvo 1995) or area (Heitz 2019).
 
+use dunkelfeld_lanes::{Lanes, Mask};
 use glam::{DVec3, Vec3};
 
 use super::{IN_PLANE, MIN_SOLID_ANGLE, ShapeSample, area_pdf};
@@ -30,10 +31,11 @@ pub fn invert_triangle(corners: &[Vec3; 3], reference: Vec3, weights: [f32; 2]) 
 /// Uniform by area: the weights of the second and third corner. The density is 1 / area.
 ///
 /// The map of Heitz, "A low-distortion map between triangle and square" (2019), which keeps strata compact.
-#[inline]
-pub fn sample_triangle_area([u, v]: [f32; 2]) -> [f32; 2] {
+#[inline(always)]
+pub fn sample_triangle_area<F: Lanes>([u, v]: [F; 2]) -> [F; 2] {
     // The square is folded along its diagonal onto the triangle; each half keeps its shape up to a shear.
-    if v > u { [0.5 * u, v - 0.5 * u] } else { [u - 0.5 * v, 0.5 * v] }
+    let (half_u, half_v, is_above) = (u * 0.5, v * 0.5, v.gt(u));
+    [is_above.select(half_u, u - half_v), is_above.select(v - half_u, half_v)]
 }
 
 /// Density of [`sample_triangle_area`] with respect to the two weights: 2 inside the triangle.
