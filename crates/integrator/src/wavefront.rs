@@ -22,6 +22,7 @@ use crate::recorder::ConnectionTally;
 use crate::scatterer::{EachLane, OneLane, Scatterer};
 use crate::vertex::{SurfaceVertex, Vertex};
 use dunkelfeld_bsdf::{Bsdf, InLanes, Lobe, View};
+use dunkelfeld_bvh::{Hit, HitBatch, NO_HIT, RayBatch};
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{Ray, Vec3, offset_ray_origins};
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3, dispatch};
@@ -50,18 +51,91 @@ pub struct Wavefront<'a> {
     active: Vec<u32>,
     /// Paths after this wave.
     next: Vec<u32>,
+    /// The rays of the active paths, and their hits.
+    rays: Rays,
+    hits: Hits,
     /// The surface point of each path, and the number that decides the kind of a stochastic surface.
     points: Vec<Option<(SurfacePoint, f32)>>,
     /// Paths that scatter at a surface, by material.
     order: Vec<u64>,
     /// For each light sample of a vertex.
     shadow: Vec<ShadowRays>,
+    occluded: Vec<bool>,
+}
+
+/// Rays, an array for each number.
+#[derive(Debug, Default)]
+struct Rays {
+    origin: [Vec<f32>; 3],
+    direction: [Vec<f32>; 3],
+    t_max: Vec<f32>,
+    /// Empty for a scene at rest.
+    time: Vec<f32>,
+}
+
+impl Rays {
+    fn clear(&mut self) {
+        let Self { origin, direction, t_max, time } = self;
+        origin.iter_mut().chain(direction).chain([t_max, time]).for_each(Vec::clear);
+    }
+
+    #[inline]
+    fn push(&mut self, ray: &Ray, moves: bool) {
+        for k in 0..3 {
+            self.origin[k].push(ray.origin[k]);
+            self.direction[k].push(ray.direction[k]);
+        }
+        self.t_max.push(ray.t_max);
+        if moves {
+            self.time.push(ray.time);
+        }
+    }
+
+    fn batch(&self) -> RayBatch<'_> {
+        RayBatch {
+            origin: self.origin.each_ref().map(Vec::as_slice),
+            direction: self.direction.each_ref().map(Vec::as_slice),
+            t_max: &self.t_max,
+            time: &self.time,
+        }
+    }
+}
+
+/// The nearest hits of rays.
+#[derive(Debug, Default)]
+struct Hits {
+    /// Ray parameters and barycentric weights.
+    numbers: [Vec<f32>; 3],
+    /// Instances, parts, triangles.
+    ids: [Vec<u32>; 3],
+}
+
+impl Hits {
+    fn batch(&mut self, len: usize) -> HitBatch<'_> {
+        self.numbers.iter_mut().for_each(|v| v.resize(len, 0.0));
+        self.ids.iter_mut().for_each(|v| v.resize(len, 0));
+        let ([t, b1, b2], [instance, part, triangle]) = (&mut self.numbers, &mut self.ids);
+        HitBatch { t, b1, b2, instance, part, triangle }
+    }
+
+    #[inline]
+    fn get(&self, i: usize) -> Option<Hit> {
+        let ([t, b1, b2], [instance, part, triangle]) = (&self.numbers, &self.ids);
+        (instance[i] != NO_HIT).then(|| Hit {
+            t: t[i],
+            b1: b1[i],
+            b2: b2[i],
+            instance: instance[i],
+            part: part[i],
+            triangle: triangle[i],
+        })
+    }
 }
 
 /// Shadow rays to one light, with the light that they carry.
 #[derive(Debug, Default)]
 struct ShadowRays {
-    rays: Vec<Ray>,
+    rays: Rays,
     /// The light of each ray.
     light: Vec<QueuedLight>,
 }
@@ -97,9 +171,12 @@ impl<'a> Wavefront<'a> {
             samples: Vec::new(),
             active: Vec::new(),
             next: Vec::new(),
+            rays: Rays::default(),
+            hits: Hits::default(),
             points: Vec::new(),
             order: Vec::new(),
             shadow: (0..lights).map(|_| ShadowRays::default()).collect(),
+            occluded: Vec::new(),
         }
     }
 
@@ -155,18 +232,21 @@ impl<'a> Wavefront<'a> {
 
     /// The next surface along each ray: its coverage and its emission. Without a surface, the radiance of the environment.
     fn reach_surfaces(&mut self, vertex: u32) {
-        let Self { paths, points, active, next, order, estimator, .. } = self;
+        let Self { paths, points, active, next, rays, hits, order, estimator, set, .. } = self;
         let scene = estimator.scene;
+        rays.clear();
+        let moves = scene.shutter().is_some();
+        active.iter().for_each(|&number| rays.push(&paths[number as usize].ray_state.ray, moves));
+        scene.bvh().closest_hits(*set, &rays.batch(), &mut hits.batch(active.len()));
         order.clear();
         points.resize(points.len().max(paths.len()), None);
-        for &number in active.iter() {
+        for (i, &number) in active.iter().enumerate() {
             let path = &mut paths[number as usize];
-            let ray = path.ray_state.ray;
-            let Some(hit) = scene.bvh().closest_hit(&ray) else {
+            let Some(hit) = hits.get(i) else {
                 path.add_environment();
                 continue;
             };
-            let point = scene.surface_point(&hit, ray.time);
+            let point = scene.surface_point(&hit, path.ray_state.ray.time);
             path.sample_medium(vertex, point.distance);
             let hit = SurfaceHit::of_surface(point);
             let (point, u_kind) = match path.sample_coverage(vertex, &hit) {
@@ -444,6 +524,7 @@ impl<'a> Wavefront<'a> {
     fn queue_shadow_rays<F: Lanes>(&mut self, group: &Group<'_, '_>, q: &Queued<F>) {
         let scene = self.estimator.scene;
         let (has_covers, has_coverage) = (!scene.covers().is_empty(), scene.has_coverage());
+        let moves = scene.shutter().is_some();
         let queue = &mut self.shadow[q.index as usize];
         let (origins, directions, t_max) = (q.origin.to_lanes(), q.direction.to_lanes(), q.t_max.to_array());
         let (r, g, b) = (q.expected.r.to_array(), q.expected.g.to_array(), q.expected.b.to_array());
@@ -475,7 +556,7 @@ impl<'a> Wavefront<'a> {
             } else {
                 continue;
             }
-            queue.rays.push(ray);
+            queue.rays.push(&ray, moves);
             queue.light.push(light);
         }
     }
@@ -538,11 +619,15 @@ impl<'a> Wavefront<'a> {
     fn trace_shadow_rays(&mut self) {
         let bvh = self.estimator.scene.bvh();
         for queue in &mut self.shadow {
-            for (ray, light) in queue.rays.drain(..).zip(queue.light.drain(..)) {
+            self.occluded.clear();
+            self.occluded.resize(queue.light.len(), false);
+            bvh.occluded_batch(self.set, &queue.rays.batch(), &mut self.occluded);
+            for (light, is_occluded) in queue.light.drain(..).zip(&self.occluded) {
                 let QueuedLight { path, throughput, direct, connected } = light;
-                let direct = if bvh.occluded(&ray) { Rgb::BLACK } else { direct };
+                let direct = if *is_occluded { Rgb::BLACK } else { direct };
                 self.paths[path as usize].sample.radiance += throughput * (direct + connected);
             }
+            queue.rays.clear();
         }
     }
 }
