@@ -58,7 +58,7 @@ impl Curve {
 
 /// The values for a cosine in `[0, 1]` on the curve of each lane.
 #[inline(always)]
-fn interpolated<'a, F: Lanes>(cos: F, curve: impl Fn(usize) -> &'a Curve) -> F {
+pub(crate) fn interpolated<'a, F: Lanes>(cos: F, curve: impl Fn(usize) -> &'a Curve) -> F {
     let x = cos * ((1.0 + BEND) * (NODES - 1) as f32) / (cos + BEND);
     let low = (x - 0.5).clamp(0.0, (NODES - 2) as f32).round();
     let node = F::word_to_array(low.round_to_word());
@@ -81,55 +81,33 @@ pub struct Shares {
     pub specular: Curve,
 }
 
-/// [`Shares`] at cosines.
-pub trait SharesAt<F> {
-    /// The share that reaches the diffuse lobe.
-    fn diffuse(&self, cos: F) -> F;
-    /// The share that passes coat and sheen.
-    fn specular(&self, cos: F) -> F;
+/// The curves of a surface, or of one surface in each lane.
+pub trait SharesOf {
+    /// The curves in a lane.
+    fn of(&self, lane: usize) -> &Shares;
 }
 
-impl SharesAt<f32> for Shares {
+impl SharesOf for Shares {
     #[inline(always)]
-    fn diffuse(&self, cos: f32) -> f32 {
-        self.diffuse.at(cos)
-    }
-    #[inline(always)]
-    fn specular(&self, cos: f32) -> f32 {
-        self.specular.at(cos)
+    fn of(&self, _: usize) -> &Shares {
+        self
     }
 }
 
-impl<F: Lanes> SharesAt<F> for [&Shares; MAX_WIDTH] {
+impl SharesOf for [&Shares; MAX_WIDTH] {
     #[inline(always)]
-    fn diffuse(&self, cos: F) -> F {
-        interpolated(
-            cos,
-            #[inline(always)]
-            |lane| &self[lane].diffuse,
-        )
-    }
-    #[inline(always)]
-    fn specular(&self, cos: F) -> F {
-        interpolated(
-            cos,
-            #[inline(always)]
-            |lane| &self[lane].specular,
-        )
+    fn of(&self, lane: usize) -> &Shares {
+        self[lane]
     }
 }
 
 impl<F: Lanes> InLanes<F> for Shares {
     type Lanes<'a> = [&'a Self; MAX_WIDTH];
     #[inline(always)]
-    fn splat<'a>(_: F::Token, all: &'a Self) -> Self::Lanes<'a> {
-        [all; MAX_WIDTH]
-    }
-    #[inline(always)]
     fn collect<'a>(_: F::Token, of: impl Fn(usize) -> &'a Self + Copy) -> Self::Lanes<'a> {
         let mut lanes = [of(0); MAX_WIDTH];
-        for lane in 1..F::WIDTH {
-            lanes[lane] = of(lane);
+        for (lane, shares) in lanes.iter_mut().enumerate().take(F::WIDTH) {
+            *shares = of(lane);
         }
         lanes
     }

@@ -29,7 +29,7 @@ use crate::clearcoat::{self, Coat};
 use crate::dielectric::{MATCHED_INDEX, clamp_eta};
 use crate::fresnel::{self, normal_reflectance, schlick_weight};
 use crate::in_lanes::in_lanes;
-use crate::layers::{Curve, LEAST_SLOPE, Shares, SharesAt, below_coat_and_sheen, below_specular};
+use crate::layers::{Curve, LEAST_SLOPE, Shares, SharesOf, below_coat_and_sheen, below_specular, interpolated};
 use crate::microfacet::{Ggx, mirrored_if, reflect};
 use crate::specular::SpecularColor;
 use crate::transmission::{eval_refraction, refract};
@@ -122,7 +122,7 @@ pub struct Principled<F = f32, C = Shares> {
     eta: F,
     /// Base colour times the opaque dielectric share.
     diffuse_color: Rgb<F>,
-    pub(crate) shares: C,
+    shares: C,
     /// Factor of the diffuse lobe, `1 / (pi mean(shares.diffuse))`.
     pub(crate) lambert: F,
     /// The refracting share of the dielectric.
@@ -245,7 +245,27 @@ impl Principled {
     }
 }
 
-impl<F: Lanes, C: SharesAt<F>> Principled<F, C> {
+impl<F: Lanes, C: SharesOf> Principled<F, C> {
+    /// The share of the light of a direction above the surface that reaches the diffuse lobe.
+    #[inline(always)]
+    pub(crate) fn diffuse_share(&self, cos: F) -> F {
+        interpolated(
+            cos,
+            #[inline(always)]
+            |lane| &self.shares.of(lane).diffuse,
+        )
+    }
+
+    /// The share of the light of a direction above the surface that passes coat and sheen.
+    #[inline(always)]
+    fn specular_share(&self, cos: F) -> F {
+        interpolated(
+            cos,
+            #[inline(always)]
+            |lane| &self.shares.of(lane).specular,
+        )
+    }
+
     /// True if it has more than the diffuse and the specular lobe of an opaque surface, in some lane. Most surfaces have
     /// not. Code for these two lobes is sufficient for them: [`Self::view`] with `RICH` false.
     #[inline(always)]
@@ -269,7 +289,7 @@ impl<F: Lanes, C: SharesAt<F>> Principled<F, C> {
         let mut specular = self.specular_luminance * w.one_minus() + self.grazing_luminance * w;
         let mut diffuse_share = zero;
         if self.diffuse_luminance.is_positive().any() {
-            diffuse_share = self.shares.diffuse(up.z).only(self.diffuse_luminance.is_positive());
+            diffuse_share = self.diffuse_share(up.z).only(self.diffuse_luminance.is_positive());
         }
         let mut diffuse = self.diffuse_luminance * diffuse_share;
         let (mut coat, mut specular_share) = (zero, one);
@@ -280,7 +300,7 @@ impl<F: Lanes, C: SharesAt<F>> Principled<F, C> {
             coat = self.coat * (w * 0.96 + 0.04);
             diffuse += self.sheen_luminance;
             if is_covered.any() {
-                specular_share = self.shares.specular(up.z);
+                specular_share = self.specular_share(up.z);
             }
         }
         let sum = diffuse + specular + coat;
@@ -369,7 +389,7 @@ struct Gains<F> {
 /// A [`Principled`] surface seen from `wo`.
 #[derive(Clone, Copy, Debug)]
 pub struct PrincipledView<'a, F: Lanes, C, const RICH: bool> {
-    surface: &'a Principled<F, C>,
+    pub(crate) surface: &'a Principled<F, C>,
     /// `wo`, mirrored to above the surface.
     up: V3<F>,
     /// Index of refraction on the far side of `wo` over that on its side.
@@ -408,14 +428,7 @@ pub(crate) struct Drawn<F: Lanes> {
     delta: Option<(F::Mask, Rgb<F>, F)>,
 }
 
-impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> {
-    /// The diffuse lobe of albedo one below the layers, without `|cos wi|` [1/sr], for the cosine of `wi`. Both directions
-    /// lie above the surface.
-    #[inline(always)]
-    fn diffuse_below(&self, cos_i: F) -> F {
-        self.surface.lambert * self.diffuse_share * self.surface.shares.diffuse(cos_i)
-    }
-
+impl<F: Lanes, C: SharesOf, const RICH: bool> PrincipledView<'_, F, C, RICH> {
     /// [`View::eval_pdf`] for a mirrored direction.
     #[inline(always)]
     pub(crate) fn eval_up(&self, wi: V3<F>) -> (Rgb<F>, F) {
@@ -461,7 +474,7 @@ impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> 
                 value = s.specular.compensated(f.reflectance, weight, gains.dielectric, gains.metal) * shape;
             }
             if self.is_covered.any() {
-                value *= self.specular_share.min(s.shares.specular(wi.z));
+                value *= self.specular_share.min(s.specular_share(wi.z));
             }
             if self.is_refracting.any() {
                 let q = s.reflection_probability(reflectance, f.reflectance);
@@ -471,7 +484,7 @@ impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> 
         let mut pdf = self.specular * density;
         let has_diffuse = self.diffuse.is_positive();
         if has_diffuse.any() {
-            let mut lobe = self.diffuse_below(wi.z) * wi.z;
+            let mut lobe = s.lambert * self.diffuse_share * s.diffuse_share(wi.z) * wi.z;
             if RICH {
                 let burley = s.burley.is_positive();
                 if burley.any() {
@@ -531,7 +544,7 @@ impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> 
     fn kept(&self, fresnel: F, wi: V3<F>) -> F {
         let mut kept = self.surface.specular.refracted(fresnel);
         if self.is_covered.any() {
-            kept *= self.surface.shares.specular(self.below.select(-wi.z, self.up.z));
+            kept *= self.surface.specular_share(self.below.select(-wi.z, self.up.z));
         }
         kept
     }
@@ -607,7 +620,7 @@ impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> 
     }
 }
 
-impl<F: Lanes, C: SharesAt<F>, const RICH: bool> View<F> for PrincipledView<'_, F, C, RICH> {
+impl<F: Lanes, C: SharesOf, const RICH: bool> View<F> for PrincipledView<'_, F, C, RICH> {
     #[inline(always)]
     fn eval_pdf(&self, wi: V3<F>) -> (Rgb<F>, F) {
         self.eval_up(if RICH { mirrored_if(self.below, wi) } else { wi })
