@@ -68,13 +68,7 @@ impl Bsdf {
     #[inline(always)]
     pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         match self {
-            Self::Principled(b) if !b.is_rich() => {
-                if wo.0.z > 0.0 {
-                    b.view::<false>(wo.0.into()).sample(u_lobe, u).into()
-                } else {
-                    None
-                }
-            }
+            Self::Principled(b) if !b.is_rich() => b.view::<false>(wo.0.into()).sample(u_lobe, u).into(),
             _ if EFFECTS => {
                 // Bound to a variable first. If the call were returned directly, the sample of the other branch would
                 // be kept in memory as well.

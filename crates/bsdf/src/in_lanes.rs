@@ -11,11 +11,18 @@ pub trait InLanes<F: Lanes> {
     where
         Self: 'a;
 
-    /// The same parameters in all lanes.
-    fn splat<'a>(token: F::Token, all: &'a Self) -> Self::Lanes<'a>;
-
     /// The parameters `of(lane)` in each lane.
     fn collect<'a>(token: F::Token, of: impl Fn(usize) -> &'a Self + Copy) -> Self::Lanes<'a>;
+
+    /// The same parameters in all lanes.
+    #[inline(always)]
+    fn splat(token: F::Token, all: &Self) -> Self::Lanes<'_> {
+        Self::collect(
+            token,
+            #[inline(always)]
+            |_| all,
+        )
+    }
 
     /// The parameters of each lane. Entries beyond the last lane are not used.
     #[inline(always)]
@@ -31,14 +38,10 @@ pub trait InLanes<F: Lanes> {
 impl<F: Lanes> InLanes<F> for f32 {
     type Lanes<'a> = F;
     #[inline(always)]
-    fn splat(token: F::Token, all: &Self) -> F {
-        F::splat(token, *all)
-    }
-    #[inline(always)]
     fn collect<'a>(token: F::Token, of: impl Fn(usize) -> &'a Self + Copy) -> F {
         let mut lanes = [0.0; MAX_WIDTH];
-        for lane in 0..F::WIDTH {
-            lanes[lane] = *of(lane);
+        for (lane, number) in lanes.iter_mut().enumerate().take(F::WIDTH) {
+            *number = *of(lane);
         }
         F::load(token, &lanes)
     }
@@ -47,10 +50,6 @@ impl<F: Lanes> InLanes<F> for f32 {
 /// True in lanes if it is true in one of them.
 impl<F: Lanes> InLanes<F> for bool {
     type Lanes<'a> = bool;
-    #[inline(always)]
-    fn splat(_: F::Token, all: &Self) -> bool {
-        *all
-    }
     #[inline(always)]
     fn collect<'a>(_: F::Token, of: impl Fn(usize) -> &'a Self + Copy) -> bool {
         let mut any = false;
@@ -66,10 +65,6 @@ macro_rules! in_lanes {
     ($name:ty => $lanes:ty { $($field:ident),* }) => {
         impl<F: dunkelfeld_lanes::Lanes> $crate::InLanes<F> for $name {
             type Lanes<'a> = $lanes;
-            #[inline(always)]
-            fn splat<'a>(token: F::Token, all: &'a Self) -> Self::Lanes<'a> {
-                Self::Lanes { $($field: $crate::InLanes::<F>::splat(token, &all.$field)),* }
-            }
             #[inline(always)]
             fn collect<'a>(token: F::Token, of: impl Fn(usize) -> &'a Self + Copy) -> Self::Lanes<'a> {
                 Self::Lanes {

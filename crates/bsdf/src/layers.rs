@@ -34,16 +34,6 @@ impl Curve {
     /// One for all directions.
     pub const ONE: Self = Self([1.0; NODES]);
 
-    /// The value for a cosine in `[0, 1]`.
-    #[inline(always)]
-    pub fn at(&self, cos: f32) -> f32 {
-        interpolated(
-            cos,
-            #[inline(always)]
-            |_| self,
-        )
-    }
-
     /// The mean over the hemisphere, weighted by the cosine.
     pub fn mean(&self) -> f32 {
         self.0.iter().zip(MEAN.iter()).map(|(value, weight)| value * weight).sum()
@@ -56,80 +46,57 @@ impl Curve {
     }
 }
 
-/// The values for a cosine in `[0, 1]` on the curve of each lane.
-#[inline(always)]
-fn interpolated<'a, F: Lanes>(cos: F, curve: impl Fn(usize) -> &'a Curve) -> F {
-    let x = cos * ((1.0 + BEND) * (NODES - 1) as f32) / (cos + BEND);
-    let low = (x - 0.5).clamp(0.0, (NODES - 2) as f32).round();
-    let node = F::word_to_array(low.round_to_word());
-    let [mut a, mut b] = [[0.0; MAX_WIDTH]; 2];
-    for lane in 0..F::WIDTH {
-        let (nodes, node) = (&curve(lane).0, node[lane] as usize);
-        // The remainders are those numbers. They are in range for the compiler too.
-        [a[lane], b[lane]] = [nodes[node % NODES], nodes[(node + 1) % NODES]];
-    }
-    let (a, b) = (F::load(cos.token(), &a), F::load(cos.token(), &b));
-    a + (b - a) * (x - low)
-}
+/// The curves of a principled surface in one lane: the shares of the light of a direction that reach the diffuse lobe, and
+/// that pass coat and sheen.
+pub type Shares = [Curve; 2];
+/// Number of the curve of the diffuse lobe.
+pub const DIFFUSE: usize = 0;
+/// Number of the curve of the other lobes below coat and sheen.
+pub const SPECULAR: usize = 1;
 
-/// The curves of a principled surface. In lanes they are references to those of the surface in each lane.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Shares {
-    /// The share of the light of a direction that reaches the diffuse lobe.
-    pub diffuse: Curve,
-    /// The share of the light of a direction that passes coat and sheen.
-    pub specular: Curve,
-}
+/// The curves of a surface, or references to those of the surface of each lane.
+pub trait Curves {
+    /// The curves in a lane.
+    fn of(&self, lane: usize) -> &Shares;
 
-/// [`Shares`] at cosines.
-pub trait SharesAt<F> {
-    /// The share that reaches the diffuse lobe.
-    fn diffuse(&self, cos: F) -> F;
-    /// The share that passes coat and sheen.
-    fn specular(&self, cos: F) -> F;
-}
-
-impl SharesAt<f32> for Shares {
+    /// The values of a curve for cosines in `[0, 1]`.
     #[inline(always)]
-    fn diffuse(&self, cos: f32) -> f32 {
-        self.diffuse.at(cos)
-    }
-    #[inline(always)]
-    fn specular(&self, cos: f32) -> f32 {
-        self.specular.at(cos)
+    fn at<F: Lanes>(&self, curve: usize, cos: F) -> F {
+        let x = cos * ((1.0 + BEND) * (NODES - 1) as f32) / (cos + BEND);
+        let low = (x - 0.5).clamp(0.0, (NODES - 2) as f32).round();
+        let node = F::word_to_array(low.round_to_word());
+        let [mut a, mut b] = [[0.0; MAX_WIDTH]; 2];
+        for lane in 0..F::WIDTH {
+            let (nodes, node) = (&self.of(lane)[curve].0, node[lane] as usize);
+            // The remainders are those numbers. With them no check of the range is necessary.
+            [a[lane], b[lane]] = [nodes[node % NODES], nodes[(node + 1) % NODES]];
+        }
+        let (a, b) = (F::load(cos.token(), &a), F::load(cos.token(), &b));
+        a + (b - a) * (x - low)
     }
 }
 
-impl<F: Lanes> SharesAt<F> for [&Shares; MAX_WIDTH] {
+impl Curves for Shares {
     #[inline(always)]
-    fn diffuse(&self, cos: F) -> F {
-        interpolated(
-            cos,
-            #[inline(always)]
-            |lane| &self[lane].diffuse,
-        )
+    fn of(&self, _: usize) -> &Shares {
+        self
     }
+}
+
+impl Curves for [&Shares; MAX_WIDTH] {
     #[inline(always)]
-    fn specular(&self, cos: F) -> F {
-        interpolated(
-            cos,
-            #[inline(always)]
-            |lane| &self[lane].specular,
-        )
+    fn of(&self, lane: usize) -> &Shares {
+        self[lane]
     }
 }
 
 impl<F: Lanes> InLanes<F> for Shares {
     type Lanes<'a> = [&'a Self; MAX_WIDTH];
     #[inline(always)]
-    fn splat<'a>(_: F::Token, all: &'a Self) -> Self::Lanes<'a> {
-        [all; MAX_WIDTH]
-    }
-    #[inline(always)]
     fn collect<'a>(_: F::Token, of: impl Fn(usize) -> &'a Self + Copy) -> Self::Lanes<'a> {
         let mut lanes = [of(0); MAX_WIDTH];
-        for lane in 1..F::WIDTH {
-            lanes[lane] = of(lane);
+        for (lane, shares) in lanes.iter_mut().enumerate().take(F::WIDTH) {
+            *shares = of(lane);
         }
         lanes
     }
@@ -145,7 +112,7 @@ fn node_cosine(node: f32) -> f32 {
 static MEAN: LazyLock<[f32; NODES]> = LazyLock::new(|| {
     const STEPS: usize = 5_000;
     let cosines = || (0..STEPS).map(|i| (i as f32 + 0.5) / STEPS as f32);
-    let sum = |values: [f32; NODES]| cosines().map(|c| f64::from(c * Curve(values).at(c))).sum::<f64>();
+    let sum = |values: [f32; NODES]| cosines().map(|c| f64::from(c * [Curve(values); 2].at(DIFFUSE, c))).sum::<f64>();
     let total = sum([1.0; NODES]);
     from_fn(|k| (sum(from_fn(|j| f32::from(u8::from(j == k)))) / total) as f32)
 });

@@ -29,7 +29,7 @@ use crate::clearcoat::{self, Coat};
 use crate::dielectric::{MATCHED_INDEX, clamp_eta};
 use crate::fresnel::{self, normal_reflectance, schlick_weight};
 use crate::in_lanes::in_lanes;
-use crate::layers::{Curve, LEAST_SLOPE, Shares, SharesAt, below_coat_and_sheen, below_specular};
+use crate::layers::{Curve, Curves, DIFFUSE, LEAST_SLOPE, SPECULAR, Shares, below_coat_and_sheen, below_specular};
 use crate::microfacet::{Ggx, mirrored_if, reflect};
 use crate::specular::SpecularColor;
 use crate::transmission::{eval_refraction, refract};
@@ -123,7 +123,7 @@ pub struct Principled<F = f32, C = Shares> {
     /// Base colour times the opaque dielectric share.
     diffuse_color: Rgb<F>,
     pub(crate) shares: C,
-    /// Factor of the diffuse lobe, `1 / (pi mean(shares.diffuse))`.
+    /// Factor of the diffuse lobe, `1 / (pi mean(shares[DIFFUSE]))`.
     pub(crate) lambert: F,
     /// The refracting share of the dielectric.
     spec_trans: F,
@@ -186,13 +186,13 @@ impl Principled {
         let diffuse_color = base * opaque;
         let coat = clearcoat::STRENGTH * at_least_zero(p.clearcoat).min(4.0);
         let coat_alpha = clearcoat::alpha_from_gloss(unit(p.clearcoat_gloss));
-        let mut shares = Shares { diffuse: Curve::ONE, specular: Curve::ONE };
+        let mut shares = [Curve::ONE; 2];
         if layered {
             sheen_color = sheen_color * (10.0 / sheen_color.max_channel().max(10.0));
-            shares.specular = below_coat_and_sheen(coat, coat_alpha, sheen_color.max_channel());
+            shares[SPECULAR] = below_coat_and_sheen(coat, coat_alpha, sheen_color.max_channel());
             if opaque > 0.0 {
-                shares.diffuse =
-                    below_specular(&ggx, eta).zip(shares.specular, |t, above| (1.0 - specular.bound(1.0 - t)) * above);
+                shares[DIFFUSE] =
+                    below_specular(&ggx, eta).zip(shares[SPECULAR], |t, above| (1.0 - specular.bound(1.0 - t)) * above);
             }
         }
         let transmission_color = base.map(f32::sqrt) * refracting;
@@ -206,7 +206,7 @@ impl Principled {
             eta,
             diffuse_color,
             shares,
-            lambert: if opaque > 0.0 { FRAC_1_PI / shares.diffuse.mean().max(f32::MIN_POSITIVE) } else { 0.0 },
+            lambert: if opaque > 0.0 { FRAC_1_PI / shares[DIFFUSE].mean().max(f32::MIN_POSITIVE) } else { 0.0 },
             spec_trans,
             refracting,
             transmission_color,
@@ -245,7 +245,7 @@ impl Principled {
     }
 }
 
-impl<F: Lanes, C: SharesAt<F>> Principled<F, C> {
+impl<F: Lanes, C: Curves> Principled<F, C> {
     /// True if it has more than the diffuse and the specular lobe of an opaque surface, in some lane. Most surfaces have
     /// not. Code for these two lobes is sufficient for them: [`Self::view`] with `RICH` false.
     #[inline(always)]
@@ -269,7 +269,7 @@ impl<F: Lanes, C: SharesAt<F>> Principled<F, C> {
         let mut specular = self.specular_luminance * w.one_minus() + self.grazing_luminance * w;
         let mut diffuse_share = zero;
         if self.diffuse_luminance.is_positive().any() {
-            diffuse_share = self.shares.diffuse(up.z).only(self.diffuse_luminance.is_positive());
+            diffuse_share = self.shares.at(DIFFUSE, up.z).only(self.diffuse_luminance.is_positive());
         }
         let mut diffuse = self.diffuse_luminance * diffuse_share;
         let (mut coat, mut specular_share) = (zero, one);
@@ -280,7 +280,7 @@ impl<F: Lanes, C: SharesAt<F>> Principled<F, C> {
             coat = self.coat * (w * 0.96 + 0.04);
             diffuse += self.sheen_luminance;
             if is_covered.any() {
-                specular_share = self.shares.specular(up.z);
+                specular_share = self.shares.at(SPECULAR, up.z);
             }
         }
         let sum = diffuse + specular + coat;
@@ -408,14 +408,7 @@ pub(crate) struct Drawn<F: Lanes> {
     delta: Option<(F::Mask, Rgb<F>, F)>,
 }
 
-impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> {
-    /// The diffuse lobe of albedo one below the layers, without `|cos wi|` [1/sr], for the cosine of `wi`. Both directions
-    /// lie above the surface.
-    #[inline(always)]
-    fn diffuse_below(&self, cos_i: F) -> F {
-        self.surface.lambert * self.diffuse_share * self.surface.shares.diffuse(cos_i)
-    }
-
+impl<F: Lanes, C: Curves, const RICH: bool> PrincipledView<'_, F, C, RICH> {
     /// [`View::eval_pdf`] for a mirrored direction.
     #[inline(always)]
     pub(crate) fn eval_up(&self, wi: V3<F>) -> (Rgb<F>, F) {
@@ -461,7 +454,7 @@ impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> 
                 value = s.specular.compensated(f.reflectance, weight, gains.dielectric, gains.metal) * shape;
             }
             if self.is_covered.any() {
-                value *= self.specular_share.min(s.shares.specular(wi.z));
+                value *= self.specular_share.min(s.shares.at(SPECULAR, wi.z));
             }
             if self.is_refracting.any() {
                 let q = s.reflection_probability(reflectance, f.reflectance);
@@ -471,7 +464,7 @@ impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> 
         let mut pdf = self.specular * density;
         let has_diffuse = self.diffuse.is_positive();
         if has_diffuse.any() {
-            let mut lobe = self.diffuse_below(wi.z) * wi.z;
+            let mut lobe = s.lambert * self.diffuse_share * s.shares.at(DIFFUSE, wi.z) * wi.z;
             if RICH {
                 let burley = s.burley.is_positive();
                 if burley.any() {
@@ -531,7 +524,7 @@ impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> 
     fn kept(&self, fresnel: F, wi: V3<F>) -> F {
         let mut kept = self.surface.specular.refracted(fresnel);
         if self.is_covered.any() {
-            kept *= self.surface.shares.specular(self.below.select(-wi.z, self.up.z));
+            kept *= self.surface.shares.at(SPECULAR, self.below.select(-wi.z, self.up.z));
         }
         kept
     }
@@ -607,7 +600,7 @@ impl<F: Lanes, C: SharesAt<F>, const RICH: bool> PrincipledView<'_, F, C, RICH> 
     }
 }
 
-impl<F: Lanes, C: SharesAt<F>, const RICH: bool> View<F> for PrincipledView<'_, F, C, RICH> {
+impl<F: Lanes, C: Curves, const RICH: bool> View<F> for PrincipledView<'_, F, C, RICH> {
     #[inline(always)]
     fn albedo(&self, wo: V3<F>) -> Rgb<F> {
         self.surface.albedo(wo)

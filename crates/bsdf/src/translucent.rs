@@ -2,7 +2,7 @@
 
 use crate::bsdf_sample::{BsdfSamples, Lobe, View};
 use crate::in_lanes::in_lanes;
-use crate::layers::{Shares, SharesAt};
+use crate::layers::{Curves, DIFFUSE, Shares};
 use crate::microfacet::mirrored_if;
 use crate::principled::{Drawn, Principled, PrincipledView, in_unit};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
@@ -41,14 +41,14 @@ impl Translucent {
     }
 }
 
-impl<F: Lanes, C: SharesAt<F>> Translucent<F, C> {
+impl<F: Lanes, C: Curves> Translucent<F, C> {
     /// The surface seen from `wo`.
     #[inline(always)]
     pub fn view(&self, wo: V3<F>) -> TranslucentView<'_, F, C> {
         let below = wo.z.lt(wo.z.constant(0.0));
         let up = mirrored_if(below, wo);
         let surface = self.surface.view::<true>(up);
-        let share = self.surface.shares.diffuse(up.z);
+        let share = self.surface.shares.at(DIFFUSE, up.z);
         // The probability of the transmission lobe, in proportion to the expected energy of both sides. The floor keeps the
         // probability of reflection above zero where its estimate is black.
         let passed = self.transmission.luminance() * share;
@@ -79,7 +79,7 @@ pub struct TranslucentView<'a, F: Lanes, C> {
     passing: F,
 }
 
-impl<F: Lanes, C: SharesAt<F>> TranslucentView<'_, F, C> {
+impl<F: Lanes, C: Curves> TranslucentView<'_, F, C> {
     /// [`View::eval_pdf`] for a mirrored direction.
     #[inline(always)]
     fn eval_up(&self, wi: V3<F>) -> (Rgb<F>, F) {
@@ -88,7 +88,7 @@ impl<F: Lanes, C: SharesAt<F>> TranslucentView<'_, F, C> {
         let through = self.up.z.is_positive() & wi.z.lt(wi.z.constant(0.0));
         if through.any() {
             let cos = -wi.z;
-            let passed = self.transmission * (self.shares.diffuse(cos) * cos);
+            let passed = self.transmission * (self.shares.at(DIFFUSE, cos) * cos);
             value = Rgb::select(through, passed, value);
             pdf = through.select(self.passing * FRAC_1_PI * cos, pdf);
         }
@@ -96,7 +96,7 @@ impl<F: Lanes, C: SharesAt<F>> TranslucentView<'_, F, C> {
     }
 }
 
-impl<F: Lanes, C: SharesAt<F>> View<F> for TranslucentView<'_, F, C> {
+impl<F: Lanes, C: Curves> View<F> for TranslucentView<'_, F, C> {
     #[inline(always)]
     fn albedo(&self, wo: V3<F>) -> Rgb<F> {
         self.surface.albedo(wo)
