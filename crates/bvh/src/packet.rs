@@ -65,8 +65,10 @@ impl HitBatch<'_> {
 
 /// Kinds of rays are computed for groups of this size.
 const GROUP: usize = 1024;
+/// Number of kinds: three axes, or none, times eight octants.
+const KINDS: usize = 32;
 /// The kind of rays that hit nothing.
-const INVALID: u32 = u32::MAX;
+const INVALID: usize = KINDS - 1;
 
 impl Bvh {
     /// [`Bvh::closest_hit`] of each ray of a batch, with the same bits for all instruction sets.
@@ -108,7 +110,7 @@ fn kinds<F: Lanes>(token: F::Token, rays: &RayBatch, at: usize, kinds: &mut [u32
     let axis = a.x.ge(a.y.max(a.z)).select(bits(token, 0), axis);
     let (x, y, z) = (d.x.to_bits() >> 31, d.y.to_bits() >> 31, d.z.to_bits() >> 31);
     let kind = axis.to_bits() | (x << 2) | (y << 3) | (z << 4);
-    F::store_word(is_valid.select(F::from_bits(kind), bits(token, INVALID)).to_bits(), kinds);
+    F::store_word(is_valid.select(F::from_bits(kind), bits(token, INVALID as u32)).to_bits(), kinds);
 }
 
 /// The bits of an integer in all lanes.
@@ -117,11 +119,11 @@ fn bits<F: Lanes>(token: F::Token, number: u32) -> F {
     F::from_bits(F::splat_word(token, number))
 }
 
-/// Follows runs of rays of one kind in packets.
+/// Sorts rays by their kind, and follows them in packets.
 #[inline(always)]
 fn each_packet<F: Lanes, const ANY: bool>(token: F::Token, bvh: &Bvh, rays: &RayBatch, results: &mut Results) {
     let count = rays.t_max.len();
-    let mut of_group = [INVALID; GROUP];
+    let (mut of_group, mut order) = ([0; GROUP], [0; GROUP]);
     // After packets whose rays soon went alone, some are not tried. The results are the same.
     let (mut skip, mut pause) = (0usize, 1);
     for first in (0..count).step_by(GROUP) {
@@ -133,26 +135,49 @@ fn each_packet<F: Lanes, const ANY: bool>(token: F::Token, bvh: &Bvh, rays: &Ray
         for at in vectors..group {
             kinds::<f32>((), rays, first + at, &mut of_group[at..]);
         }
+        let ends = sort(first as u32, &of_group[..group], &mut order);
         let mut begin = 0;
-        while begin < group {
-            let kind = of_group[begin];
-            let mut end = begin + 1;
-            while end < group && end - begin < F::WIDTH && of_group[end] == kind {
-                end += 1;
-            }
-            let packet = first + begin..first + end;
-            begin = end;
-            if kind == INVALID || packet.len() <= few::<F>() || skip > 0 {
-                skip = skip.saturating_sub(1);
-                alone::<ANY>(bvh, rays, packet, results);
-            } else if together::<F, ANY>(token, bvh, rays, packet, results) > F::WIDTH / 2 {
-                pause = (2 * pause).min(64);
-                skip = pause;
-            } else {
-                pause = 1;
+        for (kind, end) in ends.into_iter().enumerate() {
+            while begin < end {
+                let packet = &order[begin..end.min(begin + F::WIDTH)];
+                begin += packet.len();
+                if kind == INVALID || packet.len() <= few::<F>() || skip > 0 {
+                    skip = skip.saturating_sub(1);
+                    alone::<ANY>(bvh, rays, packet, results);
+                } else if together::<F, ANY>(token, bvh, rays, packet, results) > F::WIDTH / 2 {
+                    pause = (2 * pause).min(64);
+                    skip = pause;
+                } else {
+                    pause = 1;
+                }
             }
         }
     }
+}
+
+/// The numbers of rays, from `first` on, in the order of their kinds. Returns the end of each kind.
+fn sort(first: u32, kinds: &[u32], order: &mut [u32; GROUP]) -> [usize; KINDS] {
+    let mut ends = [0; KINDS];
+    if kinds.iter().all(|kind| *kind == kinds[0]) {
+        for (number, at) in (first..).zip(order.iter_mut()) {
+            *at = number;
+        }
+        ends[kinds[0] as usize % KINDS..].fill(kinds.len());
+        return ends;
+    }
+    for kind in kinds {
+        ends[*kind as usize % KINDS] += 1;
+    }
+    let mut end = 0;
+    for begin in &mut ends {
+        (*begin, end) = (end, end + *begin);
+    }
+    for (number, kind) in (first..).zip(kinds) {
+        let at = &mut ends[*kind as usize % KINDS];
+        order[*at % GROUP] = number;
+        *at += 1;
+    }
+    ends
 }
 
 /// A group of so many rays is followed one by one.
@@ -162,8 +187,9 @@ fn few<F: Lanes>() -> usize {
 }
 
 #[inline(never)]
-fn alone<const ANY: bool>(bvh: &Bvh, rays: &RayBatch, numbers: Range<usize>, results: &mut Results) {
+fn alone<const ANY: bool>(bvh: &Bvh, rays: &RayBatch, numbers: &[u32], results: &mut Results) {
     for i in numbers {
+        let i = *i as usize;
         let ray = rays.ray(i);
         match results {
             Results::Nearest(hits) => hits.set(i, &bvh.closest_hit(&ray).unwrap_or(Nearest::none(0.0).hit)),
@@ -172,34 +198,51 @@ fn alone<const ANY: bool>(bvh: &Bvh, rays: &RayBatch, numbers: Range<usize>, res
     }
 }
 
-/// A number of each ray. Lanes beyond the last ray have that of the first one.
+/// The place of as many numbers in a row as there are lanes, if these are such.
 #[inline(always)]
-fn load<F: Lanes>(token: F::Token, from: &[f32]) -> F {
-    if from.len() == F::WIDTH {
-        return F::load(token, from);
+fn in_a_row<F: Lanes>(numbers: &[u32]) -> Option<Range<usize>> {
+    let (first, last) = (numbers[0] as usize, numbers[numbers.len() - 1] as usize);
+    (last - first + 1 == F::WIDTH && numbers.len() == F::WIDTH).then_some(first..last + 1)
+}
+
+/// A number of each ray. Lanes beyond the last ray have zeros.
+#[inline(always)]
+fn load<F: Lanes>(token: F::Token, from: &[f32], numbers: &[u32]) -> F {
+    if let Some(row) = in_a_row::<F>(numbers) {
+        return F::load(token, &from[row]);
     }
-    let mut lanes = [from[0]; MAX_WIDTH];
-    lanes[..from.len()].copy_from_slice(from);
+    let mut lanes = [0.0; MAX_WIDTH];
+    for (to, number) in lanes.iter_mut().zip(numbers) {
+        *to = from[*number as usize];
+    }
     F::load(token, &lanes)
+}
+
+/// [`load`] of three arrays.
+#[inline(always)]
+fn load3<F: Lanes>(token: F::Token, [x, y, z]: [&[f32]; 3], numbers: &[u32]) -> V3<F> {
+    V3::new(load(token, x, numbers), load(token, y, numbers), load(token, z, numbers))
 }
 
 /// Writes a number of each ray.
 #[inline(always)]
-fn store<F: Lanes>(x: F, to: &mut [f32]) {
-    if to.len() == F::WIDTH {
-        x.store(to);
-    } else {
-        to.copy_from_slice(&x.to_array()[..to.len()]);
+fn store<F: Lanes>(x: F, to: &mut [f32], numbers: &[u32]) {
+    if let Some(row) = in_a_row::<F>(numbers) {
+        return x.store(&mut to[row]);
+    }
+    for (number, x) in numbers.iter().zip(x.to_array()) {
+        to[*number as usize] = x;
     }
 }
 
 /// [`store`] of bits.
 #[inline(always)]
-fn store_bits<F: Lanes>(x: F, to: &mut [u32]) {
-    if to.len() == F::WIDTH {
-        F::store_word(x.to_bits(), to);
-    } else {
-        to.copy_from_slice(&F::word_to_array(x.to_bits())[..to.len()]);
+fn store_bits<F: Lanes>(x: F, to: &mut [u32], numbers: &[u32]) {
+    if let Some(row) = in_a_row::<F>(numbers) {
+        return F::store_word(x.to_bits(), &mut to[row]);
+    }
+    for (number, x) in numbers.iter().zip(F::word_to_array(x.to_bits())) {
+        to[*number as usize] = x;
     }
 }
 
@@ -209,30 +252,32 @@ fn together<F: Lanes, const ANY: bool>(
     token: F::Token,
     bvh: &Bvh,
     rays: &RayBatch,
-    numbers: Range<usize>,
+    numbers: &[u32],
     results: &mut Results,
 ) -> usize {
-    let Range { start, end } = numbers;
-    let first = rays.ray(start).direction;
-    let [ox, oy, oz] = rays.origin;
-    let [dx, dy, dz] = rays.direction;
-    let origin = V3::new(load(token, &ox[start..end]), load(token, &oy[start..end]), load(token, &oz[start..end]));
-    let direction = V3::new(load(token, &dx[start..end]), load(token, &dy[start..end]), load(token, &dz[start..end]));
+    let first = rays.ray(numbers[0] as usize).direction;
+    let (origin, direction) = (load3(token, rays.origin, numbers), load3(token, rays.direction, numbers));
     let form = Prepared::<F>::new(origin, direction, shear_axes(first), octant(first), &bvh.top.bounds);
-    let ray_end = load(token, &rays.t_max[start..end]);
+    let ray_end = load(token, rays.t_max, numbers);
     let none = bits(token, NO_HIT);
     let zero = F::splat(token, 0.0);
     let mut packet = Packet::<F, ANY> {
         token,
         bvh,
         rays,
-        first: start,
+        numbers,
         form,
         arrays: form.to_arrays(),
-        live: u32::MAX >> (32 - (end - start)),
+        live: u32::MAX >> (32 - numbers.len()),
         alone: 0,
         end: ray_end,
-        nearest: NearestHits { key: ray_end, t: ray_end.constant(f32::INFINITY), b1: zero, b2: zero, numbers: [none; 3] },
+        nearest: NearestHits {
+            key: ray_end,
+            t: ray_end.constant(f32::INFINITY),
+            b1: zero,
+            b2: zero,
+            numbers: [none; 3],
+        },
     };
     let whole = bvh.whole();
     if whole.instance == NO_HIT {
@@ -242,18 +287,18 @@ fn together<F: Lanes, const ANY: bool>(
     }
     match results {
         Results::Occluded(occluded) => {
-            for (lane, occluded) in occluded[start..end].iter_mut().enumerate() {
-                *occluded = packet.live >> lane & 1 == 0;
+            for (lane, number) in numbers.iter().enumerate() {
+                occluded[*number as usize] = packet.live >> lane & 1 == 0;
             }
         }
         Results::Nearest(hits) => {
             let NearestHits { t, b1, b2, numbers: [instance, part, triangle], .. } = packet.nearest;
-            store(t, &mut hits.t[start..end]);
-            store(b1, &mut hits.b1[start..end]);
-            store(b2, &mut hits.b2[start..end]);
-            store_bits(instance, &mut hits.instance[start..end]);
-            store_bits(part, &mut hits.part[start..end]);
-            store_bits(triangle, &mut hits.triangle[start..end]);
+            store(t, hits.t, numbers);
+            store(b1, hits.b1, numbers);
+            store(b2, hits.b2, numbers);
+            store_bits(instance, hits.instance, numbers);
+            store_bits(part, hits.part, numbers);
+            store_bits(triangle, hits.triangle, numbers);
         }
     }
     packet.alone
@@ -330,8 +375,8 @@ struct Packet<'a, F: Lanes, const ANY: bool> {
     token: F::Token,
     bvh: &'a Bvh,
     rays: &'a RayBatch<'a>,
-    /// Number of the ray of the first lane.
-    first: usize,
+    /// Number of the ray of each lane.
+    numbers: &'a [u32],
     form: Prepared<F>,
     /// The same numbers in memory, for rays that go alone.
     arrays: Prepared<[f32; MAX_WIDTH]>,
@@ -485,7 +530,7 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
     /// Distances within their own error of zero or of the ray's end, computed again in f64.
     #[inline(never)]
     fn decide_near(&self, lanes: u32, corners: &[Vec3; 3], t: &mut [f32; MAX_WIDTH]) {
-        each_bit(lanes, |lane| t[lane] = plane_distance_f64(&self.rays.ray(self.first + lane), corners));
+        each_bit(lanes, |lane| t[lane] = plane_distance_f64(&self.rays.ray(self.numbers[lane] as usize), corners));
     }
 
     /// The order of equally near hits.
@@ -518,7 +563,7 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
     ) -> u32 {
         let mut blocked = 0;
         each_bit(child.lanes, |lane| {
-            let (form, ray) = (self.arrays.lane(lane), self.rays.ray(self.first + lane));
+            let (form, ray) = (self.arrays.lane(lane), self.rays.ray(self.numbers[lane] as usize));
             let part = Part { start: entry(near[lane], child.word), instance };
             if ANY {
                 blocked |= u32::from(traverse::occluded_in_part(self.bvh, &form, &ray, part)) << lane;
