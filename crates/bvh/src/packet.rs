@@ -5,15 +5,16 @@
 //! bits of single rays: a lane has the same operations, and the nearest hit does not depend on the order of visits.
 
 use std::mem::MaybeUninit;
+use std::ops::Range;
 
 use dunkelfeld_geometry::triangle::{plane_distance_f64, shear_axes};
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3, dispatch};
 
-use crate::scene::{Bvh, Hit, NO_HIT, Space, is_valid};
+use crate::scene::{Bvh, Hit, NO_HIT, Space};
 use crate::simd8::WIDTH;
 use crate::traverse::{self, Nearest, Part, Prepared};
-use crate::tree::{LEAF, NONE, STACK, Tree, entry, octant};
+use crate::tree::{LEAF, MAX_DEPTH, NONE, STACK, Tree, entry, octant};
 
 /// Rays of a batch: one array for each number, all of one length. Units and meaning are those of [`Ray`].
 #[derive(Clone, Copy, Debug)]
@@ -62,10 +63,12 @@ impl HitBatch<'_> {
     }
 }
 
-/// Rays are sorted in groups of this size.
+/// Kinds of rays are computed for groups of this size.
 const GROUP: usize = 1024;
-/// Number of kinds of rays: three axes and eight octants, and rays that hit nothing.
-const KINDS: usize = 25;
+/// Number of kinds: three axes, or none, times eight octants.
+const KINDS: usize = 32;
+/// The kind of rays that hit nothing.
+const INVALID: usize = KINDS - 1;
 
 impl Bvh {
     /// [`Bvh::closest_hit`] of each ray of a batch, with the same bits for all instruction sets.
@@ -91,49 +94,90 @@ enum Results<'a, 'b> {
     Occluded(&'a mut [bool]),
 }
 
-/// The kind of a ray: rays of a packet have the same one.
+/// The kinds of the rays at a place of a batch: the largest axis of the direction and its octant.
 #[inline(always)]
-fn kind(ray: &Ray) -> usize {
-    if is_valid(ray) { 3 * octant(ray.direction) + shear_axes(ray.direction)[2] } else { KINDS - 1 }
+fn kinds<F: Lanes>(token: F::Token, rays: &RayBatch, at: usize, kinds: &mut [u32]) {
+    let [ox, oy, oz] = rays.origin;
+    let [dx, dy, dz] = rays.direction;
+    let o = V3::new(F::load(token, &ox[at..]), F::load(token, &oy[at..]), F::load(token, &oz[at..]));
+    let d = V3::new(F::load(token, &dx[at..]), F::load(token, &dy[at..]), F::load(token, &dz[at..]));
+    let a = d.abs();
+    let is_valid = (o.x.is_finite() & o.y.is_finite() & o.z.is_finite())
+        & (a.x.is_finite() & a.y.is_finite() & a.z.is_finite())
+        & (a.x.is_positive() | a.y.is_positive() | a.z.is_positive())
+        & F::load(token, &rays.t_max[at..]).is_positive();
+    let axis = a.y.lt(a.z).select(bits(token, 2), bits(token, 1));
+    let axis = a.x.ge(a.y.max(a.z)).select(bits(token, 0), axis);
+    let (x, y, z) = (d.x.to_bits() >> 31, d.y.to_bits() >> 31, d.z.to_bits() >> 31);
+    let kind = axis.to_bits() | (x << 2) | (y << 3) | (z << 4);
+    F::store_word(is_valid.select(F::from_bits(kind), bits(token, INVALID as u32)).to_bits(), kinds);
 }
 
-/// Sorts rays by their kind and follows them in packets.
+/// The bits of an integer in all lanes.
+#[inline(always)]
+fn bits<F: Lanes>(token: F::Token, number: u32) -> F {
+    F::from_bits(F::splat_word(token, number))
+}
+
+/// Sorts rays by their kind, and follows them in packets.
 #[inline(always)]
 fn each_packet<F: Lanes, const ANY: bool>(token: F::Token, bvh: &Bvh, rays: &RayBatch, results: &mut Results) {
     let count = rays.t_max.len();
-    let (mut kinds, mut order) = ([0u8; GROUP], [0u32; GROUP]);
+    let (mut of_group, mut order) = ([0; GROUP], [0; GROUP]);
+    // After packets whose rays soon went alone, some are not tried. The results are the same.
+    let (mut skip, mut pause) = (0usize, 1);
     for first in (0..count).step_by(GROUP) {
         let group = GROUP.min(count - first);
-        let mut ends = [0; KINDS];
-        for i in 0..group {
-            let kind = kind(&rays.ray(first + i));
-            kinds[i] = kind as u8;
-            ends[kind] += 1;
+        let vectors = group / F::WIDTH * F::WIDTH;
+        for at in (0..vectors).step_by(F::WIDTH) {
+            kinds::<F>(token, rays, first + at, &mut of_group[at..]);
         }
-        let mut end = 0;
-        for kind in 0..KINDS {
-            (ends[kind], end) = (end, end + ends[kind]);
+        for at in vectors..group {
+            kinds::<f32>((), rays, first + at, &mut of_group[at..]);
         }
-        for i in 0..group {
-            let at = &mut ends[usize::from(kinds[i])];
-            order[*at] = (first + i) as u32;
-            *at += 1;
-        }
+        let ends = sort(first as u32, &of_group[..group], &mut order);
         let mut begin = 0;
-        for kind in 0..KINDS {
-            let mut rest = &order[begin..ends[kind]];
-            begin = ends[kind];
-            while !rest.is_empty() {
-                let (packet, others) = rest.split_at(rest.len().min(F::WIDTH));
-                rest = others;
-                if kind == KINDS - 1 || packet.len() <= few::<F>() {
+        for (kind, end) in ends.into_iter().enumerate() {
+            while begin < end {
+                let packet = &order[begin..end.min(begin + F::WIDTH)];
+                begin += packet.len();
+                if kind == INVALID || packet.len() <= few::<F>() || skip > 0 {
+                    skip = skip.saturating_sub(1);
                     alone::<ANY>(bvh, rays, packet, results);
+                } else if together::<F, ANY>(token, bvh, rays, packet, results) > F::WIDTH / 2 {
+                    pause = (2 * pause).min(64);
+                    skip = pause;
                 } else {
-                    together::<F, ANY>(token, bvh, rays, packet, results);
+                    pause = 1;
                 }
             }
         }
     }
+}
+
+/// The numbers of rays, from `first` on, in the order of their kinds. Returns the end of each kind.
+fn sort(first: u32, kinds: &[u32], order: &mut [u32; GROUP]) -> [usize; KINDS] {
+    let mut ends = [0; KINDS];
+    if kinds.iter().all(|kind| *kind == kinds[0]) {
+        for (number, at) in (first..).zip(order.iter_mut()) {
+            *at = number;
+        }
+        ends[kinds[0] as usize % KINDS..].fill(kinds.len());
+        return ends;
+    }
+    for kind in kinds {
+        ends[*kind as usize % KINDS] += 1;
+    }
+    let mut end = 0;
+    for begin in &mut ends {
+        (*begin, end) = (end, end + *begin);
+    }
+    for (number, kind) in (first..).zip(kinds) {
+        let at = &mut ends[*kind as usize % KINDS];
+        order[*at % GROUP] = number;
+        *at += 1;
+    }
+    ends
 }
 
 /// A group of so many rays is followed one by one.
@@ -144,8 +188,8 @@ fn few<F: Lanes>() -> usize {
 
 #[inline(never)]
 fn alone<const ANY: bool>(bvh: &Bvh, rays: &RayBatch, numbers: &[u32], results: &mut Results) {
-    for &i in numbers {
-        let i = i as usize;
+    for i in numbers {
+        let i = *i as usize;
         let ray = rays.ray(i);
         match results {
             Results::Nearest(hits) => hits.set(i, &bvh.closest_hit(&ray).unwrap_or(Nearest::none(0.0).hit)),
@@ -154,6 +198,55 @@ fn alone<const ANY: bool>(bvh: &Bvh, rays: &RayBatch, numbers: &[u32], results: 
     }
 }
 
+/// The place of as many numbers in a row as there are lanes, if these are such.
+#[inline(always)]
+fn in_a_row<F: Lanes>(numbers: &[u32]) -> Option<Range<usize>> {
+    let (first, last) = (numbers[0] as usize, numbers[numbers.len() - 1] as usize);
+    (last - first + 1 == F::WIDTH && numbers.len() == F::WIDTH).then_some(first..last + 1)
+}
+
+/// A number of each ray. Lanes beyond the last ray have zeros.
+#[inline(always)]
+fn load<F: Lanes>(token: F::Token, from: &[f32], numbers: &[u32]) -> F {
+    if let Some(row) = in_a_row::<F>(numbers) {
+        return F::load(token, &from[row]);
+    }
+    let mut lanes = [0.0; MAX_WIDTH];
+    for (to, number) in lanes.iter_mut().zip(numbers) {
+        *to = from[*number as usize];
+    }
+    F::load(token, &lanes)
+}
+
+/// [`load`] of three arrays.
+#[inline(always)]
+fn load3<F: Lanes>(token: F::Token, [x, y, z]: [&[f32]; 3], numbers: &[u32]) -> V3<F> {
+    V3::new(load(token, x, numbers), load(token, y, numbers), load(token, z, numbers))
+}
+
+/// Writes a number of each ray.
+#[inline(always)]
+fn store<F: Lanes>(x: F, to: &mut [f32], numbers: &[u32]) {
+    if let Some(row) = in_a_row::<F>(numbers) {
+        return x.store(&mut to[row]);
+    }
+    for (number, x) in numbers.iter().zip(x.to_array()) {
+        to[*number as usize] = x;
+    }
+}
+
+/// [`store`] of bits.
+#[inline(always)]
+fn store_bits<F: Lanes>(x: F, to: &mut [u32], numbers: &[u32]) {
+    if let Some(row) = in_a_row::<F>(numbers) {
+        return F::store_word(x.to_bits(), &mut to[row]);
+    }
+    for (number, x) in numbers.iter().zip(F::word_to_array(x.to_bits())) {
+        to[*number as usize] = x;
+    }
+}
+
+/// Follows a packet. Returns how often a ray went alone.
 #[inline(always)]
 fn together<F: Lanes, const ANY: bool>(
     token: F::Token,
@@ -161,28 +254,30 @@ fn together<F: Lanes, const ANY: bool>(
     rays: &RayBatch,
     numbers: &[u32],
     results: &mut Results,
-) {
-    let mut index = [numbers[0]; MAX_WIDTH];
-    index[..numbers.len()].copy_from_slice(numbers);
-    let first = rays.ray(index[0] as usize).direction;
-    let [ox, oy, oz] = rays.origin;
-    let [dx, dy, dz] = rays.direction;
-    let origin = V3::new(F::gather(token, ox, &index), F::gather(token, oy, &index), F::gather(token, oz, &index));
-    let direction = V3::new(F::gather(token, dx, &index), F::gather(token, dy, &index), F::gather(token, dz, &index));
+) -> usize {
+    let first = rays.ray(numbers[0] as usize).direction;
+    let (origin, direction) = (load3(token, rays.origin, numbers), load3(token, rays.direction, numbers));
     let form = Prepared::<F>::new(origin, direction, shear_axes(first), octant(first), &bvh.top.bounds);
-    let end = F::gather(token, rays.t_max, &index);
-    let none = F::from_bits(F::splat_word(token, NO_HIT));
+    let ray_end = load(token, rays.t_max, numbers);
+    let none = bits(token, NO_HIT);
     let zero = F::splat(token, 0.0);
     let mut packet = Packet::<F, ANY> {
         token,
         bvh,
         rays,
-        index,
+        numbers,
         form,
         arrays: form.to_arrays(),
         live: u32::MAX >> (32 - numbers.len()),
-        end,
-        nearest: NearestHits { key: end, t: end.constant(f32::INFINITY), b1: zero, b2: zero, numbers: [none; 3] },
+        alone: 0,
+        end: ray_end,
+        nearest: NearestHits {
+            key: ray_end,
+            t: ray_end.constant(f32::INFINITY),
+            b1: zero,
+            b2: zero,
+            numbers: [none; 3],
+        },
     };
     let whole = bvh.whole();
     if whole.instance == NO_HIT {
@@ -192,17 +287,21 @@ fn together<F: Lanes, const ANY: bool>(
     }
     match results {
         Results::Occluded(occluded) => {
-            for (lane, &i) in numbers.iter().enumerate() {
-                occluded[i as usize] = packet.live >> lane & 1 == 0;
+            for (lane, number) in numbers.iter().enumerate() {
+                occluded[*number as usize] = packet.live >> lane & 1 == 0;
             }
         }
         Results::Nearest(hits) => {
-            let nearest = packet.nearest.to_arrays();
-            for (lane, &i) in numbers.iter().enumerate() {
-                hits.set(i as usize, &nearest.lane(lane).hit);
-            }
+            let NearestHits { t, b1, b2, numbers: [instance, part, triangle], .. } = packet.nearest;
+            store(t, hits.t, numbers);
+            store(b1, hits.b1, numbers);
+            store(b2, hits.b2, numbers);
+            store_bits(instance, hits.instance, numbers);
+            store_bits(part, hits.part, numbers);
+            store_bits(triangle, hits.triangle, numbers);
         }
     }
+    packet.alone
 }
 
 /// [`Nearest`] of each lane. The numbers are the bits of the instance, the part and the triangle.
@@ -277,24 +376,29 @@ struct Packet<'a, F: Lanes, const ANY: bool> {
     bvh: &'a Bvh,
     rays: &'a RayBatch<'a>,
     /// Number of the ray of each lane.
-    index: [u32; MAX_WIDTH],
+    numbers: &'a [u32],
     form: Prepared<F>,
     /// The same numbers in memory, for rays that go alone.
     arrays: Prepared<[f32; MAX_WIDTH]>,
     /// Bits of the lanes that are not decided.
     live: u32,
+    /// How often a ray went alone.
+    alone: usize,
     end: F,
     nearest: NearestHits<F>,
 }
 
 /// A child that is not visited yet.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Child {
-    /// Entry distances.
-    near: [f32; MAX_WIDTH],
+    word: u32,
     /// The lanes that enter it.
     lanes: u32,
-    word: u32,
+    /// Entry distance of one of these lanes.
+    key: f32,
+    /// Place of the entry distances of all lanes, and the end of those of its siblings.
+    near: u16,
+    end: u16,
 }
 
 impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
@@ -304,55 +408,62 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
         if tree.root == NONE {
             return;
         }
-        // The stack is not cleared, because that would cost a quarter of a traversal.
+        // The stacks are not cleared, because that would cost a quarter of a traversal.
         let mut stack = [const { MaybeUninit::<Child>::uninit() }; STACK];
+        let mut nears = [const { MaybeUninit::<[f32; MAX_WIDTH]>::uninit() }; WIDTH * MAX_DEPTH + 1];
+        nears[0].write(near.to_array());
         let mut top = 0;
-        let mut child = Child { near: near.to_array(), lanes, word: tree.root };
+        let mut child = Child { word: tree.root, lanes, key: 0.0, near: 0, end: 1 };
         loop {
-            if child.lanes.count_ones() as usize <= few::<F>() {
-                self.alone(&child, if TOP { NO_HIT } else { instance });
-            } else if child.word & LEAF == 0 {
+            if child.word & LEAF == 0 && child.lanes.count_ones() as usize > few::<F>() {
                 let node = &tree.nodes[child.word as usize];
-                let mut children = [const { MaybeUninit::<Child>::uninit() }; WIDTH];
-                let mut order = [0u64; WIDTH];
-                let mut count = 0;
+                let (mut children, mut count) = ([Child::default(); WIDTH], 0);
                 for slot in 0..WIDTH {
-                    let word = node.children[slot];
                     let (entered, near) = self.form.slabs.enter_child(node, slot, self.nearest.key);
                     let lanes = entered.bits() & child.lanes;
                     if lanes != 0 {
-                        let near = near.to_array();
-                        let next = entry(near[lanes.trailing_zeros() as usize & (MAX_WIDTH - 1)], slot as u32);
-                        children[slot].write(Child { near, lanes, word });
+                        let (place, near) = (usize::from(child.end) + count, near.to_array());
+                        nears[place].write(near);
+                        let key = near[lanes.trailing_zeros() as usize & (MAX_WIDTH - 1)];
+                        // The nearest one is the last.
                         let mut at = count;
-                        while !ANY && at > 0 && order[at - 1] < next {
-                            order[at] = order[at - 1];
+                        while !ANY && at > 0 && children[at - 1].key < key {
+                            children[at] = children[at - 1];
                             at -= 1;
                         }
-                        order[at] = next;
+                        children[at] = Child { word: node.children[slot], lanes, key, near: place as u16, end: 0 };
                         count += 1;
                     }
                 }
-                // The nearest one is the last.
-                for &next in &order[..count] {
-                    stack[top] = children[next as u32 as usize & (WIDTH - 1)];
+                for next in &children[..count] {
+                    stack[top].write(Child { end: child.end + count as u16, ..*next });
                     top += 1;
                 }
-            } else if TOP {
-                self.instance(&child);
             } else {
-                self.leaf(instance, &child);
+                // SAFETY: the places of the distances of a child were written with it.
+                let near = unsafe { nears[usize::from(child.near)].assume_init_ref() };
+                if child.word & LEAF == 0 {
+                    self.alone(&child, near, if TOP { NO_HIT } else { instance });
+                } else if TOP {
+                    self.instance(&child, near);
+                } else {
+                    self.leaf(instance, &child, near);
+                }
             }
             loop {
                 if top == 0 {
                     return;
                 }
                 top -= 1;
-                // SAFETY: every entry below the top was written by a push of a child that was written.
-                child = unsafe { stack[top].assume_init() };
+                // SAFETY: every entry below the top was written by a push, and so were its distances.
+                let near;
+                (child, near) = unsafe {
+                    let child = stack[top].assume_init();
+                    (child, nears[usize::from(child.near)].assume_init_ref())
+                };
                 child.lanes &= self.live;
                 if !ANY {
-                    child.lanes &= F::load(self.token, &child.near).le(self.nearest.key).bits();
+                    child.lanes &= F::load(self.token, near).le(self.nearest.key).bits();
                 }
                 if child.lanes != 0 {
                     break;
@@ -363,24 +474,24 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
 
     /// Visits an instance.
     #[inline(always)]
-    fn instance(&mut self, child: &Child) {
+    fn instance(&mut self, child: &Child, near: &[f32; MAX_WIDTH]) {
         let number = child.word & !LEAF;
         let Some(instance) = self.bvh.instances.get(number as usize) else { return };
         match instance.space {
             Space::World => {
                 let tree = &self.bvh.mesh(number).tree;
-                self.traverse::<false>(tree, number, child.lanes, F::load(self.token, &child.near));
+                self.traverse::<false>(tree, number, child.lanes, F::load(self.token, near));
             }
-            Space::Fixed(_) | Space::Moving(_) => self.alone(child, NO_HIT),
+            Space::Fixed(_) | Space::Moving(_) => self.alone(child, near, NO_HIT),
         }
     }
 
     /// Tests the triangles of a leaf one by one.
     #[inline(always)]
-    fn leaf(&mut self, instance: u32, child: &Child) {
-        let bvh = self.bvh;
+    fn leaf(&mut self, instance: u32, child: &Child, near: &[f32; MAX_WIDTH]) {
+        let (bvh, token) = (self.bvh, self.token);
         let Some((block, part)) = bvh.mesh(instance).block(child.word & !LEAF) else { return };
-        let entry = F::load(self.token, &child.near);
+        let entry = F::load(self.token, near);
         for triangle in 0..block.count() {
             let lanes = child.lanes & self.live;
             let Some(found) = self.form.shear.intersect_one(block, triangle, lanes, self.end, self.nearest.key) else {
@@ -405,7 +516,7 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
                 t,
                 b1: found.b1,
                 b2: found.b2,
-                numbers: [self.bits(instance), self.bits(part), self.bits(block.triangle(triangle))],
+                numbers: [bits(token, instance), bits(token, part), bits(token, block.triangle(triangle))],
             };
             let hits = hits & F::mask(self.token, found.lanes);
             let equal = hits & nearest.key.eq(self.nearest.key) & nearest.t.le(self.nearest.t);
@@ -419,7 +530,7 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
     /// Distances within their own error of zero or of the ray's end, computed again in f64.
     #[inline(never)]
     fn decide_near(&self, lanes: u32, corners: &[Vec3; 3], t: &mut [f32; MAX_WIDTH]) {
-        each_bit(lanes, |lane| t[lane] = plane_distance_f64(&self.rays.ray(self.index[lane] as usize), corners));
+        each_bit(lanes, |lane| t[lane] = plane_distance_f64(&self.rays.ray(self.numbers[lane] as usize), corners));
     }
 
     /// The order of equally near hits.
@@ -430,16 +541,12 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
         self.nearest = NearestHits::from_arrays(self.token, &nearest);
     }
 
-    #[inline(always)]
-    fn bits(&self, number: u32) -> F {
-        F::from_bits(F::splat_word(self.token, number))
-    }
-
     /// Follows the rays of a child one by one.
     #[inline(always)]
-    fn alone(&mut self, child: &Child, instance: u32) {
+    fn alone(&mut self, child: &Child, near: &[f32; MAX_WIDTH], instance: u32) {
+        self.alone += child.lanes.count_ones() as usize;
         let mut nearest = self.nearest.to_arrays();
-        self.live &= !self.each_alone(child, instance, &mut nearest);
+        self.live &= !self.each_alone(child, near, instance, &mut nearest);
         if !ANY {
             self.nearest = NearestHits::from_arrays(self.token, &nearest);
         }
@@ -447,11 +554,17 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
 
     /// [`Self::alone`] for nearest hits in memory. Returns the lanes that are blocked.
     #[inline(never)]
-    fn each_alone(&self, child: &Child, instance: u32, nearest: &mut NearestHits<[f32; MAX_WIDTH]>) -> u32 {
+    fn each_alone(
+        &self,
+        child: &Child,
+        near: &[f32; MAX_WIDTH],
+        instance: u32,
+        nearest: &mut NearestHits<[f32; MAX_WIDTH]>,
+    ) -> u32 {
         let mut blocked = 0;
         each_bit(child.lanes, |lane| {
-            let (form, ray) = (self.arrays.lane(lane), self.rays.ray(self.index[lane] as usize));
-            let part = Part { start: entry(child.near[lane], child.word), instance };
+            let (form, ray) = (self.arrays.lane(lane), self.rays.ray(self.numbers[lane] as usize));
+            let part = Part { start: entry(near[lane], child.word), instance };
             if ANY {
                 blocked |= u32::from(traverse::occluded_in_part(self.bvh, &form, &ray, part)) << lane;
             } else {

@@ -10,7 +10,7 @@ use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3};
 use fearless_simd::Simd;
 
 use crate::scene::{Bvh, Hit, Instance, MeshTree, NO_HIT, Space};
-use crate::simd8::{Eight, F8, dispatch8};
+use crate::simd8::{Eight, F8, WIDTH, dispatch8};
 use crate::tree::{Leaves, Slabs, octant};
 use crate::triangle_block::{Candidates, Shear, TriangleBlock};
 
@@ -68,10 +68,11 @@ impl<F: FnMut(Hit)> Reported for AllTriangles<F> {
 /// The nearest hit.
 #[inline(never)]
 pub(crate) fn closest_hit(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-    let mut nearest = Nearest::none(ray.t_max);
-    let form = Prepared::of_ray(ray, &bvh.top.bounds);
-    dispatch8!(bvh.level, simd => closest_below(simd, bvh, &form, ray, bvh.whole(), &mut nearest));
-    (nearest.hit.instance != NO_HIT).then_some(nearest.hit)
+    dispatch8!(bvh.level, simd => {
+        let mut nearest = Nearest::none(ray.t_max);
+        closest_below(simd, bvh, &Prepared::of_ray(ray, &bvh.top.bounds), ray, bvh.whole(), &mut nearest);
+        (nearest.hit.instance != NO_HIT).then_some(nearest.hit)
+    })
 }
 
 /// Continues the search for the nearest hit at a child of a tree.
@@ -83,8 +84,7 @@ pub(crate) fn closest_in_part(bvh: &Bvh, form: &Prepared<f32>, ray: &Ray, part: 
 /// True if any triangle blocks the ray.
 #[inline(never)]
 pub(crate) fn occluded(bvh: &Bvh, ray: &Ray) -> bool {
-    let form = Prepared::of_ray(ray, &bvh.top.bounds);
-    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, &form, ray, bvh.whole(), &mut NoTriangles))
+    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut NoTriangles))
 }
 
 /// True if any triangle below a child of a tree blocks the ray.
@@ -96,17 +96,18 @@ pub(crate) fn occluded_in_part(bvh: &Bvh, form: &Prepared<f32>, ray: &Ray, part:
 /// True if a triangle that is not alpha-tested blocks the ray. Reports hits on the others until then.
 #[inline(never)]
 pub(crate) fn occluded_with_alpha(bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut dyn FnMut(Hit)) -> bool {
-    let form = Prepared::of_ray(ray, &bvh.top.bounds);
-    let mut reported = AlphaTestedTriangles(&mut *on_alpha_hit);
-    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, &form, ray, bvh.whole(), &mut reported))
+    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut AlphaTestedTriangles(&mut *on_alpha_hit)))
 }
 
 /// Reports all hits.
 #[inline(never)]
 pub(crate) fn each_hit(bvh: &Bvh, ray: &Ray, found: &mut dyn FnMut(Hit)) {
-    let form = Prepared::of_ray(ray, &bvh.top.bounds);
-    let mut reported = AllTriangles(&mut *found);
-    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, &form, ray, bvh.whole(), &mut reported));
+    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut AllTriangles(&mut *found)));
+}
+
+#[inline(always)]
+fn occluded_in_scene<S: Simd>(simd: S, bvh: &Bvh, ray: &Ray, reported: &mut impl Reported) -> bool {
+    occluded_below(simd, bvh, &Prepared::of_ray(ray, &bvh.top.bounds), ray, bvh.whole(), reported)
 }
 
 /// A child of the tree over instances, or of the tree of an instance in world space.
@@ -328,35 +329,24 @@ struct WorldRay {
 }
 
 impl WorldRay {
-    /// The scale rounds: a hit within the ray in object space may be outside in the world. Both kinds of traversal make
+    /// Is there a hit at a distance in object space? `end` is the end of the ray there.
+    ///
+    /// The scale rounds: a hit within the ray in object space may be outside in the world. All kinds of traversal make
     /// this test, so that they agree.
     #[inline(always)]
-    fn is_hit(&self, t: f32) -> bool {
-        let t = t / self.scale;
-        t > 0.0 && t < self.t_max
+    fn is_hit(&self, t: f32, end: f32) -> bool {
+        t > 0.0 && t < end && (self.scale == 1.0 || (t / self.scale > 0.0 && t / self.scale < self.t_max))
     }
 }
 
-/// The candidates of a block that hit, and their distances.
+/// The distances of the candidates of a block.
 #[inline(always)]
-fn block_hits<S: Simd>(
-    candidates: &Candidates<F8<S>>,
-    block: &TriangleBlock,
-    ray: &Ray,
-    world: WorldRay,
-) -> (u32, Eight) {
-    let mut ts: Eight = candidates.t.into();
+fn distances<S: Simd>(candidates: &Candidates<F8<S>>, block: &TriangleBlock, ray: &Ray) -> Eight {
+    let mut t: Eight = candidates.t.into();
     if candidates.near != 0 {
-        decide_near(block, ray, candidates.near, &mut ts);
+        decide_near(block, ray, candidates.near, &mut t);
     }
-    let (mut rest, mut hits) = (candidates.lanes, 0);
-    while rest != 0 {
-        let lane = rest.trailing_zeros();
-        rest &= rest - 1;
-        let t = ts[lane as usize];
-        hits |= u32::from(t > 0.0 && t < ray.t_max && world.is_hit(t)) << lane;
-    }
-    (hits, ts)
+    t
 }
 
 /// Distances within their own error of zero or of the ray's end, computed again in f64.
@@ -383,15 +373,16 @@ impl<S: Simd> Leaves for ClosestTriangle<'_, S> {
     fn visit(&mut self, payload: u32, entry: f32, t_max: &mut f32) -> bool {
         let Some((block, part)) = self.mesh.block(payload) else { return false };
         let Some(candidates) = self.shear.intersect_block(block, self.ray.t_max, *t_max) else { return false };
-        let (mut hits, ts) = block_hits(&candidates, block, self.ray, self.world);
+        let ts = distances(&candidates, block, self.ray);
         let (b1, b2): (Eight, Eight) = (candidates.b1.into(), candidates.b2.into());
-        while hits != 0 {
-            let lane = hits.trailing_zeros() as usize;
-            hits &= hits - 1;
+        let mut rest = candidates.lanes;
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize & (WIDTH - 1);
+            rest &= rest - 1;
             let (t, triangle) = (ts[lane], block.triangle(lane));
             let hit = Hit { t, instance: self.world.instance, part, triangle, b1: b1[lane], b2: b2[lane] };
-            let found = Nearest { key: t.max(entry), hit };
-            if found.is_before(self.nearest) {
+            let found = Nearest { key: if t > entry { t } else { entry }, hit };
+            if found.is_before(self.nearest) && self.world.is_hit(t, self.ray.t_max) {
                 *self.nearest = found;
                 *t_max = found.key;
             }
@@ -445,18 +436,26 @@ impl<S: Simd, R: Reported> Leaves for BlockingTriangle<'_, S, R> {
     fn visit(&mut self, payload: u32, _entry: f32, t_max: &mut f32) -> bool {
         let Some((block, part)) = self.mesh.block(payload) else { return false };
         let Some(candidates) = self.shear.intersect_block(block, self.ray.t_max, *t_max) else { return false };
-        let (mut hits, ts) = block_hits(&candidates, block, self.ray, self.world);
+        let ts = distances(&candidates, block, self.ray);
         let reported = self.reported.lanes(block);
-        if hits & !reported != 0 {
-            return true;
+        let mut rest = candidates.lanes & !reported;
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize & (WIDTH - 1);
+            rest &= rest - 1;
+            if self.world.is_hit(ts[lane], self.ray.t_max) {
+                return true;
+            }
         }
         let (b1, b2): (Eight, Eight) = (candidates.b1.into(), candidates.b2.into());
-        while hits & reported != 0 {
-            let lane = hits.trailing_zeros() as usize;
-            hits &= hits - 1;
-            let WorldRay { scale, instance, .. } = self.world;
-            let (t, triangle) = (ts[lane] / scale, block.triangle(lane));
-            self.reported.report(Hit { t, instance, part, triangle, b1: b1[lane], b2: b2[lane] });
+        let mut rest = candidates.lanes & reported;
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize & (WIDTH - 1);
+            rest &= rest - 1;
+            if self.world.is_hit(ts[lane], self.ray.t_max) {
+                let WorldRay { scale, instance, .. } = self.world;
+                let (t, triangle) = (ts[lane] / scale, block.triangle(lane));
+                self.reported.report(Hit { t, instance, part, triangle, b1: b1[lane], b2: b2[lane] });
+            }
         }
         false
     }
