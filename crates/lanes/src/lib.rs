@@ -147,6 +147,8 @@ pub trait Lanes:
     /// Long integers of the same lanes.
     type Long: Long;
 
+    /// Calls code with the instructions of the lanes. A function that is not inlined contains its code in such a call.
+    fn vectorize<R>(token: Self::Token, code: impl FnOnce() -> R) -> R;
     /// The same number in all lanes.
     fn splat(token: Self::Token, x: f32) -> Self;
     /// The token of this value.

@@ -122,6 +122,10 @@ impl Lanes for f32 {
     type Long = OneLong;
 
     #[inline(always)]
+    fn vectorize<R>((): (), code: impl FnOnce() -> R) -> R {
+        code()
+    }
+    #[inline(always)]
     fn splat((): (), x: f32) -> Self {
         x
     }

@@ -31,6 +31,10 @@ macro_rules! vector {
             type Long = Halves<$long<S>>;
 
             #[inline(always)]
+            fn vectorize<R>(token: S, code: impl FnOnce() -> R) -> R {
+                Simd::vectorize(token, code)
+            }
+            #[inline(always)]
             fn splat(token: S, x: f32) -> Self {
                 SimdBase::splat(token, x)
             }

@@ -1,0 +1,516 @@
+//! Scattering at surfaces, in lanes: auxiliary layers, next-event estimation, a new direction and roulette.
+//!
+//! Each stage is a function of its own, so that only the evaluation of BSDFs is compiled for each kind of them.
+
+use super::rays::QueuedLight;
+use super::{Wavefront, Wide};
+use crate::dimensions;
+use crate::direct::{ShadowRoulette, gathered_survival, light_weight};
+use crate::learned_roulette::VertexRoulettes;
+use crate::mnee;
+use crate::path::{Path, survival};
+use crate::recorder::ConnectionTally;
+use crate::scatterer::{EachLane, OneLane, Scatterer};
+use crate::vertex::{SurfaceVertex, Vertex};
+use dunkelfeld_bsdf::{Bsdf, BsdfSamples, InLanes, Lobe, View};
+use dunkelfeld_geometry::{Ray, Vec3, offset_ray_origins};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::Sampler;
+use dunkelfeld_scene::{LightChoice, LightSample, LightSamples, LightTarget, Receivers, Scene, ShadingFrames, shadow_rays};
+
+/// Most light samples of a vertex.
+const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
+
+/// Paths on surfaces, one for each lane. Free lanes repeat the first path.
+struct Group<'g, 'a, F: Lanes> {
+    token: F::Token,
+    /// Number of the vertex on each path.
+    vertex: u32,
+    vertices: &'g [SurfaceVertex<'a, Wide>],
+    paths: [u32; MAX_WIDTH],
+    used: F::Mask,
+    /// Lanes with light samples.
+    lit: F::Mask,
+    /// Does a lane set its auxiliary layers?
+    has_layers: bool,
+    frames: ShadingFrames<F>,
+    wo: V3<F>,
+    sampler: Sampler<F>,
+    learned: VertexRoulettes<'a, F>,
+    throughput: Rgb<F>,
+    eta_scale: F,
+    /// Largest channel of the radiance before the vertex; zero at the first vertex with light samples. That one contributes
+    /// most of the light of the pixel. Without training, roulette skips none of its shadow rays.
+    gathered: F,
+}
+
+/// A light sample of each lane, with the numbers for its roulette and for a connection.
+#[derive(Clone, Copy)]
+struct Draw<F: Lanes> {
+    light: LightSamples<F>,
+    u_roulette: F,
+    u_chain: F,
+}
+
+/// The BSDFs of a group.
+struct Evaluated<F: Lanes> {
+    albedo: Rgb<F>,
+    /// For each light sample: BSDF times cosine [1/sr], and density of its direction by scattering [1/sr].
+    direct: [(Rgb<F>, F); LIGHTS],
+    /// The new direction in render space, and the rest of its sample.
+    wi: V3<F>,
+    sample: BsdfSamples<F>,
+    /// The number for roulette.
+    u_roulette: F,
+}
+
+impl<'a> Wavefront<'a> {
+    /// Scattering of the paths `paths` at their vertices, which have the number `vertex` on them.
+    #[inline(always)]
+    pub(super) fn scatter_group<'v, F: Lanes>(
+        &mut self,
+        token: F::Token,
+        (vertex, vertices, paths): (u32, &[SurfaceVertex<'v, Wide>], [u32; MAX_WIDTH]),
+        tally: &mut ConnectionTally,
+    ) where
+        'a: 'v,
+    {
+        let group = self.group::<F>(token, vertex, vertices, paths);
+        let mut draws = Vec::new();
+        if group.lit.any() {
+            self.draw_lights(&group, &mut draws);
+        }
+        let found = evaluate_group(&group, &draws);
+        self.set_layers(&group, found.albedo);
+        self.add_direct_light(&group, &draws, &found, tally);
+        self.continue_paths(&group, &found);
+    }
+
+    /// Loads the state of paths into lanes.
+    #[inline(never)]
+    fn group<'g, 'v, F: Lanes>(
+        &mut self,
+        token: F::Token,
+        vertex: u32,
+        vertices: &'g [SurfaceVertex<'v, Wide>],
+        paths: [u32; MAX_WIDTH],
+    ) -> Group<'g, 'v, F>
+    where
+        'a: 'v,
+    {
+        let first = &self.paths[paths[0] as usize];
+        let (mut samplers, mut learned) = ([first.sampler; MAX_WIDTH], [None; MAX_WIDTH]);
+        let (mut throughput, mut wo) = ([first.throughput; MAX_WIDTH], [vertices[0].wo_local().0; MAX_WIDTH]);
+        let [mut eta_scale, mut gathered] = [[0.0; MAX_WIDTH]; 2];
+        let (mut lit, mut has_layers) = (0, false);
+        for (lane, at) in vertices.iter().enumerate() {
+            let path = &mut self.paths[paths[lane] as usize];
+            path.path_length += at.hit.surface.distance;
+            has_layers |= path.is_first_surface();
+            if let Some(roulette) = path.roulette {
+                learned[lane] = roulette.at(at.hit.surface.point, at.shading.material, &mut path.gain_scale);
+            }
+            (samplers[lane], throughput[lane], wo[lane]) = (path.sampler, path.throughput, at.wo_local().0);
+            eta_scale[lane] = path.eta_scale;
+            if !at.is_delta() {
+                lit |= 1 << lane;
+                if path.light_vertices > 0 {
+                    gathered[lane] = path.sample.radiance.max_channel();
+                }
+                path.light_vertices += 1;
+            }
+        }
+        F::vectorize(
+            token,
+            #[inline(always)]
+            || {
+                let padded = vertices.iter().chain(std::iter::repeat_n(&vertices[0], MAX_WIDTH));
+                Group {
+                    token,
+                    vertex,
+                    vertices,
+                    paths,
+                    used: F::mask(token, u32::MAX >> (32 - vertices.len())),
+                    lit: F::mask(token, lit),
+                    has_layers,
+                    frames: ShadingFrames::of(token, padded.map(|at| (&at.shading, at.hit.surface.normal))),
+                    wo: V3::from_lanes(token, &wo),
+                    sampler: Sampler::from_lanes(token, &samplers),
+                    learned: VertexRoulettes::new(token, learned),
+                    throughput: rgb_of_lanes(token, &throughput),
+                    eta_scale: F::load(token, &eta_scale),
+                    gathered: F::load(token, &gathered),
+                }
+            },
+        )
+    }
+
+    /// Draws the light samples of a group.
+    #[inline(never)]
+    fn draw_lights<F: Lanes>(&self, group: &Group<'_, '_, F>, draws: &mut Vec<Draw<F>>) {
+        let (scene, token) = (self.estimator.scene, group.token);
+        let choice = scene.light_choice_at(0, false);
+        F::vectorize(
+            token,
+            #[inline(always)]
+            || {
+                let receivers = group.receivers();
+                for index in 0..scene.num_light_samples(choice) {
+                    let numbers = group.sampler.numbers(dimensions::light(group.vertex, index));
+                    let [u_2, u_chain] = numbers.last_two();
+                    let (u_choice, u_roulette) = match choice {
+                        LightChoice::Each => (u_2.constant(0.0), u_2),
+                        LightChoice::One => {
+                            let set = dimensions::single_light_roulette(group.vertex);
+                            (u_2, group.sampler.numbers(set).get(0))
+                        }
+                    };
+                    let u = numbers.first_two();
+                    let light = scene.sample_lights(token, &receivers, choice, index, u_choice, u, group.lit);
+                    draws.push(Draw { light, u_roulette, u_chain });
+                }
+            },
+        );
+    }
+
+    /// The auxiliary layers of paths that have reached their first surface.
+    fn set_layers<F: Lanes>(&mut self, group: &Group<'_, '_, F>, albedo: Rgb<F>) {
+        if !group.has_layers {
+            return;
+        }
+        let (r, g, b) = (albedo.r.to_array(), albedo.g.to_array(), albedo.b.to_array());
+        for (lane, at) in group.vertices.iter().enumerate() {
+            let path = &mut self.paths[group.paths[lane] as usize];
+            if path.is_first_surface() {
+                let layers = (Rgb::new(r[lane], g[lane], b[lane]), at.shading.frame.normal);
+                path.set_layers(at.is_see_through(), || layers);
+            }
+        }
+    }
+
+    /// Next-event estimation: the shadow rays of light samples, with the light that they carry.
+    #[inline(never)]
+    fn add_direct_light<F: Lanes>(
+        &mut self,
+        group: &Group<'_, '_, F>,
+        draws: &[Draw<F>],
+        found: &Evaluated<F>,
+        tally: &mut ConnectionTally,
+    ) {
+        let scene = self.estimator.scene;
+        F::vectorize(
+            group.token,
+            #[inline(always)]
+            || {
+                let (point, error) = group.points();
+                let brightest = group.throughput.max_channel();
+                let one = brightest.constant(1.0);
+                // The roulette of gathered light, for lanes without learned statistics.
+                let scale = brightest / (group.gathered * ShadowRoulette::THRESHOLD);
+                let is_gathered = group.gathered.is_positive() & scale.is_positive();
+                let choice = scene.light_choice_at(0, false);
+                for (index, (draw, (scattered, pdf))) in (0..).zip(draws.iter().zip(&found.direct)) {
+                    let light = &draw.light;
+                    let sampled = group.lit & light.pdf.is_positive();
+                    if !sampled.any() {
+                        continue;
+                    }
+                    let unoccluded = *scattered * light.radiance;
+                    let expected = unoccluded * light_weight(light.pdf, *pdf, light.is_delta);
+                    let other = match choice {
+                        LightChoice::Each => {
+                            is_gathered.select(gathered_survival(scale * expected.max_channel()), one)
+                        }
+                        LightChoice::One => one,
+                    };
+                    let survival = group.learned.shadow_survival(index, brightest * expected.max_channel(), other);
+                    let traced = sampled & unoccluded.is_lit() & draw.u_roulette.lt(survival);
+                    let origin = offset_ray_origins(point, error, group.frames.normal, light.direction);
+                    let end = (light.point, light.normal, light.is_finite);
+                    let (direction, t_max) = shadow_rays(origin, light.direction, end);
+                    self.queue_shadow_rays(
+                        group,
+                        &Queued { index, sampled, traced, origin, direction, t_max, expected, survival },
+                    );
+                    if !scene.covers().is_empty() {
+                        self.connect(group, draw, (index, choice, sampled), tally);
+                    }
+                }
+            },
+        );
+    }
+
+    /// Stores the shadow rays of lanes.
+    #[inline(always)]
+    fn queue_shadow_rays<F: Lanes>(&mut self, group: &Group<'_, '_, F>, q: &Queued<F>) {
+        let scene = self.estimator.scene;
+        let (has_covers, has_coverage) = (!scene.covers().is_empty(), scene.has_coverage());
+        let moves = scene.shutter().is_some();
+        let queue = &mut self.shadow[q.index as usize];
+        let (origins, directions, t_max) = (q.origin.to_lanes(), q.direction.to_lanes(), q.t_max.to_array());
+        let (r, g, b) = (q.expected.r.to_array(), q.expected.g.to_array(), q.expected.b.to_array());
+        let survival = q.survival.to_array();
+        let (sampled, traced) = (q.sampled.bits(), q.traced.bits());
+        for (lane, surface) in group.vertices.iter().enumerate() {
+            let path = group.paths[lane];
+            let Path { throughput, ray_state, .. } = &self.paths[path as usize];
+            let mut light = QueuedLight { path, throughput: *throughput, direct: Rgb::BLACK, connected: Rgb::BLACK };
+            let mut ray = Ray {
+                origin: origins[lane],
+                direction: directions[lane],
+                t_max: t_max[lane],
+                time: ray_state.ray.time,
+            };
+            if traced >> lane & 1 == 1 {
+                let mut open = 1.0;
+                if has_coverage {
+                    open = scene.transmittance_with::<Wide>(&ray);
+                }
+                let arriving = Rgb::new(r[lane], g[lane], b[lane]) * (open / survival[lane]);
+                light.direct = arriving * surface.transmittance_toward(scene, ray.direction, ray.t_max);
+                if has_coverage {
+                    ray.t_max = 0.0;
+                }
+            } else if has_covers && sampled >> lane & 1 == 1 {
+                // A connection of this light sample may follow.
+                ray.t_max = 0.0;
+            } else {
+                continue;
+            }
+            queue.rays.push(&ray, moves);
+            queue.light.push(light);
+        }
+    }
+
+    /// Connections through covers to the light samples of lanes, one by one.
+    #[inline(never)]
+    fn connect<F: Lanes>(
+        &mut self,
+        group: &Group<'_, '_, F>,
+        draw: &Draw<F>,
+        (index, choice, sampled): (u32, LightChoice, F::Mask),
+        tally: &mut ConnectionTally,
+    ) {
+        let (light, learned) = (&draw.light, &group.learned);
+        let (directions, points, normals) = (light.direction.to_lanes(), light.point.to_lanes(), light.normal.to_lanes());
+        let (r, g, b) = (light.radiance.r.to_array(), light.radiance.g.to_array(), light.radiance.b.to_array());
+        let (pdf, u_roulette, u_chain) = (light.pdf.to_array(), draw.u_roulette.to_array(), draw.u_chain.to_array());
+        let gathered = group.gathered.to_array();
+        let (is_finite, is_delta, sampled) = (light.is_finite.bits(), light.is_delta.bits(), sampled.bits());
+        let first = self.shadow[index as usize].light.len() - sampled.count_ones() as usize;
+        let mut place = first;
+        for (lane, surface) in group.vertices.iter().enumerate() {
+            if sampled >> lane & 1 == 0 {
+                continue;
+            }
+            let path = &self.paths[group.paths[lane] as usize];
+            let sample = LightSample {
+                direction: directions[lane],
+                target: (is_finite >> lane & 1 == 1).then(|| LightTarget::new(points[lane], normals[lane])),
+                radiance: Rgb::new(r[lane], g[lane], b[lane]),
+                pdf: pdf[lane],
+                is_delta: is_delta >> lane & 1 == 1,
+            };
+            let u = u_roulette[lane];
+            let roulette = match (learned.lane(lane), choice) {
+                (Some(vertex), _) => {
+                    ShadowRoulette::Learned { vertex, index, throughput: path.throughput.max_channel(), u }
+                }
+                (None, LightChoice::One) => ShadowRoulette::Off,
+                (None, LightChoice::Each) => {
+                    ShadowRoulette::from_gathered(path.throughput, Rgb::splat(gathered[lane]), || u)
+                }
+            };
+            let connected = mnee::estimate::<Wide, _>(
+                self.estimator.scene,
+                surface,
+                &sample,
+                index,
+                roulette,
+                || u_chain[lane],
+                tally,
+            );
+            self.shadow[index as usize].light[place].connected = connected;
+            place += 1;
+        }
+    }
+
+    /// New directions by sampling the BSDFs, and roulette.
+    #[inline(never)]
+    fn continue_paths<F: Lanes>(&mut self, group: &Group<'_, '_, F>, found: &Evaluated<F>) {
+        let Evaluated { wi, sample, u_roulette, .. } = found;
+        let mut max_survival = [1.0; MAX_WIDTH];
+        for lane in 0..group.vertices.len() {
+            max_survival[lane] = self.paths[group.paths[lane] as usize].count_scattering(false);
+        }
+        let (alive, throughput, eta_scale) = F::vectorize(
+            group.token,
+            #[inline(always)]
+            || {
+                let throughput = group.throughput * sample.weight;
+                let eta_scale = group.eta_scale * (sample.eta * sample.eta);
+                let max_survival = F::load(group.token, &max_survival);
+                let brightest = throughput.max_channel();
+                let other = survival(brightest * eta_scale, max_survival);
+                let survival = group.learned.path_survival(brightest, other).min(max_survival);
+                let alive = group.used & sample.pdf.is_positive() & u_roulette.lt(survival);
+                (alive.bits(), throughput * survival.recip(), eta_scale)
+            },
+        );
+        if alive == 0 {
+            return;
+        }
+        let choice = self.estimator.scene.light_choice_at(0, false);
+        let (wi, eta_scale, pdf) = (wi.to_lanes(), eta_scale.to_array(), sample.pdf.to_array());
+        let (r, g, b) = (throughput.r.to_array(), throughput.g.to_array(), throughput.b.to_array());
+        let lobe = F::word_to_array(sample.lobe);
+        for (lane, at) in group.vertices.iter().enumerate() {
+            if alive >> lane & 1 == 1 {
+                let path = &mut self.paths[group.paths[lane] as usize];
+                path.throughput = Rgb::new(r[lane], g[lane], b[lane]);
+                path.eta_scale = eta_scale[lane];
+                path.ray_state = at.spawn_ray(wi[lane]);
+                let from = (pdf[lane], Lobe::from_bits(lobe[lane]));
+                path.set_last(&at.shading.receiver, choice, from, Some(&at.hit.surface));
+                self.next.push(group.paths[lane]);
+            }
+        }
+    }
+}
+
+impl<F: Lanes> Group<'_, '_, F> {
+    /// Positions of the vertices and bounds of their rounding errors.
+    #[inline(always)]
+    fn points(&self) -> (V3<F>, V3<F>) {
+        let [mut points, mut errors] = [[Vec3::ZERO; MAX_WIDTH]; 2];
+        for (lane, at) in self.vertices.iter().enumerate() {
+            (points[lane], errors[lane]) = (at.hit.surface.point, at.hit.surface.error);
+        }
+        (V3::from_lanes(self.token, &points), V3::from_lanes(self.token, &errors))
+    }
+
+    /// The vertices as receivers of light samples.
+    #[inline(always)]
+    fn receivers(&self) -> Receivers<F> {
+        let [mut points, mut normals] = [[Vec3::ZERO; MAX_WIDTH]; 2];
+        let mut both_sides = 0;
+        for (lane, at) in self.vertices.iter().enumerate() {
+            let receiver = &at.shading.receiver;
+            (points[lane], normals[lane]) = (receiver.point, receiver.normal);
+            both_sides |= u32::from(receiver.both_sides) << lane;
+        }
+        Receivers {
+            point: V3::from_lanes(self.token, &points),
+            normal: V3::from_lanes(self.token, &normals),
+            both_sides: F::mask(self.token, both_sides),
+        }
+    }
+}
+
+/// The BSDFs of a group: all principled and plain, all principled, or of several kinds.
+fn evaluate_group<F: Lanes>(group: &Group<'_, '_, F>, draws: &[Draw<F>]) -> Evaluated<F> {
+    let first = &group.vertices[0];
+    if let Bsdf::Principled(surface) = first.shading.bsdf {
+        let mut surfaces = [surface; MAX_WIDTH];
+        let (mut all, mut is_rich) = (true, false);
+        for (lane, at) in group.vertices.iter().enumerate() {
+            match at.shading.bsdf {
+                Bsdf::Principled(own) => {
+                    surfaces[lane] = own;
+                    is_rich |= own.is_rich();
+                }
+                _ => all = false,
+            }
+        }
+        match (all, is_rich) {
+            (true, false) => return evaluate_principled::<F, false>(group, &surfaces, draws),
+            (true, true) => return evaluate_principled::<F, true>(group, &surfaces, draws),
+            _ => {}
+        }
+    }
+    let mut lanes = [OneLane { bsdf: first.shading.bsdf, wo: first.wo_local() }; MAX_WIDTH];
+    for (lane, at) in group.vertices.iter().enumerate() {
+        lanes[lane] = OneLane { bsdf: at.shading.bsdf, wo: at.wo_local() };
+    }
+    evaluate_each(group, lanes, draws)
+}
+
+/// Principled surfaces.
+#[inline(never)]
+fn evaluate_principled<F: Lanes, const RICH: bool>(
+    group: &Group<'_, '_, F>,
+    surfaces: &[&dunkelfeld_bsdf::Principled; MAX_WIDTH],
+    draws: &[Draw<F>],
+) -> Evaluated<F> {
+    F::vectorize(
+        group.token,
+        #[inline(always)]
+        || {
+            let is_same = surfaces[..F::WIDTH].iter().all(|other| std::ptr::eq(*other, surfaces[0]));
+            let surface = if is_same {
+                InLanes::<F>::splat(group.token, surfaces[0])
+            } else {
+                InLanes::<F>::gather(group.token, surfaces)
+            };
+            evaluate(group, surface.view::<RICH>(group.wo), draws)
+        },
+    )
+}
+
+/// Surfaces of several kinds, lane by lane.
+#[inline(never)]
+fn evaluate_each<F: Lanes>(
+    group: &Group<'_, '_, F>,
+    lanes: [OneLane<'_>; MAX_WIDTH],
+    draws: &[Draw<F>],
+) -> Evaluated<F> {
+    F::vectorize(
+        group.token,
+        #[inline(always)]
+        || evaluate(group, EachLane { lanes }, draws),
+    )
+}
+
+/// Evaluates BSDFs for the light samples, and samples a direction.
+#[inline(always)]
+fn evaluate<F: Lanes, V: View<F>>(group: &Group<'_, '_, F>, view: V, draws: &[Draw<F>]) -> Evaluated<F> {
+    let at = Scatterer { frames: group.frames, view };
+    let black = Rgb::splat(group.eta_scale.constant(0.0));
+    let albedo = if group.has_layers { at.view.albedo(group.wo) } else { black };
+    let mut direct = [(black, black.r); LIGHTS];
+    for (direct, draw) in direct.iter_mut().zip(draws) {
+        if (group.lit & draw.light.pdf.is_positive()).any() {
+            *direct = at.eval(draw.light.direction);
+        }
+    }
+    let numbers = group.sampler.numbers(dimensions::scatter(group.vertex));
+    let ([u_x, u_y], [u_lobe, u_roulette]) = (numbers.first_two(), numbers.last_two());
+    let (wi, sample) = at.sample([u_x, u_y, u_lobe]);
+    Evaluated { albedo, direct, wi, sample, u_roulette }
+}
+
+/// The shadow rays of lanes to a light.
+struct Queued<F: Lanes> {
+    index: u32,
+    /// Lanes with a light sample.
+    sampled: F::Mask,
+    /// Lanes whose ray is traced.
+    traced: F::Mask,
+    origin: V3<F>,
+    direction: V3<F>,
+    t_max: F,
+    /// Radiance that is scattered to the camera side if the ray is not occluded, and the probability that it is traced.
+    expected: Rgb<F>,
+    survival: F,
+}
+
+/// Colours, one for each lane.
+#[inline(always)]
+fn rgb_of_lanes<F: Lanes>(token: F::Token, lanes: &[Rgb; MAX_WIDTH]) -> Rgb<F> {
+    let [mut r, mut g, mut b] = [[0.0; MAX_WIDTH]; 3];
+    for lane in 0..F::WIDTH {
+        [r[lane], g[lane], b[lane]] = lanes[lane].to_array();
+    }
+    Rgb::new(F::load(token, &r), F::load(token, &g), F::load(token, &b))
+}
