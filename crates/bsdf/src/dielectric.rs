@@ -157,12 +157,12 @@ impl<F: Lanes> View<F> for DielectricView<'_, F> {
         let f = fresnel::dielectric(up.dot(m), eta);
         let reflected = u_lobe.lt(f.reflectance);
         let inv = reflected.select(one, eta.recip());
-        let refracted = V3::select(rough, refract(up, m, eta, f.cos_t), V3::new(-inv * up.x, -inv * up.y, -f.cos_t));
-        let wi = V3::select(reflected, reflect(up, m), refracted);
         // The delta lobes.
+        let mut wi = V3::new(-inv * up.x, -inv * up.y, reflected.select(up.z, -f.cos_t));
         let mut weight = Rgb::select(reflected, s.reflection_tint, s.transmission_tint * (inv * inv));
         let mut pdf = reflected.select(f.reflectance, f.reflectance.one_minus());
         if rough.any() {
+            wi = V3::select(rough, V3::select(reflected, reflect(up, m), refract(up, m, eta, f.cos_t)), wi);
             let (value, density) = self.eval_up(wi);
             // A facet may reflect or refract to the wrong side.
             let density = density.only(wi.z.is_positive() & reflected | wi.z.lt(zero) & !reflected);
