@@ -7,7 +7,7 @@
 use std::mem::MaybeUninit;
 use std::ops::Range;
 
-use dunkelfeld_geometry::triangle::{plane_distance_f64, shear_axes};
+use dunkelfeld_geometry::triangle::{PlaneF64, shear_axes};
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3, dispatch};
 
@@ -188,12 +188,16 @@ fn few<F: Lanes>() -> usize {
 
 #[inline(never)]
 fn alone<const ANY: bool>(bvh: &Bvh, rays: &RayBatch, numbers: &[u32], results: &mut Results) {
-    for i in numbers {
-        let i = *i as usize;
-        let ray = rays.ray(i);
+    // A ray that has just been written in parts cannot be read at once as a whole. So all are written first.
+    let mut group = [Ray::new(Vec3::ZERO, Vec3::ZERO); MAX_WIDTH];
+    for (ray, number) in group.iter_mut().zip(numbers) {
+        *ray = rays.ray(*number as usize);
+    }
+    for (ray, number) in group.iter().zip(numbers) {
+        let i = *number as usize;
         match results {
-            Results::Nearest(hits) => hits.set(i, &bvh.closest_hit(&ray).unwrap_or(Nearest::none(0.0).hit)),
-            Results::Occluded(occluded) => occluded[i] = bvh.occluded(&ray),
+            Results::Nearest(hits) => hits.set(i, &bvh.closest_hit(ray).unwrap_or(Nearest::none(0.0).hit)),
+            Results::Occluded(occluded) => occluded[i] = bvh.occluded(ray),
         }
     }
 }
@@ -530,7 +534,8 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
     /// Distances within their own error of zero or of the ray's end, computed again in f64.
     #[inline(never)]
     fn decide_near(&self, lanes: u32, corners: &[Vec3; 3], t: &mut [f32; MAX_WIDTH]) {
-        each_bit(lanes, |lane| t[lane] = plane_distance_f64(&self.rays.ray(self.numbers[lane] as usize), corners));
+        let plane = PlaneF64::new(corners);
+        each_bit(lanes, |lane| t[lane] = plane.distance(&self.rays.ray(self.numbers[lane] as usize)));
     }
 
     /// The order of equally near hits.
