@@ -20,6 +20,7 @@
 
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
+mod batch;
 mod build;
 mod packet;
 mod scene;
@@ -29,5 +30,5 @@ mod tree;
 mod triangle_block;
 mod validate;
 
-pub use packet::{HitBatch, RayBatch};
+pub use batch::{HitBatch, RayBatch};
 pub use scene::{Bvh, BvhError, BvhInstance, Hit, InstanceMotion, MeshTree, MeshTriangles, NO_HIT};

@@ -188,9 +188,9 @@ impl<F: Lanes> Shear<F> {
         t_max: F,
     ) -> Option<Candidates<F>> {
         let mut corners = [[ray_end; 3]; 3];
-        for corner in 0..3 {
-            for axis in 0..3 {
-                corners[corner][axis] = ray_end.constant(block.corners[self.axes[axis]][corner][triangle]);
+        for (number, corner) in corners.iter_mut().enumerate() {
+            for (x, axis) in corner.iter_mut().zip(self.axes) {
+                *x = ray_end.constant(block.corners[axis][number][triangle]);
             }
         }
         self.intersect(corners, lanes, ray_end, t_max)
@@ -220,9 +220,9 @@ impl<S: Simd> Shear<F8<S>> {
         let simd = self.origin[0].token();
         let ray_end = Lanes::splat(simd, ray_end);
         let mut corners = [[ray_end; 3]; 3];
-        for corner in 0..3 {
-            for axis in 0..3 {
-                corners[corner][axis] = Lanes::load(simd, &block.corners[self.axes[axis]][corner]);
+        for (number, corner) in corners.iter_mut().enumerate() {
+            for (x, axis) in corner.iter_mut().zip(self.axes) {
+                *x = Lanes::load(simd, &block.corners[axis][number]);
             }
         }
         self.intersect(corners, u32::MAX, ray_end, Lanes::splat(simd, t_max))

@@ -93,15 +93,37 @@ pub fn edge_functions_f64(x: [f32; 3], y: [f32; 3]) -> [f32; 3] {
 /// below 8 units of roundoff of the sum of absolute terms.
 #[inline]
 pub fn plane_distance_f64(ray: &Ray, corners: &[Vec3; 3]) -> f32 {
-    let v0 = corners[0].as_dvec3();
-    let (e1, e2) = (corners[1].as_dvec3() - v0, corners[2].as_dvec3() - v0);
-    let a = v0 - ray.origin.as_dvec3();
-    let (left, right) =
-        (DVec3::new(e1.y * e2.z, e1.z * e2.x, e1.x * e2.y), DVec3::new(e1.z * e2.y, e1.x * e2.z, e1.y * e2.x));
-    let n = left - right;
-    let numerator = n.dot(a);
-    let bound = 4.0 * f64::EPSILON * (left.abs() + right.abs()).dot(a.abs());
-    if numerator.abs() <= bound { 0.0 } else { (numerator / n.dot(ray.direction.as_dvec3())) as f32 }
+    PlaneF64::new(corners).distance(ray)
+}
+
+/// The plane of a triangle for [`plane_distance_f64`] of several rays.
+#[derive(Clone, Copy, Debug)]
+pub struct PlaneF64 {
+    corner: DVec3,
+    /// Cross product of the edges, and the sums of the absolute values of its terms.
+    normal: DVec3,
+    magnitude: DVec3,
+}
+
+impl PlaneF64 {
+    /// The plane through three corners.
+    #[inline]
+    pub fn new(corners: &[Vec3; 3]) -> Self {
+        let corner = corners[0].as_dvec3();
+        let (e1, e2) = (corners[1].as_dvec3() - corner, corners[2].as_dvec3() - corner);
+        let (left, right) =
+            (DVec3::new(e1.y * e2.z, e1.z * e2.x, e1.x * e2.y), DVec3::new(e1.z * e2.y, e1.x * e2.z, e1.y * e2.x));
+        Self { corner, normal: left - right, magnitude: left.abs() + right.abs() }
+    }
+
+    /// [`plane_distance_f64`] of a ray.
+    #[inline]
+    pub fn distance(&self, ray: &Ray) -> f32 {
+        let a = self.corner - ray.origin.as_dvec3();
+        let numerator = self.normal.dot(a);
+        let bound = 4.0 * f64::EPSILON * self.magnitude.dot(a.abs());
+        if numerator.abs() <= bound { 0.0 } else { (numerator / self.normal.dot(ray.direction.as_dvec3())) as f32 }
+    }
 }
 
 /// `t` of the watertight test may be off by this factor times `(x y + (x + y) z) z / |det|`, where x, y and z are the
