@@ -43,7 +43,7 @@ pub use lamps::{LampMeshes, LampShape, Leds};
 pub use light::LightChoice;
 pub use light::emission_profile::EmissionProfile;
 pub use light::luminaire::{LightProfile, ProfileError};
-pub use light::sample::{LightSample, LightSampleContext, LightTarget};
+pub use light::sample::{LightSample, LightSampleContext, LightSamples, LightTarget, Receivers};
 pub use light::summary::{LightInfo, ObjectInfo, PartInfo};
 pub use material::texture::{ColorEncoding, Filter, Image, ImageId, Texels, Texture, TextureTransform, Wrap};
 pub use material::{AlphaMode, ChannelTexture, Material, Surface, Volume};

@@ -1,13 +1,14 @@
 //! Shading: from a point on a surface to a frame and a BSDF.
 
 use crate::features::{AllFeatures, Features};
-use crate::light::sample::{LightSample, LightSampleContext};
-use crate::light::{LightChoice, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
+use crate::light::sample::{LightSample, LightSampleContext, LightSamples, Receivers};
+use crate::light::{FoundLights, LightChoice, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
 use crate::query::intersect::{SurfacePoint, mix};
 use crate::query::surface::{self, TexturePoint};
 use crate::scene::Scene;
 use dunkelfeld_bsdf::{Bsdf, EFFECTS};
 use dunkelfeld_geometry::{Frame, LocalDir, Vec2, Vec3};
+use dunkelfeld_lanes::{Lanes, Mask};
 use dunkelfeld_radiometry::Rgb;
 
 /// All data about a point that scattering needs.
@@ -253,9 +254,7 @@ impl Scene {
     /// A light sample: a direction toward a light, with the radiance that arrives unoccluded. The light is that of the
     /// index `index` (below [`Self::num_light_samples`]), or is chosen by `u_choice`. The light samples of a
     /// vertex are summed.
-    // Always inlined. A choice needs two or three of its random numbers, and after inlining the others are not
-    // computed.
-    #[inline(always)]
+    #[inline]
     pub fn sample_light(
         &self,
         receiver: &LightSampleContext,
@@ -264,13 +263,39 @@ impl Scene {
         u_choice: f32,
         u: [f32; 2],
     ) -> Option<LightSample> {
-        let mut sample = self.lights.sample(receiver, choice, index as usize, u_choice, u)?;
-        if let Some(target) = &sample.target
-            && let Some((part, triangle)) = target.surface
-        {
-            sample.radiance = self.radiance_at(part, triangle, target.point, -sample.direction);
+        self.sample_lights::<f32>((), &receiver.into(), choice, index, u_choice, u, true).single()
+    }
+
+    /// [`Self::sample_light`] of each active lane. With [`LightChoice::Each`] all lanes sample the same light.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments)]
+    pub fn sample_lights<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        choice: LightChoice,
+        index: u32,
+        u_choice: F,
+        u: [F; 2],
+        active: F::Mask,
+    ) -> LightSamples<F> {
+        let FoundLights { mut samples, varying, surfaces } =
+            self.lights.sample(token, receivers, choice, index, (u_choice, u), active);
+        let varying = varying & samples.pdf.is_positive().bits();
+        if varying != 0 {
+            let (points, directions) = (samples.point.to_lanes(), samples.direction.to_lanes());
+            let Rgb { r, g, b } = samples.radiance;
+            let (mut r, mut g, mut b) = (r.to_array(), g.to_array(), b.to_array());
+            for lane in 0..F::WIDTH {
+                if varying >> lane & 1 == 1 {
+                    let [part, triangle] = surfaces[lane];
+                    let radiance = self.radiance_at(part, triangle, points[lane], -directions[lane]);
+                    [r[lane], g[lane], b[lane]] = radiance.to_array();
+                }
+            }
+            samples.radiance = Rgb::new(F::load(token, &r), F::load(token, &g), F::load(token, &b));
         }
-        Some(sample)
+        samples
     }
 
     /// Radiance [W/(m^2 sr)] of a point on a light whose radiance is not constant.
