@@ -53,7 +53,8 @@ fn lamp(b: &mut SceneBuilder, columns: u32, profile: EmissionProfile) {
 
 fn punctual(b: &mut SceneBuilder) {
     let vertical: Vec<f64> = (0..19).map(|i| f64::from(i) * 10.0).collect();
-    let profile = LightProfile::new("p", &vertical, &[0.0], (0..19).map(|i| 20.0 - i as f32).collect()).unwrap();
+    let profile = LightProfile::new("p", &vertical, &[0.0], (0..19).map(|i| 20.0 - i as f32).collect());
+    let profile = profile.expect("the angles ascend");
     b.profiles.push(profile);
     let white = Rgb::new(1.0, 2.0, 3.0);
     for (i, kind) in [
@@ -100,8 +101,8 @@ fn sample<F: Lanes>(
             let r = &rays.receivers[at + lane];
             (points[lane], normals[lane]) = (r.point, r.normal);
             both |= u32::from(r.both_sides) << lane;
-            for k in 0..3 {
-                u[k][lane] = rays.u[at + lane][k];
+            for (row, x) in u.iter_mut().zip(rays.u[at + lane]) {
+                row[lane] = x;
             }
         }
         let receivers = Receivers {

@@ -328,11 +328,11 @@ impl MeshLight {
             _ => {
                 let mut weights = [F::splat(token, 0.0); MAX_WEIGHTED_FACETS];
                 let mut total = F::splat(token, 0.0);
-                let count = self.facets.len().min(MAX_WEIGHTED_FACETS);
-                for i in 0..count {
-                    weights[i] = self.facets[i].weight(token, receivers, &self.profile, self.two_sided);
-                    total += weights[i];
+                for (weight, facet) in weights.iter_mut().zip(&self.facets) {
+                    *weight = facet.weight(token, receivers, &self.profile, self.two_sided);
+                    total += *weight;
                 }
+                let count = self.facets.len().min(MAX_WEIGHTED_FACETS);
                 let chosen = in_proportion(token, &weights[..count], total, of_choice);
                 let by_weight = active & !by_area & chosen.exists;
                 let left = below_one_lanes(chosen.rest / chosen.weight);

@@ -243,12 +243,11 @@ impl LightTable {
     ) -> ([u32; MAX_WIDTH], F, F::Mask) {
         let mut weights = [F::splat(token, 0.0); N];
         let mut total = F::splat(token, 0.0);
-        let count = self.lights.len().min(N);
-        for i in 0..count {
-            weights[i] = self.weight(token, &self.lights[i], receivers);
-            total += weights[i];
+        for (weight, light) in weights.iter_mut().zip(&self.lights) {
+            *weight = self.weight(token, light, receivers);
+            total += *weight;
         }
-        let chosen = in_proportion(token, &weights[..count], total, u);
+        let chosen = in_proportion(token, &weights[..self.lights.len().min(N)], total, u);
         (F::word_to_array(chosen.index), chosen.weight / total, chosen.exists)
     }
 
@@ -317,8 +316,8 @@ impl LightTable {
         while left != 0 {
             let index = indices[left.trailing_zeros() as usize % MAX_WIDTH];
             let mut same = 0;
-            for lane in 0..F::WIDTH {
-                same |= u32::from(indices[lane] == index) << lane;
+            for (lane, other) in indices.iter().enumerate().take(F::WIDTH) {
+                same |= u32::from(*other == index) << lane;
             }
             let here = match self.lights.get(index as usize) {
                 // Rectangles are sampled at once.
