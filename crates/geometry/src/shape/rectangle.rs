@@ -8,7 +8,7 @@ mod exact;
 
 use super::{MIN_SOLID_ANGLE, ShapeSample};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3, atan2, cos_sin_of_turn};
-use exact::ExactRectangle;
+use exact::{Exact, ExactRectangle};
 use glam::Vec3;
 use std::f32::consts::TAU;
 
@@ -65,7 +65,6 @@ pub struct RectangleSampler {
     /// Lengths of the short and of the long edge.
     size: [f32; 2],
     half_diagonal2: f32,
-    exact: ExactRectangle,
 }
 
 impl RectangleSampler {
@@ -75,7 +74,17 @@ impl RectangleSampler {
         let exact = ExactRectangle::new(rectangle, is_turned);
         let half_diagonal2 = exact.half_diagonal2 as f32;
         let (axes, size) = (exact.axes.map(|axis| axis.as_vec3()), exact.size.map(|length| length as f32));
-        Self { rectangle: *rectangle, is_turned, axes, size, half_diagonal2, exact }
+        Self { rectangle: *rectangle, is_turned, axes, size, half_diagonal2 }
+    }
+
+    #[inline(never)]
+    fn sample_exactly(&self, reference: Vec3, u: [f32; 2]) -> Exact {
+        self.exact().sample(reference, u)
+    }
+
+    /// The rectangle in double precision. It is rarely needed, so it is not stored.
+    fn exact(&self) -> ExactRectangle {
+        ExactRectangle::new(&self.rectangle, self.is_turned)
     }
 
     /// The rectangle itself.
@@ -104,7 +113,7 @@ pub fn invert_rectangle(rectangle: &Rectangle, reference: Vec3, [u, v]: [f32; 2]
     let coordinates = if rectangle.is_turned { [v, u] } else { [u, v] };
     let view = View::new(&RectangleLanes::<f32>::splat((), &rectangle), reference.into(), None);
     if view.is_by_solid_angle {
-        rectangle.exact.invert(reference, coordinates)
+        rectangle.exact().invert(reference, coordinates)
     } else {
         view.volume.is_positive().then_some(coordinates)
     }
@@ -294,7 +303,7 @@ impl<F: Lanes> View<F> {
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize % MAX_WIDTH;
             lanes &= lanes - 1;
-            let found = rectangle.source(lane).exact.sample(references[lane], [numbers[0][lane], numbers[1][lane]]);
+            let found = rectangle.source(lane).sample_exactly(references[lane], [numbers[0][lane], numbers[1][lane]]);
             is_by_solid_angle |= u32::from(found.is_by_solid_angle) << lane;
             (inverse[lane], volume[lane], [x[lane], y[lane]]) = (found.inverse_solid_angle, found.volume, found.place);
         }
@@ -432,7 +441,7 @@ mod tests {
         if view.is_by_solid_angle {
             1.0 / view.inverse_solid_angle
         } else {
-            rectangle.exact.solid_angle(reference) as f32
+            rectangle.exact().solid_angle(reference) as f32
         }
     }
 
@@ -462,14 +471,14 @@ mod tests {
                 let exact = if view.is_by_solid_angle {
                     let place = RectangleLanes::<f32>::splat((), &sampler).sample(reference.into(), u).place;
                     // Not those that are treated in double precision.
-                    if place != sampler.exact.sample(reference, u).place {
-                        let back = sampler.exact.invert_place(reference, place);
+                    if place != sampler.exact().sample(reference, u).place {
+                        let back = sampler.exact().invert_place(reference, place);
                         let error = f64::from((back[0] - u[0]).abs().max((back[1] - u[1]).abs()));
                         (numbers, squares, count) = (numbers.max(error), squares + error * error, count + 1);
                     }
-                    1.0 / sampler.exact.solid_angle(reference)
+                    1.0 / sampler.exact().solid_angle(reference)
                 } else {
-                    sampler.exact.area_density(reference, s.point)
+                    sampler.exact().area_density(reference, s.point)
                 };
                 density = density.max((f64::from(s.pdf) / exact - 1.0).abs());
             }

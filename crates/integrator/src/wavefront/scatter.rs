@@ -307,7 +307,7 @@ impl<'a> Wavefront<'a> {
             let path = &self.paths[group.paths[lane] as usize];
             let sample = LightSample {
                 direction: directions[lane],
-                target: (is_finite >> lane & 1 == 1).then(|| LightTarget::new(points[lane], normals[lane])),
+                target: (is_finite >> lane & 1 == 1).then(|| LightTarget { point: points[lane], normal: normals[lane] }),
                 radiance: Rgb::new(r[lane], g[lane], b[lane]),
                 pdf: pdf[lane],
                 is_delta: is_delta >> lane & 1 == 1,

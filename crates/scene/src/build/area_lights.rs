@@ -1,8 +1,9 @@
 //! The lights of emitting surfaces.
 
 use super::placed::PlacedScene;
+use crate::light::area::{AreaLight, AreaShape};
 use crate::light::mesh_light::MeshLight;
-use crate::light::{AreaLight, AreaShape, Light, NO_LIGHT};
+use crate::light::{Light, NO_LIGHT};
 use crate::material::Material;
 use crate::material::texture::Image;
 use crate::query::surface::{CompiledMaterial, mean_emission};

@@ -1,5 +1,6 @@
 //! Angular distributions of the radiance of an emitting surface.
 
+use dunkelfeld_lanes::{Lanes, pow};
 use std::f32::consts::FRAC_PI_2;
 use std::f64::consts::PI;
 
@@ -42,27 +43,27 @@ impl EmissionProfile {
     }
 
     /// The relative radiance in a direction with the cosine `mu` in (0, 1]; 0 for other cosines.
-    #[inline]
-    pub fn eval(&self, mu: f32) -> f32 {
-        if mu.is_nan() || mu <= 0.0 {
-            return 0.0;
-        }
-        match *self {
-            Self::Lambertian => 1.0,
-            Self::CosinePower { exponent } => mu.min(1.0).powf(exponent),
+    #[inline(always)]
+    pub fn eval<F: Lanes>(&self, mu: F) -> F {
+        let relative = match *self {
+            Self::Lambertian => mu.constant(1.0),
+            Self::CosinePower { exponent } => {
+                pow(mu.max(mu.constant(f32::MIN_POSITIVE)).min(mu.constant(1.0)), mu.constant(exponent))
+            }
             Self::Louver { half_angle } => {
-                let tan = (1.0 - mu * mu).max(0.0).sqrt() / mu;
-                (1.0 - tan / half_angle.tan()).max(0.0)
+                let tan = (mu * mu).one_minus().max(mu.constant(0.0)).sqrt() / mu;
+                (tan / half_angle.tan()).one_minus().max(mu.constant(0.0))
             }
             Self::Spot { cos_inner, cos_outer } => {
                 let ramp = if cos_inner > cos_outer {
                     ((mu - cos_outer) / (cos_inner - cos_outer)).clamp(0.0, 1.0)
                 } else {
-                    f32::from(u8::from(mu >= cos_outer))
+                    mu.constant(1.0).only(mu.ge(mu.constant(cos_outer)))
                 };
                 ramp * ramp / mu
             }
-        }
+        };
+        relative.only(mu.is_positive())
     }
 
     /// [`Self::eval`] in double precision: at one degree from the normal, the cosine in single precision gives the angle to
@@ -127,12 +128,12 @@ impl EmissionProfile {
 
     /// [`Self::eval`] for weights: a power is replaced by (1 + x / 8)^-8, where x is -ln(mu^exponent) to second order. It
     /// is above the power in the tail and needs no logarithm.
-    #[inline]
-    pub(crate) fn estimate(&self, mu: f32) -> f32 {
+    #[inline(always)]
+    pub(crate) fn estimate<F: Lanes>(&self, mu: F) -> F {
         let Self::CosinePower { exponent } = *self else { return self.eval(mu) };
-        let below = (1.0 - mu).max(0.0);
-        let x = exponent * below * (1.0 + 0.5 * below);
-        let root = 1.0 / (1.0 + 0.125 * x);
+        let below = mu.one_minus().max(mu.constant(0.0));
+        let x = below * exponent * (below * 0.5 + 1.0);
+        let root = (x * 0.125 + 1.0).recip();
         let square = root * root;
         let fourth = square * square;
         fourth * fourth

@@ -8,11 +8,12 @@
 //! refracting surface (defensive mixture, Hesterberg 1995).
 
 use crate::light::emission_profile::EmissionProfile;
-use crate::light::in_proportion;
-use crate::light::sample::{LightSample, LightSampleContext, LightTarget};
+use crate::light::sample::{LightSampleContext, LightSamples, Receivers};
 use crate::light::tree::{EmissionCone, LightBounds, LightTree, below_one};
+use crate::light::{FoundLights, in_proportion};
 use dunkelfeld_geometry::shape::sample_triangle_area;
 use dunkelfeld_geometry::{Aabb, Vec3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -37,6 +38,7 @@ pub(crate) struct MeshLight {
     /// The cone of the normals: axis and half-angle \[rad\].
     axis: Vec3,
     spread: f32,
+    sin_cos_spread: [f32; 2],
     two_sided: bool,
     /// The part that emits.
     pub(crate) part: u32,
@@ -84,24 +86,28 @@ impl Facet {
         self.first as usize..self.end as usize
     }
 
-    /// An estimate, up to a constant, of the irradiance from this facet at the receiver.
-    #[inline]
-    fn weight(&self, receiver: &LightSampleContext, profile: &EmissionProfile, two_sided: bool) -> f32 {
-        let to_light = self.center - receiver.point;
-        let d2 = to_light.length_squared().max(f32::MIN_POSITIVE);
-        let inverse = 1.0 / d2.sqrt();
-        let emitted = -to_light.dot(self.normal) * inverse;
+    /// An estimate, up to a constant, of the irradiance from this facet at the receivers.
+    #[inline(always)]
+    fn weight<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        profile: &EmissionProfile,
+        two_sided: bool,
+    ) -> F {
+        let to_light = V3::splat(token, self.center) - receivers.point;
+        let d2 = to_light.length_squared().max(F::splat(token, f32::MIN_POSITIVE));
+        let inverse = d2.sqrt().recip();
+        let emitted = -to_light.dot(V3::splat(token, self.normal)) * inverse;
         let emitted = if two_sided { emitted.abs() } else { emitted };
-        let received = to_light.dot(receiver.normal) * inverse;
-        let received = match receiver.normal == Vec3::ZERO {
-            true => 1.0,
-            false if receiver.both_sides => received.abs(),
-            false => received,
-        };
-        if emitted <= 0.0 || received < -MIN_COSINE {
-            return 0.0;
-        }
-        self.area * emitted * profile.estimate(emitted) * received.max(MIN_COSINE) * inverse * inverse
+        let received = to_light.dot(receivers.normal) * inverse;
+        let received = receivers.both_sides.select(received.abs(), received);
+        // In a medium there is no normal.
+        let has_normal = receivers.normal.length_squared().is_positive();
+        let received = has_normal.select(received, F::splat(token, 1.0));
+        let is_lit = emitted.is_positive() & received.ge(F::splat(token, -MIN_COSINE));
+        let facing = received.max(F::splat(token, MIN_COSINE));
+        (emitted * self.area * profile.estimate(emitted) * facing * inverse * inverse).only(is_lit)
     }
 }
 
@@ -176,6 +182,7 @@ impl MeshLight {
             radius,
             axis,
             spread,
+            sin_cos_spread: spread.sin_cos().into(),
             two_sided,
             part,
             mean_radiance,
@@ -183,93 +190,173 @@ impl MeshLight {
         })
     }
 
-    /// True if light of this emitter can arrive: the receiver is in front of some triangle's plane as far as the bounds
-    /// can exclude it, and some part of the light is above the surface.
-    #[inline]
-    fn reaches(&self, receiver: &LightSampleContext) -> bool {
-        let to_light = self.center - receiver.point;
-        if !receiver.both_sides && to_light.dot(receiver.normal) <= -self.radius {
-            return false;
-        }
-        let distance = to_light.length();
-        if self.two_sided || self.spread >= FRAC_PI_2 || distance <= self.radius {
-            return true;
+    /// Lanes in which light of this emitter can arrive: the receiver is in front of some triangle's plane as far as the
+    /// bounds can exclude it, and some part of the light is above the surface.
+    #[inline(always)]
+    fn reaches<F: Lanes>(&self, token: F::Token, receivers: &Receivers<F>) -> F::Mask {
+        let to_light = V3::splat(token, self.center) - receivers.point;
+        let (zero, radius) = (F::splat(token, 0.0), F::splat(token, self.radius));
+        let is_above = receivers.both_sides | !to_light.dot(receivers.normal).le(-radius);
+        if self.two_sided || self.spread >= FRAC_PI_2 {
+            return is_above;
         }
         // The direction to the receiver, from any point of the light, deviates by at most the angle that the light
-        // subtends.
-        let subtended = (self.radius / distance).min(1.0).asin();
-        let limit = (FRAC_PI_2 + self.spread + subtended).min(PI);
-        -to_light.dot(self.axis) >= distance * limit.cos()
-    }
-
-    /// An estimate, up to a constant, of the irradiance that the light can send to the receiver; zero if it can send
-    /// none.
-    pub(crate) fn weight(&self, receiver: &LightSampleContext) -> f32 {
-        if !self.reaches(receiver) {
-            return 0.0;
-        }
-        let d2 = self.center.distance_squared(receiver.point);
-        self.mean_radiance.mean() * self.area / (d2 + 0.5 * self.radius * self.radius)
-    }
-
-    /// A direction toward a point of the light. `probability` is that of the choice of this light.
-    pub(crate) fn sample(&self, receiver: &LightSampleContext, probability: f32, u: [f32; 2]) -> Option<LightSample> {
-        if !self.reaches(receiver) {
-            return None;
-        }
-        let (facet, u) = self.choose_facet(receiver, u[0]).map(|(facet, rest)| (facet, [rest, u[1]]))?;
-        let cumulative = &self.cumulative[self.facets[facet].triangles()];
-        let in_facet = cumulative.partition_point(|c| *c <= u[0]).min(cumulative.len() - 1);
-        let start = if in_facet == 0 { 0.0 } else { cumulative[in_facet - 1] };
-        let share = cumulative[in_facet] - start;
-        // The number that is left after the choices is uniform again.
-        let v = if share > 0.0 { ((u[0] - start) / share).clamp(0.0, 1.0 - f32::EPSILON) } else { 0.5 };
-        let index = self.facets[facet].first as usize + in_facet;
-        let ([a, b, c], normal) = (self.triangles[index], self.normals[index]);
-        let [b1, b2] = sample_triangle_area([v, u[1]]);
-        let point = a + b1 * (b - a) + b2 * (c - a);
-        let to_light = point - receiver.point;
+        // subtends. So its angle to the axis is at most a right angle, the spread and this angle.
         let distance = to_light.length();
-        let direction = to_light / distance;
-        let density = self.facet_density(receiver, facet);
-        let pdf = self.pdf_of(density, distance * distance, direction.dot(normal)) * probability;
-        if !(pdf > 0.0 && pdf.is_finite()) {
-            return None;
-        }
-        let surface = self.has_varying_radiance.then_some((self.part, index as u32));
-        let target = LightTarget { point, normal, surface };
-        Some(LightSample { direction, target: Some(target), radiance: self.mean_radiance, pdf, is_delta: false })
+        let sin_ball = (radius / distance).min(F::splat(token, 1.0));
+        let cos_ball = (sin_ball * sin_ball).one_minus().sqrt();
+        let [sin, cos] = self.sin_cos_spread;
+        let is_anywhere = distance.le(radius) | (cos_ball * cos - sin_ball * sin).le(zero);
+        let along = -to_light.dot(V3::splat(token, self.axis));
+        is_above & (is_anywhere | along.ge(-distance * (cos_ball * sin + sin_ball * cos)))
     }
 
-    /// Chooses a facet. Returns its index and a number that is uniform in [0, 1) again.
-    fn choose_facet(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+    /// An estimate, up to a constant, of the irradiance that the light can send to the receivers; zero if it can send
+    /// none.
+    #[inline(always)]
+    pub(crate) fn weight<F: Lanes>(&self, token: F::Token, receivers: &Receivers<F>) -> F {
+        let d2 = (V3::splat(token, self.center) - receivers.point).length_squared();
+        let power = F::splat(token, self.mean_radiance.mean() * self.area);
+        (power / (d2 + 0.5 * self.radius * self.radius)).only(self.reaches(token, receivers))
+    }
+
+    /// Directions toward points of the light. `probability` is that of the choice of this light.
+    #[inline(always)]
+    pub(crate) fn sample<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        probability: F,
+        u: [F; 2],
+        active: F::Mask,
+    ) -> FoundLights<F> {
+        let mut found = FoundLights::none(token);
+        let active = active & self.reaches(token, receivers);
+        if !active.any() {
+            return found;
+        }
+        let (facets, rest, densities) = self.choose_facets(token, receivers, u[0], active);
+        // The triangle of the facet, by a search in a table for each lane.
+        let (mut corners, mut normals) = ([[Vec3::ZERO; MAX_WIDTH]; 3], [Vec3::ZERO; MAX_WIDTH]);
+        let mut v = rest.to_array();
+        for lane in 0..F::WIDTH {
+            let facet = &self.facets[(facets[lane] as usize).min(self.facets.len() - 1)];
+            let cumulative = &self.cumulative[facet.triangles()];
+            let in_facet = cumulative.partition_point(|c| *c <= v[lane]).min(cumulative.len() - 1);
+            let start = if in_facet == 0 { 0.0 } else { cumulative[in_facet - 1] };
+            let share = cumulative[in_facet] - start;
+            // The number that is left after the choices is uniform again.
+            v[lane] = if share > 0.0 { ((v[lane] - start) / share).clamp(0.0, 1.0 - f32::EPSILON) } else { 0.5 };
+            let index = facet.first as usize + in_facet;
+            [corners[0][lane], corners[1][lane], corners[2][lane]] = self.triangles[index];
+            normals[lane] = self.normals[index];
+            found.surfaces[lane] = [self.part, index as u32];
+        }
+        let [a, b, c] = [
+            V3::from_lanes(token, &corners[0]),
+            V3::from_lanes(token, &corners[1]),
+            V3::from_lanes(token, &corners[2]),
+        ];
+        let normal = V3::from_lanes(token, &normals);
+        let [b1, b2] = sample_triangle_area([F::load(token, &v), u[1]]);
+        let point = a + (b - a) * b1 + (c - a) * b2;
+        let to_light = point - receivers.point;
+        let d2 = to_light.length_squared();
+        let direction = to_light * d2.sqrt().recip();
+        let pdf = self.pdf_of(densities, d2, direction.dot(normal)) * probability;
+        let is_valid = active & pdf.is_positive() & pdf.is_finite();
+        if self.has_varying_radiance {
+            found.varying = is_valid.bits();
+        }
+        found.samples = LightSamples {
+            direction,
+            point,
+            normal,
+            is_finite: is_valid,
+            radiance: Rgb::in_lanes(token, self.mean_radiance),
+            pdf: pdf.only(is_valid),
+            is_delta: F::mask(token, 0),
+        };
+        found
+    }
+
+    /// Chooses a facet for each active lane. Returns its index, a number that is uniform in [0, 1) again, and the density
+    /// [1/m^2] of a point of the facet; zero if there is none.
+    #[inline(always)]
+    fn choose_facets<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        u: F,
+        active: F::Mask,
+    ) -> ([u32; MAX_WIDTH], F, F) {
         if let FacetChoice::Single = self.choice {
-            return Some((0, u));
+            return ([0; MAX_WIDTH], u, F::splat(token, 1.0 / self.facets[0].area));
         }
-        if u < AREA_SHARE {
-            let u = below_one(u / AREA_SHARE);
-            let index = self.facets.partition_point(|f| f.after <= u).min(self.facets.len() - 1);
-            let Facet { before, after, .. } = self.facets[index];
-            return Some((index, below_one(((u - before) / (after - before)).max(0.0))));
+        let by_area = u.lt(F::splat(token, AREA_SHARE));
+        let of_area = below_one_lanes(u / AREA_SHARE);
+        let of_choice = below_one_lanes((u - AREA_SHARE) / (1.0 - AREA_SHARE));
+        let (mut facets, mut rest) = ([0; MAX_WIDTH], [0.0; MAX_WIDTH]);
+        let mut exists = by_area & active;
+        let (areas, numbers) = (exists.bits(), of_area.to_array());
+        for lane in 0..F::WIDTH {
+            if areas >> lane & 1 == 1 {
+                let u = numbers[lane];
+                let index = self.facets.partition_point(|f| f.after <= u).min(self.facets.len() - 1);
+                let Facet { before, after, .. } = self.facets[index];
+                (facets[lane], rest[lane]) = (index as u32, below_one(((u - before) / (after - before)).max(0.0)));
+            }
         }
-        let u = below_one((u - AREA_SHARE) / (1.0 - AREA_SHARE));
-        match &self.choice {
-            FacetChoice::Tree(tree) => tree.choose_with_rest(receiver, u),
-            _ => self.choose_weighted(receiver, u),
+        let probabilities = match &self.choice {
+            FacetChoice::Tree(tree) => {
+                let (each, numbers) = (receivers.to_lanes(), of_choice.to_array());
+                let (chosen, mut found, mut p) = ((active & !by_area).bits(), 0, [0.0; MAX_WIDTH]);
+                for lane in 0..F::WIDTH {
+                    if chosen >> lane & 1 == 1
+                        && let Some((index, left)) = tree.choose_with_rest(&each[lane], numbers[lane])
+                    {
+                        (facets[lane], rest[lane]) = (index as u32, left);
+                        found |= 1 << lane;
+                    }
+                    if (areas | found) >> lane & 1 == 1 {
+                        p[lane] = tree.probability(&each[lane], facets[lane] as usize);
+                    }
+                }
+                exists = exists | F::mask(token, found);
+                F::load(token, &p)
+            }
+            _ => {
+                let mut weights = [F::splat(token, 0.0); MAX_WEIGHTED_FACETS];
+                let mut total = F::splat(token, 0.0);
+                for (weight, facet) in weights.iter_mut().zip(&self.facets) {
+                    *weight = facet.weight(token, receivers, &self.profile, self.two_sided);
+                    total += *weight;
+                }
+                let count = self.facets.len().min(MAX_WEIGHTED_FACETS);
+                let chosen = in_proportion(token, &weights[..count], total, of_choice);
+                let by_weight = active & !by_area & chosen.exists;
+                let left = below_one_lanes(chosen.rest / chosen.weight);
+                let (indices, left) = (F::word_to_array(chosen.index), left.to_array());
+                let (bits, mut own) = (by_weight.bits(), chosen.weight.to_array());
+                for lane in 0..F::WIDTH {
+                    if bits >> lane & 1 == 1 {
+                        (facets[lane], rest[lane]) = (indices[lane], left[lane]);
+                    } else if areas >> lane & 1 == 1 {
+                        own[lane] = weights[facets[lane] as usize % MAX_WEIGHTED_FACETS].to_array()[lane];
+                    }
+                }
+                exists = exists | by_weight;
+                let has_weights = total.is_positive() & total.is_finite();
+                (F::load(token, &own) / total).only(has_weights)
+            }
+        };
+        let [mut share, mut area] = [[0.0; MAX_WIDTH]; 2];
+        for lane in 0..F::WIDTH {
+            let facet = &self.facets[(facets[lane] as usize).min(self.facets.len() - 1)];
+            (share[lane], area[lane]) = (facet.after - facet.before, facet.area);
         }
-    }
-
-    fn choose_weighted(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
-        let mut weights = [0f32; MAX_WEIGHTED_FACETS];
-        let mut total = 0.0;
-        for (weight, facet) in weights.iter_mut().zip(&self.facets) {
-            *weight = facet.weight(receiver, &self.profile, self.two_sided);
-            total += *weight;
-        }
-        if !(total > 0.0 && total.is_finite()) {
-            return None;
-        }
-        in_proportion(&weights, total, u).map(|(index, rest)| (index, below_one((rest / weights[index]).max(0.0))))
+        let density = mixture(F::load(token, &share), probabilities) / F::load(token, &area);
+        (facets, F::load(token, &rest), density.only(exists))
     }
 
     /// The probability of a facet in the choice that is not by area.
@@ -281,7 +368,7 @@ impl MeshLight {
                 let mut total = 0.0;
                 let mut own = 0.0;
                 for (index, f) in self.facets.iter().enumerate() {
-                    let weight = f.weight(receiver, &self.profile, self.two_sided);
+                    let weight = f.weight::<f32>((), &receiver.into(), &self.profile, self.two_sided);
                     total += weight;
                     if index == facet {
                         own = weight;
@@ -296,26 +383,27 @@ impl MeshLight {
     #[inline]
     fn facet_density(&self, receiver: &LightSampleContext, facet: usize) -> f32 {
         let Facet { before, after, area, .. } = self.facets[facet];
-        let probability = match self.choice {
-            FacetChoice::Single => 1.0,
-            _ => AREA_SHARE * (after - before) + (1.0 - AREA_SHARE) * self.probability(receiver, facet),
-        };
-        probability / area
+        match self.choice {
+            FacetChoice::Single => 1.0 / area,
+            _ => mixture(after - before, self.probability(receiver, facet)) / area,
+        }
     }
 
     /// The density [1/sr] of a point on a triangle in [`Self::sample`], without the choice of the light.
     pub(crate) fn pdf(&self, receiver: &LightSampleContext, triangle: u32, point: Vec3, normal: Vec3) -> f32 {
-        let Some(&facet) = self.facet_of.get(triangle as usize).filter(|_| self.reaches(receiver)) else { return 0.0 };
-        let to_light = point - receiver.point;
+        let reaches = self.reaches::<f32>((), &receiver.into());
+        let Some(&facet) = self.facet_of.get(triangle as usize).filter(|_| reaches) else { return 0.0 };
+        let to_light = V3::from(point - receiver.point);
         let d2 = to_light.length_squared();
-        self.pdf_of(self.facet_density(receiver, facet as usize), d2, to_light.dot(normal) / d2.sqrt())
+        let direction = to_light * Lanes::recip(d2.sqrt());
+        self.pdf_of(self.facet_density(receiver, facet as usize), d2, direction.dot(normal.into()))
     }
 
     /// Area density to solid angle. `cosine` is that between the direction to the light and the normal of its front.
-    #[inline]
-    fn pdf_of(&self, density: f32, distance_squared: f32, cosine: f32) -> f32 {
+    #[inline(always)]
+    fn pdf_of<F: Lanes>(&self, density: F, distance_squared: F, cosine: F) -> F {
         let cosine = if self.two_sided { cosine.abs() } else { -cosine };
-        if cosine > 0.0 { density * distance_squared / cosine } else { 0.0 }
+        (density * distance_squared / cosine).only(cosine.is_positive())
     }
 
     /// Emitted power \[W\].
@@ -334,6 +422,17 @@ impl MeshLight {
     pub(crate) fn len(&self) -> usize {
         self.triangles.len()
     }
+}
+
+/// The probability of a facet: of the choice by area, and of the other one.
+#[inline(always)]
+fn mixture<F: Lanes>(share_of_area: F, probability: F) -> F {
+    share_of_area * AREA_SHARE + probability * (1.0 - AREA_SHARE)
+}
+
+#[inline(always)]
+fn below_one_lanes<F: Lanes>(u: F) -> F {
+    u.clamp(0.0, 1.0 - f32::EPSILON / 2.0)
 }
 
 /// The facets of a mesh: runs of triangles in which each shares a corner and the normal with the one before. With them,

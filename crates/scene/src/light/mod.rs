@@ -4,6 +4,7 @@
 //! estimate of the irradiance that it can send to the receiver. Among many lights a tree makes the choice. Densities
 //! include the choice.
 
+pub(crate) mod area;
 pub(crate) mod delta;
 pub mod emission_profile;
 pub(crate) mod environment;
@@ -14,17 +15,18 @@ pub mod summary;
 pub(crate) mod sun;
 pub(crate) mod tree;
 
+use crate::light::area::{AreaLight, AreaShape, sample_rectangles};
 use crate::light::delta::DeltaLight;
 use crate::light::environment::EnvironmentLight;
 use crate::light::luminaire::LightProfile;
 use crate::light::mesh_light::MeshLight;
-use crate::light::sample::{LightSample, LightSampleContext, LightTarget};
+use crate::light::sample::{LightSample, LightSampleContext, LightSamples, LightTarget, Receivers};
 use crate::light::sun::Sun;
 use crate::light::tree::{EmissionCone, LightBounds, LightTree};
 use crate::sampling_options::Techniques;
 use dunkelfeld_bsdf::EFFECTS;
-use dunkelfeld_geometry::shape::{RectangleSampler, ShapeSample, pdf_triangle, sample_triangle};
 use dunkelfeld_geometry::{Aabb, Vec3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
 
@@ -53,35 +55,6 @@ pub enum LightChoice {
     One,
     /// A sample of each light.
     Each,
-}
-
-/// Shape of an area light in render space; planar, with unit normal on the emitting (front) side.
-#[derive(Clone, Copy, Debug, serde::Serialize)]
-pub(crate) enum AreaShape {
-    /// Two triangles that form a rectangle.
-    Rectangle(RectangleSampler),
-    /// A single triangle.
-    Triangle([Vec3; 3]),
-}
-
-/// One emitting triangle or rectangle.
-#[derive(Clone, Copy, Debug, serde::Serialize)]
-pub(crate) struct AreaLight {
-    pub(crate) shape: AreaShape,
-    /// Unit normal of the front.
-    pub(crate) normal: Vec3,
-    pub(crate) center: Vec3,
-    /// Half the diameter: the light lies inside this distance from its centre.
-    pub(crate) radius: f32,
-    pub(crate) area: f32,
-    pub(crate) two_sided: bool,
-    /// The part it belongs to, and its one or two triangles (the second may be `u32::MAX`).
-    pub(crate) part: u32,
-    pub(crate) triangles: [u32; 2],
-    /// Mean radiance over the surface [W/(m^2 sr)].
-    pub(crate) mean_radiance: Rgb,
-    /// See [`CompiledMaterial::has_varying_radiance`](crate::query::surface::CompiledMaterial).
-    pub(crate) has_varying_radiance: bool,
 }
 
 #[derive(Clone, Copy, Debug, serde::Serialize)]
@@ -191,21 +164,32 @@ impl LightTable {
         }
     }
 
-    /// An estimate, up to a constant, of the irradiance that a light can send to the receiver; zero if it can send
+    /// An estimate, up to a constant, of the irradiance that a light can send to the receivers; zero if it can send
     /// none.
     #[inline(always)]
-    fn weight(&self, light: &Light, receiver: &LightSampleContext) -> f32 {
+    fn weight<F: Lanes>(&self, token: F::Token, light: &Light, receivers: &Receivers<F>) -> F {
         match light {
-            Light::Area(a) => a.weight(receiver),
-            _ if !EFFECTS => 0.0,
-            Light::Mesh(m) => self.mesh_lights.get(*m as usize).map_or(0.0, |m| m.weight(receiver)),
-            Light::Sun(s) if receiver.both_sides || s.is_above(receiver.normal) => s.irradiance().mean(),
-            Light::Sun(_) => 0.0,
-            Light::Delta(d) => {
-                let arriving = d.arriving_at(receiver.point, &self.profiles);
-                if receiver.faces(arriving.direction) { arriving.irradiance.mean() } else { 0.0 }
+            Light::Area(a) => a.weight(token, receivers),
+            _ if !EFFECTS => F::splat(token, 0.0),
+            Light::Mesh(m) => match self.mesh_lights.get(*m as usize) {
+                Some(mesh) => mesh.weight(token, receivers),
+                None => F::splat(token, 0.0),
+            },
+            Light::Sun(s) => {
+                F::splat(token, s.irradiance().mean()).only(receivers.both_sides | s.is_above(receivers.normal))
             }
-            Light::Environment => PI * self.environment_mean().mean(),
+            Light::Delta(d) => {
+                let mut weights = [0.0; MAX_WIDTH];
+                let receivers = receivers.to_lanes();
+                for lane in 0..F::WIDTH {
+                    let arriving = d.arriving_at(receivers[lane].point, &self.profiles);
+                    if receivers[lane].faces(arriving.direction) {
+                        weights[lane] = arriving.irradiance.mean();
+                    }
+                }
+                F::load(token, &weights)
+            }
+            Light::Environment => F::splat(token, PI * self.environment_mean().mean()),
         }
     }
 
@@ -219,34 +203,52 @@ impl LightTable {
         self.tree.is_some()
     }
 
-    /// Chooses a light: its index and probability.
+    /// Chooses a light for each lane: its index and probability, and the lanes that have one.
     #[inline(always)]
-    fn choose(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+    fn choose<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        u: F,
+        active: F::Mask,
+    ) -> ([u32; MAX_WIDTH], F, F::Mask) {
         match &self.tree {
-            // The tree gets a copy of the receiver, because most scenes have no tree (`CONVENTIONS.md`).
             Some(tree) if EFFECTS => {
-                let receiver = *receiver;
-                tree.choose(&receiver, u)
+                let (each, u) = (receivers.to_lanes(), u.to_array());
+                let (mut indices, mut probabilities) = ([0; MAX_WIDTH], [0.0; MAX_WIDTH]);
+                let active = active.bits();
+                for lane in 0..F::WIDTH {
+                    if active >> lane & 1 == 1
+                        && let Some((index, probability)) = tree.choose(&each[lane], u[lane])
+                    {
+                        (indices[lane], probabilities[lane]) = (index as u32, probability);
+                    }
+                }
+                let probability = F::load(token, &probabilities);
+                (indices, probability, probability.is_positive())
             }
             // A small array for few lights, because the array is cleared for each choice.
-            _ if self.lights.len() <= 8 => self.choose_by_weight::<8>(receiver, u),
-            _ => self.choose_by_weight::<MAX_WEIGHTED_ONE_BY_ONE>(receiver, u),
+            _ if self.lights.len() <= 8 => self.choose_by_weight::<F, 8>(token, receivers, u),
+            _ => self.choose_by_weight::<F, MAX_WEIGHTED_ONE_BY_ONE>(token, receivers, u),
         }
     }
 
     /// Chooses among at most N lights by weight.
     #[inline(always)]
-    fn choose_by_weight<const N: usize>(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
-        let mut weights = [0f32; N];
-        let mut total = 0.0;
-        for (w, light) in weights.iter_mut().zip(&self.lights) {
-            *w = self.weight(light, receiver);
-            total += *w;
+    fn choose_by_weight<F: Lanes, const N: usize>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        u: F,
+    ) -> ([u32; MAX_WIDTH], F, F::Mask) {
+        let mut weights = [F::splat(token, 0.0); N];
+        let mut total = F::splat(token, 0.0);
+        for (weight, light) in weights.iter_mut().zip(&self.lights) {
+            *weight = self.weight(token, light, receivers);
+            total += *weight;
         }
-        if !(total > 0.0 && total.is_finite()) {
-            return None;
-        }
-        in_proportion(&weights, total, u).map(|(i, _)| (i, weights[i] / total))
+        let chosen = in_proportion(token, &weights[..self.lights.len().min(N)], total, u);
+        (F::word_to_array(chosen.index), chosen.weight / total, chosen.exists)
     }
 
     /// The probability with which [`Self::choose`] chooses a light.
@@ -258,7 +260,7 @@ impl LightTable {
         let mut total = 0.0;
         let mut selected_weight = 0.0;
         for (i, light) in self.lights.iter().enumerate() {
-            let w = self.weight(light, receiver);
+            let w = self.weight::<f32>((), light, &receiver.into());
             total += w;
             if i == index {
                 selected_weight = w;
@@ -276,76 +278,143 @@ impl LightTable {
         }
     }
 
-    /// A direction toward a light, for the light sample `index` of [`Self::num_light_samples`]. `None` if that light
-    /// cannot reach the receiver. If a light is to be chosen, `None` if no light can reach it, or if the chosen one
-    /// cannot.
+    /// Directions toward lights, for the light sample `index` of [`Self::num_light_samples`]. A lane has no sample if that
+    /// light cannot reach the receiver. If a light is to be chosen, it has none if no light can reach it, or if the chosen
+    /// one cannot.
     #[inline(always)]
-    pub(crate) fn sample(
+    pub(crate) fn sample<F: Lanes>(
         &self,
-        receiver: &LightSampleContext,
+        token: F::Token,
+        receivers: &Receivers<F>,
         choice: LightChoice,
-        index: usize,
-        u_choice: f32,
-        u: [f32; 2],
-    ) -> Option<LightSample> {
+        index: u32,
+        (u_choice, u): (F, [F; 2]),
+        active: F::Mask,
+    ) -> FoundLights<F> {
         match choice {
-            LightChoice::Each => self.sample_light(receiver, index, 1.0, u),
+            LightChoice::Each => self.sample_same(token, receivers, index, F::splat(token, 1.0), u, active),
             LightChoice::One => {
-                let (index, probability) = self.choose(receiver, u_choice)?;
-                self.sample_light(receiver, index, probability, u)
+                let (indices, probability, exists) = self.choose(token, receivers, u_choice, active);
+                self.sample_each(token, receivers, &indices, probability, u, active & exists)
             }
         }
     }
 
-    /// A direction toward one light, which was chosen with the given probability.
-    // Always: one copy for all kernels would be called, and its answer copied, for every light sample.
+    /// Samples of the light of each lane, which was chosen with the given probability.
     #[inline(always)]
-    fn sample_light(
+    fn sample_each<F: Lanes>(
         &self,
-        receiver: &LightSampleContext,
-        index: usize,
-        probability: f32,
-        u: [f32; 2],
-    ) -> Option<LightSample> {
-        match self.lights.get(index)? {
-            Light::Area(a) => {
-                let s = a.sample(receiver, u)?;
-                let to_light = s.point - receiver.point;
-                let distance = to_light.length();
-                let direction = to_light / distance;
-                let cos_light = -direction.dot(a.normal);
-                let pdf = s.pdf * probability;
-                if !(distance > 0.0 && pdf > 0.0 && pdf.is_finite()) || (cos_light <= 0.0 && !a.two_sided) {
-                    return None;
+        token: F::Token,
+        receivers: &Receivers<F>,
+        indices: &[u32; MAX_WIDTH],
+        probability: F,
+        u: [F; 2],
+        active: F::Mask,
+    ) -> FoundLights<F> {
+        let mut found = FoundLights::none(token);
+        let mut left = active.bits();
+        while left != 0 {
+            let index = indices[left.trailing_zeros() as usize % MAX_WIDTH];
+            let mut same = 0;
+            for (lane, other) in indices.iter().enumerate().take(F::WIDTH) {
+                same |= u32::from(*other == index) << lane;
+            }
+            let here = match self.lights.get(index as usize) {
+                // Rectangles are sampled at once.
+                Some(Light::Area(first @ AreaLight { shape: AreaShape::Rectangle(rectangle), .. }))
+                    if same & left != left =>
+                {
+                    let (mut areas, mut rectangles) = ([first; MAX_WIDTH], [rectangle; MAX_WIDTH]);
+                    let (mut lanes, mut varying) = (0, 0);
+                    for lane in 0..F::WIDTH {
+                        if left >> lane & 1 == 1
+                            && let Some(Light::Area(area)) = self.lights.get(indices[lane] as usize)
+                            && let AreaShape::Rectangle(rectangle) = &area.shape
+                        {
+                            (areas[lane], rectangles[lane]) = (area, rectangle);
+                            lanes |= 1 << lane;
+                            varying |= u32::from(area.has_varying_radiance) << lane;
+                            found.surfaces[lane] = [area.part, area.triangles[0]];
+                        }
+                    }
+                    found.varying |= varying;
+                    same = lanes;
+                    sample_rectangles(token, receivers, (&areas, rectangles), probability, u)
                 }
-                let surface = a.has_varying_radiance.then_some((a.part, a.triangles[0]));
-                let target = LightTarget { point: s.point, normal: a.normal, surface };
-                Some(LightSample { direction, target: Some(target), radiance: a.mean_radiance, pdf, is_delta: false })
-            }
-            _ if EFFECTS => {
-                // Bound to a variable first. If the call were returned directly, the result of the other branch would
-                // be kept in memory as well.
-                let found = self.sample_other_light(*receiver, index, probability, u)?;
-                Some(found)
-            }
-            _ => None,
+                _ => {
+                    let lanes = F::mask(token, same & left);
+                    let here = self.sample_same(token, receivers, index, probability, u, lanes);
+                    found.varying |= here.varying & same & left;
+                    for lane in 0..F::WIDTH {
+                        if (same & left) >> lane & 1 == 1 {
+                            found.surfaces[lane] = here.surfaces[lane];
+                        }
+                    }
+                    here.samples
+                }
+            };
+            found.samples = LightSamples::select(F::mask(token, same & left), here, found.samples);
+            left &= !same;
         }
+        found
     }
 
-    /// [`Self::sample_light`] for all lights but triangles and rectangles. It is a separate function because most lights
-    /// are of these shapes.
+    /// Samples of one light in the active lanes, which was chosen with the given probability.
+    #[inline(always)]
+    fn sample_same<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        index: u32,
+        probability: F,
+        u: [F; 2],
+        active: F::Mask,
+    ) -> FoundLights<F> {
+        let mut found = FoundLights::none(token);
+        match self.lights.get(index as usize) {
+            Some(Light::Area(a)) => {
+                found.samples = a.sample(token, receivers, probability, u, active);
+                if a.has_varying_radiance {
+                    found.varying = active.bits();
+                    found.surfaces = [[a.part, a.triangles[0]]; MAX_WIDTH];
+                }
+            }
+            Some(Light::Mesh(m)) if EFFECTS => {
+                if let Some(mesh) = self.mesh_lights.get(*m as usize) {
+                    found = mesh.sample(token, receivers, probability, u, active);
+                }
+            }
+            Some(light) if EFFECTS => {
+                let (each, u0, u1) = (receivers.to_lanes(), u[0].to_array(), u[1].to_array());
+                let probability = probability.to_array();
+                let mut samples = [None; MAX_WIDTH];
+                let bits = active.bits();
+                for lane in 0..F::WIDTH {
+                    if bits >> lane & 1 == 1 {
+                        samples[lane] =
+                            self.sample_without_surface(each[lane], light, probability[lane], [u0[lane], u1[lane]]);
+                    }
+                }
+                found.samples = LightSamples::from_lanes(token, &samples);
+            }
+            _ => {}
+        }
+        found.samples.pdf = found.samples.pdf.only(active);
+        found
+    }
+
+    /// A sample of a light without a surface.
     // The receiver is passed by value, as to all rare functions (`CONVENTIONS.md`).
     #[inline(never)]
-    fn sample_other_light(
+    fn sample_without_surface(
         &self,
         receiver: LightSampleContext,
-        index: usize,
+        light: &Light,
         probability: f32,
         u: [f32; 2],
     ) -> Option<LightSample> {
-        match self.lights.get(index)? {
-            Light::Area(_) => None,
-            Light::Mesh(m) => self.mesh_lights.get(*m as usize)?.sample(&receiver, probability, u),
+        match light {
+            Light::Area(_) | Light::Mesh(_) => None,
             Light::Sun(s) => {
                 let (direction, pdf) = s.sample(u);
                 receiver.faces(direction).then_some(LightSample {
@@ -358,7 +427,7 @@ impl LightTable {
             }
             Light::Delta(d) => {
                 let arriving = d.arriving_at(receiver.point, &self.profiles);
-                let target = arriving.position.map(|point| LightTarget { point, normal: Vec3::ZERO, surface: None });
+                let target = arriving.position.map(|point| LightTarget { point, normal: Vec3::ZERO });
                 let reaches = !arriving.irradiance.is_black() && receiver.faces(arriving.direction);
                 reaches.then_some(LightSample {
                     direction: arriving.direction,
@@ -438,78 +507,48 @@ impl LightTable {
     }
 }
 
-/// Chooses an index in proportion to its weight, by a number `u` in [0, 1). Returns it with what is left of `u * total`
-/// in its weight. `total` is the sum of the weights.
-#[inline(always)]
-pub(crate) fn in_proportion(weights: &[f32], total: f32, u: f32) -> Option<(usize, f32)> {
-    let mut rest = u * total;
-    let mut last = None;
-    for (i, &w) in weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
-        last = Some((i, rest));
-        if rest < w {
-            break;
-        }
-        rest -= w;
-    }
-    last
+/// Light samples, and the places of those whose radiance is not constant.
+pub(crate) struct FoundLights<F: Lanes> {
+    pub(crate) samples: LightSamples<F>,
+    /// Lanes whose radiance must be evaluated at their point.
+    pub(crate) varying: u32,
+    /// Part and triangle of the points in these lanes.
+    pub(crate) surfaces: [[u32; 2]; MAX_WIDTH],
 }
 
-impl AreaLight {
-    /// True if light of this emitter can arrive. It cannot behind a one-sided emitter, which is planar, or below a
-    /// surface that scatters light from above only.
-    #[inline]
-    fn reaches(&self, receiver: &LightSampleContext) -> bool {
-        let to_light = self.center - receiver.point;
-        (self.two_sided || self.normal.dot(to_light) < 0.0)
-            && (receiver.both_sides || to_light.dot(receiver.normal) > -self.radius)
-    }
-
-    /// See [`LightTable::weight`]. The cosine at the light is that of its centre plus a margin, because the cosines at
-    /// its ends differ.
+impl<F: Lanes> FoundLights<F> {
     #[inline(always)]
-    fn weight(&self, receiver: &LightSampleContext) -> f32 {
-        if !self.reaches(receiver) {
-            return 0.0;
-        }
-        let to_light = self.center - receiver.point;
-        let d2 = to_light.length_squared();
-        let r2 = self.radius * self.radius;
-        let cos_light = (self.normal.dot(to_light).abs() / d2.sqrt().max(f32::MIN_POSITIVE) + 0.2).min(1.0);
-        self.mean_radiance.mean() * self.area * cos_light / (d2 + 0.5 * r2)
+    pub(crate) fn none(token: F::Token) -> Self {
+        Self { samples: LightSamples::none(token), varying: 0, surfaces: [[0; 2]; MAX_WIDTH] }
     }
+}
 
-    #[inline]
-    fn sample(&self, receiver: &LightSampleContext, u: [f32; 2]) -> Option<ShapeSample> {
-        match &self.shape {
-            _ if !self.reaches(receiver) => None,
-            AreaShape::Rectangle(r) => r.sample(receiver.point, u),
-            AreaShape::Triangle(t) => sample_triangle(t, receiver.point, u),
-        }
-    }
+/// An entry of a list of weights for each lane.
+pub(crate) struct InProportion<F: Lanes> {
+    pub(crate) index: F::Word,
+    pub(crate) weight: F,
+    /// Part of `u * total` that is left in the weight.
+    pub(crate) rest: F,
+    /// Lanes with an entry. There is none without a positive finite total.
+    pub(crate) exists: F::Mask,
+}
 
-    #[inline]
-    fn pdf(&self, receiver: &LightSampleContext, point: Vec3) -> f32 {
-        match &self.shape {
-            _ if !self.reaches(receiver) => 0.0,
-            AreaShape::Rectangle(r) => r.pdf(receiver.point, point),
-            AreaShape::Triangle(t) => pdf_triangle(t, receiver.point, point),
-        }
+/// Chooses entries in proportion to their weights, by numbers `u` in [0, 1). `total` is the sum of the weights.
+#[inline(always)]
+pub(crate) fn in_proportion<F: Lanes>(token: F::Token, weights: &[F], total: F, u: F) -> InProportion<F> {
+    let zero = F::splat(token, 0.0);
+    let mut rest = u * total;
+    // The bits of the index, as a number for the selection.
+    let mut index = zero;
+    let (mut weight, mut left) = (zero, zero);
+    let mut is_open = total.is_positive() & total.is_finite();
+    for (i, w) in weights.iter().enumerate() {
+        let here = is_open & w.is_positive();
+        index = here.select(F::from_bits(F::splat_word(token, i as u32)), index);
+        weight = here.select(*w, weight);
+        left = here.select(rest, left);
+        is_open = is_open & !(here & rest.lt(*w));
+        rest -= *w;
     }
-
-    /// Emitted power \[W\]: a Lambertian emitter sends pi L per area and side.
-    pub(crate) fn power(&self) -> Rgb {
-        self.mean_radiance * (PI * self.area * if self.two_sided { 2.0 } else { 1.0 })
-    }
-
-    fn bounds(&self) -> LightBounds {
-        let bounds = match &self.shape {
-            AreaShape::Rectangle(r) => {
-                let r = r.rectangle();
-                Aabb::from_points([r.point(0.0, 0.0), r.point(1.0, 0.0), r.point(0.0, 1.0), r.point(1.0, 1.0)])
-            }
-            AreaShape::Triangle(t) => Aabb::from_points(*t),
-        };
-        let cone = EmissionCone::surface(self.normal, self.two_sided);
-        LightBounds { bounds, cone, peak: self.mean_radiance.mean() * self.area }
-    }
+    InProportion { index: index.to_bits(), weight, rest: left, exists: weight.is_positive() }
 }

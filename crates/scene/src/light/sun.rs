@@ -1,6 +1,7 @@
 //! A distant light with an angular diameter, like the sun: the same radiance from all directions of a cone.
 
 use dunkelfeld_geometry::{Frame, LocalDir, Vec3};
+use dunkelfeld_lanes::{Lanes, V3};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::{PI, TAU};
 
@@ -67,11 +68,12 @@ impl Sun {
         self.irradiance
     }
 
-    /// Can light of the disc reach a surface with this normal that scatters light from above only?
-    #[inline]
-    pub(crate) fn is_above(&self, normal: Vec3) -> bool {
+    /// Lanes in which light of the disc can reach a surface with this normal that scatters light from above only.
+    #[inline(always)]
+    pub(crate) fn is_above<F: Lanes>(&self, normal: V3<F>) -> F::Mask {
         let sin = (self.one_minus_cos * (2.0 - self.one_minus_cos)).max(0.0).sqrt();
-        self.axis.dot(normal) > -sin
+        let token = normal.x.token();
+        V3::splat(token, self.axis).dot(normal).gt(F::splat(token, -sin))
     }
 }
 

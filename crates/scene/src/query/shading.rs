@@ -2,13 +2,13 @@
 
 use crate::features::{AllFeatures, Features};
 use crate::light::sample::{LightSample, LightSampleContext, LightSamples, Receivers};
-use crate::light::{LightChoice, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
+use crate::light::{FoundLights, LightChoice, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
 use crate::query::intersect::{SurfacePoint, mix};
 use crate::query::surface::{self, TexturePoint};
 use crate::scene::Scene;
 use dunkelfeld_bsdf::{Bsdf, EFFECTS};
 use dunkelfeld_geometry::{Frame as PointFrame, Vec2, Vec3};
-use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, V3};
+use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 
 /// All data about a point that scattering needs.
@@ -295,9 +295,7 @@ impl Scene {
     /// A light sample: a direction toward a light, with the radiance that arrives unoccluded. The light is that of the
     /// index `index` (below [`Self::num_light_samples`]), or is chosen by `u_choice`. The light samples of a
     /// vertex are summed.
-    // Always inlined. A choice needs two or three of its random numbers, and after inlining the others are not
-    // computed.
-    #[inline(always)]
+    #[inline]
     pub fn sample_light(
         &self,
         receiver: &LightSampleContext,
@@ -306,17 +304,12 @@ impl Scene {
         u_choice: f32,
         u: [f32; 2],
     ) -> Option<LightSample> {
-        let mut sample = self.lights.sample(receiver, choice, index as usize, u_choice, u)?;
-        if let Some(target) = &sample.target
-            && let Some((part, triangle)) = target.surface
-        {
-            sample.radiance = self.radiance_at(part, triangle, target.point, -sample.direction);
-        }
-        Some(sample)
+        self.sample_lights::<f32>((), &receiver.into(), choice, index, u_choice, u, true).single()
     }
 
-    /// [`Self::sample_light`] in lanes.
+    /// [`Self::sample_light`] of each active lane. With [`LightChoice::Each`] all lanes sample the same light.
     #[inline(always)]
+    #[expect(clippy::too_many_arguments)]
     pub fn sample_lights<F: Lanes>(
         &self,
         token: F::Token,
@@ -324,41 +317,26 @@ impl Scene {
         choice: LightChoice,
         index: u32,
         u_choice: F,
-        [u0, u1]: [F; 2],
+        u: [F; 2],
         active: F::Mask,
     ) -> LightSamples<F> {
-        let (points, normals) = (receivers.point.to_lanes(), receivers.normal.to_lanes());
-        let (u_choice, u0, u1) = (u_choice.to_array(), u0.to_array(), u1.to_array());
-        let both = dunkelfeld_lanes::Mask::bits(receivers.both_sides);
-        let [mut directions, mut ends, mut ns] = [[Vec3::ZERO; MAX_WIDTH]; 3];
-        let mut numbers = [[0.0; MAX_WIDTH]; 4];
-        let (mut finite, mut delta) = (0, 0);
-        let bits = dunkelfeld_lanes::Mask::bits(active);
-        for lane in (0..F::WIDTH).filter(|lane| bits >> lane & 1 == 1) {
-            let receiver = LightSampleContext {
-                point: points[lane],
-                normal: normals[lane],
-                both_sides: both >> lane & 1 == 1,
-            };
-            let Some(s) = self.sample_light(&receiver, choice, index, u_choice[lane], [u0[lane], u1[lane]]) else { continue };
-            directions[lane] = s.direction;
-            if let Some(target) = s.target {
-                finite |= 1 << lane;
-                (ends[lane], ns[lane]) = (target.point, target.normal);
+        let FoundLights { mut samples, varying, surfaces } =
+            self.lights.sample(token, receivers, choice, index, (u_choice, u), active);
+        let varying = varying & samples.pdf.is_positive().bits();
+        if varying != 0 {
+            let (points, directions) = (samples.point.to_lanes(), samples.direction.to_lanes());
+            let Rgb { r, g, b } = samples.radiance;
+            let (mut r, mut g, mut b) = (r.to_array(), g.to_array(), b.to_array());
+            for lane in 0..F::WIDTH {
+                if varying >> lane & 1 == 1 {
+                    let [part, triangle] = surfaces[lane];
+                    let radiance = self.radiance_at(part, triangle, points[lane], -directions[lane]);
+                    [r[lane], g[lane], b[lane]] = radiance.to_array();
+                }
             }
-            delta |= u32::from(s.is_delta) << lane;
-            [numbers[0][lane], numbers[1][lane], numbers[2][lane]] = s.radiance.to_array();
-            numbers[3][lane] = s.pdf;
+            samples.radiance = Rgb::new(F::load(token, &r), F::load(token, &g), F::load(token, &b));
         }
-        LightSamples {
-            direction: V3::from_lanes(token, &directions),
-            point: V3::from_lanes(token, &ends),
-            normal: V3::from_lanes(token, &ns),
-            is_finite: F::mask(token, finite),
-            radiance: Rgb::new(F::load(token, &numbers[0]), F::load(token, &numbers[1]), F::load(token, &numbers[2])),
-            pdf: F::load(token, &numbers[3]),
-            is_delta: F::mask(token, delta),
-        }
+        samples
     }
 
     /// Radiance [W/(m^2 sr)] of a point on a light whose radiance is not constant.

@@ -5,7 +5,6 @@ use super::Rectangle;
 use glam::{DVec3, Vec3};
 
 /// A rectangle, with its short edge along x.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub(super) struct ExactRectangle {
     corner: DVec3,
     center: DVec3,
@@ -47,7 +46,6 @@ impl ExactRectangle {
     }
 
     /// The method, its constants and the place of a sample.
-    #[inline(never)]
     pub(super) fn sample(&self, reference: Vec3, u: [f32; 2]) -> Exact {
         let by_area = |volume: f64| {
             let place = [0, 1].map(|axis| (f64::from(u[axis]) * self.size[axis]) as f32);
