@@ -305,7 +305,7 @@ impl<F: Lanes, C: Curves> Principled<F, C> {
             is_lit,
             is_refracting,
             is_covered,
-            is_matched: (self.eta - 1.0).abs().lt(one * MATCHED_INDEX),
+            is_matched: self.is_matched(),
             visible: self.ggx.visible_scale(up),
             bounded: self.ggx.bounded_scale(up),
             diffuse,
@@ -323,7 +323,7 @@ impl<F: Lanes, C: Curves> Principled<F, C> {
     #[inline(always)]
     fn gains(&self, mask: F::Mask, up: V3<F>, eta: F) -> Gains<F> {
         let one = eta.constant(1.0);
-        let is_clear = mask & one.le((self.eta - 1.0).abs() / MATCHED_INDEX) & !self.specular.is_brighter();
+        let is_clear = mask & !self.is_matched() & !self.specular.is_brighter();
         let clear = compensation::scattered_once(is_clear, &self.ggx, up, eta).recip();
         let once = compensation::reflected_once(mask, &self.ggx, up);
         Gains {
@@ -348,6 +348,12 @@ impl<F: Lanes, C: Curves> Principled<F, C> {
     #[inline(always)]
     fn schlick_weight(&self, cos_d: F, cos_t: F) -> F {
         schlick_weight(self.eta.gt(self.eta.constant(1.0)).select(cos_d, cos_t))
+    }
+
+    /// True if there is no boundary with refraction.
+    #[inline(always)]
+    fn is_matched(&self) -> F::Mask {
+        (self.eta - 1.0).abs().lt(self.eta.constant(MATCHED_INDEX))
     }
 
     /// Probability of reflection at a facet of the refracting boundary, in proportion to the energy of each side.

@@ -151,6 +151,8 @@ impl Mul<Rgb> for f32 {
 
 impl<F: Lanes> Div<F> for Rgb<F> {
     type Output = Self;
+    // One division for three channels.
+    #[allow(clippy::suspicious_arithmetic_impl)]
     #[inline(always)]
     #[expect(clippy::suspicious_arithmetic_impl, reason = "one division instead of three")]
     fn div(self, s: F) -> Self {
