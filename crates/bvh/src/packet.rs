@@ -300,11 +300,24 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
         }
     }
 
-    /// Distances within their own error of zero or of the ray's end, computed again in f64.
-    #[inline(never)]
+    /// Distances within their own error of zero or of the ray's end, computed again in f64. All lanes are computed together.
+    #[inline(always)]
     fn decide_near(&self, lanes: u32, corners: &[Vec3; 3], t: &mut [f32; MAX_WIDTH]) {
         let plane = PlaneF64::new(corners);
-        each_bit(lanes, |lane| t[lane] = plane.distance(&self.rays.ray(self.numbers[lane] as usize)));
+        let (mut from, mut along, mut exact) = ([[0.0; MAX_WIDTH]; 3], [[1.0; MAX_WIDTH]; 3], [0.0; MAX_WIDTH]);
+        for lane in 0..F::WIDTH {
+            let i = self.numbers[lane.min(self.numbers.len() - 1)] as usize;
+            for k in 0..3 {
+                (from[k][lane], along[k][lane]) = (self.rays.origin[k][i], self.rays.direction[k][i]);
+            }
+        }
+        for lane in 0..F::WIDTH {
+            let origin = [from[0][lane], from[1][lane], from[2][lane]];
+            exact[lane] = plane.distance(origin, [along[0][lane], along[1][lane], along[2][lane]]);
+        }
+        for lane in 0..F::WIDTH {
+            t[lane] = if lanes >> lane & 1 == 1 { exact[lane] } else { t[lane] };
+        }
     }
 
     /// Follows the rays of a child one by one.

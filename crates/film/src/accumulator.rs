@@ -192,7 +192,9 @@ fn heaviest_key(index: u32, luminance: f32) -> u64 {
 /// `v * 2^24`, rounded to nearest and clamped to [-1, 1]. Auxiliary layers are not measurements. NaN becomes zero.
 #[inline]
 fn unit_to_fixed(v: f32) -> i64 {
-    if v.is_nan() { 0 } else { (f64::from(v.clamp(-1.0, 1.0)) * (1u64 << UNIT_BITS) as f64).round() as i64 }
+    let scaled = f64::from(v.clamp(-1.0, 1.0)) * (1u64 << UNIT_BITS) as f64;
+    // The sum is exact, and the conversion rounds toward zero. `f64::round` would be a call.
+    (scaled + 0.5f64.copysign(scaled)) as i64
 }
 
 /// The square of such a number in units of 2^-30, rounded to nearest. It is at most 2^30, so that a sum has room for

@@ -93,7 +93,7 @@ pub fn edge_functions_f64(x: [f32; 3], y: [f32; 3]) -> [f32; 3] {
 /// below 8 units of roundoff of the sum of absolute terms.
 #[inline]
 pub fn plane_distance_f64(ray: &Ray, corners: &[Vec3; 3]) -> f32 {
-    PlaneF64::new(corners).distance(ray)
+    PlaneF64::new(corners).distance(ray.origin.to_array(), ray.direction.to_array())
 }
 
 /// The plane of a triangle for [`plane_distance_f64`] of several rays.
@@ -116,13 +116,20 @@ impl PlaneF64 {
         Self { corner, normal: left - right, magnitude: left.abs() + right.abs() }
     }
 
-    /// [`plane_distance_f64`] of a ray.
-    #[inline]
-    pub fn distance(&self, ray: &Ray) -> f32 {
-        let a = self.corner - ray.origin.as_dvec3();
-        let numerator = self.normal.dot(a);
-        let bound = 4.0 * f64::EPSILON * self.magnitude.dot(a.abs());
-        if numerator.abs() <= bound { 0.0 } else { (numerator / self.normal.dot(ray.direction.as_dvec3())) as f32 }
+    /// [`plane_distance_f64`] of a ray, given by its origin and its direction.
+    // Plain numbers and no branch, so that a loop over rays is vectorised.
+    #[inline(always)]
+    pub fn distance(&self, origin: [f32; 3], direction: [f32; 3]) -> f32 {
+        let Self { corner, normal, magnitude } = self;
+        let (ax, ay, az) =
+            (corner.x - f64::from(origin[0]), corner.y - f64::from(origin[1]), corner.z - f64::from(origin[2]));
+        let numerator = normal.x * ax + normal.y * ay + normal.z * az;
+        let bound = 4.0 * f64::EPSILON * (magnitude.x * ax.abs() + magnitude.y * ay.abs() + magnitude.z * az.abs());
+        let along = normal.x * f64::from(direction[0])
+            + normal.y * f64::from(direction[1])
+            + normal.z * f64::from(direction[2]);
+        let distance = (numerator / along) as f32;
+        if numerator.abs() <= bound { 0.0 } else { distance }
     }
 }
 

@@ -45,7 +45,7 @@ impl Estimator<'_> {
     /// unchanged, and the film counts it.
     #[inline]
     pub fn sample(&self, at: PixelSample) -> Sample {
-        self.run(at, ()).0
+        self.sample_counting(at, &mut ConnectionTally::default())
     }
 
     /// The same sample. Also counts the connections through covers that it attempted.

@@ -14,9 +14,7 @@ use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::Lanes;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{
-    Features, Interface, LightChoice, LightSampleContext, MediumEvent, Scene, SurfacePoint,
-};
+use dunkelfeld_scene::{Features, Interface, LightChoice, LightSampleContext, MediumEvent, Scene, SurfacePoint};
 use std::marker::PhantomData;
 
 /// From this bounce at a surface on the survival probability is below one, also for a path without any loss. So light
@@ -383,7 +381,8 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
     pub(crate) fn set_layers(&mut self, is_see_through: bool, features: impl FnOnce() -> (Rgb, Vec3)) {
         if !self.sample.hit || !is_see_through {
             let (albedo, normal) = features();
-            self.sample = Sample { hit: true, albedo, normal: normal.to_array(), depth: self.path_length, ..self.sample };
+            self.sample =
+                Sample { hit: true, albedo, normal: normal.to_array(), depth: self.path_length, ..self.sample };
         }
         self.only_specular = is_see_through;
     }

@@ -19,9 +19,8 @@ fn compare(b: SceneBuilder, what: &str) {
     let scene: Scene = b.build().expect("the scene is valid").0;
     let camera = scene.ray_generator(&scene.cameras()[0], SIZE, SIZE).expect("a camera");
     let learned = LearnedRoulette::train(&scene, &camera, [SIZE; 2], 3000, |range, batch| range.map(batch).collect());
-    let at: Vec<_> = (0..SIZE * SIZE * 6)
-        .map(|k| PixelSample { x: k / 6 % SIZE, y: k / 6 / SIZE, index: 3 * (k % 6) })
-        .collect();
+    let at: Vec<_> =
+        (0..SIZE * SIZE * 6).map(|k| PixelSample { x: k / 6 % SIZE, y: k / 6 / SIZE, index: 3 * (k % 6) }).collect();
     for roulette in [None, learned.as_ref()] {
         let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed: 7, frame: 1, roulette };
         let mut expected_tally = ConnectionTally::default();

@@ -14,6 +14,7 @@
 mod rays;
 mod scatter;
 
+use crate::dispatch::{Wide, needs_media};
 use crate::estimator::{CameraSample, Estimator, PixelSample, weighted};
 use crate::path::{Path, Presence};
 use crate::ray_state::SurfaceHit;
@@ -23,14 +24,12 @@ use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_film::Sample;
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, dispatch};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{KernelFeatures, Scene, SurfacePoint};
+use dunkelfeld_scene::{Scene, SurfacePoint};
 use rays::{Hits, QueuedLight, Rays, ShadowRays};
+use smallvec::SmallVec;
 
 /// Most paths that are followed together. Their state takes about half a megabyte.
 const BATCH: usize = 1024;
-
-/// All features but media. Paths in scenes with media are followed one by one.
-type Wide = KernelFeatures<true, true, true, false>;
 
 /// Follows the paths of samples, a batch at a time. A thread uses one for all of its samples.
 #[derive(Debug)]
@@ -85,14 +84,12 @@ impl<'a> Wavefront<'a> {
     pub fn samples(&mut self, at: &[PixelSample], tally: &mut ConnectionTally, found: &mut Vec<Sample>) {
         found.clear();
         found.resize(at.len(), Sample::MISS);
-        let features = self.estimator.scene.features();
         for (first, at) in (0..).step_by(BATCH).zip(at.chunks(BATCH)) {
             self.paths.clear();
             self.samples.clear();
             for (number, at) in (first..).zip(at) {
                 let CameraSample { sampler, ray, weight, start } = self.estimator.camera_sample(*at);
-                let is_inside = features.solids && self.estimator.scene.may_be_inside(ray.origin);
-                if features.media || is_inside {
+                if needs_media(self.estimator.scene, &ray) {
                     found[number] = self.estimator.sample_counting(*at, tally);
                     if tally.is_abandoned {
                         return;
@@ -189,8 +186,8 @@ impl<'a> Wavefront<'a> {
         scene: &'s Scene,
         paths: &[u32],
         storage: &'s mut [Option<Bsdf>; MAX_WIDTH],
-    ) -> Vec<SurfaceVertex<'s, Wide>> {
-        let mut vertices = Vec::with_capacity(MAX_WIDTH);
+    ) -> SmallVec<[SurfaceVertex<'s, Wide>; MAX_WIDTH]> {
+        let mut vertices = SmallVec::new();
         for (&number, storage) in paths.iter().zip(storage) {
             if let Some((point, u_kind)) = self.points[number as usize] {
                 let (state, hit) = (self.paths[number as usize].ray_state, SurfaceHit::of_surface(point));

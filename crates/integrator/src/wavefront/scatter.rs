@@ -2,10 +2,11 @@
 //!
 //! Each stage is a function of its own, so that only the evaluation of BSDFs is compiled for each kind of them.
 
+use super::Wavefront;
 use super::rays::QueuedLight;
-use super::{Wavefront, Wide};
 use crate::dimensions;
 use crate::direct::{ShadowRoulette, gathered_survival, light_weight};
+use crate::dispatch::Wide;
 use crate::learned_roulette::VertexRoulettes;
 use crate::mnee;
 use crate::path::{Path, survival};
@@ -17,7 +18,10 @@ use dunkelfeld_geometry::{Ray, Vec3, offset_ray_origins};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{LightChoice, LightSample, LightSamples, LightTarget, Receivers, Scene, ShadingFrames, shadow_rays};
+use dunkelfeld_scene::{
+    LightChoice, LightSample, LightSamples, LightTarget, Receivers, Scene, ShadingFrames, shadow_rays,
+};
+use smallvec::SmallVec;
 
 /// Most light samples of a vertex.
 const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
@@ -77,7 +81,7 @@ impl<'a> Wavefront<'a> {
         'a: 'v,
     {
         let group = self.group::<F>(token, vertex, vertices, paths);
-        let mut draws = Vec::new();
+        let mut draws = SmallVec::new();
         if group.lit.any() {
             self.draw_lights(&group, &mut draws);
         }
@@ -148,7 +152,7 @@ impl<'a> Wavefront<'a> {
 
     /// Draws the light samples of a group.
     #[inline(never)]
-    fn draw_lights<F: Lanes>(&self, group: &Group<'_, '_, F>, draws: &mut Vec<Draw<F>>) {
+    fn draw_lights<F: Lanes>(&self, group: &Group<'_, '_, F>, draws: &mut SmallVec<[Draw<F>; LIGHTS]>) {
         let (scene, token) = (self.estimator.scene, group.token);
         let choice = scene.light_choice_at(0, false);
         F::vectorize(
@@ -219,9 +223,7 @@ impl<'a> Wavefront<'a> {
                     let unoccluded = *scattered * light.radiance;
                     let expected = unoccluded * light_weight(light.pdf, *pdf, light.is_delta);
                     let other = match choice {
-                        LightChoice::Each => {
-                            is_gathered.select(gathered_survival(scale * expected.max_channel()), one)
-                        }
+                        LightChoice::Each => is_gathered.select(gathered_survival(scale * expected.max_channel()), one),
                         LightChoice::One => one,
                     };
                     let survival = group.learned.shadow_survival(index, brightest * expected.max_channel(), other);
@@ -293,7 +295,8 @@ impl<'a> Wavefront<'a> {
         tally: &mut ConnectionTally,
     ) {
         let (light, learned) = (&draw.light, &group.learned);
-        let (directions, points, normals) = (light.direction.to_lanes(), light.point.to_lanes(), light.normal.to_lanes());
+        let (directions, points, normals) =
+            (light.direction.to_lanes(), light.point.to_lanes(), light.normal.to_lanes());
         let (r, g, b) = (light.radiance.r.to_array(), light.radiance.g.to_array(), light.radiance.b.to_array());
         let (pdf, u_roulette, u_chain) = (light.pdf.to_array(), draw.u_roulette.to_array(), draw.u_chain.to_array());
         let gathered = group.gathered.to_array();
@@ -307,7 +310,8 @@ impl<'a> Wavefront<'a> {
             let path = &self.paths[group.paths[lane] as usize];
             let sample = LightSample {
                 direction: directions[lane],
-                target: (is_finite >> lane & 1 == 1).then(|| LightTarget { point: points[lane], normal: normals[lane] }),
+                target: (is_finite >> lane & 1 == 1)
+                    .then(|| LightTarget { point: points[lane], normal: normals[lane] }),
                 radiance: Rgb::new(r[lane], g[lane], b[lane]),
                 pdf: pdf[lane],
                 is_delta: is_delta >> lane & 1 == 1,

@@ -226,7 +226,13 @@ impl Scene {
     }
 
     /// The frame around the shading normal with the surface's storage tangent, and with the normal map.
-    fn tangent_frame(&self, p: &SurfacePoint, normal: Vec3, material: &crate::Material, at: &TexturePoint) -> PointFrame {
+    fn tangent_frame(
+        &self,
+        p: &SurfacePoint,
+        normal: Vec3,
+        material: &crate::Material,
+        at: &TexturePoint,
+    ) -> PointFrame {
         let part = &self.parts[p.part as usize];
         let mesh = &self.meshes[part.mesh as usize];
         let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
