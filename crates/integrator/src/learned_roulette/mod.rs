@@ -133,9 +133,9 @@ impl<'a, F: Lanes> VertexRoulettes<'a, F> {
             return other;
         }
         let mut shares = [0.0; MAX_WIDTH];
-        for lane in 0..F::WIDTH {
-            if let Some(vertex) = &self.vertices[lane] {
-                shares[lane] = vertex.cell.shadow[index as usize % LIGHTS];
+        for (share, vertex) in shares.iter_mut().zip(&self.vertices) {
+            if let Some(vertex) = vertex {
+                *share = vertex.cell.shadow[index as usize % LIGHTS];
             }
         }
         let survival = clamp(expected * self.gain_scale * F::load(expected.token(), &shares));

@@ -345,8 +345,8 @@ impl<'a> Wavefront<'a> {
     fn continue_paths<F: Lanes>(&mut self, group: &Group<'_, '_, F>, found: &Evaluated<F>) {
         let Evaluated { wi, sample, u_roulette, .. } = found;
         let mut max_survival = [1.0; MAX_WIDTH];
-        for lane in 0..group.vertices.len() {
-            max_survival[lane] = self.paths[group.paths[lane] as usize].count_scattering(false);
+        for (most, path) in max_survival.iter_mut().zip(&group.paths[..group.vertices.len()]) {
+            *most = self.paths[*path as usize].count_scattering(false);
         }
         let (alive, throughput, eta_scale) = F::vectorize(
             group.token,
