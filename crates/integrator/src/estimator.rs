@@ -62,7 +62,9 @@ impl Estimator<'_> {
     }
 
     fn run<R: Recorder>(&self, at: PixelSample, recorder: R) -> (Sample, R) {
-        let CameraSample { sampler, ray, weight, start } = self.camera_sample(at);
+        let sampler = self.sampler(at);
+        let place = sampler.get_2d(dimensions::CAMERA);
+        let CameraSample { ray, weight, start } = self.camera_sample(at, &sampler, place);
         // The path, and the sample for the film.
         let (sample, mut recorder) = trace_path(self.scene, self.roulette, ray, sampler, recorder);
         // The lens scales the radiance, for example by vignetting.
@@ -70,13 +72,15 @@ impl Estimator<'_> {
         (weighted(&sample, weight, start), recorder)
     }
 
-    /// The ray of a sample, and its random numbers.
+    /// The source of all random numbers of a sample.
     #[inline]
-    pub(crate) fn camera_sample(&self, at: PixelSample) -> CameraSample {
-        // All random numbers of this sample come from this sampler.
-        let sampler = Sampler::new(self.seed, self.frame, at.y * self.width + at.x, at.index);
-        // A uniform place in the pixel: the box filter of a sensor that integrates over its pixel.
-        let [dx, dy] = sampler.get_2d(dimensions::CAMERA);
+    pub(crate) fn sampler(&self, at: PixelSample) -> Sampler {
+        Sampler::new(self.seed, self.frame, at.y * self.width + at.x, at.index)
+    }
+
+    /// The ray of a sample from a uniform place in the pixel: the box filter of a sensor that integrates over its pixel.
+    #[inline]
+    pub(crate) fn camera_sample(&self, at: PixelSample, sampler: &Sampler, [dx, dy]: [f32; 2]) -> CameraSample {
         // The time of the sample. The rows of a line scan have the same place on the film.
         let Moment { time, y } = match self.scene.shutter() {
             None => Moment { time: 0.0, y: at.y as f32 + dy },
@@ -85,14 +89,13 @@ impl Estimator<'_> {
         // The ray from the film through the lens into the scene. A pinhole needs no place on the lens.
         let lens = self.camera.has_aperture().then(|| sampler.get_2d(dimensions::LENS));
         let CameraRay { ray, weight, start } = self.camera.camera_ray(at.x as f32 + dx, y, lens);
-        CameraSample { sampler, ray: ray.at_time(time), weight, start }
+        CameraSample { ray: ray.at_time(time), weight, start }
     }
 }
 
 /// The ray of a sample.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CameraSample {
-    pub(crate) sampler: Sampler,
     pub(crate) ray: Ray,
     /// Factor on the radiance.
     pub(crate) weight: f32,

@@ -14,6 +14,7 @@
 mod rays;
 mod scatter;
 
+use crate::dimensions;
 use crate::dispatch::{Wide, needs_media};
 use crate::estimator::{CameraSample, Estimator, PixelSample, weighted};
 use crate::path::{Path, Presence};
@@ -24,6 +25,7 @@ use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_film::Sample;
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, dispatch};
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{Scene, SurfacePoint};
 use rays::{Hits, QueuedLight, Rays, ShadowRays};
 use smallvec::SmallVec;
@@ -87,8 +89,12 @@ impl<'a> Wavefront<'a> {
         for (first, at) in (0..).step_by(BATCH).zip(at.chunks(BATCH)) {
             self.paths.clear();
             self.samples.clear();
-            for (number, at) in (first..).zip(at) {
-                let CameraSample { sampler, ray, weight, start } = self.estimator.camera_sample(*at);
+            let estimator = self.estimator;
+            let samplers: Vec<Sampler> = at.iter().map(|at| estimator.sampler(*at)).collect();
+            let places = places_in_pixels(self.set, &samplers);
+            for (i, at) in at.iter().enumerate() {
+                let (number, sampler) = (first + i, samplers[i]);
+                let CameraSample { ray, weight, start } = estimator.camera_sample(*at, &sampler, places[i]);
                 if needs_media(self.estimator.scene, &ray) {
                     found[number] = self.estimator.sample_counting(*at, tally);
                     if tally.is_abandoned {
@@ -171,8 +177,8 @@ impl<'a> Wavefront<'a> {
                 for (lane, key) in group.iter().enumerate() {
                     paths[lane] = *key as u32;
                 }
-                let mut storage = [const { None }; MAX_WIDTH];
-                let vertices = self.vertices(scene, &paths[..group.len()], &mut storage);
+                let (mut storage, mut vertices) = ([const { None }; MAX_WIDTH], SmallVec::new());
+                self.vertices(scene, &paths[..group.len()], &mut storage, &mut vertices);
                 self.scatter_group::<F>(token, (vertex, &vertices, paths), tally);
             }
         }
@@ -186,15 +192,14 @@ impl<'a> Wavefront<'a> {
         scene: &'s Scene,
         paths: &[u32],
         storage: &'s mut [Option<Bsdf>; MAX_WIDTH],
-    ) -> SmallVec<[SurfaceVertex<'s, Wide>; MAX_WIDTH]> {
-        let mut vertices = SmallVec::new();
+        vertices: &mut SmallVec<[SurfaceVertex<'s, Wide>; MAX_WIDTH]>,
+    ) {
         for (&number, storage) in paths.iter().zip(storage) {
             if let Some((point, u_kind)) = self.points[number as usize] {
                 let (state, hit) = (self.paths[number as usize].ray_state, SurfaceHit::of_surface(point));
                 vertices.push(SurfaceVertex::new(scene, state, hit, u_kind, storage));
             }
         }
-        vertices
     }
 
     /// Traces the shadow rays, light by light, and adds the light of those that are not occluded.
@@ -212,4 +217,19 @@ impl<'a> Wavefront<'a> {
             queue.rays.clear();
         }
     }
+}
+
+/// The place of each sample in its pixel.
+fn places_in_pixels(set: InstructionSet, samplers: &[Sampler]) -> Vec<[f32; 2]> {
+    let mut places = Vec::with_capacity(samplers.len());
+    dispatch!(set, F, token => {
+        for group in samplers.chunks(F::WIDTH) {
+            let mut lanes = [group[0]; MAX_WIDTH];
+            lanes[..group.len()].copy_from_slice(group);
+            let [x, y] = Sampler::<F>::from_lanes(token, &lanes).numbers(dimensions::CAMERA).first_two();
+            let (x, y) = (x.to_array(), y.to_array());
+            places.extend((0..group.len()).map(|lane| [x[lane], y[lane]]));
+        }
+    });
+    places
 }
