@@ -31,12 +31,13 @@ fn plastic() -> Material {
     Material { base_color: Rgb::splat(0.6), roughness: 0.4, ..Material::default() }
 }
 
-fn plastic_bsdf(base: f32) -> Principled {
-    Principled::new(&PrincipledParams { base_color: Rgb::splat(base), roughness: 0.4, eta: 1.5, ..Default::default() })
+fn plastic_bsdf(base: f32) -> Bsdf {
+    let params = PrincipledParams { base_color: Rgb::splat(base), roughness: 0.4, eta: 1.5, ..Default::default() };
+    Bsdf::Principled(Principled::new(&params))
 }
 
 /// `f cos` of a BSDF on a surface with unit normal `n`, green channel.
-fn f_cos(bsdf: &Principled, n: DVec3, wo: DVec3, wi: DVec3) -> f64 {
+fn f_cos(bsdf: &Bsdf, n: DVec3, wo: DVec3, wi: DVec3) -> f64 {
     let to_local = DQuat::from_rotation_arc(n, DVec3::Z);
     let local = |d: DVec3| LocalDir((to_local * d).as_vec3());
     f64::from(bsdf.eval_pdf(local(wo), local(wi)).0.g)

@@ -11,7 +11,7 @@ use dunkelfeld::scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld::scene::{
     AlphaMode, Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, SceneBuilder, Surface, Volume,
 };
-use dunkelfeld_bsdf::{Principled, PrincipledParams};
+use dunkelfeld_bsdf::{Bsdf, Principled, PrincipledParams};
 use std::f64::consts::PI;
 use support::{black, build, emitter, film, pixel_moments, settings, spot_camera, square};
 
@@ -21,14 +21,14 @@ fn check(builder: SceneBuilder, spp: f64, expected: f64, what: &str) {
 }
 
 /// A rough grey plastic, as a material and as its BSDF.
-fn plastic() -> (Material, Principled) {
+fn plastic() -> (Material, Bsdf) {
     let material = Material { base_color: Rgb::splat(0.6), roughness: 0.4, ..Material::default() };
     let params = PrincipledParams { base_color: Rgb::splat(0.6), roughness: 0.4, eta: 1.5, ..Default::default() };
-    (material, Principled::new(&params))
+    (material, Bsdf::Principled(Principled::new(&params)))
 }
 
 /// `f cos` of a BSDF in a frame whose normal is +z, green channel.
-fn f_cos(bsdf: &Principled, wo: DVec3, wi: DVec3) -> f64 {
+fn f_cos(bsdf: &Bsdf, wo: DVec3, wi: DVec3) -> f64 {
     let local = |d: DVec3| LocalDir(d.as_vec3());
     f64::from(bsdf.eval_pdf(local(wo), local(wi)).0.g)
 }
@@ -40,7 +40,7 @@ fn integrate(n: usize, f: impl Fn(f64, f64) -> f64) -> f64 {
 }
 
 /// The plastic floor seen from above at an angle, with nothing else.
-fn floor_scene() -> (SceneBuilder, Principled, DVec3) {
+fn floor_scene() -> (SceneBuilder, Bsdf, DVec3) {
     let mut b = SceneBuilder::default();
     let (material, bsdf) = plastic();
     let floor = b.add_material(material);

@@ -15,7 +15,7 @@ use dunkelfeld::geometry::{DVec3, LocalDir, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
-use dunkelfeld_bsdf::{Principled, PrincipledParams};
+use dunkelfeld_bsdf::{Bsdf, Principled, PrincipledParams};
 use std::f64::consts::PI;
 
 /// A principled surface, as a material and as its parameters.
@@ -39,7 +39,7 @@ fn a_surface_under_a_white_sky_is_the_integral_of_its_bsdf() {
     for name in ["plastic", "metal", "half metal", "reflection"] {
         for roughness in [0.3f32, 0.6, 1.0] {
             let (material, params) = lobe(name, roughness);
-            let bsdf = Principled::new(&params);
+            let bsdf = Bsdf::Principled(Principled::new(&params));
             let expected = 2.0
                 * PI
                 * integrate(700, |u, v| {
@@ -121,7 +121,7 @@ fn two_endless_plates_solve_their_integral_equation() {
     // Two plates 20 m wide, 1 cm apart, both shining with 1 and scattering like plastic. By symmetry the radiance depends on
     // the angle alone: L(o) = 1 + integral of f(o, i) cos i L(i). Solved by its own series, on 200 cosines.
     let params = PrincipledParams { base_color: Rgb::splat(0.85), roughness: 0.6, eta: 1.5, ..Default::default() };
-    let bsdf = Principled::new(&params);
+    let bsdf = Bsdf::Principled(Principled::new(&params));
     const N: usize = 200;
     const AZIMUTHS: usize = 64;
     let local = |z: f64, phi: f64| {

@@ -9,7 +9,7 @@ use dunkelfeld::scene::{
     Camera, Environment, EnvironmentSource, Image, ImageId, Material, Projection, PunctualKind, PunctualLight, Scene,
     SceneBuilder, Surface, Texels, Volume, look_at,
 };
-use dunkelfeld_bsdf::{Principled, PrincipledParams};
+use dunkelfeld_bsdf::{Bsdf, Principled, PrincipledParams};
 use dunkelfeld_testkit::{Claim, Estimate, SampleMoments};
 
 /// Pixels along the side of the image of a case. All of them show the same radiance, so that their means are independent
@@ -89,12 +89,13 @@ pub(crate) fn plastic() -> Material {
 }
 
 /// The BSDF of [`plastic`].
-pub(crate) fn plastic_bsdf() -> Principled {
-    Principled::new(&PrincipledParams { base_color: Rgb::splat(0.6), roughness: 0.4, eta: 1.5, ..Default::default() })
+pub(crate) fn plastic_bsdf() -> Bsdf {
+    let params = PrincipledParams { base_color: Rgb::splat(0.6), roughness: 0.4, eta: 1.5, ..Default::default() };
+    Bsdf::Principled(Principled::new(&params))
 }
 
 /// `f cos` of a BSDF on a surface with unit normal `n`, green channel.
-pub(crate) fn f_cos(bsdf: &Principled, n: DVec3, wo: DVec3, wi: DVec3) -> f64 {
+pub(crate) fn f_cos(bsdf: &Bsdf, n: DVec3, wo: DVec3, wi: DVec3) -> f64 {
     let to_local = DQuat::from_rotation_arc(n, DVec3::Z);
     let local = |d: DVec3| LocalDir((to_local * d).as_vec3());
     f64::from(bsdf.eval_pdf(local(wo), local(wi)).0.g)

@@ -30,9 +30,8 @@ const AIM: f64 = 0.6;
 const ANALYSIS: f64 = 15e-6;
 /// Samples per second of a thread if they have not been measured.
 const UNKNOWN_RATE: f64 = 1e5;
-/// Time that a render reserves for exposure and certificate on one thread \[s per pixel\], and the largest share of its time
-/// with which it measures this time first, by an exposure more.
-const REHEARSED: (f64, f64) = (4.8e-6, 0.065);
+/// Time in which a render measures the duration of its exposure, over that duration: an eighth of the rows, four times.
+const DRY_RUNS: f64 = 0.5;
 
 /// The result of a time for the whole set, from pilots of test images before the first image: those of the first missing
 /// image, and in sets of 12 and more missing images also of the middle and the last one.
@@ -233,7 +232,7 @@ impl Pilot {
 
     /// Samples per pixel of the image if its render has a budget of `seconds`, of which the exposure takes `expose`.
     fn spp(&self, seconds: f64, rate: f64, expose: f64) -> f64 {
-        samples_per_pixel(seconds, rate / self.pixels, self.plan, expose, REHEARSED.0 * self.pixels)
+        samples_per_pixel(seconds, rate / self.pixels, self.plan, expose)
     }
 
     /// The level of the image with so many samples per pixel.
@@ -243,12 +242,11 @@ impl Pilot {
     }
 }
 
-/// Samples per pixel of an image whose render has a budget of `seconds`: of the time beside exposure and plan. A render whose
-/// exposure is short in comparison makes one in advance, and one with fewer than 16 samples per pixel has no plan.
-fn samples_per_pixel(seconds: f64, rate: f64, plan: f64, expose: f64, reserved: f64) -> f64 {
-    let rehearsal = if reserved < REHEARSED.1 * seconds { expose } else { 0.0 };
-    let left = (seconds - expose).max(0.0);
-    match (left - plan - rehearsal).max(0.0) * rate {
+/// Samples per pixel of an image whose render has a budget of `seconds`: of the time beside exposure and plan. A render with
+/// fewer than 16 samples per pixel has no plan.
+fn samples_per_pixel(seconds: f64, rate: f64, plan: f64, expose: f64) -> f64 {
+    let left = (seconds - (1.0 + DRY_RUNS) * expose).max(0.0);
+    match (left - plan).max(0.0) * rate {
         spp if spp >= f64::from(PILOT_SPP) => spp,
         _ => (left * rate).min(f64::from(PILOT_SPP)),
     }

@@ -55,13 +55,12 @@ fn a_pilot_has_the_samples_that_fit() {
 /// 10 s, of which the exposure takes 1 s and the plan 2 s, at 8 samples per pixel and second.
 #[test]
 fn the_samples_of_an_image_are_those_of_the_time_beside_exposure_and_plan() {
-    assert_eq!(samples_per_pixel(10.0, 8.0, 2.0, 1.0, 1.0), 56.0);
-    // With less to reserve, the exposure is made once in advance.
-    assert_eq!(samples_per_pixel(10.0, 8.0, 2.0, 1.0, 0.5), 48.0);
-    // Without a plan there are 9, and no more than 16.
-    assert_eq!(samples_per_pixel(10.0, 1.0, 2.0, 1.0, 1.0), 9.0);
-    assert_eq!(samples_per_pixel(10.0, 2.0, 3.0, 1.0, 1.0), 16.0);
-    assert_eq!(samples_per_pixel(0.02, 8.0, 2.0, 1.0, 1.0), 0.0);
+    // Half of an exposure measures its time.
+    assert_eq!(samples_per_pixel(10.0, 8.0, 2.0, 1.0), 52.0);
+    // Without a plan there are 8.5, and no more than 16.
+    assert_eq!(samples_per_pixel(10.0, 1.0, 2.0, 1.0), 8.5);
+    assert_eq!(samples_per_pixel(10.0, 2.0, 3.0, 1.0), 16.0);
+    assert_eq!(samples_per_pixel(0.02, 8.0, 2.0, 1.0), 0.0);
 }
 
 #[test]

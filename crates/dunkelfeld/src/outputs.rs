@@ -297,14 +297,18 @@ fn layers_of_rows(film: &RenderedFilm, frame: &Frame, rows: Range<u32>) -> ExrLa
         .map(|band| {
             let mut sums = Vec::new();
             film.sums.read_rows(band.clone(), &mut sums);
-            layers_of_band(film.sums.layers(), &sums, &film.ids, frame, band)
+            // The sums of a row stay in the cache of the processor from layer to layer.
+            let rows = band.zip(sums.chunks(film.sums.width().max(1) as usize));
+            joined(rows.map(|(y, sums)| layers_of_band(film.sums.layers(), sums, &film.ids, frame, y..y + 1)))
         })
         .collect();
-    let mut bands = bands.into_iter();
-    let mut all = bands.next().unwrap_or_else(|| ExrLayers::new(film.sums.width(), 0));
-    for band in bands {
-        all.append_rows(band);
-    }
+    joined(bands.into_iter())
+}
+
+/// The layers of consecutive rows.
+fn joined(mut parts: impl Iterator<Item = ExrLayers>) -> ExrLayers {
+    let mut all = parts.next().unwrap_or_else(|| ExrLayers::new(0, 0));
+    parts.for_each(|part| all.append_rows(part));
     all
 }
 
@@ -458,6 +462,18 @@ impl Written<'_> {
             save_plan(path, &self.film.sums.sample_counts(), self.settings)?;
         }
         Ok(())
+    }
+
+    /// Writes the files under hidden names beside those of the outputs, and removes them.
+    pub(crate) fn try_out(&self, paths: &OutputPaths) -> Result<(), Error> {
+        let hidden = [&paths.image, &paths.linear, &paths.exr, &paths.plan].map(|path| {
+            path.as_deref().map(|path| written(path, dunkelfeld_io::atomic::hidden_file(path))).transpose()
+        });
+        let [image, linear, exr, plan] = hidden;
+        let hidden = [image?, linear?, exr?, plan?];
+        let [image, linear, exr, plan] =
+            hidden.each_ref().map(|file| file.as_ref().map(|file| file.as_ref().to_path_buf()));
+        self.save(&OutputPaths { image, linear, exr, plan, stats: None, align: paths.align })
     }
 
     /// Writes all layers in strips. The layers of a whole image would take more memory than its film.

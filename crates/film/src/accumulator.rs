@@ -79,10 +79,13 @@ fn weighted(v: [f64; 3], weights: [f64; 3]) -> f64 {
     weights[0] * v[0] + weights[1] * v[1] + weights[2] * v[2]
 }
 
-/// A sum as a floating-point number. Most sums fit into 64 bits, whose conversion is an instruction.
+/// A whole number as a floating-point number, rounded to nearest: that of its first 64 bits, the last of which also stands for
+/// the bits below it. The conversion of 128 bits by the compiler takes several times as long.
 #[inline]
-fn number(v: u128) -> f64 {
-    u64::try_from(v).map_or_else(|_| v as f64, |v| v as f64)
+pub(crate) fn number(v: u128) -> f64 {
+    let shift = 64u32.saturating_sub(v.leading_zeros());
+    let is_cut = v & ((1 << shift) - 1) != 0;
+    ((v >> shift) as u64 | u64::from(is_cut)) as f64 * f64::from_bits(u64::from(1023 + shift) << 52)
 }
 
 /// `v * 2^48` as an integer. Lost bits are rounded to nearest even. `v` is finite and in `[0, 2^46)`.

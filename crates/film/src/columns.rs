@@ -6,7 +6,7 @@
 //! leave.
 
 use crate::accumulator::{BATCHES, PixelSums};
-use crate::film::FilmLayers;
+use crate::film::{FilmLayers, Needed};
 use crate::units::UNIT_SQUARE_BITS;
 
 /// Columns of a film with all layers.
@@ -22,6 +22,17 @@ impl FilmLayers {
     /// The number of columns that a film with these layers stores, from the first on.
     pub(crate) fn columns(self) -> usize {
         match self {
+            Self::Image => IMAGE_COLUMNS,
+            Self::All => COLUMNS,
+        }
+    }
+}
+
+impl Needed {
+    /// The number of columns that contain these numbers, from the first on.
+    pub(crate) fn columns(self) -> usize {
+        match self {
+            Self::Means => COUNT + 1,
             Self::Image => IMAGE_COLUMNS,
             Self::All => COLUMNS,
         }

@@ -23,6 +23,17 @@ pub enum FilmLayers {
     All,
 }
 
+/// The numbers of the sums of a pixel that their reader needs. A part of them is read in a part of the time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Needed {
+    /// Number of samples and mean radiance.
+    Means,
+    /// Those of [`FilmLayers::Image`].
+    Image,
+    /// All that the film has.
+    All,
+}
+
 /// The memory does not suffice for the sums.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutOfMemory;
@@ -142,6 +153,15 @@ impl Film {
         &self.rows
     }
 
+    /// A copy of some rows of tiles, as a film of its own.
+    ///
+    /// # Panics
+    /// If the range is outside the film.
+    pub fn copy_of_tile_rows(&self, rows: Range<usize>) -> Self {
+        let rows = self.rows[rows].to_vec();
+        Self { height: rows.iter().map(|row| row.height).sum(), rows, ..*self }
+    }
+
     /// The rows of tiles, from the top, for additions. Each may be given to its own thread.
     pub fn tile_rows_mut(&mut self) -> &mut [TileRow] {
         &mut self.rows
@@ -221,7 +241,7 @@ impl Film {
         let mut sums = Vec::new();
         for (to, from) in self.rows.iter_mut().zip(&other.rows) {
             for (tile, packed) in from.tiles.iter().enumerate().filter(|(_, packed)| !packed.is_empty()) {
-                packed.unpack(&from.pages, from.layers, &mut sums);
+                packed.unpack(&from.pages, from.layers.columns(), &mut sums);
                 to.tiles[tile].add(&mut to.pages, to.layers, sums.iter().enumerate())?;
             }
         }
@@ -319,11 +339,12 @@ impl TileRow {
         self.tiles[tile].add(&mut self.pages, self.layers, sums)
     }
 
-    /// Calls `f` with column, row (counted from its first) and sums of each pixel, tile by tile. `sums` is memory that
-    /// several calls can share.
-    pub fn visit(&self, sums: &mut Vec<PixelSums>, mut f: impl FnMut(u32, u32, &PixelSums)) {
+    /// Calls `f` with column, row (counted from its first) and sums of each pixel, tile by tile. Numbers that are not needed may
+    /// be zero. `sums` is memory that several calls can share.
+    pub fn visit(&self, needed: Needed, sums: &mut Vec<PixelSums>, mut f: impl FnMut(u32, u32, &PixelSums)) {
+        let numbers = needed.columns().min(self.layers.columns());
         for (left, packed) in (0..self.width).step_by(TILE_SIDE as usize).zip(&self.tiles) {
-            packed.unpack(&self.pages, self.layers, sums);
+            packed.unpack(&self.pages, numbers, sums);
             let columns = (self.width - left).min(TILE_SIDE);
             for (y, row) in (0..self.height).zip(sums.chunks(TILE_SIDE as usize)) {
                 (left..left + columns).zip(row).for_each(|(x, sums)| f(x, y, sums));
@@ -341,7 +362,7 @@ impl TileRow {
         out.resize(start + rows.len() * width, PixelSums::default());
         let mut sums = Vec::new();
         for (tile, packed) in self.tiles.iter().enumerate().filter(|(_, packed)| !packed.is_empty()) {
-            packed.unpack(&self.pages, self.layers, &mut sums);
+            packed.unpack(&self.pages, self.layers.columns(), &mut sums);
             let left = tile * TILE_SIDE as usize;
             let columns = left..(left + TILE_SIDE as usize).min(width);
             for (row, y) in rows.clone().enumerate() {
@@ -446,7 +467,7 @@ mod tests {
         assert_eq!(a.pixel(36, 20), of_a[36 + 20 * 37]);
         let mut visited = vec![None; (width * height) as usize];
         for (row, top) in a.tile_rows().iter().zip((0..).step_by(TILE_SIDE as usize)) {
-            row.visit(&mut Vec::new(), |x, y, sums| {
+            row.visit(Needed::All, &mut Vec::new(), |x, y, sums| {
                 let before = visited[((top + y) * width + x) as usize].replace(*sums);
                 assert_eq!(before, None, "once");
             });

@@ -16,7 +16,7 @@ pub mod units;
 pub const NO_ID: u32 = u32::MAX;
 
 pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample, Scatter};
-pub use film::{Film, FilmError, FilmLayers, MAX_PIXELS, MAX_SIDE, OutOfMemory, TileRow};
+pub use film::{Film, FilmError, FilmLayers, MAX_PIXELS, MAX_SIDE, Needed, OutOfMemory, TileRow};
 pub use gaps::fill_gaps;
 pub use plane::Plane;
 pub use square_sum::SquareSum;

@@ -118,7 +118,7 @@ impl Tile {
             return Ok(());
         }
         let mut all = Vec::new();
-        self.unpack(pages, layers, &mut all);
+        self.unpack(pages, layers.columns(), &mut all);
         sums.for_each(|(slot, of_pixel)| all[slot].merge(of_pixel));
         self.pack(pages, layers, &all)
     }
@@ -191,15 +191,15 @@ impl Tile {
         counts
     }
 
-    /// Replaces `out` by the sums of all pixels, row by row.
-    pub(crate) fn unpack(&self, pages: &Pages, layers: FilmLayers, out: &mut Vec<PixelSums>) {
+    /// Replaces `out` by the sums of all pixels, row by row. Numbers beyond the first columns are zero.
+    pub(crate) fn unpack(&self, pages: &Pages, columns: usize, out: &mut Vec<PixelSums>) {
         out.clear();
         out.resize(PIXELS, PixelSums::default());
         if self.is_empty() {
             return;
         }
         let (mut own, mut bases) = (self.pages.iter(), self.bases.iter());
-        for (column, set_column) in SET_COLUMN.iter().enumerate().take(layers.columns()) {
+        for (column, set_column) in SET_COLUMN.iter().enumerate().take(columns) {
             let base = self.base(column, &mut bases);
             let mut halves = [[0u64; PIXELS]; 2];
             for shift in 0..self.widths[column] {
@@ -367,7 +367,7 @@ mod tests {
                 updates.iter().for_each(|(slot, sums)| truth[*slot].merge(sums));
                 tile.add(&mut pages, layers, updates.iter().map(|(slot, sums)| (*slot, sums))).expect("memory");
                 let mut all = Vec::new();
-                tile.unpack(&pages, layers, &mut all);
+                tile.unpack(&pages, layers.columns(), &mut all);
                 for slot in 0..PIXELS {
                     assert_eq!(all[slot], stored(&truth[slot], layers), "round {round}, pixel {slot}");
                     assert_eq!(tile.pixel(&pages, layers, slot), all[slot]);
@@ -409,7 +409,7 @@ mod tests {
                 .collect();
             tile.add(&mut pages, FilmLayers::Image, all.iter().enumerate()).expect("memory");
             let mut back = Vec::new();
-            tile.unpack(&pages, FilmLayers::Image, &mut back);
+            tile.unpack(&pages, FilmLayers::Image.columns(), &mut back);
             assert_eq!(back, all);
             (0..PIXELS).for_each(|slot| assert_eq!(tile.pixel(&pages, FilmLayers::Image, slot), all[slot]));
             tile.widths[..12].iter().map(|&width| usize::from(width)).sum::<usize>()

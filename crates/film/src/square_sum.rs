@@ -1,5 +1,6 @@
 //! Exact sums of squares of luminance.
 
+use crate::accumulator::number;
 use crate::units::SQUARE_BITS;
 
 /// A sum of squares of luminance in units of 2^-80 (W/(m^2 sr))^2, as a whole number of 256 bits: its lower and upper half.
@@ -35,13 +36,29 @@ impl SquareSum {
     /// The sum as a floating-point number [(W/(m^2 sr))^2].
     pub fn to_f64(self) -> f64 {
         let unit = (-f64::from(SQUARE_BITS)).exp2();
-        self.0[1] as f64 * (unit * 128f64.exp2()) + self.0[0] as f64 * unit
+        number(self.0[1]) * (unit * 128f64.exp2()) + number(self.0[0]) * unit
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_are_rounded_as_by_the_compiler() {
+        let mut bits = 0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c834_u128;
+        for shift in 0..=128u32 {
+            for _ in 0..1000 {
+                bits = bits.wrapping_mul(0x2360_ed05_1fc6_5da4_4385_df64_9fcc_f645).wrapping_add(1);
+                let v = bits.checked_shr(shift).unwrap_or(0);
+                // Ties and their neighbours too.
+                let top = v & !0 << (128 - v.leading_zeros()).saturating_sub(54);
+                for v in [v, top, top.wrapping_add(1), top.wrapping_sub(1)] {
+                    assert_eq!(number(v).to_bits(), (v as f64).to_bits(), "{v}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn squares_are_exact_where_they_can_be() {

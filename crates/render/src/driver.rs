@@ -11,7 +11,7 @@ use crate::rendered_film::{RenderedFilm, material_names};
 use crate::round::pass::{Portion, Stride};
 use crate::round::{ProgressReporter, RoundWork, TILE, abort_at, deadline, run};
 use crate::session::Session;
-use crate::settings::{DEFAULT_SPP, RenderSettings};
+use crate::settings::{DEFAULT_SPP, DenoiseMethod, RenderSettings};
 use crate::stage::Stage;
 use crate::training::train;
 use crate::validate::validate;
@@ -25,14 +25,15 @@ use dunkelfeld_scene::{RayGenerator, Scene};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// Assumed duration of exposure, certificate and output of image and statistics on one thread [s per megapixel], until
-/// it has been measured. Two threads need half of it. The estimate assumes at most two.
-const CLOSING_PER_MEGAPIXEL: f64 = 4.8;
-/// Assumed duration of writing an EXR with all layers [s per megapixel].
-pub const EXR_PER_MEGAPIXEL: f64 = 5.0;
-/// Largest share of the remaining time that the dry run of exposure and output may take. Shorter renders use the
-/// estimate.
+/// Assumed duration of exposure, certificate and outputs on one thread [s per megapixel], until it has been measured.
+const CLOSING_PER_MEGAPIXEL: f64 = 2.0;
+/// Part of the rows of the image in a dry run of exposure and outputs. With a denoiser, which does not take its time row by
+/// row, all rows.
+const DRY_RUN_PART: usize = 8;
+/// Largest share of the remaining time that a dry run may take. Shorter renders use the estimate.
 const REHEARSAL_SHARE: f64 = 0.065;
+/// Growth of the number of samples from one dry run to the next. More samples take longer to compress.
+const DRY_RUN_GROWTH: u64 = 4;
 /// One in so many pixels gets a sample even if the time is over, so that the image shows the scene.
 const PREVIEW: u64 = 16;
 /// Factor on the measured closing time, for a slow disk or a busy machine.
@@ -86,29 +87,19 @@ pub fn thread_count(threads: usize) -> usize {
 /// # Errors
 /// Settings outside their range, an unknown camera, a replayed plan of another size.
 pub fn render(scene: &Scene, settings: &RenderSettings, session: &Session<'_>) -> Result<Rendering, Error> {
-    let nothing = OutputDryRun { more_per_megapixel: 0.0, write: &|_| Ok(()) };
-    render_with_dry_run(scene, settings, session, nothing)
+    render_with_dry_run(scene, settings, session, &|_| Ok(()))
 }
 
-/// Writes outputs of a film.
-type Write<'a> = dyn Fn(&RenderedFilm) -> Result<(), Error> + Sync + 'a;
+/// Dry run of the outputs at the end of a render: writes those of some rows of its film, and removes them.
+pub type OutputDryRun<'a> = dyn Fn(&RenderedFilm) -> Result<(), Error> + Sync + 'a;
 
-/// Dry run of the outputs at the end of a render.
-#[derive(Clone, Copy)]
-pub struct OutputDryRun<'a> {
-    /// Duration of the outputs beyond `CLOSING_PER_MEGAPIXEL` [s per megapixel].
-    pub more_per_megapixel: f64,
-    /// Writes the present film in the same way as the final one.
-    pub write: &'a Write<'a>,
-}
-
-/// [`render`] with a dry run of the outputs after the pilot, if the time suffices. The dry run writes a first image,
-/// detects write errors early, and measures the time to reserve for the end.
+/// [`render`] with dry runs of the outputs, if there is a time limit. They measure the time to reserve for the end, and detect
+/// write errors early.
 pub fn render_with_dry_run(
     scene: &Scene,
     settings: &RenderSettings,
     session: &Session<'_>,
-    rehearsal: OutputDryRun<'_>,
+    dry_run: &OutputDryRun<'_>,
 ) -> Result<Rendering, Error> {
     validate(settings)?;
     let camera = camera(scene, settings)?;
@@ -150,7 +141,7 @@ pub fn render_with_dry_run(
         if renderer.roulette.is_some() {
             renderer.stages.push((Stage::Training, training_time.as_secs_f64()));
         }
-        renderer.run(rehearsal)
+        renderer.run(dry_run)
     })
 }
 
@@ -242,7 +233,7 @@ impl<'a> Renderer<'a> {
         u64::from(self.settings.width) * u64::from(self.settings.height)
     }
 
-    fn run(mut self, rehearsal: OutputDryRun<'_>) -> Result<Rendering, Error> {
+    fn run(mut self, dry_run: &OutputDryRun<'_>) -> Result<Rendering, Error> {
         let stop = match (self.stopped, self.settings.given_plan()) {
             (Some(stop), _) => stop,
             (None, Some(plan)) => {
@@ -252,7 +243,7 @@ impl<'a> Renderer<'a> {
                 self.round(&plan, Stage::Refine, None, &reporter)?;
                 StopReason::Samples
             }
-            (None, None) => self.rounds(rehearsal)?,
+            (None, None) => self.rounds(dry_run)?,
         };
         let interrupted = self.session.is_cancelled() && !self.earlier.was_complete;
         if !self.earlier.was_complete {
@@ -275,19 +266,19 @@ impl<'a> Renderer<'a> {
     }
 
     /// Pilot and refinements, until the schedule stops the render.
-    fn rounds(&mut self, rehearse: OutputDryRun<'_>) -> Result<StopReason, Error> {
+    fn rounds(&mut self, dry_run: &OutputDryRun<'_>) -> Result<StopReason, Error> {
         let limits = self.limits();
         let reporter = ProgressReporter::new(self.session.progress(), self.started, limits.seconds, limits.samples);
         reporter.resume(self.taken);
         let mut course = match self.course.take() {
             Some(course) => course,
-            None => self.first_course(limits, rehearse),
+            None => self.first_course(limits),
         };
         loop {
             // A round that an earlier process left open comes first.
             let target = match self.target.take() {
                 Some(target) => target,
-                None => match self.next_round(&mut course, limits, &reporter, rehearse)? {
+                None => match self.next_round(&mut course, limits, &reporter, dry_run)? {
                     Next::Round(target) => target,
                     Next::NoiseTarget => continue,
                     Next::Stop(reason) => return Ok(reason),
@@ -333,9 +324,8 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    fn first_course(&self, limits: Limits, end: OutputDryRun<'_>) -> AdaptiveState {
-        let closing = (CLOSING_PER_MEGAPIXEL + end.more_per_megapixel) * self.pixels() as f64 * 1e-6
-            / self.session.threads().clamp(1, 2) as f64
+    fn first_course(&self, limits: Limits) -> AdaptiveState {
+        let closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6 / self.session.threads().max(1) as f64
             + self.settings.denoise.expected_seconds(self.pixels(), self.session.threads());
         // If the noise ends the render, the pilot begins with a few samples that determine its size.
         let pilot_spp = self.settings.pilot_spp.min(if limits.stop_on_noise { FIRST_LOOK } else { u32::MAX });
@@ -344,7 +334,7 @@ impl<'a> Renderer<'a> {
         if let Some(phase) = self.continued {
             schedule.start_at(self.taken, phase);
         }
-        AdaptiveState { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, rehearsed: false }
+        AdaptiveState { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, dry_run_at: limits.at_least }
     }
 
     /// Seconds reserved for the end, with the last checkpoint. The first checkpoint measures the duration of one. Other
@@ -354,15 +344,17 @@ impl<'a> Renderer<'a> {
             + self.writer.as_ref().map_or(0.0, |writer| CLOSING_MARGIN * writer.expected_seconds())
     }
 
-    /// Evaluates the schedule. Plans or evaluates the noise where that is due, and does the dry run of the outputs
-    /// after the pilot.
+    /// Evaluates the schedule. Plans or evaluates the noise where that is due, and does a dry run of the outputs.
     fn next_round(
         &mut self,
         course: &mut AdaptiveState,
         limits: Limits,
         reporter: &ProgressReporter<'_>,
-        rehearse: OutputDryRun<'_>,
+        dry_run: &OutputDryRun<'_>,
     ) -> Result<Next, Error> {
+        if let Some(seconds) = limits.seconds {
+            self.dry_run(course, seconds, dry_run)?;
+        }
         let closing = self.closing(course);
         course.schedule.set_closing_seconds(closing);
         let round = match course.schedule.next(self.started.elapsed().as_secs_f64(), course.work_per_sample) {
@@ -387,16 +379,6 @@ impl<'a> Renderer<'a> {
                 Some(k) => verdict = Some(self.planner.judge(k, state, &pace, report)?),
                 None => self.planner.plan(state, &pace)?.into_iter().for_each(report),
             }
-            let is_pilot_done = !matches!(verdict, Some(NoiseVerdict::GrowPilot(_)));
-            let left = limits.seconds.map_or(0.0, |s| s - self.started.elapsed().as_secs_f64());
-            if !course.rehearsed && is_pilot_done && closing < REHEARSAL_SHARE * left {
-                self.rehearse(course, rehearse)?;
-            } else if !course.rehearsed {
-                // Most of the closing time is the certificate, which analyses the film as planning does. On a slow
-                // machine both take longer than estimated.
-                self.measure_closing(course, began);
-                course.schedule.set_closing_seconds(self.closing(course));
-            }
             self.spend(Stage::Plan, began);
             match verdict {
                 None => {}
@@ -418,20 +400,25 @@ impl<'a> Renderer<'a> {
         Ok(Next::Round(target))
     }
 
-    /// Writes all outputs as at the end, and measures the duration.
-    fn rehearse(&self, course: &mut AdaptiveState, rehearse: OutputDryRun<'_>) -> Result<(), Error> {
+    /// Makes the outputs of the middle rows if that is due, and measures the duration of all of them from it.
+    fn dry_run(&mut self, course: &mut AdaptiveState, seconds: f64, dry_run: &OutputDryRun<'_>) -> Result<(), Error> {
         let began = Instant::now();
-        (rehearse.write)(&self.film)?;
-        course.rehearsed = true;
-        self.measure_closing(course, began);
-        course.schedule.set_closing_seconds(self.closing(course));
+        let all = self.film.sums.tile_rows().len();
+        let is_denoised = self.settings.denoise.method != DenoiseMethod::Off;
+        let some = if is_denoised { all } else { all.div_ceil(DRY_RUN_PART) };
+        let of_all = all as f64 / some.max(1) as f64;
+        let left = seconds - self.started.elapsed().as_secs_f64();
+        if self.taken < course.dry_run_at || self.closing(course) > REHEARSAL_SHARE * left * of_all {
+            return Ok(());
+        }
+        match (all - some) / 2 {
+            0 => dry_run(&self.film)?,
+            first => dry_run(&self.film.copy_of_tile_rows(first..first + some))?,
+        }
+        course.closing = CLOSING_MARGIN * of_all * self.load.on_idle_processors(began.elapsed().as_secs_f64());
+        course.dry_run_at = if is_denoised { u64::MAX } else { DRY_RUN_GROWTH * self.taken };
+        self.spend(course.stage, began);
         Ok(())
-    }
-
-    /// The work since `began` is a lower bound of that at the end.
-    fn measure_closing(&self, course: &mut AdaptiveState, began: Instant) {
-        let measured = self.load.on_idle_processors(began.elapsed().as_secs_f64());
-        course.closing = course.closing.max(CLOSING_MARGIN * measured);
     }
 
     /// The plan of a round of so many samples. It has fewer if these samples are too much work in their tiles.

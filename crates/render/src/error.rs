@@ -176,7 +176,7 @@ pub fn camera_help(error: &CameraError) -> &'static str {
 ///
 /// # Errors
 /// The given one.
-pub fn written(path: &Path, result: std::io::Result<()>) -> Result<(), Error> {
+pub fn written<T>(path: &Path, result: std::io::Result<T>) -> Result<T, Error> {
     result.map_err(|e| {
         // The message of this error contains the name of the file. So the name is removed from the reason.
         let said = e.to_string();

@@ -6,10 +6,10 @@ use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_pixels};
 use dunkelfeld_adaptive::required_samples::{RequiredSamples, SensorNoise, required_samples};
 use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, SensorVarianceRange, pixel_features};
-use dunkelfeld_adaptive::variance::neighbours::{PredictedNoise, neighbour_noise, predicted_noise_row};
+use dunkelfeld_adaptive::variance::neighbours::{NeighbourNoise, PredictedNoise};
 use dunkelfeld_adaptive::variance::pixel::{BLOCK, pixel_noise_of_blocks};
 use dunkelfeld_adaptive::variance::pooled::{PixelNoise, pooled_pixel};
-use dunkelfeld_film::{Film, PixelSums, Plane, Scatter};
+use dunkelfeld_film::{Film, Needed, PixelSums, Plane, Scatter};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sensor::{Exposure, ImageExposure, Response, SensorError, SensorModel, Weights};
 use rayon::prelude::*;
@@ -62,7 +62,7 @@ impl SignalModel {
             film.sums.tile_rows()[tile(rows.start)..].iter().zip((rows.start..rows.end).step_by(Film::TILE as usize))
         {
             let first = (top - rows.start) as usize * width as usize;
-            row.visit(&mut buffer, |x, y, sums| {
+            row.visit(Needed::Image, &mut buffer, |x, y, sums| {
                 let pixel = first + y as usize * width as usize + x as usize;
                 counts.data_mut()[pixel] = sums.count();
                 normals.data_mut()[pixel] = sums.mean_normal();
@@ -155,6 +155,12 @@ fn pixel_noise(evidence: &NoiseInputs, rows: Range<u32>) -> Vec<PixelNoise> {
     blocks.into_par_iter().map(|row| pixel_noise_of_blocks(evidence, row)).collect::<Vec<_>>().concat()
 }
 
+/// The predicted noise of some rows of an image.
+fn predicted_noise(evidence: &NoiseInputs, sensor: Option<SensorNoise>, rows: Range<u32>) -> Vec<PredictedNoise> {
+    let neighbours = NeighbourNoise::new(evidence, sensor);
+    rows.into_par_iter().map(|y| neighbours.predicted_row(y)).collect::<Vec<_>>().concat()
+}
+
 /// Rows that are analysed at once. Estimates of an image take ten times the memory of the results.
 const BAND: u32 = 64;
 /// Rows above and below that influence the result: whole blocks, and more than the radius of any neighbourhood.
@@ -231,7 +237,7 @@ impl<'a> FilmNoise<'a> {
     /// Noise of a film, in the unit of `signal_model`.
     pub fn new(signal_model: &SignalModel, film: &'a RenderedFilm) -> Self {
         let signal_model = *signal_model;
-        let [signals] = map_film_at(&film.sums, |x, y, sums| {
+        let [signals] = map_film_at(&film.sums, Needed::Means, |x, y, sums| {
             [(sums.weighted_mean(signal_model.response.at(x, y).0) as f32, sums.count())]
         });
         let (mean, counts) = (signals.map(|s| s.0), signals.map(|s| s.1));
@@ -254,14 +260,16 @@ impl<'a> FilmNoise<'a> {
     /// Noise of each pixel as predicted from its neighbours. Plans are computed from it. It is relative to the noise of
     /// the sensor, or to the same level for all pixels.
     pub fn expected(&self, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
-        let unknown = PredictedNoise { ratio: f32::INFINITY, saturated: false };
-        self.by_bands(unknown, |evidence, rows| {
-            let estimates = neighbour_noise(evidence, sensor);
-            rows.into_par_iter()
-                .map(|y| predicted_noise_row(&evidence.surface, &estimates, y))
-                .collect::<Vec<_>>()
-                .concat()
-        })
+        self.by_bands(PredictedNoise::UNKNOWN, |evidence, rows| predicted_noise(evidence, sensor, rows))
+    }
+
+    /// [`Self::pixel_noise`] and [`Self::expected`], for which the film is read once.
+    pub fn pixel_noise_and_expected(&self, sensor: Option<SensorNoise>) -> (Plane<PixelNoise>, Plane<PredictedNoise>) {
+        let both = self.by_bands((PixelNoise::UNKNOWN, PredictedNoise::UNKNOWN), |evidence, rows| {
+            let own = pixel_noise(evidence, rows.clone());
+            own.into_iter().zip(predicted_noise(evidence, sensor, rows)).collect()
+        });
+        (both.map(|both| both.0), both.map(|both| both.1))
     }
 
     /// Noise of a film with this exposure.

@@ -29,7 +29,7 @@ mod view;
 
 pub use checkpoint::FilmInProgress;
 pub use checkpoint::ResumedWork;
-pub use driver::{EXR_PER_MEGAPIXEL, OutputDryRun, Rendering, render, render_with_dry_run, thread_count};
+pub use driver::{OutputDryRun, Rendering, render, render_with_dry_run, thread_count};
 pub use error::{Error, ErrorParts, camera_help, written};
 pub use load::program_seconds;
 pub use merge::{JoinedParts, PartSummary};

@@ -1,6 +1,6 @@
 //! Planes of a film, computed on the threads of the current pool. A large film takes seconds to read.
 
-use dunkelfeld_film::{Film, PixelSums, Plane, TileRow, fill_gaps};
+use dunkelfeld_film::{Film, Needed, PixelSums, Plane, TileRow, fill_gaps};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -15,12 +15,13 @@ pub fn map_film_to<T: Send + Clone + Default, const N: usize>(
     film: &Film,
     f: impl Fn(&PixelSums) -> [T; N] + Sync,
 ) -> [Plane<T>; N] {
-    map_film_at(film, |_, _, sums| f(sums))
+    map_film_at(film, Needed::All, |_, _, sums| f(sums))
 }
 
-/// [`map_film_to`] for a function of column, row and sums.
+/// [`map_film_to`] for a function of column, row and the needed numbers of the sums.
 pub fn map_film_at<T: Send + Clone + Default, const N: usize>(
     film: &Film,
+    needed: Needed,
     f: impl Fn(u32, u32, &PixelSums) -> [T; N] + Sync,
 ) -> [Plane<T>; N] {
     let mut planes = [(); N].map(|()| Plane::new(film.width(), film.height(), T::default()));
@@ -30,7 +31,7 @@ pub fn map_film_at<T: Send + Clone + Default, const N: usize>(
     let chunks = || chunks.each_mut().map(|c| c.next().unwrap_or_default());
     let rows: Vec<_> = film.tile_rows().iter().zip(tops).zip(std::iter::repeat_with(chunks)).collect();
     rows.into_par_iter().for_each_init(Vec::new, |buffer, ((row, top), mut to)| {
-        row.visit(buffer, |x, y, sums| {
+        row.visit(needed, buffer, |x, y, sums| {
             let pixel = y as usize * width + x as usize;
             to.iter_mut().zip(f(x, top + y, sums)).for_each(|(to, value)| to[pixel] = value);
         });
@@ -38,12 +39,13 @@ pub fn map_film_at<T: Send + Clone + Default, const N: usize>(
     planes
 }
 
-/// A value for each row of tiles of a film, in their order: `f` adds each pixel, with its number in the image and its sums.
+/// A value for each row of tiles of a film, in their order: `f` adds each pixel, with its number in the image and its sums,
+/// without the layers that [`Needed::Image`] leaves out.
 pub fn fold_tile_rows<T: Send + Default>(film: &Film, f: impl Fn(&mut T, usize, &PixelSums) + Sync) -> Vec<T> {
     let width = film.width() as usize;
     let of_row = |buffer: &mut Vec<PixelSums>, (number, row): (usize, &TileRow)| {
         let (mut value, first) = (T::default(), number * width * Film::TILE as usize);
-        row.visit(buffer, |x, y, sums| f(&mut value, first + y as usize * width + x as usize, sums));
+        row.visit(Needed::Image, buffer, |x, y, sums| f(&mut value, first + y as usize * width + x as usize, sums));
         value
     };
     film.tile_rows().par_iter().enumerate().map_init(Vec::new, of_row).collect()
@@ -52,13 +54,13 @@ pub fn fold_tile_rows<T: Send + Default>(film: &Film, f: impl Fn(&mut T, usize, 
 /// [`Film::mean_without_gaps`], in parallel.
 pub fn mean_without_gaps(film: &Film) -> Plane<[f32; 3]> {
     let has_gaps = AtomicBool::new(false);
-    let mean = map_film(film, |p| {
+    let [mean] = map_film_at(film, Needed::Means, |_, _, p| {
         if p.count() == 0 {
             has_gaps.store(true, Ordering::Relaxed);
         }
-        p.mean().map(|v| v as f32)
+        [p.mean().map(|v| v as f32)]
     });
-    if has_gaps.into_inner() { fill_gaps(&mean, &map_film(film, |p| p.count() > 0)) } else { mean }
+    if has_gaps.into_inner() { fill_gaps(&mean, &film.sample_counts().map(|&n| n > 0)) } else { mean }
 }
 
 #[cfg(test)]

@@ -23,6 +23,19 @@ impl RenderedFilm {
         let ids = Plane::new(sums.width(), sums.height(), None);
         Self { sums, ids, object_names: Vec::new(), material_names: Vec::new() }
     }
+
+    /// A copy of some rows of tiles.
+    pub(crate) fn copy_of_tile_rows(&self, rows: std::ops::Range<usize>) -> Self {
+        let sums = self.sums.copy_of_tile_rows(rows.clone());
+        let first = rows.start * Film::TILE as usize * sums.width() as usize;
+        let ids = self.ids.data()[first..first + sums.pixels()].to_vec();
+        Self {
+            ids: Plane::of_pixels(sums.width(), sums.height(), ids),
+            sums,
+            object_names: self.object_names.clone(),
+            material_names: self.material_names.clone(),
+        }
+    }
 }
 
 /// Names of the materials, by id.

@@ -14,9 +14,10 @@
 //! batches of wider neighbourhoods determine.
 
 use dunkelfeld_film::Plane;
+use dunkelfeld_lanes::{InstructionSet, dispatch};
 
 use crate::required_samples::SensorNoise;
-use crate::variance::inputs::{NoiseInputs, PixelFeatures};
+use crate::variance::inputs::NoiseInputs;
 
 /// Neighbourhoods, the near one first: standard deviation of a Gaussian, and its reach, in pixels. The near one uses
 /// pixels of the same object. The wide one uses pixels of the same object, or all pixels.
@@ -29,22 +30,30 @@ const PRIOR: f64 = 8.0;
 /// Upper bound of the number of events. From it on the uncertainty is negligible.
 const MAX_EVENTS: f64 = 1e9;
 
-/// Noise of a pixel for the predictions of its neighbours: variances of one sample over the tolerated variance.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum NeighbourNoise {
-    /// Unknown: the pixel has too few samples.
-    Nothing,
-    /// The pixel is saturated beyond doubt.
-    Saturated,
-    /// The measured noise of the pixel.
-    Noise {
-        /// Variance under the assumption of independent samples.
-        all: f32,
-        /// The part of `all` that comes from the largest sample.
-        largest: f32,
-        /// Variance from the spread of the batches.
-        batches: f32,
-    },
+/// Pixels of a row that are predicted together.
+const LANES: usize = 8;
+type Lane = [f64; LANES];
+
+/// Noise of the pixels of an image for the predictions of their neighbours: variances of one sample over the tolerated
+/// variance. The tolerated variance is that of the sensor at the mean of the pixel. Without a sensor it is one everywhere.
+pub struct NeighbourNoise {
+    width: usize,
+    height: usize,
+    /// Values per row. There is a margin of unknown pixels, of [`REACH`] or more, on all sides.
+    stride: usize,
+    /// 1 where the noise of the pixel is known, otherwise 0.
+    known: Vec<f64>,
+    /// Variance under the assumption of independent samples. Like the next two, 0 if it is unknown, and if the pixel is
+    /// saturated beyond doubt.
+    all: Vec<f64>,
+    /// The part of `all` that comes from the largest sample.
+    largest: Vec<f64>,
+    /// Variance from the spread of the batches.
+    batches: Vec<f64>,
+    /// The object of the pixel.
+    object: Vec<f64>,
+    /// Is the pixel saturated beyond doubt? `None` outside the image.
+    saturated: Vec<Option<bool>>,
 }
 
 /// Predicted noise of a pixel.
@@ -57,98 +66,154 @@ pub struct PredictedNoise {
     pub saturated: bool,
 }
 
-/// The noise of each pixel over the tolerated variance. The tolerated variance is that of the sensor at the mean of the
-/// pixel. Without a sensor it is one everywhere.
-///
-/// # Panics
-/// If the planes differ in size.
-pub fn neighbour_noise(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Plane<NeighbourNoise> {
-    assert!(evidence.is_consistent(), "planes differ in size");
-    Plane::from_fn(evidence.width(), evidence.height(), |x, y| {
-        let (n, variance) = (f64::from(*evidence.counts.at(x, y)), *evidence.variance.at(x, y));
-        if !variance.is_finite() {
-            return NeighbourNoise::Nothing;
-        }
-        let (mean, variance) = (f64::from(*evidence.mean.at(x, y)), f64::from(variance));
-        if sensor.is_some_and(|s| s.is_saturated(mean, variance)) {
-            return NeighbourNoise::Saturated;
-        }
-        let over = n / sensor.map_or(1.0, |s| s.variance(mean));
-        // Without data of single samples, all variance may come from one sample.
-        let (all, largest) = evidence.scatter.at(x, y).map_or((variance, variance), |s| (s.all, s.largest));
-        let value = |v: f64| (over * v).min(f64::from(f32::MAX)) as f32;
-        NeighbourNoise::Noise { all: value(all), largest: value(largest), batches: value(variance) }
-    })
-}
-
-/// The predicted noise of the pixels of one row. Rows are independent of each other.
-///
-/// # Panics
-/// If the planes differ in size.
-pub fn predicted_noise_row(
-    surface: &Plane<PixelFeatures>,
-    neighbours: &Plane<NeighbourNoise>,
-    y: u32,
-) -> Vec<PredictedNoise> {
-    assert_eq!((surface.width(), surface.height()), (neighbours.width(), neighbours.height()), "planes differ in size");
-    let weights = Weights::new();
-    (0..neighbours.width()).map(|x| expected_at(surface, neighbours, &weights, x, y)).collect()
+impl PredictedNoise {
+    /// No neighbour has a variance.
+    pub const UNKNOWN: Self = Self { ratio: f32::INFINITY, saturated: false };
 }
 
 /// The predicted noise of all pixels.
 pub fn expected(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
-    let neighbours = neighbour_noise(evidence, sensor);
-    let rows = (0..neighbours.height()).flat_map(|y| predicted_noise_row(&evidence.surface, &neighbours, y)).collect();
-    let unknown = PredictedNoise { ratio: f32::INFINITY, saturated: false };
-    Plane::from_vec(neighbours.width(), neighbours.height(), rows).unwrap_or_else(|| neighbours.map(|_| unknown))
+    let neighbours = NeighbourNoise::new(evidence, sensor);
+    let rows = (0..evidence.height()).flat_map(|y| neighbours.predicted_row(y)).collect();
+    Plane::of_pixels(evidence.width(), evidence.height(), rows)
 }
 
-fn expected_at(
-    surface: &Plane<PixelFeatures>,
-    neighbours: &Plane<NeighbourNoise>,
-    weights: &Weights,
-    x: u32,
-    y: u32,
-) -> PredictedNoise {
-    let own = surface.at(x, y);
-    let (mut near, mut alike, mut anything) = (Sums::default(), Sums::default(), Sums::default());
-    // Numbers of adjacent pixels, and of saturated ones among them.
-    let (mut around, mut saturated) = (0, 0);
-    let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(neighbours.width());
-    for ny in y.saturating_sub(REACH)..(y + REACH + 1).min(neighbours.height()) {
-        for nx in columns.clone().filter(|&nx| (nx, ny) != (x, y)) {
-            let (dx, dy) = (nx.abs_diff(x), ny.abs_diff(y));
-            let other = neighbours.at(nx, ny);
-            if dx.max(dy) <= 1 {
-                around += 1;
-                saturated += u32::from(*other == NeighbourNoise::Saturated);
+impl NeighbourNoise {
+    /// The noise of each pixel.
+    ///
+    /// # Panics
+    /// If the planes differ in size.
+    pub fn new(evidence: &NoiseInputs, sensor: Option<SensorNoise>) -> Self {
+        assert!(evidence.is_consistent(), "planes differ in size");
+        let (width, height) = (evidence.width() as usize, evidence.height() as usize);
+        let stride = width.next_multiple_of(LANES) + 2 * REACH as usize;
+        let size = stride * (height + 2 * REACH as usize);
+        let zeros = || vec![0.0; size];
+        let mut out = Self {
+            width,
+            height,
+            stride,
+            known: zeros(),
+            all: zeros(),
+            largest: zeros(),
+            batches: zeros(),
+            object: zeros(),
+            saturated: vec![None; size],
+        };
+        for (x, y) in (0..evidence.height()).flat_map(|y| (0..evidence.width()).map(move |x| (x, y))) {
+            let at = out.index(x as usize, y as usize);
+            out.object[at] = evidence.surface.at(x, y).object.into();
+            out.saturated[at] = Some(false);
+            let (n, variance) = (f64::from(*evidence.counts.at(x, y)), *evidence.variance.at(x, y));
+            if !variance.is_finite() {
+                continue;
             }
-            let noise = match *other {
-                NeighbourNoise::Nothing => continue,
-                NeighbourNoise::Saturated => [0.0; 3],
-                NeighbourNoise::Noise { all, largest, batches } => [all, largest, batches].map(f64::from),
-            };
-            let weight = |scale: usize| weights.0[scale][dy as usize][dx as usize];
-            anything.add(noise, weight(1));
-            if surface.at(nx, ny).object == own.object {
-                alike.add(noise, weight(1));
-                near.add(noise, weight(0));
+            out.known[at] = 1.0;
+            let (mean, variance) = (f64::from(*evidence.mean.at(x, y)), f64::from(variance));
+            if sensor.is_some_and(|s| s.is_saturated(mean, variance)) {
+                out.saturated[at] = Some(true);
+                continue;
+            }
+            let over = n / sensor.map_or(1.0, |s| s.variance(mean));
+            // Without data of single samples, all variance may come from one sample.
+            let (all, largest) = evidence.scatter.at(x, y).map_or((variance, variance), |s| (s.all, s.largest));
+            let value = |v: f64| f64::from((over * v).min(f64::from(f32::MAX)) as f32);
+            (out.all[at], out.largest[at], out.batches[at]) = (value(all), value(largest), value(variance));
+        }
+        out
+    }
+
+    /// The place of a pixel in the columns.
+    #[inline(always)]
+    fn index(&self, x: usize, y: usize) -> usize {
+        (y + REACH as usize) * self.stride + x + REACH as usize
+    }
+
+    /// The predicted noise of the pixels of one row. Rows are independent of each other.
+    ///
+    /// # Panics
+    /// If the row is outside the image.
+    pub fn predicted_row(&self, y: u32) -> Vec<PredictedNoise> {
+        self.predicted_row_by(InstructionSet::best(), y as usize)
+    }
+
+    fn predicted_row_by(&self, set: InstructionSet, y: usize) -> Vec<PredictedNoise> {
+        assert!(y < self.height, "row {y} is outside the image");
+        let weights = Weights::new();
+        let mut row = Vec::with_capacity(self.width);
+        for x in (0..self.width).step_by(LANES) {
+            let sums = dispatch!(set, _F, _token => self.sums(&weights, x, y));
+            let lanes = LANES.min(self.width - x);
+            row.extend((0..lanes).map(|lane| self.predicted(sums.each_ref().map(|sums| sums.lane(lane)), x + lane, y)));
+        }
+        row
+    }
+
+    /// Sums over the neighbourhoods of some pixels of a row: near ones of the same object, wide ones of the same object, wide
+    /// ones of all. The sums of each pixel have the order of its neighbours, row by row.
+    #[inline(always)]
+    fn sums(&self, weights: &Weights, x: usize, y: usize) -> [Sums<Lane>; 3] {
+        let (mut near, mut alike, mut anything) = (Sums::default(), Sums::default(), Sums::default());
+        let own = lanes(&self.object, self.index(x, y));
+        for row in 0..=2 * REACH as usize {
+            for column in 0..=2 * REACH as usize {
+                let (dx, dy) = (column.abs_diff(REACH as usize), row.abs_diff(REACH as usize));
+                if (dx, dy) == (0, 0) {
+                    continue;
+                }
+                let at = (y + row) * self.stride + x + column;
+                let noise = [lanes(&self.all, at), lanes(&self.largest, at), lanes(&self.batches, at)];
+                let (known, object) = (lanes(&self.known, at), lanes(&self.object, at));
+                let [near_weight, weight] = [weights.0[0][dy][dx], weights.0[1][dy][dx]];
+                let mut of_all = [0.0; LANES];
+                let mut of_object = [0.0; LANES];
+                for i in 0..LANES {
+                    of_all[i] = weight * known[i];
+                    of_object[i] = if object[i] == own[i] { of_all[i] } else { 0.0 };
+                }
+                anything.add(noise, of_all);
+                alike.add(noise, of_object);
+                if near_weight > 0.0 {
+                    for i in 0..LANES {
+                        of_object[i] = if object[i] == own[i] { near_weight * known[i] } else { 0.0 };
+                    }
+                    near.add(noise, of_object);
+                }
             }
         }
+        [near, alike, anything]
     }
-    if around > 0 && saturated == around {
-        return PredictedNoise { ratio: 0.0, saturated: true };
+
+    /// The prediction of a pixel from the sums over its neighbourhoods.
+    fn predicted(&self, [near, alike, anything]: [Sums; 3], x: usize, y: usize) -> PredictedNoise {
+        let rows = [y + REACH as usize - 1, y + REACH as usize, y + REACH as usize + 1];
+        let adjacent = rows.into_iter().flat_map(|row| {
+            let left = row * self.stride + x + REACH as usize - 1;
+            (left..left + 3).filter(|&at| at != self.index(x, y)).filter_map(|at| self.saturated[at])
+        });
+        // Are there adjacent pixels, and are all of them saturated?
+        if adjacent.clone().all(|is_saturated| is_saturated) && adjacent.count() > 0 {
+            return PredictedNoise { ratio: 0.0, saturated: true };
+        }
+        if anything.weight == 0.0 {
+            return PredictedNoise::UNKNOWN;
+        }
+        // A neighbourhood without events is informative, too, if many events were to be expected in it.
+        let events_per_pixel = anything.events() / anything.pixels();
+        let narrowed =
+            |wider: f64, sums: &Sums| shrunk(sums.mean(), sums.events().max(events_per_pixel * sums.pixels()), wider);
+        let independent = [&alike, &near].into_iter().fold(anything.mean(), narrowed);
+        let evenness = shrunk(alike.by_batches(), alike.events(), anything.by_batches());
+        PredictedNoise { ratio: (independent * evenness).min(f64::from(f32::MAX)) as f32, saturated: false }
     }
-    if anything.weight == 0.0 {
-        return PredictedNoise { ratio: f32::INFINITY, saturated: false };
-    }
-    // A neighbourhood without events is informative, too, if many events were to be expected in it.
-    let events_per_pixel = anything.events() / anything.pixels();
-    let narrowed =
-        |wider: f64, sums: &Sums| shrunk(sums.mean(), sums.events().max(events_per_pixel * sums.pixels()), wider);
-    let independent = [&alike, &near].into_iter().fold(anything.mean(), narrowed);
-    let evenness = shrunk(alike.by_batches(), alike.events(), anything.by_batches());
-    PredictedNoise { ratio: (independent * evenness).min(f64::from(f32::MAX)) as f32, saturated: false }
+}
+
+/// The values of the pixels from a place on.
+#[inline(always)]
+fn lanes(values: &[f64], at: usize) -> Lane {
+    let mut lanes = [0.0; LANES];
+    lanes.copy_from_slice(&values[at..at + LANES]);
+    lanes
 }
 
 /// The weighted mean of a value that rests on `events` events and of that of the wider neighbourhood.
@@ -170,27 +235,44 @@ impl Weights {
 
 /// Weighted sums over a neighbourhood.
 #[derive(Default)]
-struct Sums {
-    weight: f64,
-    weights_squared: f64,
-    all: f64,
-    squares: f64,
+struct Sums<F = f64> {
+    weight: F,
+    weights_squared: F,
+    all: F,
+    squares: F,
     /// Estimated variance of the weighted sum `all`, if no event contributes more than the largest of its pixel.
-    scatter: f64,
-    batches: f64,
+    scatter: F,
+    batches: F,
+}
+
+impl Sums<Lane> {
+    #[inline(always)]
+    fn add(&mut self, [all, largest, batches]: [Lane; 3], weight: Lane) {
+        for i in 0..LANES {
+            let weighted = weight[i] * all[i];
+            self.weight[i] += weight[i];
+            self.weights_squared[i] += weight[i] * weight[i];
+            self.all[i] += weighted;
+            self.squares[i] += weighted * all[i];
+            self.scatter[i] += weight[i] * weight[i] * all[i] * largest[i];
+            self.batches[i] += weight[i] * batches[i];
+        }
+    }
+
+    /// The sums of one pixel.
+    fn lane(&self, i: usize) -> Sums {
+        Sums {
+            weight: self.weight[i],
+            weights_squared: self.weights_squared[i],
+            all: self.all[i],
+            squares: self.squares[i],
+            scatter: self.scatter[i],
+            batches: self.batches[i],
+        }
+    }
 }
 
 impl Sums {
-    #[inline]
-    fn add(&mut self, [all, largest, batches]: [f64; 3], weight: f64) {
-        self.weight += weight;
-        self.weights_squared += weight * weight;
-        self.all += weight * all;
-        self.squares += weight * all * all;
-        self.scatter += weight * weight * all * largest;
-        self.batches += weight * batches;
-    }
-
     /// Number of pixels of equal weight with the same variance of the mean (Kish 1965).
     fn pixels(&self) -> f64 {
         if self.weight > 0.0 { self.weight * self.weight / self.weights_squared } else { 0.0 }
@@ -215,7 +297,7 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::variance::inputs::SensorVarianceRange;
+    use crate::variance::inputs::{PixelFeatures, SensorVarianceRange};
     use dunkelfeld_film::Scatter;
 
     const SIDE: u32 = 40;
@@ -240,6 +322,20 @@ mod tests {
 
     fn ratio(evidence: &NoiseInputs, x: u32, y: u32) -> f32 {
         expected(evidence, None).at(x, y).ratio
+    }
+
+    #[test]
+    fn all_instruction_sets_have_the_same_bits() {
+        let mut evidence = image(|x, y| f64::from((7 * x + 31 * y) % 17).exp());
+        evidence.surface =
+            Plane::from_fn(SIDE, SIDE, |x, y| PixelFeatures { object: (x / 9 + y / 7) % 3, ..Default::default() });
+        let neighbours = NeighbourNoise::new(&evidence, None);
+        for y in 0..SIDE as usize {
+            let scalar = neighbours.predicted_row_by(InstructionSet::Scalar, y);
+            InstructionSet::all()
+                .into_iter()
+                .for_each(|set| assert_eq!(neighbours.predicted_row_by(set, y), scalar, "{set:?}"));
+        }
     }
 
     #[test]

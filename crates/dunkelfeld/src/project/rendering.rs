@@ -9,8 +9,8 @@ use crate::stats::Stats;
 use dunkelfeld_denoise::{Builtin, Denoiser as _};
 use dunkelfeld_film::Film;
 use dunkelfeld_render::{
-    Cancel, DenoiseMethod, EXR_PER_MEGAPIXEL, Error, OutputDryRun, Progress, RenderSettings, RenderedFilm, Rendering,
-    Session, Silent, Stage, camera, render, render_with_dry_run,
+    Cancel, DenoiseMethod, Error, Progress, RenderSettings, RenderedFilm, Rendering, Session, Silent, Stage, camera,
+    render, render_with_dry_run,
 };
 use std::time::Instant;
 
@@ -33,8 +33,8 @@ impl Project {
     }
 
     /// Renders and exposes as a command that writes the files of [`Project::outputs`]. They are checked before the render.
-    /// After the pilot a first version of them is written, which an interrupted command leaves behind, and which measures
-    /// the time to reserve for the final one. The time budget begins with the command ([`ProjectOptions::started`](
+    /// With a time limit, those of some rows are written now and then and removed, which measures the time to reserve for the
+    /// final ones. The time budget begins with the command ([`ProjectOptions::started`](
     /// super::ProjectOptions::started)), or with the call, and contains [`ProjectResult::save`].
     ///
     /// # Errors
@@ -119,23 +119,15 @@ impl Project {
         };
         let is_vignetted = camera(&self.scene, &settings)?.has_vignetting();
         let silent = quiet.clone().with_cancel(cancel);
-        // Without files and without a time there is nothing to find out.
-        let is_needed = outputs.is_some() || settings.budget.seconds.is_some();
         let dry_run = |film: &RenderedFilm| {
-            if !is_needed {
-                return Ok(());
-            }
             let mut frame = develop_film(film, &settings)?;
             denoise(&mut frame, &film.sums, &silent)?;
             match outputs {
-                Some(outputs) => Written { film, frame: &frame, settings: &settings, is_vignetted }.save(outputs),
+                Some(outputs) => Written { film, frame: &frame, settings: &settings, is_vignetted }.try_out(outputs),
                 None => Ok(()),
             }
         };
-        let has_exr = outputs.is_some_and(|outputs| outputs.exr.is_some());
-        let more_per_megapixel = if has_exr { EXR_PER_MEGAPIXEL } else { 0.0 };
-        let end = OutputDryRun { more_per_megapixel, write: &dry_run };
-        let mut rendering = render_with_dry_run(&self.scene, &settings, &session, end)?;
+        let mut rendering = render_with_dry_run(&self.scene, &settings, &session, &dry_run)?;
         let began = Instant::now();
         session.begin(Stage::Expose, 1.0, rendering.film.sums.total_samples());
         let mut frame = session.install(|| develop_film(&rendering.film, &settings))?;

@@ -110,14 +110,21 @@ impl Seek for PartialFile {
     }
 }
 
+/// A hidden file beside `path`, at whose path [`write_atomically`] can write. Dropped, it is removed.
+///
+/// # Errors
+/// As [`check_writable`].
+pub fn hidden_file(path: &Path) -> io::Result<impl AsRef<Path> + use<>> {
+    let target = writable_target(path)?;
+    new_file(&target).map_err(|e| explain(path, folder_of(&target), &e))
+}
+
 /// Would [`write_atomically`] succeed now, apart from a full disk? Long runs check this before they start.
 ///
 /// # Errors
 /// As [`write_atomically`]. No file remains, and an existing file is not changed.
 pub fn check_writable(path: &Path) -> io::Result<()> {
-    let target = writable_target(path)?;
-    let folder = folder_of(&target);
-    new_file(&target).map(drop).map_err(|e| explain(path, folder, &e))
+    hidden_file(path).map(drop)
 }
 
 /// The file of `path`, if it can be one.

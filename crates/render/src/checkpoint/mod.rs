@@ -94,8 +94,8 @@ pub(crate) struct AdaptiveState {
     pub(crate) work_per_sample: f64,
     /// Seconds reserved for the end on idle processors, without the checkpoint.
     pub(crate) closing: f64,
-    /// Has the dry run of the outputs been done?
-    pub(crate) rehearsed: bool,
+    /// Samples from which on the next dry run of the outputs is due.
+    pub(crate) dry_run_at: u64,
 }
 
 impl State {

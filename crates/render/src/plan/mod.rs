@@ -15,7 +15,7 @@ use crate::plan::extrapolation::ConvergenceFit;
 use crate::plan::forecast::{Forecast, ForecastInput, Throughput};
 use crate::rendered_film::RenderedFilm;
 use crate::settings::RenderSettings;
-use dunkelfeld_adaptive::required_samples::{DEFAULT_TARGET, RequiredSamples, total};
+use dunkelfeld_adaptive::required_samples::{DEFAULT_TARGET, RequiredSamples, SensorNoise, total};
 use dunkelfeld_adaptive::variance::neighbours::PredictedNoise;
 use dunkelfeld_adaptive::variance::pooled::PixelNoise;
 use dunkelfeld_adaptive::weights::{self, Pilot, Shares, Strategy};
@@ -114,8 +114,12 @@ impl<'a> Planner<'a> {
         let is_measured = signal_model.sensor.is_some() || self.settings.strategy().needs_noise();
         let measure = || {
             let measured = FilmNoise::new(&signal_model, state.film);
-            let own = measured.pixel_noise();
-            PilotNoise::new(measured, own, self.settings.strategy())
+            let strategy = self.settings.strategy();
+            if !strategy.needs_noise() {
+                return PilotNoise { own: measured.pixel_noise(), measured, expected: None };
+            }
+            let (own, expected) = measured.pixel_noise_and_expected(sensor_of_plan(&measured, strategy));
+            PilotNoise { measured, expected: Some(expected), own }
         };
         let pilot_noise = is_measured.then(measure);
         self.fix(&signal_model, image, pilot_noise.as_ref(), state, pace);
@@ -275,6 +279,11 @@ fn mean_count(counts: &Plane<u32>) -> f64 {
     counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / counts.data().len().max(1) as f64
 }
 
+/// The sensor of a plan. A strategy that minimises the variance of the image's mean does not use it.
+fn sensor_of_plan(measured: &FilmNoise<'_>, strategy: Strategy) -> Option<SensorNoise> {
+    measured.sensor.filter(|_| strategy != Strategy::Variance)
+}
+
 /// The noise of the pilot.
 struct PilotNoise<'a> {
     /// From the pixels themselves.
@@ -287,9 +296,7 @@ struct PilotNoise<'a> {
 
 impl<'a> PilotNoise<'a> {
     fn new(measured: FilmNoise<'a>, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
-        // A strategy that minimises the variance of the image's mean does not use the sensor.
-        let sensor = measured.sensor.filter(|_| strategy != Strategy::Variance);
-        let expected = strategy.needs_noise().then(|| measured.expected(sensor));
+        let expected = strategy.needs_noise().then(|| measured.expected(sensor_of_plan(&measured, strategy)));
         Self { measured, expected, own }
     }
 
