@@ -71,7 +71,7 @@ impl Bvh {
     /// [`Bvh::closest_hit`] of each ray of a batch, with the same bits for all instruction sets.
     ///
     /// # Panics
-    /// If the arrays have different lengths.
+    /// If an array is shorter than that of the ends of the rays. Times that are missing are zero.
     pub fn closest_hits(&self, set: InstructionSet, rays: &RayBatch, hits: &mut HitBatch) {
         dispatch!(set, F, token => each_packet::<F, false>(token, self, rays, &mut Results::Nearest(hits)));
     }
@@ -79,7 +79,7 @@ impl Bvh {
     /// [`Bvh::occluded`] of each ray of a batch.
     ///
     /// # Panics
-    /// If the arrays have different lengths.
+    /// If an array is shorter than that of the ends of the rays. Times that are missing are zero.
     pub fn occluded_batch(&self, set: InstructionSet, rays: &RayBatch, occluded: &mut [bool]) {
         dispatch!(set, F, token => each_packet::<F, true>(token, self, rays, &mut Results::Occluded(occluded)));
     }
