@@ -33,6 +33,7 @@ impl<F: Lanes, V: View<F>> Scatterer<F, V> {
     pub(crate) fn sample(&self, [u_x, u_y, u_lobe]: [F; 3]) -> (V3<F>, BsdfSamples<F>) {
         let mut sample = self.view.sample(u_lobe, [u_x, u_y]);
         let mut wi = self.frames.frame.to_world(sample.wi);
+        let is_scattered = sample.pdf.is_positive();
         let is_consistent = self.frames.consistent(wi, sample.wi);
         let is_bent = self.frames.is_bent();
         if !is_bent.any() {
@@ -52,7 +53,7 @@ impl<F: Lanes, V: View<F>> Scatterer<F, V> {
         let is_smooth = is_turned & is_delta;
         let lit = sample.weight * self.opposite_albedo(local, cos);
         sample.weight = Rgb::select(is_smooth, lit, sample.weight);
-        let is_shared = is_bent & !is_delta & (is_turned | !self.frames.consistent(image, image_local));
+        let is_shared = is_scattered & is_bent & !is_delta & (is_turned | !self.frames.consistent(image, image_local));
         if is_shared.any() {
             let (value, pdf) = self.with_image(self.view.eval_pdf(local), local, (other, cos, is_shared));
             let weight = value / pdf;
@@ -60,7 +61,7 @@ impl<F: Lanes, V: View<F>> Scatterer<F, V> {
             sample.weight = Rgb::select(is_shared, weight, sample.weight);
             sample.pdf = is_shared.select(pdf.only(is_valid), sample.pdf);
         }
-        sample.pdf = sample.pdf.only(is_consistent | is_bent);
+        sample.pdf = sample.pdf.only(is_scattered & (is_consistent | is_bent));
         (wi, sample)
     }
 
