@@ -286,8 +286,9 @@ impl<'a> Batch<'a> {
                 pixel.add(at.index, sample);
             }
         }
-        reporter.add(work.stage, self.at.len() as u64);
+        // The time of a report is not that of samples.
         let now = Instant::now();
+        reporter.add(work.stage, self.at.len() as u64);
         self.size = match now - began > CHECK_PAUSE {
             true => (self.at.len() / 2).max(1),
             false => (2 * self.size).min(Wavefront::BATCH),
