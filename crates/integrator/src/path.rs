@@ -334,16 +334,18 @@ impl<'a, F: Features, R: Recorder> Path<'a, F, R> {
                 let Some(light) = self.scene.sample_light(at.receiver(), choice, index, u_choice, u_point) else {
                     continue;
                 };
-                let mut direct = direct::estimate::<F, _>(self.scene, at, &light, index, roulette, &mut self.recorder);
-                self.recorder.add_direct(self.throughput * direct);
+                let direct = direct::estimate::<F, _>(self.scene, at, &light, index, roulette, &mut self.recorder);
+                let direct = self.throughput * direct;
+                self.recorder.add_direct(direct);
+                self.sample.radiance += direct;
                 if self.has_covers() {
                     let u_chain = || u.get(3);
                     let connected =
                         mnee::estimate::<F, _>(self.scene, at, &light, index, roulette, u_chain, &mut self.recorder);
-                    self.recorder.add_connection(self.throughput * connected);
-                    direct += connected;
+                    let connected = self.throughput * connected;
+                    self.recorder.add_connection(connected);
+                    self.sample.radiance += connected;
                 }
-                self.sample.radiance += self.throughput * direct;
             }
         }
 

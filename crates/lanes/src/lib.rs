@@ -171,6 +171,8 @@ pub trait Lanes:
     fn splat_word(token: Self::Token, x: u32) -> Self::Word;
     /// The lanes whose bits are set.
     fn mask(token: Self::Token, bits: u32) -> Self::Mask;
+    /// The lanes of a mask side by side, in the first lanes.
+    fn compress(self, mask: Self::Mask) -> Self;
     /// Square root, correctly rounded.
     fn sqrt(self) -> Self;
     /// Absolute value.
@@ -276,6 +278,14 @@ pub trait Lanes:
             lanes[lane] = from[at[lane] as usize];
         }
         Self::load(token, &lanes)
+    }
+    /// Appends the lanes of a mask to a list.
+    #[inline(always)]
+    fn append(self, mask: Self::Mask, to: &mut Vec<f32>) {
+        let len = to.len();
+        to.resize(len + Self::WIDTH, 0.0);
+        self.compress(mask).store(&mut to[len..]);
+        to.truncate(len + mask.bits().count_ones() as usize);
     }
     /// The lanes as an array; lanes beyond the last one are zero.
     #[inline(always)]

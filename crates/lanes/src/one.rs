@@ -156,6 +156,10 @@ impl Lanes for f32 {
         bits & 1 == 1
     }
     #[inline(always)]
+    fn compress(self, _: bool) -> Self {
+        self
+    }
+    #[inline(always)]
     fn sqrt(self) -> Self {
         f32::sqrt(self)
     }

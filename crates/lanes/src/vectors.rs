@@ -67,6 +67,10 @@ macro_rules! vector {
                 SimdMask::from_bitmask(token, u64::from(bits))
             }
             #[inline(always)]
+            fn compress(self, mask: Self::Mask) -> Self {
+                SimdBase::compress(self, mask)
+            }
+            #[inline(always)]
             fn sqrt(self) -> Self {
                 SimdFloat::sqrt(self)
             }

@@ -127,6 +127,12 @@ fn masks_have_their_bits() {
         assert_eq!(bits, 0b1010_0110_0101_1010 & ((1 << set.lanes()) - 1));
         let mut found = Vec::new();
         dispatch!(set, F, token => F::mask(token, 0b1010_0110_0101_1010).each(#[inline(always)] |lane| found.push(lane)));
+        let mut list = vec![7.0];
+        dispatch!(set, F, token => {
+            let numbers: [f32; MAX_WIDTH] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+            F::load(token, &numbers).append(F::mask(token, 0b1010_0110_0101_1010), &mut list);
+        });
+        assert_eq!(list, [7.0].into_iter().chain(found.iter().map(|lane| *lane as f32)).collect::<Vec<_>>());
         assert_eq!(found, (0..set.lanes()).filter(|lane| 0b1010_0110_0101_1010 >> lane & 1 == 1).collect::<Vec<_>>());
     }
 }

@@ -24,10 +24,9 @@ use crate::vertex::SurfaceVertex;
 use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_film::Sample;
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, dispatch};
-use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{Scene, SurfacePoint};
-use rays::{Hits, QueuedLight, Rays, ShadowRays};
+use rays::{Hits, Rays, ShadowRays};
 use smallvec::SmallVec;
 
 /// Most paths that are followed together. Their state takes about half a megabyte.
@@ -207,14 +206,14 @@ impl<'a> Wavefront<'a> {
         let bvh = self.estimator.scene.bvh();
         for queue in &mut self.shadow {
             self.occluded.clear();
-            self.occluded.resize(queue.light.len(), false);
+            self.occluded.resize(queue.paths.len(), false);
             bvh.occluded_batch(self.set, &queue.rays.batch(), &mut self.occluded);
-            for (light, is_occluded) in queue.light.drain(..).zip(&self.occluded) {
-                let QueuedLight { path, throughput, direct, connected } = light;
-                let direct = if *is_occluded { Rgb::BLACK } else { direct };
-                self.paths[path as usize].sample.radiance += throughput * (direct + connected);
+            for (i, path) in queue.paths.iter().enumerate() {
+                if !self.occluded[i] {
+                    self.paths[*path as usize].sample.radiance += queue.light(i);
+                }
             }
-            queue.rays.clear();
+            queue.clear();
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Rays of a wave, and their results.
 
 use dunkelfeld_bvh::{Hit, HitBatch, NO_HIT, RayBatch};
-use dunkelfeld_geometry::Ray;
+use dunkelfeld_geometry::{Ray, Vec3};
+use dunkelfeld_lanes::{Lanes, V3};
 use dunkelfeld_radiometry::Rgb;
 
 /// Rays, an array for each number.
@@ -30,6 +31,25 @@ impl Rays {
         if moves {
             self.time.push(ray.time);
         }
+    }
+
+    /// Stores the rays of some lanes.
+    #[inline(always)]
+    pub(super) fn append<F: Lanes>(&mut self, lanes: F::Mask, origin: V3<F>, direction: V3<F>, t_max: F) {
+        let ([ox, oy, oz], [dx, dy, dz]) = (&mut self.origin, &mut self.direction);
+        origin.x.append(lanes, ox);
+        origin.y.append(lanes, oy);
+        origin.z.append(lanes, oz);
+        direction.x.append(lanes, dx);
+        direction.y.append(lanes, dy);
+        direction.z.append(lanes, dz);
+        t_max.append(lanes, &mut self.t_max);
+    }
+
+    /// Stores the time of a ray in a scene that moves.
+    #[inline]
+    pub(super) fn push_time(&mut self, time: f32) {
+        self.time.push(time);
     }
 
     pub(super) fn batch(&self) -> RayBatch<'_> {
@@ -77,18 +97,29 @@ impl Hits {
 #[derive(Debug, Default)]
 pub(super) struct ShadowRays {
     pub(super) rays: Rays,
-    /// The light of each ray.
-    pub(super) light: Vec<QueuedLight>,
+    pub(super) paths: Vec<u32>,
+    /// Radiance of the pixel if the ray is not occluded [W/(m^2 sr)], by channel.
+    pub(super) light: [Vec<f32>; 3],
 }
 
-/// Light of a light sample at a vertex.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct QueuedLight {
-    pub(super) path: u32,
-    /// Throughput of the path at the vertex.
-    pub(super) throughput: Rgb,
-    /// Radiance that is scattered to the camera side if the ray is not occluded [W/(m^2 sr)].
-    pub(super) direct: Rgb,
-    /// Radiance of the connection through covers [W/(m^2 sr)].
-    pub(super) connected: Rgb,
+impl ShadowRays {
+    /// Stores light that arrives in any case.
+    pub(super) fn push_open(&mut self, path: u32, light: Rgb, moves: bool) {
+        self.rays.push(&Ray::with_end(Vec3::ZERO, Vec3::Z, 0.0), moves);
+        self.paths.push(path);
+        self.light.iter_mut().zip(light.to_array()).for_each(|(list, value)| list.push(value));
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.rays.clear();
+        self.paths.clear();
+        self.light.iter_mut().for_each(Vec::clear);
+    }
+
+    /// The light of a ray.
+    #[inline]
+    pub(super) fn light(&self, i: usize) -> Rgb {
+        let [r, g, b] = &self.light;
+        Rgb::new(r[i], g[i], b[i])
+    }
 }

@@ -3,13 +3,12 @@
 //! Each stage is a function of its own, so that only the evaluation of BSDFs is compiled for each kind of them.
 
 use super::Wavefront;
-use super::rays::QueuedLight;
 use crate::dimensions;
 use crate::direct::{ShadowRoulette, gathered_survival, light_weight};
 use crate::dispatch::Wide;
 use crate::learned_roulette::VertexRoulettes;
 use crate::mnee;
-use crate::path::{Path, survival};
+use crate::path::survival;
 use crate::recorder::ConnectionTally;
 use crate::scatterer::{EachLane, OneLane, Scatterer};
 use crate::vertex::{SurfaceVertex, Vertex};
@@ -233,7 +232,7 @@ impl<'a> Wavefront<'a> {
                     let (direction, t_max) = shadow_rays(origin, light.direction, end);
                     self.queue_shadow_rays(
                         group,
-                        &Queued { index, sampled, traced, origin, direction, t_max, expected, survival },
+                        Queued { index, traced, origin, direction, t_max, expected, survival },
                     );
                     if !scene.covers().is_empty() {
                         self.connect(group, draw, (index, choice, sampled), tally);
@@ -245,43 +244,44 @@ impl<'a> Wavefront<'a> {
 
     /// Stores the shadow rays of lanes.
     #[inline(always)]
-    fn queue_shadow_rays<F: Lanes>(&mut self, group: &Group<'_, '_, F>, q: &Queued<F>) {
+    fn queue_shadow_rays<F: Lanes>(&mut self, group: &Group<'_, '_, F>, q: Queued<F>) {
         let scene = self.estimator.scene;
-        let (has_covers, has_coverage) = (!scene.covers().is_empty(), scene.has_coverage());
-        let moves = scene.shutter().is_some();
-        let queue = &mut self.shadow[q.index as usize];
-        let (origins, directions, t_max) = (q.origin.to_lanes(), q.direction.to_lanes(), q.t_max.to_array());
-        let (r, g, b) = (q.expected.r.to_array(), q.expected.g.to_array(), q.expected.b.to_array());
-        let survival = q.survival.to_array();
-        let (sampled, traced) = (q.sampled.bits(), q.traced.bits());
-        for (lane, surface) in group.vertices.iter().enumerate() {
-            let path = group.paths[lane];
-            let Path { throughput, ray_state, .. } = &self.paths[path as usize];
-            let mut light = QueuedLight { path, throughput: *throughput, direct: Rgb::BLACK, connected: Rgb::BLACK };
-            let mut ray = Ray {
-                origin: origins[lane],
-                direction: directions[lane],
-                t_max: t_max[lane],
-                time: ray_state.ray.time,
-            };
-            if traced >> lane & 1 == 1 {
-                let mut open = 1.0;
-                if has_coverage {
-                    open = scene.transmittance_with::<Wide>(&ray);
+        let Queued { index, traced, origin, direction, mut t_max, expected, survival } = q;
+        let bits = traced.bits();
+        let mut arriving = expected * survival.recip();
+        if scene.has_coverage() || scene.features().solids {
+            let (origins, directions, ends) = (origin.to_lanes(), direction.to_lanes(), t_max.to_array());
+            let (mut open, mut transmittance) = ([1.0; MAX_WIDTH], [Rgb::WHITE; MAX_WIDTH]);
+            for (lane, at) in group.vertices.iter().enumerate().filter(|(lane, _)| bits >> lane & 1 == 1) {
+                if scene.has_coverage() {
+                    let time = self.paths[group.paths[lane] as usize].ray_state.ray.time;
+                    let ray = Ray { origin: origins[lane], direction: directions[lane], t_max: ends[lane], time };
+                    open[lane] = scene.transmittance_with::<Wide>(&ray);
                 }
-                let arriving = Rgb::new(r[lane], g[lane], b[lane]) * (open / survival[lane]);
-                light.direct = arriving * surface.transmittance_toward(scene, ray.direction, ray.t_max);
-                if has_coverage {
-                    ray.t_max = 0.0;
-                }
-            } else if has_covers && sampled >> lane & 1 == 1 {
-                // A connection of this light sample may follow.
-                ray.t_max = 0.0;
-            } else {
-                continue;
+                transmittance[lane] = at.transmittance_toward(scene, directions[lane], ends[lane]);
             }
-            queue.rays.push(&ray, moves);
-            queue.light.push(light);
+            arriving = expected * (F::load(group.token, &open) / survival);
+            arriving *= rgb_of_lanes(group.token, &transmittance);
+        }
+        if scene.has_coverage() {
+            // It is traced already.
+            t_max = t_max.constant(0.0);
+        }
+        let light = group.throughput * arriving;
+        let moves = scene.shutter().is_some();
+        let queue = &mut self.shadow[index as usize];
+        queue.rays.append(traced, origin, direction, t_max);
+        let [r, g, b] = &mut queue.light;
+        light.r.append(traced, r);
+        light.g.append(traced, g);
+        light.b.append(traced, b);
+        for (lane, path) in group.paths[..group.vertices.len()].iter().enumerate() {
+            if bits >> lane & 1 == 1 {
+                queue.paths.push(*path);
+                if moves {
+                    queue.rays.push_time(self.paths[*path as usize].ray_state.ray.time);
+                }
+            }
         }
     }
 
@@ -301,8 +301,6 @@ impl<'a> Wavefront<'a> {
         let (pdf, u_roulette, u_chain) = (light.pdf.to_array(), draw.u_roulette.to_array(), draw.u_chain.to_array());
         let gathered = group.gathered.to_array();
         let (is_finite, is_delta, sampled) = (light.is_finite.bits(), light.is_delta.bits(), sampled.bits());
-        let first = self.shadow[index as usize].light.len() - sampled.count_ones() as usize;
-        let mut place = first;
         for (lane, surface) in group.vertices.iter().enumerate() {
             if sampled >> lane & 1 == 0 {
                 continue;
@@ -335,8 +333,11 @@ impl<'a> Wavefront<'a> {
                 || u_chain[lane],
                 tally,
             );
-            self.shadow[index as usize].light[place].connected = connected;
-            place += 1;
+            if !connected.is_black() {
+                let throughput = self.paths[group.paths[lane] as usize].throughput;
+                let moves = self.estimator.scene.shutter().is_some();
+                self.shadow[index as usize].push_open(group.paths[lane], throughput * connected, moves);
+            }
         }
     }
 
@@ -497,8 +498,6 @@ fn evaluate<F: Lanes, V: View<F>>(group: &Group<'_, '_, F>, view: V, draws: &[Dr
 /// The shadow rays of lanes to a light.
 struct Queued<F: Lanes> {
     index: u32,
-    /// Lanes with a light sample.
-    sampled: F::Mask,
     /// Lanes whose ray is traced.
     traced: F::Mask,
     origin: V3<F>,
