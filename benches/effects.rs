@@ -1,13 +1,12 @@
-//! The cost of effects in instructions per sample on a plain scene: all of them together where none is used, and each
-//! where it is used. Needs valgrind.
+//! The cost of effects in instructions per sample on a plain scene. Needs valgrind.
 //!
 //! `cargo bench -p dunkelfeld-integrator --bench effects -- [--markdown FILE] [--samples N] [--only NAME]...`
 //!
 //! - `--markdown FILE` rewrites the tables of a page; paths are relative to the root of the repository.
 //! - `--samples N` takes N and then 2 N samples in each of 256 pixels (default 32).
-//! - `--only NAME` measures the plain scene and the named effects or kernels only.
+//! - `--only NAME` measures the plain scene and the named effects only.
 //!
-//! Ends with 1 if the effects together cost more than 2 % where none is used, or change the image. Without `--bench`
+//! Without `--bench`
 //! (`cargo test --bench effects`) every case renders a few samples, and nothing is counted.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench prints its results")]
@@ -21,18 +20,15 @@ mod table;
 
 use callgrind::Price;
 use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelSample};
-use dunkelfeld_scene::{EFFECTS, Effect, kernel_features};
+use dunkelfeld_scene::Effect;
 use scene::Case;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 use table::Row;
 
 /// Side of the film, and of the grid of pixels on it that are rendered.
 const FILM: u32 = 64;
 const PIXELS: u32 = 16;
-
-/// Limit of the cost of effects that a scene does not need \[%\].
-const BAR: f64 = 2.0;
 
 /// The arguments of the benchmark.
 struct Options {
@@ -46,16 +42,12 @@ struct Options {
 
 fn main() -> ExitCode {
     let outcome = options(std::env::args().skip(1)).and_then(|options| match &options.render {
-        Some(name) => render(name, options.samples).map(|image| {
-            println!("{image}");
-            true
-        }),
+        Some(name) => render(name, options.samples).map(|image| println!("{image}")),
         None if options.bench => measure(&options),
-        None => Case::all().iter().try_for_each(|case| render(&case.name(), 1).map(drop)).map(|()| true),
+        None => Case::all().iter().try_for_each(|case| render(&case.name(), 1).map(drop)),
     });
     match outcome {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::from(1),
+        Ok(()) => ExitCode::SUCCESS,
         Err(problem) => {
             eprintln!("error: {problem}");
             ExitCode::from(2)
@@ -105,16 +97,12 @@ fn render(name: &str, samples: u32) -> Result<String, String> {
     let roulette = roulette.as_ref();
     let estimator = Estimator { scene: &scene, camera: &camera, width: FILM, seed: 1, frame: 0, roulette };
     let (mut fingerprint, mut sum) = (0xcbf2_9ce4_8422_2325u64, 0.0);
-    for pixel in 0..PIXELS * PIXELS {
-        let [x, y] = [pixel % PIXELS, pixel / PIXELS].map(|k| k * (FILM / PIXELS));
-        for index in 0..samples {
-            let radiance = estimator.sample(PixelSample { x, y, index }).radiance.to_array();
-            for channel in radiance {
-                // Fowler, Noll and Vo's hash (1a), a word at a time.
-                fingerprint = (fingerprint ^ u64::from(channel.to_bits())).wrapping_mul(0x0100_0000_01b3);
-                sum += f64::from(channel);
-            }
-        }
+    let pixels = (0..PIXELS * PIXELS).map(|pixel| [pixel % PIXELS, pixel / PIXELS].map(|k| k * (FILM / PIXELS)));
+    let at: Vec<_> = pixels.flat_map(|[x, y]| (0..samples).map(move |index| PixelSample { x, y, index })).collect();
+    for channel in estimator.samples(&at).iter().flat_map(|sample| sample.radiance.to_array()) {
+        // Fowler, Noll and Vo's hash (1a), a word at a time.
+        fingerprint = (fingerprint ^ u64::from(channel.to_bits())).wrapping_mul(0x0100_0000_01b3);
+        sum += f64::from(channel);
     }
     let mean = sum / f64::from(3 * PIXELS * PIXELS * samples);
     if !(mean > 0.0 && mean.is_finite()) {
@@ -123,37 +111,12 @@ fn render(name: &str, samples: u32) -> Result<String, String> {
     Ok(format!("{fingerprint:016x} {mean:.6}"))
 }
 
-/// Measures all cases and prints what they cost. False if the bar is missed.
-fn measure(options: &Options) -> Result<bool, String> {
+/// Measures all cases and prints what they cost.
+fn measure(options: &Options) -> Result<(), String> {
     callgrind::require_valgrind()?;
     let own = std::env::current_exe().map_err(|e| format!("the bench does not find itself: {e}"))?;
-    if !EFFECTS {
-        return Err("this is the build without effects; help: run the bench without --features plain-only".into());
-    }
-    let bare = build_plain_only()?;
-    must_refuse_effects(&bare)?;
     let plain = price(&own, Case::Plain, options.samples)?;
-    let without = price(&bare, Case::Plain, options.samples)?;
-    let proof = Row {
-        name: "all effects".into(),
-        how: "compiled in, none used".into(),
-        kernel: "plain".into(),
-        instructions: plain.instructions,
-        against: without.instructions,
-        same_image: plain.image == without.image,
-    };
-    let met = proof.percent() <= BAR && proof.same_image;
-    let verdict = format!(
-        "A build with all effects takes {:.0} instructions per sample of the plain scene, one that was compiled without \
-         them {:.0}: {:+.2} %, where at most {BAR} % are allowed. The images are {}.",
-        proof.instructions,
-        proof.against,
-        proof.percent(),
-        if proof.same_image { "the same to the last bit" } else { "NOT the same, so that this proves nothing" }
-    );
-    println!("{verdict}\n");
-
-    let (mut kernels, mut effects) = (Vec::new(), Vec::new());
+    let mut effects = Vec::new();
     for case in Case::all() {
         let name = case.name();
         if matches!(case, Case::Plain | Case::Without(_)) || !(options.only.is_empty() || options.only.contains(&name))
@@ -168,17 +131,21 @@ fn measure(options: &Options) -> Result<bool, String> {
         let against = without.as_ref().unwrap_or(&plain);
         let row = Row {
             how: case.use_in_words().into(),
-            kernel: kernel_features(case.scene()?.features()),
             instructions: found.instructions,
             against: against.instructions,
             same_image: found.image == against.image,
             name,
         };
         eprintln!("{}: {:+.2} %", row.name, row.percent());
-        if matches!(case, Case::Kernel(_)) { kernels.push(row) } else { effects.push(row) }
+        effects.push(row);
     }
-    let tables =
-        format!("{verdict}\n\n{}\n{}", table::markdown("kernel", &kernels), table::markdown("effect", &effects));
+    let tables = format!(
+        "A sample of the plain scene takes {:.0} instructions.
+
+{}",
+        plain.instructions,
+        table::markdown(&effects)
+    );
     println!("{tables}");
     if let Some(path) = &options.markdown {
         if effects.len() < Effect::ALL.len() {
@@ -189,20 +156,6 @@ fn measure(options: &Options) -> Result<bool, String> {
         std::fs::write(path, page).map_err(|e| format!("{}: {e}", path.display()))?;
         println!("wrote {}", path.display());
     }
-    Ok(met)
-}
-
-/// A build without effects must refuse every scene that uses one.
-fn must_refuse_effects(program: &Path) -> Result<(), String> {
-    for effect in Effect::ALL.into_iter().filter(|e| !e.is_technique() && *e != Effect::Color) {
-        let output = Command::new(program)
-            .args(["--render", effect.name(), "--samples", "1"])
-            .output()
-            .map_err(|e| format!("{} cannot be started: {e}", program.display()))?;
-        if output.status.success() || !String::from_utf8_lossy(&output.stderr).contains("plain-only") {
-            return Err(format!("the build without effects does not refuse {}", effect.name()));
-        }
-    }
     Ok(())
 }
 
@@ -210,28 +163,4 @@ fn must_refuse_effects(program: &Path) -> Result<(), String> {
 fn price(program: &Path, case: Case, samples: u32) -> Result<Price, String> {
     let run = |samples: u32| callgrind::run(program, &["--render", &case.name(), "--samples", &samples.to_string()]);
     callgrind::price(&run(samples)?, &run(2 * samples)?, PIXELS * PIXELS * samples)
-}
-
-/// Builds this bench again, without the code of any effect and in a folder of its own; returns the program.
-fn build_plain_only() -> Result<PathBuf, String> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from);
-    let output = Command::new(cargo)
-        .current_dir(root())
-        .args(["bench", "--package", "dunkelfeld-integrator", "--bench", "effects", "--no-run"])
-        .args(["--features", "plain-only", "--message-format", "json-render-diagnostics", "--target-dir"])
-        .arg(target.join("plain-only"))
-        .stderr(std::process::Stdio::inherit())
-        .output()
-        .map_err(|e| format!("cargo cannot be started: {e}"))?;
-    let messages = String::from_utf8_lossy(&output.stdout);
-    let program =
-        messages.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok()).find_map(|m| {
-            let is_bench = m["target"]["name"] == "effects" && m["target"]["kind"] == serde_json::json!(["bench"]);
-            is_bench.then(|| m["executable"].as_str().map(PathBuf::from)).flatten()
-        });
-    match program {
-        Some(program) if output.status.success() => Ok(program),
-        _ => Err("the build without effects failed; the messages of cargo are above".into()),
-    }
 }

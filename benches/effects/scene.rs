@@ -3,9 +3,9 @@
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Aperture, ChannelTexture, ColorEncoding, Effect, EmissionProfile, Environment, EnvironmentSource,
-    FeatureSet, Image, ImageId, LightProfile, LineScan, Material, Opening, PunctualKind, PunctualLight, Scene,
-    SceneBuilder, Shutter, Surface, Texels, Texture, Volume, kernel_features,
+    AlphaMode, Aperture, ChannelTexture, ColorEncoding, Effect, EmissionProfile, Environment, EnvironmentSource, Image,
+    ImageId, LightProfile, LineScan, Material, Opening, PunctualKind, PunctualLight, Scene, SceneBuilder, Shutter,
+    Surface, Texels, Texture, Volume,
 };
 use std::sync::Arc;
 
@@ -20,8 +20,6 @@ const BOXES: usize = 9;
 pub(crate) enum Case {
     /// The plain scene as it is.
     Plain,
-    /// The plain scene in a kernel with more effects than it uses.
-    Kernel(FeatureSet),
     /// The plain scene with an effect in use.
     Effect(Effect),
     /// The same without it: techniques only, whose price depends on what they are used for.
@@ -29,26 +27,17 @@ pub(crate) enum Case {
 }
 
 impl Case {
-    /// All cases: the plain scene, the kernels, the effects, and techniques left out.
+    /// All cases: the plain scene, the effects, and techniques left out.
     pub(crate) fn all() -> Vec<Self> {
-        let none = FeatureSet::default();
-        let kernels = [
-            FeatureSet { textured: true, ..none },
-            FeatureSet { stochastic: true, ..none },
-            FeatureSet { solids: true, ..none },
-            FeatureSet::ALL,
-        ];
         let effects = Effect::ALL.into_iter().map(Self::Effect);
         let without = Effect::ALL.into_iter().filter(|e| e.is_technique()).map(Self::Without);
-        let kernels = kernels.into_iter().map(Self::Kernel);
-        std::iter::once(Self::Plain).chain(kernels).chain(effects).chain(without).collect()
+        std::iter::once(Self::Plain).chain(effects).chain(without).collect()
     }
 
-    /// Its name, as in `kernel-solids`: the argument of the measuring program.
+    /// Its name, the argument of the measuring program.
     pub(crate) fn name(self) -> String {
         match self {
             Self::Plain => "plain".into(),
-            Self::Kernel(features) => format!("kernel-{}", kernel_features(features).replace(" + ", "-")),
             Self::Effect(effect) => effect.name().into(),
             Self::Without(effect) => format!("without-{}", effect.name()),
         }
@@ -58,7 +47,6 @@ impl Case {
     pub(crate) fn use_in_words(self) -> &'static str {
         let effect = match self {
             Self::Plain => return "the scene as it is",
-            Self::Kernel(_) => return "the kernel is forced; the scene is as it is",
             Self::Effect(effect) | Self::Without(effect) => effect,
         };
         match effect {
@@ -109,11 +97,7 @@ impl Case {
         {
             return Err(format!("{} cannot be left out", effect.name()));
         }
-        let (mut scene, _) = builder.build().map_err(|e| e.to_string())?;
-        if let Self::Kernel(features) = self {
-            scene.force_features(features);
-        }
-        Ok(scene)
+        Ok(builder.build().map_err(|e| e.to_string())?.0)
     }
 }
 

@@ -14,8 +14,6 @@ pub(crate) struct Row {
     pub(crate) name: String,
     /// How it was put in use.
     pub(crate) how: String,
-    /// The kernel that rendered it.
-    pub(crate) kernel: String,
     /// Instructions per sample.
     pub(crate) instructions: f64,
     /// Its baseline: instructions per sample.
@@ -31,19 +29,17 @@ impl Row {
     }
 }
 
-/// A table of rows, `what` heading the first column.
-pub(crate) fn markdown(what: &str, rows: &[Row]) -> String {
-    let mut text =
-        format!("| {what} | how it was put in use | kernel | instructions per sample | price | same image |\n");
-    text += "|---|---|---|---:|---:|---|\n";
+/// A table of rows.
+pub(crate) fn markdown(rows: &[Row]) -> String {
+    let mut text = String::from("| effect | how it was put in use | instructions per sample | price | same image |\n");
+    text += "|---|---|---:|---:|---|\n";
     for row in rows {
         let same = if row.same_image { "to the last bit" } else { "up to noise" };
         let _ = writeln!(
             text,
-            "| `{}` | {} | {} | {:.0} | {:+.1} % | {same} |",
+            "| `{}` | {} | {:.0} | {:+.1} % | {same} |",
             row.name,
             row.how,
-            row.kernel,
             row.instructions,
             row.percent()
         );

@@ -1,11 +1,11 @@
-//! The closed set of surface models behind one interface.
+//! The closed set of scattering models behind one interface.
 
 use crate::bsdf_sample::{BsdfSample, View};
-use crate::{Dielectric, EFFECTS, Principled, ThinSheet, Translucent};
+use crate::{Dielectric, EFFECTS, HenyeyGreenstein, Principled, ThinSheet, Translucent};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 
-/// The scattering function of one point of a surface.
+/// The scattering function of one point of a surface or of a medium.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Bsdf {
     /// Plastic, metal, painted and coated surfaces, rough glass.
@@ -16,6 +16,8 @@ pub enum Bsdf {
     ThinSheet(ThinSheet),
     /// Paper, leaves, milk glass: light is transmitted diffusely.
     Translucent(Translucent),
+    /// A point in a medium. Its local frame is that of the world.
+    Phase(HenyeyGreenstein),
     /// Absorbs all light.
     Absorber,
 }
@@ -58,6 +60,7 @@ impl Bsdf {
             Self::Dielectric(b) => b.view(wo).eval_pdf(wi),
             Self::ThinSheet(b) => b.view(wo).eval_pdf(wi),
             Self::Translucent(b) => b.view(wo).eval_pdf(wi),
+            Self::Phase(p) => p.view(wo).eval_pdf(wi),
             Self::Absorber => (Rgb::BLACK, 0.0),
         }
     }
@@ -88,6 +91,7 @@ impl Bsdf {
             Self::Dielectric(b) => b.view(wo).sample(u_lobe, u),
             Self::ThinSheet(b) => b.view(wo).sample(u_lobe, u),
             Self::Translucent(b) => b.view(wo).sample(u_lobe, u),
+            Self::Phase(p) => p.view(wo).sample(u_lobe, u),
             Self::Absorber => return None,
         }
         .into()
@@ -103,7 +107,7 @@ impl Bsdf {
             Self::Dielectric(b) => Self::Dielectric(b.with_energy_compensation()),
             Self::ThinSheet(b) => Self::ThinSheet(b.with_energy_compensation()),
             Self::Translucent(b) => Self::Translucent(b.with_energy_compensation()),
-            Self::Absorber => Self::Absorber,
+            Self::Phase(_) | Self::Absorber => self,
         }
     }
 
@@ -114,7 +118,7 @@ impl Bsdf {
         match self {
             Self::Principled(_) => false,
             _ if !EFFECTS => true,
-            Self::Translucent(_) => false,
+            Self::Translucent(_) | Self::Phase(_) => false,
             Self::Dielectric(b) => b.is_delta(),
             Self::ThinSheet(b) => b.is_delta(),
             Self::Absorber => true,
@@ -143,6 +147,7 @@ impl Bsdf {
             Self::Dielectric(b) => b.albedo(wo),
             Self::ThinSheet(b) => b.albedo(wo),
             Self::Translucent(b) => b.albedo(wo),
+            Self::Phase(_) => Rgb::WHITE,
             Self::Absorber => Rgb::BLACK,
         }
     }

@@ -5,7 +5,7 @@ use dunkelfeld_radiometry::photon::{lumens, luminous_efficacy};
 use dunkelfeld_radiometry::{Nanometres, Rgb};
 use dunkelfeld_scene::{
     AlphaMode, BuildReport, Camera, CoverStack, Effect, Effects, Opening, Projection, Scene, SceneSummary, Surface,
-    Vignetting, kernel_features,
+    Vignetting,
 };
 use serde::Serialize;
 
@@ -140,8 +140,6 @@ pub struct Inspection {
     pub covers: Vec<CoverEntry>,
     /// All effects, on or off.
     pub effects: Vec<EffectEntry>,
-    /// The kernel that renders the scene: the groups of effects that it is compiled with.
-    pub kernel: String,
     /// The materials in use.
     pub materials: Vec<MaterialEntry>,
     /// Data that was repaired or left out during import.
@@ -228,7 +226,6 @@ pub(crate) fn inspect_lines(scene: &Scene, report: &BuildReport, lines: [Option<
         light_choice: scene.light_choice(),
         covers: scene.covers().iter().map(|stack| cover_entry(scene, stack)).collect(),
         effects: effect_entries(scene.effects()),
-        kernel: kernel_features(scene.features()),
         materials,
         warnings: Vec::new(),
         notes,

@@ -1,11 +1,12 @@
 //! The estimator of one sample: camera sample, ray, radiance, film sample.
 
 use crate::dimensions;
-use crate::dispatch::trace_path;
 use crate::learned_roulette::LearnedRoulette;
-use crate::recorder::{ConnectionTally, PathTrace, Recorder};
+use crate::observer::{ConnectionTally, PathTrace};
+use crate::wavefront::{Watch, Wavefront};
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;
+use dunkelfeld_lanes::InstructionSet;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{CameraRay, Moment, RayGenerator, Scene};
 
@@ -38,38 +39,26 @@ pub struct Estimator<'a> {
 }
 
 impl Estimator<'_> {
-    /// One sample: a pure function of (scene, camera, seed, frame, pixel, sample index).
-    ///
-    /// Its radiance is an unbiased estimate of the mean over the area of the pixel. It is finite and not negative
-    /// unless values of the scene exceed the range of floating-point numbers. Such an invalid sample is returned
-    /// unchanged, and the film counts it.
-    #[inline]
+    /// One sample. [`Wavefront::samples`] computes many faster, with the same bits.
     pub fn sample(&self, at: PixelSample) -> Sample {
-        self.sample_counting(at, &mut ConnectionTally::default())
+        self.samples(&[at])[0]
     }
 
-    /// The same sample. Also counts the connections through covers that it attempted.
-    #[inline]
-    pub fn sample_counting(&self, at: PixelSample, tally: &mut ConnectionTally) -> Sample {
-        let (sample, counted) = self.run(at, *tally);
-        *tally = counted;
-        sample
+    /// Samples, in order.
+    pub fn samples(&self, at: &[PixelSample]) -> Vec<Sample> {
+        let mut found = Vec::new();
+        Wavefront::new(self, InstructionSet::best()).samples(at, &mut ConnectionTally::default(), &mut found);
+        found
     }
 
-    /// The same sample, with a record of its path vertex by vertex.
+    /// One sample with a record of its path, vertex by vertex.
     pub fn trace(&self, at: PixelSample) -> (Sample, PathTrace) {
-        self.run(at, PathTrace::default())
-    }
-
-    fn run<R: Recorder>(&self, at: PixelSample, recorder: R) -> (Sample, R) {
-        let sampler = self.sampler(at);
-        let place = sampler.get_2d(dimensions::CAMERA);
-        let CameraSample { ray, weight, start } = self.camera_sample(at, &sampler, place);
-        // The path, and the sample for the film.
-        let (sample, mut recorder) = trace_path(self.scene, self.roulette, ray, sampler, recorder);
+        let (mut found, mut trace) = (Vec::new(), PathTrace::default());
+        let watch = Watch { tally: &mut ConnectionTally::default(), observer: Some(&mut trace) };
+        let weight = Wavefront::new(self, InstructionSet::best()).observed(&[at], watch, &mut found);
         // The lens scales the radiance, for example by vignetting.
-        recorder.scale(weight);
-        (weighted(&sample, weight, start), recorder)
+        trace.scale(weight);
+        (found[0], trace)
     }
 
     /// The source of all random numbers of a sample.
@@ -103,9 +92,11 @@ pub(crate) struct CameraSample {
     pub(crate) start: f32,
 }
 
-/// A sample of a camera ray as that of the film.
-#[inline]
-pub(crate) fn weighted(sample: &Sample, weight: f32, start: f32) -> Sample {
-    let depth = if sample.hit { start + sample.depth } else { sample.depth };
-    Sample { radiance: sample.radiance * weight, depth, ..*sample }
+impl CameraSample {
+    /// The sample of the path of this ray as that of the film.
+    #[inline]
+    pub(crate) fn weighted(&self, sample: &Sample) -> Sample {
+        let depth = if sample.hit { self.start + sample.depth } else { sample.depth };
+        Sample { radiance: sample.radiance * self.weight, depth, ..*sample }
+    }
 }

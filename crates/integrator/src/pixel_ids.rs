@@ -2,9 +2,9 @@
 //! surfaces that the ray of a pixel meets.
 
 use crate::ray_state::RayState;
-use crate::vertex::{SurfaceVertex, Vertex};
+use crate::vertex::Vertex;
 use dunkelfeld_geometry::Vec3;
-use dunkelfeld_scene::{AllFeatures, Moment, RayGenerator, Scene, SurfacePoint};
+use dunkelfeld_scene::{Moment, RayGenerator, Scene, SurfacePoint};
 use std::num::NonZeroU32;
 use std::ops::ControlFlow;
 
@@ -109,7 +109,7 @@ pub fn crossings(
     let middle = Moment { time: 0.0, y: row as f32 + 0.5 };
     let Moment { time, y } = scene.shutter().map_or(middle, |shutter| shutter.middle(row));
     let ray = camera.ray(x as f32 + place[0], y + (place[1] - 0.5)).at_time(time);
-    let mut ray_state = RayState::from_camera::<AllFeatures>(scene, ray);
+    let mut ray_state = RayState::from_camera(scene, ray);
     let mut is_behind = false;
     let mut passed: Option<Passed> = None;
     for _ in 0..MAX_CROSSINGS {
@@ -119,11 +119,11 @@ pub fn crossings(
         let hit = match (coincident, passed.take()) {
             (Some(point), Some(before)) => {
                 passed = Some(Passed { last: Some(point), ..before });
-                ray_state.hit_at::<AllFeatures>(scene, point, &mut interface)
+                ray_state.hit_at(scene, point, &mut interface)
             }
             (_, before) => {
                 ray_state = before.map_or(ray_state, |before| before.beyond);
-                let Some(hit) = ray_state.intersect_next::<AllFeatures>(scene, &mut interface) else { break };
+                let Some(hit) = ray_state.intersect_next(scene, &mut interface) else { break };
                 hit
             }
         };
@@ -136,7 +136,7 @@ pub fn crossings(
         let is_open = hit.open_tint().is_some() || coverage < 0.5;
         if is_behind || is_open {
             visit(&at(if is_behind { Passage::Scattering } else { Passage::Open }))?;
-            let beyond = ray_state.pass_through::<AllFeatures>(&hit);
+            let beyond = ray_state.pass_through(&hit);
             if is_behind || hit.open_tint().is_some() {
                 (ray_state, passed) = (beyond, None);
             } else if passed.is_none() {
@@ -145,13 +145,13 @@ pub fn crossings(
             continue;
         }
         passed = None;
-        let straight = ray_state.pass_through::<AllFeatures>(&hit);
+        let straight = ray_state.pass_through(&hit);
         let (scattering, clear) = (at(Passage::Scattering), at(Passage::Clear));
-        let vertex = SurfaceVertex::<AllFeatures>::new(scene, ray_state, hit, 0.5, &mut bsdf);
+        let vertex = Vertex::on_surface(scene, ray_state, hit, 0.5, &mut bsdf);
         ray_state = match vertex.delta(0.5) {
-            Some(passed) => {
-                visit(&Crossing { onward: passed.wi, ..clear })?;
-                vertex.spawn_ray(passed.wi)
+            Some((wi, _)) => {
+                visit(&Crossing { onward: wi, ..clear })?;
+                vertex.spawn_ray(wi)
             }
             None => {
                 visit(&scattering)?;

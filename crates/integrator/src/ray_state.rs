@@ -2,7 +2,7 @@
 
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Boundary, Features, Interface, Interior, Medium, Scene, ShadingPoint, SurfacePoint};
+use dunkelfeld_scene::{Boundary, Interface, Interior, Medium, Scene, ShadingPoint, SurfacePoint};
 
 /// A ray and the solids that contain its origin.
 #[derive(Clone, Copy, Debug)]
@@ -11,13 +11,13 @@ pub(crate) struct RayState {
     enclosing: EnclosingSolids,
 }
 
-/// The solids around a point. Kernels with media store all of them (`interior`). Other kernels store the material of
-/// the solid entered last (`material`).
+/// The solids around a point.
 #[derive(Clone, Copy, Debug)]
-struct EnclosingSolids {
-    /// Material of the solid that was entered last, for scenes in which no solids touch.
-    material: Option<u32>,
-    interior: Interior,
+enum EnclosingSolids {
+    /// The material of the solid that was entered last: enough where no solids touch and no medium scatters.
+    Last(Option<u32>),
+    /// All of them.
+    All(Interior),
 }
 
 /// An intersection of a ray with a surface.
@@ -25,167 +25,151 @@ struct EnclosingSolids {
 pub(crate) struct SurfaceHit<'a> {
     /// The surface that provides the material. Of coincident faces it is the one of the interface.
     pub(crate) surface: SurfacePoint,
-    /// The interface between the solids on both sides; `None` in kernels without media.
-    interface: Option<&'a Interface>,
+    /// The interface between the solids on both sides, for [`EnclosingSolids::All`].
+    pub(crate) interface: Option<&'a Interface>,
 }
 
 impl RayState {
     /// The state of a ray from the camera.
     #[inline]
-    pub(crate) fn from_camera<F: Features>(scene: &Scene, ray: Ray) -> Self {
-        let interior = if F::MEDIA { scene.interior_at_time(ray.origin, ray.time) } else { Interior::OUTSIDE };
-        Self { ray, enclosing: EnclosingSolids { material: None, interior } }
+    pub(crate) fn from_camera(scene: &Scene, ray: Ray) -> Self {
+        // A ray may start inside a solid only within the bounds of the solids of the scene. This is tested for each ray,
+        // because a lens has an extent.
+        let is_nested = scene.has_media() || scene.has_solids() && scene.may_be_inside(ray.origin);
+        let enclosing = if is_nested {
+            EnclosingSolids::All(scene.interior_at_time(ray.origin, ray.time))
+        } else {
+            EnclosingSolids::Last(None)
+        };
+        Self { ray, enclosing }
     }
 
-    /// The next intersection along the ray. In kernels with media its interface is stored in `storage`.
+    /// The next intersection along the ray. Its interface is stored in `storage`.
     #[inline]
-    pub(crate) fn intersect_next<'a, F: Features>(
+    pub(crate) fn intersect_next<'a>(
         &self,
         scene: &Scene,
         storage: &'a mut Option<Interface>,
     ) -> Option<SurfaceHit<'a>> {
-        // Intersects a copy of the ray, so that the path state is not kept in memory because of a reference.
-        let ray = self.ray;
-        let hit = scene.intersect(&ray)?;
-        Some(self.hit_at::<F>(scene, hit, storage))
+        Some(self.hit_at(scene, scene.intersect(&self.ray)?, storage))
     }
 
-    /// The intersection at a point of the ray. In kernels with media its interface is stored in `storage`.
+    /// The intersection at a point of the ray. Its interface is stored in `storage`.
     #[inline]
-    pub(crate) fn hit_at<'a, F: Features>(
+    pub(crate) fn hit_at<'a>(
         &self,
         scene: &Scene,
-        point: SurfacePoint,
+        surface: SurfacePoint,
         storage: &'a mut Option<Interface>,
     ) -> SurfaceHit<'a> {
-        if F::MEDIA {
-            let interface = storage.insert(scene.interface(&self.ray, &point, &self.enclosing.interior));
-            SurfaceHit { surface: interface.surface, interface: Some(interface) }
-        } else {
-            SurfaceHit { surface: point, interface: None }
+        match &self.enclosing {
+            EnclosingSolids::Last(_) => SurfaceHit { surface, interface: None },
+            EnclosingSolids::All(interior) => {
+                let interface = storage.insert(scene.interface(&self.ray, &surface, interior));
+                SurfaceHit { surface: interface.surface, interface: Some(interface) }
+            }
         }
     }
 
-    /// The medium around the origin of the ray, in kernels with media. Other kernels use absorption only.
+    /// The medium around the origin of the ray that may scatter it.
     #[inline]
     pub(crate) fn medium<'a>(&self, scene: &'a Scene) -> Option<&'a Medium> {
-        scene.medium(&self.enclosing.interior)
+        match &self.enclosing {
+            EnclosingSolids::Last(_) => None,
+            EnclosingSolids::All(interior) => scene.medium(interior),
+        }
     }
 
     /// The transmittance over a distance \[m\] along the ray.
     #[inline]
-    pub(crate) fn transmittance<F: Features>(&self, scene: &Scene, distance: f32) -> Rgb {
-        if F::MEDIA {
-            self.medium(scene).map_or(Rgb::WHITE, |m| m.transmittance(distance))
-        } else if F::SOLIDS {
-            attenuation(scene, self.enclosing.material, distance)
-        } else {
-            Rgb::WHITE
+    pub(crate) fn transmittance(&self, scene: &Scene, distance: f32) -> Rgb {
+        match &self.enclosing {
+            EnclosingSolids::Last(material) => attenuation(scene, *material, distance),
+            EnclosingSolids::All(interior) => scene.medium(interior).map_or(Rgb::WHITE, |m| m.transmittance(distance)),
         }
     }
 
     /// The same origin with another direction on the same side of its surface.
     #[inline]
     pub(crate) fn with_direction(&self, direction: Vec3) -> Self {
-        Self { ray: Ray::new(self.ray.origin, direction).at_time(self.ray.time), enclosing: self.enclosing }
+        self.leaving(self.ray.origin, direction)
     }
 
     /// The material of the solid around the origin of the ray.
     #[inline]
-    pub(crate) fn solid<F: Features>(&self, scene: &Scene) -> Option<u32> {
-        if F::MEDIA { scene.material_inside(&self.enclosing.interior) } else { self.enclosing.material }
+    pub(crate) fn solid(&self, scene: &Scene) -> Option<u32> {
+        match &self.enclosing {
+            EnclosingSolids::Last(material) => *material,
+            EnclosingSolids::All(interior) => scene.material_inside(interior),
+        }
     }
 
-    /// A ray from a point inside the medium in a new direction.
+    /// A ray from a point in the same solids.
     #[inline]
-    pub(crate) fn spawn_in_medium(&self, point: Vec3, wi: Vec3) -> Self {
-        Self { ray: Ray::new(point, wi).at_time(self.ray.time), enclosing: self.enclosing }
+    pub(crate) fn leaving(&self, point: Vec3, direction: Vec3) -> Self {
+        Self { ray: Ray::new(point, direction).at_time(self.ray.time), enclosing: self.enclosing }
     }
 
     /// Continues behind a surface in the same direction, as if the surface were absent. Faces that coincide with it are
     /// stepped over: [`Scene::next_coincident`] gives them.
     #[inline]
-    pub(crate) fn pass_through<F: Features>(&self, hit: &SurfaceHit<'_>) -> Self {
-        let mut enclosing = self.enclosing;
-        if F::MEDIA
-            && let Some(interface) = hit.interface.filter(|i| matches!(i.boundary, Boundary::Open { .. }))
-        {
-            enclosing.interior = interface.far();
+    pub(crate) fn pass_through(&self, hit: &SurfaceHit<'_>) -> Self {
+        let mut next = self.leaving(hit.surface.ray_origin(self.ray.direction), self.ray.direction);
+        if let Some(interface) = hit.interface.filter(|i| matches!(i.boundary, Boundary::Open { .. })) {
+            next.enclosing = EnclosingSolids::All(interface.far());
         }
-        let ray = Ray::new(hit.surface.ray_origin(self.ray.direction), self.ray.direction).at_time(self.ray.time);
-        Self { ray, enclosing }
+        next
     }
 
-    /// Leaves a surface in the direction `wi`. `wo` points to the previous vertex.
+    /// Leaves a surface in the direction `wi`.
     #[inline]
-    pub(crate) fn spawn_ray<F: Features>(
-        &self,
-        hit: &SurfaceHit<'_>,
-        shading: &ShadingPoint<'_>,
-        wo: Vec3,
-        wi: Vec3,
-    ) -> Self {
-        let enclosing = self.enclosing_toward::<F>(hit, shading, wo, wi);
+    pub(crate) fn spawn_ray(&self, hit: &SurfaceHit<'_>, shading: &ShadingPoint<'_>, wi: Vec3) -> Self {
+        let enclosing = self.enclosing_toward(hit, shading, wi);
         Self { ray: Ray::new(hit.surface.ray_origin(wi), wi).at_time(self.ray.time), enclosing }
     }
 
     /// The solids around a ray that leaves a surface in the direction `wi`.
     #[inline]
-    fn enclosing_toward<F: Features>(
-        &self,
-        hit: &SurfaceHit<'_>,
-        shading: &ShadingPoint<'_>,
-        wo: Vec3,
-        wi: Vec3,
-    ) -> EnclosingSolids {
-        let mut enclosing = self.enclosing;
-        let (inward, from_inside) = (wi.dot(hit.surface.normal) < 0.0, wo.dot(hit.surface.normal) < 0.0);
-        if F::MEDIA {
-            if let Some(interface) = hit.interface {
-                enclosing.interior = interface.beyond(wi);
+    fn enclosing_toward(&self, hit: &SurfaceHit<'_>, shading: &ShadingPoint<'_>, wi: Vec3) -> EnclosingSolids {
+        match (self.enclosing, hit.interface) {
+            (EnclosingSolids::All(_), Some(interface)) => EnclosingSolids::All(interface.beyond(wi)),
+            (EnclosingSolids::Last(_), _) if shading.is_solid => {
+                let inward = wi.dot(hit.surface.normal) < 0.0;
+                let from_inside = self.ray.direction.dot(hit.surface.normal) > 0.0;
+                if inward == from_inside {
+                    return self.enclosing;
+                }
+                EnclosingSolids::Last(inward.then_some(shading.material))
             }
-        } else if F::SOLIDS && shading.is_solid && inward != from_inside {
-            enclosing.material = inward.then_some(shading.material);
+            (same, _) => same,
         }
-        enclosing
-    }
-
-    /// The transmittance of an absorbing solid over a distance \[m\] along a ray that leaves a surface in the direction
-    /// `wi`, in scenes in which no solids touch.
-    #[inline]
-    pub(crate) fn transmittance_toward<F: Features>(
-        &self,
-        scene: &Scene,
-        (hit, shading): (&SurfaceHit<'_>, &ShadingPoint<'_>),
-        [wo, wi]: [Vec3; 2],
-        distance: f32,
-    ) -> Rgb {
-        attenuation(scene, self.enclosing_toward::<F>(hit, shading, wo, wi).material, distance)
     }
 
     /// Transmittance along a shadow ray that starts at this state and ends before a light: the open share of the
     /// surfaces, and the transmittance of the medium. Zero if the ray is occluded.
     #[inline]
-    pub(crate) fn shadow_transmittance<F: Features>(&self, scene: &Scene, ray: &Ray) -> (f32, Rgb) {
-        if F::MEDIA {
-            return (1.0, scene.shadow_transmittance(ray, &self.enclosing.interior));
+    pub(crate) fn shadow_transmittance(&self, scene: &Scene, ray: &Ray) -> (f32, Rgb) {
+        match &self.enclosing {
+            EnclosingSolids::All(interior) => (1.0, scene.shadow_transmittance(ray, interior)),
+            EnclosingSolids::Last(material) => match scene.transmittance(ray) {
+                0.0 => (0.0, Rgb::WHITE),
+                open => (open, attenuation(scene, *material, ray.t_max)),
+            },
         }
-        let open = scene.transmittance_with::<F>(ray);
-        if F::SOLIDS && open > 0.0 {
-            (open, attenuation(scene, self.enclosing.material, ray.t_max))
-        } else {
-            (open, Rgb::WHITE)
+    }
+
+    /// [`Self::shadow_transmittance`] of a ray that is not occluded, in a scene without coverage. `None` if the surfaces
+    /// on the way matter.
+    #[inline]
+    pub(crate) fn clear_transmittance(&self, scene: &Scene, distance: f32) -> Option<Rgb> {
+        match &self.enclosing {
+            EnclosingSolids::Last(material) if !scene.has_coverage() => Some(attenuation(scene, *material, distance)),
+            _ => None,
         }
     }
 }
 
 impl SurfaceHit<'_> {
-    /// The intersection with a surface that bounds no solid.
-    #[inline]
-    pub(crate) fn of_surface(surface: SurfacePoint) -> Self {
-        Self { surface, interface: None }
-    }
-
     /// The tint of a face that bends no light; `None` for other faces.
     #[inline]
     pub(crate) fn open_tint(&self) -> Option<Rgb> {

@@ -1,13 +1,11 @@
 //! Training paths of the learned Russian roulette: their outcomes, vertex by vertex.
 
 use crate::dimensions;
-use crate::dispatch::trace_path;
+use crate::estimator::Estimator;
 use crate::learned_roulette::{CONNECTION_COST, LIGHTS, LearnedRoulette, Outcomes, SHADOW_COST, Visit};
-use crate::mnee::ConnectionRecord;
-use crate::recorder::Recorder;
-use crate::vertex::Scattering;
-use dunkelfeld_geometry::Vec3;
-use dunkelfeld_radiometry::Rgb;
+use crate::observer::{ConnectionTally, Event, Observer};
+use crate::wavefront::{Watch, Wavefront};
+use dunkelfeld_lanes::InstructionSet;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{Moment, RayGenerator, Scene};
 use std::ops::Range;
@@ -21,6 +19,9 @@ const MAX_VISITS: usize = 64;
 /// Vertices and further rays of a batch, on average over its paths, after which no path of the batch begins. It limits
 /// the time of training in media that scatter many times.
 const COST_PER_PATH: f32 = 32.0;
+
+/// Paths that are followed together.
+const TOGETHER: usize = 16;
 
 /// Rounds of training. The paths of each round use the statistics of the round before.
 const ROUNDS: u32 = 3;
@@ -70,12 +71,7 @@ impl TrainingBatch {
         [width, height]: [u32; 2],
         number: u32,
     ) -> Self {
-        let mut batch = Self::default();
-        let mut cost = 0.0;
-        for path in 0..Self::PATHS {
-            if cost > COST_PER_PATH * Self::PATHS as f32 {
-                break;
-            }
+        let ray = |path: u32| {
             // The points of all batches are four sequences, each evenly distributed over the film.
             let index = number.wrapping_mul(Self::PATHS).wrapping_add(path);
             let [x, y] = Sampler::new(SEED, u32::MAX, 0, index).get_2d(dimensions::CAMERA);
@@ -86,103 +82,67 @@ impl TrainingBatch {
                 None => Moment { time: 0.0, y },
                 Some(shutter) => shutter.moment(y as u32, y.fract(), sampler.get_1d(dimensions::TIME), (SEED, 0)),
             };
-            let ray = camera.camera_ray(x * width as f32, y, lens).ray.at_time(time);
-            let begin = batch.visits.len();
-            trace_path(scene, previous, ray, sampler, TrainingRecorder { visits: &mut batch.visits, begin });
-            cost += batch.visits[begin..].iter().map(|visit| visit.cost).sum::<f32>();
+            (camera.camera_ray(x * width as f32, y, lens).ray.at_time(time), sampler)
+        };
+        let estimator = Estimator { scene, camera, width, seed: SEED, frame: 0, roulette: previous };
+        let mut wavefront = Wavefront::new(&estimator, InstructionSet::best());
+        let mut batch = Self::default();
+        for first in (0..Self::PATHS).step_by(TOGETHER) {
+            if batch.cost() > COST_PER_PATH * Self::PATHS as f32 {
+                break;
+            }
+            let mut outcomes = PathOutcomes(vec![Vec::new(); TOGETHER]);
+            let watch = Watch { tally: &mut ConnectionTally::default(), observer: Some(&mut outcomes) };
+            wavefront.follow((first..first + TOGETHER as u32).map(ray), watch);
+            batch.visits.extend(outcomes.0.into_iter().flatten());
         }
         batch
     }
 }
 
-/// Stores the outcomes of a path.
-struct TrainingRecorder<'a> {
-    visits: &'a mut Vec<Visit>,
-    /// Index of the first vertex of the path.
-    begin: usize,
-}
+/// The outcomes of paths, vertex by vertex.
+struct PathOutcomes(Vec<Vec<Visit>>);
 
-impl TrainingRecorder<'_> {
-    fn visit(&mut self, position: [f32; 3], material: Option<u32>) {
-        let count = self.visits.len() - self.begin;
-        if let Some(last) = self.visits.last_mut().filter(|_| count >= MAX_VISITS) {
-            last.cost += 1.0;
-            // Its rest is not stored, and nothing is learned from it.
-            last.throughput = 0.0;
-            return;
-        }
-        self.visits.push(Visit {
-            point: Vec3::from_array(position),
-            material,
-            is_first: count == 0,
-            added: 0.0,
-            throughput: 0.0,
-            cost: 1.0,
-            shadow: [Outcomes::default(); LIGHTS],
-            connection: [Outcomes::default(); LIGHTS],
-        });
-    }
-
-    /// Changes the current vertex.
-    fn update(&mut self, change: impl FnOnce(&mut Visit)) {
-        if let Some(current) = self.visits.get_mut(self.begin..).and_then(<[Visit]>::last_mut) {
-            change(current);
-        }
-    }
-
-    fn add(&mut self, contribution: Rgb) {
-        self.update(|v| v.added += contribution.max_channel());
-    }
-}
-
-impl Recorder for TrainingRecorder<'_> {
-    const TRAINING: bool = true;
-
-    // Nothing is learned from the rest of a long path.
-    fn abandons(&mut self) -> bool {
+impl Observer for PathOutcomes {
+    fn needs_outcomes(&self) -> bool {
         true
     }
 
-    fn vertex(&mut self, position: [f32; 3], material: Option<u32>, _: Rgb) {
-        self.visit(position, material);
+    fn event(&mut self, path: usize, event: Event) {
+        let Some(visits) = self.0.get_mut(path) else { return };
+        if let Event::Vertex { position, material, in_medium, .. } = event {
+            if visits.len() < MAX_VISITS {
+                visits.push(Visit {
+                    point: position,
+                    material: material.filter(|_| !in_medium),
+                    is_first: visits.is_empty(),
+                    added: 0.0,
+                    throughput: 0.0,
+                    cost: 1.0,
+                    shadow: [Outcomes::default(); LIGHTS],
+                    connection: [Outcomes::default(); LIGHTS],
+                });
+            } else if let Some(last) = visits.last_mut() {
+                last.cost += 1.0;
+                // Its rest is not stored, and nothing is learned from it.
+                last.throughput = 0.0;
+            }
+        }
+        let Some(visit) = visits.last_mut() else { return };
+        match event {
+            Event::Vertex { .. } => {}
+            Event::Emitted(light) => visit.added += light.max_channel(),
+            Event::ShadowRay { index, light } => {
+                visit.added += light.max_channel();
+                visit.cost += SHADOW_COST;
+                visit.shadow[index as usize % LIGHTS].count(!light.is_black());
+            }
+            Event::Connection { index, attempt, light } => {
+                visit.added += light.max_channel();
+                visit.cost += CONNECTION_COST * attempt.rays as f32;
+                visit.connection[index as usize % LIGHTS].count(attempt.arrives);
+            }
+            Event::Scattered { throughput, .. } => visit.throughput = throughput.max_channel(),
+        }
     }
-
-    fn medium_vertex(&mut self, position: [f32; 3], _: Option<u32>, _: Rgb) {
-        self.visit(position, None);
-    }
-
-    fn add_emitted(&mut self, contribution: Rgb) {
-        self.add(contribution);
-    }
-
-    fn add_direct(&mut self, contribution: Rgb) {
-        self.add(contribution);
-    }
-
-    fn scattering(&mut self, _: &Scattering, throughput: Rgb) {
-        self.update(|v| v.throughput = throughput.max_channel());
-    }
-
-    fn shadow_ray(&mut self, index: u32, arrived: bool) {
-        self.update(|v| {
-            v.cost += SHADOW_COST;
-            v.shadow[index as usize % LIGHTS].count(arrived);
-        });
-    }
-
-    fn connection(&mut self, record: &ConnectionRecord) {
-        self.update(|v| v.cost += CONNECTION_COST * record.rays as f32);
-    }
-
-    fn connection_outcome(&mut self, index: u32, arrived: bool) {
-        self.update(|v| v.connection[index as usize % LIGHTS].count(arrived));
-    }
-
-    fn connection_mis_weight(&mut self, _: f32) {}
-
-    fn add_connection(&mut self, contribution: Rgb) {
-        self.add(contribution);
-    }
-
-    fn scale(&mut self, _: f32) {}
 }

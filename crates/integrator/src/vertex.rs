@@ -2,90 +2,35 @@
 
 use crate::ray_state::{RayState, SurfaceHit};
 use crate::scatterer::{OneLane, Scatterer};
-use dunkelfeld_bsdf::{Bsdf, BsdfSamples, Lobe, View};
+use dunkelfeld_bsdf::{Bsdf, BsdfSamples, View};
 use dunkelfeld_geometry::{LocalDir, Vec3};
-use dunkelfeld_lanes::V3;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Features, LightSampleContext, Medium, Scene, ShadingPoint, SurfacePoint};
-use std::marker::PhantomData;
+use dunkelfeld_scene::{Medium, Scene, ShadingPoint};
 
-/// A sampled direction in which the path continues.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Scattering {
-    /// Unit direction in render space.
-    pub(crate) wi: Vec3,
-    /// Scattered radiance over the density: BSDF (or phase function) times cosine over pdf.
-    pub(crate) weight: Rgb,
-    /// Density [1/sr]; for a delta lobe its probability.
-    pub(crate) pdf: f32,
-    pub(crate) lobe: Lobe,
-    /// Index of refraction on the far side over that on the near side; 1 unless the light was refracted.
-    pub(crate) eta: f32,
-}
-
-impl Scattering {
-    /// From a direction in render space and the rest of a sample of one lane.
-    #[inline]
-    fn of(wi: V3<f32>, sample: &BsdfSamples<f32>) -> Self {
-        let BsdfSamples { weight, pdf, eta, lobe, .. } = *sample;
-        Self { wi: wi.into(), weight, pdf, lobe: Lobe::from_bits(lobe.0), eta }
-    }
-}
-
-/// The interface between the path loop and a vertex at which light is scattered.
-pub(crate) trait Vertex {
-    /// True for a vertex in a medium.
-    const IN_MEDIUM: bool;
-
-    /// The point as the receiver of a light sample.
-    fn receiver(&self) -> &LightSampleContext;
-
-    /// True if the vertex scatters into single directions only. Then next-event estimation cannot connect it to a
-    /// light.
-    fn is_delta(&self) -> bool;
-
-    /// The BSDF or phase function for light from `wi` toward the camera side [1/sr], cosine included, and the density
-    /// of [`Self::sample`].
-    fn eval(&self, wi: Vec3) -> (Rgb, f32);
-
-    /// Samples a direction: `u` holds direction (2), lobe. `None` if the path ends here.
-    fn sample(&self, u: [f32; 3]) -> Option<Scattering>;
-
-    /// The state of the ray that continues in a direction.
-    fn spawn_ray(&self, wi: Vec3) -> RayState;
-
-    /// True for a surface that the auxiliary layers pass through: smooth glass or a mirror.
-    fn is_see_through(&self) -> bool;
-
-    /// Albedo and normal for the auxiliary layers.
-    fn aov_features(&self) -> (Rgb, Vec3);
-
-    /// Distance from the origin of the ray \[m\].
-    fn distance(&self) -> f32;
-
-    /// Index of the material of the surface; `None` in a medium.
-    fn material(&self) -> Option<u32>;
-
-    /// The surface on which the vertex lies; `None` in a medium.
-    fn surface(&self) -> Option<&SurfacePoint>;
-}
-
-/// A point on a surface.
-pub(crate) struct SurfaceVertex<'a, F> {
-    pub(crate) hit: SurfaceHit<'a>,
+/// A point at which light is scattered.
+pub(crate) struct Vertex<'a> {
+    pub(crate) place: Place<'a>,
     pub(crate) shading: ShadingPoint<'a>,
     /// Direction toward the camera.
     pub(crate) wo: Vec3,
     wo_local: LocalDir,
+    /// The ray that has reached the point.
     ray_state: RayState,
-    features: PhantomData<F>,
 }
 
-impl<'a, F: Features> SurfaceVertex<'a, F> {
+/// The place of a vertex.
+pub(crate) enum Place<'a> {
+    /// On a surface.
+    Surface(SurfaceHit<'a>),
+    /// In a medium, at a distance \[m\] along the ray.
+    Medium(&'a Medium, f32),
+}
+
+impl<'a> Vertex<'a> {
     /// The vertex at the surface that the ray has hit. `u_kind` in `[0, 1)` decides between the two kinds of a
     /// stochastic surface. A BSDF that exists only for this point is stored in `storage`.
     #[inline]
-    pub(crate) fn new(
+    pub(crate) fn on_surface(
         scene: &'a Scene,
         ray_state: RayState,
         hit: SurfaceHit<'a>,
@@ -94,37 +39,97 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
     ) -> Self {
         let wo = -ray_state.ray.direction;
         let shading = match hit.relative_index() {
-            Some(eta) if F::MEDIA => scene.shade_between(&hit.surface, wo, u_kind, eta, storage),
-            _ => scene.shade_with::<F>(&hit.surface, wo, u_kind, storage),
+            Some(eta) => scene.shade_between(&hit.surface, wo, u_kind, eta, storage),
+            None => scene.shade(&hit.surface, wo, u_kind, storage),
         };
         let wo_local = shading.frame.to_local(wo);
-        Self { hit, shading, wo, wo_local, ray_state, features: PhantomData }
+        Self { place: Place::Surface(hit), shading, wo, wo_local, ray_state }
     }
 
-    /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`. `None` if light would also be
-    /// reflected by the opposite facet ([`ShadingFrames::image`](dunkelfeld_scene::ShadingFrames::image)).
+    /// The vertex at a distance \[m\] along the ray through a medium.
+    pub(crate) fn in_medium(
+        scene: &'a Scene,
+        ray_state: RayState,
+        distance: f32,
+        storage: &'a mut Option<Bsdf>,
+    ) -> Option<Self> {
+        let (medium, material) = (ray_state.medium(scene)?, ray_state.solid(scene)?);
+        let phase = storage.insert(Bsdf::Phase(medium.phase));
+        let shading = ShadingPoint::in_medium(ray_state.ray.at(distance), phase, material);
+        let wo = -ray_state.ray.direction;
+        Some(Self { place: Place::Medium(medium, distance), shading, wo, wo_local: LocalDir(wo), ray_state })
+    }
+
+    /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`, with its direction in render
+    /// space. `None` if light would also be reflected by the opposite facet
+    /// ([`ShadingFrames::image`](dunkelfeld_scene::ShadingFrames::image)).
     #[inline]
-    pub(crate) fn delta(&self, u_lobe: f32) -> Option<Scattering> {
+    pub(crate) fn delta(&self, u_lobe: f32) -> Option<(Vec3, BsdfSamples<f32>)> {
         if !self.shading.bsdf.is_delta() {
             return None;
         }
         let scatterer = self.scatterer();
         let sample = scatterer.view.sample(u_lobe, [0.0; 2]);
         let wi = scatterer.frames.frame.to_world(sample.wi);
-        (sample.pdf > 0.0 && scatterer.frames.consistent(wi, sample.wi)).then(|| Scattering::of(wi, &sample))
+        (sample.pdf > 0.0 && scatterer.frames.consistent(wi, sample.wi)).then(|| (wi.into(), sample))
     }
 
-    /// The surface as the only lane.
+    /// The BSDF or phase function for light from `wi` toward the camera side [1/sr], cosine included, and the density
+    /// of `wi` in sampling.
+    #[inline]
+    pub(crate) fn eval(&self, wi: Vec3) -> (Rgb, f32) {
+        self.scatterer().eval(wi.into())
+    }
+
+    /// The vertex as the only lane.
     #[inline]
     fn scatterer(&self) -> Scatterer<f32, OneLane<'_>> {
-        let view = OneLane { bsdf: self.shading.bsdf, wo: self.wo_local };
-        Scatterer { frames: self.shading.frames(self.hit.surface.normal), view }
+        Scatterer { frames: self.shading.frames(self.normal()), view: self.one_lane() }
     }
 
-    /// See [`RayState::transmittance_toward`].
+    /// The BSDF as a lane of many.
     #[inline]
-    pub(crate) fn transmittance_toward(&self, scene: &Scene, wi: Vec3, distance: f32) -> Rgb {
-        self.ray_state.transmittance_toward::<F>(scene, (&self.hit, &self.shading), [self.wo, wi], distance)
+    pub(crate) fn one_lane(&self) -> OneLane<'_> {
+        OneLane { bsdf: self.shading.bsdf, wo: self.wo_local }
+    }
+
+    /// The state of the ray that continues in a direction.
+    #[inline]
+    pub(crate) fn spawn_ray(&self, wi: Vec3) -> RayState {
+        match &self.place {
+            Place::Surface(hit) => self.ray_state.spawn_ray(hit, &self.shading, wi),
+            Place::Medium(..) => self.ray_state.leaving(self.shading.receiver.point, wi),
+        }
+    }
+
+    /// The surface; `None` in a medium.
+    #[inline]
+    pub(crate) fn surface(&self) -> Option<&SurfaceHit<'a>> {
+        match &self.place {
+            Place::Surface(hit) => Some(hit),
+            Place::Medium(..) => None,
+        }
+    }
+
+    /// Bound of the rounding error of the position, per axis. Rays start at the point of a medium itself.
+    #[inline]
+    pub(crate) fn error(&self) -> Vec3 {
+        self.surface().map_or(Vec3::ZERO, |hit| hit.surface.error)
+    }
+
+    /// The geometric normal; that of the frame in a medium.
+    #[inline]
+    pub(crate) fn normal(&self) -> Vec3 {
+        self.surface().map_or(Vec3::Z, |hit| hit.surface.normal)
+    }
+
+    /// Distance from the origin of the ray \[m\].
+    #[inline]
+    pub(crate) fn distance(&self) -> f32 {
+        match &self.place {
+            Place::Surface(hit) => hit.surface.distance,
+            Place::Medium(_, distance) => *distance,
+        }
     }
 
     /// Direction toward the camera in the frame of shading.
@@ -134,157 +139,18 @@ impl<'a, F: Features> SurfaceVertex<'a, F> {
     }
 }
 
-impl<F: Features> Vertex for SurfaceVertex<'_, F> {
-    const IN_MEDIUM: bool = false;
-
-    #[inline]
-    fn receiver(&self) -> &LightSampleContext {
-        &self.shading.receiver
-    }
-
-    #[inline]
-    fn is_delta(&self) -> bool {
-        self.shading.bsdf.is_delta()
-    }
-
-    #[inline]
-    fn eval(&self, wi: Vec3) -> (Rgb, f32) {
-        self.scatterer().eval(wi.into())
-    }
-
-    #[inline]
-    fn sample(&self, u: [f32; 3]) -> Option<Scattering> {
-        let (wi, sample) = self.scatterer().sample(u);
-        (sample.pdf > 0.0).then(|| Scattering::of(wi, &sample))
-    }
-
-    #[inline]
-    fn spawn_ray(&self, wi: Vec3) -> RayState {
-        self.ray_state.spawn_ray::<F>(&self.hit, &self.shading, self.wo, wi)
-    }
-
-    #[inline]
-    fn is_see_through(&self) -> bool {
-        self.shading.bsdf.is_see_through()
-    }
-
-    #[inline]
-    fn aov_features(&self) -> (Rgb, Vec3) {
-        (self.shading.bsdf.albedo(self.wo_local), self.shading.frame.normal)
-    }
-
-    #[inline]
-    fn distance(&self) -> f32 {
-        self.hit.surface.distance
-    }
-
-    #[inline]
-    fn material(&self) -> Option<u32> {
-        Some(self.shading.material)
-    }
-
-    #[inline]
-    fn surface(&self) -> Option<&SurfacePoint> {
-        Some(&self.hit.surface)
-    }
-}
-
-/// A point inside a medium at which light is scattered.
-pub(crate) struct MediumVertex<'a> {
-    medium: &'a Medium,
-    /// Position in render space.
-    pub(crate) point: Vec3,
-    /// Direction toward the camera.
-    wo: Vec3,
-    receiver: LightSampleContext,
-    distance: f32,
-    ray_state: RayState,
-}
-
-impl<'a> MediumVertex<'a> {
-    /// The point at a distance \[m\] along the ray through a medium.
-    #[inline]
-    pub(crate) fn new(medium: &'a Medium, ray_state: RayState, distance: f32) -> Self {
-        let point = ray_state.ray.at(distance);
-        // A receiver without a surface: it accepts light from all directions.
-        let receiver = LightSampleContext { point, normal: Vec3::ZERO, both_sides: true };
-        Self { medium, point, wo: -ray_state.ray.direction, receiver, distance, ray_state }
-    }
-}
-
-impl Vertex for MediumVertex<'_> {
-    const IN_MEDIUM: bool = true;
-
-    #[inline]
-    fn receiver(&self) -> &LightSampleContext {
-        &self.receiver
-    }
-
-    #[inline]
-    fn is_delta(&self) -> bool {
-        false
-    }
-
-    #[inline]
-    fn eval(&self, wi: Vec3) -> (Rgb, f32) {
-        let phase = self.medium.phase.pdf(self.wo, wi);
-        (Rgb::splat(phase), phase)
-    }
-
-    #[inline]
-    fn sample(&self, [u_x, u_y, _]: [f32; 3]) -> Option<Scattering> {
-        let wi = self.medium.phase.sample(self.wo, [u_x, u_y]);
-        let pdf = self.medium.phase.pdf(self.wo, wi);
-        Some(Scattering { wi, weight: Rgb::WHITE, pdf, lobe: Lobe::default(), eta: 1.0 })
-    }
-
-    #[inline]
-    fn spawn_ray(&self, wi: Vec3) -> RayState {
-        self.ray_state.spawn_in_medium(self.point, wi)
-    }
-
-    #[inline]
-    fn is_see_through(&self) -> bool {
-        false
-    }
-
-    #[inline]
-    fn aov_features(&self) -> (Rgb, Vec3) {
-        (self.medium.albedo(), self.wo)
-    }
-
-    #[inline]
-    fn distance(&self) -> f32 {
-        self.distance
-    }
-
-    #[inline]
-    fn material(&self) -> Option<u32> {
-        None
-    }
-
-    #[inline]
-    fn surface(&self) -> Option<&SurfacePoint> {
-        None
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{SurfaceVertex, Vertex};
+    use super::Vertex;
     use crate::ray_state::{RayState, SurfaceHit};
+    use dunkelfeld_bsdf::Lobe;
     use dunkelfeld_geometry::{Ray, Vec3};
     use dunkelfeld_scene::shapes::rectangle;
-    use dunkelfeld_scene::{AllFeatures, Material, Scene, SceneBuilder, Surface, Volume};
+    use dunkelfeld_scene::{Material, Scene, SceneBuilder, Surface, Volume};
 
     /// Calls `check` with the vertex of a plate whose shading normal is tilted by `tilt` degrees, for a viewer at an
     /// `elevation` and an `azimuth` from the direction of the tilt [degrees].
-    fn on_tilted(
-        material: &Material,
-        tilt: f32,
-        [elevation, azimuth]: [f32; 2],
-        check: impl FnOnce(&SurfaceVertex<'_, AllFeatures>),
-    ) {
+    fn on_tilted(material: &Material, tilt: f32, [elevation, azimuth]: [f32; 2], check: impl FnOnce(&Vertex<'_>)) {
         let mut b = SceneBuilder { energy_compensation: true, ..SceneBuilder::default() };
         let m = b.add_material(material.clone());
         let (sin, cos) = tilt.to_radians().sin_cos();
@@ -300,24 +166,28 @@ mod tests {
         let wo = Vec3::new(cos * x, cos * y, sin);
         let center = -scene.world_origin().as_vec3() - Vec3::Z;
         let ray = Ray::new(center + Vec3::new(0.1, 0.2, 0.0) + wo, -wo);
-        let hit = SurfaceHit::of_surface(scene.intersect(&ray).expect("the plate is hit"));
-        let state = RayState::from_camera::<AllFeatures>(&scene, ray);
-        check(&SurfaceVertex::new(&scene, state, hit, 0.5, &mut None));
+        let surface = scene.intersect(&ray).expect("the plate is hit");
+        let hit = SurfaceHit { surface, interface: None };
+        let state = RayState::from_camera(&scene, ray);
+        check(&Vertex::on_surface(&scene, state, hit, 0.5, &mut None));
     }
 
     const N: usize = 48;
 
     /// The mean weight of evenly distributed samples. The weight times the density is checked to be the BSDF, and the
     /// side of the surface to be that of the lobe.
-    fn albedo(at: &SurfaceVertex<'_, AllFeatures>, what: &str) -> f64 {
+    fn albedo(at: &Vertex<'_>, what: &str) -> f64 {
         let mut sum = 0.0;
         for k in 0..N * N {
             let u = |i: usize| (i as f32 + 0.5) / N as f32;
             let u_lobe = (k as f32 * 0.618_034).fract();
-            let Some(s) = at.sample([u(k % N), u(k / N), u_lobe]) else { continue };
+            let (wi, s) = at.scatterer().sample([u(k % N), u(k / N), u_lobe]);
+            if s.pdf == 0.0 {
+                continue;
+            }
             sum += f64::from(s.weight.g * s.eta * s.eta);
-            assert_eq!(s.wi.z > 0.0, s.lobe.contains(dunkelfeld_bsdf::Lobe::REFLECTION), "{what}: the wrong side");
-            let (value, pdf) = at.eval(s.wi);
+            assert_eq!(wi.z > 0.0, Lobe::from_bits(s.lobe.0).contains(Lobe::REFLECTION), "{what}: the wrong side");
+            let (value, pdf) = at.eval(wi.into());
             let near = |a: f32, b: f32| (a - b).abs() <= 2e-2 * a.abs().max(b.abs());
             assert!(near(pdf, s.pdf) && near(value.g, s.weight.g * s.pdf), "{what}: {pdf} {value:?} against {s:?}");
         }

@@ -206,7 +206,7 @@ fn training_in_a_dense_medium_ends_early() {
         largest.set(found.iter().map(TrainingBatch::cost).fold(largest.get(), f32::max));
         found
     });
-    // The limit, and one path beyond it.
+    // The limit, and the paths that are followed together.
     assert!((32.0 * 256.0..32.0 * 256.0 + 20_000.0).contains(&largest.get()), "{largest:?}");
 }
 

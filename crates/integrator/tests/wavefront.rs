@@ -1,4 +1,4 @@
-//! Samples of the wavefront against those that are followed one by one: the same bits with all lanes, in all batches.
+//! Samples of the wavefront: the same bits with all lanes, in all batches. Single samples in one lane are the reference.
 //!
 //! Replay: `cargo test -p dunkelfeld-integrator --test wavefront NAME`.
 
@@ -23,8 +23,13 @@ fn compare(b: SceneBuilder, what: &str) {
         (0..SIZE * SIZE * 6).map(|k| PixelSample { x: k / 6 % SIZE, y: k / 6 / SIZE, index: 3 * (k % 6) }).collect();
     for roulette in [None, learned.as_ref()] {
         let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed: 7, frame: 1, roulette };
+        let (mut reference, mut one) = (Wavefront::new(&estimator, InstructionSet::Scalar), Vec::new());
         let mut expected_tally = ConnectionTally::default();
-        let expected: Vec<_> = at.iter().map(|at| estimator.sample_counting(*at, &mut expected_tally)).collect();
+        let single = |at: &PixelSample| {
+            reference.samples(&[*at], &mut expected_tally, &mut one);
+            one[0]
+        };
+        let expected: Vec<_> = at.iter().map(single).collect();
         assert!(expected.iter().any(|s| !s.radiance.is_black()), "{what} is dark");
         for set in InstructionSet::all() {
             let mut wavefront = Wavefront::new(&estimator, set);
@@ -119,6 +124,28 @@ fn glass_and_veils() {
     let veil = b.add_material(Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..Material::default() });
     b.add_object("veil", rectangle(Vec3::new(-2.0, -0.9, 0.0), Vec3::X * 4.0, Vec3::Z * 2.0), veil);
     compare(b, "a veil");
+}
+
+#[test]
+fn media_and_nested_solids() {
+    let mut b = station();
+    sky(&mut b);
+    let milk = Volume {
+        scattering: Rgb::new(20.0, 30.0, 40.0),
+        absorption: Rgb::new(1.0, 0.5, 2.0),
+        scattering_anisotropy: 0.6,
+        ..Volume::default()
+    };
+    let (outer, inner) = (Surface::Solid(milk), Surface::Solid(Volume { scattering_anisotropy: -0.3, ..milk }));
+    let wax = b.add_material(Material { roughness: 0.2, transmission: 1.0, surface: outer, ..Material::default() });
+    b.add_object("wax", sphere(Vec3::new(0.0, -0.3, 0.25), 0.22, 8, true), wax);
+    let core = b.add_material(Material { ior: 1.3, transmission: 1.0, surface: inner, ..Material::default() });
+    b.add_object("core", cuboid(Vec3::new(-0.1, -0.4, 0.2), Vec3::new(0.1, -0.2, 0.3)), core);
+    compare(b.clone(), "media");
+    for k in 0..12 {
+        panel(&mut b, -2.0 + 0.3 * k as f32, 1.0 + k as f32);
+    }
+    compare(b, "media and many lights");
 }
 
 #[test]

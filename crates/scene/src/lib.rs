@@ -27,7 +27,7 @@ pub use build::builder::{
     SceneBuilder,
 };
 pub use build::cache::BuildCache;
-pub use build::effects::{Effect, Effects, kernel_features};
+pub use build::effects::{Effect, Effects};
 pub use build::error::BuildError;
 pub use build::fingerprint::digest;
 pub use build::lints::LARGEST_OBJECT;

@@ -5,7 +5,6 @@ use crate::build::effects::Effects;
 use crate::camera::shutter::Shutter;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
 use crate::covers::scene_covers::Covers;
-use crate::features::FeatureSet;
 use crate::geometry::triangle_data::Facet;
 use crate::light::LightTable;
 use crate::material::Material;
@@ -57,7 +56,10 @@ pub struct Scene {
     pub(crate) covers: Covers,
     /// The times of the samples, if the image depends on them.
     pub(crate) shutter: Option<Shutter>,
-    pub(crate) features: FeatureSet,
+    /// True if light enters solids.
+    pub(crate) has_solids: bool,
+    /// True if a path needs all solids around it.
+    pub(crate) has_media: bool,
     pub(crate) effects: Effects,
 }
 
@@ -169,14 +171,17 @@ impl Scene {
         &self.effects
     }
 
-    /// The features that a kernel needs to render the scene.
-    pub fn features(&self) -> FeatureSet {
-        self.features
+    /// True if light enters solids.
+    #[inline]
+    pub fn has_solids(&self) -> bool {
+        self.has_solids
     }
 
-    /// Selects a kernel with more features than the scene needs, to measure their cost.
-    pub fn force_features(&mut self, more: FeatureSet) {
-        self.features = self.features.union(more);
+    /// True if a medium scatters, if solids touch or overlap, or if faces bend no light. Then a path needs all solids
+    /// around it.
+    #[inline]
+    pub fn has_media(&self) -> bool {
+        self.has_media
     }
 
     /// The times of the samples. `None` if the image does not depend on them: a frame camera, and no object moves.

@@ -85,7 +85,6 @@ fn without_the_technique_no_cover_is_detected_and_the_scene_is_unchanged() {
     for effect in Effect::ALL.into_iter().filter(|&e| e != Effect::CoverConnection) {
         assert_eq!(with.effects().users(effect), without.effects().users(effect));
     }
-    assert_eq!(with.features(), without.features());
     let ray = Ray::new((DVec3::Z - with.world_origin()).as_vec3(), Vec3::NEG_Z);
     let hit = without.intersect(&ray).expect("the plate");
     assert_eq!(without.cover_of(&hit), None);

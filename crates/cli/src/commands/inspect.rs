@@ -75,7 +75,6 @@ fn text(i: &Inspection) -> String {
     if !off.is_empty() {
         let _ = writeln!(t, "  off: {}", off.join(", "));
     }
-    let _ = writeln!(t, "  (rendered by the kernel: {})", i.kernel);
     section(&mut t, "read with warnings", i.warnings.iter().cloned());
     section(&mut t, "repaired", i.notes.iter().cloned());
     section(&mut t, "hazards", i.hazards.iter().cloned());

@@ -69,21 +69,8 @@ impl LearnedRoulette {
 }
 
 impl VertexRoulette<'_> {
-    /// Survival probability of the path after scattering. `throughput` is the largest channel. A path without
-    /// throughput ends.
-    #[inline]
-    pub(crate) fn path_survival(&self, throughput: f32) -> f32 {
-        path_survival(throughput, self.gain_scale, self.cell.path)
-    }
-
-    /// Survival probability of the shadow ray of a light sample. `expected` is an upper bound of its contribution to
-    /// the pixel [W/(m^2 sr)] if it is not occluded.
-    #[inline]
-    pub(crate) fn shadow_survival(&self, index: u32, expected: f32) -> f32 {
-        clamp(expected * self.gain_scale * self.cell.shadow[index as usize % LIGHTS])
-    }
-
-    /// Survival probability of a connection through a cover, like [`Self::shadow_survival`].
+    /// Survival probability of the connection of a light sample through a cover. `expected` is an upper bound of its
+    /// contribution to the pixel [W/(m^2 sr)] if it is not occluded.
     #[inline]
     pub(crate) fn connection_survival(&self, index: u32, expected: f32) -> f32 {
         clamp(expected * self.gain_scale * self.cell.connection[index as usize % LIGHTS])
@@ -120,13 +107,17 @@ impl<'a, F: Lanes> VertexRoulettes<'a, F> {
         self.vertices[lane]
     }
 
-    /// [`VertexRoulette::path_survival`], or the other probability in lanes without statistics.
+    /// Survival probability of the path after scattering; the other probability in lanes without statistics. `throughput`
+    /// is the largest channel. A path without throughput ends.
     #[inline(always)]
     pub(crate) fn path_survival(&self, throughput: F, other: F) -> F {
-        self.is_learned.select(path_survival(throughput, self.gain_scale, self.path), other)
+        let zero = throughput.constant(0.0);
+        let survival = throughput.eq(zero).select(zero, clamp(throughput * self.gain_scale * self.path));
+        self.is_learned.select(survival, other)
     }
 
-    /// [`VertexRoulette::shadow_survival`], or the other probability in lanes without statistics.
+    /// Survival probability of the shadow ray of a light sample; the other probability in lanes without statistics.
+    /// `expected` is an upper bound of its contribution to the pixel [W/(m^2 sr)] if it is not occluded.
     #[inline(always)]
     pub(crate) fn shadow_survival(&self, index: u32, expected: F, other: F) -> F {
         if !self.is_learned.any() {
@@ -141,12 +132,6 @@ impl<'a, F: Lanes> VertexRoulettes<'a, F> {
         let survival = clamp(expected * self.gain_scale * F::load(expected.token(), &shares));
         self.is_learned.select(survival, other)
     }
-}
-
-#[inline(always)]
-fn path_survival<F: Lanes>(throughput: F, gain_scale: F, path: F) -> F {
-    let zero = throughput.constant(0.0);
-    throughput.eq(zero).select(zero, clamp(throughput * gain_scale * path))
 }
 
 /// A probability in [[`MIN_SURVIVAL`], 1]. Values that are not a number survive, so that the film can count them.

@@ -38,18 +38,14 @@ mod linearized_chain;
 mod ray_differential;
 mod trace_chain;
 
-use crate::direct::{ShadowRoulette, power_heuristic};
+use crate::direct::power_heuristic;
 use crate::ray_state::RayState;
-use crate::recorder::Recorder;
 use crate::vertex::Vertex;
 use dunkelfeld_geometry::{DVec3, Vec3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{
-    Candidate, Chain, Crossing, Features, LightSample, LightSampleContext, Scene, SurfacePoint, Target,
-};
+use dunkelfeld_scene::{Candidate, Chain, Crossing, LightSample, LightSampleContext, Scene, SurfacePoint, Target};
 use linearized_chain::LinearizedChain;
 use ray_differential::RayDifferential;
-use std::marker::PhantomData;
 use trace_chain::{TracedChain, trace_chain};
 
 /// Maximum number of rays of one connection.
@@ -109,9 +105,9 @@ impl SpecularPrefix {
     }
 }
 
-/// Record of one attempted connection: the chain, the number of rays and the result.
+/// One attempted connection.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ConnectionRecord {
+pub(crate) struct Attempt {
     pub(crate) stack: u16,
     pub(crate) chain: Chain,
     /// The probability with which this chain was chosen.
@@ -119,6 +115,12 @@ pub(crate) struct ConnectionRecord {
     /// Number of rays traced through the cover.
     pub(crate) rays: u32,
     pub(crate) has_converged: bool,
+    /// True if the light reaches the vertex.
+    pub(crate) arrives: bool,
+    /// Weight by the power heuristic; zero if no light arrives.
+    pub(crate) mis_weight: f32,
+    /// Radiance that is scattered toward the camera [W/(m^2 sr)], for the throughput 1.
+    pub(crate) radiance: Rgb,
 }
 
 /// The end of a connection on a light.
@@ -149,67 +151,73 @@ impl End {
     }
 }
 
-/// Light of a light sample that reaches a vertex through a cover and is scattered toward the camera. `u` gives a number
-/// in `[0, 1)` that chooses among the candidate chains. `roulette` is applied before the search. The recorder receives
-/// the record and, if it found light, the weight of the connection.
+/// Light of a light sample that reaches a vertex through a cover and is scattered toward the camera. `u` in `[0, 1)`
+/// chooses among the candidate chains, and decides a roulette before the search. `survival` gives its probability for
+/// the expected radiance [W/(m^2 sr)] toward the camera. `None` if there is no chain or if the roulette ends the attempt.
 #[inline(never)]
-pub(crate) fn estimate<F: Features, V: Vertex>(
+pub(crate) fn estimate(
     scene: &Scene,
-    at: &V,
+    at: &Vertex<'_>,
     light: &LightSample,
-    index: u32,
-    roulette: ShadowRoulette<'_>,
-    u: impl FnOnce() -> f32,
-    recorder: &mut impl Recorder,
-) -> Rgb {
+    survival: impl FnOnce(Rgb) -> f32,
+    [u_chain, u_roulette]: [f32; 2],
+) -> Option<Attempt> {
     if light.is_delta {
-        return Rgb::BLACK;
+        return None;
     }
     let end = match light.target {
         Some(t) => End::surface(t.point, t.normal),
         None => End::infinite(light.direction),
     };
-    let solver = Solver::<F>::new(scene, *at.receiver(), at.spawn_ray(light.direction), end);
+    let solver = Solver { scene, receiver: at.shading.receiver, start: at.spawn_ray(light.direction), end };
     if !solver.can_scatter_from(light.direction) {
-        return Rgb::BLACK;
+        return None;
     }
-    let Some(selected) = solver.choose(u).filter(|w| solver.can_scatter_from(w.direction)) else { return Rgb::BLACK };
+    let selected = solver.choose(u_chain).filter(|w| solver.can_scatter_from(w.direction))?;
     // The contribution in the plate without losses at its faces.
     let density = light.pdf * selected.probability;
     let (scattered, pdf) = at.eval(selected.direction);
     let expected = scattered * light.radiance * (power_heuristic(density, pdf) / density);
-    let Some(survival) = roulette.connection_survival(expected) else { return Rgb::BLACK };
+    let survival = survival(expected);
+    let is_ended = u_roulette >= survival;
+    if is_ended {
+        return None;
+    }
     let (found, rays) = solver.solve(&selected);
     let ChainCandidate { stack, chain, probability, .. } = selected;
-    recorder.connection(&ConnectionRecord { stack, chain, probability, rays, has_converged: found.is_some() });
-    let Some(found) = found else {
-        recorder.connection_outcome(index, false);
-        return Rgb::BLACK;
+    let mut attempt = Attempt {
+        stack,
+        chain,
+        probability,
+        rays,
+        has_converged: found.is_some(),
+        arrives: false,
+        mis_weight: 0.0,
+        radiance: Rgb::BLACK,
     };
+    let Some(found) = found else { return Some(attempt) };
     let (scattered, pdf) = at.eval(found.direction);
     let unoccluded = scattered * light.radiance * found.traced.weight;
     if unoccluded.is_black() {
-        recorder.connection_outcome(index, false);
-        return Rgb::BLACK;
+        return Some(attempt);
     }
     let last = &found.traced.ray_state;
     let ray = scene.shadow_ray_from(last.ray.origin, last.ray.direction, light.target.as_ref()).at_time(last.ray.time);
-    let (open, transmittance) = last.shadow_transmittance::<F>(scene, &ray);
-    recorder.connection_outcome(index, open > 0.0 && !transmittance.is_black());
-    if open == 0.0 {
-        return Rgb::BLACK;
+    let (open, transmittance) = last.shadow_transmittance(scene, &ray);
+    attempt.arrives = open > 0.0 && !transmittance.is_black();
+    if open > 0.0 {
+        // The density of the first direction.
+        let density = light.pdf * selected.probability / found.solid_angle_ratio;
+        attempt.mis_weight = power_heuristic(density, pdf * found.traced.probability);
+        attempt.radiance = unoccluded * transmittance * (open * attempt.mis_weight / (density * survival));
     }
-    // The density of the first direction.
-    let density = light.pdf * selected.probability / found.solid_angle_ratio;
-    let mis_weight = power_heuristic(density, pdf * found.traced.probability);
-    recorder.connection_mis_weight(mis_weight);
-    unoccluded * transmittance * (open * mis_weight / (density * survival))
+    Some(attempt)
 }
 
 /// The weight of a path that scattering has sampled through a cover, with the density `pdf` [1/sr] at its start.
 /// `straight_pdf` [1/sr] is the density with which light sampling draws its end without the cover.
 #[inline(never)]
-pub(crate) fn scattering_mis_weight<F: Features>(
+pub(crate) fn scattering_mis_weight(
     scene: &Scene,
     receiver: &LightSampleContext,
     specular_prefix: &SpecularPrefix,
@@ -220,7 +228,7 @@ pub(crate) fn scattering_mis_weight<F: Features>(
     let Some(stack) = specular_prefix.stack.filter(|_| straight_pdf > 0.0) else { return 1.0 };
     let sampled = specular_prefix.start.ray.direction;
     let straight = end.straight(receiver.point);
-    let solver = Solver::<F>::new(scene, *receiver, specular_prefix.start.with_direction(straight), end);
+    let solver = Solver { scene, receiver: *receiver, start: specular_prefix.start.with_direction(straight), end };
     if !solver.is_same_hemisphere(sampled) {
         return 1.0;
     }
@@ -307,21 +315,15 @@ impl Best {
 }
 
 /// The solver for chains between a receiver and a light.
-struct Solver<'a, F> {
+struct Solver<'a> {
     scene: &'a Scene,
     receiver: LightSampleContext,
     /// The straight ray. All chains start on its side of the surface.
     start: RayState,
     end: End,
-    features: PhantomData<F>,
 }
 
-impl<'a, F: Features> Solver<'a, F> {
-    #[inline]
-    fn new(scene: &'a Scene, receiver: LightSampleContext, start: RayState, end: End) -> Self {
-        Self { scene, receiver, start, end, features: PhantomData }
-    }
-
+impl<'a> Solver<'a> {
     /// True if a direction leaves the receiver on the side of the straight line.
     #[inline]
     fn is_same_hemisphere(&self, direction: Vec3) -> bool {
@@ -338,7 +340,7 @@ impl<'a, F: Features> Solver<'a, F> {
     /// Calls `visit` for all candidate chains to the light, with the stacks between it and the receiver.
     #[inline]
     fn each_candidate(&self, mut visit: impl FnMut(u16, &Crossing<'a>, Candidate)) {
-        let inside = self.start.solid::<F>(self.scene);
+        let inside = self.start.solid(self.scene);
         let (from, target) = (self.receiver.point, self.end.target);
         for (stack, cover) in (0u16..).zip(self.scene.covers()) {
             if let Some(crossing) = cover.crossing(from, inside, target) {
@@ -348,14 +350,10 @@ impl<'a, F: Features> Solver<'a, F> {
     }
 
     /// Chooses a chain in proportion to its estimated contribution.
-    fn choose(&self, u: impl FnOnce() -> f32) -> Option<ChainCandidate> {
-        let (mut total, mut u, mut rest, mut chosen) = (0.0, Some(u), 0.0, None);
+    fn choose(&self, u: f32) -> Option<ChainCandidate> {
+        let (mut total, mut rest, mut chosen) = (0.0, f64::from(u), None);
         self.each_candidate(|stack, crossing, candidate| {
             total += candidate.contribution;
-            // Most light samples have no candidate and need no random number.
-            if let Some(u) = u.take() {
-                rest = f64::from(u());
-            }
             // The rescaled random number is uniform again and is used for the next choice.
             let fraction = candidate.contribution / total;
             if rest < fraction {
@@ -448,7 +446,7 @@ impl<'a, F: Features> Solver<'a, F> {
         if !self.is_same_hemisphere(direction) {
             return None;
         }
-        let traced = trace_chain::<F>(
+        let traced = trace_chain(
             self.scene,
             self.start.with_direction(direction),
             selected.stack,

@@ -3,10 +3,10 @@
 use super::linearized_chain::{LinearizedChain, SpecularVertex};
 use super::ray_differential::RayDifferential;
 use crate::ray_state::RayState;
-use crate::vertex::{SurfaceVertex, Vertex};
+use crate::vertex::Vertex;
 use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Chain, Features, Scene};
+use dunkelfeld_scene::{Chain, Scene};
 
 /// The largest number below one. As a choice among two events it never selects the first.
 const ALMOST_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
@@ -30,7 +30,7 @@ pub(super) struct TracedChain {
 /// Traces a chain through the interfaces of a stack. `None` if it does not exist: another surface is in the way, an
 /// interface is missed, or light is reflected totally where it should be transmitted. Afterwards `linearized_chain`
 /// contains the interfaces that were hit.
-pub(super) fn trace_chain<F: Features>(
+pub(super) fn trace_chain(
     scene: &Scene,
     start: RayState,
     stack: u16,
@@ -43,8 +43,8 @@ pub(super) fn trace_chain<F: Features>(
     let (mut event, mut passed) = (0, 0);
     while event < chain.events() {
         let (mut interface, mut bsdf) = (None, None);
-        let hit = ray_state.intersect_next::<F>(scene, &mut interface)?;
-        weight *= ray_state.transmittance::<F>(scene, hit.surface.distance);
+        let hit = ray_state.intersect_next(scene, &mut interface)?;
+        weight *= ray_state.transmittance(scene, hit.surface.distance);
         let direction = ray_state.ray.direction.as_dvec3();
         ray_differential.transfer(direction, f64::from(hit.surface.distance), hit.surface.normal.as_dvec3());
         let is_cover = scene.cover_of(&hit.surface) == Some(stack);
@@ -74,26 +74,26 @@ pub(super) fn trace_chain<F: Features>(
             if passed > MAX_PASSED {
                 return None;
             }
-            ray_state = ray_state.pass_through::<F>(&hit);
+            ray_state = ray_state.pass_through(&hit);
             continue;
         }
         if !is_cover {
             return None;
         }
-        let at = SurfaceVertex::<F>::new(scene, ray_state, hit, 0.0, &mut bsdf);
+        let at = Vertex::on_surface(scene, ray_state, hit, 0.0, &mut bsdf);
         let is_reflection = chain.is_reflection(event);
-        let scattered = at.delta(if is_reflection { 0.0 } else { ALMOST_ONE })?;
-        if scattered.lobe.contains(Lobe::REFLECTION) != is_reflection {
+        let (wi, scattered) = at.delta(if is_reflection { 0.0 } else { ALMOST_ONE })?;
+        if Lobe::from_bits(scattered.lobe.0).contains(Lobe::REFLECTION) != is_reflection {
             return None;
         }
-        let (normal, differential) = scene.normal_differential(&at.hit.surface, at.wo)?;
+        let (normal, differential) = scene.normal_differential(&hit.surface, at.wo)?;
         let (normal, eta) = (normal.as_dvec3(), f64::from(scattered.eta));
         if is_reflection {
             ray_differential.reflect(direction, normal, differential.as_ref());
         } else {
-            ray_differential.refract((direction, scattered.wi.as_dvec3()), normal, eta, differential.as_ref());
+            ray_differential.refract((direction, wi.as_dvec3()), normal, eta, differential.as_ref());
         }
-        let (point, geometric_normal) = (at.hit.surface.point.as_dvec3(), at.hit.surface.normal.as_dvec3());
+        let (point, geometric_normal) = (hit.surface.point.as_dvec3(), hit.surface.normal.as_dvec3());
         linearized_chain.push(SpecularVertex {
             point,
             geometric_normal,
@@ -103,7 +103,7 @@ pub(super) fn trace_chain<F: Features>(
         });
         weight *= scattered.weight * scattered.pdf;
         probability *= scattered.pdf;
-        ray_state = at.spawn_ray(scattered.wi);
+        ray_state = at.spawn_ray(wi);
         event += 1;
     }
     Some(TracedChain { ray_state, ray_differential, weight, probability })

@@ -9,37 +9,40 @@
 //! are computed path by path.
 //!
 //! A path reads and writes only its own state, and its contributions are added in the order of its vertices and lights.
-//! So a sample has the same bits at every width and in every batch: those of [`crate::path`].
+//! So a sample has the same bits at every width and in every batch. A batch of one sample in one lane is the reference.
 
 mod rays;
 mod scatter;
 
 use crate::dimensions;
-use crate::dispatch::{Wide, needs_media};
-use crate::estimator::{CameraSample, Estimator, PixelSample, weighted};
+use crate::estimator::{CameraSample, Estimator, PixelSample};
+use crate::observer::{ConnectionTally, Event, Observer};
 use crate::path::{Path, Presence};
 use crate::ray_state::SurfaceHit;
-use crate::recorder::ConnectionTally;
-use crate::vertex::SurfaceVertex;
+use crate::vertex::Vertex;
 use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_film::Sample;
+use dunkelfeld_geometry::Ray;
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, dispatch};
+use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{Scene, SurfacePoint};
+use dunkelfeld_scene::{Interface, LightChoice, SurfacePoint};
 use rays::{Hits, Rays, ShadowRays};
 use smallvec::SmallVec;
+use std::time::Instant;
 
 /// Most paths that are followed together. Their state takes about half a megabyte.
 const BATCH: usize = 1024;
+
+/// A path in a medium can be abandoned after each so many vertices: some milliseconds for one path.
+const CHECK_EVERY: u32 = 4096;
 
 /// Follows the paths of samples, a batch at a time. A thread uses one for all of its samples.
 #[derive(Debug)]
 pub struct Wavefront<'a> {
     estimator: Estimator<'a>,
     set: InstructionSet,
-    paths: Vec<Path<'a, Wide, ()>>,
-    /// Number of the sample of each path, the weight of its ray, and the distance from the camera to its origin.
-    samples: Vec<(usize, f32, f32)>,
+    paths: Vec<Path>,
     /// Paths with a ray to the next surface.
     active: Vec<u32>,
     /// Paths after this wave.
@@ -47,13 +50,57 @@ pub struct Wavefront<'a> {
     /// The rays of the active paths, and their hits.
     rays: Rays,
     hits: Hits,
-    /// The surface point of each path, and the number that decides the kind of a stochastic surface.
-    points: Vec<Option<(SurfacePoint, f32)>>,
-    /// Paths that scatter at a surface, by material.
+    /// The point that each path has reached.
+    arrivals: Vec<Option<Arrival>>,
+    /// Interfaces of solids at these points, in scenes with media.
+    interfaces: Vec<Interface>,
+    /// Paths that scatter: [`Arrival::key`] and number.
     order: Vec<u64>,
     /// For each light sample of a vertex.
     shadow: Vec<ShadowRays>,
     occluded: Vec<bool>,
+}
+
+/// A point at which a path scatters.
+#[derive(Clone, Copy, Debug)]
+enum Arrival {
+    /// A surface, the number that decides its kind if it is stochastic, and the number of the interface.
+    Surface { point: SurfacePoint, u_kind: f32, interface: Option<u32> },
+    /// The medium of a material, at a distance \[m\] along the ray.
+    Medium { material: u32, distance: f32, choice: LightChoice },
+}
+
+/// In keys of points in a medium.
+const MEDIUM: u32 = 1 << 31;
+
+impl Arrival {
+    /// Points of the same key scatter together: those on one material, or in one medium with the same choice of lights.
+    fn key(&self) -> u32 {
+        match self {
+            Self::Surface { point, .. } => 2 * point.material(),
+            Self::Medium { material, choice, .. } => MEDIUM | (2 * material) | u32::from(*choice == LightChoice::One),
+        }
+    }
+}
+
+/// Receivers of events while paths are followed.
+pub(crate) struct Watch<'w> {
+    pub(crate) tally: &'w mut ConnectionTally,
+    pub(crate) observer: Option<&'w mut dyn Observer>,
+}
+
+impl Watch<'_> {
+    #[inline]
+    fn event(&mut self, path: u32, event: impl FnOnce() -> Event) {
+        if let Some(observer) = &mut self.observer {
+            observer.event(path as usize, event());
+        }
+    }
+
+    /// See [`Observer::needs_outcomes`].
+    fn needs_outcomes(&self) -> bool {
+        self.observer.as_ref().is_some_and(|o| o.needs_outcomes())
+    }
 }
 
 impl<'a> Wavefront<'a> {
@@ -65,12 +112,12 @@ impl<'a> Wavefront<'a> {
             estimator: *estimator,
             set,
             paths: Vec::new(),
-            samples: Vec::new(),
             active: Vec::new(),
             next: Vec::new(),
             rays: Rays::default(),
             hits: Hits::default(),
-            points: Vec::new(),
+            arrivals: Vec::new(),
+            interfaces: Vec::new(),
             order: Vec::new(),
             shadow: (0..lights).map(|_| ShadowRays::default()).collect(),
             occluded: Vec::new(),
@@ -80,138 +127,204 @@ impl<'a> Wavefront<'a> {
     /// Number of samples that are computed together.
     pub const BATCH: usize = BATCH;
 
-    /// Computes samples: those of [`Estimator::sample_counting`]. They replace the content of `found`, in order. If a path
-    /// is abandoned, the rest is left out.
+    /// Computes samples. They replace the content of `found`, in order. The tally counts their connections through covers. If
+    /// a path is abandoned, the rest is left out.
+    ///
+    /// A sample is a pure function of (scene, camera, seed, frame, pixel, sample index). Its radiance is an unbiased estimate
+    /// of the mean over the area of the pixel. It is finite and not negative unless values of the scene exceed the range of
+    /// floating-point numbers. Such an invalid sample is returned unchanged, and the film counts it.
     pub fn samples(&mut self, at: &[PixelSample], tally: &mut ConnectionTally, found: &mut Vec<Sample>) {
         found.clear();
-        found.resize(at.len(), Sample::MISS);
-        for (first, at) in (0..).step_by(BATCH).zip(at.chunks(BATCH)) {
-            self.paths.clear();
-            self.samples.clear();
-            let estimator = self.estimator;
-            let samplers: Vec<Sampler> = at.iter().map(|at| estimator.sampler(*at)).collect();
-            let places = places_in_pixels(self.set, &samplers);
-            for (i, at) in at.iter().enumerate() {
-                let (number, sampler) = (first + i, samplers[i]);
-                let CameraSample { ray, weight, start } = estimator.camera_sample(*at, &sampler, places[i]);
-                if needs_media(self.estimator.scene, &ray) {
-                    found[number] = self.estimator.sample_counting(*at, tally);
-                    if tally.is_abandoned {
-                        return;
-                    }
-                } else {
-                    self.paths.push(Path::new(self.estimator.scene, self.estimator.roulette, ray, sampler, ()));
-                    self.samples.push((number, weight, start));
-                }
+        for at in at.chunks(BATCH) {
+            self.observed(at, Watch { tally, observer: None }, found);
+            if tally.is_abandoned {
+                return;
             }
-            self.active.clear();
-            self.active.extend(0..self.paths.len() as u32);
-            for vertex in 0.. {
-                if self.active.is_empty() {
-                    break;
-                }
-                self.wave(vertex, tally);
+        }
+    }
+
+    /// Appends the samples of a batch, with the events of their paths. Returns the weight of the first camera ray.
+    pub(crate) fn observed(&mut self, at: &[PixelSample], watch: Watch<'_>, found: &mut Vec<Sample>) -> f32 {
+        let estimator = self.estimator;
+        let samplers: Vec<Sampler> = at.iter().map(|at| estimator.sampler(*at)).collect();
+        let places = places_in_pixels(self.set, &samplers);
+        let cameras: Vec<CameraSample> = (at.iter().zip(&samplers).zip(places))
+            .map(|((at, sampler), place)| estimator.camera_sample(*at, sampler, place))
+            .collect();
+        self.follow(cameras.iter().map(|camera| camera.ray).zip(samplers), watch);
+        let samples = self.paths.iter().zip(&cameras);
+        found.extend(samples.map(|(path, camera)| camera.weighted(&path.sample)));
+        cameras.first().map_or(1.0, |camera| camera.weight)
+    }
+
+    /// Follows the paths of rays to their ends.
+    pub(crate) fn follow(&mut self, rays: impl Iterator<Item = (Ray, Sampler)>, mut watch: Watch<'_>) {
+        let scene = self.estimator.scene;
+        self.paths.clear();
+        self.paths.extend(rays.map(|(ray, sampler)| Path::new(scene, ray, sampler)));
+        self.active.clear();
+        self.active.extend(0..self.paths.len() as u32);
+        for vertex in 0.. {
+            self.wave(vertex, &mut watch);
+            if self.active.is_empty() {
+                return;
             }
-            for (path, &(number, weight, start)) in self.paths.iter().zip(&self.samples) {
-                found[number] = weighted(&path.sample, weight, start);
+            if vertex % CHECK_EVERY == CHECK_EVERY - 1 {
+                let is_late = watch.tally.abandon_at.is_some_and(|at| Instant::now() > at);
+                // Nothing is learned from the rest of a long path.
+                if is_late || watch.needs_outcomes() {
+                    watch.tally.is_abandoned = is_late;
+                    return;
+                }
             }
         }
     }
 
     /// All paths advance by one vertex.
-    fn wave(&mut self, vertex: u32, tally: &mut ConnectionTally) {
+    fn wave(&mut self, vertex: u32, watch: &mut Watch<'_>) {
         self.next.clear();
-        self.reach_surfaces(vertex);
+        self.arrive(vertex, watch);
         self.order.sort_unstable();
         let set = self.set;
-        dispatch!(set, F, token => self.scatter_all::<F>(token, vertex, tally));
-        self.trace_shadow_rays();
+        dispatch!(set, F, token => self.scatter_all::<F>(token, vertex, watch));
+        self.trace_shadow_rays(watch);
         std::mem::swap(&mut self.active, &mut self.next);
     }
 
-    /// The next surface along each ray: its coverage and its emission. Without a surface, the radiance of the environment.
-    fn reach_surfaces(&mut self, vertex: u32) {
-        let Self { paths, points, active, next, rays, hits, order, estimator, set, .. } = self;
+    /// The next surface along each ray: the medium before it, its coverage and its emission. Without a surface, the radiance
+    /// of the environment.
+    fn arrive(&mut self, vertex: u32, watch: &mut Watch<'_>) {
+        let Self { paths, arrivals, interfaces, active, next, rays, hits, order, estimator, set, .. } = self;
         let scene = estimator.scene;
         rays.clear();
         let moves = scene.shutter().is_some();
         active.iter().for_each(|&number| rays.push(&paths[number as usize].ray_state.ray, moves));
         scene.bvh().closest_hits(*set, &rays.batch(), &mut hits.batch(active.len()));
         order.clear();
-        points.resize(points.len().max(paths.len()), None);
+        interfaces.clear();
+        arrivals.resize(arrivals.len().max(paths.len()), None);
         for (i, &number) in active.iter().enumerate() {
             let path = &mut paths[number as usize];
+            let mut arrive = |arrival: Arrival| {
+                arrivals[number as usize] = Some(arrival);
+                order.push(u64::from(arrival.key()) << 32 | u64::from(number));
+            };
+            let throughput = path.throughput;
             let Some(hit) = hits.get(i) else {
-                path.add_environment();
+                let position = path.ray_state.ray.direction;
+                watch.event(number, || Event::Vertex { position, material: None, in_medium: false, throughput });
+                let light = path.add_environment(scene);
+                watch.event(number, || Event::Emitted(light));
                 continue;
             };
+            let (mut interface, mut behind) = (None, None);
             let point = scene.surface_point(&hit, path.ray_state.ray.time);
-            path.sample_medium(vertex, point.distance);
-            let hit = SurfaceHit::of_surface(point);
-            let (point, u_kind) = match path.sample_coverage(vertex, &hit) {
-                Presence::Present { u_kind } => (point, u_kind),
-                Presence::Open => continue,
-                Presence::Absent { u } => match path.sample_coincident(point, u, &mut None) {
-                    Some((found, u_kind)) => (found.surface, u_kind),
+            let hit = path.ray_state.hit_at(scene, point, &mut interface);
+            if let Some(distance) = path.sample_medium(scene, vertex, hit.surface.distance) {
+                let Some(material) = path.ray_state.solid(scene) else { continue };
+                let (position, throughput) = (path.ray_state.ray.at(distance), path.throughput);
+                let material_of_event = Some(material);
+                watch.event(number, || Event::Vertex {
+                    position,
+                    material: material_of_event,
+                    in_medium: true,
+                    throughput,
+                });
+                let choice = scene.light_choice_at(path.light_vertices, true);
+                arrive(Arrival::Medium { material, distance, choice });
+                continue;
+            }
+            let (hit, u_kind) = match path.sample_coverage(scene, vertex, &hit) {
+                Presence::Present { u_kind } => (hit, u_kind),
+                Presence::Open => {
+                    next.push(number);
+                    continue;
+                }
+                Presence::Absent { u } => match path.sample_coincident(scene, hit.surface, u, &mut behind) {
+                    Some(found) => found,
                     None => {
                         next.push(number);
                         continue;
                     }
                 },
             };
-            path.add_emission(&point);
-            points[number as usize] = Some((point, u_kind));
-            order.push(u64::from(point.material()) << 32 | u64::from(number));
+            let (point, throughput) = (hit.surface, path.throughput);
+            watch.event(number, || Event::Vertex {
+                position: point.point,
+                material: Some(point.material()),
+                in_medium: false,
+                throughput,
+            });
+            let light = path.add_emission(scene, &point);
+            watch.event(number, || Event::Emitted(light));
+            let interface = hit.interface.map(|interface| {
+                interfaces.push(*interface);
+                interfaces.len() as u32 - 1
+            });
+            arrive(Arrival::Surface { point, u_kind, interface });
         }
     }
 
-    /// Light samples and new directions at all surfaces.
+    /// Light samples and new directions at all points.
     #[inline(always)]
-    fn scatter_all<F: Lanes>(&mut self, token: F::Token, vertex: u32, tally: &mut ConnectionTally) {
-        let order = std::mem::take(&mut self.order);
-        let scene = self.estimator.scene;
-        for of_material in order.chunk_by(|a, b| a >> 32 == b >> 32) {
-            for group in of_material.chunks(F::WIDTH) {
+    fn scatter_all<F: Lanes>(&mut self, token: F::Token, vertex: u32, watch: &mut Watch<'_>) {
+        let (order, interfaces) = (std::mem::take(&mut self.order), std::mem::take(&mut self.interfaces));
+        for of_key in order.chunk_by(|a, b| a >> 32 == b >> 32) {
+            for group in of_key.chunks(F::WIDTH) {
                 let mut paths = [group[0] as u32; MAX_WIDTH];
                 for (lane, key) in group.iter().enumerate() {
                     paths[lane] = *key as u32;
                 }
-                let (mut storage, mut vertices) = ([const { None }; MAX_WIDTH], SmallVec::new());
-                self.vertices(scene, &paths[..group.len()], &mut storage, &mut vertices);
-                self.scatter_group::<F>(token, (vertex, &vertices, paths), tally);
+                let mut storage = [const { None }; MAX_WIDTH];
+                let vertices = self.vertices(&paths[..group.len()], &interfaces, &mut storage);
+                if vertices.len() == group.len() {
+                    self.scatter_group::<F>(token, (vertex, &vertices, paths), watch);
+                }
             }
         }
-        self.order = order;
+        (self.order, self.interfaces) = (order, interfaces);
     }
 
-    /// The surfaces of some paths.
+    /// The vertices of some paths.
     #[inline(never)]
     fn vertices<'s>(
         &self,
-        scene: &'s Scene,
         paths: &[u32],
+        interfaces: &'s [Interface],
         storage: &'s mut [Option<Bsdf>; MAX_WIDTH],
-        vertices: &mut SmallVec<[SurfaceVertex<'s, Wide>; MAX_WIDTH]>,
-    ) {
-        for (&number, storage) in paths.iter().zip(storage) {
-            if let Some((point, u_kind)) = self.points[number as usize] {
-                let (state, hit) = (self.paths[number as usize].ray_state, SurfaceHit::of_surface(point));
-                vertices.push(SurfaceVertex::new(scene, state, hit, u_kind, storage));
+    ) -> SmallVec<[Vertex<'s>; MAX_WIDTH]>
+    where
+        'a: 's,
+    {
+        let scene = self.estimator.scene;
+        let vertex = |(&number, storage): (&u32, &'s mut Option<Bsdf>)| {
+            let state = self.paths[number as usize].ray_state;
+            match self.arrivals[number as usize]? {
+                Arrival::Surface { point, u_kind, interface } => {
+                    let interface = interface.and_then(|i| interfaces.get(i as usize));
+                    let hit = SurfaceHit { surface: point, interface };
+                    Some(Vertex::on_surface(scene, state, hit, u_kind, storage))
+                }
+                Arrival::Medium { distance, .. } => Vertex::in_medium(scene, state, distance, storage),
             }
-        }
+        };
+        paths.iter().zip(storage).filter_map(vertex).collect()
     }
 
-    /// Traces the shadow rays, light by light, and adds the light of those that are not occluded.
-    fn trace_shadow_rays(&mut self) {
+    /// Traces the shadow rays, light by light, and adds the light of those that are not occluded, and of connections.
+    fn trace_shadow_rays(&mut self, watch: &mut Watch<'_>) {
         let bvh = self.estimator.scene.bvh();
-        for queue in &mut self.shadow {
+        for (index, queue) in (0..).zip(&mut self.shadow) {
             self.occluded.clear();
             self.occluded.resize(queue.paths.len(), false);
             bvh.occluded_batch(self.set, &queue.rays.batch(), &mut self.occluded);
-            for (i, path) in queue.paths.iter().enumerate() {
-                if !self.occluded[i] {
-                    self.paths[*path as usize].sample.radiance += queue.light(i);
-                }
+            for (i, &path) in queue.paths.iter().enumerate() {
+                let light = if self.occluded[i] { Rgb::BLACK } else { queue.light(i) };
+                self.paths[path as usize].sample.radiance += light;
+                watch.event(path, || Event::ShadowRay { index, light });
+            }
+            for &(path, light) in &queue.connected {
+                self.paths[path as usize].sample.radiance += light;
             }
             queue.clear();
         }

@@ -1,7 +1,7 @@
 //! Rays of a wave, and their results.
 
 use dunkelfeld_bvh::{Hit, HitBatch, NO_HIT, RayBatch};
-use dunkelfeld_geometry::{Ray, Vec3};
+use dunkelfeld_geometry::Ray;
 use dunkelfeld_lanes::{Lanes, V3};
 use dunkelfeld_radiometry::Rgb;
 
@@ -100,19 +100,15 @@ pub(super) struct ShadowRays {
     pub(super) paths: Vec<u32>,
     /// Radiance of the pixel if the ray is not occluded [W/(m^2 sr)], by channel.
     pub(super) light: [Vec<f32>; 3],
+    /// Paths with light of connections to the same light samples.
+    pub(super) connected: Vec<(u32, Rgb)>,
 }
 
 impl ShadowRays {
-    /// Stores light that arrives in any case.
-    pub(super) fn push_open(&mut self, path: u32, light: Rgb, moves: bool) {
-        self.rays.push(&Ray::with_end(Vec3::ZERO, Vec3::Z, 0.0), moves);
-        self.paths.push(path);
-        self.light.iter_mut().zip(light.to_array()).for_each(|(list, value)| list.push(value));
-    }
-
     pub(super) fn clear(&mut self) {
         self.rays.clear();
         self.paths.clear();
+        self.connected.clear();
         self.light.iter_mut().for_each(Vec::clear);
     }
 

@@ -1,17 +1,16 @@
-//! Scattering at surfaces, in lanes: auxiliary layers, next-event estimation, a new direction and roulette.
+//! Scattering at surfaces and in media, in lanes: auxiliary layers, next-event estimation, a new direction and roulette.
 //!
 //! Each stage is a function of its own, so that only the evaluation of BSDFs is compiled for each kind of them.
 
-use super::Wavefront;
+use super::{Watch, Wavefront};
 use crate::dimensions;
-use crate::direct::{ShadowRoulette, gathered_survival, light_weight};
-use crate::dispatch::Wide;
+use crate::direct::{GATHERED_SHARE, gathered_survival, light_weight};
 use crate::learned_roulette::VertexRoulettes;
 use crate::mnee;
+use crate::observer::{Event, TraceScattering};
 use crate::path::survival;
-use crate::recorder::ConnectionTally;
-use crate::scatterer::{EachLane, OneLane, Scatterer};
-use crate::vertex::{SurfaceVertex, Vertex};
+use crate::scatterer::{EachLane, Scatterer};
+use crate::vertex::{Place, Vertex};
 use dunkelfeld_bsdf::{Bsdf, BsdfSamples, InLanes, Lobe, View};
 use dunkelfeld_geometry::{Ray, Vec3, offset_ray_origins};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
@@ -25,12 +24,14 @@ use smallvec::SmallVec;
 /// Most light samples of a vertex.
 const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
 
-/// Paths on surfaces, one for each lane. Free lanes repeat the first path.
+/// Paths at vertices of one material or medium, one for each lane. Free lanes repeat the first path.
 struct Group<'g, 'a, F: Lanes> {
     token: F::Token,
     /// Number of the vertex on each path.
     vertex: u32,
-    vertices: &'g [SurfaceVertex<'a, Wide>],
+    vertices: &'g [Vertex<'a>],
+    in_medium: bool,
+    choice: LightChoice,
     paths: [u32; MAX_WIDTH],
     used: F::Mask,
     /// Lanes with light samples.
@@ -48,12 +49,12 @@ struct Group<'g, 'a, F: Lanes> {
     gathered: F,
 }
 
-/// A light sample of each lane, with the numbers for its roulette and for a connection.
+/// A light sample of each lane, with the numbers for a connection and for roulette.
 #[derive(Clone, Copy)]
 struct Draw<F: Lanes> {
     light: LightSamples<F>,
-    u_roulette: F,
     u_chain: F,
+    u_roulette: F,
 }
 
 /// The BSDFs of a group.
@@ -74,8 +75,8 @@ impl<'a> Wavefront<'a> {
     pub(super) fn scatter_group<'v, F: Lanes>(
         &mut self,
         token: F::Token,
-        (vertex, vertices, paths): (u32, &[SurfaceVertex<'v, Wide>], [u32; MAX_WIDTH]),
-        tally: &mut ConnectionTally,
+        (vertex, vertices, paths): (u32, &[Vertex<'v>], [u32; MAX_WIDTH]),
+        watch: &mut Watch<'_>,
     ) where
         'a: 'v,
     {
@@ -86,8 +87,8 @@ impl<'a> Wavefront<'a> {
         }
         let found = evaluate_group(&group, &draws);
         self.set_layers(&group, found.albedo);
-        self.add_direct_light(&group, &draws, &found, tally);
-        self.continue_paths(&group, &found);
+        self.add_direct_light(&group, &draws, &found, watch);
+        self.continue_paths(&group, &found, watch);
     }
 
     /// Loads the state of paths into lanes.
@@ -96,27 +97,29 @@ impl<'a> Wavefront<'a> {
         &mut self,
         token: F::Token,
         vertex: u32,
-        vertices: &'g [SurfaceVertex<'v, Wide>],
+        vertices: &'g [Vertex<'v>],
         paths: [u32; MAX_WIDTH],
     ) -> Group<'g, 'v, F>
     where
         'a: 'v,
     {
         let first = &self.paths[paths[0] as usize];
+        let in_medium = vertices[0].surface().is_none();
+        let choice = self.estimator.scene.light_choice_at(first.light_vertices, in_medium);
         let (mut samplers, mut learned) = ([first.sampler; MAX_WIDTH], [None; MAX_WIDTH]);
         let (mut throughput, mut wo) = ([first.throughput; MAX_WIDTH], [vertices[0].wo_local().0; MAX_WIDTH]);
         let [mut eta_scale, mut gathered] = [[0.0; MAX_WIDTH]; 2];
         let (mut lit, mut has_layers) = (0, false);
         for (lane, at) in vertices.iter().enumerate() {
             let path = &mut self.paths[paths[lane] as usize];
-            path.path_length += at.hit.surface.distance;
+            path.path_length += at.distance();
             has_layers |= path.is_first_surface();
-            if let Some(roulette) = path.roulette {
-                learned[lane] = roulette.at(at.hit.surface.point, at.shading.material, &mut path.gain_scale);
+            if let Some(roulette) = self.estimator.roulette.filter(|_| !in_medium) {
+                learned[lane] = roulette.at(at.shading.receiver.point, at.shading.material, &mut path.gain_scale);
             }
             (samplers[lane], throughput[lane], wo[lane]) = (path.sampler, path.throughput, at.wo_local().0);
             eta_scale[lane] = path.eta_scale;
-            if !at.is_delta() {
+            if !at.shading.bsdf.is_delta() {
                 lit |= 1 << lane;
                 if path.light_vertices > 0 {
                     gathered[lane] = path.sample.radiance.max_channel();
@@ -133,11 +136,13 @@ impl<'a> Wavefront<'a> {
                     token,
                     vertex,
                     vertices,
+                    in_medium,
+                    choice,
                     paths,
                     used: F::mask(token, u32::MAX >> (32 - vertices.len())),
                     lit: F::mask(token, lit),
                     has_layers,
-                    frames: ShadingFrames::of(token, padded.map(|at| (&at.shading, at.hit.surface.normal))),
+                    frames: ShadingFrames::of(token, padded.map(|at| (&at.shading, at.normal()))),
                     wo: V3::from_lanes(token, &wo),
                     sampler: Sampler::from_lanes(token, &samplers),
                     learned: VertexRoulettes::new(token, learned),
@@ -152,8 +157,7 @@ impl<'a> Wavefront<'a> {
     /// Draws the light samples of a group.
     #[inline(never)]
     fn draw_lights<F: Lanes>(&self, group: &Group<'_, '_, F>, draws: &mut SmallVec<[Draw<F>; LIGHTS]>) {
-        let (scene, token) = (self.estimator.scene, group.token);
-        let choice = scene.light_choice_at(0, false);
+        let (scene, token, choice) = (self.estimator.scene, group.token, group.choice);
         F::vectorize(
             token,
             #[inline(always)]
@@ -171,7 +175,7 @@ impl<'a> Wavefront<'a> {
                     };
                     let u = numbers.first_two();
                     let light = scene.sample_lights(token, &receivers, choice, index, u_choice, u, group.lit);
-                    draws.push(Draw { light, u_roulette, u_chain });
+                    draws.push(Draw { light, u_chain, u_roulette });
                 }
             },
         );
@@ -186,8 +190,11 @@ impl<'a> Wavefront<'a> {
         for (lane, at) in group.vertices.iter().enumerate() {
             let path = &mut self.paths[group.paths[lane] as usize];
             if path.is_first_surface() {
-                let layers = (Rgb::new(r[lane], g[lane], b[lane]), at.shading.frame.normal);
-                path.set_layers(at.is_see_through(), || layers);
+                let (albedo, normal) = match at.place {
+                    Place::Surface(_) => (Rgb::new(r[lane], g[lane], b[lane]), at.shading.frame.normal),
+                    Place::Medium(medium, _) => (medium.albedo(), at.wo),
+                };
+                path.set_layers(at.shading.bsdf.is_see_through(), albedo, normal);
             }
         }
     }
@@ -199,9 +206,10 @@ impl<'a> Wavefront<'a> {
         group: &Group<'_, '_, F>,
         draws: &[Draw<F>],
         found: &Evaluated<F>,
-        tally: &mut ConnectionTally,
+        watch: &mut Watch<'_>,
     ) {
-        let scene = self.estimator.scene;
+        let (scene, choice) = (self.estimator.scene, group.choice);
+        let needs_outcomes = watch.needs_outcomes();
         F::vectorize(
             group.token,
             #[inline(always)]
@@ -210,9 +218,8 @@ impl<'a> Wavefront<'a> {
                 let brightest = group.throughput.max_channel();
                 let one = brightest.constant(1.0);
                 // The roulette of gathered light, for lanes without learned statistics.
-                let scale = brightest / (group.gathered * ShadowRoulette::THRESHOLD);
+                let scale = brightest / (group.gathered * GATHERED_SHARE);
                 let is_gathered = group.gathered.is_positive() & scale.is_positive();
-                let choice = scene.light_choice_at(0, false);
                 for (index, (draw, (scattered, pdf))) in (0..).zip(draws.iter().zip(&found.direct)) {
                     let light = &draw.light;
                     let sampled = group.lit & light.pdf.is_positive();
@@ -225,9 +232,15 @@ impl<'a> Wavefront<'a> {
                         LightChoice::Each => is_gathered.select(gathered_survival(scale * expected.max_channel()), one),
                         LightChoice::One => one,
                     };
-                    let survival = group.learned.shadow_survival(index, brightest * expected.max_channel(), other);
+                    let survival = match needs_outcomes {
+                        true => one,
+                        false => group.learned.shadow_survival(index, brightest * expected.max_channel(), other),
+                    };
                     let traced = sampled & unoccluded.is_lit() & draw.u_roulette.lt(survival);
-                    let origin = offset_ray_origins(point, error, group.frames.normal, light.direction);
+                    let origin = match group.in_medium {
+                        true => point,
+                        false => offset_ray_origins(point, error, group.frames.normal, light.direction),
+                    };
                     let end = (light.point, light.normal, light.is_finite);
                     let (direction, t_max) = shadow_rays(origin, light.direction, end);
                     self.queue_shadow_rays(
@@ -235,7 +248,7 @@ impl<'a> Wavefront<'a> {
                         Queued { index, traced, origin, direction, t_max, expected, survival },
                     );
                     if !scene.covers().is_empty() {
-                        self.connect(group, draw, (index, choice, sampled), tally);
+                        self.connect(group, draw, (index, sampled, scale.only(is_gathered)), watch);
                     }
                 }
             },
@@ -249,23 +262,24 @@ impl<'a> Wavefront<'a> {
         let Queued { index, traced, origin, direction, mut t_max, expected, survival } = q;
         let bits = traced.bits();
         let mut arriving = expected * survival.recip();
-        if scene.has_coverage() || scene.features().solids {
-            let (origins, directions, ends) = (origin.to_lanes(), direction.to_lanes(), t_max.to_array());
+        // Where surfaces or media on the way matter, the ray is traced here.
+        if scene.has_coverage() || scene.has_solids() {
+            let (origins, directions, mut ends) = (origin.to_lanes(), direction.to_lanes(), t_max.to_array());
             let (mut open, mut transmittance) = ([1.0; MAX_WIDTH], [Rgb::WHITE; MAX_WIDTH]);
             for (lane, at) in group.vertices.iter().enumerate().filter(|(lane, _)| bits >> lane & 1 == 1) {
-                if scene.has_coverage() {
-                    let time = self.paths[group.paths[lane] as usize].ray_state.ray.time;
-                    let ray = Ray { origin: origins[lane], direction: directions[lane], t_max: ends[lane], time };
-                    open[lane] = scene.transmittance_with::<Wide>(&ray);
+                let start = at.spawn_ray(directions[lane]);
+                match start.clear_transmittance(scene, ends[lane]) {
+                    Some(clear) => transmittance[lane] = clear,
+                    None => {
+                        let ray = Ray::with_end(origins[lane], directions[lane], ends[lane]).at_time(start.ray.time);
+                        (open[lane], transmittance[lane]) = start.shadow_transmittance(scene, &ray);
+                        ends[lane] = 0.0;
+                    }
                 }
-                transmittance[lane] = at.transmittance_toward(scene, directions[lane], ends[lane]);
             }
             arriving = expected * (F::load(group.token, &open) / survival);
             arriving *= rgb_of_lanes(group.token, &transmittance);
-        }
-        if scene.has_coverage() {
-            // It is traced already.
-            t_max = t_max.constant(0.0);
+            t_max = F::load(group.token, &ends);
         }
         let light = group.throughput * arriving;
         let moves = scene.shutter().is_some();
@@ -285,27 +299,30 @@ impl<'a> Wavefront<'a> {
         }
     }
 
-    /// Connections through covers to the light samples of lanes, one by one.
+    /// Connections through covers to the light samples of lanes, one by one. `gathered` is the scale of the gathered
+    /// roulette, or zero.
     #[inline(never)]
     fn connect<F: Lanes>(
         &mut self,
         group: &Group<'_, '_, F>,
         draw: &Draw<F>,
-        (index, choice, sampled): (u32, LightChoice, F::Mask),
-        tally: &mut ConnectionTally,
+        (index, sampled, gathered): (u32, F::Mask, F),
+        watch: &mut Watch<'_>,
     ) {
-        let (light, learned) = (&draw.light, &group.learned);
+        let light = &draw.light;
         let (directions, points, normals) =
             (light.direction.to_lanes(), light.point.to_lanes(), light.normal.to_lanes());
         let (r, g, b) = (light.radiance.r.to_array(), light.radiance.g.to_array(), light.radiance.b.to_array());
         let (pdf, u_roulette, u_chain) = (light.pdf.to_array(), draw.u_roulette.to_array(), draw.u_chain.to_array());
-        let gathered = group.gathered.to_array();
         let (is_finite, is_delta, sampled) = (light.is_finite.bits(), light.is_delta.bits(), sampled.bits());
-        for (lane, surface) in group.vertices.iter().enumerate() {
+        let gathered = gathered.to_array();
+        let needs_outcomes = watch.needs_outcomes();
+        for (lane, at) in group.vertices.iter().enumerate() {
             if sampled >> lane & 1 == 0 {
                 continue;
             }
-            let path = &self.paths[group.paths[lane] as usize];
+            let (number, learned) = (group.paths[lane], group.learned.lane(lane));
+            let throughput = self.paths[number as usize].throughput;
             let sample = LightSample {
                 direction: directions[lane],
                 target: (is_finite >> lane & 1 == 1)
@@ -314,40 +331,33 @@ impl<'a> Wavefront<'a> {
                 pdf: pdf[lane],
                 is_delta: is_delta >> lane & 1 == 1,
             };
-            let u = u_roulette[lane];
-            let roulette = match (learned.lane(lane), choice) {
-                (Some(vertex), _) => {
-                    ShadowRoulette::Learned { vertex, index, throughput: path.throughput.max_channel(), u }
+            let survival = |expected: Rgb| match (learned, group.choice) {
+                _ if needs_outcomes => 1.0,
+                (Some(v), _) => v.connection_survival(index, throughput.max_channel() * expected.max_channel()),
+                (None, LightChoice::Each) if gathered[lane] > 0.0 => {
+                    gathered_survival(gathered[lane] * expected.max_channel())
                 }
-                (None, LightChoice::One) => ShadowRoulette::Off,
-                (None, LightChoice::Each) => {
-                    ShadowRoulette::from_gathered(path.throughput, Rgb::splat(gathered[lane]), || u)
-                }
+                _ => 1.0,
             };
-            let connected = mnee::estimate::<Wide, _>(
-                self.estimator.scene,
-                surface,
-                &sample,
-                index,
-                roulette,
-                || u_chain[lane],
-                tally,
-            );
-            if !connected.is_black() {
-                let throughput = self.paths[group.paths[lane] as usize].throughput;
-                let moves = self.estimator.scene.shutter().is_some();
-                self.shadow[index as usize].push_open(group.paths[lane], throughput * connected, moves);
+            let u = [u_chain[lane], u_roulette[lane]];
+            if let Some(attempt) = mnee::estimate(self.estimator.scene, at, &sample, survival, u) {
+                let light = throughput * attempt.radiance;
+                watch.tally.count(&attempt);
+                watch.event(number, || Event::Connection { index, attempt, light });
+                if attempt.arrives {
+                    self.shadow[index as usize].connected.push((number, light));
+                }
             }
         }
     }
 
     /// New directions by sampling the BSDFs, and roulette.
     #[inline(never)]
-    fn continue_paths<F: Lanes>(&mut self, group: &Group<'_, '_, F>, found: &Evaluated<F>) {
+    fn continue_paths<F: Lanes>(&mut self, group: &Group<'_, '_, F>, found: &Evaluated<F>, watch: &mut Watch<'_>) {
         let Evaluated { wi, sample, u_roulette, .. } = found;
         let mut max_survival = [1.0; MAX_WIDTH];
         for (most, path) in max_survival.iter_mut().zip(&group.paths[..group.vertices.len()]) {
-            *most = self.paths[*path as usize].count_scattering(false);
+            *most = self.paths[*path as usize].count_scattering(group.in_medium);
         }
         let (alive, throughput, eta_scale) = F::vectorize(
             group.token,
@@ -366,7 +376,7 @@ impl<'a> Wavefront<'a> {
         if alive == 0 {
             return;
         }
-        let choice = self.estimator.scene.light_choice_at(0, false);
+        let weight = [sample.weight.r, sample.weight.g, sample.weight.b];
         let (wi, eta_scale, pdf) = (wi.to_lanes(), eta_scale.to_array(), sample.pdf.to_array());
         let (r, g, b) = (throughput.r.to_array(), throughput.g.to_array(), throughput.b.to_array());
         let lobe = F::word_to_array(sample.lobe);
@@ -376,8 +386,14 @@ impl<'a> Wavefront<'a> {
                 path.throughput = Rgb::new(r[lane], g[lane], b[lane]);
                 path.eta_scale = eta_scale[lane];
                 path.ray_state = at.spawn_ray(wi[lane]);
-                let from = (pdf[lane], Lobe::from_bits(lobe[lane]));
-                path.set_last(&at.shading.receiver, choice, from, Some(&at.hit.surface));
+                let (pdf, lobe, throughput) = (pdf[lane], Lobe::from_bits(lobe[lane]), path.throughput);
+                let surface = at.surface().map(|hit| &hit.surface);
+                path.set_last(self.estimator.scene, (&at.shading.receiver, group.choice), (pdf, lobe), surface);
+                watch.event(group.paths[lane], || {
+                    let [r, g, b] = weight.map(|channel| channel.to_array()[lane]);
+                    let (direction, weight) = (wi[lane].to_array(), Rgb::new(r, g, b));
+                    Event::Scattered { scattering: TraceScattering { direction, pdf, weight, lobe }, throughput }
+                });
                 self.next.push(group.paths[lane]);
             }
         }
@@ -390,7 +406,7 @@ impl<F: Lanes> Group<'_, '_, F> {
     fn points(&self) -> (V3<F>, V3<F>) {
         let [mut points, mut errors] = [[Vec3::ZERO; MAX_WIDTH]; 2];
         for (lane, at) in self.vertices.iter().enumerate() {
-            (points[lane], errors[lane]) = (at.hit.surface.point, at.hit.surface.error);
+            (points[lane], errors[lane]) = (at.shading.receiver.point, at.error());
         }
         (V3::from_lanes(self.token, &points), V3::from_lanes(self.token, &errors))
     }
@@ -434,9 +450,9 @@ fn evaluate_group<F: Lanes>(group: &Group<'_, '_, F>, draws: &[Draw<F>]) -> Eval
             _ => {}
         }
     }
-    let mut lanes = [OneLane { bsdf: first.shading.bsdf, wo: first.wo_local() }; MAX_WIDTH];
+    let mut lanes = [first.one_lane(); MAX_WIDTH];
     for (lane, at) in group.vertices.iter().enumerate() {
-        lanes[lane] = OneLane { bsdf: at.shading.bsdf, wo: at.wo_local() };
+        lanes[lane] = at.one_lane();
     }
     evaluate_each(group, lanes, draws)
 }
@@ -467,7 +483,7 @@ fn evaluate_principled<F: Lanes, const RICH: bool>(
 #[inline(never)]
 fn evaluate_each<F: Lanes>(
     group: &Group<'_, '_, F>,
-    lanes: [OneLane<'_>; MAX_WIDTH],
+    lanes: [crate::scatterer::OneLane<'_>; MAX_WIDTH],
     draws: &[Draw<F>],
 ) -> Evaluated<F> {
     F::vectorize(

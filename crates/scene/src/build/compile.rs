@@ -9,14 +9,12 @@ use crate::build::placed::{Baking, PlacedScene};
 use crate::build::report::BuildReport;
 use crate::build::validate::{check_indices, check_values, mesh_place, repair_texels};
 use crate::covers::scene_covers::Covers;
-use crate::features::FeatureSet;
 use crate::light::LightTable;
 use crate::light::delta::DeltaLight;
 use crate::light::environment::EnvironmentLight;
 use crate::material::{Material, Surface};
 use crate::query::surface::{CompiledMaterial, SurfaceOptions};
 use crate::scene::{Part, Scene};
-use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_geometry::health::{MeshHealth, Repairs};
 use dunkelfeld_geometry::{Aabb, DAffine3, DVec3, Mesh, Threads, Transform, Vec3};
 use std::sync::Arc;
@@ -121,11 +119,7 @@ impl SceneBuilder {
         }
         self.report_unfindable_light(&geometry.parts, &compiled, &mut report);
         let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
-        let mut features = geometry
-            .parts
-            .iter()
-            .map(|p| compiled[p.material as usize].features())
-            .fold(FeatureSet::default(), FeatureSet::union);
+        let has_solids = geometry.parts.iter().any(|p| compiled[p.material as usize].is_solid);
         // Shadow rays pass partly covering surfaces. They also pass clear faces between equal indices of refraction, if
         // the scene can have them.
         let is_open = |c: &CompiledMaterial| c.clear_tint.is_some();
@@ -143,10 +137,6 @@ impl SceneBuilder {
         }
         if self.techniques.learned_roulette && !geometry.parts.is_empty() {
             effects.add(Effect::LearnedRoulette, "paths between surfaces".into());
-        }
-        features.media = scatters || has_open_faces || solids.has_nesting;
-        if !EFFECTS && let Some((effect, place)) = effects.first_unsupported(features) {
-            return Err(BuildError::PlainOnly { effect, place });
         }
         let covers_partly = |part: &Part| {
             let compiled = &compiled[part.material as usize];
@@ -177,7 +167,8 @@ impl SceneBuilder {
             has_nesting: solids.has_nesting,
             covers: Covers::default(),
             shutter: self.shutter.filter(|_| depends_on_time),
-            features,
+            has_solids,
+            has_media: scatters || has_open_faces || solids.has_nesting,
             effects,
         };
         if self.techniques.cover_connection {

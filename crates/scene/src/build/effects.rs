@@ -5,7 +5,6 @@
 
 use crate::build::builder::{EnvironmentSource, MeshPart, PunctualKind, SceneBuilder};
 use crate::camera::shutter::Shutter;
-use crate::features::FeatureSet;
 use crate::light::emission_profile::EmissionProfile;
 use crate::material::{AlphaMode, Material, Surface};
 use crate::media::medium::Medium;
@@ -283,33 +282,10 @@ impl Effects {
         self.users.iter().find(|(e, _)| *e == effect).map_or(&[], |(_, places)| places)
     }
 
-    /// The first effect that a build without effects cannot render, and the object that needs it. Colour is excluded,
-    /// because all builds have three channels. Techniques are excluded, because they do not change the expected image.
-    pub(crate) fn first_unsupported(&self, features: FeatureSet) -> Option<(String, String)> {
-        let is_unsupported = |e: Effect| !e.is_technique() && e != Effect::Color;
-        let named =
-            self.users.iter().find(|(e, _)| is_unsupported(*e)).map(|(e, places)| (e.name().into(), places.join(", ")));
-        named.or_else(|| (features != FeatureSet::default()).then(|| (kernel_features(features), "the scene".into())))
-    }
-
     /// True if the scene needs the effect.
     pub fn has(&self, effect: Effect) -> bool {
         !self.users(effect).is_empty()
     }
-}
-
-/// The effects of a set of kernel features, in words.
-pub fn kernel_features(features: FeatureSet) -> String {
-    let words: Vec<&str> = [
-        (features.textured, "detail"),
-        (features.stochastic, "chance"),
-        (features.solids, "solids"),
-        (features.media, "media"),
-    ]
-    .into_iter()
-    .filter_map(|(on, word)| on.then_some(word))
-    .collect();
-    if words.is_empty() { "plain".into() } else { words.join(" + ") }
 }
 
 pub(crate) fn material_place(m: &Material) -> String {

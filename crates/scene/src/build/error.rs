@@ -24,14 +24,6 @@ pub enum BuildError {
         /// The error and the valid range.
         problem: String,
     },
-    /// The scene needs an effect, but this build has no effects.
-    #[error("{place} requires {effect}, which a build with the feature plain-only does not contain")]
-    PlainOnly {
-        /// The effect's name, or that of the group it belongs to.
-        effect: String,
-        /// The object that needs it.
-        place: String,
-    },
     /// Every triangle was dropped, and there is no environment that would be visible instead.
     #[error("no triangle is left: {lost}")]
     NothingLeft {

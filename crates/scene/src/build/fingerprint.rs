@@ -47,13 +47,14 @@ impl Scene {
             has_nesting,
             covers,
             shutter,
-            features,
+            has_solids,
+            has_media,
             effects,
         } = self;
         let mut hash = Hash::default();
         hash.value(&(world_origin, bounds, placements, parts, object_names, punctual_names));
         hash.value(&(materials, compiled, lights, cameras, radius, has_coverage, has_open_faces));
-        hash.value(&(solids, solid_bounds, has_nesting, covers, features, effects));
+        hash.value(&(solids, solid_bounds, has_nesting, covers, has_solids, has_media, effects));
         // Scenes at rest keep the fingerprint that they had before motion existed.
         if let Some(shutter) = shutter {
             hash.value(shutter);

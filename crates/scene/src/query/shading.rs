@@ -117,7 +117,15 @@ impl<F: Lanes> ShadingFrames<F> {
     }
 }
 
-impl ShadingPoint<'_> {
+impl<'a> ShadingPoint<'a> {
+    /// A point in the medium of a material. Its frame is that of render space.
+    pub fn in_medium(point: Vec3, phase: &'a Bsdf, material: u32) -> Self {
+        let frame = PointFrame { tangent: Vec3::X, bitangent: Vec3::Y, normal: Vec3::Z };
+        // It accepts light from all directions.
+        let receiver = LightSampleContext { point, normal: Vec3::ZERO, both_sides: true };
+        Self { frame, bsdf: phase, material, is_solid: false, receiver, along: true, is_bent: false }
+    }
+
     /// The frame of this point alone.
     #[inline]
     pub fn frames(&self, geometric_normal: Vec3) -> ShadingFrames<f32> {

@@ -13,7 +13,6 @@
 //! `docs/materials.md` has the same table for users, and the source of each parameter.
 
 use crate::build::effects::SMOOTH_ROUGHNESS;
-use crate::features::FeatureSet;
 use crate::light::emission_profile::EmissionProfile;
 use crate::material::texture::{Image, Texture};
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
@@ -163,16 +162,6 @@ impl CompiledMaterial {
             emits,
             has_varying_radiance: m.unlit || EFFECTS && (m.emission_texture.is_some() || has_coverage || has_profile),
             options,
-        }
-    }
-
-    /// The features that a kernel needs to render the material.
-    pub(crate) fn features(&self) -> FeatureSet {
-        FeatureSet {
-            textured: self.varies || self.needs_tangent,
-            stochastic: self.has_coverage || self.is_mixture,
-            solids: self.is_solid,
-            media: false,
         }
     }
 
