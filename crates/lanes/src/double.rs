@@ -23,6 +23,8 @@ pub trait Double:
 
     /// The same number in all lanes.
     fn splat(token: <Self::Single as Lanes>::Token, x: f64) -> Self;
+    /// The token of this value.
+    fn token(self) -> <Self::Single as Lanes>::Token;
     /// The nearest single-precision number.
     fn to_single(self) -> Self::Single;
     /// Square root, correctly rounded.
@@ -40,6 +42,8 @@ impl Double for f64 {
     fn splat((): (), x: f64) -> Self {
         x
     }
+    #[inline(always)]
+    fn token(self) {}
     #[inline(always)]
     fn to_single(self) -> f32 {
         self as f32
@@ -99,6 +103,10 @@ macro_rules! doubles {
             fn splat(token: S, x: f64) -> Self {
                 let half = SimdBase::splat(token, x);
                 Self { low: half, high: half }
+            }
+            #[inline(always)]
+            fn token(self) -> S {
+                self.low.simd
             }
             #[inline(always)]
             fn to_single(self) -> Self::Single {

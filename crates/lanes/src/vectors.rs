@@ -4,8 +4,8 @@ use crate::double::Doubles;
 use crate::{Lanes, Long, Mask, Word};
 use fearless_simd::prelude::*;
 use fearless_simd::{
-    Simd, SimdCvtFloat, f32x4, f32x8, f32x16, f64x2, f64x4, f64x8, i32x4, i32x8, i32x16, mask32x4, mask32x8, mask32x16, u32x4, u32x8,
-    u32x16, u64x2, u64x4, u64x8,
+    Simd, SimdCvtFloat, f32x4, f32x8, f32x16, f64x2, f64x4, f64x8, i32x4, i32x8, i32x16, mask32x4, mask32x8, mask32x16,
+    u32x4, u32x8, u32x16, u64x2, u64x4, u64x8,
 };
 use std::ops::{Add, BitXor, Mul, Shr};
 
