@@ -51,6 +51,7 @@ pub use media::medium::{Medium, MediumEvent};
 pub use media::medium_stack::Interior;
 pub use media::nested_dielectrics::{Boundary, Interface};
 pub use query::intersect::{SurfacePoint, shadow_rays};
-pub use query::shading::{ShadingFrames, ShadingPoint};
+pub use query::shading::{Bsdfs, ShadingFrames, ShadingLanes, ShadingPoint};
+pub use query::surface_points::{HitLanes, SurfacePoints};
 pub use sampling_options::Techniques;
 pub use scene::{Scene, SceneSummary};

@@ -5,11 +5,12 @@ use crate::light::emission_profile::EmissionProfile;
 use crate::light::sample::LightTarget;
 use crate::material::Material;
 use crate::query::surface::{self, TexturePoint};
-use crate::scene::{Part, Placement, Scene};
+use crate::query::surface_points::HitLanes;
+use crate::scene::Scene;
 use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_bvh::Hit;
-use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, hit_point, offset_ray_origin, offset_ray_origins};
-use dunkelfeld_lanes::{Lanes, Mask, V3};
+use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, offset_ray_origin, offset_ray_origins};
+use dunkelfeld_lanes::{Lanes, Mask, One, V3};
 use dunkelfeld_radiometry::Rgb;
 
 /// A point on a surface, with the data that a ray needs to leave it.
@@ -26,8 +27,9 @@ pub struct SurfacePoint {
     pub(crate) part: u32,
     pub(crate) material: u32,
     pub(crate) triangle: u32,
-    /// True if the triangle has interpolated normals.
-    pub(crate) is_smooth: bool,
+    /// Number of the normals of the triangle's corners; [`FLAT`](crate::geometry::triangle_data::FLAT) if the geometric
+    /// normal is that of shading.
+    pub(crate) normals: u32,
     pub(crate) barycentrics: [f32; 3],
     /// Time of the ray \[s\], which is that of the pose of a moving part.
     pub(crate) time: f32,
@@ -57,43 +59,9 @@ impl Scene {
     /// The point on a surface of a hit at a time \[s\].
     #[inline(always)]
     pub fn surface_point(&self, hit: &Hit, time: f32) -> SurfacePoint {
-        let Hit { b1, b2, .. } = *hit;
-        let (part_index, part, facet) = match self.placements[hit.instance as usize] {
-            Placement::Shared => {
-                let facet = &self.facets[hit.triangle as usize];
-                (facet.part, &self.parts[facet.part as usize], facet)
-            }
-            Placement::Joined => {
-                let part = &self.parts[hit.part as usize];
-                (hit.part, part, self.facet(part, hit.triangle))
-            }
-            Placement::Part(index) => {
-                let part = &self.parts[index as usize];
-                (index, part, self.facet(part, hit.triangle))
-            }
-        };
-        let (mut point, mut error) = hit_point(&facet.corners, b1, b2);
-        let mut normal = facet.normal;
-        if let Some(transform) = &part.transform {
-            if EFFECTS && part.motion.is_some() {
-                (point, error, normal) = moved_point(part, time, point, error, normal);
-            } else {
-                (point, error) = transform.point_with_error(point, error);
-                normal = transform.normal(normal);
-            }
-        }
-        SurfacePoint {
-            point,
-            error,
-            normal,
-            distance: hit.t,
-            part: part_index,
-            material: part.material,
-            triangle: hit.triangle - part.first_facet,
-            is_smooth: facet.is_smooth,
-            barycentrics: [1.0 - b1 - b2, b1, b2],
-            time,
-        }
+        let Hit { t, instance, part, triangle, b1, b2 } = *hit;
+        let hits = HitLanes { t, b1, b2, instance: One(instance), part: One(part), triangle: One(triangle) };
+        self.surface_points::<f32>((), &hits, time).lane(0)
     }
 
     /// Texture coordinates and vertex colour at a point.
@@ -130,10 +98,16 @@ impl Scene {
         compiled.coverage(&self.materials[p.material as usize], &self.images, || self.texture_point(p))
     }
 
+    /// True if surfaces of a material emit light, at some places at least.
+    #[inline(always)]
+    pub fn emits(&self, material: u32) -> bool {
+        self.compiled[material as usize].emits
+    }
+
     /// Radiance [W/(m^2 sr)] that the surface emits toward the unit direction `toward`.
     #[inline(always)]
     pub fn emitted(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
-        if self.compiled[p.material as usize].emits { self.emitted_by_light(*p, toward) } else { Rgb::BLACK }
+        if self.emits(p.material) { self.emitted_by_light(*p, toward) } else { Rgb::BLACK }
     }
 
     // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
@@ -212,14 +186,6 @@ pub fn shadow_rays<F: Lanes>(
     // 1e-7, independent of the length.
     let length = (distance * (1.0 - 2.0 * f32::EPSILON)).only(is_apart);
     (V3::select(is_apart, offset / distance, direction), is_finite.select(length, infinity))
-}
-
-/// Point, error and normal of a moving part in render space at a time.
-#[inline(never)]
-fn moved_point(part: &Part, time: f32, point: Vec3, error: Vec3, normal: Vec3) -> (Vec3, Vec3, Vec3) {
-    let Some(transform) = part.transform_at(time) else { return (point, error, normal) };
-    let (point, error) = transform.point_with_error(point, error);
-    (point, error, transform.normal(normal))
 }
 
 /// The barycentric mean of three values.
