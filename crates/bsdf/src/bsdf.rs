@@ -1,7 +1,7 @@
 //! The closed set of scattering models behind one interface.
 
 use crate::bsdf_sample::{BsdfSample, View};
-use crate::{Dielectric, EFFECTS, HenyeyGreenstein, Principled, ThinSheet, Translucent};
+use crate::{Dielectric, HenyeyGreenstein, Principled, ThinSheet, Translucent};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
 
@@ -36,26 +36,10 @@ impl Bsdf {
     }
 
     /// [`Self::eval`] and [`Self::pdf`] together, at the cost of one.
-    #[inline]
     pub fn eval_pdf(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
-        match self {
-            Self::Principled(b) if !b.is_rich() => {
-                if wo.0.z > 0.0 && wi.0.z > 0.0 {
-                    b.view::<false>(wo.0.into()).eval_pdf(wi.0.into())
-                } else {
-                    (Rgb::BLACK, 0.0)
-                }
-            }
-            _ if EFFECTS => self.eval_effects(wo, wi),
-            _ => (Rgb::BLACK, 0.0),
-        }
-    }
-
-    /// [`Self::eval_pdf`] of surfaces with more lobes. It is a separate function because most surfaces have two.
-    #[inline(never)]
-    fn eval_effects(&self, wo: LocalDir, wi: LocalDir) -> (Rgb, f32) {
         let (wo, wi) = (wo.0.into(), wi.0.into());
         match self {
+            Self::Principled(b) if !b.is_rich() => b.view::<false>(wo).eval_pdf(wi),
             Self::Principled(b) => b.view::<true>(wo).eval_pdf(wi),
             Self::Dielectric(b) => b.view(wo).eval_pdf(wi),
             Self::ThinSheet(b) => b.view(wo).eval_pdf(wi),
@@ -68,25 +52,10 @@ impl Bsdf {
     /// Samples a direction; `u_lobe` chooses the lobe, `u` the direction in it, all in `[0, 1)`.
     ///
     /// `None` if the light is absorbed. Then the estimate of the scattered light is zero.
-    #[inline(always)]
     pub fn sample(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
-        match self {
-            Self::Principled(b) if !b.is_rich() => b.view::<false>(wo.0.into()).sample(u_lobe, u).into(),
-            _ if EFFECTS => {
-                // Bound to a variable first. If the call were returned directly, the sample of the other branch would
-                // be kept in memory as well.
-                let sample = self.sample_effects(wo, u_lobe, u)?;
-                Some(sample)
-            }
-            _ => None,
-        }
-    }
-
-    /// [`Self::sample`] of surfaces with more lobes.
-    #[inline(never)]
-    fn sample_effects(&self, wo: LocalDir, u_lobe: f32, u: [f32; 2]) -> Option<BsdfSample> {
         let wo = wo.0.into();
         match self {
+            Self::Principled(b) if !b.is_rich() => b.view::<false>(wo).sample(u_lobe, u),
             Self::Principled(b) => b.view::<true>(wo).sample(u_lobe, u),
             Self::Dielectric(b) => b.view(wo).sample(u_lobe, u),
             Self::ThinSheet(b) => b.view(wo).sample(u_lobe, u),
@@ -117,7 +86,6 @@ impl Bsdf {
     pub fn is_delta(&self) -> bool {
         match self {
             Self::Principled(_) => false,
-            _ if !EFFECTS => true,
             Self::Translucent(_) | Self::Phase(_) => false,
             Self::Dielectric(b) => b.is_delta(),
             Self::ThinSheet(b) => b.is_delta(),
@@ -143,7 +111,6 @@ impl Bsdf {
         let wo = wo.0.into();
         match self {
             Self::Principled(b) => b.albedo(wo),
-            _ if !EFFECTS => Rgb::BLACK,
             Self::Dielectric(b) => b.albedo(wo),
             Self::ThinSheet(b) => b.albedo(wo),
             Self::Translucent(b) => b.albedo(wo),

@@ -13,10 +13,6 @@
 
 #![forbid(unsafe_code)]
 
-/// False in a build for measurements (feature `plain-only`). That build contains only opaque surfaces with constant
-/// parameters, and of their lobes the diffuse and the specular one. Code behind this constant is not compiled into it.
-pub const EFFECTS: bool = true;
-
 mod bsdf;
 mod bsdf_sample;
 pub mod clearcoat;

@@ -33,7 +33,7 @@ use crate::layers::{Curve, Curves, DIFFUSE, LEAST_SLOPE, SPECULAR, Shares, below
 use crate::microfacet::{Ggx, mirrored_if, reflect};
 use crate::specular::SpecularColor;
 use crate::transmission::{eval_refraction, refract};
-use crate::{EFFECTS, compensation, diffuse, sheen};
+use crate::{compensation, diffuse, sheen};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::warp::lanes::sample_cosine_hemisphere;
@@ -250,7 +250,7 @@ impl<F: Lanes, C: Curves> Principled<F, C> {
     /// not. Code for these two lobes is sufficient for them: [`Self::view`] with `RICH` false.
     #[inline(always)]
     pub fn is_rich(&self) -> bool {
-        EFFECTS && self.rich
+        self.rich
     }
 
     /// The surface seen from `wo`. `RICH` must be true if [`Self::is_rich`]; else it changes no result.

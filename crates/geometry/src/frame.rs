@@ -1,5 +1,6 @@
 //! Orthonormal frames and directions in them.
 
+use dunkelfeld_lanes as lanes;
 use glam::Vec3;
 
 /// A unit direction in a local frame whose normal is +z.
@@ -59,48 +60,45 @@ pub struct Frame {
     pub normal: Vec3,
 }
 
+impl From<lanes::Frame<f32>> for Frame {
+    #[inline(always)]
+    fn from(f: lanes::Frame<f32>) -> Self {
+        Self { tangent: f.tangent.into(), bitangent: f.bitangent.into(), normal: f.normal.into() }
+    }
+}
+
+impl From<Frame> for lanes::Frame<f32> {
+    #[inline(always)]
+    fn from(f: Frame) -> Self {
+        Self { tangent: f.tangent.into(), bitangent: f.bitangent.into(), normal: f.normal.into() }
+    }
+}
+
 impl Frame {
     /// A frame around a unit normal, without branches and without a singular direction (Duff et al. 2017).
     #[inline]
     pub fn from_normal(n: Vec3) -> Self {
-        let sign = 1f32.copysign(n.z);
-        let a = -1.0 / (sign + n.z);
-        let b = n.x * n.y * a;
-        Self {
-            tangent: Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
-            bitangent: Vec3::new(b, sign + n.y * n.y * a, -n.y),
-            normal: n,
-        }
+        lanes::Frame::<f32>::from_normal(n.into()).into()
     }
 
     /// A frame around a unit normal whose tangent is as near to `tangent` as orthogonality allows.
     ///
-    /// A tangent that is zero, not finite or parallel to the normal falls back to [`Frame::from_normal`].
+    /// A tangent that is zero, not finite or parallel to the normal is replaced by that of [`Frame::from_normal`].
     #[inline]
     pub fn from_normal_tangent(normal: Vec3, tangent: Vec3) -> Self {
-        let t = tangent - normal * normal.dot(tangent);
-        let len2 = t.length_squared();
-        // 1e-12 relative to the tangent's own length: below that the direction is rounding noise.
-        if len2.is_finite() && len2 > 1e-12 * tangent.length_squared() && len2 > f32::MIN_POSITIVE {
-            // A tangent almost parallel to the normal loses orthogonality by rounding, so it is projected again.
-            let t = t / len2.sqrt();
-            let t = (t - normal * normal.dot(t)).normalize();
-            Self { tangent: t, bitangent: normal.cross(t), normal }
-        } else {
-            Self::from_normal(normal)
-        }
+        lanes::Frame::<f32>::from_normal_tangent(normal.into(), tangent.into()).into()
     }
 
     /// World direction to local direction.
     #[inline]
     pub fn to_local(&self, w: Vec3) -> LocalDir {
-        LocalDir(Vec3::new(w.dot(self.tangent), w.dot(self.bitangent), w.dot(self.normal)))
+        LocalDir(lanes::Frame::<f32>::from(*self).to_local(w.into()).into())
     }
 
     /// Local direction to world direction.
     #[inline]
     pub fn to_world(&self, l: LocalDir) -> Vec3 {
-        self.tangent * l.0.x + self.bitangent * l.0.y + self.normal * l.0.z
+        lanes::Frame::<f32>::from(*self).to_world(l.0.into()).into()
     }
 }
 

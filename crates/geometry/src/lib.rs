@@ -24,6 +24,6 @@ pub use motion::{RigidMotion, Spin};
 pub use ray::Ray;
 pub use threads::Threads;
 pub use transform::{Transform, TransformError};
-pub use triangle::{geometric_normal, hit_point, offset_ray_origin, offset_ray_origins, triangle_area};
+pub use triangle::{geometric_normal, hit_point, hit_points, offset_ray_origin, offset_ray_origins, triangle_area};
 
 pub use glam::{Affine3A, DAffine3, DMat3, DMat4, DQuat, DVec2, DVec3, Mat3, Quat, Vec2, Vec3, Vec3A, Vec4};

@@ -4,10 +4,11 @@
 //! So a mesh one kilometre from the origin keeps the accuracy of its own object space. A transform and its inverse
 //! cancel without the mismatch of an f32 inverse and its f32 matrix.
 
+use dunkelfeld_lanes::{Double, Lanes, V3};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use crate::Ray;
-use crate::triangle::MIN_ERROR;
+use crate::triangle::{MIN_ERROR, next_up};
 
 /// Half the distance from 1 to the next f64: the relative error of one rounding.
 const UNIT_ROUNDOFF_64: f64 = 0.5 * f64::EPSILON;
@@ -113,9 +114,23 @@ impl Transform {
     /// sides: see [`Transform::swaps_handedness`].
     #[inline]
     pub fn normal(&self, n: Vec3) -> Vec3 {
-        let n = n.as_dvec3();
+        self.normals::<f32>(n.into()).into()
+    }
+
+    /// [`Self::normal`] in lanes.
+    #[inline(always)]
+    pub fn normals<F: Lanes>(&self, n: V3<F>) -> V3<F> {
+        let (token, n) = (n.x.token(), n.to_double());
         let m: &DMat3 = &self.to_object.matrix3;
-        DVec3::new(m.x_axis.dot(n), m.y_axis.dot(n), m.z_axis.dot(n)).normalize_or_zero().as_vec3()
+        let moved = V3::new(
+            V3::splat_double(token, m.x_axis).dot(n),
+            V3::splat_double(token, m.y_axis).dot(n),
+            V3::splat_double(token, m.z_axis).dot(n),
+        );
+        let length = moved.dot(moved).sqrt();
+        let inverse = F::Double::splat(token, 1.0) / length;
+        let is_some = length.lt(f64::INFINITY) & inverse.lt(f64::INFINITY);
+        V3::select(is_some, (moved * inverse).to_single(), V3::splat(token, Vec3::ZERO))
     }
 
     /// True if it mirrors, so that a counter-clockwise triangle becomes clockwise.
@@ -160,25 +175,42 @@ impl Transform {
 
     /// An object-space point with an error box in the world: the point and the half widths of a box that contains the
     /// exact point.
+    #[inline]
+    pub fn point_with_error(&self, p: Vec3, p_error: Vec3) -> (Vec3, Vec3) {
+        let (point, error) = self.points_with_error::<f32>(p.into(), p_error.into());
+        (point.into(), error.into())
+    }
+
+    /// [`Self::point_with_error`] in lanes.
     ///
     /// With L the linear part, u the unit roundoff of f32 and p' the result, the half widths are
     /// `|L| p_error + u |p'| + |L| u |p|`, similar to Pharr, Jakob & Humphreys (2016, section 3.9), plus the rounding of the arithmetic in
     /// f64. The third term is for the next ray: when it leaves this point, its origin is transformed to object space
     /// and rounded to f32 again.
-    #[inline]
-    pub fn point_with_error(&self, p: Vec3, p_error: Vec3) -> (Vec3, Vec3) {
-        let m = &self.to_world;
-        let exact = m.transform_point3(p.as_dvec3());
-        let world = exact.as_vec3();
-        let p_abs = p.as_dvec3().abs();
-        let object_error = p_error.as_dvec3() + UNIT_ROUNDOFF_32 * p_abs;
-        let abs_linear =
-            |v: DVec3| m.matrix3.x_axis.abs() * v.x + m.matrix3.y_axis.abs() * v.y + m.matrix3.z_axis.abs() * v.z;
-        let error = abs_linear(object_error)
-            + UNIT_ROUNDOFF_32 * exact.abs()
-            + 8.0 * UNIT_ROUNDOFF_64 * (abs_linear(p_abs) + m.translation.abs());
-        (world, error.as_vec3().map(f32::next_up).max(Vec3::splat(MIN_ERROR)))
+    #[inline(always)]
+    pub fn points_with_error<F: Lanes>(&self, p: V3<F>, p_error: V3<F>) -> (V3<F>, V3<F>) {
+        let (token, p, p_error) = (p.x.token(), p.to_double(), p_error.to_double());
+        let DAffine3 { matrix3, translation } = &self.to_world;
+        let exact = linear(matrix3, p) + V3::splat_double(token, *translation);
+        let magnitudes = DMat3::from_cols(matrix3.x_axis.abs(), matrix3.y_axis.abs(), matrix3.z_axis.abs());
+        let (p_abs, unit) = (p.abs_double(), F::Double::splat(token, UNIT_ROUNDOFF_32));
+        let rounding = linear(&magnitudes, p_abs) + V3::splat_double(token, translation.abs());
+        let error = linear(&magnitudes, p_error + p_abs * unit)
+            + exact.abs_double() * unit
+            + rounding * F::Double::splat(token, 8.0 * UNIT_ROUNDOFF_64);
+        let V3 { x, y, z } = error.to_single();
+        let least = x.constant(MIN_ERROR);
+        (exact.to_single(), V3::new(next_up(x).max(least), next_up(y).max(least), next_up(z).max(least)))
     }
+}
+
+/// The product of a matrix and a vector.
+#[inline(always)]
+fn linear<D: Double>(m: &DMat3, v: V3<D>) -> V3<D> {
+    let token = v.x.token();
+    V3::splat_double(token, m.x_axis) * v.x
+        + V3::splat_double(token, m.y_axis) * v.y
+        + V3::splat_double(token, m.z_axis) * v.z
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@
 //! hit near the end of a ray is also decided in f64: a shadow ray that ends just before a light, almost parallel to it,
 //! must not hit that light.
 
-use dunkelfeld_lanes::{Lanes, Mask, V3};
+use dunkelfeld_lanes::{Double, Lanes, Mask, V3};
 use glam::{DVec3, Vec3};
 
 use crate::Ray;
@@ -203,21 +203,32 @@ pub(crate) const MIN_ERROR: f32 = 1e-30;
 
 /// The point with barycentric weights `b1` and `b2` (of the second and third corner), and the half widths of a box that
 /// contains the point of the triangle's plane with exactly these weights.
+#[inline]
+pub fn hit_point(corners: &[Vec3; 3], b1: f32, b2: f32) -> (Vec3, Vec3) {
+    let (point, error) = hit_points::<f32>(&corners.map(V3::from), b1, b2);
+    (point.into(), error.into())
+}
+
+/// [`hit_point`] in lanes.
 ///
 /// `v0 + b1 (v1 - v0) + b2 (v2 - v0)` lies in the plane for *any* b1 and b2, so their own error moves the point within
 /// the plane and not off it. Evaluated in f64 the expression has at most four roundings in a row, and one to f32 at the
 /// end: `|error| <= u |p| + 4 u64 (|v0| + |b1 e1| + |b2 e2|)`. That is a seventh of the bound of f32 arithmetic (Pharr,
 /// Jakob & Humphreys 2016, section 3.9.4: gamma(7)). The difference is important if surfaces lie micrometres apart or a
 /// kilometre from the origin.
-#[inline]
-pub fn hit_point(corners: &[Vec3; 3], b1: f32, b2: f32) -> (Vec3, Vec3) {
-    let v0 = corners[0].as_dvec3();
-    let along1 = f64::from(b1) * (corners[1].as_dvec3() - v0);
-    let along2 = f64::from(b2) * (corners[2].as_dvec3() - v0);
+#[inline(always)]
+pub fn hit_points<F: Lanes>(corners: &[V3<F>; 3], b1: F, b2: F) -> (V3<F>, V3<F>) {
+    let token = b1.token();
+    let v0 = corners[0].to_double();
+    let along1 = (corners[1].to_double() - v0) * b1.to_double();
+    let along2 = (corners[2].to_double() - v0) * b2.to_double();
     let exact = v0 + along1 + along2;
-    let error = f64::from(UNIT_ROUNDOFF) * exact.abs() + 2.0 * f64::EPSILON * (v0.abs() + along1.abs() + along2.abs());
+    let terms = v0.abs_double() + along1.abs_double() + along2.abs_double();
+    let error = exact.abs_double() * F::Double::splat(token, f64::from(UNIT_ROUNDOFF))
+        + terms * F::Double::splat(token, 2.0 * f64::EPSILON);
     // At least one ulp more for the rounding of the bound itself.
-    (exact.as_vec3(), error.as_vec3() * (1.0 + f32::EPSILON) + Vec3::splat(MIN_ERROR))
+    let error = error.to_single() * b1.constant(1.0 + f32::EPSILON) + V3::splat(token, Vec3::splat(MIN_ERROR));
+    (exact.to_single(), error)
 }
 
 /// The start of a ray that leaves a surface: outside the error box of the hit, on the side of `direction`.
@@ -253,6 +264,12 @@ fn away<F: Lanes>(x: F, by: F) -> F {
     by.eq(zero).select(x, stepped)
 }
 
+/// The next number above one that is not negative.
+#[inline(always)]
+pub(crate) fn next_up<F: Lanes>(x: F) -> F {
+    x.is_finite().select(F::from_bits(x.to_bits() + 1), x)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -277,6 +294,7 @@ mod tests {
             assert_eq!(away(x, 2.0).to_bits(), x.next_up().to_bits(), "{x} up");
             assert_eq!(away(x, -1e-30).to_bits(), x.next_down().to_bits(), "{x} down");
             assert_eq!(away(x, 0.0).to_bits(), x.to_bits(), "{x} stays");
+            assert_eq!(next_up(x.abs()).to_bits(), x.abs().next_up().to_bits(), "above {x}");
         }
     }
 

@@ -26,6 +26,7 @@
 
 #![forbid(unsafe_code)]
 
+mod double;
 mod frame;
 mod functions;
 mod instruction_set;
@@ -33,6 +34,9 @@ mod one;
 mod v3;
 mod vectors;
 
+pub use double::Double;
+#[doc(hidden)]
+pub use double::Doubles;
 pub use frame::Frame;
 pub use functions::{atan2, cos_sin_of_turn, exp, ln, pow};
 pub use instruction_set::InstructionSet;
@@ -146,6 +150,8 @@ pub trait Lanes:
     type Word: Word;
     /// Long integers of the same lanes.
     type Long: Long;
+    /// Double-precision numbers of the same lanes.
+    type Double: Double<Single = Self>;
 
     /// Calls code with the instructions of the lanes. A function that is not inlined contains its code in such a call.
     fn vectorize<R>(token: Self::Token, code: impl FnOnce() -> R) -> R;
@@ -197,6 +203,10 @@ pub trait Lanes:
     fn join(low: Self::Word, high: Self::Word) -> Self::Long;
     /// The low and the high words of long integers.
     fn split(long: Self::Long) -> [Self::Word; 2];
+    /// The same numbers in double precision.
+    fn to_double(self) -> Self::Double;
+    /// The four numbers of each lane, which lie side by side in memory: the first one of each lane, and so on.
+    fn load_rows<'a>(token: Self::Token, row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4];
     /// Are the integers equal?
     fn word_eq(a: Self::Word, b: Self::Word) -> Self::Mask;
 

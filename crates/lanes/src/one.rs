@@ -120,6 +120,7 @@ impl Lanes for f32 {
     type Mask = bool;
     type Word = One;
     type Long = OneLong;
+    type Double = f64;
 
     #[inline(always)]
     fn vectorize<R>((): (), code: impl FnOnce() -> R) -> R {
@@ -206,6 +207,14 @@ impl Lanes for f32 {
     #[inline(always)]
     fn split(long: OneLong) -> [One; 2] {
         [One(long.0 as u32), One((long.0 >> 32) as u32)]
+    }
+    #[inline(always)]
+    fn to_double(self) -> f64 {
+        f64::from(self)
+    }
+    #[inline(always)]
+    fn load_rows<'a>((): (), row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4] {
+        *row(0)
     }
     #[inline(always)]
     fn word_eq(a: One, b: One) -> bool {

@@ -23,6 +23,14 @@ impl<F> V3<F> {
     }
 }
 
+impl<F: Copy + Add<Output = F> + Mul<Output = F>> V3<F> {
+    /// Dot product, summed in the order x, y, z.
+    #[inline(always)]
+    pub fn dot(self, o: Self) -> F {
+        self.x * o.x + self.y * o.y + self.z * o.z
+    }
+}
+
 impl From<Vec3> for V3<f32> {
     #[inline(always)]
     fn from(v: Vec3) -> Self {
@@ -61,11 +69,6 @@ impl<F: Lanes> V3<F> {
             lanes[lane] = Vec3::new(x[lane], y[lane], z[lane]);
         }
         lanes
-    }
-    /// Dot product, summed in the order x, y, z.
-    #[inline(always)]
-    pub fn dot(self, o: Self) -> F {
-        self.x * o.x + self.y * o.y + self.z * o.z
     }
     /// Cross product.
     #[inline(always)]
@@ -116,7 +119,7 @@ impl<F: Lanes> V3<F> {
     }
 }
 
-impl<F: Lanes> Add for V3<F> {
+impl<F: Copy + Add<Output = F>> Add for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn add(self, o: Self) -> Self {
@@ -124,7 +127,7 @@ impl<F: Lanes> Add for V3<F> {
     }
 }
 
-impl<F: Lanes> Sub for V3<F> {
+impl<F: Copy + Sub<Output = F>> Sub for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, o: Self) -> Self {
@@ -132,7 +135,7 @@ impl<F: Lanes> Sub for V3<F> {
     }
 }
 
-impl<F: Lanes> Mul<F> for V3<F> {
+impl<F: Copy + Mul<Output = F>> Mul<F> for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, s: F) -> Self {
@@ -140,7 +143,7 @@ impl<F: Lanes> Mul<F> for V3<F> {
     }
 }
 
-impl<F: Lanes> Div<F> for V3<F> {
+impl<F: Copy + Div<Output = F>> Div<F> for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn div(self, s: F) -> Self {

@@ -1,15 +1,16 @@
 //! Four, eight and sixteen lanes: the vectors of `fearless_simd`.
 
+use crate::double::Doubles;
 use crate::{Lanes, Long, Mask, Word};
 use fearless_simd::prelude::*;
 use fearless_simd::{
-    Simd, SimdCvtFloat, f32x4, f32x8, f32x16, i32x4, i32x8, i32x16, mask32x4, mask32x8, mask32x16, u32x4, u32x8,
-    u32x16, u64x2, u64x4, u64x8,
+    Simd, SimdCvtFloat, f32x4, f32x8, f32x16, f64x2, f64x4, f64x8, i32x4, i32x8, i32x16, mask32x4, mask32x8, mask32x16,
+    u32x4, u32x8, u32x16, u64x2, u64x4, u64x8,
 };
 use std::ops::{Add, BitXor, Mul, Shr};
 
 macro_rules! vector {
-    ($width:literal, $number:ident, $word:ident, $signed:ident, $long:ident, $mask:ident) => {
+    ($width:literal, $number:ident, $word:ident, $signed:ident, $long:ident, $double:ident, $mask:ident, $rows:ident) => {
         impl<S: Simd> Word for $word<S> {}
 
         impl<S: Simd> Mask<$number<S>> for $mask<S> {
@@ -29,6 +30,7 @@ macro_rules! vector {
             type Mask = $mask<S>;
             type Word = $word<S>;
             type Long = Halves<$long<S>>;
+            type Double = Doubles<$double<S>>;
 
             #[inline(always)]
             fn vectorize<R>(token: S, code: impl FnOnce() -> R) -> R {
@@ -134,6 +136,30 @@ macro_rules! vector {
                 [low.bitcast(), high.bitcast()]
             }
             #[inline(always)]
+            fn to_double(self) -> Self::Double {
+                let (low, high) = self.widen();
+                Doubles { low, high }
+            }
+            #[inline(always)]
+            fn load_rows<'a>(token: S, row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4] {
+                // The index of a number is that of its vector and its place in it: the bits of the lane, then those of
+                // the column. A step rotates these bits by one, until those of the column come first.
+                const QUARTER: usize = $width / 4;
+                let mut v = [
+                    $rows(token, &row, 0),
+                    $rows(token, &row, QUARTER),
+                    $rows(token, &row, 2 * QUARTER),
+                    $rows(token, &row, 3 * QUARTER),
+                ];
+                let mut step = 1;
+                while step < $width {
+                    let [a, b, c, d] = v;
+                    v = [a.zip_low(c), a.zip_high(c), b.zip_low(d), b.zip_high(d)];
+                    step *= 2;
+                }
+                v
+            }
+            #[inline(always)]
             fn word_eq(a: Self::Word, b: Self::Word) -> Self::Mask {
                 a.simd_eq(b)
             }
@@ -141,9 +167,24 @@ macro_rules! vector {
     };
 }
 
-vector!(4, f32x4, u32x4, i32x4, u64x2, mask32x4);
-vector!(8, f32x8, u32x8, i32x8, u64x4, mask32x8);
-vector!(16, f32x16, u32x16, i32x16, u64x8, mask32x16);
+vector!(4, f32x4, u32x4, i32x4, u64x2, f64x2, mask32x4, one_row);
+vector!(8, f32x8, u32x8, i32x8, u64x4, f64x4, mask32x8, two_rows);
+vector!(16, f32x16, u32x16, i32x16, u64x8, f64x8, mask32x16, four_rows);
+
+#[inline(always)]
+fn one_row<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], first: usize) -> f32x4<S> {
+    SimdBase::from_slice(token, row(first))
+}
+
+#[inline(always)]
+fn two_rows<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], first: usize) -> f32x8<S> {
+    one_row(token, row, first).combine(one_row(token, row, first + 1))
+}
+
+#[inline(always)]
+fn four_rows<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], first: usize) -> f32x16<S> {
+    two_rows(token, row, first).combine(two_rows(token, row, first + 2))
+}
 
 /// Long integers of the lanes with even numbers and of those with odd numbers.
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,8 @@
 //! Errors of the elementary functions against f64, and the same bits at all widths.
 
-use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, Word, atan2, cos_sin_of_turn, dispatch, exp, ln, pow};
+use dunkelfeld_lanes::{
+    Double, InstructionSet, Lanes, MAX_WIDTH, Mask, Word, atan2, cos_sin_of_turn, dispatch, exp, ln, pow,
+};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -55,10 +57,11 @@ fn exponential_and_logarithm() {
 
 /// Results of all operations for the lanes of `a` and `b`.
 #[inline(always)]
-fn results<F: Lanes>(token: F::Token, a: &[f32; MAX_WIDTH], b: &[f32; MAX_WIDTH], out: &mut [[f32; MAX_WIDTH]; 27]) {
+fn results<F: Lanes>(token: F::Token, a: &[f32; MAX_WIDTH], b: &[f32; MAX_WIDTH], out: &mut [[f32; MAX_WIDTH]; 29]) {
     for at in (0..MAX_WIDTH).step_by(F::WIDTH) {
         let (a, b) = (F::load(token, &a[at..]), F::load(token, &b[at..]));
         let (c, s) = cos_sin_of_turn(a);
+        let double = (a.to_double() * b.to_double() + 1e-9) / b.to_double().abs().sqrt() - a.to_double() * 0.3;
         let long = F::join(a.to_bits(), b.to_bits());
         let [low, high] = F::split(((long ^ (long >> 30)) * 0xbf58_476d_1ce4_e5b9 + 0x9e37_79b9_7f4a_7c15) ^ 7);
         let all = [
@@ -87,6 +90,8 @@ fn results<F: Lanes>(token: F::Token, a: &[f32; MAX_WIDTH], b: &[f32; MAX_WIDTH]
             s,
             atan2(a, b),
             exp(a),
+            double.to_single(),
+            double.lt(0.25).select(a, b),
             ln(b.abs()),
             F::mask(token, 0b0110_1001_1100_0101).select(a, b),
         ];
@@ -105,16 +110,35 @@ fn all_widths_have_the_same_bits() {
     for (a, b) in special.chunks_exact(MAX_WIDTH).zip(other.chunks_exact(MAX_WIDTH)) {
         let (a, b) = (a.try_into().unwrap(), b.try_into().unwrap());
         let of = |set: InstructionSet| {
-            let mut out = [[0.0; MAX_WIDTH]; 27];
+            let mut out = [[0.0; MAX_WIDTH]; 29];
             dispatch!(set, F, token => results::<F>(token, a, b, &mut out));
             // The sign of a NaN is not part of a result. A mask of one lane repeats its first bit.
             let bits = |x: f32| if x.is_nan() { f32::NAN.to_bits() } else { x.to_bits() };
-            out[..26].iter().map(|row| row.map(bits)).collect::<Vec<_>>()
+            out[..28].iter().map(|row| row.map(bits)).collect::<Vec<_>>()
         };
         let reference = of(InstructionSet::Scalar);
         for set in InstructionSet::all() {
             for (index, (found, expected)) in of(set).iter().zip(&reference).enumerate() {
                 assert_eq!(found, expected, "operation {index} with {set:?}, {a:?}, {b:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn rows_become_columns() {
+    let mut rows = [[0.0; 4]; MAX_WIDTH];
+    for (lane, row) in rows.iter_mut().enumerate() {
+        *row = [0, 1, 2, 3].map(|column| (4 * lane + column) as f32);
+    }
+    for set in InstructionSet::all() {
+        let columns = dispatch!(set, F, token => {
+            let [a, b, c, d] = F::load_rows(token, #[inline(always)] |lane| &rows[lane]);
+            [a.to_array(), b.to_array(), c.to_array(), d.to_array()]
+        });
+        for (column, lanes) in columns.iter().enumerate() {
+            for lane in 0..set.lanes() {
+                assert_eq!(lanes[lane], rows[lane][column], "{set:?}");
             }
         }
     }

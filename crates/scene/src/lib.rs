@@ -9,8 +9,7 @@
 pub mod build;
 pub mod camera;
 pub mod covers;
-pub mod features;
-mod geometry;
+pub mod geometry;
 pub mod lamps;
 pub mod light;
 pub mod material;
@@ -20,7 +19,7 @@ pub mod sampling_options;
 mod scene;
 pub mod shapes;
 
-pub use dunkelfeld_bsdf::{EFFECTS, PrincipledModel};
+pub use dunkelfeld_bsdf::PrincipledModel;
 
 pub use build::builder::{
     Camera, Environment, EnvironmentSource, FilmWindow, Instance, MeshPart, Projection, PunctualKind, PunctualLight,
@@ -37,7 +36,6 @@ pub use camera::lens::{Aperture, Blades, Lens, Opening, ThinLens, Vignetting};
 pub use camera::shutter::{LineScan, Moment, Shutter};
 pub use camera::{CameraError, CameraRay, RayGenerator, framing_camera, look_at};
 pub use covers::{Candidate, Chain, CoverStack, Crossing, Seed, Target};
-pub use features::{AllFeatures, FeatureSet, Features, KernelFeatures};
 pub use geometry::normal_differential::NormalDifferential;
 pub use lamps::{LampMeshes, LampShape, Leds};
 pub use light::LightChoice;
@@ -51,6 +49,7 @@ pub use media::medium::{Medium, MediumEvent};
 pub use media::medium_stack::Interior;
 pub use media::nested_dielectrics::{Boundary, Interface};
 pub use query::intersect::{SurfacePoint, shadow_rays};
-pub use query::shading::{ShadingFrames, ShadingPoint};
+pub use query::shading::{Bsdfs, ShadingFrames, ShadingLanes, ShadingPoint};
+pub use query::surface_points::{HitLanes, SurfacePoints};
 pub use sampling_options::Techniques;
 pub use scene::{Scene, SceneSummary};

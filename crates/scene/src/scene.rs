@@ -5,7 +5,7 @@ use crate::build::effects::Effects;
 use crate::camera::shutter::Shutter;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
 use crate::covers::scene_covers::Covers;
-use crate::geometry::triangle_data::Facet;
+use crate::geometry::triangle_data::{FLAT, Facet, Facets};
 use crate::light::LightTable;
 use crate::material::Material;
 use crate::material::texture::Image;
@@ -33,7 +33,7 @@ pub struct Scene {
     /// parts.
     pub(crate) placements: Vec<Placement>,
     /// The triangles of the shared tree.
-    pub(crate) facets: Vec<Facet>,
+    pub(crate) facets: Facets,
     pub(crate) parts: Vec<Part>,
     pub(crate) meshes: Vec<Arc<Mesh>>,
     pub(crate) object_names: Vec<String>,
@@ -89,7 +89,7 @@ pub(crate) struct Part {
     pub(crate) first_facet: u32,
     /// Its triangles, if it has a tree of its own.
     #[serde(skip)]
-    pub(crate) facets: Option<Arc<[Facet]>>,
+    pub(crate) facets: Option<Arc<Facets>>,
     /// The solid that it bounds, `NO_SOLID` if none.
     pub(crate) solid: u32,
     /// Light of each triangle; empty if nothing emits.
@@ -130,13 +130,21 @@ pub struct SceneSummary {
 }
 
 impl Scene {
+    /// The triangles among which those of a part are.
+    #[inline(always)]
+    pub(crate) fn facets_of<'a>(&'a self, part: &'a Part) -> &'a Facets {
+        part.facets.as_deref().unwrap_or(&self.facets)
+    }
+
     /// A triangle of a part.
     #[inline(always)]
     pub(crate) fn facet<'a>(&'a self, part: &'a Part, triangle: u32) -> &'a Facet {
-        match &part.facets {
-            None => &self.facets[(part.first_facet + triangle) as usize],
-            Some(own) => &own[triangle as usize],
-        }
+        self.facets_of(part).triangle(part.first_facet + triangle)
+    }
+
+    /// The normals of the corners of a triangle; `None` if it has none of its own.
+    pub(crate) fn corner_normals(&self, part: &Part, facet: &Facet) -> Option<[Vec3; 3]> {
+        (facet.normals() != FLAT).then(|| self.facets_of(part).normals(facet.normals()).vectors())
     }
 
     /// The acceleration structure.
@@ -231,19 +239,19 @@ impl Scene {
         let image_bytes: usize = self.images.iter().map(|i| i.texels.bytes()).sum();
         let own = self.parts.iter().filter_map(|p| Some((p.facets.as_ref()?, p.mesh)));
         // Copies of a mesh share its triangles.
-        let own: HashMap<u32, usize> = own.map(|(facets, mesh)| (mesh, facets.len())).collect();
-        let facets = self.facets.len() + own.values().sum::<usize>();
+        let own: HashMap<u32, usize> = own.map(|(facets, mesh)| (mesh, facets.bytes())).collect();
+        let facets = self.facets.bytes() + own.values().sum::<usize>();
         let meshes: usize = self.meshes.iter().map(|m| m.bytes()).sum();
         let baked = self.parts.iter().filter(|p| p.facets.is_none()).map(|p| self.meshes[p.mesh as usize].bytes());
         let is_joined = self.placements.iter().any(|placement| matches!(placement, Placement::Joined));
         let joined = if is_joined { self.bvh.memory_bytes() } else { 0 };
-        let own_bytes = self.facets.len() * size_of::<Facet>() + baked.sum::<usize>() + joined;
+        let own_bytes = self.facets.bytes() + baked.sum::<usize>() + joined;
         SceneSummary {
             placed_triangles: self.parts.iter().map(|p| self.meshes[p.mesh as usize].triangles.len() as u64).sum(),
             stored_triangles: self.meshes.iter().map(|m| m.triangles.len() as u64).sum(),
             objects: self.object_names.len(),
             instanced_parts: self.parts.iter().filter(|p| p.transform.is_some()).count(),
-            memory_bytes: (self.bvh.memory_bytes() + meshes + image_bytes + facets * size_of::<Facet>()) as u64,
+            memory_bytes: (self.bvh.memory_bytes() + meshes + image_bytes + facets) as u64,
             texture_bytes: image_bytes as u64,
             own_bytes: own_bytes as u64,
             bounds: self.bounds.map(|b| b.map(|v| v.to_array())),

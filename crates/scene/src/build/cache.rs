@@ -5,7 +5,7 @@ use crate::build::builder::MeshPart;
 use crate::build::error::BuildError;
 use crate::build::lints::{Shape, lost_digits};
 use crate::build::validate::drop_unusable_attributes;
-use crate::geometry::triangle_data::Facet;
+use crate::geometry::triangle_data::Facets;
 use dunkelfeld_bvh::{MeshTree, MeshTriangles};
 use dunkelfeld_geometry::health::{Defects, MeshHealth, Repairs};
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Threads, Vec2, Vec3, Vec4};
@@ -87,13 +87,13 @@ struct SharedTree {
 #[derive(Clone, Debug)]
 pub(crate) struct OwnTree {
     pub(crate) tree: Arc<MeshTree>,
-    pub(crate) facets: Arc<[Facet]>,
+    pub(crate) facets: Arc<Facets>,
 }
 
 impl OwnTree {
     fn new(mesh: &Mesh, threads: Threads) -> Result<Self, BuildError> {
         let tree = Arc::new(tree_of(&mesh.positions, &mesh.triangles, threads)?);
-        Ok(Self { tree, facets: Facet::of_mesh(mesh, u32::MAX).collect() })
+        Ok(Self { tree, facets: Arc::new(Facets::of_mesh(mesh)) })
     }
 }
 

@@ -4,14 +4,13 @@ use crate::build::bake::{PlacedObject, bake};
 use crate::build::builder::{Instance, MeshPart};
 use crate::build::cache::{Builds, PlacedMesh, tree_of};
 use crate::build::error::BuildError;
-use crate::geometry::triangle_data::Facet;
+use crate::geometry::triangle_data::Facets;
 use crate::material::{Material, Surface};
 use crate::media::medium::Medium;
 use crate::media::nested_dielectrics::{NO_SOLID, SolidPart, Solids, rank_solids};
 use crate::media::solid::Solid;
 use crate::query::surface::CompiledMaterial;
 use crate::scene::{Part, Placement};
-use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_bvh::{Bvh, BvhInstance, InstanceMotion, MeshTree};
 use dunkelfeld_geometry::{Aabb, DAffine3, DVec3, Mesh, Threads, Transform, Vec3};
 use std::sync::Arc;
@@ -31,7 +30,7 @@ pub(crate) struct PlacedScene {
     pub(crate) parts: Vec<Part>,
     pub(crate) placements: Vec<Placement>,
     /// See [`Scene::facets`](crate::scene::Scene::facets).
-    pub(crate) facets: Vec<Facet>,
+    pub(crate) facets: Facets,
     /// Transform of each placement but the shared one.
     transforms: Vec<Transform>,
     /// For each part the tree of its mesh; `None` in the shared tree.
@@ -108,7 +107,7 @@ impl PlacedScene {
         for ((object, _, m, t), mesh) in shared.into_iter().zip(baked) {
             let to_render = in_render(t);
             let (part, first_facet) = (scene.parts.len() as u32, scene.facets.len() as u32);
-            scene.facets.extend(Facet::of_mesh(&mesh, part));
+            scene.facets.extend(&mesh, part, meshes[m].material as u32);
             scene.shared.push((meshes[m].mesh.clone(), to_render));
             scene.meshes.push(mesh);
             let mesh = part;
@@ -184,7 +183,7 @@ impl PlacedScene {
         self.parts.push(part);
         self.trees.push(tree);
         self.sources.push(index);
-        self.single_lights.push(mesh.is_single_light && EFFECTS);
+        self.single_lights.push(mesh.is_single_light);
     }
 
     /// Finds and ranks the solids. Marks the parts that bound them. `closed` contains for each mesh of the builder whether
@@ -296,7 +295,7 @@ impl PlacedScene {
             }
             bvh.mark_alpha_tested(|mesh, part, triangle| match first {
                 Some(Placement::Shared) if mesh == 0 => {
-                    covers_partly(&self.parts[self.facets[triangle as usize].part as usize])
+                    covers_partly(&self.parts[self.facets.triangle(triangle).part() as usize])
                 }
                 Some(Placement::Joined) if mesh == 0 => covers_partly(&self.parts[part as usize]),
                 _ => alpha_tested_mesh[mesh as usize],

@@ -8,7 +8,6 @@ pub mod shutter;
 use crate::build::builder::{Camera, Projection};
 use crate::camera::distortion::Undistorter;
 use crate::camera::lens::{Aperture, Opening, Vignetting};
-use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Ray};
 
 /// Reason why a camera cannot be bound to a film.
@@ -172,7 +171,7 @@ impl RayGenerator {
     /// True if a ray needs two numbers for its place on the lens.
     #[inline]
     pub fn has_aperture(&self) -> bool {
-        EFFECTS && self.aperture.is_some()
+        self.aperture.is_some()
     }
 
     /// True if rays have different weights.
@@ -194,7 +193,7 @@ impl RayGenerator {
         let [right, up] = self.seen(f64::from(x), f64::from(y));
         let chief = self.axes * DVec3::new(right, up, if self.parallel { 0.0 } else { -1.0 });
         let (from, direction) = match (&self.aperture, lens) {
-            (Some(aperture), Some(u)) if EFFECTS => self.through_lens(aperture, u, chief),
+            (Some(aperture), Some(u)) => self.through_lens(aperture, u, chief),
             _ if self.parallel => (self.origin + chief, -self.axes.z_axis),
             _ => (self.origin, chief.normalize()),
         };
@@ -233,7 +232,7 @@ impl RayGenerator {
         let right = (x / self.half_pixels[0] - self.center[0]) * self.half[0];
         let up = (self.center[1] - y / self.half_pixels[1]) * self.half[1];
         match &self.undistorter {
-            Some(undistorter) if EFFECTS => {
+            Some(undistorter) => {
                 // The y axis of OpenCV points down.
                 let [x, y] = undistorter.inverse([right, -up]);
                 [x, -y]

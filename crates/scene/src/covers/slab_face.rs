@@ -67,13 +67,13 @@ pub(super) fn triangles<'a>(scene: &'a Scene, parts: &'a [usize]) -> impl Iterat
                 let n = n.as_dvec3();
                 transform.map_or(n, |t| t.to_object().matrix3.transpose() * n).normalize_or_zero()
             };
-            let corners = facet.corners.map(point);
+            let corners = facet.corners().map(point);
             let across = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-            let outside = normal(facet.normal);
+            let outside = normal(facet.normal());
             // The normal of the winding from f64 corners, on the side of the f32 normal. So mirrored instances keep
             // their outside.
             let exact = across.normalize_or_zero() * if across.dot(outside) < 0.0 { -1.0 } else { 1.0 };
-            let bent = facet.is_smooth.then(|| facet.normals.map(normal));
+            let bent = scene.corner_normals(part, facet).map(|n| n.map(normal));
             let area = 0.5 * across.length();
             (area > 0.0).then_some(Triangle { corners, normal: exact, area, bent })
         })

@@ -1,7 +1,7 @@
 //! Derivative of the shading normal over a triangle, for ray differentials at a curved surface.
 
 use crate::query::intersect::{SurfacePoint, mix};
-use crate::query::shading::visible_normal;
+use crate::query::shading::visible_normals;
 use crate::scene::Scene;
 use dunkelfeld_geometry::{DVec3, Vec3};
 
@@ -28,10 +28,12 @@ impl Scene {
     /// no derivative if the normal is constant over the triangle. `None` if the normal also depends on `wo`. Normal maps
     /// are ignored, because no cover has any.
     pub fn normal_differential(&self, p: &SurfacePoint, wo: Vec3) -> Option<(Vec3, Option<NormalDifferential>)> {
-        let normal = self.shading_normal(*p);
-        if visible_normal(normal, p.normal, wo).is_some() {
+        let normal = self.shading_normals((), &p.into());
+        let (_, is_turned) = visible_normals::<f32>(normal, p.normal.into(), wo.into());
+        if is_turned {
             return None;
         }
+        let normal = Vec3::from(normal);
         let is_behind = !self.compiled[p.material as usize].is_solid && p.normal.dot(wo) < 0.0;
         let oriented = if is_behind { -normal } else { normal };
         Some((oriented, self.interpolation_differential(p, oriented)))
@@ -41,17 +43,15 @@ impl Scene {
     fn interpolation_differential(&self, p: &SurfacePoint, oriented: Vec3) -> Option<NormalDifferential> {
         let part = &self.parts[p.part as usize];
         let facet = self.facet(part, p.triangle);
-        if !facet.is_smooth {
-            return None;
-        }
-        let [n0, n1, n2] = facet.normals;
+        let normals = self.corner_normals(part, facet)?;
+        let [n0, n1, n2] = normals;
         let transform = part.transform.as_deref();
         let to_render = |n: Vec3| transform.map_or(n.as_dvec3(), |t| t.to_object().matrix3.transpose() * n.as_dvec3());
-        let mixed = to_render(mix(&p.barycentrics, facet.normals));
+        let mixed = to_render(mix(&p.barycentrics, normals));
         let length = mixed.length();
         let unit = mixed / length;
         let corners =
-            facet.corners.map(|c| transform.map_or(c.as_dvec3(), |t| t.to_world().transform_point3(c.as_dvec3())));
+            facet.corners().map(|c| transform.map_or(c.as_dvec3(), |t| t.to_world().transform_point3(c.as_dvec3())));
         let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
         let across = e1.cross(e2);
         let inverse = 1.0 / across.length_squared();

@@ -1,35 +1,199 @@
 //! The data of a triangle that an intersection needs, in one record.
 //!
 //! A path hits triangles all over the scene. With separate arrays for indices, positions, normals and parts, a hit
-//! would wait for memory four times in a row. With one record it waits once.
+//! would wait for memory four times in a row. A record is one line of the cache. Normals of corners have a record of
+//! their own, which flat triangles do not need. Records consist of rows of four numbers, which lanes load at once.
 
 use dunkelfeld_geometry::{Mesh, Vec3, geometric_normal};
+use dunkelfeld_lanes::{Lanes, V3};
 
-/// The data of a triangle for intersection and shading, in its mesh's own space.
+/// The number of the normals of a triangle without normals of its own at the corners.
+pub(crate) const FLAT: u32 = u32::MAX;
+
+/// A vector and the bits of an integer.
+type Row = [f32; 4];
+
+#[inline(always)]
+fn row(v: Vec3, word: u32) -> Row {
+    v.extend(f32::from_bits(word)).to_array()
+}
+
+#[inline(always)]
+fn vector([x, y, z, _]: Row) -> Vec3 {
+    Vec3::new(x, y, z)
+}
+
+/// A triangle in its mesh's own space. The rows are the three corners \[m\] and the unit normal by the winding. Their
+/// integers are the part and its material, if the mesh is stored in render space, the number of the triangle in the
+/// part, and that of its normals in [`Facets`], or [`FLAT`].
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(32))]
-pub(crate) struct Facet {
-    /// The corners [m].
-    pub(crate) corners: [Vec3; 3],
-    /// Unit normal by the winding.
-    pub(crate) normal: Vec3,
-    /// Normals of the corners; the geometric normal if the mesh has none.
-    pub(crate) normals: [Vec3; 3],
-    /// The part it belongs to, if its mesh is stored in render space.
-    pub(crate) part: u32,
-    /// True if it has normals of its own at the corners.
-    pub(crate) is_smooth: bool,
+#[repr(C, align(64))]
+pub(crate) struct Facet([Row; 4]);
+
+/// [`Facet`] in lanes.
+pub(crate) struct FacetLanes<F: Lanes> {
+    pub(crate) corners: [V3<F>; 3],
+    pub(crate) normal: V3<F>,
+    pub(crate) part: F::Word,
+    pub(crate) material: F::Word,
+    pub(crate) triangle: F::Word,
+    pub(crate) normals: F::Word,
 }
 
 impl Facet {
-    /// The triangles of a mesh in their order.
-    pub(crate) fn of_mesh(mesh: &Mesh, part: u32) -> impl Iterator<Item = Self> + '_ {
+    /// A triangle for lanes that are not used.
+    pub(crate) const NONE: Self = Self([[0.0; 4]; 4]);
+
+    /// The corners \[m\].
+    pub(crate) fn corners(&self) -> [Vec3; 3] {
+        let [a, b, c, _] = self.0;
+        [vector(a), vector(b), vector(c)]
+    }
+
+    /// Unit normal by the winding.
+    pub(crate) fn normal(&self) -> Vec3 {
+        vector(self.0[3])
+    }
+
+    /// The part it belongs to, if its mesh is stored in render space.
+    pub(crate) fn part(&self) -> u32 {
+        self.0[0][3].to_bits()
+    }
+
+    /// The material of this part.
+    #[inline(always)]
+    pub(crate) fn material(&self) -> u32 {
+        self.0[1][3].to_bits()
+    }
+
+    /// The number of its normals in [`Facets`], or [`FLAT`].
+    pub(crate) fn normals(&self) -> u32 {
+        self.0[3][3].to_bits()
+    }
+
+    /// The triangle `of(lane)` of each lane.
+    #[inline(always)]
+    pub(crate) fn load<'a, F: Lanes>(token: F::Token, of: impl Fn(usize) -> &'a Self) -> FacetLanes<F> {
+        let [x0, y0, z0, part] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[0],
+        );
+        let [x1, y1, z1, material] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[1],
+        );
+        let [x2, y2, z2, triangle] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[2],
+        );
+        let [x, y, z, normals] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[3],
+        );
+        FacetLanes {
+            corners: [V3::new(x0, y0, z0), V3::new(x1, y1, z1), V3::new(x2, y2, z2)],
+            normal: V3::new(x, y, z),
+            part: part.to_bits(),
+            material: material.to_bits(),
+            triangle: triangle.to_bits(),
+            normals: normals.to_bits(),
+        }
+    }
+}
+
+/// Normals of the corners of a triangle. The integers mean nothing.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CornerNormals([Row; 3]);
+
+impl CornerNormals {
+    /// Normals for lanes that are not used.
+    pub(crate) const NONE: Self = Self([[0.0; 4]; 3]);
+
+    /// The normals of the corners.
+    pub(crate) fn vectors(&self) -> [Vec3; 3] {
+        self.0.map(vector)
+    }
+
+    /// The normals `of(lane)` of each lane.
+    #[inline(always)]
+    pub(crate) fn load<'a, F: Lanes>(token: F::Token, of: impl Fn(usize) -> &'a Self) -> [V3<F>; 3] {
+        let [x0, y0, z0, _] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[0],
+        );
+        let [x1, y1, z1, _] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[1],
+        );
+        let [x2, y2, z2, _] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[2],
+        );
+        [V3::new(x0, y0, z0), V3::new(x1, y1, z1), V3::new(x2, y2, z2)]
+    }
+}
+
+/// The triangles of one or more meshes.
+#[derive(Debug, Default)]
+pub(crate) struct Facets {
+    triangles: Vec<Facet>,
+    /// The normals of the triangles that have normals of their own at the corners.
+    normals: Vec<CornerNormals>,
+}
+
+impl Facets {
+    /// The triangles of a mesh.
+    pub(crate) fn of_mesh(mesh: &Mesh) -> Self {
+        let mut facets = Self::default();
+        facets.extend(mesh, u32::MAX, u32::MAX);
+        facets
+    }
+
+    /// Adds the triangles of a mesh in their order.
+    pub(crate) fn extend(&mut self, mesh: &Mesh, part: u32, material: u32) {
         let is_smooth = !mesh.normals.is_empty();
-        mesh.triangles.iter().enumerate().map(move |(t, vertices)| {
-            let corners = mesh.corners(t);
-            let normal = geometric_normal(&corners);
-            let normals = if is_smooth { vertices.map(|v| mesh.normals[v as usize]) } else { [normal; 3] };
-            Self { corners, normal, normals, part, is_smooth }
-        })
+        self.triangles.reserve_exact(mesh.triangles.len());
+        self.normals.reserve_exact(if is_smooth { mesh.triangles.len() } else { 0 });
+        for (triangle, vertices) in mesh.triangles.iter().enumerate() {
+            let [a, b, c] = mesh.corners(triangle);
+            let normals = if is_smooth { self.normals.len() as u32 } else { FLAT };
+            let normal = row(geometric_normal(&[a, b, c]), normals);
+            self.triangles.push(Facet([row(a, part), row(b, material), row(c, triangle as u32), normal]));
+            if is_smooth {
+                self.normals.push(CornerNormals(vertices.map(|v| row(mesh.normals[v as usize], 0))));
+            }
+        }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.triangles.len()
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
+    /// Size in memory \[bytes\].
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.triangles.as_slice()) + size_of_val(self.normals.as_slice())
+    }
+
+    /// A triangle by its number.
+    #[inline(always)]
+    pub(crate) fn triangle(&self, number: u32) -> &Facet {
+        &self.triangles[number as usize]
+    }
+
+    /// Normals of the corners of a triangle, by their number.
+    #[inline(always)]
+    pub(crate) fn normals(&self, number: u32) -> &CornerNormals {
+        &self.normals[number as usize]
     }
 }

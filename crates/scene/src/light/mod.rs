@@ -24,7 +24,6 @@ use crate::light::sample::{LightSample, LightSampleContext, LightSamples, LightT
 use crate::light::sun::Sun;
 use crate::light::tree::{EmissionCone, LightBounds, LightTree};
 use crate::sampling_options::Techniques;
-use dunkelfeld_bsdf::EFFECTS;
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask};
 use dunkelfeld_radiometry::Rgb;
@@ -170,7 +169,6 @@ impl LightTable {
     fn weight<F: Lanes>(&self, token: F::Token, light: &Light, receivers: &Receivers<F>) -> F {
         match light {
             Light::Area(a) => a.weight(token, receivers),
-            _ if !EFFECTS => F::splat(token, 0.0),
             Light::Mesh(m) => match self.mesh_lights.get(*m as usize) {
                 Some(mesh) => mesh.weight(token, receivers),
                 None => F::splat(token, 0.0),
@@ -213,7 +211,7 @@ impl LightTable {
         active: F::Mask,
     ) -> ([u32; MAX_WIDTH], F, F::Mask) {
         match &self.tree {
-            Some(tree) if EFFECTS => {
+            Some(tree) => {
                 let (each, u) = (receivers.to_lanes(), u.to_array());
                 let (mut indices, mut probabilities) = ([0; MAX_WIDTH], [0.0; MAX_WIDTH]);
                 let active = active.bits();
@@ -254,7 +252,7 @@ impl LightTable {
     /// The probability with which [`Self::choose`] chooses a light.
     #[inline]
     fn probability(&self, receiver: &LightSampleContext, index: usize) -> f32 {
-        if EFFECTS && let Some(tree) = &self.tree {
+        if let Some(tree) = &self.tree {
             return tree.probability(receiver, index);
         }
         let mut total = 0.0;
@@ -379,12 +377,12 @@ impl LightTable {
                     found.surfaces = [[a.part, a.triangles[0]]; MAX_WIDTH];
                 }
             }
-            Some(Light::Mesh(m)) if EFFECTS => {
+            Some(Light::Mesh(m)) => {
                 if let Some(mesh) = self.mesh_lights.get(*m as usize) {
                     found = mesh.sample(token, receivers, probability, u, active);
                 }
             }
-            Some(light) if EFFECTS => {
+            Some(light) => {
                 let (each, u0, u1) = (receivers.to_lanes(), u[0].to_array(), u[1].to_array());
                 let probability = probability.to_array();
                 let mut samples = [None; MAX_WIDTH];
@@ -463,7 +461,7 @@ impl LightTable {
     ) -> f32 {
         match self.lights.get(index as usize) {
             Some(Light::Area(a)) => a.pdf(receiver, point) * self.share(receiver, choice, index as usize),
-            Some(Light::Mesh(m)) if EFFECTS => {
+            Some(Light::Mesh(m)) => {
                 let pdf = self.mesh_lights.get(*m as usize).map_or(0.0, |m| m.pdf(receiver, triangle, point, normal));
                 pdf * self.share(receiver, choice, index as usize)
             }
@@ -474,7 +472,7 @@ impl LightTable {
     /// The suns, each with its index.
     #[inline]
     pub(crate) fn suns(&self) -> impl Iterator<Item = (usize, &Sun)> {
-        let lights: &[Light] = if EFFECTS && self.has_suns { &self.lights } else { &[] };
+        let lights: &[Light] = if self.has_suns { &self.lights } else { &[] };
         lights.iter().enumerate().filter_map(|(i, l)| if let Light::Sun(s) = l { Some((i, s)) } else { None })
     }
 
@@ -499,7 +497,7 @@ impl LightTable {
     pub(crate) fn pdf_environment(&self, receiver: &LightSampleContext, choice: LightChoice, direction: Vec3) -> f32 {
         // The environment is the last light if it emits.
         match (&self.environment, self.lights.last()) {
-            (Some(e), Some(Light::Environment)) if EFFECTS => {
+            (Some(e), Some(Light::Environment)) => {
                 e.pdf(receiver, direction) * self.share(receiver, choice, self.lights.len() - 1)
             }
             _ => 0.0,

@@ -1,15 +1,14 @@
 //! Intersection of rays with the scene, and transmittance of shadow rays.
 
-use crate::features::{AllFeatures, Features};
 use crate::light::emission_profile::EmissionProfile;
 use crate::light::sample::LightTarget;
 use crate::material::Material;
 use crate::query::surface::{self, TexturePoint};
-use crate::scene::{Part, Placement, Scene};
-use dunkelfeld_bsdf::EFFECTS;
+use crate::query::surface_points::HitLanes;
+use crate::scene::Scene;
 use dunkelfeld_bvh::Hit;
-use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, hit_point, offset_ray_origin, offset_ray_origins};
-use dunkelfeld_lanes::{Lanes, Mask, V3};
+use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, offset_ray_origin, offset_ray_origins};
+use dunkelfeld_lanes::{Lanes, Mask, One, V3};
 use dunkelfeld_radiometry::Rgb;
 
 /// A point on a surface, with the data that a ray needs to leave it.
@@ -26,8 +25,9 @@ pub struct SurfacePoint {
     pub(crate) part: u32,
     pub(crate) material: u32,
     pub(crate) triangle: u32,
-    /// True if the triangle has interpolated normals.
-    pub(crate) is_smooth: bool,
+    /// Number of the normals of the triangle's corners; [`FLAT`](crate::geometry::triangle_data::FLAT) if the geometric
+    /// normal is that of shading.
+    pub(crate) normals: u32,
     pub(crate) barycentrics: [f32; 3],
     /// Time of the ray \[s\], which is that of the pose of a moving part.
     pub(crate) time: f32,
@@ -57,43 +57,9 @@ impl Scene {
     /// The point on a surface of a hit at a time \[s\].
     #[inline(always)]
     pub fn surface_point(&self, hit: &Hit, time: f32) -> SurfacePoint {
-        let Hit { b1, b2, .. } = *hit;
-        let (part_index, part, facet) = match self.placements[hit.instance as usize] {
-            Placement::Shared => {
-                let facet = &self.facets[hit.triangle as usize];
-                (facet.part, &self.parts[facet.part as usize], facet)
-            }
-            Placement::Joined => {
-                let part = &self.parts[hit.part as usize];
-                (hit.part, part, self.facet(part, hit.triangle))
-            }
-            Placement::Part(index) => {
-                let part = &self.parts[index as usize];
-                (index, part, self.facet(part, hit.triangle))
-            }
-        };
-        let (mut point, mut error) = hit_point(&facet.corners, b1, b2);
-        let mut normal = facet.normal;
-        if let Some(transform) = &part.transform {
-            if EFFECTS && part.motion.is_some() {
-                (point, error, normal) = moved_point(part, time, point, error, normal);
-            } else {
-                (point, error) = transform.point_with_error(point, error);
-                normal = transform.normal(normal);
-            }
-        }
-        SurfacePoint {
-            point,
-            error,
-            normal,
-            distance: hit.t,
-            part: part_index,
-            material: part.material,
-            triangle: hit.triangle - part.first_facet,
-            is_smooth: facet.is_smooth,
-            barycentrics: [1.0 - b1 - b2, b1, b2],
-            time,
-        }
+        let Hit { t, instance, part, triangle, b1, b2 } = *hit;
+        let hits = HitLanes { t, b1, b2, instance: One(instance), part: One(part), triangle: One(triangle) };
+        self.surface_points::<f32>((), &hits, time).lane(0)
     }
 
     /// Texture coordinates and vertex colour at a point.
@@ -121,7 +87,7 @@ impl Scene {
     #[inline]
     pub fn coverage(&self, p: &SurfacePoint, direction: Vec3) -> f32 {
         let compiled = &self.compiled[p.material as usize];
-        if !compiled.has_coverage || !EFFECTS {
+        if !compiled.has_coverage {
             return 1.0;
         }
         if compiled.is_back_invisible && direction.dot(p.normal) > 0.0 {
@@ -130,10 +96,16 @@ impl Scene {
         compiled.coverage(&self.materials[p.material as usize], &self.images, || self.texture_point(p))
     }
 
+    /// True if surfaces of a material emit light, at some places at least.
+    #[inline(always)]
+    pub fn emits(&self, material: u32) -> bool {
+        self.compiled[material as usize].emits
+    }
+
     /// Radiance [W/(m^2 sr)] that the surface emits toward the unit direction `toward`.
     #[inline(always)]
     pub fn emitted(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
-        if self.compiled[p.material as usize].emits { self.emitted_by_light(*p, toward) } else { Rgb::BLACK }
+        if self.emits(p.material) { self.emitted_by_light(*p, toward) } else { Rgb::BLACK }
     }
 
     // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
@@ -142,7 +114,7 @@ impl Scene {
         if !(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0 {
             return Rgb::BLACK;
         }
-        if !(EFFECTS && material.emission_texture.is_some() || material.unlit) {
+        if material.emission_texture.is_none() && !material.unlit {
             return self.in_profile(material, &p, toward, material.emission);
         }
         let emission = surface::emission(material, &self.images, &self.texture_point(&p));
@@ -152,7 +124,7 @@ impl Scene {
     /// The radiance in a direction, by the angular profile of the material.
     #[inline]
     fn in_profile(&self, material: &Material, p: &SurfacePoint, toward: Vec3, radiance: Rgb) -> Rgb {
-        if !EFFECTS || material.emission_profile == EmissionProfile::Lambertian {
+        if material.emission_profile == EmissionProfile::Lambertian {
             return radiance;
         }
         radiance * material.emission_profile.eval(toward.dot(p.normal).abs())
@@ -162,13 +134,7 @@ impl Scene {
     /// covering surfaces.
     #[inline]
     pub fn transmittance(&self, ray: &Ray) -> f32 {
-        self.transmittance_with::<AllFeatures>(ray)
-    }
-
-    /// [`Self::transmittance`] in a scene that needs no more features than `F`.
-    #[inline]
-    pub fn transmittance_with<F: Features>(&self, ray: &Ray) -> f32 {
-        if !F::STOCHASTIC || !self.has_coverage {
+        if !self.has_coverage {
             return f32::from(u8::from(!self.bvh.occluded(ray)));
         }
         let mut open = 1.0;
@@ -212,14 +178,6 @@ pub fn shadow_rays<F: Lanes>(
     // 1e-7, independent of the length.
     let length = (distance * (1.0 - 2.0 * f32::EPSILON)).only(is_apart);
     (V3::select(is_apart, offset / distance, direction), is_finite.select(length, infinity))
-}
-
-/// Point, error and normal of a moving part in render space at a time.
-#[inline(never)]
-fn moved_point(part: &Part, time: f32, point: Vec3, error: Vec3, normal: Vec3) -> (Vec3, Vec3, Vec3) {
-    let Some(transform) = part.transform_at(time) else { return (point, error, normal) };
-    let (point, error) = transform.point_with_error(point, error);
-    (point, error, transform.normal(normal))
 }
 
 /// The barycentric mean of three values.

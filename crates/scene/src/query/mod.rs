@@ -4,3 +4,4 @@ mod coincident;
 pub mod intersect;
 pub mod shading;
 pub(crate) mod surface;
+pub(crate) mod surface_points;

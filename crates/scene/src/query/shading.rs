@@ -1,12 +1,13 @@
 //! Shading: from a point on a surface to a frame and a BSDF.
 
-use crate::features::{AllFeatures, Features};
+use crate::geometry::triangle_data::CornerNormals;
 use crate::light::sample::{LightSample, LightSampleContext, LightSamples, Receivers};
 use crate::light::{FoundLights, LightChoice, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
 use crate::query::intersect::{SurfacePoint, mix};
-use crate::query::surface::{self, TexturePoint};
+use crate::query::surface;
+use crate::query::surface_points::SurfacePoints;
 use crate::scene::Scene;
-use dunkelfeld_bsdf::{Bsdf, EFFECTS};
+use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_geometry::{Frame as PointFrame, Vec2, Vec3};
 use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
@@ -117,6 +118,36 @@ impl<F: Lanes> ShadingFrames<F> {
     }
 }
 
+/// Shading frames and receivers of points, one for each lane. See [`ShadingPoint`].
+#[derive(Clone, Copy, Debug)]
+pub struct ShadingLanes<F: Lanes> {
+    /// Shading frames: +z on the outside of solids, on the viewer's side of all other surfaces.
+    pub frames: ShadingFrames<F>,
+    /// The points as receivers of light samples.
+    pub receivers: Receivers<F>,
+}
+
+/// The BSDFs of points of one material.
+#[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "it is read at once")]
+pub enum Bsdfs<'a> {
+    /// That of all points.
+    Same(&'a Bsdf),
+    /// One for each lane. Entries beyond the last lane mean nothing.
+    Each([&'a Bsdf; MAX_WIDTH]),
+}
+
+impl<'a> Bsdfs<'a> {
+    /// The BSDF of a lane.
+    #[inline(always)]
+    pub fn lane(&self, lane: usize) -> &'a Bsdf {
+        match self {
+            Self::Same(bsdf) => bsdf,
+            Self::Each(each) => each[lane],
+        }
+    }
+}
+
 impl<'a> ShadingPoint<'a> {
     /// A point in the medium of a material. Its frame is that of render space.
     pub fn in_medium(point: Vec3, phase: &'a Bsdf, material: u32) -> Self {
@@ -129,12 +160,12 @@ impl<'a> ShadingPoint<'a> {
     /// The frame of this point alone.
     #[inline]
     pub fn frames(&self, geometric_normal: Vec3) -> ShadingFrames<f32> {
-        let frame = Frame {
-            tangent: self.frame.tangent.into(),
-            bitangent: self.frame.bitangent.into(),
-            normal: self.frame.normal.into(),
-        };
-        ShadingFrames { frame, normal: geometric_normal.into(), along: self.along, is_bent: self.is_bent }
+        ShadingFrames {
+            frame: self.frame.into(),
+            normal: geometric_normal.into(),
+            along: self.along,
+            is_bent: self.is_bent,
+        }
     }
 }
 
@@ -143,19 +174,7 @@ impl Scene {
     /// of a stochastic material. A BSDF that exists only for this point is stored in `storage`.
     #[inline]
     pub fn shade<'a>(&'a self, p: &SurfacePoint, wo: Vec3, u: f32, storage: &'a mut Option<Bsdf>) -> ShadingPoint<'a> {
-        self.shade_with::<AllFeatures>(p, wo, u, storage)
-    }
-
-    /// [`Self::shade`] in a scene that needs no more features than `F`.
-    #[inline]
-    pub fn shade_with<'a, F: Features>(
-        &'a self,
-        p: &SurfacePoint,
-        wo: Vec3,
-        u: f32,
-        storage: &'a mut Option<Bsdf>,
-    ) -> ShadingPoint<'a> {
-        self.shade_as::<F>(p, wo, u, None, storage)
+        self.shade_as(p, wo, self.bsdf(p, u, None, storage))
     }
 
     /// [`Self::shade`] for a face between two solids: `eta` is the index of refraction on the inside of the surface
@@ -168,79 +187,189 @@ impl Scene {
         eta: f32,
         storage: &'a mut Option<Bsdf>,
     ) -> ShadingPoint<'a> {
-        self.shade_as::<AllFeatures>(p, wo, u, Some(eta), storage)
+        self.shade_as(p, wo, self.bsdf(p, u, Some(eta), storage))
     }
 
     #[inline(always)]
-    fn shade_as<'a, F: Features>(
-        &'a self,
-        p: &SurfacePoint,
-        wo: Vec3,
-        u: f32,
-        eta: Option<f32>,
-        storage: &'a mut Option<Bsdf>,
-    ) -> ShadingPoint<'a> {
-        let compiled = &self.compiled[p.material as usize];
-        let between = eta.filter(|eta| *eta != self.materials[p.material as usize].ior);
-        // Only a smooth surface or a normal map can have a shading normal that differs from the geometric one.
-        let mut is_bent = EFFECTS && p.is_smooth;
-        let normal = if is_bent { self.shading_normal(*p) } else { p.normal };
-        let (mut frame, bsdf) = if F::TEXTURED && (compiled.varies || compiled.needs_tangent || between.is_some()) {
-            let material = &self.materials[p.material as usize];
-            let at = self.texture_point(p);
-            is_bent |= compiled.needs_tangent;
-            let frame = if compiled.needs_tangent {
-                self.tangent_frame(p, normal, material, &at)
-            } else {
-                PointFrame::from_normal(normal)
-            };
-            let bsdf = match between {
-                Some(eta) => storage.insert(compiled.bsdf_between(material, eta, &self.images, &at, u)),
-                None => compiled.bsdf(material, &self.images, &at, u, storage),
-            };
-            (frame, bsdf)
-        } else {
-            (PointFrame::from_normal(normal), compiled.constant_bsdf(u))
+    fn shade_as<'a>(&'a self, p: &SurfacePoint, wo: Vec3, bsdf: &'a Bsdf) -> ShadingPoint<'a> {
+        let ShadingLanes { frames, receivers } = self.shade_lanes::<f32>(p.material, &p.into(), wo.into());
+        let receiver = LightSampleContext {
+            point: receivers.point.into(),
+            normal: receivers.normal.into(),
+            both_sides: receivers.both_sides,
         };
-        if is_bent && let Some(normal) = visible_normal(frame.normal, p.normal, wo) {
-            frame = PointFrame::from_normal_tangent(normal, frame.tangent);
+        ShadingPoint {
+            frame: frames.frame.into(),
+            bsdf,
+            material: p.material,
+            is_solid: self.is_solid(p.material),
+            receiver,
+            along: frames.along,
+            is_bent: frames.is_bent,
         }
-        let is_behind = p.normal.dot(wo) < 0.0;
-        let facing = if is_behind { -p.normal } else { p.normal };
-        let along = EFFECTS && compiled.is_solid || !is_behind;
-        if !along {
-            frame = PointFrame { tangent: frame.tangent, bitangent: -frame.bitangent, normal: -frame.normal };
-        }
-        let receiver = LightSampleContext { point: p.point, normal: facing, both_sides: compiled.both_sides };
-        let is_solid = compiled.is_solid;
-        ShadingPoint { frame, bsdf, material: p.material, is_solid, receiver, along, is_bent }
     }
 
-    /// The interpolated unit normal, on the side of the geometric one. The geometric normal if a mesh has no normals or
-    /// if they cancel.
-    // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
-    pub(crate) fn shading_normal(&self, p: SurfacePoint) -> Vec3 {
-        let part = &self.parts[p.part as usize];
-        let facet = self.facet(part, p.triangle);
-        if !facet.is_smooth {
-            return p.normal;
+    /// True if surfaces of a material are boundaries of a solid that light can enter.
+    #[inline(always)]
+    pub fn is_solid(&self, material: u32) -> bool {
+        self.compiled[material as usize].is_solid
+    }
+
+    /// The BSDF at a point. `u` in `[0, 1)` chooses the kind of a stochastic material. `eta` is the index of refraction
+    /// on the inside of the surface over that on its outside, if it is not that of the material. A BSDF that exists only
+    /// for this point is stored in `storage`.
+    #[inline(always)]
+    pub fn bsdf<'a>(&'a self, p: &SurfacePoint, u: f32, eta: Option<f32>, storage: &'a mut Option<Bsdf>) -> &'a Bsdf {
+        match self.compiled[p.material as usize].constant_bsdf(u) {
+            Some(bsdf) if eta.is_none() => bsdf,
+            constant => self.bsdf_at(*p, u, (eta, constant), storage),
         }
-        let mixed = mix(&p.barycentrics, facet.normals);
-        match part.transform_at(p.time).map_or(mixed, |t| t.normal(mixed)).try_normalize() {
-            Some(n) if n.dot(p.normal) < 0.0 => -n,
-            Some(n) => n,
-            None => p.normal,
+    }
+
+    /// [`Self::bsdf`] of a material that varies, or at a face between two solids.
+    // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
+    #[inline(never)]
+    fn bsdf_at<'a>(
+        &'a self,
+        p: SurfacePoint,
+        u: f32,
+        (eta, constant): (Option<f32>, Option<&'a Bsdf>),
+        storage: &'a mut Option<Bsdf>,
+    ) -> &'a Bsdf {
+        let (compiled, material) = (&self.compiled[p.material as usize], &self.materials[p.material as usize]);
+        let eta = eta.unwrap_or(material.ior);
+        match constant {
+            Some(bsdf) if eta == material.ior => bsdf,
+            _ => storage.insert(compiled.bsdf_between(material, eta, &self.images, &self.texture_point(&p), u)),
+        }
+    }
+
+    /// The BSDFs of points on one material: one for all lanes, if it is constant and no mixture. `u_kind` is as `u` of
+    /// [`Self::shade`]. BSDFs that exist only for one point are stored in `storage`.
+    #[inline(always)]
+    pub fn bsdfs<'a, F: Lanes>(
+        &'a self,
+        material: u32,
+        points: &SurfacePoints<F>,
+        u_kind: &[f32; MAX_WIDTH],
+        storage: &'a mut [Option<Bsdf>; MAX_WIDTH],
+    ) -> Bsdfs<'a> {
+        if let Some(bsdf) = self.compiled[material as usize].only_bsdf() {
+            return Bsdfs::Same(bsdf);
+        }
+        let mut each = [points.lane(0); MAX_WIDTH];
+        for lane in 1..F::WIDTH {
+            each[lane] = points.lane(lane);
+        }
+        Bsdfs::Each(self.each_bsdf(&each[..F::WIDTH], u_kind, storage))
+    }
+
+    #[inline(never)]
+    fn each_bsdf<'a>(
+        &'a self,
+        points: &[SurfacePoint],
+        u_kind: &[f32; MAX_WIDTH],
+        storage: &'a mut [Option<Bsdf>; MAX_WIDTH],
+    ) -> [&'a Bsdf; MAX_WIDTH] {
+        let mut each = [&Bsdf::Absorber; MAX_WIDTH];
+        for ((bsdf, storage), (p, u)) in each.iter_mut().zip(storage).zip(points.iter().zip(u_kind)) {
+            *bsdf = self.bsdf(p, *u, None, storage);
+        }
+        each
+    }
+
+    /// Frames and receivers of points on one material for the directions `wo` (unit, away from the surface).
+    #[inline(always)]
+    pub fn shade_lanes<F: Lanes>(&self, material: u32, points: &SurfacePoints<F>, wo: V3<F>) -> ShadingLanes<F> {
+        let token = wo.x.token();
+        let (no, all) = (F::mask(token, 0), F::mask(token, (1 << F::WIDTH) - 1));
+        let compiled = &self.compiled[material as usize];
+        // Only a smooth surface or a normal map can have a shading normal that differs from the geometric one.
+        let mut is_bent = points.is_smooth;
+        let normal = if is_bent.any() { self.shading_normals(token, points) } else { points.normal };
+        let mut frame = if compiled.needs_tangent {
+            is_bent = all;
+            self.tangent_frames(token, points, normal)
+        } else {
+            Frame::from_normal(normal)
+        };
+        if is_bent.any() {
+            let (normal, is_turned) = visible_normals(frame.normal, points.normal, wo);
+            let is_turned = is_turned & is_bent;
+            if is_turned.any() {
+                frame = Frame::select(is_turned, Frame::from_normal_tangent(normal, frame.tangent), frame);
+            }
+        }
+        let is_behind = points.normal.dot(wo).lt(wo.x.constant(0.0));
+        let along = if compiled.is_solid { all } else { !is_behind };
+        frame.bitangent = V3::select(along, frame.bitangent, -frame.bitangent);
+        frame.normal = V3::select(along, frame.normal, -frame.normal);
+        ShadingLanes {
+            frames: ShadingFrames { frame, normal: points.normal, along, is_bent },
+            receivers: Receivers {
+                point: points.point,
+                normal: V3::select(is_behind, -points.normal, points.normal),
+                both_sides: if compiled.both_sides { all } else { no },
+            },
+        }
+    }
+
+    /// The interpolated unit normals, on the side of the geometric ones. The geometric normal if a mesh has no normals
+    /// or if they cancel.
+    #[inline(always)]
+    pub(crate) fn shading_normals<F: Lanes>(&self, token: F::Token, points: &SurfacePoints<F>) -> V3<F> {
+        let (parts, numbers) = (F::word_to_array(points.part), F::word_to_array(points.normals));
+        let (is_smooth, mut is_placed) = (points.is_smooth.bits(), 0);
+        let mut rows = [&CornerNormals::NONE; MAX_WIDTH];
+        for lane in 0..F::WIDTH {
+            if is_smooth >> lane & 1 == 1 {
+                let part = &self.parts[parts[lane] as usize];
+                rows[lane] = self.facets_of(part).normals(numbers[lane]);
+                is_placed |= u32::from(part.transform.is_some()) << lane;
+            }
+        }
+        let [n0, n1, n2] = CornerNormals::load::<F>(
+            token,
+            #[inline(always)]
+            |lane| rows[lane],
+        );
+        let mut mixed = n0 * (points.b1.one_minus() - points.b2) + n1 * points.b1 + n2 * points.b2;
+        if is_placed != 0 {
+            self.each_pose(
+                token,
+                (points.part, points.time),
+                is_placed,
+                #[inline(always)]
+                |lanes, transform| mixed = V3::select(lanes, transform.normals(mixed), mixed),
+            );
+        }
+        let (unit, is_some) = mixed.try_normalize();
+        let unit = V3::select(unit.dot(points.normal).lt(points.b1.constant(0.0)), -unit, unit);
+        V3::select(is_some & points.is_smooth, unit, points.normal)
+    }
+
+    /// [`Self::tangent_frame`] of each lane.
+    #[inline(always)]
+    fn tangent_frames<F: Lanes>(&self, token: F::Token, points: &SurfacePoints<F>, normals: V3<F>) -> Frame<F> {
+        let normals = normals.to_lanes();
+        let [mut tangent, mut bitangent, mut normal] = [[Vec3::ZERO; MAX_WIDTH]; 3];
+        for lane in 0..F::WIDTH {
+            let frame = self.tangent_frame(points.lane(lane), normals[lane]);
+            (tangent[lane], bitangent[lane], normal[lane]) = (frame.tangent, frame.bitangent, frame.normal);
+        }
+        Frame {
+            tangent: V3::from_lanes(token, &tangent),
+            bitangent: V3::from_lanes(token, &bitangent),
+            normal: V3::from_lanes(token, &normal),
         }
     }
 
     /// The frame around the shading normal with the surface's storage tangent, and with the normal map.
-    fn tangent_frame(
-        &self,
-        p: &SurfacePoint,
-        normal: Vec3,
-        material: &crate::Material,
-        at: &TexturePoint,
-    ) -> PointFrame {
+    // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
+    #[inline(never)]
+    fn tangent_frame(&self, p: SurfacePoint, normal: Vec3) -> PointFrame {
+        let material = &self.materials[p.material as usize];
+        let at = &self.texture_point(&p);
         let part = &self.parts[p.part as usize];
         let mesh = &self.meshes[part.mesh as usize];
         let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
@@ -392,7 +521,7 @@ impl Scene {
             part: part_index,
             material: part.material,
             triangle: t,
-            is_smooth: self.facet(part, t).is_smooth,
+            normals: self.facet(part, t).normals(),
             barycentrics: b,
             // No light moves.
             time: 0.0,
@@ -425,11 +554,7 @@ impl Scene {
     /// Radiance [W/(m^2 sr)] of the environment along a direction, without suns.
     #[inline]
     pub fn environment_radiance(&self, direction: Vec3) -> Rgb {
-        if EFFECTS {
-            self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
-        } else {
-            Rgb::BLACK
-        }
+        self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
     }
 
     /// The density [1/sr] of a direction toward the environment in [`Self::sample_light`].
@@ -442,24 +567,25 @@ impl Scene {
 /// The least cosine between the direction to the viewer and a shading normal, as a share of that to the geometric one.
 const MIN_COSINE: f32 = 0.2;
 
-/// The shading normal for a viewer that is below it, or nearly: turned toward the geometric normal until its cosine is
-/// [`MIN_COSINE`] times that of the geometric one. `None` if it stays. Both normals are unit vectors on one side.
-#[inline]
-pub(crate) fn visible_normal(normal: Vec3, geometric: Vec3, wo: Vec3) -> Option<Vec3> {
-    let side = geometric.dot(wo);
-    let (cos, least) = (normal.dot(wo) * 1f32.copysign(side), side.abs());
-    (cos < MIN_COSINE * least).then(|| turned_to_viewer(normal, geometric, [cos, least]))
-}
-
-/// The normal `normal * cosines[1] + geometric * t` of [`visible_normal`]. Its condition is quadratic in t.
-#[inline(never)]
-fn turned_to_viewer(normal: Vec3, geometric: Vec3, [cos, side]: [f32; 2]) -> Vec3 {
+/// The shading normals for viewers, and the lanes in which they are changed. For a viewer that is below it, or nearly, a
+/// normal is turned toward the geometric one until its cosine is [`MIN_COSINE`] times that of the geometric one. Both
+/// normals are unit vectors on one side.
+#[inline(always)]
+pub(crate) fn visible_normals<F: Lanes>(normal: V3<F>, geometric: V3<F>, wo: V3<F>) -> (V3<F>, F::Mask) {
     const SQUARE: f32 = MIN_COSINE * MIN_COSINE;
+    let side = geometric.dot(wo);
+    let (cos, least) = (normal.dot(wo) * side.constant(1.0).copysign(side), side.abs());
+    let is_below = cos.lt(least * MIN_COSINE);
+    if !is_below.any() {
+        return (normal, is_below);
+    }
+    // The normal `normal * least + geometric * t`. Its condition is quadratic in t.
     let between = normal.dot(geometric).clamp(-1.0, 1.0);
-    let off = cos - side * between;
-    let root = MIN_COSINE * (off * off + side * side * (1.0 - between * between) * (1.0 - SQUARE)).sqrt();
-    let t = (SQUARE * side * between - cos + root) / (1.0 - SQUARE);
-    (normal * side + geometric * t).try_normalize().unwrap_or(geometric)
+    let off = cos - least * between;
+    let root = (off * off + least * least * (between * between).one_minus() * (1.0 - SQUARE)).sqrt() * MIN_COSINE;
+    let t = (least * SQUARE * between - cos + root) / (1.0 - SQUARE);
+    let turned = (normal * least + geometric * t).normalize_or(geometric);
+    (V3::select(is_below, turned, normal), is_below)
 }
 
 fn to_render_normal_of(part: &crate::scene::Part, mesh: &dunkelfeld_geometry::Mesh, triangle: u32) -> Vec3 {

@@ -17,9 +17,7 @@ use crate::light::emission_profile::EmissionProfile;
 use crate::material::texture::{Image, Texture};
 use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
 use crate::media::medium::Medium;
-use dunkelfeld_bsdf::{
-    Bsdf, Dielectric, EFFECTS, Principled, PrincipledModel, PrincipledParams, ThinSheet, Translucent,
-};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledModel, PrincipledParams, ThinSheet, Translucent};
 use dunkelfeld_geometry::{Vec2, Vec4};
 use dunkelfeld_radiometry::Rgb;
 
@@ -160,7 +158,7 @@ impl CompiledMaterial {
             varies,
             needs_tangent,
             emits,
-            has_varying_radiance: m.unlit || EFFECTS && (m.emission_texture.is_some() || has_coverage || has_profile),
+            has_varying_radiance: m.unlit || m.emission_texture.is_some() || has_coverage || has_profile,
             options,
         }
     }
@@ -171,32 +169,25 @@ impl CompiledMaterial {
         self.constant_coverage.unwrap_or_else(|| coverage(m, images, &at()))
     }
 
-    /// The BSDF at a place. It is stored in `storage` if it exists only for this place. `u` in `[0, 1)` chooses between
+    /// The BSDF at a place where the index of refraction inside over outside is `eta`. `u` in `[0, 1)` chooses between
     /// the two kinds of a partly transmitting thin sheet.
-    #[inline]
-    pub(crate) fn bsdf<'a>(
-        &'a self,
-        m: &Material,
-        images: &[Image],
-        at: &TexturePoint,
-        u: f32,
-        storage: &'a mut Option<Bsdf>,
-    ) -> &'a Bsdf {
-        match &self.constant {
-            Some(constant) => constant.pick(u),
-            None => storage.insert(*scatter(m, m.ior, images, at, self.options).pick(u)),
-        }
-    }
-
-    /// The BSDF at a place where the index of refraction inside over outside is not that of the material.
     pub(crate) fn bsdf_between(&self, m: &Material, eta: f32, images: &[Image], at: &TexturePoint, u: f32) -> Bsdf {
         *scatter(m, eta, images, at, self.options).pick(u)
     }
 
-    /// The BSDF of a material with constant parameters; an absorber for other materials.
+    /// The BSDF of a material with constant parameters, with `u` as in [`Self::bsdf_between`].
     #[inline]
-    pub(crate) fn constant_bsdf(&self, u: f32) -> &Bsdf {
-        self.constant.as_ref().map_or(&Bsdf::Absorber, |c| c.pick(u))
+    pub(crate) fn constant_bsdf(&self, u: f32) -> Option<&Bsdf> {
+        Some(self.constant.as_ref()?.pick(u))
+    }
+
+    /// The BSDF of a material that has one for all points.
+    #[inline]
+    pub(crate) fn only_bsdf(&self) -> Option<&Bsdf> {
+        match self.constant.as_ref()? {
+            Constant::One(bsdf) => Some(bsdf),
+            Constant::Either(..) => None,
+        }
     }
 }
 
@@ -205,7 +196,6 @@ impl Constant {
     fn pick(&self, u: f32) -> &Bsdf {
         match self {
             Self::One(b) => b,
-            Self::Either(_, a, _) if !EFFECTS => a,
             Self::Either(p, a, _) if u < *p => a,
             Self::Either(_, _, b) => b,
         }
