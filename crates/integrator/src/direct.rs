@@ -1,27 +1,6 @@
 //! Next-event estimation along straight lines from a vertex to a light.
 
-use crate::mnee::SpecularPrefix;
 use dunkelfeld_lanes::{Lanes, Mask};
-use dunkelfeld_scene::{LightChoice, LightSampleContext};
-
-/// The last vertex at which light sampling and scattering could both have sampled a light.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct LastScatter {
-    pub(crate) receiver: LightSampleContext,
-    /// The choice of lights at that vertex.
-    pub(crate) choice: LightChoice,
-    /// Density of the sampled direction [1/sr].
-    pub(crate) pdf: f32,
-    /// The smooth interfaces of covers that the path has passed since then; `None` in scenes without covers.
-    pub(crate) specular_prefix: Option<SpecularPrefix>,
-}
-
-/// Factor on the light of a light sample with the density `light_pdf`: the MIS weight over the density. `pdf` is the
-/// density with which scattering draws its direction; it draws no direction to a light without extent.
-#[inline(always)]
-pub(crate) fn light_weight<F: Lanes>(light_pdf: F, pdf: F, is_delta: F::Mask) -> F {
-    is_delta.select(pdf.constant(1.0), power_heuristic(light_pdf, pdf)) / light_pdf
-}
 
 /// The gathered roulette applies to light samples whose contribution is below this share of the radiance f that the path has
 /// gathered. It adds no more than (f / 32)^2 / 4 to the variance of a sample, which is little also where light is smooth. A
@@ -38,6 +17,13 @@ pub(crate) fn gathered_survival<F: Lanes>(relative: F) -> F {
     const MIN_SURVIVAL: f32 = 1.0 / 16.0;
     let one = relative.constant(1.0);
     relative.lt(one).select(relative.max(relative.constant(MIN_SURVIVAL)), one)
+}
+
+/// Factor on the light of a light sample with the density `light_pdf`: the MIS weight over the density. `pdf` is the
+/// density with which scattering draws its direction; it draws no direction to a light without extent.
+#[inline(always)]
+pub(crate) fn light_weight<F: Lanes>(light_pdf: F, pdf: F, is_delta: F::Mask) -> F {
+    is_delta.select(pdf.constant(1.0), power_heuristic(light_pdf, pdf)) / light_pdf
 }
 
 /// The power heuristic with exponent 2 (Veach & Guibas 1995): the weight of the technique with the density `pdf`.

@@ -7,6 +7,7 @@ use crate::wavefront::{Watch, Wavefront};
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;
 use dunkelfeld_lanes::InstructionSet;
+use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{CameraRay, Moment, RayGenerator, Scene};
 
@@ -93,10 +94,10 @@ pub(crate) struct CameraSample {
 }
 
 impl CameraSample {
-    /// The sample of the path of this ray as that of the film.
+    /// The sample of the path of this ray, with its radiance, as that of the film.
     #[inline]
-    pub(crate) fn weighted(&self, sample: &Sample) -> Sample {
+    pub(crate) fn weighted(&self, radiance: Rgb, sample: &Sample) -> Sample {
         let depth = if sample.hit { self.start + sample.depth } else { sample.depth };
-        Sample { radiance: sample.radiance * self.weight, depth, ..*sample }
+        Sample { radiance: radiance * self.weight, depth, ..*sample }
     }
 }

@@ -1,21 +1,19 @@
 //! The state of a path, and the steps that are computed path by path: emission, media, coverage.
 
 use crate::dimensions;
-use crate::direct::{self, LastScatter};
+use crate::direct;
 use crate::mnee::{self, End, SpecularPrefix};
 use crate::ray_state::{RayState, SurfaceHit};
-use dunkelfeld_bsdf::Lobe;
-use dunkelfeld_film::Sample;
-use dunkelfeld_geometry::{Ray, Vec3};
-use dunkelfeld_lanes::Lanes;
+use dunkelfeld_geometry::Ray;
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, One, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{Interface, LightChoice, LightSampleContext, MediumEvent, Scene, SurfacePoint};
+use dunkelfeld_scene::{Interface, LightChoice, LightSampleContext, MediumEvent, Receivers, Scene, SurfacePoint};
 
 /// From this bounce at a surface on the survival probability is below one, also for a path without any loss. So light
 /// between perfect mirrors ends. A path in a medium leaves it, and ends by its loss only: a limit would end a share of
 /// the long paths in a dense white medium and increase the weight of the others, with infinite variance.
-const FORCED_RR_BOUNCES: u32 = 64;
+const FORCED_RR_BOUNCES: f32 = 64.0;
 /// Survival probability of such a path. The variance of a closed cavity is finite up to an albedo of the square root of
 /// this value, 0.9899. A value nearer to one would give finite variance for brighter cavities, but light trapped in
 /// clear sheets would be traced for longer.
@@ -26,110 +24,244 @@ const MAX_SURVIVAL: f32 = 0.98;
 /// costs a tenth more time (`validation/README.md`).
 const RR_SCALE: f32 = 3.0;
 
-/// The state of a path.
-#[derive(Debug)]
-pub(crate) struct Path {
-    /// Scale of the learned survival probabilities; `None` before the first surface with statistics.
-    pub(crate) gain_scale: Option<f32>,
-    pub(crate) sampler: Sampler,
-    pub(crate) ray_state: RayState,
+/// The state of a path. Lanes load and store it by rows of four numbers.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PathState([[f32; 4]; ROWS]);
+
+const ROWS: usize = 6;
+
+/// [`PathState`] of each lane.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PathStates<F: Lanes> {
     /// Path throughput: the weight of all further contributions.
-    pub(crate) throughput: Rgb,
+    pub(crate) throughput: Rgb<F>,
     /// Change of radiance by refraction (the factor eta^2). Russian roulette must not treat it as loss.
-    pub(crate) eta_scale: f32,
-    /// Number of scatterings at surfaces.
-    bounces: u32,
-    /// Number of vertices with light samples so far.
-    pub(crate) light_vertices: u32,
+    pub(crate) eta_scale: F,
+    /// Radiance of the sample so far [W/(m^2 sr)].
+    pub(crate) radiance: Rgb<F>,
+    /// Scale of the learned survival probabilities; negative before the first surface with statistics.
+    pub(crate) gain_scale: F,
+    pub(crate) sampler: Sampler<F>,
     /// Distance from the camera along the path \[m\].
-    pub(crate) path_length: f32,
-    /// True while the path has hit only smooth glass and mirrors. The auxiliary layers describe the surface behind
-    /// them.
-    only_specular: bool,
-    last: Option<LastScatter>,
-    pub(crate) sample: Sample,
+    pub(crate) path_length: F,
+    /// Number of scatterings at surfaces.
+    pub(crate) bounces: F,
+    /// Number of vertices with light samples so far.
+    pub(crate) light_vertices: F,
+    /// Density [1/sr] of the last scattered direction, if light sampling could have sampled it as well. Else zero, and the
+    /// path has full weight.
+    pub(crate) last_pdf: F,
+    /// The vertex of that direction.
+    pub(crate) last: Receivers<F>,
+    /// Lanes that chose one light there.
+    pub(crate) last_choice_is_one: F::Mask,
 }
 
-impl Path {
-    /// The path of a camera ray.
-    #[inline]
-    pub(crate) fn new(scene: &Scene, ray: Ray, sampler: Sampler) -> Self {
+impl<F: Lanes> PathStates<F> {
+    /// Loads the state `of(lane)` of each lane.
+    #[inline(always)]
+    pub(crate) fn load<'p>(token: F::Token, of: impl Fn(usize) -> &'p PathState) -> Self {
+        let [r, g, b, eta_scale] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[0],
+        );
+        let [red, green, blue, gain_scale] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[1],
+        );
+        let [low, high, index, path_length] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[2],
+        );
+        let [bounces, light_vertices, last_pdf, flags] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[3],
+        );
+        let [x, y, z, _] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[4],
+        );
+        let [nx, ny, nz, _] = F::load_rows(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0[5],
+        );
+        let flags = flags.to_bits();
         Self {
-            gain_scale: None,
-            sampler,
-            ray_state: RayState::from_camera(scene, ray),
-            throughput: Rgb::WHITE,
-            eta_scale: 1.0,
-            bounces: 0,
-            light_vertices: 0,
-            path_length: 0.0,
-            only_specular: false,
-            last: None,
-            sample: Sample::MISS,
+            throughput: Rgb::new(r, g, b),
+            eta_scale,
+            radiance: Rgb::new(red, green, blue),
+            gain_scale,
+            sampler: Sampler::from_words(token, [low.to_bits(), high.to_bits(), index.to_bits()]),
+            path_length,
+            bounces,
+            light_vertices,
+            last_pdf,
+            last: Receivers {
+                point: V3::new(x, y, z),
+                normal: V3::new(nx, ny, nz),
+                both_sides: has_flag::<F>(token, flags, BOTH_SIDES),
+            },
+            last_choice_is_one: has_flag::<F>(token, flags, ONE_LIGHT),
         }
     }
 
-    /// The ray leaves the scene and adds the radiance of the environment. Returns the contribution.
+    /// The states as those of paths, in the order of the lanes.
+    #[inline(always)]
+    pub(crate) fn rows(&self, token: F::Token) -> [[[f32; 4]; MAX_WIDTH]; ROWS] {
+        let flags =
+            flag::<F>(token, self.last.both_sides, BOTH_SIDES) | flag::<F>(token, self.last_choice_is_one, ONE_LIGHT);
+        let flags = F::from_bits(flags);
+        let [low, high, index] = self.sampler.words();
+        let [low, high, index] = [F::from_bits(low), F::from_bits(high), F::from_bits(index)];
+        let (t, l, last) = (self.throughput, self.radiance, &self.last);
+        [
+            F::to_rows([t.r, t.g, t.b, self.eta_scale]),
+            F::to_rows([l.r, l.g, l.b, self.gain_scale]),
+            F::to_rows([low, high, index, self.path_length]),
+            F::to_rows([self.bounces, self.light_vertices, self.last_pdf, flags]),
+            F::to_rows([last.point.x, last.point.y, last.point.z, low]),
+            F::to_rows([last.normal.x, last.normal.y, last.normal.z, low]),
+        ]
+    }
+}
+
+/// Flags of the last vertex.
+const BOTH_SIDES: u32 = 1;
+const ONE_LIGHT: u32 = 2;
+
+#[inline(always)]
+fn has_flag<F: Lanes>(token: F::Token, flags: F::Word, flag: u32) -> F::Mask {
+    F::word_eq(flags & flag, F::splat_word(token, flag))
+}
+
+#[inline(always)]
+fn flag<F: Lanes>(token: F::Token, lanes: F::Mask, flag: u32) -> F::Word {
+    F::from_bits(F::splat_word(token, flag)).only(lanes).to_bits()
+}
+
+impl PathState {
+    /// The path of a ray from the camera.
+    pub(crate) fn new(sampler: &Sampler) -> Self {
+        let [One(low), One(high), One(index)] = sampler.words();
+        let mut state = Self([[0.0; 4]; ROWS]);
+        state.0[0] = [1.0; 4];
+        state.0[1][3] = -1.0;
+        state.0[2] = [f32::from_bits(low), f32::from_bits(high), f32::from_bits(index), 0.0];
+        state
+    }
+
+    /// This state alone.
     #[inline]
-    pub(crate) fn add_environment(&mut self, scene: &Scene) -> Rgb {
-        let direction = self.ray_state.ray.direction;
+    pub(crate) fn get(&self) -> Path {
+        PathStates::load((), |_| self)
+    }
+
+    /// Replaces the state by that of a lane.
+    #[inline(always)]
+    pub(crate) fn set(&mut self, rows: &[[[f32; 4]; MAX_WIDTH]; ROWS], lane: usize) {
+        for (row, lanes) in self.0.iter_mut().zip(rows) {
+            *row = lanes[lane];
+        }
+    }
+
+    /// Replaces the state.
+    #[inline]
+    pub(crate) fn put(&mut self, path: &Path) {
+        self.set(&path.rows(()), 0);
+    }
+
+    /// Radiance of the sample so far [W/(m^2 sr)].
+    #[inline]
+    pub(crate) fn radiance(&self) -> Rgb {
+        let [r, g, b, _] = self.0[1];
+        Rgb::new(r, g, b)
+    }
+
+    /// Adds radiance.
+    #[inline]
+    pub(crate) fn add_radiance(&mut self, light: Rgb) {
+        let [r, g, b, _] = &mut self.0[1];
+        *r += light.r;
+        *g += light.g;
+        *b += light.b;
+    }
+}
+
+/// The state of one path.
+pub(crate) type Path = PathStates<f32>;
+
+impl Path {
+    /// The ray leaves the scene and adds the radiance of the environment. Returns the contribution.
+    pub(crate) fn add_environment(&mut self, scene: &Scene, ray: &Ray, prefix: Option<&SpecularPrefix>) -> Rgb {
+        let direction = ray.direction;
         let end = || End::infinite(direction);
         let mut sum = Rgb::BLACK;
         let radiance = self.throughput * scene.environment_radiance(direction);
         if !radiance.is_black() {
-            let pdf = |l: &LastScatter| scene.environment_pdf(&l.receiver, l.choice, direction);
-            sum += self.add_with_mis(scene, radiance, end, pdf);
+            let pdf = |receiver: &_, choice| scene.environment_pdf(receiver, choice, direction);
+            sum += self.add_with_mis(scene, radiance, prefix, end, pdf);
         }
         for (sun, radiance) in scene.suns_along(direction) {
-            let pdf = |l: &LastScatter| scene.sun_pdf(&l.receiver, l.choice, sun, direction);
-            sum += self.add_with_mis(scene, self.throughput * radiance, end, pdf);
+            let pdf = |receiver: &_, choice| scene.sun_pdf(receiver, choice, sun, direction);
+            sum += self.add_with_mis(scene, self.throughput * radiance, prefix, end, pdf);
         }
         sum
     }
 
     /// The ray hits a surface and adds its emission. Returns the contribution.
-    #[inline]
-    pub(crate) fn add_emission(&mut self, scene: &Scene, surface: &SurfacePoint) -> Rgb {
-        let radiance = self.throughput * scene.emitted(surface, -self.ray_state.ray.direction);
+    pub(crate) fn add_emission(
+        &mut self,
+        scene: &Scene,
+        ray: &Ray,
+        surface: &SurfacePoint,
+        prefix: Option<&SpecularPrefix>,
+    ) -> Rgb {
+        let radiance = self.throughput * scene.emitted(surface, -ray.direction);
         if radiance.is_black() {
             return Rgb::BLACK;
         }
         let end = || End::surface(surface.point, surface.normal);
-        self.add_with_mis(scene, radiance, end, |l| scene.light_pdf(&l.receiver, l.choice, surface))
+        self.add_with_mis(scene, radiance, prefix, end, |receiver, choice| scene.light_pdf(receiver, choice, surface))
     }
 
     /// Adds light that a scattered ray has hit, and returns the contribution. `light_pdf` [1/sr] is the density with which
     /// light sampling draws the same direction. Both techniques share the light by the power heuristic. Behind a cover the
     /// other technique is the connection, if it finds the chain to `end`.
-    #[inline]
     fn add_with_mis(
         &mut self,
         scene: &Scene,
         radiance: Rgb,
+        prefix: Option<&SpecularPrefix>,
         end: impl FnOnce() -> End,
-        light_pdf: impl FnOnce(&LastScatter) -> f32,
+        light_pdf: impl FnOnce(&LightSampleContext, LightChoice) -> f32,
     ) -> Rgb {
-        let mis_weight = match &self.last {
-            None => 1.0,
-            Some(l) => {
-                let light_pdf = light_pdf(l);
-                match l.specular_prefix.filter(|p| !p.is_direct()) {
-                    None => direct::power_heuristic(l.pdf, light_pdf),
-                    Some(p) => mnee::scattering_mis_weight(scene, &l.receiver, &p, end(), l.pdf, light_pdf),
-                }
-            }
-        };
+        let mut mis_weight = 1.0;
+        if self.last_pdf > 0.0 {
+            let choice = if self.last_choice_is_one { LightChoice::One } else { LightChoice::Each };
+            let Receivers { point, normal, both_sides } = self.last;
+            let receiver = LightSampleContext { point: point.into(), normal: normal.into(), both_sides };
+            let light_pdf = light_pdf(&receiver, choice);
+            mis_weight = match prefix.filter(|prefix| !prefix.is_direct()) {
+                None => direct::power_heuristic(self.last_pdf, light_pdf),
+                Some(prefix) => mnee::scattering_mis_weight(scene, &receiver, prefix, end(), self.last_pdf, light_pdf),
+            };
+        }
         let contribution = radiance * mis_weight;
-        self.sample.radiance += contribution;
+        self.radiance += contribution;
         contribution
     }
 
     /// The segment to the next surface: multiplies the throughput by the transmittance of the medium. Returns the
     /// distance \[m\] if the medium scatters the path before the surface.
-    #[inline]
-    pub(crate) fn sample_medium(&mut self, scene: &Scene, vertex: u32, distance: f32) -> Option<f32> {
-        let Some(medium) = self.ray_state.medium(scene).filter(|m| m.scatters()) else {
-            self.throughput *= self.ray_state.transmittance(scene, distance);
+    pub(crate) fn sample_medium(&mut self, scene: &Scene, ray: &RayState, vertex: u32, distance: f32) -> Option<f32> {
+        let Some(medium) = ray.medium(scene).filter(|m| m.scatters()) else {
+            self.throughput *= ray.transmittance(scene, distance);
             return None;
         };
         let [_, u_distance, u_channel, u_digits] = self.sampler.get_4d(dimensions::surface_kind(vertex));
@@ -145,123 +277,68 @@ impl Path {
         }
     }
 
-    /// Samples if the surface is present. The path passes an open face.
-    #[inline]
-    pub(crate) fn sample_coverage(&mut self, scene: &Scene, vertex: u32, hit: &SurfaceHit<'_>) -> Presence {
-        if let Some(tint) = hit.open_tint() {
-            self.throughput *= tint;
-            self.pass(hit);
-            return Presence::Open;
-        }
-        if !scene.is_stochastic(&hit.surface) {
-            return Presence::Present { u_kind: 0.0 };
-        }
-        let u = self.sampler.get_1d(dimensions::surface_kind(vertex));
-        presence(u, scene.coverage(&hit.surface, self.ray_state.ray.direction))
-    }
-
-    /// Samples which of the surfaces that coincide with an absent one is present, with a number in `[0, 1)` that is
-    /// still unused. If none is, the path passes all of them.
-    #[inline(never)]
-    pub(crate) fn sample_coincident<'b>(
+    /// Samples which surface is present at a hit, of those that coincide with it. Returns it with a number in `[0, 1)` that is
+    /// still unused, for surfaces with two random kinds. If none is, the path passes all of them, and `ray` is the one behind
+    /// them.
+    pub(crate) fn sample_presence<'b>(
         &mut self,
         scene: &Scene,
-        absent: SurfacePoint,
-        mut u: f32,
+        ray: &mut RayState,
+        vertex: u32,
+        hit: SurfaceHit<'b>,
         storage: &'b mut Option<Interface>,
     ) -> Option<(SurfaceHit<'b>, f32)> {
-        let ray = self.ray_state.ray;
-        let mut last = None;
-        while let Some(point) = scene.next_coincident(&ray, absent, last) {
-            last = Some(point);
-            let u_kind = match scene.is_stochastic(&point) {
-                false => 0.0,
-                true => match presence(u, scene.coverage(&point, ray.direction)) {
-                    Presence::Present { u_kind } => u_kind,
-                    Presence::Absent { u: rest } => {
-                        u = rest;
-                        continue;
-                    }
-                    Presence::Open => continue,
-                },
-            };
-            let hit = self.ray_state.hit_at(scene, point, storage);
-            if let Some(tint) = hit.open_tint() {
-                self.throughput *= tint;
-                self.pass(&hit);
-                return None;
+        if let Some(tint) = hit.open_tint() {
+            self.throughput *= tint;
+            self.pass(ray, &hit);
+            return None;
+        }
+        let (sampler, direction) = (self.sampler, ray.ray.direction);
+        let mut number = None;
+        let mut sample = |point: &SurfacePoint| {
+            if !scene.is_stochastic(point) {
+                return Some(0.0);
             }
+            let u = number.unwrap_or_else(|| sampler.get_1d(dimensions::surface_kind(vertex)));
+            match presence(u, scene.coverage(point, direction)) {
+                Presence::Present { u_kind } => Some(u_kind),
+                Presence::Absent { u } => {
+                    number = Some(u);
+                    None
+                }
+            }
+        };
+        if let Some(u_kind) = sample(&hit.surface) {
             return Some((hit, u_kind));
         }
-        self.pass(&SurfaceHit { surface: absent, interface: None });
+        let mut last = None;
+        while let Some(point) = scene.next_coincident(&ray.ray, hit.surface, last) {
+            last = Some(point);
+            let Some(u_kind) = sample(&point) else { continue };
+            let found = ray.hit_at(scene, point, storage);
+            let Some(tint) = found.open_tint() else { return Some((found, u_kind)) };
+            self.throughput *= tint;
+            self.pass(ray, &found);
+            return None;
+        }
+        self.pass(ray, &SurfaceHit { surface: hit.surface, interface: None });
         None
     }
 
     /// The path continues behind a surface in the same direction.
-    #[inline]
-    fn pass(&mut self, hit: &SurfaceHit<'_>) {
+    fn pass(&mut self, ray: &mut RayState, hit: &SurfaceHit<'_>) {
         // This is no vertex. So the last scattering stays the one that is combined with light sampling.
         self.path_length += hit.surface.distance;
-        self.ray_state = self.ray_state.pass_through(hit);
-    }
-
-    /// True if the auxiliary layers may still be set.
-    #[inline]
-    pub(crate) fn is_first_surface(&self) -> bool {
-        !self.sample.hit || self.only_specular
-    }
-
-    /// Sets the auxiliary layers to albedo and normal of a vertex, unless it lies on smooth glass behind other glass.
-    #[inline]
-    pub(crate) fn set_layers(&mut self, is_see_through: bool, albedo: Rgb, normal: Vec3) {
-        if !self.sample.hit || !is_see_through {
-            self.sample =
-                Sample { hit: true, albedo, normal: normal.to_array(), depth: self.path_length, ..self.sample };
-        }
-        self.only_specular = is_see_through;
-    }
-
-    /// Sets the vertex at which the next scattered light is combined with light sampling. `at` is the surface of the
-    /// vertex, and `self` has the ray that leaves it.
-    #[inline]
-    pub(crate) fn set_last(
-        &mut self,
-        scene: &Scene,
-        (receiver, choice): (&LightSampleContext, LightChoice),
-        (pdf, lobe): (f32, Lobe),
-        at: Option<&SurfacePoint>,
-    ) {
-        let has_covers = !scene.covers().is_empty();
-        if !lobe.contains(Lobe::DELTA) {
-            let specular_prefix = has_covers.then(|| SpecularPrefix::new(self.ray_state));
-            self.last = Some(LastScatter { receiver: *receiver, choice, pdf, specular_prefix });
-        } else if has_covers {
-            let is_reflection = lobe.contains(Lobe::REFLECTION);
-            self.last = self.last.take().and_then(|last| {
-                let specular_prefix = last.specular_prefix?.extended(scene, at?, is_reflection)?;
-                Some(LastScatter { specular_prefix: Some(specular_prefix), ..last })
-            });
-        } else {
-            self.last = None;
-        }
-    }
-
-    /// Counts a scattering and returns the survival probability of a path without loss.
-    #[inline]
-    pub(crate) fn count_scattering(&mut self, in_medium: bool) -> f32 {
-        self.bounces += u32::from(!in_medium);
-        if in_medium || self.bounces < FORCED_RR_BOUNCES { 1.0 } else { MAX_SURVIVAL }
+        *ray = ray.pass_through(hit);
     }
 }
 
 /// The result of the sampling of a coverage.
-pub(crate) enum Presence {
+enum Presence {
     /// The surface is present. `u_kind` is a number in `[0, 1)` that is still unused, for surfaces with two random kinds.
     Present { u_kind: f32 },
     /// The surface is absent for this sample. `u` is a number in `[0, 1)` that is still unused.
     Absent { u: f32 },
-    /// The path has passed an open face.
-    Open,
 }
 
 /// Samples a coverage by a number in `[0, 1)`.
@@ -277,8 +354,15 @@ fn presence(u: f32, coverage: f32) -> Presence {
 }
 
 /// The survival probability in Russian roulette (Arvo and Kirk 1990). `rr_throughput` is the throughput without the
-/// factor eta^2. The last argument is the survival probability of a path without loss.
+/// factor eta^2.
 #[inline(always)]
-pub(crate) fn survival<L: Lanes>(rr_throughput: L, max_survival: L) -> L {
-    (rr_throughput * RR_SCALE).min(max_survival)
+pub(crate) fn survival<F: Lanes>(rr_throughput: F) -> F {
+    rr_throughput * RR_SCALE
+}
+
+/// The survival probability of a path without loss after a number of scatterings at surfaces.
+#[inline(always)]
+pub(crate) fn max_survival<F: Lanes>(bounces: F) -> F {
+    let one = bounces.constant(1.0);
+    bounces.lt(bounces.constant(FORCED_RR_BOUNCES)).select(one, bounces.constant(MAX_SURVIVAL))
 }

@@ -8,12 +8,12 @@ use dunkelfeld_scene::{Boundary, Interface, Interior, Medium, Scene, ShadingPoin
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RayState {
     pub(crate) ray: Ray,
-    enclosing: EnclosingSolids,
+    pub(crate) enclosing: EnclosingSolids,
 }
 
 /// The solids around a point.
 #[derive(Clone, Copy, Debug)]
-enum EnclosingSolids {
+pub(crate) enum EnclosingSolids {
     /// The material of the solid that was entered last: enough where no solids touch and no medium scatters.
     Last(Option<u32>),
     /// All of them.

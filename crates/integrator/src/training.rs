@@ -21,7 +21,7 @@ const MAX_VISITS: usize = 64;
 const COST_PER_PATH: f32 = 32.0;
 
 /// Paths that are followed together.
-const TOGETHER: usize = 16;
+const TOGETHER: usize = 8;
 
 /// Rounds of training. The paths of each round use the statistics of the round before.
 const ROUNDS: u32 = 3;

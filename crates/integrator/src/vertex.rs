@@ -22,8 +22,8 @@ pub(crate) struct Vertex<'a> {
 pub(crate) enum Place<'a> {
     /// On a surface.
     Surface(SurfaceHit<'a>),
-    /// In a medium, at a distance \[m\] along the ray.
-    Medium(&'a Medium, f32),
+    /// In a medium.
+    Medium(&'a Medium),
 }
 
 impl<'a> Vertex<'a> {
@@ -57,7 +57,7 @@ impl<'a> Vertex<'a> {
         let phase = storage.insert(Bsdf::Phase(medium.phase));
         let shading = ShadingPoint::in_medium(ray_state.ray.at(distance), phase, material);
         let wo = -ray_state.ray.direction;
-        Some(Self { place: Place::Medium(medium, distance), shading, wo, wo_local: LocalDir(wo), ray_state })
+        Some(Self { place: Place::Medium(medium), shading, wo, wo_local: LocalDir(wo), ray_state })
     }
 
     /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`, with its direction in render
@@ -84,13 +84,10 @@ impl<'a> Vertex<'a> {
     /// The vertex as the only lane.
     #[inline]
     fn scatterer(&self) -> Scatterer<f32, OneLane<'_>> {
-        Scatterer { frames: self.shading.frames(self.normal()), view: self.one_lane() }
-    }
-
-    /// The BSDF as a lane of many.
-    #[inline]
-    pub(crate) fn one_lane(&self) -> OneLane<'_> {
-        OneLane { bsdf: self.shading.bsdf, wo: self.wo_local }
+        Scatterer {
+            frames: self.shading.frames(self.normal()),
+            view: OneLane { bsdf: self.shading.bsdf, wo: self.wo_local },
+        }
     }
 
     /// The state of the ray that continues in a direction.
@@ -98,7 +95,7 @@ impl<'a> Vertex<'a> {
     pub(crate) fn spawn_ray(&self, wi: Vec3) -> RayState {
         match &self.place {
             Place::Surface(hit) => self.ray_state.spawn_ray(hit, &self.shading, wi),
-            Place::Medium(..) => self.ray_state.leaving(self.shading.receiver.point, wi),
+            Place::Medium(_) => self.ray_state.leaving(self.shading.receiver.point, wi),
         }
     }
 
@@ -107,35 +104,14 @@ impl<'a> Vertex<'a> {
     pub(crate) fn surface(&self) -> Option<&SurfaceHit<'a>> {
         match &self.place {
             Place::Surface(hit) => Some(hit),
-            Place::Medium(..) => None,
+            Place::Medium(_) => None,
         }
-    }
-
-    /// Bound of the rounding error of the position, per axis. Rays start at the point of a medium itself.
-    #[inline]
-    pub(crate) fn error(&self) -> Vec3 {
-        self.surface().map_or(Vec3::ZERO, |hit| hit.surface.error)
     }
 
     /// The geometric normal; that of the frame in a medium.
     #[inline]
     pub(crate) fn normal(&self) -> Vec3 {
         self.surface().map_or(Vec3::Z, |hit| hit.surface.normal)
-    }
-
-    /// Distance from the origin of the ray \[m\].
-    #[inline]
-    pub(crate) fn distance(&self) -> f32 {
-        match &self.place {
-            Place::Surface(hit) => hit.surface.distance,
-            Place::Medium(_, distance) => *distance,
-        }
-    }
-
-    /// Direction toward the camera in the frame of shading.
-    #[inline]
-    pub(crate) fn wo_local(&self) -> LocalDir {
-        self.wo_local
     }
 }
 

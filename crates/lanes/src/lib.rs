@@ -207,6 +207,8 @@ pub trait Lanes:
     fn to_double(self) -> Self::Double;
     /// The four numbers of each lane, which lie side by side in memory: the first one of each lane, and so on.
     fn load_rows<'a>(token: Self::Token, row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4];
+    /// The inverse of [`Self::load_rows`]. Rows beyond the last lane are zero.
+    fn to_rows(columns: [Self; 4]) -> [[f32; 4]; MAX_WIDTH];
     /// Are the integers equal?
     fn word_eq(a: Self::Word, b: Self::Word) -> Self::Mask;
 

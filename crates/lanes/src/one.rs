@@ -1,6 +1,6 @@
 //! One lane: plain numbers.
 
-use crate::{Lanes, Long, Mask, Word};
+use crate::{Lanes, Long, MAX_WIDTH, Mask, Word};
 use std::ops::{Add, BitAnd, BitOr, BitXor, Mul, Shl, Shr, Sub};
 
 /// A wrapping integer of one lane.
@@ -215,6 +215,12 @@ impl Lanes for f32 {
     #[inline(always)]
     fn load_rows<'a>((): (), row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4] {
         *row(0)
+    }
+    #[inline(always)]
+    fn to_rows(columns: [Self; 4]) -> [[f32; 4]; MAX_WIDTH] {
+        let mut rows = [[0.0; 4]; MAX_WIDTH];
+        rows[0] = columns;
+        rows
     }
     #[inline(always)]
     fn word_eq(a: One, b: One) -> bool {

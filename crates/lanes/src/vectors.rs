@@ -1,7 +1,7 @@
 //! Four, eight and sixteen lanes: the vectors of `fearless_simd`.
 
 use crate::double::Doubles;
-use crate::{Lanes, Long, Mask, Word};
+use crate::{Lanes, Long, MAX_WIDTH, Mask, Word};
 use fearless_simd::prelude::*;
 use fearless_simd::{
     Simd, SimdCvtFloat, f32x4, f32x8, f32x16, f64x2, f64x4, f64x8, i32x4, i32x8, i32x16, mask32x4, mask32x8, mask32x16,
@@ -158,6 +158,17 @@ macro_rules! vector {
                     step *= 2;
                 }
                 v
+            }
+            #[inline(always)]
+            fn to_rows([a, b, c, d]: [Self; 4]) -> [[f32; 4]; MAX_WIDTH] {
+                let (ac, bd) = ([a.zip_low(c), a.zip_high(c)], [b.zip_low(d), b.zip_high(d)]);
+                let mut rows = [[0.0; 4]; MAX_WIDTH];
+                let numbers = rows.as_flattened_mut();
+                ac[0].zip_low(bd[0]).store_slice(&mut numbers[..$width]);
+                ac[0].zip_high(bd[0]).store_slice(&mut numbers[$width..2 * $width]);
+                ac[1].zip_low(bd[1]).store_slice(&mut numbers[2 * $width..3 * $width]);
+                ac[1].zip_high(bd[1]).store_slice(&mut numbers[3 * $width..4 * $width]);
+                rows
             }
             #[inline(always)]
             fn word_eq(a: Self::Word, b: Self::Word) -> Self::Mask {

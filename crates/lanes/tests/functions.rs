@@ -133,7 +133,9 @@ fn rows_become_columns() {
     }
     for set in InstructionSet::all() {
         let columns = dispatch!(set, F, token => {
-            let [a, b, c, d] = F::load_rows(token, #[inline(always)] |lane| &rows[lane]);
+            let columns = F::load_rows(token, #[inline(always)] |lane| &rows[lane]);
+            assert_eq!(F::to_rows(columns)[..F::WIDTH], rows[..F::WIDTH], "{set:?}");
+            let [a, b, c, d] = columns;
             [a.to_array(), b.to_array(), c.to_array(), d.to_array()]
         });
         for (column, lanes) in columns.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use crate::hash::{hash_u64, mix_lanes};
 use crate::sobol::{coordinate_reversed, owen_reversed};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, One, OneLong, Word};
+use dunkelfeld_lanes::{Lanes, One, OneLong, Word};
 
 /// Number of independently scrambled batches. The samples of a pixel are assigned to them in turn.
 ///
@@ -61,20 +61,17 @@ impl Sampler {
 }
 
 impl<F: Lanes> Sampler<F> {
-    /// The first samplers of a slice, one for each lane.
-    ///
-    /// # Panics
-    /// If the slice is shorter.
+    /// The sampler with these [`Self::words`].
     #[inline(always)]
-    pub fn from_lanes(token: F::Token, samplers: &[Sampler]) -> Self {
-        let samplers = &samplers[..F::WIDTH];
-        let [mut low, mut high, mut index] = [[0; MAX_WIDTH]; 3];
-        for lane in 0..F::WIDTH {
-            let Sampler { key: OneLong(key), index_reversed: One(reversed), .. } = samplers[lane];
-            (low[lane], high[lane], index[lane]) = (key as u32, (key >> 32) as u32, reversed);
-        }
-        let key = F::join(F::load_word(token, &low), F::load_word(token, &high));
-        Self { token, key, index_reversed: F::load_word(token, &index) }
+    pub fn from_words(token: F::Token, [low, high, index_reversed]: [F::Word; 3]) -> Self {
+        Self { token, key: F::join(low, high), index_reversed }
+    }
+
+    /// The whole state.
+    #[inline(always)]
+    pub fn words(&self) -> [F::Word; 3] {
+        let [low, high] = F::split(self.key);
+        [low, high, self.index_reversed]
     }
 
     /// The numbers of set `set`. Each is computed on access.

@@ -1,6 +1,6 @@
 //! All widths have the bits of one lane.
 
-use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, V3, dispatch};
+use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, One, V3, dispatch};
 use dunkelfeld_sampling::{Sampler, mix64, warp};
 
 type Rows = Vec<[f32; MAX_WIDTH]>;
@@ -8,7 +8,13 @@ type Rows = Vec<[f32; MAX_WIDTH]>;
 #[inline(always)]
 fn numbers<F: Lanes>(token: F::Token, samplers: &[Sampler; MAX_WIDTH], set: u32, out: &mut Rows) {
     for at in (0..MAX_WIDTH).step_by(F::WIDTH) {
-        let numbers = Sampler::<F>::from_lanes(token, &samplers[at..]).numbers(set);
+        let mut words = [[0; MAX_WIDTH]; 3];
+        for lane in 0..F::WIDTH {
+            let [One(low), One(high), One(index)] = samplers[at + lane].words();
+            [words[0][lane], words[1][lane], words[2][lane]] = [low, high, index];
+        }
+        let words = [F::load_word(token, &words[0]), F::load_word(token, &words[1]), F::load_word(token, &words[2])];
+        let numbers = Sampler::<F>::from_words(token, words).numbers(set);
         let ([a, b], [c, d]) = (numbers.first_two(), numbers.last_two());
         let all = [a, b, c, d, numbers.get(0), numbers.get(1), numbers.get(2), numbers.get(3)];
         for (row, x) in out.iter_mut().zip(all) {

@@ -56,6 +56,8 @@ pub struct Scene {
     pub(crate) covers: Covers,
     /// The times of the samples, if the image depends on them.
     pub(crate) shutter: Option<Shutter>,
+    /// True if some surface is random.
+    pub(crate) has_chance: bool,
     /// True if light enters solids.
     pub(crate) has_solids: bool,
     /// True if a path needs all solids around it.
@@ -177,6 +179,12 @@ impl Scene {
     /// The effects that the scene needs, and the objects that need them.
     pub fn effects(&self) -> &Effects {
         &self.effects
+    }
+
+    /// True if light comes from infinitely far away: an environment or suns.
+    #[inline]
+    pub fn has_environment(&self) -> bool {
+        self.lights.environment.is_some() || self.lights.has_suns()
     }
 
     /// True if light enters solids.

@@ -21,8 +21,7 @@ mod statistics;
 pub(crate) use statistics::{Outcomes, Visit};
 
 use crate::learned_roulette::cells::{Cell, CellGrid};
-use dunkelfeld_geometry::Vec3;
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_scene::Scene;
 
 /// Number of lights with statistics of their own: the lights of a vertex that takes a sample of each.
@@ -58,13 +57,31 @@ impl LearnedRoulette {
         Some(Self { grid: statistics::combine(batches)? })
     }
 
-    /// The survival probabilities at a vertex on a surface. The first surface with statistics sets the `gain_scale` of
-    /// the path. `None` if its material has no statistics, or if the noise of the first surface is zero.
-    #[inline]
-    pub(crate) fn at(&self, point: Vec3, material: u32, gain_scale: &mut Option<f32>) -> Option<VertexRoulette<'_>> {
-        let cell = self.grid.find(point, material)?;
-        let gain_scale = *gain_scale.get_or_insert(cell.gain_scale);
-        (gain_scale > 0.0 && gain_scale.is_finite()).then_some(VertexRoulette { cell, gain_scale })
+    /// The survival probabilities at vertices on surfaces of a material. The first surface with statistics sets the
+    /// `gain_scale` of a path, which is negative before. A lane has none if its material has no statistics, or if the noise
+    /// of the first surface is zero.
+    #[inline(always)]
+    pub(crate) fn at_lanes<F: Lanes>(
+        &self,
+        token: F::Token,
+        points: V3<F>,
+        material: u32,
+        gain_scale: &mut F,
+    ) -> VertexRoulettes<'_, F> {
+        let (points, mut gains) = (points.to_lanes(), gain_scale.to_array());
+        let mut vertices = [None; MAX_WIDTH];
+        for lane in 0..F::WIDTH {
+            let Some(cell) = self.grid.find(points[lane], material) else { continue };
+            if gains[lane] < 0.0 {
+                gains[lane] = cell.gain_scale;
+            }
+            let gain_scale = gains[lane];
+            if gain_scale > 0.0 && gain_scale.is_finite() {
+                vertices[lane] = Some(VertexRoulette { cell, gain_scale });
+            }
+        }
+        *gain_scale = F::load(token, &gains);
+        VertexRoulettes::new(token, vertices)
     }
 }
 
@@ -89,7 +106,7 @@ pub(crate) struct VertexRoulettes<'a, F: Lanes> {
 impl<'a, F: Lanes> VertexRoulettes<'a, F> {
     /// The statistics of each lane.
     #[inline(always)]
-    pub(crate) fn new(token: F::Token, vertices: [Option<VertexRoulette<'a>>; MAX_WIDTH]) -> Self {
+    fn new(token: F::Token, vertices: [Option<VertexRoulette<'a>>; MAX_WIDTH]) -> Self {
         let (mut gain_scale, mut path, mut bits) = ([0.0; MAX_WIDTH], [0.0; MAX_WIDTH], 0);
         for lane in 0..F::WIDTH {
             if let Some(vertex) = &vertices[lane] {
@@ -99,6 +116,12 @@ impl<'a, F: Lanes> VertexRoulettes<'a, F> {
         }
         let is_learned = F::mask(token, bits);
         Self { vertices, is_learned, gain_scale: F::load(token, &gain_scale), path: F::load(token, &path) }
+    }
+
+    /// No statistics.
+    #[inline(always)]
+    pub(crate) fn none(token: F::Token) -> Self {
+        Self::new(token, [None; MAX_WIDTH])
     }
 
     /// The statistics of a lane.

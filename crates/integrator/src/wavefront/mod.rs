@@ -11,27 +11,27 @@
 //! A path reads and writes only its own state, and its contributions are added in the order of its vertices and lights.
 //! So a sample has the same bits at every width and in every batch. A batch of one sample in one lane is the reference.
 
+mod group;
 mod rays;
 mod scatter;
 
 use crate::dimensions;
 use crate::estimator::{CameraSample, Estimator, PixelSample};
+use crate::mnee::SpecularPrefix;
 use crate::observer::{ConnectionTally, Event, Observer};
-use crate::path::{Path, Presence};
-use crate::ray_state::SurfaceHit;
-use crate::vertex::Vertex;
-use dunkelfeld_bsdf::Bsdf;
+use crate::path::PathState;
+use crate::ray_state::{EnclosingSolids, RayState};
+use dunkelfeld_bvh::Hit;
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;
-use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, dispatch};
+use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, One, dispatch};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{Interface, LightChoice, SurfacePoint};
 use rays::{Hits, Rays, ShadowRays};
-use smallvec::SmallVec;
 use std::time::Instant;
 
-/// Most paths that are followed together. Their state takes about half a megabyte.
+/// Most paths that are followed together. Their state takes about a quarter of a megabyte.
 const BATCH: usize = 1024;
 
 /// A path in a medium can be abandoned after each so many vertices: some milliseconds for one path.
@@ -42,23 +42,49 @@ const CHECK_EVERY: u32 = 4096;
 pub struct Wavefront<'a> {
     estimator: Estimator<'a>,
     set: InstructionSet,
-    paths: Vec<Path>,
-    /// Paths with a ray to the next surface.
-    active: Vec<u32>,
-    /// Paths after this wave.
-    next: Vec<u32>,
-    /// The rays of the active paths, and their hits.
+    paths: Vec<PathState>,
+    /// The samples of the paths, with their auxiliary layers.
+    samples: Vec<Sample>,
+    layers: Vec<Layers>,
+    /// In scenes with solids.
+    among_solids: Vec<AmongSolids>,
+    /// The rays to the next surfaces, and their hits.
     rays: Rays,
     hits: Hits,
-    /// The point that each path has reached.
+    /// The rays after this wave.
+    next: Rays,
+    /// True if lanes find the points of all hits. Else they are found path by path: in media, at surfaces that may be absent,
+    /// and between solids that touch.
+    is_plain: bool,
+    /// The points that rays have reached otherwise.
     arrivals: Vec<Option<Arrival>>,
-    /// Interfaces of solids at these points, in scenes with media.
+    /// Interfaces of solids at these points.
     interfaces: Vec<Interface>,
-    /// Paths that scatter: [`Arrival::key`] and number.
+    /// Rays whose paths scatter: the key of their points, and their number.
     order: Vec<u64>,
     /// For each light sample of a vertex.
     shadow: Vec<ShadowRays>,
     occluded: Vec<bool>,
+}
+
+/// The state of the auxiliary layers of a path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Layers {
+    /// No surface yet.
+    Unset,
+    /// Of smooth glass or a mirror. They will describe the first other surface behind it.
+    SeeThrough,
+    /// Final.
+    Set,
+}
+
+/// The state of a path in a scene with solids.
+#[derive(Clone, Copy, Debug)]
+struct AmongSolids {
+    /// The solids around the origin of its ray.
+    enclosing: EnclosingSolids,
+    /// The interfaces of covers that it has passed since the last scattering, if connections could sample its light.
+    prefix: Option<SpecularPrefix>,
 }
 
 /// A point at which a path scatters.
@@ -107,19 +133,24 @@ impl<'a> Wavefront<'a> {
     /// For the samples of an estimator, with the lanes of an instruction set.
     pub fn new(estimator: &Estimator<'a>, set: InstructionSet) -> Self {
         let choice = estimator.scene.light_choice_at(0, false);
-        let lights = estimator.scene.num_light_samples(choice) as usize;
+        let lights = estimator.scene.num_light_samples(choice);
+        let moves = estimator.scene.shutter().is_some();
+        let shadow = |_| ShadowRays { rays: Rays::new(moves), ..ShadowRays::default() };
         Self {
             estimator: *estimator,
             set,
             paths: Vec::new(),
-            active: Vec::new(),
-            next: Vec::new(),
-            rays: Rays::default(),
+            samples: Vec::new(),
+            layers: Vec::new(),
+            among_solids: Vec::new(),
+            rays: Rays::new(moves),
             hits: Hits::default(),
+            next: Rays::new(moves),
+            is_plain: false,
             arrivals: Vec::new(),
             interfaces: Vec::new(),
             order: Vec::new(),
-            shadow: (0..lights).map(|_| ShadowRays::default()).collect(),
+            shadow: (0..lights).map(shadow).collect(),
             occluded: Vec::new(),
         }
     }
@@ -152,8 +183,8 @@ impl<'a> Wavefront<'a> {
             .map(|((at, sampler), place)| estimator.camera_sample(*at, sampler, place))
             .collect();
         self.follow(cameras.iter().map(|camera| camera.ray).zip(samplers), watch);
-        let samples = self.paths.iter().zip(&cameras);
-        found.extend(samples.map(|(path, camera)| camera.weighted(&path.sample)));
+        let samples = self.paths.iter().zip(&self.samples).zip(&cameras);
+        found.extend(samples.map(|((path, sample), camera)| camera.weighted(path.radiance(), sample)));
         cameras.first().map_or(1.0, |camera| camera.weight)
     }
 
@@ -161,12 +192,25 @@ impl<'a> Wavefront<'a> {
     pub(crate) fn follow(&mut self, rays: impl Iterator<Item = (Ray, Sampler)>, mut watch: Watch<'_>) {
         let scene = self.estimator.scene;
         self.paths.clear();
-        self.paths.extend(rays.map(|(ray, sampler)| Path::new(scene, ray, sampler)));
-        self.active.clear();
-        self.active.extend(0..self.paths.len() as u32);
+        self.among_solids.clear();
+        self.rays.clear();
+        self.is_plain = !scene.has_chance();
+        for (number, (ray, sampler)) in (0..).zip(rays) {
+            self.paths.push(PathState::new(&sampler));
+            self.rays.push(&ray, number);
+            if scene.has_solids() {
+                let enclosing = RayState::from_camera(scene, ray).enclosing;
+                self.is_plain &= matches!(enclosing, EnclosingSolids::Last(_));
+                self.among_solids.push(AmongSolids { enclosing, prefix: None });
+            }
+        }
+        self.samples.clear();
+        self.samples.resize(self.paths.len(), Sample::MISS);
+        self.layers.clear();
+        self.layers.resize(self.paths.len(), Layers::Unset);
         for vertex in 0.. {
             self.wave(vertex, &mut watch);
-            if self.active.is_empty() {
+            if self.rays.paths.is_empty() {
                 return;
             }
             if vertex % CHECK_EVERY == CHECK_EVERY - 1 {
@@ -182,86 +226,103 @@ impl<'a> Wavefront<'a> {
 
     /// All paths advance by one vertex.
     fn wave(&mut self, vertex: u32, watch: &mut Watch<'_>) {
+        let scene = self.estimator.scene;
+        let count = self.rays.paths.len();
+        scene.bvh().closest_hits(self.set, &self.rays.batch(), &mut self.hits.batch(count));
         self.next.clear();
-        self.arrive(vertex, watch);
+        self.order.clear();
+        self.interfaces.clear();
+        if !self.is_plain {
+            self.arrivals.resize(self.arrivals.len().max(count), None);
+        }
+        for ray in 0..count {
+            match self.hits.get(ray) {
+                None => self.escape(ray, watch),
+                Some(hit) if self.is_plain => self.reach(ray, &hit),
+                Some(hit) => self.arrive(ray, &hit, vertex),
+            }
+        }
         self.order.sort_unstable();
         let set = self.set;
         dispatch!(set, F, token => self.scatter_all::<F>(token, vertex, watch));
         self.trace_shadow_rays(watch);
-        std::mem::swap(&mut self.active, &mut self.next);
+        std::mem::swap(&mut self.rays, &mut self.next);
     }
 
-    /// The next surface along each ray: the medium before it, its coverage and its emission. Without a surface, the radiance
-    /// of the environment.
-    fn arrive(&mut self, vertex: u32, watch: &mut Watch<'_>) {
-        let Self { paths, arrivals, interfaces, active, next, rays, hits, order, estimator, set, .. } = self;
-        let scene = estimator.scene;
-        rays.clear();
-        let moves = scene.shutter().is_some();
-        active.iter().for_each(|&number| rays.push(&paths[number as usize].ray_state.ray, moves));
-        scene.bvh().closest_hits(*set, &rays.batch(), &mut hits.batch(active.len()));
-        order.clear();
-        interfaces.clear();
-        arrivals.resize(arrivals.len().max(paths.len()), None);
-        for (i, &number) in active.iter().enumerate() {
-            let path = &mut paths[number as usize];
-            let mut arrive = |arrival: Arrival| {
-                arrivals[number as usize] = Some(arrival);
-                order.push(u64::from(arrival.key()) << 32 | u64::from(number));
-            };
-            let throughput = path.throughput;
-            let Some(hit) = hits.get(i) else {
-                let position = path.ray_state.ray.direction;
-                watch.event(number, || Event::Vertex { position, material: None, in_medium: false, throughput });
-                let light = path.add_environment(scene);
-                watch.event(number, || Event::Emitted(light));
-                continue;
-            };
-            let (mut interface, mut behind) = (None, None);
-            let point = scene.surface_point(&hit, path.ray_state.ray.time);
-            let hit = path.ray_state.hit_at(scene, point, &mut interface);
-            if let Some(distance) = path.sample_medium(scene, vertex, hit.surface.distance) {
-                let Some(material) = path.ray_state.solid(scene) else { continue };
-                let (position, throughput) = (path.ray_state.ray.at(distance), path.throughput);
-                let material_of_event = Some(material);
-                watch.event(number, || Event::Vertex {
-                    position,
-                    material: material_of_event,
-                    in_medium: true,
-                    throughput,
-                });
-                let choice = scene.light_choice_at(path.light_vertices, true);
-                arrive(Arrival::Medium { material, distance, choice });
-                continue;
+    /// The ray with its solids.
+    fn ray_state(&self, ray: usize) -> RayState {
+        let number = self.rays.paths[ray] as usize;
+        let enclosing = self.among_solids.get(number).map_or(EnclosingSolids::Last(None), |a| a.enclosing);
+        RayState { ray: self.rays.get(ray), enclosing }
+    }
+
+    /// The interfaces that a path has passed since its last scattering.
+    fn prefix(&self, path: u32) -> Option<&SpecularPrefix> {
+        self.among_solids.get(path as usize)?.prefix.as_ref()
+    }
+
+    /// The ray leaves the scene: the radiance of the environment.
+    fn escape(&mut self, ray: usize, watch: &mut Watch<'_>) {
+        let scene = self.estimator.scene;
+        if !scene.has_environment() && watch.observer.is_none() {
+            return;
+        }
+        let (number, ray) = (self.rays.paths[ray], self.rays.get(ray));
+        let mut path = self.paths[number as usize].get();
+        let (position, throughput) = (ray.direction, path.throughput);
+        watch.event(number, || Event::Vertex { position, material: None, in_medium: false, throughput });
+        let light = path.add_environment(scene, &ray, self.prefix(number));
+        watch.event(number, || Event::Emitted(light));
+        self.paths[number as usize].put(&path);
+    }
+
+    /// The ray reaches a surface.
+    #[inline]
+    fn reach(&mut self, ray: usize, hit: &Hit) {
+        let scene = self.estimator.scene;
+        if scene.has_solids() {
+            let number = self.rays.paths[ray] as usize;
+            if let AmongSolids { enclosing: EnclosingSolids::Last(Some(_)), .. } = self.among_solids[number] {
+                let mut path = self.paths[number].get();
+                path.throughput *= self.ray_state(ray).transmittance(scene, hit.t);
+                self.paths[number].put(&path);
             }
-            let (hit, u_kind) = match path.sample_coverage(scene, vertex, &hit) {
-                Presence::Present { u_kind } => (hit, u_kind),
-                Presence::Open => {
-                    next.push(number);
-                    continue;
+        }
+        let material = scene.material_of(hit.instance, hit.part, hit.triangle);
+        self.order.push(u64::from(2 * material) << 32 | ray as u64);
+    }
+
+    /// The ray reaches a point in a medium or on a surface that is present, or passes the surface.
+    fn arrive(&mut self, ray: usize, hit: &Hit, vertex: u32) {
+        let (scene, number) = (self.estimator.scene, self.rays.paths[ray]);
+        let mut ray_state = self.ray_state(ray);
+        let (mut interface, mut behind) = (None, None);
+        let mut path = self.paths[number as usize].get();
+        let point = scene.surface_point(hit, ray_state.ray.time);
+        let hit = ray_state.hit_at(scene, point, &mut interface);
+        let arrival = if let Some(distance) = path.sample_medium(scene, &ray_state, vertex, hit.surface.distance) {
+            let choice = scene.light_choice_at(path.light_vertices as u32, true);
+            ray_state.solid(scene).map(|material| Arrival::Medium { material, distance, choice })
+        } else {
+            let present = path.sample_presence(scene, &mut ray_state, vertex, hit, &mut behind);
+            if present.is_none() {
+                self.next.push(&ray_state.ray, number);
+                if let Some(among) = self.among_solids.get_mut(number as usize) {
+                    among.enclosing = ray_state.enclosing;
                 }
-                Presence::Absent { u } => match path.sample_coincident(scene, hit.surface, u, &mut behind) {
-                    Some(found) => found,
-                    None => {
-                        next.push(number);
-                        continue;
-                    }
-                },
-            };
-            let (point, throughput) = (hit.surface, path.throughput);
-            watch.event(number, || Event::Vertex {
-                position: point.point,
-                material: Some(point.material()),
-                in_medium: false,
-                throughput,
-            });
-            let light = path.add_emission(scene, &point);
-            watch.event(number, || Event::Emitted(light));
-            let interface = hit.interface.map(|interface| {
-                interfaces.push(*interface);
-                interfaces.len() as u32 - 1
-            });
-            arrive(Arrival::Surface { point, u_kind, interface });
+            }
+            present.map(|(hit, u_kind)| {
+                let interface = hit.interface.map(|interface| {
+                    self.interfaces.push(*interface);
+                    self.interfaces.len() as u32 - 1
+                });
+                Arrival::Surface { point: hit.surface, u_kind, interface }
+            })
+        };
+        self.paths[number as usize].put(&path);
+        self.arrivals[ray] = arrival;
+        if let Some(arrival) = arrival {
+            self.order.push(u64::from(arrival.key()) << 32 | ray as u64);
         }
     }
 
@@ -271,44 +332,15 @@ impl<'a> Wavefront<'a> {
         let (order, interfaces) = (std::mem::take(&mut self.order), std::mem::take(&mut self.interfaces));
         for of_key in order.chunk_by(|a, b| a >> 32 == b >> 32) {
             for group in of_key.chunks(F::WIDTH) {
-                let mut paths = [group[0] as u32; MAX_WIDTH];
+                let mut rays = [group[0] as u32; MAX_WIDTH];
                 for (lane, key) in group.iter().enumerate() {
-                    paths[lane] = *key as u32;
+                    rays[lane] = *key as u32;
                 }
-                let mut storage = [const { None }; MAX_WIDTH];
-                let vertices = self.vertices(&paths[..group.len()], &interfaces, &mut storage);
-                if vertices.len() == group.len() {
-                    self.scatter_group::<F>(token, (vertex, &vertices, paths), watch);
-                }
+                let key = (group[0] >> 32) as u32;
+                self.scatter_group::<F>(token, vertex, (key, &rays, group.len()), &interfaces, watch);
             }
         }
         (self.order, self.interfaces) = (order, interfaces);
-    }
-
-    /// The vertices of some paths.
-    #[inline(never)]
-    fn vertices<'s>(
-        &self,
-        paths: &[u32],
-        interfaces: &'s [Interface],
-        storage: &'s mut [Option<Bsdf>; MAX_WIDTH],
-    ) -> SmallVec<[Vertex<'s>; MAX_WIDTH]>
-    where
-        'a: 's,
-    {
-        let scene = self.estimator.scene;
-        let vertex = |(&number, storage): (&u32, &'s mut Option<Bsdf>)| {
-            let state = self.paths[number as usize].ray_state;
-            match self.arrivals[number as usize]? {
-                Arrival::Surface { point, u_kind, interface } => {
-                    let interface = interface.and_then(|i| interfaces.get(i as usize));
-                    let hit = SurfaceHit { surface: point, interface };
-                    Some(Vertex::on_surface(scene, state, hit, u_kind, storage))
-                }
-                Arrival::Medium { distance, .. } => Vertex::in_medium(scene, state, distance, storage),
-            }
-        };
-        paths.iter().zip(storage).filter_map(vertex).collect()
     }
 
     /// Traces the shadow rays, light by light, and adds the light of those that are not occluded, and of connections.
@@ -316,15 +348,19 @@ impl<'a> Wavefront<'a> {
         let bvh = self.estimator.scene.bvh();
         for (index, queue) in (0..).zip(&mut self.shadow) {
             self.occluded.clear();
-            self.occluded.resize(queue.paths.len(), false);
+            self.occluded.resize(queue.rays.paths.len(), false);
             bvh.occluded_batch(self.set, &queue.rays.batch(), &mut self.occluded);
-            for (i, &path) in queue.paths.iter().enumerate() {
-                let light = if self.occluded[i] { Rgb::BLACK } else { queue.light(i) };
-                self.paths[path as usize].sample.radiance += light;
-                watch.event(path, || Event::ShadowRay { index, light });
+            for (i, &path) in queue.rays.paths.iter().enumerate() {
+                if !self.occluded[i] {
+                    self.paths[path as usize].add_radiance(queue.light(i));
+                }
+                watch.event(path, || {
+                    let light = if self.occluded[i] { Rgb::BLACK } else { queue.light(i) };
+                    Event::ShadowRay { index, light }
+                });
             }
             for &(path, light) in &queue.connected {
-                self.paths[path as usize].sample.radiance += light;
+                self.paths[path as usize].add_radiance(light);
             }
             queue.clear();
         }
@@ -336,9 +372,13 @@ fn places_in_pixels(set: InstructionSet, samplers: &[Sampler]) -> Vec<[f32; 2]> 
     let mut places = Vec::with_capacity(samplers.len());
     dispatch!(set, F, token => {
         for group in samplers.chunks(F::WIDTH) {
-            let mut lanes = [group[0]; MAX_WIDTH];
-            lanes[..group.len()].copy_from_slice(group);
-            let [x, y] = Sampler::<F>::from_lanes(token, &lanes).numbers(dimensions::CAMERA).first_two();
+            let mut words = [[0; MAX_WIDTH]; 3];
+            for (lane, sampler) in group.iter().enumerate() {
+                let [One(low), One(high), One(index)] = sampler.words();
+                [words[0][lane], words[1][lane], words[2][lane]] = [low, high, index];
+            }
+            let words = [F::load_word(token, &words[0]), F::load_word(token, &words[1]), F::load_word(token, &words[2])];
+            let [x, y] = Sampler::<F>::from_words(token, words).numbers(dimensions::CAMERA).first_two();
             let (x, y) = (x.to_array(), y.to_array());
             places.extend((0..group.len()).map(|lane| [x[lane], y[lane]]));
         }

@@ -1,9 +1,10 @@
 //! Rays of a wave, and their results.
 
 use dunkelfeld_bvh::{Hit, HitBatch, NO_HIT, RayBatch};
-use dunkelfeld_geometry::Ray;
-use dunkelfeld_lanes::{Lanes, V3};
+use dunkelfeld_geometry::{Ray, Vec3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::HitLanes;
 
 /// Rays, an array for each number.
 #[derive(Debug, Default)]
@@ -11,31 +12,67 @@ pub(super) struct Rays {
     origin: [Vec<f32>; 3],
     direction: [Vec<f32>; 3],
     t_max: Vec<f32>,
-    /// Empty for a scene at rest.
+    /// Does the scene move? Else times are not stored.
+    moves: bool,
     time: Vec<f32>,
+    /// Number of the path of each ray.
+    pub(super) paths: Vec<u32>,
 }
 
 impl Rays {
+    pub(super) fn new(moves: bool) -> Self {
+        Self { moves, ..Self::default() }
+    }
+
     pub(super) fn clear(&mut self) {
-        let Self { origin, direction, t_max, time } = self;
+        let Self { origin, direction, t_max, time, paths, .. } = self;
         origin.iter_mut().chain(direction).chain([t_max, time]).for_each(Vec::clear);
+        paths.clear();
     }
 
     #[inline]
-    pub(super) fn push(&mut self, ray: &Ray, moves: bool) {
+    pub(super) fn push(&mut self, ray: &Ray, path: u32) {
         for k in 0..3 {
             self.origin[k].push(ray.origin[k]);
             self.direction[k].push(ray.direction[k]);
         }
         self.t_max.push(ray.t_max);
-        if moves {
+        if self.moves {
             self.time.push(ray.time);
         }
+        self.paths.push(path);
     }
 
-    /// Stores the rays of some lanes.
+    /// A ray by its number.
+    #[inline]
+    pub(super) fn get(&self, ray: usize) -> Ray {
+        let vector = |v: &[Vec<f32>; 3]| Vec3::new(v[0][ray], v[1][ray], v[2][ray]);
+        let time = self.time.get(ray).copied().unwrap_or(0.0);
+        Ray { origin: vector(&self.origin), direction: vector(&self.direction), t_max: self.t_max[ray], time }
+    }
+
+    /// The directions of some rays.
     #[inline(always)]
-    pub(super) fn append<F: Lanes>(&mut self, lanes: F::Mask, origin: V3<F>, direction: V3<F>, t_max: F) {
+    pub(super) fn directions<F: Lanes>(&self, token: F::Token, rays: &[u32; MAX_WIDTH]) -> V3<F> {
+        let [x, y, z] = &self.direction;
+        V3::new(F::gather(token, x, rays), F::gather(token, y, rays), F::gather(token, z, rays))
+    }
+
+    /// The times of some rays \[s\].
+    #[inline(always)]
+    pub(super) fn times<F: Lanes>(&self, token: F::Token, rays: &[u32; MAX_WIDTH]) -> F {
+        if self.time.is_empty() { F::splat(token, 0.0) } else { F::gather(token, &self.time, rays) }
+    }
+
+    /// Stores the rays of some lanes, with those of their paths.
+    #[inline(always)]
+    pub(super) fn append<F: Lanes>(
+        &mut self,
+        (lanes, paths): (F::Mask, &[u32; MAX_WIDTH]),
+        [origin, direction]: [V3<F>; 2],
+        t_max: F,
+        time: F,
+    ) {
         let ([ox, oy, oz], [dx, dy, dz]) = (&mut self.origin, &mut self.direction);
         origin.x.append(lanes, ox);
         origin.y.append(lanes, oy);
@@ -44,12 +81,14 @@ impl Rays {
         direction.y.append(lanes, dy);
         direction.z.append(lanes, dz);
         t_max.append(lanes, &mut self.t_max);
-    }
-
-    /// Stores the time of a ray in a scene that moves.
-    #[inline]
-    pub(super) fn push_time(&mut self, time: f32) {
-        self.time.push(time);
+        if self.moves {
+            time.append(lanes, &mut self.time);
+        }
+        let mut bits = lanes.bits();
+        while bits != 0 {
+            self.paths.push(paths[bits.trailing_zeros() as usize % MAX_WIDTH]);
+            bits &= bits - 1;
+        }
     }
 
     pub(super) fn batch(&self) -> RayBatch<'_> {
@@ -79,6 +118,24 @@ impl Hits {
         HitBatch { t, b1, b2, instance, part, triangle }
     }
 
+    /// The hits of some rays, which all have one.
+    #[inline(always)]
+    pub(super) fn lanes<F: Lanes>(&self, token: F::Token, rays: &[u32; MAX_WIDTH]) -> HitLanes<F> {
+        let ([t, b1, b2], mut ids) = (&self.numbers, [[0; MAX_WIDTH]; 3]);
+        for lane in 0..F::WIDTH {
+            let ray = rays[lane] as usize;
+            [ids[0][lane], ids[1][lane], ids[2][lane]] = [self.ids[0][ray], self.ids[1][ray], self.ids[2][ray]];
+        }
+        HitLanes {
+            t: F::gather(token, t, rays),
+            b1: F::gather(token, b1, rays),
+            b2: F::gather(token, b2, rays),
+            instance: F::load_word(token, &ids[0]),
+            part: F::load_word(token, &ids[1]),
+            triangle: F::load_word(token, &ids[2]),
+        }
+    }
+
     #[inline]
     pub(super) fn get(&self, i: usize) -> Option<Hit> {
         let ([t, b1, b2], [instance, part, triangle]) = (&self.numbers, &self.ids);
@@ -97,7 +154,6 @@ impl Hits {
 #[derive(Debug, Default)]
 pub(super) struct ShadowRays {
     pub(super) rays: Rays,
-    pub(super) paths: Vec<u32>,
     /// Radiance of the pixel if the ray is not occluded [W/(m^2 sr)], by channel.
     pub(super) light: [Vec<f32>; 3],
     /// Paths with light of connections to the same light samples.
@@ -107,7 +163,6 @@ pub(super) struct ShadowRays {
 impl ShadowRays {
     pub(super) fn clear(&mut self) {
         self.rays.clear();
-        self.paths.clear();
         self.connected.clear();
         self.light.iter_mut().for_each(Vec::clear);
     }

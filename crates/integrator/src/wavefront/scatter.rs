@@ -2,52 +2,26 @@
 //!
 //! Each stage is a function of its own, so that only the evaluation of BSDFs is compiled for each kind of them.
 
-use super::{Watch, Wavefront};
+use super::group::Group;
+use super::{Layers, Watch, Wavefront};
 use crate::dimensions;
 use crate::direct::{GATHERED_SHARE, gathered_survival, light_weight};
-use crate::learned_roulette::VertexRoulettes;
-use crate::mnee;
+use crate::mnee::{self, SpecularPrefix};
 use crate::observer::{Event, TraceScattering};
-use crate::path::survival;
+use crate::path::{max_survival, survival};
+use crate::ray_state::{EnclosingSolids, RayState};
 use crate::scatterer::{EachLane, Scatterer};
-use crate::vertex::{Place, Vertex};
-use dunkelfeld_bsdf::{Bsdf, BsdfSamples, InLanes, Lobe, View};
-use dunkelfeld_geometry::{Ray, Vec3, offset_ray_origins};
+use crate::vertex::Place;
+use dunkelfeld_bsdf::{Bsdf, BsdfSamples, InLanes, Lobe, Principled, View};
+use dunkelfeld_film::Sample;
+use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{
-    LightChoice, LightSample, LightSamples, LightTarget, Receivers, Scene, ShadingFrames, shadow_rays,
-};
+use dunkelfeld_scene::{Bsdfs, Interface, LightChoice, LightSample, LightSamples, LightTarget, Scene, shadow_rays};
 use smallvec::SmallVec;
 
 /// Most light samples of a vertex.
 const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
-
-/// Paths at vertices of one material or medium, one for each lane. Free lanes repeat the first path.
-struct Group<'g, 'a, F: Lanes> {
-    token: F::Token,
-    /// Number of the vertex on each path.
-    vertex: u32,
-    vertices: &'g [Vertex<'a>],
-    in_medium: bool,
-    choice: LightChoice,
-    paths: [u32; MAX_WIDTH],
-    used: F::Mask,
-    /// Lanes with light samples.
-    lit: F::Mask,
-    /// Does a lane set its auxiliary layers?
-    has_layers: bool,
-    frames: ShadingFrames<F>,
-    wo: V3<F>,
-    sampler: Sampler<F>,
-    learned: VertexRoulettes<'a, F>,
-    throughput: Rgb<F>,
-    eta_scale: F,
-    /// Largest channel of the radiance before the vertex; zero at the first vertex with light samples. That one contributes
-    /// most of the light of the pixel. Without training, roulette skips none of its shadow rays.
-    gathered: F,
-}
 
 /// A light sample of each lane, with the numbers for a connection and for roulette.
 #[derive(Clone, Copy)]
@@ -69,18 +43,19 @@ struct Evaluated<F: Lanes> {
     u_roulette: F,
 }
 
-impl<'a> Wavefront<'a> {
-    /// Scattering of the paths `paths` at their vertices, which have the number `vertex` on them.
+impl Wavefront<'_> {
+    /// Scattering of the paths of some rays at points with a key. `vertex` is the number of the point on each path.
     #[inline(always)]
-    pub(super) fn scatter_group<'v, F: Lanes>(
+    pub(super) fn scatter_group<F: Lanes>(
         &mut self,
         token: F::Token,
-        (vertex, vertices, paths): (u32, &[Vertex<'v>], [u32; MAX_WIDTH]),
+        vertex: u32,
+        rays: (u32, &[u32; MAX_WIDTH], usize),
+        interfaces: &[Interface],
         watch: &mut Watch<'_>,
-    ) where
-        'a: 'v,
-    {
-        let group = self.group::<F>(token, vertex, vertices, paths);
+    ) {
+        let mut storage = [const { None }; MAX_WIDTH];
+        let group = self.group::<F>(token, vertex, rays, (interfaces, &mut storage), watch);
         let mut draws = SmallVec::new();
         if group.lit.any() {
             self.draw_lights(&group, &mut draws);
@@ -88,114 +63,60 @@ impl<'a> Wavefront<'a> {
         let found = evaluate_group(&group, &draws);
         self.set_layers(&group, found.albedo);
         self.add_direct_light(&group, &draws, &found, watch);
-        self.continue_paths(&group, &found, watch);
-    }
-
-    /// Loads the state of paths into lanes.
-    #[inline(never)]
-    fn group<'g, 'v, F: Lanes>(
-        &mut self,
-        token: F::Token,
-        vertex: u32,
-        vertices: &'g [Vertex<'v>],
-        paths: [u32; MAX_WIDTH],
-    ) -> Group<'g, 'v, F>
-    where
-        'a: 'v,
-    {
-        let first = &self.paths[paths[0] as usize];
-        let in_medium = vertices[0].surface().is_none();
-        let choice = self.estimator.scene.light_choice_at(first.light_vertices, in_medium);
-        let (mut samplers, mut learned) = ([first.sampler; MAX_WIDTH], [None; MAX_WIDTH]);
-        let (mut throughput, mut wo) = ([first.throughput; MAX_WIDTH], [vertices[0].wo_local().0; MAX_WIDTH]);
-        let [mut eta_scale, mut gathered] = [[0.0; MAX_WIDTH]; 2];
-        let (mut lit, mut has_layers) = (0, false);
-        for (lane, at) in vertices.iter().enumerate() {
-            let path = &mut self.paths[paths[lane] as usize];
-            path.path_length += at.distance();
-            has_layers |= path.is_first_surface();
-            if let Some(roulette) = self.estimator.roulette.filter(|_| !in_medium) {
-                learned[lane] = roulette.at(at.shading.receiver.point, at.shading.material, &mut path.gain_scale);
-            }
-            (samplers[lane], throughput[lane], wo[lane]) = (path.sampler, path.throughput, at.wo_local().0);
-            eta_scale[lane] = path.eta_scale;
-            if !at.shading.bsdf.is_delta() {
-                lit |= 1 << lane;
-                if path.light_vertices > 0 {
-                    gathered[lane] = path.sample.radiance.max_channel();
-                }
-                path.light_vertices += 1;
-            }
-        }
-        F::vectorize(
-            token,
-            #[inline(always)]
-            || {
-                let padded = vertices.iter().chain(std::iter::repeat_n(&vertices[0], MAX_WIDTH));
-                Group {
-                    token,
-                    vertex,
-                    vertices,
-                    in_medium,
-                    choice,
-                    paths,
-                    used: F::mask(token, u32::MAX >> (32 - vertices.len())),
-                    lit: F::mask(token, lit),
-                    has_layers,
-                    frames: ShadingFrames::of(token, padded.map(|at| (&at.shading, at.normal()))),
-                    wo: V3::from_lanes(token, &wo),
-                    sampler: Sampler::from_lanes(token, &samplers),
-                    learned: VertexRoulettes::new(token, learned),
-                    throughput: rgb_of_lanes(token, &throughput),
-                    eta_scale: F::load(token, &eta_scale),
-                    gathered: F::load(token, &gathered),
-                }
-            },
-        )
+        self.continue_paths(group, &found, watch);
     }
 
     /// Draws the light samples of a group.
     #[inline(never)]
-    fn draw_lights<F: Lanes>(&self, group: &Group<'_, '_, F>, draws: &mut SmallVec<[Draw<F>; LIGHTS]>) {
+    fn draw_lights<F: Lanes>(&self, group: &Group<'_, F>, draws: &mut SmallVec<[Draw<F>; LIGHTS]>) {
         let (scene, token, choice) = (self.estimator.scene, group.token, group.choice);
         F::vectorize(
             token,
             #[inline(always)]
             || {
-                let receivers = group.receivers();
                 for index in 0..scene.num_light_samples(choice) {
-                    let numbers = group.sampler.numbers(dimensions::light(group.vertex, index));
+                    let numbers = group.state.sampler.numbers(dimensions::light(group.vertex, index));
                     let [u_2, u_chain] = numbers.last_two();
                     let (u_choice, u_roulette) = match choice {
                         LightChoice::Each => (u_2.constant(0.0), u_2),
                         LightChoice::One => {
                             let set = dimensions::single_light_roulette(group.vertex);
-                            (u_2, group.sampler.numbers(set).get(0))
+                            (u_2, group.state.sampler.numbers(set).get(0))
                         }
                     };
                     let u = numbers.first_two();
-                    let light = scene.sample_lights(token, &receivers, choice, index, u_choice, u, group.lit);
+                    let light = scene.sample_lights(token, &group.receivers, choice, index, u_choice, u, group.lit);
                     draws.push(Draw { light, u_chain, u_roulette });
                 }
             },
         );
     }
 
-    /// The auxiliary layers of paths that have reached their first surface.
-    fn set_layers<F: Lanes>(&mut self, group: &Group<'_, '_, F>, albedo: Rgb<F>) {
+    /// The auxiliary layers of paths that have reached their first surface: those behind smooth glass and mirrors, if there
+    /// are any. A path that ends on the glass keeps the layers of the glass.
+    fn set_layers<F: Lanes>(&mut self, group: &Group<'_, F>, albedo: Rgb<F>) {
         if !group.has_layers {
             return;
         }
         let (r, g, b) = (albedo.r.to_array(), albedo.g.to_array(), albedo.b.to_array());
-        for (lane, at) in group.vertices.iter().enumerate() {
-            let path = &mut self.paths[group.paths[lane] as usize];
-            if path.is_first_surface() {
-                let (albedo, normal) = match at.place {
-                    Place::Surface(_) => (Rgb::new(r[lane], g[lane], b[lane]), at.shading.frame.normal),
-                    Place::Medium(medium, _) => (medium.albedo(), at.wo),
+        let (normals, depth) = (group.frames.frame.normal.to_lanes(), group.state.path_length.to_array());
+        for (lane, &path) in group.paths[..group.len].iter().enumerate() {
+            let is_see_through = group.bsdfs.lane(lane).is_see_through();
+            let layers = &mut self.layers[path as usize];
+            let is_new = match *layers {
+                Layers::Unset => true,
+                Layers::SeeThrough => !is_see_through,
+                Layers::Set => continue,
+            };
+            if is_new {
+                let (albedo, normal) = match group.vertices.get(lane).map(|at| (&at.place, at.wo)) {
+                    Some((Place::Medium(medium), wo)) => (medium.albedo(), wo),
+                    _ => (Rgb::new(r[lane], g[lane], b[lane]), normals[lane]),
                 };
-                path.set_layers(at.shading.bsdf.is_see_through(), albedo, normal);
+                let sample = &mut self.samples[path as usize];
+                *sample = Sample { hit: true, albedo, normal: normal.to_array(), depth: depth[lane], ..*sample };
             }
+            *layers = if is_see_through { Layers::SeeThrough } else { Layers::Set };
         }
     }
 
@@ -203,7 +124,7 @@ impl<'a> Wavefront<'a> {
     #[inline(never)]
     fn add_direct_light<F: Lanes>(
         &mut self,
-        group: &Group<'_, '_, F>,
+        group: &Group<'_, F>,
         draws: &[Draw<F>],
         found: &Evaluated<F>,
         watch: &mut Watch<'_>,
@@ -214,8 +135,7 @@ impl<'a> Wavefront<'a> {
             group.token,
             #[inline(always)]
             || {
-                let (point, error) = group.points();
-                let brightest = group.throughput.max_channel();
+                let brightest = group.state.throughput.max_channel();
                 let one = brightest.constant(1.0);
                 // The roulette of gathered light, for lanes without learned statistics.
                 let scale = brightest / (group.gathered * GATHERED_SHARE);
@@ -237,10 +157,7 @@ impl<'a> Wavefront<'a> {
                         false => group.learned.shadow_survival(index, brightest * expected.max_channel(), other),
                     };
                     let traced = sampled & unoccluded.is_lit() & draw.u_roulette.lt(survival);
-                    let origin = match group.in_medium {
-                        true => point,
-                        false => offset_ray_origins(point, error, group.frames.normal, light.direction),
-                    };
+                    let origin = group.ray_origins(light.direction);
                     let end = (light.point, light.normal, light.is_finite);
                     let (direction, t_max) = shadow_rays(origin, light.direction, end);
                     self.queue_shadow_rays(
@@ -257,7 +174,7 @@ impl<'a> Wavefront<'a> {
 
     /// Stores the shadow rays of lanes.
     #[inline(always)]
-    fn queue_shadow_rays<F: Lanes>(&mut self, group: &Group<'_, '_, F>, q: Queued<F>) {
+    fn queue_shadow_rays<F: Lanes>(&mut self, group: &Group<'_, F>, q: Queued<F>) {
         let scene = self.estimator.scene;
         let Queued { index, traced, origin, direction, mut t_max, expected, survival } = q;
         let bits = traced.bits();
@@ -265,13 +182,18 @@ impl<'a> Wavefront<'a> {
         // Where surfaces or media on the way matter, the ray is traced here.
         if scene.has_coverage() || scene.has_solids() {
             let (origins, directions, mut ends) = (origin.to_lanes(), direction.to_lanes(), t_max.to_array());
+            let times = group.points.time.to_array();
             let (mut open, mut transmittance) = ([1.0; MAX_WIDTH], [Rgb::WHITE; MAX_WIDTH]);
-            for (lane, at) in group.vertices.iter().enumerate().filter(|(lane, _)| bits >> lane & 1 == 1) {
-                let start = at.spawn_ray(directions[lane]);
+            for lane in (0..group.len).filter(|lane| bits >> lane & 1 == 1) {
+                let ray =
+                    Ray { origin: origins[lane], direction: directions[lane], t_max: ends[lane], time: times[lane] };
+                let start = match group.vertices.get(lane) {
+                    Some(at) => at.spawn_ray(directions[lane]),
+                    None => RayState { ray, enclosing: EnclosingSolids::Last(None) },
+                };
                 match start.clear_transmittance(scene, ends[lane]) {
                     Some(clear) => transmittance[lane] = clear,
                     None => {
-                        let ray = Ray::with_end(origins[lane], directions[lane], ends[lane]).at_time(start.ray.time);
                         (open[lane], transmittance[lane]) = start.shadow_transmittance(scene, &ray);
                         ends[lane] = 0.0;
                     }
@@ -281,22 +203,13 @@ impl<'a> Wavefront<'a> {
             arriving *= rgb_of_lanes(group.token, &transmittance);
             t_max = F::load(group.token, &ends);
         }
-        let light = group.throughput * arriving;
-        let moves = scene.shutter().is_some();
+        let light = group.state.throughput * arriving;
         let queue = &mut self.shadow[index as usize];
-        queue.rays.append(traced, origin, direction, t_max);
+        queue.rays.append((traced, &group.paths), [origin, direction], t_max, group.points.time);
         let [r, g, b] = &mut queue.light;
         light.r.append(traced, r);
         light.g.append(traced, g);
         light.b.append(traced, b);
-        for (lane, path) in group.paths[..group.vertices.len()].iter().enumerate() {
-            if bits >> lane & 1 == 1 {
-                queue.paths.push(*path);
-                if moves {
-                    queue.rays.push_time(self.paths[*path as usize].ray_state.ray.time);
-                }
-            }
-        }
     }
 
     /// Connections through covers to the light samples of lanes, one by one. `gathered` is the scale of the gathered
@@ -304,7 +217,7 @@ impl<'a> Wavefront<'a> {
     #[inline(never)]
     fn connect<F: Lanes>(
         &mut self,
-        group: &Group<'_, '_, F>,
+        group: &Group<'_, F>,
         draw: &Draw<F>,
         (index, sampled, gathered): (u32, F::Mask, F),
         watch: &mut Watch<'_>,
@@ -316,13 +229,15 @@ impl<'a> Wavefront<'a> {
         let (pdf, u_roulette, u_chain) = (light.pdf.to_array(), draw.u_roulette.to_array(), draw.u_chain.to_array());
         let (is_finite, is_delta, sampled) = (light.is_finite.bits(), light.is_delta.bits(), sampled.bits());
         let gathered = gathered.to_array();
+        let Rgb { r: red, g: green, b: blue } = group.state.throughput;
+        let throughput = [red.to_array(), green.to_array(), blue.to_array()];
         let needs_outcomes = watch.needs_outcomes();
         for (lane, at) in group.vertices.iter().enumerate() {
             if sampled >> lane & 1 == 0 {
                 continue;
             }
             let (number, learned) = (group.paths[lane], group.learned.lane(lane));
-            let throughput = self.paths[number as usize].throughput;
+            let throughput = Rgb::new(throughput[0][lane], throughput[1][lane], throughput[2][lane]);
             let sample = LightSample {
                 direction: directions[lane],
                 target: (is_finite >> lane & 1 == 1)
@@ -353,126 +268,149 @@ impl<'a> Wavefront<'a> {
 
     /// New directions by sampling the BSDFs, and roulette.
     #[inline(never)]
-    fn continue_paths<F: Lanes>(&mut self, group: &Group<'_, '_, F>, found: &Evaluated<F>, watch: &mut Watch<'_>) {
-        let Evaluated { wi, sample, u_roulette, .. } = found;
-        let mut max_survival = [1.0; MAX_WIDTH];
-        for (most, path) in max_survival.iter_mut().zip(&group.paths[..group.vertices.len()]) {
-            *most = self.paths[*path as usize].count_scattering(group.in_medium);
-        }
-        let (alive, throughput, eta_scale) = F::vectorize(
+    fn continue_paths<F: Lanes>(&mut self, group: Group<'_, F>, found: &Evaluated<F>, watch: &mut Watch<'_>) {
+        let scene = self.estimator.scene;
+        F::vectorize(
             group.token,
             #[inline(always)]
             || {
-                let throughput = group.throughput * sample.weight;
-                let eta_scale = group.eta_scale * (sample.eta * sample.eta);
-                let max_survival = F::load(group.token, &max_survival);
-                let brightest = throughput.max_channel();
-                let other = survival(brightest * eta_scale, max_survival);
-                let survival = group.learned.path_survival(brightest, other).min(max_survival);
+                let Evaluated { wi, sample, u_roulette, .. } = found;
+                let (token, mut state) = (group.token, group.state);
+                let one = state.bounces.constant(1.0);
+                let mut most = one;
+                if !group.in_medium {
+                    state.bounces += one;
+                    most = max_survival(state.bounces);
+                }
+                state.throughput *= sample.weight;
+                state.eta_scale *= sample.eta * sample.eta;
+                let brightest = state.throughput.max_channel();
+                let survival = group.learned.path_survival(brightest, survival(brightest * state.eta_scale)).min(most);
                 let alive = group.used & sample.pdf.is_positive() & u_roulette.lt(survival);
-                (alive.bits(), throughput * survival.recip(), eta_scale)
+                if !alive.any() {
+                    return;
+                }
+                state.throughput = state.throughput * survival.recip();
+                // The vertex at which the next scattered light is combined with light sampling.
+                let delta = F::splat_word(token, Lobe::DELTA.bits());
+                let is_delta = F::word_eq(sample.lobe & delta, delta);
+                let through_covers = match scene.has_solids() {
+                    true => self.enter_solids(&group, (alive.bits(), wi.to_lanes()), F::word_to_array(sample.lobe)),
+                    false => 0,
+                };
+                state.last_pdf = is_delta.select(state.last_pdf.only(F::mask(token, through_covers)), sample.pdf);
+                state.last.point = V3::select(is_delta, state.last.point, group.receivers.point);
+                state.last.normal = V3::select(is_delta, state.last.normal, group.receivers.normal);
+                state.last.both_sides = (is_delta & state.last.both_sides) | (!is_delta & group.receivers.both_sides);
+                let is_one =
+                    F::mask(token, if group.choice == LightChoice::One { u32::MAX >> (32 - F::WIDTH) } else { 0 });
+                state.last_choice_is_one = (is_delta & state.last_choice_is_one) | (!is_delta & is_one);
+                if watch.observer.is_some() {
+                    observe_scattering(&group, found, (alive.bits(), state.throughput), watch);
+                }
+                let rows = state.rows(token);
+                let mut bits = alive.bits();
+                while bits != 0 {
+                    let lane = bits.trailing_zeros() as usize % MAX_WIDTH;
+                    self.paths[group.paths[lane] as usize].set(&rows, lane);
+                    bits &= bits - 1;
+                }
+                let infinity = one.constant(f32::INFINITY);
+                let ray = [group.ray_origins(*wi), *wi];
+                self.next.append((alive, &group.paths), ray, infinity, group.points.time);
             },
         );
-        if alive == 0 {
-            return;
-        }
-        let weight = [sample.weight.r, sample.weight.g, sample.weight.b];
-        let (wi, eta_scale, pdf) = (wi.to_lanes(), eta_scale.to_array(), sample.pdf.to_array());
-        let (r, g, b) = (throughput.r.to_array(), throughput.g.to_array(), throughput.b.to_array());
-        let lobe = F::word_to_array(sample.lobe);
-        for (lane, at) in group.vertices.iter().enumerate() {
-            if alive >> lane & 1 == 1 {
-                let path = &mut self.paths[group.paths[lane] as usize];
-                path.throughput = Rgb::new(r[lane], g[lane], b[lane]);
-                path.eta_scale = eta_scale[lane];
-                path.ray_state = at.spawn_ray(wi[lane]);
-                let (pdf, lobe, throughput) = (pdf[lane], Lobe::from_bits(lobe[lane]), path.throughput);
-                let surface = at.surface().map(|hit| &hit.surface);
-                path.set_last(self.estimator.scene, (&at.shading.receiver, group.choice), (pdf, lobe), surface);
-                watch.event(group.paths[lane], || {
-                    let [r, g, b] = weight.map(|channel| channel.to_array()[lane]);
-                    let (direction, weight) = (wi[lane].to_array(), Rgb::new(r, g, b));
-                    Event::Scattered { scattering: TraceScattering { direction, pdf, weight, lobe }, throughput }
-                });
-                self.next.push(group.paths[lane]);
+    }
+
+    /// The solids and covers of paths that leave surfaces in given directions. Returns the lanes that continue the prefix of
+    /// their last scattering.
+    #[inline(never)]
+    fn enter_solids<F: Lanes>(
+        &mut self,
+        group: &Group<'_, F>,
+        (alive, wi): (u32, [Vec3; MAX_WIDTH]),
+        lobes: [u32; MAX_WIDTH],
+    ) -> u32 {
+        let (scene, mut continued) = (self.estimator.scene, 0);
+        for (lane, at) in group.vertices.iter().enumerate().filter(|(lane, _)| alive >> lane & 1 == 1) {
+            let (ray_state, lobe) = (at.spawn_ray(wi[lane]), Lobe::from_bits(lobes[lane]));
+            let among = &mut self.among_solids[group.paths[lane] as usize];
+            among.enclosing = ray_state.enclosing;
+            if scene.covers().is_empty() {
+                continue;
             }
+            among.prefix = match lobe.contains(Lobe::DELTA) {
+                false => Some(SpecularPrefix::new(ray_state)),
+                true => at
+                    .surface()
+                    .and_then(|hit| among.prefix?.extended(scene, &hit.surface, lobe.contains(Lobe::REFLECTION))),
+            };
+            continued |= u32::from(among.prefix.is_some()) << lane;
         }
+        continued
     }
 }
 
-impl<F: Lanes> Group<'_, '_, F> {
-    /// Positions of the vertices and bounds of their rounding errors.
-    #[inline(always)]
-    fn points(&self) -> (V3<F>, V3<F>) {
-        let [mut points, mut errors] = [[Vec3::ZERO; MAX_WIDTH]; 2];
-        for (lane, at) in self.vertices.iter().enumerate() {
-            (points[lane], errors[lane]) = (at.shading.receiver.point, at.error());
-        }
-        (V3::from_lanes(self.token, &points), V3::from_lanes(self.token, &errors))
-    }
-
-    /// The vertices as receivers of light samples.
-    #[inline(always)]
-    fn receivers(&self) -> Receivers<F> {
-        let [mut points, mut normals] = [[Vec3::ZERO; MAX_WIDTH]; 2];
-        let mut both_sides = 0;
-        for (lane, at) in self.vertices.iter().enumerate() {
-            let receiver = &at.shading.receiver;
-            (points[lane], normals[lane]) = (receiver.point, receiver.normal);
-            both_sides |= u32::from(receiver.both_sides) << lane;
-        }
-        Receivers {
-            point: V3::from_lanes(self.token, &points),
-            normal: V3::from_lanes(self.token, &normals),
-            both_sides: F::mask(self.token, both_sides),
-        }
+/// Reports the new directions of paths.
+#[inline(never)]
+fn observe_scattering<F: Lanes>(
+    group: &Group<'_, F>,
+    found: &Evaluated<F>,
+    (alive, throughput): (u32, Rgb<F>),
+    watch: &mut Watch<'_>,
+) {
+    let Evaluated { wi, sample, .. } = found;
+    let color = |c: Rgb<F>, lane: usize| Rgb::new(c.r.to_array()[lane], c.g.to_array()[lane], c.b.to_array()[lane]);
+    for lane in (0..group.len).filter(|lane| alive >> lane & 1 == 1) {
+        watch.event(group.paths[lane], || Event::Scattered {
+            scattering: TraceScattering {
+                direction: wi.to_lanes()[lane].to_array(),
+                pdf: sample.pdf.to_array()[lane],
+                weight: color(sample.weight, lane),
+                lobe: Lobe::from_bits(F::word_to_array(sample.lobe)[lane]),
+            },
+            throughput: color(throughput, lane),
+        });
     }
 }
 
 /// The BSDFs of a group: all principled and plain, all principled, or of several kinds.
-fn evaluate_group<F: Lanes>(group: &Group<'_, '_, F>, draws: &[Draw<F>]) -> Evaluated<F> {
-    let first = &group.vertices[0];
-    if let Bsdf::Principled(surface) = first.shading.bsdf {
-        let mut surfaces = [surface; MAX_WIDTH];
-        let (mut all, mut is_rich) = (true, false);
-        for (lane, at) in group.vertices.iter().enumerate() {
-            match at.shading.bsdf {
-                Bsdf::Principled(own) => {
-                    surfaces[lane] = own;
-                    is_rich |= own.is_rich();
-                }
-                _ => all = false,
-            }
-        }
-        match (all, is_rich) {
-            (true, false) => return evaluate_principled::<F, false>(group, &surfaces, draws),
-            (true, true) => return evaluate_principled::<F, true>(group, &surfaces, draws),
-            _ => {}
+fn evaluate_group<F: Lanes>(group: &Group<'_, F>, draws: &[Draw<F>]) -> Evaluated<F> {
+    match principled_of(group) {
+        Some((surfaces, false)) => evaluate_principled::<F, false>(group, &surfaces, draws),
+        Some((surfaces, true)) => evaluate_principled::<F, true>(group, &surfaces, draws),
+        None => evaluate_each(group, draws),
+    }
+}
+
+/// The surfaces of lanes if all are principled, and whether one is rich. Free lanes repeat the first.
+fn principled_of<'g, F: Lanes>(group: &Group<'g, F>) -> Option<([&'g Principled; MAX_WIDTH], bool)> {
+    let Bsdf::Principled(first) = group.bsdfs.lane(0) else { return None };
+    let (mut surfaces, mut is_rich) = ([first; MAX_WIDTH], first.is_rich());
+    if let Bsdfs::Each(each) = &group.bsdfs {
+        for (surface, bsdf) in surfaces.iter_mut().zip(&each[..group.len]) {
+            let Bsdf::Principled(own) = bsdf else { return None };
+            *surface = own;
+            is_rich |= own.is_rich();
         }
     }
-    let mut lanes = [first.one_lane(); MAX_WIDTH];
-    for (lane, at) in group.vertices.iter().enumerate() {
-        lanes[lane] = at.one_lane();
-    }
-    evaluate_each(group, lanes, draws)
+    Some((surfaces, is_rich))
 }
 
 /// Principled surfaces.
 #[inline(never)]
 fn evaluate_principled<F: Lanes, const RICH: bool>(
-    group: &Group<'_, '_, F>,
-    surfaces: &[&dunkelfeld_bsdf::Principled; MAX_WIDTH],
+    group: &Group<'_, F>,
+    surfaces: &[&Principled; MAX_WIDTH],
     draws: &[Draw<F>],
 ) -> Evaluated<F> {
     F::vectorize(
         group.token,
         #[inline(always)]
         || {
-            let is_same = surfaces[..F::WIDTH].iter().all(|other| std::ptr::eq(*other, surfaces[0]));
-            let surface = if is_same {
-                InLanes::<F>::splat(group.token, surfaces[0])
-            } else {
-                InLanes::<F>::gather(group.token, surfaces)
+            let surface = match group.bsdfs {
+                Bsdfs::Same(_) => InLanes::<F>::splat(group.token, surfaces[0]),
+                Bsdfs::Each(_) => InLanes::<F>::gather(group.token, surfaces),
             };
             evaluate(group, surface.view::<RICH>(group.wo), draws)
         },
@@ -481,23 +419,19 @@ fn evaluate_principled<F: Lanes, const RICH: bool>(
 
 /// Surfaces of several kinds, lane by lane.
 #[inline(never)]
-fn evaluate_each<F: Lanes>(
-    group: &Group<'_, '_, F>,
-    lanes: [crate::scatterer::OneLane<'_>; MAX_WIDTH],
-    draws: &[Draw<F>],
-) -> Evaluated<F> {
+fn evaluate_each<F: Lanes>(group: &Group<'_, F>, draws: &[Draw<F>]) -> Evaluated<F> {
     F::vectorize(
         group.token,
         #[inline(always)]
-        || evaluate(group, EachLane { lanes }, draws),
+        || evaluate(group, EachLane { lanes: group.one_by_one() }, draws),
     )
 }
 
 /// Evaluates BSDFs for the light samples, and samples a direction.
 #[inline(always)]
-fn evaluate<F: Lanes, V: View<F>>(group: &Group<'_, '_, F>, view: V, draws: &[Draw<F>]) -> Evaluated<F> {
+fn evaluate<F: Lanes, V: View<F>>(group: &Group<'_, F>, view: V, draws: &[Draw<F>]) -> Evaluated<F> {
     let at = Scatterer { frames: group.frames, view };
-    let black = Rgb::splat(group.eta_scale.constant(0.0));
+    let black = Rgb::splat(group.gathered.constant(0.0));
     let albedo = if group.has_layers { at.view.albedo(group.wo) } else { black };
     let mut direct = [(black, black.r); LIGHTS];
     for (direct, draw) in direct.iter_mut().zip(draws) {
@@ -505,7 +439,7 @@ fn evaluate<F: Lanes, V: View<F>>(group: &Group<'_, '_, F>, view: V, draws: &[Dr
             *direct = at.eval(draw.light.direction);
         }
     }
-    let numbers = group.sampler.numbers(dimensions::scatter(group.vertex));
+    let numbers = group.state.sampler.numbers(dimensions::scatter(group.vertex));
     let ([u_x, u_y], [u_lobe, u_roulette]) = (numbers.first_two(), numbers.last_two());
     let (wi, sample) = at.sample([u_x, u_y, u_lobe]);
     Evaluated { albedo, direct, wi, sample, u_roulette }

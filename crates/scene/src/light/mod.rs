@@ -471,6 +471,11 @@ impl LightTable {
 
     /// The suns, each with its index.
     #[inline]
+    /// True if there are suns.
+    pub(crate) fn has_suns(&self) -> bool {
+        self.has_suns
+    }
+
     pub(crate) fn suns(&self) -> impl Iterator<Item = (usize, &Sun)> {
         let lights: &[Light] = if self.has_suns { &self.lights } else { &[] };
         lights.iter().enumerate().filter_map(|(i, l)| if let Light::Sun(s) = l { Some((i, s)) } else { None })

@@ -1,5 +1,6 @@
 //! Intersection of rays with the scene, and transmittance of shadow rays.
 
+use crate::geometry::triangle_data::FLAT;
 use crate::light::emission_profile::EmissionProfile;
 use crate::light::sample::LightTarget;
 use crate::material::Material;
@@ -34,6 +35,22 @@ pub struct SurfacePoint {
 }
 
 impl SurfacePoint {
+    /// A point in a medium at a distance \[m\] along a ray. It lies on no surface: all that a surface has is zero.
+    pub fn in_medium(ray: &Ray, distance: f32) -> Self {
+        Self {
+            point: ray.at(distance),
+            error: Vec3::ZERO,
+            normal: Vec3::Z,
+            distance,
+            part: 0,
+            material: 0,
+            triangle: 0,
+            normals: FLAT,
+            barycentrics: [0.0; 3],
+            time: ray.time,
+        }
+    }
+
     /// Index of its material.
     #[inline]
     pub fn material(&self) -> u32 {
@@ -76,11 +93,16 @@ impl Scene {
         TexturePoint { uvs, color }
     }
 
+    /// True if some surface is random.
+    #[inline]
+    pub fn has_chance(&self) -> bool {
+        self.has_chance
+    }
+
     /// True if the surface is random at a point: present or absent, or one of two kinds.
     #[inline]
     pub fn is_stochastic(&self, p: &SurfacePoint) -> bool {
-        let compiled = &self.compiled[p.material as usize];
-        compiled.has_coverage || compiled.is_mixture
+        self.compiled[p.material as usize].is_stochastic()
     }
 
     /// The probability that light hits the surface at a point, in \[0, 1\]. `direction` is that of a ray that meets it.

@@ -127,6 +127,19 @@ pub struct ShadingLanes<F: Lanes> {
     pub receivers: Receivers<F>,
 }
 
+impl<F: Lanes> ShadingLanes<F> {
+    /// Points in a medium. Their frames are those of render space, and they accept light from all directions.
+    #[inline(always)]
+    pub fn in_medium(points: V3<F>) -> Self {
+        let token = points.x.token();
+        let (no, all) = (F::mask(token, 0), F::mask(token, u32::MAX >> (32 - F::WIDTH)));
+        let [x, y, z] = [V3::splat(token, Vec3::X), V3::splat(token, Vec3::Y), V3::splat(token, Vec3::Z)];
+        let frame = Frame { tangent: x, bitangent: y, normal: z };
+        let receivers = Receivers { point: points, normal: V3::splat(token, Vec3::ZERO), both_sides: all };
+        Self { frames: ShadingFrames { frame, normal: z, along: all, is_bent: no }, receivers }
+    }
+}
+
 /// The BSDFs of points of one material.
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "it is read at once")]
@@ -149,12 +162,20 @@ impl<'a> Bsdfs<'a> {
 }
 
 impl<'a> ShadingPoint<'a> {
-    /// A point in the medium of a material. Its frame is that of render space.
+    /// A point in the medium of a material.
     pub fn in_medium(point: Vec3, phase: &'a Bsdf, material: u32) -> Self {
-        let frame = PointFrame { tangent: Vec3::X, bitangent: Vec3::Y, normal: Vec3::Z };
-        // It accepts light from all directions.
-        let receiver = LightSampleContext { point, normal: Vec3::ZERO, both_sides: true };
-        Self { frame, bsdf: phase, material, is_solid: false, receiver, along: true, is_bent: false }
+        Self::of(&ShadingLanes::in_medium(point.into()), phase, material, false)
+    }
+
+    fn of(lanes: &ShadingLanes<f32>, bsdf: &'a Bsdf, material: u32, is_solid: bool) -> Self {
+        let ShadingLanes { frames, receivers } = lanes;
+        let receiver = LightSampleContext {
+            point: receivers.point.into(),
+            normal: receivers.normal.into(),
+            both_sides: receivers.both_sides,
+        };
+        let frame = frames.frame.into();
+        Self { frame, bsdf, material, is_solid, receiver, along: frames.along, is_bent: frames.is_bent }
     }
 
     /// The frame of this point alone.
@@ -192,21 +213,8 @@ impl Scene {
 
     #[inline(always)]
     fn shade_as<'a>(&'a self, p: &SurfacePoint, wo: Vec3, bsdf: &'a Bsdf) -> ShadingPoint<'a> {
-        let ShadingLanes { frames, receivers } = self.shade_lanes::<f32>(p.material, &p.into(), wo.into());
-        let receiver = LightSampleContext {
-            point: receivers.point.into(),
-            normal: receivers.normal.into(),
-            both_sides: receivers.both_sides,
-        };
-        ShadingPoint {
-            frame: frames.frame.into(),
-            bsdf,
-            material: p.material,
-            is_solid: self.is_solid(p.material),
-            receiver,
-            along: frames.along,
-            is_bent: frames.is_bent,
-        }
+        let lanes = self.shade_lanes::<f32>(p.material, &p.into(), wo.into());
+        ShadingPoint::of(&lanes, bsdf, p.material, self.is_solid(p.material))
     }
 
     /// True if surfaces of a material are boundaries of a solid that light can enter.

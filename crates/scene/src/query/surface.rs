@@ -163,6 +163,12 @@ impl CompiledMaterial {
         }
     }
 
+    /// True if it is random: present or absent, or one of two kinds.
+    #[inline]
+    pub(crate) fn is_stochastic(&self) -> bool {
+        self.has_coverage || self.is_mixture
+    }
+
     /// The probability that light meets the surface. `at` is called only if the coverage is not constant.
     #[inline]
     pub(crate) fn coverage(&self, m: &Material, images: &[Image], at: impl FnOnce() -> TexturePoint) -> f32 {

@@ -92,6 +92,39 @@ impl<F: Lanes> SurfacePoints<F> {
         }
     }
 
+    /// The points of lanes, found one by one.
+    #[inline(always)]
+    pub fn from_lanes(token: F::Token, lanes: &[SurfacePoint; MAX_WIDTH]) -> Self {
+        let [mut points, mut errors, mut normals] = [[Vec3::ZERO; MAX_WIDTH]; 3];
+        let (mut numbers, mut words) = ([[0.0; MAX_WIDTH]; 4], [[0; MAX_WIDTH]; 4]);
+        for lane in 0..F::WIDTH {
+            let p = &lanes[lane];
+            (points[lane], errors[lane], normals[lane]) = (p.point, p.error, p.normal);
+            let [_, b1, b2] = p.barycentrics;
+            for (column, number) in numbers.iter_mut().zip([p.distance, b1, b2, p.time]) {
+                column[lane] = number;
+            }
+            for (column, word) in words.iter_mut().zip([p.part, p.material, p.triangle, p.normals]) {
+                column[lane] = word;
+            }
+        }
+        let normals_of = F::load_word(token, &words[3]);
+        Self {
+            point: V3::from_lanes(token, &points),
+            error: V3::from_lanes(token, &errors),
+            normal: V3::from_lanes(token, &normals),
+            distance: F::load(token, &numbers[0]),
+            b1: F::load(token, &numbers[1]),
+            b2: F::load(token, &numbers[2]),
+            part: F::load_word(token, &words[0]),
+            material: F::load_word(token, &words[1]),
+            triangle: F::load_word(token, &words[2]),
+            is_smooth: !F::word_eq(normals_of, F::splat_word(token, FLAT)),
+            time: F::load(token, &numbers[3]),
+            normals: normals_of,
+        }
+    }
+
     /// The origins of rays in the given directions, moved so that no ray hits its surface again.
     #[inline(always)]
     pub fn ray_origins(&self, directions: V3<F>) -> V3<F> {
