@@ -10,7 +10,7 @@ use fearless_simd::{
 use std::ops::{Add, BitXor, Mul, Shr};
 
 macro_rules! vector {
-    ($width:literal, $number:ident, $word:ident, $signed:ident, $long:ident, $double:ident, $mask:ident, $rows:ident) => {
+    ($width:literal, $number:ident, $word:ident, $signed:ident, $long:ident, $double:ident, $mask:ident, $columns:ident) => {
         impl<S: Simd> Word for $word<S> {}
 
         impl<S: Simd> Mask<$number<S>> for $mask<S> {
@@ -142,22 +142,7 @@ macro_rules! vector {
             }
             #[inline(always)]
             fn load_rows<'a>(token: S, row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4] {
-                // The index of a number is that of its vector and its place in it: the bits of the lane, then those of
-                // the column. A step rotates these bits by one, until those of the column come first.
-                const QUARTER: usize = $width / 4;
-                let mut v = [
-                    $rows(token, &row, 0),
-                    $rows(token, &row, QUARTER),
-                    $rows(token, &row, 2 * QUARTER),
-                    $rows(token, &row, 3 * QUARTER),
-                ];
-                let mut step = 1;
-                while step < $width {
-                    let [a, b, c, d] = v;
-                    v = [a.zip_low(c), a.zip_high(c), b.zip_low(d), b.zip_high(d)];
-                    step *= 2;
-                }
-                v
+                $columns(token, &row, 0)
             }
             #[inline(always)]
             fn to_rows([a, b, c, d]: [Self; 4]) -> [[f32; 4]; MAX_WIDTH] {
@@ -178,23 +163,31 @@ macro_rules! vector {
     };
 }
 
-vector!(4, f32x4, u32x4, i32x4, u64x2, f64x2, mask32x4, one_row);
-vector!(8, f32x8, u32x8, i32x8, u64x4, f64x4, mask32x8, two_rows);
-vector!(16, f32x16, u32x16, i32x16, u64x8, f64x8, mask32x16, four_rows);
+vector!(4, f32x4, u32x4, i32x4, u64x2, f64x2, mask32x4, four_columns);
+vector!(8, f32x8, u32x8, i32x8, u64x4, f64x4, mask32x8, eight_columns);
+vector!(16, f32x16, u32x16, i32x16, u64x8, f64x8, mask32x16, sixteen_columns);
 
+/// The columns of four rows, from the row `first`.
 #[inline(always)]
-fn one_row<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], first: usize) -> f32x4<S> {
-    SimdBase::from_slice(token, row(first))
+fn four_columns<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], first: usize) -> [f32x4<S>; 4] {
+    let a = f32x4::from_slice(token, row(first));
+    let b = f32x4::from_slice(token, row(first + 1));
+    let c = f32x4::from_slice(token, row(first + 2));
+    let d = f32x4::from_slice(token, row(first + 3));
+    let (ac, bd) = ((a.zip_low(c), a.zip_high(c)), (b.zip_low(d), b.zip_high(d)));
+    [ac.0.zip_low(bd.0), ac.0.zip_high(bd.0), ac.1.zip_low(bd.1), ac.1.zip_high(bd.1)]
 }
 
 #[inline(always)]
-fn two_rows<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], first: usize) -> f32x8<S> {
-    one_row(token, row, first).combine(one_row(token, row, first + 1))
+fn eight_columns<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], first: usize) -> [f32x8<S>; 4] {
+    let ([a, b, c, d], [e, f, g, h]) = (four_columns(token, row, first), four_columns(token, row, first + 4));
+    [a.combine(e), b.combine(f), c.combine(g), d.combine(h)]
 }
 
 #[inline(always)]
-fn four_rows<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], first: usize) -> f32x16<S> {
-    two_rows(token, row, first).combine(two_rows(token, row, first + 2))
+fn sixteen_columns<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], first: usize) -> [f32x16<S>; 4] {
+    let ([a, b, c, d], [e, f, g, h]) = (eight_columns(token, row, first), eight_columns(token, row, first + 8));
+    [a.combine(e), b.combine(f), c.combine(g), d.combine(h)]
 }
 
 /// Long integers of the lanes with even numbers and of those with odd numbers.

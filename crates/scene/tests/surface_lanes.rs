@@ -75,7 +75,7 @@ fn mesh(k: usize, place: Place, random: &mut Random) -> Mesh {
     if !mesh.normals.is_empty() {
         mesh.normals.resize(count, Vec3::Z);
     }
-    if k % 2 == 0 {
+    if k.is_multiple_of(2) {
         mesh.uvs[0] = (0..count).map(|_| Vec2::new(random.next(), random.next())).collect();
     }
     if k % 4 == 1 {
@@ -232,13 +232,13 @@ fn found_in_lanes<F: Lanes>(token: F::Token, scene: &Scene, hits: &[HitOf], foun
     let emitting = scene.emitting::<F>(token, points.material).bits();
     let bit = |bits: u32, lane: usize| bits >> lane & 1 == 1;
     let origins = points.ray_origins(wo).to_lanes();
-    for lane in 0..F::WIDTH.min(hits.len()) {
+    for (lane, origin) in origins.into_iter().enumerate().take(F::WIDTH.min(hits.len())) {
         let vector = |v: V3<F>| v.to_lanes()[lane];
         found.push(Found {
             point: points.lane(lane),
             frame: [vector(frame.tangent), vector(frame.bitangent), vector(frame.normal)],
             receiver: [vector(shading.receivers.point), vector(shading.receivers.normal)],
-            origin: origins[lane],
+            origin,
             both_sides: bit(shading.receivers.both_sides.bits(), lane),
             is_bent: bit(shading.frames.is_bent().bits(), lane),
             is_consistent: bit(consistent, lane),

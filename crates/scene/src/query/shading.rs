@@ -142,7 +142,6 @@ impl<F: Lanes> ShadingLanes<F> {
 
 /// The BSDFs of points of one material.
 #[derive(Clone, Copy, Debug)]
-#[expect(clippy::large_enum_variant, reason = "it is read at once")]
 pub enum Bsdfs<'a> {
     /// That of all points.
     Same(&'a Bsdf),
@@ -266,8 +265,8 @@ impl Scene {
             return Bsdfs::Same(bsdf);
         }
         let mut each = [points.lane(0); MAX_WIDTH];
-        for lane in 1..F::WIDTH {
-            each[lane] = points.lane(lane);
+        for (lane, point) in each.iter_mut().enumerate().take(F::WIDTH).skip(1) {
+            *point = points.lane(lane);
         }
         Bsdfs::Each(self.each_bsdf(&each[..F::WIDTH], u_kind, storage))
     }

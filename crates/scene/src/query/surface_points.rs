@@ -153,8 +153,8 @@ impl Scene {
     pub fn emitting<F: Lanes>(&self, token: F::Token, materials: F::Word) -> F::Mask {
         let materials = F::word_to_array(materials);
         let mut emitting = 0;
-        for lane in 0..F::WIDTH {
-            emitting |= u32::from(self.emits(materials[lane])) << lane;
+        for (lane, material) in materials.iter().enumerate().take(F::WIDTH) {
+            emitting |= u32::from(self.emits(*material)) << lane;
         }
         F::mask(token, emitting)
     }
@@ -162,26 +162,34 @@ impl Scene {
     /// The points on surfaces of hits at times \[s\]: [`Self::surface_point`] in lanes.
     #[inline(always)]
     pub fn surface_points<F: Lanes>(&self, token: F::Token, hits: &HitLanes<F>, time: F) -> SurfacePoints<F> {
-        let (instances, joined) = (F::word_to_array(hits.instance), F::word_to_array(hits.part));
         let triangles = F::word_to_array(hits.triangle);
         let mut facets = [&Facet::NONE; MAX_WIDTH];
         let (mut parts, mut materials) = ([0.0; MAX_WIDTH], [0.0; MAX_WIDTH]);
         // Lanes whose triangles do not refer to a part, and those with a transform.
         let (mut is_own, mut is_placed) = (0, 0);
-        for lane in 0..F::WIDTH {
-            let index = match self.placements[instances[lane] as usize] {
-                Placement::Shared => {
-                    facets[lane] = self.facets.triangle(triangles[lane]);
-                    continue;
-                }
-                Placement::Joined => joined[lane],
-                Placement::Part(index) => index,
-            };
-            let part = &self.parts[index as usize];
-            facets[lane] = self.facet(part, triangles[lane]);
-            (parts[lane], materials[lane]) = (f32::from_bits(index), f32::from_bits(part.material));
-            is_own |= 1 << lane;
-            is_placed |= u32::from(part.transform.is_some()) << lane;
+        // The shared tree is the first one.
+        let is_first = F::word_eq(hits.instance, F::splat_word(token, 0));
+        if matches!(self.placements.first(), Some(Placement::Shared)) && !(!is_first).any() {
+            for lane in 0..F::WIDTH {
+                facets[lane] = self.facets.triangle(triangles[lane]);
+            }
+        } else {
+            let (instances, joined) = (F::word_to_array(hits.instance), F::word_to_array(hits.part));
+            for lane in 0..F::WIDTH {
+                let index = match self.placements[instances[lane] as usize] {
+                    Placement::Shared => {
+                        facets[lane] = self.facets.triangle(triangles[lane]);
+                        continue;
+                    }
+                    Placement::Joined => joined[lane],
+                    Placement::Part(index) => index,
+                };
+                let part = &self.parts[index as usize];
+                facets[lane] = self.facet(part, triangles[lane]);
+                (parts[lane], materials[lane]) = (f32::from_bits(index), f32::from_bits(part.material));
+                is_own |= 1 << lane;
+                is_placed |= u32::from(part.transform.is_some()) << lane;
+            }
         }
         let FacetLanes { corners, mut normal, mut part, mut material, triangle, normals } = Facet::load::<F>(
             token,
