@@ -124,25 +124,14 @@ impl RayState {
     /// Leaves a surface in the direction `wi`.
     #[inline]
     pub(crate) fn spawn_ray(&self, hit: &SurfaceHit<'_>, shading: &ShadingPoint<'_>, wi: Vec3) -> Self {
-        let enclosing = self.enclosing_toward(hit, shading, wi);
-        Self { ray: Ray::new(hit.surface.ray_origin(wi), wi).at_time(self.ray.time), enclosing }
-    }
-
-    /// The solids around a ray that leaves a surface in the direction `wi`.
-    #[inline]
-    fn enclosing_toward(&self, hit: &SurfaceHit<'_>, shading: &ShadingPoint<'_>, wi: Vec3) -> EnclosingSolids {
-        match (self.enclosing, hit.interface) {
-            (EnclosingSolids::All(_), Some(interface)) => EnclosingSolids::All(interface.beyond(wi)),
-            (EnclosingSolids::Last(_), _) if shading.is_solid => {
-                let inward = wi.dot(hit.surface.normal) < 0.0;
-                let from_inside = self.ray.direction.dot(hit.surface.normal) > 0.0;
-                if inward == from_inside {
-                    return self.enclosing;
-                }
-                EnclosingSolids::Last(inward.then_some(shading.material))
+        let enclosing = match hit.interface {
+            Some(interface) => EnclosingSolids::All(interface.beyond(wi)),
+            None => {
+                let solid = shading.is_solid.then_some(shading.material);
+                self.enclosing.beyond(solid, hit.surface.normal, [self.ray.direction, wi])
             }
-            (same, _) => same,
-        }
+        };
+        Self { ray: Ray::new(hit.surface.ray_origin(wi), wi).at_time(self.ray.time), enclosing }
     }
 
     /// Transmittance along a shadow ray that starts at this state and ends before a light: the open share of the
@@ -165,6 +154,19 @@ impl RayState {
         match &self.enclosing {
             EnclosingSolids::Last(material) if !scene.has_coverage() => Some(attenuation(scene, *material, distance)),
             _ => None,
+        }
+    }
+}
+
+impl EnclosingSolids {
+    /// The solids around a ray that leaves a surface, which bounds a solid of the given material or none. The directions are
+    /// those of the ray that arrives and the one that leaves.
+    #[inline]
+    pub(crate) fn beyond(self, solid: Option<u32>, normal: Vec3, [from, to]: [Vec3; 2]) -> Self {
+        let (from_inside, inward) = (from.dot(normal) > 0.0, to.dot(normal) < 0.0);
+        match (self, solid) {
+            (Self::Last(_), Some(material)) if inward != from_inside => Self::Last(inward.then_some(material)),
+            _ => self,
         }
     }
 }

@@ -4,7 +4,7 @@ use super::{Arrival, Layers, MEDIUM, Watch, Wavefront};
 use crate::learned_roulette::VertexRoulettes;
 use crate::observer::Event;
 use crate::path::PathStates;
-use crate::ray_state::SurfaceHit;
+use crate::ray_state::{EnclosingSolids, SurfaceHit};
 use crate::scatterer::OneLane;
 use crate::vertex::Vertex;
 use dunkelfeld_bsdf::Bsdf;
@@ -13,7 +13,6 @@ use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3};
 use dunkelfeld_scene::{
     Bsdfs, Interface, LightChoice, Receivers, ShadingFrames, ShadingLanes, SurfacePoint, SurfacePoints,
 };
-use smallvec::SmallVec;
 
 /// Paths at points of one material or medium, one for each lane. Free lanes repeat the first path.
 pub(super) struct Group<'g, F: Lanes> {
@@ -36,8 +35,11 @@ pub(super) struct Group<'g, F: Lanes> {
     /// Directions toward the camera, in the frames of shading.
     pub(super) wo: V3<F>,
     pub(super) bsdfs: Bsdfs<'g>,
-    /// The points one by one, in scenes with solids.
-    pub(super) vertices: SmallVec<[Vertex<'g>; MAX_WIDTH]>,
+    /// The points one by one, where they are found path by path, or where connections begin. Else empty.
+    pub(super) vertices: Vec<Vertex<'g>>,
+    /// The material, if the surfaces bound solids.
+    pub(super) solid: Option<u32>,
+    pub(super) rays: [u32; MAX_WIDTH],
     pub(super) learned: VertexRoulettes<'g, F>,
     /// Largest channel of the radiance before the vertex; zero at the first vertex with light samples. That one contributes
     /// most of the light of the pixel. Without training, roulette skips none of its shadow rays.
@@ -79,9 +81,10 @@ impl<'a> Wavefront<'a> {
                 } else {
                     SurfacePoints::from_lanes(token, &self.surfaces(rays))
                 };
-                let (vertices, bsdfs) = match scene.has_solids() {
+                let is_one_by_one = !self.is_plain || !scene.covers().is_empty() && !scene.is_delta(material);
+                let (vertices, bsdfs) = match is_one_by_one {
                     true => self.vertices(rays, len, &points, (interfaces, storage)),
-                    false => (SmallVec::new(), scene.bsdfs(material, &points, &self.kinds(rays), storage)),
+                    false => (Vec::new(), scene.bsdfs(material, &points, &[0.0; MAX_WIDTH], storage)),
                 };
                 if watch.observer.is_some() || !in_medium && scene.emits(material) {
                     self.add_emission(&rays[..len], (!in_medium, material), &points, watch);
@@ -123,6 +126,8 @@ impl<'a> Wavefront<'a> {
                     receivers,
                     bsdfs,
                     vertices,
+                    solid: (!in_medium && scene.is_solid(material)).then_some(material),
+                    rays: *rays,
                     gathered,
                 }
             },
@@ -161,20 +166,6 @@ impl<'a> Wavefront<'a> {
         surfaces
     }
 
-    /// The numbers that decide the kinds of stochastic surfaces.
-    #[inline(always)]
-    fn kinds(&self, rays: &[u32; MAX_WIDTH]) -> [f32; MAX_WIDTH] {
-        let mut kinds = [0.0; MAX_WIDTH];
-        if !self.is_plain {
-            for (kind, &ray) in kinds.iter_mut().zip(rays) {
-                if let Some(Arrival::Surface { u_kind, .. }) = self.arrivals[ray as usize] {
-                    *kind = u_kind;
-                }
-            }
-        }
-        kinds
-    }
-
     /// The points that rays have reached, one by one, and their BSDFs.
     #[inline(never)]
     fn vertices<'g, F: Lanes>(
@@ -183,12 +174,12 @@ impl<'a> Wavefront<'a> {
         len: usize,
         points: &SurfacePoints<F>,
         (interfaces, storage): (&'g [Interface], &'g mut Storage),
-    ) -> (SmallVec<[Vertex<'g>; MAX_WIDTH]>, Bsdfs<'g>)
+    ) -> (Vec<Vertex<'g>>, Bsdfs<'g>)
     where
         'a: 'g,
     {
         let scene = self.estimator.scene;
-        let mut vertices = SmallVec::<[Vertex<'g>; MAX_WIDTH]>::new();
+        let mut vertices = Vec::with_capacity(len);
         for (lane, (&ray, storage)) in rays[..len].iter().zip(storage).enumerate() {
             let state = self.ray_state(ray as usize);
             let arrival = if self.is_plain { None } else { self.arrivals[ray as usize] };
@@ -228,6 +219,26 @@ impl<'a> Wavefront<'a> {
                 let light = path.add_emission(scene, &ray, &point, self.prefix(number));
                 watch.event(number, || Event::Emitted(light));
                 self.paths[number as usize].add_radiance(light);
+            }
+        }
+    }
+}
+
+impl Wavefront<'_> {
+    /// The solids of a path that leaves its point in a direction.
+    #[inline]
+    pub(super) fn enclosing_beyond<F: Lanes>(
+        &self,
+        group: &Group<'_, F>,
+        lane: usize,
+        (normal, wi): (Vec3, Vec3),
+    ) -> EnclosingSolids {
+        match (group.vertices.get(lane), self.among_solids.get(group.paths[lane] as usize)) {
+            (_, None) => EnclosingSolids::Last(None),
+            (Some(at), _) => at.spawn_ray(wi).enclosing,
+            (None, Some(among)) => {
+                let from = self.rays.get(group.rays[lane] as usize).direction;
+                among.enclosing.beyond(group.solid, normal, [from, wi])
             }
         }
     }

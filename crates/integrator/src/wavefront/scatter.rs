@@ -9,10 +9,10 @@ use crate::direct::{GATHERED_SHARE, gathered_survival, light_weight};
 use crate::mnee::{self, SpecularPrefix};
 use crate::observer::{Event, TraceScattering};
 use crate::path::{max_survival, survival};
-use crate::ray_state::{EnclosingSolids, RayState};
+use crate::ray_state::RayState;
 use crate::scatterer::{EachLane, Scatterer};
 use crate::vertex::Place;
-use dunkelfeld_bsdf::{Bsdf, BsdfSamples, InLanes, Lobe, Principled, View};
+use dunkelfeld_bsdf::{Bsdf, BsdfSamples, Dielectric, InLanes, Lobe, Principled, ThinSheet, View};
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
@@ -35,7 +35,7 @@ struct Draw<F: Lanes> {
 struct Evaluated<F: Lanes> {
     albedo: Rgb<F>,
     /// For each light sample: BSDF times cosine [1/sr], and density of its direction by scattering [1/sr].
-    direct: [(Rgb<F>, F); LIGHTS],
+    direct: SmallVec<[(Rgb<F>, F); LIGHTS]>,
     /// The new direction in render space, and the rest of its sample.
     wi: V3<F>,
     sample: BsdfSamples<F>,
@@ -63,7 +63,7 @@ impl Wavefront<'_> {
         let found = evaluate_group(&group, &draws);
         self.set_layers(&group, found.albedo);
         self.add_direct_light(&group, &draws, &found, watch);
-        self.continue_paths(group, &found, watch);
+        self.continue_paths(&group, &found, watch);
     }
 
     /// Draws the light samples of a group.
@@ -182,15 +182,13 @@ impl Wavefront<'_> {
         // Where surfaces or media on the way matter, the ray is traced here.
         if scene.has_coverage() || scene.has_solids() {
             let (origins, directions, mut ends) = (origin.to_lanes(), direction.to_lanes(), t_max.to_array());
-            let times = group.points.time.to_array();
+            let (times, normals) = (group.points.time.to_array(), group.points.normal.to_lanes());
             let (mut open, mut transmittance) = ([1.0; MAX_WIDTH], [Rgb::WHITE; MAX_WIDTH]);
             for lane in (0..group.len).filter(|lane| bits >> lane & 1 == 1) {
                 let ray =
                     Ray { origin: origins[lane], direction: directions[lane], t_max: ends[lane], time: times[lane] };
-                let start = match group.vertices.get(lane) {
-                    Some(at) => at.spawn_ray(directions[lane]),
-                    None => RayState { ray, enclosing: EnclosingSolids::Last(None) },
-                };
+                let enclosing = self.enclosing_beyond(group, lane, (normals[lane], directions[lane]));
+                let start = RayState { ray, enclosing };
                 match start.clear_transmittance(scene, ends[lane]) {
                     Some(clear) => transmittance[lane] = clear,
                     None => {
@@ -268,7 +266,7 @@ impl Wavefront<'_> {
 
     /// New directions by sampling the BSDFs, and roulette.
     #[inline(never)]
-    fn continue_paths<F: Lanes>(&mut self, group: Group<'_, F>, found: &Evaluated<F>, watch: &mut Watch<'_>) {
+    fn continue_paths<F: Lanes>(&mut self, group: &Group<'_, F>, found: &Evaluated<F>, watch: &mut Watch<'_>) {
         let scene = self.estimator.scene;
         F::vectorize(
             group.token,
@@ -294,8 +292,12 @@ impl Wavefront<'_> {
                 // The vertex at which the next scattered light is combined with light sampling.
                 let delta = F::splat_word(token, Lobe::DELTA.bits());
                 let is_delta = F::word_eq(sample.lobe & delta, delta);
+                let origin = group.ray_origins(*wi);
                 let through_covers = match scene.has_solids() {
-                    true => self.enter_solids(&group, (alive.bits(), wi.to_lanes()), F::word_to_array(sample.lobe)),
+                    true => {
+                        let leaving = (origin.to_lanes(), wi.to_lanes(), F::word_to_array(sample.lobe));
+                        self.enter_solids(group, alive.bits(), leaving)
+                    }
                     false => 0,
                 };
                 state.last_pdf = is_delta.select(state.last_pdf.only(F::mask(token, through_covers)), sample.pdf);
@@ -306,7 +308,7 @@ impl Wavefront<'_> {
                     F::mask(token, if group.choice == LightChoice::One { u32::MAX >> (32 - F::WIDTH) } else { 0 });
                 state.last_choice_is_one = (is_delta & state.last_choice_is_one) | (!is_delta & is_one);
                 if watch.observer.is_some() {
-                    observe_scattering(&group, found, (alive.bits(), state.throughput), watch);
+                    observe_scattering(group, found, (alive.bits(), state.throughput), watch);
                 }
                 let rows = state.rows(token);
                 let mut bits = alive.bits();
@@ -316,7 +318,7 @@ impl Wavefront<'_> {
                     bits &= bits - 1;
                 }
                 let infinity = one.constant(f32::INFINITY);
-                let ray = [group.ray_origins(*wi), *wi];
+                let ray = [origin, *wi];
                 self.next.append((alive, &group.paths), ray, infinity, group.points.time);
             },
         );
@@ -328,22 +330,27 @@ impl Wavefront<'_> {
     fn enter_solids<F: Lanes>(
         &mut self,
         group: &Group<'_, F>,
-        (alive, wi): (u32, [Vec3; MAX_WIDTH]),
-        lobes: [u32; MAX_WIDTH],
+        alive: u32,
+        (origins, wi, lobes): ([Vec3; MAX_WIDTH], [Vec3; MAX_WIDTH], [u32; MAX_WIDTH]),
     ) -> u32 {
         let (scene, mut continued) = (self.estimator.scene, 0);
-        for (lane, at) in group.vertices.iter().enumerate().filter(|(lane, _)| alive >> lane & 1 == 1) {
-            let (ray_state, lobe) = (at.spawn_ray(wi[lane]), Lobe::from_bits(lobes[lane]));
+        let (normals, times) = (group.points.normal.to_lanes(), group.points.time.to_array());
+        for lane in (0..group.len).filter(|lane| alive >> lane & 1 == 1) {
+            let enclosing = self.enclosing_beyond(group, lane, (normals[lane], wi[lane]));
             let among = &mut self.among_solids[group.paths[lane] as usize];
-            among.enclosing = ray_state.enclosing;
+            among.enclosing = enclosing;
             if scene.covers().is_empty() {
                 continue;
             }
+            let (lobe, prefix) = (Lobe::from_bits(lobes[lane]), among.prefix.take());
             among.prefix = match lobe.contains(Lobe::DELTA) {
-                false => Some(SpecularPrefix::new(ray_state)),
-                true => at
-                    .surface()
-                    .and_then(|hit| among.prefix?.extended(scene, &hit.surface, lobe.contains(Lobe::REFLECTION))),
+                false => {
+                    let ray = Ray::new(origins[lane], wi[lane]).at_time(times[lane]);
+                    Some(SpecularPrefix::new(RayState { ray, enclosing }))
+                }
+                true => prefix.filter(|_| !group.in_medium).and_then(|prefix| {
+                    prefix.extended(scene, &group.points.lane(lane), lobe.contains(Lobe::REFLECTION))
+                }),
             };
             continued |= u32::from(among.prefix.is_some()) << lane;
         }
@@ -374,27 +381,43 @@ fn observe_scattering<F: Lanes>(
     }
 }
 
-/// The BSDFs of a group: all principled and plain, all principled, or of several kinds.
+/// The BSDFs of a group: of one kind, in lanes, or of several.
 fn evaluate_group<F: Lanes>(group: &Group<'_, F>, draws: &[Draw<F>]) -> Evaluated<F> {
-    match principled_of(group) {
-        Some((surfaces, false)) => evaluate_principled::<F, false>(group, &surfaces, draws),
-        Some((surfaces, true)) => evaluate_principled::<F, true>(group, &surfaces, draws),
-        None => evaluate_each(group, draws),
+    macro_rules! lanes_of {
+        ($kind:ident) => {
+            of_kind(group, |bsdf| match bsdf {
+                Bsdf::$kind(surface) => Some(surface),
+                _ => None,
+            })
+        };
     }
+    if let Some(surfaces) = lanes_of!(Principled) {
+        return match surfaces.iter().any(|surface| surface.is_rich()) {
+            false => evaluate_principled::<F, false>(group, &surfaces, draws),
+            true => evaluate_principled::<F, true>(group, &surfaces, draws),
+        };
+    }
+    if let Some(surfaces) = lanes_of!(Dielectric) {
+        return evaluate_dielectric(group, &surfaces, draws);
+    }
+    if let Some(surfaces) = lanes_of!(ThinSheet) {
+        return evaluate_sheet(group, &surfaces, draws);
+    }
+    evaluate_each(group, draws)
 }
 
-/// The surfaces of lanes if all are principled, and whether one is rich. Free lanes repeat the first.
-fn principled_of<'g, F: Lanes>(group: &Group<'g, F>) -> Option<([&'g Principled; MAX_WIDTH], bool)> {
-    let Bsdf::Principled(first) = group.bsdfs.lane(0) else { return None };
-    let (mut surfaces, mut is_rich) = ([first; MAX_WIDTH], first.is_rich());
+/// The surfaces of lanes if all are of one kind. Free lanes repeat the first.
+fn of_kind<'g, F: Lanes, B>(
+    group: &Group<'g, F>,
+    kind: impl Fn(&'g Bsdf) -> Option<&'g B>,
+) -> Option<[&'g B; MAX_WIDTH]> {
+    let mut surfaces = [kind(group.bsdfs.lane(0))?; MAX_WIDTH];
     if let Bsdfs::Each(each) = &group.bsdfs {
         for (surface, bsdf) in surfaces.iter_mut().zip(&each[..group.len]) {
-            let Bsdf::Principled(own) = bsdf else { return None };
-            *surface = own;
-            is_rich |= own.is_rich();
+            *surface = kind(bsdf)?;
         }
     }
-    Some((surfaces, is_rich))
+    Some(surfaces)
 }
 
 /// Principled surfaces.
@@ -417,6 +440,34 @@ fn evaluate_principled<F: Lanes, const RICH: bool>(
     )
 }
 
+/// Boundaries of clear solids.
+#[inline(never)]
+fn evaluate_dielectric<F: Lanes>(
+    group: &Group<'_, F>,
+    surfaces: &[&Dielectric; MAX_WIDTH],
+    draws: &[Draw<F>],
+) -> Evaluated<F> {
+    F::vectorize(
+        group.token,
+        #[inline(always)]
+        || evaluate(group, InLanes::<F>::gather(group.token, surfaces).view(group.wo), draws),
+    )
+}
+
+/// Clear sheets.
+#[inline(never)]
+fn evaluate_sheet<F: Lanes>(
+    group: &Group<'_, F>,
+    surfaces: &[&ThinSheet; MAX_WIDTH],
+    draws: &[Draw<F>],
+) -> Evaluated<F> {
+    F::vectorize(
+        group.token,
+        #[inline(always)]
+        || evaluate(group, InLanes::<F>::gather(group.token, surfaces).view(group.wo), draws),
+    )
+}
+
 /// Surfaces of several kinds, lane by lane.
 #[inline(never)]
 fn evaluate_each<F: Lanes>(group: &Group<'_, F>, draws: &[Draw<F>]) -> Evaluated<F> {
@@ -433,11 +484,10 @@ fn evaluate<F: Lanes, V: View<F>>(group: &Group<'_, F>, view: V, draws: &[Draw<F
     let at = Scatterer { frames: group.frames, view };
     let black = Rgb::splat(group.gathered.constant(0.0));
     let albedo = if group.has_layers { at.view.albedo(group.wo) } else { black };
-    let mut direct = [(black, black.r); LIGHTS];
-    for (direct, draw) in direct.iter_mut().zip(draws) {
-        if (group.lit & draw.light.pdf.is_positive()).any() {
-            *direct = at.eval(draw.light.direction);
-        }
+    let mut direct = SmallVec::new();
+    for draw in draws {
+        let is_sampled = (group.lit & draw.light.pdf.is_positive()).any();
+        direct.push(if is_sampled { at.eval(draw.light.direction) } else { (black, black.r) });
     }
     let numbers = group.state.sampler.numbers(dimensions::scatter(group.vertex));
     let ([u_x, u_y], [u_lobe, u_roulette]) = (numbers.first_two(), numbers.last_two());

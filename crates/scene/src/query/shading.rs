@@ -222,6 +222,12 @@ impl Scene {
         self.compiled[material as usize].is_solid
     }
 
+    /// True if surfaces of a material scatter into single directions only.
+    #[inline(always)]
+    pub fn is_delta(&self, material: u32) -> bool {
+        self.compiled[material as usize].only_bsdf().is_some_and(Bsdf::is_delta)
+    }
+
     /// The BSDF at a point. `u` in `[0, 1)` chooses the kind of a stochastic material. `eta` is the index of refraction
     /// on the inside of the surface over that on its outside, if it is not that of the material. A BSDF that exists only
     /// for this point is stored in `storage`.
