@@ -1,6 +1,6 @@
 //! Vectors of three numbers per lane.
 
-use crate::{Lanes, MAX_WIDTH, Mask};
+use crate::{Double, Lanes, MAX_WIDTH, Mask, Real};
 use glam::Vec3;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
@@ -62,6 +62,24 @@ impl<F: Lanes> V3<F> {
         }
         lanes
     }
+    /// The same vector of double precision in all lanes.
+    #[inline(always)]
+    pub fn splat_double(token: F::Token, v: V3<f64>) -> V3<F::Double> {
+        V3::new(Double::splat(token, v.x), Double::splat(token, v.y), Double::splat(token, v.z))
+    }
+    /// The vectors in double precision.
+    #[inline(always)]
+    pub fn widen(self) -> V3<F::Double> {
+        V3::new(Double::widen(self.x), Double::widen(self.y), Double::widen(self.z))
+    }
+    /// The nearest vectors of single precision.
+    #[inline(always)]
+    pub fn narrow(v: V3<F::Double>) -> Self {
+        Self::new(v.x.narrow(), v.y.narrow(), v.z.narrow())
+    }
+}
+
+impl<F: Real> V3<F> {
     /// Dot product, summed in the order x, y, z.
     #[inline(always)]
     pub fn dot(self, o: Self) -> F {
@@ -116,7 +134,7 @@ impl<F: Lanes> V3<F> {
     }
 }
 
-impl<F: Lanes> Add for V3<F> {
+impl<F: Real> Add for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn add(self, o: Self) -> Self {
@@ -124,7 +142,7 @@ impl<F: Lanes> Add for V3<F> {
     }
 }
 
-impl<F: Lanes> Sub for V3<F> {
+impl<F: Real> Sub for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, o: Self) -> Self {
@@ -132,7 +150,7 @@ impl<F: Lanes> Sub for V3<F> {
     }
 }
 
-impl<F: Lanes> Mul<F> for V3<F> {
+impl<F: Real> Mul<F> for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, s: F) -> Self {
@@ -140,7 +158,7 @@ impl<F: Lanes> Mul<F> for V3<F> {
     }
 }
 
-impl<F: Lanes> Div<F> for V3<F> {
+impl<F: Real> Div<F> for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn div(self, s: F) -> Self {
@@ -148,7 +166,7 @@ impl<F: Lanes> Div<F> for V3<F> {
     }
 }
 
-impl<F: Lanes> Neg for V3<F> {
+impl<F: Real> Neg for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -156,7 +174,7 @@ impl<F: Lanes> Neg for V3<F> {
     }
 }
 
-impl<F: Lanes> AddAssign for V3<F> {
+impl<F: Real> AddAssign for V3<F> {
     #[inline(always)]
     fn add_assign(&mut self, o: Self) {
         *self = *self + o;
