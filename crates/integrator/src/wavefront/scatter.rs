@@ -103,7 +103,9 @@ impl<'a> Wavefront<'a> {
         'a: 'v,
     {
         let first = &self.paths[paths[0] as usize];
-        let (mut samplers, mut learned) = ([first.sampler; MAX_WIDTH], [None; MAX_WIDTH]);
+        let (roulette, mut samplers) = (first.roulette, [first.sampler; MAX_WIDTH]);
+        let (mut points, mut materials) = ([vertices[0].hit.surface.point; MAX_WIDTH], [0; MAX_WIDTH]);
+        let mut gain_scales = [-1.0; MAX_WIDTH];
         let (mut throughput, mut wo) = ([first.throughput; MAX_WIDTH], [vertices[0].wo_local().0; MAX_WIDTH]);
         let [mut eta_scale, mut gathered] = [[0.0; MAX_WIDTH]; 2];
         let (mut lit, mut has_layers) = (0, false);
@@ -111,9 +113,8 @@ impl<'a> Wavefront<'a> {
             let path = &mut self.paths[paths[lane] as usize];
             path.path_length += at.hit.surface.distance;
             has_layers |= path.is_first_surface();
-            if let Some(roulette) = path.roulette {
-                learned[lane] = roulette.at(at.hit.surface.point, at.shading.material, &mut path.gain_scale);
-            }
+            (points[lane], materials[lane]) = (at.hit.surface.point, at.shading.material);
+            gain_scales[lane] = path.gain_scale.unwrap_or(-1.0);
             (samplers[lane], throughput[lane], wo[lane]) = (path.sampler, path.throughput, at.wo_local().0);
             eta_scale[lane] = path.eta_scale;
             if !at.is_delta() {
@@ -124,10 +125,17 @@ impl<'a> Wavefront<'a> {
                 path.light_vertices += 1;
             }
         }
-        F::vectorize(
+        let group: Group<'_, '_, F> = F::vectorize(
             token,
             #[inline(always)]
             || {
+                let learned = match roulette {
+                    Some(roulette) => {
+                        let (point, material) = (V3::from_lanes(token, &points), F::load_word(token, &materials));
+                        roulette.at_lanes(token, point, material, F::load(token, &gain_scales))
+                    }
+                    None => VertexRoulettes::none(token),
+                };
                 let padded = vertices.iter().chain(std::iter::repeat_n(&vertices[0], MAX_WIDTH));
                 Group {
                     token,
@@ -140,13 +148,19 @@ impl<'a> Wavefront<'a> {
                     frames: ShadingFrames::of(token, padded.map(|at| (&at.shading, at.hit.surface.normal))),
                     wo: V3::from_lanes(token, &wo),
                     sampler: Sampler::from_lanes(token, &samplers),
-                    learned: VertexRoulettes::new(token, learned),
+                    learned,
                     throughput: rgb_of_lanes(token, &throughput),
                     eta_scale: F::load(token, &eta_scale),
                     gathered: F::load(token, &gathered),
                 }
             },
-        )
+        );
+        let gain_scales = group.learned.gain_scale.to_array();
+        for lane in 0..vertices.len() {
+            let gain_scale = gain_scales[lane];
+            self.paths[paths[lane] as usize].gain_scale = (gain_scale >= 0.0).then_some(gain_scale);
+        }
+        group
     }
 
     /// Draws the light samples of a group.
