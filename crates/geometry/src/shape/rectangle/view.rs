@@ -50,10 +50,10 @@ impl<N: Real> View<N> {
         let is_far = (width * width + length * length).lt(d2);
         // The comparisons are written so that a NaN is beyond the limits.
         let mut is_clear = is_far & (d2.sqrt() * h.constant(limits.far)).lt(h);
-        if (!is_clear).any() {
+        let is_near = !is_clear & (reach([x, y, h], size) * h.constant(limits.near)).lt(h);
+        is_clear = is_clear | is_near;
+        if is_near.any() {
             let near = NearView::new([x, y, h], size);
-            let is_near = !is_clear & h.constant(limits.near).lt(near.h);
-            is_clear = is_clear | is_near;
             view.is_by_solid_angle = is_near & h.constant(MIN_SOLID_ANGLE as f32).le(near.solid_angle);
             view.inverse_solid_angle = near.solid_angle.recip();
             if let Some(u) = u {
@@ -87,7 +87,7 @@ pub(super) struct NearView<N> {
     x: [N; 2],
     y: [N; 2],
     pub(super) h: N,
-    /// At least the distance of the farthest corner, at most 1.8 times it \[m\]: the unit of the other lengths.
+    /// The unit of the other lengths \[m\]. See the function [`reach`].
     reach: N,
     /// Length of the long edge.
     length: N,
@@ -100,7 +100,7 @@ impl<N: Real> NearView<N> {
     #[inline(always)]
     pub(super) fn new([x, y, h]: [N; 3], [width, length]: [N; 2]) -> Self {
         let h = h.abs();
-        let reach = x.abs().max((x + width).abs()) + y.abs().max((y + length).abs()) + h;
+        let reach = reach([x, y, h], [width, length]);
         let unit = reach.recip();
         let ([x0, y0, h], [width, length]) = ([x * unit, y * unit, h * unit], [width * unit, length * unit]);
         let (x1, y1, h2) = (x0 + width, y0 + length, h * h);
@@ -152,6 +152,12 @@ impl<N: Real> NearView<N> {
         let zero = h.constant(0.0);
         [((x - x0) * self.reach).max(zero).min(size[0]), ((y - y0) * self.reach).max(zero).min(size[1])]
     }
+}
+
+/// At least the distance of the farthest corner, at most 1.8 times it.
+#[inline(always)]
+fn reach<N: Real>([x, y, h]: [N; 3], [width, length]: [N; 2]) -> N {
+    x.abs().max((x + width).abs()) + y.abs().max((y + length).abs()) + h
 }
 
 impl NearView<f64> {
