@@ -1,6 +1,6 @@
 //! Eight f32 side by side, for traversal by a single ray: a box or a triangle in each lane.
 
-use dunkelfeld_lanes::Lanes;
+use dunkelfeld_lanes::Real;
 use fearless_simd::{Simd, f32x8};
 
 /// Number of lanes.
@@ -15,7 +15,7 @@ pub(crate) type F8<S> = f32x8<S>;
 /// `a > b ? a : b` in each lane: the second operand if either is a NaN.
 #[inline(always)]
 pub(crate) fn greater<S: Simd>(a: F8<S>, b: F8<S>) -> F8<S> {
-    Lanes::max(a, b)
+    Real::max(a, b)
 }
 
 /// Evaluates an expression for the best instruction set of a level: `dispatch8!(level, simd => expression)`. All functions

@@ -6,7 +6,7 @@ use std::mem::MaybeUninit;
 
 use dunkelfeld_geometry::triangle::UNIT_ROUNDOFF;
 use dunkelfeld_geometry::{Aabb, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, Real, V3};
 use fearless_simd::Simd;
 
 use crate::simd8::{Eight, F8, WIDTH};

@@ -4,7 +4,7 @@
 //! So a mesh one kilometre from the origin keeps the accuracy of its own object space. A transform and its inverse
 //! cancel without the mismatch of an f32 inverse and its f32 matrix.
 
-use dunkelfeld_lanes::{Double, Lanes, V3};
+use dunkelfeld_lanes::{Double, Lanes, Real, V3};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use crate::Ray;
@@ -120,17 +120,17 @@ impl Transform {
     /// [`Self::normal`] in lanes.
     #[inline(always)]
     pub fn normals<F: Lanes>(&self, n: V3<F>) -> V3<F> {
-        let (token, n) = (n.x.token(), n.to_double());
+        let (token, n) = (n.x.token(), n.widen());
         let m: &DMat3 = &self.to_object.matrix3;
         let moved = V3::new(
-            V3::splat_double(token, m.x_axis).dot(n),
-            V3::splat_double(token, m.y_axis).dot(n),
-            V3::splat_double(token, m.z_axis).dot(n),
+            V3::<F>::splat_double(token, v3(m.x_axis)).dot(n),
+            V3::<F>::splat_double(token, v3(m.y_axis)).dot(n),
+            V3::<F>::splat_double(token, v3(m.z_axis)).dot(n),
         );
-        let length = moved.dot(moved).sqrt();
-        let inverse = F::Double::splat(token, 1.0) / length;
-        let is_some = length.lt(f64::INFINITY) & inverse.lt(f64::INFINITY);
-        V3::select(is_some, (moved * inverse).to_single(), V3::splat(token, Vec3::ZERO))
+        let length = moved.length();
+        let inverse = length.recip();
+        let is_some = F::Double::narrow_mask(length.is_finite() & inverse.is_finite());
+        V3::select(is_some, V3::narrow(moved * inverse), V3::splat(token, Vec3::ZERO))
     }
 
     /// True if it mirrors, so that a counter-clockwise triangle becomes clockwise.
@@ -189,28 +189,32 @@ impl Transform {
     /// and rounded to f32 again.
     #[inline(always)]
     pub fn points_with_error<F: Lanes>(&self, p: V3<F>, p_error: V3<F>) -> (V3<F>, V3<F>) {
-        let (token, p, p_error) = (p.x.token(), p.to_double(), p_error.to_double());
+        let (token, p, p_error) = (p.x.token(), p.widen(), p_error.widen());
         let DAffine3 { matrix3, translation } = &self.to_world;
-        let exact = linear(matrix3, p) + V3::splat_double(token, *translation);
+        let exact = linear::<F>(token, matrix3, p) + V3::<F>::splat_double(token, v3(*translation));
         let magnitudes = DMat3::from_cols(matrix3.x_axis.abs(), matrix3.y_axis.abs(), matrix3.z_axis.abs());
-        let (p_abs, unit) = (p.abs_double(), F::Double::splat(token, UNIT_ROUNDOFF_32));
-        let rounding = linear(&magnitudes, p_abs) + V3::splat_double(token, translation.abs());
-        let error = linear(&magnitudes, p_error + p_abs * unit)
-            + exact.abs_double() * unit
+        let (p_abs, unit) = (p.abs(), F::Double::splat(token, UNIT_ROUNDOFF_32));
+        let rounding = linear::<F>(token, &magnitudes, p_abs) + V3::<F>::splat_double(token, v3(translation.abs()));
+        let error = linear::<F>(token, &magnitudes, p_error + p_abs * unit)
+            + exact.abs() * unit
             + rounding * F::Double::splat(token, 8.0 * UNIT_ROUNDOFF_64);
-        let V3 { x, y, z } = error.to_single();
+        let V3 { x, y, z } = V3::<F>::narrow(error);
         let least = x.constant(MIN_ERROR);
-        (exact.to_single(), V3::new(next_up(x).max(least), next_up(y).max(least), next_up(z).max(least)))
+        (V3::narrow(exact), V3::new(next_up(x).max(least), next_up(y).max(least), next_up(z).max(least)))
     }
 }
 
 /// The product of a matrix and a vector.
 #[inline(always)]
-fn linear<D: Double>(m: &DMat3, v: V3<D>) -> V3<D> {
-    let token = v.x.token();
-    V3::splat_double(token, m.x_axis) * v.x
-        + V3::splat_double(token, m.y_axis) * v.y
-        + V3::splat_double(token, m.z_axis) * v.z
+fn linear<F: Lanes>(token: F::Token, m: &DMat3, v: V3<F::Double>) -> V3<F::Double> {
+    V3::<F>::splat_double(token, v3(m.x_axis)) * v.x
+        + V3::<F>::splat_double(token, v3(m.y_axis)) * v.y
+        + V3::<F>::splat_double(token, v3(m.z_axis)) * v.z
+}
+
+#[inline(always)]
+fn v3(v: DVec3) -> V3<f64> {
+    V3::new(v.x, v.y, v.z)
 }
 
 #[cfg(test)]

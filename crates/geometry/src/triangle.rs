@@ -219,16 +219,16 @@ pub fn hit_point(corners: &[Vec3; 3], b1: f32, b2: f32) -> (Vec3, Vec3) {
 #[inline(always)]
 pub fn hit_points<F: Lanes>(corners: &[V3<F>; 3], b1: F, b2: F) -> (V3<F>, V3<F>) {
     let token = b1.token();
-    let v0 = corners[0].to_double();
-    let along1 = (corners[1].to_double() - v0) * b1.to_double();
-    let along2 = (corners[2].to_double() - v0) * b2.to_double();
+    let v0 = corners[0].widen();
+    let along1 = (corners[1].widen() - v0) * F::Double::widen(b1);
+    let along2 = (corners[2].widen() - v0) * F::Double::widen(b2);
     let exact = v0 + along1 + along2;
-    let terms = v0.abs_double() + along1.abs_double() + along2.abs_double();
-    let error = exact.abs_double() * F::Double::splat(token, f64::from(UNIT_ROUNDOFF))
+    let terms = v0.abs() + along1.abs() + along2.abs();
+    let error = exact.abs() * F::Double::splat(token, f64::from(UNIT_ROUNDOFF))
         + terms * F::Double::splat(token, 2.0 * f64::EPSILON);
     // At least one ulp more for the rounding of the bound itself.
-    let error = error.to_single() * b1.constant(1.0 + f32::EPSILON) + V3::splat(token, Vec3::splat(MIN_ERROR));
-    (exact.to_single(), error)
+    let error = V3::<F>::narrow(error) * b1.constant(1.0 + f32::EPSILON) + V3::splat(token, Vec3::splat(MIN_ERROR));
+    (V3::narrow(exact), error)
 }
 
 /// The start of a ray that leaves a surface: outside the error box of the hit, on the side of `direction`.

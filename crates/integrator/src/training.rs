@@ -93,7 +93,11 @@ impl TrainingBatch {
             }
             let mut outcomes = PathOutcomes(vec![Vec::new(); TOGETHER]);
             let watch = Watch { tally: &mut ConnectionTally::default(), observer: Some(&mut outcomes) };
-            wavefront.follow((first..first + TOGETHER as u32).map(ray), watch);
+            wavefront.begin();
+            for (ray, sampler) in (first..first + TOGETHER as u32).map(ray) {
+                wavefront.push(&ray, &sampler);
+            }
+            wavefront.follow(watch);
             batch.visits.extend(outcomes.0.into_iter().flatten());
         }
         batch

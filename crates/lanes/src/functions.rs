@@ -22,6 +22,12 @@ pub fn cos_sin_of_turn<F: Lanes>(turn: F) -> (F, F) {
     (F::from_bits(c.to_bits() ^ flip), F::from_bits(s.to_bits() ^ flip))
 }
 
+/// See [`crate::Real::cos_sin`].
+#[inline(always)]
+pub(crate) fn cos_sin<F: Lanes>(angle: F) -> (F, F) {
+    cos_sin_of_turn(angle * (1.0 / TAU))
+}
+
 /// The angle of the point (x, y) from the positive x axis, in [-pi, pi], with a relative error below 4e-7. Zero for the
 /// origin.
 #[inline(always)]
@@ -44,6 +50,12 @@ pub fn atan2<F: Lanes>(y: F, x: F) -> F {
     let angle = ay.gt(ax).select(-angle + FRAC_PI_2, angle);
     let angle = x.lt(x.constant(0.0)).select(-angle + PI, angle);
     angle.copysign(y)
+}
+
+/// See [`crate::Real::angle`].
+#[inline(always)]
+pub(crate) fn angle<F: Lanes>(x: F, y: F) -> F {
+    atan2(y, x)
 }
 
 /// The exponential function with a relative error below 2e-7; zero below -87, and the value at 88 above.

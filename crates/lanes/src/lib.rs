@@ -2,7 +2,8 @@
 //!
 //! A formula is one function, generic over [`Lanes`]. `f32` is one lane, and the reference of all others. The vectors of
 //! `fearless_simd` have 4, 8 and 16 lanes. Every operation is an IEEE operation or one of integers, none is fused or
-//! approximate, so a lane has the same bits at every width.
+//! approximate, so a lane has the same bits at every width. [`Lanes::Double`] has double precision. A formula over [`Real`]
+//! has either precision.
 //!
 //! Constants come from a *token*, which exists only on machines with the instructions of its width. [`dispatch!`] calls
 //! code with the token of an [`InstructionSet`]. All code in it must be `#[inline(always)]`, closures included: a function
@@ -31,18 +32,20 @@ mod frame;
 mod functions;
 mod instruction_set;
 mod one;
+mod real;
 mod v3;
 mod vectors;
 
 pub use double::Double;
 #[doc(hidden)]
-pub use double::Doubles;
+pub use double::Pair;
 pub use frame::Frame;
 pub use functions::{atan2, cos_sin_of_turn, exp, ln, pow};
 pub use instruction_set::InstructionSet;
 #[doc(hidden)]
 pub use instruction_set::separately;
-pub use one::{One, OneLong};
+pub use one::{DoubleMask, One, OneLong};
+pub use real::Real;
 pub use v3::V3;
 #[doc(hidden)]
 pub use vectors::Halves;
@@ -51,7 +54,7 @@ pub use vectors::Halves;
 pub use fearless_simd;
 
 use std::fmt::Debug;
-use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, MulAssign, Neg, Not, Shl, Shr, Sub, SubAssign};
+use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, MulAssign, Not, Shl, Shr, Sub, SubAssign};
 
 /// No type has more lanes.
 pub const MAX_WIDTH: usize = 16;
@@ -124,13 +127,7 @@ pub trait Long:
 
 /// A single-precision number per lane.
 pub trait Lanes:
-    Copy
-    + Debug
-    + Neg<Output = Self>
-    + Add<Output = Self>
-    + Sub<Output = Self>
-    + Mul<Output = Self>
-    + Div<Output = Self>
+    Real
     + Add<f32, Output = Self>
     + Sub<f32, Output = Self>
     + Mul<f32, Output = Self>
@@ -138,20 +135,17 @@ pub trait Lanes:
     + AddAssign
     + SubAssign
     + MulAssign
-    + 'static
 {
     /// Number of lanes: 1, 4, 8 or 16.
     const WIDTH: usize;
     /// Exists only where the instructions of this type do.
     type Token: Copy + Debug;
-    /// Result of comparisons.
-    type Mask: Mask<Self>;
+    /// Numbers of double precision for the same lanes.
+    type Double: Double<Self>;
     /// Integers of the same lanes.
     type Word: Word;
     /// Long integers of the same lanes.
     type Long: Long;
-    /// Double-precision numbers of the same lanes.
-    type Double: Double<Single = Self>;
 
     /// Calls code with the instructions of the lanes. A function that is not inlined contains its code in such a call.
     fn vectorize<R>(token: Self::Token, code: impl FnOnce() -> R) -> R;
@@ -177,20 +171,12 @@ pub trait Lanes:
     fn splat_word(token: Self::Token, x: u32) -> Self::Word;
     /// The lanes whose bits are set.
     fn mask(token: Self::Token, bits: u32) -> Self::Mask;
+    /// The four numbers of each lane, which lie side by side in memory: the first one of each lane, and so on.
+    fn load_rows<'a>(token: Self::Token, row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4];
+    /// The inverse of [`Self::load_rows`]. Rows beyond the last lane are zero.
+    fn to_rows(columns: [Self; 4]) -> [[f32; 4]; MAX_WIDTH];
     /// The lanes of a mask side by side, in the first lanes.
     fn compress(self, mask: Self::Mask) -> Self;
-    /// Square root, correctly rounded.
-    fn sqrt(self) -> Self;
-    /// Absolute value.
-    fn abs(self) -> Self;
-    /// `self < other ? self : other`: `other` if either is a NaN, as `minps` of x86.
-    fn min(self, other: Self) -> Self;
-    /// `self > other ? self : other`: `other` if either is a NaN, as `maxps` of x86.
-    fn max(self, other: Self) -> Self;
-    /// Is it less?
-    fn lt(self, other: Self) -> Self::Mask;
-    /// Is it less or equal?
-    fn le(self, other: Self) -> Self::Mask;
     /// Is it equal?
     fn eq(self, other: Self) -> Self::Mask;
     /// The bits of the number.
@@ -203,55 +189,9 @@ pub trait Lanes:
     fn join(low: Self::Word, high: Self::Word) -> Self::Long;
     /// The low and the high words of long integers.
     fn split(long: Self::Long) -> [Self::Word; 2];
-    /// The same numbers in double precision.
-    fn to_double(self) -> Self::Double;
-    /// The four numbers of each lane, which lie side by side in memory: the first one of each lane, and so on.
-    fn load_rows<'a>(token: Self::Token, row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4];
-    /// The inverse of [`Self::load_rows`]. Rows beyond the last lane are zero.
-    fn to_rows(columns: [Self; 4]) -> [[f32; 4]; MAX_WIDTH];
     /// Are the integers equal?
     fn word_eq(a: Self::Word, b: Self::Word) -> Self::Mask;
 
-    /// A constant in the lanes of this value.
-    #[inline(always)]
-    fn constant(self, x: f32) -> Self {
-        Self::splat(self.token(), x)
-    }
-    /// Is it greater?
-    #[inline(always)]
-    fn gt(self, other: Self) -> Self::Mask {
-        other.lt(self)
-    }
-    /// Is it greater or equal?
-    #[inline(always)]
-    fn ge(self, other: Self) -> Self::Mask {
-        other.le(self)
-    }
-    /// Is it above zero?
-    #[inline(always)]
-    fn is_positive(self) -> Self::Mask {
-        self.constant(0.0).lt(self)
-    }
-    /// Is it a number, and not infinite?
-    #[inline(always)]
-    fn is_finite(self) -> Self::Mask {
-        self.abs().lt(self.constant(f32::INFINITY))
-    }
-    /// `1 / self`.
-    #[inline(always)]
-    fn recip(self) -> Self {
-        self.constant(1.0) / self
-    }
-    /// `1 - self`.
-    #[inline(always)]
-    fn one_minus(self) -> Self {
-        self.constant(1.0) - self
-    }
-    /// This number where the mask is true, zero elsewhere.
-    #[inline(always)]
-    fn only(self, mask: Self::Mask) -> Self {
-        mask.select(self, self.constant(0.0))
-    }
     /// `low` below `low`, `high` above `high`. A NaN becomes `low`.
     #[inline(always)]
     fn clamp(self, low: f32, high: f32) -> Self {

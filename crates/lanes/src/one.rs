@@ -1,7 +1,7 @@
 //! One lane: plain numbers.
 
-use crate::{Lanes, Long, MAX_WIDTH, Mask, Word};
-use std::ops::{Add, BitAnd, BitOr, BitXor, Mul, Shl, Shr, Sub};
+use crate::{Double, Lanes, Long, MAX_WIDTH, Mask, Real, Word, double, functions};
+use std::ops::{Add, BitAnd, BitOr, BitXor, Mul, Not, Shl, Shr, Sub};
 
 /// A wrapping integer of one lane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,24 +103,110 @@ impl Shr<u32> for OneLong {
     }
 }
 
-impl Mask<f32> for bool {
+/// A truth value of one number in double precision. It is not `bool`, so that methods of a `bool` are those for `f32`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DoubleMask(bool);
+
+impl BitAnd for DoubleMask {
+    type Output = Self;
     #[inline(always)]
-    fn bits(self) -> u32 {
-        u32::from(self)
-    }
-    #[inline(always)]
-    fn select(self, yes: f32, no: f32) -> f32 {
-        if self { yes } else { no }
+    fn bitand(self, other: Self) -> Self {
+        Self(self.0 & other.0)
     }
 }
+
+impl BitOr for DoubleMask {
+    type Output = Self;
+    #[inline(always)]
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl BitXor for DoubleMask {
+    type Output = Self;
+    #[inline(always)]
+    fn bitxor(self, other: Self) -> Self {
+        Self(self.0 ^ other.0)
+    }
+}
+
+impl Not for DoubleMask {
+    type Output = Self;
+    #[inline(always)]
+    fn not(self) -> Self {
+        Self(!self.0)
+    }
+}
+
+macro_rules! real {
+    ($number:ident, $mask:ident, $new:expr, $functions:ident) => {
+        impl Mask<$number> for $mask {
+            #[inline(always)]
+            fn bits(self) -> u32 {
+                u32::from(self == $new(true))
+            }
+            #[inline(always)]
+            fn select(self, yes: $number, no: $number) -> $number {
+                if self == $new(true) { yes } else { no }
+            }
+        }
+
+        impl Real for $number {
+            type Mask = $mask;
+
+            #[inline(always)]
+            fn constant(self, x: f32) -> Self {
+                x.into()
+            }
+            #[inline(always)]
+            fn tiny(self) -> Self {
+                $number::MIN_POSITIVE
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                $number::sqrt(self)
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                $number::abs(self)
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                if self < other { self } else { other }
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                if self > other { self } else { other }
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> $mask {
+                $new(self < other)
+            }
+            #[inline(always)]
+            fn le(self, other: Self) -> $mask {
+                $new(self <= other)
+            }
+            #[inline(always)]
+            fn angle(x: Self, y: Self) -> Self {
+                $functions::angle(x, y)
+            }
+            #[inline(always)]
+            fn cos_sin(angle: Self) -> (Self, Self) {
+                $functions::cos_sin(angle)
+            }
+        }
+    };
+}
+real!(f32, bool, std::convert::identity, functions);
+real!(f64, DoubleMask, DoubleMask, double);
 
 impl Lanes for f32 {
     const WIDTH: usize = 1;
     type Token = ();
-    type Mask = bool;
+    type Double = f64;
     type Word = One;
     type Long = OneLong;
-    type Double = f64;
 
     #[inline(always)]
     fn vectorize<R>((): (), code: impl FnOnce() -> R) -> R {
@@ -157,32 +243,18 @@ impl Lanes for f32 {
         bits & 1 == 1
     }
     #[inline(always)]
+    fn load_rows<'a>((): (), row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4] {
+        *row(0)
+    }
+    #[inline(always)]
+    fn to_rows(columns: [Self; 4]) -> [[f32; 4]; MAX_WIDTH] {
+        let mut rows = [[0.0; 4]; MAX_WIDTH];
+        rows[0] = columns;
+        rows
+    }
+    #[inline(always)]
     fn compress(self, _: bool) -> Self {
         self
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        f32::sqrt(self)
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        f32::abs(self)
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        if self < other { self } else { other }
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        if self > other { self } else { other }
-    }
-    #[inline(always)]
-    fn lt(self, other: Self) -> bool {
-        self < other
-    }
-    #[inline(always)]
-    fn le(self, other: Self) -> bool {
-        self <= other
     }
     #[inline(always)]
     fn eq(self, other: Self) -> bool {
@@ -209,21 +281,34 @@ impl Lanes for f32 {
         [One(long.0 as u32), One((long.0 >> 32) as u32)]
     }
     #[inline(always)]
-    fn to_double(self) -> f64 {
-        f64::from(self)
-    }
-    #[inline(always)]
-    fn load_rows<'a>((): (), row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4] {
-        *row(0)
-    }
-    #[inline(always)]
-    fn to_rows(columns: [Self; 4]) -> [[f32; 4]; MAX_WIDTH] {
-        let mut rows = [[0.0; 4]; MAX_WIDTH];
-        rows[0] = columns;
-        rows
-    }
-    #[inline(always)]
     fn word_eq(a: One, b: One) -> bool {
         a.0 == b.0
+    }
+}
+
+impl Double<f32> for f64 {
+    #[inline(always)]
+    fn splat((): (), x: f64) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn load((): (), from: &[f64; MAX_WIDTH]) -> Self {
+        from[0]
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f64; MAX_WIDTH]) {
+        to[0] = self;
+    }
+    #[inline(always)]
+    fn widen(x: f32) -> Self {
+        x.into()
+    }
+    #[inline(always)]
+    fn narrow(self) -> f32 {
+        self as f32
+    }
+    #[inline(always)]
+    fn narrow_mask(mask: DoubleMask) -> bool {
+        mask.0
     }
 }

@@ -1,6 +1,6 @@
 //! Vectors of three numbers per lane.
 
-use crate::{Lanes, MAX_WIDTH, Mask};
+use crate::{Double, Lanes, MAX_WIDTH, Mask, Real};
 use glam::Vec3;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
@@ -20,14 +20,6 @@ impl<F> V3<F> {
     #[inline(always)]
     pub fn new(x: F, y: F, z: F) -> Self {
         Self { x, y, z }
-    }
-}
-
-impl<F: Copy + Add<Output = F> + Mul<Output = F>> V3<F> {
-    /// Dot product, summed in the order x, y, z.
-    #[inline(always)]
-    pub fn dot(self, o: Self) -> F {
-        self.x * o.x + self.y * o.y + self.z * o.z
     }
 }
 
@@ -69,6 +61,29 @@ impl<F: Lanes> V3<F> {
             lanes[lane] = Vec3::new(x[lane], y[lane], z[lane]);
         }
         lanes
+    }
+    /// The same vector of double precision in all lanes.
+    #[inline(always)]
+    pub fn splat_double(token: F::Token, v: V3<f64>) -> V3<F::Double> {
+        V3::new(Double::splat(token, v.x), Double::splat(token, v.y), Double::splat(token, v.z))
+    }
+    /// The vectors in double precision.
+    #[inline(always)]
+    pub fn widen(self) -> V3<F::Double> {
+        V3::new(Double::widen(self.x), Double::widen(self.y), Double::widen(self.z))
+    }
+    /// The nearest vectors of single precision.
+    #[inline(always)]
+    pub fn narrow(v: V3<F::Double>) -> Self {
+        Self::new(v.x.narrow(), v.y.narrow(), v.z.narrow())
+    }
+}
+
+impl<F: Real> V3<F> {
+    /// Dot product, summed in the order x, y, z.
+    #[inline(always)]
+    pub fn dot(self, o: Self) -> F {
+        self.x * o.x + self.y * o.y + self.z * o.z
     }
     /// Cross product.
     #[inline(always)]
@@ -119,7 +134,7 @@ impl<F: Lanes> V3<F> {
     }
 }
 
-impl<F: Copy + Add<Output = F>> Add for V3<F> {
+impl<F: Real> Add for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn add(self, o: Self) -> Self {
@@ -127,7 +142,7 @@ impl<F: Copy + Add<Output = F>> Add for V3<F> {
     }
 }
 
-impl<F: Copy + Sub<Output = F>> Sub for V3<F> {
+impl<F: Real> Sub for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, o: Self) -> Self {
@@ -135,7 +150,7 @@ impl<F: Copy + Sub<Output = F>> Sub for V3<F> {
     }
 }
 
-impl<F: Copy + Mul<Output = F>> Mul<F> for V3<F> {
+impl<F: Real> Mul<F> for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, s: F) -> Self {
@@ -143,7 +158,7 @@ impl<F: Copy + Mul<Output = F>> Mul<F> for V3<F> {
     }
 }
 
-impl<F: Copy + Div<Output = F>> Div<F> for V3<F> {
+impl<F: Real> Div<F> for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn div(self, s: F) -> Self {
@@ -151,7 +166,7 @@ impl<F: Copy + Div<Output = F>> Div<F> for V3<F> {
     }
 }
 
-impl<F: Lanes> Neg for V3<F> {
+impl<F: Real> Neg for V3<F> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -159,7 +174,7 @@ impl<F: Lanes> Neg for V3<F> {
     }
 }
 
-impl<F: Lanes> AddAssign for V3<F> {
+impl<F: Real> AddAssign for V3<F> {
     #[inline(always)]
     fn add_assign(&mut self, o: Self) {
         *self = *self + o;

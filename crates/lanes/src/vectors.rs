@@ -1,18 +1,16 @@
 //! Four, eight and sixteen lanes: the vectors of `fearless_simd`.
 
-use crate::double::Doubles;
-use crate::{Lanes, Long, MAX_WIDTH, Mask, Word};
+use crate::double::{self, Pair};
+use crate::{Double, Lanes, Long, MAX_WIDTH, Mask, Real, Word, functions};
 use fearless_simd::prelude::*;
 use fearless_simd::{
-    Simd, SimdCvtFloat, f32x4, f32x8, f32x16, f64x2, f64x4, f64x8, i32x4, i32x8, i32x16, mask32x4, mask32x8, mask32x16,
-    u32x4, u32x8, u32x16, u64x2, u64x4, u64x8,
+    MaskNarrow, Simd, SimdCvtFloat, SimdNarrow, SimdWiden, f32x4, f32x8, f32x16, f64x2, f64x4, f64x8, i32x4, i32x8,
+    i32x16, mask32x4, mask32x8, mask32x16, mask64x2, mask64x4, mask64x8, u32x4, u32x8, u32x16, u64x2, u64x4, u64x8,
 };
 use std::ops::{Add, BitXor, Mul, Shr};
 
-macro_rules! vector {
-    ($width:literal, $number:ident, $word:ident, $signed:ident, $long:ident, $double:ident, $mask:ident, $columns:ident) => {
-        impl<S: Simd> Word for $word<S> {}
-
+macro_rules! real {
+    ($number:ident, $mask:ident, $scalar:ident, $functions:ident) => {
         impl<S: Simd> Mask<$number<S>> for $mask<S> {
             #[inline(always)]
             fn bits(self) -> u32 {
@@ -24,13 +22,77 @@ macro_rules! vector {
             }
         }
 
+        impl<S: Simd> Real for $number<S> {
+            type Mask = $mask<S>;
+
+            #[inline(always)]
+            fn constant(self, x: f32) -> Self {
+                SimdBase::splat(self.simd, x.into())
+            }
+            #[inline(always)]
+            fn tiny(self) -> Self {
+                SimdBase::splat(self.simd, $scalar::MIN_POSITIVE)
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                SimdFloat::sqrt(self)
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                SimdBase::abs(self)
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                if has_x86_minimum(self.simd) {
+                    SimdBase::min(self, other)
+                } else {
+                    Mask::select(Real::lt(self, other), self, other)
+                }
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                if has_x86_minimum(self.simd) {
+                    SimdBase::max(self, other)
+                } else {
+                    Mask::select(Real::lt(other, self), self, other)
+                }
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> Self::Mask {
+                self.simd_lt(other)
+            }
+            #[inline(always)]
+            fn le(self, other: Self) -> Self::Mask {
+                self.simd_le(other)
+            }
+            #[inline(always)]
+            fn angle(x: Self, y: Self) -> Self {
+                $functions::angle(x, y)
+            }
+            #[inline(always)]
+            fn cos_sin(angle: Self) -> (Self, Self) {
+                $functions::cos_sin(angle)
+            }
+        }
+    };
+}
+real!(f32x4, mask32x4, f32, functions);
+real!(f32x8, mask32x8, f32, functions);
+real!(f32x16, mask32x16, f32, functions);
+real!(f64x2, mask64x2, f64, double);
+real!(f64x4, mask64x4, f64, double);
+real!(f64x8, mask64x8, f64, double);
+
+macro_rules! vector {
+    ($width:literal, $number:ident, $word:ident, $signed:ident, $long:ident, $double:ident, $mask64:ident, $columns:ident) => {
+        impl<S: Simd> Word for $word<S> {}
+
         impl<S: Simd> Lanes for $number<S> {
             const WIDTH: usize = $width;
             type Token = S;
-            type Mask = $mask<S>;
+            type Double = Pair<$double<S>>;
             type Word = $word<S>;
             type Long = Halves<$long<S>>;
-            type Double = Doubles<$double<S>>;
 
             #[inline(always)]
             fn vectorize<R>(token: S, code: impl FnOnce() -> R) -> R {
@@ -69,40 +131,23 @@ macro_rules! vector {
                 SimdMask::from_bitmask(token, u64::from(bits))
             }
             #[inline(always)]
+            fn load_rows<'a>(token: S, row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4] {
+                $columns(token, &row, 0)
+            }
+            #[inline(always)]
+            fn to_rows([a, b, c, d]: [Self; 4]) -> [[f32; 4]; MAX_WIDTH] {
+                let (ac, bd) = ([a.zip_low(c), a.zip_high(c)], [b.zip_low(d), b.zip_high(d)]);
+                let mut rows = [[0.0; 4]; MAX_WIDTH];
+                let numbers = rows.as_flattened_mut();
+                ac[0].zip_low(bd[0]).store_slice(&mut numbers[..$width]);
+                ac[0].zip_high(bd[0]).store_slice(&mut numbers[$width..2 * $width]);
+                ac[1].zip_low(bd[1]).store_slice(&mut numbers[2 * $width..3 * $width]);
+                ac[1].zip_high(bd[1]).store_slice(&mut numbers[3 * $width..4 * $width]);
+                rows
+            }
+            #[inline(always)]
             fn compress(self, mask: Self::Mask) -> Self {
                 SimdBase::compress(self, mask)
-            }
-            #[inline(always)]
-            fn sqrt(self) -> Self {
-                SimdFloat::sqrt(self)
-            }
-            #[inline(always)]
-            fn abs(self) -> Self {
-                SimdBase::abs(self)
-            }
-            #[inline(always)]
-            fn min(self, other: Self) -> Self {
-                if has_x86_minimum(self.simd) {
-                    SimdBase::min(self, other)
-                } else {
-                    Mask::select(Lanes::lt(self, other), self, other)
-                }
-            }
-            #[inline(always)]
-            fn max(self, other: Self) -> Self {
-                if has_x86_minimum(self.simd) {
-                    SimdBase::max(self, other)
-                } else {
-                    Mask::select(Lanes::lt(other, self), self, other)
-                }
-            }
-            #[inline(always)]
-            fn lt(self, other: Self) -> Self::Mask {
-                self.simd_lt(other)
-            }
-            #[inline(always)]
-            fn le(self, other: Self) -> Self::Mask {
-                self.simd_le(other)
             }
             #[inline(always)]
             fn eq(self, other: Self) -> Self::Mask {
@@ -136,36 +181,61 @@ macro_rules! vector {
                 [low.bitcast(), high.bitcast()]
             }
             #[inline(always)]
-            fn to_double(self) -> Self::Double {
-                let (low, high) = self.widen();
-                Doubles { low, high }
-            }
-            #[inline(always)]
-            fn load_rows<'a>(token: S, row: impl Fn(usize) -> &'a [f32; 4]) -> [Self; 4] {
-                $columns(token, &row, 0)
-            }
-            #[inline(always)]
-            fn to_rows([a, b, c, d]: [Self; 4]) -> [[f32; 4]; MAX_WIDTH] {
-                let (ac, bd) = ([a.zip_low(c), a.zip_high(c)], [b.zip_low(d), b.zip_high(d)]);
-                let mut rows = [[0.0; 4]; MAX_WIDTH];
-                let numbers = rows.as_flattened_mut();
-                ac[0].zip_low(bd[0]).store_slice(&mut numbers[..$width]);
-                ac[0].zip_high(bd[0]).store_slice(&mut numbers[$width..2 * $width]);
-                ac[1].zip_low(bd[1]).store_slice(&mut numbers[2 * $width..3 * $width]);
-                ac[1].zip_high(bd[1]).store_slice(&mut numbers[3 * $width..4 * $width]);
-                rows
-            }
-            #[inline(always)]
             fn word_eq(a: Self::Word, b: Self::Word) -> Self::Mask {
                 a.simd_eq(b)
+            }
+        }
+
+        impl<S: Simd> Mask<Pair<$double<S>>> for Pair<$mask64<S>> {
+            #[inline(always)]
+            fn bits(self) -> u32 {
+                (self.low.to_bitmask() | self.high.to_bitmask() << ($width / 2)) as u32
+            }
+            #[inline(always)]
+            fn select(self, yes: Pair<$double<S>>, no: Pair<$double<S>>) -> Pair<$double<S>> {
+                Pair {
+                    low: Select::select(self.low, yes.low, no.low),
+                    high: Select::select(self.high, yes.high, no.high),
+                }
+            }
+        }
+
+        impl<S: Simd> Double<$number<S>> for Pair<$double<S>> {
+            #[inline(always)]
+            fn splat(token: S, x: f64) -> Self {
+                Self { low: SimdBase::splat(token, x), high: SimdBase::splat(token, x) }
+            }
+            #[inline(always)]
+            fn load(token: S, from: &[f64; MAX_WIDTH]) -> Self {
+                let (low, high) = from[..$width].split_at($width / 2);
+                Self { low: SimdBase::from_slice(token, low), high: SimdBase::from_slice(token, high) }
+            }
+            #[inline(always)]
+            fn store(self, to: &mut [f64; MAX_WIDTH]) {
+                let (low, high) = to[..$width].split_at_mut($width / 2);
+                self.low.store_slice(low);
+                self.high.store_slice(high);
+            }
+            #[inline(always)]
+            fn widen(x: $number<S>) -> Self {
+                let (low, high) = SimdWiden::widen(x);
+                Self { low, high }
+            }
+            #[inline(always)]
+            fn narrow(self) -> $number<S> {
+                SimdNarrow::narrow(self.low, self.high)
+            }
+            #[inline(always)]
+            fn narrow_mask(mask: Self::Mask) -> <$number<S> as Real>::Mask {
+                MaskNarrow::narrow(mask.low, mask.high)
             }
         }
     };
 }
 
-vector!(4, f32x4, u32x4, i32x4, u64x2, f64x2, mask32x4, four_columns);
-vector!(8, f32x8, u32x8, i32x8, u64x4, f64x4, mask32x8, eight_columns);
-vector!(16, f32x16, u32x16, i32x16, u64x8, f64x8, mask32x16, sixteen_columns);
+vector!(4, f32x4, u32x4, i32x4, u64x2, f64x2, mask64x2, four_columns);
+vector!(8, f32x8, u32x8, i32x8, u64x4, f64x4, mask64x4, eight_columns);
+vector!(16, f32x16, u32x16, i32x16, u64x8, f64x8, mask64x8, sixteen_columns);
 
 /// The columns of four rows, from the row `first`.
 #[inline(always)]

@@ -1,7 +1,7 @@
 //! Errors of the elementary functions against f64, and the same bits at all widths.
 
 use dunkelfeld_lanes::{
-    Double, InstructionSet, Lanes, MAX_WIDTH, Mask, Word, atan2, cos_sin_of_turn, dispatch, exp, ln, pow,
+    Double, InstructionSet, Lanes, MAX_WIDTH, Mask, Real, V3, Word, atan2, cos_sin_of_turn, dispatch, exp, ln, pow,
 };
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -36,6 +36,106 @@ fn arc_tangent() {
     assert_eq!(atan2(0.0, 0.0), 0.0);
     assert_eq!(atan2(0.0, -1.0), std::f32::consts::PI);
     assert_eq!(atan2(-1.0, 0.0), -std::f32::consts::FRAC_PI_2);
+}
+
+#[test]
+fn angles_in_double_precision() {
+    for (y, x) in numbers(0.0, 1.0, 8).into_iter().zip(numbers(-1.0, 1.0, 9)) {
+        for scale in [1.0, 0.3, 1e-3, 1e-9] {
+            let (y, x) = (f64::from(y) * scale, f64::from(x));
+            let (exact, found) = (y.atan2(x), <f64 as Real>::angle(x, y));
+            assert!((found - exact).abs() <= 1e-15 * exact, "angle({x}, {y}): {found} {exact}");
+        }
+    }
+    let angle = <f64 as Real>::angle;
+    assert_eq!((angle(1.0, 0.0), angle(0.0, 0.0), angle(0.0, 1.0)), (0.0, 0.0, std::f64::consts::FRAC_PI_2));
+    assert_eq!(angle(-1.0, 0.0), std::f64::consts::PI);
+}
+
+#[test]
+fn sine_and_cosine_of_an_angle() {
+    let tau = std::f64::consts::TAU;
+    for angle in numbers(0.0, tau, 10).into_iter().map(f64::from).chain([0.0, 0.25, 0.5, 0.75, 1.0].map(|x| x * tau)) {
+        let ((c, s), (sin, cos)) = (<f64 as Real>::cos_sin(angle), angle.sin_cos());
+        let (dc, ds) = ((c - cos).abs(), (s - sin).abs());
+        assert!(dc < 2e-15 && ds < 2e-15, "angle {angle}: {dc:e} {ds:e}");
+        let ((c, s), (sin, cos)) = (<f32 as Real>::cos_sin(angle as f32), f64::from(angle as f32).sin_cos());
+        let (dc, ds) = ((f64::from(c) - cos).abs(), (f64::from(s) - sin).abs());
+        assert!(dc < 1e-6 && ds < 1e-6, "angle {angle} in single precision: {dc:e} {ds:e}");
+    }
+}
+
+/// Results of all operations in double precision, and the bits of masks.
+#[inline(always)]
+fn doubles<F: Lanes>(token: F::Token, a: &[f64; MAX_WIDTH], b: &[f64; MAX_WIDTH], out: &mut [[f64; MAX_WIDTH]; 21]) {
+    for at in (0..MAX_WIDTH).step_by(F::WIDTH) {
+        let [mut first, mut second] = [[0.0; MAX_WIDTH]; 2];
+        first[..MAX_WIDTH - at].copy_from_slice(&a[at..]);
+        second[..MAX_WIDTH - at].copy_from_slice(&b[at..]);
+        let (a, b) = (F::Double::load(token, &first), F::Double::load(token, &second));
+        let (c, s) = F::Double::cos_sin(a.abs().min(a.constant(6.25)));
+        let v = V3::<F>::narrow(V3::new(a, b, a * b)).widen();
+        let is_less = F::Double::narrow_mask(a.lt(b));
+        let narrow = is_less.select(a.narrow(), b.narrow());
+        let all = [
+            a + b,
+            a - b,
+            a * b,
+            a / b,
+            -a,
+            a + 1.5,
+            a * 3.0,
+            a.sqrt(),
+            a.abs(),
+            a.min(b),
+            a.max(b),
+            (a.lt(b) & !a.is_positive()).select(a, b),
+            (a.le(b) | b.is_finite()).select(a, a.tiny()),
+            a.one_minus().only(a.gt(b) ^ a.ge(b)),
+            F::Double::angle(a, b.abs()),
+            c,
+            s,
+            F::Double::splat(token, 1e-300) * a,
+            v.normalize().x,
+            v.dot(v),
+            F::Double::widen(narrow),
+        ];
+        assert_eq!(a.lt(b).bits(), is_less.bits());
+        for (row, value) in out.iter_mut().zip(all) {
+            let mut lanes = [0.0; MAX_WIDTH];
+            value.store(&mut lanes);
+            row[at..at + F::WIDTH].copy_from_slice(&lanes[..F::WIDTH]);
+        }
+    }
+}
+
+#[test]
+fn all_widths_have_the_same_bits_in_double_precision() {
+    let mut special = vec![0.0, -0.0, 1.0, -1.0, f64::INFINITY, f64::NEG_INFINITY, f64::NAN, 1e-40, 1e300, 1e-310];
+    special.extend(
+        numbers(-1.0, 1.0, 11)
+            .into_iter()
+            .zip(numbers(1.0, 2.0, 12))
+            .take(2000)
+            .map(|(x, y)| f64::from(x) / f64::from(y)),
+    );
+    let mut other = special.clone();
+    other.rotate_left(5);
+    for (a, b) in special.chunks_exact(MAX_WIDTH).zip(other.chunks_exact(MAX_WIDTH)) {
+        let (a, b) = (a.try_into().unwrap(), b.try_into().unwrap());
+        let of = |set: InstructionSet| {
+            let mut out = [[0.0; MAX_WIDTH]; 21];
+            dispatch!(set, F, token => doubles::<F>(token, a, b, &mut out));
+            let bits = |x: f64| if x.is_nan() { f64::NAN.to_bits() } else { x.to_bits() };
+            out.map(|row| row.map(bits))
+        };
+        let reference = of(InstructionSet::Scalar);
+        for set in InstructionSet::all() {
+            for (index, (found, expected)) in of(set).iter().zip(&reference).enumerate() {
+                assert_eq!(found, expected, "operation {index} with {set:?}, {a:?}, {b:?}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -79,14 +79,8 @@ pub fn invert_sphere(w: Vec3) -> [f32; 2] {
 /// Unit square to the regular polygon with `corners` (at least 3) corners on the unit circle, the first one at angle
 /// `rotation` (radians) from +x: the aperture of a lens with straight blades.
 #[inline]
-pub fn sample_polygon([u0, u1]: [f32; 2], corners: u32, rotation: f32) -> Vec2 {
-    let n = corners.max(3) as f32;
-    let sector = (u0 * n).floor().min(n - 1.0);
-    let v = u0 * n - sector;
-    // A triangle from the centre: the square root makes the area below a radius grow linearly with u1.
-    let r = u1.sqrt();
-    let corner = |k: f32| Vec2::from_angle(rotation + TAU * k / n);
-    r * corner(sector).lerp(corner(sector + 1.0), v)
+pub fn sample_polygon(u: [f32; 2], corners: u32, rotation: f32) -> Vec2 {
+    lanes::sample_polygon(u, corners, rotation).into()
 }
 
 /// Density of [`sample_polygon`] per unit area.

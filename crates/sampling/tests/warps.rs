@@ -127,6 +127,7 @@ fn no_sampler_is_left_out() {
     let exempt = [
         ("distribution::sample_discrete", "a choice has no inverse; it has a test of its own here"),
         ("lanes::sample_disk", one_lane),
+        ("lanes::sample_polygon", one_lane),
         ("lanes::sample_cosine_hemisphere", one_lane),
         ("lanes::sample_sphere", one_lane),
     ];

@@ -2,15 +2,14 @@
 //!
 //! Single precision is enough under three conditions. The rectangle is sampled along its short edge first, because along
 //! the long one the roots are differences of almost equal numbers. No formula subtracts angles or cosines that are almost
-//! equal. References near the plane are treated one by one in double precision (`exact.rs`).
+//! equal. The same formulas in double precision are used if a reference is near the plane.
 
-mod exact;
+mod view;
 
-use super::{MIN_SOLID_ANGLE, ShapeSample};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3, atan2, cos_sin_of_turn};
-use exact::{Exact, ExactRectangle};
+use super::ShapeSample;
+use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, Real, V3};
 use glam::Vec3;
-use std::f32::consts::TAU;
+use view::{DOUBLE, NearView, SINGLE, View};
 
 /// A flat rectangle: `corner + u edge_u + v edge_v` for u and v in [0, 1].
 ///
@@ -64,27 +63,22 @@ pub struct RectangleSampler {
     axes: [Vec3; 3],
     /// Lengths of the short and of the long edge.
     size: [f32; 2],
-    half_diagonal2: f32,
 }
 
 impl RectangleSampler {
     /// Precomputes the values. A rectangle without area is valid: it is never sampled.
     pub fn new(rectangle: &Rectangle) -> Self {
         let is_turned = rectangle.edge_v.length_squared() < rectangle.edge_u.length_squared();
-        let exact = ExactRectangle::new(rectangle, is_turned);
-        let half_diagonal2 = exact.half_diagonal2 as f32;
-        let (axes, size) = (exact.axes.map(|axis| axis.as_vec3()), exact.size.map(|length| length as f32));
-        Self { rectangle: *rectangle, is_turned, axes, size, half_diagonal2 }
+        let unset = Self { rectangle: *rectangle, is_turned, axes: [Vec3::ZERO; 3], size: [0.0; 2] };
+        let (axes, size) = axes(unset.edges().map(|edge| V3::from(edge).widen()));
+        Self { axes: axes.map(|axis| V3::<f32>::narrow(axis).into()), size: size.map(|length| length as f32), ..unset }
     }
 
-    #[inline(never)]
-    fn sample_exactly(&self, reference: Vec3, u: [f32; 2]) -> Exact {
-        self.exact().sample(reference, u)
-    }
-
-    /// The rectangle in double precision. It is rarely needed, so it is not stored.
-    fn exact(&self) -> ExactRectangle {
-        ExactRectangle::new(&self.rectangle, self.is_turned)
+    /// The short and the long edge.
+    #[inline(always)]
+    fn edges(&self) -> [Vec3; 2] {
+        let Rectangle { edge_u, edge_v, .. } = self.rectangle;
+        if self.is_turned { [edge_v, edge_u] } else { [edge_u, edge_v] }
     }
 
     /// The rectangle itself.
@@ -109,14 +103,25 @@ impl RectangleSampler {
 /// The random numbers for which [`sample_rectangle`] returns the point at these fractions of the edges; `None` where it
 /// returns nothing.
 pub fn invert_rectangle(rectangle: &Rectangle, reference: Vec3, [u, v]: [f32; 2]) -> Option<[f32; 2]> {
-    let rectangle = RectangleSampler::new(rectangle);
-    let coordinates = if rectangle.is_turned { [v, u] } else { [u, v] };
-    let view = View::new(&RectangleLanes::<f32>::splat((), &rectangle), reference.into(), None);
+    let sampler = RectangleSampler::new(rectangle);
+    let coordinates = if sampler.is_turned { [v, u] } else { [u, v] };
+    let rectangle = RectangleLanes::<f32>::splat((), &sampler);
+    let view = rectangle.view(reference.into(), None);
     if view.is_by_solid_angle {
-        rectangle.exact().invert(reference, coordinates)
+        let (corner, size) = rectangle.in_double_precision(reference.into());
+        let u = NearView::new(corner, size).invert(coordinates.map(f64::from));
+        Some(u.map(|u| (u as f32).clamp(0.0, 1.0)))
     } else {
-        view.volume.is_positive().then_some(coordinates)
+        (view.volume > 0.0).then_some(coordinates)
     }
+}
+
+/// Unit vectors along two perpendicular edges and perpendicular to both, and the lengths of the edges.
+#[inline(always)]
+fn axes<N: Real>([short, long]: [V3<N>; 2]) -> ([V3<N>; 3], [N; 2]) {
+    let size = [short.length(), long.length()];
+    let (x, y) = (short * size[0].recip(), long * size[1].recip());
+    ([x, y, x.cross(y)], size)
 }
 
 /// A rectangle per lane.
@@ -126,10 +131,9 @@ pub struct RectangleLanes<'a, F> {
     corner: V3<F>,
     axes: [V3<F>; 3],
     size: [F; 2],
-    half_diagonal2: F,
 }
 
-/// The rectangles of the lanes, for those that are treated one by one.
+/// The rectangles of the lanes, for double precision.
 #[derive(Clone, Copy, Debug)]
 enum Sources<'a> {
     Same(&'a RectangleSampler),
@@ -157,36 +161,34 @@ impl<'a, F: Lanes> RectangleLanes<'a, F> {
             corner: V3::splat(token, rectangle.rectangle.corner),
             axes: [V3::splat(token, x), V3::splat(token, y), V3::splat(token, z)],
             size: [F::splat(token, rectangle.size[0]), F::splat(token, rectangle.size[1])],
-            half_diagonal2: F::splat(token, rectangle.half_diagonal2),
         }
     }
 
     /// The rectangle of each lane. Those beyond the last lane are not used.
     #[inline(always)]
     pub fn gather(token: F::Token, rectangles: [&'a RectangleSampler; MAX_WIDTH]) -> Self {
-        let mut rows = [[0.0; MAX_WIDTH]; 15];
+        let mut rows = [[0.0; MAX_WIDTH]; 14];
         for lane in 0..F::WIDTH {
             let r = rectangles[lane];
             let (c, [x, y, z]) = (r.rectangle.corner, r.axes);
-            let values =
-                [c.x, c.y, c.z, x.x, x.y, x.z, y.x, y.y, y.z, z.x, z.y, z.z, r.size[0], r.size[1], r.half_diagonal2];
-            for k in 0..15 {
+            let values = [c.x, c.y, c.z, x.x, x.y, x.z, y.x, y.y, y.z, z.x, z.y, z.z, r.size[0], r.size[1]];
+            for k in 0..14 {
                 rows[k][lane] = values[k];
             }
         }
-        let mut of = [F::splat(token, 0.0); 15];
-        for k in 0..15 {
+        let mut of = [F::splat(token, 0.0); 14];
+        for k in 0..14 {
             of[k] = F::load(token, &rows[k]);
         }
         let axes = [V3::new(of[3], of[4], of[5]), V3::new(of[6], of[7], of[8]), V3::new(of[9], of[10], of[11])];
         let (corner, size) = (V3::new(of[0], of[1], of[2]), [of[12], of[13]]);
-        Self { sources: Sources::Each(rectangles), corner, axes, size, half_diagonal2: of[14] }
+        Self { sources: Sources::Each(rectangles), corner, axes, size }
     }
 
     /// See [`sample_rectangle`].
     #[inline(always)]
     pub fn sample(&self, reference: V3<F>, u: [F; 2]) -> RectangleSamples<F> {
-        let view = View::new(self, reference, Some(u));
+        let view = self.view(reference, Some(u));
         let [x, y] = view.place;
         let point = self.corner + self.axes[0] * x + self.axes[1] * y;
         RectangleSamples { point, pdf: view.pdf(point, reference), place: view.place }
@@ -195,209 +197,68 @@ impl<'a, F: Lanes> RectangleLanes<'a, F> {
     /// See [`pdf_rectangle`].
     #[inline(always)]
     pub fn pdf(&self, reference: V3<F>, point: V3<F>) -> F {
-        View::new(self, reference, None).pdf(point, reference)
+        self.view(reference, None).pdf(point, reference)
     }
 
     #[inline(always)]
-    fn source(&self, lane: usize) -> &'a RectangleSampler {
-        match &self.sources {
-            Sources::Same(one) => one,
-            Sources::Each(all) => all[lane],
-        }
+    fn view(&self, reference: V3<F>, u: Option<[F; 2]>) -> View<F> {
+        let to_corner = self.corner - reference;
+        let corner = [to_corner.dot(self.axes[0]), to_corner.dot(self.axes[1]), to_corner.dot(self.axes[2])];
+        let (view, is_clear) = View::new(corner, self.size, u, &SINGLE);
+        if (!is_clear).any() { self.replace_by_exact(view, reference, u, !is_clear) } else { view }
     }
-}
 
-/// A rectangle is far away if the square of its distance is this many times that of its half diagonal.
-///
-/// If it is then sampled by area, the density per solid angle `d^3 / (A h)` varies over it by a factor of 1.4 face on.
-/// That is a variance of one percent of the squared mean, far below that of visibility and surface. The density varies
-/// more only at slanted angles, where the rectangle contributes little light. The cost is a fifth.
-const FAR: f32 = 4.0;
+    /// The view in double precision in the lanes of a mask. Few calls need it, so their code lies apart.
+    #[inline(never)]
+    fn replace_by_exact(&self, view: View<F>, reference: V3<F>, u: Option<[F; 2]>, lanes: F::Mask) -> View<F> {
+        F::vectorize(
+            reference.x.token(),
+            #[inline(always)]
+            || {
+                let (corner, size) = self.in_double_precision(reference);
+                let u = u.map(
+                    #[inline(always)]
+                    |[u, v]| [F::Double::widen(u), F::Double::widen(v)],
+                );
+                let (exact, is_seen) = View::new(corner, size, u, &DOUBLE);
+                let is_by_solid_angle = F::Double::narrow_mask(exact.is_by_solid_angle);
+                View {
+                    is_by_solid_angle: (is_by_solid_angle & lanes) | (view.is_by_solid_angle & !lanes),
+                    inverse_solid_angle: lanes.select(exact.inverse_solid_angle.narrow(), view.inverse_solid_angle),
+                    volume: lanes.select(exact.volume.only(is_seen).narrow(), view.volume),
+                    place: [
+                        lanes.select(exact.place[0].narrow(), view.place[0]),
+                        lanes.select(exact.place[1].narrow(), view.place[1]),
+                    ],
+                }
+            },
+        )
+    }
 
-/// A rectangle that is far away is treated in double precision if the sine of the angle to its plane is smaller. At this
-/// angle the rounding of the height is 1e-5 of it.
-const CLOSE_IF_FAR: f32 = 0.01;
-
-/// Other rectangles are treated in double precision if the height over the plane is a smaller part of the extent of the
-/// rectangle around the foot of the perpendicular.
-const CLOSE: f32 = 0.03;
-
-/// The density, and the sampled place if random numbers are given.
-struct View<F: Lanes> {
-    is_by_solid_angle: F::Mask,
-    /// Inverse of the solid angle [1/sr], where that is the density.
-    inverse_solid_angle: F,
-    /// Elsewhere: area times the distance of the reference from the plane [m^3]; zero where there is no sample.
-    volume: F,
-    /// Distances from the corner along the short and the long edge \[m\].
-    place: [F; 2],
-}
-
-impl<F: Lanes> View<F> {
+    /// The first corner in coordinates of the reference and the axes, and the lengths of the edges, in double precision.
+    /// They are rarely needed, so the axes are not stored.
     #[inline(always)]
-    fn new(rectangle: &RectangleLanes<'_, F>, reference: V3<F>, u: Option<[F; 2]>) -> Self {
-        let [width, length] = rectangle.size;
-        let to_corner = rectangle.corner - reference;
-        let [x, y, h] =
-            [to_corner.dot(rectangle.axes[0]), to_corner.dot(rectangle.axes[1]), to_corner.dot(rectangle.axes[2])];
-        let h = h.abs();
-        let (middle_x, middle_y) = (x + width * 0.5, y + length * 0.5);
-        let d2 = middle_x * middle_x + middle_y * middle_y + h * h;
-        let is_far = (rectangle.half_diagonal2 * FAR).lt(d2);
-        let zero = h.constant(0.0);
-        let mut view = Self {
-            is_by_solid_angle: F::mask(h.token(), 0),
-            inverse_solid_angle: zero,
-            volume: width * length * h,
-            place: [zero; 2],
-        };
-        if let Some([u, v]) = u {
-            view.place = [u * width, v * length];
-        }
-        // The comparisons are written so that a NaN is near the plane.
-        let mut is_clear = is_far & (d2.sqrt() * CLOSE_IF_FAR).lt(h);
-        if (!is_far).any() {
-            let near = NearView::new([x, y, h], rectangle.size);
-            let is_clear_near = !is_far & h.constant(CLOSE).lt(near.h);
-            is_clear = is_clear | is_clear_near;
-            view.is_by_solid_angle = is_clear_near & h.constant(MIN_SOLID_ANGLE as f32).le(near.solid_angle);
-            view.inverse_solid_angle = near.solid_angle.recip();
-            if let Some(u) = u {
-                let [x, y] = near.sample(u, rectangle.size);
-                view.place =
-                    [view.is_by_solid_angle.select(x, view.place[0]), view.is_by_solid_angle.select(y, view.place[1])];
+    fn in_double_precision(&self, reference: V3<F>) -> ([F::Double; 3], [F::Double; 2]) {
+        let token = reference.x.token();
+        let (axes, size) = match &self.sources {
+            Sources::Same(one) => {
+                let [short, long] = one.edges();
+                let ([x, y, z], [width, length]) = axes([V3::from(short).widen(), V3::from(long).widen()]);
+                let axes =
+                    [V3::<F>::splat_double(token, x), V3::<F>::splat_double(token, y), V3::<F>::splat_double(token, z)];
+                (axes, [F::Double::splat(token, width), F::Double::splat(token, length)])
             }
-        }
-        if (!is_clear).any() {
-            view.replace_by_exact(rectangle, reference, u, (!is_clear).bits());
-        }
-        view
+            Sources::Each(all) => {
+                let [mut short, mut long] = [[Vec3::ZERO; MAX_WIDTH]; 2];
+                for lane in 0..F::WIDTH {
+                    [short[lane], long[lane]] = all[lane].edges();
+                }
+                axes([V3::<F>::from_lanes(token, &short).widen(), V3::<F>::from_lanes(token, &long).widen()])
+            }
+        };
+        let to_corner = self.corner.widen() - reference.widen();
+        ([to_corner.dot(axes[0]), to_corner.dot(axes[1]), to_corner.dot(axes[2])], size)
     }
-
-    /// Density [1/sr] of a point on the rectangle: constant, or `d^3 / (A h)` (see `area_pdf`).
-    #[inline(always)]
-    fn pdf(&self, point: V3<F>, reference: V3<F>) -> F {
-        let d2 = (point - reference).length_squared();
-        let by_area = d2 / self.volume * d2.sqrt();
-        let pdf = self.is_by_solid_angle.select(self.inverse_solid_angle, by_area);
-        pdf.only(pdf.is_finite())
-    }
-
-    #[inline(always)]
-    fn replace_by_exact(
-        &mut self,
-        rectangle: &RectangleLanes<'_, F>,
-        reference: V3<F>,
-        u: Option<[F; 2]>,
-        mut lanes: u32,
-    ) {
-        let token = self.volume.token();
-        let references = reference.to_lanes();
-        let mut numbers = [[0.0; MAX_WIDTH]; 2];
-        if let Some([u, v]) = u {
-            numbers = [u.to_array(), v.to_array()];
-        }
-        let mut is_by_solid_angle = self.is_by_solid_angle.bits() & !lanes;
-        let (mut inverse, mut volume) = (self.inverse_solid_angle.to_array(), self.volume.to_array());
-        let [mut x, mut y] = [self.place[0].to_array(), self.place[1].to_array()];
-        while lanes != 0 {
-            let lane = lanes.trailing_zeros() as usize % MAX_WIDTH;
-            lanes &= lanes - 1;
-            let found = rectangle.source(lane).sample_exactly(references[lane], [numbers[0][lane], numbers[1][lane]]);
-            is_by_solid_angle |= u32::from(found.is_by_solid_angle) << lane;
-            (inverse[lane], volume[lane], [x[lane], y[lane]]) = (found.inverse_solid_angle, found.volume, found.place);
-        }
-        self.is_by_solid_angle = F::mask(token, is_by_solid_angle);
-        (self.inverse_solid_angle, self.volume) = (F::load(token, &inverse), F::load(token, &volume));
-        self.place = [F::load(token, &x), F::load(token, &y)];
-    }
-}
-
-/// A rectangle in the coordinates of a reference point: `[x0, x1] x [y0, y1]` at the distance `h`, over its reach.
-///
-/// The notation is that of [`exact::View`]. Differences of cosines are products of sines there and here.
-struct NearView<F> {
-    x: [F; 2],
-    y: [F; 2],
-    h: F,
-    /// At least the distance of the farthest corner, at most 1.8 times it \[m\]: the unit of the other lengths.
-    reach: F,
-    /// Length of the long edge.
-    length: F,
-    /// Distances of the corners (x0, y0) and (x0, y1).
-    d: [F; 2],
-    solid_angle: F,
-}
-
-impl<F: Lanes> NearView<F> {
-    #[inline(always)]
-    fn new([x, y, h]: [F; 3], [width, length]: [F; 2]) -> Self {
-        let reach = x.abs().max((x + width).abs()) + y.abs().max((y + length).abs()) + h;
-        let unit = reach.recip();
-        let ([x0, y0, h], [width, length]) = ([x * unit, y * unit, h * unit], [width * unit, length * unit]);
-        let (x1, y1, h2) = (x0 + width, y0 + length, h * h);
-        let (x00, x01, x11) = (x0 * x0, x0 * x1, x1 * x1);
-        let (y00, y01, y11) = (y0 * y0, y0 * y1, y1 * y1);
-        // Distances of the corners, in the order around the rectangle.
-        let (a, b) = ((x00 + y00 + h2).sqrt(), (x11 + y00 + h2).sqrt());
-        let (c, d) = ((x11 + y11 + h2).sqrt(), (x00 + y11 + h2).sqrt());
-        // The solid angles of two triangles (van Oosterom and Strackee 1983) as one argument. The triple product of each
-        // has no cancellation.
-        let diagonal = x01 + y01 + h2;
-        let first = a * b * c + (x01 + y00 + h2) * c + (x11 + y01 + h2) * a + diagonal * b;
-        let second = a * c * d + diagonal * d + (x01 + y11 + h2) * a + (x00 + y01 + h2) * c;
-        let triple = width * length * h;
-        let solid_angle = atan2(triple * (first + second), first * second - triple * triple) * 2.0;
-        Self { x: [x0, x1], y: [y0, y1], h, reach, length, d: [a, d], solid_angle }
-    }
-
-    /// Distances from the corner along the two edges \[m\], uniform by solid angle.
-    #[inline(always)]
-    fn sample(&self, [u, v]: [F; 2], size: [F; 2]) -> [F; 2] {
-        let (h, h2) = (self.h, self.h * self.h);
-        let ([x0, x1], [y0, y1]) = (self.x, self.y);
-        // Each y has an angle b with tan b = y / h. With the difference and the sum of both,
-        // 1 - s^2 = (cos g - cos difference) (cos g + cos sum) / (s^-2 sin^2 g).
-        let product = ((y0 * y0 + h2) * (y1 * y1 + h2)).sqrt();
-        let scale = product.recip();
-        let difference = one_minus_cos(h * self.length * scale, (h2 + y0 * y1) * scale);
-        let sum = one_minus_cos(h * (y0 + y1) * scale, (y0 * y1 - h2) * scale);
-        // Sine and cosine of G(x0).
-        let [d0, d1] = self.d;
-        let scale = scale / (x0 * x0 + h2);
-        let (sin0, cos0) = (x0 * h * (y1 * d0 - y0 * d1) * scale, (h2 * d0 * d1 + x0 * x0 * y0 * y1) * scale);
-        let (cos, sin) = cos_sin_of_turn(u * self.solid_angle * (1.0 / TAU));
-        let (sin, cos) = (sin0 * cos + cos0 * sin, cos0 * cos - sin0 * sin);
-        let from_zero = one_minus_cos(sin, cos);
-        let rest = (difference - from_zero) * (sum - from_zero);
-        let x = (h * sin / rest.max(h.constant(f32::MIN_POSITIVE)).sqrt()).max(x0).min(x1);
-
-        // Along the meridian the measure is uniform in the sine of the elevation (Archimedes). One minus the sine and one
-        // plus it are interpolated, so that their product is exact near 1.
-        let m2 = x * x + h2;
-        let ((below0, above0), (below1, above1)) = (one_minus_and_plus_sin(y0, m2), one_minus_and_plus_sin(y1, m2));
-        let w = v.one_minus();
-        let (below, above) = (below0 * w + below1 * v, above0 * w + above1 * v);
-        let y = ((above - below) * 0.5 * (m2 / (below * above)).sqrt()).max(y0).min(y1);
-        let zero = h.constant(0.0);
-        [((x - x0) * self.reach).max(zero).min(size[0]), ((y - y0) * self.reach).max(zero).min(size[1])]
-    }
-}
-
-/// `1 - cos` of an angle without cancellation.
-#[inline(always)]
-fn one_minus_cos<F: Lanes>(sin: F, cos: F) -> F {
-    cos.is_positive().select(sin * sin / (cos + 1.0), cos.one_minus())
-}
-
-/// `1 - sin` and `1 + sin` of the elevation with the tangent `y / sqrt(m2)`, without cancellation.
-#[inline(always)]
-fn one_minus_and_plus_sin<F: Lanes>(y: F, m2: F) -> (F, F) {
-    let r = (y * y + m2).sqrt();
-    let scale = r.recip();
-    let large = (r + y.abs()) * scale;
-    let small = m2 * scale / (r + y.abs());
-    (y.is_positive().select(small, large), y.is_positive().select(large, small))
 }
 
 /// Relative tolerance of [`rectangle_from_triangles`], as a fraction of the diagonal.
@@ -430,18 +291,23 @@ pub fn rectangle_from_triangles(first: [Vec3; 3], second: [Vec3; 3]) -> Option<R
 
 #[cfg(test)]
 mod tests {
+    use super::super::IN_PLANE;
     use super::super::triangle::tests::triangle_solid_angle;
     use super::*;
+    use std::f32::consts::TAU;
 
     /// The solid angle [sr] that a rectangle subtends at a point: that of the density, or in double precision where the
     /// rectangle is sampled by area.
     fn rectangle_solid_angle(rectangle: &Rectangle, reference: Vec3) -> f32 {
         let rectangle = RectangleSampler::new(rectangle);
-        let view = View::new(&RectangleLanes::<f32>::splat((), &rectangle), reference.into(), None);
+        let rectangle = RectangleLanes::<f32>::splat((), &rectangle);
+        let view = rectangle.view(reference.into(), None);
         if view.is_by_solid_angle {
             1.0 / view.inverse_solid_angle
         } else {
-            rectangle.exact().solid_angle(reference) as f32
+            let (corner, size) = rectangle.in_double_precision(reference.into());
+            let near = NearView::new(corner, size);
+            if near.h > IN_PLANE { near.solid_angle as f32 } else { 0.0 }
         }
     }
 
@@ -467,18 +333,23 @@ mod tests {
                     + (0.5 - random()) * scale * edge_v.normalize();
                 let u = [random(), random()];
                 let Some(s) = sampler.sample(reference, u) else { continue };
-                let view = View::new(&RectangleLanes::<f32>::splat((), &sampler), reference.into(), None);
+                let rectangle = RectangleLanes::<f32>::splat((), &sampler);
+                let view = rectangle.view(reference.into(), None);
+                let (corner, size) = rectangle.in_double_precision(reference.into());
+                let near = NearView::new(corner, size);
                 let exact = if view.is_by_solid_angle {
-                    let place = RectangleLanes::<f32>::splat((), &sampler).sample(reference.into(), u).place;
+                    let place = rectangle.sample(reference.into(), u).place;
                     // Not those that are treated in double precision.
-                    if place != sampler.exact().sample(reference, u).place {
-                        let back = sampler.exact().invert_place(reference, place);
-                        let error = f64::from((back[0] - u[0]).abs().max((back[1] - u[1]).abs()));
+                    if place != near.sample(u.map(f64::from), size).map(|x| x as f32) {
+                        let back = near.invert([0, 1].map(|axis| f64::from(place[axis]) / size[axis]));
+                        let error = [0, 1].map(|axis| (back[axis] - f64::from(u[axis])).abs());
+                        let error = error[0].max(error[1]);
                         (numbers, squares, count) = (numbers.max(error), squares + error * error, count + 1);
                     }
-                    1.0 / sampler.exact().solid_angle(reference)
+                    1.0 / near.solid_angle
                 } else {
-                    sampler.exact().area_density(reference, s.point)
+                    let d = (s.point - reference).as_dvec3().length();
+                    d * d * d / (size[0] * size[1] * corner[2].abs())
                 };
                 density = density.max((f64::from(s.pdf) / exact - 1.0).abs());
             }

@@ -20,7 +20,7 @@ mod statistics;
 
 pub(crate) use statistics::{Outcomes, Visit};
 
-use crate::learned_roulette::cells::{Cell, CellGrid};
+use crate::learned_roulette::cells::{Cell, CellGrid, NONE};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_scene::Scene;
 
@@ -57,31 +57,30 @@ impl LearnedRoulette {
         Some(Self { grid: statistics::combine(batches)? })
     }
 
-    /// The survival probabilities at vertices on surfaces of a material. The first surface with statistics sets the
-    /// `gain_scale` of a path, which is negative before. A lane has none if its material has no statistics, or if the noise
-    /// of the first surface is zero.
+    /// The survival probabilities at vertices on surfaces. The first surface with statistics sets the `gain_scale` of a path,
+    /// which is negative before. A lane has none if its material has no statistics, or if the noise of the first surface is
+    /// zero.
     #[inline(always)]
     pub(crate) fn at_lanes<F: Lanes>(
         &self,
         token: F::Token,
-        points: V3<F>,
-        material: u32,
-        gain_scale: &mut F,
+        point: V3<F>,
+        material: F::Word,
+        gain_scale: F,
     ) -> VertexRoulettes<'_, F> {
-        let (points, mut gains) = (points.to_lanes(), gain_scale.to_array());
-        let mut vertices = [None; MAX_WIDTH];
+        let (cells, found) = (self.grid.cells(), self.grid.find(point, material));
+        let (mut gains, mut path, mut bits) = ([0.0; MAX_WIDTH], [0.0; MAX_WIDTH], 0);
         for lane in 0..F::WIDTH {
-            let Some(cell) = self.grid.find(points[lane], material) else { continue };
-            if gains[lane] < 0.0 {
-                gains[lane] = cell.gain_scale;
-            }
-            let gain_scale = gains[lane];
-            if gain_scale > 0.0 && gain_scale.is_finite() {
-                vertices[lane] = Some(VertexRoulette { cell, gain_scale });
+            if let Some(cell) = cells.get(found[lane] as usize) {
+                (gains[lane], path[lane]) = (cell.gain_scale, cell.path);
+                bits |= 1 << lane;
             }
         }
-        *gain_scale = F::load(token, &gains);
-        VertexRoulettes::new(token, vertices)
+        let is_found = F::mask(token, bits);
+        let is_unset = gain_scale.lt(gain_scale.constant(0.0));
+        let gain_scale = (is_found & is_unset).select(F::load(token, &gains), gain_scale);
+        let is_learned = is_found & gain_scale.is_positive() & gain_scale.is_finite();
+        VertexRoulettes { cells, found, is_learned, gain_scale, path: F::load(token, &path) }
     }
 }
 
@@ -96,38 +95,30 @@ impl VertexRoulette<'_> {
 
 /// The survival probabilities at the vertices of lanes.
 pub(crate) struct VertexRoulettes<'a, F: Lanes> {
-    vertices: [Option<VertexRoulette<'a>>; MAX_WIDTH],
+    cells: &'a [Cell],
+    /// Index of the cell of each lane.
+    found: [u32; MAX_WIDTH],
     /// Lanes with statistics.
     is_learned: F::Mask,
-    gain_scale: F,
+    /// `1 / sqrt(V / C)` of the paths \[m^2 sr/W\]; below zero where no vertex has set it.
+    pub(crate) gain_scale: F,
     path: F,
 }
 
 impl<'a, F: Lanes> VertexRoulettes<'a, F> {
-    /// The statistics of each lane.
-    #[inline(always)]
-    fn new(token: F::Token, vertices: [Option<VertexRoulette<'a>>; MAX_WIDTH]) -> Self {
-        let (mut gain_scale, mut path, mut bits) = ([0.0; MAX_WIDTH], [0.0; MAX_WIDTH], 0);
-        for lane in 0..F::WIDTH {
-            if let Some(vertex) = &vertices[lane] {
-                (gain_scale[lane], path[lane]) = (vertex.gain_scale, vertex.cell.path);
-                bits |= 1 << lane;
-            }
-        }
-        let is_learned = F::mask(token, bits);
-        Self { vertices, is_learned, gain_scale: F::load(token, &gain_scale), path: F::load(token, &path) }
-    }
-
     /// No statistics.
     #[inline(always)]
     pub(crate) fn none(token: F::Token) -> Self {
-        Self::new(token, [None; MAX_WIDTH])
+        let zero = F::splat(token, 0.0);
+        Self { cells: &[], found: [NONE; MAX_WIDTH], is_learned: F::mask(token, 0), gain_scale: zero - 1.0, path: zero }
     }
 
     /// The statistics of a lane.
     #[inline]
     pub(crate) fn lane(&self, lane: usize) -> Option<VertexRoulette<'a>> {
-        self.vertices[lane]
+        let cell = self.cells.get(self.found[lane] as usize)?;
+        let gain_scale = self.gain_scale.to_array()[lane];
+        (self.is_learned.bits() >> lane & 1 == 1).then_some(VertexRoulette { cell, gain_scale })
     }
 
     /// Survival probability of the path after scattering; the other probability in lanes without statistics. `throughput`
@@ -147,9 +138,9 @@ impl<'a, F: Lanes> VertexRoulettes<'a, F> {
             return other;
         }
         let mut shares = [0.0; MAX_WIDTH];
-        for (share, vertex) in shares.iter_mut().zip(&self.vertices) {
-            if let Some(vertex) = vertex {
-                *share = vertex.cell.shadow[index as usize % LIGHTS];
+        for (share, found) in shares.iter_mut().zip(self.found) {
+            if let Some(cell) = self.cells.get(found as usize) {
+                *share = cell.shadow[index as usize % LIGHTS];
             }
         }
         let survival = clamp(expected * self.gain_scale * F::load(expected.token(), &shares));
@@ -162,4 +153,100 @@ impl<'a, F: Lanes> VertexRoulettes<'a, F> {
 fn clamp<F: Lanes>(q: F) -> F {
     let one = q.constant(1.0);
     q.lt(one).select(q.max(q.constant(MIN_SURVIVAL)), one)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::cells::Lattice;
+    use super::*;
+    use dunkelfeld_lanes::{InstructionSet, dispatch};
+    use std::collections::BTreeMap;
+
+    /// Points in and around a cube of one metre.
+    fn points(count: usize) -> Vec<Vec3> {
+        let mut state = 5u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        (0..count).map(|_| Vec3::new(random(), random(), random()) * 1.2 - 0.1).collect()
+    }
+
+    fn cell(value: f32) -> Cell {
+        Cell { gain_scale: value, path: 0.5 * value, shadow: [2.0 * value; LIGHTS], connection: [0.0; LIGHTS] }
+    }
+
+    /// Cells of the even materials at most of the points; the materials 0 to 3 have values of their own, except 2.
+    fn roulette(points: &[Vec3]) -> (Lattice, BTreeMap<[u32; 2], Cell>, LearnedRoulette) {
+        let lattice = Lattice::around(points).expect("a radius above zero");
+        let visited = points.iter().enumerate().filter(|(i, _)| i % 3 != 0);
+        let by_key: BTreeMap<[u32; 2], Cell> = visited
+            .map(|(i, &p)| (lattice.key::<f32>(p.into(), One(2 * (i as u32 % 3))).map(|half| half.0), cell(i as f32)))
+            .collect();
+        let by_material = [Some(cell(-1.0)), Some(cell(0.0)), None, Some(cell(f32::INFINITY))];
+        let grid = CellGrid::new(lattice, by_key.iter().map(|(&key, &cell)| (key, cell)), by_material.into_iter());
+        (lattice, by_key, LearnedRoulette { grid })
+    }
+
+    #[test]
+    fn each_point_has_the_cell_of_its_key() {
+        let points = points(20_000);
+        let (lattice, by_key, roulette) = roulette(&points);
+        let far = [Vec3::splat(-1e9), Vec3::splat(1e9), Vec3::NAN, Vec3::INFINITY];
+        for &p in points.iter().chain(&far) {
+            for material in [0, 1, 2, 3, 4, 5, 70_000] {
+                let key = lattice.key::<f32>(p.into(), One(material)).map(|half| half.0);
+                let of_material = [Some(-1.0), Some(0.0), None, Some(f32::INFINITY)];
+                let expected = by_key.get(&key).map(|cell| cell.gain_scale);
+                let expected = expected.or_else(|| of_material.get(material as usize).copied().flatten());
+                let mut gain_scale = None;
+                let vertex = roulette.at(p, material, &mut gain_scale);
+                assert_eq!(gain_scale, expected, "{p}, material {material}");
+                assert_eq!(vertex.is_some(), expected.is_some_and(|gain| gain > 0.0 && gain.is_finite()));
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn found<F: Lanes>(
+        token: F::Token,
+        roulette: &LearnedRoulette,
+        (points, materials, gains): (&[Vec3; MAX_WIDTH], &[u32; MAX_WIDTH], &[f32; MAX_WIDTH]),
+    ) -> [[f32; MAX_WIDTH]; 3] {
+        let mut out = [[0.0; MAX_WIDTH]; 3];
+        for at in (0..MAX_WIDTH).step_by(F::WIDTH) {
+            let mut of_lanes = [Vec3::ZERO; MAX_WIDTH];
+            of_lanes[..F::WIDTH].copy_from_slice(&points[at..at + F::WIDTH]);
+            let (point, material) = (V3::from_lanes(token, &of_lanes), F::load_word(token, &materials[at..]));
+            let learned = roulette.at_lanes::<F>(token, point, material, F::load(token, &gains[at..]));
+            let x = F::splat(token, 0.01);
+            let all = [learned.gain_scale, learned.path_survival(x, -x), learned.shadow_survival(1, x, -x)];
+            for (row, value) in out.iter_mut().zip(all) {
+                value.store(&mut row[at..]);
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn lanes_have_the_values_of_single_vertices() {
+        let points = points(20_000);
+        let (.., roulette) = roulette(&points);
+        for (round, lanes) in points.chunks_exact(MAX_WIDTH).enumerate() {
+            let lanes = lanes.try_into().expect("as many points as lanes");
+            let materials = std::array::from_fn(|lane| ((lane + round) % 6) as u32);
+            let gains = std::array::from_fn(|lane| if (lane ^ round) % 3 == 0 { 0.25 * lane as f32 } else { -1.0 });
+            for set in InstructionSet::all() {
+                let rows = dispatch!(set, F, token => found::<F>(token, &roulette, (lanes, &materials, &gains)));
+                for lane in 0..MAX_WIDTH {
+                    let mut gain_scale = (gains[lane] >= 0.0).then_some(gains[lane]);
+                    let vertex = roulette.at(lanes[lane], materials[lane], &mut gain_scale);
+                    let path = vertex.map_or(-0.01, |v| v.path_survival(0.01));
+                    let shadow = vertex.map_or(-0.01, |v| v.shadow_survival(1, 0.01));
+                    let expected = [gain_scale.unwrap_or(-1.0), path, shadow];
+                    assert_eq!(rows.map(|row| row[lane]), expected, "{set:?}, round {round}, lane {lane}");
+                }
+            }
+        }
+    }
 }

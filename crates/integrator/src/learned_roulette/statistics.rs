@@ -3,6 +3,7 @@
 use super::cells::{Cell, CellGrid, Lattice};
 use super::{CONNECTION_COST, LIGHTS, SHADOW_COST};
 use dunkelfeld_geometry::Vec3;
+use dunkelfeld_lanes::One;
 use std::collections::BTreeMap;
 
 /// Weight of the statistics of the material in those of a cell \[observations\].
@@ -141,7 +142,7 @@ pub(super) fn combine(batches: &[&[Visit]]) -> Option<CellGrid> {
     let lattice = Lattice::around(&firsts)?;
 
     // The order of the visits is fixed, and so are the sums.
-    let mut cells: BTreeMap<u64, (u32, Sums)> = BTreeMap::new();
+    let mut cells: BTreeMap<[u32; 2], (u32, Sums)> = BTreeMap::new();
     let mut materials: BTreeMap<u32, Sums> = BTreeMap::new();
     let mut all = Sums::default();
     for path in batches.iter().flat_map(|visits| visits.chunk_by(|_, next| !next.is_first)) {
@@ -150,7 +151,7 @@ pub(super) fn combine(batches: &[&[Visit]]) -> Option<CellGrid> {
         for visit in path.iter().rev() {
             // Invalid samples are counted by the film. Nothing is learned from them.
             if let Some(material) = visit.material.filter(|_| rest.radiance.is_finite()) {
-                let key = lattice.key(visit.point, material);
+                let key = lattice.key(visit.point.into(), One(material)).map(|half| half.0);
                 cells.entry(key).or_insert((material, Sums::default())).1.add(visit, rest, cost);
                 materials.entry(material).or_default().add(visit, rest, cost);
                 all.add(visit, rest, cost);
@@ -162,8 +163,8 @@ pub(super) fn combine(batches: &[&[Visit]]) -> Option<CellGrid> {
 
     let all = all.means(&Means::UNKNOWN);
     let materials: BTreeMap<u32, Means> = materials.iter().map(|(&m, sums)| (m, sums.means(&all))).collect();
-    let cells = cells.iter().map(|(&key, (material, sums))| (key, sums.means(&materials[material]).cell())).collect();
+    let by_key = cells.iter().map(|(&key, (material, sums))| (key, sums.means(&materials[material]).cell()));
     let last = materials.keys().next_back()?;
-    let by_material = (0..=*last).map(|m| materials.get(&m).map(Means::cell)).collect();
-    Some(CellGrid::new(lattice, cells, by_material))
+    let by_material = (0..=*last).map(|m| materials.get(&m).map(Means::cell));
+    Some(CellGrid::new(lattice, by_key, by_material))
 }

@@ -96,6 +96,14 @@ impl<'a> Wavefront<'a> {
                     |lane| &all[paths[lane] as usize],
                 );
                 state.path_length += points.distance;
+                let learned = match self.estimator.roulette {
+                    Some(roulette) if !in_medium => {
+                        let materials = F::splat_word(token, material);
+                        roulette.at_lanes(token, points.point, materials, state.gain_scale)
+                    }
+                    _ => VertexRoulettes::none(token),
+                };
+                state.gain_scale = learned.gain_scale;
                 let ShadingLanes { frames, receivers } = match in_medium {
                     true => ShadingLanes::in_medium(points.point),
                     false => scene.shade_lanes(material, &points, wo),
@@ -118,7 +126,7 @@ impl<'a> Wavefront<'a> {
                     lit,
                     has_layers: paths[..len].iter().any(|path| self.layers[*path as usize] != Layers::Set),
                     paths,
-                    learned: self.learned(token, (in_medium, material), points.point, &mut state.gain_scale),
+                    learned,
                     state,
                     wo: frames.frame.to_local(wo),
                     points,
@@ -132,21 +140,6 @@ impl<'a> Wavefront<'a> {
                 }
             },
         )
-    }
-
-    /// The learned statistics at points on a surface.
-    #[inline(always)]
-    fn learned<F: Lanes>(
-        &self,
-        token: F::Token,
-        (in_medium, material): (bool, u32),
-        points: V3<F>,
-        gain_scale: &mut F,
-    ) -> VertexRoulettes<'a, F> {
-        match self.estimator.roulette {
-            Some(roulette) if !in_medium => roulette.at_lanes(token, points, material, gain_scale),
-            _ => VertexRoulettes::none(token),
-        }
     }
 
     /// The points that rays have reached, where they are found path by path.

@@ -16,7 +16,7 @@ mod rays;
 mod scatter;
 
 use crate::dimensions;
-use crate::estimator::{CameraSample, Estimator, PixelSample};
+use crate::estimator::{Estimator, PixelSample};
 use crate::mnee::SpecularPrefix;
 use crate::observer::{ConnectionTally, Event, Observer};
 use crate::path::PathState;
@@ -27,7 +27,7 @@ use dunkelfeld_geometry::Ray;
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, One, dispatch};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{Interface, LightChoice, SurfacePoint};
+use dunkelfeld_scene::{CameraRays, Interface, LightChoice, Moment, SurfacePoint};
 use rays::{Hits, Rays, ShadowRays};
 use std::time::Instant;
 
@@ -43,6 +43,8 @@ pub struct Wavefront<'a> {
     estimator: Estimator<'a>,
     set: InstructionSet,
     paths: Vec<PathState>,
+    /// For each path the factor on its radiance, and the distance from the camera to the origin of its ray \[m\].
+    camera: Vec<(f32, f32)>,
     /// The samples of the paths, with their auxiliary layers.
     samples: Vec<Sample>,
     layers: Vec<Layers>,
@@ -140,6 +142,7 @@ impl<'a> Wavefront<'a> {
             estimator: *estimator,
             set,
             paths: Vec::new(),
+            camera: Vec::new(),
             samples: Vec::new(),
             layers: Vec::new(),
             among_solids: Vec::new(),
@@ -176,30 +179,87 @@ impl<'a> Wavefront<'a> {
 
     /// Appends the samples of a batch, with the events of their paths. Returns the weight of the first camera ray.
     pub(crate) fn observed(&mut self, at: &[PixelSample], watch: Watch<'_>, found: &mut Vec<Sample>) -> f32 {
-        let estimator = self.estimator;
-        let samplers: Vec<Sampler> = at.iter().map(|at| estimator.sampler(*at)).collect();
-        let places = places_in_pixels(self.set, &samplers);
-        let cameras: Vec<CameraSample> = (at.iter().zip(&samplers).zip(places))
-            .map(|((at, sampler), place)| estimator.camera_sample(*at, sampler, place))
-            .collect();
-        self.follow(cameras.iter().map(|camera| camera.ray).zip(samplers), watch);
-        let samples = self.paths.iter().zip(&self.samples).zip(&cameras);
-        found.extend(samples.map(|((path, sample), camera)| camera.weighted(path.radiance(), sample)));
-        cameras.first().map_or(1.0, |camera| camera.weight)
+        self.begin();
+        let set = self.set;
+        dispatch!(set, F, token => {
+            for group in at.chunks(F::WIDTH) {
+                self.generate::<F>(token, group);
+            }
+        });
+        self.follow(watch);
+        let camera = self.camera.iter().zip(&self.samples);
+        found.extend(self.paths.iter().zip(camera).map(|(path, (&(weight, start), sample))| {
+            // The lens scales the radiance, for example by vignetting.
+            let depth = if sample.hit { start + sample.depth } else { sample.depth };
+            Sample { radiance: path.radiance() * weight, depth, ..*sample }
+        }));
+        self.camera.first().map_or(1.0, |(weight, _)| *weight)
     }
 
-    /// Follows the paths of rays to their ends.
-    pub(crate) fn follow(&mut self, rays: impl Iterator<Item = (Ray, Sampler)>, mut watch: Watch<'_>) {
-        let scene = self.estimator.scene;
+    /// Begins a batch.
+    pub(crate) fn begin(&mut self) {
         self.paths.clear();
-        self.among_solids.clear();
         self.rays.clear();
-        self.is_plain = !scene.has_chance();
-        for (number, (ray, sampler)) in (0..).zip(rays) {
+        self.camera.clear();
+    }
+
+    /// Adds the path of a ray to the batch.
+    pub(crate) fn push(&mut self, ray: &Ray, sampler: &Sampler) {
+        self.rays.push(ray, self.paths.len() as u32);
+        self.paths.push(PathState::new(sampler));
+    }
+
+    /// Adds the paths of some samples, at most one for each lane: from a uniform place in the pixel, which is the box filter
+    /// of a sensor that integrates over its pixel.
+    #[inline(always)]
+    fn generate<F: Lanes>(&mut self, token: F::Token, at: &[PixelSample]) {
+        let Estimator { scene, camera, seed, frame, .. } = self.estimator;
+        let first = self.paths.len() as u32;
+        let (mut words, mut paths) = ([[0; MAX_WIDTH]; 3], [0; MAX_WIDTH]);
+        let [mut column, mut row] = [[0.0; MAX_WIDTH]; 2];
+        for (lane, at) in at.iter().enumerate() {
+            let sampler = self.estimator.sampler(*at);
+            let [One(low), One(high), One(index)] = sampler.words();
+            [words[0][lane], words[1][lane], words[2][lane]] = [low, high, index];
+            (column[lane], row[lane], paths[lane]) = (at.x as f32, at.y as f32, first + lane as u32);
             self.paths.push(PathState::new(&sampler));
-            self.rays.push(&ray, number);
-            if scene.has_solids() {
-                let enclosing = RayState::from_camera(scene, ray).enclosing;
+        }
+        let words = [F::load_word(token, &words[0]), F::load_word(token, &words[1]), F::load_word(token, &words[2])];
+        let sampler = Sampler::<F>::from_words(token, words);
+        let [dx, dy] = sampler.numbers(dimensions::CAMERA).first_two();
+        let (x, mut y) = (F::load(token, &column) + dx, F::load(token, &row) + dy);
+        let mut time = F::splat(token, 0.0);
+        if let Some(shutter) = scene.shutter() {
+            // The time of each sample. The rows of a line scan have the same place on the film.
+            let (dy, u) = (dy.to_array(), sampler.numbers(dimensions::TIME).get(0).to_array());
+            let mut times = [0.0; MAX_WIDTH];
+            for (lane, at) in at.iter().enumerate() {
+                Moment { time: times[lane], y: row[lane] } = shutter.moment(at.y, dy[lane], u[lane], (seed, frame));
+            }
+            (time, y) = (F::load(token, &times), F::load(token, &row));
+        }
+        // A pinhole needs no place on the lens.
+        let lens = match camera.has_aperture() {
+            true => Some(sampler.numbers(dimensions::LENS).first_two()),
+            false => None,
+        };
+        let CameraRays { origin, direction, weight, start } = camera.camera_rays(token, x, y, lens);
+        let lanes = F::mask(token, u32::MAX >> (32 - at.len()));
+        self.rays.append((lanes, &paths), [origin, direction], weight.constant(f32::INFINITY), time);
+        let (weight, start) = (weight.to_array(), start.to_array());
+        for lane in 0..at.len() {
+            self.camera.push((weight[lane], start[lane]));
+        }
+    }
+
+    /// Follows the paths of the batch to their ends.
+    pub(crate) fn follow(&mut self, mut watch: Watch<'_>) {
+        let scene = self.estimator.scene;
+        self.is_plain = !scene.has_chance();
+        self.among_solids.clear();
+        if scene.has_solids() {
+            for ray in 0..self.paths.len() {
+                let enclosing = RayState::from_camera(scene, self.rays.get(ray)).enclosing;
                 self.is_plain &= matches!(enclosing, EnclosingSolids::Last(_));
                 self.among_solids.push(AmongSolids { enclosing, prefix: None });
             }
@@ -365,23 +425,4 @@ impl<'a> Wavefront<'a> {
             queue.clear();
         }
     }
-}
-
-/// The place of each sample in its pixel.
-fn places_in_pixels(set: InstructionSet, samplers: &[Sampler]) -> Vec<[f32; 2]> {
-    let mut places = Vec::with_capacity(samplers.len());
-    dispatch!(set, F, token => {
-        for group in samplers.chunks(F::WIDTH) {
-            let mut words = [[0; MAX_WIDTH]; 3];
-            for (lane, sampler) in group.iter().enumerate() {
-                let [One(low), One(high), One(index)] = sampler.words();
-                [words[0][lane], words[1][lane], words[2][lane]] = [low, high, index];
-            }
-            let words = [F::load_word(token, &words[0]), F::load_word(token, &words[1]), F::load_word(token, &words[2])];
-            let [x, y] = Sampler::<F>::from_words(token, words).numbers(dimensions::CAMERA).first_two();
-            let (x, y) = (x.to_array(), y.to_array());
-            places.extend((0..group.len()).map(|lane| [x[lane], y[lane]]));
-        }
-    });
-    places
 }

@@ -2,6 +2,7 @@
 
 use dunkelfeld_lanes::{Lanes, Mask, V3, cos_sin_of_turn};
 use std::f32::consts::FRAC_1_PI;
+use std::f64::consts::TAU;
 
 /// Unit square to unit disk, concentric (Shirley and Chiu 1997): keeps strata compact.
 #[inline(always)]
@@ -43,4 +44,18 @@ pub fn sample_sphere<F: Lanes>([u0, u1]: [F; 2]) -> V3<F> {
 pub fn sin_cos_turn<F: Lanes>(turn: F) -> (F, F) {
     let (cos, sin) = cos_sin_of_turn(turn);
     (sin, cos)
+}
+
+/// Unit square to the regular polygon of [`super::sample_polygon`].
+#[inline(always)]
+pub fn sample_polygon<F: Lanes>([u0, u1]: [F; 2], corners: u32, rotation: f32) -> [F; 2] {
+    let n = corners.max(3) as f32;
+    let sector = (u0 * n).floor().min(u0.constant(n - 1.0));
+    let v = u0 * n - sector;
+    // A triangle from the centre: the square root makes the area below a radius grow linearly with u1.
+    let r = u1.sqrt();
+    let first = (f64::from(rotation) / TAU).fract() as f32;
+    let (sin0, cos0) = sin_cos_turn(sector / n + first);
+    let (sin1, cos1) = sin_cos_turn((sector + 1.0) / n + first);
+    [r * (cos0 + (cos1 - cos0) * v), r * (sin0 + (sin1 - sin0) * v)]
 }

@@ -1,5 +1,7 @@
 //! Lens distortion of OpenCV: the forward model, its domain, and its inverse for the ray generator.
 
+use dunkelfeld_lanes::Real;
+
 /// OpenCV's lens distortion: radial and tangential terms (Brown 1971), the radial ones as a fraction of polynomials.
 ///
 /// It maps the direction `(x, y, 1)` in the camera frame of OpenCV (x right, y *down*, z forward) to its place on a
@@ -148,7 +150,7 @@ impl Undistorter {
         let spokes = if model.tangential == [0.0; 2] { 1 } else { SPOKES };
         let directions: Vec<[f64; 2]> = (0..spokes)
             .map(|i| {
-                let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(spokes)).sin_cos();
+                let (cos, sin) = Real::cos_sin(std::f64::consts::TAU * f64::from(i) / f64::from(spokes));
                 [cos, sin]
             })
             .collect();
@@ -162,7 +164,7 @@ impl Undistorter {
             let mut least = f64::INFINITY;
             for [cos, sin] in &directions {
                 let image = model.image([radius * cos, radius * sin]);
-                let place = image.place[0].hypot(image.place[1]);
+                let place = length(image.place);
                 if !image.is_regular() || !place.is_finite() || radius > WIDEST {
                     return Err(Fold { radius: covered[1], film_radius: covered[0] });
                 }
@@ -206,7 +208,7 @@ impl Undistorter {
         let residual = |at: [f64; 2]| {
             let image = self.model.image(at);
             let gap = [image.place[0] - place[0], image.place[1] - place[1]];
-            (gap[0].hypot(gap[1]), gap, image)
+            (length(gap), gap, image)
         };
         let (mut size, mut gap, mut image) = residual(at);
         let mut share = 1.0;
@@ -233,7 +235,7 @@ impl Undistorter {
 
     /// Start value of the descent: the table inverts the radial part.
     fn start(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let t = ENTRIES as f64 * (x.hypot(y) / self.film_radius).min(1.0);
+        let t = ENTRIES as f64 * (length([x, y]) / self.film_radius).min(1.0);
         let i = (t as usize).min(ENTRIES - 1);
         let (a, b) = (self.quotients[i], self.quotients[i + 1]);
         let quotient = a + (b - a) * (t - i as f64);
@@ -242,9 +244,14 @@ impl Undistorter {
 
     /// A direction clamped to the disc.
     fn clamped(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let shrink = self.radius / x.hypot(y).max(self.radius);
+        let shrink = self.radius / length([x, y]).max(self.radius);
         [x * shrink, y * shrink]
     }
+}
+
+/// `hypot` of the library of C has other bits on other machines.
+fn length([x, y]: [f64; 2]) -> f64 {
+    (x * x + y * y).sqrt()
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Lens: the aperture and its shape, focus, vignetting, and the formulas of the thin lens.
 
 use crate::camera::distortion::Distortion;
-use dunkelfeld_sampling::warp::{sample_disk, sample_polygon};
+use dunkelfeld_lanes::{Double, Lanes, Real};
+use dunkelfeld_sampling::warp::lanes::{sample_disk, sample_polygon};
 use std::f64::consts::{PI, TAU};
 
 /// A lens. The default is a pinhole: sharp everywhere, without distortion, equally bright over the film.
@@ -90,12 +91,18 @@ impl Aperture {
     /// direction sines for a telecentric lens, to the right and up.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> [f64; 2] {
+        self.sample_lanes(u)
+    }
+
+    /// [`Self::sample`] for two numbers per lane.
+    #[inline(always)]
+    pub(crate) fn sample_lanes<F: Lanes>(&self, u: [F; 2]) -> [F::Double; 2] {
         let (Opening::Radius(size) | Opening::NumericalAperture(size)) = self.opening;
-        let (size, p) = match self.blades {
+        let (size, [x, y]) = match self.blades {
             None => (size, sample_disk(u)),
             Some(blades) => (size * blades.corner(), sample_polygon(u, blades.count, blades.rotation as f32)),
         };
-        [size * f64::from(p.x), size * f64::from(p.y)]
+        [F::Double::widen(x) * size, F::Double::widen(y) * size]
     }
 }
 
@@ -104,7 +111,8 @@ impl Blades {
     #[inline]
     pub fn corner(&self) -> f64 {
         let n = f64::from(self.count);
-        (TAU / (n * (TAU / n).sin())).sqrt()
+        let (_, sin) = f64::cos_sin(TAU / n);
+        (TAU / (n * sin)).sqrt()
     }
 
     /// Share of the circle through the corners that the polygon fills.

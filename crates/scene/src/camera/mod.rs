@@ -9,6 +9,7 @@ use crate::build::builder::{Camera, Projection};
 use crate::camera::distortion::Undistorter;
 use crate::camera::lens::{Aperture, Opening, Vignetting};
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Ray};
+use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Real, V3};
 
 /// Reason why a camera cannot be bound to a film.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -54,6 +55,19 @@ pub struct CameraRay {
     /// Distance \[m\] from the camera to the start of the ray. It is above zero if the camera is outside the scene. The
     /// ray then starts close to the scene, so that a camera at a distance of one kilometre is as precise as a near one.
     pub start: f32,
+}
+
+/// A ray of a camera per lane. See [`CameraRay`].
+#[derive(Clone, Copy, Debug)]
+pub struct CameraRays<F> {
+    /// Start in render space \[m\].
+    pub origin: V3<F>,
+    /// Unit vector.
+    pub direction: V3<F>,
+    /// Factor on the radiance.
+    pub weight: F,
+    /// Distance from the camera to the start of the ray \[m\].
+    pub start: F,
 }
 
 /// Rays start no farther from the middle of the scene than this many of its radii.
@@ -115,7 +129,7 @@ impl RayGenerator {
         let half_pixels = [0.5 * f64::from(width), 0.5 * f64::from(height)];
         let aspect = f64::from(width) / f64::from(height) * camera.lens.pixel_aspect;
         let (half_height, parallel) = match camera.projection {
-            Projection::Perspective { vertical_fov } => ((0.5 * f64::from(vertical_fov)).tan(), false),
+            Projection::Perspective { vertical_fov } => (tangent(0.5 * f64::from(vertical_fov)), false),
             Projection::Orthographic { half_width, half_height } => {
                 (f64::from(half_height).max(f64::from(half_width) / aspect), true)
             }
@@ -183,62 +197,93 @@ impl RayGenerator {
     /// the top left corner: the natural vignetting of a thin lens, whether the camera has it or not. `None` for parallel
     /// rays.
     pub fn natural_vignetting(&self, x: f64, y: f64) -> Option<f64> {
-        (!self.parallel).then(|| cosine_fourth(self.seen(x, y)))
+        (!self.parallel).then(|| cosine_fourth(self.seen::<f32>((), x, y)))
     }
 
     /// The ray through the film point (x, y), in pixels from the top left corner. Two uniform numbers choose the point
     /// of the aperture. Without numbers, or without a finite aperture, the result is the chief ray.
     #[inline]
     pub fn camera_ray(&self, x: f32, y: f32, lens: Option<[f32; 2]>) -> CameraRay {
-        let [right, up] = self.seen(f64::from(x), f64::from(y));
-        let chief = self.axes * DVec3::new(right, up, if self.parallel { 0.0 } else { -1.0 });
-        let (from, direction) = match (&self.aperture, lens) {
-            (Some(aperture), Some(u)) => self.through_lens(aperture, u, chief),
-            _ if self.parallel => (self.origin + chief, -self.axes.z_axis),
-            _ => (self.origin, chief.normalize()),
-        };
-        // The scene lies within its radius of the origin. Up to there the ray meets no surface.
-        let start = (-from.dot(direction) - self.clearance).max(0.0);
-        let weight = if self.darkens { cosine_fourth([right, up]) } else { 1.0 };
-        let ray = Ray::new((from + start * direction).as_vec3(), direction.as_vec3());
-        CameraRay { ray, weight: weight as f32, start: start as f32 }
+        let CameraRays { origin, direction, weight, start } = self.camera_rays((), x, y, lens);
+        CameraRay { ray: Ray::new(origin.into(), direction.into()), weight, start }
     }
 
-    /// Start and direction of the ray through a point of the aperture. It intersects the chief ray in the plane in
-    /// focus.
-    #[inline]
-    fn through_lens(&self, aperture: &Aperture, u: [f32; 2], chief: DVec3) -> (DVec3, DVec3) {
-        let [right, up] = aperture.sample(u);
-        let point = self.axes.x_axis * right + self.axes.y_axis * up;
+    /// [`Self::camera_ray`] for a film point per lane. Either all lanes have numbers for the aperture or none.
+    #[inline(always)]
+    pub fn camera_rays<F: Lanes>(&self, token: F::Token, x: F, y: F, lens: Option<[F; 2]>) -> CameraRays<F> {
+        let [right, up] = self.seen::<F>(token, F::Double::widen(x), F::Double::widen(y));
+        let (origin, axes) = (splat::<F>(token, self.origin), self.axes_of_lanes::<F>(token));
+        let across = axes[0] * right + axes[1] * up;
+        let chief = if self.parallel { across } else { across - axes[2] };
+        let (from, direction) = match (&self.aperture, lens) {
+            (Some(aperture), Some(u)) => {
+                let (point, direction) = self.through_lens(token, aperture, u, chief);
+                (origin + point, direction)
+            }
+            _ if self.parallel => (origin + chief, -axes[2]),
+            _ => (origin, chief.normalize()),
+        };
+        // The scene lies within its radius of the origin. Up to there the ray meets no surface.
+        let start = (-from.dot(direction) - self.clearance).max(right.constant(0.0));
+        CameraRays {
+            origin: V3::narrow(from + direction * start),
+            direction: V3::narrow(direction),
+            weight: if self.darkens { cosine_fourth([right, up]).narrow() } else { F::splat(token, 1.0) },
+            start: start.narrow(),
+        }
+    }
+
+    /// Start, relative to the camera, and direction of the ray through a point of the aperture. It intersects the chief ray
+    /// in the plane in focus.
+    #[inline(always)]
+    fn through_lens<F: Lanes>(
+        &self,
+        token: F::Token,
+        aperture: &Aperture,
+        u: [F; 2],
+        chief: V3<F::Double>,
+    ) -> (V3<F::Double>, V3<F::Double>) {
+        let [right, up] = aperture.sample_lanes(u);
+        let axes = self.axes_of_lanes::<F>(token);
+        let point = axes[0] * right + axes[1] * up;
         let distance = aperture.focus_distance;
         match aperture.opening {
-            Opening::Radius(_) => (self.origin + point, (chief - point / distance).normalize()),
+            Opening::Radius(_) => {
+                let inverse = F::Double::splat(token, 1.0 / distance);
+                (point, (chief - point * inverse).normalize())
+            }
             Opening::NumericalAperture(_) => {
                 // Uniform in the direction sines, as the sine condition requires. The aperture lies in the focal plane
                 // behind the lens.
-                let cosine = (1.0 - point.length_squared()).max(0.0).sqrt();
-                let direction = point - self.axes.z_axis * cosine;
-                (self.origin + chief - point * (distance / cosine), direction)
+                let cosine = point.length_squared().one_minus().max(right.constant(0.0)).sqrt();
+                let direction = point - axes[2] * cosine;
+                (chief - point * (F::Double::splat(token, distance) / cosine), direction)
             }
         }
+    }
+
+    #[inline(always)]
+    fn axes_of_lanes<F: Lanes>(&self, token: F::Token) -> [V3<F::Double>; 3] {
+        let DMat3 { x_axis, y_axis, z_axis } = self.axes;
+        [splat::<F>(token, x_axis), splat::<F>(token, y_axis), splat::<F>(token, z_axis)]
     }
 
     /// The undistorted place (right, up) of the film point (x, y) on a film at unit distance, or in metres for parallel
     /// rays.
-    #[inline]
-    fn seen(&self, x: f64, y: f64) -> [f64; 2] {
-        let ([left, top], step) = self.window;
-        let (x, y) = (left + step * x, top + step * y);
-        let right = (x / self.half_pixels[0] - self.center[0]) * self.half[0];
-        let up = (self.center[1] - y / self.half_pixels[1]) * self.half[1];
-        match &self.undistorter {
-            Some(undistorter) => {
-                // The y axis of OpenCV points down.
-                let [x, y] = undistorter.inverse([right, -up]);
-                [x, -y]
-            }
-            _ => [right, up],
+    #[inline(always)]
+    fn seen<F: Lanes>(&self, token: F::Token, x: F::Double, y: F::Double) -> [F::Double; 2] {
+        let (([left, top], step), [width, height], center) = (self.window, self.half_pixels, self.center);
+        let right = (x * step + left - center[0] * width) * (self.half[0] / width);
+        let down = (y * step + top - center[1] * height) * (self.half[1] / height);
+        let Some(undistorter) = &self.undistorter else { return [right, -down] };
+        let [mut x, mut y] = [[0.0; MAX_WIDTH]; 2];
+        right.store(&mut x);
+        down.store(&mut y);
+        for lane in 0..F::WIDTH {
+            // The y axis of OpenCV points down.
+            [x[lane], y[lane]] = undistorter.inverse([x[lane], y[lane]]);
         }
+        [F::Double::load(token, &x), -F::Double::load(token, &y)]
     }
 
     /// The film point of a point of world space along its chief ray: pixels from the top left corner, x to the right
@@ -270,11 +315,23 @@ impl RayGenerator {
     }
 }
 
+/// The same vector in all lanes.
+#[inline(always)]
+fn splat<F: Lanes>(token: F::Token, v: DVec3) -> V3<F::Double> {
+    V3::<F>::splat_double(token, V3::new(v.x, v.y, v.z))
+}
+
 /// The fourth power of the cosine, for a place on a film at unit distance.
-#[inline]
-fn cosine_fourth([right, up]: [f64; 2]) -> f64 {
-    let secant_squared = 1.0 + right * right + up * up;
-    1.0 / (secant_squared * secant_squared)
+#[inline(always)]
+fn cosine_fourth<N: Real>([right, up]: [N; 2]) -> N {
+    let secant_squared = right * right + up * up + right.constant(1.0);
+    (secant_squared * secant_squared).recip()
+}
+
+/// The tangent of an angle. The one of the library of C has other bits on other machines.
+fn tangent(angle: f64) -> f64 {
+    let (cos, sin) = f64::cos_sin(angle);
+    sin / cos
 }
 
 /// Checks the numbers of a camera. The error contains the problem and the valid range.

@@ -13,7 +13,7 @@ use crate::light::tree::{EmissionCone, LightBounds, LightTree, below_one};
 use crate::light::{FoundLights, in_proportion};
 use dunkelfeld_geometry::shape::sample_triangle_area;
 use dunkelfeld_geometry::{Aabb, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, Real, V3};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -395,7 +395,7 @@ impl MeshLight {
         let Some(&facet) = self.facet_of.get(triangle as usize).filter(|_| reaches) else { return 0.0 };
         let to_light = V3::from(point - receiver.point);
         let d2 = to_light.length_squared();
-        let direction = to_light * Lanes::recip(d2.sqrt());
+        let direction = to_light * Real::recip(d2.sqrt());
         self.pdf_of(self.facet_density(receiver, facet as usize), d2, direction.dot(normal.into()))
     }
 
