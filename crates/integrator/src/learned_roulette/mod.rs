@@ -157,6 +157,8 @@ fn clamp<F: Lanes>(q: F) -> F {
 
 #[cfg(test)]
 mod tests {
+    use dunkelfeld_geometry::Vec3;
+    use dunkelfeld_lanes::One;
     use super::cells::Lattice;
     use super::*;
     use dunkelfeld_lanes::{InstructionSet, dispatch};
