@@ -21,6 +21,9 @@ pub const BATCHES: usize = dunkelfeld_sampling::BATCHES as usize;
 const RADIANCE_LIMIT: f32 = (1u64 << RADIANCE_LIMIT_BITS) as f32;
 const DEPTH_LIMIT: f32 = (1u64 << DEPTH_LIMIT_BITS) as f32;
 
+/// Samples whose sums have room in integers of 64 bits: parts of radiance have at most 47 bits.
+const NARROW: usize = 1 << 12;
+
 /// The result of one camera sample.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Sample {
@@ -44,7 +47,7 @@ impl Sample {
     #[inline]
     pub fn is_valid(&self) -> bool {
         let ok = |v: f32| (0.0..RADIANCE_LIMIT).contains(&v);
-        ok(self.radiance.r) && ok(self.radiance.g) && ok(self.radiance.b)
+        ok(self.radiance.r) & ok(self.radiance.g) & ok(self.radiance.b)
     }
 }
 
@@ -53,13 +56,6 @@ impl Sample {
 pub struct RadianceSum(pub [u128; 3]);
 
 impl RadianceSum {
-    #[inline]
-    fn add(&mut self, radiance: Rgb) {
-        for (sum, v) in self.0.iter_mut().zip(radiance.to_array()) {
-            *sum = sum.saturating_add(to_fixed(v));
-        }
-    }
-
     #[inline]
     fn merge(&mut self, other: &Self) {
         for (sum, o) in self.0.iter_mut().zip(other.0) {
@@ -88,24 +84,23 @@ pub(crate) fn number(v: u128) -> f64 {
     ((v >> shift) as u64 | u64::from(is_cut)) as f64 * f64::from_bits(u64::from(1023 + shift) << 52)
 }
 
-/// `v * 2^48` as an integer. Lost bits are rounded to nearest even. `v` is finite and in `[0, 2^46)`.
-#[inline]
-fn to_fixed(v: f32) -> u128 {
-    let bits = v.to_bits();
-    let exponent = (bits >> 23) as i32; // The sign bit is zero.
-    let mantissa = if exponent == 0 { bits & 0x7f_ffff } else { (bits & 0x7f_ffff) | 0x80_0000 };
-    let shift = exponent.max(1) - 127 - 23 + RADIANCE_BITS;
-    if shift >= 0 {
-        u128::from(mantissa) << shift
-    } else if shift < -25 {
-        0
-    } else {
-        let s = -shift as u32;
-        let floor = mantissa >> s;
-        let rest = mantissa & ((1 << s) - 1);
-        let half = 1 << (s - 1);
-        u128::from(floor + u32::from(rest > half || (rest == half && floor & 1 == 1)))
+/// Floating-point numbers near these have no bits below one: a number that is added is rounded to nearest even. The number of
+/// the second kind may be negative.
+const INTEGERS: [f64; 2] = [(1u64 << 52) as f64, 1.5 * (1u64 << 52) as f64];
+
+/// `v * 2^48` as integers in two parts, the first of which has units of 2^48. Lost bits are rounded to nearest even. The
+/// numbers are finite and in `[0, 2^46)`.
+#[inline(always)]
+fn to_fixed(v: [f32; 4]) -> [[i64; 4]; 2] {
+    let mut parts = [[0; 4]; 2];
+    for c in 0..4 {
+        let v = f64::from(v[c]);
+        let near = v + INTEGERS[0];
+        let rest = (v - (near - INTEGERS[0])) * (1u64 << RADIANCE_BITS) as f64 + INTEGERS[1];
+        parts[0][c] = near.to_bits().wrapping_sub(INTEGERS[0].to_bits()) as i64;
+        parts[1][c] = rest.to_bits().wrapping_sub(INTEGERS[1].to_bits()) as i64;
     }
+    parts
 }
 
 /// The sums of the samples of a pixel. Addition is exact, so the order has no effect.
@@ -158,30 +153,77 @@ pub trait Accumulate {
 impl Accumulate for PixelSums {
     #[inline]
     fn add(&mut self, index: u32, sample: &Sample) {
-        let batch = index as usize % BATCHES;
-        self.counts[batch] += 1;
-        if sample.is_valid() {
-            self.batches[batch].add(sample.radiance);
-            let luminance = sample.radiance.luminance();
-            self.heaviest_key = self.heaviest_key.max(heaviest_key(index, luminance));
-            self.luminance_squares.merge(&SquareSum::from_luminance(luminance));
-        } else {
-            self.invalid += 1;
-        }
-        if sample.hit {
-            self.hits += 1;
-            for (c, albedo) in sample.albedo.to_array().into_iter().enumerate() {
-                let (a, n) = (unit_to_fixed(albedo), unit_to_fixed(sample.normal[c]));
-                self.albedo[c] += a;
-                self.albedo_squares[c] += square(a);
-                self.normal[c] += n;
-                self.normal_squares[c] += square(n);
+        self.add_range(index, std::slice::from_ref(sample));
+    }
+}
+
+impl PixelSums {
+    /// The sums without samples: the default, as a constant.
+    pub const EMPTY: Self = Self {
+        batches: [RadianceSum([0; 3]); BATCHES],
+        counts: [0; BATCHES],
+        albedo: [0; 3],
+        normal: [0; 3],
+        depth: 0,
+        albedo_squares: [0; 3],
+        normal_squares: [0; 3],
+        depth_squares: 0,
+        hits: 0,
+        invalid: 0,
+        heaviest_key: 0,
+        luminance_squares: SquareSum([0; 2]),
+    };
+
+    /// Adds samples with consecutive indices, the first of which is given. The same as [`Accumulate::add`] of each, in less
+    /// time: they are summed in narrow integers first. Code of any instruction set can inline it.
+    #[inline(always)]
+    pub fn add_range(&mut self, first: u32, samples: &[Sample]) {
+        for (chunk, samples) in samples.chunks(NARROW).enumerate() {
+            for start in 0..samples.len().min(BATCHES) {
+                self.add_batch(first.wrapping_add((chunk * NARROW + start) as u32), &samples[start..]);
             }
-            let depth = if sample.depth.is_finite() { sample.depth.clamp(0.0, DEPTH_LIMIT) } else { 0.0 };
-            let depth = (f64::from(depth) * (1u64 << DEPTH_BITS) as f64) as i64;
-            self.depth = self.depth.saturating_add(depth);
-            let wide = u128::from(depth.unsigned_abs());
-            self.depth_squares = self.depth_squares.saturating_add(wide * wide);
+        }
+    }
+
+    /// Adds every [`BATCHES`]th of at most [`NARROW`] samples: those of one batch.
+    #[inline(always)]
+    fn add_batch(&mut self, first: u32, samples: &[Sample]) {
+        let (mut radiance, mut auxiliary) = ([[0; 4]; 2], Auxiliary::default());
+        for (i, sample) in samples.iter().step_by(BATCHES).enumerate() {
+            let index = first.wrapping_add((i * BATCHES) as u32);
+            if sample.is_valid() {
+                let Rgb { r, g, b } = sample.radiance;
+                let parts = to_fixed([r, g, b, b]);
+                for c in 0..4 {
+                    radiance[0][c] += parts[0][c];
+                    radiance[1][c] += parts[1][c];
+                }
+                // Minus zero is valid.
+                let luminance = sample.radiance.luminance().abs();
+                self.heaviest_key = self.heaviest_key.max(heaviest_key(index, luminance));
+                self.luminance_squares.add(luminance);
+            } else {
+                self.invalid += 1;
+            }
+            if sample.hit {
+                self.hits += 1;
+                auxiliary.add(sample);
+                let depth = depth_to_fixed(sample.depth);
+                self.depth = self.depth.saturating_add(depth as i64);
+                self.depth_squares = self.depth_squares.saturating_add(u128::from(depth) * u128::from(depth));
+            }
+        }
+        let batch = first as usize % BATCHES;
+        self.counts[batch] += samples.len().div_ceil(BATCHES) as u32;
+        for (c, sum) in self.batches[batch].0.iter_mut().enumerate() {
+            let [whole, rest] = [radiance[0][c], radiance[1][c]].map(|part| i128::from(part) as u128);
+            *sum = sum.saturating_add((whole << RADIANCE_BITS).wrapping_add(rest));
+        }
+        for c in 0..3 {
+            self.albedo[c] += auxiliary.sums[c];
+            self.normal[c] += auxiliary.sums[4 + c];
+            self.albedo_squares[c] += auxiliary.squares[c];
+            self.normal_squares[c] += auxiliary.squares[4 + c];
         }
     }
 }
@@ -192,21 +234,44 @@ fn heaviest_key(index: u32, luminance: f32) -> u64 {
     u64::from(luminance.to_bits()) << 32 | u64::from(!index)
 }
 
-/// `v * 2^24`, rounded to nearest and clamped to [-1, 1]. Auxiliary layers are not measurements. NaN becomes zero.
-#[inline]
-fn unit_to_fixed(v: f32) -> i64 {
-    let scaled = f64::from(v.clamp(-1.0, 1.0)) * (1u64 << UNIT_BITS) as f64;
-    // The sum is exact, and the conversion rounds toward zero. `f64::round` would be a call.
-    (scaled + 0.5f64.copysign(scaled)) as i64
+/// Sums of the albedo (0 to 2) and of the normal (4 to 6) of samples, and of their squares: [`PixelSums`] has the units. The
+/// others have no meaning. Auxiliary layers are not measurements: numbers are clamped to [-1, 1], and NaN becomes zero.
+#[derive(Default)]
+struct Auxiliary {
+    sums: [i64; 8],
+    squares: [u64; 8],
 }
 
-/// The square of such a number in units of 2^-30, rounded to nearest. It is at most 2^30, so that a sum has room for
-/// 2^33 of them.
-#[inline]
-fn square(v: i64) -> u64 {
-    const LOST: i32 = 2 * UNIT_BITS - UNIT_SQUARE_BITS;
-    let v = v.unsigned_abs();
-    (v * v + (1 << (LOST - 1))) >> LOST
+impl Auxiliary {
+    #[inline(always)]
+    fn add(&mut self, sample: &Sample) {
+        // The products are exact. The last bit of the factor rounds ties away from zero.
+        const UNITS: f64 = (1u64 << UNIT_BITS) as f64 + 1.0 / 16.0;
+        // Half of it moves no sum to a tie: a half is rounded up.
+        const SQUARE_UNITS: f64 = 1.0 / (1u64 << (2 * UNIT_BITS - UNIT_SQUARE_BITS)) as f64;
+        let (Rgb { r, g, b }, [x, y, z]) = (sample.albedo, sample.normal);
+        let v = [r, g, b, b, x, y, z, z];
+        for c in 0..8 {
+            let number = if v[c].is_nan() { 0.0 } else { v[c] };
+            let near = f64::from(number.clamp(-1.0, 1.0)) * UNITS + INTEGERS[1];
+            self.sums[c] += near.to_bits().wrapping_sub(INTEGERS[1].to_bits()) as i64;
+            let whole = near - INTEGERS[1];
+            let square = whole * whole * SQUARE_UNITS + 0.5 * SQUARE_UNITS + INTEGERS[0];
+            self.squares[c] += square.to_bits().wrapping_sub(INTEGERS[0].to_bits());
+        }
+    }
+}
+
+/// A depth in units of 2^-24 m, rounded down. It is at most 2^31 m, and zero if it is negative or not finite.
+#[inline(always)]
+fn depth_to_fixed(depth: f32) -> u64 {
+    if !depth.is_finite() {
+        return 0;
+    }
+    let bits = depth.clamp(0.0, DEPTH_LIMIT).abs().to_bits();
+    let mantissa = u64::from(bits & 0x7f_ffff | 0x80_0000);
+    // The limit has the exponent 158 and is shifted by 9 + 23 bits. Small numbers lose all bits.
+    (mantissa << 32) >> (158 - (bits >> 23)).min(63)
 }
 
 /// Variance of the mean of `n` samples from their mean and the mean of their squares. Infinite with fewer than two. The
@@ -391,6 +456,7 @@ impl PixelSums {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dunkelfeld_lanes::{InstructionSet, dispatch};
 
     fn sample(radiance: Rgb) -> Sample {
         Sample { radiance, albedo: Rgb::new(0.5, 0.25, 1.0), normal: [0.0, -1.0, 0.0], depth: 2.5, hit: true }
@@ -407,11 +473,90 @@ mod tests {
 
     #[test]
     fn fixed_point_is_exact_where_it_can_be_and_rounds_once_elsewhere() {
+        let fixed = |v: f32| {
+            let mut p = PixelSums::default();
+            p.add(0, &Sample { radiance: Rgb::splat(v), ..Sample::MISS });
+            p.batches[0].0[0]
+        };
         for v in [0.0, 1.0, 0.1, 1e-6, 3.7e12, 1.5e-9, f32::MIN_POSITIVE, 1e-40] {
-            let back = to_fixed(v) as f64 * (-48f64).exp2();
+            let back = fixed(v) as f64 * (-48f64).exp2();
             assert!((back - f64::from(v)).abs() <= (-49f64).exp2(), "{v} came back as {back}");
         }
-        assert_eq!(to_fixed(1.0), 1 << 48);
+        assert_eq!(fixed(1.0), 1 << 48);
+        let units = |units: f32| fixed(units * (-48f32).exp2());
+        assert_eq!([0.5, 1.5, 2.5, 3.5, 2.5000002].map(units), [0, 2, 2, 4, 3]);
+        assert_eq!(fixed((1u64 << 46) as f32 * (1.0 - f32::EPSILON)), (1 << 94) - (1 << 71));
+        assert_eq!(fixed(0.75 + 3.0), 15 << 46);
+    }
+
+    /// A sample as the sums have it, computed number by number with integers.
+    fn one(index: u32, sample: &Sample) -> PixelSums {
+        let mut p = PixelSums::default();
+        let unit =
+            |v: f32| (f64::from(if v.is_nan() { 0.0 } else { v.clamp(-1.0, 1.0) }) * 16_777_216.0).round() as i64;
+        let square = |v: i64| (v.unsigned_abs().pow(2) + (1 << 17)) >> 18;
+        p.counts[index as usize % BATCHES] = 1;
+        if sample.is_valid() {
+            let fixed = |v: f32| {
+                let scaled = f64::from(v) * 48f64.exp2();
+                if scaled < 64f64.exp2() {
+                    scaled.round_ties_even() as u128
+                } else {
+                    (scaled / 32f64.exp2()) as u128 * (1 << 32)
+                }
+            };
+            p.batches[index as usize % BATCHES].0 = sample.radiance.to_array().map(fixed);
+            let luminance = sample.radiance.luminance().abs();
+            p.heaviest_key = heaviest_key(index, luminance);
+            p.luminance_squares.add(luminance);
+        } else {
+            p.invalid = 1;
+        }
+        if sample.hit {
+            p.hits = 1;
+            p.albedo = sample.albedo.to_array().map(unit);
+            p.normal = sample.normal.map(unit);
+            p.albedo_squares = p.albedo.map(square);
+            p.normal_squares = p.normal.map(square);
+            if sample.depth.is_finite() {
+                p.depth = (f64::from(sample.depth.clamp(0.0, DEPTH_LIMIT)) * 16_777_216.0) as i64;
+            }
+            p.depth_squares = u128::from(p.depth.unsigned_abs()).pow(2);
+        }
+        p
+    }
+
+    /// Ranges of every instruction set, single samples, and sums of numbers that are computed one by one have the same bits.
+    #[test]
+    fn samples_of_a_range_are_added_as_single_ones() {
+        let mut bits = 1u32;
+        let mut random = || {
+            bits = bits.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            (bits ^ (bits >> 15)).wrapping_mul(0x2c1b_3c6d) >> 8
+        };
+        let (rare, mut samples) = ([f32::NAN, f32::INFINITY, -0.0, 2.0, -3.0, 1e30, 1e-40, 0.5], Vec::new());
+        for _ in 0..20_000 {
+            let mut number = |least: i32, most: i32| match random() {
+                h if h.is_multiple_of(59) => rare[h as usize / 59 % 8],
+                h => random() as f32 * ((least + h as i32 % (most - least)) as f32 - 24.0).exp2(),
+            };
+            let mut unit = || number(-24, 1) * if number(0, 1) > 0.5 { -1.0 } else { 1.0 };
+            let (albedo, normal) = (Rgb::new(unit(), unit(), unit()), [unit(), unit(), unit()]);
+            let radiance = Rgb::new(number(-50, 48), number(-10, 10), number(-30, 5));
+            samples.push(Sample { radiance, albedo, normal, depth: number(-30, 33), hit: number(0, 1) > 0.1 });
+        }
+        for (first, count) in [(0, 20_000), (3, 1), (7, 2), (5, 17), (u32::MAX - 20, 19), (2, 9000)] {
+            let mut wanted = PixelSums::default();
+            (first..).zip(&samples[..count]).for_each(|(index, sample)| wanted.merge(&one(index, sample)));
+            let mut single = PixelSums::default();
+            (first..).zip(&samples[..count]).for_each(|(index, sample)| single.add(index, sample));
+            assert_eq!(single, wanted, "{count} samples from {first}");
+            for set in InstructionSet::all() {
+                let mut sums = PixelSums::EMPTY;
+                dispatch!(set, _F, _token => sums.add_range(first, &samples[..count]));
+                assert_eq!(sums, wanted, "{count} samples from {first}, {set:?}");
+            }
+        }
     }
 
     #[test]

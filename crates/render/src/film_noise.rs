@@ -56,13 +56,12 @@ impl SignalModel {
         let mut counts = Plane::new(width, height, 0);
         let mut normals = Plane::new(width, height, [0.0; 3]);
         let mut seen: Vec<Plane<Seen>> = kinds.iter().map(|_| Plane::new(width, height, Seen::default())).collect();
-        let mut buffer = Vec::new();
         let tile = |y: u32| (y / Film::TILE) as usize;
         for (row, top) in
             film.sums.tile_rows()[tile(rows.start)..].iter().zip((rows.start..rows.end).step_by(Film::TILE as usize))
         {
             let first = (top - rows.start) as usize * width as usize;
-            row.visit(Needed::Image, &mut buffer, |x, y, sums| {
+            row.visit(Needed::Image, |x, y, sums| {
                 let pixel = first + y as usize * width as usize + x as usize;
                 counts.data_mut()[pixel] = sums.count();
                 normals.data_mut()[pixel] = sums.mean_normal();
