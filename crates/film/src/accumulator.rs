@@ -235,9 +235,8 @@ impl Auxiliary {
         // Half of it moves no sum to a tie: a half is rounded up.
         const SQUARE_UNITS: f64 = 1.0 / (1u64 << (2 * UNIT_BITS - UNIT_SQUARE_BITS)) as f64;
         let (Rgb { r, g, b }, [x, y, z]) = (sample.albedo, sample.normal);
-        let v = [r, g, b, b, x, y, z, z];
-        for c in 0..8 {
-            let number = if v[c].is_nan() { 0.0 } else { v[c] };
+        for (c, v) in [r, g, b, b, x, y, z, z].into_iter().enumerate() {
+            let number = if v.is_nan() { 0.0 } else { v };
             let near = f64::from(number.clamp(-1.0, 1.0)) * UNITS + INTEGERS[1];
             self.sums[c] += near.to_bits().wrapping_sub(INTEGERS[1].to_bits()) as i64;
             let whole = near - INTEGERS[1];

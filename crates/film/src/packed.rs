@@ -377,9 +377,10 @@ impl Numbers {
     #[inline(always)]
     fn values(&self, column: usize, reference: Option<usize>, base: u128, is_wide: bool, to: &mut Halves<PIXELS>) {
         if is_wide {
-            for slot in 0..PIXELS {
+            let [low, high] = to;
+            for (slot, (low, high)) in low.iter_mut().zip(high).enumerate() {
                 let number = difference(reference.map(|r| self.number(r, slot)), self.number(column, slot)) - base;
-                (to[0][slot], to[1][slot]) = (number as u64, (number >> 64) as u64);
+                (*low, *high) = (number as u64, (number >> 64) as u64);
             }
             return;
         }
