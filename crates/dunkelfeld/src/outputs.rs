@@ -296,10 +296,12 @@ fn layers_of_rows(film: &RenderedFilm, frame: &Frame, rows: Range<u32>) -> ExrLa
         .into_par_iter()
         .map(|band| {
             let mut sums = Vec::new();
-            film.sums.read_rows(band.clone(), &mut sums);
-            // The sums of a row stay in the cache of the processor from layer to layer.
-            let rows = band.zip(sums.chunks(film.sums.width().max(1) as usize));
-            joined(rows.map(|(y, sums)| layers_of_band(film.sums.layers(), sums, &film.ids, frame, y..y + 1)))
+            joined(band.map(|y| {
+                // The sums of a row stay in the cache of the processor.
+                sums.clear();
+                film.sums.read_rows(y..y + 1, &mut sums);
+                layers_of_band(film.sums.layers(), &sums, &film.ids, frame, y..y + 1)
+            }))
         })
         .collect();
     joined(bands.into_iter())
