@@ -296,10 +296,12 @@ fn layers_of_rows(film: &RenderedFilm, frame: &Frame, rows: Range<u32>) -> ExrLa
         .into_par_iter()
         .map(|band| {
             let mut sums = Vec::new();
-            film.sums.read_rows(band.clone(), &mut sums);
-            // The sums of a row stay in the cache of the processor from layer to layer.
-            let rows = band.zip(sums.chunks(film.sums.width().max(1) as usize));
-            joined(rows.map(|(y, sums)| layers_of_band(film.sums.layers(), sums, &film.ids, frame, y..y + 1)))
+            joined(band.map(|y| {
+                // The sums of a row stay in the cache of the processor.
+                sums.clear();
+                film.sums.read_rows(y..y + 1, &mut sums);
+                layers_of_band(film.sums.layers(), &sums, &film.ids, frame, y..y + 1)
+            }))
         })
         .collect();
     joined(bands.into_iter())
@@ -326,11 +328,24 @@ pub(crate) fn layers_of_band(
     let triples = |f: &dyn Fn(&PixelSums) -> [f32; 3]| plane(width, height, sums.iter().map(f), [0.0; 3]);
     let floats = |f: &dyn Fn(&PixelSums) -> f32| plane(width, height, sums.iter().map(f), 0.0);
     out.push_integers(Single::SampleCount, plane(width, height, sums.iter().map(PixelSums::count), 0));
-    out.push_triples(Triple::Mean, &triples(&|p| p.mean().map(|v| v as f32)));
-    out.push_triples(Triple::Variance, &triples(&|p| p.variance_of_mean().map(|v| v as f32)));
-    out.push_triples(Triple::Covariance, &triples(&|p| p.covariance_of_mean().map(|v| v as f32)));
-    out.push_floats(Single::Scatter, floats(&|p| p.scatter().map_or(f32::INFINITY, |s| s.all as f32)));
-    out.push_floats(Single::LargestScatter, floats(&|p| p.scatter().map_or(f32::INFINITY, |s| s.largest as f32)));
+    let [mut means, mut variances, mut covariances] = [(); 3].map(|()| Vec::with_capacity(sums.len()));
+    let [mut scatter, mut largest] = [(); 2].map(|()| Vec::with_capacity(sums.len()));
+    for sums in sums {
+        let of_pixel = sums.means();
+        let (variance, covariance) = of_pixel.variance_and_covariance();
+        means.push(of_pixel.mean.map(|v| v as f32));
+        variances.push(variance.map(|v| v as f32));
+        covariances.push(covariance.map(|v| v as f32));
+        let of_samples = sums.scatter_about(of_pixel.mean);
+        scatter.push(of_samples.map_or(f32::INFINITY, |s| s.all as f32));
+        largest.push(of_samples.map_or(f32::INFINITY, |s| s.largest as f32));
+    }
+    for (layer, values) in [(Triple::Mean, means), (Triple::Variance, variances), (Triple::Covariance, covariances)] {
+        out.push_triples(layer, &plane(width, height, values.into_iter(), [0.0; 3]));
+    }
+    for (layer, values) in [(Single::Scatter, scatter), (Single::LargestScatter, largest)] {
+        out.push_floats(layer, plane(width, height, values.into_iter(), 0.0));
+    }
     out.push_triples(Triple::Normal, &triples(&PixelSums::mean_normal));
     if layers == FilmLayers::All {
         out.push_triples(Triple::Albedo, &triples(&PixelSums::mean_albedo));

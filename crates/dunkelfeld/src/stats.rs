@@ -236,15 +236,15 @@ impl Totals {
     }
 
     fn add(&mut self, p: &PixelSums) {
-        let n = p.count();
+        let (n, means) = (p.count(), p.means());
         *self = self.and(&Self {
-            mean: p.mean(),
-            variance: p.variance_of_mean(),
+            mean: means.mean,
+            variance: means.variance_and_covariance().0,
             samples: n.into(),
             invalid: p.invalid.into(),
             range: Some([n, n]),
             without: u64::from(n == 0),
-            black: u64::from(n > 0 && p.mean() == [0.0; 3]),
+            black: u64::from(n > 0 && means.mean == [0.0; 3]),
         });
     }
 

@@ -2,8 +2,9 @@
 
 use crate::accumulator::PixelSums;
 use crate::gaps::fill_gaps;
-use crate::packed::{Pages, TILE_SIDE, Tile};
+use crate::packed::{Pages, SIDE, TILE_SIDE, Tile};
 use crate::plane::Plane;
+use dunkelfeld_lanes::InstructionSet;
 use std::ops::Range;
 
 /// Largest width and height of a film \[pixels\].
@@ -238,10 +239,9 @@ impl Film {
         if self.layers != other.layers {
             return Err(FilmError::LayerMismatch);
         }
-        let mut sums = Vec::new();
         for (to, from) in self.rows.iter_mut().zip(&other.rows) {
             for (tile, packed) in from.tiles.iter().enumerate().filter(|(_, packed)| !packed.is_empty()) {
-                packed.unpack(&from.pages, from.layers.columns(), &mut sums);
+                let sums = packed.unpacked(&from.pages, from.layers.columns());
                 to.tiles[tile].add(&mut to.pages, to.layers, sums.iter().enumerate())?;
             }
         }
@@ -340,14 +340,15 @@ impl TileRow {
     }
 
     /// Calls `f` with column, row (counted from its first) and sums of each pixel, tile by tile. Numbers that are not needed may
-    /// be zero. `sums` is memory that several calls can share.
-    pub fn visit(&self, needed: Needed, sums: &mut Vec<PixelSums>, mut f: impl FnMut(u32, u32, &PixelSums)) {
+    /// be zero.
+    pub fn visit(&self, needed: Needed, mut f: impl FnMut(u32, u32, &PixelSums)) {
         let numbers = needed.columns().min(self.layers.columns());
-        for (left, packed) in (0..self.width).step_by(TILE_SIDE as usize).zip(&self.tiles) {
-            packed.unpack(&self.pages, numbers, sums);
-            let columns = (self.width - left).min(TILE_SIDE);
-            for (y, row) in (0..self.height).zip(sums.chunks(TILE_SIDE as usize)) {
-                (left..left + columns).zip(row).for_each(|(x, sums)| f(x, y, sums));
+        let (set, mut sums) = (InstructionSet::best(), [PixelSums::default(); SIDE]);
+        for (left, packed) in (0..self.width).step_by(SIDE).zip(&self.tiles) {
+            let columns = left..self.width.min(left + TILE_SIDE);
+            for y in 0..self.height {
+                packed.unpack_row(set, &self.pages, numbers, y as usize, &mut sums);
+                columns.clone().zip(&sums).for_each(|(x, sums)| f(x, y, sums));
             }
         }
     }
@@ -360,15 +361,12 @@ impl TileRow {
         assert!(rows.end <= self.height, "row {} is outside a row of {} pixels", rows.end, self.height);
         let (start, width) = (out.len(), self.width as usize);
         out.resize(start + rows.len() * width, PixelSums::default());
-        let mut sums = Vec::new();
-        for (tile, packed) in self.tiles.iter().enumerate().filter(|(_, packed)| !packed.is_empty()) {
-            packed.unpack(&self.pages, self.layers.columns(), &mut sums);
-            let left = tile * TILE_SIDE as usize;
-            let columns = left..(left + TILE_SIDE as usize).min(width);
-            for (row, y) in rows.clone().enumerate() {
-                let to = start + row * width;
-                let from = slot(0, y);
-                out[to + columns.start..to + columns.end].copy_from_slice(&sums[from..from + columns.len()]);
+        let (set, mut sums) = (InstructionSet::best(), [PixelSums::default(); SIDE]);
+        for (left, packed) in (0..width).step_by(SIDE).zip(&self.tiles) {
+            let columns = SIDE.min(width - left);
+            for (y, to) in rows.clone().zip(out[start..].chunks_exact_mut(width)) {
+                packed.unpack_row(set, &self.pages, self.layers.columns(), y as usize, &mut sums);
+                to[left..left + columns].copy_from_slice(&sums[..columns]);
             }
         }
     }
@@ -467,7 +465,7 @@ mod tests {
         assert_eq!(a.pixel(36, 20), of_a[36 + 20 * 37]);
         let mut visited = vec![None; (width * height) as usize];
         for (row, top) in a.tile_rows().iter().zip((0..).step_by(TILE_SIDE as usize)) {
-            row.visit(Needed::All, &mut Vec::new(), |x, y, sums| {
+            row.visit(Needed::All, |x, y, sums| {
                 let before = visited[((top + y) * width + x) as usize].replace(*sums);
                 assert_eq!(before, None, "once");
             });

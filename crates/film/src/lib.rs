@@ -4,6 +4,7 @@
 
 mod accumulator;
 mod columns;
+mod estimates;
 mod film;
 mod footprint;
 mod gaps;
@@ -15,7 +16,8 @@ pub mod units;
 /// Value of an id layer in pixels without an object or material.
 pub const NO_ID: u32 = u32::MAX;
 
-pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample, Scatter};
+pub use accumulator::{Accumulate, BATCHES, PixelSums, RadianceSum, Sample};
+pub use estimates::{Means, Scatter};
 pub use film::{Film, FilmError, FilmLayers, MAX_PIXELS, MAX_SIDE, Needed, OutOfMemory, TileRow};
 pub use gaps::fill_gaps;
 pub use plane::Plane;

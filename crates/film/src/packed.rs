@@ -11,10 +11,12 @@
 use crate::accumulator::PixelSums;
 use crate::columns::{COLUMNS, COUNT, get, of_columns, reference, set};
 use crate::film::{FilmLayers, OutOfMemory};
+use dunkelfeld_lanes::{InstructionSet, dispatch};
 
 /// Pixels along the side of a tile.
 pub(crate) const TILE_SIDE: u32 = 16;
-const PIXELS: usize = (TILE_SIDE * TILE_SIDE) as usize;
+pub(crate) const SIDE: usize = TILE_SIDE as usize;
+const PIXELS: usize = SIDE * SIDE;
 /// Bytes of one significance of all pixels of a tile.
 type Page = [u8; PIXELS];
 /// Pages per allocation.
@@ -101,26 +103,35 @@ impl Tile {
         layers: FilmLayers,
         sums: impl Iterator<Item = (usize, &'a PixelSums)>,
     ) -> Result<(), OutOfMemory> {
-        let mut sums = sums.peekable();
-        let mut few = 0;
-        while few < FEW_PIXELS
-            && let Some((slot, sums_of_pixel)) = sums.peek()
-        {
-            let mut pixel = self.pixel(pages, layers, *slot);
-            pixel.merge(sums_of_pixel);
-            if !self.replace(pages, layers, *slot, &pixel) {
-                break;
+        let mut sums: Vec<_> = sums.collect();
+        if sums.len() < FEW_PIXELS {
+            let mut has_room = |(slot, sums_of_pixel): &(usize, &PixelSums)| {
+                let mut pixel = self.pixel(pages, layers, *slot);
+                pixel.merge(sums_of_pixel);
+                self.replace(pages, layers, *slot, &pixel)
+            };
+            let added = sums.iter().take_while(|sums| has_room(sums)).count();
+            sums.drain(..added);
+            if sums.is_empty() {
+                return Ok(());
             }
-            sums.next();
-            few += 1;
         }
-        if sums.peek().is_none() {
-            return Ok(());
+        // Each unit of a tile has its pixels in order.
+        if !sums.is_sorted_by_key(|(slot, _)| *slot) {
+            sums.sort_by_key(|(slot, _)| *slot);
         }
-        let mut all = Vec::new();
-        self.unpack(pages, layers.columns(), &mut all);
-        sums.for_each(|(slot, of_pixel)| all[slot].merge(of_pixel));
-        self.pack(pages, layers, &all)
+        let mut sums = sums.into_iter().peekable();
+        let set = InstructionSet::best();
+        let mut numbers = Numbers::new(layers);
+        let mut pixels = [PixelSums::default(); SIDE];
+        for row in 0..SIDE {
+            self.unpack_row(set, pages, layers.columns(), row, &mut pixels);
+            while let Some((slot, of_pixel)) = sums.next_if(|(slot, _)| slot / SIDE == row) {
+                pixels[slot % SIDE].merge(of_pixel);
+            }
+            numbers.set_row(row, &pixels);
+        }
+        dispatch!(set, _F, _token => self.pack(pages, &numbers))
     }
 
     /// The sums of one pixel.
@@ -191,39 +202,56 @@ impl Tile {
         counts
     }
 
-    /// Replaces `out` by the sums of all pixels, row by row. Numbers beyond the first columns are zero.
-    pub(crate) fn unpack(&self, pages: &Pages, columns: usize, out: &mut Vec<PixelSums>) {
-        out.clear();
-        out.resize(PIXELS, PixelSums::default());
-        if self.is_empty() {
-            return;
+    /// The sums of all pixels, row by row. Numbers beyond the first columns are zero.
+    pub(crate) fn unpacked(&self, pages: &Pages, columns: usize) -> Vec<PixelSums> {
+        let mut pixels = [PixelSums::default(); SIDE];
+        let mut all = Vec::with_capacity(PIXELS);
+        for row in 0..SIDE {
+            self.unpack_row(InstructionSet::best(), pages, columns, row, &mut pixels);
+            all.extend_from_slice(&pixels);
         }
-        let (mut own, mut bases) = (self.pages.iter(), self.bases.iter());
-        for (column, set_column) in SET_COLUMN.iter().enumerate().take(columns) {
-            let base = self.base(column, &mut bases);
-            let mut halves = [[0u64; PIXELS]; 2];
-            for shift in 0..self.widths[column] {
-                let Some(&page) = own.next() else { break };
-                let half = &mut halves[usize::from(shift / 8)];
-                half.iter_mut().zip(pages.get(page)).for_each(|(v, &byte)| *v |= u64::from(byte) << (8 * (shift % 8)));
-            }
-            set_column(out, &halves, base, self.reference(column).is_some());
+        all
+    }
+
+    /// Replaces `out` by the sums of the pixels of a row. Numbers beyond the first columns are zero.
+    pub(crate) fn unpack_row(
+        &self,
+        set: InstructionSet,
+        pages: &Pages,
+        columns: usize,
+        row: usize,
+        out: &mut [PixelSums; SIDE],
+    ) {
+        *out = [PixelSums::default(); SIDE];
+        if !self.is_empty() {
+            dispatch!(set, _F, _token => self.unpack_columns(pages, columns, row, out));
         }
     }
 
-    /// Replaces the contents by the sums of all pixels. Without enough memory nothing changes.
-    fn pack(&mut self, pages: &mut Pages, layers: FilmLayers, sums: &[PixelSums]) -> Result<(), OutOfMemory> {
-        let numbers = |column: usize, is_difference: bool| GET_COLUMN[column](sums, is_difference);
-        let range = |column: usize, is_difference: bool| {
-            let bounds = |(low, high): (u128, u128), &number: &u128| (low.min(number), high.max(number));
-            numbers(column, is_difference).iter().fold((u128::MAX, 0), bounds)
-        };
+    #[inline(always)]
+    fn unpack_columns(&self, pages: &Pages, columns: usize, row: usize, out: &mut [PixelSums; SIDE]) {
+        let (mut own, mut bases) = (self.pages.iter(), self.bases.iter());
+        for (column, set_column) in SET_COLUMN.iter().enumerate().take(columns) {
+            let base = self.base(column, &mut bases);
+            let width = self.widths[column];
+            let low = row_of_pages(pages, &mut own, width.min(8), row);
+            let high = if width > 8 { row_of_pages(pages, &mut own, width - 8, row) } else { [0; SIDE] };
+            set_column(out, &[low, high], base, self.reference(column).is_some());
+        }
+    }
+
+    /// Replaces the contents by numbers. Without enough memory nothing changes.
+    #[inline(always)]
+    fn pack(&mut self, pages: &mut Pages, numbers: &Numbers) -> Result<(), OutOfMemory> {
+        let columns = numbers.columns.len();
         let mut packed = Self::default();
-        let mut bases = [0u128; COLUMNS];
-        for (column, base) in bases.iter_mut().enumerate().take(layers.columns()) {
-            let (mut low, mut high) = range(column, false);
-            if reference(column).is_some() && high != low {
-                let differences = range(column, true);
+        let mut bases = [0; COLUMNS];
+        let mut ranges = [(0, 0); COLUMNS];
+        for (column, base) in bases.iter_mut().enumerate().take(columns) {
+            let (mut low, mut high) = numbers.range(column);
+            ranges[column] = (low, high);
+            if let Some(reference) = reference(column).filter(|_| high != low) {
+                let differences = numbers.range_of_differences(column, reference, &ranges);
                 if bytes_of(differences.1 - differences.0) < bytes_of(high - low) {
                     (low, high) = differences;
                     packed.has_reference |= 1 << column;
@@ -252,16 +280,15 @@ impl Tile {
         }
         pages.free.extend(self.pages.iter().skip(needed));
         let mut own = packed.pages.iter();
-        for (column, base) in bases.into_iter().enumerate().take(layers.columns()) {
-            let mut halves = [[0u64; PIXELS]; 2];
-            for (slot, number) in numbers(column, packed.reference(column).is_some()).iter().enumerate() {
-                let value = number - base;
-                (halves[0][slot], halves[1][slot]) = (value as u64, (value >> 64) as u64);
-            }
-            for (shift, &page) in (0..packed.widths[column]).zip(&mut own) {
-                let half = &halves[usize::from(shift / 8)];
-                let bytes = pages.get_mut(page).iter_mut().zip(half);
-                bytes.for_each(|(byte, v)| *byte = (v >> (8 * (shift % 8))) as u8);
+        let mut values = [[0; PIXELS]; 2];
+        for (column, base) in bases.into_iter().enumerate().take(columns) {
+            let width = packed.widths[column];
+            numbers.values(column, packed.reference(column), base, width > 8, &mut values);
+            for (shift, &page) in (0..width).zip(&mut own) {
+                let half = &values[usize::from(shift / 8)];
+                for (byte, v) in pages.get_mut(page).iter_mut().zip(half) {
+                    *byte = (v >> (8 * (shift % 8))) as u8;
+                }
             }
         }
         *self = packed;
@@ -269,32 +296,138 @@ impl Tile {
     }
 }
 
-/// Halves of 64 bits of the numbers of a column, to which the compiler can widen many bytes at once.
-type Halves = [[u64; PIXELS]; 2];
+/// The lower and the upper 64 bits of the numbers of a column.
+type Halves<const N: usize> = [[u64; N]; 2];
 
-/// Reads the numbers of a column, or their differences.
-type GetColumn = fn(&[PixelSums], bool) -> [u128; PIXELS];
-/// Sets the numbers of a column from halves, base and whether they are differences.
-type SetColumn = fn(&mut [PixelSums], &Halves, u128, bool);
-
-const GET_COLUMN: [GetColumn; COLUMNS] = of_columns!(get_column);
-const SET_COLUMN: [SetColumn; COLUMNS] = of_columns!(set_column);
-
-/// The numbers of a column, or their differences from its [`reference`].
-fn get_column<const COLUMN: usize>(sums: &[PixelSums], is_difference: bool) -> [u128; PIXELS] {
-    let mut numbers = [0; PIXELS];
-    let numbers_of = numbers.iter_mut().zip(sums);
-    match reference(COLUMN) {
-        Some(reference) if is_difference => {
-            numbers_of.for_each(|(number, p)| *number = difference(Some(get(p, reference)), get(p, COLUMN)));
+/// Numbers of a row from as many of their pages, from the least significant.
+#[inline(always)]
+fn row_of_pages(pages: &Pages, own: &mut std::slice::Iter<'_, u32>, width: u8, row: usize) -> [u64; SIDE] {
+    let mut numbers = [0; SIDE];
+    for (shift, &page) in (0..width).zip(own) {
+        let mut bytes = [0; SIDE];
+        bytes.copy_from_slice(&pages.get(page)[row * SIDE..][..SIDE]);
+        for i in 0..SIDE {
+            numbers[i] |= u64::from(bytes[i]) << (8 * shift % 64);
         }
-        _ => numbers_of.for_each(|(number, p)| *number = get(p, COLUMN)),
     }
     numbers
 }
 
+/// The numbers of a tile, column by column. The compiler can compute with many halves at once.
+struct Numbers {
+    columns: Vec<Halves<PIXELS>>,
+    /// Columns with numbers of more than 64 bits, one bit each.
+    wide: u64,
+}
+
+impl Numbers {
+    fn new(layers: FilmLayers) -> Self {
+        Self { columns: vec![[[0; PIXELS]; 2]; layers.columns()], wide: 0 }
+    }
+
+    fn set_row(&mut self, row: usize, sums: &[PixelSums; SIDE]) {
+        for (column, (halves, get_column)) in self.columns.iter_mut().zip(GET_COLUMN).enumerate() {
+            let [low, high] = halves.each_mut().map(|half| &mut half[row * SIDE..][..SIDE]);
+            get_column(sums, low, high);
+            let bits = high.iter().fold(0, |bits, high| bits | high);
+            self.wide |= u64::from(bits != 0) << column;
+        }
+    }
+
+    fn number(&self, column: usize, slot: usize) -> u128 {
+        let [low, high] = &self.columns[column];
+        u128::from(high[slot]) << 64 | u128::from(low[slot])
+    }
+
+    fn is_wide(&self, column: usize) -> bool {
+        self.wide >> column & 1 != 0
+    }
+
+    /// The smallest and the largest number of a column.
+    #[inline(always)]
+    fn range(&self, column: usize) -> (u128, u128) {
+        if self.is_wide(column) {
+            return range_of((0..PIXELS).map(|slot| self.number(column, slot)));
+        }
+        let (mut low, mut high) = (u64::MAX, 0);
+        for &number in &self.columns[column][0] {
+            (low, high) = (low.min(number), high.max(number));
+        }
+        (low.into(), high.into())
+    }
+
+    /// The smallest and the largest difference of the numbers of a column from those of another one.
+    #[inline(always)]
+    fn range_of_differences(&self, column: usize, reference: usize, ranges: &[(u128, u128); COLUMNS]) -> (u128, u128) {
+        let [of_column, of_reference] = [ranges[column], ranges[reference]];
+        let most = of_column.1.saturating_sub(of_reference.0).max(of_reference.1.saturating_sub(of_column.0));
+        if self.is_wide(column) || self.is_wide(reference) || most > i64::MAX as u128 {
+            let difference = |slot| difference(Some(self.number(reference, slot)), self.number(column, slot));
+            return range_of((0..PIXELS).map(difference));
+        }
+        let (mut low, mut high) = (i64::MAX, i64::MIN);
+        for (number, reference) in self.columns[column][0].iter().zip(&self.columns[reference][0]) {
+            let difference = number.wrapping_sub(*reference) as i64;
+            (low, high) = (low.min(difference), high.max(difference));
+        }
+        (low as u128 ^ SIGN, high as u128 ^ SIGN)
+    }
+
+    /// The numbers of a column, or their differences from another one, less a base. The upper halves are zero unless they are needed.
+    #[inline(always)]
+    fn values(&self, column: usize, reference: Option<usize>, base: u128, is_wide: bool, to: &mut Halves<PIXELS>) {
+        if is_wide {
+            let [low, high] = to;
+            for (slot, (low, high)) in low.iter_mut().zip(high).enumerate() {
+                let number = difference(reference.map(|r| self.number(r, slot)), self.number(column, slot)) - base;
+                (*low, *high) = (number as u64, (number >> 64) as u64);
+            }
+            return;
+        }
+        let [numbers, _] = &self.columns[column];
+        match reference {
+            None => {
+                for (to, number) in to[0].iter_mut().zip(numbers) {
+                    *to = number.wrapping_sub(base as u64);
+                }
+            }
+            Some(reference) => {
+                let [references, _] = &self.columns[reference];
+                for slot in 0..PIXELS {
+                    to[0][slot] = numbers[slot].wrapping_sub(references[slot]).wrapping_sub(base as u64);
+                }
+            }
+        }
+    }
+}
+
+/// The smallest and the largest of some numbers.
+fn range_of(numbers: impl Iterator<Item = u128>) -> (u128, u128) {
+    numbers.fold((u128::MAX, 0), |(low, high), number| (low.min(number), high.max(number)))
+}
+
+/// Reads the numbers of a column.
+type GetColumn = fn(&[PixelSums; SIDE], &mut [u64], &mut [u64]);
+/// Sets the numbers of a column from halves, base and whether they are differences.
+type SetColumn = fn(&mut [PixelSums; SIDE], &Halves<SIDE>, u128, bool);
+
+const GET_COLUMN: [GetColumn; COLUMNS] = of_columns!(get_column);
+const SET_COLUMN: [SetColumn; COLUMNS] = of_columns!(set_column);
+
+fn get_column<const COLUMN: usize>(sums: &[PixelSums; SIDE], low: &mut [u64], high: &mut [u64]) {
+    for ((sums, low), high) in sums.iter().zip(low).zip(high) {
+        let number = get(sums, COLUMN);
+        (*low, *high) = (number as u64, (number >> 64) as u64);
+    }
+}
+
 /// Sets the numbers of a column from their distances to a base. The columns before it are set.
-fn set_column<const COLUMN: usize>(sums: &mut [PixelSums], halves: &Halves, base: u128, is_difference: bool) {
+fn set_column<const COLUMN: usize>(
+    sums: &mut [PixelSums; SIDE],
+    halves: &Halves<SIDE>,
+    base: u128,
+    is_difference: bool,
+) {
     let values = halves[0]
         .iter()
         .zip(&halves[1])
@@ -366,8 +499,7 @@ mod tests {
                     .collect();
                 updates.iter().for_each(|(slot, sums)| truth[*slot].merge(sums));
                 tile.add(&mut pages, layers, updates.iter().map(|(slot, sums)| (*slot, sums))).expect("memory");
-                let mut all = Vec::new();
-                tile.unpack(&pages, layers.columns(), &mut all);
+                let all = tile.unpacked(&pages, layers.columns());
                 for slot in 0..PIXELS {
                     assert_eq!(all[slot], stored(&truth[slot], layers), "round {round}, pixel {slot}");
                     assert_eq!(tile.pixel(&pages, layers, slot), all[slot]);
@@ -408,8 +540,7 @@ mod tests {
                 })
                 .collect();
             tile.add(&mut pages, FilmLayers::Image, all.iter().enumerate()).expect("memory");
-            let mut back = Vec::new();
-            tile.unpack(&pages, FilmLayers::Image.columns(), &mut back);
+            let back = tile.unpacked(&pages, FilmLayers::Image.columns());
             assert_eq!(back, all);
             (0..PIXELS).for_each(|slot| assert_eq!(tile.pixel(&pages, FilmLayers::Image, slot), all[slot]));
             tile.widths[..12].iter().map(|&width| usize::from(width)).sum::<usize>()

@@ -8,21 +8,25 @@ use crate::units::SQUARE_BITS;
 pub struct SquareSum(pub [u128; 2]);
 
 impl SquareSum {
-    /// The square of a luminance [W/(m^2 sr)] that is finite and not negative, rounded down if bits are lost.
-    #[inline]
-    pub(crate) fn from_luminance(luminance: f32) -> Self {
+    /// Adds the square of a luminance [W/(m^2 sr)] that is finite and not negative, rounded down if bits are lost.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, luminance: f32) {
         let bits = luminance.to_bits();
-        let exponent = (bits >> 23) as i32;
-        let mantissa = if exponent == 0 { bits & 0x7f_ffff } else { (bits & 0x7f_ffff) | 0x80_0000 };
-        let square = u128::from(mantissa) * u128::from(mantissa); // Below 2^48.
-        let shift = 2 * (exponent.max(1) - 127 - 23) + SQUARE_BITS;
-        match shift {
-            ..=-48 => Self::default(),
-            -47..0 => Self([square >> -shift, 0]),
-            0..=80 => Self([square << shift, 0]),
-            81..128 => Self([square << shift, square >> (128 - shift)]),
+        // A luminance is its mantissa times 2^exponent.
+        let (mantissa, exponent) = (u64::from(bits & 0x7f_ffff | 0x80_0000), (bits >> 23) as i32 - 150);
+        let square = u128::from(mantissa * mantissa); // Below 2^48.
+        let (lower, upper) = if exponent <= 0 {
+            // Subnormal luminances lose all bits.
+            ((square << SQUARE_BITS).unbounded_shr((-2 * exponent) as u32), 0)
+        } else {
             // Luminances of samples are below 2^47, so that the largest shift is 126.
-            _ => Self([0, square << (shift - 128).min(80)]),
+            let shift = (SQUARE_BITS + 2 * exponent).min(127);
+            (square << shift, square >> (128 - shift))
+        };
+        let (sum, carry) = self.0[0].overflowing_add(lower);
+        self.0[0] = sum;
+        if carry || upper != 0 {
+            self.0[1] = self.0[1].saturating_add(upper).saturating_add(u128::from(carry));
         }
     }
 
@@ -60,14 +64,20 @@ mod tests {
         }
     }
 
+    fn square(luminance: f32) -> SquareSum {
+        let mut sum = SquareSum::default();
+        sum.add(luminance);
+        sum
+    }
+
     #[test]
     fn squares_are_exact_where_they_can_be() {
         for v in [0.0f32, 1.0, 0.1, 3.7e5, 1.5e-6, 2e-11, 6e13, 1.3e-15, 1.0e2, 33.0] {
-            let (back, square) = (SquareSum::from_luminance(v).to_f64(), f64::from(v) * f64::from(v));
+            let (back, square) = (square(v).to_f64(), f64::from(v) * f64::from(v));
             assert!((back - square).abs() <= 1e-15 * square + (-80f64).exp2(), "{v}: {back}");
         }
-        assert_eq!(SquareSum::from_luminance(1.0).0, [1 << 80, 0]);
-        assert_eq!(SquareSum::from_luminance(f32::MIN_POSITIVE).0, [0, 0]);
+        assert_eq!(square(1.0).0, [1 << 80, 0]);
+        assert_eq!(square(f32::MIN_POSITIVE).0, [0, 0]);
         // A carry goes from the lower half to the upper half.
         let mut sum = SquareSum([u128::MAX, 7]);
         sum.merge(&SquareSum([2, 1]));

@@ -9,7 +9,7 @@ use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, SensorVarianceRange, pi
 use dunkelfeld_adaptive::variance::neighbours::{NeighbourNoise, PredictedNoise};
 use dunkelfeld_adaptive::variance::pixel::{BLOCK, pixel_noise_of_blocks};
 use dunkelfeld_adaptive::variance::pooled::{PixelNoise, pooled_pixel};
-use dunkelfeld_film::{Film, Needed, PixelSums, Plane, Scatter};
+use dunkelfeld_film::{Film, Means, Needed, PixelSums, Plane, Scatter};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sensor::{Exposure, ImageExposure, Response, SensorError, SensorModel, Weights};
 use rayon::prelude::*;
@@ -56,18 +56,18 @@ impl SignalModel {
         let mut counts = Plane::new(width, height, 0);
         let mut normals = Plane::new(width, height, [0.0; 3]);
         let mut seen: Vec<Plane<Seen>> = kinds.iter().map(|_| Plane::new(width, height, Seen::default())).collect();
-        let mut buffer = Vec::new();
         let tile = |y: u32| (y / Film::TILE) as usize;
         for (row, top) in
             film.sums.tile_rows()[tile(rows.start)..].iter().zip((rows.start..rows.end).step_by(Film::TILE as usize))
         {
             let first = (top - rows.start) as usize * width as usize;
-            row.visit(Needed::Image, &mut buffer, |x, y, sums| {
+            row.visit(Needed::Image, |x, y, sums| {
                 let pixel = first + y as usize * width as usize + x as usize;
                 counts.data_mut()[pixel] = sums.count();
                 normals.data_mut()[pixel] = sums.mean_normal();
+                let means = sums.means();
                 for (seen, &weights) in seen.iter_mut().zip(kinds) {
-                    seen.data_mut()[pixel] = Seen::from_sums(sums, weights);
+                    seen.data_mut()[pixel] = Seen::from_sums(sums, &means, weights);
                 }
             });
         }
@@ -100,15 +100,15 @@ struct Seen {
 }
 
 impl Seen {
-    fn from_sums(sums: &PixelSums, weights: Weights) -> Self {
-        let (mean, variance) = sums.weighted_mean_and_variance(weights.0);
+    fn from_sums(sums: &PixelSums, means: &Means, weights: Weights) -> Self {
+        let (mean, variance) = means.weighted_mean_and_variance(weights.0);
         // A film stores the luminance of its largest sample. That sample is assumed to have the colour of the pixel.
-        let (factor, _) = per_luminance(weights, sums.mean());
+        let (factor, _) = per_luminance(weights, means.mean);
         Self {
             mean: mean as f32,
             variance: variance as f32,
             largest: (factor * f64::from(sums.max_luminance())) as f32,
-            scatter: sums.scatter().map(|s| signal_scatter(s, factor)),
+            scatter: sums.scatter_about(means.mean).map(|s| signal_scatter(s, factor)),
         }
     }
 }
@@ -237,10 +237,10 @@ impl<'a> FilmNoise<'a> {
     /// Noise of a film, in the unit of `signal_model`.
     pub fn new(signal_model: &SignalModel, film: &'a RenderedFilm) -> Self {
         let signal_model = *signal_model;
-        let [signals] = map_film_at(&film.sums, Needed::Means, |x, y, sums| {
-            [(sums.weighted_mean(signal_model.response.at(x, y).0) as f32, sums.count())]
+        let [mean] = map_film_at(&film.sums, Needed::Means, |x, y, sums| {
+            [sums.weighted_mean(signal_model.response.at(x, y).0) as f32]
         });
-        let (mean, counts) = (signals.map(|s| s.0), signals.map(|s| s.1));
+        let counts = film.sums.sample_counts();
         let views = move |rows: Range<u32>| signal_model.evidence(film, rows);
         Self { mean, counts, sensor: signal_model.sensor, views: Box::new(views), response: signal_model.response }
     }

@@ -30,8 +30,8 @@ pub fn map_film_at<T: Send + Clone + Default, const N: usize>(
     let tops = (0..film.height()).step_by(Film::TILE as usize);
     let chunks = || chunks.each_mut().map(|c| c.next().unwrap_or_default());
     let rows: Vec<_> = film.tile_rows().iter().zip(tops).zip(std::iter::repeat_with(chunks)).collect();
-    rows.into_par_iter().for_each_init(Vec::new, |buffer, ((row, top), mut to)| {
-        row.visit(needed, buffer, |x, y, sums| {
+    rows.into_par_iter().for_each(|((row, top), mut to)| {
+        row.visit(needed, |x, y, sums| {
             let pixel = y as usize * width + x as usize;
             to.iter_mut().zip(f(x, top + y, sums)).for_each(|(to, value)| to[pixel] = value);
         });
@@ -43,12 +43,12 @@ pub fn map_film_at<T: Send + Clone + Default, const N: usize>(
 /// without the layers that [`Needed::Image`] leaves out.
 pub fn fold_tile_rows<T: Send + Default>(film: &Film, f: impl Fn(&mut T, usize, &PixelSums) + Sync) -> Vec<T> {
     let width = film.width() as usize;
-    let of_row = |buffer: &mut Vec<PixelSums>, (number, row): (usize, &TileRow)| {
+    let of_row = |(number, row): (usize, &TileRow)| {
         let (mut value, first) = (T::default(), number * width * Film::TILE as usize);
-        row.visit(Needed::Image, buffer, |x, y, sums| f(&mut value, first + y as usize * width + x as usize, sums));
+        row.visit(Needed::Image, |x, y, sums| f(&mut value, first + y as usize * width + x as usize, sums));
         value
     };
-    film.tile_rows().par_iter().enumerate().map_init(Vec::new, of_row).collect()
+    film.tile_rows().par_iter().enumerate().map(of_row).collect()
 }
 
 /// [`Film::mean_without_gaps`], in parallel.

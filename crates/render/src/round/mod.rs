@@ -12,9 +12,9 @@ use crate::load::{ProcessorLoad, ThreadClock};
 use crate::progress::{Cancel, Progress, ProgressState};
 use crate::stage::Stage;
 use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, TileRect, WorkUnit};
-use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane, Sample, TileRow};
+use dunkelfeld_film::{Film, PixelSums, Plane, Sample, TileRow};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelSample, Wavefront};
-use dunkelfeld_lanes::InstructionSet;
+use dunkelfeld_lanes::{InstructionSet, dispatch};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Mutex;
@@ -137,6 +137,8 @@ struct PartialTile {
 
 /// Number of a pixel in its tile, and its new samples.
 type TileSum = (u32, PixelSums);
+/// To append with a copy of memory.
+static EMPTY: [TileSum; 1] = [(0, PixelSums::EMPTY)];
 
 /// The film during a round: rows of tiles, one lock each.
 struct TileWriter<'a> {
@@ -245,10 +247,11 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
 
 /// Samples of a unit that are computed together, and their results. A thread uses one for all of its units.
 struct Batch<'a> {
+    set: InstructionSet,
     wavefront: Wavefront<'a>,
-    /// The samples, each with the number of its pixel in the tile.
     at: Vec<PixelSample>,
-    slots: Vec<u32>,
+    /// For each pixel: its number in the tile and how many of the samples it has. Their indices are consecutive.
+    pixels: Vec<(u32, usize)>,
     found: Vec<Sample>,
     /// Number of samples after which the clock and the switch are checked.
     size: usize,
@@ -256,8 +259,9 @@ struct Batch<'a> {
 
 impl<'a> Batch<'a> {
     fn new(estimator: &Estimator<'a>) -> Self {
-        let wavefront = Wavefront::new(estimator, InstructionSet::best());
-        Self { wavefront, at: Vec::new(), slots: Vec::new(), found: Vec::new(), size: FIRST_BATCH }
+        let set = InstructionSet::best();
+        let wavefront = Wavefront::new(estimator, set);
+        Self { set, wavefront, at: Vec::new(), pixels: Vec::new(), found: Vec::new(), size: FIRST_BATCH }
     }
 
     /// Computes the samples and adds them to the sums of their pixels, which are in ascending order. False if the unit was
@@ -275,17 +279,8 @@ impl<'a> Batch<'a> {
         if connections.is_abandoned {
             return false;
         }
-        for ((at, &slot), sample) in self.at.iter().zip(&self.slots).zip(&self.found) {
-            if !sample.is_valid() {
-                name_invalid(invalid, *at);
-            }
-            if sums.last().is_none_or(|(last, _)| *last != slot) {
-                sums.push((slot, PixelSums::default()));
-            }
-            if let Some((_, pixel)) = sums.last_mut() {
-                pixel.add(at.index, sample);
-            }
-        }
+        let set = self.set;
+        dispatch!(set, _F, _token => self.add(invalid, sums));
         // The time of a report is not that of samples.
         let now = Instant::now();
         reporter.add(work.stage, self.at.len() as u64);
@@ -293,9 +288,33 @@ impl<'a> Batch<'a> {
             true => (self.at.len() / 2).max(1),
             false => (2 * self.size).min(Wavefront::BATCH),
         };
-        self.at.clear();
-        self.slots.clear();
+        self.clear();
         !work.cancel.is_cancelled() && work.abort_at.is_none_or(|d| now <= d)
+    }
+
+    /// Adds the samples to the sums of their pixels.
+    #[inline(always)]
+    fn add(&self, invalid: &Mutex<Vec<PixelSample>>, sums: &mut Vec<TileSum>) {
+        let mut first = 0;
+        for &(slot, count) in &self.pixels {
+            let (at, samples) = (&self.at[first..first + count], &self.found[first..first + count]);
+            first += count;
+            if sums.last().is_none_or(|(last, _)| *last != slot) {
+                sums.extend_from_slice(&EMPTY);
+            }
+            let (Some((of_slot, pixel)), Some(first)) = (sums.last_mut(), at.first()) else { continue };
+            *of_slot = slot;
+            let before = pixel.invalid;
+            pixel.add_range(first.index, samples);
+            if pixel.invalid != before {
+                name_invalid(invalid, at, samples);
+            }
+        }
+    }
+
+    fn clear(&mut self) {
+        self.at.clear();
+        self.pixels.clear();
     }
 }
 
@@ -314,30 +333,30 @@ fn render_unit(
     let mut connections = ConnectionTally { abandon_at: work.abort_at, ..ConnectionTally::default() };
     let places = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y)));
     for (slot, (x, y)) in (0..).zip(places) {
-        for index in unit.range(*work.counts.at(x, y), *work.increment.at(x, y)) {
-            batch.at.push(PixelSample { x, y, index });
-            batch.slots.push(slot);
+        let mut indices = unit.range(*work.counts.at(x, y), *work.increment.at(x, y));
+        while !indices.is_empty() {
+            let count = indices.len().min(batch.size - batch.at.len());
+            batch.at.extend(indices.by_ref().take(count).map(|index| PixelSample { x, y, index }));
+            batch.pixels.push((slot, count));
             if batch.at.len() >= batch.size && !batch.run(work, reporter, &mut connections, invalid, sums) {
-                batch.at.clear();
-                batch.slots.clear();
+                batch.clear();
                 return None;
             }
         }
     }
     if !batch.at.is_empty() && !batch.run(work, reporter, &mut connections, invalid, sums) {
-        batch.at.clear();
-        batch.slots.clear();
+        batch.clear();
         return None;
     }
     Some(connections)
 }
 
 #[cold]
-fn name_invalid(invalid: &Mutex<Vec<PixelSample>>, at: PixelSample) {
-    if let Ok(mut list) = invalid.lock()
-        && list.len() < MAX_LISTED
-    {
-        list.push(at);
+fn name_invalid(invalid: &Mutex<Vec<PixelSample>>, at: &[PixelSample], samples: &[Sample]) {
+    if let Ok(mut list) = invalid.lock() {
+        let found = at.iter().zip(samples).filter(|(_, sample)| !sample.is_valid()).map(|(at, _)| *at);
+        let room = MAX_LISTED.saturating_sub(list.len());
+        list.extend(found.take(room));
     }
 }
 
@@ -356,6 +375,7 @@ pub(crate) fn deadline(started: Instant, seconds: Option<f64>, closing: f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dunkelfeld_film::Accumulate;
     use dunkelfeld_radiometry::Rgb;
 
     /// A film whose last tiles are cut off by its right and lower edge. Each pixel is visited once, at its own
