@@ -157,11 +157,10 @@ fn exponential_and_logarithm() {
 
 /// Results of all operations for the lanes of `a` and `b`.
 #[inline(always)]
-fn results<F: Lanes>(token: F::Token, a: &[f32; MAX_WIDTH], b: &[f32; MAX_WIDTH], out: &mut [[f32; MAX_WIDTH]; 29]) {
+fn results<F: Lanes>(token: F::Token, a: &[f32; MAX_WIDTH], b: &[f32; MAX_WIDTH], out: &mut [[f32; MAX_WIDTH]; 27]) {
     for at in (0..MAX_WIDTH).step_by(F::WIDTH) {
         let (a, b) = (F::load(token, &a[at..]), F::load(token, &b[at..]));
         let (c, s) = cos_sin_of_turn(a);
-        let double = (a.to_double() * b.to_double() + 1e-9) / b.to_double().abs().sqrt() - a.to_double() * 0.3;
         let long = F::join(a.to_bits(), b.to_bits());
         let [low, high] = F::split(((long ^ (long >> 30)) * 0xbf58_476d_1ce4_e5b9 + 0x9e37_79b9_7f4a_7c15) ^ 7);
         let all = [
@@ -190,8 +189,6 @@ fn results<F: Lanes>(token: F::Token, a: &[f32; MAX_WIDTH], b: &[f32; MAX_WIDTH]
             s,
             atan2(a, b),
             exp(a),
-            double.to_single(),
-            double.lt(0.25).select(a, b),
             ln(b.abs()),
             F::mask(token, 0b0110_1001_1100_0101).select(a, b),
         ];
@@ -210,7 +207,7 @@ fn all_widths_have_the_same_bits() {
     for (a, b) in special.chunks_exact(MAX_WIDTH).zip(other.chunks_exact(MAX_WIDTH)) {
         let (a, b) = (a.try_into().unwrap(), b.try_into().unwrap());
         let of = |set: InstructionSet| {
-            let mut out = [[0.0; MAX_WIDTH]; 29];
+            let mut out = [[0.0; MAX_WIDTH]; 27];
             dispatch!(set, F, token => results::<F>(token, a, b, &mut out));
             // The sign of a NaN is not part of a result. A mask of one lane repeats its first bit.
             let bits = |x: f32| if x.is_nan() { f32::NAN.to_bits() } else { x.to_bits() };

@@ -157,11 +157,10 @@ fn clamp<F: Lanes>(q: F) -> F {
 
 #[cfg(test)]
 mod tests {
-    use dunkelfeld_geometry::Vec3;
-    use dunkelfeld_lanes::One;
     use super::cells::Lattice;
     use super::*;
-    use dunkelfeld_lanes::{InstructionSet, dispatch};
+    use dunkelfeld_geometry::Vec3;
+    use dunkelfeld_lanes::{InstructionSet, One, dispatch};
     use std::collections::BTreeMap;
 
     /// Points in and around a cube of one metre.
@@ -201,10 +200,9 @@ mod tests {
                 let of_material = [Some(-1.0), Some(0.0), None, Some(f32::INFINITY)];
                 let expected = by_key.get(&key).map(|cell| cell.gain_scale);
                 let expected = expected.or_else(|| of_material.get(material as usize).copied().flatten());
-                let mut gain_scale = None;
-                let vertex = roulette.at(p, material, &mut gain_scale);
-                assert_eq!(gain_scale, expected, "{p}, material {material}");
-                assert_eq!(vertex.is_some(), expected.is_some_and(|gain| gain > 0.0 && gain.is_finite()));
+                let found = roulette.at_lanes::<f32>((), p.into(), One(material), -1.0);
+                assert_eq!(found.gain_scale, expected.unwrap_or(-1.0), "{p}, material {material}");
+                assert_eq!(found.is_learned, expected.is_some_and(|gain| gain > 0.0 && gain.is_finite()));
             }
         }
     }
@@ -238,16 +236,10 @@ mod tests {
             let lanes = lanes.try_into().expect("as many points as lanes");
             let materials = std::array::from_fn(|lane| ((lane + round) % 6) as u32);
             let gains = std::array::from_fn(|lane| if (lane ^ round) % 3 == 0 { 0.25 * lane as f32 } else { -1.0 });
+            let found = |set| dispatch!(set, F, token => found::<F>(token, &roulette, (lanes, &materials, &gains)));
+            let expected = found(InstructionSet::Scalar);
             for set in InstructionSet::all() {
-                let rows = dispatch!(set, F, token => found::<F>(token, &roulette, (lanes, &materials, &gains)));
-                for lane in 0..MAX_WIDTH {
-                    let mut gain_scale = (gains[lane] >= 0.0).then_some(gains[lane]);
-                    let vertex = roulette.at(lanes[lane], materials[lane], &mut gain_scale);
-                    let path = vertex.map_or(-0.01, |v| v.path_survival(0.01));
-                    let shadow = vertex.map_or(-0.01, |v| v.shadow_survival(1, 0.01));
-                    let expected = [gain_scale.unwrap_or(-1.0), path, shadow];
-                    assert_eq!(rows.map(|row| row[lane]), expected, "{set:?}, round {round}, lane {lane}");
-                }
+                assert_eq!(found(set), expected, "{set:?}, round {round}");
             }
         }
     }

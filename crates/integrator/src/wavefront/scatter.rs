@@ -288,7 +288,7 @@ impl Wavefront<'_> {
                 if !alive.any() {
                     return;
                 }
-                state.throughput = state.throughput * survival.recip();
+                state.throughput *= survival.recip();
                 // The vertex at which the next scattered light is combined with light sampling.
                 let delta = F::splat_word(token, Lobe::DELTA.bits());
                 let is_delta = F::word_eq(sample.lobe & delta, delta);
