@@ -402,7 +402,6 @@ impl LightTable {
     }
 
     /// A sample of a light without a surface.
-    // The receiver is passed by value, as to all rare functions (`CONVENTIONS.md`).
     #[inline(never)]
     fn sample_without_surface(
         &self,

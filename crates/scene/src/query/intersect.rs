@@ -130,7 +130,6 @@ impl Scene {
         if self.emits(p.material) { self.emitted_by_light(*p, toward) } else { Rgb::BLACK }
     }
 
-    // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
     fn emitted_by_light(&self, p: SurfacePoint, toward: Vec3) -> Rgb {
         let material = &self.materials[p.material as usize];
         if !(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0 {

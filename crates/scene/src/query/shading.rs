@@ -240,7 +240,6 @@ impl Scene {
     }
 
     /// [`Self::bsdf`] of a material that varies, or at a face between two solids.
-    // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
     #[inline(never)]
     fn bsdf_at<'a>(
         &'a self,
@@ -378,7 +377,6 @@ impl Scene {
     }
 
     /// The frame around the shading normal with the surface's storage tangent, and with the normal map.
-    // The point is passed by value, as to all rare functions (`CONVENTIONS.md`).
     #[inline(never)]
     fn tangent_frame(&self, p: SurfacePoint, normal: Vec3) -> PointFrame {
         let material = &self.materials[p.material as usize];
