@@ -3,7 +3,9 @@
 
 use crate::ray_state::RayState;
 use crate::vertex::Vertex;
-use dunkelfeld_geometry::Vec3;
+use crate::wavefront::rays::{Hits, Rays};
+use dunkelfeld_geometry::{Ray, Vec3};
+use dunkelfeld_lanes::InstructionSet;
 use dunkelfeld_scene::{Moment, RayGenerator, Scene, SurfacePoint};
 use std::num::NonZeroU32;
 use std::ops::ControlFlow;
@@ -95,6 +97,33 @@ pub fn pixel_ids(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option
     found.or(first_clear)
 }
 
+/// [`pixel_ids`] of the pixels of a row, from its left end.
+pub fn pixel_ids_of_row(scene: &Scene, camera: &RayGenerator, y: u32, row: &mut [Option<PixelIds>]) {
+    let (mut rays, mut hits) = (Rays::new(scene.shutter().is_some()), Hits::default());
+    for x in 0..row.len() as u32 {
+        rays.push(&pixel_ray(scene, camera, [x, y], [0.5; 2]), x);
+    }
+    scene.bvh().closest_hits(InstructionSet::best(), &rays.batch(), &mut hits.batch(row.len()));
+    for (x, ids) in row.iter_mut().enumerate() {
+        *ids = hits.get(x).and_then(|hit| {
+            // Behind an opaque surface nothing is seen.
+            let material = scene.material_of(hit.instance, hit.part, hit.triangle);
+            if scene.has_media() || !scene.is_opaque(material) {
+                return pixel_ids(scene, camera, x as u32, y);
+            }
+            let (object, material) = scene.ids(&scene.surface_point(&hit, rays.get(x).time));
+            Some(PixelIds::new(object, material))
+        });
+    }
+}
+
+/// The ray through a place of a pixel, in the middle of the exposure.
+fn pixel_ray(scene: &Scene, camera: &RayGenerator, [x, row]: [u32; 2], place: [f32; 2]) -> Ray {
+    let middle = Moment { time: 0.0, y: row as f32 + 0.5 };
+    let Moment { time, y } = scene.shutter().map_or(middle, |shutter| shutter.middle(row));
+    camera.ray(x as f32 + place[0], y + (place[1] - 0.5)).at_time(time)
+}
+
 /// Calls `visit` for the surfaces that the ray through a place of a pixel meets, in order, until it breaks or no surface is
 /// left. `place` is the place in the pixel, from its top left corner, in \[0, 1); (0.5, 0.5) is its centre. The ray passes
 /// open and clear surfaces as in [`pixel_ids`]. Behind the first surface that scatters, it goes straight on through all
@@ -102,14 +131,11 @@ pub fn pixel_ids(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option
 pub fn crossings(
     scene: &Scene,
     camera: &RayGenerator,
-    [x, row]: [u32; 2],
+    pixel: [u32; 2],
     place: [f32; 2],
     mut visit: impl FnMut(&Crossing) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
-    let middle = Moment { time: 0.0, y: row as f32 + 0.5 };
-    let Moment { time, y } = scene.shutter().map_or(middle, |shutter| shutter.middle(row));
-    let ray = camera.ray(x as f32 + place[0], y + (place[1] - 0.5)).at_time(time);
-    let mut ray_state = RayState::from_camera(scene, ray);
+    let mut ray_state = RayState::from_camera(scene, pixel_ray(scene, camera, pixel, place));
     let mut is_behind = false;
     let mut passed: Option<Passed> = None;
     for _ in 0..MAX_CROSSINGS {

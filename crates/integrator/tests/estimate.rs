@@ -1,7 +1,7 @@
 //! Estimates of single samples: the recorded path reproduces the sample, and pixel ids name the front surface.
 
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Vec3};
-use dunkelfeld_integrator::{Estimator, PixelIds, PixelSample, pixel_ids};
+use dunkelfeld_integrator::{Estimator, PixelIds, PixelSample, pixel_ids, pixel_ids_of_row};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
@@ -96,6 +96,11 @@ fn pixel_ids_ignore_surfaces_that_cover_less_than_half() {
     let (scene, camera) = room();
     let labels: Vec<Option<PixelIds>> =
         (0..SIZE * SIZE).map(|k| pixel_ids(&scene, &camera, k % SIZE, k / SIZE)).collect();
+    for (y, expected) in (0..).zip(labels.chunks(SIZE as usize)) {
+        let mut row = vec![None; SIZE as usize];
+        pixel_ids_of_row(&scene, &camera, y, &mut row);
+        assert_eq!(row, expected, "row {y}");
+    }
     let count = |object| labels.iter().flatten().filter(|l| l.object() == object).count();
     let names = ["floor", "ball", "box", "veil", "light"];
     assert_eq!(scene.object_names(), names);

@@ -20,7 +20,7 @@ use dunkelfeld_adaptive::budget::{Limits, Phase, Schedule, Settings, Step, StopR
 use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, WorkUnit, makespan, upper_makespan};
 use dunkelfeld_film::{Film, Plane};
-use dunkelfeld_integrator::{ConnectionTally, Estimator, LearnedRoulette, PixelIds, PixelSample, pixel_ids};
+use dunkelfeld_integrator::{ConnectionTally, Estimator, LearnedRoulette, PixelIds, PixelSample, pixel_ids_of_row};
 use dunkelfeld_scene::{RayGenerator, Scene};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -574,7 +574,7 @@ struct Pass<'a> {
 fn pixel_id_plane(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<PixelIds>> {
     let mut labels = Plane::new(width, height, None);
     labels.data_mut().par_chunks_mut((width as usize).max(1)).enumerate().for_each(|(y, row)| {
-        (0..).zip(row).for_each(|(x, to)| *to = pixel_ids(scene, camera, x, y as u32));
+        pixel_ids_of_row(scene, camera, y as u32, row);
     });
     labels
 }

@@ -12,7 +12,7 @@
 //! So a sample has the same bits at every width and in every batch. A batch of one sample in one lane is the reference.
 
 mod group;
-mod rays;
+pub(crate) mod rays;
 mod scatter;
 
 use crate::dimensions;

@@ -8,7 +8,7 @@ use dunkelfeld_scene::HitLanes;
 
 /// Rays, an array for each number.
 #[derive(Debug, Default)]
-pub(super) struct Rays {
+pub(crate) struct Rays {
     origin: [Vec<f32>; 3],
     direction: [Vec<f32>; 3],
     t_max: Vec<f32>,
@@ -20,7 +20,7 @@ pub(super) struct Rays {
 }
 
 impl Rays {
-    pub(super) fn new(moves: bool) -> Self {
+    pub(crate) fn new(moves: bool) -> Self {
         Self { moves, ..Self::default() }
     }
 
@@ -31,7 +31,7 @@ impl Rays {
     }
 
     #[inline]
-    pub(super) fn push(&mut self, ray: &Ray, path: u32) {
+    pub(crate) fn push(&mut self, ray: &Ray, path: u32) {
         for k in 0..3 {
             self.origin[k].push(ray.origin[k]);
             self.direction[k].push(ray.direction[k]);
@@ -45,7 +45,7 @@ impl Rays {
 
     /// A ray by its number.
     #[inline]
-    pub(super) fn get(&self, ray: usize) -> Ray {
+    pub(crate) fn get(&self, ray: usize) -> Ray {
         let vector = |v: &[Vec<f32>; 3]| Vec3::new(v[0][ray], v[1][ray], v[2][ray]);
         let time = self.time.get(ray).copied().unwrap_or(0.0);
         Ray { origin: vector(&self.origin), direction: vector(&self.direction), t_max: self.t_max[ray], time }
@@ -91,7 +91,7 @@ impl Rays {
         }
     }
 
-    pub(super) fn batch(&self) -> RayBatch<'_> {
+    pub(crate) fn batch(&self) -> RayBatch<'_> {
         RayBatch {
             origin: self.origin.each_ref().map(Vec::as_slice),
             direction: self.direction.each_ref().map(Vec::as_slice),
@@ -103,7 +103,7 @@ impl Rays {
 
 /// The nearest hits of rays.
 #[derive(Debug, Default)]
-pub(super) struct Hits {
+pub(crate) struct Hits {
     /// Ray parameters and barycentric weights.
     numbers: [Vec<f32>; 3],
     /// Instances, parts, triangles.
@@ -111,7 +111,7 @@ pub(super) struct Hits {
 }
 
 impl Hits {
-    pub(super) fn batch(&mut self, len: usize) -> HitBatch<'_> {
+    pub(crate) fn batch(&mut self, len: usize) -> HitBatch<'_> {
         self.numbers.iter_mut().for_each(|v| v.resize(len, 0.0));
         self.ids.iter_mut().for_each(|v| v.resize(len, 0));
         let ([t, b1, b2], [instance, part, triangle]) = (&mut self.numbers, &mut self.ids);
@@ -137,7 +137,7 @@ impl Hits {
     }
 
     #[inline]
-    pub(super) fn get(&self, i: usize) -> Option<Hit> {
+    pub(crate) fn get(&self, i: usize) -> Option<Hit> {
         let ([t, b1, b2], [instance, part, triangle]) = (&self.numbers, &self.ids);
         (instance[i] != NO_HIT).then(|| Hit {
             t: t[i],

@@ -222,6 +222,13 @@ impl Scene {
         self.compiled[material as usize].is_solid
     }
 
+    /// True if no light passes surfaces of a material.
+    #[inline]
+    pub fn is_opaque(&self, material: u32) -> bool {
+        let compiled = &self.compiled[material as usize];
+        !compiled.has_coverage && !compiled.both_sides
+    }
+
     /// True if surfaces of a material scatter into single directions only.
     #[inline(always)]
     pub fn is_delta(&self, material: u32) -> bool {
