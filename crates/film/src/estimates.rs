@@ -39,7 +39,7 @@ impl Means {
     /// Estimated variance of the mean per channel [(W/(m^2 sr))^2], from the spread of the batch means: `sum n_b
     /// (m_b - m)^2 / ((B - 1) n)` over the B batches that hold samples. Unbiased for independent samples, and for
     /// samples that are quasi-random within a batch. Infinite with fewer than two batches, since the variance is then
-    /// unknown. And the covariance of red and green, red and blue, green and blue, likewise.
+    /// unknown. Then the same of the covariances of red and green, red and blue, green and blue.
     pub fn variance_and_covariance(&self) -> ([f64; 3], [f64; 3]) {
         let Some(divisor) = self.divisor() else { return ([f64::INFINITY; 3], [f64::INFINITY; 3]) };
         let (mut squares, mut products) = ([0.0; 3], [0.0; 3]);

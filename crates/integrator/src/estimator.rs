@@ -1,4 +1,4 @@
-//! The estimator of one sample: camera sample, ray, radiance, film sample.
+//! The inputs of a sample.
 
 use crate::learned_roulette::LearnedRoulette;
 use crate::observer::{ConnectionTally, PathTrace};

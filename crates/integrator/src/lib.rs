@@ -23,4 +23,4 @@ pub use learned_roulette::LearnedRoulette;
 pub use observer::{ConnectionTally, PathTrace, TraceConnection, TraceScattering, TraceVertex};
 pub use pixel_ids::{Crossing, Passage, PixelIds, crossings, pixel_ids, pixel_ids_of_row};
 pub use training::TrainingBatch;
-pub use wavefront::Wavefront;
+pub use wavefront::{LaneUse, Wavefront};

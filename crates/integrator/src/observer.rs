@@ -109,9 +109,9 @@ pub struct ConnectionTally {
     pub converged: u64,
     /// Number of rays traced through covers for all connections. A plate needs one ray for each connection.
     pub rays: u64,
-    /// Time at which a path of very many vertices is abandoned.
+    /// Time at which paths are abandoned.
     pub abandon_at: Option<Instant>,
-    /// Was a path abandoned? Its sample is invalid and must not be used.
+    /// Were paths abandoned? The samples of their batch are left out.
     pub is_abandoned: bool,
 }
 

@@ -129,13 +129,15 @@ impl View<f32> for OneLane<'_> {
 /// BSDFs of different kinds, evaluated lane by lane.
 pub(crate) struct EachLane<'a> {
     pub(crate) lanes: [OneLane<'a>; MAX_WIDTH],
+    /// Number of lanes that are used. The results of the others are zero.
+    pub(crate) len: usize,
 }
 
 impl<F: Lanes> View<F> for EachLane<'_> {
     #[inline(always)]
     fn eval_pdf(&self, wi: V3<F>) -> (Rgb<F>, F) {
         let (directions, mut found) = (wi.to_lanes(), [[0.0; MAX_WIDTH]; 4]);
-        for lane in 0..F::WIDTH {
+        for lane in 0..self.len {
             let (value, pdf) = self.lanes[lane].eval_at(directions[lane].into());
             [found[0][lane], found[1][lane], found[2][lane]] = value.to_array();
             found[3][lane] = pdf;
@@ -149,7 +151,7 @@ impl<F: Lanes> View<F> for EachLane<'_> {
     fn sample(&self, u_lobe: F, [u_x, u_y]: [F; 2]) -> BsdfSamples<F> {
         let (u_lobes, u_xs, u_ys) = (u_lobe.to_array(), u_x.to_array(), u_y.to_array());
         let (mut found, mut lobes) = ([[0.0; MAX_WIDTH]; 8], [0; MAX_WIDTH]);
-        for lane in 0..F::WIDTH {
+        for lane in 0..self.len {
             let s = View::<f32>::sample(&self.lanes[lane], u_lobes[lane], [u_xs[lane], u_ys[lane]]);
             let numbers = [s.wi.x, s.wi.y, s.wi.z, s.weight.r, s.weight.g, s.weight.b, s.pdf, s.eta];
             for k in 0..8 {
@@ -170,7 +172,7 @@ impl<F: Lanes> View<F> for EachLane<'_> {
     #[inline(always)]
     fn albedo(&self, wo: V3<F>) -> Rgb<F> {
         let (directions, mut found) = (wo.to_lanes(), [[0.0; MAX_WIDTH]; 3]);
-        for lane in 0..F::WIDTH {
+        for lane in 0..self.len {
             let albedo = View::<f32>::albedo(&self.lanes[lane], directions[lane].into());
             [found[0][lane], found[1][lane], found[2][lane]] = albedo.to_array();
         }

@@ -20,7 +20,7 @@ const MAX_VISITS: usize = 64;
 /// the time of training in media that scatter many times.
 const COST_PER_PATH: f32 = 32.0;
 
-/// Paths that are followed together.
+/// Paths that are followed together. The limit of the cost is checked after each so many paths.
 const TOGETHER: usize = 8;
 
 /// Rounds of training. The paths of each round use the statistics of the round before.

@@ -20,7 +20,9 @@ use dunkelfeld_adaptive::budget::{Limits, Phase, Schedule, Settings, Step, StopR
 use dunkelfeld_adaptive::plan;
 use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, WorkUnit, makespan, upper_makespan};
 use dunkelfeld_film::{Film, Plane};
-use dunkelfeld_integrator::{ConnectionTally, Estimator, LearnedRoulette, PixelIds, PixelSample, pixel_ids_of_row};
+use dunkelfeld_integrator::{
+    ConnectionTally, Estimator, LaneUse, LearnedRoulette, PixelIds, PixelSample, pixel_ids_of_row,
+};
 use dunkelfeld_scene::{RayGenerator, Scene};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -55,6 +57,8 @@ pub struct Rendering {
     pub invalid: Vec<PixelSample>,
     /// Connections through clear covers.
     pub connections: ConnectionTally,
+    /// Use of the lanes by the samples of this process.
+    pub lane_use: LaneUse,
     /// Weights of the last plan, for display; their mean is one.
     pub weights: Plane<f32>,
     /// Forecast of the pilot; `None` without a sensor.
@@ -171,6 +175,7 @@ struct Renderer<'a> {
     stages: Vec<(Stage, f64)>,
     invalid: Vec<PixelSample>,
     connections: ConnectionTally,
+    lane_use: LaneUse,
     writer: Option<CheckpointWriter>,
     earlier: ResumedWork,
     /// State between the rounds, as the checkpoint of the current round stores it.
@@ -220,6 +225,7 @@ impl<'a> Renderer<'a> {
             stages: Vec::new(),
             invalid: Vec::new(),
             connections: ConnectionTally::default(),
+            lane_use: LaneUse::default(),
             writer: None,
             earlier: ResumedWork::default(),
             course: None,
@@ -257,6 +263,7 @@ impl<'a> Renderer<'a> {
             stages: self.stages,
             invalid: self.invalid,
             connections: self.connections,
+            lane_use: self.lane_use,
             weights,
             forecast,
             threads: self.session.threads(),
@@ -528,6 +535,7 @@ impl<'a> Renderer<'a> {
         self.costs.record(&result.tiles);
         self.load.add(result.load);
         self.connections.add(&result.connections);
+        self.lane_use.add(&result.lane_use);
         self.invalid.extend(result.invalid);
         // The clock decides how a round is divided into passes. Sorting makes the list independent of that division.
         self.invalid.sort_by_key(|s| (s.y, s.x, s.index));

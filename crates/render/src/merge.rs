@@ -10,6 +10,7 @@ use crate::stage::Stage;
 use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_adaptive::{plan, weights};
 use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_integrator::LaneUse;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::checkpoint::{CheckpointHead, write_checkpoint};
 use std::ops::Range;
@@ -138,6 +139,7 @@ impl JoinedParts {
             interrupted: false,
             invalid: state.invalid(),
             connections: state.connections(),
+            lane_use: LaneUse::default(),
             weights: weights::uniform(film.width(), film.height()),
             forecast: None,
             threads,

@@ -9,7 +9,7 @@
 pub mod build;
 pub mod camera;
 pub mod covers;
-pub mod geometry;
+mod geometry;
 pub mod lamps;
 pub mod light;
 pub mod material;

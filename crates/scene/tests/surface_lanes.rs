@@ -229,7 +229,6 @@ fn found_in_lanes<F: Lanes>(token: F::Token, scene: &Scene, hits: &[HitOf], foun
     let bsdfs = scene.bsdfs(material, &points, &u, &mut storage);
     let frame = shading.frames.frame;
     let consistent = shading.frames.consistent(wo, frame.to_local(wo)).bits();
-    let emitting = scene.emitting::<F>(token, points.material).bits();
     let bit = |bits: u32, lane: usize| bits >> lane & 1 == 1;
     let origins = points.ray_origins(wo).to_lanes();
     for (lane, origin) in origins.into_iter().enumerate().take(F::WIDTH.min(hits.len())) {
@@ -242,7 +241,7 @@ fn found_in_lanes<F: Lanes>(token: F::Token, scene: &Scene, hits: &[HitOf], foun
             both_sides: bit(shading.receivers.both_sides.bits(), lane),
             is_bent: bit(shading.frames.is_bent().bits(), lane),
             is_consistent: bit(consistent, lane),
-            emits: bit(emitting, lane),
+            emits: scene.emits(points.lane(lane).material()),
             bsdf: *bsdfs.lane(lane),
         });
     }

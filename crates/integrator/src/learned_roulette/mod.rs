@@ -106,11 +106,11 @@ pub(crate) struct VertexRoulettes<'a, F: Lanes> {
 }
 
 impl<'a, F: Lanes> VertexRoulettes<'a, F> {
-    /// No statistics.
+    /// No statistics. The `gain_scale` of the paths stays.
     #[inline(always)]
-    pub(crate) fn none(token: F::Token) -> Self {
+    pub(crate) fn none(token: F::Token, gain_scale: F) -> Self {
         let zero = F::splat(token, 0.0);
-        Self { cells: &[], found: [NONE; MAX_WIDTH], is_learned: F::mask(token, 0), gain_scale: zero - 1.0, path: zero }
+        Self { cells: &[], found: [NONE; MAX_WIDTH], is_learned: F::mask(token, 0), gain_scale, path: zero }
     }
 
     /// The statistics of a lane.

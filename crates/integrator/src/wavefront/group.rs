@@ -101,7 +101,7 @@ impl<'a> Wavefront<'a> {
                         let materials = F::splat_word(token, material);
                         roulette.at_lanes(token, points.point, materials, state.gain_scale)
                     }
-                    _ => VertexRoulettes::none(token),
+                    _ => VertexRoulettes::none(token, state.gain_scale),
                 };
                 state.gain_scale = learned.gain_scale;
                 let ShadingLanes { frames, receivers } = match in_medium {

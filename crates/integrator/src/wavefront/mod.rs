@@ -34,8 +34,14 @@ use std::time::Instant;
 /// Most paths that are followed together. Their state takes about a quarter of a megabyte.
 const BATCH: usize = 1024;
 
-/// A path in a medium can be abandoned after each so many vertices: some milliseconds for one path.
-const CHECK_EVERY: u32 = 4096;
+/// Paths can be abandoned after each so many vertices of all of them: some milliseconds.
+const CHECK_EVERY: usize = 4096;
+
+/// Most vertices of a training path. Nothing is learned from the rest of a longer one.
+const MAX_TRAINING_VERTICES: u32 = 4096;
+
+/// Fewer rays are followed lane by lane, so that long paths do not carry free lanes.
+const LEAST_RAYS: usize = 3;
 
 /// Follows the paths of samples, a batch at a time. A thread uses one for all of its samples.
 #[derive(Debug)]
@@ -58,7 +64,7 @@ pub struct Wavefront<'a> {
     /// True if lanes find the points of all hits. Else they are found path by path: in media, at surfaces that may be absent,
     /// and between solids that touch.
     is_plain: bool,
-    /// The points that rays have reached otherwise.
+    /// The points that are found path by path.
     arrivals: Vec<Option<Arrival>>,
     /// Interfaces of solids at these points.
     interfaces: Vec<Interface>,
@@ -67,6 +73,7 @@ pub struct Wavefront<'a> {
     /// For each light sample of a vertex.
     shadow: Vec<ShadowRays>,
     occluded: Vec<bool>,
+    lane_use: LaneUse,
 }
 
 /// The state of the auxiliary layers of a path.
@@ -108,6 +115,29 @@ impl Arrival {
             Self::Surface { point, .. } => 2 * point.material(),
             Self::Medium { material, choice, .. } => MEDIUM | (2 * material) | u32::from(*choice == LightChoice::One),
         }
+    }
+}
+
+/// Use of the lanes of the stages: lanes with work, and lanes in all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LaneUse {
+    /// Points at which paths scatter.
+    pub points: [u64; 2],
+    /// Light samples.
+    pub light_samples: [u64; 2],
+}
+
+impl LaneUse {
+    /// Adds another use.
+    pub fn add(&mut self, other: &Self) {
+        let own = self.points.iter_mut().chain(&mut self.light_samples);
+        own.zip(other.points.iter().chain(&other.light_samples)).for_each(|(own, other)| *own += other);
+    }
+
+    /// The share of lanes with work of each stage, with its name.
+    pub fn shares(&self) -> [(&'static str, f64); 2] {
+        let share = |[used, all]: [u64; 2]| used as f64 / all.max(1) as f64;
+        [("points", share(self.points)), ("light samples", share(self.light_samples))]
     }
 }
 
@@ -155,7 +185,13 @@ impl<'a> Wavefront<'a> {
             order: Vec::new(),
             shadow: (0..lights).map(shadow).collect(),
             occluded: Vec::new(),
+            lane_use: LaneUse::default(),
         }
+    }
+
+    /// Use of the lanes since it was made.
+    pub fn lane_use(&self) -> LaneUse {
+        self.lane_use
     }
 
     /// Number of samples that are computed together.
@@ -170,8 +206,10 @@ impl<'a> Wavefront<'a> {
     pub fn samples(&mut self, at: &[PixelSample], tally: &mut ConnectionTally, found: &mut Vec<Sample>) {
         found.clear();
         for at in at.chunks(BATCH) {
+            let complete = found.len();
             self.observed(at, Watch { tally, observer: None }, found);
             if tally.is_abandoned {
+                found.truncate(complete);
                 return;
             }
         }
@@ -268,16 +306,20 @@ impl<'a> Wavefront<'a> {
         self.samples.resize(self.paths.len(), Sample::MISS);
         self.layers.clear();
         self.layers.resize(self.paths.len(), Layers::Unset);
+        let mut unchecked = 0;
         for vertex in 0.. {
             self.wave(vertex, &mut watch);
             if self.rays.paths.is_empty() {
                 return;
             }
-            if vertex % CHECK_EVERY == CHECK_EVERY - 1 {
-                let is_late = watch.tally.abandon_at.is_some_and(|at| Instant::now() > at);
-                // Nothing is learned from the rest of a long path.
-                if is_late || watch.needs_outcomes() {
-                    watch.tally.is_abandoned = is_late;
+            if watch.needs_outcomes() && vertex + 1 >= MAX_TRAINING_VERTICES {
+                return;
+            }
+            unchecked += self.rays.paths.len();
+            if unchecked >= CHECK_EVERY {
+                unchecked = 0;
+                watch.tally.is_abandoned = watch.tally.abandon_at.is_some_and(|at| Instant::now() > at);
+                if watch.tally.is_abandoned {
                     return;
                 }
             }
@@ -303,7 +345,7 @@ impl<'a> Wavefront<'a> {
             }
         }
         self.order.sort_unstable();
-        let set = self.set;
+        let set = if count < LEAST_RAYS { InstructionSet::Scalar } else { self.set };
         dispatch!(set, F, token => self.scatter_all::<F>(token, vertex, watch));
         self.trace_shadow_rays(watch);
         std::mem::swap(&mut self.rays, &mut self.next);
@@ -397,6 +439,8 @@ impl<'a> Wavefront<'a> {
                     rays[lane] = *key as u32;
                 }
                 let key = (group[0] >> 32) as u32;
+                self.lane_use.points[0] += group.len() as u64;
+                self.lane_use.points[1] += F::WIDTH as u64;
                 self.scatter_group::<F>(token, vertex, (key, &rays, group.len()), &interfaces, watch);
             }
         }

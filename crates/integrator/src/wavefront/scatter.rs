@@ -12,7 +12,7 @@ use crate::path::{max_survival, survival};
 use crate::ray_state::RayState;
 use crate::scatterer::{EachLane, Scatterer};
 use crate::vertex::Place;
-use dunkelfeld_bsdf::{Bsdf, BsdfSamples, Dielectric, InLanes, Lobe, Principled, ThinSheet, View};
+use dunkelfeld_bsdf::{Bsdf, BsdfSamples, Dielectric, HenyeyGreenstein, InLanes, Lobe, Principled, ThinSheet, View};
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
@@ -143,6 +143,8 @@ impl Wavefront<'_> {
                 for (index, (draw, (scattered, pdf))) in (0..).zip(draws.iter().zip(&found.direct)) {
                     let light = &draw.light;
                     let sampled = group.lit & light.pdf.is_positive();
+                    self.lane_use.light_samples[0] += u64::from(sampled.bits().count_ones());
+                    self.lane_use.light_samples[1] += F::WIDTH as u64;
                     if !sampled.any() {
                         continue;
                     }
@@ -403,6 +405,9 @@ fn evaluate_group<F: Lanes>(group: &Group<'_, F>, draws: &[Draw<F>]) -> Evaluate
     if let Some(surfaces) = lanes_of!(ThinSheet) {
         return evaluate_sheet(group, &surfaces, draws);
     }
+    if let Some(surfaces) = lanes_of!(Phase) {
+        return evaluate_phase(group, &surfaces, draws);
+    }
     evaluate_each(group, draws)
 }
 
@@ -468,13 +473,27 @@ fn evaluate_sheet<F: Lanes>(
     )
 }
 
+/// Points in media.
+#[inline(never)]
+fn evaluate_phase<F: Lanes>(
+    group: &Group<'_, F>,
+    functions: &[&HenyeyGreenstein; MAX_WIDTH],
+    draws: &[Draw<F>],
+) -> Evaluated<F> {
+    F::vectorize(
+        group.token,
+        #[inline(always)]
+        || evaluate(group, InLanes::<F>::gather(group.token, functions).view(group.wo), draws),
+    )
+}
+
 /// Surfaces of several kinds, lane by lane.
 #[inline(never)]
 fn evaluate_each<F: Lanes>(group: &Group<'_, F>, draws: &[Draw<F>]) -> Evaluated<F> {
     F::vectorize(
         group.token,
         #[inline(always)]
-        || evaluate(group, EachLane { lanes: group.one_by_one() }, draws),
+        || evaluate(group, EachLane { lanes: group.one_by_one(), len: group.len }, draws),
     )
 }
 

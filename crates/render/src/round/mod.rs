@@ -13,7 +13,7 @@ use crate::progress::{Cancel, Progress, ProgressState};
 use crate::stage::Stage;
 use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, TileRect, WorkUnit};
 use dunkelfeld_film::{Film, PixelSums, Plane, Sample, TileRow};
-use dunkelfeld_integrator::{ConnectionTally, Estimator, PixelSample, Wavefront};
+use dunkelfeld_integrator::{ConnectionTally, Estimator, LaneUse, PixelSample, Wavefront};
 use dunkelfeld_lanes::{InstructionSet, dispatch};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -118,6 +118,8 @@ pub(crate) struct RoundResult {
     pub(crate) invalid: Vec<PixelSample>,
     /// Connections through covers, of all samples that reached the film.
     pub(crate) connections: ConnectionTally,
+    /// Use of the lanes by all samples.
+    pub(crate) lane_use: LaneUse,
     /// Seconds of the threads in the units.
     pub(crate) load: ProcessorLoad,
     /// Was there not enough memory? The round ended early then.
@@ -137,7 +139,7 @@ struct PartialTile {
 
 /// Number of a pixel in its tile, and its new samples.
 type TileSum = (u32, PixelSums);
-/// To append with a copy of memory.
+/// Pixels are appended by a copy of memory.
 static EMPTY: [TileSum; 1] = [(0, PixelSums::EMPTY)];
 
 /// The film during a round: rows of tiles, one lock each.
@@ -234,6 +236,7 @@ pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressRepo
         }
         if let Ok(mut finished) = finished.lock() {
             finished.load.add(load);
+            finished.lane_use.add(&batch.wavefront.lane_use());
         }
     });
     let mut result = finished.into_inner().unwrap_or_default();
@@ -285,7 +288,7 @@ impl<'a> Batch<'a> {
         let now = Instant::now();
         reporter.add(work.stage, self.at.len() as u64);
         self.size = match now - began > CHECK_PAUSE {
-            true => (self.at.len() / 2).max(1),
+            true => (self.at.len() / 2).max(FIRST_BATCH),
             false => (2 * self.size).min(Wavefront::BATCH),
         };
         self.clear();

@@ -468,13 +468,13 @@ impl LightTable {
         }
     }
 
-    /// The suns, each with its index.
-    #[inline]
     /// True if there are suns.
     pub(crate) fn has_suns(&self) -> bool {
         self.has_suns
     }
 
+    /// The suns, each with its index.
+    #[inline]
     pub(crate) fn suns(&self) -> impl Iterator<Item = (usize, &Sun)> {
         let lights: &[Light] = if self.has_suns { &self.lights } else { &[] };
         lights.iter().enumerate().filter_map(|(i, l)| if let Light::Sun(s) = l { Some((i, s)) } else { None })

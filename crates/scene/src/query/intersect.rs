@@ -15,9 +15,9 @@ use dunkelfeld_radiometry::Rgb;
 /// A point on a surface, with the data that a ray needs to leave it.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
-    /// Position in render space.
+    /// Position in render space \[m\].
     pub point: Vec3,
-    /// Bound of the position's rounding error, per axis.
+    /// Bound of the position's rounding error, per axis \[m\].
     pub error: Vec3,
     /// Unit geometric normal, on the side given by the winding.
     pub normal: Vec3,

@@ -45,30 +45,6 @@ pub struct ShadingFrames<F: Lanes> {
 }
 
 impl<F: Lanes> ShadingFrames<F> {
-    /// The frames of shading points with their geometric normals, one for each lane.
-    #[inline(always)]
-    pub fn of<'a>(token: F::Token, points: impl Iterator<Item = (&'a ShadingPoint<'a>, Vec3)>) -> Self {
-        let [mut tangents, mut bitangents, mut normals, mut geometric] = [[Vec3::ZERO; MAX_WIDTH]; 4];
-        let (mut along, mut is_bent) = (0, 0);
-        for (lane, (point, normal)) in points.enumerate().take(F::WIDTH) {
-            let frame = &point.frame;
-            (tangents[lane], bitangents[lane], normals[lane]) = (frame.tangent, frame.bitangent, frame.normal);
-            geometric[lane] = normal;
-            along |= u32::from(point.along) << lane;
-            is_bent |= u32::from(point.is_bent) << lane;
-        }
-        Self {
-            frame: Frame {
-                tangent: V3::from_lanes(token, &tangents),
-                bitangent: V3::from_lanes(token, &bitangents),
-                normal: V3::from_lanes(token, &normals),
-            },
-            normal: V3::from_lanes(token, &geometric),
-            along: F::mask(token, along),
-            is_bent: F::mask(token, is_bent),
-        }
-    }
-
     /// Lanes whose shading normal may differ from the geometric one by more than its sign. In all other lanes the local
     /// frame and the geometric normal agree about the side of a direction up to rounding.
     #[inline(always)]

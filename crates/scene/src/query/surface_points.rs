@@ -148,17 +148,6 @@ impl Scene {
         }
     }
 
-    /// The lanes whose materials emit light, at some places at least.
-    #[inline(always)]
-    pub fn emitting<F: Lanes>(&self, token: F::Token, materials: F::Word) -> F::Mask {
-        let materials = F::word_to_array(materials);
-        let mut emitting = 0;
-        for (lane, material) in materials.iter().enumerate().take(F::WIDTH) {
-            emitting |= u32::from(self.emits(*material)) << lane;
-        }
-        F::mask(token, emitting)
-    }
-
     /// The points on surfaces of hits at times \[s\]: [`Self::surface_point`] in lanes.
     #[inline(always)]
     pub fn surface_points<F: Lanes>(&self, token: F::Token, hits: &HitLanes<F>, time: F) -> SurfacePoints<F> {

@@ -16,6 +16,7 @@ use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_report::words::rounded;
 use dunkelfeld_scene::Effect;
+use std::collections::BTreeMap;
 
 /// Data of a bench except its settings and units.
 pub(super) struct About<'a> {
@@ -68,6 +69,8 @@ pub(super) struct Top {
     pub(super) signal: Plane<f32>,
     /// Seconds by stage: means over the renders; exposing and writing of the first.
     pub(super) stages: Vec<(String, f64)>,
+    /// Share of the lanes of each stage that had work: means over the renders.
+    pub(super) lanes: BTreeMap<String, f64>,
     pub(super) prices: Vec<Price>,
 }
 
@@ -216,6 +219,10 @@ impl Results {
                 ));
             }
         }
+        if let Some(lanes) = self.tops.first().map(|top| &top.lanes).filter(|lanes| !lanes.is_empty()) {
+            let shares = lanes.iter().map(|(stage, share)| format!("{stage} {:.0} %", 100.0 * share));
+            lines.push(format!("lanes with work: {}", shares.collect::<Vec<_>>().join(", ")));
+        }
         for a in &self.ablations {
             if let Some(verdict) = a.bias.verdict {
                 lines.push(format!(
@@ -335,6 +342,7 @@ impl Reader<'_> {
             picture_variance: variance.unwrap_or_else(|| deviations.variance()),
             signal: self.store.signal(&first)?,
             stages: stages(&units),
+            lanes: lanes(&units),
             prices,
         })
     }
@@ -411,4 +419,14 @@ fn stages(units: &[(Unit, Record)]) -> Vec<(String, f64)> {
             (!all.is_empty()).then(|| (stage.to_string(), mean(&all).value))
         })
         .collect()
+}
+
+/// Mean share of the lanes of each stage that had work.
+fn lanes(units: &[(Unit, Record)]) -> BTreeMap<String, f64> {
+    let names = units.first().map(|(_, record)| record.lanes.keys().cloned()).into_iter().flatten();
+    let share = |name: &String| {
+        let all: Vec<f64> = units.iter().filter_map(|(_, record)| record.lanes.get(name).copied()).collect();
+        mean(&all).value
+    };
+    names.map(|name| (name.clone(), share(&name))).collect()
 }

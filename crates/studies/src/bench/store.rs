@@ -51,6 +51,9 @@ pub(super) struct Record {
     pub(super) seconds: BTreeMap<String, f64>,
     /// Seconds of the render as a whole, without exposing and writing.
     pub(super) total_seconds: f64,
+    /// Share of the lanes of each stage that had work.
+    #[serde(default)]
+    pub(super) lanes: BTreeMap<String, f64>,
     /// Seconds of each denoiser, by its name in tables.
     pub(super) denoise_seconds: BTreeMap<String, f64>,
     /// Mean over the unsaturated pixels of the variance that the render estimates from its own samples, in the square
