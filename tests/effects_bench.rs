@@ -18,7 +18,7 @@ use callgrind::{Lines, Price, Run, lines, price};
 use dunkelfeld_scene::Effect;
 use scene::Case;
 use table::{BEGIN, END, Row, markdown, replaced};
-use unused::{EFFECTS, Part, parts, sums};
+use unused::{EFFECTS, Part, begins, parts, sums};
 
 #[test]
 fn the_plain_scene_needs_techniques_only() {
@@ -122,8 +122,7 @@ fn listed_code_exists() {
         assert!(at.exists(), "{path}");
         for name in functions {
             let text = std::fs::read_to_string(&at).expect("a file");
-            let is_there = ["(", "<"].iter().any(|open| text.contains(&format!("fn {name}{open}")));
-            assert!(is_there, "{path}: {name}");
+            assert!(begins(&text, name), "{path}: {name}");
         }
     }
 }

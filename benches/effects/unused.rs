@@ -44,30 +44,9 @@ pub(crate) const EFFECTS: [(&str, &[&str]); 33] = [
 ];
 
 /// A line of other code with one of these words tests for an effect. All of its instructions are counted.
-pub(crate) const TESTS: [&str; 22] = [
-    "covers()",
-    "darkens",
-    "has_aperture",
-    "has_chance",
-    "has_coverage",
-    "has_environment",
-    "has_solids",
-    "in_medium",
-    "is_bent",
-    "is_delta",
-    "is_own",
-    "is_placed",
-    "is_plain",
-    "is_rich",
-    "is_see_through",
-    "is_smooth",
-    "is_solid",
-    "moves",
-    "needs_tangent",
-    "shutter",
-    "undistorter",
-    "varying",
-];
+const TESTS: &str = "covers() darkens has_aperture has_chance has_coverage has_environment has_solids in_medium is_bent \
+    is_delta is_own is_placed is_plain is_rich is_see_through is_smooth is_solid moves needs_tangent shutter undistorter \
+    varying";
 
 /// The part of a line of code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,10 +56,14 @@ pub(crate) enum Part {
     Test,
 }
 
+/// True if a line, or some line of a text, begins a function.
+pub(crate) fn begins(line: &str, name: &str) -> bool {
+    ["(", "<"].iter().any(|open| line.contains(&format!("fn {name}{open}")))
+}
+
 /// The parts of the lines of a file.
 pub(crate) fn parts(file: &str, text: &str) -> Vec<Part> {
     let listed = || EFFECTS.iter().filter(|(path, _)| file.contains(path));
-    let begins = |line: &str, name| ["(", "<"].iter().any(|open| line.contains(&format!("fn {name}{open}")));
     let mut end = None;
     let part = |line: &str| {
         if end.is_none() && listed().any(|(_, functions)| functions.iter().any(|name| begins(line, name))) {
@@ -90,7 +73,7 @@ pub(crate) fn parts(file: &str, text: &str) -> Vec<Part> {
         end.take_if(|end| end == line);
         match is_effect {
             true => Part::Effect,
-            false if TESTS.iter().any(|word| line.contains(word)) => Part::Test,
+            false if TESTS.split_whitespace().any(|word| line.contains(word)) => Part::Test,
             false => Part::Shared,
         }
     };
