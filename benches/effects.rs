@@ -1,4 +1,5 @@
-//! The cost of effects in instructions per sample on a plain scene. Needs valgrind.
+//! The cost of effects in instructions per sample on a plain scene: where none is used, and each where it is used. Needs
+//! valgrind.
 //!
 //! `cargo bench -p dunkelfeld-integrator --bench effects -- [--markdown FILE] [--samples N] [--only NAME]...`
 //!
@@ -6,7 +7,7 @@
 //! - `--samples N` takes N and then 2 N samples in each of 256 pixels (default 32).
 //! - `--only NAME` measures the plain scene and the named effects only.
 //!
-//! Without `--bench`
+//! Ends with 1 if more than 2 % of the instructions are for effects that the plain scene does not use. Without `--bench`
 //! (`cargo test --bench effects`) every case renders a few samples, and nothing is counted.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench prints its results")]
@@ -17,6 +18,8 @@ mod callgrind;
 mod scene;
 #[path = "effects/table.rs"]
 mod table;
+#[path = "effects/unused.rs"]
+mod unused;
 
 use callgrind::Price;
 use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelSample};
@@ -30,6 +33,9 @@ use table::Row;
 const FILM: u32 = 64;
 const PIXELS: u32 = 16;
 
+/// Limit of the instructions for effects that a scene does not use \[%\].
+const BAR: f64 = 2.0;
+
 /// The arguments of the benchmark.
 struct Options {
     samples: u32,
@@ -42,12 +48,16 @@ struct Options {
 
 fn main() -> ExitCode {
     let outcome = options(std::env::args().skip(1)).and_then(|options| match &options.render {
-        Some(name) => render(name, options.samples).map(|image| println!("{image}")),
+        Some(name) => render(name, options.samples).map(|image| {
+            println!("{image}");
+            true
+        }),
         None if options.bench => measure(&options),
-        None => Case::all().iter().try_for_each(|case| render(&case.name(), 1).map(drop)),
+        None => Case::all().iter().try_for_each(|case| render(&case.name(), 1).map(drop)).map(|()| true),
     });
     match outcome {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(1),
         Err(problem) => {
             eprintln!("error: {problem}");
             ExitCode::from(2)
@@ -111,11 +121,13 @@ fn render(name: &str, samples: u32) -> Result<String, String> {
     Ok(format!("{fingerprint:016x} {mean:.6}"))
 }
 
-/// Measures all cases and prints what they cost.
-fn measure(options: &Options) -> Result<(), String> {
+/// Measures all cases and prints what they cost. False if the limit is exceeded.
+fn measure(options: &Options) -> Result<bool, String> {
     callgrind::require_valgrind()?;
     let own = std::env::current_exe().map_err(|e| format!("the bench does not find itself: {e}"))?;
     let plain = price(&own, Case::Plain, options.samples)?;
+    let (verdict, is_met) = verdict(&plain)?;
+    println!("{verdict}\n");
     let mut effects = Vec::new();
     for case in Case::all() {
         let name = case.name();
@@ -139,13 +151,7 @@ fn measure(options: &Options) -> Result<(), String> {
         eprintln!("{}: {:+.2} %", row.name, row.percent());
         effects.push(row);
     }
-    let tables = format!(
-        "A sample of the plain scene takes {:.0} instructions.
-
-{}",
-        plain.instructions,
-        table::markdown(&effects)
-    );
+    let tables = format!("{verdict}\n\n{}", table::markdown(&effects));
     println!("{tables}");
     if let Some(path) = &options.markdown {
         if effects.len() < Effect::ALL.len() {
@@ -156,7 +162,27 @@ fn measure(options: &Options) -> Result<(), String> {
         std::fs::write(path, page).map_err(|e| format!("{}: {e}", path.display()))?;
         println!("wrote {}", path.display());
     }
-    Ok(())
+    Ok(is_met)
+}
+
+/// The instructions of the plain scene for effects that it does not use, in words, and whether they are within the limit.
+fn verdict(plain: &Price) -> Result<(String, bool), String> {
+    let [shared, effects, tests, other] = unused::sums(&plain.lines, |file| std::fs::read_to_string(file).ok());
+    let percent = |cost: f64| 100.0 * cost / plain.instructions;
+    let total = percent(effects + tests);
+    if shared + effects + tests < 0.1 * plain.instructions {
+        return Err("the program has no line tables; help: keep `debug` in the profile of the bench".into());
+    }
+    let verdict = format!(
+        "A sample of the plain scene takes {:.0} instructions. Code for effects that it does not use takes {:.2} % of them, \
+         and lines of other code that test for such effects take {:.2} %: together {total:.2} %, where at most {BAR} % are \
+         allowed. {:.0} % are in libraries, most of them inlined.",
+        plain.instructions,
+        percent(effects),
+        percent(tests),
+        percent(other),
+    );
+    Ok((verdict, total <= BAR))
 }
 
 /// The cost of a sample of a case in a program.

@@ -11,11 +11,14 @@ mod callgrind;
 mod scene;
 #[path = "../benches/effects/table.rs"]
 mod table;
+#[path = "../benches/effects/unused.rs"]
+mod unused;
 
-use callgrind::{Price, Run, collected, price};
+use callgrind::{Lines, Price, Run, lines, price};
 use dunkelfeld_scene::Effect;
 use scene::Case;
 use table::{BEGIN, END, Row, markdown, replaced};
+use unused::{EFFECTS, Part, begins, parts, sums};
 
 #[test]
 fn the_plain_scene_needs_techniques_only() {
@@ -71,26 +74,57 @@ fn cases_have_names_of_their_own() {
 // --- Arithmetic and text ------------------------------------------------------------------------------------------------
 
 #[test]
-fn the_report_of_callgrind_is_read() {
-    let report = "==7== Callgrind, a call-graph generating cache profiler\n==7== \n==7== Events    : Ir\n\
-                  ==7== Collected : 215764312\n==7== \n==7== I   refs:      215,764,312\n";
-    assert_eq!(collected(report), Some(215_764_312));
-    assert_eq!(collected("==7== Collected : many\n"), None);
-    assert_eq!(collected(""), None);
+fn the_profile_of_callgrind_is_read() {
+    let profile = "# callgrind format\ncmd: effects --render=plain\npositions: line\nevents: Ir\nsummary: 999\n\n\
+                   fl=/p/a.rs\nfn=outer\n3 5\nfi=/p/b.rs\n7 2\nfe=/p/a.rs\n4 1\ncfi=/p/c.rs\ncfn=inner\n\
+                   calls=2 9\n4 300\n3 10\n\nfl=/p/c.rs\nfn=inner\n9 300\n\ntotals: 999\n";
+    assert_eq!(
+        lines(profile),
+        profile_of([("/p/a.rs", 3, 15), ("/p/a.rs", 4, 1), ("/p/b.rs", 7, 2), ("/p/c.rs", 9, 300)])
+    );
+}
+
+fn profile_of<N, const K: usize>(costs: [(&str, u32, N); K]) -> Lines<N> {
+    costs.into_iter().map(|(file, line, cost)| ((file.into(), line), cost)).collect()
 }
 
 #[test]
 fn constant_costs_cancel() {
-    let run = |samples: u64| Run { instructions: 1_000_000 + 250 * samples, image: format!("{samples} samples") };
-    let price = price(&run(64), &run(128), 64).expect("it grows");
-    assert_eq!(price, Price { instructions: 250.0, image: "128 samples".into() });
+    let run = |samples: u64| Run {
+        lines: profile_of([("start", 1, 1_000_000), ("path", 2, 250 * samples)]),
+        image: format!("{samples} samples"),
+    };
+    let found = price(&run(64), &run(128), 64).expect("it grows");
+    let lines = profile_of([("start", 1, 0.0), ("path", 2, 250.0)]);
+    assert_eq!(found, Price { instructions: 250.0, lines, image: "128 samples".into() });
+    assert!(price(&run(64), &run(64), 64).is_err() && price(&run(64), &run(63), 64).is_err());
+    assert!(price(&run(64), &run(128), 0).is_err());
 }
 
 #[test]
-fn runs_that_do_not_grow_have_no_price() {
-    let run = |instructions| Run { instructions, image: String::new() };
-    assert!(price(&run(10), &run(10), 4).is_err() && price(&run(10), &run(9), 4).is_err());
-    assert!(price(&run(10), &run(20), 0).is_err());
+fn instructions_are_those_of_effects_by_file_function_and_test() {
+    let text = "fn wave() {\n    if scene.has_chance() {\n    }\n    next();\n}\n\
+                    fn arrive<F>(\n    ray: F,\n) {\n    next();\n}\nfn reach() {\n}\n";
+    let [s, e, t] = [Part::Shared, Part::Effect, Part::Test];
+    assert_eq!(parts("/p/integrator/src/wavefront/mod.rs", text), [s, t, s, s, s, e, e, e, e, e, s, s]);
+    assert!(parts("/p/integrator/src/mnee/mod.rs", text).iter().all(|part| *part == e));
+    let costs = [("/p/integrator/src/wavefront/mod.rs", 2, 1.0), ("/p/integrator/src/wavefront/mod.rs", 4, 2.0)];
+    let more = [("/p/integrator/src/wavefront/mod.rs", 9, 4.0), ("/p/core.rs", 3, 8.0)];
+    let lines: Lines<f64> = profile_of(costs).into_iter().chain(profile_of(more)).collect();
+    assert_eq!(sums(&lines, |file| (file != "/p/core.rs").then(|| text.into())), [2.0, 4.0, 1.0, 8.0]);
+}
+
+#[test]
+fn listed_code_exists() {
+    let crates = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    for (path, functions) in EFFECTS {
+        let at = crates.join(path);
+        assert!(at.exists(), "{path}");
+        for name in functions {
+            let text = std::fs::read_to_string(&at).expect("a file");
+            assert!(begins(&text, name), "{path}: {name}");
+        }
+    }
 }
 
 fn row(instructions: f64, same_image: bool) -> Row {
