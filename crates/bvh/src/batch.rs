@@ -120,6 +120,9 @@ pub(crate) fn bits<F: Lanes>(token: F::Token, number: u32) -> F {
 #[inline(always)]
 fn each_packet<F: Lanes, const ANY: bool>(token: F::Token, bvh: &Bvh, rays: &RayBatch, results: &mut Results) {
     let count = rays.t_max.len();
+    if count == 0 {
+        return;
+    }
     let (mut of_group, mut order) = ([0; GROUP], [0; GROUP]);
     // After packets whose rays soon went alone, some are not tried. The results are the same.
     let (mut skip, mut pause) = (0usize, 1);
