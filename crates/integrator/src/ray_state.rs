@@ -147,13 +147,12 @@ impl RayState {
         }
     }
 
-    /// [`Self::shadow_transmittance`] of a ray that is not occluded, in a scene without coverage. `None` if the surfaces
-    /// on the way matter.
+    /// [`Self::shadow_transmittance`] of the medium alone. `None` if that depends on the surfaces on the way.
     #[inline]
     pub(crate) fn clear_transmittance(&self, scene: &Scene, distance: f32) -> Option<Rgb> {
         match &self.enclosing {
-            EnclosingSolids::Last(material) if !scene.has_coverage() => Some(attenuation(scene, *material, distance)),
-            _ => None,
+            EnclosingSolids::Last(material) => Some(attenuation(scene, *material, distance)),
+            EnclosingSolids::All(_) => None,
         }
     }
 }

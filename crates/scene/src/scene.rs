@@ -56,8 +56,6 @@ pub struct Scene {
     pub(crate) covers: Covers,
     /// The times of the samples, if the image depends on them.
     pub(crate) shutter: Option<Shutter>,
-    /// True if some surface is random.
-    pub(crate) has_chance: bool,
     /// True if light enters solids.
     pub(crate) has_solids: bool,
     /// True if a path needs all solids around it.

@@ -1,6 +1,6 @@
 //! Paths at points of one material or medium, one for each lane: the inputs of scattering.
 
-use super::{Arrival, Layers, MEDIUM, Watch, Wavefront};
+use super::{ARRIVED, Arrival, Layers, MEDIUM, Watch, Wavefront};
 use crate::learned_roulette::VertexRoulettes;
 use crate::observer::Event;
 use crate::path::PathStates;
@@ -70,18 +70,19 @@ impl<'a> Wavefront<'a> {
             #[inline(always)]
             || {
                 let scene = self.estimator.scene;
-                let (in_medium, material) = (key & MEDIUM != 0, (key & !MEDIUM) / 2);
+                let (in_medium, is_arrived) = (key & MEDIUM != 0, key & ARRIVED != 0);
+                let material = (key & !(MEDIUM | ARRIVED)) / 2;
                 let mut paths = [0; MAX_WIDTH];
                 for lane in 0..F::WIDTH {
                     paths[lane] = self.rays.paths[rays[lane] as usize];
                 }
                 let wo = -self.rays.directions::<F>(token, rays);
-                let points = if self.is_plain {
+                let points = if !is_arrived {
                     scene.surface_points(token, &self.hits.lanes(token, rays), self.rays.times(token, rays))
                 } else {
                     SurfacePoints::from_lanes(token, &self.surfaces(rays))
                 };
-                let is_one_by_one = !self.is_plain || !scene.covers().is_empty() && !scene.is_delta(material);
+                let is_one_by_one = is_arrived || !scene.covers().is_empty() && !scene.is_delta(material);
                 let (vertices, bsdfs) = match is_one_by_one {
                     true => self.vertices(rays, len, &points, (interfaces, storage)),
                     false => (Vec::new(), scene.bsdfs(material, &points, &[0.0; MAX_WIDTH], storage)),
@@ -175,8 +176,7 @@ impl<'a> Wavefront<'a> {
         let mut vertices = Vec::with_capacity(len);
         for (lane, (&ray, storage)) in rays[..len].iter().zip(storage).enumerate() {
             let state = self.ray_state(ray as usize);
-            let arrival = if self.is_plain { None } else { self.arrivals[ray as usize] };
-            let (u_kind, interface) = match arrival {
+            let (u_kind, interface) = match self.arrivals.get(ray as usize).copied().flatten() {
                 None => (0.0, None),
                 Some(Arrival::Surface { u_kind, interface, .. }) => (u_kind, interface),
                 Some(Arrival::Medium { distance, .. }) => {

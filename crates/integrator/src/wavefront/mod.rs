@@ -61,10 +61,8 @@ pub struct Wavefront<'a> {
     hits: Hits,
     /// The rays after this wave.
     next: Rays,
-    /// True if lanes find the points of all hits. Else they are found path by path: in media, at surfaces that may be absent,
-    /// and between solids that touch.
-    is_plain: bool,
-    /// The points that are found path by path.
+    /// The points that are found path by path: in media, on surfaces that may be absent, and between solids that touch. Empty,
+    /// or one for each ray.
     arrivals: Vec<Option<Arrival>>,
     /// Interfaces of solids at these points.
     interfaces: Vec<Interface>,
@@ -105,15 +103,18 @@ enum Arrival {
     Medium { material: u32, distance: f32, choice: LightChoice },
 }
 
-/// In keys of points in a medium.
+/// In keys of points in a medium, and of those that are found path by path.
 const MEDIUM: u32 = 1 << 31;
+const ARRIVED: u32 = 1 << 30;
 
 impl Arrival {
     /// Points of the same key scatter together: those on one material, or in one medium with the same choice of lights.
     fn key(&self) -> u32 {
         match self {
-            Self::Surface { point, .. } => 2 * point.material(),
-            Self::Medium { material, choice, .. } => MEDIUM | (2 * material) | u32::from(*choice == LightChoice::One),
+            Self::Surface { point, .. } => ARRIVED | (2 * point.material()),
+            Self::Medium { material, choice, .. } => {
+                MEDIUM | ARRIVED | (2 * material) | u32::from(*choice == LightChoice::One)
+            }
         }
     }
 }
@@ -179,7 +180,6 @@ impl<'a> Wavefront<'a> {
             rays: Rays::new(moves),
             hits: Hits::default(),
             next: Rays::new(moves),
-            is_plain: false,
             arrivals: Vec::new(),
             interfaces: Vec::new(),
             order: Vec::new(),
@@ -293,12 +293,10 @@ impl<'a> Wavefront<'a> {
     /// Follows the paths of the batch to their ends.
     pub(crate) fn follow(&mut self, mut watch: Watch<'_>) {
         let scene = self.estimator.scene;
-        self.is_plain = !scene.has_chance();
         self.among_solids.clear();
         if scene.has_solids() {
             for ray in 0..self.paths.len() {
                 let enclosing = RayState::from_camera(scene, self.rays.get(ray)).enclosing;
-                self.is_plain &= matches!(enclosing, EnclosingSolids::Last(_));
                 self.among_solids.push(AmongSolids { enclosing, prefix: None });
             }
         }
@@ -334,14 +332,11 @@ impl<'a> Wavefront<'a> {
         self.next.clear();
         self.order.clear();
         self.interfaces.clear();
-        if !self.is_plain {
-            self.arrivals.resize(self.arrivals.len().max(count), None);
-        }
+        self.arrivals.clear();
         for ray in 0..count {
             match self.hits.get(ray) {
                 None => self.escape(ray, watch),
-                Some(hit) if self.is_plain => self.reach(ray, &hit),
-                Some(hit) => self.arrive(ray, &hit, vertex),
+                Some(hit) => self.reach(ray, &hit, vertex),
             }
         }
         self.order.sort_unstable();
@@ -378,19 +373,26 @@ impl<'a> Wavefront<'a> {
         self.paths[number as usize].put(&path);
     }
 
-    /// The ray reaches a surface.
+    /// The ray reaches a surface. Where it is certainly present, lanes find the point.
     #[inline]
-    fn reach(&mut self, ray: usize, hit: &Hit) {
+    fn reach(&mut self, ray: usize, hit: &Hit, vertex: u32) {
         let scene = self.estimator.scene;
+        let material = scene.material_of(hit.instance, hit.part, hit.triangle);
+        if scene.is_random(material) {
+            return self.arrive(ray, hit, vertex);
+        }
         if scene.has_solids() {
             let number = self.rays.paths[ray] as usize;
-            if let AmongSolids { enclosing: EnclosingSolids::Last(Some(_)), .. } = self.among_solids[number] {
-                let mut path = self.paths[number].get();
-                path.throughput *= self.ray_state(ray).transmittance(scene, hit.t);
-                self.paths[number].put(&path);
+            match self.among_solids[number].enclosing {
+                EnclosingSolids::Last(None) => {}
+                EnclosingSolids::Last(Some(_)) => {
+                    let mut path = self.paths[number].get();
+                    path.throughput *= self.ray_state(ray).transmittance(scene, hit.t);
+                    self.paths[number].put(&path);
+                }
+                EnclosingSolids::All(_) => return self.arrive(ray, hit, vertex),
             }
         }
-        let material = scene.material_of(hit.instance, hit.part, hit.triangle);
         self.order.push(u64::from(2 * material) << 32 | ray as u64);
     }
 
@@ -422,6 +424,7 @@ impl<'a> Wavefront<'a> {
             })
         };
         self.paths[number as usize].put(&path);
+        self.arrivals.resize(self.rays.paths.len(), None);
         self.arrivals[ray] = arrival;
         if let Some(arrival) = arrival {
             self.order.push(u64::from(arrival.key()) << 32 | ray as u64);
@@ -449,19 +452,22 @@ impl<'a> Wavefront<'a> {
 
     /// Traces the shadow rays, light by light, and adds the light of those that are not occluded, and of connections.
     fn trace_shadow_rays(&mut self, watch: &mut Watch<'_>) {
-        let bvh = self.estimator.scene.bvh();
+        let scene = self.estimator.scene;
         for (index, queue) in (0..).zip(&mut self.shadow) {
             self.occluded.clear();
             self.occluded.resize(queue.rays.paths.len(), false);
-            bvh.occluded_batch(self.set, &queue.rays.batch(), &mut self.occluded);
+            scene.bvh().occluded_batch(self.set, &queue.rays.batch(), &mut self.occluded);
             for (i, &path) in queue.rays.paths.iter().enumerate() {
-                if !self.occluded[i] {
-                    self.paths[path as usize].add_radiance(queue.light(i));
+                // A surface that lets light pass may be the only one on the way.
+                let light = match (self.occluded[i], scene.has_coverage()) {
+                    (false, _) => queue.light(i),
+                    (true, false) => Rgb::BLACK,
+                    (true, true) => queue.light(i) * scene.transmittance(&queue.rays.get(i)),
+                };
+                if !light.is_black() {
+                    self.paths[path as usize].add_radiance(light);
                 }
-                watch.event(path, || {
-                    let light = if self.occluded[i] { Rgb::BLACK } else { queue.light(i) };
-                    Event::ShadowRay { index, light }
-                });
+                watch.event(path, || Event::ShadowRay { index, light });
             }
             for &(path, light) in &queue.connected {
                 self.paths[path as usize].add_radiance(light);

@@ -181,8 +181,8 @@ impl Wavefront<'_> {
         let Queued { index, traced, origin, direction, mut t_max, expected, survival } = q;
         let bits = traced.bits();
         let mut arriving = expected * survival.recip();
-        // Where surfaces or media on the way matter, the ray is traced here.
-        if scene.has_coverage() || scene.has_solids() {
+        // Where media on the way matter, the ray is traced here.
+        if scene.has_solids() {
             let (origins, directions, mut ends) = (origin.to_lanes(), direction.to_lanes(), t_max.to_array());
             let (times, normals) = (group.points.time.to_array(), group.points.normal.to_lanes());
             let (mut open, mut transmittance) = ([1.0; MAX_WIDTH], [Rgb::WHITE; MAX_WIDTH]);

@@ -119,7 +119,6 @@ impl SceneBuilder {
         }
         self.report_unfindable_light(&geometry.parts, &compiled, &mut report);
         let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
-        let has_chance = geometry.parts.iter().any(|p| compiled[p.material as usize].is_stochastic());
         let has_solids = geometry.parts.iter().any(|p| compiled[p.material as usize].is_solid);
         // Shadow rays pass partly covering surfaces. They also pass clear faces between equal indices of refraction, if
         // the scene can have them.
@@ -168,7 +167,6 @@ impl SceneBuilder {
             has_nesting: solids.has_nesting,
             covers: Covers::default(),
             shutter: self.shutter.filter(|_| depends_on_time),
-            has_chance,
             has_solids,
             has_media: scatters || has_open_faces || solids.has_nesting,
             effects,

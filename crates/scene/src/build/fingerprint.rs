@@ -47,7 +47,6 @@ impl Scene {
             has_nesting,
             covers,
             shutter,
-            has_chance,
             has_solids,
             has_media,
             effects,
@@ -55,7 +54,7 @@ impl Scene {
         let mut hash = Hash::default();
         hash.value(&(world_origin, bounds, placements, parts, object_names, punctual_names));
         hash.value(&(materials, compiled, lights, cameras, radius, has_coverage, has_open_faces));
-        hash.value(&(solids, solid_bounds, has_nesting, covers, has_chance, has_solids, has_media, effects));
+        hash.value(&(solids, solid_bounds, has_nesting, covers, has_solids, has_media, effects));
         // Scenes at rest keep the fingerprint that they had before motion existed.
         if let Some(shutter) = shutter {
             hash.value(shutter);

@@ -93,10 +93,10 @@ impl Scene {
         TexturePoint { uvs, color }
     }
 
-    /// True if some surface is random.
+    /// True if surfaces of a material are random: present or absent, or one of two kinds.
     #[inline]
-    pub fn has_chance(&self) -> bool {
-        self.has_chance
+    pub fn is_random(&self, material: u32) -> bool {
+        self.compiled[material as usize].is_stochastic()
     }
 
     /// True if the surface is random at a point: present or absent, or one of two kinds.
