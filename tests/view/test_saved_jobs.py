@@ -47,6 +47,7 @@ def change(running, spp=24, **request):
             or (
                 state["render"]["restarted"] > before["render"]["restarted"]
                 and state["film"]["id"] > before["film"]["id"]
+                and not state["film"]["earlier"]
                 and state["film"]["spp"] >= spp
             )
         ),
