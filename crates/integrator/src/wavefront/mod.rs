@@ -5,7 +5,7 @@
 //! ```
 //!
 //! The stages in brackets are repeated until no path is left. Each is a loop over all paths that have reached it. Light
-//! samples and scattering are computed in lanes, of paths on surfaces of the same material. Stages that scenes rarely need
+//! samples and scattering are computed in lanes, of paths on one material or in one medium. Stages that scenes rarely need
 //! are computed path by path.
 //!
 //! A path reads and writes only its own state, and its contributions are added in the order of its vertices and lights.

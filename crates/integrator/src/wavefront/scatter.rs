@@ -445,47 +445,38 @@ fn evaluate_principled<F: Lanes, const RICH: bool>(
     )
 }
 
-/// Boundaries of clear solids.
-#[inline(never)]
-fn evaluate_dielectric<F: Lanes>(
-    group: &Group<'_, F>,
-    surfaces: &[&Dielectric; MAX_WIDTH],
-    draws: &[Draw<F>],
-) -> Evaluated<F> {
-    F::vectorize(
-        group.token,
-        #[inline(always)]
-        || evaluate(group, InLanes::<F>::gather(group.token, surfaces).view(group.wo), draws),
-    )
+macro_rules! evaluate_kind {
+    ($(#[$doc:meta])* $name:ident, $kind:ty) => {
+        $(#[$doc])*
+        #[inline(never)]
+        fn $name<F: Lanes>(
+            group: &Group<'_, F>,
+            lanes: &[&$kind; MAX_WIDTH],
+            draws: &[Draw<F>],
+        ) -> Evaluated<F> {
+            F::vectorize(
+                group.token,
+                #[inline(always)]
+                || evaluate(group, InLanes::<F>::gather(group.token, lanes).view(group.wo), draws),
+            )
+        }
+    };
 }
-
-/// Clear sheets.
-#[inline(never)]
-fn evaluate_sheet<F: Lanes>(
-    group: &Group<'_, F>,
-    surfaces: &[&ThinSheet; MAX_WIDTH],
-    draws: &[Draw<F>],
-) -> Evaluated<F> {
-    F::vectorize(
-        group.token,
-        #[inline(always)]
-        || evaluate(group, InLanes::<F>::gather(group.token, surfaces).view(group.wo), draws),
-    )
-}
-
-/// Points in media.
-#[inline(never)]
-fn evaluate_phase<F: Lanes>(
-    group: &Group<'_, F>,
-    functions: &[&HenyeyGreenstein; MAX_WIDTH],
-    draws: &[Draw<F>],
-) -> Evaluated<F> {
-    F::vectorize(
-        group.token,
-        #[inline(always)]
-        || evaluate(group, InLanes::<F>::gather(group.token, functions).view(group.wo), draws),
-    )
-}
+evaluate_kind!(
+    /// Boundaries of clear solids.
+    evaluate_dielectric,
+    Dielectric
+);
+evaluate_kind!(
+    /// Clear sheets.
+    evaluate_sheet,
+    ThinSheet
+);
+evaluate_kind!(
+    /// Points in media.
+    evaluate_phase,
+    HenyeyGreenstein
+);
 
 /// Surfaces of several kinds, lane by lane.
 #[inline(never)]
