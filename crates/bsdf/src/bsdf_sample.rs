@@ -49,6 +49,12 @@ pub struct BsdfSamples<F: Lanes> {
 }
 
 impl<F: Lanes> BsdfSamples<F> {
+    /// No samples: their density is zero.
+    #[inline(always)]
+    pub fn none(zero: F) -> Self {
+        Self::new(V3::new(zero, zero, zero), Rgb::splat(zero), zero, zero, zero)
+    }
+
     /// Samples with the weight `weight`. Light is absorbed where the weight is zero or the density underflowed. `lobe` is
     /// that of [`Lobe::in_lanes`].
     #[inline(always)]

@@ -122,13 +122,6 @@ impl ConnectionTally {
         self.converged += other.converged;
         self.rays += other.rays;
     }
-
-    /// Counts an attempt.
-    pub(crate) fn count(&mut self, attempt: &Attempt) {
-        self.attempts += 1;
-        self.converged += u64::from(attempt.has_converged);
-        self.rays += u64::from(attempt.rays);
-    }
 }
 
 impl Observer for PathTrace {

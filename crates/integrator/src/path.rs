@@ -200,7 +200,7 @@ impl Path {
     /// The ray leaves the scene and adds the radiance of the environment. Returns the contribution.
     pub(crate) fn add_environment(&mut self, scene: &Scene, ray: &Ray, prefix: Option<&SpecularPrefix>) -> Rgb {
         let direction = ray.direction;
-        let end = || End::infinite(direction);
+        let end = || End::Infinite { direction };
         let mut sum = Rgb::BLACK;
         let radiance = self.throughput * scene.environment_radiance(direction);
         if !radiance.is_black() {
@@ -226,7 +226,7 @@ impl Path {
         if radiance.is_black() {
             return Rgb::BLACK;
         }
-        let end = || End::surface(surface.point, surface.normal);
+        let end = || End::Surface { point: surface.point, normal: surface.normal };
         self.add_with_mis(scene, radiance, prefix, end, |receiver, choice| scene.light_pdf(receiver, choice, surface))
     }
 
@@ -249,7 +249,7 @@ impl Path {
             let light_pdf = light_pdf(&receiver, choice);
             mis_weight = match prefix.filter(|prefix| !prefix.is_direct()) {
                 None => direct::power_heuristic(self.last_pdf, light_pdf),
-                Some(prefix) => mnee::scattering_mis_weight(scene, &receiver, prefix, end(), self.last_pdf, light_pdf),
+                Some(prefix) => mnee::scattering_mis_weight(scene, &self.last, prefix, end(), self.last_pdf, light_pdf),
             };
         }
         let contribution = radiance * mis_weight;
@@ -261,7 +261,7 @@ impl Path {
     /// distance \[m\] if the medium scatters the path before the surface.
     pub(crate) fn sample_medium(&mut self, scene: &Scene, ray: &RayState, vertex: u32, distance: f32) -> Option<f32> {
         let Some(medium) = ray.medium(scene).filter(|m| m.scatters()) else {
-            self.throughput *= ray.transmittance(scene, distance);
+            self.throughput *= ray.enclosing.transmittance(scene, distance);
             return None;
         };
         let [_, u_distance, u_channel, u_digits] = self.sampler.get_4d(dimensions::surface_kind(vertex));

@@ -175,9 +175,9 @@ pub fn crossings(
         let (scattering, clear) = (at(Passage::Scattering), at(Passage::Clear));
         let vertex = Vertex::on_surface(scene, ray_state, hit, 0.5, &mut bsdf);
         ray_state = match vertex.delta(0.5) {
-            Some((wi, _)) => {
-                visit(&Crossing { onward: wi, ..clear })?;
-                vertex.spawn_ray(wi)
+            Some(beyond) => {
+                visit(&Crossing { onward: beyond.ray.direction, ..clear })?;
+                beyond
             }
             None => {
                 visit(&scattering)?;

@@ -80,28 +80,10 @@ impl RayState {
         }
     }
 
-    /// The transmittance over a distance \[m\] along the ray.
-    #[inline]
-    pub(crate) fn transmittance(&self, scene: &Scene, distance: f32) -> Rgb {
-        match &self.enclosing {
-            EnclosingSolids::Last(material) => attenuation(scene, *material, distance),
-            EnclosingSolids::All(interior) => scene.medium(interior).map_or(Rgb::WHITE, |m| m.transmittance(distance)),
-        }
-    }
-
-    /// The same origin with another direction on the same side of its surface.
-    #[inline]
-    pub(crate) fn with_direction(&self, direction: Vec3) -> Self {
-        self.leaving(self.ray.origin, direction)
-    }
-
     /// The material of the solid around the origin of the ray.
     #[inline]
     pub(crate) fn solid(&self, scene: &Scene) -> Option<u32> {
-        match &self.enclosing {
-            EnclosingSolids::Last(material) => *material,
-            EnclosingSolids::All(interior) => scene.material_inside(interior),
-        }
+        self.enclosing.material(scene)
     }
 
     /// A ray from a point in the same solids.
@@ -128,41 +110,41 @@ impl RayState {
             Some(interface) => EnclosingSolids::All(interface.beyond(wi)),
             None => {
                 let solid = shading.is_solid.then_some(shading.material);
-                self.enclosing.beyond(solid, hit.surface.normal, [self.ray.direction, wi])
+                let [from, to] = [self.ray.direction, wi].map(|direction| direction.dot(hit.surface.normal));
+                self.enclosing.beyond(solid, from > 0.0, to < 0.0)
             }
         };
         Self { ray: Ray::new(hit.surface.ray_origin(wi), wi).at_time(self.ray.time), enclosing }
     }
-
-    /// Transmittance along a shadow ray that starts at this state and ends before a light: the open share of the
-    /// surfaces, and the transmittance of the medium. Zero if the ray is occluded.
-    #[inline]
-    pub(crate) fn shadow_transmittance(&self, scene: &Scene, ray: &Ray) -> (f32, Rgb) {
-        match &self.enclosing {
-            EnclosingSolids::All(interior) => (1.0, scene.shadow_transmittance(ray, interior)),
-            EnclosingSolids::Last(material) => match scene.transmittance(ray) {
-                0.0 => (0.0, Rgb::WHITE),
-                open => (open, attenuation(scene, *material, ray.t_max)),
-            },
-        }
-    }
-
-    /// [`Self::shadow_transmittance`] of the medium alone. `None` if that depends on the surfaces on the way.
-    #[inline]
-    pub(crate) fn clear_transmittance(&self, scene: &Scene, distance: f32) -> Option<Rgb> {
-        match &self.enclosing {
-            EnclosingSolids::Last(material) => Some(attenuation(scene, *material, distance)),
-            EnclosingSolids::All(_) => None,
-        }
-    }
 }
 
 impl EnclosingSolids {
-    /// The solids around a ray that leaves a surface, which bounds a solid of the given material or none. The directions are
-    /// those of the ray that arrives and the one that leaves.
+    /// The material of the solid around the point.
     #[inline]
-    pub(crate) fn beyond(self, solid: Option<u32>, normal: Vec3, [from, to]: [Vec3; 2]) -> Self {
-        let (from_inside, inward) = (from.dot(normal) > 0.0, to.dot(normal) < 0.0);
+    pub(crate) fn material(&self, scene: &Scene) -> Option<u32> {
+        match self {
+            Self::Last(material) => *material,
+            Self::All(interior) => scene.material_inside(interior),
+        }
+    }
+
+    /// The transmittance over a distance \[m\] to the next surface (Beer and Lambert).
+    #[inline]
+    pub(crate) fn transmittance(&self, scene: &Scene, distance: f32) -> Rgb {
+        match self {
+            Self::Last(None) => Rgb::WHITE,
+            Self::Last(Some(material)) => match scene.absorption(*material) {
+                Rgb::BLACK => Rgb::WHITE,
+                absorption => absorption.map(|a| if a > 0.0 { (-a * distance).exp() } else { 1.0 }),
+            },
+            Self::All(interior) => scene.medium(interior).map_or(Rgb::WHITE, |m| m.transmittance(distance)),
+        }
+    }
+
+    /// The solids around a ray that leaves a surface, which bounds a solid of the given material or none: whether the
+    /// ray that arrives comes from inside, and whether the one that leaves goes inward.
+    #[inline]
+    pub(crate) fn beyond(self, solid: Option<u32>, from_inside: bool, inward: bool) -> Self {
         match (self, solid) {
             (Self::Last(_), Some(material)) if inward != from_inside => Self::Last(inward.then_some(material)),
             _ => self,
@@ -178,26 +160,5 @@ impl SurfaceHit<'_> {
             Boundary::Open { tint } => Some(tint),
             _ => None,
         }
-    }
-
-    /// The index of refraction inside the surface over that outside, if two solids meet here.
-    #[inline]
-    pub(crate) fn relative_index(&self) -> Option<f32> {
-        match self.interface?.boundary {
-            Boundary::Between { eta } => Some(eta),
-            _ => None,
-        }
-    }
-}
-
-/// Transmittance of an absorbing solid over a distance [m] (Beer and Lambert).
-#[inline]
-fn attenuation(scene: &Scene, inside: Option<u32>, distance: f32) -> Rgb {
-    let Some(material) = inside else { return Rgb::WHITE };
-    let absorption = scene.absorption(material);
-    if absorption.is_black() {
-        Rgb::WHITE
-    } else {
-        absorption.map(|a| if a > 0.0 { (-a * distance).exp() } else { 1.0 })
     }
 }

@@ -144,7 +144,7 @@ impl Observer for PathOutcomes {
             Event::Connection { index, attempt, light } => {
                 visit.added += light.max_channel();
                 visit.cost += CONNECTION_COST * attempt.rays as f32;
-                visit.connection[index as usize % LIGHTS].count(attempt.arrives);
+                visit.connection[index as usize % LIGHTS].count(!light.is_black());
             }
             Event::Scattered { throughput, .. } => visit.throughput = throughput.max_channel(),
         }

@@ -1,29 +1,16 @@
-//! Vertices of a path at which light is scattered: points on a surface or in a medium.
+//! A point on a surface at which light is scattered, of a single path.
 
 use crate::ray_state::{RayState, SurfaceHit};
 use crate::scatterer::{OneLane, Scatterer};
-use dunkelfeld_bsdf::{Bsdf, BsdfSamples, View};
-use dunkelfeld_geometry::{LocalDir, Vec3};
-use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Medium, Scene, ShadingPoint};
+use dunkelfeld_bsdf::{Bsdf, View};
+use dunkelfeld_scene::{Scene, ShadingPoint};
 
-/// A point at which light is scattered.
+/// A point on a surface at which light is scattered.
 pub(crate) struct Vertex<'a> {
-    pub(crate) place: Place<'a>,
-    pub(crate) shading: ShadingPoint<'a>,
-    /// Direction toward the camera.
-    pub(crate) wo: Vec3,
-    wo_local: LocalDir,
+    shading: ShadingPoint<'a>,
+    hit: SurfaceHit<'a>,
     /// The ray that has reached the point.
     ray_state: RayState,
-}
-
-/// The place of a vertex.
-pub(crate) enum Place<'a> {
-    /// On a surface.
-    Surface(SurfaceHit<'a>),
-    /// In a medium.
-    Medium(&'a Medium),
 }
 
 impl<'a> Vertex<'a> {
@@ -37,81 +24,32 @@ impl<'a> Vertex<'a> {
         u_kind: f32,
         storage: &'a mut Option<Bsdf>,
     ) -> Self {
-        let wo = -ray_state.ray.direction;
-        let shading = match hit.relative_index() {
-            Some(eta) => scene.shade_between(&hit.surface, wo, u_kind, eta, storage),
-            None => scene.shade(&hit.surface, wo, u_kind, storage),
-        };
-        let wo_local = shading.frame.to_local(wo);
-        Self { place: Place::Surface(hit), shading, wo, wo_local, ray_state }
+        let eta = hit.interface.and_then(|interface| interface.relative_index());
+        let shading = scene.shade_between(&hit.surface, -ray_state.ray.direction, u_kind, eta, storage);
+        Self { shading, hit, ray_state }
     }
 
-    /// The vertex at a distance \[m\] along the ray through a medium.
-    pub(crate) fn in_medium(
-        scene: &'a Scene,
-        ray_state: RayState,
-        distance: f32,
-        storage: &'a mut Option<Bsdf>,
-    ) -> Option<Self> {
-        let (medium, material) = (ray_state.medium(scene)?, ray_state.solid(scene)?);
-        let phase = storage.insert(Bsdf::Phase(medium.phase));
-        let shading = ShadingPoint::in_medium(ray_state.ray.at(distance), phase, material);
-        let wo = -ray_state.ray.direction;
-        Some(Self { place: Place::Medium(medium), shading, wo, wo_local: LocalDir(wo), ray_state })
-    }
-
-    /// The event of a smooth surface that is chosen by the number `u_lobe` in `[0, 1)`, with its direction in render
-    /// space. `None` if light would also be reflected by the opposite facet
+    /// The ray behind a smooth surface, after the event that is chosen by the number `u_lobe` in `[0, 1)`. `None` at other
+    /// surfaces, and if light would also be reflected by the opposite facet
     /// ([`ShadingFrames::image`](dunkelfeld_scene::ShadingFrames::image)).
     #[inline]
-    pub(crate) fn delta(&self, u_lobe: f32) -> Option<(Vec3, BsdfSamples<f32>)> {
+    pub(crate) fn delta(&self, u_lobe: f32) -> Option<RayState> {
         if !self.shading.bsdf.is_delta() {
             return None;
         }
         let scatterer = self.scatterer();
         let sample = scatterer.view.sample(u_lobe, [0.0; 2]);
         let wi = scatterer.frames.frame.to_world(sample.wi);
-        (sample.pdf > 0.0 && scatterer.frames.consistent(wi, sample.wi)).then(|| (wi.into(), sample))
-    }
-
-    /// The BSDF or phase function for light from `wi` toward the camera side [1/sr], cosine included, and the density
-    /// of `wi` in sampling.
-    #[inline]
-    pub(crate) fn eval(&self, wi: Vec3) -> (Rgb, f32) {
-        self.scatterer().eval(wi.into())
+        let is_possible = sample.pdf > 0.0 && scatterer.frames.consistent(wi, sample.wi);
+        is_possible.then(|| self.ray_state.spawn_ray(&self.hit, &self.shading, wi.into()))
     }
 
     /// The vertex as the only lane.
     #[inline]
     fn scatterer(&self) -> Scatterer<f32, OneLane<'_>> {
-        Scatterer {
-            frames: self.shading.frames(self.normal()),
-            view: OneLane { bsdf: self.shading.bsdf, wo: self.wo_local },
-        }
-    }
-
-    /// The state of the ray that continues in a direction.
-    #[inline]
-    pub(crate) fn spawn_ray(&self, wi: Vec3) -> RayState {
-        match &self.place {
-            Place::Surface(hit) => self.ray_state.spawn_ray(hit, &self.shading, wi),
-            Place::Medium(_) => self.ray_state.leaving(self.shading.receiver.point, wi),
-        }
-    }
-
-    /// The surface; `None` in a medium.
-    #[inline]
-    pub(crate) fn surface(&self) -> Option<&SurfaceHit<'a>> {
-        match &self.place {
-            Place::Surface(hit) => Some(hit),
-            Place::Medium(_) => None,
-        }
-    }
-
-    /// The geometric normal; that of the frame in a medium.
-    #[inline]
-    pub(crate) fn normal(&self) -> Vec3 {
-        self.surface().map_or(Vec3::Z, |hit| hit.surface.normal)
+        let wo = self.shading.frame.to_local(-self.ray_state.ray.direction);
+        let frames = self.shading.frames(self.hit.surface.normal);
+        Scatterer { frames, view: OneLane { bsdf: self.shading.bsdf, wo } }
     }
 }
 
@@ -121,6 +59,7 @@ mod tests {
     use crate::ray_state::{RayState, SurfaceHit};
     use dunkelfeld_bsdf::Lobe;
     use dunkelfeld_geometry::{Ray, Vec3};
+    use dunkelfeld_lanes::V3;
     use dunkelfeld_scene::shapes::rectangle;
     use dunkelfeld_scene::{Material, Scene, SceneBuilder, Surface, Volume};
 
@@ -163,7 +102,7 @@ mod tests {
             }
             sum += f64::from(s.weight.g * s.eta * s.eta);
             assert_eq!(wi.z > 0.0, Lobe::from_bits(s.lobe.0).contains(Lobe::REFLECTION), "{what}: the wrong side");
-            let (value, pdf) = at.eval(wi.into());
+            let (value, pdf) = at.scatterer().eval(wi);
             let near = |a: f32, b: f32| (a - b).abs() <= 2e-2 * a.abs().max(b.abs());
             assert!(near(pdf, s.pdf) && near(value.g, s.weight.g * s.pdf), "{what}: {pdf} {value:?} against {s:?}");
         }
@@ -202,7 +141,7 @@ mod tests {
                             let z = 1.0 - ((k / STEPS) as f32 + 0.5) / STEPS as f32;
                             let (y, x) = (((k % STEPS) as f32 + 0.5) / STEPS as f32 * std::f32::consts::TAU).sin_cos();
                             let r = (1.0 - z * z).sqrt();
-                            let (v, pdf) = at.eval(Vec3::new(r * x, r * y, z));
+                            let (v, pdf) = at.scatterer().eval(V3::new(r * x, r * y, z));
                             // Radiance in a solid, without the factor of its index of refraction.
                             value += f64::from(v.g) * if z < 0.0 { 2.25 } else { 1.0 };
                             density += f64::from(pdf);

@@ -18,6 +18,8 @@ pub trait Double<F: Lanes>: Real + Add<f64, Output = Self> + Sub<f64, Output = S
     fn narrow(self) -> F;
     /// The mask for numbers of single precision.
     fn narrow_mask(mask: Self::Mask) -> F::Mask;
+    /// The mask for numbers of double precision.
+    fn widen_mask(mask: F::Mask) -> Self::Mask;
 }
 
 /// The first half of the lanes, and the second one.

@@ -311,4 +311,8 @@ impl Double<f32> for f64 {
     fn narrow_mask(mask: DoubleMask) -> bool {
         mask.0
     }
+    #[inline(always)]
+    fn widen_mask(mask: bool) -> DoubleMask {
+        DoubleMask(mask)
+    }
 }

@@ -4,8 +4,9 @@ use crate::double::{self, Pair};
 use crate::{Double, Lanes, Long, MAX_WIDTH, Mask, Real, Word, functions};
 use fearless_simd::prelude::*;
 use fearless_simd::{
-    MaskNarrow, Simd, SimdCvtFloat, SimdNarrow, SimdWiden, f32x4, f32x8, f32x16, f64x2, f64x4, f64x8, i32x4, i32x8,
-    i32x16, mask32x4, mask32x8, mask32x16, mask64x2, mask64x4, mask64x8, u32x4, u32x8, u32x16, u64x2, u64x4, u64x8,
+    MaskNarrow, MaskWiden, Simd, SimdCvtFloat, SimdNarrow, SimdWiden, f32x4, f32x8, f32x16, f64x2, f64x4, f64x8, i32x4,
+    i32x8, i32x16, mask32x4, mask32x8, mask32x16, mask64x2, mask64x4, mask64x8, u32x4, u32x8, u32x16, u64x2, u64x4,
+    u64x8,
 };
 use std::ops::{Add, BitXor, Mul, Shr};
 
@@ -228,6 +229,11 @@ macro_rules! vector {
             #[inline(always)]
             fn narrow_mask(mask: Self::Mask) -> <$number<S> as Real>::Mask {
                 MaskNarrow::narrow(mask.low, mask.high)
+            }
+            #[inline(always)]
+            fn widen_mask(mask: <$number<S> as Real>::Mask) -> Self::Mask {
+                let (low, high) = MaskWiden::widen(mask);
+                Pair { low, high }
             }
         }
     };

@@ -75,7 +75,7 @@ fn doubles<F: Lanes>(token: F::Token, a: &[f64; MAX_WIDTH], b: &[f64; MAX_WIDTH]
         let (a, b) = (F::Double::load(token, &first), F::Double::load(token, &second));
         let (c, s) = F::Double::cos_sin(a.abs().min(a.constant(6.25)));
         let v = V3::<F>::narrow(V3::new(a, b, a * b)).widen();
-        let is_less = F::Double::narrow_mask(a.lt(b));
+        let is_less = F::Double::narrow_mask(F::Double::widen_mask(F::Double::narrow_mask(a.lt(b))));
         let narrow = is_less.select(a.narrow(), b.narrow());
         let all = [
             a + b,

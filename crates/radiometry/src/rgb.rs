@@ -1,6 +1,6 @@
 //! Linear Rec. 709 RGB triples.
 
-use dunkelfeld_lanes::{Lanes, Mask};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask};
 use std::ops::{Add, AddAssign, Div, Index, Mul, MulAssign, Neg, Sub};
 
 /// Three linear Rec. 709 channels, of one number or of lanes. The name of a value states its quantity (radiance,
@@ -71,6 +71,27 @@ impl<F: Lanes> Rgb<F> {
     #[inline(always)]
     pub fn in_lanes(token: F::Token, c: Rgb) -> Self {
         Self::new(F::splat(token, c.r), F::splat(token, c.g), F::splat(token, c.b))
+    }
+
+    /// The colour of each lane.
+    #[inline(always)]
+    pub fn from_lanes(token: F::Token, lanes: &[Rgb; MAX_WIDTH]) -> Self {
+        let [mut r, mut g, mut b] = [[0.0; MAX_WIDTH]; 3];
+        for lane in 0..F::WIDTH {
+            [r[lane], g[lane], b[lane]] = lanes[lane].to_array();
+        }
+        Self::new(F::load(token, &r), F::load(token, &g), F::load(token, &b))
+    }
+
+    /// The colours, one for each lane; black beyond the last lane.
+    #[inline(always)]
+    pub fn to_lanes(self) -> [Rgb; MAX_WIDTH] {
+        let (r, g, b) = (self.r.to_array(), self.g.to_array(), self.b.to_array());
+        let mut lanes = [Rgb::BLACK; MAX_WIDTH];
+        for lane in 0..F::WIDTH {
+            lanes[lane] = Rgb::new(r[lane], g[lane], b[lane]);
+        }
+        lanes
     }
 
     /// Relative luminance with the Rec. 709 weights (ITU-R BT.709).

@@ -42,14 +42,6 @@ pub struct LearnedRoulette {
     grid: CellGrid,
 }
 
-/// The survival probabilities at a vertex.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct VertexRoulette<'a> {
-    cell: &'a Cell,
-    /// `1 / sqrt(V / C)` of the path \[m^2 sr/W\].
-    gain_scale: f32,
-}
-
 impl LearnedRoulette {
     /// The statistics of batches of training paths: their vertices, path after path. The order of the batches is part of
     /// the result. `None` if no path met a surface.
@@ -84,15 +76,6 @@ impl LearnedRoulette {
     }
 }
 
-impl VertexRoulette<'_> {
-    /// Survival probability of the connection of a light sample through a cover. `expected` is an upper bound of its
-    /// contribution to the pixel [W/(m^2 sr)] if it is not occluded.
-    #[inline]
-    pub(crate) fn connection_survival(&self, index: u32, expected: f32) -> f32 {
-        clamp(expected * self.gain_scale * self.cell.connection[index as usize % LIGHTS])
-    }
-}
-
 /// The survival probabilities at the vertices of lanes.
 pub(crate) struct VertexRoulettes<'a, F: Lanes> {
     cells: &'a [Cell],
@@ -113,14 +96,6 @@ impl<'a, F: Lanes> VertexRoulettes<'a, F> {
         Self { cells: &[], found: [NONE; MAX_WIDTH], is_learned: F::mask(token, 0), gain_scale, path: zero }
     }
 
-    /// The statistics of a lane.
-    #[inline]
-    pub(crate) fn lane(&self, lane: usize) -> Option<VertexRoulette<'a>> {
-        let cell = self.cells.get(self.found[lane] as usize)?;
-        let gain_scale = self.gain_scale.to_array()[lane];
-        (self.is_learned.bits() >> lane & 1 == 1).then_some(VertexRoulette { cell, gain_scale })
-    }
-
     /// Survival probability of the path after scattering; the other probability in lanes without statistics. `throughput`
     /// is the largest channel. A path without throughput ends.
     #[inline(always)]
@@ -134,13 +109,34 @@ impl<'a, F: Lanes> VertexRoulettes<'a, F> {
     /// `expected` is an upper bound of its contribution to the pixel [W/(m^2 sr)] if it is not occluded.
     #[inline(always)]
     pub(crate) fn shadow_survival(&self, index: u32, expected: F, other: F) -> F {
+        self.survival(
+            expected,
+            other,
+            #[inline(always)]
+            |cell| cell.shadow[index as usize % LIGHTS],
+        )
+    }
+
+    /// The same of the connection of a light sample through a cover.
+    #[inline(always)]
+    pub(crate) fn connection_survival(&self, index: u32, expected: F, other: F) -> F {
+        self.survival(
+            expected,
+            other,
+            #[inline(always)]
+            |cell| cell.connection[index as usize % LIGHTS],
+        )
+    }
+
+    #[inline(always)]
+    fn survival(&self, expected: F, other: F, share_of: impl Fn(&Cell) -> f32) -> F {
         if !self.is_learned.any() {
             return other;
         }
         let mut shares = [0.0; MAX_WIDTH];
-        for (share, found) in shares.iter_mut().zip(self.found) {
-            if let Some(cell) = self.cells.get(found as usize) {
-                *share = cell.shadow[index as usize % LIGHTS];
+        for lane in 0..F::WIDTH {
+            if let Some(cell) = self.cells.get(self.found[lane] as usize) {
+                shares[lane] = share_of(cell);
             }
         }
         let survival = clamp(expected * self.gain_scale * F::load(expected.token(), &shares));

@@ -1,138 +1,154 @@
-//! Linearised chain: the faces of a cover near a traced ray. It predicts the neighbouring rays without intersecting the
+//! Linearised chains: the faces of covers near traced rays. They predict the neighbouring rays without intersecting the
 //! mesh again.
 
-use super::ray_differential::RayDifferential;
-use dunkelfeld_geometry::{DVec3, Vec3};
-use dunkelfeld_scene::NormalDifferential;
+use super::ray_differential::{Bend, RayDifferentials};
+use dunkelfeld_lanes::{Double, Lanes, Mask, Real, V3};
+use dunkelfeld_scene::NormalDifferentials;
 
 /// Maximum number of events. Longer chains are not linearised. Two double passes through a sheet have this number of
 /// events.
 const MAX_EVENTS: usize = 6;
 
-/// One interface near the point where the traced ray hit it.
+/// Interfaces near the points where traced rays hit them.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SpecularVertex {
-    /// The intersection in render space.
-    pub(super) point: DVec3,
-    /// Unit geometric normal.
-    pub(super) geometric_normal: DVec3,
-    /// Unit shading normal.
-    pub(super) normal: DVec3,
-    /// Derivative of the shading normal; `None` where it is constant.
-    pub(super) differential: Option<NormalDifferential>,
-    /// Index of refraction on the far side over that on the near side; `None` if the ray is reflected.
-    pub(super) eta: Option<f64>,
+pub(super) struct SpecularVertices<F: Lanes> {
+    /// Lanes whose chain has this event.
+    pub(super) lanes: F::Mask,
+    /// The intersections in render space.
+    pub(super) point: V3<F>,
+    /// Unit geometric normals.
+    pub(super) geometric_normal: V3<F>,
+    /// Unit shading normals, and their derivatives.
+    pub(super) normal: V3<F>,
+    pub(super) differential: Option<NormalDifferentials<F>>,
+    /// Indices of refraction on the far side over those on the near side; 1 for a reflection.
+    pub(super) eta: F,
+    pub(super) is_reflection: F::Mask,
 }
 
-/// The interfaces of a traced chain in order, starting at the receiver.
-#[derive(Clone, Debug)]
-pub(super) struct LinearizedChain {
-    vertices: [Option<SpecularVertex>; MAX_EVENTS],
-    events: usize,
+/// The interfaces of traced chains in order, starting at the receivers.
+#[derive(Debug)]
+pub(super) struct LinearizedChains<F: Lanes> {
+    vertices: [Option<SpecularVertices<F>>; MAX_EVENTS],
+    /// Lanes whose chain has no more than [`MAX_EVENTS`].
+    is_short: F::Mask,
 }
 
-impl LinearizedChain {
-    pub(super) fn new() -> Self {
-        Self { vertices: [const { None }; MAX_EVENTS], events: 0 }
+impl<F: Lanes> LinearizedChains<F> {
+    #[inline(always)]
+    pub(super) fn new(token: F::Token) -> Self {
+        Self { vertices: [const { None }; MAX_EVENTS], is_short: F::mask(token, u32::MAX >> (32 - F::WIDTH)) }
     }
 
-    /// Removes all interfaces.
-    pub(super) fn clear(&mut self) {
-        self.events = 0;
-    }
-
-    /// Appends an interface.
-    pub(super) fn push(&mut self, vertex: SpecularVertex) {
-        if let Some(slot) = self.vertices.get_mut(self.events) {
-            *slot = Some(vertex);
+    /// Stores the interfaces of an event. Those of later events are removed.
+    #[inline(always)]
+    pub(super) fn set(&mut self, event: usize, vertices: &SpecularVertices<F>) {
+        match self.vertices.get_mut(event) {
+            Some(slot) => *slot = Some(*vertices),
+            None => self.is_short = self.is_short & !vertices.lanes,
         }
-        self.events += 1;
+        if let Some(next) = self.vertices.get_mut(event + 1) {
+            *next = None;
+        }
     }
 
-    /// Traces a ray near the recorded one through the linearised faces. Returns the point where it leaves the last
-    /// interface, its unit direction there, and its ray differential. Each face is replaced by the plane at its
-    /// intersection, with a normal that changes linearly. `None` if the ray does not pass, or if the chain has too many
-    /// events.
-    pub(super) fn trace(&self, origin: DVec3, first: Vec3) -> Option<(DVec3, DVec3, RayDifferential)> {
-        let (mut ray_differential, mut position, mut direction) =
-            (RayDifferential::from_point(first), origin, first.as_dvec3());
-        for vertex in self.vertices.get(..self.events)?.iter().flatten() {
-            let distance =
-                (vertex.point - position).dot(vertex.geometric_normal) / direction.dot(vertex.geometric_normal);
-            let is_forward = distance > 0.0 && distance.is_finite();
-            if !is_forward {
-                return None;
+    /// Traces rays near the recorded ones through the linearised faces. Returns the lanes that pass, the points where
+    /// they leave the last interface, their unit directions there, and their ray differentials. Each face is replaced by
+    /// the plane at its intersection, with a normal that changes linearly.
+    #[inline(always)]
+    pub(super) fn trace(
+        &self,
+        origin: V3<F::Double>,
+        first: V3<F>,
+    ) -> (F::Mask, V3<F::Double>, V3<F::Double>, RayDifferentials<F>) {
+        let mut rays = RayDifferentials::from_point(first);
+        let (mut position, mut direction, mut passes) = (origin, first.widen(), self.is_short);
+        for vertex in self.vertices.iter().map_while(|vertex| vertex.as_ref()) {
+            let (point, flat, eta) = (vertex.point.widen(), vertex.geometric_normal.widen(), Double::widen(vertex.eta));
+            let distance = (point - position).dot(flat) / direction.dot(flat);
+            let (mut moved, there) = (rays, position + direction * distance);
+            moved.transfer(direction, distance, flat);
+            let mut normal = vertex.normal.widen();
+            if let Some(differential) = &vertex.differential {
+                normal = (normal + differential.along(there - point)).normalize();
             }
-            position += direction * distance;
-            ray_differential.transfer(direction, distance, vertex.geometric_normal);
-            let normal_change = vertex.differential.map_or(DVec3::ZERO, |d| d.along(position - vertex.point));
-            let normal = (vertex.normal + normal_change).normalize();
-            let before = direction.dot(normal);
-            direction = match vertex.eta {
-                None => {
-                    ray_differential.reflect(direction, normal, vertex.differential.as_ref());
-                    direction - normal * (2.0 * before)
-                }
-                Some(eta) => {
-                    let square = 1.0 - (1.0 - before * before) / (eta * eta);
-                    let is_transmitted = square > 0.0;
-                    if !is_transmitted {
-                        return None;
-                    }
-                    let along = square.sqrt() * before.signum();
-                    let refracted = direction / eta + normal * (along - before / eta);
-                    ray_differential.refract((direction, refracted), normal, eta, vertex.differential.as_ref());
-                    refracted
-                }
-            };
+            let incident = direction.dot(normal);
+            let (one, zero) = (incident.constant(1.0), incident.constant(0.0));
+            let square = one - (one - incident * incident) / (eta * eta);
+            let is_reflection = F::Double::widen_mask(vertex.is_reflection);
+            let cosine = square.max(zero).sqrt();
+            // Of the direction behind the interface along the normal.
+            let along = (incident.lt(zero) ^ is_reflection).select(-cosine, cosine);
+            let behind = direction / eta + normal * (along - incident / eta);
+            moved.bend(&Bend {
+                before: direction,
+                behind,
+                normal,
+                differential: vertex.differential,
+                eta,
+                is_reflection,
+            });
+            let is_possible = distance.is_positive() & distance.is_finite() & square.is_positive();
+            passes = passes & (!vertex.lanes | F::Double::narrow_mask(is_possible));
+            let lanes = F::Double::widen_mask(vertex.lanes);
+            rays = RayDifferentials::select(vertex.lanes, moved, rays);
+            position = V3::select(lanes, there, position);
+            direction = V3::select(lanes, behind, direction);
         }
-        Some((position, direction, ray_differential))
+        (passes, position, direction, rays)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dunkelfeld_geometry::{DVec3, Vec3};
 
     #[test]
     fn neighbouring_rays_obey_snells_law_and_the_law_of_reflection() {
-        let (d, n, h) = (0.004, 1.49, 0.02);
-        let mut linearized_chain = LinearizedChain::new();
-        let vertex = |z: f64, eta| SpecularVertex {
-            point: DVec3::new(0.3, -0.2, z),
-            geometric_normal: DVec3::Z,
-            normal: DVec3::Z,
+        let (d, n, h) = (0.004f32, 1.49f32, 0.02f32);
+        let up = V3::new(0.0, 0.0, 1.0);
+        let vertex = |z: f32, eta: f32, is_reflection| SpecularVertices::<f32> {
+            lanes: true,
+            point: V3::new(0.3, -0.2, z),
+            geometric_normal: up,
+            normal: up,
             differential: None,
             eta,
+            is_reflection,
         };
-        linearized_chain.push(vertex(h, Some(n)));
-        linearized_chain.push(vertex(h + d, Some(1.0 / n)));
-        linearized_chain.push(vertex(0.5, None));
+        let zero = V3::new(0.0, 0.0, 0.0);
+        let mut chain = LinearizedChains::new(());
+        let (top, inverse) = (h + d, 1.0 / n);
+        chain.set(0, &vertex(h, n, false));
+        chain.set(1, &vertex(top, inverse, false));
+        chain.set(2, &vertex(0.5, 1.0, true));
         let first = DVec3::new(0.5, 0.1, 0.7).normalize().as_vec3();
-        let direction = first.as_dvec3().normalize();
-        let (position, leaving, ray_differential) =
-            linearized_chain.trace(DVec3::ZERO, first).expect("a transmitted ray");
+        let direction = first.as_dvec3();
+        let (passes, position, leaving, rays) = chain.trace(zero, first.into());
+        assert!(passes, "a transmitted ray");
+        let vector = |v: V3<f64>| DVec3::new(v.x, v.y, v.z);
+        let (position, leaving_vector) = (vector(position), vector(leaving));
+        let (d, n, top) = (f64::from(top - h), f64::from(n), f64::from(top));
         let sine = direction.x.hypot(direction.y) / n;
         let inner = d * sine / (1.0 - sine * sine).sqrt();
-        let shift = (0.5 - d) * direction.x.hypot(direction.y) / direction.z + inner;
+        let shift = (0.5 - top + f64::from(h)) * direction.x.hypot(direction.y) / direction.z + inner;
         let expected = DVec3::new(direction.x, direction.y, 0.0).normalize() * shift + DVec3::Z * 0.5;
         assert!(position.distance(expected) < 1e-7, "{position} instead of {expected}");
-        assert!(leaving.distance(DVec3::new(direction.x, direction.y, -direction.z)) < 1e-7);
+        assert!(leaving_vector.distance(DVec3::new(direction.x, direction.y, -direction.z)) < 2e-7);
         // The ray differential equals the difference to a neighbouring ray.
         let step = 1e-3f32;
-        let moved = (first + ray_differential.axes[0] * step).normalize();
-        let (other, turned, _) = linearized_chain.trace(DVec3::ZERO, moved).expect("a transmitted ray");
-        let jacobian = ray_differential.jacobian_at(leaving, 0.3);
-        let reached = (other - position) + (turned - leaving) * 0.3;
-        let reached = reached - turned * (reached.dot(leaving) / turned.dot(leaving));
-        let solved = jacobian.solve(reached).expect("an open bundle");
-        assert!((solved[0] - f64::from(step)).abs() < 3e-6 && solved[1].abs() < 3e-6, "{solved:?}");
+        let moved = (first + Vec3::from(rays.axes[0]) * step).normalize();
+        let (_, other, turned, _) = chain.trace(zero, moved.into());
+        let (other, turned) = (vector(other), vector(turned));
+        let reached = (other - position) + (turned - leaving_vector) * 0.3;
+        let reached = reached - turned * (reached.dot(leaving_vector) / turned.dot(leaving_vector));
+        let [x, y] = rays.jacobians_at(leaving, 0.3).solve(V3::new(reached.x, reached.y, reached.z));
+        assert!((x - f64::from(step)).abs() < 3e-6 && y.abs() < 3e-6, "{x} {y}");
         // Total reflection, and a chain with too many events.
-        linearized_chain.clear();
-        linearized_chain.push(vertex(h, Some(1.0 / 3.0)));
-        assert!(linearized_chain.trace(DVec3::ZERO, first).is_none());
-        linearized_chain.clear();
-        (0..7).for_each(|_| linearized_chain.push(vertex(h, Some(1.0))));
-        assert!(linearized_chain.trace(DVec3::ZERO, first).is_none());
+        chain.set(0, &vertex(h, 1.0 / 3.0, false));
+        assert!(!chain.trace(zero, first.into()).0);
+        (0..7).for_each(|event| chain.set(event, &vertex(h, 1.0, false)));
+        assert!(!chain.trace(zero, first.into()).0);
     }
 }

@@ -39,14 +39,13 @@ mod ray_differential;
 mod trace_chain;
 
 use crate::direct::power_heuristic;
-use crate::ray_state::RayState;
-use crate::vertex::Vertex;
-use dunkelfeld_geometry::{DVec3, Vec3};
-use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Candidate, Chain, Crossing, LightSample, LightSampleContext, Scene, SurfacePoint, Target};
-use linearized_chain::LinearizedChain;
-use ray_differential::RayDifferential;
-use trace_chain::{TracedChain, trace_chain};
+use crate::ray_state::{EnclosingSolids, RayState};
+use dunkelfeld_geometry::Vec3;
+use dunkelfeld_lanes::{Double, InstructionSet, Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_scene::{CandidateChains, Chain, Receivers, Scene, Targets};
+use linearized_chain::LinearizedChains;
+use ray_differential::{EndpointJacobians, RayDifferentials};
+pub(crate) use trace_chain::TracedChains;
 
 /// Maximum number of rays of one connection.
 const MAX_RAYS: u32 = 6;
@@ -54,23 +53,23 @@ const MAX_RAYS: u32 = 6;
 const EARLY_STOP_RAYS: u32 = 3;
 /// The solver continues after [`EARLY_STOP_RAYS`] rays if one ray has missed the light by less than this share of the
 /// straight distance. Most solutions are found within few rays.
-const EARLY_STOP_ERROR: f64 = 0.01;
+const EARLY_STOP_ERROR: f32 = 0.01;
 /// Maximum number of Newton steps on a linearised chain.
 const MAX_LINEARIZED_STEPS: u32 = 4;
 /// Newton's method on a linearised chain ends at a step of this size \[rad\].
-const LINEARIZED_TOLERANCE: f64 = 1e-3;
+const LINEARIZED_TOLERANCE: f32 = 1e-3;
 /// Maximum number of times in a row that a step is halved.
 const MAX_HALVINGS: u32 = 4;
 /// A chain has arrived if it misses the light by less than this share of the straight distance, and if its next step is
 /// below [`STEP_TOLERANCE`].
-const ERROR_TOLERANCE: f64 = 1e-4;
+const ERROR_TOLERANCE: f32 = 1e-4;
 /// Largest next Newton step of a chain that has arrived \[rad\]. That step is still applied. So the error of the first
 /// direction is of the order of its square, which matters for a glossy receiver.
-const STEP_TOLERANCE: f64 = 1e-4;
+const STEP_TOLERANCE: f32 = 1e-4;
 /// Rounding error of a direction in f32, with a margin \[rad\].
-const ROUNDING: f64 = 1e-6;
+const ROUNDING: f32 = 1e-6;
 /// Largest change of the first direction in one step \[rad\].
-const MAX_STEP: f64 = 0.3;
+const MAX_STEP: f32 = 0.3;
 
 /// The smooth interfaces of one stack that a path has passed since its last scattering.
 #[derive(Clone, Copy, Debug)]
@@ -97,8 +96,8 @@ impl SpecularPrefix {
 
     /// Passes a smooth interface; `None` if no connection can sample this path.
     #[inline]
-    pub(crate) fn extended(&self, scene: &Scene, at: &SurfacePoint, is_reflection: bool) -> Option<Self> {
-        let stack = scene.cover_of(at)?;
+    pub(crate) fn extended(&self, scene: &Scene, part: u32, is_reflection: bool) -> Option<Self> {
+        let stack = scene.cover_of_part(part)?;
         let is_same = self.stack.is_none_or(|s| s == stack);
         let chain = self.chain.extended(is_reflection).filter(|_| is_same)?;
         Some(Self { stack: Some(stack), chain, ..*self })
@@ -115,103 +114,33 @@ pub(crate) struct Attempt {
     /// Number of rays traced through the cover.
     pub(crate) rays: u32,
     pub(crate) has_converged: bool,
-    /// True if the light reaches the vertex.
-    pub(crate) arrives: bool,
-    /// Weight by the power heuristic; zero if no light arrives.
+    /// Weight by the power heuristic, if light arrives.
     pub(crate) mis_weight: f32,
-    /// Radiance that is scattered toward the camera [W/(m^2 sr)], for the throughput 1.
-    pub(crate) radiance: Rgb,
 }
 
-/// The end of a connection on a light.
+/// The ends of connections, one for each lane.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct End {
-    pub(crate) target: Target,
-    /// Unit normal of the light's surface; zero where it has none.
-    pub(crate) normal: Vec3,
+pub(crate) struct Endpoints<F: Lanes> {
+    /// The receivers, and the origins of their rays on the side of the straight line.
+    pub(crate) receivers: Receivers<F>,
+    pub(crate) origin: V3<F>,
+    pub(crate) time: F,
+    /// The solids around the origins.
+    pub(crate) enclosing: [EnclosingSolids; MAX_WIDTH],
+    /// The ends on lights, and the unit normals of their surfaces, which are zero where there is none.
+    pub(crate) targets: Targets<F>,
+    pub(crate) light_normal: V3<F>,
+    /// Unit directions of the straight lines from the receivers to the lights. All chains start on their side.
+    pub(crate) straight: V3<F>,
 }
 
-impl End {
-    /// A point on a surface that emits.
-    pub(crate) fn surface(point: Vec3, normal: Vec3) -> Self {
-        Self { target: Target::Point(point), normal }
-    }
-
+/// The end of a path on a light.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum End {
+    /// A point on a surface that emits, with its unit normal.
+    Surface { point: Vec3, normal: Vec3 },
     /// A direction toward light at infinity.
-    pub(crate) fn infinite(direction: Vec3) -> Self {
-        Self { target: Target::Direction(direction), normal: Vec3::ZERO }
-    }
-
-    /// Unit direction of the straight line from a point to the end.
-    fn straight(&self, from: Vec3) -> Vec3 {
-        match self.target {
-            Target::Point(p) => (p - from).normalize_or_zero(),
-            Target::Direction(d) => d,
-        }
-    }
-}
-
-/// Light of a light sample that reaches a vertex through a cover and is scattered toward the camera. `u` in `[0, 1)`
-/// chooses among the candidate chains, and decides a roulette before the search. `survival` gives its probability for
-/// the expected radiance [W/(m^2 sr)] toward the camera. `None` if there is no chain or if the roulette ends the attempt.
-#[inline(never)]
-pub(crate) fn estimate(
-    scene: &Scene,
-    at: &Vertex<'_>,
-    light: &LightSample,
-    survival: impl FnOnce(Rgb) -> f32,
-    [u_chain, u_roulette]: [f32; 2],
-) -> Option<Attempt> {
-    if light.is_delta {
-        return None;
-    }
-    let end = match light.target {
-        Some(t) => End::surface(t.point, t.normal),
-        None => End::infinite(light.direction),
-    };
-    let solver = Solver { scene, receiver: at.shading.receiver, start: at.spawn_ray(light.direction), end };
-    if !solver.can_scatter_from(light.direction) {
-        return None;
-    }
-    let selected = solver.choose(u_chain).filter(|w| solver.can_scatter_from(w.direction))?;
-    // The contribution in the plate without losses at its faces.
-    let density = light.pdf * selected.probability;
-    let (scattered, pdf) = at.eval(selected.direction);
-    let expected = scattered * light.radiance * (power_heuristic(density, pdf) / density);
-    let survival = survival(expected);
-    let is_ended = u_roulette >= survival;
-    if is_ended {
-        return None;
-    }
-    let (found, rays) = solver.solve(&selected);
-    let ChainCandidate { stack, chain, probability, .. } = selected;
-    let mut attempt = Attempt {
-        stack,
-        chain,
-        probability,
-        rays,
-        has_converged: found.is_some(),
-        arrives: false,
-        mis_weight: 0.0,
-        radiance: Rgb::BLACK,
-    };
-    let Some(found) = found else { return Some(attempt) };
-    let (scattered, pdf) = at.eval(found.direction);
-    let unoccluded = scattered * light.radiance * found.traced.weight;
-    if unoccluded.is_black() {
-        return Some(attempt);
-    }
-    let last = &found.traced.ray_state;
-    let ray = scene.shadow_ray_from(last.ray.origin, last.ray.direction, light.target.as_ref()).at_time(last.ray.time);
-    let (open, transmittance) = last.shadow_transmittance(scene, &ray);
-    attempt.arrives = open > 0.0 && !transmittance.is_black();
-    if open > 0.0 {
-        // The density of the first direction.
-        let density = light.pdf * selected.probability / found.solid_angle_ratio;
-        attempt.mis_weight = power_heuristic(density, pdf * found.traced.probability);
-        attempt.radiance = unoccluded * transmittance * (open * attempt.mis_weight / (density * survival));
-    }
-    Some(attempt)
+    Infinite { direction: Vec3 },
 }
 
 /// The weight of a path that scattering has sampled through a cover, with the density `pdf` [1/sr] at its start.
@@ -219,298 +148,348 @@ pub(crate) fn estimate(
 #[inline(never)]
 pub(crate) fn scattering_mis_weight(
     scene: &Scene,
-    receiver: &LightSampleContext,
+    receiver: &Receivers<f32>,
     specular_prefix: &SpecularPrefix,
     end: End,
     pdf: f32,
     straight_pdf: f32,
 ) -> f32 {
     let Some(stack) = specular_prefix.stack.filter(|_| straight_pdf > 0.0) else { return 1.0 };
-    let sampled = specular_prefix.start.ray.direction;
-    let straight = end.straight(receiver.point);
-    let solver = Solver { scene, receiver: *receiver, start: specular_prefix.start.with_direction(straight), end };
+    let RayState { ray, enclosing } = specular_prefix.start;
+    let (is_finite, point, direction, normal) = match end {
+        End::Surface { point, normal } => {
+            (true, point, (point - Vec3::from(receiver.point)).normalize_or_zero(), normal)
+        }
+        End::Infinite { direction } => (false, Vec3::ZERO, direction, Vec3::ZERO),
+    };
+    let ends = Endpoints::<f32> {
+        receivers: *receiver,
+        origin: ray.origin.into(),
+        time: ray.time,
+        enclosing: [enclosing; MAX_WIDTH],
+        targets: Targets { point: point.into(), direction: direction.into(), is_finite },
+        light_normal: normal.into(),
+        straight: direction.into(),
+    };
+    let solver = Solver { scene, set: InstructionSet::Scalar, token: (), ends: &ends };
+    let sampled = V3::from(ray.direction);
     if !solver.is_same_hemisphere(sampled) {
         return 1.0;
     }
-    let Some(selected) = solver.candidate(stack, specular_prefix.chain) else { return 1.0 };
-    let Some(found) = solver.solve(&selected).0.filter(|f| solver.is_same_solution(&selected, f, sampled)) else {
+    let (stacks, chains) = ([stack; MAX_WIDTH], [specular_prefix.chain; MAX_WIDTH]);
+    let inside = ends.inside(scene);
+    let selected = scene.given_chains::<f32>((), true, receiver.point, &inside, &ends.targets, &stacks, &chains);
+    let found = solver.solve(&selected, selected.is_some);
+    if !found.has_converged || !solver.is_same_solution(&selected, &found, sampled) {
         return 1.0;
-    };
+    }
     let density = straight_pdf * selected.probability / found.solid_angle_ratio;
     power_heuristic(pdf * found.traced.probability, density)
 }
 
-/// One of the candidate chains from a receiver to a light.
+/// Solved chains, one for each lane.
 #[derive(Clone, Copy, Debug)]
-struct ChainCandidate {
-    stack: u16,
-    chain: Chain,
-    /// First direction in the plate that replaces the stack.
-    direction: Vec3,
-    /// The probability with which the candidate is chosen.
-    probability: f32,
+pub(crate) struct Connections<F: Lanes> {
+    /// Lanes whose chain arrives at the light.
+    pub(crate) has_converged: F::Mask,
+    /// Numbers of traced rays.
+    pub(crate) rays: F,
+    /// First directions.
+    pub(crate) direction: V3<F>,
+    /// The chains up to their last interface.
+    pub(crate) traced: TracedChains<F>,
+    /// The next Newton steps \[rad\], which are about the distances of the directions from the solutions.
+    step: F,
+    /// Solid angles at the receivers through the chains over those of the straight lines [sr/sr].
+    pub(crate) solid_angle_ratio: F,
 }
 
-impl ChainCandidate {
-    /// A candidate among others. `total` is the sum of `contribution` over all of them.
-    fn new(stack: u16, crossing: &Crossing<'_>, candidate: &Candidate, total: f64) -> Option<Self> {
-        let chain = candidate.chain;
-        let direction = candidate.seed.or_else(|| crossing.seed(chain))?.direction;
-        Some(Self { stack, chain, direction, probability: (candidate.contribution / total) as f32 })
+impl<F: Lanes> Connections<F> {
+    /// Replaces the chains of some lanes.
+    #[inline(always)]
+    fn replace(&mut self, lanes: F::Mask, new: &Self) {
+        self.has_converged = self.has_converged | lanes & new.has_converged;
+        self.direction = V3::select(lanes, new.direction, self.direction);
+        self.traced.replace(lanes, &new.traced);
+        self.step = lanes.select(new.step, self.step);
+        self.solid_angle_ratio = lanes.select(new.solid_angle_ratio, self.solid_angle_ratio);
     }
 }
 
-/// A chain that arrives at the light.
+/// The misses of rays at lights.
 #[derive(Clone, Copy, Debug)]
-struct Connection {
-    /// First direction.
-    direction: Vec3,
-    traced: TracedChain,
-    /// The next Newton step \[rad\], which is about the distance of the direction from the solution.
-    step: f64,
-    /// Solid angle at the receiver through the chain over that of the straight line [sr/sr].
-    solid_angle_ratio: f32,
-}
-
-/// The miss of a ray at the light.
-#[derive(Clone, Copy, Debug)]
-struct Residual {
+struct Residuals<F: Lanes> {
+    /// Lanes whose light is ahead of the ray, and whose miss is corrected by a step.
+    exists: F::Mask,
     /// Distance by which the ray misses the light, as a share of the straight distance or as an angle \[rad\].
-    error: f64,
+    error: F,
     /// The Newton step \[rad\] that corrects the miss, along the unit vectors perpendicular to the first direction.
-    step: [f64; 2],
+    step: [F; 2],
+    /// Its length \[rad\].
+    size: F,
+    /// The derivatives at the light.
+    jacobians: EndpointJacobians<F>,
 }
 
-impl Residual {
-    /// Length of the step.
-    fn size(&self) -> f64 {
-        self.step[0].hypot(self.step[1])
-    }
+/// The rays with the smallest misses so far.
+struct Best<F: Lanes> {
+    /// Lanes that have one.
+    exists: F::Mask,
+    /// First directions, and unit vectors perpendicular to them.
+    direction: V3<F>,
+    axes: [V3<F>; 2],
+    /// The Newton steps of the rays \[rad\].
+    step: [F; 2],
+    error: F,
+    /// The directions computed from their linearised chains, in lanes that have one.
+    linearized: V3<F>,
+    has_linearized: F::Mask,
 }
 
-/// The ray with the smallest miss so far.
-struct Best {
-    /// First direction, and unit vectors perpendicular to it.
-    direction: Vec3,
-    axes: [Vec3; 2],
-    /// The Newton step of the ray \[rad\].
-    step: [f64; 2],
-    error: f64,
-    /// The direction computed from its linearised chain.
-    linearized: Option<Vec3>,
-}
-
-impl Best {
-    /// The next direction to trace after a number of failures: that of the linearised chain, then Newton's step, then
-    /// half of the step and so on.
-    fn next_direction(&self, failures: u32) -> Option<Vec3> {
-        let halvings = match (self.linearized, failures) {
-            (Some(linearized), 0) => return Some(linearized),
-            (Some(_), n) => n - 1,
-            (None, n) => n,
-        };
-        let scale = 0.5f64.powi(halvings as i32);
-        (halvings <= MAX_HALVINGS).then(|| turned(self.direction, self.axes, self.step.map(|s| s * scale)))
-    }
-}
-
-/// The solver for chains between a receiver and a light.
-struct Solver<'a> {
-    scene: &'a Scene,
-    receiver: LightSampleContext,
-    /// The straight ray. All chains start on its side of the surface.
-    start: RayState,
-    end: End,
-}
-
-impl<'a> Solver<'a> {
-    /// True if a direction leaves the receiver on the side of the straight line.
-    #[inline]
-    fn is_same_hemisphere(&self, direction: Vec3) -> bool {
-        let normal = self.receiver.normal;
-        (normal.dot(direction) > 0.0) == (normal.dot(self.start.ray.direction) > 0.0)
-    }
-
-    /// True if the receiver can scatter light from a direction to the viewer, on the side of the straight line.
-    #[inline]
-    fn can_scatter_from(&self, direction: Vec3) -> bool {
-        self.receiver.faces(direction) && self.is_same_hemisphere(direction)
-    }
-
-    /// Calls `visit` for all candidate chains to the light, with the stacks between it and the receiver.
-    #[inline]
-    fn each_candidate(&self, mut visit: impl FnMut(u16, &Crossing<'a>, Candidate)) {
-        let inside = self.start.solid(self.scene);
-        let (from, target) = (self.receiver.point, self.end.target);
-        for (stack, cover) in (0u16..).zip(self.scene.covers()) {
-            if let Some(crossing) = cover.crossing(from, inside, target) {
-                crossing.each_candidate(|candidate| visit(stack, &crossing, candidate));
-            }
+impl<F: Lanes> Best<F> {
+    /// Replaces the rays of some lanes.
+    #[inline(always)]
+    fn replace(&mut self, lanes: F::Mask, new: &Self) {
+        self.exists = self.exists | lanes;
+        self.direction = V3::select(lanes, new.direction, self.direction);
+        for k in 0..2 {
+            self.axes[k] = V3::select(lanes, new.axes[k], self.axes[k]);
+            self.step[k] = lanes.select(new.step[k], self.step[k]);
         }
+        self.error = lanes.select(new.error, self.error);
+        self.linearized = V3::select(lanes, new.linearized, self.linearized);
+        self.has_linearized = self.has_linearized & !lanes | lanes & new.has_linearized;
     }
 
-    /// Chooses a chain in proportion to its estimated contribution.
-    fn choose(&self, u: f32) -> Option<ChainCandidate> {
-        let (mut total, mut rest, mut chosen) = (0.0, f64::from(u), None);
-        self.each_candidate(|stack, crossing, candidate| {
-            total += candidate.contribution;
-            // The rescaled random number is uniform again and is used for the next choice.
-            let fraction = candidate.contribution / total;
-            if rest < fraction {
-                rest /= fraction;
-                chosen = Some((stack, *crossing, candidate));
-            } else {
-                rest = (rest - fraction) / (1.0 - fraction);
-            }
-        });
-        let (stack, crossing, candidate) = chosen?;
-        ChainCandidate::new(stack, &crossing, &candidate, total)
-    }
-
-    /// The candidate of a given stack and chain, if it can be chosen.
-    fn candidate(&self, stack: u16, chain: Chain) -> Option<ChainCandidate> {
-        let (mut total, mut found) = (0.0, None);
-        self.each_candidate(|s, crossing, candidate| {
-            total += candidate.contribution;
-            if (s, candidate.chain) == (stack, chain) {
-                found = Some((*crossing, candidate));
-            }
-        });
-        let (crossing, candidate) = found?;
-        ChainCandidate::new(stack, &crossing, &candidate, total)
-    }
-
-    /// Solves for the chain. Also returns the number of traced rays. The result depends only on receiver, light, stack
-    /// and chain.
-    fn solve(&self, selected: &ChainCandidate) -> (Option<Connection>, u32) {
-        let mut linearized_chain = LinearizedChain::new();
-        let mut direction = selected.direction;
-        let mut best: Option<Best> = None;
-        let mut failures = 0;
-        for rays in 1..=MAX_RAYS {
-            if let Some((traced, residual)) = self.trace(selected, direction, &mut linearized_chain) {
-                let size = residual.size();
-                if residual.error <= ERROR_TOLERANCE && size <= STEP_TOLERANCE {
-                    return (
-                        self.connection(turned(direction, traced.ray_differential.axes, residual.step), traced, size),
-                        rays,
-                    );
-                }
-                if best.as_ref().is_none_or(|b| residual.error < b.error) {
-                    let scale = (MAX_STEP / size).min(1.0);
-                    let (axes, step) = (traced.ray_differential.axes, residual.step.map(|s| s * scale));
-                    let linearized = self.solve_linearized(&linearized_chain, turned(direction, axes, step));
-                    best = Some(Best { direction, axes, step, error: residual.error, linearized });
-                    failures = 0;
-                } else {
-                    failures += 1;
-                }
-            } else {
-                failures += 1;
-            }
-            let to_improve = best.as_ref().filter(|b| rays < EARLY_STOP_RAYS || b.error < EARLY_STOP_ERROR);
-            let Some(next) = to_improve.and_then(|b| b.next_direction(failures)) else { return (None, rays) };
-            direction = next;
+    /// The next directions to trace after a number of failures: those of the linearised chains, then Newton's steps, then
+    /// half of the steps and so on. Also the lanes that have one.
+    #[inline(always)]
+    fn next_directions(&self, failures: F) -> (V3<F>, F::Mask) {
+        let one = failures.constant(1.0);
+        let is_linearized = self.has_linearized & failures.lt(one);
+        let halvings = failures - one.only(self.has_linearized);
+        let mut scale = one;
+        for halved in 0..MAX_HALVINGS {
+            let half = scale * 0.5;
+            scale = halvings.gt(one * halved as f32).select(half, scale);
         }
-        (None, MAX_RAYS)
+        let stepped = turned(self.direction, self.axes, [self.step[0] * scale, self.step[1] * scale]);
+        let is_allowed = is_linearized | halvings.le(one * MAX_HALVINGS as f32);
+        (V3::select(is_linearized, self.linearized, stepped), self.exists & is_allowed)
+    }
+}
+
+impl<F: Lanes> Endpoints<F> {
+    /// The materials of the solids around the receivers.
+    #[inline(always)]
+    pub(crate) fn inside(&self, scene: &Scene) -> [Option<u32>; MAX_WIDTH] {
+        let mut inside = [None; MAX_WIDTH];
+        for lane in 0..F::WIDTH {
+            inside[lane] = self.enclosing[lane].material(scene);
+        }
+        inside
+    }
+}
+
+/// The solver for chains between receivers and lights, one for each lane.
+pub(crate) struct Solver<'a, F: Lanes> {
+    pub(crate) scene: &'a Scene,
+    /// Instructions for rays.
+    pub(crate) set: InstructionSet,
+    pub(crate) token: F::Token,
+    pub(crate) ends: &'a Endpoints<F>,
+}
+
+impl<F: Lanes> Solver<'_, F> {
+    /// Lanes in which a direction leaves the receiver on the side of the straight line.
+    #[inline(always)]
+    fn is_same_hemisphere(&self, direction: V3<F>) -> F::Mask {
+        let normal = self.ends.receivers.normal;
+        !(normal.dot(direction).is_positive() ^ normal.dot(self.ends.straight).is_positive())
     }
 
-    /// Newton's method on a linearised chain, starting at `direction`: the first direction of the chain if the faces
-    /// continued as near the traced ray. `None` if it does not converge.
-    fn solve_linearized(&self, linearized_chain: &LinearizedChain, mut direction: Vec3) -> Option<Vec3> {
-        let mut error = f64::INFINITY;
-        for _ in 0..MAX_LINEARIZED_STEPS {
-            let (position, leaving, ray_differential) =
-                linearized_chain.trace(self.start.ray.origin.as_dvec3(), direction)?;
-            let residual = self.residual(position, leaving, &ray_differential)?;
-            let is_better = residual.error < error && residual.size() < MAX_STEP;
-            if !is_better {
-                return None;
+    /// Lanes in which the receiver can scatter light from a direction to the viewer, on the side of the straight line.
+    #[inline(always)]
+    fn can_scatter_from(&self, direction: V3<F>) -> F::Mask {
+        self.ends.receivers.faces(direction) & self.is_same_hemisphere(direction)
+    }
+
+    /// Chooses a chain in proportion to its estimated contribution, in the lanes that have one.
+    #[inline(always)]
+    pub(crate) fn choose(&self, lanes: F::Mask, u: F) -> CandidateChains<F> {
+        let ends = self.ends;
+        let lanes = lanes & self.can_scatter_from(ends.straight);
+        let (from, inside) = (ends.receivers.point, ends.inside(self.scene));
+        let mut chosen = self.scene.choose_chains(self.token, lanes, from, &inside, &ends.targets, u);
+        chosen.is_some = chosen.is_some & self.can_scatter_from(chosen.direction);
+        chosen
+    }
+
+    /// Solves for the chains of some lanes. The result depends only on receiver, light, stack and chain.
+    #[inline(never)]
+    pub(crate) fn solve(&self, selected: &CandidateChains<F>, lanes: F::Mask) -> Connections<F> {
+        F::vectorize(
+            self.token,
+            #[inline(always)]
+            || self.solve_lanes(selected, lanes),
+        )
+    }
+
+    #[inline(always)]
+    fn solve_lanes(&self, selected: &CandidateChains<F>, lanes: F::Mask) -> Connections<F> {
+        let (zero, one, none) = (self.ends.time.constant(0.0), self.ends.time.constant(1.0), F::mask(self.token, 0));
+        let mut chains = LinearizedChains::new(self.token);
+        let (mut active, mut direction) = (lanes, selected.direction);
+        let traced = TracedChains::new(self.ends, none, direction);
+        let axes = traced.differentials.axes;
+        let mut found =
+            Connections { has_converged: none, rays: zero, direction, traced, step: zero, solid_angle_ratio: one };
+        let (error, linearized) = (zero.constant(f32::INFINITY), direction);
+        let mut best = Best { exists: none, direction, axes, step: [zero; 2], error, linearized, has_linearized: none };
+        let mut failures = zero;
+        for ray in 1..=MAX_RAYS {
+            found.rays += one.only(active);
+            let (traced, residuals) = self.trace(selected, (active, direction), &mut chains);
+            let Residuals { exists, error, step, size, .. } = residuals;
+            let axes = traced.differentials.axes;
+            let has_arrived =
+                exists & error.le(zero.constant(ERROR_TOLERANCE)) & size.le(zero.constant(STEP_TOLERANCE));
+            if has_arrived.any() {
+                let connections = self.connections((has_arrived, turned(direction, axes, step)), traced, &residuals);
+                found.replace(has_arrived, &connections);
+                active = active & !has_arrived;
             }
-            error = residual.error;
-            direction = turned(direction, ray_differential.axes, residual.step);
-            if residual.size() <= LINEARIZED_TOLERANCE {
+            let is_better = active & exists & error.lt(best.error);
+            failures = (failures + 1.0).only(!is_better);
+            if is_better.any() {
+                let scale = one.min(size.recip() * MAX_STEP);
+                let step = [step[0] * scale, step[1] * scale];
+                let (linearized, has_linearized) =
+                    self.solve_linearized(&chains, is_better, turned(direction, axes, step));
+                let new = Best { exists: is_better, direction, axes, step, error, linearized, has_linearized };
+                best.replace(is_better, &new);
+            }
+            let (next, has_next) = best.next_directions(failures);
+            active = active & has_next;
+            if ray >= EARLY_STOP_RAYS {
+                active = active & best.error.lt(zero.constant(EARLY_STOP_ERROR));
+            }
+            if !active.any() {
                 break;
             }
+            direction = next;
         }
-        Some(direction)
+        found
     }
 
-    /// Traces a ray through the stack. Returns the traced chain and its miss at the light.
+    /// Newton's method on linearised chains of some lanes, starting at `direction`: the first directions of the chains if
+    /// the faces continued as near the traced rays, and the lanes in which it converges.
+    #[inline(never)]
+    fn solve_linearized(&self, chains: &LinearizedChains<F>, lanes: F::Mask, mut direction: V3<F>) -> (V3<F>, F::Mask) {
+        F::vectorize(
+            self.token,
+            #[inline(always)]
+            || {
+                let origin = self.ends.origin.widen();
+                let mut error = self.ends.time.constant(f32::INFINITY);
+                let (mut running, mut converges) = (lanes, lanes);
+                for _ in 0..MAX_LINEARIZED_STEPS {
+                    let (passes, position, leaving, differentials) = chains.trace(origin, direction);
+                    let residuals = self.residuals(position, leaving, &differentials);
+                    let Residuals { exists, step, size, .. } = residuals;
+                    let is_better = passes & exists & residuals.error.lt(error) & size.lt(size.constant(MAX_STEP));
+                    converges = converges & (!running | is_better);
+                    running = running & is_better;
+                    error = running.select(residuals.error, error);
+                    direction = V3::select(running, turned(direction, differentials.axes, step), direction);
+                    running = running & size.gt(size.constant(LINEARIZED_TOLERANCE));
+                    if !running.any() {
+                        break;
+                    }
+                }
+                (direction, converges)
+            },
+        )
+    }
+
+    /// Traces rays through the stacks in some lanes. Returns the traced chains and their misses at the lights.
+    #[inline(always)]
     fn trace(
         &self,
-        selected: &ChainCandidate,
-        direction: Vec3,
-        linearized_chain: &mut LinearizedChain,
-    ) -> Option<(TracedChain, Residual)> {
-        if !self.is_same_hemisphere(direction) {
-            return None;
+        selected: &CandidateChains<F>,
+        (lanes, direction): (F::Mask, V3<F>),
+        chains: &mut LinearizedChains<F>,
+    ) -> (TracedChains<F>, Residuals<F>) {
+        let lanes = lanes & self.is_same_hemisphere(direction);
+        let traced = self.trace_chains(selected, (lanes, direction), chains);
+        let mut residuals = self.residuals(traced.origin.widen(), traced.direction.widen(), &traced.differentials);
+        residuals.exists = residuals.exists & traced.exists;
+        (traced, residuals)
+    }
+
+    /// The misses of rays that leave the covers.
+    #[inline(always)]
+    fn residuals(
+        &self,
+        position: V3<F::Double>,
+        leaving: V3<F::Double>,
+        differentials: &RayDifferentials<F>,
+    ) -> Residuals<F> {
+        let Endpoints { targets, receivers, .. } = self.ends;
+        let point = targets.point.widen();
+        let to_light = point - position;
+        let distance = to_light.dot(leaving);
+        let mut is_ahead = F::Double::narrow_mask(distance.is_positive());
+        let mut miss = to_light - leaving * distance;
+        let mut scale = (point - receivers.point.widen()).length();
+        let mut jacobians = differentials.jacobians_at(leaving, distance);
+        let is_infinite = !targets.is_finite;
+        if is_infinite.any() {
+            is_ahead = is_ahead | is_infinite;
+            let lanes = F::Double::widen_mask(is_infinite);
+            miss = V3::select(lanes, targets.direction.widen() - leaving, miss);
+            scale = lanes.select(scale.constant(1.0), scale);
+            jacobians = EndpointJacobians::select(lanes, differentials.jacobians_at_infinity(leaving), jacobians);
         }
-        let traced = trace_chain(
-            self.scene,
-            self.start.with_direction(direction),
-            selected.stack,
-            selected.chain,
-            linearized_chain,
-        )?;
-        let last = &traced.ray_state.ray;
-        let residual = self.residual(last.origin.as_dvec3(), last.direction.as_dvec3(), &traced.ray_differential)?;
-        Some((traced, residual))
+        let [x, y] = jacobians.solve(miss);
+        let step = [x.narrow(), y.narrow()];
+        let exists = is_ahead & step[0].is_finite() & step[1].is_finite();
+        let size = (x * x + y * y).sqrt().narrow();
+        Residuals { exists, error: (miss.length() / scale).narrow(), step, size, jacobians }
     }
 
-    /// The miss of a ray that leaves the cover. `None` if the light is behind the ray, or if no step corrects the miss.
-    fn residual(&self, position: DVec3, leaving: DVec3, ray_differential: &RayDifferential) -> Option<Residual> {
-        let (miss, scale, jacobian) = match self.end.target {
-            Target::Point(point) => {
-                let to_light = point.as_dvec3() - position;
-                let distance = to_light.dot(leaving);
-                let is_ahead = distance > 0.0;
-                if !is_ahead {
-                    return None;
-                }
-                let miss = to_light - leaving * distance;
-                let straight = point.as_dvec3().distance(self.receiver.point.as_dvec3());
-                (miss, straight, ray_differential.jacobian_at(leaving, distance))
-            }
-            Target::Direction(d) => (d.as_dvec3() - leaving, 1.0, ray_differential.jacobian_at_infinity(leaving)),
-        };
-        Some(Residual { error: miss.length() / scale, step: jacobian.solve(miss)? })
+    /// Lanes in which the direction of a sampled path to the light belongs to the same solution.
+    fn is_same_solution(&self, selected: &CandidateChains<F>, found: &Connections<F>, sampled: V3<F>) -> F::Mask {
+        let mut chains = LinearizedChains::new(self.token);
+        let (_, residuals) = self.trace(selected, (selected.is_some, sampled), &mut chains);
+        let distance = (found.direction.widen() - sampled.widen()).length().narrow();
+        residuals.exists & distance.le((found.step + residuals.size) * 2.0 + ROUNDING)
     }
 
-    /// True if the direction of a sampled path to the light belongs to the same solution.
-    fn is_same_solution(&self, selected: &ChainCandidate, found: &Connection, sampled: Vec3) -> bool {
-        let Some((_, residual)) = self.trace(selected, sampled, &mut LinearizedChain::new()) else { return false };
-        let distance = (found.direction.as_dvec3() - sampled.as_dvec3()).length();
-        distance <= ROUNDING + 2.0 * (found.step + residual.size())
-    }
-
-    /// The chain that has arrived; `None` if its light would leave the other side of the surface of the light.
-    fn connection(&self, direction: Vec3, traced: TracedChain, step: f64) -> Option<Connection> {
-        let leaving = traced.ray_state.ray.direction.as_dvec3();
-        let solid_angle_ratio = match self.end.target {
-            Target::Point(point) => {
-                let to_light = point.as_dvec3() - traced.ray_state.ray.origin.as_dvec3();
-                let area = traced.ray_differential.jacobian_at(leaving, to_light.dot(leaving)).area();
-                let line = point.as_dvec3() - self.receiver.point.as_dvec3();
-                let straight = line.length();
-                let normal = self.end.normal.as_dvec3();
-                let cosines = leaving.dot(normal) * straight / line.dot(normal);
-                straight * straight * cosines / area
-            }
-            Target::Direction(_) => 1.0 / traced.ray_differential.jacobian_at_infinity(leaving).area(),
-        };
-        let solid_angle_ratio = solid_angle_ratio as f32;
-        (solid_angle_ratio > 0.0 && solid_angle_ratio.is_finite()).then_some(Connection {
-            direction,
-            traced,
-            step,
-            solid_angle_ratio,
-        })
+    /// Chains that have arrived, in lanes whose light leaves the right side of its surface.
+    #[inline(always)]
+    fn connections(
+        &self,
+        (lanes, direction): (F::Mask, V3<F>),
+        traced: TracedChains<F>,
+        residuals: &Residuals<F>,
+    ) -> Connections<F> {
+        let Endpoints { targets, receivers, light_normal, .. } = self.ends;
+        let area = residuals.jacobians.area();
+        let line = targets.point.widen() - receivers.point.widen();
+        let (square, normal) = (line.length_squared(), light_normal.widen());
+        let cosines = traced.direction.widen().dot(normal) * square.sqrt() / line.dot(normal);
+        let is_finite = F::Double::widen_mask(targets.is_finite);
+        let ratio = is_finite.select(square * cosines, area.constant(1.0)) / area;
+        let solid_angle_ratio = ratio.narrow();
+        let has_converged = lanes & solid_angle_ratio.is_positive() & solid_angle_ratio.is_finite();
+        let zero = solid_angle_ratio.constant(0.0);
+        Connections { has_converged, rays: zero, direction, traced, step: residuals.size, solid_angle_ratio }
     }
 }
 
-/// A direction turned by a step \[rad\] along two unit vectors perpendicular to it.
-fn turned(from: Vec3, [a, b]: [Vec3; 2], step: [f64; 2]) -> Vec3 {
-    let [x, y] = step.map(|s| s as f32);
+/// Directions turned by steps \[rad\] along two unit vectors perpendicular to them.
+#[inline(always)]
+fn turned<F: Lanes>(from: V3<F>, [a, b]: [V3<F>; 2], [x, y]: [F; 2]) -> V3<F> {
     (from + a * x + b * y).normalize()
 }

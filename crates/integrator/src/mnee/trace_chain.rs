@@ -1,110 +1,430 @@
-//! Traces a chain of smooth interfaces from the receiver through the real mesh.
+//! Traces chains of smooth interfaces from receivers through the real mesh.
 
-use super::linearized_chain::{LinearizedChain, SpecularVertex};
-use super::ray_differential::RayDifferential;
-use crate::ray_state::RayState;
-use crate::vertex::Vertex;
-use dunkelfeld_bsdf::Lobe;
+use super::linearized_chain::{LinearizedChains, SpecularVertices};
+use super::ray_differential::{Bend, RayDifferentials};
+use super::{Endpoints, Solver};
+use crate::ray_state::{EnclosingSolids, RayState};
+use crate::scatterer::Scatterer;
+use dunkelfeld_bsdf::{Bsdf, Dielectric, InLanes, Lobe, View};
+use dunkelfeld_bvh::{HitBatch, NO_HIT, RayBatch};
+use dunkelfeld_geometry::Ray;
+use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, Real, V3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Chain, Scene};
+use dunkelfeld_scene::{CandidateChains, Chain, HitLanes, Interface, Scene, SurfacePoint, SurfacePoints};
 
 /// The largest number below one. As a choice among two events it never selects the first.
 const ALMOST_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 /// Maximum number of surfaces without effect on the direction that one segment may pass.
 const MAX_PASSED: u32 = 64;
 
-/// A traced chain up to its last interface.
+/// Traced chains up to their last interfaces.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct TracedChain {
-    /// The segment to the light.
-    pub(super) ray_state: RayState,
-    /// The ray differential.
-    pub(super) ray_differential: RayDifferential,
-    /// Throughput of the chain: Fresnel factor of each event, change of radiance by refraction, tints, absorption, and
+pub(crate) struct TracedChains<F: Lanes> {
+    /// Lanes whose chain exists.
+    pub(crate) exists: F::Mask,
+    /// The segments to the lights.
+    pub(crate) origin: V3<F>,
+    pub(crate) direction: V3<F>,
+    pub(crate) enclosing: [EnclosingSolids; MAX_WIDTH],
+    pub(super) differentials: RayDifferentials<F>,
+    /// Throughput of the chains: Fresnel factor of each event, change of radiance by refraction, tints, absorption, and
     /// the open share of partly covering surfaces.
-    pub(super) weight: Rgb,
+    pub(crate) weight: Rgb<F>,
     /// The probability with which scattering takes the same events.
-    pub(super) probability: f32,
+    pub(crate) probability: F,
 }
 
-/// Traces a chain through the interfaces of a stack. `None` if it does not exist: another surface is in the way, an
-/// interface is missed, or light is reflected totally where it should be transmitted. Afterwards `linearized_chain`
-/// contains the interfaces that were hit.
-pub(super) fn trace_chain(
-    scene: &Scene,
-    start: RayState,
-    stack: u16,
-    chain: Chain,
-    linearized_chain: &mut LinearizedChain,
-) -> Option<TracedChain> {
-    linearized_chain.clear();
-    let mut ray_differential = RayDifferential::from_point(start.ray.direction);
-    let (mut ray_state, mut weight, mut probability) = (start, Rgb::WHITE, 1.0);
-    let (mut event, mut passed) = (0, 0);
-    while event < chain.events() {
-        let (mut interface, mut bsdf) = (None, None);
-        let hit = ray_state.intersect_next(scene, &mut interface)?;
-        weight *= ray_state.transmittance(scene, hit.surface.distance);
-        let direction = ray_state.ray.direction.as_dvec3();
-        ray_differential.transfer(direction, f64::from(hit.surface.distance), hit.surface.normal.as_dvec3());
-        let is_cover = scene.cover_of(&hit.surface) == Some(stack);
-        let open = match hit.open_tint() {
-            Some(tint) => {
-                weight *= tint;
-                1.0
-            }
-            None if is_cover => 0.0,
-            None => 1.0 - scene.coverage(&hit.surface, ray_state.ray.direction),
+/// The next faces of stacks that rays meet.
+struct Faces<F: Lanes> {
+    /// Lanes that meet one.
+    found: F::Mask,
+    points: SurfacePoints<F>,
+    /// Distances from the last interface \[m\], and the transmittance up to the face, with the probability of it.
+    distance: F,
+    weight: Rgb<F>,
+    open: F,
+    /// Faces where several solids meet, with their lanes.
+    interfaces: Vec<(usize, Interface)>,
+}
+
+/// The next face of a stack behind surfaces without effect on the direction.
+struct Passed {
+    point: SurfacePoint,
+    interface: Option<Interface>,
+    distance: f32,
+    weight: Rgb,
+    open: f32,
+}
+
+impl<F: Lanes> TracedChains<F> {
+    /// The starts of chains in given directions.
+    #[inline(always)]
+    pub(super) fn new(ends: &Endpoints<F>, exists: F::Mask, direction: V3<F>) -> Self {
+        let one = ends.time.constant(1.0);
+        Self {
+            exists,
+            origin: ends.origin,
+            direction,
+            enclosing: ends.enclosing,
+            differentials: RayDifferentials::from_point(direction),
+            weight: Rgb::splat(one),
+            probability: one,
+        }
+    }
+
+    /// Replaces the chains of some lanes.
+    #[inline(always)]
+    pub(super) fn replace(&mut self, lanes: F::Mask, new: &Self) {
+        self.exists = self.exists & !lanes | lanes & new.exists;
+        self.origin = V3::select(lanes, new.origin, self.origin);
+        self.direction = V3::select(lanes, new.direction, self.direction);
+        self.weight = Rgb::select(lanes, new.weight, self.weight);
+        self.probability = lanes.select(new.probability, self.probability);
+        lanes.each(
+            #[inline(always)]
+            |lane| self.enclosing[lane] = new.enclosing[lane],
+        );
+    }
+
+    /// The segment of a lane to its light.
+    fn ray_state(&self, lane: usize, ray: Ray) -> RayState {
+        RayState { ray, enclosing: self.enclosing[lane] }
+    }
+}
+
+impl<F: Lanes> Solver<'_, F> {
+    /// Traces the chains of some lanes through the interfaces of their stacks. A chain does not exist if another surface
+    /// is in the way, if an interface is missed, or if light is reflected totally where it should be transmitted.
+    /// Afterwards `linearized` has the interfaces that were hit.
+    #[inline(never)]
+    pub(super) fn trace_chains(
+        &self,
+        chains: &CandidateChains<F>,
+        (lanes, direction): (F::Mask, V3<F>),
+        linearized: &mut LinearizedChains<F>,
+    ) -> TracedChains<F> {
+        F::vectorize(
+            self.token,
+            #[inline(always)]
+            || {
+                *linearized = LinearizedChains::new(self.token);
+                let mut traced = TracedChains::new(self.ends, lanes, direction);
+                for event in 0..Chain::MAX_EVENTS {
+                    let [mut has_event, mut is_reflection] = [0; 2];
+                    for lane in 0..F::WIDTH {
+                        has_event |= u32::from(event < chains.chain[lane].events()) << lane;
+                        is_reflection |= u32::from(chains.chain[lane].is_reflection(event)) << lane;
+                    }
+                    let active = traced.exists & F::mask(self.token, has_event);
+                    if !active.any() {
+                        break;
+                    }
+                    let faces = self.next_faces(&traced, active, &chains.stack);
+                    let is_reflection = F::mask(self.token, is_reflection);
+                    self.pass_faces(&mut traced, &faces, (event as usize, active, is_reflection), linearized);
+                }
+                traced
+            },
+        )
+    }
+
+    /// The next faces on the way, in the lanes of `active`.
+    #[inline(always)]
+    fn next_faces(&self, traced: &TracedChains<F>, active: F::Mask, stacks: &[u16; MAX_WIDTH]) -> Faces<F> {
+        let Solver { scene, token, ends, .. } = *self;
+        let (hits, found) = self.closest_hits(traced, active);
+        let one = hits.t.constant(1.0);
+        let mut faces = Faces {
+            found: F::mask(token, 0),
+            points: scene.surface_points(token, &hits, ends.time),
+            distance: hits.t,
+            weight: Rgb::splat(one),
+            open: one,
+            interfaces: Vec::new(),
         };
-        if open > 0.0 {
-            // A surface in contact with one that is passed lets light pass as well, or is in the way.
-            let (mut open, mut last) = (open, None);
-            while let Some(point) =
-                if hit.open_tint().is_none() { scene.next_coincident(&ray_state.ray, hit.surface, last) } else { None }
-            {
-                open *= 1.0 - scene.coverage(&point, ray_state.ray.direction);
-                last = Some(point);
+        let parts = F::word_to_array(faces.points.part);
+        let [mut at_face, mut others, mut absorbed] = [0; 3];
+        (active & found).each(
+            #[inline(always)]
+            |lane| {
+                let is_face = scene.cover_of_part(parts[lane]) == Some(stacks[lane]);
+                match &traced.enclosing[lane] {
+                    EnclosingSolids::Last(material) if is_face => {
+                        at_face |= 1 << lane;
+                        absorbed |= u32::from(material.is_some_and(|m| !scene.absorption(m).is_black())) << lane;
+                    }
+                    _ => others |= 1 << lane,
+                }
+            },
+        );
+        if absorbed != 0 {
+            let (distances, mut passed) = (faces.distance.to_array(), [Rgb::WHITE; MAX_WIDTH]);
+            F::mask(token, absorbed).each(
+                #[inline(always)]
+                |lane| passed[lane] = traced.enclosing[lane].transmittance(scene, distances[lane]),
+            );
+            faces.weight = Rgb::from_lanes(token, &passed);
+        }
+        faces.found = F::mask(token, at_face);
+        if others != 0 {
+            self.pass_surfaces(traced, &mut faces, (others, stacks));
+        }
+        faces
+    }
+
+    /// The nearest hits of the rays of some lanes, and the lanes that have one. Other lanes repeat one of them.
+    #[inline(always)]
+    fn closest_hits(&self, traced: &TracedChains<F>, active: F::Mask) -> (HitLanes<F>, F::Mask) {
+        let (o, d, token) = (traced.origin, traced.direction, self.token);
+        let mut rows = [[0.0; MAX_WIDTH]; 7];
+        for (row, column) in rows.iter_mut().zip([o.x, o.y, o.z, d.x, d.y, d.z, self.ends.time]) {
+            column.compress(active).store(row);
+        }
+        let count = active.bits().count_ones() as usize;
+        let row = |k: usize| &rows[k][..count];
+        let rays = RayBatch {
+            origin: [row(0), row(1), row(2)],
+            direction: [row(3), row(4), row(5)],
+            t_max: &[f32::INFINITY; MAX_WIDTH][..count],
+            time: row(6),
+        };
+        let ([mut t, mut b1, mut b2], [mut instance, mut part, mut triangle]) =
+            ([[0.0; MAX_WIDTH]; 3], [[0; MAX_WIDTH]; 3]);
+        let mut hits = HitBatch {
+            t: &mut t[..count],
+            b1: &mut b1[..count],
+            b2: &mut b2[..count],
+            instance: &mut instance[..count],
+            part: &mut part[..count],
+            triangle: &mut triangle[..count],
+        };
+        self.scene.bvh().closest_hits(self.set, &rays, &mut hits);
+        let (mut found, mut ray, mut at, mut first) = (0, 0, [0; MAX_WIDTH], None);
+        active.each(
+            #[inline(always)]
+            |lane| {
+                if instance[ray] != NO_HIT {
+                    found |= 1 << lane;
+                    at[lane] = ray;
+                    first = first.or(Some(ray));
+                }
+                ray += 1;
+            },
+        );
+        let mut words = [[0; MAX_WIDTH]; 3];
+        let mut numbers = [[0.0; MAX_WIDTH]; 3];
+        let first = first.unwrap_or(0);
+        for lane in 0..F::WIDTH {
+            let ray = if found >> lane & 1 == 1 { at[lane] } else { first };
+            [numbers[0][lane], numbers[1][lane], numbers[2][lane]] = [t[ray], b1[ray], b2[ray]];
+            [words[0][lane], words[1][lane], words[2][lane]] = [instance[ray], part[ray], triangle[ray]];
+        }
+        if found == 0 {
+            words = [[0; MAX_WIDTH]; 3];
+        }
+        let hits = HitLanes {
+            t: F::load(token, &numbers[0]),
+            b1: F::load(token, &numbers[1]),
+            b2: F::load(token, &numbers[2]),
+            instance: F::load_word(token, &words[0]),
+            part: F::load_word(token, &words[1]),
+            triangle: F::load_word(token, &words[2]),
+        };
+        (hits, F::mask(token, found))
+    }
+
+    /// Passes surfaces without effect on the direction, in lanes that meet one or that may be in several solids.
+    #[inline(never)]
+    fn pass_surfaces(&self, traced: &TracedChains<F>, faces: &mut Faces<F>, (lanes, stacks): (u32, &[u16; MAX_WIDTH])) {
+        let (origins, directions) = (traced.origin.to_lanes(), traced.direction.to_lanes());
+        let (times, mut distances) = (self.ends.time.to_array(), faces.distance.to_array());
+        let (mut weights, mut open, mut found) = (faces.weight.to_lanes(), faces.open.to_array(), faces.found.bits());
+        let mut points = [faces.points.lane(0); MAX_WIDTH];
+        for (lane, point) in points.iter_mut().enumerate().take(F::WIDTH) {
+            *point = faces.points.lane(lane);
+            if lanes >> lane & 1 == 0 {
+                continue;
             }
-            if open == 0.0 {
-                return None;
-            }
-            weight *= open;
-            probability *= open;
-            passed += 1;
-            if passed > MAX_PASSED {
-                return None;
+            let ray = Ray::new(origins[lane], directions[lane]).at_time(times[lane]);
+            let Some(passed) = self.pass(&traced.ray_state(lane, ray), *point, stacks[lane]) else { continue };
+            *point = passed.point;
+            (distances[lane], weights[lane], open[lane]) = (passed.distance, passed.weight, passed.open);
+            faces.interfaces.extend(passed.interface.map(|interface| (lane, interface)));
+            found |= 1 << lane;
+        }
+        faces.points = SurfacePoints::from_lanes(self.token, &points);
+        faces.distance = F::load(self.token, &distances);
+        faces.weight = Rgb::from_lanes(self.token, &weights);
+        faces.open = F::load(self.token, &open);
+        faces.found = F::mask(self.token, found);
+    }
+
+    /// The next face of a stack along a ray whose first surface is given; `None` if another surface is in the way.
+    fn pass(&self, start: &RayState, mut surface: SurfacePoint, stack: u16) -> Option<Passed> {
+        let scene = self.scene;
+        let (mut ray_state, mut distance, mut weight, mut open) = (*start, 0.0, Rgb::WHITE, 1.0);
+        for _ in 0..=MAX_PASSED {
+            let mut interface = None;
+            let hit = ray_state.hit_at(scene, surface, &mut interface);
+            weight *= ray_state.enclosing.transmittance(scene, hit.surface.distance);
+            distance += hit.surface.distance;
+            let is_cover = scene.cover_of(&hit.surface) == Some(stack);
+            match hit.open_tint() {
+                Some(tint) => weight *= tint,
+                None if is_cover => return Some(Passed { point: hit.surface, interface, distance, weight, open }),
+                None => {
+                    let direction = ray_state.ray.direction;
+                    let mut its = 1.0 - scene.coverage(&hit.surface, direction);
+                    // A surface in contact with one that is passed lets light pass as well, or is in the way.
+                    let mut last = None;
+                    while let Some(point) = scene.next_coincident(&ray_state.ray, hit.surface, last) {
+                        its *= 1.0 - scene.coverage(&point, direction);
+                        last = Some(point);
+                    }
+                    if its == 0.0 {
+                        return None;
+                    }
+                    weight *= its;
+                    open *= its;
+                }
             }
             ray_state = ray_state.pass_through(&hit);
-            continue;
+            surface = scene.intersect(&ray_state.ray)?;
         }
-        if !is_cover {
-            return None;
-        }
-        let at = Vertex::on_surface(scene, ray_state, hit, 0.0, &mut bsdf);
-        let is_reflection = chain.is_reflection(event);
-        let (wi, scattered) = at.delta(if is_reflection { 0.0 } else { ALMOST_ONE })?;
-        if Lobe::from_bits(scattered.lobe.0).contains(Lobe::REFLECTION) != is_reflection {
-            return None;
-        }
-        let (normal, differential) = scene.normal_differential(&hit.surface, at.wo)?;
-        let (normal, eta) = (normal.as_dvec3(), f64::from(scattered.eta));
-        if is_reflection {
-            ray_differential.reflect(direction, normal, differential.as_ref());
-        } else {
-            ray_differential.refract((direction, wi.as_dvec3()), normal, eta, differential.as_ref());
-        }
-        let (point, geometric_normal) = (hit.surface.point.as_dvec3(), hit.surface.normal.as_dvec3());
-        linearized_chain.push(SpecularVertex {
-            point,
-            geometric_normal,
-            normal,
-            differential,
-            eta: (!is_reflection).then_some(eta),
-        });
-        weight *= scattered.weight * scattered.pdf;
-        probability *= scattered.pdf;
-        ray_state = at.spawn_ray(wi);
-        event += 1;
+        None
     }
-    Some(TracedChain { ray_state, ray_differential, weight, probability })
+
+    /// Reflects and refracts rays at their faces, in the lanes of an event.
+    #[inline(always)]
+    fn pass_faces(
+        &self,
+        traced: &mut TracedChains<F>,
+        faces: &Faces<F>,
+        (event, active, is_reflection): (usize, F::Mask, F::Mask),
+        linearized: &mut LinearizedChains<F>,
+    ) {
+        let Solver { scene, token, .. } = *self;
+        let (points, from) = (&faces.points, traced.direction);
+        let mut wi = from;
+        let (zero, one) = (from.x.constant(0.0), from.x.constant(1.0));
+        let (mut normals, mut passes) = (points.normal, F::mask(token, 0));
+        let (mut weight, mut pdf, mut eta) = (traced.weight * faces.weight, one, one);
+        let materials = F::word_to_array(points.material);
+        let mut left = faces.found.bits();
+        // The faces of each material, which is one in general.
+        while left != 0 {
+            let material = materials[left.trailing_zeros() as usize % MAX_WIDTH];
+            let same = F::word_eq(points.material, F::splat_word(token, material));
+            let mut storage = [const { None }; MAX_WIDTH];
+            let interfaces = &faces.interfaces;
+            let Some((surfaces, its)) = self.dielectrics(material, points, interfaces, &mut storage) else { break };
+            let frames = scene.shade_lanes(material, points, -from).frames;
+            let surface = InLanes::<F>::gather(token, &surfaces);
+            let at = Scatterer { frames, view: surface.view(frames.frame.to_local(-from)) };
+            let sample = at.view.sample(is_reflection.select(zero, from.x.constant(ALMOST_ONE)), [zero; 2]);
+            let direction = at.frames.frame.to_world(sample.wi);
+            let reflection = F::splat_word(token, Lobe::REFLECTION.bits());
+            let is_reflected = F::word_eq(sample.lobe & reflection, reflection);
+            let is_possible = sample.pdf.is_positive() & at.frames.consistent(direction, sample.wi);
+            passes = passes | same & F::mask(token, its) & is_possible & !(is_reflected ^ is_reflection);
+            wi = V3::select(same, direction, wi);
+            normals = V3::select(same, at.frames.frame.normal, normals);
+            weight = Rgb::select(same, weight * sample.weight * sample.pdf, weight);
+            pdf = same.select(sample.pdf, pdf);
+            eta = (same & !is_reflection).select(sample.eta, eta);
+            left &= !same.bits();
+        }
+        let (is_turned, differential) = scene.normal_differentials(token, points, -from, normals);
+        let passes = active & faces.found & passes & !is_turned;
+        traced.exists = traced.exists & (!active | passes);
+        let mut differentials = traced.differentials;
+        let bend = Bend {
+            before: from.widen(),
+            behind: wi.widen(),
+            normal: normals.widen(),
+            differential,
+            eta: Double::widen(eta),
+            is_reflection: F::Double::widen_mask(is_reflection),
+        };
+        differentials.transfer(bend.before, Double::widen(faces.distance), points.normal.widen());
+        differentials.bend(&bend);
+        traced.differentials = RayDifferentials::select(passes, differentials, traced.differentials);
+        linearized.set(
+            event,
+            &SpecularVertices {
+                lanes: passes,
+                point: points.point,
+                geometric_normal: points.normal,
+                normal: normals,
+                differential,
+                eta,
+                is_reflection,
+            },
+        );
+        traced.weight = Rgb::select(passes, weight, traced.weight);
+        traced.probability = passes.select(traced.probability * faces.open * pdf, traced.probability);
+        traced.origin = V3::select(passes, points.ray_origins(wi), traced.origin);
+        traced.direction = V3::select(passes, wi, traced.direction);
+        let from_inside = from.dot(points.normal).is_positive().bits();
+        let inward = wi.dot(points.normal).lt(zero).bits();
+        passes.each(
+            #[inline(always)]
+            |lane| {
+                let [from_inside, inward] = [from_inside, inward].map(|bits| bits >> lane & 1 == 1);
+                let solid = Some(materials[lane]);
+                traced.enclosing[lane] = traced.enclosing[lane].beyond(solid, from_inside, inward);
+            },
+        );
+        if !faces.interfaces.is_empty() {
+            let directions = wi.to_lanes();
+            for (lane, interface) in &faces.interfaces {
+                traced.enclosing[*lane] = EnclosingSolids::All(interface.beyond(directions[*lane]));
+            }
+        }
+    }
+
+    /// The smooth boundaries of clear solids at faces of one material, and the lanes that have one. Other lanes repeat one
+    /// of them.
+    #[inline(always)]
+    fn dielectrics<'b>(
+        &'b self,
+        material: u32,
+        points: &SurfacePoints<F>,
+        interfaces: &[(usize, Interface)],
+        storage: &'b mut [Option<Bsdf>; MAX_WIDTH],
+    ) -> Option<([&'b Dielectric; MAX_WIDTH], u32)> {
+        if interfaces.is_empty()
+            && let Some(bsdf) = self.scene.only_bsdf(material)
+        {
+            return Some(([smooth(bsdf)?; MAX_WIDTH], u32::MAX));
+        }
+        each_dielectric(self.scene, points, interfaces, storage)
+    }
+}
+
+#[inline(never)]
+fn each_dielectric<'b, F: Lanes>(
+    scene: &'b Scene,
+    points: &SurfacePoints<F>,
+    interfaces: &[(usize, Interface)],
+    storage: &'b mut [Option<Bsdf>; MAX_WIDTH],
+) -> Option<([&'b Dielectric; MAX_WIDTH], u32)> {
+    let mut found = [None; MAX_WIDTH];
+    for (lane, (found, storage)) in found.iter_mut().zip(storage).enumerate().take(F::WIDTH) {
+        let interface = interfaces.iter().find(|(its, _)| *its == lane);
+        let eta = interface.and_then(|(_, interface)| interface.relative_index());
+        *found = smooth(scene.bsdf(&points.lane(lane), 0.0, eta, storage));
+    }
+    let first = found.iter().flatten().next()?;
+    let lanes = (0..).zip(&found).fold(0, |bits, (lane, found)| bits | u32::from(found.is_some()) << lane);
+    Some((found.map(|surface| surface.unwrap_or(first)), lanes))
+}
+
+/// The smooth boundary of a clear solid.
+#[inline(always)]
+fn smooth(bsdf: &Bsdf) -> Option<&Dielectric> {
+    match bsdf {
+        Bsdf::Dielectric(surface) if surface.is_delta() => Some(surface),
+        _ => None,
+    }
 }

@@ -1,18 +1,20 @@
 //! Paths at points of one material or medium, one for each lane: the inputs of scattering.
 
 use super::{ARRIVED, Arrival, Layers, MEDIUM, Watch, Wavefront};
+use crate::direct::{GATHERED_SHARE, gathered_survival};
 use crate::learned_roulette::VertexRoulettes;
 use crate::observer::Event;
 use crate::path::PathStates;
-use crate::ray_state::{EnclosingSolids, SurfaceHit};
+use crate::ray_state::EnclosingSolids;
 use crate::scatterer::OneLane;
-use crate::vertex::Vertex;
 use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_geometry::{LocalDir, Ray, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
     Bsdfs, Interface, LightChoice, Receivers, ShadingFrames, ShadingLanes, SurfacePoint, SurfacePoints,
 };
+use smallvec::SmallVec;
 
 /// Paths at points of one material or medium, one for each lane. Free lanes repeat the first path.
 pub(super) struct Group<'g, F: Lanes> {
@@ -32,11 +34,14 @@ pub(super) struct Group<'g, F: Lanes> {
     pub(super) points: SurfacePoints<F>,
     pub(super) frames: ShadingFrames<F>,
     pub(super) receivers: Receivers<F>,
-    /// Directions toward the camera, in the frames of shading.
+    /// Directions of the rays, and directions toward the camera in the frames of shading.
+    pub(super) from: V3<F>,
     pub(super) wo: V3<F>,
     pub(super) bsdfs: Bsdfs<'g>,
-    /// The points one by one, where they are found path by path, or where connections begin. Else empty.
-    pub(super) vertices: Vec<Vertex<'g>>,
+    /// The interfaces of solids at the points, where these are found path by path. Else empty.
+    pub(super) interfaces: SmallVec<[Option<&'g Interface>; MAX_WIDTH]>,
+    /// Albedo of single scattering in the medium.
+    pub(super) medium_albedo: Option<Rgb>,
     /// The material, if the surfaces bound solids.
     pub(super) solid: Option<u32>,
     pub(super) rays: [u32; MAX_WIDTH],
@@ -76,16 +81,26 @@ impl<'a> Wavefront<'a> {
                 for lane in 0..F::WIDTH {
                     paths[lane] = self.rays.paths[rays[lane] as usize];
                 }
-                let wo = -self.rays.directions::<F>(token, rays);
+                let from = self.rays.directions::<F>(token, rays);
+                let wo = -from;
                 let points = if !is_arrived {
                     scene.surface_points(token, &self.hits.lanes(token, rays), self.rays.times(token, rays))
                 } else {
                     SurfacePoints::from_lanes(token, &self.surfaces(rays))
                 };
-                let is_one_by_one = is_arrived || !scene.covers().is_empty() && !scene.is_delta(material);
-                let (vertices, bsdfs) = match is_one_by_one {
-                    true => self.vertices(rays, len, &points, (interfaces, storage)),
-                    false => (Vec::new(), scene.bsdfs(material, &points, &[0.0; MAX_WIDTH], storage)),
+                let (mut its_interfaces, mut medium_albedo) = (SmallVec::new(), None);
+                let bsdfs = match (in_medium, is_arrived) {
+                    (true, _) => {
+                        let medium = self.ray_state(rays[0] as usize).medium(scene);
+                        medium_albedo = medium.map(|medium| medium.albedo());
+                        let phase = medium.map_or(Bsdf::Absorber, |medium| Bsdf::Phase(medium.phase));
+                        Bsdfs::Same(storage[0].insert(phase))
+                    }
+                    (false, true) => {
+                        let arrivals = &rays[..len];
+                        self.surfaces_of_chance(arrivals, &points, interfaces, (&mut its_interfaces, storage))
+                    }
+                    (false, false) => scene.bsdfs(material, &points, &[0.0; MAX_WIDTH], storage),
                 };
                 if watch.observer.is_some() || !in_medium && scene.emits(material) {
                     self.add_emission(&rays[..len], (!in_medium, material), &points, watch);
@@ -129,12 +144,14 @@ impl<'a> Wavefront<'a> {
                     paths,
                     learned,
                     state,
+                    from,
                     wo: frames.frame.to_local(wo),
                     points,
                     frames,
                     receivers,
                     bsdfs,
-                    vertices,
+                    interfaces: its_interfaces,
+                    medium_albedo,
                     solid: (!in_medium && scene.is_solid(material)).then_some(material),
                     rays: *rays,
                     gathered,
@@ -160,36 +177,34 @@ impl<'a> Wavefront<'a> {
         surfaces
     }
 
-    /// The points that rays have reached, one by one, and their BSDFs.
+    /// The BSDFs at points that are found path by path, and their interfaces.
     #[inline(never)]
-    fn vertices<'g, F: Lanes>(
+    fn surfaces_of_chance<'g, F: Lanes>(
         &self,
-        rays: &[u32; MAX_WIDTH],
-        len: usize,
+        rays: &[u32],
         points: &SurfacePoints<F>,
-        (interfaces, storage): (&'g [Interface], &'g mut Storage),
-    ) -> (Vec<Vertex<'g>>, Bsdfs<'g>)
+        interfaces: &'g [Interface],
+        (found, storage): (&mut SmallVec<[Option<&'g Interface>; MAX_WIDTH]>, &'g mut Storage),
+    ) -> Bsdfs<'g>
     where
         'a: 'g,
     {
-        let scene = self.estimator.scene;
-        let mut vertices = Vec::with_capacity(len);
-        for (lane, (&ray, storage)) in rays[..len].iter().zip(storage).enumerate() {
-            let state = self.ray_state(ray as usize);
-            let (u_kind, interface) = match self.arrivals.get(ray as usize).copied().flatten() {
-                None => (0.0, None),
-                Some(Arrival::Surface { u_kind, interface, .. }) => (u_kind, interface),
-                Some(Arrival::Medium { distance, .. }) => {
-                    vertices.extend(Vertex::in_medium(scene, state, distance, storage));
-                    continue;
-                }
-            };
+        let mut bsdfs = [&Bsdf::Absorber; MAX_WIDTH];
+        for (lane, (&ray, storage)) in rays.iter().zip(storage).enumerate() {
+            let Some(Arrival::Surface { u_kind, interface, .. }) = self.arrivals[ray as usize] else { continue };
             let interface = interface.and_then(|number| interfaces.get(number as usize));
-            let hit = SurfaceHit { surface: points.lane(lane), interface };
-            vertices.push(Vertex::on_surface(scene, state, hit, u_kind, storage));
+            let eta = interface.and_then(|interface| interface.relative_index());
+            bsdfs[lane] = self.estimator.scene.bsdf(&points.lane(lane), u_kind, eta, storage);
+            found.push(interface);
         }
-        let bsdfs = same_or_each(&vertices);
-        (vertices, bsdfs)
+        let (first, others) = bsdfs.split_at_mut(1);
+        match others[..rays.len() - 1].iter().all(|bsdf| std::ptr::eq(*bsdf, first[0])) {
+            true => Bsdfs::Same(first[0]),
+            false => {
+                others[rays.len() - 1..].fill(first[0]);
+                Bsdfs::Each(bsdfs)
+            }
+        }
     }
 
     /// Adds the emission of the surfaces of a material that rays have reached.
@@ -218,22 +233,25 @@ impl<'a> Wavefront<'a> {
 }
 
 impl Wavefront<'_> {
-    /// The solids of a path that leaves its point in a direction.
-    #[inline]
-    pub(super) fn enclosing_beyond<F: Lanes>(
-        &self,
-        group: &Group<'_, F>,
-        lane: usize,
-        (normal, wi): (Vec3, Vec3),
-    ) -> EnclosingSolids {
-        match (group.vertices.get(lane), self.among_solids.get(group.paths[lane] as usize)) {
-            (_, None) => EnclosingSolids::Last(None),
-            (Some(at), _) => at.spawn_ray(wi).enclosing,
-            (None, Some(among)) => {
-                let from = self.rays.get(group.rays[lane] as usize).direction;
-                among.enclosing.beyond(group.solid, normal, [from, wi])
+    /// The solids of paths that leave their points in given directions.
+    #[inline(always)]
+    pub(super) fn enclosing_beyond<F: Lanes>(&self, group: &Group<'_, F>, wi: V3<F>) -> [EnclosingSolids; MAX_WIDTH] {
+        let mut enclosing = [EnclosingSolids::Last(None); MAX_WIDTH];
+        let normal = group.points.normal;
+        let from_inside = normal.dot(group.from).is_positive().bits();
+        let inward = (-normal.dot(wi)).is_positive().bits();
+        for lane in 0..group.len {
+            if let Some(among) = self.among_solids.get(group.paths[lane] as usize) {
+                let [from_inside, inward] = [from_inside, inward].map(|bits| bits >> lane & 1 == 1);
+                enclosing[lane] = among.enclosing.beyond(group.solid, from_inside, inward);
             }
         }
+        for (lane, interface) in group.interfaces.iter().enumerate() {
+            if let Some(interface) = interface {
+                enclosing[lane] = EnclosingSolids::All(interface.beyond(wi.to_lanes()[lane]));
+            }
+        }
+        enclosing
     }
 }
 
@@ -249,24 +267,24 @@ impl<'g, F: Lanes> Group<'g, F> {
         lanes
     }
 
+    /// Survival probability of a shadow ray or a connection by the light that the path has gathered, for an expected
+    /// radiance toward the camera [W/(m^2 sr)]. It is one where a light was chosen.
+    #[inline(always)]
+    pub(super) fn gathered_survival(&self, expected: Rgb<F>) -> F {
+        let brightest = self.state.throughput.max_channel();
+        let (scale, one) = (brightest / (self.gathered * GATHERED_SHARE), brightest.constant(1.0));
+        let is_gathered = self.gathered.is_positive() & scale.is_positive();
+        match self.choice {
+            LightChoice::Each => is_gathered.select(gathered_survival(scale * expected.max_channel()), one),
+            LightChoice::One => one,
+        }
+    }
+
     /// The origins of rays that leave the points in given directions.
     #[inline(always)]
     pub(super) fn ray_origins(&self, directions: V3<F>) -> V3<F> {
         if self.in_medium { self.points.point } else { self.points.ray_origins(directions) }
     }
-}
-
-/// The BSDFs of points. Free lanes repeat the first.
-fn same_or_each<'g>(vertices: &[Vertex<'g>]) -> Bsdfs<'g> {
-    let first = vertices[0].shading.bsdf;
-    if vertices.iter().all(|vertex| std::ptr::eq(vertex.shading.bsdf, first)) {
-        return Bsdfs::Same(first);
-    }
-    let mut each = [first; MAX_WIDTH];
-    for (bsdf, vertex) in each.iter_mut().zip(vertices) {
-        *bsdf = vertex.shading.bsdf;
-    }
-    Bsdfs::Each(each)
 }
 
 /// Bits of the lanes whose BSDFs are not of single directions.

@@ -11,6 +11,7 @@
 //! A path reads and writes only its own state, and its contributions are added in the order of its vertices and lights.
 //! So a sample has the same bits at every width and in every batch. A batch of one sample in one lane is the reference.
 
+mod connect;
 mod group;
 pub(crate) mod rays;
 mod scatter;
@@ -68,8 +69,8 @@ pub struct Wavefront<'a> {
     interfaces: Vec<Interface>,
     /// Rays whose paths scatter: the key of their points, and their number.
     order: Vec<u64>,
-    /// For each light sample of a vertex.
-    shadow: Vec<ShadowRays>,
+    /// For each light sample of a vertex: straight shadow rays, and those behind covers.
+    shadow: Vec<[ShadowRays; 2]>,
     occluded: Vec<bool>,
     lane_use: LaneUse,
 }
@@ -168,7 +169,7 @@ impl<'a> Wavefront<'a> {
         let choice = estimator.scene.light_choice_at(0, false);
         let lights = estimator.scene.num_light_samples(choice);
         let moves = estimator.scene.shutter().is_some();
-        let shadow = |_| ShadowRays { rays: Rays::new(moves), ..ShadowRays::default() };
+        let queue = || ShadowRays { rays: Rays::new(moves), ..ShadowRays::default() };
         Self {
             estimator: *estimator,
             set,
@@ -183,7 +184,7 @@ impl<'a> Wavefront<'a> {
             arrivals: Vec::new(),
             interfaces: Vec::new(),
             order: Vec::new(),
-            shadow: (0..lights).map(shadow).collect(),
+            shadow: (0..lights).map(|_| [queue(), queue()]).collect(),
             occluded: Vec::new(),
             lane_use: LaneUse::default(),
         }
@@ -385,9 +386,9 @@ impl<'a> Wavefront<'a> {
             let number = self.rays.paths[ray] as usize;
             match self.among_solids[number].enclosing {
                 EnclosingSolids::Last(None) => {}
-                EnclosingSolids::Last(Some(_)) => {
+                enclosing @ EnclosingSolids::Last(Some(_)) => {
                     let mut path = self.paths[number].get();
-                    path.throughput *= self.ray_state(ray).transmittance(scene, hit.t);
+                    path.throughput *= enclosing.transmittance(scene, hit.t);
                     self.paths[number].put(&path);
                 }
                 EnclosingSolids::All(_) => return self.arrive(ray, hit, vertex),
@@ -450,29 +451,32 @@ impl<'a> Wavefront<'a> {
         (self.order, self.interfaces) = (order, interfaces);
     }
 
-    /// Traces the shadow rays, light by light, and adds the light of those that are not occluded, and of connections.
+    /// Traces the shadow rays, light by light, and adds the light of those that are not occluded. Those behind covers
+    /// follow the straight ones of the same light.
     fn trace_shadow_rays(&mut self, watch: &mut Watch<'_>) {
         let scene = self.estimator.scene;
-        for (index, queue) in (0..).zip(&mut self.shadow) {
-            self.occluded.clear();
-            self.occluded.resize(queue.rays.paths.len(), false);
-            scene.bvh().occluded_batch(self.set, &queue.rays.batch(), &mut self.occluded);
-            for (i, &path) in queue.rays.paths.iter().enumerate() {
-                // A surface that lets light pass may be the only one on the way.
-                let light = match (self.occluded[i], scene.has_coverage()) {
-                    (false, _) => queue.light(i),
-                    (true, false) => Rgb::BLACK,
-                    (true, true) => queue.light(i) * scene.transmittance(&queue.rays.get(i)),
-                };
-                if !light.is_black() {
-                    self.paths[path as usize].add_radiance(light);
+        for (index, queues) in (0..).zip(&mut self.shadow) {
+            for queue in queues {
+                self.occluded.clear();
+                self.occluded.resize(queue.rays.paths.len(), false);
+                scene.bvh().occluded_batch(self.set, &queue.rays.batch(), &mut self.occluded);
+                for (i, &path) in queue.rays.paths.iter().enumerate() {
+                    // A surface that lets light pass may be the only one on the way.
+                    let light = match (self.occluded[i], scene.has_coverage()) {
+                        (false, _) => queue.light(i),
+                        (true, false) => Rgb::BLACK,
+                        (true, true) => queue.light(i) * scene.transmittance(&queue.rays.get(i)),
+                    };
+                    if !light.is_black() {
+                        self.paths[path as usize].add_radiance(light);
+                    }
+                    watch.event(path, || match queue.attempts.get(i) {
+                        Some(attempt) => Event::Connection { index, attempt: *attempt, light },
+                        None => Event::ShadowRay { index, light },
+                    });
                 }
-                watch.event(path, || Event::ShadowRay { index, light });
+                queue.clear();
             }
-            for &(path, light) in &queue.connected {
-                self.paths[path as usize].add_radiance(light);
-            }
-            queue.clear();
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Rays of a wave, and their results.
 
+use crate::mnee::Attempt;
 use dunkelfeld_bvh::{Hit, HitBatch, NO_HIT, RayBatch};
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
@@ -156,14 +157,14 @@ pub(super) struct ShadowRays {
     pub(super) rays: Rays,
     /// Radiance of the pixel if the ray is not occluded [W/(m^2 sr)], by channel.
     pub(super) light: [Vec<f32>; 3],
-    /// Paths with light of connections to the same light samples.
-    pub(super) connected: Vec<(u32, Rgb)>,
+    /// The attempted connections of rays behind covers, where they are observed.
+    pub(super) attempts: Vec<Attempt>,
 }
 
 impl ShadowRays {
     pub(super) fn clear(&mut self) {
         self.rays.clear();
-        self.connected.clear();
+        self.attempts.clear();
         self.light.iter_mut().for_each(Vec::clear);
     }
 

@@ -5,37 +5,40 @@
 use super::group::Group;
 use super::{Layers, Watch, Wavefront};
 use crate::dimensions;
-use crate::direct::{GATHERED_SHARE, gathered_survival, light_weight};
-use crate::mnee::{self, SpecularPrefix};
+use crate::direct::light_weight;
+use crate::mnee::SpecularPrefix;
 use crate::observer::{Event, TraceScattering};
 use crate::path::{max_survival, survival};
-use crate::ray_state::RayState;
+use crate::ray_state::{EnclosingSolids, RayState};
 use crate::scatterer::{EachLane, Scatterer};
-use crate::vertex::Place;
 use dunkelfeld_bsdf::{Bsdf, BsdfSamples, Dielectric, HenyeyGreenstein, InLanes, Lobe, Principled, ThinSheet, View};
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{Ray, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, Real, V3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Bsdfs, Interface, LightChoice, LightSample, LightSamples, LightTarget, Scene, shadow_rays};
+use dunkelfeld_scene::{Bsdfs, Interface, LightChoice, LightSamples, Scene, shadow_rays};
 use smallvec::SmallVec;
 
 /// Most light samples of a vertex.
-const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
+pub(super) const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
 
 /// A light sample of each lane, with the numbers for a connection and for roulette.
 #[derive(Clone, Copy)]
-struct Draw<F: Lanes> {
-    light: LightSamples<F>,
-    u_chain: F,
-    u_roulette: F,
+pub(super) struct Draw<F: Lanes> {
+    pub(super) light: LightSamples<F>,
+    pub(super) u_chain: F,
+    pub(super) u_roulette: F,
 }
 
+/// Directions in render space, with the lanes that have one: those of light samples, then those of candidate chains.
+pub(super) type Directions<F> = SmallVec<[Direction<F>; LIGHTS]>;
+pub(super) type Direction<F> = (<F as Real>::Mask, V3<F>);
+
 /// The BSDFs of a group.
-struct Evaluated<F: Lanes> {
+pub(super) struct Evaluated<F: Lanes> {
     albedo: Rgb<F>,
-    /// For each light sample: BSDF times cosine [1/sr], and density of its direction by scattering [1/sr].
-    direct: SmallVec<[(Rgb<F>, F); LIGHTS]>,
+    /// For each given direction: BSDF times cosine [1/sr], and its density by scattering [1/sr].
+    pub(super) direct: SmallVec<[(Rgb<F>, F); LIGHTS]>,
     /// The new direction in render space, and the rest of its sample.
     wi: V3<F>,
     sample: BsdfSamples<F>,
@@ -60,9 +63,15 @@ impl Wavefront<'_> {
         if group.lit.any() {
             self.draw_lights(&group, &mut draws);
         }
-        let found = evaluate_group(&group, &draws);
+        let mut directions = Directions::<F>::new();
+        for draw in &draws {
+            directions.push((group.lit & draw.light.pdf.is_positive(), draw.light.direction));
+        }
+        let candidates = self.choose_chains(&group, &draws, &mut directions);
+        let found = evaluate_group(&group, &directions, true);
         self.set_layers(&group, found.albedo);
         self.add_direct_light(&group, &draws, &found, watch);
+        self.connect(&group, &draws, &candidates, &found, watch);
         self.continue_paths(&group, &found, watch);
     }
 
@@ -98,7 +107,7 @@ impl Wavefront<'_> {
         if !group.has_layers {
             return;
         }
-        let (r, g, b) = (albedo.r.to_array(), albedo.g.to_array(), albedo.b.to_array());
+        let (albedo, from) = (albedo.to_lanes(), group.from.to_lanes());
         let (normals, depth) = (group.frames.frame.normal.to_lanes(), group.state.path_length.to_array());
         for (lane, &path) in group.paths[..group.len].iter().enumerate() {
             let is_see_through = group.bsdfs.lane(lane).is_see_through();
@@ -109,9 +118,9 @@ impl Wavefront<'_> {
                 Layers::Set => continue,
             };
             if is_new {
-                let (albedo, normal) = match group.vertices.get(lane).map(|at| (&at.place, at.wo)) {
-                    Some((Place::Medium(medium), wo)) => (medium.albedo(), wo),
-                    _ => (Rgb::new(r[lane], g[lane], b[lane]), normals[lane]),
+                let (albedo, normal) = match group.medium_albedo {
+                    Some(albedo) => (albedo, -from[lane]),
+                    None => (albedo[lane], normals[lane]),
                 };
                 let sample = &mut self.samples[path as usize];
                 *sample = Sample { hit: true, albedo, normal: normal.to_array(), depth: depth[lane], ..*sample };
@@ -127,19 +136,14 @@ impl Wavefront<'_> {
         group: &Group<'_, F>,
         draws: &[Draw<F>],
         found: &Evaluated<F>,
-        watch: &mut Watch<'_>,
+        watch: &Watch<'_>,
     ) {
-        let (scene, choice) = (self.estimator.scene, group.choice);
         let needs_outcomes = watch.needs_outcomes();
         F::vectorize(
             group.token,
             #[inline(always)]
             || {
                 let brightest = group.state.throughput.max_channel();
-                let one = brightest.constant(1.0);
-                // The roulette of gathered light, for lanes without learned statistics.
-                let scale = brightest / (group.gathered * GATHERED_SHARE);
-                let is_gathered = group.gathered.is_positive() & scale.is_positive();
                 for (index, (draw, (scattered, pdf))) in (0..).zip(draws.iter().zip(&found.direct)) {
                     let light = &draw.light;
                     let sampled = group.lit & light.pdf.is_positive();
@@ -150,120 +154,68 @@ impl Wavefront<'_> {
                     }
                     let unoccluded = *scattered * light.radiance;
                     let expected = unoccluded * light_weight(light.pdf, *pdf, light.is_delta);
-                    let other = match choice {
-                        LightChoice::Each => is_gathered.select(gathered_survival(scale * expected.max_channel()), one),
-                        LightChoice::One => one,
-                    };
                     let survival = match needs_outcomes {
-                        true => one,
-                        false => group.learned.shadow_survival(index, brightest * expected.max_channel(), other),
+                        true => brightest.constant(1.0),
+                        false => group.learned.shadow_survival(
+                            index,
+                            brightest * expected.max_channel(),
+                            group.gathered_survival(expected),
+                        ),
                     };
                     let traced = sampled & unoccluded.is_lit() & draw.u_roulette.lt(survival);
                     let origin = group.ray_origins(light.direction);
                     let end = (light.point, light.normal, light.is_finite);
                     let (direction, t_max) = shadow_rays(origin, light.direction, end);
-                    self.queue_shadow_rays(
-                        group,
-                        Queued { index, traced, origin, direction, t_max, expected, survival },
+                    let light = group.state.throughput * (expected * survival.recip());
+                    let enclosing = self.estimator.scene.has_solids().then(
+                        #[inline(always)]
+                        || self.enclosing_beyond(group, direction),
                     );
-                    if !scene.covers().is_empty() {
-                        self.connect(group, draw, (index, sampled, scale.only(is_gathered)), watch);
-                    }
+                    let rays = Queued { lanes: traced, origin, direction, t_max, light };
+                    self.queue_shadow_rays(group, (index, 0), rays, enclosing.as_ref());
                 }
             },
         );
     }
 
-    /// Stores the shadow rays of lanes.
+    /// Stores the shadow rays of lanes: of a light, on straight lines or behind covers.
     #[inline(always)]
-    fn queue_shadow_rays<F: Lanes>(&mut self, group: &Group<'_, F>, q: Queued<F>) {
-        let scene = self.estimator.scene;
-        let Queued { index, traced, origin, direction, mut t_max, expected, survival } = q;
-        let bits = traced.bits();
-        let mut arriving = expected * survival.recip();
-        // Where media on the way matter, the ray is traced here.
-        if scene.has_solids() {
-            let (origins, directions, mut ends) = (origin.to_lanes(), direction.to_lanes(), t_max.to_array());
-            let (times, normals) = (group.points.time.to_array(), group.points.normal.to_lanes());
-            let (mut open, mut transmittance) = ([1.0; MAX_WIDTH], [Rgb::WHITE; MAX_WIDTH]);
-            for lane in (0..group.len).filter(|lane| bits >> lane & 1 == 1) {
-                let ray =
-                    Ray { origin: origins[lane], direction: directions[lane], t_max: ends[lane], time: times[lane] };
-                let enclosing = self.enclosing_beyond(group, lane, (normals[lane], directions[lane]));
-                let start = RayState { ray, enclosing };
-                match start.clear_transmittance(scene, ends[lane]) {
-                    Some(clear) => transmittance[lane] = clear,
-                    None => {
-                        (open[lane], transmittance[lane]) = start.shadow_transmittance(scene, &ray);
-                        ends[lane] = 0.0;
-                    }
-                }
-            }
-            arriving = expected * (F::load(group.token, &open) / survival);
-            arriving *= rgb_of_lanes(group.token, &transmittance);
-            t_max = F::load(group.token, &ends);
-        }
-        let light = group.state.throughput * arriving;
-        let queue = &mut self.shadow[index as usize];
-        queue.rays.append((traced, &group.paths), [origin, direction], t_max, group.points.time);
-        let [r, g, b] = &mut queue.light;
-        light.r.append(traced, r);
-        light.g.append(traced, g);
-        light.b.append(traced, b);
-    }
-
-    /// Connections through covers to the light samples of lanes, one by one. `gathered` is the scale of the gathered
-    /// roulette, or zero.
-    #[inline(never)]
-    fn connect<F: Lanes>(
+    pub(super) fn queue_shadow_rays<F: Lanes>(
         &mut self,
         group: &Group<'_, F>,
-        draw: &Draw<F>,
-        (index, sampled, gathered): (u32, F::Mask, F),
-        watch: &mut Watch<'_>,
+        (index, kind): (u32, usize),
+        q: Queued<F>,
+        enclosing: Option<&[EnclosingSolids; MAX_WIDTH]>,
     ) {
-        let light = &draw.light;
-        let (directions, points, normals) =
-            (light.direction.to_lanes(), light.point.to_lanes(), light.normal.to_lanes());
-        let (r, g, b) = (light.radiance.r.to_array(), light.radiance.g.to_array(), light.radiance.b.to_array());
-        let (pdf, u_roulette, u_chain) = (light.pdf.to_array(), draw.u_roulette.to_array(), draw.u_chain.to_array());
-        let (is_finite, is_delta, sampled) = (light.is_finite.bits(), light.is_delta.bits(), sampled.bits());
-        let gathered = gathered.to_array();
-        let Rgb { r: red, g: green, b: blue } = group.state.throughput;
-        let throughput = [red.to_array(), green.to_array(), blue.to_array()];
-        let needs_outcomes = watch.needs_outcomes();
-        for (lane, at) in group.vertices.iter().enumerate() {
-            if sampled >> lane & 1 == 0 {
-                continue;
-            }
-            let (number, learned) = (group.paths[lane], group.learned.lane(lane));
-            let throughput = Rgb::new(throughput[0][lane], throughput[1][lane], throughput[2][lane]);
-            let sample = LightSample {
-                direction: directions[lane],
-                target: (is_finite >> lane & 1 == 1)
-                    .then(|| LightTarget { point: points[lane], normal: normals[lane] }),
-                radiance: Rgb::new(r[lane], g[lane], b[lane]),
-                pdf: pdf[lane],
-                is_delta: is_delta >> lane & 1 == 1,
-            };
-            let survival = |expected: Rgb| match (learned, group.choice) {
-                _ if needs_outcomes => 1.0,
-                (Some(v), _) => v.connection_survival(index, throughput.max_channel() * expected.max_channel()),
-                (None, LightChoice::Each) if gathered[lane] > 0.0 => {
-                    gathered_survival(gathered[lane] * expected.max_channel())
-                }
-                _ => 1.0,
-            };
-            let u = [u_chain[lane], u_roulette[lane]];
-            if let Some(attempt) = mnee::estimate(self.estimator.scene, at, &sample, survival, u) {
-                let light = throughput * attempt.radiance;
-                watch.tally.count(&attempt);
-                watch.event(number, || Event::Connection { index, attempt, light });
-                if attempt.arrives {
-                    self.shadow[index as usize].connected.push((number, light));
-                }
-            }
+        let Queued { lanes, origin, direction, mut t_max, mut light } = q;
+        let is_clear = |enclosing: &EnclosingSolids| matches!(enclosing, EnclosingSolids::Last(None));
+        if let Some(enclosing) = enclosing.filter(|enclosing| !enclosing.iter().all(is_clear)) {
+            // Where several solids matter, the ray is traced here.
+            let (origins, directions) = (origin.to_lanes(), direction.to_lanes());
+            let (mut ends, times) = (t_max.to_array(), group.points.time.to_array());
+            let mut transmittance = [Rgb::WHITE; MAX_WIDTH];
+            lanes.each(
+                #[inline(always)]
+                |lane| match &enclosing[lane] {
+                    last @ EnclosingSolids::Last(_) => {
+                        transmittance[lane] = last.transmittance(self.estimator.scene, ends[lane]);
+                    }
+                    EnclosingSolids::All(interior) => {
+                        let ray = Ray::with_end(origins[lane], directions[lane], ends[lane]).at_time(times[lane]);
+                        transmittance[lane] = self.estimator.scene.shadow_transmittance(&ray, interior);
+                        ends[lane] = 0.0;
+                    }
+                },
+            );
+            light *= Rgb::from_lanes(group.token, &transmittance);
+            t_max = F::load(group.token, &ends);
         }
+        let queue = &mut self.shadow[index as usize][kind];
+        queue.rays.append((lanes, &group.paths), [origin, direction], t_max, group.points.time);
+        let [r, g, b] = &mut queue.light;
+        light.r.append(lanes, r);
+        light.g.append(lanes, g);
+        light.b.append(lanes, b);
     }
 
     /// New directions by sampling the BSDFs, and roulette.
@@ -297,8 +249,9 @@ impl Wavefront<'_> {
                 let origin = group.ray_origins(*wi);
                 let through_covers = match scene.has_solids() {
                     true => {
+                        let enclosing = self.enclosing_beyond(group, *wi);
                         let leaving = (origin.to_lanes(), wi.to_lanes(), F::word_to_array(sample.lobe));
-                        self.enter_solids(group, alive.bits(), leaving)
+                        self.enter_solids(group, alive.bits(), leaving, &enclosing)
                     }
                     false => 0,
                 };
@@ -334,11 +287,12 @@ impl Wavefront<'_> {
         group: &Group<'_, F>,
         alive: u32,
         (origins, wi, lobes): ([Vec3; MAX_WIDTH], [Vec3; MAX_WIDTH], [u32; MAX_WIDTH]),
+        enclosing: &[EnclosingSolids; MAX_WIDTH],
     ) -> u32 {
         let (scene, mut continued) = (self.estimator.scene, 0);
-        let (normals, times) = (group.points.normal.to_lanes(), group.points.time.to_array());
+        let (parts, times) = (F::word_to_array(group.points.part), group.points.time.to_array());
         for lane in (0..group.len).filter(|lane| alive >> lane & 1 == 1) {
-            let enclosing = self.enclosing_beyond(group, lane, (normals[lane], wi[lane]));
+            let enclosing = enclosing[lane];
             let among = &mut self.among_solids[group.paths[lane] as usize];
             among.enclosing = enclosing;
             if scene.covers().is_empty() {
@@ -350,9 +304,9 @@ impl Wavefront<'_> {
                     let ray = Ray::new(origins[lane], wi[lane]).at_time(times[lane]);
                     Some(SpecularPrefix::new(RayState { ray, enclosing }))
                 }
-                true => prefix.filter(|_| !group.in_medium).and_then(|prefix| {
-                    prefix.extended(scene, &group.points.lane(lane), lobe.contains(Lobe::REFLECTION))
-                }),
+                true => prefix
+                    .filter(|_| !group.in_medium)
+                    .and_then(|prefix| prefix.extended(scene, parts[lane], lobe.contains(Lobe::REFLECTION))),
             };
             continued |= u32::from(among.prefix.is_some()) << lane;
         }
@@ -384,7 +338,11 @@ fn observe_scattering<F: Lanes>(
 }
 
 /// The BSDFs of a group: of one kind, in lanes, or of several.
-fn evaluate_group<F: Lanes>(group: &Group<'_, F>, draws: &[Draw<F>]) -> Evaluated<F> {
+pub(super) fn evaluate_group<F: Lanes>(
+    group: &Group<'_, F>,
+    directions: &[Direction<F>],
+    scatters: bool,
+) -> Evaluated<F> {
     macro_rules! lanes_of {
         ($kind:ident) => {
             of_kind(group, |bsdf| match bsdf {
@@ -395,20 +353,20 @@ fn evaluate_group<F: Lanes>(group: &Group<'_, F>, draws: &[Draw<F>]) -> Evaluate
     }
     if let Some(surfaces) = lanes_of!(Principled) {
         return match surfaces.iter().any(|surface| surface.is_rich()) {
-            false => evaluate_principled::<F, false>(group, &surfaces, draws),
-            true => evaluate_principled::<F, true>(group, &surfaces, draws),
+            false => evaluate_principled::<F, false>(group, &surfaces, directions, scatters),
+            true => evaluate_principled::<F, true>(group, &surfaces, directions, scatters),
         };
     }
     if let Some(surfaces) = lanes_of!(Dielectric) {
-        return evaluate_dielectric(group, &surfaces, draws);
+        return evaluate_dielectric(group, &surfaces, directions, scatters);
     }
     if let Some(surfaces) = lanes_of!(ThinSheet) {
-        return evaluate_sheet(group, &surfaces, draws);
+        return evaluate_sheet(group, &surfaces, directions, scatters);
     }
     if let Some(surfaces) = lanes_of!(Phase) {
-        return evaluate_phase(group, &surfaces, draws);
+        return evaluate_phase(group, &surfaces, directions, scatters);
     }
-    evaluate_each(group, draws)
+    evaluate_each(group, directions, scatters)
 }
 
 /// The surfaces of lanes if all are of one kind. Free lanes repeat the first.
@@ -430,7 +388,8 @@ fn of_kind<'g, F: Lanes, B>(
 fn evaluate_principled<F: Lanes, const RICH: bool>(
     group: &Group<'_, F>,
     surfaces: &[&Principled; MAX_WIDTH],
-    draws: &[Draw<F>],
+    directions: &[Direction<F>],
+    scatters: bool,
 ) -> Evaluated<F> {
     F::vectorize(
         group.token,
@@ -440,7 +399,7 @@ fn evaluate_principled<F: Lanes, const RICH: bool>(
                 Bsdfs::Same(_) => InLanes::<F>::splat(group.token, surfaces[0]),
                 Bsdfs::Each(_) => InLanes::<F>::gather(group.token, surfaces),
             };
-            evaluate(group, surface.view::<RICH>(group.wo), draws)
+            evaluate(group, surface.view::<RICH>(group.wo), directions, scatters)
         },
     )
 }
@@ -452,12 +411,13 @@ macro_rules! evaluate_kind {
         fn $name<F: Lanes>(
             group: &Group<'_, F>,
             lanes: &[&$kind; MAX_WIDTH],
-            draws: &[Draw<F>],
+            directions: &[Direction<F>],
+            scatters: bool,
         ) -> Evaluated<F> {
             F::vectorize(
                 group.token,
                 #[inline(always)]
-                || evaluate(group, InLanes::<F>::gather(group.token, lanes).view(group.wo), draws),
+                || evaluate(group, InLanes::<F>::gather(group.token, lanes).view(group.wo), directions, scatters),
             )
         }
     };
@@ -480,50 +440,45 @@ evaluate_kind!(
 
 /// Surfaces of several kinds, lane by lane.
 #[inline(never)]
-fn evaluate_each<F: Lanes>(group: &Group<'_, F>, draws: &[Draw<F>]) -> Evaluated<F> {
+fn evaluate_each<F: Lanes>(group: &Group<'_, F>, directions: &[Direction<F>], scatters: bool) -> Evaluated<F> {
     F::vectorize(
         group.token,
         #[inline(always)]
-        || evaluate(group, EachLane { lanes: group.one_by_one(), len: group.len }, draws),
+        || evaluate(group, EachLane { lanes: group.one_by_one(), len: group.len }, directions, scatters),
     )
 }
 
-/// Evaluates BSDFs for the light samples, and samples a direction.
+/// Evaluates BSDFs for some directions. If the paths scatter, also the albedo and a new direction.
 #[inline(always)]
-fn evaluate<F: Lanes, V: View<F>>(group: &Group<'_, F>, view: V, draws: &[Draw<F>]) -> Evaluated<F> {
+fn evaluate<F: Lanes, V: View<F>>(
+    group: &Group<'_, F>,
+    view: V,
+    directions: &[Direction<F>],
+    scatters: bool,
+) -> Evaluated<F> {
     let at = Scatterer { frames: group.frames, view };
-    let black = Rgb::splat(group.gathered.constant(0.0));
-    let albedo = if group.has_layers { at.view.albedo(group.wo) } else { black };
+    let zero = group.gathered.constant(0.0);
+    let black = Rgb::splat(zero);
     let mut direct = SmallVec::new();
-    for draw in draws {
-        let is_sampled = (group.lit & draw.light.pdf.is_positive()).any();
-        direct.push(if is_sampled { at.eval(draw.light.direction) } else { (black, black.r) });
+    for (lanes, direction) in directions {
+        direct.push(if lanes.any() { at.eval(*direction) } else { (black, zero) });
     }
+    if !scatters {
+        return Evaluated { albedo: black, direct, wi: group.wo, sample: BsdfSamples::none(zero), u_roulette: zero };
+    }
+    let albedo = if group.has_layers { at.view.albedo(group.wo) } else { black };
     let numbers = group.state.sampler.numbers(dimensions::scatter(group.vertex));
     let ([u_x, u_y], [u_lobe, u_roulette]) = (numbers.first_two(), numbers.last_two());
     let (wi, sample) = at.sample([u_x, u_y, u_lobe]);
     Evaluated { albedo, direct, wi, sample, u_roulette }
 }
 
-/// The shadow rays of lanes to a light.
-struct Queued<F: Lanes> {
-    index: u32,
-    /// Lanes whose ray is traced.
-    traced: F::Mask,
-    origin: V3<F>,
-    direction: V3<F>,
-    t_max: F,
-    /// Radiance that is scattered to the camera side if the ray is not occluded, and the probability that it is traced.
-    expected: Rgb<F>,
-    survival: F,
-}
-
-/// Colours, one for each lane.
-#[inline(always)]
-fn rgb_of_lanes<F: Lanes>(token: F::Token, lanes: &[Rgb; MAX_WIDTH]) -> Rgb<F> {
-    let [mut r, mut g, mut b] = [[0.0; MAX_WIDTH]; 3];
-    for lane in 0..F::WIDTH {
-        [r[lane], g[lane], b[lane]] = lanes[lane].to_array();
-    }
-    Rgb::new(F::load(token, &r), F::load(token, &g), F::load(token, &b))
+/// Shadow rays of lanes.
+pub(super) struct Queued<F: Lanes> {
+    pub(super) lanes: F::Mask,
+    pub(super) origin: V3<F>,
+    pub(super) direction: V3<F>,
+    pub(super) t_max: F,
+    /// Radiance of the pixel if the ray is not occluded [W/(m^2 sr)].
+    pub(super) light: Rgb<F>,
 }

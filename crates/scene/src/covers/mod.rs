@@ -42,6 +42,12 @@ impl Scene {
     /// Index of the stack that contains the smooth clear part of a surface point, its rim included.
     #[inline]
     pub fn cover_of(&self, p: &SurfacePoint) -> Option<u16> {
-        self.covers.of_part.get(p.part as usize).copied().filter(|&c| c != scene_covers::NO_COVER)
+        self.cover_of_part(p.part)
+    }
+
+    /// Index of the stack that contains a part.
+    #[inline]
+    pub fn cover_of_part(&self, part: u32) -> Option<u16> {
+        self.covers.of_part.get(part as usize).copied().filter(|&c| c != scene_covers::NO_COVER)
     }
 }

@@ -1,68 +1,127 @@
-//! Derivative of the shading normal over a triangle, for ray differentials at a curved surface.
+//! Derivatives of shading normals over triangles, for ray differentials at curved surfaces.
 
-use crate::query::intersect::{SurfacePoint, mix};
+use crate::geometry::triangle_data::{CornerNormals, Facet, FacetLanes};
 use crate::query::shading::visible_normals;
+use crate::query::surface_points::SurfacePoints;
 use crate::scene::Scene;
-use dunkelfeld_geometry::{DVec3, Vec3};
+use dunkelfeld_geometry::{DMat3, DVec3};
+use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, Real, V3};
 
-/// The derivative of the shading normal at a point of a triangle, in render space.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NormalDifferential {
+/// The derivatives of shading normals at points of triangles, one for each lane, in render space.
+#[derive(Clone, Copy, Debug)]
+pub struct NormalDifferentials<F: Lanes> {
     /// Change of the second and the third barycentric coordinate per displacement [1/m].
-    gradients: [DVec3; 2],
+    gradients: [V3<F::Double>; 2],
     /// Change of the unit normal per change of these.
-    changes: [DVec3; 2],
+    changes: [V3<F::Double>; 2],
 }
 
-impl NormalDifferential {
-    /// The change of the unit normal for a displacement \[m\] in the plane of the triangle, to first order. A part of
-    /// the displacement across that plane has no effect.
-    #[inline]
-    pub fn along(&self, displacement: DVec3) -> DVec3 {
-        self.changes[0] * self.gradients[0].dot(displacement) + self.changes[1] * self.gradients[1].dot(displacement)
+impl<F: Lanes> NormalDifferentials<F> {
+    /// The changes of the unit normals for displacements \[m\] in the planes of the triangles, to first order. A part of
+    /// a displacement across that plane has no effect.
+    #[inline(always)]
+    pub fn along(&self, displacement: V3<F::Double>) -> V3<F::Double> {
+        let [a, b] = self.gradients;
+        self.changes[0] * a.dot(displacement) + self.changes[1] * b.dot(displacement)
     }
 }
 
 impl Scene {
-    /// The normal of the frame that [`Self::shade`] gives for a viewer in direction `wo`, and its derivative. There is
-    /// no derivative if the normal is constant over the triangle. `None` if the normal also depends on `wo`. Normal maps
-    /// are ignored, because no cover has any.
-    pub fn normal_differential(&self, p: &SurfacePoint, wo: Vec3) -> Option<(Vec3, Option<NormalDifferential>)> {
-        let normal = self.shading_normals((), &p.into());
-        let (_, is_turned) = visible_normals::<f32>(normal, p.normal.into(), wo.into());
-        if is_turned {
-            return None;
+    /// The lanes in which the normal of the frame of [`Self::shade_lanes`] depends on the viewer in direction `wo`, and the
+    /// derivatives of the normals, which are zero in lanes with a constant normal. No derivatives if all are constant.
+    /// `normals` are those of the frames. Normal maps are ignored, because no cover has any.
+    #[inline(always)]
+    pub fn normal_differentials<F: Lanes>(
+        &self,
+        token: F::Token,
+        points: &SurfacePoints<F>,
+        wo: V3<F>,
+        normals: V3<F>,
+    ) -> (F::Mask, Option<NormalDifferentials<F>>) {
+        if !points.is_smooth.any() {
+            return (F::mask(token, 0), None);
         }
-        let normal = Vec3::from(normal);
-        let is_behind = !self.compiled[p.material as usize].is_solid && p.normal.dot(wo) < 0.0;
-        let oriented = if is_behind { -normal } else { normal };
-        Some((oriented, self.interpolation_differential(p, oriented)))
+        let (_, is_turned) = visible_normals(self.shading_normals(token, points), points.normal, wo);
+        (is_turned & points.is_smooth, Some(self.interpolation_differentials(token, points, normals)))
     }
 
-    /// The derivative of `v / |v|` with `v` the interpolated normal, in render space and on the side of `oriented`.
-    fn interpolation_differential(&self, p: &SurfacePoint, oriented: Vec3) -> Option<NormalDifferential> {
-        let part = &self.parts[p.part as usize];
-        let facet = self.facet(part, p.triangle);
-        let normals = self.corner_normals(part, facet)?;
-        let [n0, n1, n2] = normals;
-        let transform = part.transform.as_deref();
-        let to_render = |n: Vec3| transform.map_or(n.as_dvec3(), |t| t.to_object().matrix3.transpose() * n.as_dvec3());
-        let mixed = to_render(mix(&p.barycentrics, normals));
+    /// The derivative of `v / |v|` with `v` the interpolated normal, on the side of `oriented`.
+    #[inline(always)]
+    fn interpolation_differentials<F: Lanes>(
+        &self,
+        token: F::Token,
+        points: &SurfacePoints<F>,
+        oriented: V3<F>,
+    ) -> NormalDifferentials<F> {
+        let (parts, triangles) = (F::word_to_array(points.part), F::word_to_array(points.triangle));
+        let (numbers, is_smooth) = (F::word_to_array(points.normals), points.is_smooth.bits());
+        let (mut facets, mut rows, mut is_placed) = ([&Facet::NONE; MAX_WIDTH], [&CornerNormals::NONE; MAX_WIDTH], 0);
+        for lane in 0..F::WIDTH {
+            if is_smooth >> lane & 1 == 1 {
+                let part = &self.parts[parts[lane] as usize];
+                facets[lane] = self.facet(part, triangles[lane]);
+                rows[lane] = self.facets_of(part).normals(numbers[lane]);
+                is_placed |= u32::from(part.transform.is_some()) << lane;
+            }
+        }
+        let FacetLanes { corners: [c0, c1, c2], .. } = Facet::load::<F>(
+            token,
+            #[inline(always)]
+            |lane| facets[lane],
+        );
+        let [n0, n1, n2] = CornerNormals::load::<F>(
+            token,
+            #[inline(always)]
+            |lane| rows[lane],
+        );
+        let (c0, n0) = (c0.widen(), n0.widen());
+        let (mut edges, mut turns) = ([c1.widen() - c0, c2.widen() - c0], [n1.widen() - n0, n2.widen() - n0]);
+        let mut mixed = n0 + turns[0] * Double::widen(points.b1) + turns[1] * Double::widen(points.b2);
+        if is_placed != 0 {
+            self.each_pose(
+                token,
+                (points.part, points.time),
+                is_placed,
+                #[inline(always)]
+                |lanes, transform| {
+                    let lanes = F::Double::widen_mask(lanes);
+                    let (vectors, normals) = (transform.to_world().matrix3, transform.to_object().matrix3.transpose());
+                    mixed = V3::select(lanes, product::<F>(token, &normals, mixed), mixed);
+                    for k in 0..2 {
+                        edges[k] = V3::select(lanes, product::<F>(token, &vectors, edges[k]), edges[k]);
+                        turns[k] = V3::select(lanes, product::<F>(token, &normals, turns[k]), turns[k]);
+                    }
+                },
+            );
+        }
         let length = mixed.length();
         let unit = mixed / length;
-        let corners =
-            facet.corners().map(|c| transform.map_or(c.as_dvec3(), |t| t.to_world().transform_point3(c.as_dvec3())));
-        let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
+        let [e1, e2] = edges;
         let across = e1.cross(e2);
-        let inverse = 1.0 / across.length_squared();
+        let inverse = across.length_squared().recip();
         let gradients = [e2.cross(across) * inverse, across.cross(e1) * inverse];
-        let side = if unit.dot(oriented.as_dvec3()) < 0.0 { -1.0 } else { 1.0 };
-        let changes = [n1 - n0, n2 - n0].map(|change| {
-            let change = to_render(change);
-            (change - unit * unit.dot(change)) * (side / length)
-        });
-        let is_known = gradients.iter().chain(&changes).all(|v| v.is_finite());
-        let varies = changes.iter().any(|c| *c != DVec3::ZERO);
-        (is_known && varies).then_some(NormalDifferential { gradients, changes })
+        let scale = length.recip();
+        let scale = unit.dot(oriented.widen()).lt(scale.constant(0.0)).select(-scale, scale);
+        let [c1, c2] = [(turns[0] - unit * unit.dot(turns[0])) * scale, (turns[1] - unit * unit.dot(turns[1])) * scale];
+        let size = gradients[0].dot(gradients[1]) + c1.dot(c1) + c2.dot(c2);
+        let is_known = F::Double::widen_mask(points.is_smooth) & size.is_finite();
+        let none = V3::<F>::splat_double(token, V3::new(0.0, 0.0, 0.0));
+        let [g1, g2] = gradients;
+        NormalDifferentials {
+            gradients: [V3::select(is_known, g1, none), V3::select(is_known, g2, none)],
+            changes: [V3::select(is_known, c1, none), V3::select(is_known, c2, none)],
+        }
     }
+}
+
+/// The product of a matrix and a vector of each lane.
+#[inline(always)]
+fn product<F: Lanes>(token: F::Token, m: &DMat3, v: V3<F::Double>) -> V3<F::Double> {
+    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
+    splat::<F>(token, x) * v.x + splat::<F>(token, y) * v.y + splat::<F>(token, z) * v.z
+}
+
+#[inline(always)]
+fn splat<F: Lanes>(token: F::Token, v: DVec3) -> V3<F::Double> {
+    V3::<F>::splat_double(token, V3::new(v.x, v.y, v.z))
 }

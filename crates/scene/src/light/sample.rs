@@ -67,6 +67,12 @@ impl From<&LightSampleContext> for Receivers<f32> {
 }
 
 impl<F: Lanes> Receivers<F> {
+    /// Lanes in which the receiver can scatter light from a direction to the viewer.
+    #[inline(always)]
+    pub fn faces(&self, direction: V3<F>) -> F::Mask {
+        self.both_sides | direction.dot(self.normal).is_positive()
+    }
+
     /// The receiver of each lane, for code that treats them one by one.
     #[inline(always)]
     pub(crate) fn to_lanes(self) -> [LightSampleContext; MAX_WIDTH] {

@@ -69,6 +69,15 @@ impl Interface {
         if (direction.dot(self.surface.normal) > 0.0) == self.outward { self.far } else { self.near }
     }
 
+    /// The index of refraction inside the surface over that outside, if two solids meet here.
+    #[inline]
+    pub fn relative_index(&self) -> Option<f32> {
+        match self.boundary {
+            Boundary::Between { eta } => Some(eta),
+            _ => None,
+        }
+    }
+
     /// The solids on the far side.
     #[inline]
     pub fn far(&self) -> Interior {

@@ -137,11 +137,6 @@ impl<'a> Bsdfs<'a> {
 }
 
 impl<'a> ShadingPoint<'a> {
-    /// A point in the medium of a material.
-    pub fn in_medium(point: Vec3, phase: &'a Bsdf, material: u32) -> Self {
-        Self::of(&ShadingLanes::in_medium(point.into()), phase, material, false)
-    }
-
     fn of(lanes: &ShadingLanes<f32>, bsdf: &'a Bsdf, material: u32, is_solid: bool) -> Self {
         let ShadingLanes { frames, receivers } = lanes;
         let receiver = LightSampleContext {
@@ -170,26 +165,21 @@ impl Scene {
     /// of a stochastic material. A BSDF that exists only for this point is stored in `storage`.
     #[inline]
     pub fn shade<'a>(&'a self, p: &SurfacePoint, wo: Vec3, u: f32, storage: &'a mut Option<Bsdf>) -> ShadingPoint<'a> {
-        self.shade_as(p, wo, self.bsdf(p, u, None, storage))
+        self.shade_between(p, wo, u, None, storage)
     }
 
-    /// [`Self::shade`] for a face between two solids: `eta` is the index of refraction on the inside of the surface
-    /// over that on its outside.
+    /// [`Self::shade`] of a face that may lie between two solids. `eta` is as for [`Self::bsdf`].
+    #[inline]
     pub fn shade_between<'a>(
         &'a self,
         p: &SurfacePoint,
         wo: Vec3,
         u: f32,
-        eta: f32,
+        eta: Option<f32>,
         storage: &'a mut Option<Bsdf>,
     ) -> ShadingPoint<'a> {
-        self.shade_as(p, wo, self.bsdf(p, u, Some(eta), storage))
-    }
-
-    #[inline(always)]
-    fn shade_as<'a>(&'a self, p: &SurfacePoint, wo: Vec3, bsdf: &'a Bsdf) -> ShadingPoint<'a> {
         let lanes = self.shade_lanes::<f32>(p.material, &p.into(), wo.into());
-        ShadingPoint::of(&lanes, bsdf, p.material, self.is_solid(p.material))
+        ShadingPoint::of(&lanes, self.bsdf(p, u, eta, storage), p.material, self.is_solid(p.material))
     }
 
     /// True if surfaces of a material are boundaries of a solid that light can enter.
@@ -208,7 +198,13 @@ impl Scene {
     /// True if surfaces of a material scatter into single directions only.
     #[inline(always)]
     pub fn is_delta(&self, material: u32) -> bool {
-        self.compiled[material as usize].only_bsdf().is_some_and(Bsdf::is_delta)
+        self.only_bsdf(material).is_some_and(Bsdf::is_delta)
+    }
+
+    /// The BSDF of a material, if it is the same at all points.
+    #[inline(always)]
+    pub fn only_bsdf(&self, material: u32) -> Option<&Bsdf> {
+        self.compiled[material as usize].only_bsdf()
     }
 
     /// The BSDF at a point. `u` in `[0, 1)` chooses the kind of a stochastic material. `eta` is the index of refraction
@@ -249,7 +245,7 @@ impl Scene {
         u_kind: &[f32; MAX_WIDTH],
         storage: &'a mut [Option<Bsdf>; MAX_WIDTH],
     ) -> Bsdfs<'a> {
-        if let Some(bsdf) = self.compiled[material as usize].only_bsdf() {
+        if let Some(bsdf) = self.only_bsdf(material) {
             return Bsdfs::Same(bsdf);
         }
         let mut each = [points.lane(0); MAX_WIDTH];
