@@ -48,19 +48,12 @@ type Found = Option<(u16, Chain, [u32; 4])>;
 #[inline(always)]
 fn choose<F: Lanes>(token: F::Token, scene: &Scene, inputs: &Inputs, out: &mut [[Found; 2]; MAX_WIDTH]) {
     for at in (0..MAX_WIDTH).step_by(F::WIDTH) {
-        let (mut from, mut point, mut direction) =
-            ([Vec3::ZERO; MAX_WIDTH], [Vec3::ZERO; MAX_WIDTH], [Vec3::ZERO; MAX_WIDTH]);
-        let mut inside = [None; MAX_WIDTH];
-        for lane in 0..F::WIDTH {
-            from[lane] = inputs.from[at + lane];
-            point[lane] = inputs.point[at + lane];
-            direction[lane] = inputs.direction[at + lane];
-            inside[lane] = inputs.inside[at + lane];
-        }
-        let from = V3::from_lanes(token, &from);
+        let lanes = |all: &[Vec3; MAX_WIDTH]| std::array::from_fn(|lane| all[(at + lane) % MAX_WIDTH]);
+        let inside = std::array::from_fn(|lane| inputs.inside[(at + lane) % MAX_WIDTH]);
+        let from = V3::from_lanes(token, &lanes(&inputs.from));
         let targets = Targets {
-            point: V3::from_lanes(token, &point),
-            direction: V3::from_lanes(token, &direction),
+            point: V3::from_lanes(token, &lanes(&inputs.point)),
+            direction: V3::from_lanes(token, &lanes(&inputs.direction)),
             is_finite: F::mask(token, inputs.finite >> at),
         };
         let active = F::mask(token, inputs.active >> at);

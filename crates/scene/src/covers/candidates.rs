@@ -175,8 +175,8 @@ impl<F: Lanes> Choice<F> {
         let token = self.token;
         let zero = F::splat(token, 0.0);
         let mut in_solid = 0;
-        for lane in 0..F::WIDTH {
-            in_solid |= u32::from(inside[lane].is_some()) << lane;
+        for (lane, inside) in inside.iter().enumerate().take(F::WIDTH) {
+            in_solid |= u32::from(inside.is_some()) << lane;
         }
         let in_solid = lanes & F::mask(token, in_solid);
         let origin = V3::select(targets.is_finite, from, V3::new(zero, zero, zero));

@@ -248,8 +248,8 @@ impl<'a, F: Lanes> Crossing<'a, F> {
     #[inline(always)]
     fn reflected(&self, ray: &PlateRay<F>) -> [F; MAX_INTERFACES] {
         let mut reflected = [ray.tangent; MAX_INTERFACES];
-        for k in 0..self.interfaces() {
-            reflected[k] = ray.reflectance(self.indices[k], self.indices[k + 1]);
+        for (k, share) in reflected.iter_mut().enumerate().take(self.interfaces()) {
+            *share = ray.reflectance(self.indices[k], self.indices[k + 1]);
         }
         reflected
     }
@@ -292,13 +292,12 @@ impl<'a, F: Lanes> Crossing<'a, F> {
         for step in chain.steps() {
             crossings[step.layer_behind()] += 1.0;
         }
-        for k in 0..=count {
-            legs[k].index = self.indices[k];
+        for (k, leg) in legs.iter_mut().enumerate().take(count).skip(1) {
+            let depth = crossings[k] * self.thickness(k);
+            *leg = Leg { index: self.indices[k], depth: self.start_depth.constant(depth) };
         }
-        for k in 1..count {
-            legs[k].depth = self.start_depth.constant(crossings[k] * self.thickness(k));
-        }
-        legs[count].depth = self.end_depth;
+        legs[0].index = self.indices[0];
+        legs[count] = Leg { index: self.indices[count], depth: self.end_depth };
         &legs[..=count]
     }
 
