@@ -7,7 +7,7 @@
 use crate::callgrind::Lines;
 
 /// Code for effects only: files, folders, and functions in shared files (none: all).
-pub(crate) const EFFECTS: [(&str, &[&str]); 33] = [
+pub(crate) const EFFECTS: [(&str, &[&str]); 34] = [
     ("bsdf/src/bsdf.rs", &[]),
     ("bsdf/src/clearcoat.rs", &[]),
     ("bsdf/src/compensation.rs", &[]),
@@ -23,9 +23,10 @@ pub(crate) const EFFECTS: [(&str, &[&str]); 33] = [
     ("integrator/src/path.rs", &["add_environment", "sample_medium", "sample_presence", "pass", "presence"]),
     ("integrator/src/ray_state.rs", &[]),
     ("integrator/src/vertex.rs", &[]),
-    ("integrator/src/wavefront/group.rs", &["vertices", "surfaces", "enclosing_beyond", "one_by_one", "lit_lanes"]),
+    ("integrator/src/wavefront/connect.rs", &[]),
+    ("integrator/src/wavefront/group.rs", &["surfaces", "surfaces_of_chance", "enclosing_beyond", "one_by_one", "lit_lanes"]),
     ("integrator/src/wavefront/mod.rs", &["arrive", "escape"]),
-    ("integrator/src/wavefront/scatter.rs", &["connect", "enter_solids", "evaluate_each", "rgb_of_lanes"]),
+    ("integrator/src/wavefront/scatter.rs", &["enter_solids", "evaluate_each"]),
     ("scene/src/camera/distortion.rs", &[]),
     ("scene/src/camera/lens.rs", &[]),
     ("scene/src/camera/mod.rs", &["through_lens"]),

@@ -1,6 +1,6 @@
 //! Fresnel reflection: exact for dielectrics, Schlick's approximation for other surfaces.
 
-use dunkelfeld_lanes::{Lanes, Mask};
+use dunkelfeld_lanes::{Lanes, Mask, Real};
 
 /// Reflection and refraction of unpolarised light at a smooth boundary between two dielectrics.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,13 +27,15 @@ pub fn dielectric<F: Lanes>(cos_i: F, eta: F) -> FresnelDielectric<F> {
 
 /// Reflectance at a boundary for two given angles, by their cosines (above zero).
 ///
+/// The result is the same if both cosines are multiplied by one factor.
+///
 /// On a much denser side the angle of refraction depends on the last digits of the angle of incidence. With both
 /// cosines given no precision is lost, and the value is the same from either side.
 #[inline(always)]
-pub fn from_cosines<F: Lanes>(cos_i: F, cos_t: F, eta: F) -> F {
+pub fn from_cosines<F: Real>(cos_i: F, cos_t: F, eta: F) -> F {
     let perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
     let parallel = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
-    (perpendicular * perpendicular + parallel * parallel) * 0.5
+    (perpendicular * perpendicular + parallel * parallel) * eta.constant(0.5)
 }
 
 /// Reflectance of a dielectric at normal incidence.

@@ -98,6 +98,10 @@ where
         Self { low: self.low.tiny(), high: self.low.tiny() }
     }
     #[inline(always)]
+    fn epsilon(self) -> Self {
+        Self { low: self.low.epsilon(), high: self.low.epsilon() }
+    }
+    #[inline(always)]
     fn sqrt(self) -> Self {
         Self { low: self.low.sqrt(), high: self.high.sqrt() }
     }

@@ -164,6 +164,10 @@ macro_rules! real {
                 $number::MIN_POSITIVE
             }
             #[inline(always)]
+            fn epsilon(self) -> Self {
+                $number::EPSILON
+            }
+            #[inline(always)]
             fn sqrt(self) -> Self {
                 $number::sqrt(self)
             }

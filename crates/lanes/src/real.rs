@@ -22,6 +22,8 @@ pub trait Real:
     fn constant(self, x: f32) -> Self;
     /// The smallest positive normal number, in the lanes of this value.
     fn tiny(self) -> Self;
+    /// The difference between 1 and the next larger number, in the lanes of this value.
+    fn epsilon(self) -> Self;
     /// Square root, correctly rounded.
     fn sqrt(self) -> Self;
     /// Absolute value.

@@ -35,6 +35,10 @@ macro_rules! real {
                 SimdBase::splat(self.simd, $scalar::MIN_POSITIVE)
             }
             #[inline(always)]
+            fn epsilon(self) -> Self {
+                SimdBase::splat(self.simd, $scalar::EPSILON)
+            }
+            #[inline(always)]
             fn sqrt(self) -> Self {
                 SimdFloat::sqrt(self)
             }

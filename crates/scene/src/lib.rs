@@ -35,7 +35,7 @@ pub use camera::distortion::Distortion;
 pub use camera::lens::{Aperture, Blades, Lens, Opening, ThinLens, Vignetting};
 pub use camera::shutter::{LineScan, Moment, Shutter};
 pub use camera::{CameraError, CameraRay, CameraRays, RayGenerator, framing_camera, look_at};
-pub use covers::{Candidate, Chain, CoverStack, Crossing, Seed, Target};
+pub use covers::{CandidateChains, Chain, CoverStack, Targets};
 pub use geometry::normal_differential::NormalDifferentials;
 pub use lamps::{LampMeshes, LampShape, Leds};
 pub use light::LightChoice;

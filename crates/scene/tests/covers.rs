@@ -4,9 +4,10 @@
 //! Replay: `cargo test -p dunkelfeld-scene --test covers NAME`.
 
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, Ray, Vec2, Vec3};
+use dunkelfeld_lanes::MAX_WIDTH;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sheet, sphere, turned};
 use dunkelfeld_scene::{
-    AlphaMode, Chain, CoverStack, Effect, Material, Scene, SceneBuilder, Seed, Surface, Target, Volume,
+    AlphaMode, CandidateChains, Chain, Effect, Material, Scene, SceneBuilder, Surface, Targets, Volume,
 };
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
@@ -273,10 +274,61 @@ fn too_many_sheets_form_several_stacks() {
     assert!(interfaces.iter().all(|&n| n <= dunkelfeld_scene::covers::MAX_INTERFACES));
 }
 
+/// The end of a connection on a light.
+#[derive(Clone, Copy)]
+enum Target {
+    Point(Vec3),
+    Direction(Vec3),
+}
+
+impl Target {
+    fn of_a_lane(self) -> Targets<f32> {
+        let (Self::Point(v) | Self::Direction(v)) = self;
+        Targets { point: v.into(), direction: v.into(), is_finite: matches!(self, Self::Point(_)) }
+    }
+}
+
+/// A chain, its first direction and its probability.
+type Candidate = (Chain, Vec3, f32);
+
+/// The candidate of a given chain through the first stack.
+fn candidate(scene: &Scene, x: Vec3, inside: Option<u32>, target: Target, chain: Chain) -> Option<Candidate> {
+    let (stacks, chains) = ([0; MAX_WIDTH], [chain; MAX_WIDTH]);
+    let found: CandidateChains<f32> =
+        scene.given_chains((), true, x.into(), &[inside; MAX_WIDTH], &target.of_a_lane(), &stacks, &chains);
+    assert!(!found.is_some || (found.stack[0], found.chain[0]) == (0, chain));
+    found.is_some.then(|| (chain, found.direction.into(), found.probability))
+}
+
+/// All candidates through the first stack, if it is the only one.
+fn candidates(scene: &Scene, x: Vec3, inside: Option<u32>, target: Target) -> Vec<Candidate> {
+    let [stack] = scene.covers() else { panic!("{} stacks", scene.covers().len()) };
+    let layers = stack.layers().len() as u8;
+    let mut chains: Vec<Chain> = Vec::new();
+    for chain in (0..layers * layers).flat_map(|k| stack.chains(k / layers, k % layers)) {
+        if !chains.contains(chain) {
+            chains.push(*chain);
+        }
+    }
+    let found: Vec<Candidate> =
+        chains.into_iter().filter_map(|chain| candidate(scene, x, inside, target, chain)).collect();
+    let sum: f32 = found.iter().map(|(_, _, probability)| probability).sum();
+    assert!(found.is_empty() || (sum - 1.0).abs() < 1e-5, "the probabilities sum to {sum}");
+    for (chain, direction, probability) in &found {
+        assert!((direction.length() - 1.0).abs() < 1e-6 && *probability > 0.0, "{chain:?}: {direction}, {probability}");
+    }
+    found
+}
+
+/// The names of chains.
+fn words(candidates: &[Candidate]) -> Vec<String> {
+    candidates.iter().map(|(chain, _, _)| format!("{chain:?}")).collect()
+}
+
 /// Traces a chain through the real scene by Snell's law in f64. Returns its events, and the distance at which it passes
 /// `y`; `None` if it hits anything except the stack's faces.
-fn trace(scene: &Scene, x: Vec3, seed: &Seed, chain: Chain, mut inside: f64, y: Vec3) -> Option<f64> {
-    let mut direction = seed.direction.as_dvec3();
+fn trace(scene: &Scene, x: Vec3, &(chain, direction, _): &Candidate, mut inside: f64, y: Vec3) -> Option<f64> {
+    let mut direction = direction.as_dvec3();
     let mut origin = x;
     for event in 0..chain.events() {
         let hit = scene.intersect(&Ray::new(origin, direction.as_vec3()))?;
@@ -314,7 +366,6 @@ fn trace(scene: &Scene, x: Vec3, seed: &Seed, chain: Chain, mut inside: f64, y: 
 
 /// Compares the seeds of random connections with the real scene: `(tried, traced, per order)`.
 fn compare(scene: &Scene, below: f32, inside: Option<u32>, turned: bool) -> [usize; 3] {
-    let [stack] = scene.covers() else { panic!("{} stacks", scene.covers().len()) };
     let mut random = Pcg32::seed_from_u64(11);
     let mut reached = [0; 3];
     let origin = scene.world_origin();
@@ -323,14 +374,10 @@ fn compare(scene: &Scene, below: f32, inside: Option<u32>, turned: bool) -> [usi
         let x = DVec3::new(0.06 * (a - 0.5), 0.04 * (b - 0.5), below.into());
         let y = DVec3::new(0.4 * (c - 0.5), 0.4 * (d - 0.5), 0.05 + 0.2 * e);
         let [x, y] = if turned { [y, x] } else { [x, y] }.map(|p| (p - origin).as_vec3());
-        let Some(crossing) = stack.crossing(x, inside, Target::Point(y)) else { continue };
-        let start = stack.layers()[usize::from(crossing.from())].ior;
-        for &chain in crossing.chains() {
-            let Some(seed) = crossing.seed(chain) else { panic!("no seed for {chain:?} from {x} to {y}") };
-            assert!((seed.direction.length() - 1.0).abs() < 1e-6 && seed.spread > 0.0);
-            let transmission = crossing.transmission(chain, &seed);
-            assert!(transmission > 0.0 && transmission < 1.0);
-            let Some(miss) = trace(scene, x, &seed, chain, start, y) else { continue };
+        let start = inside.map_or(1.0, |material| f64::from(scene.materials()[material as usize].ior));
+        for found in candidates(scene, x, inside, Target::Point(y)) {
+            let chain = found.0;
+            let Some(miss) = trace(scene, x, &found, start, y) else { continue };
             // f32 directions and hits: 1e-7 of the way for each event.
             assert!(miss < 1e-6, "{chain:?} from {x} to {y} misses by {miss} m");
             reached[chain.order() as usize] += 1;
@@ -361,11 +408,9 @@ fn seeds_from_inside_start_inside() {
     let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
     let reached = compare(&scene, 0.001, Some(0), false);
     assert!(reached[0] > 100 && reached[1] == 0, "{reached:?}");
-    let stack = &scene.covers()[0];
     let x = (DVec3::new(0.0, 0.0, 0.001) - scene.world_origin()).as_vec3();
-    assert_eq!(stack.layer_at(x, Some(0)), Some(1));
-    assert_eq!(stack.layer_at(x, Some(1)), None, "the floor is no part of the stack");
-    assert!(stack.crossing(x, Some(1), Target::Point(Vec3::Z)).is_none());
+    assert_eq!(words(&candidates(&scene, x, Some(0), Target::Point(Vec3::Z))), ["T"]);
+    assert!(candidates(&scene, x, Some(1), Target::Point(Vec3::Z)).is_empty(), "the floor is no part of the stack");
 }
 
 #[test]
@@ -377,8 +422,7 @@ fn chains_may_start_in_a_scattering_solid_in_contact_with_the_stack() {
     let of = |top: f32, ior| scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49)), (plate(-0.02, top), milky(ior))]);
     let words = |scene: &Scene, inside, to: f64| -> Vec<String> {
         let at = |z: f64| (DVec3::new(0.0, 0.0, z) - scene.world_origin()).as_vec3();
-        let crossing = scene.covers()[0].crossing(at(-0.003), inside, Target::Point(at(to)));
-        crossing.map_or(Vec::new(), |c| c.chains().iter().map(|c| format!("{c:?}")).collect())
+        words(&candidates(scene, at(-0.003), inside, Target::Point(at(to))))
     };
     // With the same index: no face between them. With another one: a face that refracts and reflects.
     assert_eq!(words(&of(0.001, 1.49), Some(1), 0.2), ["T"]);
@@ -389,12 +433,12 @@ fn chains_may_start_in_a_scattering_solid_in_contact_with_the_stack() {
     let scene = of(0.001, 1.6);
     let at = |z: f64| (DVec3::new(0.001, 0.0, z) - scene.world_origin()).as_vec3();
     let (x, y) = (at(-0.003), (DVec3::new(0.1, 0.03, 0.2) - scene.world_origin()).as_vec3());
-    let crossing = scene.covers()[0].crossing(x, Some(1), Target::Point(y)).expect("through the cover");
-    for &chain in crossing.chains() {
-        let seed = crossing.seed(chain).expect("there is air at the light");
+    let found = candidates(&scene, x, Some(1), Target::Point(y));
+    assert_eq!(found.len(), 3, "through the cover");
+    for candidate in found {
         // The faces in contact have one normal, so either of them gives the same result.
-        let miss = trace(&scene, x, &seed, chain, f64::from(1.6f32), y);
-        assert!(miss.is_none_or(|miss| miss < 1e-6), "{chain:?}: {miss:?}");
+        let miss = trace(&scene, x, &candidate, f64::from(1.6f32), y);
+        assert!(miss.is_none_or(|miss| miss < 1e-6), "{candidate:?}: {miss:?}");
     }
 }
 
@@ -403,10 +447,7 @@ fn chains_connect_the_layers_of_receiver_and_light() {
     let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49)), (plate(0.006, 0.0065), clear("film", 1.58))]);
     let stack = &scene.covers()[0];
     let at = |z: f64| (DVec3::new(0.0, 0.0, z) - scene.world_origin()).as_vec3();
-    let words = |from: f64, to: Target| -> Vec<String> {
-        let crossing = stack.crossing(at(from), None, to);
-        crossing.map_or(Vec::new(), |c| c.chains().iter().map(|c| format!("{c:?}")).collect())
-    };
+    let words = |from: f64, to: Target| words(&candidates(&scene, at(from), None, to));
     // From between the sheets only one of them is crossed.
     assert_eq!(words(0.0055, Target::Point(at(0.2))), ["TT", "TRRT", "TRRRRT"]);
     assert_eq!(words(0.2, Target::Point(at(0.0055))), ["TT", "TRRT", "TRRRRT"]);
@@ -422,19 +463,18 @@ fn chains_connect_the_layers_of_receiver_and_light() {
 #[test]
 fn light_from_infinity_is_found_behind_the_plate() {
     let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
-    let stack = &scene.covers()[0];
     let x = (DVec3::new(0.0, 0.0, -0.001) - scene.world_origin()).as_vec3();
     let sun = Vec3::new(0.6, 0.0, 0.8);
-    let crossing = stack.crossing(x, None, Target::Direction(sun)).expect("the cover is in between");
-    for &chain in crossing.chains() {
-        let seed = crossing.seed(chain).expect("parallel faces keep directions");
-        assert!(seed.direction.distance(sun) < 1e-7 && (seed.spread - 1.0).abs() < 1e-6, "{chain:?}: {seed:?}");
+    let found = candidates(&scene, x, None, Target::Direction(sun));
+    assert_eq!(found.len(), 3, "the cover is in between");
+    for candidate in found {
+        assert!(candidate.1.distance(sun) < 1e-6, "parallel faces keep directions: {candidate:?}");
         let far = x + sun * 1e3;
-        assert!(trace(&scene, x, &seed, chain, 1.0, far).is_some_and(|miss| miss < 0.02), "{chain:?}");
+        assert!(trace(&scene, x, &candidate, 1.0, far).is_some_and(|miss| miss < 0.02), "{candidate:?}");
     }
     // Past the rim.
     let beside = (DVec3::new(0.2, 0.0, -0.001) - scene.world_origin()).as_vec3();
-    assert!(stack.crossing(beside, None, Target::Direction(sun)).is_none());
+    assert!(candidates(&scene, beside, None, Target::Direction(sun)).is_empty());
 }
 
 #[test]
@@ -449,8 +489,6 @@ fn no_chain_through_the_cover_is_excluded() {
             (sphere(Vec3::new(0.0, 0.0, -0.25), 0.01, 3, false), Material::default()),
         ]),
     );
-    let stack = |scene: &Scene| -> CoverStack { scene.covers()[0].clone() };
-    let (wide_stack, small_stack) = (stack(&wide), stack(&small));
     let mut random = Pcg32::seed_from_u64(5);
     let (mut passes, mut excluded) = (0, 0);
     for _ in 0..3000 {
@@ -458,19 +496,15 @@ fn no_chain_through_the_cover_is_excluded() {
         let x = DVec3::new(0.15 * (a - 0.5), 0.15 * (b - 0.5), -0.02 * e);
         let y = DVec3::new(0.15 * (c - 0.5), 0.15 * (d - 0.5), 0.004 + 0.03 * f);
         let in_scene = |scene: &Scene, p: DVec3| (p - scene.world_origin()).as_vec3();
-        let crossing = wide_stack.crossing(in_scene(&wide, x), None, Target::Point(in_scene(&wide, y)));
-        let crossing = crossing.expect("wide enough");
+        let all = candidates(&wide, in_scene(&wide, x), None, Target::Point(in_scene(&wide, y)));
+        assert_eq!(all.len(), 3, "wide enough");
         let [sx, sy] = [x, y].map(|p| in_scene(&small, p));
-        let mut may = Vec::new();
-        if let Some(crossing) = small_stack.crossing(sx, None, Target::Point(sy)) {
-            crossing.each_candidate(|candidate| may.push(candidate.chain));
-        }
+        let may = words(&candidates(&small, sx, None, Target::Point(sy)));
         excluded += usize::from(may.is_empty());
-        for &chain in crossing.chains() {
-            let Some(seed) = crossing.seed(chain) else { panic!("no seed") };
-            if trace(&small, sx, &seed, chain, 1.0, sy).is_some() {
+        for candidate in all {
+            if trace(&small, sx, &candidate, 1.0, sy).is_some() {
                 passes += 1;
-                assert!(may.contains(&chain), "{chain:?} leads from {x} to {y}");
+                assert!(may.contains(&format!("{:?}", candidate.0)), "{candidate:?} leads from {x} to {y}");
             }
         }
     }

@@ -8,7 +8,7 @@ use crate::scatterer::Scatterer;
 use dunkelfeld_bsdf::{Bsdf, Dielectric, InLanes, Lobe, View};
 use dunkelfeld_bvh::{HitBatch, NO_HIT, RayBatch};
 use dunkelfeld_geometry::Ray;
-use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{CandidateChains, Chain, HitLanes, Interface, Scene, SurfacePoint, SurfacePoints};
 

@@ -6,7 +6,7 @@ use super::{Watch, Wavefront};
 use crate::direct::power_heuristic;
 use crate::mnee::{Attempt, Connections, Endpoints, Solver};
 use crate::observer::Event;
-use dunkelfeld_lanes::{Lanes, Mask, Real};
+use dunkelfeld_lanes::{Lanes, Mask};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{CandidateChains, LightSamples, Targets, shadow_rays};
 use smallvec::SmallVec;

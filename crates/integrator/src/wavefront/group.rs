@@ -9,7 +9,7 @@ use crate::ray_state::EnclosingSolids;
 use crate::scatterer::OneLane;
 use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_geometry::{LocalDir, Ray, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
     Bsdfs, Interface, LightChoice, Receivers, ShadingFrames, ShadingLanes, SurfacePoint, SurfacePoints,
@@ -44,7 +44,6 @@ pub(super) struct Group<'g, F: Lanes> {
     pub(super) medium_albedo: Option<Rgb>,
     /// The material, if the surfaces bound solids.
     pub(super) solid: Option<u32>,
-    pub(super) rays: [u32; MAX_WIDTH],
     pub(super) learned: VertexRoulettes<'g, F>,
     /// Largest channel of the radiance before the vertex; zero at the first vertex with light samples. That one contributes
     /// most of the light of the pixel. Without training, roulette skips none of its shadow rays.
@@ -153,7 +152,6 @@ impl<'a> Wavefront<'a> {
                     interfaces: its_interfaces,
                     medium_albedo,
                     solid: (!in_medium && scene.is_solid(material)).then_some(material),
-                    rays: *rays,
                     gathered,
                 }
             },

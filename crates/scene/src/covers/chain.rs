@@ -5,7 +5,7 @@
 /// Events are in the order in which they occur from the receiver to the light. A path traced from the receiver appends
 /// its events with [`Self::extended`].
 #[derive(Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
-pub struct Chain(u16);
+pub struct Chain(pub(super) u16);
 
 /// Maximum number of reflections. The number is even: none, two for one double pass, four for two.
 const MAX_REFLECTIONS: u32 = 4;
@@ -88,6 +88,15 @@ pub(crate) struct Step {
     pub(crate) is_reflection: bool,
     /// True if the interface is hit from the receiver's side.
     pub(crate) forward: bool,
+}
+
+impl Step {
+    /// The layer that light enters, counted from that of the receiver: the one behind the interface after a forward
+    /// step, the one before it after a backward step.
+    #[inline(always)]
+    pub(crate) fn layer_behind(&self) -> usize {
+        self.interface as usize + usize::from(self.forward != self.is_reflection)
+    }
 }
 
 impl std::fmt::Debug for Chain {

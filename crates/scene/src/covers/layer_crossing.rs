@@ -1,203 +1,304 @@
-//! A receiver and a light on two sides of a stack of covers: the candidate chains between them, and the direction of
-//! each in a plate of parallel layers that replaces the stack.
+//! Receivers and lights with the same interfaces of a stack between them: the chains, each in a plate of parallel layers
+//! that replaces the stack.
 
-use super::chain::{Chain, Step};
+use super::candidates::Choice;
+use super::chain::Chain;
 use super::planar_layers::{Leg, PlateRay};
-use super::stack::{CoverInterface, CoverStack, MAX_INTERFACES};
-use dunkelfeld_geometry::{DVec2, DVec3, Vec3};
+use super::stack::{CoverStack, Face, MAX_INTERFACES};
+use dunkelfeld_geometry::DVec3;
+use dunkelfeld_lanes::{Double, Lanes, Mask, V3};
 
 /// Sideways shift of a chain between the first and the last interface, over that of the shortest chain: two double
 /// passes.
-const MAX_PASSES: f64 = 5.0;
+const MAX_PASSES: f32 = 5.0;
 /// Relative rounding error of the coordinates of a footprint.
-const ROUNDING: f64 = 1e-6;
+const ROUNDING: f32 = 1e-6;
 
-/// A chain in the plate that replaces the stack.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seed {
+/// The straight line from a receiver to its light, in the coordinates of a stack.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Line<F: Lanes> {
+    /// Height of the receiver along the axis \[m\].
+    pub(super) start: F::Double,
+    /// Way along the axis to the light \[m\]; for a light at infinity the cosine of the angle to the axis.
+    pub(super) along: F::Double,
+    /// Distance across the axis to the light \[m\]; for a light at infinity the sine.
+    across: F,
+    /// Unit vector across the axis toward the light; zero if both lie on one line along the axis.
+    sideways: V3<F>,
+    /// The receiver in the coordinates of footprints \[m\], and the largest magnitude of them.
+    origin: [F; 2],
+    size: F,
+    /// `sideways` in the coordinates of footprints.
+    shift: [F; 2],
+}
+
+impl<F: Lanes> Line<F> {
+    /// From a point `x`. `way` leads to the point of the light, or is the direction toward a light at infinity.
+    #[inline(always)]
+    pub(super) fn new(token: F::Token, stack: &CoverStack, x: V3<F::Double>, way: V3<F::Double>) -> Self {
+        let axis = splat::<F>(token, stack.axis());
+        let along = axis.dot(way);
+        let across = V3::<F>::narrow(way - axis * along);
+        let length = across.length();
+        let zero = length.constant(0.0);
+        let sideways = V3::select(length.is_positive(), across * length.recip(), V3::new(zero, zero, zero));
+        let [u, v] = stack.tangents();
+        let (u, v) = (splat::<F>(token, u), splat::<F>(token, v));
+        let origin = [u.dot(x).narrow(), v.dot(x).narrow()];
+        Self {
+            start: axis.dot(x),
+            along,
+            across: length,
+            sideways,
+            origin,
+            size: origin[0].abs().max(origin[1].abs()),
+            shift: [V3::<F>::narrow(u).dot(sideways), V3::<F>::narrow(v).dot(sideways)],
+        }
+    }
+
+    /// True if the part of the line across the axis between two distances from the receiver \[m\] meets the footprint
+    /// of a face, enlarged by `slack` \[m\] and rounding errors.
+    #[inline(always)]
+    fn meets(&self, face: &Face, near: F, far: F, slack: F) -> F::Mask {
+        let slack = slack + self.size.max(slack.constant(face.size)) * ROUNDING;
+        self.meets_along(0, face, near, far, slack) & self.meets_along(1, face, near, far, slack)
+    }
+
+    #[inline(always)]
+    fn meets_along(&self, tangent: usize, face: &Face, near: F, far: F, slack: F) -> F::Mask {
+        let ([low, high], origin, shift) = (face.footprint[tangent], self.origin[tangent], self.shift[tangent]);
+        // The distance may be infinite.
+        let moves = !shift.eq(shift.constant(0.0));
+        let (a, b) = (origin + (shift * near).only(moves), origin + (shift * far).only(moves));
+        a.max(b).ge(-slack + low) & a.min(b).le(slack + high)
+    }
+}
+
+#[inline(always)]
+fn splat<F: Lanes>(token: F::Token, v: DVec3) -> V3<F::Double> {
+    V3::<F>::splat_double(token, V3::new(v.x, v.y, v.z))
+}
+
+/// Receivers and lights with the same interfaces of a stack between them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Crossing<'a, F: Lanes> {
+    stack: &'a CoverStack,
+    line: &'a Line<F>,
+    from: usize,
+    to: usize,
+    /// Index of refraction of each layer in order from the receiver, over the lowest one, and the lowest one.
+    indices: [f32; MAX_INTERFACES + 1],
+    lowest: f32,
+    /// Distance along the axis from the receiver to the first interface \[m\].
+    start_depth: F,
+    /// Distance along the axis from the last interface to the light \[m\]; zero for a light at infinity.
+    end_depth: F,
+    is_finite: bool,
+}
+
+/// The ray of a chain.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Seed<F: Lanes> {
+    /// Lanes with a ray that passes each interface within its footprint.
+    is_some: F::Mask,
+    ray: PlateRay<F>,
     /// Unit direction at the receiver, toward the light.
-    pub direction: Vec3,
-    /// Tangent of the ray's angle to the axis where the index of refraction is lowest.
-    pub tangent: f64,
-    /// Area at the light, perpendicular to the last segment of the chain, per solid angle at the receiver [m^2/sr]; for
-    /// a light at infinity solid angle per solid angle [sr/sr]. The contribution of an area of the light is
-    /// proportional to its inverse.
-    pub spread: f64,
-    /// The ray in the plate.
-    ray: PlateRay,
+    direction: V3<F>,
+    /// Solid angle at the receiver per area at the light perpendicular to the last segment of the chain [sr/m^2]; for a
+    /// light at infinity solid angle per solid angle [sr/sr]. The contribution of an area of the light is proportional
+    /// to it.
+    concentration: F,
 }
 
-/// A candidate chain between a receiver and a light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Candidate {
-    /// The order of events.
-    pub chain: Chain,
-    /// Approximate contribution: transmission without absorption over spread. It is used for the choice among chains.
-    pub contribution: f64,
-    /// Its ray in the plate, if it was computed.
-    pub seed: Option<Seed>,
-}
-
-/// A receiver and a light with interfaces of a stack between them.
-#[derive(Clone, Copy, Debug)]
-pub struct Crossing<'a> {
-    pub(super) stack: &'a CoverStack,
-    /// The receiver.
-    pub(super) x: DVec3,
-    pub(super) from: u8,
-    pub(super) to: u8,
-    /// Index of refraction at the receiver.
-    pub(super) start_ior: f64,
-    /// Unit vector across the axis from the receiver to the light; zero if both lie on one line along the axis.
-    pub(super) sideways: DVec3,
-    /// Distance along the axis from the receiver to the first interface.
-    pub(super) start_depth: f64,
-    pub(super) end: End,
-    /// 1 if the light lies further along the axis than the receiver, else -1.
-    pub(super) sign: f64,
-}
-
-#[derive(Clone, Copy, Debug)]
-pub(super) enum End {
-    /// At a distance across the axis, at a depth behind the last interface.
-    Shift { shift: f64, depth: f64 },
-    /// At infinity, at an angle to the axis.
-    Direction { sine: f64, cosine: f64 },
-}
-
-impl<'a> Crossing<'a> {
-    /// The layer of the receiver.
-    pub fn from(&self) -> u8 {
-        self.from
-    }
-
-    /// The layer of the light.
-    pub fn to(&self) -> u8 {
-        self.to
-    }
-
-    /// All chains between the two layers.
-    #[inline]
-    pub fn chains(&self) -> &'a [Chain] {
-        self.stack.chains(self.from, self.to)
-    }
-
-    /// The ray of a chain in the plate of parallel layers that replaces the stack. `None` if there is no such ray, or
-    /// if the chain does not pass these interfaces.
-    pub fn seed(&self, chain: Chain) -> Option<Seed> {
-        let mut buffer = [Leg { ior: 1.0, depth: 0.0 }; MAX_INTERFACES + 1];
-        let legs = self.legs(chain, &mut buffer)?;
-        let (start, end) = (legs.first()?.ior, legs.last()?.ior);
-        let (ray, spread) = match self.end {
-            End::Shift { shift, .. } => {
-                let ray = PlateRay::to_shift(legs, shift)?;
-                (ray, ray.spread(legs, start, end))
-            }
-            End::Direction { sine, cosine } => {
-                let ray = PlateRay::from_direction(legs, end, sine, cosine)?;
-                (ray, ray.spread_to_infinity(start, end))
-            }
+impl<'a, F: Lanes> Crossing<'a, F> {
+    /// From the layer `from`, with the index of refraction `ior` at the receiver, to another layer.
+    #[inline(always)]
+    pub(super) fn new(
+        stack: &'a CoverStack,
+        line: &'a Line<F>,
+        [from, to]: [usize; 2],
+        ior: f32,
+        is_finite: bool,
+    ) -> Self {
+        let zero = line.across.constant(0.0);
+        let (indices, lowest) = ([1.0; MAX_INTERFACES + 1], ior);
+        let mut crossing =
+            Self { stack, line, from, to, indices, lowest, start_depth: zero, end_depth: zero, is_finite };
+        let count = crossing.interfaces();
+        crossing.indices[0] = ior;
+        for k in 1..=count {
+            crossing.indices[k] = stack.layers()[crossing.layer(k)].ior as f32;
+            crossing.lowest = crossing.lowest.min(crossing.indices[k]);
+        }
+        for k in 0..=count {
+            crossing.indices[k] /= crossing.lowest;
+        }
+        let (first, last) = (crossing.height(0), crossing.height(count - 1));
+        let [start_depth, end_depth] = if to > from {
+            [-line.start + first, line.start + line.along - last]
+        } else {
+            [line.start - first, -(line.start + line.along) + last]
         };
-        let direction = self.stack.axis * (self.sign * ray.cosine(start)) + self.sideways * ray.sine(start);
-        Some(Seed { direction: direction.normalize().as_vec3(), tangent: ray.tangent, spread, ray })
+        crossing.start_depth = start_depth.narrow().max(zero);
+        if is_finite {
+            crossing.end_depth = end_depth.narrow().max(zero);
+        }
+        crossing
     }
 
-    /// Calls `visit` for the candidate chains. The result depends only on the receiver and the light.
+    /// Offers the candidate chains of `lanes` to a choice. The candidates depend only on the receiver and the light.
     ///
     /// A chain that passes an interface outside its footprint is no candidate. If the shortest chain stays within all
     /// footprints, the longer ones are candidates as well. Each then has its own transmission at the angle of the
     /// shortest one, which is almost the same. Otherwise each longer chain is tested.
-    #[inline]
-    pub fn each_candidate(&self, mut visit: impl FnMut(Candidate)) {
+    #[inline(always)]
+    pub(super) fn offer_candidates(&self, lanes: F::Mask, choice: &mut Choice<F>) {
         let [shortest, longer @ ..] = self.chains() else { return };
-        let mut show = |chain, contribution: f64, seed| {
-            if contribution > 0.0 && contribution.is_finite() {
-                visit(Candidate { chain, contribution, seed });
-            }
-        };
-        let Some(seed) = self.seed(*shortest) else { return };
-        if self.is_within_footprints(*shortest, &seed) {
-            let reflected = self.reflected(&seed);
-            show(*shortest, transmission(*shortest, &reflected) / seed.spread, Some(seed));
+        let lanes = lanes & self.may_pass_footprints();
+        if !lanes.any() {
+            return;
+        }
+        let (seed, exists) = self.seed(*shortest);
+        let within = lanes & seed.is_some;
+        let outside = lanes & exists & !within;
+        if within.any() {
+            let reflected = self.reflected(&seed.ray);
+            let transmitted = transmission(*shortest, &reflected);
+            choice.offer(within, *shortest, transmitted * seed.concentration, seed.direction);
+            let mut is_longer = within & !within;
             for &chain in longer {
-                show(chain, transmission(chain, &reflected) / seed.spread, None);
+                let contribution = transmission(chain, &reflected) * seed.concentration;
+                is_longer = is_longer | choice.offer(within, chain, contribution, seed.direction);
             }
-        } else {
-            for &chain in longer {
-                if let Some(seed) = self.seed(chain).filter(|s| self.is_within_footprints(chain, s)) {
-                    show(chain, self.transmission(chain, &seed) / seed.spread, Some(seed));
-                }
+            if is_longer.any() {
+                self.set_direction(is_longer, choice);
             }
+        }
+        if outside.any() {
+            self.offer_longer(outside, choice);
         }
     }
 
-    /// Transmittance of the interfaces for unpolarised light along a chain with the angles of `seed`, without
-    /// absorption.
-    pub fn transmission(&self, chain: Chain, seed: &Seed) -> f64 {
-        transmission(chain, &self.reflected(seed))
+    /// Replaces the direction of the shortest chain by that of the chosen one.
+    #[inline(never)]
+    fn set_direction(&self, lanes: F::Mask, choice: &mut Choice<F>) {
+        F::vectorize(
+            self.line.across.token(),
+            #[inline(always)]
+            || {
+                for &chain in &self.chains()[1..] {
+                    let chosen = lanes & choice.has_chosen(chain);
+                    if chosen.any() {
+                        let (seed, exists) = self.seed(chain);
+                        choice.set_direction(chosen, exists, seed.direction);
+                    }
+                }
+            },
+        );
+    }
+
+    /// Offers each longer chain that passes the interfaces within their footprints.
+    #[inline(never)]
+    fn offer_longer(&self, lanes: F::Mask, choice: &mut Choice<F>) {
+        F::vectorize(
+            self.line.across.token(),
+            #[inline(always)]
+            || {
+                for &chain in &self.chains()[1..] {
+                    let seed = self.seed(chain).0;
+                    let within = lanes & seed.is_some;
+                    if within.any() {
+                        let transmitted = transmission(chain, &self.reflected(&seed.ray));
+                        choice.offer(within, chain, transmitted * seed.concentration, seed.direction);
+                    }
+                }
+            },
+        );
+    }
+
+    /// All chains between the two layers.
+    #[inline(always)]
+    fn chains(&self) -> &'a [Chain] {
+        self.stack.chains(self.from as u8, self.to as u8)
+    }
+
+    /// The ray of a chain in the plate of parallel layers that replaces the stack, and the lanes in which it exists, also
+    /// outside the footprints.
+    #[inline(always)]
+    fn seed(&self, chain: Chain) -> (Seed<F>, F::Mask) {
+        let mut legs = [Leg { index: 1.0, depth: self.start_depth }; MAX_INTERFACES + 1];
+        let legs = self.legs(chain, &mut legs);
+        let (start, end) = (self.indices[0], self.indices[self.interfaces()]);
+        let (ray, exists, concentration) = if self.is_finite {
+            let (ray, exists) = PlateRay::to_shift(legs, self.line.across);
+            (ray, exists, ray.spread(legs, start, end).recip())
+        } else {
+            let (ray, exists) = PlateRay::from_direction(end, self.line.across, self.line.along.narrow().abs());
+            (ray, exists, ray.spread_to_infinity(start, end).recip())
+        };
+        let is_some = exists & self.is_within_footprints(chain, &ray);
+        let axis = V3::<F>::narrow(splat::<F>(ray.tangent.token(), self.stack.axis()));
+        let along = ray.root(start);
+        let along = if self.to > self.from { along } else { -along };
+        let direction = (axis * along + self.line.sideways * ray.tangent).normalize();
+        (Seed { is_some, ray, direction, concentration }, exists)
     }
 
     /// Reflectance of each interface, in order from the receiver.
-    fn reflected(&self, seed: &Seed) -> [f64; MAX_INTERFACES] {
-        let mut reflected = [1.0; MAX_INTERFACES];
-        for (k, share) in (0..self.interfaces()).zip(&mut reflected) {
-            *share = seed.ray.reflectance(self.ior(k), self.ior(k + 1));
+    #[inline(always)]
+    fn reflected(&self, ray: &PlateRay<F>) -> [F; MAX_INTERFACES] {
+        let mut reflected = [ray.tangent; MAX_INTERFACES];
+        for (k, share) in reflected.iter_mut().enumerate().take(self.interfaces()) {
+            *share = ray.reflectance(self.indices[k], self.indices[k + 1]);
         }
         reflected
     }
 
     /// The number of interfaces between them.
+    #[inline(always)]
     fn interfaces(&self) -> usize {
-        usize::from(self.from.abs_diff(self.to))
+        self.from.abs_diff(self.to)
     }
 
     /// The number in the stack of the layer `k`, counted from the receiver.
+    #[inline(always)]
     fn layer(&self, k: usize) -> usize {
-        if self.sign > 0.0 { usize::from(self.from) + k } else { usize::from(self.from) - k }
+        if self.to > self.from { self.from + k } else { self.from - k }
     }
 
-    /// The index of refraction of layer `k`, counted from the receiver.
-    fn ior(&self, k: usize) -> f64 {
-        if k == 0 { self.start_ior } else { self.stack.layers[self.layer(k)].ior }
+    /// The number in the stack of the interface `k`, counted from the receiver.
+    #[inline(always)]
+    fn interface(&self, k: usize) -> usize {
+        if self.to > self.from { self.from + k } else { self.from - k - 1 }
     }
 
-    /// The interface `k`, counted from the receiver.
-    fn interface(&self, k: usize) -> &'a CoverInterface {
-        &self.stack.interfaces[if self.sign > 0.0 { self.layer(k) } else { self.layer(k) - 1 }]
+    /// Mean position along the axis of the interface `k`, counted from the receiver \[m\].
+    #[inline(always)]
+    fn height(&self, k: usize) -> f64 {
+        self.stack.interfaces()[self.interface(k)].height
+    }
+
+    /// Thickness of the inner layer `k`, counted from the receiver \[m\].
+    #[inline(always)]
+    fn thickness(&self, k: usize) -> f32 {
+        self.stack.thickness(self.layer(k)) as f32
     }
 
     /// The layers in order from the receiver, with the depth that a chain crosses in each.
-    fn legs<'b>(&self, chain: Chain, buffer: &'b mut [Leg; MAX_INTERFACES + 1]) -> Option<&'b [Leg]> {
-        let interfaces = self.interfaces();
-        let legs = buffer.get_mut(..=interfaces)?;
-        for (k, leg) in legs.iter_mut().enumerate() {
-            leg.ior = self.ior(k);
-        }
-        // Crossings of inner layers: a forward step ends in the layer behind the interface, a backward step in the
-        // layer before it.
-        let mut arrived = false;
+    #[inline(always)]
+    fn legs<'b>(&self, chain: Chain, legs: &'b mut [Leg<F>; MAX_INTERFACES + 1]) -> &'b [Leg<F>] {
+        let count = self.interfaces();
+        let mut crossings = [0.0; MAX_INTERFACES + 1];
         for step in chain.steps() {
-            if step.interface as usize >= interfaces || arrived {
-                return None;
-            }
-            let beyond = step.forward != step.is_reflection;
-            let layer = step.interface as usize + usize::from(beyond);
-            arrived = layer == interfaces;
-            if layer == 0 {
-                return None;
-            }
-            if !arrived {
-                legs[layer].depth += self.stack.thickness(self.layer(layer));
-            }
+            crossings[step.layer_behind()] += 1.0;
         }
-        if !arrived {
-            return None;
+        for (k, leg) in legs.iter_mut().enumerate().take(count).skip(1) {
+            let depth = crossings[k] * self.thickness(k);
+            *leg = Leg { index: self.indices[k], depth: self.start_depth.constant(depth) };
         }
-        legs[0].depth = self.start_depth;
-        if let (End::Shift { depth, .. }, Some(last)) = (self.end, legs.last_mut()) {
-            last.depth = depth;
-        }
-        Some(legs)
+        legs[0].index = self.indices[0];
+        legs[count] = Leg { index: self.indices[count], depth: self.end_depth };
+        &legs[..=count]
     }
 
     /// True if a chain can pass each interface within its footprint.
@@ -208,74 +309,70 @@ impl<'a> Crossing<'a> {
     /// times that. If `t >= T`, the chain passes the first interface no nearer than `a w0(T)` and the last one no
     /// further than the line, at `(a + S) T`. If `t < T`, it passes the first one before the line and the last one
     /// behind it, and between them lie at most `5 sum D_i w_i(T)`.
-    pub(super) fn may_pass_footprints(&self) -> bool {
-        let count = self.interfaces();
-        let uneven = (0..count).map(|k| self.interface(k).deviation).fold(0.0, f64::max);
-        let between = (self.interface(count - 1).height - self.interface(0).height).abs();
-        let (tangent, most) = match self.end {
-            End::Shift { shift, depth } => (shift / (self.start_depth + between + depth), shift),
-            End::Direction { sine, cosine } => (sine / cosine, f64::INFINITY),
+    #[inline(always)]
+    fn may_pass_footprints(&self) -> F::Mask {
+        let (count, across) = (self.interfaces(), self.line.across);
+        let between = (self.height(count - 1) - self.height(0)).abs() as f32;
+        let mut uneven = 0.0f32;
+        for k in 0..count {
+            uneven = uneven.max(self.stack.faces[self.interface(k)].deviation);
+        }
+        let zero = across.constant(0.0);
+        let (tangent, most) = if self.is_finite {
+            (across / (self.start_depth + self.end_depth + between), across)
+        } else {
+            (across / self.line.along.narrow().abs(), across.constant(f32::INFINITY))
         };
-        if tangent.is_nan() {
-            return true;
-        }
+        let [mut near, mut far] = [zero, most];
         // A ray that is refracted less than by a face to air is steeper in every layer than outside.
-        let steeper = |ior: f64| tangent / (ior * ior + (ior - 1.0) * (ior + 1.0) * tangent * tangent).sqrt();
-        let is_denser = (0..=count).all(|k| self.ior(k) >= 1.0);
-        let [mut near, mut far] = [0.0, most];
-        if is_denser && tangent.is_finite() {
-            let inner: f64 = (1..count).map(|k| self.stack.thickness(self.layer(k)) * steeper(self.ior(k))).sum();
-            let [line_first, line_last] = [self.start_depth, self.start_depth + between].map(|h| h * tangent);
-            let uneven = 2.0 * uneven * tangent;
-            near = (self.start_depth * steeper(self.start_ior)).min(line_last - MAX_PASSES * inner) - uneven;
-            far = (line_first + MAX_PASSES * inner).max(line_last) + uneven;
+        if self.lowest == 1.0 {
+            let line = PlateRay { tangent };
+            let mut inner = zero;
+            for k in 1..count {
+                inner += line.slope(self.indices[k]) * self.thickness(k);
+            }
+            let inner = inner * MAX_PASSES;
+            let (line_first, line_last) = (self.start_depth * tangent, (self.start_depth + between) * tangent);
+            let uneven = tangent * (2.0 * uneven);
+            let first = (self.start_depth * line.slope(self.indices[0])).min(line_last - inner) - uneven;
+            let last = (line_first + inner).max(line_last) + uneven;
+            let is_finite = tangent.is_finite();
+            near = is_finite.select(first.max(zero).min(most), near);
+            far = is_finite.select(last.max(zero).min(most), far);
         }
-        let [near, far] = [near.clamp(0.0, most), far.clamp(0.0, most)];
-        let (origin, sideways) = self.footprint_coordinates();
-        let [a, b] =
-            [near, far].map(|way| origin + DVec2::select(sideways.cmpeq(DVec2::ZERO), DVec2::ZERO, sideways * way));
-        let (low, high) = (a.min(b), a.max(b));
-        (0..count).all(|k| {
-            let [from, to] = self.interface(k).footprint;
-            let slack = rounding(origin, [from, to]) + uneven;
-            high.cmpge(from - slack).all() && low.cmple(to + slack).all()
-        })
+        let mut may_pass = zero.le(zero);
+        for k in 0..count {
+            let face = &self.stack.faces[self.interface(k)];
+            may_pass = may_pass & self.line.meets(face, near, far, zero.constant(uneven));
+        }
+        may_pass
     }
 
     /// True if a chain in the plate passes each interface within its footprint.
-    fn is_within_footprints(&self, chain: Chain, seed: &Seed) -> bool {
-        let (origin, sideways) = self.footprint_coordinates();
-        let mut way = self.start_depth * seed.ray.slope(self.start_ior);
-        chain.steps().all(|step| {
-            let interface = self.interface(step.interface as usize);
-            let [from, to] = interface.footprint;
-            let slack = rounding(origin, [from, to]) + interface.deviation * (1.0 + seed.tangent);
-            let place = origin + sideways * way;
-            let layer = step.interface as usize + usize::from(step.forward != step.is_reflection);
+    #[inline(always)]
+    fn is_within_footprints(&self, chain: Chain, ray: &PlateRay<F>) -> F::Mask {
+        let mut way = self.start_depth * ray.slope(self.indices[0]);
+        let mut is_within = way.le(way);
+        for step in chain.steps() {
+            let face = &self.stack.faces[self.interface(step.interface as usize)];
+            let slack = (ray.tangent + 1.0) * face.deviation;
+            is_within = is_within & self.line.meets(face, way, way, slack);
+            let layer = step.layer_behind();
             if layer < self.interfaces() {
-                way += self.stack.thickness(self.layer(layer)) * seed.ray.slope(self.ior(layer));
+                way += ray.slope(self.indices[layer]) * self.thickness(layer);
             }
-            place.cmpge(from - slack).all() && place.cmple(to + slack).all()
-        })
-    }
-
-    /// The receiver and the shift to the light in the coordinates of footprints.
-    fn footprint_coordinates(&self) -> (DVec2, DVec2) {
-        let [u, v] = self.stack.tangents();
-        (DVec2::new(u.dot(self.x), v.dot(self.x)), DVec2::new(u.dot(self.sideways), v.dot(self.sideways)))
+        }
+        is_within
     }
 }
 
-/// Transmittance of a chain, from the reflectance of each interface.
-fn transmission(chain: Chain, reflected: &[f64; MAX_INTERFACES]) -> f64 {
-    let passed = |step: Step| {
-        let share = reflected.get(step.interface as usize).copied().unwrap_or(1.0);
-        if step.is_reflection { share } else { 1.0 - share }
-    };
-    chain.steps().map(passed).product()
-}
-
-/// Rounding error of places on an interface [m].
-fn rounding(origin: DVec2, [from, to]: [DVec2; 2]) -> f64 {
-    ROUNDING * origin.abs().max(from.abs()).max(to.abs()).max_element()
+/// Transmittance of a chain without absorption, from the reflectance of each interface.
+#[inline(always)]
+fn transmission<F: Lanes>(chain: Chain, reflected: &[F; MAX_INTERFACES]) -> F {
+    let mut product = reflected[0].constant(1.0);
+    for step in chain.steps() {
+        let share = reflected[step.interface as usize];
+        product *= if step.is_reflection { share } else { share.one_minus() };
+    }
+    product
 }

@@ -2,22 +2,24 @@
 //! parallel plates.
 //!
 //! A refracting interface occludes a straight shadow ray. These sheets are detected when a scene is built
-//! (`detect.rs`), and ordered in stacks (`stack.rs`). For a point and a light a stack gives the candidate chains
-//! (`layer_crossing.rs`, `chain.rs`) and the first direction of each (`planar_layers.rs`). These directions are only
-//! start values. The integrator finds the chain by tracing the real surface.
+//! (`detect.rs`), and ordered in stacks (`stack.rs`). Between a point and a light a stack has candidate chains
+//! (`layer_crossing.rs`, `chain.rs`), and each has a first direction (`planar_layers.rs`). One of them is chosen for each
+//! lane (`candidates.rs`). These directions are only start values, in single precision. The integrator finds the chain
+//! by tracing the real surface.
 
+mod candidates;
 mod chain;
 mod detect;
 mod layer_crossing;
-pub mod planar_layers;
+mod planar_layers;
 pub(crate) mod scene_covers;
 mod slab_face;
 mod stack;
 
+pub use candidates::{CandidateChains, Targets};
 pub use chain::Chain;
 use detect::find;
-pub use layer_crossing::{Candidate, Crossing, Seed};
-pub use stack::{CoverInterface, CoverLayer, CoverStack, MAX_CHAINS, MAX_INTERFACES, Target};
+pub use stack::{CoverInterface, CoverLayer, CoverStack, MAX_CHAINS, MAX_INTERFACES};
 
 use crate::build::effects::{Effect, material_place};
 use crate::query::intersect::SurfacePoint;

@@ -1,8 +1,8 @@
 //! Stacks of covers: interfaces along an axis, and the chains of refractions through them.
 
 use super::chain::Chain;
-use super::layer_crossing::{Crossing, End};
-use dunkelfeld_geometry::{DVec2, DVec3, Vec3};
+use dunkelfeld_geometry::{DVec2, DVec3};
+use dunkelfeld_lanes::{Double, Lanes, Mask, Real};
 
 /// Maximum number of interfaces of a stack. Further sheets are not connected; only scattering samples light through
 /// them.
@@ -12,15 +12,6 @@ pub const MAX_CHAINS: usize = 16;
 /// A chain with less than this share of the transmission of the strongest one of its order, at normal incidence, is
 /// left out.
 const MIN_RELATIVE_TRANSMISSION: f64 = 1e-3;
-
-/// The end of a connection on a light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Target {
-    /// A point of a light, in render space \[m\].
-    Point(Vec3),
-    /// The unit direction towards a light at infinity, behind the cover.
-    Direction(Vec3),
-}
 
 /// A surface across the axis of a stack, where the index of refraction changes.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -51,13 +42,38 @@ pub(crate) struct TouchingSolid {
     pub(crate) is_above: bool,
 }
 
+/// An interface in single precision.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Face {
+    /// Lowest and highest coordinates along each tangent of the stack \[m\].
+    pub(super) footprint: [[f32; 2]; 2],
+    /// The largest magnitude of these coordinates \[m\].
+    pub(super) size: f32,
+    /// The largest distance of the surface from its mean height \[m\].
+    pub(super) deviation: f32,
+}
+
+impl Face {
+    fn new(interface: &CoverInterface) -> Self {
+        let [low, high] = interface.footprint;
+        Self {
+            footprint: [[low.x as f32, high.x as f32], [low.y as f32, high.y as f32]],
+            size: low.abs().max(high.abs()).max_element() as f32,
+            deviation: interface.deviation as f32,
+        }
+    }
+}
+
 /// Clear sheets with a common axis: one cover, or several on one another, glued or with air between them.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct CoverStack {
-    pub(super) axis: DVec3,
+    axis: DVec3,
     tangents: [DVec3; 2],
-    pub(super) interfaces: Vec<CoverInterface>,
-    pub(super) layers: Vec<CoverLayer>,
+    interfaces: Vec<CoverInterface>,
+    /// The same interfaces.
+    #[serde(skip)]
+    pub(super) faces: Vec<Face>,
+    layers: Vec<CoverLayer>,
     is_flat: bool,
     /// Solids with a scattering medium in contact with the outside.
     touching: Vec<TouchingSolid>,
@@ -79,7 +95,8 @@ impl CoverStack {
         let air_layers = air_layers(&interfaces, &layers);
         let count = layers.len();
         let chains = (0..count * count).map(|k| chains_between(&layers, k / count, k % count)).collect();
-        Self { axis, tangents, interfaces, layers, is_flat, touching: Vec::new(), air_layers, chains }
+        let faces = interfaces.iter().map(Face::new).collect();
+        Self { axis, tangents, interfaces, faces, layers, is_flat, touching: Vec::new(), air_layers, chains }
     }
 
     /// Two unit vectors across the axis: those of the footprints.
@@ -128,30 +145,37 @@ impl CoverStack {
         if is_known { &self.chains[count * usize::from(from) + usize::from(to)] } else { &[] }
     }
 
-    /// The layer that contains a point in render space. `inside` is the material of the solid around it, `None` outside
-    /// of solids. The result is `None` if that solid is no part of the stack and no scattering solid in contact with
-    /// it.
-    ///
-    /// A point in air belongs to the nearest layer of air. So faces that are not planes do not change the layer of a
-    /// point.
-    pub fn layer_at(&self, point: Vec3, inside: Option<u32>) -> Option<u8> {
-        let height = self.axis.dot(point.as_dvec3());
-        let Some(material) = inside else {
-            return self
-                .air_layers
-                .iter()
-                .find(|(_, end)| height < *end)
-                .or(self.air_layers.last())
-                .map(|(layer, _)| *layer);
-        };
+    /// The layer of air that is nearest to each height along the axis \[m\]. So faces that are not planes do not change
+    /// the layer of a point.
+    #[inline(always)]
+    pub(super) fn air_layer<F: Lanes>(&self, token: F::Token, height: F::Double) -> F {
+        let mut layer = F::splat(token, 0.0);
+        for (number, end) in self.air_layers.iter().rev() {
+            let is_below = F::Double::narrow_mask(height.lt(F::Double::splat(token, *end)));
+            layer = is_below.select(F::splat(token, f32::from(*number)), layer);
+        }
+        layer
+    }
+
+    /// The layer of a receiver in a solid of a material, for light in layer `to`, and the index of refraction at the
+    /// receiver. `None` if the solid is no part of the stack and no scattering solid in contact with it, or if no
+    /// interface lies between them.
+    pub(super) fn layer_in_solid(&self, height: f64, material: u32, to: usize) -> Option<(usize, f64)> {
         let beyond = |layer: usize| {
             let low = layer.checked_sub(1).map_or(f64::NEG_INFINITY, |i| self.interfaces[i].height);
             let high = self.interfaces.get(layer).map_or(f64::INFINITY, |i| i.height);
             (low - height).max(height - high).max(0.0)
         };
         let filled = (0..self.layers.len()).filter(|&l| self.layers[l].materials.contains(&material));
-        let own = filled.min_by(|&a, &b| beyond(a).total_cmp(&beyond(b))).map(|layer| layer as u8);
-        own.or_else(|| self.touching_at(height, material).map(|t| self.outer(t.is_above)))
+        if let Some(own) = filled.min_by(|&a, &b| beyond(a).total_cmp(&beyond(b))) {
+            return Some((own, self.layers[own].ior));
+        }
+        // The solid in contact with the stack replaces the outer layer of air. There is no face between them if it has
+        // the index of the outermost sheet.
+        let solid = self.touching_at(height, material)?;
+        let outer = if solid.is_above { self.layers.len() - 1 } else { 0 };
+        let next = if to > outer { outer + 1 } else { outer.checked_sub(1).filter(|_| to < outer)? };
+        Some((if self.layers[next].ior == solid.ior { next } else { outer }, solid.ior))
     }
 
     /// The solid of that material in contact with the stack, on the side nearer to a height.
@@ -162,63 +186,6 @@ impl CoverStack {
         };
         let solids = self.touching.iter().filter(|t| t.material == material);
         solids.min_by(|a, b| beyond(a).total_cmp(&beyond(b)))
-    }
-
-    /// The last layer, or the first.
-    fn outer(&self, is_above: bool) -> u8 {
-        if is_above { self.layers.len() as u8 - 1 } else { 0 }
-    }
-
-    /// The interfaces between the point `x` in render space and `target`. `inside` is the material of the solid in
-    /// which the connection starts, as for [`Self::layer_at`].
-    ///
-    /// `None` if there is no interface between them, or if every chain would pass one outside its footprint. For plane
-    /// faces the latter is certain. [`Crossing::each_candidate`] tests each chain more precisely.
-    pub fn crossing(&self, x: Vec3, inside: Option<u32>, target: Target) -> Option<Crossing<'_>> {
-        let mut from = self.layer_at(x, inside)?;
-        let (to, toward) = match target {
-            Target::Point(y) => (self.layer_at(y, None)?, y.as_dvec3() - x.as_dvec3()),
-            Target::Direction(d) => {
-                let d = d.as_dvec3();
-                (self.outer(self.axis.dot(d) > 0.0), d)
-            }
-        };
-        if from == to {
-            return None;
-        }
-        let along = self.axis.dot(toward);
-        let across = toward - self.axis * along;
-        let length = across.length();
-        let sideways = if length > 0.0 { across / length } else { DVec3::ZERO };
-        let up = to > from;
-        let start = self.axis.dot(x.as_dvec3());
-        // The solid in contact with the stack replaces the outer layer of air. There is no face between them if it has
-        // the index of the outermost sheet.
-        let mut start_ior = self.layers[usize::from(from)].ior;
-        if let Some(solid) = inside.and_then(|m| self.touching_at(start, m)).filter(|t| self.outer(t.is_above) == from)
-        {
-            start_ior = solid.ior;
-            let next = if up { from + 1 } else { from - 1 };
-            if self.layers[usize::from(next)].ior == start_ior {
-                from = next;
-            }
-            if from == to {
-                return None;
-            }
-        }
-        let (first, last) = if up { (from, to - 1) } else { (from - 1, to) };
-        let [first, last] = [first, last].map(|i| self.interfaces[usize::from(i)].height);
-        let sign = if up { 1.0 } else { -1.0 };
-        let start_depth = (sign * (first - start)).max(0.0);
-        let end = match target {
-            Target::Point(_) => {
-                let depth = (sign * (start + along - last)).max(0.0);
-                End::Shift { shift: length, depth }
-            }
-            Target::Direction(_) => End::Direction { sine: length, cosine: along.abs() },
-        };
-        let crossing = Crossing { stack: self, x: x.as_dvec3(), from, to, start_ior, sideways, start_depth, end, sign };
-        crossing.may_pass_footprints().then_some(crossing)
     }
 }
 
