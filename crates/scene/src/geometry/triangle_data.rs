@@ -160,15 +160,15 @@ impl Facets {
     pub(crate) fn extend(&mut self, mesh: &Mesh, part: u32, material: u32) {
         let is_smooth = !mesh.normals.is_empty();
         self.triangles.reserve_exact(mesh.triangles.len());
-        self.normals.reserve_exact(if is_smooth { mesh.triangles.len() } else { 0 });
         for (triangle, vertices) in mesh.triangles.iter().enumerate() {
             let [a, b, c] = mesh.corners(triangle);
-            let normals = if is_smooth { self.normals.len() as u32 } else { FLAT };
-            let normal = row(geometric_normal(&[a, b, c]), normals);
-            self.triangles.push(Facet([row(a, part), row(b, material), row(c, triangle as u32), normal]));
-            if is_smooth {
-                self.normals.push(CornerNormals(vertices.map(|v| row(mesh.normals[v as usize], 0))));
-            }
+            let normal = geometric_normal(&[a, b, c]);
+            let corners = is_smooth.then(|| vertices.map(|v| mesh.normals[v as usize]));
+            let corners = corners.filter(|corners| corners.iter().any(|corner| !is_parallel(*corner, normal)));
+            let normals = if corners.is_some() { self.normals.len() as u32 } else { FLAT };
+            self.normals.extend(corners.map(|corners| CornerNormals(corners.map(|normal| row(normal, 0)))));
+            let facet = [row(a, part), row(b, material), row(c, triangle as u32), row(normal, normals)];
+            self.triangles.push(Facet(facet));
         }
     }
 
@@ -196,4 +196,12 @@ impl Facets {
     pub(crate) fn normals(&self, number: u32) -> &CornerNormals {
         &self.normals[number as usize]
     }
+}
+
+/// Is the normal of a corner that of the triangle, up to its side and the rounding of unit vectors in single precision?
+/// Files often store the normals of flat faces.
+fn is_parallel(corner: Vec3, normal: Vec3) -> bool {
+    const ROUNDING: f32 = 1e-6;
+    let unit = corner.normalize_or_zero();
+    (unit - normal).length().min((unit + normal).length()) <= ROUNDING
 }
