@@ -67,7 +67,7 @@ impl Chain {
 
     /// The events of the chain one by one, in a row of `interfaces` interfaces: the number of each interface (from 0,
     /// at the receiver), whether the event is a reflection, and whether light meets it in forward direction.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn steps(self) -> impl Iterator<Item = Step> {
         let mut forward = true;
         let mut next = 0u32;

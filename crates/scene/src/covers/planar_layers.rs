@@ -21,7 +21,7 @@ pub(super) struct Leg<R> {
     pub(super) depth: R,
 }
 
-/// Maximum number of Newton steps. Four are usual; no case is known that needs a third of this number.
+/// Maximum number of Newton steps. At most five are usual; no case is known that needs half of this number.
 const MAX_STEPS: u32 = 64;
 
 /// A ray through parallel layers.

@@ -100,6 +100,7 @@ impl CoverStack {
     }
 
     /// Two unit vectors across the axis: those of the footprints.
+    #[inline(always)]
     pub(crate) fn tangents(&self) -> [DVec3; 2] {
         self.tangents
     }
@@ -110,21 +111,25 @@ impl CoverStack {
     }
 
     /// Unit vector in the order of the layers, in render space.
+    #[inline(always)]
     pub fn axis(&self) -> DVec3 {
         self.axis
     }
 
     /// The interfaces in ascending order along the axis.
+    #[inline(always)]
     pub fn interfaces(&self) -> &[CoverInterface] {
         &self.interfaces
     }
 
     /// The layers in the same order: layer i lies below interface i.
+    #[inline(always)]
     pub fn layers(&self) -> &[CoverLayer] {
         &self.layers
     }
 
     /// Thickness of a layer between its mean planes \[m\]; infinite for the first and the last, and beyond them.
+    #[inline(always)]
     pub fn thickness(&self, layer: usize) -> f64 {
         match (layer.checked_sub(1).and_then(|below| self.interfaces.get(below)), self.interfaces.get(layer)) {
             (Some(below), Some(above)) => (above.height - below.height).max(0.0),
@@ -139,6 +144,7 @@ impl CoverStack {
 
     /// The chains from layer `from` to layer `to`, ordered by their number of double passes, at most [`MAX_CHAINS`].
     /// None from a layer to itself, or through more than [`Chain::MAX_EVENTS`] interfaces.
+    #[inline(always)]
     pub fn chains(&self, from: u8, to: u8) -> &[Chain] {
         let count = self.layers.len();
         let is_known = usize::from(from) < count && usize::from(to) < count;
