@@ -73,7 +73,11 @@ impl Bvh {
     /// # Panics
     /// If an array is shorter than that of the ends of the rays. Times that are missing are zero.
     pub fn closest_hits(&self, set: InstructionSet, rays: &RayBatch, hits: &mut HitBatch) {
-        dispatch!(set, F, token => each_packet::<F, false>(token, self, rays, &mut Results::Nearest(hits)));
+        let results = &mut Results::Nearest(hits);
+        match rays.t_max.len() <= MAX_WIDTH {
+            true => dispatch!(set, F, token => each_packet::<F, false, MAX_WIDTH>(token, self, rays, results)),
+            false => dispatch!(set, F, token => each_packet::<F, false, GROUP>(token, self, rays, results)),
+        }
     }
 
     /// [`Bvh::occluded`] of each ray of a batch.
@@ -81,7 +85,7 @@ impl Bvh {
     /// # Panics
     /// If an array is shorter than that of the ends of the rays. Times that are missing are zero.
     pub fn occluded_batch(&self, set: InstructionSet, rays: &RayBatch, occluded: &mut [bool]) {
-        dispatch!(set, F, token => each_packet::<F, true>(token, self, rays, &mut Results::Occluded(occluded)));
+        dispatch!(set, F, token => each_packet::<F, true, GROUP>(token, self, rays, &mut Results::Occluded(occluded)));
     }
 }
 
@@ -89,6 +93,19 @@ impl Bvh {
 pub(crate) enum Results<'a, 'b> {
     Nearest(&'a mut HitBatch<'b>),
     Occluded(&'a mut [bool]),
+}
+
+impl Results<'_, '_> {
+    /// The results of rays that hit nothing.
+    #[inline(always)]
+    fn set_none(&mut self, numbers: &[u32]) {
+        for number in numbers {
+            match self {
+                Self::Nearest(hits) => hits.instance[*number as usize] = crate::NO_HIT,
+                Self::Occluded(occluded) => occluded[*number as usize] = false,
+            }
+        }
+    }
 }
 
 /// The kinds of the rays at a place of a batch: the largest axis of the direction and its octant.
@@ -118,7 +135,12 @@ pub(crate) fn bits<F: Lanes>(token: F::Token, number: u32) -> F {
 
 /// Sorts rays by their kind, and follows them in packets.
 #[inline(always)]
-fn each_packet<F: Lanes, const ANY: bool>(token: F::Token, bvh: &Bvh, rays: &RayBatch, results: &mut Results) {
+fn each_packet<F: Lanes, const ANY: bool, const GROUP: usize>(
+    token: F::Token,
+    bvh: &Bvh,
+    rays: &RayBatch,
+    results: &mut Results,
+) {
     let count = rays.t_max.len();
     if count == 0 {
         return;
@@ -141,7 +163,9 @@ fn each_packet<F: Lanes, const ANY: bool>(token: F::Token, bvh: &Bvh, rays: &Ray
             while begin < end {
                 let packet = &order[begin..end.min(begin + F::WIDTH)];
                 begin += packet.len();
-                if kind == INVALID || packet.len() <= few::<F>() || skip > 0 {
+                if kind == INVALID {
+                    results.set_none(packet);
+                } else if packet.len() <= few::<F>() || skip > 0 {
                     skip = skip.saturating_sub(1);
                     alone::<ANY>(bvh, rays, packet, results);
                 } else if together::<F, ANY>(token, bvh, rays, packet, results) > F::WIDTH / 2 {
@@ -156,7 +180,7 @@ fn each_packet<F: Lanes, const ANY: bool>(token: F::Token, bvh: &Bvh, rays: &Ray
 }
 
 /// The numbers of rays, from `first` on, in the order of their kinds. Returns the end of each kind.
-fn sort(first: u32, kinds: &[u32], order: &mut [u32; GROUP]) -> [usize; KINDS] {
+fn sort(first: u32, kinds: &[u32], order: &mut [u32]) -> [usize; KINDS] {
     let mut ends = [0; KINDS];
     if kinds.iter().all(|kind| *kind == kinds[0]) {
         for (number, at) in (first..).zip(order.iter_mut()) {
@@ -174,7 +198,7 @@ fn sort(first: u32, kinds: &[u32], order: &mut [u32; GROUP]) -> [usize; KINDS] {
     }
     for (number, kind) in (first..).zip(kinds) {
         let at = &mut ends[*kind as usize % KINDS];
-        order[*at % GROUP] = number;
+        order[*at] = number;
         *at += 1;
     }
     ends

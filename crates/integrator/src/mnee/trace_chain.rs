@@ -176,61 +176,49 @@ impl<F: Lanes> Solver<'_, F> {
     #[inline(always)]
     fn closest_hits(&self, traced: &TracedChains<F>, active: F::Mask) -> (HitLanes<F>, F::Mask) {
         let (o, d, token) = (traced.origin, traced.direction, self.token);
-        let mut rows = [[0.0; MAX_WIDTH]; 7];
-        for (row, column) in rows.iter_mut().zip([o.x, o.y, o.z, d.x, d.y, d.z, self.ends.time]) {
-            column.compress(active).store(row);
-        }
-        let count = active.bits().count_ones() as usize;
-        let row = |k: usize| &rows[k][..count];
+        let [o, d] = [[o.x, o.y, o.z], [d.x, d.y, d.z]].map(
+            #[inline(always)]
+            |[x, y, z]| [x.to_array(), y.to_array(), z.to_array()],
+        );
+        let [ox, oy, oz] = &o;
+        let [dx, dy, dz] = &d;
+        let t_max = F::splat(token, f32::INFINITY).only(active).to_array();
         let rays = RayBatch {
-            origin: [row(0), row(1), row(2)],
-            direction: [row(3), row(4), row(5)],
-            t_max: &[f32::INFINITY; MAX_WIDTH][..count],
-            time: row(6),
+            origin: [&ox[..F::WIDTH], &oy[..F::WIDTH], &oz[..F::WIDTH]],
+            direction: [&dx[..F::WIDTH], &dy[..F::WIDTH], &dz[..F::WIDTH]],
+            t_max: &t_max[..F::WIDTH],
+            time: &self.ends.time.to_array(),
         };
-        let ([mut t, mut b1, mut b2], [mut instance, mut part, mut triangle]) =
-            ([[0.0; MAX_WIDTH]; 3], [[0; MAX_WIDTH]; 3]);
+        let [mut t, mut b1, mut b2] = [[0.0; MAX_WIDTH]; 3];
+        let [mut instance, mut part, mut triangle] = [[0; MAX_WIDTH]; 3];
         let mut hits = HitBatch {
-            t: &mut t[..count],
-            b1: &mut b1[..count],
-            b2: &mut b2[..count],
-            instance: &mut instance[..count],
-            part: &mut part[..count],
-            triangle: &mut triangle[..count],
+            t: &mut t,
+            b1: &mut b1,
+            b2: &mut b2,
+            instance: &mut instance,
+            part: &mut part,
+            triangle: &mut triangle,
         };
         self.scene.bvh().closest_hits(self.set, &rays, &mut hits);
-        let (mut found, mut ray, mut at, mut first) = (0, 0, [0; MAX_WIDTH], None);
-        active.each(
+        let mut found = 0;
+        for lane in 0..F::WIDTH {
+            found |= u32::from(instance[lane] != NO_HIT) << lane;
+        }
+        let found = active & F::mask(token, found);
+        let first = found.bits().trailing_zeros() as usize % MAX_WIDTH;
+        let ids = match found.any() {
+            true => [instance[first], part[first], triangle[first]],
+            false => [0; 3],
+        };
+        let [instance, part, triangle] = [(instance, ids[0]), (part, ids[1]), (triangle, ids[2])].map(
             #[inline(always)]
-            |lane| {
-                if instance[ray] != NO_HIT {
-                    found |= 1 << lane;
-                    at[lane] = ray;
-                    first = first.or(Some(ray));
-                }
-                ray += 1;
+            |(own, other)| {
+                let (own, other) = (F::load_word(token, &own), F::splat_word(token, other));
+                found.select(F::from_bits(own), F::from_bits(other)).to_bits()
             },
         );
-        let mut words = [[0; MAX_WIDTH]; 3];
-        let mut numbers = [[0.0; MAX_WIDTH]; 3];
-        let first = first.unwrap_or(0);
-        for lane in 0..F::WIDTH {
-            let ray = if found >> lane & 1 == 1 { at[lane] } else { first };
-            [numbers[0][lane], numbers[1][lane], numbers[2][lane]] = [t[ray], b1[ray], b2[ray]];
-            [words[0][lane], words[1][lane], words[2][lane]] = [instance[ray], part[ray], triangle[ray]];
-        }
-        if found == 0 {
-            words = [[0; MAX_WIDTH]; 3];
-        }
-        let hits = HitLanes {
-            t: F::load(token, &numbers[0]),
-            b1: F::load(token, &numbers[1]),
-            b2: F::load(token, &numbers[2]),
-            instance: F::load_word(token, &words[0]),
-            part: F::load_word(token, &words[1]),
-            triangle: F::load_word(token, &words[2]),
-        };
-        (hits, F::mask(token, found))
+        let [t, b1, b2] = [F::load(token, &t), F::load(token, &b1), F::load(token, &b2)];
+        (HitLanes { t, b1, b2, instance, part, triangle }, found)
     }
 
     /// Passes surfaces without effect on the direction, in lanes that meet one or that may be in several solids.

@@ -76,6 +76,8 @@ impl Wavefront<'_> {
                 for (index, (draw, (chosen, scattered))) in (0..).zip(draws.iter().zip(expected)) {
                     let survival = self.connection_survival(group, (index, draw), (chosen, scattered), watch);
                     let lanes = chosen.is_some & draw.u_roulette.lt(survival);
+                    self.lane_use.connections[0] += u64::from(lanes.bits().count_ones());
+                    self.lane_use.connections[1] += F::WIDTH as u64;
                     let ends = self.endpoints(group, &draw.light);
                     let connections = self.solver(group, &ends).solve(chosen, lanes);
                     directions.push((connections.has_converged, connections.direction));

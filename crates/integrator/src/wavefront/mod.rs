@@ -127,19 +127,25 @@ pub struct LaneUse {
     pub points: [u64; 2],
     /// Light samples.
     pub light_samples: [u64; 2],
+    /// Connections through covers.
+    pub connections: [u64; 2],
 }
 
 impl LaneUse {
     /// Adds another use.
     pub fn add(&mut self, other: &Self) {
-        let own = self.points.iter_mut().chain(&mut self.light_samples);
-        own.zip(other.points.iter().chain(&other.light_samples)).for_each(|(own, other)| *own += other);
+        let Self { points, light_samples, connections } = other;
+        let own = [&mut self.points, &mut self.light_samples, &mut self.connections];
+        for (own, other) in own.into_iter().zip([points, light_samples, connections]) {
+            *own = [own[0] + other[0], own[1] + other[1]];
+        }
     }
 
-    /// The share of lanes with work of each stage, with its name.
-    pub fn shares(&self) -> [(&'static str, f64); 2] {
-        let share = |[used, all]: [u64; 2]| used as f64 / all.max(1) as f64;
-        [("points", share(self.points)), ("light samples", share(self.light_samples))]
+    /// The share of lanes with work of each stage that has had some, with its name.
+    pub fn shares(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        let stages =
+            [("points", self.points), ("light samples", self.light_samples), ("connections", self.connections)];
+        stages.into_iter().filter(|(_, [_, all])| *all > 0).map(|(name, [used, all])| (name, used as f64 / all as f64))
     }
 }
 

@@ -325,7 +325,7 @@ impl Bench<'_> {
             invalid_samples: rendering.film.sums.invalid_samples(),
             seconds,
             total_seconds,
-            lanes: rendering.lane_use.shares().map(|(stage, share)| (stage.into(), share)).into(),
+            lanes: rendering.lane_use.shares().map(|(stage, share)| (stage.into(), share)).collect(),
             denoise_seconds: denoised.iter().map(|d| (d.key.to_string(), d.seconds)).collect(),
             stated_variance: Some(super::statistics::masked_mean(&stated, counts)).filter(|v| v.is_finite()),
         };
