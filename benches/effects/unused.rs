@@ -24,7 +24,10 @@ pub(crate) const EFFECTS: [(&str, &[&str]); 34] = [
     ("integrator/src/ray_state.rs", &[]),
     ("integrator/src/vertex.rs", &[]),
     ("integrator/src/wavefront/connect.rs", &[]),
-    ("integrator/src/wavefront/group.rs", &["surfaces", "surfaces_of_chance", "enclosing_beyond", "one_by_one", "lit_lanes"]),
+    (
+        "integrator/src/wavefront/group.rs",
+        &["surfaces", "surfaces_of_chance", "enclosing_beyond", "one_by_one", "lit_lanes"],
+    ),
     ("integrator/src/wavefront/mod.rs", &["arrive", "escape"]),
     ("integrator/src/wavefront/scatter.rs", &["enter_solids", "evaluate_each"]),
     ("scene/src/camera/distortion.rs", &[]),

@@ -18,7 +18,7 @@ impl<F: Lanes, V: View<F>> Scatterer<F, V> {
     pub(crate) fn eval(&self, wi: V3<F>) -> (Rgb<F>, F) {
         let local = self.frames.frame.to_local(wi);
         let direct = self.view.eval_pdf(local);
-        let is_bent = self.frames.is_bent();
+        let is_bent = self.frames.is_bent;
         if !is_bent.any() {
             return direct;
         }
@@ -35,7 +35,7 @@ impl<F: Lanes, V: View<F>> Scatterer<F, V> {
         let mut wi = self.frames.frame.to_world(sample.wi);
         let is_scattered = sample.pdf.is_positive();
         let is_consistent = self.frames.consistent(wi, sample.wi);
-        let is_bent = self.frames.is_bent();
+        let is_bent = self.frames.is_bent;
         if !is_bent.any() {
             sample.pdf = sample.pdf.only(is_consistent);
             return (wi, sample);

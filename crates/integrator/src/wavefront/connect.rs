@@ -1,14 +1,17 @@
 //! Connections through covers: next-event estimation where clear sheets lie before the lights (`mnee`).
 
-use super::group::Group;
+use super::group::{Group, Scattering};
 use super::scatter::{Directions, Draw, Evaluated, LIGHTS, Queued, evaluate_group};
 use super::{Watch, Wavefront};
 use crate::direct::power_heuristic;
-use crate::mnee::{Attempt, Connections, Endpoints, Solver};
+use crate::mnee::{Attempt, Endpoints, Solver};
 use crate::observer::Event;
-use dunkelfeld_lanes::{Lanes, Mask};
+use crate::ray_state::EnclosingSolids;
+use dunkelfeld_bsdf::Bsdf;
+use dunkelfeld_geometry::Ray;
+use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{CandidateChains, LightSamples, Targets, shadow_rays};
+use dunkelfeld_scene::{Bsdfs, CandidateChains, Chain, LightSamples, Receivers, ShadingFrames, Targets, shadow_rays};
 use smallvec::SmallVec;
 
 /// A candidate chain to each light sample; empty without covers.
@@ -45,7 +48,7 @@ impl Wavefront<'_> {
                 for Draw { light, u_chain, .. } in draws {
                     let lanes = group.lit & light.pdf.is_positive() & !light.is_delta;
                     let ends = self.endpoints(group, light);
-                    let chosen = self.solver(group, &ends).choose(lanes, *u_chain);
+                    let chosen = self.solver(group.token, &ends).choose(lanes, *u_chain);
                     directions.push((chosen.is_some, chosen.direction));
                     candidates.push(chosen);
                 }
@@ -53,46 +56,33 @@ impl Wavefront<'_> {
         );
     }
 
-    /// Searches the chains that survive roulette, and stores the shadow rays behind the covers.
+    /// Queues the chains that survive roulette.
     #[inline(never)]
-    pub(super) fn connect<F: Lanes>(
+    pub(super) fn queue_connections<F: Lanes>(
         &mut self,
         group: &Group<'_, F>,
         draws: &[Draw<F>],
         candidates: &[CandidateChains<F>],
         found: &Evaluated<F>,
-        watch: &mut Watch<'_>,
+        watch: &Watch<'_>,
     ) {
-        if candidates.iter().all(|chosen| !chosen.is_some.any()) {
-            return;
-        }
-        let mut directions = Directions::<F>::new();
-        let mut solved: SmallVec<[(F::Mask, F, Connections<F>); LIGHTS]> = SmallVec::new();
         F::vectorize(
             group.token,
             #[inline(always)]
             || {
                 let expected = candidates.iter().zip(&found.direct[draws.len()..]);
                 for (index, (draw, (chosen, scattered))) in (0..).zip(draws.iter().zip(expected)) {
+                    if !chosen.is_some.any() {
+                        continue;
+                    }
                     let survival = self.connection_survival(group, (index, draw), (chosen, scattered), watch);
                     let lanes = chosen.is_some & draw.u_roulette.lt(survival);
-                    self.lane_use.connections[0] += u64::from(lanes.bits().count_ones());
-                    self.lane_use.connections[1] += F::WIDTH as u64;
-                    let ends = self.endpoints(group, &draw.light);
-                    let connections = self.solver(group, &ends).solve(chosen, lanes);
-                    directions.push((connections.has_converged, connections.direction));
-                    solved.push((lanes, survival, connections));
-                }
-            },
-        );
-        let found = evaluate_group(group, &directions, false);
-        F::vectorize(
-            group.token,
-            #[inline(always)]
-            || {
-                for (index, draw) in (0..).zip(draws) {
-                    let (chosen, at) = (&candidates[index as usize], found.direct[index as usize]);
-                    self.add_connections(group, (index, draw, chosen), &solved[index as usize], at, watch);
+                    if lanes.any() {
+                        let ends = self.endpoints(group, &draw.light);
+                        let light = group.state.throughput * draw.light.radiance * survival.recip();
+                        let columns = Entry { ends, light, pdf: draw.light.pdf, at: group.scattering() };
+                        self.attempts.append(lanes, index, (chosen, &columns), &group.paths);
+                    }
                 }
             },
         );
@@ -117,53 +107,87 @@ impl Wavefront<'_> {
         group.learned.connection_survival(index, brightest, group.gathered_survival(expected))
     }
 
-    /// The contributions of searched chains.
+    /// Searches the queued chains, and stores the shadow rays behind the covers.
     #[inline(always)]
-    fn add_connections<F: Lanes>(
-        &mut self,
-        group: &Group<'_, F>,
-        (index, draw, chosen): (u32, &Draw<F>, &CandidateChains<F>),
-        (lanes, survival, connections): &(F::Mask, F, Connections<F>),
-        (scattered, pdf): (Rgb<F>, F),
-        watch: &mut Watch<'_>,
-    ) {
-        let (light, traced) = (&draw.light, &connections.traced);
-        let unoccluded = scattered * light.radiance * traced.weight;
-        let arriving = connections.has_converged & unoccluded.is_lit();
-        // The density of the first direction.
-        let density = light.pdf * chosen.probability / connections.solid_angle_ratio;
-        let mis_weight = power_heuristic(density, pdf * traced.probability);
-        let radiance = group.state.throughput * (unoccluded * (mis_weight / (density * *survival)));
-        let end = (light.point, light.normal, light.is_finite);
-        let (direction, t_max) = shadow_rays(traced.origin, traced.direction, end);
-        let rays = Queued { lanes: arriving, origin: traced.origin, direction, t_max, light: radiance };
-        self.queue_shadow_rays(group, (index, 1), rays, Some(&traced.enclosing));
-        let (rays, converged) = (connections.rays.to_array(), connections.has_converged.bits());
-        watch.tally.attempts += u64::from(lanes.bits().count_ones());
-        watch.tally.converged += u64::from(converged.count_ones());
-        watch.tally.rays += rays.iter().map(|rays| *rays as u64).sum::<u64>();
-        if watch.observer.is_none() {
-            return;
+    pub(super) fn connect<F: Lanes>(&mut self, token: F::Token, watch: &mut Watch<'_>) {
+        let mut attempts = std::mem::take(&mut self.attempts);
+        attempts.pad(F::WIDTH);
+        for first in (0..attempts.paths.len()).step_by(F::WIDTH) {
+            self.connect_lanes::<F>(token, &attempts, first, watch);
         }
-        let (probability, mis_weight) = (chosen.probability.to_array(), mis_weight.to_array());
-        lanes.each(|lane| {
-            let arrives = arriving.bits() >> lane & 1 == 1;
-            let attempt = Attempt {
-                stack: chosen.stack[lane],
-                chain: chosen.chain[lane],
-                probability: probability[lane],
-                rays: rays[lane] as u32,
-                has_converged: converged >> lane & 1 == 1,
-                mis_weight: if arrives { mis_weight[lane] } else { 0.0 },
-            };
-            match arrives {
-                true => self.shadow[index as usize][1].attempts.push(attempt),
-                false => {
-                    let light = Rgb::BLACK;
-                    watch.event(group.paths[lane], || Event::Connection { index, attempt, light });
+        attempts.clear();
+        self.attempts = attempts;
+    }
+
+    #[inline(never)]
+    fn connect_lanes<F: Lanes>(&mut self, token: F::Token, queue: &Attempts, first: usize, watch: &mut Watch<'_>) {
+        F::vectorize(
+            token,
+            #[inline(always)]
+            || {
+                let len = F::WIDTH.min(queue.paths.len() - first);
+                let lanes = F::mask(token, u32::MAX >> (32 - len));
+                self.lane_use.connections[0] += len as u64;
+                self.lane_use.connections[1] += F::WIDTH as u64;
+                let (Entry { ends, light, pdf: light_pdf, at }, chains) = queue.load::<F>(token, first, lanes);
+                let connections = self.solver(token, &ends).solve(&chains, lanes);
+                let direction = [(connections.has_converged, connections.direction)];
+                let (scattered, pdf) = evaluate_group(&at, &direction, None).direct[0];
+                let traced = &connections.traced;
+                let unoccluded = scattered * light * traced.weight;
+                let arriving = connections.has_converged & unoccluded.is_lit();
+                // The density of the first direction.
+                let density = light_pdf * chains.probability / connections.solid_angle_ratio;
+                let mis_weight = power_heuristic(density, pdf * traced.probability);
+                let end = (ends.targets.point, ends.light_normal, ends.targets.is_finite);
+                let (direction, t_max) = shadow_rays(traced.origin, traced.direction, end);
+                let (origin, light) = (traced.origin, unoccluded * (mis_weight / density));
+                let mut rays = Queued { lanes: arriving, origin, direction, t_max, light };
+                self.dim_by_solids(&mut rays, ends.time, &traced.enclosing);
+                let (paths, indices) = (&queue.paths[first..first + len], &queue.indices[first..first + len]);
+                let (origins, directions) = (origin.to_lanes(), rays.direction.to_lanes());
+                let (ends, times) = (rays.t_max.to_array(), ends.time.to_array());
+                let lights = rays.light.to_lanes();
+                arriving.each(
+                    #[inline(always)]
+                    |lane| {
+                        let ray = Ray {
+                            origin: origins[lane],
+                            direction: directions[lane],
+                            t_max: ends[lane],
+                            time: times[lane],
+                        };
+                        self.shadow[indices[lane] as usize][1].push(&ray, paths[lane], lights[lane]);
+                    },
+                );
+                let (rays, converged) = (connections.rays.to_array(), connections.has_converged.bits());
+                watch.tally.attempts += len as u64;
+                watch.tally.converged += u64::from(converged.count_ones());
+                for rays in rays {
+                    watch.tally.rays += rays as u64;
                 }
-            }
-        });
+                if watch.observer.is_some() {
+                    let probability = chains.probability.to_array();
+                    let mis_weight = mis_weight.only(arriving).to_array();
+                    for lane in 0..len {
+                        let attempt = Attempt {
+                            stack: chains.stack[lane],
+                            chain: chains.chain[lane],
+                            probability: probability[lane],
+                            rays: rays[lane] as u32,
+                            has_converged: converged >> lane & 1 == 1,
+                            mis_weight: mis_weight[lane],
+                        };
+                        let index = indices[lane];
+                        if arriving.bits() >> lane & 1 == 1 {
+                            self.shadow[index as usize][1].attempts.push(attempt);
+                        } else {
+                            watch.event(paths[lane], || Event::Connection { index, attempt, light: Rgb::BLACK });
+                        }
+                    }
+                }
+            },
+        );
     }
 
     /// The receivers of a group and the ends of light samples.
@@ -181,7 +205,184 @@ impl Wavefront<'_> {
     }
 
     #[inline(always)]
-    fn solver<'s, F: Lanes>(&'s self, group: &Group<'_, F>, ends: &'s Endpoints<F>) -> Solver<'s, F> {
-        Solver { scene: self.estimator.scene, set: self.set, token: group.token, ends }
+    fn solver<'s, F: Lanes>(&'s self, token: F::Token, ends: &'s Endpoints<F>) -> Solver<'s, F> {
+        Solver { scene: self.estimator.scene, set: self.set, token, ends }
+    }
+}
+
+/// What a connection depends on beside its chain, one for each lane.
+struct Entry<'g, F: Lanes> {
+    ends: Endpoints<F>,
+    /// Radiance of the light sample times the throughput of the path, over the probability of survival.
+    light: Rgb<F>,
+    /// Density of the light sample [1/sr].
+    pdf: F,
+    at: Scattering<'g, F>,
+}
+
+/// Connections of the paths of a wave: [`Entry`] and [`CandidateChains`], an array for each number.
+#[derive(Debug, Default)]
+pub(super) struct Attempts {
+    vectors: [[Vec<f32>; 3]; 13],
+    numbers: [Vec<f32>; 3],
+    masks: [Vec<f32>; 4],
+    enclosing: Vec<EnclosingSolids>,
+    chains: Vec<(u16, Chain)>,
+    /// Numbers of the paths, and indices of the light samples.
+    paths: Vec<u32>,
+    indices: Vec<u32>,
+    /// The BSDFs of receivers, and the one of each receiver.
+    bsdfs: Vec<Bsdf>,
+    bsdf: Vec<u32>,
+}
+
+impl Attempts {
+    /// Appends the connections of some lanes to a light sample.
+    #[inline(always)]
+    fn append<F: Lanes>(
+        &mut self,
+        lanes: F::Mask,
+        index: u32,
+        (chains, entry): (&CandidateChains<F>, &Entry<'_, F>),
+        paths: &[u32; MAX_WIDTH],
+    ) {
+        let Entry { ends, light, pdf, at } = entry;
+        let Frame { tangent, bitangent, normal } = at.frames.frame;
+        let vectors = [
+            ends.receivers.point,
+            ends.receivers.normal,
+            ends.origin,
+            ends.straight,
+            ends.targets.point,
+            ends.light_normal,
+            chains.direction,
+            tangent,
+            bitangent,
+            normal,
+            at.frames.normal,
+            at.wo,
+            V3::new(light.r, light.g, light.b),
+        ];
+        let one = pdf.constant(1.0);
+        let masks = [ends.receivers.both_sides, ends.targets.is_finite, at.frames.along, at.frames.is_bent];
+        for ([to_x, to_y, to_z], V3 { x, y, z }) in self.vectors.iter_mut().zip(vectors) {
+            x.append(lanes, to_x);
+            y.append(lanes, to_y);
+            z.append(lanes, to_z);
+        }
+        for (column, number) in self.numbers.iter_mut().zip([ends.time, *pdf, chains.probability]) {
+            number.append(lanes, column);
+        }
+        for (column, mask) in self.masks.iter_mut().zip(masks) {
+            one.only(mask).append(lanes, column);
+        }
+        let mut last = None;
+        lanes.each(
+            #[inline(always)]
+            |lane| {
+                self.enclosing.push(ends.enclosing[lane]);
+                self.chains.push((chains.stack[lane], chains.chain[lane]));
+                self.paths.push(paths[lane]);
+                self.indices.push(index);
+                let bsdf = at.bsdfs.lane(lane);
+                if !last.is_some_and(|last| std::ptr::eq(last, bsdf)) {
+                    self.bsdfs.push(*bsdf);
+                    last = Some(bsdf);
+                }
+                self.bsdf.push(self.bsdfs.len() as u32 - 1);
+            },
+        );
+    }
+
+    /// The connections of `lanes` from a place on. The numbers of free lanes are zero.
+    #[inline(always)]
+    fn load<F: Lanes>(&self, token: F::Token, first: usize, lanes: F::Mask) -> (Entry<'_, F>, CandidateChains<F>) {
+        let len = lanes.bits().count_ones() as usize;
+        let (mut stack, mut chain) = ([0; MAX_WIDTH], [Chain::EMPTY; MAX_WIDTH]);
+        let mut enclosing = [EnclosingSolids::Last(None); MAX_WIDTH];
+        let mut bsdfs = [&self.bsdfs[self.bsdf[first] as usize]; MAX_WIDTH];
+        let mut is_same = true;
+        for lane in 0..len {
+            (stack[lane], chain[lane]) = self.chains[first + lane];
+            enclosing[lane] = self.enclosing[first + lane];
+            bsdfs[lane] = &self.bsdfs[self.bsdf[first + lane] as usize];
+            is_same &= self.bsdf[first + lane] == self.bsdf[first];
+        }
+        let frame = Frame {
+            tangent: self.vector::<F>(token, 7, first),
+            bitangent: self.vector::<F>(token, 8, first),
+            normal: self.vector::<F>(token, 9, first),
+        };
+        let frames = ShadingFrames {
+            frame,
+            normal: self.vector::<F>(token, 10, first),
+            along: self.mask::<F>(token, 2, first),
+            is_bent: self.mask::<F>(token, 3, first),
+        };
+        let (straight, light) = (self.vector::<F>(token, 3, first), self.vector::<F>(token, 12, first));
+        let at = Scattering {
+            token,
+            len,
+            frames,
+            wo: self.vector::<F>(token, 11, first),
+            bsdfs: if is_same { Bsdfs::Same(bsdfs[0]) } else { Bsdfs::Each(bsdfs) },
+        };
+        let ends = Endpoints {
+            receivers: Receivers {
+                point: self.vector::<F>(token, 0, first),
+                normal: self.vector::<F>(token, 1, first),
+                both_sides: self.mask::<F>(token, 0, first),
+            },
+            origin: self.vector::<F>(token, 2, first),
+            time: F::load(token, &self.numbers[0][first..]),
+            enclosing,
+            targets: Targets {
+                point: self.vector::<F>(token, 4, first),
+                direction: straight,
+                is_finite: self.mask::<F>(token, 1, first),
+            },
+            light_normal: self.vector::<F>(token, 5, first),
+            straight,
+        };
+        let probability = F::load(token, &self.numbers[2][first..]);
+        let chains =
+            CandidateChains { is_some: lanes, stack, chain, direction: self.vector::<F>(token, 6, first), probability };
+        (
+            Entry {
+                ends,
+                light: Rgb::new(light.x, light.y, light.z),
+                pdf: F::load(token, &self.numbers[1][first..]),
+                at,
+            },
+            chains,
+        )
+    }
+
+    #[inline(always)]
+    fn vector<F: Lanes>(&self, token: F::Token, k: usize, first: usize) -> V3<F> {
+        let [x, y, z] = &self.vectors[k];
+        V3::new(F::load(token, &x[first..]), F::load(token, &y[first..]), F::load(token, &z[first..]))
+    }
+
+    #[inline(always)]
+    fn mask<F: Lanes>(&self, token: F::Token, k: usize, first: usize) -> F::Mask {
+        F::load(token, &self.masks[k][first..]).is_positive()
+    }
+
+    /// Fills the columns, so that the last lanes can be loaded.
+    fn pad(&mut self, width: usize) {
+        let len = self.paths.len();
+        self.columns().for_each(|column| column.resize(len + width, 0.0));
+    }
+
+    fn columns(&mut self) -> impl Iterator<Item = &mut Vec<f32>> {
+        self.vectors.iter_mut().flatten().chain(&mut self.numbers).chain(&mut self.masks)
+    }
+
+    fn clear(&mut self) {
+        self.columns().for_each(Vec::clear);
+        let Self { enclosing, chains, paths, indices, bsdfs, bsdf, .. } = self;
+        [paths, indices, bsdf].into_iter().for_each(Vec::clear);
+        (enclosing.clear(), chains.clear(), bsdfs.clear());
     }
 }

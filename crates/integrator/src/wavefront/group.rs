@@ -253,7 +253,19 @@ impl Wavefront<'_> {
     }
 }
 
-impl<'g, F: Lanes> Group<'g, F> {
+/// What scattering depends on, one for each lane.
+#[derive(Clone, Copy)]
+pub(super) struct Scattering<'g, F: Lanes> {
+    pub(super) token: F::Token,
+    /// Number of lanes that are used.
+    pub(super) len: usize,
+    pub(super) frames: ShadingFrames<F>,
+    /// Directions toward the camera, in the frames of shading.
+    pub(super) wo: V3<F>,
+    pub(super) bsdfs: Bsdfs<'g>,
+}
+
+impl<'g, F: Lanes> Scattering<'g, F> {
     /// The BSDFs one by one.
     #[inline(always)]
     pub(super) fn one_by_one(&self) -> [OneLane<'g>; MAX_WIDTH] {
@@ -263,6 +275,15 @@ impl<'g, F: Lanes> Group<'g, F> {
             lanes[lane] = OneLane { bsdf: self.bsdfs.lane(lane), wo: LocalDir(wo[lane]) };
         }
         lanes
+    }
+}
+
+impl<'g, F: Lanes> Group<'g, F> {
+    /// What scattering depends on.
+    #[inline(always)]
+    pub(super) fn scattering(&self) -> Scattering<'g, F> {
+        let Self { token, len, frames, wo, bsdfs, .. } = *self;
+        Scattering { token, len, frames, wo, bsdfs }
     }
 
     /// Survival probability of a shadow ray or a connection by the light that the path has gathered, for an expected

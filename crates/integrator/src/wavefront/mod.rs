@@ -22,6 +22,7 @@ use crate::mnee::SpecularPrefix;
 use crate::observer::{ConnectionTally, Event, Observer};
 use crate::path::PathState;
 use crate::ray_state::{EnclosingSolids, RayState};
+use connect::Attempts;
 use dunkelfeld_bvh::Hit;
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;
@@ -72,6 +73,8 @@ pub struct Wavefront<'a> {
     /// For each light sample of a vertex: straight shadow rays, and those behind covers.
     shadow: Vec<[ShadowRays; 2]>,
     occluded: Vec<bool>,
+    /// Connections through covers that are still to be searched.
+    attempts: Attempts,
     lane_use: LaneUse,
 }
 
@@ -192,6 +195,7 @@ impl<'a> Wavefront<'a> {
             order: Vec::new(),
             shadow: (0..lights).map(|_| [queue(), queue()]).collect(),
             occluded: Vec::new(),
+            attempts: Attempts::default(),
             lane_use: LaneUse::default(),
         }
     }
@@ -348,7 +352,10 @@ impl<'a> Wavefront<'a> {
         }
         self.order.sort_unstable();
         let set = if count < LEAST_RAYS { InstructionSet::Scalar } else { self.set };
-        dispatch!(set, F, token => self.scatter_all::<F>(token, vertex, watch));
+        dispatch!(set, F, token => {
+            self.scatter_all::<F>(token, vertex, watch);
+            self.connect::<F>(token, watch);
+        });
         self.trace_shadow_rays(watch);
         std::mem::swap(&mut self.rays, &mut self.next);
     }

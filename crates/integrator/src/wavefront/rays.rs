@@ -1,5 +1,6 @@
 //! Rays of a wave, and their results.
 
+use super::scatter::Queued;
 use crate::mnee::Attempt;
 use dunkelfeld_bvh::{Hit, HitBatch, NO_HIT, RayBatch};
 use dunkelfeld_geometry::{Ray, Vec3};
@@ -166,6 +167,24 @@ impl ShadowRays {
         self.rays.clear();
         self.attempts.clear();
         self.light.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Stores the rays of lanes.
+    #[inline(always)]
+    pub(super) fn append<F: Lanes>(&mut self, q: &Queued<F>, time: F, paths: &[u32; MAX_WIDTH]) {
+        self.rays.append((q.lanes, paths), [q.origin, q.direction], q.t_max, time);
+        let [r, g, b] = &mut self.light;
+        q.light.r.append(q.lanes, r);
+        q.light.g.append(q.lanes, g);
+        q.light.b.append(q.lanes, b);
+    }
+
+    /// Stores a ray.
+    pub(super) fn push(&mut self, ray: &Ray, path: u32, light: Rgb) {
+        self.rays.push(ray, path);
+        for (column, channel) in self.light.iter_mut().zip(light.to_array()) {
+            column.push(channel);
+        }
     }
 
     /// The light of a ray.

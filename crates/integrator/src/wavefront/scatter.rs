@@ -2,7 +2,7 @@
 //!
 //! Each stage is a function of its own, so that only the evaluation of BSDFs is compiled for each kind of them.
 
-use super::group::Group;
+use super::group::{Group, Scattering};
 use super::{Layers, Watch, Wavefront};
 use crate::dimensions;
 use crate::direct::light_weight;
@@ -68,10 +68,10 @@ impl Wavefront<'_> {
             directions.push((group.lit & draw.light.pdf.is_positive(), draw.light.direction));
         }
         let candidates = self.choose_chains(&group, &draws, &mut directions);
-        let found = evaluate_group(&group, &directions, true);
+        let found = evaluate_group(&group.scattering(), &directions, Some(&group));
         self.set_layers(&group, found.albedo);
         self.add_direct_light(&group, &draws, &found, watch);
-        self.connect(&group, &draws, &candidates, &found, watch);
+        self.queue_connections(&group, &draws, &candidates, &found, watch);
         self.continue_paths(&group, &found, watch);
     }
 
@@ -167,55 +167,47 @@ impl Wavefront<'_> {
                     let end = (light.point, light.normal, light.is_finite);
                     let (direction, t_max) = shadow_rays(origin, light.direction, end);
                     let light = group.state.throughput * (expected * survival.recip());
-                    let enclosing = self.estimator.scene.has_solids().then(
-                        #[inline(always)]
-                        || self.enclosing_beyond(group, direction),
-                    );
-                    let rays = Queued { lanes: traced, origin, direction, t_max, light };
-                    self.queue_shadow_rays(group, (index, 0), rays, enclosing.as_ref());
+                    let mut rays = Queued { lanes: traced, origin, direction, t_max, light };
+                    if self.estimator.scene.has_solids() {
+                        let enclosing = self.enclosing_beyond(group, direction);
+                        self.dim_by_solids(&mut rays, group.points.time, &enclosing);
+                    }
+                    self.shadow[index as usize][0].append(&rays, group.points.time, &group.paths);
                 }
             },
         );
     }
 
-    /// Stores the shadow rays of lanes: of a light, on straight lines or behind covers.
+    /// Multiplies the light of shadow rays by the transmittance of the solids around their origins. A ray in several solids
+    /// is traced here and loses its length.
     #[inline(always)]
-    pub(super) fn queue_shadow_rays<F: Lanes>(
-        &mut self,
-        group: &Group<'_, F>,
-        (index, kind): (u32, usize),
-        q: Queued<F>,
-        enclosing: Option<&[EnclosingSolids; MAX_WIDTH]>,
-    ) {
-        let Queued { lanes, origin, direction, mut t_max, mut light } = q;
-        let is_clear = |enclosing: &EnclosingSolids| matches!(enclosing, EnclosingSolids::Last(None));
-        if let Some(enclosing) = enclosing.filter(|enclosing| !enclosing.iter().all(is_clear)) {
-            // Where several solids matter, the ray is traced here.
-            let (origins, directions) = (origin.to_lanes(), direction.to_lanes());
-            let (mut ends, times) = (t_max.to_array(), group.points.time.to_array());
-            let mut transmittance = [Rgb::WHITE; MAX_WIDTH];
-            lanes.each(
-                #[inline(always)]
-                |lane| match &enclosing[lane] {
-                    last @ EnclosingSolids::Last(_) => {
-                        transmittance[lane] = last.transmittance(self.estimator.scene, ends[lane]);
-                    }
-                    EnclosingSolids::All(interior) => {
-                        let ray = Ray::with_end(origins[lane], directions[lane], ends[lane]).at_time(times[lane]);
-                        transmittance[lane] = self.estimator.scene.shadow_transmittance(&ray, interior);
-                        ends[lane] = 0.0;
-                    }
-                },
-            );
-            light *= Rgb::from_lanes(group.token, &transmittance);
-            t_max = F::load(group.token, &ends);
+    pub(super) fn dim_by_solids<F: Lanes>(&self, q: &mut Queued<F>, time: F, enclosing: &[EnclosingSolids; MAX_WIDTH]) {
+        let mut is_clear = true;
+        q.lanes.each(
+            #[inline(always)]
+            |lane| is_clear &= matches!(enclosing[lane], EnclosingSolids::Last(None)),
+        );
+        if is_clear {
+            return;
         }
-        let queue = &mut self.shadow[index as usize][kind];
-        queue.rays.append((lanes, &group.paths), [origin, direction], t_max, group.points.time);
-        let [r, g, b] = &mut queue.light;
-        light.r.append(lanes, r);
-        light.g.append(lanes, g);
-        light.b.append(lanes, b);
+        let (origins, directions) = (q.origin.to_lanes(), q.direction.to_lanes());
+        let (mut ends, times) = (q.t_max.to_array(), time.to_array());
+        let mut transmittance = [Rgb::WHITE; MAX_WIDTH];
+        q.lanes.each(
+            #[inline(always)]
+            |lane| match &enclosing[lane] {
+                last @ EnclosingSolids::Last(_) => {
+                    transmittance[lane] = last.transmittance(self.estimator.scene, ends[lane]);
+                }
+                EnclosingSolids::All(interior) => {
+                    let ray = Ray::with_end(origins[lane], directions[lane], ends[lane]).at_time(times[lane]);
+                    transmittance[lane] = self.estimator.scene.shadow_transmittance(&ray, interior);
+                    ends[lane] = 0.0;
+                }
+            },
+        );
+        q.light *= Rgb::from_lanes(time.token(), &transmittance);
+        q.t_max = F::load(time.token(), &ends);
     }
 
     /// New directions by sampling the BSDFs, and roulette.
@@ -339,13 +331,13 @@ fn observe_scattering<F: Lanes>(
 
 /// The BSDFs of a group: of one kind, in lanes, or of several.
 pub(super) fn evaluate_group<F: Lanes>(
-    group: &Group<'_, F>,
+    at: &Scattering<'_, F>,
     directions: &[Direction<F>],
-    scatters: bool,
+    group: Option<&Group<'_, F>>,
 ) -> Evaluated<F> {
     macro_rules! lanes_of {
         ($kind:ident) => {
-            of_kind(group, |bsdf| match bsdf {
+            of_kind(at, |bsdf| match bsdf {
                 Bsdf::$kind(surface) => Some(surface),
                 _ => None,
             })
@@ -353,30 +345,30 @@ pub(super) fn evaluate_group<F: Lanes>(
     }
     if let Some(surfaces) = lanes_of!(Principled) {
         return match surfaces.iter().any(|surface| surface.is_rich()) {
-            false => evaluate_principled::<F, false>(group, &surfaces, directions, scatters),
-            true => evaluate_principled::<F, true>(group, &surfaces, directions, scatters),
+            false => evaluate_principled::<F, false>(at, &surfaces, directions, group),
+            true => evaluate_principled::<F, true>(at, &surfaces, directions, group),
         };
     }
     if let Some(surfaces) = lanes_of!(Dielectric) {
-        return evaluate_dielectric(group, &surfaces, directions, scatters);
+        return evaluate_dielectric(at, &surfaces, directions, group);
     }
     if let Some(surfaces) = lanes_of!(ThinSheet) {
-        return evaluate_sheet(group, &surfaces, directions, scatters);
+        return evaluate_sheet(at, &surfaces, directions, group);
     }
     if let Some(surfaces) = lanes_of!(Phase) {
-        return evaluate_phase(group, &surfaces, directions, scatters);
+        return evaluate_phase(at, &surfaces, directions, group);
     }
-    evaluate_each(group, directions, scatters)
+    evaluate_each(at, directions, group)
 }
 
 /// The surfaces of lanes if all are of one kind. Free lanes repeat the first.
 fn of_kind<'g, F: Lanes, B>(
-    group: &Group<'g, F>,
+    at: &Scattering<'g, F>,
     kind: impl Fn(&'g Bsdf) -> Option<&'g B>,
 ) -> Option<[&'g B; MAX_WIDTH]> {
-    let mut surfaces = [kind(group.bsdfs.lane(0))?; MAX_WIDTH];
-    if let Bsdfs::Each(each) = &group.bsdfs {
-        for (surface, bsdf) in surfaces.iter_mut().zip(&each[..group.len]) {
+    let mut surfaces = [kind(at.bsdfs.lane(0))?; MAX_WIDTH];
+    if let Bsdfs::Each(each) = &at.bsdfs {
+        for (surface, bsdf) in surfaces.iter_mut().zip(&each[..at.len]) {
             *surface = kind(bsdf)?;
         }
     }
@@ -386,20 +378,20 @@ fn of_kind<'g, F: Lanes, B>(
 /// Principled surfaces.
 #[inline(never)]
 fn evaluate_principled<F: Lanes, const RICH: bool>(
-    group: &Group<'_, F>,
+    at: &Scattering<'_, F>,
     surfaces: &[&Principled; MAX_WIDTH],
     directions: &[Direction<F>],
-    scatters: bool,
+    group: Option<&Group<'_, F>>,
 ) -> Evaluated<F> {
     F::vectorize(
-        group.token,
+        at.token,
         #[inline(always)]
         || {
-            let surface = match group.bsdfs {
-                Bsdfs::Same(_) => InLanes::<F>::splat(group.token, surfaces[0]),
-                Bsdfs::Each(_) => InLanes::<F>::gather(group.token, surfaces),
+            let surface = match at.bsdfs {
+                Bsdfs::Same(_) => InLanes::<F>::splat(at.token, surfaces[0]),
+                Bsdfs::Each(_) => InLanes::<F>::gather(at.token, surfaces),
             };
-            evaluate(group, surface.view::<RICH>(group.wo), directions, scatters)
+            evaluate(at, surface.view::<RICH>(at.wo), directions, group)
         },
     )
 }
@@ -409,15 +401,15 @@ macro_rules! evaluate_kind {
         $(#[$doc])*
         #[inline(never)]
         fn $name<F: Lanes>(
-            group: &Group<'_, F>,
+            at: &Scattering<'_, F>,
             lanes: &[&$kind; MAX_WIDTH],
             directions: &[Direction<F>],
-            scatters: bool,
+            group: Option<&Group<'_, F>>,
         ) -> Evaluated<F> {
             F::vectorize(
-                group.token,
+                at.token,
                 #[inline(always)]
-                || evaluate(group, InLanes::<F>::gather(group.token, lanes).view(group.wo), directions, scatters),
+                || evaluate(at, InLanes::<F>::gather(at.token, lanes).view(at.wo), directions, group),
             )
         }
     };
@@ -440,33 +432,38 @@ evaluate_kind!(
 
 /// Surfaces of several kinds, lane by lane.
 #[inline(never)]
-fn evaluate_each<F: Lanes>(group: &Group<'_, F>, directions: &[Direction<F>], scatters: bool) -> Evaluated<F> {
+fn evaluate_each<F: Lanes>(
+    at: &Scattering<'_, F>,
+    directions: &[Direction<F>],
+    group: Option<&Group<'_, F>>,
+) -> Evaluated<F> {
     F::vectorize(
-        group.token,
+        at.token,
         #[inline(always)]
-        || evaluate(group, EachLane { lanes: group.one_by_one(), len: group.len }, directions, scatters),
+        || evaluate(at, EachLane { lanes: at.one_by_one(), len: at.len }, directions, group),
     )
 }
 
-/// Evaluates BSDFs for some directions. If the paths scatter, also the albedo and a new direction.
+/// Evaluates BSDFs for some directions. If the paths of a group scatter, also the albedo and a new direction.
 #[inline(always)]
 fn evaluate<F: Lanes, V: View<F>>(
-    group: &Group<'_, F>,
+    at: &Scattering<'_, F>,
     view: V,
     directions: &[Direction<F>],
-    scatters: bool,
+    group: Option<&Group<'_, F>>,
 ) -> Evaluated<F> {
-    let at = Scatterer { frames: group.frames, view };
-    let zero = group.gathered.constant(0.0);
+    let Scattering { frames, wo, .. } = *at;
+    let at = Scatterer { frames, view };
+    let zero = wo.x.constant(0.0);
     let black = Rgb::splat(zero);
     let mut direct = SmallVec::new();
     for (lanes, direction) in directions {
         direct.push(if lanes.any() { at.eval(*direction) } else { (black, zero) });
     }
-    if !scatters {
-        return Evaluated { albedo: black, direct, wi: group.wo, sample: BsdfSamples::none(zero), u_roulette: zero };
-    }
-    let albedo = if group.has_layers { at.view.albedo(group.wo) } else { black };
+    let Some(group) = group else {
+        return Evaluated { albedo: black, direct, wi: wo, sample: BsdfSamples::none(zero), u_roulette: zero };
+    };
+    let albedo = if group.has_layers { at.view.albedo(wo) } else { black };
     let numbers = group.state.sampler.numbers(dimensions::scatter(group.vertex));
     let ([u_x, u_y], [u_lobe, u_roulette]) = (numbers.first_two(), numbers.last_two());
     let (wi, sample) = at.sample([u_x, u_y, u_lobe]);

@@ -39,19 +39,13 @@ pub struct ShadingFrames<F: Lanes> {
     /// Unit geometric normals, on the side given by the winding.
     pub normal: V3<F>,
     /// Lanes whose shading normal lies on the side of the geometric one.
-    along: F::Mask,
-    /// Lanes whose shading normal may differ from the geometric one by more than its sign.
-    is_bent: F::Mask,
+    pub along: F::Mask,
+    /// Lanes whose shading normal may differ from the geometric one by more than its sign. In all other lanes the local
+    /// frame and the geometric normal agree about the side of a direction up to rounding.
+    pub is_bent: F::Mask,
 }
 
 impl<F: Lanes> ShadingFrames<F> {
-    /// Lanes whose shading normal may differ from the geometric one by more than its sign. In all other lanes the local
-    /// frame and the geometric normal agree about the side of a direction up to rounding.
-    #[inline(always)]
-    pub fn is_bent(&self) -> F::Mask {
-        self.is_bent
-    }
-
     /// Lanes in which local frame and geometric normal agree about the side of a direction. Light must not leak through
     /// the surface in a direction about which they disagree.
     #[inline(always)]
