@@ -111,10 +111,13 @@ impl<F: Lanes> Solver<'_, F> {
                 let mut traced = TracedChains::new(self.ends, lanes, direction);
                 for event in 0..Chain::MAX_EVENTS {
                     let [mut has_event, mut is_reflection] = [0; 2];
-                    for lane in 0..F::WIDTH {
-                        has_event |= u32::from(event < chains.chain[lane].events()) << lane;
-                        is_reflection |= u32::from(chains.chain[lane].is_reflection(event)) << lane;
-                    }
+                    traced.exists.each(
+                        #[inline(always)]
+                        |lane| {
+                            has_event |= u32::from(event < chains.chain[lane].events()) << lane;
+                            is_reflection |= u32::from(chains.chain[lane].is_reflection(event)) << lane;
+                        },
+                    );
                     let active = traced.exists & F::mask(self.token, has_event);
                     if !active.any() {
                         break;
