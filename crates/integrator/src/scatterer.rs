@@ -4,7 +4,7 @@ use dunkelfeld_bsdf::{Bsdf, BsdfSample, BsdfSamples, Lobe, View};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, One, V3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::ShadingFrames;
+use dunkelfeld_scene::{Bsdfs, ShadingFrames};
 
 /// Points on surfaces, one for each lane: frames of shading and BSDFs seen from the camera side.
 pub(crate) struct Scatterer<F: Lanes, V> {
@@ -123,6 +123,31 @@ impl View<f32> for OneLane<'_> {
     #[inline]
     fn albedo(&self, wo: V3<f32>) -> Rgb {
         self.bsdf.albedo(LocalDir(wo.into()))
+    }
+}
+
+/// What scattering depends on, one for each lane.
+#[derive(Clone, Copy)]
+pub(crate) struct Scattering<'g, F: Lanes> {
+    pub(crate) token: F::Token,
+    /// Number of lanes that are used.
+    pub(crate) len: usize,
+    pub(crate) frames: ShadingFrames<F>,
+    /// Directions toward the camera, in the frames of shading.
+    pub(crate) wo: V3<F>,
+    pub(crate) bsdfs: Bsdfs<'g>,
+}
+
+impl<'g, F: Lanes> Scattering<'g, F> {
+    /// The BSDFs one by one.
+    #[inline(always)]
+    pub(crate) fn one_by_one(&self) -> [OneLane<'g>; MAX_WIDTH] {
+        let wo = self.wo.to_lanes();
+        let mut lanes = [OneLane { bsdf: self.bsdfs.lane(0), wo: LocalDir(wo[0]) }; MAX_WIDTH];
+        for lane in 1..F::WIDTH {
+            lanes[lane] = OneLane { bsdf: self.bsdfs.lane(lane), wo: LocalDir(wo[lane]) };
+        }
+        lanes
     }
 }
 

@@ -134,9 +134,9 @@ impl<'a, F: Lanes> VertexRoulettes<'a, F> {
             return other;
         }
         let mut shares = [0.0; MAX_WIDTH];
-        for lane in 0..F::WIDTH {
-            if let Some(cell) = self.cells.get(self.found[lane] as usize) {
-                shares[lane] = share_of(cell);
+        for (share, found) in shares.iter_mut().zip(self.found) {
+            if let Some(cell) = self.cells.get(found as usize) {
+                *share = share_of(cell);
             }
         }
         let survival = clamp(expected * self.gain_scale * F::load(expected.token(), &shares));

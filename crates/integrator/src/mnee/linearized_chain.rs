@@ -60,7 +60,7 @@ impl<F: Lanes> LinearizedChains<F> {
         &self,
         origin: V3<F::Double>,
         first: V3<F>,
-    ) -> (F::Mask, V3<F::Double>, V3<F::Double>, RayDifferentials<F>) {
+    ) -> (F::Mask, [V3<F::Double>; 2], RayDifferentials<F>) {
         let mut rays = RayDifferentials::from_point(first);
         let (mut position, mut direction, mut passes) = (origin, first.widen(), self.is_short);
         for vertex in self.vertices.iter().map_while(|vertex| vertex.as_ref()) {
@@ -95,7 +95,7 @@ impl<F: Lanes> LinearizedChains<F> {
             position = V3::select(lanes, there, position);
             direction = V3::select(lanes, behind, direction);
         }
-        (passes, position, direction, rays)
+        (passes, [position, direction], rays)
     }
 }
 
@@ -125,7 +125,7 @@ mod tests {
         chain.set(2, &vertex(0.5, 1.0, true));
         let first = DVec3::new(0.5, 0.1, 0.7).normalize().as_vec3();
         let direction = first.as_dvec3();
-        let (passes, position, leaving, rays) = chain.trace(zero, first.into());
+        let (passes, [position, leaving], rays) = chain.trace(zero, first.into());
         assert!(passes, "a transmitted ray");
         let vector = |v: V3<f64>| DVec3::new(v.x, v.y, v.z);
         let (position, leaving_vector) = (vector(position), vector(leaving));
@@ -139,7 +139,7 @@ mod tests {
         // The ray differential equals the difference to a neighbouring ray.
         let step = 1e-3f32;
         let moved = (first + Vec3::from(rays.axes[0]) * step).normalize();
-        let (_, other, turned, _) = chain.trace(zero, moved.into());
+        let (_, [other, turned], _) = chain.trace(zero, moved.into());
         let (other, turned) = (vector(other), vector(turned));
         let reached = (other - position) + (turned - leaving_vector) * 0.3;
         let reached = reached - turned * (reached.dot(leaving_vector) / turned.dot(leaving_vector));

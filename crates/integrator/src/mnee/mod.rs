@@ -284,8 +284,8 @@ impl<F: Lanes> Endpoints<F> {
     #[inline(always)]
     pub(crate) fn inside(&self, scene: &Scene) -> [Option<u32>; MAX_WIDTH] {
         let mut inside = [None; MAX_WIDTH];
-        for lane in 0..F::WIDTH {
-            inside[lane] = self.enclosing[lane].material(scene);
+        for (inside, enclosing) in inside.iter_mut().zip(&self.enclosing).take(F::WIDTH) {
+            *inside = enclosing.material(scene);
         }
         inside
     }
@@ -394,7 +394,7 @@ impl<F: Lanes> Solver<'_, F> {
                 let mut error = self.ends.time.constant(f32::INFINITY);
                 let (mut running, mut converges) = (lanes, lanes);
                 for _ in 0..MAX_LINEARIZED_STEPS {
-                    let (passes, position, leaving, differentials) = chains.trace(origin, direction);
+                    let (passes, [position, leaving], differentials) = chains.trace(origin, direction);
                     let residuals = self.residuals(position, leaving, &differentials);
                     let Residuals { exists, step, size, .. } = residuals;
                     let is_better = passes & exists & residuals.error.lt(error) & size.lt(size.constant(MAX_STEP));

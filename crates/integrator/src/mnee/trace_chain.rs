@@ -204,8 +204,8 @@ impl<F: Lanes> Solver<'_, F> {
         };
         self.scene.bvh().closest_hits(self.set, &rays, &mut hits);
         let mut found = 0;
-        for lane in 0..F::WIDTH {
-            found |= u32::from(instance[lane] != NO_HIT) << lane;
+        for (lane, instance) in instance.iter().enumerate().take(F::WIDTH) {
+            found |= u32::from(*instance != NO_HIT) << lane;
         }
         let found = active & F::mask(token, found);
         let first = found.bits().trailing_zeros() as usize % MAX_WIDTH;

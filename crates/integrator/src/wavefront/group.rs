@@ -6,9 +6,9 @@ use crate::learned_roulette::VertexRoulettes;
 use crate::observer::Event;
 use crate::path::PathStates;
 use crate::ray_state::EnclosingSolids;
-use crate::scatterer::OneLane;
+use crate::scatterer::Scattering;
 use dunkelfeld_bsdf::Bsdf;
-use dunkelfeld_geometry::{LocalDir, Ray, Vec3};
+use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
@@ -238,10 +238,10 @@ impl Wavefront<'_> {
         let normal = group.points.normal;
         let from_inside = normal.dot(group.from).is_positive().bits();
         let inward = (-normal.dot(wi)).is_positive().bits();
-        for lane in 0..group.len {
-            if let Some(among) = self.among_solids.get(group.paths[lane] as usize) {
+        for (lane, (enclosing, &path)) in enclosing.iter_mut().zip(&group.paths[..group.len]).enumerate() {
+            if let Some(among) = self.among_solids.get(path as usize) {
                 let [from_inside, inward] = [from_inside, inward].map(|bits| bits >> lane & 1 == 1);
-                enclosing[lane] = among.enclosing.beyond(group.solid, from_inside, inward);
+                *enclosing = among.enclosing.beyond(group.solid, from_inside, inward);
             }
         }
         for (lane, interface) in group.interfaces.iter().enumerate() {
@@ -250,31 +250,6 @@ impl Wavefront<'_> {
             }
         }
         enclosing
-    }
-}
-
-/// What scattering depends on, one for each lane.
-#[derive(Clone, Copy)]
-pub(super) struct Scattering<'g, F: Lanes> {
-    pub(super) token: F::Token,
-    /// Number of lanes that are used.
-    pub(super) len: usize,
-    pub(super) frames: ShadingFrames<F>,
-    /// Directions toward the camera, in the frames of shading.
-    pub(super) wo: V3<F>,
-    pub(super) bsdfs: Bsdfs<'g>,
-}
-
-impl<'g, F: Lanes> Scattering<'g, F> {
-    /// The BSDFs one by one.
-    #[inline(always)]
-    pub(super) fn one_by_one(&self) -> [OneLane<'g>; MAX_WIDTH] {
-        let wo = self.wo.to_lanes();
-        let mut lanes = [OneLane { bsdf: self.bsdfs.lane(0), wo: LocalDir(wo[0]) }; MAX_WIDTH];
-        for lane in 1..F::WIDTH {
-            lanes[lane] = OneLane { bsdf: self.bsdfs.lane(lane), wo: LocalDir(wo[lane]) };
-        }
-        lanes
     }
 }
 

@@ -1,7 +1,8 @@
 //! The paths of many samples at once, vertex by vertex.
 //!
 //! ```text
-//! camera -> [ closest hits -> media, coverage, emission -> sort -> light samples and scattering -> shadow rays ]
+//! camera -> [ closest hits -> media, coverage, emission -> sort -> light samples and scattering
+//!                                                                 -> connections through covers -> shadow rays ]
 //! ```
 //!
 //! The stages in brackets are repeated until no path is left. Each is a loop over all paths that have reached it. Light
@@ -11,6 +12,7 @@
 //! A path reads and writes only its own state, and its contributions are added in the order of its vertices and lights.
 //! So a sample has the same bits at every width and in every batch. A batch of one sample in one lane is the reference.
 
+mod attempts;
 mod connect;
 mod group;
 pub(crate) mod rays;
@@ -22,7 +24,7 @@ use crate::mnee::SpecularPrefix;
 use crate::observer::{ConnectionTally, Event, Observer};
 use crate::path::PathState;
 use crate::ray_state::{EnclosingSolids, RayState};
-use connect::Attempts;
+use attempts::Attempts;
 use dunkelfeld_bvh::Hit;
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;

@@ -1,6 +1,5 @@
 //! Rays of a wave, and their results.
 
-use super::scatter::Queued;
 use crate::mnee::Attempt;
 use dunkelfeld_bvh::{Hit, HitBatch, NO_HIT, RayBatch};
 use dunkelfeld_geometry::{Ray, Vec3};
@@ -150,6 +149,16 @@ impl Hits {
             triangle: triangle[i],
         })
     }
+}
+
+/// Shadow rays of lanes.
+pub(super) struct Queued<F: Lanes> {
+    pub(super) lanes: F::Mask,
+    pub(super) origin: V3<F>,
+    pub(super) direction: V3<F>,
+    pub(super) t_max: F,
+    /// Radiance of the pixel if the ray is not occluded [W/(m^2 sr)].
+    pub(super) light: Rgb<F>,
 }
 
 /// Shadow rays to one light, with the light that they carry.

@@ -2,7 +2,8 @@
 //!
 //! Each stage is a function of its own, so that only the evaluation of BSDFs is compiled for each kind of them.
 
-use super::group::{Group, Scattering};
+use super::group::Group;
+use super::rays::Queued;
 use super::{Layers, Watch, Wavefront};
 use crate::dimensions;
 use crate::direct::light_weight;
@@ -10,7 +11,7 @@ use crate::mnee::SpecularPrefix;
 use crate::observer::{Event, TraceScattering};
 use crate::path::{max_survival, survival};
 use crate::ray_state::{EnclosingSolids, RayState};
-use crate::scatterer::{EachLane, Scatterer};
+use crate::scatterer::{EachLane, Scatterer, Scattering};
 use dunkelfeld_bsdf::{Bsdf, BsdfSamples, Dielectric, HenyeyGreenstein, InLanes, Lobe, Principled, ThinSheet, View};
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{Ray, Vec3};
@@ -468,14 +469,4 @@ fn evaluate<F: Lanes, V: View<F>>(
     let ([u_x, u_y], [u_lobe, u_roulette]) = (numbers.first_two(), numbers.last_two());
     let (wi, sample) = at.sample([u_x, u_y, u_lobe]);
     Evaluated { albedo, direct, wi, sample, u_roulette }
-}
-
-/// Shadow rays of lanes.
-pub(super) struct Queued<F: Lanes> {
-    pub(super) lanes: F::Mask,
-    pub(super) origin: V3<F>,
-    pub(super) direction: V3<F>,
-    pub(super) t_max: F,
-    /// Radiance of the pixel if the ray is not occluded [W/(m^2 sr)].
-    pub(super) light: Rgb<F>,
 }

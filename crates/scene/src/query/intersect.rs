@@ -2,7 +2,6 @@
 
 use crate::geometry::triangle_data::FLAT;
 use crate::light::emission_profile::EmissionProfile;
-use crate::light::sample::LightTarget;
 use crate::material::Material;
 use crate::query::surface::{self, TexturePoint};
 use crate::query::surface_points::HitLanes;
@@ -163,15 +162,6 @@ impl Scene {
             open *= 1.0 - self.coverage(&self.surface_point(&hit, ray.time), ray.direction);
         });
         if occluded { 0.0 } else { open }
-    }
-
-    /// The shadow ray at time 0 from a point in space to a light: its far end is moved off the light's surface.
-    #[inline(always)]
-    pub fn shadow_ray_from(&self, origin: Vec3, direction: Vec3, target: Option<&LightTarget>) -> Ray {
-        let Some(target) = target else { return Ray::new(origin, direction) };
-        let end = (target.point.into(), target.normal.into(), true);
-        let (direction, t_max) = shadow_rays::<f32>(origin.into(), direction.into(), end);
-        Ray::with_end(origin, direction.into(), t_max)
     }
 }
 
