@@ -1,21 +1,30 @@
-//! Rays per second on one thread: closest hit and any hit, coherent and diffuse, in rooms of 12, 60 k and 1 M triangles. The
-//! time to build scenes of 1 M triangles on one thread and on two.
+//! Nanoseconds per ray of one thread: primary rays, first shadow rays and diffuse second rays, in the waves of the
+//! integrator, on a preset station and on a mesh of 1 M triangles; single rays, and batches of each instruction set. The time
+//! to build scenes of 1 M triangles on one thread and on two.
 //!
-//! `cargo bench -p dunkelfeld --bench rays`; the throughput that criterion prints is rays per second. `-- build` builds only,
-//! and prints the least time of all builds, which take turns.
+//! `cargo bench -p dunkelfeld --bench rays`; `-- rays` or `-- build` measures one of both. The times are sums of the least
+//! times of all waves. All methods take turns, so that other work disturbs them alike.
 
 #![allow(clippy::print_stdout, reason = "a bench prints its results")]
 
 use std::hint::black_box;
 use std::time::Instant;
 
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use dunkelfeld_bvh::{Bvh, BvhInstance, Hit, MeshTriangles};
-use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec3, geometric_normal, hit_point, offset_ray_origin};
-use dunkelfeld_scene::{BuildCache, Material, SceneBuilder};
+use dunkelfeld::{Project, Station};
+use dunkelfeld_bvh::{HitBatch, NO_HIT, RayBatch};
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec3};
+use dunkelfeld_integrator::Wavefront;
+use dunkelfeld_lanes::InstructionSet;
+use dunkelfeld_scene::{BuildCache, Material, Scene, SceneBuilder};
 
-/// Rays per measurement: enough that they and what they touch do not stay in the first-level cache.
-const RAYS: usize = 1 << 15;
+/// Number of waves, and of samples of a pixel.
+const WAVES: usize = 128;
+const SAMPLES: usize = 16;
+/// Side of a tile, and of the film \[pixels\].
+const TILE: usize = 16;
+const FILM: usize = 512;
+/// Number of measurements of each wave.
+const ROUNDS: usize = 20;
 /// Number of builds on each number of threads.
 const BUILDS: usize = 7;
 
@@ -54,100 +63,176 @@ fn torus(around: usize, across: usize) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     (positions, triangles)
 }
 
-struct Room {
-    positions: Vec<Vec3>,
-    triangles: Vec<[u32; 3]>,
-    bvh: Bvh,
+/// A scene with a camera and a square lamp.
+struct World {
+    name: &'static str,
+    scene: Scene,
+    /// The ray through a point of the film, from 0 to 1 in each coordinate.
+    camera: Box<dyn Fn(f32, f32) -> Ray>,
+    /// A corner of the lamp and its edges.
+    lamp: [Vec3; 3],
 }
 
-impl Room {
-    /// A closed room of 12 triangles around a bumpy torus of `2 around * across`.
-    fn new(around: usize, across: usize) -> Self {
-        let (mut positions, mut triangles) = torus(around, across);
-        let base = positions.len() as u32;
-        positions.extend((0..8).map(|i| {
+impl World {
+    /// A preset station with its stand-in part. The lamp is a square around the camera.
+    fn station(name: &'static str) -> Option<Self> {
+        let scene = Project::from_text("station.toml", &Station::find(name)?.job()).ok()?.scene;
+        let camera = scene.ray_generator(scene.cameras().first()?, FILM as u32, FILM as u32).ok()?;
+        let middle = camera.ray(0.5 * FILM as f32, 0.5 * FILM as f32);
+        let side = middle.direction.any_orthonormal_vector();
+        let (u, v) = (0.1 * side, 0.1 * side.cross(middle.direction));
+        let camera = Box::new(move |x, y| camera.ray(FILM as f32 * x, FILM as f32 * y));
+        Some(Self { name, scene, camera, lamp: [middle.origin - 0.5 * (u + v), u, v] })
+    }
+
+    /// A torus of 1 M triangles in a closed room of 12, with a lamp under the ceiling.
+    fn dense() -> Option<Self> {
+        let mut builder = tori(1, 1000, 500, 1);
+        let grey = builder.add_material(Material::default());
+        let positions = (0..8).map(|i| {
             let side = |bit: u32| if i & bit == 0 { -2.0 } else { 2.0 };
             Vec3::new(side(1), side(2), side(4))
-        }));
-        for [a, b, c, d] in [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]] {
-            triangles.extend([[a, b, c], [a, c, d]].map(|t| t.map(|i| base + i)));
-        }
-        let mesh = MeshTriangles { positions: &positions, triangles: &triangles };
-        let bvh = Bvh::build(&[mesh], &[BvhInstance { mesh: 0, to_world: None, motion: None }])
-            .expect("indices are in range");
-        Self { positions, triangles, bvh }
-    }
-
-    /// Rays of a camera, pixel by pixel.
-    fn coherent(&self) -> Vec<Ray> {
+        });
+        let sides = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
+        let triangles = sides.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        builder.add_object("room", Mesh { positions: positions.collect(), triangles, ..Mesh::default() }, grey);
+        let scene = builder.build().ok()?.0;
+        let origin = scene.world_origin().as_vec3();
         let eye = Vec3::new(1.9, -1.9, 1.5);
-        let forward = (-eye).normalize();
-        let right = forward.cross(Vec3::Z).normalize();
-        let up = right.cross(forward);
-        let side = RAYS.isqrt();
-        let at = |k: usize| 1.3 * ((k as f32 + 0.5) / side as f32 - 0.5);
-        (0..side * side)
-            .map(|i| Ray::new(eye, (forward + at(i % side) * right + at(i / side) * up).normalize()))
-            .collect()
+        let right = eye.cross(Vec3::NEG_Z).normalize();
+        let up = right.cross(-eye).normalize();
+        let camera = Box::new(move |x: f32, y: f32| {
+            let direction = -eye.normalize() + 0.9 * (x - 0.5) * right + 0.9 * (0.5 - y) * up;
+            Ray::new(eye - origin, direction.normalize())
+        });
+        Some(Self {
+            name: "1 M triangles",
+            scene,
+            camera,
+            lamp: [Vec3::new(-0.5, -0.5, 1.9) - origin, Vec3::X, Vec3::Y],
+        })
     }
 
-    /// The ray that a diffuse surface sends on, or the one from it to `to`.
-    fn bounce(&self, ray: &Ray, hit: &Hit, random: &mut Random, to: Option<Vec3>) -> Ray {
-        let corners = self.triangles[hit.triangle as usize].map(|i| self.positions[i as usize]);
-        let n = geometric_normal(&corners);
-        let n = if n.dot(ray.direction) > 0.0 { -n } else { n };
-        let (p, error) = hit_point(&corners, hit.b1, hit.b2);
-        let (direction, t_max) = match to {
-            None => ((n + 0.999 * random.direction()).normalize(), f32::INFINITY),
-            Some(target) => ((target - p).normalize(), 0.999 * (target - p).length()),
-        };
-        Ray::with_end(offset_ray_origin(p, error, n, direction), direction, t_max)
-    }
-
-    /// After three diffuse bounces, in random order: no two neighbours have anything in common.
-    fn diffuse(&self, random: &mut Random) -> Vec<Ray> {
-        let mut rays = self.coherent();
-        for _ in 0..3 {
-            rays = rays.iter().filter_map(|r| Some(self.bounce(r, &self.bvh.closest_hit(r)?, random, None))).collect();
-        }
-        for i in (1..rays.len()).rev() {
-            rays.swap(i, (random.unit() * (i + 1) as f32) as usize % (i + 1));
-        }
-        rays
-    }
-
-    /// From the visible points to points on a lamp under the ceiling.
-    fn shadow(&self, random: &mut Random) -> Vec<Ray> {
-        let rays = self.coherent();
-        let lamp = |random: &mut Random| Vec3::new(random.unit() - 0.5, random.unit() - 0.5, 1.9);
-        rays.iter()
-            .filter_map(|r| {
-                let target = lamp(random);
-                Some(self.bounce(r, &self.bvh.closest_hit(r)?, random, Some(target)))
+    /// Waves of primary rays, of first shadow rays and of diffuse second rays, in the order in which the integrator makes
+    /// them: samples of a pixel side by side, pixels by tiles, points on surfaces by materials.
+    fn waves(&self) -> [Vec<Rays>; 3] {
+        let (mut waves, mut random) = ([const { Vec::new() }; 3], Random(7));
+        let across = FILM / TILE;
+        let samples = (0..across * across).flat_map(|tile| {
+            // Tiles that are far from each other. The step is odd.
+            let tile = tile * 389 % (across * across);
+            (0..TILE * TILE * SAMPLES).map(move |sample| {
+                let pixel = sample / SAMPLES;
+                (tile % across * TILE + pixel % TILE, tile / across * TILE + pixel / TILE)
             })
-            .collect()
+        });
+        let mut primary = Vec::new();
+        for (x, y) in samples.take(WAVES * Wavefront::BATCH) {
+            let at = |pixel: usize, random: &mut Random| (pixel as f32 + random.unit()) / FILM as f32;
+            primary.push((self.camera)(at(x, &mut random), at(y, &mut random)));
+            if primary.len() == Wavefront::BATCH {
+                let [shadow, second] = self.bounce(&primary, &mut random);
+                for (waves, rays) in waves.iter_mut().zip([&primary, &shadow, &second]) {
+                    waves.push(Rays::new(rays));
+                }
+                primary.clear();
+            }
+        }
+        waves
+    }
+
+    /// The rays from the first hits to the lamp, and those that diffuse surfaces send on.
+    fn bounce(&self, rays: &[Ray], random: &mut Random) -> [Vec<Ray>; 2] {
+        let (mut shadow, mut second) = (Vec::new(), Vec::new());
+        let mut points: Vec<_> =
+            rays.iter().filter_map(|ray| Some((ray.direction, self.scene.intersect(ray)?))).collect();
+        points.sort_by_key(|(_, point)| point.material());
+        for (direction, point) in points {
+            let n = if point.normal.dot(direction) > 0.0 { -point.normal } else { point.normal };
+            let [corner, u, v] = self.lamp;
+            let to_lamp = corner + random.unit() * u + random.unit() * v - point.point;
+            if to_lamp.dot(n) > 0.0 {
+                let direction = to_lamp.normalize();
+                shadow.push(Ray::with_end(point.ray_origin(direction), direction, 0.999 * to_lamp.length()));
+            }
+            let direction = (n + 0.999 * random.direction()).normalize();
+            second.push(Ray::new(point.ray_origin(direction), direction));
+        }
+        [shadow, second]
     }
 }
 
-fn rays(criterion: &mut Criterion) {
-    for (name, around, across) in [("12", 0, 0), ("60k", 300, 100), ("1M", 1000, 500)] {
-        let room = Room::new(around, across);
-        let mut random = Random(7);
-        let (coherent, diffuse, shadow) = (room.coherent(), room.diffuse(&mut random), room.shadow(&mut random));
-        let mut group = criterion.benchmark_group(format!("rays/{name}"));
-        for (kind, rays) in [("coherent", &coherent), ("diffuse", &diffuse)] {
-            group.throughput(Throughput::Elements(rays.len() as u64));
-            group.bench_with_input(BenchmarkId::new("closest_hit", kind), rays, |bencher, rays| {
-                bencher.iter(|| rays.iter().filter(|r| room.bvh.closest_hit(black_box(r)).is_some()).count());
-            });
+/// The rays of a wave, one by one and by coordinates.
+struct Rays {
+    single: Vec<Ray>,
+    origin: [Vec<f32>; 3],
+    direction: [Vec<f32>; 3],
+    t_max: Vec<f32>,
+}
+
+impl Rays {
+    fn new(rays: &[Ray]) -> Self {
+        let of = |number: &dyn Fn(&Ray) -> f32| rays.iter().map(number).collect::<Vec<_>>();
+        let axes = [0, 1, 2];
+        Self {
+            single: rays.to_vec(),
+            origin: axes.map(|k| of(&|r| r.origin[k])),
+            direction: axes.map(|k| of(&|r| r.direction[k])),
+            t_max: of(&|r| r.t_max),
         }
-        for (kind, rays) in [("shadow", &shadow), ("diffuse", &diffuse)] {
-            group.throughput(Throughput::Elements(rays.len() as u64));
-            group.bench_with_input(BenchmarkId::new("occluded", kind), rays, |bencher, rays| {
-                bencher.iter(|| rays.iter().filter(|r| room.bvh.occluded(black_box(r))).count());
-            });
+    }
+
+    fn batch(&self) -> RayBatch<'_> {
+        let [origin, direction] = [&self.origin, &self.direction].map(|v| v.each_ref().map(Vec::as_slice));
+        RayBatch { origin, direction, t_max: &self.t_max, time: &[] }
+    }
+}
+
+/// Traces a wave with a method: single rays without an instruction set. Returns the number of rays that hit a surface.
+fn trace(scene: &Scene, wave: &Rays, set: Option<InstructionSet>, any: bool) -> usize {
+    let (bvh, count) = (scene.bvh(), wave.single.len());
+    let Some(set) = set else {
+        let hits = |ray: &&Ray| if any { bvh.occluded(ray) } else { bvh.closest_hit(black_box(ray)).is_some() };
+        return wave.single.iter().filter(hits).count();
+    };
+    if any {
+        let mut occluded = [false; Wavefront::BATCH];
+        bvh.occluded_batch(set, &wave.batch(), &mut occluded[..count]);
+        return occluded[..count].iter().filter(|o| **o).count();
+    }
+    let [mut t, mut b1, mut b2] = [[0.0; Wavefront::BATCH]; 3];
+    let [mut instance, mut part, mut triangle] = [[0; Wavefront::BATCH]; 3];
+    let (t, b1, b2) = (&mut t[..count], &mut b1[..count], &mut b2[..count]);
+    let (part, triangle) = (&mut part[..count], &mut triangle[..count]);
+    let mut hits = HitBatch { t, b1, b2, instance: &mut instance[..count], part, triangle };
+    bvh.closest_hits(set, &wave.batch(), &mut hits);
+    hits.instance.iter().filter(|i| **i != NO_HIT).count()
+}
+
+/// Prints the time per ray of all kinds and methods.
+fn rays(rounds: usize) {
+    let sets = InstructionSet::all().into_iter().filter(|set| set.lanes() > 1);
+    let methods: Vec<_> = std::iter::once(None).chain(sets.map(Some)).collect();
+    print!("{:<38} {:>8}", "ns per ray", "single");
+    methods.iter().flatten().for_each(|set| print!(" {:>8}", format!("{} lanes", set.lanes())));
+    println!();
+    for world in [World::station("bright-field-ring"), World::dense()].into_iter().flatten() {
+        for (kind, waves) in ["primary", "first shadow", "second"].into_iter().zip(world.waves()) {
+            let mut least = vec![vec![f64::INFINITY; waves.len()]; methods.len()];
+            for _ in 0..rounds {
+                for (least, set) in least.iter_mut().zip(&methods) {
+                    for (wave, least) in waves.iter().zip(least) {
+                        let began = Instant::now();
+                        black_box(trace(&world.scene, wave, *set, kind == "first shadow"));
+                        *least = least.min(began.elapsed().as_secs_f64());
+                    }
+                }
+            }
+            let count: usize = waves.iter().map(|wave| wave.single.len()).sum();
+            print!("{:<38}", format!("{}, {kind}", world.name));
+            least.iter().for_each(|l| print!(" {:>8.1}", 1e9 * l.iter().sum::<f64>() / count.max(1) as f64));
+            println!();
         }
-        group.finish();
     }
 }
 
@@ -166,12 +251,7 @@ fn tori(count: usize, around: usize, across: usize, threads: usize) -> SceneBuil
 }
 
 /// Prints the least time of several builds on one thread and on two, in turns, so that other work disturbs both.
-fn builds(_: &mut Criterion) {
-    let arguments: Vec<String> = std::env::args().collect();
-    let is_wanted = |name: &str| arguments.iter().skip(1).all(|a| a.starts_with('-') || name.contains(a.as_str()));
-    if !is_wanted("build") || !arguments.iter().any(|a| a == "--bench") {
-        return;
-    }
+fn builds() {
     println!("{:<28} {:>10} {:>10} {:>6}", "build of a scene [ms]", "1 thread", "2 threads", "ratio");
     for (name, count, around, across) in
         [("1 mesh of 1 M triangles", 1, 1000, 500), ("100 meshes of 10 k triangles", 100, 100, 50)]
@@ -192,5 +272,15 @@ fn builds(_: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, builds, rays);
-criterion_main!(benches);
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let is_wanted = |name: &str| arguments.iter().all(|a| a.starts_with('-') || name.contains(a.as_str()));
+    // Without `--bench` (`cargo test --bench rays`) each wave is traced once.
+    let is_bench = arguments.iter().any(|a| a == "--bench");
+    if is_wanted("build") && is_bench {
+        builds();
+    }
+    if is_wanted("rays") {
+        rays(if is_bench { ROUNDS } else { 1 });
+    }
+}

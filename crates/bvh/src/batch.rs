@@ -11,7 +11,7 @@ use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3, dispatch};
 
 use crate::packet::together;
 use crate::scene::{Bvh, Hit};
-use crate::traverse::Nearest;
+use crate::traverse::{Nearest, one_by_one};
 
 /// Rays of a batch: one array for each number, all of one length. Units and meaning are those of [`Ray`].
 #[derive(Clone, Copy, Debug)]
@@ -47,14 +47,15 @@ pub struct HitBatch<'a> {
 impl RayBatch<'_> {
     #[inline(always)]
     pub(crate) fn ray(&self, i: usize) -> Ray {
-        let [origin, direction] = [self.origin, self.direction].map(|[x, y, z]| Vec3::new(x[i], y[i], z[i]));
+        let ([ox, oy, oz], [dx, dy, dz]) = (self.origin, self.direction);
+        let (origin, direction) = (Vec3::new(ox[i], oy[i], oz[i]), Vec3::new(dx[i], dy[i], dz[i]));
         Ray { origin, direction, t_max: self.t_max[i], time: self.time.get(i).copied().unwrap_or(0.0) }
     }
 }
 
 impl HitBatch<'_> {
     #[inline(always)]
-    fn set(&mut self, i: usize, hit: &Hit) {
+    pub(crate) fn set(&mut self, i: usize, hit: &Hit) {
         (self.t[i], self.b1[i], self.b2[i]) = (hit.t, hit.b1, hit.b2);
         (self.instance[i], self.part[i], self.triangle[i]) = (hit.instance, hit.part, hit.triangle);
     }
@@ -97,11 +98,10 @@ pub(crate) enum Results<'a, 'b> {
 
 impl Results<'_, '_> {
     /// The results of rays that hit nothing.
-    #[inline(always)]
     fn set_none(&mut self, numbers: &[u32]) {
         for number in numbers {
             match self {
-                Self::Nearest(hits) => hits.instance[*number as usize] = crate::NO_HIT,
+                Self::Nearest(hits) => hits.set(*number as usize, &Nearest::none(0.0).hit),
                 Self::Occluded(occluded) => occluded[*number as usize] = false,
             }
         }
@@ -110,7 +110,7 @@ impl Results<'_, '_> {
 
 /// The kinds of the rays at a place of a batch: the largest axis of the direction and its octant.
 #[inline(always)]
-fn kinds<F: Lanes>(token: F::Token, rays: &RayBatch, at: usize, kinds: &mut [u32]) {
+fn kinds_of<F: Lanes>(token: F::Token, rays: &RayBatch, at: usize, kinds: &mut [u32]) {
     let [ox, oy, oz] = rays.origin;
     let [dx, dy, dz] = rays.direction;
     let o = V3::new(F::load(token, &ox[at..]), F::load(token, &oy[at..]), F::load(token, &oz[at..]));
@@ -133,7 +133,7 @@ pub(crate) fn bits<F: Lanes>(token: F::Token, number: u32) -> F {
     F::from_bits(F::splat_word(token, number))
 }
 
-/// Sorts rays by their kind, and follows them in packets.
+/// Follows rays of one kind in packets: neighbours if their kinds are equal, and the others sorted by their kind.
 #[inline(always)]
 fn each_packet<F: Lanes, const ANY: bool, const GROUP: usize>(
     token: F::Token,
@@ -145,50 +145,92 @@ fn each_packet<F: Lanes, const ANY: bool, const GROUP: usize>(
     if count == 0 {
         return;
     }
-    let (mut of_group, mut order) = ([0; GROUP], [0; GROUP]);
-    // After packets whose rays soon went alone, some are not tried. The results are the same.
-    let (mut skip, mut pause) = (0usize, 1);
+    let (mut of_others, mut others, mut order) = ([0; GROUP], [0; GROUP], [0; GROUP]);
+    let mut packets = Packets { skip: 0, pause: 1 };
     for first in (0..count).step_by(GROUP) {
-        let group = GROUP.min(count - first);
-        let vectors = group / F::WIDTH * F::WIDTH;
-        for at in (0..vectors).step_by(F::WIDTH) {
-            kinds::<F>(token, rays, first + at, &mut of_group[at..]);
+        let end = count.min(first + GROUP);
+        // Numbers of neighbours of one kind, and of the other rays.
+        let (mut equal, mut other, mut at) = (0, 0, first);
+        while at < end {
+            let kinds = &mut of_others[other..];
+            let width = if end - at < F::WIDTH { 1 } else { F::WIDTH };
+            if width == F::WIDTH {
+                kinds_of::<F>(token, rays, at, kinds);
+            } else {
+                kinds_of::<f32>((), rays, at, kinds);
+            }
+            let is_equal = width == F::WIDTH && are_equal(&kinds[..width]) && kinds[0] as usize != INVALID;
+            let (list, len) = if is_equal { (&mut order, &mut equal) } else { (&mut others, &mut other) };
+            for (number, to) in (at as u32..).zip(&mut list[*len..*len + width]) {
+                *to = number;
+            }
+            *len += width;
+            at += width;
         }
-        for at in vectors..group {
-            kinds::<f32>((), rays, first + at, &mut of_group[at..]);
-        }
-        let ends = sort(first as u32, &of_group[..group], &mut order);
+        let ends = sort(&others[..other], &of_others[..other], &mut order[equal..]);
         let mut begin = 0;
-        for (kind, end) in ends.into_iter().enumerate() {
-            while begin < end {
-                let packet = &order[begin..end.min(begin + F::WIDTH)];
-                begin += packet.len();
-                if kind == INVALID {
-                    results.set_none(packet);
-                } else if packet.len() <= few::<F>() || skip > 0 {
-                    skip = skip.saturating_sub(1);
-                    alone::<ANY>(bvh, rays, packet, results);
-                } else if together::<F, ANY>(token, bvh, rays, packet, results) > F::WIDTH / 2 {
-                    pause = (2 * pause).min(64);
-                    skip = pause;
+        for (kind, end) in std::iter::once(0).chain(ends).enumerate() {
+            while begin < equal + end {
+                let numbers = &order[begin..(equal + end).min(begin + F::WIDTH)];
+                begin += numbers.len();
+                if kind == INVALID + 1 {
+                    results.set_none(numbers);
                 } else {
-                    pause = 1;
+                    packets.follow::<F, ANY>(token, bvh, rays, numbers, results);
                 }
             }
         }
     }
 }
 
-/// The numbers of rays, from `first` on, in the order of their kinds. Returns the end of each kind.
-fn sort(first: u32, kinds: &[u32], order: &mut [u32]) -> [usize; KINDS] {
-    let mut ends = [0; KINDS];
-    if kinds.iter().all(|kind| *kind == kinds[0]) {
-        for (number, at) in (first..).zip(order.iter_mut()) {
-            *at = number;
+/// The choice between packets and single rays. The results are the same.
+struct Packets {
+    /// So many packets are not tried.
+    skip: usize,
+    /// How many are not tried after the next one whose rays go alone.
+    pause: usize,
+}
+
+impl Packets {
+    #[inline(always)]
+    fn follow<F: Lanes, const ANY: bool>(
+        &mut self,
+        token: F::Token,
+        bvh: &Bvh,
+        rays: &RayBatch,
+        numbers: &[u32],
+        results: &mut Results,
+    ) {
+        if numbers.len() <= few::<F>() || self.skip > 0 {
+            self.skip = self.skip.saturating_sub(1);
+            one_by_one(bvh, rays, numbers, results);
+            return;
         }
-        ends[kinds[0] as usize % KINDS..].fill(kinds.len());
-        return ends;
+        // Half of the rays of 16 lanes, a quarter of those of 8: the more lanes, the more a packet saves. Factors and limits
+        // are those of the least times on meshes of 1 M triangles.
+        let alone = together::<F, ANY>(token, bvh, rays, numbers, results);
+        if 32 * alone > F::WIDTH * F::WIDTH {
+            self.pause = (4 * self.pause).min(512);
+            self.skip = self.pause;
+        } else {
+            self.pause = (self.pause / 4).max(1);
+        }
     }
+}
+
+/// Is each number equal to the first one?
+#[inline(always)]
+fn are_equal(kinds: &[u32]) -> bool {
+    let mut different = 0;
+    for kind in kinds {
+        different |= kind ^ kinds[0];
+    }
+    different == 0
+}
+
+/// Rays in the order of their kinds. Returns the end of each kind.
+fn sort(rays: &[u32], kinds: &[u32], order: &mut [u32]) -> [usize; KINDS] {
+    let mut ends = [0; KINDS];
     for kind in kinds {
         ends[*kind as usize % KINDS] += 1;
     }
@@ -196,9 +238,9 @@ fn sort(first: u32, kinds: &[u32], order: &mut [u32]) -> [usize; KINDS] {
     for begin in &mut ends {
         (*begin, end) = (end, end + *begin);
     }
-    for (number, kind) in (first..).zip(kinds) {
+    for (ray, kind) in rays.iter().zip(kinds) {
         let at = &mut ends[*kind as usize % KINDS];
-        order[*at] = number;
+        order[*at] = *ray;
         *at += 1;
     }
     ends
@@ -207,23 +249,7 @@ fn sort(first: u32, kinds: &[u32], order: &mut [u32]) -> [usize; KINDS] {
 /// A group of so many rays is followed one by one.
 #[inline(always)]
 pub(crate) fn few<F: Lanes>() -> usize {
-    F::WIDTH.div_ceil(4)
-}
-
-#[inline(never)]
-fn alone<const ANY: bool>(bvh: &Bvh, rays: &RayBatch, numbers: &[u32], results: &mut Results) {
-    // A ray that has just been written in parts cannot be read at once as a whole. So all are written first.
-    let mut group = [Ray::new(Vec3::ZERO, Vec3::ZERO); MAX_WIDTH];
-    for (ray, number) in group.iter_mut().zip(numbers) {
-        *ray = rays.ray(*number as usize);
-    }
-    for (ray, number) in group.iter().zip(numbers) {
-        let i = *number as usize;
-        match results {
-            Results::Nearest(hits) => hits.set(i, &bvh.closest_hit(ray).unwrap_or(Nearest::none(0.0).hit)),
-            Results::Occluded(occluded) => occluded[i] = bvh.occluded(ray),
-        }
-    }
+    F::WIDTH.div_ceil(8)
 }
 
 /// The place of as many numbers in a row as there are lanes, if these are such.
@@ -233,13 +259,13 @@ fn in_a_row<F: Lanes>(numbers: &[u32]) -> Option<Range<usize>> {
     (last - first + 1 == F::WIDTH && numbers.len() == F::WIDTH).then_some(first..last + 1)
 }
 
-/// A number of each ray. Lanes beyond the last ray have zeros.
+/// A number of each ray. Lanes beyond the last ray have those of the last one.
 #[inline(always)]
 pub(crate) fn load<F: Lanes>(token: F::Token, from: &[f32], numbers: &[u32]) -> F {
     if let Some(row) = in_a_row::<F>(numbers) {
         return F::load(token, &from[row]);
     }
-    let mut lanes = [0.0; MAX_WIDTH];
+    let mut lanes = [from[numbers[numbers.len() - 1] as usize]; MAX_WIDTH];
     for (to, number) in lanes.iter_mut().zip(numbers) {
         *to = from[*number as usize];
     }

@@ -4,15 +4,15 @@
 
 use std::mem::MaybeUninit;
 
-use dunkelfeld_geometry::Vec3;
 use dunkelfeld_geometry::triangle::{PlaneF64, shear_axes};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 
 use crate::batch::{RayBatch, Results, bits, few, load, load3, store, store_bits};
+use crate::beam::Beam;
 use crate::scene::{Bvh, Hit, NO_HIT, Space};
 use crate::simd8::WIDTH;
 use crate::traverse::{self, Nearest, Part, Prepared};
-use crate::tree::{LEAF, MAX_DEPTH, NONE, STACK, Tree, entry, octant};
+use crate::tree::{LEAF, MAX_DEPTH, NONE, STACK, Tree, entry, growth, octant};
 
 /// Follows a packet. Returns how often a ray went alone.
 #[inline(always)]
@@ -25,8 +25,9 @@ pub(crate) fn together<F: Lanes, const ANY: bool>(
 ) -> usize {
     let first = rays.ray(numbers[0] as usize).direction;
     let (origin, direction) = (load3(token, rays.origin, numbers), load3(token, rays.direction, numbers));
-    let form = Prepared::<F>::new(origin, direction, shear_axes(first), octant(first), &bvh.top.bounds);
-    let ray_end = load(token, rays.t_max, numbers);
+    let bounds = &bvh.top.bounds;
+    let form = Prepared::<F>::new(origin, direction, shear_axes(first), octant(first), bounds);
+    let ray_end: F = load(token, rays.t_max, numbers);
     let none = bits(token, NO_HIT);
     let zero = F::splat(token, 0.0);
     let mut packet = Packet::<F, ANY> {
@@ -35,7 +36,11 @@ pub(crate) fn together<F: Lanes, const ANY: bool>(
         rays,
         numbers,
         form,
-        arrays: form.to_arrays(),
+        arrays: &mut None,
+        origin,
+        direction,
+        beam: Beam::new(origin, &form.slabs, growth(origin, bounds)),
+        ends: [ray_end.extremes()[1]; 2],
         live: u32::MAX >> (32 - numbers.len()),
         alone: 0,
         end: ray_end,
@@ -153,8 +158,13 @@ struct Packet<'a, F: Lanes, const ANY: bool> {
     /// Number of the ray of each lane.
     numbers: &'a [u32],
     form: Prepared<F>,
-    /// The same numbers in memory, for rays that go alone.
-    arrays: Prepared<[f32; MAX_WIDTH]>,
+    /// The same numbers in memory, once a ray has gone alone.
+    arrays: &'a mut Option<Prepared<[f32; MAX_WIDTH]>>,
+    origin: V3<F>,
+    direction: V3<F>,
+    beam: Beam<F::Eight>,
+    /// The greatest end of all rays, and the greatest distance of a nearest hit.
+    ends: [f32; 2],
     /// Bits of the lanes that are not decided.
     live: u32,
     /// How often a ray went alone.
@@ -192,7 +202,10 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
             if child.word & LEAF == 0 && child.lanes.count_ones() as usize > few::<F>() {
                 let node = &tree.nodes[child.word as usize];
                 let (mut children, mut count) = ([Child::default(); WIDTH], 0);
-                for slot in 0..WIDTH {
+                let mut slots = self.beam.children(node, self.ends[1]);
+                while slots != 0 {
+                    let slot = slots.trailing_zeros() as usize & (WIDTH - 1);
+                    slots &= slots - 1;
                     let (entered, near) = self.form.slabs.enter_child(node, slot, self.nearest.key);
                     let lanes = entered.bits() & child.lanes;
                     if lanes != 0 {
@@ -259,16 +272,20 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
     fn leaf(&mut self, instance: u32, child: &Child, near: F) {
         let (bvh, token) = (self.bvh, self.token);
         let Some((block, part)) = bvh.mesh(instance).block(child.word & !LEAF) else { return };
-        for triangle in 0..block.count() {
+        let mut triangles = self.beam.triangles(block, self.ends[0]);
+        let mut is_nearer = false;
+        while triangles != 0 {
+            let triangle = triangles.trailing_zeros() as usize & (WIDTH - 1);
+            triangles &= triangles - 1;
             let lanes = child.lanes & self.live;
             let Some(found) = self.form.shear.intersect_one(block, triangle, lanes, self.end, self.nearest.key) else {
                 continue;
             };
             let mut t = found.t;
             if found.near != 0 {
-                let mut ts = t.to_array();
-                self.decide_near(found.near, &block.corners(triangle), &mut ts);
-                t = F::load(self.token, &ts);
+                // Within its own error of zero or of the ray's end.
+                let exact = PlaneF64::new(&block.corners(triangle)).distance(self.origin, self.direction);
+                t = F::mask(token, found.near).select(exact, t);
             }
             let hits = t.is_positive() & t.lt(self.end);
             if ANY {
@@ -287,6 +304,7 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
             };
             let hits = hits & F::mask(self.token, found.lanes);
             let equal = hits & nearest.key.eq(self.nearest.key) & nearest.t.le(self.nearest.t);
+            is_nearer |= hits.any();
             self.nearest.replace(hits & nearest.key.lt(self.nearest.key), &nearest);
             if equal.any() {
                 let found = nearest.to_arrays();
@@ -298,25 +316,8 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
                 });
             }
         }
-    }
-
-    /// Distances within their own error of zero or of the ray's end, computed again in f64. All lanes are computed together.
-    #[inline(always)]
-    fn decide_near(&self, lanes: u32, corners: &[Vec3; 3], t: &mut [f32; MAX_WIDTH]) {
-        let plane = PlaneF64::new(corners);
-        let (mut from, mut along, mut exact) = ([[0.0; MAX_WIDTH]; 3], [[1.0; MAX_WIDTH]; 3], [0.0; MAX_WIDTH]);
-        for lane in 0..F::WIDTH {
-            let i = self.numbers[lane.min(self.numbers.len() - 1)] as usize;
-            for k in 0..3 {
-                (from[k][lane], along[k][lane]) = (self.rays.origin[k][i], self.rays.direction[k][i]);
-            }
-        }
-        for lane in 0..F::WIDTH {
-            let origin = [from[0][lane], from[1][lane], from[2][lane]];
-            exact[lane] = plane.distance(origin, [along[0][lane], along[1][lane], along[2][lane]]);
-        }
-        for lane in 0..F::WIDTH {
-            t[lane] = if lanes >> lane & 1 == 1 { exact[lane] } else { t[lane] };
+        if is_nearer {
+            self.ends[1] = self.nearest.key.extremes()[1];
         }
     }
 
@@ -325,7 +326,11 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
     fn alone(&mut self, child: &Child, near: F, instance: u32) {
         self.alone += child.lanes.count_ones() as usize;
         let near = near.to_array();
-        let Self { bvh, rays, numbers, arrays, live, .. } = self;
+        let Self { bvh, rays, numbers, live, form, .. } = self;
+        let arrays = self.arrays.get_or_insert_with(
+            #[inline(always)]
+            || form.to_arrays(),
+        );
         let place = |lane: usize| {
             let part = Part { start: entry(near[lane], child.word), instance };
             (arrays.lane(lane), rays.ray(numbers[lane] as usize), part)
@@ -340,6 +345,7 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
                 let (form, ray, part) = place(lane);
                 traverse::closest_in_part(bvh, &form, &ray, part, nearest);
             });
+            self.ends[1] = self.nearest.key.extremes()[1];
         }
     }
 }

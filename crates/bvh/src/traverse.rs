@@ -9,6 +9,7 @@ use dunkelfeld_geometry::{Aabb, Ray, RigidMotion, Transform};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3};
 use fearless_simd::Simd;
 
+use crate::batch::{RayBatch, Results};
 use crate::scene::{Bvh, Hit, Instance, MeshTree, NO_HIT, Space};
 use crate::simd8::{Eight, F8, WIDTH, dispatch8};
 use crate::tree::{Leaves, Slabs, octant};
@@ -73,6 +74,27 @@ pub(crate) fn closest_hit(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
         closest_below(simd, bvh, &Prepared::of_ray(ray, &bvh.top.bounds), ray, bvh.whole(), &mut nearest);
         (nearest.hit.instance != NO_HIT).then_some(nearest.hit)
     })
+}
+
+/// The nearest hits of some rays of a batch, or if they are occluded.
+#[inline(never)]
+pub(crate) fn one_by_one(bvh: &Bvh, rays: &RayBatch, numbers: &[u32], results: &mut Results) {
+    dispatch8!(bvh.level, simd => {
+        for &number in numbers {
+            let (number, ray) = (number as usize, rays.ray(number as usize));
+            match results {
+                Results::Nearest(hits) => {
+                    let mut nearest = Nearest::none(ray.t_max);
+                    let form = Prepared::of_ray(&ray, &bvh.top.bounds);
+                    closest_below(simd, bvh, &form, &ray, bvh.whole(), &mut nearest);
+                    hits.set(number, &nearest.hit);
+                }
+                Results::Occluded(occluded) => {
+                    occluded[number] = occluded_in_scene(simd, bvh, &ray, &mut NoTriangles);
+                }
+            }
+        }
+    });
 }
 
 /// Continues the search for the nearest hit at a child of a tree.
@@ -179,7 +201,8 @@ impl<F: Lanes> Prepared<F> {
     /// Prepares rays for trees within `bounds`. All directions have the same axes and octant.
     #[inline(always)]
     pub(crate) fn new(origin: V3<F>, direction: V3<F>, axes: [usize; 3], octant: usize, bounds: &Aabb) -> Self {
-        Self { slabs: Slabs::new(origin, direction, octant, bounds), shear: Shear::new(origin, direction, axes) }
+        let slabs = Slabs::new(origin, direction, octant, bounds);
+        Self { slabs, shear: Shear::new(origin, direction, slabs.near_inverse, axes) }
     }
 
     /// The numbers of each lane.
@@ -380,8 +403,12 @@ impl<S: Simd> Leaves for ClosestTriangle<'_, S> {
             let lane = rest.trailing_zeros() as usize & (WIDTH - 1);
             rest &= rest - 1;
             let (t, triangle) = (ts[lane], block.triangle(lane));
+            let key = if t > entry { t } else { entry };
+            if key > self.nearest.key {
+                continue;
+            }
             let hit = Hit { t, instance: self.world.instance, part, triangle, b1: b1[lane], b2: b2[lane] };
-            let found = Nearest { key: if t > entry { t } else { entry }, hit };
+            let found = Nearest { key, hit };
             if found.is_before(self.nearest) && self.world.is_hit(t, self.ray.t_max) {
                 *self.nearest = found;
                 *t_max = found.key;

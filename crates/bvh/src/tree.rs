@@ -71,6 +71,9 @@ pub(crate) trait Leaves {
     fn visit(&mut self, payload: u32, entry: f32, t_max: &mut f32) -> bool;
 }
 
+/// Factor on distances to far planes.
+pub(crate) const FAR_SCALE: f32 = 1.0 + 8.0 * UNIT_ROUNDOFF;
+
 /// A ray in the form that the box test needs.
 ///
 /// It is the slab test of Williams et al. (2005). The far side is moved out by rounding as in Ize, "Robust BVH ray
@@ -85,11 +88,11 @@ pub(crate) trait Leaves {
 #[derive(Clone, Copy)]
 pub(crate) struct Slabs<F> {
     /// Indices of the three rows of a node with the near sides; the far ones are their neighbours.
-    near: [usize; 3],
-    near_origin: [F; 3],
-    near_inverse: [F; 3],
-    far_origin: [F; 3],
-    far_inverse: [F; 3],
+    pub(crate) near: [usize; 3],
+    pub(crate) near_origin: [F; 3],
+    pub(crate) near_inverse: [F; 3],
+    pub(crate) far_origin: [F; 3],
+    pub(crate) far_inverse: [F; 3],
 }
 
 /// The signs of a direction: bit i is set if coordinate i is negative or minus zero.
@@ -98,16 +101,21 @@ pub(crate) fn octant(direction: Vec3) -> usize {
     direction.to_array().iter().enumerate().fold(0, |bits, (axis, x)| bits | usize::from(x.is_sign_negative()) << axis)
 }
 
+/// The growth of boxes within `bounds`, for rays from these origins.
+#[inline(always)]
+pub(crate) fn growth<F: Lanes>(o: V3<F>, bounds: &Aabb) -> F {
+    // The farthest side is at the centre plus half the extent, so no maximum of two is needed.
+    let (middle, half) = (0.5 * bounds.min + 0.5 * bounds.max, 0.5 * bounds.max - 0.5 * bounds.min);
+    let token = o.x.token();
+    let reach = ((V3::splat(token, middle) - o).abs() + V3::splat(token, half)).max_element();
+    reach * (10.0 * UNIT_ROUNDOFF) + o.abs().max_element() * (2.0 * UNIT_ROUNDOFF)
+}
+
 impl<F: Lanes> Slabs<F> {
     /// The form of rays for trees within `bounds`. All directions are in the octant.
     #[inline(always)]
     pub(crate) fn new(o: V3<F>, d: V3<F>, octant: usize, bounds: &Aabb) -> Self {
-        // The farthest side is at the centre plus half the extent, so no maximum of two is needed.
-        let (middle, half) = (0.5 * bounds.min + 0.5 * bounds.max, 0.5 * bounds.max - 0.5 * bounds.min);
-        let token = o.x.token();
-        let reach = ((V3::splat(token, middle) - o).abs() + V3::splat(token, half)).max_element();
-        let grow = reach * (10.0 * UNIT_ROUNDOFF) + o.abs().max_element() * (2.0 * UNIT_ROUNDOFF);
-        let far_scale = 1.0 + 8.0 * UNIT_ROUNDOFF;
+        let grow = growth(o, bounds);
         // Zero and minus zero differ here, so that the sides fit the sign of the infinite inverse.
         let near = [octant & 1, 2 + (octant >> 1 & 1), 4 + (octant >> 2 & 1)];
         let (o, near_inverse) = ([o.x, o.y, o.z], [d.x.recip(), d.y.recip(), d.z.recip()]);
@@ -116,7 +124,7 @@ impl<F: Lanes> Slabs<F> {
             let shift = grow.copysign(near_inverse[axis]);
             near_origin[axis] = o[axis] + shift;
             far_origin[axis] = o[axis] - shift;
-            far_inverse[axis] = near_inverse[axis] * far_scale;
+            far_inverse[axis] = near_inverse[axis] * FAR_SCALE;
         }
         Self { near, near_origin, near_inverse, far_origin, far_inverse }
     }

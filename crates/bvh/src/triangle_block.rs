@@ -67,14 +67,10 @@ impl TriangleBlock {
         (0..WIDTH).fold(0, |mask, lane| mask | (self.triangles[lane] >> 31) << lane)
     }
 
-    /// Number of triangles. They are in the first lanes.
+    /// A coordinate of the three corners of all triangles.
     #[inline(always)]
-    pub(crate) fn count(&self) -> usize {
-        let mut count = 0;
-        while count < WIDTH && self.triangles[count] != NO_TRIANGLE {
-            count += 1;
-        }
-        count
+    pub(crate) fn corners_of_axis(&self, axis: usize) -> &[Eight; 3] {
+        &self.corners[axis]
     }
 
     /// The number of the triangle in a lane.
@@ -112,12 +108,12 @@ pub(crate) struct Candidates<F> {
 }
 
 impl<F: Lanes> Shear<F> {
-    /// The form of rays whose directions have these axes.
+    /// The form of rays whose directions have these axes and inverses.
     #[inline(always)]
-    pub(crate) fn new(origin: V3<F>, direction: V3<F>, axes: [usize; 3]) -> Self {
+    pub(crate) fn new(origin: V3<F>, direction: V3<F>, inverse: [F; 3], axes: [usize; 3]) -> Self {
         let [kx, ky, kz] = axes;
         let (o, d) = ([origin.x, origin.y, origin.z], [direction.x, direction.y, direction.z]);
-        let inv = d[kz].recip();
+        let inv = inverse[kz];
         Self { axes, origin: [o[kx], o[ky], o[kz]], shear: [d[kx] * inv, d[ky] * inv, inv] }
     }
 

@@ -11,7 +11,7 @@
 //! hit near the end of a ray is also decided in f64: a shadow ray that ends just before a light, almost parallel to it,
 //! must not hit that light.
 
-use dunkelfeld_lanes::{Double, Lanes, Mask, V3};
+use dunkelfeld_lanes::{Double, Lanes, Mask, Real, V3};
 use glam::{DVec3, Vec3};
 
 use crate::Ray;
@@ -93,7 +93,7 @@ pub fn edge_functions_f64(x: [f32; 3], y: [f32; 3]) -> [f32; 3] {
 /// below 8 units of roundoff of the sum of absolute terms.
 #[inline]
 pub fn plane_distance_f64(ray: &Ray, corners: &[Vec3; 3]) -> f32 {
-    PlaneF64::new(corners).distance(ray.origin.to_array(), ray.direction.to_array())
+    PlaneF64::new(corners).distance::<f32>(ray.origin.into(), ray.direction.into())
 }
 
 /// The plane of a triangle for [`plane_distance_f64`] of several rays.
@@ -116,21 +116,23 @@ impl PlaneF64 {
         Self { corner, normal: left - right, magnitude: left.abs() + right.abs() }
     }
 
-    /// [`plane_distance_f64`] of a ray, given by its origin and its direction.
-    // Plain numbers and no branch, so that a loop over rays is vectorised.
+    /// [`plane_distance_f64`] of rays, given by their origins and directions.
     #[inline(always)]
-    pub fn distance(&self, origin: [f32; 3], direction: [f32; 3]) -> f32 {
-        let Self { corner, normal, magnitude } = self;
-        let (ax, ay, az) =
-            (corner.x - f64::from(origin[0]), corner.y - f64::from(origin[1]), corner.z - f64::from(origin[2]));
-        let numerator = normal.x * ax + normal.y * ay + normal.z * az;
-        let bound = 4.0 * f64::EPSILON * (magnitude.x * ax.abs() + magnitude.y * ay.abs() + magnitude.z * az.abs());
-        let along = normal.x * f64::from(direction[0])
-            + normal.y * f64::from(direction[1])
-            + normal.z * f64::from(direction[2]);
-        let distance = (numerator / along) as f32;
-        if numerator.abs() <= bound { 0.0 } else { distance }
+    pub fn distance<F: Lanes>(&self, origin: V3<F>, direction: V3<F>) -> F {
+        let token = origin.x.token();
+        let (normal, magnitude) = (splat::<F>(token, self.normal), splat::<F>(token, self.magnitude));
+        let to_corner = splat::<F>(token, self.corner) - origin.widen();
+        let numerator = normal.dot(to_corner);
+        let bound = magnitude.dot(to_corner.abs()) * (4.0 * f64::EPSILON);
+        let distance = (numerator / normal.dot(direction.widen())).narrow();
+        let is_undecided = F::Double::narrow_mask(numerator.abs().le(bound));
+        is_undecided.select(distance.constant(0.0), distance)
     }
+}
+
+#[inline(always)]
+fn splat<F: Lanes>(token: F::Token, v: DVec3) -> V3<F::Double> {
+    V3::<F>::splat_double(token, V3::new(v.x, v.y, v.z))
 }
 
 /// `t` of the watertight test may be off by this factor times `(x y + (x + y) z) z / |det|`, where x, y and z are the
