@@ -13,7 +13,7 @@
 //! per cent.
 //!
 //! A round takes its samples in levels ([`crate::queue`]), which grow fourfold ([`Levels`]). Under a time limit no level is
-//! expected to take more than a third of the time left. So levels shrink geometrically toward the end, and the deadline
+//! expected to take more than two fifths of the time left. So levels shrink geometrically toward the end, and the deadline
 //! finds the tiles of the image within about a sample per pixel of the same level, also on a machine that becomes slower. Without a
 //! time limit rounds grow fourfold from one sample per pixel and depend on no measurement: the same arguments give the same
 //! plan on any machine.
@@ -36,8 +36,8 @@ pub const NOISE_LEVELS: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 pub const SHARES: std::ops::RangeInclusive<f64> = 1.0..=100.0;
 
 /// The largest expected time of a level, as a share of the time left. So a level is completed on a machine that becomes
-/// three times slower meanwhile.
-const TIME_SHARE: f64 = 0.3;
+/// two and a half times slower meanwhile.
+const TIME_SHARE: f64 = 0.4;
 /// A level or a round has at most this many times the samples taken before. An estimate from few samples is not applied to
 /// many.
 const GROWTH: u64 = 3;
@@ -229,7 +229,13 @@ impl Schedule {
         match self.phase {
             Phase::Pilot if self.can_adapt(all) => self.round(self.pilot_target(all).max(self.taken + 1), None, replan),
             Phase::Refine if self.limits.stop_on_noise => self.round(self.judge_at.min(wanted), None, replan),
-            Phase::Pilot | Phase::Refine => self.round((all as u64).max(self.taken + 1), Some(wanted), replan),
+            // Only whole samples per pixel go on evenly.
+            Phase::Pilot => {
+                let spp = (all / self.settings.pixels.max(1) as f64).max(1.0).ceil() as u64;
+                let target = spp.saturating_mul(self.settings.pixels).min(wanted);
+                self.round(target.max(self.taken + 1), Some(wanted), replan)
+            }
+            Phase::Refine => self.round((all as u64).max(self.taken + 1), Some(wanted), replan),
         }
     }
 

@@ -188,9 +188,9 @@ fn a_machine_that_becomes_slower_does_not_overrun_and_stays_even() {
     for budget in BUDGETS {
         for percent in (0..100).step_by(3) {
             let turn = budget * f64::from(percent) / 100.0;
-            let slowness = |now: f64| if now < turn { 1.0 } else { 3.0 };
+            let slowness = |now: f64| if now < turn { 1.0 } else { 2.4 };
             let machine = Machine { slowness: &slowness, ..Machine::new(budget, &costs) };
-            let run = machine.check(&format!("three times slower from {turn} s on"));
+            let run = machine.check(&format!("2.4 times slower from {turn} s on"));
             let (least, most) = of_tiles(&run.taken);
             assert!(f64::from(least) >= 0.8 * f64::from(most) - 300.0, "from {turn} s on: {least} to {most} of a tile");
         }

@@ -34,10 +34,9 @@ const DRY_RUN_PART: usize = 8;
 const REHEARSAL_SHARE: f64 = 0.065;
 /// Growth of the number of samples from one dry run to the next. More samples take longer to compress.
 const DRY_RUN_GROWTH: u64 = 16;
-/// One in so many pixels gets a sample in the first level of a render that has a time limit or is watched. It shows the scene.
+/// One in so many pixels gets a sample in the first level of a render that has a time limit or is watched. It shows the
+/// scene, and suffices for a dry run.
 const PREVIEW: u64 = 16;
-/// One in so many pixels has a sample at the first dry run.
-const DRY_RUN_FROM: u64 = 4;
 /// Time between the deadline for samples and the reserve for the end: this share of the limit, and at most so many seconds.
 const MARGIN: (f64, f64) = (0.01, 0.25);
 /// Time after the deadline for unfinished units: half of the tolerated overrun, this share of the limit and at least so many
@@ -47,6 +46,8 @@ const GRACE: (f64, f64) = (0.01, 0.1);
 const FIRST_GRACE: f64 = 0.25;
 /// Factor on the measured closing time, for a slow disk or a busy machine.
 const CLOSING_MARGIN: f64 = 1.15;
+/// The same for a film of fewer than two samples per pixel: its noise is unknown, so its certificate takes less time.
+const EARLY_CLOSING_MARGIN: f64 = 1.3;
 
 /// A finished (or interrupted) render: statistics of every pixel, and the course of the render.
 #[derive(Debug)]
@@ -326,7 +327,7 @@ impl<'a> Renderer<'a> {
         if let Some(phase) = self.continued {
             schedule.start_at(self.taken, phase);
         }
-        AdaptiveState { schedule, stage: Stage::Pilot, closing, dry_run_at: self.pixels().div_ceil(DRY_RUN_FROM) }
+        AdaptiveState { schedule, stage: Stage::Pilot, closing, dry_run_at: self.pixels() / PREVIEW }
     }
 
     /// Seconds reserved for the end, with the last checkpoint. The first checkpoint measures the duration of one.
@@ -429,7 +430,8 @@ impl<'a> Renderer<'a> {
                 0 => dry_run(&self.film)?,
                 first => dry_run(&self.film.copy_of_tile_rows(first..first + some))?,
             }
-            closing = CLOSING_MARGIN * of_all * began.elapsed().as_secs_f64();
+            let margin = if taken < 2 * self.pixels() { EARLY_CLOSING_MARGIN } else { CLOSING_MARGIN };
+            closing = margin * of_all * began.elapsed().as_secs_f64();
             self.spend(course.stage, began);
         }
         let dry_run_at = if is_denoised { u64::MAX } else { DRY_RUN_GROWTH.saturating_mul(taken) };
