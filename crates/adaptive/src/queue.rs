@@ -39,7 +39,7 @@ pub fn samples_at(level: f64, [before, target]: [u32; 2], threshold: f64) -> u32
 /// The threshold of a pixel, in [0, 1). In each tile of 16 x 16 pixels all multiples of 1/256 occur, evenly spread (ordered
 /// dithering, Bayer 1973). A hash of the tile exchanges its halves, quarters and so on.
 pub fn threshold(x: u32, y: u32) -> f64 {
-    let hash = mix(u64::from(y / 16) << 32 | u64::from(x / 16)) as u8;
+    let hash = mix((u64::from(y / 16) << 32) | u64::from(x / 16)) as u8;
     f64::from(BAYER[(y % 16 * 16 + x % 16) as usize] ^ hash) / 256.0 + 1.0 / 512.0
 }
 
@@ -51,7 +51,7 @@ const BAYER: [u8; 256] = {
         let (x, y) = (pixel % 16, pixel / 16);
         let mut bit = 0;
         while bit < 4 {
-            table[pixel] = table[pixel] << 2 | ((x ^ y) >> bit & 1) as u8 * 2 | (y >> bit & 1) as u8;
+            table[pixel] = 4 * table[pixel] + 2 * (((x ^ y) >> bit) & 1) as u8 + ((y >> bit) & 1) as u8;
             bit += 1;
         }
         pixel += 1;
