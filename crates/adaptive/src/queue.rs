@@ -29,6 +29,9 @@ pub fn samples_at(level: f64, [before, target]: [u32; 2], threshold: f64) -> u32
     if level == 1.0 || target <= before {
         return target.max(before);
     }
+    if level <= 0.0 {
+        return before;
+    }
     let samples = f64::from(before) + level * f64::from(target - before);
     let quantum = if samples >= COARSE_FROM { BATCHES as f64 } else { 1.0 };
     // `as` saturates.
@@ -230,7 +233,7 @@ mod tests {
     #[test]
     fn samples_grow_with_the_level_and_meet_the_target() {
         for (pixel, samples) in
-            [[0, 0], [0, 1], [0, 3], [4, 4], [16, 17], [30, 200], [7, 1001], [0, MAX_SPP]].iter().enumerate()
+            [[0, 0], [0, 1], [0, 3], [4, 4], [16, 17], [30, 200], [35, 90], [7, 1001], [0, MAX_SPP]].iter().enumerate()
         {
             let threshold = threshold(pixel as u32, 3);
             let mut before = samples[0];
@@ -243,7 +246,7 @@ mod tests {
                     n >= before && (f64::from(n) - wanted).abs() <= quantum || n == MAX_SPP,
                     "{samples:?}, {level}: {n}"
                 );
-                assert!(step != 100 || n == samples[1]);
+                assert!((step != 100 || n == samples[1]) && (step != 0 || n == samples[0]));
                 assert!(level > 1.0 || n <= samples[1]);
                 before = n;
             }
