@@ -14,7 +14,7 @@
 //! | Sobel magnitude | [`sobel::magnitude`] |
 //! | weights above a floor, mean one | [`weights::Strategy`] |
 //! | whole samples per pixel whose average meets the budget | [`plan::next_round`] |
-//! | a pilot, then rounds until the budget is used up (the pilot of the paper has about 8 % of the budget; a fifth gives better estimates, and is less than most pixels get anyway) | [`budget::Schedule`] |
+//! | a pilot, then rounds until the budget is used up (the pilot of the paper has about 8 % of the budget; a fifth gives better estimates, and is less than most pixels get anyway) | [`budget::Schedule`], [`queue`] |
 //!
 //! The edges are a proxy of the variance, and the variance is a proxy of visible noise. With a sensor, the render uses
 //! the variance itself. The module [`required_samples`] computes the samples that each pixel needs until its noise is
@@ -27,9 +27,9 @@
 //! from the pilot, and the samples of a pixel depend on its neighbours alone ([`variance::neighbours`]).
 //!
 //! The paper leaves open how a target time becomes a number of samples. Here the render measures the cost of samples
-//! ([`tile_cost`]) and approaches its deadline in rounds that shrink with the time left. The clock decides the number
-//! of samples of a round, and a hash decides which pixels get them. So a written plan can be replayed to the same bits
-//! on any machine.
+//! ([`tile_cost`]) and approaches its deadline in levels that shrink with the time left ([`queue`]). The clock decides the
+//! levels, and a hash decides which pixels get their samples. So a written plan can be replayed to the same bits on any
+//! machine.
 //!
 //! ```
 //! use dunkelfeld_adaptive::{weights, plan, budget};
@@ -38,18 +38,18 @@
 //! // A render of 8 x 4 pixels with 64 samples per pixel, a step edge in its middle.
 //! let luminance = Plane::from_fn(8, 4, |x, _| if x < 4 { 0.1 } else { 0.8 });
 //! let limits = budget::Limits { samples: Some(plan::total_for_mean(64.0, 32)), ..Default::default() };
-//! let settings = budget::Settings { pixels: 32, pilot_spp: 16, closing_seconds: 0.0 };
+//! let settings = budget::Settings { pixels: 32, pilot_spp: 16 };
 //! let mut schedule = budget::Schedule::new(limits, settings);
 //! let mut shares = weights::Shares::from_weights(weights::uniform(8, 4));
 //! let mut taken = plan::empty(8, 4);
-//! while let budget::Step::Round(round) = schedule.next(0.0, 1.0) {
+//! while let budget::Step::Round(round) = schedule.next(budget::Affordable::All) {
 //!     if round.replan {
 //!         let pilot = weights::Pilot { luminance: &luminance, white: 1.0, sobel_floor: 0.25, measured: None };
 //!         shares = weights::Strategy::Sobel.shares(&pilot);
 //!     }
 //!     let next = plan::next_round(&taken, &shares, schedule.taken() + round.samples);
 //!     // ... render `plan::increment(&taken, &next)` here ...
-//!     schedule.record(round.samples, round.samples as f64, 0.1);
+//!     schedule.record(plan::total(&next));
 //!     taken = next;
 //! }
 //! assert_eq!(plan::total(&taken), 64 * 32);
@@ -61,17 +61,19 @@
 pub mod budget;
 pub mod certificate;
 pub mod plan;
+pub mod queue;
 pub mod required_samples;
 pub mod sobel;
 pub mod tile_cost;
 pub mod variance;
 pub mod weights;
 
-pub use budget::{Limits, Phase, Round, Schedule, Settings, Step, StopReason};
+pub use budget::{Affordable, Levels, Limits, Phase, Round, Schedule, Settings, Step, StopReason};
 pub use certificate::{Certificate, Claim, certify};
 pub use plan::SamplePlan;
+pub use queue::{WorkQueue, WorkUnit};
 pub use required_samples::{RequiredSamples, SensorNoise};
-pub use tile_cost::{CostMap, TileGrid, TileRect, WorkUnit};
+pub use tile_cost::{CostMap, TileGrid, TileRect};
 pub use variance::inputs::{NoiseInputs, PixelFeatures};
 pub use variance::neighbours::PredictedNoise;
 pub use variance::pooled::PixelNoise;

@@ -21,7 +21,7 @@ pub const MAX_SPP: u32 = 1 << 30;
 
 /// From this share on, the samples of a pixel are rounded to full sets of film batches. The rounding is then a few per
 /// cent, and the batch means stay equally weighted.
-const COARSE_FROM: f64 = 8.0 * BATCHES as f64;
+pub(crate) const COARSE_FROM: f64 = 8.0 * BATCHES as f64;
 
 /// A plan without samples.
 pub fn empty(width: u32, height: u32) -> SamplePlan {
@@ -224,7 +224,7 @@ fn hashed_unit(seed: u64, index: u64) -> f64 {
 }
 
 /// The finaliser of SplitMix64 (Steele, Lea and Flood 2014).
-fn mix(x: u64) -> u64 {
+pub(crate) fn mix(x: u64) -> u64 {
     let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

@@ -1,31 +1,29 @@
-//! The render loop: pilot, plan and rounds until the budget is met.
+//! The render loop: pilot, plan and refinement until the budget is met.
 
 mod resume;
 
 use crate::checkpoint::{AdaptiveState, CheckpointWriter, ResumedWork, Snapshot};
 use crate::error::Error;
-use crate::load::ProcessorLoad;
 use crate::plan::forecast::{Forecast, Throughput};
 use crate::plan::{FIRST_LOOK, NoiseVerdict, Planner, State};
 use crate::rendered_film::{RenderedFilm, material_names};
-use crate::round::pass::{Portion, Stride};
-use crate::round::{ProgressReporter, RoundWork, TILE, abort_at, deadline, run};
+use crate::round::{Clock, End, ProgressReporter, RoundWork, TILE, run};
 use crate::session::Session;
 use crate::settings::{DEFAULT_SPP, DenoiseMethod, RenderSettings};
 use crate::stage::Stage;
 use crate::training::train;
 use crate::validate::validate;
 use crate::view::camera;
-use dunkelfeld_adaptive::budget::{Limits, Phase, Schedule, Settings, Step, StopReason};
-use dunkelfeld_adaptive::plan;
-use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, WorkUnit, makespan, upper_makespan};
+use dunkelfeld_adaptive::budget::{Affordable, Levels, Limits, Phase, Schedule, Settings, Step, StopReason};
+use dunkelfeld_adaptive::tile_cost::TileGrid;
+use dunkelfeld_adaptive::{WorkQueue, plan};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::{
     ConnectionTally, Estimator, LaneUse, LearnedRoulette, PixelIds, PixelSample, pixel_ids_of_row,
 };
 use dunkelfeld_scene::{RayGenerator, Scene};
 use rayon::prelude::*;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Assumed duration of exposure, certificate and outputs on one thread [s per megapixel], until it has been measured.
 const CLOSING_PER_MEGAPIXEL: f64 = 2.0;
@@ -35,11 +33,21 @@ const DRY_RUN_PART: usize = 8;
 /// Largest share of the remaining time that a dry run may take. Shorter renders use the estimate.
 const REHEARSAL_SHARE: f64 = 0.065;
 /// Growth of the number of samples from one dry run to the next. More samples take longer to compress.
-const DRY_RUN_GROWTH: u64 = 4;
-/// One in so many pixels gets a sample even if the time is over, so that the image shows the scene.
+const DRY_RUN_GROWTH: u64 = 16;
+/// One in so many pixels gets a sample in the first level of a render that has a time limit or is watched. It shows the
+/// scene, and suffices for a dry run.
 const PREVIEW: u64 = 16;
+/// Time between the deadline for samples and the reserve for the end: this share of the limit, and at most so many seconds.
+const MARGIN: (f64, f64) = (0.01, 0.25);
+/// Time after the deadline for unfinished units: half of the tolerated overrun, this share of the limit and at least so many
+/// seconds.
+const GRACE: (f64, f64) = (0.01, 0.1);
+/// Seconds for the first level of a render, if the deadline is earlier.
+const FIRST_GRACE: f64 = 0.25;
 /// Factor on the measured closing time, for a slow disk or a busy machine.
 const CLOSING_MARGIN: f64 = 1.15;
+/// The same for a film of fewer than two samples per pixel: its noise is unknown, so its certificate takes less time.
+const EARLY_CLOSING_MARGIN: f64 = 1.3;
 
 /// A finished (or interrupted) render: statistics of every pixel, and the course of the render.
 #[derive(Debug)]
@@ -164,12 +172,7 @@ struct Renderer<'a> {
     counts: Plane<u32>,
     taken: u64,
     planner: Planner<'a>,
-    costs: CostMap,
-    stride: Stride,
-    load: ProcessorLoad,
-    /// Number of passes so far, and the samples per second of the last one, for passes that are watched.
-    passes: u64,
-    rate: Option<f64>,
+    queue: WorkQueue,
     /// Seconds for which the render waited for a receiver of its film.
     waited: f64,
     stages: Vec<(Stage, f64)>,
@@ -189,8 +192,8 @@ struct Renderer<'a> {
 
 /// Next step of the schedule.
 enum Next {
-    /// A round up to this plan.
-    Round(Plane<u32>),
+    /// A round up to this plan, and beyond it up to so many samples of the image.
+    Round(Plane<u32>, u64),
     /// No step yet: the noise has been evaluated, and the schedule must be evaluated again.
     NoiseTarget,
     Stop(StopReason),
@@ -216,11 +219,7 @@ impl<'a> Renderer<'a> {
             counts: settings.samples_before(),
             taken: 0,
             planner: Planner::new(settings),
-            costs: CostMap::new(TileGrid::new(width, height, TILE)),
-            stride: Stride::default(),
-            load: ProcessorLoad::default(),
-            passes: 0,
-            rate: None,
+            queue: WorkQueue::new(TileGrid::new(width, height, TILE)),
             waited: 0.0,
             stages: Vec::new(),
             invalid: Vec::new(),
@@ -246,7 +245,7 @@ impl<'a> Renderer<'a> {
                 let total = self.taken + plan::total(&plan::increment(&self.counts, &plan));
                 let reporter = ProgressReporter::new(self.session.progress(), self.started, None, Some(total));
                 reporter.resume(self.taken);
-                self.round(&plan, Stage::Refine, None, &reporter)?;
+                self.round(&plan, total, dry_run, &reporter)?;
                 StopReason::Samples
             }
             (None, None) => self.rounds(dry_run)?,
@@ -272,44 +271,33 @@ impl<'a> Renderer<'a> {
         })
     }
 
-    /// Pilot and refinements, until the schedule stops the render.
+    /// Pilot and refinement, until the schedule stops the render.
     fn rounds(&mut self, dry_run: &OutputDryRun<'_>) -> Result<StopReason, Error> {
         let limits = self.limits();
         let reporter = ProgressReporter::new(self.session.progress(), self.started, limits.seconds, limits.samples);
         reporter.resume(self.taken);
-        let mut course = match self.course.take() {
-            Some(course) => course,
-            None => self.first_course(limits),
-        };
+        if self.course.is_none() {
+            self.course = Some(self.first_course(limits));
+        }
         loop {
             // A round that an earlier process left open comes first.
-            let target = match self.target.take() {
-                Some(target) => target,
-                None => match self.next_round(&mut course, limits, &reporter, dry_run)? {
-                    Next::Round(target) => target,
+            let (target, most) = match self.target.take() {
+                Some(target) => (target, self.taken),
+                None => match self.next_round(limits, &reporter, dry_run)? {
+                    Next::Round(target, most) => (target, most),
                     Next::NoiseTarget => continue,
                     Next::Stop(reason) => return Ok(reason),
                 },
             };
-            // The preview has a minimum number of samples. A round beyond it that would pass the deadline is cut.
-            let guard = (self.taken >= limits.at_least)
-                .then(|| deadline(self.started, limits.seconds, self.closing(&course)))
-                .flatten();
-            self.course = Some(course.clone());
-            let (before, began, waited) = (self.taken, Instant::now(), self.waited);
-            let work = self.round(&target, course.stage, guard, &reporter)?;
+            let end = self.round(&target, most, dry_run, &reporter)?;
             if self.session.is_cancelled() {
-                self.target = Some(target);
+                self.target = self.settings.budget.seconds.is_none().then_some(target);
                 return Ok(StopReason::Samples);
             }
-            // Includes the samples of this round that an earlier process took.
-            let seconds = began.elapsed().as_secs_f64() - (self.waited - waited);
-            course.schedule.record(self.taken - course.schedule.taken(), work, seconds);
-            if self.taken > before {
-                course.work_per_sample = work / (self.taken - before) as f64;
+            if let Some(course) = &mut self.course {
+                course.schedule.record(self.taken);
             }
-            self.course = Some(course.clone());
-            if guard.is_some_and(|d| Instant::now() > d) && self.taken < plan::total(&target) {
+            if end == End::Stop {
                 return Ok(StopReason::Time);
             }
             self.keep(None, false);
@@ -321,11 +309,9 @@ impl<'a> Renderer<'a> {
         let budget = self.settings.budget;
         let spp = budget.spp.or((budget.seconds.is_none() && budget.noise.is_none()).then_some(DEFAULT_SPP));
         let samples = spp.map(|spp| plan::total_for_mean(spp, self.pixels()).max(1));
-        let preview = (self.pixels() / PREVIEW).max(1);
         Limits {
             seconds: budget.seconds,
             samples,
-            at_least: preview.min(samples.unwrap_or(u64::MAX)),
             stop_on_noise: budget.noise.is_some(),
             max_pilot_spp: self.settings.max_pilot_spp,
         }
@@ -336,35 +322,47 @@ impl<'a> Renderer<'a> {
             + self.settings.denoise.expected_seconds(self.pixels(), self.session.threads());
         // If the noise ends the render, the pilot begins with a few samples that determine its size.
         let pilot_spp = self.settings.pilot_spp.min(if limits.stop_on_noise { FIRST_LOOK } else { u32::MAX });
-        let settings = Settings { pixels: self.pixels(), pilot_spp, closing_seconds: closing };
+        let settings = Settings { pixels: self.pixels(), pilot_spp };
         let mut schedule = Schedule::new(limits, settings);
         if let Some(phase) = self.continued {
             schedule.start_at(self.taken, phase);
         }
-        AdaptiveState { schedule, stage: Stage::Pilot, work_per_sample: 1.0, closing, dry_run_at: limits.at_least }
+        AdaptiveState { schedule, stage: Stage::Pilot, closing, dry_run_at: self.pixels() / PREVIEW }
     }
 
-    /// Seconds reserved for the end, with the last checkpoint. The first checkpoint measures the duration of one. Other
-    /// programs lengthen the end as they lengthened the rounds.
-    fn closing(&self, course: &AdaptiveState) -> f64 {
-        self.load.stretched(course.closing)
+    /// Seconds reserved for the end, with the last checkpoint. The first checkpoint measures the duration of one.
+    fn closing(&self) -> f64 {
+        self.course.as_ref().map_or(0.0, |course| course.closing)
             + self.writer.as_ref().map_or(0.0, |writer| CLOSING_MARGIN * writer.expected_seconds())
+    }
+
+    /// The end of the time for samples; `None` without a time limit, and for a given plan.
+    fn clock(&self) -> Option<Clock> {
+        let limit = self.settings.budget.seconds.filter(|_| self.course.is_some())?;
+        let after = |from: Instant, seconds: f64| from.checked_add(Duration::try_from_secs_f64(seconds.max(0.0)).ok()?);
+        let deadline = after(self.started, limit - (MARGIN.0 * limit).min(MARGIN.1) - self.closing())?;
+        let (is_first, first) = (self.taken == 0, after(Instant::now(), FIRST_GRACE)?);
+        let abort_at = after(deadline, (GRACE.0 * limit).max(GRACE.1))?;
+        Some(Clock { deadline, abort_at: if is_first { abort_at.max(first) } else { abort_at }, is_first })
     }
 
     /// Evaluates the schedule. Plans or evaluates the noise where that is due, and does a dry run of the outputs.
     fn next_round(
         &mut self,
-        course: &mut AdaptiveState,
         limits: Limits,
         reporter: &ProgressReporter<'_>,
         dry_run: &OutputDryRun<'_>,
     ) -> Result<Next, Error> {
-        if let Some(seconds) = limits.seconds {
-            self.dry_run(course, seconds, dry_run)?;
-        }
-        let closing = self.closing(course);
-        course.schedule.set_closing_seconds(closing);
-        let round = match course.schedule.next(self.started.elapsed().as_secs_f64(), course.work_per_sample) {
+        self.dry_run(dry_run)?;
+        let Some(mut course) = self.course.clone() else { return Ok(Next::Stop(StopReason::Samples)) };
+        let threads = self.session.threads();
+        let left = |clock: Clock| clock.deadline.saturating_duration_since(Instant::now()).as_secs_f64();
+        let affordable = match self.clock().map(|clock| self.queue.affordable(threads as f64 * left(clock))) {
+            None => Affordable::All,
+            Some(None) => Affordable::Unknown,
+            Some(Some(samples)) => Affordable::Samples(samples),
+        };
+        let round = match course.schedule.next(affordable) {
             Step::Stop(reason) => return Ok(Next::Stop(reason)),
             Step::Round(round) => Some(round),
             Step::CheckNoise => None,
@@ -374,10 +372,9 @@ impl<'a> Renderer<'a> {
             let state = State { film: &self.film, counts: &self.counts };
             let pace = Throughput {
                 elapsed: self.started.elapsed().as_secs_f64(),
-                per_work: course.schedule.pace(),
-                threads: self.session.threads(),
-                costs: &self.costs,
-                closing,
+                threads,
+                costs: self.queue.costs(),
+                closing: self.closing(),
                 limits: (limits.seconds, limits.samples),
             };
             let report = |forecast: &Forecast| reporter.sink.forecast(forecast);
@@ -399,102 +396,81 @@ impl<'a> Renderer<'a> {
                 }
             }
         }
-        let Some(round) = round else { return Ok(Next::NoiseTarget) };
-        course.stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
-        let began = Instant::now();
-        let target = self.target(round.samples, &course.schedule, limits.at_least);
-        self.spend(course.stage, began);
-        Ok(Next::Round(target))
+        let next = match round {
+            None => Next::NoiseTarget,
+            Some(round) => {
+                course.stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
+                let began = Instant::now();
+                let target = plan::next_round(&self.counts, self.planner.shares(), self.taken + round.samples);
+                self.spend(course.stage, began);
+                Next::Round(target, round.most)
+            }
+        };
+        self.course = Some(course);
+        Ok(next)
     }
 
     /// Makes the outputs of the middle rows if that is due, and measures the duration of all of them from it.
-    fn dry_run(&mut self, course: &mut AdaptiveState, seconds: f64, dry_run: &OutputDryRun<'_>) -> Result<(), Error> {
-        let began = Instant::now();
-        let all = self.film.sums.tile_rows().len();
-        let is_denoised = self.settings.denoise.method != DenoiseMethod::Off;
-        let some = if is_denoised { all } else { all.div_ceil(DRY_RUN_PART) };
-        let of_all = all as f64 / some.max(1) as f64;
-        let left = seconds - self.started.elapsed().as_secs_f64();
-        if self.taken < course.dry_run_at || self.closing(course) > REHEARSAL_SHARE * left * of_all {
+    fn dry_run(&mut self, dry_run: &OutputDryRun<'_>) -> Result<(), Error> {
+        let (Some(seconds), Some(course)) = (self.settings.budget.seconds, self.course.clone()) else { return Ok(()) };
+        let taken = self.taken.max(self.queue.issued());
+        if taken < course.dry_run_at {
             return Ok(());
         }
-        match (all - some) / 2 {
-            0 => dry_run(&self.film)?,
-            first => dry_run(&self.film.copy_of_tile_rows(first..first + some))?,
+        let (began, threads) = (Instant::now(), self.session.threads());
+        let all = self.film.sums.tile_rows().len();
+        let is_denoised = self.settings.denoise.method != DenoiseMethod::Off;
+        // Each thread has a row.
+        let some = if is_denoised { all } else { all.div_ceil(DRY_RUN_PART).next_multiple_of(threads).min(all) };
+        let of_all = all as f64 / some.max(1) as f64;
+        let left = seconds - self.started.elapsed().as_secs_f64();
+        let mut closing = course.closing;
+        if self.closing() <= REHEARSAL_SHARE * left * of_all {
+            match (all - some) / 2 {
+                0 => dry_run(&self.film)?,
+                first => dry_run(&self.film.copy_of_tile_rows(first..first + some))?,
+            }
+            let margin = if taken < 2 * self.pixels() { EARLY_CLOSING_MARGIN } else { CLOSING_MARGIN };
+            closing = margin * of_all * began.elapsed().as_secs_f64();
+            self.spend(course.stage, began);
         }
-        course.closing = CLOSING_MARGIN * of_all * self.load.on_idle_processors(began.elapsed().as_secs_f64());
-        course.dry_run_at = if is_denoised { u64::MAX } else { DRY_RUN_GROWTH * self.taken };
-        self.spend(course.stage, began);
+        let dry_run_at = if is_denoised { u64::MAX } else { DRY_RUN_GROWTH.saturating_mul(taken) };
+        self.course = Some(AdaptiveState { closing, dry_run_at, ..course });
         Ok(())
     }
 
-    /// The plan of a round of so many samples. It has fewer if these samples are too much work in their tiles.
-    fn target(&mut self, mut samples: u64, schedule: &Schedule, at_least: u64) -> Plane<u32> {
-        loop {
-            let target = plan::next_round(&self.counts, self.planner.shares(), self.taken + samples);
-            if self.settings.budget.seconds.is_none() || self.taken < at_least {
-                return target;
-            }
-            let units = self.costs.cut(&plan::increment(&self.counts, &target), self.session.threads());
-            match schedule.trimmed(samples, upper_makespan(&units, self.session.threads())) {
-                Some(fewer) => samples = fewer,
-                None => return target,
-            }
-        }
-    }
-
-    /// Renders up to a target plan, in passes. Returns the expected work.
-    ///
-    /// A tile is added to the film, and to checkpoints, when all of its samples of a pass are complete. So a pass has
-    /// no more samples of a pixel than the [`Stride`], however large the round is. The sums are exact: passes change no
-    /// bit of the result.
+    /// Renders up to a target plan, and beyond it up to `most` samples of the image, or until the time is over.
     fn round(
         &mut self,
         target: &Plane<u32>,
-        stage: Stage,
-        deadline: Option<Instant>,
+        most: u64,
+        dry_run: &OutputDryRun<'_>,
         reporter: &ProgressReporter<'_>,
-    ) -> Result<f64, Error> {
-        let mut increment = plan::increment(&self.counts, target);
-        let mut units = self.costs.cut(&increment, self.session.threads());
-        let work = makespan(&units, self.session.threads());
+    ) -> Result<End, Error> {
+        self.queue.begin([&self.counts, target], self.taken);
+        let most = most.max(self.queue.target());
         loop {
-            let portion = self.portion();
-            let needed = plan::total(&increment);
-            portion.limit(increment.data_mut(), self.passes);
-            self.passes += 1;
-            let is_last = plan::total(&increment) == needed;
-            if !is_last {
-                units = self.costs.cut(&increment, self.session.threads());
+            let end = self.pass(target, most, reporter)?;
+            if end != End::Pause {
+                self.count();
+                return Ok(end);
             }
-            let pass = Pass { target, increment: &increment, units: &units, deadline, stage };
-            // The missing samples were cut off by the deadline or by a cancellation.
-            if self.pass(pass, reporter)? < plan::total(&increment) || is_last {
-                return Ok(work);
-            }
-            increment = plan::increment(&self.counts, target);
-            units = self.costs.cut(&increment, self.session.threads());
+            self.dry_run(dry_run)?;
         }
     }
 
-    /// The samples of the next pass.
-    fn portion(&self) -> Portion {
-        let most = self.stride.samples();
-        match self.session.progress().film_interval() {
-            None => Portion { samples: most, one_in: 1 },
-            Some(interval) => {
-                let Portion { samples, one_in } = Portion::watched(interval, self.pixels(), self.rate);
-                Portion { samples: samples.min(most), one_in }
-            }
-        }
+    /// Counts the samples of the film.
+    fn count(&mut self) {
+        self.counts = self.settings.samples_before();
+        let rendered = self.film.sums.sample_counts();
+        self.counts.data_mut().iter_mut().zip(rendered.data()).for_each(|(count, n)| *count += n);
     }
 
-    /// Renders a pass of a round. Returns the number of samples that reached the film.
+    /// Renders some levels of a round.
     ///
     /// # Errors
     /// There is not enough memory for the film.
-    fn pass(&mut self, pass: Pass<'_>, reporter: &ProgressReporter<'_>) -> Result<u64, Error> {
-        let Pass { target, increment, units, deadline, stage } = pass;
+    fn pass(&mut self, target: &Plane<u32>, most: u64, reporter: &ProgressReporter<'_>) -> Result<End, Error> {
         let began = Instant::now();
         let estimator = Estimator {
             scene: self.scene,
@@ -504,36 +480,33 @@ impl<'a> Renderer<'a> {
             frame: self.settings.frame,
             roulette: self.roulette.as_ref(),
         };
+        let (clock, interval) = (self.clock(), self.session.progress().film_interval());
         let state = self.state(None);
-        // A given plan is available at each resumption, so it is not stored.
-        let plans = self.course.is_some();
-        let (shares, open) = (plans.then(|| self.planner.shares()), plans.then_some(target));
+        let course = self.course.as_ref();
+        // A given plan is available at each resumption, so it is not stored. The clock sets a plan anew.
+        let (shares, open) = (course.map(|_| self.planner.shares()), course.and(clock.is_none().then_some(target)));
         let snapshot = Snapshot { state: &state, shares, target: open };
-        let round = RoundWork {
+        let stage = course.map_or(Stage::Refine, |course| course.stage);
+        let is_open = clock.is_some() || interval.is_some();
+        let pause_at = match interval {
+            Some(_) => 0,
+            None => clock.zip(course).map_or(u64::MAX, |(_, course)| course.dry_run_at),
+        };
+        let first = if is_open { (self.pixels() / PREVIEW).max(1) } else { self.pixels() };
+        let work = RoundWork {
             estimator: &estimator,
             counts: &self.counts,
-            increment,
-            units,
-            costs: &self.costs,
-            deadline,
-            abort_at: abort_at(deadline, self.settings.budget.seconds),
+            target,
+            levels: Levels { first, most, pixels: self.pixels() },
+            pause_at,
+            interval,
+            clock,
             cancel: self.session.cancel(),
             stage,
             writer: self.writer.as_ref().map(|writer| (writer, snapshot)),
         };
-        let result = run(&mut self.film.sums, &round, reporter);
-        for &(tile, ..) in &result.tiles {
-            let rect = self.costs.grid().rect(tile);
-            let width = self.settings.width as usize;
-            for y in rect.y0 as usize..rect.y1 as usize {
-                let row = y * width + rect.x0 as usize..y * width + rect.x1 as usize;
-                let added = &increment.data()[row.clone()];
-                self.counts.data_mut()[row].iter_mut().zip(added).for_each(|(count, added)| *count += added);
-            }
-        }
+        let result = run(&mut self.film.sums, &mut self.queue, &work, reporter);
         self.taken += result.samples;
-        self.costs.record(&result.tiles);
-        self.load.add(result.load);
         self.connections.add(&result.connections);
         self.lane_use.add(&result.lane_use);
         self.invalid.extend(result.invalid);
@@ -541,21 +514,15 @@ impl<'a> Renderer<'a> {
         self.invalid.sort_by_key(|s| (s.y, s.x, s.index));
         self.invalid.truncate(crate::round::MAX_LISTED);
         self.spend(stage, began);
-        if self.session.progress().film_interval().is_some() {
-            let seconds = began.elapsed().as_secs_f64();
-            if result.samples > 0 && seconds > 0.0 {
-                self.rate = Some(result.samples as f64 / seconds);
-            }
+        if interval.is_some() {
             let began = Instant::now();
             self.show_film();
             self.waited += began.elapsed().as_secs_f64();
         }
-        let dearest = result.tiles.iter().map(|&(.., seconds)| seconds).fold(0.0, f64::max);
-        self.stride.measured(dearest.min(began.elapsed().as_secs_f64()));
         if result.out_of_memory {
             return Err(Error::film_memory());
         }
-        Ok(result.samples)
+        Ok(result.end)
     }
 
     fn spend(&mut self, stage: Stage, began: Instant) {
@@ -565,18 +532,6 @@ impl<'a> Renderer<'a> {
             _ => self.stages.push((stage, seconds)),
         }
     }
-}
-
-/// A part of a round.
-#[derive(Clone, Copy)]
-struct Pass<'a> {
-    /// The plan of the round.
-    target: &'a Plane<u32>,
-    /// New samples per pixel.
-    increment: &'a Plane<u32>,
-    units: &'a [WorkUnit],
-    deadline: Option<Instant>,
-    stage: Stage,
 }
 
 fn pixel_id_plane(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<PixelIds>> {

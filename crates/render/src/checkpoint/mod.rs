@@ -91,8 +91,7 @@ pub(crate) struct AdaptiveState {
     pub(crate) schedule: Schedule,
     /// The purpose of the current round.
     pub(crate) stage: Stage,
-    pub(crate) work_per_sample: f64,
-    /// Seconds reserved for the end on idle processors, without the checkpoint.
+    /// Seconds reserved for the end, without the checkpoint.
     pub(crate) closing: f64,
     /// Samples from which on the next dry run of the outputs is due.
     pub(crate) dry_run_at: u64,

@@ -3,17 +3,15 @@
 use super::Renderer;
 use crate::checkpoint::{FilmInProgress, Restored, ResumedWork, Snapshot, State, began, film_rows};
 use crate::plan::Planner;
-use crate::round::deadline;
 use dunkelfeld_adaptive::budget::StopReason;
 
 impl Renderer<'_> {
     /// Restores the state that an earlier process stored.
     pub(super) fn restore(&mut self, saved: Restored) {
         let Restored { state, shares, target, film, is_open } = saved;
-        let rendered = film.sample_counts();
-        self.counts.data_mut().iter_mut().zip(rendered.data()).for_each(|(count, n)| *count += n);
         self.taken = film.total_samples();
         self.film.sums = film;
+        self.count();
         self.invalid = state.invalid();
         self.connections = state.connections();
         if let Some(shares) = shares {
@@ -33,12 +31,15 @@ impl Renderer<'_> {
         self.earlier = ResumedWork { seconds, samples: self.taken, was_complete, has_own_budget: false };
         self.stages = state.stages;
         self.course = state.course;
-        if let (Some(_), Some(course)) = (&target, &self.course) {
+        if let Some(course) = self.course.as_mut().filter(|_| !was_complete) {
+            if target.is_none() {
+                // The clock has set the present round.
+                course.schedule.record(self.taken);
+            }
             // The open round took the time that the completed stages do not account for.
             let accounted: f64 = self.stages.iter().map(|(_, seconds)| seconds).sum();
             self.stages.push((course.stage, (state.elapsed - accounted).max(0.0)));
         }
-        self.course.iter_mut().for_each(|course| course.schedule.wake());
         (self.target, self.stopped) = (target, state.stop);
     }
 
@@ -67,9 +68,7 @@ impl Renderer<'_> {
         if must {
             writer.keep(snapshot, &mut rows);
         } else {
-            let closing = self.course.as_ref().map_or(0.0, |course| self.closing(course));
-            let deadline = deadline(self.started, self.settings.budget.seconds, closing);
-            writer.keep_if_due(snapshot, deadline, &mut rows);
+            writer.keep_if_due(snapshot, self.clock().map(|clock| clock.deadline), &mut rows);
         }
     }
 

@@ -64,8 +64,6 @@ pub struct Forecast {
 pub(crate) struct Throughput<'a> {
     /// Seconds since the start, now.
     pub(crate) elapsed: f64,
-    /// Seconds of a unit of work on all threads. Work is in samples of mean cost on one thread. `None` if unknown.
-    pub(crate) per_work: Option<f64>,
     pub(crate) threads: usize,
     pub(crate) costs: &'a CostMap,
     /// Seconds after the last sample.
@@ -95,8 +93,7 @@ impl Forecast {
         let ForecastInput { counts, target, share, .. } = *input;
         let known = |v: f64| v.is_finite().then_some(v);
         let seconds = |targets: &Plane<f32>| {
-            let per_work = pace.per_work?;
-            known(pace.elapsed + per_work * work(targets, counts, pace.costs) / pace.threads as f64 + pace.closing)
+            known(pace.elapsed + thread_seconds(targets, counts, pace.costs)? / pace.threads as f64 + pace.closing)
         };
         let mut levels: Vec<f64> = FORECAST_LEVELS.into_iter().chain(target).collect();
         levels.sort_by(|a, b| b.total_cmp(a));
@@ -109,8 +106,8 @@ impl Forecast {
         let levels: Vec<ForecastLevel> = levels.collect::<Option<_>>()?;
         let made_from = counts.data().iter().map(|&n| u64::from(n)).sum();
         let by_time = pace.limits.0.map(|seconds| seconds - pace.elapsed);
-        let by_samples = pace.limits.1.zip(pace.per_work).map(|(samples, per_work)| {
-            per_work * samples.saturating_sub(made_from) as f64 / pace.threads as f64 + pace.closing
+        let by_samples = pace.limits.1.zip(pace.costs.mean()).map(|(samples, seconds)| {
+            seconds * samples.saturating_sub(made_from) as f64 / pace.threads as f64 + pace.closing
         });
         let mut forecast = Self { levels, target, made_at: pace.elapsed, made_from, course: None, remaining: None };
         if let Some(k) = forecast.shown().map(|level| level.k) {
@@ -157,8 +154,8 @@ impl ForecastInput<'_> {
     }
 }
 
-/// The work of the missing samples, in samples of mean cost.
-fn work(targets: &Plane<f32>, counts: &Plane<u32>, costs: &CostMap) -> f64 {
+/// Seconds of one thread for the missing samples. `None` if no cost has been measured.
+fn thread_seconds(targets: &Plane<f32>, counts: &Plane<u32>, costs: &CostMap) -> Option<f64> {
     let grid = costs.grid();
     let width = targets.width() as usize;
     (0..grid.len())
@@ -170,7 +167,7 @@ fn work(targets: &Plane<f32>, counts: &Plane<u32>, costs: &CostMap) -> f64 {
             let samples: f64 = rows
                 .map(|row| targets.data()[row.clone()].iter().zip(&counts.data()[row]).map(missing).sum::<f64>())
                 .sum();
-            samples * costs.per_sample(tile)
+            Some(samples * costs.per_sample(tile)?)
         })
         .sum()
 }

@@ -1,21 +1,23 @@
 //! One round of samples on all threads.
 //!
-//! A round is given as new samples per pixel. Threads take units of work, which are a tile or a share of a tile's
-//! samples, and sum each unit separately. A tile is added to the film when all of its units are done. So the samples of
-//! a pixel are always the first n, also after an interruption. Sums are exact, so the order of the threads does not
-//! matter.
-
-pub(crate) mod pass;
+//! Threads take units of work from one queue ([`WorkQueue`]) until the round or the time is over. A unit is a level of a
+//! tile, or a part of it. A tile gets a level when all of its parts are done, and after the level before it. So the samples
+//! of a pixel are always the first n, also after an interruption, and no copy of the film has a part of a tile. Sums are
+//! exact, so the order of the threads does not matter.
+//!
+//! There are two times. After the first no unit begins. At the second the paths of unfinished units are abandoned: this
+//! needs a tile whose cost was not predictable.
 
 use crate::checkpoint::{CheckpointWriter, Snapshot};
-use crate::load::{ProcessorLoad, ThreadClock};
 use crate::progress::{Cancel, Progress, ProgressState};
 use crate::stage::Stage;
-use dunkelfeld_adaptive::tile_cost::{CostMap, TileGrid, TileRect, WorkUnit};
+use dunkelfeld_adaptive::tile_cost::TileGrid;
+use dunkelfeld_adaptive::{Affordable, Levels, WorkQueue, WorkUnit};
 use dunkelfeld_film::{Film, PixelSums, Plane, Sample, TileRow};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, LaneUse, PixelSample, Wavefront};
 use dunkelfeld_lanes::{InstructionSet, dispatch};
 use rayon::prelude::*;
+use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -88,30 +90,51 @@ impl<'a> ProgressReporter<'a> {
     }
 }
 
-/// The inputs of a round.
+/// The inputs of a pass: of a round, or of its levels up to a pause.
 pub(crate) struct RoundWork<'a> {
     pub(crate) estimator: &'a Estimator<'a>,
     /// Samples of each pixel before the round, and its target.
     pub(crate) counts: &'a Plane<u32>,
-    pub(crate) increment: &'a Plane<u32>,
-    pub(crate) units: &'a [WorkUnit],
-    pub(crate) costs: &'a CostMap,
-    /// Time after which no unit begins.
-    pub(crate) deadline: Option<Instant>,
-    /// Time at which unfinished units are abandoned, with the samples of their tiles in this round. This needs a pixel
-    /// whose cost no cost map could predict.
-    pub(crate) abort_at: Option<Instant>,
+    pub(crate) target: &'a Plane<u32>,
+    pub(crate) levels: Levels,
+    /// The pass ends with the first level that has so many samples of the image.
+    pub(crate) pause_at: u64,
+    /// Longest time of a level \[s\].
+    pub(crate) interval: Option<f64>,
+    pub(crate) clock: Option<Clock>,
     pub(crate) cancel: &'a Cancel,
     pub(crate) stage: Stage,
     /// The checkpoint that stores the film during the round, and its further data.
     pub(crate) writer: Option<(&'a CheckpointWriter, Snapshot<'a>)>,
 }
 
-/// The result of a round.
+/// The end of the time of a round.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Clock {
+    /// Time after which no unit begins, apart from those of the first level of a render.
+    pub(crate) deadline: Instant,
+    /// Time at which unfinished units are abandoned, with the samples of their level.
+    pub(crate) abort_at: Instant,
+    /// Is the film empty?
+    pub(crate) is_first: bool,
+}
+
+/// The reason for the end of a pass.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum End {
+    /// All samples of the round are taken.
+    Complete,
+    /// The round has further levels.
+    Pause,
+    /// The time is over, or the render is cancelled.
+    #[default]
+    Stop,
+}
+
+/// The result of a pass.
 #[derive(Debug, Default)]
 pub(crate) struct RoundResult {
-    /// For each finished tile: index, samples, thread seconds.
-    pub(crate) tiles: Vec<(usize, u64, f64)>,
+    pub(crate) end: End,
     /// Samples that reached the film.
     pub(crate) samples: u64,
     /// The first invalid samples, by pixel and index.
@@ -120,24 +143,31 @@ pub(crate) struct RoundResult {
     pub(crate) connections: ConnectionTally,
     /// Use of the lanes by all samples.
     pub(crate) lane_use: LaneUse,
-    /// Seconds of the threads in the units.
-    pub(crate) load: ProcessorLoad,
     /// Was there not enough memory? The round ended early then.
     pub(crate) out_of_memory: bool,
 }
 
-/// An unfinished tile: the sums of its finished units.
+/// The levels of a tile that are not in the film.
+struct PendingTile {
+    /// The number of the first one.
+    first: usize,
+    levels: VecDeque<PartialLevel>,
+}
+
+/// The finished parts of a level of a tile.
 #[derive(Default)]
-struct PartialTile {
-    /// Sums of the pixels with new samples, each with its number in the tile. A pixel occurs once for each unit. Empty
-    /// after they are added to the film.
+struct PartialLevel {
+    /// Sums of the pixels with new samples. A pixel occurs once for each part.
     sums: Vec<TileSum>,
-    units_done: u32,
-    seconds: f64,
+    /// Parts that are not finished; `None` before the first.
+    missing: Option<u32>,
+    samples: u64,
     connections: ConnectionTally,
 }
 
-/// Number of a pixel in its tile, and its new samples.
+/// Largest number of pixels of a tile.
+const PIXELS: u32 = TILE * TILE;
+/// Number of a pixel in its tile, plus a multiple of [`PIXELS`], and its new samples.
 type TileSum = (u32, PixelSums);
 /// Pixels are appended by a copy of memory.
 static EMPTY: [TileSum; 1] = [(0, PixelSums::EMPTY)];
@@ -167,7 +197,7 @@ impl<'a> TileWriter<'a> {
         let rect = self.grid.rect(tile);
         let mut row = self.rows[(rect.y0 / TILE) as usize].lock().map_err(|_| CanvasFault::Poisoned)?;
         let width = rect.x1 - rect.x0;
-        let sums = sums.map(|(slot, sums)| ((slot % width, slot / width), sums));
+        let sums = sums.map(|(slot, sums)| ((slot % PIXELS % width, slot % PIXELS / width), sums));
         row.add((rect.x0 / TILE) as usize, sums).map_err(|_| CanvasFault::OutOfMemory)
     }
 
@@ -182,79 +212,129 @@ impl<'a> TileWriter<'a> {
     }
 }
 
-/// Renders a round and adds it to the film, on the threads of the current pool.
-pub(crate) fn run(film: &mut Film, work: &RoundWork<'_>, reporter: &ProgressReporter<'_>) -> RoundResult {
-    let grid = work.costs.grid();
+/// Takes units from the queue and adds them to the film, on the threads of the current pool.
+pub(crate) fn run(
+    film: &mut Film,
+    queue: &mut WorkQueue,
+    work: &RoundWork<'_>,
+    reporter: &ProgressReporter<'_>,
+) -> RoundResult {
+    let (grid, begun) = (queue.costs().grid(), queue.begun());
     let canvas = TileWriter::new(film, grid);
-    let pending: Vec<Mutex<PartialTile>> = (0..grid.len()).map(|_| Mutex::default()).collect();
-    let (finished, invalid) = (Mutex::new(RoundResult::default()), Mutex::new(Vec::new()));
-    let (next, out_of_memory) = (AtomicU64::new(0), AtomicBool::new(false));
-    // Each thread has one long task, which takes the next unit. The most expensive units are first, as they were
-    // divided.
+    let pending = |_| Mutex::new(PendingTile { first: begun, levels: VecDeque::new() });
+    let pending: Vec<Mutex<PendingTile>> = (0..grid.len()).map(pending).collect();
+    let (desk, invalid) = (Mutex::new((queue, RoundResult::default())), Mutex::new(Vec::new()));
+    let out_of_memory = AtomicBool::new(false);
     (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
-        let (mut sums, mut load) = (Vec::new(), ProcessorLoad::default());
-        let mut batch = Batch::new(work.estimator);
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed) as usize;
-            let Some(unit) = work.units.get(index) else { break };
+        let (mut units, mut sums, mut batch) = (Vec::new(), Vec::new(), Batch::new(work.estimator));
+        let next = |units: &mut Vec<WorkUnit>| {
             let is_over = work.cancel.is_cancelled() || out_of_memory.load(Ordering::Relaxed);
-            if is_over || work.deadline.is_some_and(|d| Instant::now() > d) {
-                break;
-            }
-            let (began, clock) = (Instant::now(), ThreadClock::start());
-            let rect = grid.rect(unit.tile);
-            let Some(connections) = render_unit(work, unit, rect, &mut batch, reporter, &invalid, &mut sums) else {
+            let Ok(mut desk) = desk.lock() else { return false };
+            let (queue, result) = &mut *desk;
+            !is_over && take_units(work, queue, begun, units, &mut result.end)
+        };
+        while next(&mut units) {
+            let began = Instant::now();
+            let Some(mut connections) = render_units(work, &units, grid, &mut batch, reporter, &invalid, &mut sums)
+            else {
                 break;
             };
-            load.add(clock.elapsed());
-            let Ok(mut tile) = pending[unit.tile].lock() else { break };
-            tile.units_done += 1;
-            tile.connections.add(&connections);
-            let is_finished = tile.units_done == unit.parts;
-            if !is_finished {
-                // A tile with a unit missing is left out as a whole.
-                tile.sums.append(&mut sums);
-                tile.seconds += began.elapsed().as_secs_f64();
-            } else {
-                let earlier = std::mem::take(&mut tile.sums);
-                if let Err(fault) = canvas.add(unit.tile, earlier.iter().chain(&sums)) {
-                    out_of_memory.fetch_or(fault == CanvasFault::OutOfMemory, Ordering::Relaxed);
-                    break;
+            let mut added = PartialLevel::default();
+            let mut sums = sums.chunk_by(|a, b| a.0 / PIXELS == b.0 / PIXELS).peekable();
+            for ((number, unit), &samples) in (0..).zip(&units).zip(&batch.samples) {
+                let Ok(mut tile) = pending[unit.tile].lock() else { return };
+                let index = unit.number - tile.first;
+                let known = tile.levels.len().max(index + 1);
+                tile.levels.resize_with(known, PartialLevel::default);
+                let level = &mut tile.levels[index];
+                level.missing = Some(level.missing.unwrap_or(unit.parts) - 1);
+                let mut of_unit = sums.next_if(|sums| sums[0].0 / PIXELS == number).unwrap_or_default();
+                // A level that is complete needs no copy.
+                if index > 0 || level.missing != Some(0) {
+                    level.sums.extend_from_slice(of_unit);
+                    of_unit = &[];
                 }
-                tile.seconds += began.elapsed().as_secs_f64();
-                let Ok(mut finished) = finished.lock() else { break };
-                finished.tiles.push((unit.tile, unit.samples, tile.seconds));
-                finished.samples += unit.samples;
-                finished.connections.add(&tile.connections);
+                level.samples += samples;
+                level.connections.add(&std::mem::take(&mut connections));
+                while let Some(level) = tile.levels.pop_front_if(|level| level.missing == Some(0)) {
+                    if let Err(fault) = canvas.add(unit.tile, level.sums.iter().chain(std::mem::take(&mut of_unit))) {
+                        out_of_memory.fetch_or(fault == CanvasFault::OutOfMemory, Ordering::Relaxed);
+                        return;
+                    }
+                    tile.first += 1;
+                    added.samples += level.samples;
+                    added.connections.add(&level.connections);
+                }
             }
-            drop(tile);
+            let Ok(mut desk) = desk.lock() else { break };
+            let per_sample = began.elapsed().as_secs_f64() / batch.samples.iter().sum::<u64>().max(1) as f64;
+            for (unit, &samples) in units.iter().zip(&batch.samples) {
+                desk.0.record(unit.tile, samples, samples as f64 * per_sample);
+            }
+            desk.1.samples += added.samples;
+            desk.1.connections.add(&added.connections);
+            drop(desk);
             // Only a finished tile changes the film.
-            if let Some((writer, snapshot)) = work.writer.filter(|_| is_finished) {
+            if let Some((writer, snapshot)) = work.writer.filter(|_| added.samples > 0) {
                 let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| canvas.copy(rows, out);
-                writer.keep_if_due(snapshot, work.deadline, &mut rows);
+                writer.keep_if_due(snapshot, work.clock.map(|clock| clock.deadline), &mut rows);
             }
         }
-        if let Ok(mut finished) = finished.lock() {
-            finished.load.add(load);
-            finished.lane_use.add(&batch.wavefront.lane_use());
+        if let Ok(mut desk) = desk.lock() {
+            desk.1.lane_use.add(&batch.wavefront.lane_use());
         }
     });
-    let mut result = finished.into_inner().unwrap_or_default();
-    // The order in which threads finish has no effect: costs are updated in the order of the tiles.
-    result.tiles.sort_by_key(|&(tile, ..)| tile);
+    let mut result = desk.into_inner().map(|(_, result)| result).unwrap_or_default();
     result.out_of_memory = out_of_memory.into_inner();
     result.invalid = invalid.into_inner().unwrap_or_default();
     result.invalid.sort_by_key(|s| (s.y, s.x, s.index));
     result
 }
 
-/// Samples of a unit that are computed together, and their results. A thread uses one for all of its units.
+/// Takes the next units of a pass that began after `begun` levels. Begins a level if all units of the last one are taken.
+fn take_units(
+    work: &RoundWork<'_>,
+    queue: &mut WorkQueue,
+    begun: usize,
+    units: &mut Vec<WorkUnit>,
+    end: &mut End,
+) -> bool {
+    let (now, threads) = (Instant::now(), rayon::current_num_threads() as f64);
+    while !queue.take(units) {
+        let issued = queue.issued();
+        if issued >= work.pause_at && queue.begun() > begun {
+            *end = End::Pause;
+            return false;
+        }
+        let left = |clock: Clock| threads * clock.deadline.saturating_duration_since(now).as_secs_f64();
+        let affordable = match work.clock.map(left).map(|seconds| queue.affordable(seconds)) {
+            None => Affordable::All,
+            Some(None) => Affordable::Unknown,
+            Some(Some(samples)) => Affordable::Samples(samples),
+        };
+        let Some(next) = work.levels.after(issued, affordable) else {
+            *end = End::Complete;
+            return false;
+        };
+        // `as` saturates.
+        let shown = work.interval.and_then(|seconds| queue.affordable(threads * seconds));
+        queue.raise(shown.map_or(next, |samples| next.min(issued.saturating_add(samples as u64))));
+    }
+    // An image shows its scene if each sixteenth pixel has a sample.
+    let is_preview = |clock: Clock| clock.is_first && units.iter().all(|unit| unit.number == 0);
+    work.clock.is_none_or(|clock| now <= clock.deadline || is_preview(clock))
+}
+
+/// Samples of units that are computed together, and their results. A thread uses one for all of its units.
 struct Batch<'a> {
     set: InstructionSet,
     wavefront: Wavefront<'a>,
     at: Vec<PixelSample>,
-    /// For each pixel: its number in the tile and how many of the samples it has. Their indices are consecutive.
+    /// For each pixel: its number in its tile, plus [`PIXELS`] times that of the unit, and how many of the samples it has.
+    /// Their indices are consecutive.
     pixels: Vec<(u32, usize)>,
+    /// For each unit: its samples.
+    samples: Vec<u64>,
     found: Vec<Sample>,
     /// Number of samples after which the clock and the switch are checked.
     size: usize,
@@ -264,7 +344,15 @@ impl<'a> Batch<'a> {
     fn new(estimator: &Estimator<'a>) -> Self {
         let set = InstructionSet::best();
         let wavefront = Wavefront::new(estimator, set);
-        Self { set, wavefront, at: Vec::new(), pixels: Vec::new(), found: Vec::new(), size: FIRST_BATCH }
+        Self {
+            set,
+            wavefront,
+            at: Vec::new(),
+            pixels: Vec::new(),
+            samples: Vec::new(),
+            found: Vec::new(),
+            size: FIRST_BATCH,
+        }
     }
 
     /// Computes the samples and adds them to the sums of their pixels, which are in ascending order. False if the unit was
@@ -292,7 +380,7 @@ impl<'a> Batch<'a> {
             false => (2 * self.size).min(Wavefront::BATCH),
         };
         self.clear();
-        !work.cancel.is_cancelled() && work.abort_at.is_none_or(|d| now <= d)
+        !work.cancel.is_cancelled() && work.clock.is_none_or(|clock| now <= clock.abort_at)
     }
 
     /// Adds the samples to the sums of their pixels.
@@ -321,37 +409,42 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// Renders a unit into `sums`, whose content is replaced. Returns its attempted connections. `None` if it was
-/// abandoned.
-fn render_unit(
+/// Renders units into `sums`, whose content is replaced: the number of a pixel is that in its tile, plus [`PIXELS`] times that
+/// of the unit. Returns the attempted connections. `None` if the units were abandoned.
+fn render_units(
     work: &RoundWork<'_>,
-    unit: &WorkUnit,
-    rect: TileRect,
+    units: &[WorkUnit],
+    grid: TileGrid,
     batch: &mut Batch<'_>,
     reporter: &ProgressReporter<'_>,
     invalid: &Mutex<Vec<PixelSample>>,
     sums: &mut Vec<TileSum>,
 ) -> Option<ConnectionTally> {
     sums.clear();
-    let mut connections = ConnectionTally { abandon_at: work.abort_at, ..ConnectionTally::default() };
-    let places = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y)));
-    for (slot, (x, y)) in (0..).zip(places) {
-        let mut indices = unit.range(*work.counts.at(x, y), *work.increment.at(x, y));
-        while !indices.is_empty() {
-            let count = indices.len().min(batch.size - batch.at.len());
-            batch.at.extend(indices.by_ref().take(count).map(|index| PixelSample { x, y, index }));
-            batch.pixels.push((slot, count));
-            if batch.at.len() >= batch.size && !batch.run(work, reporter, &mut connections, invalid, sums) {
-                batch.clear();
-                return None;
+    batch.clear();
+    batch.samples.clear();
+    let abandon_at = work.clock.map(|clock| clock.abort_at);
+    let mut connections = ConnectionTally { abandon_at, ..ConnectionTally::default() };
+    for (first, unit) in (0..).step_by(PIXELS as usize).zip(units) {
+        let rect = grid.rect(unit.tile);
+        let places = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y)));
+        let mut samples = 0;
+        for (slot, (x, y)) in (first..).zip(places) {
+            let mut indices = unit.range([x, y], [*work.counts.at(x, y), *work.target.at(x, y)]);
+            samples += indices.len() as u64;
+            while !indices.is_empty() {
+                let count = indices.len().min(batch.size - batch.at.len());
+                batch.at.extend(indices.by_ref().take(count).map(|index| PixelSample { x, y, index }));
+                batch.pixels.push((slot, count));
+                if batch.at.len() >= batch.size && !batch.run(work, reporter, &mut connections, invalid, sums) {
+                    return None;
+                }
             }
         }
+        batch.samples.push(samples);
     }
-    if !batch.at.is_empty() && !batch.run(work, reporter, &mut connections, invalid, sums) {
-        batch.clear();
-        return None;
-    }
-    Some(connections)
+    let is_complete = batch.at.is_empty() || batch.run(work, reporter, &mut connections, invalid, sums);
+    is_complete.then_some(connections)
 }
 
 #[cold]
@@ -361,18 +454,6 @@ fn name_invalid(invalid: &Mutex<Vec<PixelSample>>, at: &[PixelSample], samples: 
         let room = MAX_LISTED.saturating_sub(list.len());
         list.extend(found.take(room));
     }
-}
-
-/// The time at which units are abandoned: half the tolerated overrun past the deadline.
-pub(crate) fn abort_at(deadline: Option<Instant>, seconds: Option<f64>) -> Option<Instant> {
-    let grace = (0.01 * seconds?).max(0.1);
-    deadline?.checked_add(Duration::try_from_secs_f64(grace).ok()?)
-}
-
-/// The time after which no unit begins.
-pub(crate) fn deadline(started: Instant, seconds: Option<f64>, closing: f64) -> Option<Instant> {
-    let left = (seconds? - closing).max(0.0);
-    started.checked_add(Duration::try_from_secs_f64(left).ok()?)
 }
 
 #[cfg(test)]
