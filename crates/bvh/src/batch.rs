@@ -11,7 +11,7 @@ use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3, dispatch};
 
 use crate::packet::together;
 use crate::scene::{Bvh, Hit};
-use crate::traverse::{Nearest, one_by_one};
+use crate::traverse::{Nearest, closest_of_each, occluded_of_each};
 
 /// Rays of a batch: one array for each number, all of one length. Units and meaning are those of [`Ray`].
 #[derive(Clone, Copy, Debug)]
@@ -55,7 +55,7 @@ impl RayBatch<'_> {
 
 impl HitBatch<'_> {
     #[inline(always)]
-    pub(crate) fn set(&mut self, i: usize, hit: &Hit) {
+    fn set(&mut self, i: usize, hit: &Hit) {
         (self.t[i], self.b1[i], self.b2[i]) = (hit.t, hit.b1, hit.b2);
         (self.instance[i], self.part[i], self.triangle[i]) = (hit.instance, hit.part, hit.triangle);
     }
@@ -214,6 +214,17 @@ impl Packets {
             self.skip = self.pause;
         } else {
             self.pause = (self.pause / 4).max(1);
+        }
+    }
+}
+
+/// The results of some rays, which are followed one by one.
+fn one_by_one(bvh: &Bvh, rays: &RayBatch, numbers: &[u32], results: &mut Results) {
+    let each = numbers.iter().map(|number| (*number as usize, rays.ray(*number as usize)));
+    match results {
+        Results::Nearest(hits) => closest_of_each(bvh, each, |number, hit| hits.set(number, hit)),
+        Results::Occluded(occluded) => {
+            occluded_of_each(bvh, each, |number, is_occluded| occluded[number] = is_occluded)
         }
     }
 }

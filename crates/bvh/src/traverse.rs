@@ -9,7 +9,6 @@ use dunkelfeld_geometry::{Aabb, Ray, RigidMotion, Transform};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3};
 use fearless_simd::Simd;
 
-use crate::batch::{RayBatch, Results};
 use crate::scene::{Bvh, Hit, Instance, MeshTree, NO_HIT, Space};
 use crate::simd8::{Eight, F8, WIDTH, dispatch8};
 use crate::tree::{Leaves, Slabs, octant};
@@ -76,23 +75,29 @@ pub(crate) fn closest_hit(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
     })
 }
 
-/// The nearest hits of some rays of a batch, or if they are occluded.
+/// The nearest hits of rays, each with its number. A ray without a hit has the instance [`NO_HIT`].
 #[inline(never)]
-pub(crate) fn one_by_one(bvh: &Bvh, rays: &RayBatch, numbers: &[u32], results: &mut Results) {
+pub(crate) fn closest_of_each(bvh: &Bvh, rays: impl Iterator<Item = (usize, Ray)>, mut found: impl FnMut(usize, &Hit)) {
     dispatch8!(bvh.level, simd => {
-        for &number in numbers {
-            let (number, ray) = (number as usize, rays.ray(number as usize));
-            match results {
-                Results::Nearest(hits) => {
-                    let mut nearest = Nearest::none(ray.t_max);
-                    let form = Prepared::of_ray(&ray, &bvh.top.bounds);
-                    closest_below(simd, bvh, &form, &ray, bvh.whole(), &mut nearest);
-                    hits.set(number, &nearest.hit);
-                }
-                Results::Occluded(occluded) => {
-                    occluded[number] = occluded_in_scene(simd, bvh, &ray, &mut NoTriangles);
-                }
-            }
+        for (number, ray) in rays {
+            let mut nearest = Nearest::none(ray.t_max);
+            let form = Prepared::of_ray(&ray, &bvh.top.bounds);
+            closest_below(simd, bvh, &form, &ray, bvh.whole(), &mut nearest);
+            found(number, &nearest.hit);
+        }
+    });
+}
+
+/// [`occluded`] of rays, each with its number.
+#[inline(never)]
+pub(crate) fn occluded_of_each(
+    bvh: &Bvh,
+    rays: impl Iterator<Item = (usize, Ray)>,
+    mut found: impl FnMut(usize, bool),
+) {
+    dispatch8!(bvh.level, simd => {
+        for (number, ray) in rays {
+            found(number, occluded_in_scene(simd, bvh, &ray, &mut NoTriangles));
         }
     });
 }
