@@ -75,6 +75,7 @@ impl Attempts {
             one.only(mask).append(lanes, column);
         }
         let mut last = None;
+        // Light samples of one receiver, and neighbours on one surface, share their BSDF.
         lanes.each(
             #[inline(always)]
             |lane| {
@@ -84,7 +85,9 @@ impl Attempts {
                 self.indices.push(index);
                 let bsdf = at.bsdfs.lane(lane);
                 if !last.is_some_and(|last| std::ptr::eq(last, bsdf)) {
-                    self.bsdfs.push(*bsdf);
+                    if self.bsdfs.last() != Some(bsdf) {
+                        self.bsdfs.push(*bsdf);
+                    }
                     last = Some(bsdf);
                 }
                 self.bsdf.push(self.bsdfs.len() as u32 - 1);

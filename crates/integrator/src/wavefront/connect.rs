@@ -110,6 +110,9 @@ impl Wavefront<'_> {
     /// Searches the queued chains, and stores the shadow rays behind the covers.
     #[inline(always)]
     pub(super) fn connect<F: Lanes>(&mut self, token: F::Token, watch: &mut Watch<'_>) {
+        if self.attempts.paths.is_empty() {
+            return;
+        }
         let mut attempts = std::mem::take(&mut self.attempts);
         attempts.pad(F::WIDTH);
         for first in (0..attempts.paths.len()).step_by(F::WIDTH) {

@@ -346,8 +346,8 @@ pub(super) fn evaluate_group<F: Lanes>(
     }
     if let Some(surfaces) = lanes_of!(Principled) {
         return match surfaces.iter().any(|surface| surface.is_rich()) {
-            false => evaluate_principled::<F, false>(at, &surfaces, directions, group),
-            true => evaluate_principled::<F, true>(at, &surfaces, directions, group),
+            false => evaluate_plain(at, &surfaces, directions, group),
+            true => evaluate_rich(at, &surfaces, directions, group),
         };
     }
     if let Some(surfaces) = lanes_of!(Dielectric) {
@@ -376,29 +376,8 @@ fn of_kind<'g, F: Lanes, B>(
     Some(surfaces)
 }
 
-/// Principled surfaces.
-#[inline(never)]
-fn evaluate_principled<F: Lanes, const RICH: bool>(
-    at: &Scattering<'_, F>,
-    surfaces: &[&Principled; MAX_WIDTH],
-    directions: &[Direction<F>],
-    group: Option<&Group<'_, F>>,
-) -> Evaluated<F> {
-    F::vectorize(
-        at.token,
-        #[inline(always)]
-        || {
-            let surface = match at.bsdfs {
-                Bsdfs::Same(_) => InLanes::<F>::splat(at.token, surfaces[0]),
-                Bsdfs::Each(_) => InLanes::<F>::gather(at.token, surfaces),
-            };
-            evaluate(at, surface.view::<RICH>(at.wo), directions, group)
-        },
-    )
-}
-
 macro_rules! evaluate_kind {
-    ($(#[$doc:meta])* $name:ident, $kind:ty) => {
+    ($(#[$doc:meta])* $name:ident, $kind:ty $(, $rich:literal)?) => {
         $(#[$doc])*
         #[inline(never)]
         fn $name<F: Lanes>(
@@ -410,11 +389,29 @@ macro_rules! evaluate_kind {
             F::vectorize(
                 at.token,
                 #[inline(always)]
-                || evaluate(at, InLanes::<F>::gather(at.token, lanes).view(at.wo), directions, group),
+                || {
+                    let surface = match at.bsdfs {
+                        Bsdfs::Same(_) => InLanes::<F>::splat(at.token, lanes[0]),
+                        Bsdfs::Each(_) => InLanes::<F>::gather(at.token, lanes),
+                    };
+                    evaluate(at, surface.view$(::<$rich>)?(at.wo), directions, group)
+                },
             )
         }
     };
 }
+evaluate_kind!(
+    /// Principled surfaces without rare lobes.
+    evaluate_plain,
+    Principled,
+    false
+);
+evaluate_kind!(
+    /// Principled surfaces.
+    evaluate_rich,
+    Principled,
+    true
+);
 evaluate_kind!(
     /// Boundaries of clear solids.
     evaluate_dielectric,
