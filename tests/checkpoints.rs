@@ -28,6 +28,8 @@ use tempfile::TempDir;
 /// Three tiles side by side: few samples, so that slow reports do not make the test long.
 const WIDTH: u32 = 33;
 const HEIGHT: u32 = 3;
+/// One tile.
+const TILE: u32 = 16;
 
 fn room(light: f32) -> Scene {
     let mut b = SceneBuilder::default();
@@ -256,35 +258,38 @@ fn set_elapsed(path: &Path, seconds: &str) {
 
 #[test]
 fn the_time_of_all_processes_counts_against_the_budget() {
-    let scene = room(8.0);
-    let folder = TempDir::new().expect("a folder");
-    let path = folder.path().join("a.film");
-    let budget = Budget::default().with_seconds(3600.0);
-    let timed = kept(&path, &adaptive().with_budget(budget));
-    let cancel = Cancel::new();
-    let stop = StopAt(2_000, &cancel);
-    let first = render(
-        &scene,
-        &timed,
-        &Session::new(timed.threads)
-            .expect("threads")
-            .with_start(a_second_ago())
-            .with_progress(&stop)
-            .with_cancel(&cancel),
-    )
-    .expect("a render");
-    assert!(first.interrupted);
-    // As if the first process had worked for just under an hour: nothing but the open round is left to do.
-    set_elapsed(&path, "3599.9");
-    let second = run(&scene, &timed).expect("it goes on");
-    assert!(!second.interrupted && second.stop == dunkelfeld::adaptive::StopReason::Time);
-    assert_eq!(second.earlier.seconds, 3599.9);
-    // All of it was spent in some stage.
-    let accounted: f64 = second.stages.iter().map(|(_, seconds)| seconds).sum();
-    assert!((accounted - 3599.9).abs() < 60.0, "{accounted} s in {:?}", second.stages);
-    // The plan of the render replays it.
-    let replay = timed.with_replay(second.plan()).with_checkpoint(None);
-    assert!(film(&scene, &replay) == second.film.sums);
+    // Just under an hour, and more than an hour: the threads find a tile each, or one for all of them, and no time for it.
+    for (width, elapsed) in [(WIDTH, "3599.9"), (TILE, "3601.5")] {
+        let scene = room(8.0);
+        let folder = TempDir::new().expect("a folder");
+        let path = folder.path().join("a.film");
+        let budget = Budget::default().with_seconds(3600.0);
+        let timed = kept(&path, &adaptive().with_width(width).with_budget(budget)).with_threads(2);
+        let cancel = Cancel::new();
+        let stop = StopAt(2_000, &cancel);
+        let first = render(
+            &scene,
+            &timed,
+            &Session::new(timed.threads)
+                .expect("threads")
+                .with_start(a_second_ago())
+                .with_progress(&stop)
+                .with_cancel(&cancel),
+        )
+        .expect("a render");
+        assert!(first.interrupted);
+        // As if the first process had worked for so long: nothing but the open round is left to do.
+        set_elapsed(&path, elapsed);
+        let second = run(&scene, &timed).expect("it goes on");
+        assert!(!second.interrupted && second.stop == dunkelfeld::adaptive::StopReason::Time);
+        assert_eq!(second.earlier.seconds.to_string(), elapsed);
+        // All of it was spent in some stage.
+        let accounted: f64 = second.stages.iter().map(|(_, seconds)| seconds).sum();
+        assert!((accounted - second.earlier.seconds).abs() < 60.0, "{accounted} s in {:?}", second.stages);
+        // The plan of the render replays it.
+        let replay = timed.with_replay(second.plan()).with_checkpoint(None);
+        assert!(film(&scene, &replay) == second.film.sums);
+    }
 }
 
 #[track_caller]

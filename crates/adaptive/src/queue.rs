@@ -170,7 +170,9 @@ impl WorkQueue {
 
     /// Samples of the image at the present level.
     pub fn issued(&self) -> u64 {
-        self.before + (self.levels[1] * self.total as f64).round() as u64
+        let samples = (self.levels[1] * self.total as f64).round() as u64;
+        // Only the target has all samples.
+        self.before + if self.levels[1] < 1.0 { samples.min(self.total.saturating_sub(1)) } else { samples }
     }
 
     /// The number of samples of this round that take so many seconds of one thread. `None` if no cost has been measured.
@@ -302,6 +304,18 @@ mod tests {
         let unit = |part| WorkUnit { tile: 0, levels: [0.0, 1.0], number: 0, part, parts: 4 };
         let samples = |part| (0..256).map(|i| unit(part).range([i % 16, i / 16], [0, 1]).len()).sum::<usize>();
         assert_eq!([0, 1, 2, 3].map(samples), [64; 4]);
+    }
+
+    /// A level that is limited by the time of its tiles is not the target, however near.
+    #[test]
+    fn a_round_ends_at_its_target() {
+        let mut queue = WorkQueue::new(TileGrid::new(16, 16, 16));
+        queue.begin([&Plane::new(16, 16, 0), &Plane::new(16, 16, 100)], 0);
+        queue.record(0, 25_600, 25_600.0 * 0.5 / 25_599.9);
+        queue.raise(25_600);
+        assert_eq!(queue.issued(), 25_599);
+        queue.raise(25_600);
+        assert!(queue.issued() == 25_600 && queue.levels[1] == 1.0);
     }
 
     #[test]

@@ -522,7 +522,7 @@ impl<'a> Renderer<'a> {
         if result.out_of_memory {
             return Err(Error::film_memory());
         }
-        Ok(result.end)
+        Ok(result.end.unwrap_or(End::Stop))
     }
 
     fn spend(&mut self, stage: Stage, began: Instant) {

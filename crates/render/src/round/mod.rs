@@ -120,21 +120,21 @@ pub(crate) struct Clock {
 }
 
 /// The reason for the end of a pass.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum End {
     /// All samples of the round are taken.
     Complete,
     /// The round has further levels.
     Pause,
     /// The time is over, or the render is cancelled.
-    #[default]
     Stop,
 }
 
 /// The result of a pass.
 #[derive(Debug, Default)]
 pub(crate) struct RoundResult {
-    pub(crate) end: End,
+    /// `None` while there are units.
+    pub(crate) end: Option<End>,
     /// Samples that reached the film.
     pub(crate) samples: u64,
     /// The first invalid samples, by pixel and index.
@@ -231,12 +231,20 @@ pub(crate) fn run(
             let is_over = work.cancel.is_cancelled() || out_of_memory.load(Ordering::Relaxed);
             let Ok(mut desk) = desk.lock() else { return false };
             let (queue, result) = &mut *desk;
-            !is_over && take_units(work, queue, begun, units, &mut result.end)
+            // The first thread that finds no unit, or no time for one, ends the pass.
+            if !is_over && result.end.is_none() {
+                result.end = take_units(work, queue, begun, units);
+            }
+            !is_over && result.end.is_none()
         };
         while next(&mut units) {
             let began = Instant::now();
             let Some(mut connections) = render_units(work, &units, grid, &mut batch, reporter, &invalid, &mut sums)
             else {
+                // Its level is incomplete.
+                if let Ok(mut desk) = desk.lock() {
+                    desk.1.end = Some(End::Stop);
+                }
                 break;
             };
             let mut added = PartialLevel::default();
@@ -267,7 +275,8 @@ pub(crate) fn run(
                 }
             }
             let Ok(mut desk) = desk.lock() else { break };
-            let per_sample = began.elapsed().as_secs_f64() / batch.samples.iter().sum::<u64>().max(1) as f64;
+            let per_sample =
+                (began.elapsed() - batch.reports).as_secs_f64() / batch.samples.iter().sum::<u64>().max(1) as f64;
             for (unit, &samples) in units.iter().zip(&batch.samples) {
                 desk.0.record(unit.tile, samples, samples as f64 * per_sample);
             }
@@ -292,19 +301,13 @@ pub(crate) fn run(
 }
 
 /// Takes the next units of a pass that began after `begun` levels. Begins a level if all units of the last one are taken.
-fn take_units(
-    work: &RoundWork<'_>,
-    queue: &mut WorkQueue,
-    begun: usize,
-    units: &mut Vec<WorkUnit>,
-    end: &mut End,
-) -> bool {
+/// Returns the reason for the end of the pass if there is no unit, or no time for one.
+fn take_units(work: &RoundWork<'_>, queue: &mut WorkQueue, begun: usize, units: &mut Vec<WorkUnit>) -> Option<End> {
     let (now, threads) = (Instant::now(), rayon::current_num_threads() as f64);
     while !queue.take(units) {
         let issued = queue.issued();
         if issued >= work.pause_at && queue.begun() > begun {
-            *end = End::Pause;
-            return false;
+            return Some(End::Pause);
         }
         let left = |clock: Clock| threads * clock.deadline.saturating_duration_since(now).as_secs_f64();
         let affordable = match work.clock.map(left).map(|seconds| queue.affordable(seconds)) {
@@ -313,8 +316,7 @@ fn take_units(
             Some(Some(samples)) => Affordable::Samples(samples),
         };
         let Some(next) = work.levels.after(issued, affordable) else {
-            *end = End::Complete;
-            return false;
+            return Some(End::Complete);
         };
         // `as` saturates.
         let shown = work.interval.and_then(|seconds| queue.affordable(threads * seconds));
@@ -322,7 +324,7 @@ fn take_units(
     }
     // An image shows its scene if each sixteenth pixel has a sample.
     let is_preview = |clock: Clock| clock.is_first && units.iter().all(|unit| unit.number == 0);
-    work.clock.is_none_or(|clock| now <= clock.deadline || is_preview(clock))
+    work.clock.is_some_and(|clock| now > clock.deadline && !is_preview(clock)).then_some(End::Stop)
 }
 
 /// Samples of units that are computed together, and their results. A thread uses one for all of its units.
@@ -335,6 +337,8 @@ struct Batch<'a> {
     pixels: Vec<(u32, usize)>,
     /// For each unit: its samples.
     samples: Vec<u64>,
+    /// Time of the reports of progress during the units. It is not that of samples.
+    reports: Duration,
     found: Vec<Sample>,
     /// Number of samples after which the clock and the switch are checked.
     size: usize,
@@ -350,6 +354,7 @@ impl<'a> Batch<'a> {
             at: Vec::new(),
             pixels: Vec::new(),
             samples: Vec::new(),
+            reports: Duration::ZERO,
             found: Vec::new(),
             size: FIRST_BATCH,
         }
@@ -372,10 +377,11 @@ impl<'a> Batch<'a> {
         }
         let set = self.set;
         dispatch!(set, _F, _token => self.add(invalid, sums));
-        // The time of a report is not that of samples.
-        let now = Instant::now();
+        let computed = Instant::now();
         reporter.add(work.stage, self.at.len() as u64);
-        self.size = match now - began > CHECK_PAUSE {
+        let now = Instant::now();
+        self.reports += now - computed;
+        self.size = match computed - began > CHECK_PAUSE {
             true => (self.at.len() / 2).max(FIRST_BATCH),
             false => (2 * self.size).min(Wavefront::BATCH),
         };
@@ -423,6 +429,7 @@ fn render_units(
     sums.clear();
     batch.clear();
     batch.samples.clear();
+    batch.reports = Duration::ZERO;
     let abandon_at = work.clock.map(|clock| clock.abort_at);
     let mut connections = ConnectionTally { abandon_at, ..ConnectionTally::default() };
     for (first, unit) in (0..).step_by(PIXELS as usize).zip(units) {
