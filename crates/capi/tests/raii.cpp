@@ -77,9 +77,9 @@ int main(int, char **argv) {
     scene.set_overrides("");
     CHECK(scene.render(options).mean().data == mean.data);
 
-    // A progress function that ends the render, and one that throws.
+    // A progress function that ends the render once each pixel has samples, and one that throws.
     options.time = 60.0;
-    options.progress = [](const DunkelfeldProgress &) { return false; };
+    options.progress = [](const DunkelfeldProgress &progress) { return progress.samples < 10 * 24 * 16; };
     const auto interrupted = thrown<dunkelfeld::Interrupted>([&] { scene.render(options); });
     CHECK(interrupted.film.spp().at(0, 0) > 0);
     options.progress = [](const DunkelfeldProgress &) -> bool { throw std::runtime_error("no more"); };
