@@ -19,7 +19,7 @@ use crate::tile_cost::{CostMap, TileGrid};
 /// A thread takes units of about so many seconds together. A tile that takes longer is divided.
 const UNIT_SECONDS: f64 = 0.02;
 /// And of no more than so many samples: more are not computed together.
-const UNIT_SAMPLES: f64 = 1024.0;
+const UNIT_SAMPLES: f64 = 4096.0;
 /// A tile is expected to take at most so many seconds of a thread at a level, unless that is less than a sample per pixel.
 /// Films and checkpoints contain only completed levels of a tile.
 const TILE_SECONDS: f64 = 0.5;

@@ -1,8 +1,9 @@
 //! The state of a ray among solids: its next intersection, and the solids around its origin.
 
 use dunkelfeld_geometry::{Ray, Vec3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Boundary, Interface, Interior, Medium, Scene, ShadingPoint, SurfacePoint};
+use dunkelfeld_scene::{Boundary, Interface, Interior, Medium, Scene, ShadingPoint, SurfacePoint, decay};
 
 /// A ray and the solids that contain its origin.
 #[derive(Clone, Copy, Debug)]
@@ -133,12 +134,27 @@ impl EnclosingSolids {
     pub(crate) fn transmittance(&self, scene: &Scene, distance: f32) -> Rgb {
         match self {
             Self::Last(None) => Rgb::WHITE,
-            Self::Last(Some(material)) => match scene.absorption(*material) {
-                Rgb::BLACK => Rgb::WHITE,
-                absorption => absorption.map(|a| if a > 0.0 { (-a * distance).exp() } else { 1.0 }),
-            },
+            Self::Last(Some(material)) => scene.absorption(*material).map(|a| decay(a, distance)),
             Self::All(interior) => scene.medium(interior).map_or(Rgb::WHITE, |m| m.transmittance(distance)),
         }
+    }
+
+    /// [`Self::transmittance`] in lanes. It is one in lanes with several solids.
+    #[inline(always)]
+    pub(crate) fn transmittances<F: Lanes>(enclosing: &[Self; MAX_WIDTH], scene: &Scene, distance: F) -> Rgb<F> {
+        let mut absorption = [Rgb::BLACK; MAX_WIDTH];
+        let mut is_clear = true;
+        for lane in 0..F::WIDTH {
+            if let Self::Last(Some(material)) = enclosing[lane] {
+                absorption[lane] = scene.absorption(material);
+                is_clear &= absorption[lane].is_black();
+            }
+        }
+        if is_clear {
+            return Rgb::splat(distance.constant(1.0));
+        }
+        let Rgb { r, g, b } = Rgb::from_lanes(distance.token(), &absorption);
+        Rgb::new(decay(r, distance), decay(g, distance), decay(b, distance))
     }
 
     /// The solids around a ray that leaves a surface, which bounds a solid of the given material or none: whether the

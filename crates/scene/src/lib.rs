@@ -45,7 +45,7 @@ pub use light::sample::{LightSample, LightSampleContext, LightSamples, LightTarg
 pub use light::summary::{LightInfo, ObjectInfo, PartInfo};
 pub use material::texture::{ColorEncoding, Filter, Image, ImageId, Texels, Texture, TextureTransform, Wrap};
 pub use material::{AlphaMode, ChannelTexture, Material, Surface, Volume};
-pub use media::medium::{Medium, MediumEvent};
+pub use media::medium::{Medium, MediumEvent, decay};
 pub use media::medium_stack::Interior;
 pub use media::nested_dielectrics::{Boundary, Interface};
 pub use query::intersect::{SurfacePoint, shadow_rays};

@@ -22,7 +22,7 @@
 //! 3. *All other paths*: longer chains, solutions that the solver does not find, chains through two stacks or through
 //!    glass that is no cover, rough faces. Only scattering samples them, and they have full weight.
 //!
-//! [`Solver::solve`] decides between the second and the third kind. It is a function of x, y, stack and chain without
+//! [`Traversal::advance`] decides between the second and the third kind. It is a function of x, y, stack and chain without
 //! any random number. The connection runs it to find the path. A path that scattering has sampled runs it as well, to
 //! decide if the connection finds the same path. Both techniques evaluate the same densities. So a solver that fails
 //! costs time and noise. It loses no light, and no path counts twice. If several chains could lead to y, one of them is
@@ -45,7 +45,7 @@ use dunkelfeld_lanes::{Double, InstructionSet, Lanes, MAX_WIDTH, Mask, Real, V3}
 use dunkelfeld_scene::{CandidateChains, Chain, Receivers, Scene, Targets};
 use linearized_chain::LinearizedChains;
 use ray_differential::{EndpointJacobians, RayDifferentials};
-pub(crate) use trace_chain::TracedChains;
+pub(crate) use trace_chain::{MAX_TRAVERSALS, TracedChains, Traversal, trace_chains};
 
 /// Maximum number of rays of one connection.
 const MAX_RAYS: u32 = 6;
@@ -179,7 +179,17 @@ pub(crate) fn scattering_mis_weight(
     let (stacks, chains) = ([stack; MAX_WIDTH], [specular_prefix.chain; MAX_WIDTH]);
     let inside = ends.inside(scene);
     let selected = scene.given_chains::<f32>((), true, receiver.point, &inside, &ends.targets, &stacks, &chains);
-    let found = solver.solve(&selected, selected.is_some);
+    let mut search = Search::new((), selected.direction);
+    let (mut ray, mut lanes) = (0, selected.is_some);
+    let found = loop {
+        ray += 1;
+        let traversal = solver.trace(&selected, lanes, search.direction);
+        let (found, is_open) = traversal.advance(&mut search, (lanes, ray));
+        if !is_open {
+            break found;
+        }
+        lanes = is_open;
+    };
     if !found.has_converged || !solver.is_same_solution(&selected, &found, sampled) {
         return 1.0;
     }
@@ -192,8 +202,6 @@ pub(crate) fn scattering_mis_weight(
 pub(crate) struct Connections<F: Lanes> {
     /// Lanes whose chain arrives at the light.
     pub(crate) has_converged: F::Mask,
-    /// Numbers of traced rays.
-    pub(crate) rays: F,
     /// First directions.
     pub(crate) direction: V3<F>,
     /// The chains up to their last interface.
@@ -204,15 +212,77 @@ pub(crate) struct Connections<F: Lanes> {
     pub(crate) solid_angle_ratio: F,
 }
 
-impl<F: Lanes> Connections<F> {
-    /// Replaces the chains of some lanes.
+/// The state of searches between two rays, one for each lane.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Search<F: Lanes> {
+    /// The first directions of the next rays.
+    pub(crate) direction: V3<F>,
+    best: Best<F>,
+    /// Numbers of rays since the best ones.
+    failures: F,
+}
+
+/// The numbers of a [`Search`].
+pub(crate) const SEARCH_NUMBERS: usize = 20;
+
+impl<F: Lanes> Search<F> {
+    /// Begins in the directions of the chains in plates.
     #[inline(always)]
-    fn replace(&mut self, lanes: F::Mask, new: &Self) {
-        self.has_converged = self.has_converged | lanes & new.has_converged;
-        self.direction = V3::select(lanes, new.direction, self.direction);
-        self.traced.replace(lanes, &new.traced);
-        self.step = lanes.select(new.step, self.step);
-        self.solid_angle_ratio = lanes.select(new.solid_angle_ratio, self.solid_angle_ratio);
+    pub(crate) fn new(token: F::Token, direction: V3<F>) -> Self {
+        let (zero, none) = (F::splat(token, 0.0), F::mask(token, 0));
+        let best = Best {
+            direction,
+            axes: [direction; 2],
+            step: [zero; 2],
+            error: zero.constant(f32::INFINITY),
+            linearized: direction,
+            has_linearized: none,
+        };
+        Self { direction, best, failures: zero }
+    }
+
+    #[inline(always)]
+    pub(crate) fn to_numbers(self) -> [F; SEARCH_NUMBERS] {
+        let Self { direction: d, best, failures } = self;
+        let Best { direction: b, axes: [u, v], step: [x, y], error, linearized: l, has_linearized } = best;
+        let is_linearized = error.constant(1.0).only(has_linearized);
+        [
+            d.x,
+            d.y,
+            d.z,
+            b.x,
+            b.y,
+            b.z,
+            u.x,
+            u.y,
+            u.z,
+            v.x,
+            v.y,
+            v.z,
+            x,
+            y,
+            error,
+            l.x,
+            l.y,
+            l.z,
+            is_linearized,
+            failures,
+        ]
+    }
+
+    #[inline(always)]
+    pub(crate) fn from_numbers(numbers: [F; SEARCH_NUMBERS]) -> Self {
+        let [dx, dy, dz, bx, by, bz, ux, uy, uz, vx, vy, vz, x, y, error, lx, ly, lz, is_linearized, failures] =
+            numbers;
+        let best = Best {
+            direction: V3::new(bx, by, bz),
+            axes: [V3::new(ux, uy, uz), V3::new(vx, vy, vz)],
+            step: [x, y],
+            error,
+            linearized: V3::new(lx, ly, lz),
+            has_linearized: is_linearized.is_positive(),
+        };
+        Self { direction: V3::new(dx, dy, dz), best, failures }
     }
 }
 
@@ -232,14 +302,14 @@ struct Residuals<F: Lanes> {
 }
 
 /// The rays with the smallest misses so far.
+#[derive(Clone, Copy, Debug)]
 struct Best<F: Lanes> {
-    /// Lanes that have one.
-    exists: F::Mask,
     /// First directions, and unit vectors perpendicular to them.
     direction: V3<F>,
     axes: [V3<F>; 2],
     /// The Newton steps of the rays \[rad\].
     step: [F; 2],
+    /// Infinite in lanes without such a ray.
     error: F,
     /// The directions computed from their linearised chains, in lanes that have one.
     linearized: V3<F>,
@@ -250,7 +320,6 @@ impl<F: Lanes> Best<F> {
     /// Replaces the rays of some lanes.
     #[inline(always)]
     fn replace(&mut self, lanes: F::Mask, new: &Self) {
-        self.exists = self.exists | lanes;
         self.direction = V3::select(lanes, new.direction, self.direction);
         for k in 0..2 {
             self.axes[k] = V3::select(lanes, new.axes[k], self.axes[k]);
@@ -275,7 +344,7 @@ impl<F: Lanes> Best<F> {
         }
         let stepped = turned(self.direction, self.axes, [self.step[0] * scale, self.step[1] * scale]);
         let is_allowed = is_linearized | halvings.le(one * MAX_HALVINGS as f32);
-        (V3::select(is_linearized, self.linearized, stepped), self.exists & is_allowed)
+        (V3::select(is_linearized, self.linearized, stepped), self.error.is_finite() & is_allowed)
     }
 }
 
@@ -292,6 +361,7 @@ impl<F: Lanes> Endpoints<F> {
 }
 
 /// The solver for chains between receivers and lights, one for each lane.
+#[derive(Clone, Copy)]
 pub(crate) struct Solver<'a, F: Lanes> {
     pub(crate) scene: &'a Scene,
     /// Instructions for rays.
@@ -325,63 +395,6 @@ impl<F: Lanes> Solver<'_, F> {
         chosen
     }
 
-    /// Solves for the chains of some lanes. The result depends only on receiver, light, stack and chain.
-    #[inline(never)]
-    pub(crate) fn solve(&self, selected: &CandidateChains<F>, lanes: F::Mask) -> Connections<F> {
-        F::vectorize(
-            self.token,
-            #[inline(always)]
-            || self.solve_lanes(selected, lanes),
-        )
-    }
-
-    #[inline(always)]
-    fn solve_lanes(&self, selected: &CandidateChains<F>, lanes: F::Mask) -> Connections<F> {
-        let (zero, one, none) = (self.ends.time.constant(0.0), self.ends.time.constant(1.0), F::mask(self.token, 0));
-        let mut chains = LinearizedChains::new(self.token);
-        let (mut active, mut direction) = (lanes, selected.direction);
-        let traced = TracedChains::new(self.ends, none, direction);
-        let axes = traced.differentials.axes;
-        let mut found =
-            Connections { has_converged: none, rays: zero, direction, traced, step: zero, solid_angle_ratio: one };
-        let (error, linearized) = (zero.constant(f32::INFINITY), direction);
-        let mut best = Best { exists: none, direction, axes, step: [zero; 2], error, linearized, has_linearized: none };
-        let mut failures = zero;
-        for ray in 1..=MAX_RAYS {
-            found.rays += one.only(active);
-            let (traced, residuals) = self.trace(selected, (active, direction), &mut chains);
-            let Residuals { exists, error, step, size, .. } = residuals;
-            let axes = traced.differentials.axes;
-            let has_arrived =
-                exists & error.le(zero.constant(ERROR_TOLERANCE)) & size.le(zero.constant(STEP_TOLERANCE));
-            if has_arrived.any() {
-                let connections = self.connections((has_arrived, turned(direction, axes, step)), traced, &residuals);
-                found.replace(has_arrived, &connections);
-                active = active & !has_arrived;
-            }
-            let is_better = active & exists & error.lt(best.error);
-            failures = (failures + 1.0).only(!is_better);
-            if is_better.any() {
-                let scale = one.min(size.recip() * MAX_STEP);
-                let step = [step[0] * scale, step[1] * scale];
-                let (linearized, has_linearized) =
-                    self.solve_linearized(&chains, is_better, turned(direction, axes, step));
-                let new = Best { exists: is_better, direction, axes, step, error, linearized, has_linearized };
-                best.replace(is_better, &new);
-            }
-            let (next, has_next) = best.next_directions(failures);
-            active = active & has_next;
-            if ray >= EARLY_STOP_RAYS {
-                active = active & best.error.lt(zero.constant(EARLY_STOP_ERROR));
-            }
-            if !active.any() {
-                break;
-            }
-            direction = next;
-        }
-        found
-    }
-
     /// Newton's method on linearised chains of some lanes, starting at `direction`: the first directions of the chains if
     /// the faces continued as near the traced rays, and the lanes in which it converges.
     #[inline(never)]
@@ -412,19 +425,19 @@ impl<F: Lanes> Solver<'_, F> {
         )
     }
 
-    /// Traces rays through the stacks in some lanes. Returns the traced chains and their misses at the lights.
+    /// Traces chains through the stacks in some lanes.
+    fn trace<'s>(&'s self, selected: &'s CandidateChains<F>, lanes: F::Mask, direction: V3<F>) -> Traversal<'s, F> {
+        let mut traversal = [Traversal::new(self, selected, lanes, direction)];
+        trace_chains(&mut traversal);
+        let [traversal] = traversal;
+        traversal
+    }
+
+    /// The misses of traced chains.
     #[inline(always)]
-    fn trace(
-        &self,
-        selected: &CandidateChains<F>,
-        (lanes, direction): (F::Mask, V3<F>),
-        chains: &mut LinearizedChains<F>,
-    ) -> (TracedChains<F>, Residuals<F>) {
-        let lanes = lanes & self.is_same_hemisphere(direction);
-        let traced = self.trace_chains(selected, (lanes, direction), chains);
-        let mut residuals = self.residuals(traced.origin.widen(), traced.direction.widen(), &traced.differentials);
-        residuals.exists = residuals.exists & traced.exists;
-        (traced, residuals)
+    fn residuals_of(&self, traced: &TracedChains<F>) -> Residuals<F> {
+        let residuals = self.residuals(traced.origin.widen(), traced.direction.widen(), &traced.differentials);
+        Residuals { exists: residuals.exists & traced.exists, ..residuals }
     }
 
     /// The misses of rays that leave the covers.
@@ -460,8 +473,7 @@ impl<F: Lanes> Solver<'_, F> {
 
     /// Lanes in which the direction of a sampled path to the light belongs to the same solution.
     fn is_same_solution(&self, selected: &CandidateChains<F>, found: &Connections<F>, sampled: V3<F>) -> F::Mask {
-        let mut chains = LinearizedChains::new(self.token);
-        let (_, residuals) = self.trace(selected, (selected.is_some, sampled), &mut chains);
+        let residuals = self.residuals_of(&self.trace(selected, selected.is_some, sampled).traced);
         let distance = (found.direction.widen() - sampled.widen()).length().narrow();
         residuals.exists & distance.le((found.step + residuals.size) * 2.0 + ROUNDING)
     }
@@ -471,7 +483,7 @@ impl<F: Lanes> Solver<'_, F> {
     fn connections(
         &self,
         (lanes, direction): (F::Mask, V3<F>),
-        traced: TracedChains<F>,
+        traced: &TracedChains<F>,
         residuals: &Residuals<F>,
     ) -> Connections<F> {
         let Endpoints { targets, receivers, light_normal, .. } = self.ends;
@@ -483,8 +495,39 @@ impl<F: Lanes> Solver<'_, F> {
         let ratio = is_finite.select(square * cosines, area.constant(1.0)) / area;
         let solid_angle_ratio = ratio.narrow();
         let has_converged = lanes & solid_angle_ratio.is_positive() & solid_angle_ratio.is_finite();
-        let zero = solid_angle_ratio.constant(0.0);
-        Connections { has_converged, rays: zero, direction, traced, step: residuals.size, solid_angle_ratio }
+        Connections { has_converged, direction, traced: *traced, step: residuals.size, solid_angle_ratio }
+    }
+}
+
+impl<F: Lanes> Traversal<'_, F> {
+    /// Continues the searches of some lanes behind their traced rays; `ray` is their number, from one. Returns the chains that
+    /// have arrived, and the lanes whose search goes on. The result depends only on receiver, light, stack and chain.
+    #[inline(always)]
+    pub(crate) fn advance(&self, search: &mut Search<F>, (lanes, ray): (F::Mask, u32)) -> (Connections<F>, F::Mask) {
+        let Search { direction, best, failures } = search;
+        let Self { solver, traced, linearized: chains, .. } = self;
+        let residuals = solver.residuals_of(traced);
+        let Residuals { exists, error, step, size, .. } = residuals;
+        let axes = traced.differentials.axes;
+        let has_arrived = exists & error.le(error.constant(ERROR_TOLERANCE)) & size.le(size.constant(STEP_TOLERANCE));
+        let connections = solver.connections((has_arrived, turned(*direction, axes, step)), traced, &residuals);
+        let active = lanes & !has_arrived;
+        let is_better = active & exists & error.lt(best.error);
+        *failures = (*failures + 1.0).only(!is_better);
+        if is_better.any() {
+            let scale = size.constant(1.0).min(size.recip() * MAX_STEP);
+            let step = [step[0] * scale, step[1] * scale];
+            let (linearized, has_linearized) =
+                solver.solve_linearized(chains, is_better, turned(*direction, axes, step));
+            best.replace(is_better, &Best { direction: *direction, axes, step, error, linearized, has_linearized });
+        }
+        let (next, has_next) = best.next_directions(*failures);
+        let mut active = active & has_next & F::mask(solver.token, if ray < MAX_RAYS { u32::MAX } else { 0 });
+        if ray >= EARLY_STOP_RAYS {
+            active = active & best.error.lt(best.error.constant(EARLY_STOP_ERROR));
+        }
+        *direction = next;
+        (connections, active)
     }
 }
 

@@ -8,7 +8,7 @@ use crate::scatterer::Scatterer;
 use dunkelfeld_bsdf::{Bsdf, Dielectric, InLanes, Lobe, View};
 use dunkelfeld_bvh::{HitBatch, NO_HIT, RayBatch};
 use dunkelfeld_geometry::Ray;
-use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Double, InstructionSet, Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{CandidateChains, Chain, HitLanes, Interface, Scene, SurfacePoint, SurfacePoints};
 
@@ -72,156 +72,190 @@ impl<F: Lanes> TracedChains<F> {
         }
     }
 
-    /// Replaces the chains of some lanes.
-    #[inline(always)]
-    pub(super) fn replace(&mut self, lanes: F::Mask, new: &Self) {
-        self.exists = self.exists & !lanes | lanes & new.exists;
-        self.origin = V3::select(lanes, new.origin, self.origin);
-        self.direction = V3::select(lanes, new.direction, self.direction);
-        self.weight = Rgb::select(lanes, new.weight, self.weight);
-        self.probability = lanes.select(new.probability, self.probability);
-        lanes.each(
-            #[inline(always)]
-            |lane| self.enclosing[lane] = new.enclosing[lane],
-        );
-    }
-
     /// The segment of a lane to its light.
     fn ray_state(&self, lane: usize, ray: Ray) -> RayState {
         RayState { ray, enclosing: self.enclosing[lane] }
     }
 }
 
-impl<F: Lanes> Solver<'_, F> {
-    /// Traces the chains of some lanes through the interfaces of their stacks. A chain does not exist if another surface
-    /// is in the way, if an interface is missed, or if light is reflected totally where it should be transmitted.
-    /// Afterwards `linearized` has the interfaces that were hit.
-    #[inline(never)]
-    pub(super) fn trace_chains(
-        &self,
-        chains: &CandidateChains<F>,
-        (lanes, direction): (F::Mask, V3<F>),
-        linearized: &mut LinearizedChains<F>,
-    ) -> TracedChains<F> {
-        F::vectorize(
-            self.token,
-            #[inline(always)]
-            || {
-                *linearized = LinearizedChains::new(self.token);
-                let mut traced = TracedChains::new(self.ends, lanes, direction);
-                for event in 0..Chain::MAX_EVENTS {
-                    let [mut has_event, mut is_reflection] = [0; 2];
-                    traced.exists.each(
-                        #[inline(always)]
-                        |lane| {
-                            has_event |= u32::from(event < chains.chain[lane].events()) << lane;
-                            is_reflection |= u32::from(chains.chain[lane].is_reflection(event)) << lane;
-                        },
-                    );
-                    let active = traced.exists & F::mask(self.token, has_event);
-                    if !active.any() {
-                        break;
-                    }
-                    let faces = self.next_faces(&traced, active, &chains.stack);
-                    let is_reflection = F::mask(self.token, is_reflection);
-                    self.pass_faces(&mut traced, &faces, (event as usize, active, is_reflection), linearized);
-                }
-                traced
-            },
-        )
+/// Most traversals whose rays are followed together.
+pub(crate) const MAX_TRAVERSALS: usize = 8;
+const MAX_RAYS: usize = MAX_TRAVERSALS * MAX_WIDTH;
+
+/// Chains on their way through the interfaces of their stacks, one for each lane.
+pub(crate) struct Traversal<'a, F: Lanes> {
+    pub(super) solver: Solver<'a, F>,
+    chains: &'a CandidateChains<F>,
+    pub(super) traced: TracedChains<F>,
+    /// The interfaces that were hit.
+    pub(super) linearized: LinearizedChains<F>,
+}
+
+impl<'a, F: Lanes> Traversal<'a, F> {
+    /// The starts of chains of some lanes in given directions.
+    #[inline(always)]
+    pub(crate) fn new(solver: &Solver<'a, F>, chains: &'a CandidateChains<F>, lanes: F::Mask, from: V3<F>) -> Self {
+        let traced = TracedChains::new(solver.ends, lanes & solver.is_same_hemisphere(from), from);
+        Self { solver: *solver, chains, traced, linearized: LinearizedChains::new(solver.token) }
     }
 
+    /// The lanes whose chain has an event, and those where it is a reflection.
+    #[inline(always)]
+    fn event(&self, event: u32) -> [u32; 2] {
+        let [mut has_event, mut is_reflection] = [0; 2];
+        self.traced.exists.each(
+            #[inline(always)]
+            |lane| {
+                let chain = self.chains.chain[lane];
+                has_event |= u32::from(event < chain.events()) << lane;
+                is_reflection |= u32::from(chain.is_reflection(event)) << lane;
+            },
+        );
+        [has_event, is_reflection]
+    }
+}
+
+/// Traces chains through the real mesh. A chain does not exist if another surface is in the way, if an interface is missed,
+/// or if light is reflected totally where it should be transmitted.
+#[inline(never)]
+pub(crate) fn trace_chains<F: Lanes>(traversals: &mut [Traversal<'_, F>]) {
+    let Some(Solver { scene, set, token, .. }) = traversals.first().map(|traversal| traversal.solver) else { return };
+    let mut segments = Segments::default();
+    let count = traversals.len() * F::WIDTH;
+    for event in 0..Chain::MAX_EVENTS {
+        let mut lanes = [[0; 2]; MAX_TRAVERSALS];
+        F::vectorize(
+            token,
+            #[inline(always)]
+            || {
+                for (number, traversal) in traversals.iter().enumerate() {
+                    lanes[number] = traversal.event(event);
+                    segments.set(number * F::WIDTH, traversal, F::mask(token, lanes[number][0]));
+                }
+            },
+        );
+        if lanes.iter().all(|[has_event, _]| *has_event == 0) {
+            return;
+        }
+        segments.trace(scene, set, count);
+        F::vectorize(
+            token,
+            #[inline(always)]
+            || {
+                for (number, traversal) in traversals.iter_mut().enumerate() {
+                    let [active, is_reflection] = lanes[number].map(
+                        #[inline(always)]
+                        |bits| F::mask(token, bits),
+                    );
+                    if active.any() {
+                        let Traversal { solver, chains, traced, linearized } = traversal;
+                        let hits = segments.hits(token, number * F::WIDTH, active);
+                        let faces = solver.next_faces(traced, (active, hits), &chains.stack);
+                        solver.pass_faces(traced, &faces, (event as usize, active, is_reflection), linearized);
+                    }
+                }
+            },
+        );
+    }
+}
+
+/// The next segments of chains, and their hits.
+struct Segments {
+    /// Coordinates of the origins and directions, ends and times.
+    rays: [[f32; MAX_RAYS]; 8],
+    /// Distances and barycentric weights.
+    numbers: [[f32; MAX_RAYS]; 3],
+    /// Instances, parts and triangles.
+    ids: [[u32; MAX_RAYS]; 3],
+}
+
+impl Default for Segments {
+    fn default() -> Self {
+        Self { rays: [[0.0; MAX_RAYS]; 8], numbers: [[0.0; MAX_RAYS]; 3], ids: [[0; MAX_RAYS]; 3] }
+    }
+}
+
+impl Segments {
+    /// Sets the rays of some lanes. The others hit nothing.
+    #[inline(always)]
+    fn set<F: Lanes>(&mut self, first: usize, traversal: &Traversal<'_, F>, active: F::Mask) {
+        let (o, d, time) = (traversal.traced.origin, traversal.traced.direction, traversal.solver.ends.time);
+        let numbers = [o.x, o.y, o.z, d.x, d.y, d.z, time.constant(f32::INFINITY).only(active), time];
+        for (number, column) in numbers.into_iter().zip(&mut self.rays) {
+            number.store(&mut column[first..]);
+        }
+    }
+
+    fn trace(&mut self, scene: &Scene, set: InstructionSet, count: usize) {
+        let Self { rays, numbers, ids } = self;
+        let [ox, oy, oz, dx, dy, dz, t_max, time] = rays.each_ref().map(|column| &column[..count]);
+        let [t, b1, b2] = numbers.each_mut().map(|column| &mut column[..count]);
+        let [instance, part, triangle] = ids.each_mut().map(|column| &mut column[..count]);
+        let rays = RayBatch { origin: [ox, oy, oz], direction: [dx, dy, dz], t_max, time };
+        scene.bvh().closest_hits(set, &rays, &mut HitBatch { t, b1, b2, instance, part, triangle });
+    }
+
+    /// The hits of some lanes, and the lanes that have one. Other lanes repeat one of them.
+    #[inline(always)]
+    fn hits<F: Lanes>(&self, token: F::Token, first: usize, active: F::Mask) -> (HitLanes<F>, F::Mask) {
+        let Self { numbers, ids, .. } = self;
+        let mut found = 0;
+        for (lane, instance) in ids[0][first..first + F::WIDTH].iter().enumerate() {
+            found |= u32::from(*instance != NO_HIT) << lane;
+        }
+        let found = active & F::mask(token, found);
+        let one = first + found.bits().trailing_zeros() as usize % MAX_WIDTH % F::WIDTH;
+        let [instance, part, triangle] = [&ids[0], &ids[1], &ids[2]].map(
+            #[inline(always)]
+            |ids| {
+                let other = if found.any() { ids[one] } else { 0 };
+                let (own, other) = (F::load_word(token, &ids[first..]), F::splat_word(token, other));
+                found.select(F::from_bits(own), F::from_bits(other)).to_bits()
+            },
+        );
+        let [t, b1, b2] = [&numbers[0], &numbers[1], &numbers[2]].map(
+            #[inline(always)]
+            |column| F::load(token, &column[first..]),
+        );
+        (HitLanes { t, b1, b2, instance, part, triangle }, found)
+    }
+}
+
+impl<F: Lanes> Solver<'_, F> {
     /// The next faces on the way, in the lanes of `active`.
     #[inline(always)]
-    fn next_faces(&self, traced: &TracedChains<F>, active: F::Mask, stacks: &[u16; MAX_WIDTH]) -> Faces<F> {
+    fn next_faces(
+        &self,
+        traced: &TracedChains<F>,
+        (active, (hits, found)): (F::Mask, (HitLanes<F>, F::Mask)),
+        stacks: &[u16; MAX_WIDTH],
+    ) -> Faces<F> {
         let Solver { scene, token, ends, .. } = *self;
-        let (hits, found) = self.closest_hits(traced, active);
         let one = hits.t.constant(1.0);
         let mut faces = Faces {
             found: F::mask(token, 0),
             points: scene.surface_points(token, &hits, ends.time),
             distance: hits.t,
-            weight: Rgb::splat(one),
+            weight: EnclosingSolids::transmittances(&traced.enclosing, scene, hits.t),
             open: one,
             interfaces: Vec::new(),
         };
         let parts = F::word_to_array(faces.points.part);
-        let [mut at_face, mut others, mut absorbed] = [0; 3];
+        let [mut at_face, mut others] = [0; 2];
         (active & found).each(
             #[inline(always)]
             |lane| {
                 let is_face = scene.cover_of_part(parts[lane]) == Some(stacks[lane]);
-                match &traced.enclosing[lane] {
-                    EnclosingSolids::Last(material) if is_face => {
-                        at_face |= 1 << lane;
-                        absorbed |= u32::from(material.is_some_and(|m| !scene.absorption(m).is_black())) << lane;
-                    }
-                    _ => others |= 1 << lane,
-                }
+                let is_single = matches!(traced.enclosing[lane], EnclosingSolids::Last(_));
+                at_face |= u32::from(is_face && is_single) << lane;
+                others |= u32::from(!(is_face && is_single)) << lane;
             },
         );
-        if absorbed != 0 {
-            let (distances, mut passed) = (faces.distance.to_array(), [Rgb::WHITE; MAX_WIDTH]);
-            F::mask(token, absorbed).each(
-                #[inline(always)]
-                |lane| passed[lane] = traced.enclosing[lane].transmittance(scene, distances[lane]),
-            );
-            faces.weight = Rgb::from_lanes(token, &passed);
-        }
         faces.found = F::mask(token, at_face);
         if others != 0 {
             self.pass_surfaces(traced, &mut faces, (others, stacks));
         }
         faces
-    }
-
-    /// The nearest hits of the rays of some lanes, and the lanes that have one. Other lanes repeat one of them.
-    #[inline(always)]
-    fn closest_hits(&self, traced: &TracedChains<F>, active: F::Mask) -> (HitLanes<F>, F::Mask) {
-        let (o, d, token) = (traced.origin, traced.direction, self.token);
-        let [o, d] = [[o.x, o.y, o.z], [d.x, d.y, d.z]].map(
-            #[inline(always)]
-            |[x, y, z]| [x.to_array(), y.to_array(), z.to_array()],
-        );
-        let [ox, oy, oz] = &o;
-        let [dx, dy, dz] = &d;
-        let t_max = F::splat(token, f32::INFINITY).only(active).to_array();
-        let rays = RayBatch {
-            origin: [&ox[..F::WIDTH], &oy[..F::WIDTH], &oz[..F::WIDTH]],
-            direction: [&dx[..F::WIDTH], &dy[..F::WIDTH], &dz[..F::WIDTH]],
-            t_max: &t_max[..F::WIDTH],
-            time: &self.ends.time.to_array(),
-        };
-        let [mut t, mut b1, mut b2] = [[0.0; MAX_WIDTH]; 3];
-        let [mut instance, mut part, mut triangle] = [[0; MAX_WIDTH]; 3];
-        let mut hits = HitBatch {
-            t: &mut t,
-            b1: &mut b1,
-            b2: &mut b2,
-            instance: &mut instance,
-            part: &mut part,
-            triangle: &mut triangle,
-        };
-        self.scene.bvh().closest_hits(self.set, &rays, &mut hits);
-        let mut found = 0;
-        for (lane, instance) in instance.iter().enumerate().take(F::WIDTH) {
-            found |= u32::from(*instance != NO_HIT) << lane;
-        }
-        let found = active & F::mask(token, found);
-        let first = found.bits().trailing_zeros() as usize % MAX_WIDTH;
-        let ids = match found.any() {
-            true => [instance[first], part[first], triangle[first]],
-            false => [0; 3],
-        };
-        let [instance, part, triangle] = [(instance, ids[0]), (part, ids[1]), (triangle, ids[2])].map(
-            #[inline(always)]
-            |(own, other)| {
-                let (own, other) = (F::load_word(token, &own), F::splat_word(token, other));
-                found.select(F::from_bits(own), F::from_bits(other)).to_bits()
-            },
-        );
-        let [t, b1, b2] = [F::load(token, &t), F::load(token, &b1), F::load(token, &b2)];
-        (HitLanes { t, b1, b2, instance, part, triangle }, found)
     }
 
     /// Passes surfaces without effect on the direction, in lanes that meet one or that may be in several solids.

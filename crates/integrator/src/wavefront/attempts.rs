@@ -1,6 +1,6 @@
 //! The connections through covers of a wave that are still to be searched.
 
-use crate::mnee::Endpoints;
+use crate::mnee::{Endpoints, SEARCH_NUMBERS, Search};
 use crate::ray_state::EnclosingSolids;
 use crate::scatterer::Scattering;
 use dunkelfeld_bsdf::Bsdf;
@@ -24,6 +24,7 @@ pub(super) struct Attempts {
     vectors: [[Vec<f32>; 3]; 13],
     numbers: [Vec<f32>; 3],
     masks: [Vec<f32>; 4],
+    pub(super) searches: Searches,
     enclosing: Vec<EnclosingSolids>,
     chains: Vec<(u16, Chain)>,
     /// Numbers of the paths, and indices of the light samples.
@@ -32,6 +33,47 @@ pub(super) struct Attempts {
     /// The BSDFs of receivers, and the one of each receiver.
     bsdfs: Vec<Bsdf>,
     bsdf: Vec<u32>,
+}
+
+/// The state of searches between two rays: an array for each number of [`Search`].
+#[derive(Debug, Default)]
+pub(super) struct Searches([Vec<f32>; SEARCH_NUMBERS]);
+
+impl Searches {
+    /// For so many connections.
+    pub(super) fn resize(&mut self, count: usize) {
+        self.0.iter_mut().for_each(|column| column.resize(count, 0.0));
+    }
+
+    /// The state of some searches. Before the first ray it is that of their chains.
+    #[inline(always)]
+    pub(super) fn load<F: Lanes>(&self, token: F::Token, numbers: &[u32], direction: V3<F>, ray: u32) -> Search<F> {
+        let mut search = Search::new(token, direction);
+        if ray > 1 {
+            let (at, mut state) = (&in_lanes(numbers), search.to_numbers());
+            for (number, column) in state.iter_mut().zip(&self.0) {
+                *number = F::gather(token, column, at);
+            }
+            search = Search::from_numbers(state);
+        }
+        search
+    }
+
+    /// Stores the state of searches in some lanes, whose numbers are appended to `open`.
+    #[inline(always)]
+    pub(super) fn keep<F: Lanes>(&mut self, lanes: F::Mask, numbers: &[u32], search: &Search<F>, open: &mut Vec<u32>) {
+        for (number, column) in search.to_numbers().into_iter().zip(&mut self.0) {
+            let number = number.to_array();
+            lanes.each(
+                #[inline(always)]
+                |lane| column[numbers[lane] as usize] = number[lane],
+            );
+        }
+        lanes.each(
+            #[inline(always)]
+            |lane| open.push(numbers[lane]),
+        );
+    }
 }
 
 impl Attempts {
@@ -95,69 +137,70 @@ impl Attempts {
         );
     }
 
-    /// The connections of `lanes` from a place on. The numbers of free lanes are zero.
+    /// Some connections. Free lanes repeat the first one.
     #[inline(always)]
-    pub(super) fn load<F: Lanes>(
-        &self,
-        token: F::Token,
-        first: usize,
-        lanes: F::Mask,
-    ) -> (Entry<'_, F>, CandidateChains<F>) {
-        let len = lanes.bits().count_ones() as usize;
+    pub(super) fn load<F: Lanes>(&self, token: F::Token, numbers: &[u32]) -> (Entry<'_, F>, CandidateChains<F>) {
+        let (len, places) = (numbers.len(), &in_lanes(numbers));
         let (mut stack, mut chain) = ([0; MAX_WIDTH], [Chain::EMPTY; MAX_WIDTH]);
         let mut enclosing = [EnclosingSolids::Last(None); MAX_WIDTH];
-        let mut bsdfs = [&self.bsdfs[self.bsdf[first] as usize]; MAX_WIDTH];
+        let mut bsdfs = [&self.bsdfs[self.bsdf[places[0] as usize] as usize]; MAX_WIDTH];
         let mut is_same = true;
-        for lane in 0..len {
-            (stack[lane], chain[lane]) = self.chains[first + lane];
-            enclosing[lane] = self.enclosing[first + lane];
-            bsdfs[lane] = &self.bsdfs[self.bsdf[first + lane] as usize];
-            is_same &= self.bsdf[first + lane] == self.bsdf[first];
+        for lane in 0..F::WIDTH {
+            let number = places[lane] as usize;
+            (stack[lane], chain[lane]) = self.chains[number];
+            enclosing[lane] = self.enclosing[number];
+            bsdfs[lane] = &self.bsdfs[self.bsdf[number] as usize];
+            is_same &= self.bsdf[number] == self.bsdf[places[0] as usize];
         }
         let frame = Frame {
-            tangent: self.vector::<F>(token, 7, first),
-            bitangent: self.vector::<F>(token, 8, first),
-            normal: self.vector::<F>(token, 9, first),
+            tangent: self.vector::<F>(token, 7, places),
+            bitangent: self.vector::<F>(token, 8, places),
+            normal: self.vector::<F>(token, 9, places),
         };
         let frames = ShadingFrames {
             frame,
-            normal: self.vector::<F>(token, 10, first),
-            along: self.mask::<F>(token, 2, first),
-            is_bent: self.mask::<F>(token, 3, first),
+            normal: self.vector::<F>(token, 10, places),
+            along: self.mask::<F>(token, 2, places),
+            is_bent: self.mask::<F>(token, 3, places),
         };
-        let (straight, light) = (self.vector::<F>(token, 3, first), self.vector::<F>(token, 12, first));
+        let (straight, light) = (self.vector::<F>(token, 3, places), self.vector::<F>(token, 12, places));
         let at = Scattering {
             token,
             len,
             frames,
-            wo: self.vector::<F>(token, 11, first),
+            wo: self.vector::<F>(token, 11, places),
             bsdfs: if is_same { Bsdfs::Same(bsdfs[0]) } else { Bsdfs::Each(bsdfs) },
         };
         let ends = Endpoints {
             receivers: Receivers {
-                point: self.vector::<F>(token, 0, first),
-                normal: self.vector::<F>(token, 1, first),
-                both_sides: self.mask::<F>(token, 0, first),
+                point: self.vector::<F>(token, 0, places),
+                normal: self.vector::<F>(token, 1, places),
+                both_sides: self.mask::<F>(token, 0, places),
             },
-            origin: self.vector::<F>(token, 2, first),
-            time: F::load(token, &self.numbers[0][first..]),
+            origin: self.vector::<F>(token, 2, places),
+            time: F::gather(token, &self.numbers[0], places),
             enclosing,
             targets: Targets {
-                point: self.vector::<F>(token, 4, first),
+                point: self.vector::<F>(token, 4, places),
                 direction: straight,
-                is_finite: self.mask::<F>(token, 1, first),
+                is_finite: self.mask::<F>(token, 1, places),
             },
-            light_normal: self.vector::<F>(token, 5, first),
+            light_normal: self.vector::<F>(token, 5, places),
             straight,
         };
-        let probability = F::load(token, &self.numbers[2][first..]);
-        let chains =
-            CandidateChains { is_some: lanes, stack, chain, direction: self.vector::<F>(token, 6, first), probability };
+        let probability = F::gather(token, &self.numbers[2], places);
+        let chains = CandidateChains {
+            is_some: F::mask(token, u32::MAX >> (32 - len)),
+            stack,
+            chain,
+            direction: self.vector::<F>(token, 6, places),
+            probability,
+        };
         (
             Entry {
                 ends,
                 light: Rgb::new(light.x, light.y, light.z),
-                pdf: F::load(token, &self.numbers[1][first..]),
+                pdf: F::gather(token, &self.numbers[1], places),
                 at,
             },
             chains,
@@ -165,20 +208,21 @@ impl Attempts {
     }
 
     #[inline(always)]
-    fn vector<F: Lanes>(&self, token: F::Token, k: usize, first: usize) -> V3<F> {
+    fn vector<F: Lanes>(&self, token: F::Token, k: usize, at: &[u32; MAX_WIDTH]) -> V3<F> {
         let [x, y, z] = &self.vectors[k];
-        V3::new(F::load(token, &x[first..]), F::load(token, &y[first..]), F::load(token, &z[first..]))
+        V3::new(F::gather(token, x, at), F::gather(token, y, at), F::gather(token, z, at))
     }
 
     #[inline(always)]
-    fn mask<F: Lanes>(&self, token: F::Token, k: usize, first: usize) -> F::Mask {
-        F::load(token, &self.masks[k][first..]).is_positive()
+    fn mask<F: Lanes>(&self, token: F::Token, k: usize, at: &[u32; MAX_WIDTH]) -> F::Mask {
+        F::gather(token, &self.masks[k], at).is_positive()
     }
 
-    /// Fills the columns, so that the last lanes can be loaded.
-    pub(super) fn pad(&mut self, width: usize) {
-        let len = self.paths.len();
-        self.columns().for_each(|column| column.resize(len + width, 0.0));
+    /// The numbers of all connections, those of one light sample and of equally long chains together.
+    pub(super) fn order(&self) -> Vec<u32> {
+        let mut order: Vec<u32> = (0..self.paths.len() as u32).collect();
+        order.sort_by_key(|&number| (self.indices[number as usize], self.chains[number as usize].1.events()));
+        order
     }
 
     fn columns(&mut self) -> impl Iterator<Item = &mut Vec<f32>> {
@@ -193,4 +237,12 @@ impl Attempts {
         chains.clear();
         bsdfs.clear();
     }
+}
+
+/// Numbers of connections in lanes. Free lanes repeat the first one.
+#[inline(always)]
+fn in_lanes(numbers: &[u32]) -> [u32; MAX_WIDTH] {
+    let mut at = [numbers[0]; MAX_WIDTH];
+    at[..numbers.len()].copy_from_slice(numbers);
+    at
 }

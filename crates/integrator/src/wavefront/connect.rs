@@ -1,12 +1,13 @@
 //! Connections through covers: next-event estimation where clear sheets lie before the lights (`mnee`).
 
-use super::attempts::{Attempts, Entry};
+use super::attempts::{Attempts, Entry, Searches};
 use super::group::Group;
 use super::rays::Queued;
 use super::scatter::{Directions, Draw, Evaluated, LIGHTS, evaluate_group};
 use super::{Watch, Wavefront};
 use crate::direct::power_heuristic;
-use crate::mnee::{Attempt, Endpoints, Solver};
+use crate::estimator::Estimator;
+use crate::mnee::{Attempt, Connections, Endpoints, MAX_TRAVERSALS, Solver, Traversal, trace_chains};
 use crate::observer::Event;
 use dunkelfeld_geometry::Ray;
 use dunkelfeld_lanes::{Lanes, Mask};
@@ -107,90 +108,158 @@ impl Wavefront<'_> {
         group.learned.connection_survival(index, brightest, group.gathered_survival(expected))
     }
 
-    /// Searches the queued chains, and stores the shadow rays behind the covers.
+    /// Searches the queued chains ray by ray, and stores the shadow rays behind the covers.
     #[inline(always)]
     pub(super) fn connect<F: Lanes>(&mut self, token: F::Token, watch: &mut Watch<'_>) {
         if self.attempts.paths.is_empty() {
             return;
         }
         let mut attempts = std::mem::take(&mut self.attempts);
-        attempts.pad(F::WIDTH);
-        for first in (0..attempts.paths.len()).step_by(F::WIDTH) {
-            self.connect_lanes::<F>(token, &attempts, first, watch);
+        watch.tally.attempts += attempts.paths.len() as u64;
+        let mut searches = std::mem::take(&mut attempts.searches);
+        searches.resize(attempts.paths.len());
+        let (mut order, mut open) = (attempts.order(), Vec::new());
+        let mut ray = 0;
+        while !order.is_empty() {
+            ray += 1;
+            watch.tally.rays += order.len() as u64;
+            for numbers in order.chunks(MAX_TRAVERSALS * F::WIDTH) {
+                self.advance::<F>(token, &attempts, (numbers, ray), (&mut searches, &mut open), watch);
+            }
+            std::mem::swap(&mut order, &mut open);
+            open.clear();
         }
+        attempts.searches = searches;
         attempts.clear();
         self.attempts = attempts;
     }
 
+    /// Traces the next rays of some searches. Those that go on are appended to `open`.
     #[inline(never)]
-    fn connect_lanes<F: Lanes>(&mut self, token: F::Token, queue: &Attempts, first: usize, watch: &mut Watch<'_>) {
+    fn advance<F: Lanes>(
+        &mut self,
+        token: F::Token,
+        queue: &Attempts,
+        (numbers, ray): (&[u32], u32),
+        (searches, open): (&mut Searches, &mut Vec<u32>),
+        watch: &mut Watch<'_>,
+    ) {
+        let Wavefront { estimator: Estimator { scene, .. }, set, .. } = *self;
+        let (mut loaded, mut states) = (Vec::with_capacity(MAX_TRAVERSALS), Vec::with_capacity(MAX_TRAVERSALS));
+        let mut traversals = Vec::with_capacity(MAX_TRAVERSALS);
         F::vectorize(
             token,
             #[inline(always)]
             || {
-                let len = F::WIDTH.min(queue.paths.len() - first);
-                let lanes = F::mask(token, u32::MAX >> (32 - len));
-                self.lane_use.connections[0] += len as u64;
-                self.lane_use.connections[1] += F::WIDTH as u64;
-                let (Entry { ends, light, pdf: light_pdf, at }, chains) = queue.load::<F>(token, first, lanes);
-                let connections = self.solver(token, &ends).solve(&chains, lanes);
-                let direction = [(connections.has_converged, connections.direction)];
-                let (scattered, pdf) = evaluate_group(&at, &direction, None).direct[0];
-                let traced = &connections.traced;
-                let unoccluded = scattered * light * traced.weight;
-                let arriving = connections.has_converged & unoccluded.is_lit();
-                // The density of the first direction.
-                let density = light_pdf * chains.probability / connections.solid_angle_ratio;
-                let mis_weight = power_heuristic(density, pdf * traced.probability);
-                let end = (ends.targets.point, ends.light_normal, ends.targets.is_finite);
-                let (direction, t_max) = shadow_rays(traced.origin, traced.direction, end);
-                let (origin, light) = (traced.origin, unoccluded * (mis_weight / density));
-                let mut rays = Queued { lanes: arriving, origin, direction, t_max, light };
-                self.dim_by_solids(&mut rays, ends.time, &traced.enclosing);
-                let (paths, indices) = (&queue.paths[first..first + len], &queue.indices[first..first + len]);
-                let (origins, directions) = (origin.to_lanes(), rays.direction.to_lanes());
-                let (ends, times) = (rays.t_max.to_array(), ends.time.to_array());
-                let lights = rays.light.to_lanes();
-                arriving.each(
-                    #[inline(always)]
-                    |lane| {
-                        let ray = Ray {
-                            origin: origins[lane],
-                            direction: directions[lane],
-                            t_max: ends[lane],
-                            time: times[lane],
-                        };
-                        self.shadow[indices[lane] as usize][1].push(&ray, paths[lane], lights[lane]);
-                    },
-                );
-                let (rays, converged) = (connections.rays.to_array(), connections.has_converged.bits());
-                watch.tally.attempts += len as u64;
-                watch.tally.converged += u64::from(converged.count_ones());
-                for rays in rays {
-                    watch.tally.rays += rays as u64;
-                }
-                if watch.observer.is_some() {
-                    let probability = chains.probability.to_array();
-                    let mis_weight = mis_weight.only(arriving).to_array();
-                    for lane in 0..len {
-                        let attempt = Attempt {
-                            stack: chains.stack[lane],
-                            chain: chains.chain[lane],
-                            probability: probability[lane],
-                            rays: rays[lane] as u32,
-                            has_converged: converged >> lane & 1 == 1,
-                            mis_weight: mis_weight[lane],
-                        };
-                        let index = indices[lane];
-                        if arriving.bits() >> lane & 1 == 1 {
-                            self.shadow[index as usize][1].attempts.push(attempt);
-                        } else {
-                            watch.event(paths[lane], || Event::Connection { index, attempt, light: Rgb::BLACK });
-                        }
-                    }
+                for numbers in numbers.chunks(F::WIDTH) {
+                    self.lane_use.connections[0] += numbers.len() as u64;
+                    self.lane_use.connections[1] += F::WIDTH as u64;
+                    let (entry, chains) = queue.load::<F>(token, numbers);
+                    states.push(searches.load::<F>(token, numbers, chains.direction, ray));
+                    loaded.push((entry, chains));
                 }
             },
         );
+        F::vectorize(
+            token,
+            #[inline(always)]
+            || {
+                for ((entry, chains), search) in loaded.iter().zip(&states) {
+                    let solver = Solver { scene, set, token, ends: &entry.ends };
+                    traversals.push(Traversal::new(&solver, chains, chains.is_some, search.direction));
+                }
+            },
+        );
+        trace_chains(&mut traversals);
+        F::vectorize(
+            token,
+            #[inline(always)]
+            || {
+                let vectors = numbers.chunks(F::WIDTH).zip(&loaded).zip(states.iter_mut().zip(&traversals));
+                for ((numbers, (entry, chains)), (search, traversal)) in vectors {
+                    let (connections, is_open) = traversal.advance(search, (chains.is_some, ray));
+                    let weights = self.send_shadow_rays(queue, (numbers, entry, chains), &connections, watch);
+                    if watch.observer.is_some() {
+                        let ended = chains.is_some & !is_open;
+                        self.report(queue, (numbers, chains), (ended, &connections, weights, ray), watch);
+                    }
+                    searches.keep(is_open, numbers, search, open);
+                }
+            },
+        );
+    }
+
+    /// Stores the shadow rays of chains that have arrived. Returns the lanes that have one, and their weights by the power
+    /// heuristic.
+    #[inline(always)]
+    fn send_shadow_rays<F: Lanes>(
+        &mut self,
+        queue: &Attempts,
+        (numbers, entry, chains): (&[u32], &Entry<'_, F>, &CandidateChains<F>),
+        connections: &Connections<F>,
+        watch: &mut Watch<'_>,
+    ) -> (F::Mask, F) {
+        let Entry { ends, light, pdf: light_pdf, at } = entry;
+        if !connections.has_converged.any() {
+            return (connections.has_converged, light_pdf.constant(0.0));
+        }
+        watch.tally.converged += u64::from(connections.has_converged.bits().count_ones());
+        let direction = [(connections.has_converged, connections.direction)];
+        let (scattered, pdf) = evaluate_group(at, &direction, None).direct[0];
+        let traced = &connections.traced;
+        let unoccluded = scattered * *light * traced.weight;
+        let arriving = connections.has_converged & unoccluded.is_lit();
+        // The density of the first direction.
+        let density = *light_pdf * chains.probability / connections.solid_angle_ratio;
+        let mis_weight = power_heuristic(density, pdf * traced.probability);
+        let end = (ends.targets.point, ends.light_normal, ends.targets.is_finite);
+        let (direction, t_max) = shadow_rays(traced.origin, traced.direction, end);
+        let (origin, light) = (traced.origin, unoccluded * (mis_weight / density));
+        let mut rays = Queued { lanes: arriving, origin, direction, t_max, light };
+        self.dim_by_solids(&mut rays, ends.time, &traced.enclosing);
+        let (origins, directions) = (origin.to_lanes(), rays.direction.to_lanes());
+        let (ends, times) = (rays.t_max.to_array(), ends.time.to_array());
+        let lights = rays.light.to_lanes();
+        arriving.each(
+            #[inline(always)]
+            |lane| {
+                let ray =
+                    Ray { origin: origins[lane], direction: directions[lane], t_max: ends[lane], time: times[lane] };
+                let number = numbers[lane] as usize;
+                self.shadow[queue.indices[number] as usize][1].push(&ray, queue.paths[number], lights[lane]);
+            },
+        );
+        (arriving, mis_weight.only(arriving))
+    }
+
+    /// Reports attempts that have ended: with the shadow rays of those that have one, the others now.
+    #[inline(never)]
+    fn report<F: Lanes>(
+        &mut self,
+        queue: &Attempts,
+        (numbers, chains): (&[u32], &CandidateChains<F>),
+        (ended, connections, (arriving, mis_weight), ray): (F::Mask, &Connections<F>, (F::Mask, F), u32),
+        watch: &mut Watch<'_>,
+    ) {
+        let (probability, mis_weight) = (chains.probability.to_array(), mis_weight.to_array());
+        let converged = connections.has_converged.bits();
+        ended.each(|lane| {
+            let number = numbers[lane] as usize;
+            let attempt = Attempt {
+                stack: chains.stack[lane],
+                chain: chains.chain[lane],
+                probability: probability[lane],
+                rays: ray,
+                has_converged: converged >> lane & 1 == 1,
+                mis_weight: mis_weight[lane],
+            };
+            let (index, path) = (queue.indices[number], queue.paths[number]);
+            if arriving.bits() >> lane & 1 == 1 {
+                self.shadow[index as usize][1].attempts.push(attempt);
+            } else {
+                watch.event(path, || Event::Connection { index, attempt, light: Rgb::BLACK });
+            }
+        });
     }
 
     /// The receivers of a group and the ends of light samples.

@@ -83,7 +83,7 @@ impl<'a> Wavefront<'a> {
                 let from = self.rays.directions::<F>(token, rays);
                 let wo = -from;
                 let points = if !is_arrived {
-                    scene.surface_points(token, &self.hits.lanes(token, rays), self.rays.times(token, rays))
+                    scene.surface_points(token, &self.hits.lanes::<F>(token, rays), self.rays.times(token, rays))
                 } else {
                     SurfacePoints::from_lanes(token, &self.surfaces(rays))
                 };
@@ -101,7 +101,16 @@ impl<'a> Wavefront<'a> {
                     }
                     (false, false) => scene.bsdfs(material, &points, &[0.0; MAX_WIDTH], storage),
                 };
+                let mut transmittance = Rgb::splat(F::splat(token, 1.0));
+                if !is_arrived && scene.has_solids() {
+                    let mut enclosing = [EnclosingSolids::Last(None); MAX_WIDTH];
+                    for lane in 0..F::WIDTH {
+                        enclosing[lane] = self.among_solids[paths[lane] as usize].enclosing;
+                    }
+                    transmittance = EnclosingSolids::transmittances(&enclosing, scene, points.distance);
+                }
                 if watch.observer.is_some() || !in_medium && scene.emits(material) {
+                    self.absorb(&paths[..len], &mut transmittance);
                     self.add_emission(&rays[..len], (!in_medium, material), &points, watch);
                 }
                 let all = self.paths.as_slice();
@@ -110,6 +119,7 @@ impl<'a> Wavefront<'a> {
                     #[inline(always)]
                     |lane| &all[paths[lane] as usize],
                 );
+                state.throughput *= transmittance;
                 state.path_length += points.distance;
                 let learned = match self.estimator.roulette {
                     Some(roulette) if !in_medium => {
@@ -203,6 +213,17 @@ impl<'a> Wavefront<'a> {
                 Bsdfs::Each(bsdfs)
             }
         }
+    }
+
+    /// Multiplies the throughputs of paths by transmittances, which become one.
+    #[inline(never)]
+    fn absorb<F: Lanes>(&mut self, paths: &[u32], transmittance: &mut Rgb<F>) {
+        for (&number, transmittance) in paths.iter().zip(transmittance.to_lanes()) {
+            let mut path = self.paths[number as usize].get();
+            path.throughput *= transmittance;
+            self.paths[number as usize].put(&path);
+        }
+        *transmittance = Rgb::splat(transmittance.r.constant(1.0));
     }
 
     /// Adds the emission of the surfaces of a material that rays have reached.

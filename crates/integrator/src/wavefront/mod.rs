@@ -35,8 +35,8 @@ use dunkelfeld_scene::{CameraRays, Interface, LightChoice, Moment, SurfacePoint}
 use rays::{Hits, Rays, ShadowRays};
 use std::time::Instant;
 
-/// Most paths that are followed together. Their state takes about a quarter of a megabyte.
-const BATCH: usize = 1024;
+/// Most paths that are followed together. Their state takes about a megabyte.
+const BATCH: usize = 4096;
 
 /// Paths can be abandoned after each so many vertices of all of them: some milliseconds.
 const CHECK_EVERY: usize = 4096;
@@ -399,14 +399,8 @@ impl<'a> Wavefront<'a> {
         }
         if scene.has_solids() {
             let number = self.rays.paths[ray] as usize;
-            match self.among_solids[number].enclosing {
-                EnclosingSolids::Last(None) => {}
-                enclosing @ EnclosingSolids::Last(Some(_)) => {
-                    let mut path = self.paths[number].get();
-                    path.throughput *= enclosing.transmittance(scene, hit.t);
-                    self.paths[number].put(&path);
-                }
-                EnclosingSolids::All(_) => return self.arrive(ray, hit, vertex),
+            if let EnclosingSolids::All(_) = self.among_solids[number].enclosing {
+                return self.arrive(ray, hit, vertex);
             }
         }
         self.order.push(u64::from(2 * material) << 32 | ray as u64);

@@ -193,14 +193,11 @@ impl Wavefront<'_> {
         }
         let (origins, directions) = (q.origin.to_lanes(), q.direction.to_lanes());
         let (mut ends, times) = (q.t_max.to_array(), time.to_array());
-        let mut transmittance = [Rgb::WHITE; MAX_WIDTH];
+        let mut transmittance = EnclosingSolids::transmittances(enclosing, self.estimator.scene, q.t_max).to_lanes();
         q.lanes.each(
             #[inline(always)]
-            |lane| match &enclosing[lane] {
-                last @ EnclosingSolids::Last(_) => {
-                    transmittance[lane] = last.transmittance(self.estimator.scene, ends[lane]);
-                }
-                EnclosingSolids::All(interior) => {
+            |lane| {
+                if let EnclosingSolids::All(interior) = &enclosing[lane] {
                     let ray = Ray::with_end(origins[lane], directions[lane], ends[lane]).at_time(times[lane]);
                     transmittance[lane] = self.estimator.scene.shadow_transmittance(&ray, interior);
                     ends[lane] = 0.0;

@@ -8,6 +8,7 @@
 
 use crate::material::Volume;
 use dunkelfeld_bsdf::HenyeyGreenstein;
+use dunkelfeld_lanes::{Lanes, Mask, exp};
 use dunkelfeld_radiometry::Rgb;
 
 /// Largest mean number of scatterings of a path through a body of white medium. The paths that reach its middle have
@@ -174,10 +175,10 @@ impl Medium {
     }
 }
 
-/// `exp(-coefficient * distance)`. It is 1 for a coefficient of zero, also over an infinite distance.
-#[inline]
-fn decay(coefficient: f32, distance: f32) -> f32 {
-    if coefficient > 0.0 { (-coefficient * distance).exp() } else { 1.0 }
+/// `exp(-coefficient * distance)`, in units of 1/m and m. It is 1 for a coefficient of zero, also over an infinite distance.
+#[inline(always)]
+pub fn decay<F: Lanes>(coefficient: F, distance: F) -> F {
+    coefficient.is_positive().select(exp(-coefficient * distance), coefficient.constant(1.0))
 }
 
 /// The probability of each channel: its share in the throughput.
