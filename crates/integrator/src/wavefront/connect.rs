@@ -178,10 +178,11 @@ impl Wavefront<'_> {
                 let vectors = numbers.chunks(F::WIDTH).zip(&loaded).zip(states.iter_mut().zip(&traversals));
                 for ((numbers, (entry, chains)), (search, traversal)) in vectors {
                     let (connections, is_open) = traversal.advance(search, (chains.is_some, ray));
-                    let weights = self.send_shadow_rays(queue, (numbers, entry, chains), &connections, watch);
+                    let (arriving, mis_weight) =
+                        self.send_shadow_rays(queue, (numbers, entry, chains), &connections, watch);
                     if watch.observer.is_some() {
-                        let ended = chains.is_some & !is_open;
-                        self.report(queue, (numbers, chains), (ended, &connections, weights, ray), watch);
+                        let lanes = [chains.is_some & !is_open, connections.has_converged, arriving];
+                        self.report(queue, (numbers, chains, ray), (lanes, mis_weight), watch);
                     }
                     searches.keep(is_open, numbers, search, open);
                 }
@@ -237,12 +238,12 @@ impl Wavefront<'_> {
     fn report<F: Lanes>(
         &mut self,
         queue: &Attempts,
-        (numbers, chains): (&[u32], &CandidateChains<F>),
-        (ended, connections, (arriving, mis_weight), ray): (F::Mask, &Connections<F>, (F::Mask, F), u32),
+        (numbers, chains, ray): (&[u32], &CandidateChains<F>, u32),
+        ([ended, converged, arriving], mis_weight): ([F::Mask; 3], F),
         watch: &mut Watch<'_>,
     ) {
         let (probability, mis_weight) = (chains.probability.to_array(), mis_weight.to_array());
-        let converged = connections.has_converged.bits();
+        let [converged, arriving] = [converged.bits(), arriving.bits()];
         ended.each(|lane| {
             let number = numbers[lane] as usize;
             let attempt = Attempt {
@@ -254,7 +255,7 @@ impl Wavefront<'_> {
                 mis_weight: mis_weight[lane],
             };
             let (index, path) = (queue.indices[number], queue.paths[number]);
-            if arriving.bits() >> lane & 1 == 1 {
+            if arriving >> lane & 1 == 1 {
                 self.shadow[index as usize][1].attempts.push(attempt);
             } else {
                 watch.event(path, || Event::Connection { index, attempt, light: Rgb::BLACK });
