@@ -3,6 +3,7 @@
 use dunkelfeld_geometry::{DVec3, Mesh, Vec3};
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3, dispatch};
 use dunkelfeld_sampling::Sampler;
+use dunkelfeld_scene::covers::Wanted;
 use dunkelfeld_scene::shapes::{cuboid, rectangle};
 use dunkelfeld_scene::{CandidateChains, Chain, Material, Scene, SceneBuilder, Surface, Targets, Volume};
 
@@ -57,8 +58,10 @@ fn choose<F: Lanes>(token: F::Token, scene: &Scene, inputs: &Inputs, out: &mut [
             is_finite: F::mask(token, inputs.finite >> at),
         };
         let active = F::mask(token, inputs.active >> at);
-        let chosen = scene.choose_chains(token, active, from, &inside, &targets, F::load(token, &inputs.u[at..]));
-        let given = scene.given_chains(token, chosen.is_some, from, &inside, &targets, &chosen.stack, &chosen.chain);
+        let random = Wanted::Random(F::load(token, &inputs.u[at..]));
+        let chosen = scene.choose_chains(random, active, from, &inside, &targets);
+        let given = Wanted::Given(std::array::from_fn(|lane| (chosen.stack[lane], chosen.chain[lane])));
+        let given = scene.choose_chains(given, chosen.is_some, from, &inside, &targets);
         record(&chosen, at, 0, out);
         record(&given, at, 1, out);
     }

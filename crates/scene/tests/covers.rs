@@ -5,10 +5,9 @@
 
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, Ray, Vec2, Vec3};
 use dunkelfeld_lanes::MAX_WIDTH;
+use dunkelfeld_scene::covers::Wanted;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sheet, sphere, turned};
-use dunkelfeld_scene::{
-    AlphaMode, CandidateChains, Chain, Effect, Material, Scene, SceneBuilder, Surface, Targets, Volume,
-};
+use dunkelfeld_scene::{AlphaMode, Chain, Effect, Material, Scene, SceneBuilder, Surface, Targets, Volume};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 
@@ -293,9 +292,8 @@ type Candidate = (Chain, Vec3, f32);
 
 /// The candidate of a given chain through the first stack.
 fn candidate(scene: &Scene, x: Vec3, inside: Option<u32>, target: Target, chain: Chain) -> Option<Candidate> {
-    let (stacks, chains) = ([0; MAX_WIDTH], [chain; MAX_WIDTH]);
-    let found: CandidateChains<f32> =
-        scene.given_chains((), true, x.into(), &[inside; MAX_WIDTH], &target.of_a_lane(), &stacks, &chains);
+    let given = Wanted::Given([(0, chain); MAX_WIDTH]);
+    let found = scene.choose_chains::<f32>(given, true, x.into(), &[inside; MAX_WIDTH], &target.of_a_lane());
     assert!(!found.is_some || (found.stack[0], found.chain[0]) == (0, chain));
     found.is_some.then(|| (chain, found.direction.into(), found.probability))
 }

@@ -42,6 +42,7 @@ use crate::direct::power_heuristic;
 use crate::ray_state::{EnclosingSolids, RayState};
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_lanes::{Double, InstructionSet, Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_scene::covers::Wanted;
 use dunkelfeld_scene::{CandidateChains, Chain, Receivers, Scene, Targets};
 use linearized_chain::LinearizedChains;
 use ray_differential::{EndpointJacobians, RayDifferentials};
@@ -176,9 +177,8 @@ pub(crate) fn scattering_mis_weight(
     if !solver.is_same_hemisphere(sampled) {
         return 1.0;
     }
-    let (stacks, chains) = ([stack; MAX_WIDTH], [specular_prefix.chain; MAX_WIDTH]);
-    let inside = ends.inside(scene);
-    let selected = scene.given_chains::<f32>((), true, receiver.point, &inside, &ends.targets, &stacks, &chains);
+    let given = Wanted::Given([(stack, specular_prefix.chain); MAX_WIDTH]);
+    let selected = scene.choose_chains::<f32>(given, true, receiver.point, &ends.inside(scene), &ends.targets);
     let mut search = Search::new((), selected.direction);
     let (mut ray, mut lanes) = (0, selected.is_some);
     let found = loop {
@@ -390,7 +390,7 @@ impl<F: Lanes> Solver<'_, F> {
         let ends = self.ends;
         let lanes = lanes & self.can_scatter_from(ends.straight);
         let (from, inside) = (ends.receivers.point, ends.inside(self.scene));
-        let mut chosen = self.scene.choose_chains(self.token, lanes, from, &inside, &ends.targets, u);
+        let mut chosen = self.scene.choose_chains(Wanted::Random(u), lanes, from, &inside, &ends.targets);
         chosen.is_some = chosen.is_some & self.can_scatter_from(chosen.direction);
         chosen
     }

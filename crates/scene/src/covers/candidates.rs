@@ -32,158 +32,52 @@ pub struct CandidateChains<F: Lanes> {
     pub probability: F,
 }
 
+/// The candidates that [`Scene::choose_chains`] takes.
+#[derive(Clone, Copy, Debug)]
+pub enum Wanted<F> {
+    /// One of them, in proportion to its estimated contribution, by numbers in [0, 1).
+    Random(F),
+    /// That of a given stack and chain in each lane.
+    Given([(u16, Chain); MAX_WIDTH]),
+}
+
 impl Scene {
-    /// Chooses one of the candidate chains of all stacks for each lane, in proportion to its estimated contribution, by
-    /// the numbers `u` in [0, 1).
+    /// Takes one of the candidate chains of all stacks in each lane.
     ///
     /// `from` are the receivers, in render space \[m\]. `inside` is the material of the solid around the receiver of each
     /// lane, `None` in air. The candidates of a lane depend only on the receiver and the light.
     #[inline(always)]
     pub fn choose_chains<F: Lanes>(
         &self,
-        token: F::Token,
+        wanted: Wanted<F>,
         lanes: F::Mask,
         from: V3<F>,
         inside: &[Option<u32>; MAX_WIDTH],
         targets: &Targets<F>,
-        u: F,
     ) -> CandidateChains<F> {
-        let choice = Choice::new(token, Wanted::Random, u);
-        choice.among(&self.covers.stacks, lanes, from, inside, targets)
-    }
-
-    /// The candidate of a given stack and chain in each lane, if it can be chosen. See [`Self::choose_chains`].
-    #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "the lanes of one candidate")]
-    pub fn given_chains<F: Lanes>(
-        &self,
-        token: F::Token,
-        lanes: F::Mask,
-        from: V3<F>,
-        inside: &[Option<u32>; MAX_WIDTH],
-        targets: &Targets<F>,
-        stack: &[u16; MAX_WIDTH],
-        chain: &[Chain; MAX_WIDTH],
-    ) -> CandidateChains<F> {
-        let mut numbers = [[0.0; MAX_WIDTH]; 2];
-        for lane in 0..F::WIDTH {
-            numbers[0][lane] = f32::from(stack[lane]);
-            numbers[1][lane] = f32::from(chain[lane].0);
-        }
-        let wanted = Wanted::Given { stack: F::load(token, &numbers[0]), chain: F::load(token, &numbers[1]) };
-        let choice = Choice::new(token, wanted, F::splat(token, 0.0));
-        choice.among(&self.covers.stacks, lanes, from, inside, targets)
-    }
-}
-
-/// The candidates that a choice takes.
-#[derive(Clone, Copy, Debug)]
-enum Wanted<F> {
-    /// One of them, by a random number.
-    Random,
-    /// The number of a stack, and the bits of a chain.
-    Given { stack: F, chain: F },
-}
-
-/// The choice among the candidates so far.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Choice<F: Lanes> {
-    token: F::Token,
-    wanted: Wanted<F>,
-    /// The random number for the next choice.
-    rest: F,
-    /// Sum of the contributions.
-    total: F,
-    is_some: F::Mask,
-    /// The number of the stack that offers candidates.
-    offering: F,
-    /// Number of the stack, bits of the chain, contribution and first direction of the candidate.
-    stack: F,
-    chain: F,
-    contribution: F,
-    direction: V3<F>,
-}
-
-impl<F: Lanes> Choice<F> {
-    #[inline(always)]
-    fn new(token: F::Token, wanted: Wanted<F>, u: F) -> Self {
+        let token = from.x.token();
         let zero = F::splat(token, 0.0);
-        Self {
-            token,
+        let none = V3::new(zero, zero, zero);
+        let mut choice = Choice {
             wanted,
-            rest: u,
             total: zero,
             is_some: F::mask(token, 0),
-            offering: zero,
+            offering: 0,
             stack: zero,
             chain: zero,
             contribution: zero,
-            direction: V3::new(zero, zero, zero),
-        }
-    }
-
-    /// Offers a chain to `lanes`. Returns the lanes that have chosen it.
-    ///
-    /// A contribution is approximate: transmission without absorption over spread. A chain without any is no candidate.
-    #[inline(always)]
-    pub(super) fn offer(&mut self, lanes: F::Mask, chain: Chain, contribution: F, direction: V3<F>) -> F::Mask {
-        let lanes = lanes & contribution.is_positive() & contribution.is_finite();
-        let number = F::splat(self.token, f32::from(chain.0));
-        let total = self.total + contribution;
-        let chosen = match self.wanted {
-            Wanted::Random => {
-                let scaled = self.rest * total;
-                let is_less = scaled.lt(contribution);
-                // The rescaled random number is uniform again and is used for the next choice.
-                let rest = is_less.select(scaled, scaled - contribution) / is_less.select(contribution, self.total);
-                self.rest = lanes.select(rest, self.rest);
-                lanes & is_less
-            }
-            Wanted::Given { stack, chain } => lanes & stack.eq(self.offering) & chain.eq(number),
+            direction: none,
         };
-        self.total = lanes.select(total, self.total);
-        self.stack = chosen.select(self.offering, self.stack);
-        self.chain = chosen.select(number, self.chain);
-        self.contribution = chosen.select(contribution, self.contribution);
-        self.set_direction(chosen, chosen, direction);
-        chosen
-    }
-
-    /// The lanes of which a chain is the candidate.
-    #[inline(always)]
-    pub(super) fn has_chosen(&self, chain: Chain) -> F::Mask {
-        self.chain.eq(F::splat(self.token, f32::from(chain.0)))
-    }
-
-    /// Sets the first direction of the candidate of `lanes`. Those without `exists` have none.
-    #[inline(always)]
-    pub(super) fn set_direction(&mut self, lanes: F::Mask, exists: F::Mask, direction: V3<F>) {
-        self.direction = V3::select(lanes, direction, self.direction);
-        self.is_some = (self.is_some & !lanes) | (lanes & exists);
-    }
-
-    /// The choice among the candidates of all stacks.
-    #[inline(always)]
-    fn among(
-        mut self,
-        stacks: &[CoverStack],
-        lanes: F::Mask,
-        from: V3<F>,
-        inside: &[Option<u32>; MAX_WIDTH],
-        targets: &Targets<F>,
-    ) -> CandidateChains<F> {
-        let token = self.token;
-        let zero = F::splat(token, 0.0);
         let mut in_solid = 0;
         for (lane, inside) in inside.iter().enumerate().take(F::WIDTH) {
             in_solid |= u32::from(inside.is_some()) << lane;
         }
         let in_solid = lanes & F::mask(token, in_solid);
-        let origin = V3::select(targets.is_finite, from, V3::new(zero, zero, zero));
+        let origin = V3::select(targets.is_finite, from, none);
         let end = V3::select(targets.is_finite, targets.point, targets.direction);
         let (x, way) = (from.widen(), end.widen() - origin.widen());
-        for (number, stack) in stacks.iter().enumerate() {
-            self.offering = F::splat(token, number as f32);
+        for (number, stack) in self.covers.stacks.iter().enumerate() {
+            choice.offering = number as u16;
             let line = Line::new(token, stack, x, way);
             let last = F::splat(token, stack.interfaces().len() as f32);
             let is_upward = F::Double::narrow_mask(Real::is_positive(line.along));
@@ -205,23 +99,89 @@ impl<F: Lanes> Choice<F> {
                 let [a, b, n] = [froms[first], tos[first], iors[first]];
                 let same = from.eq(zero + a) & to.eq(zero + b) & ior.eq(zero + n) & alike;
                 let crossing = Crossing::new(stack, &line, [a as usize, b as usize], n, is_finite);
-                crossing.offer_candidates(rest & same, &mut self);
+                crossing.offer_candidates(rest & same, &mut choice);
                 rest = rest & !same;
             }
         }
-        let (stacks, chains) = (self.stack.to_array(), self.chain.to_array());
+        let (stacks, chains) = (choice.stack.to_array(), choice.chain.to_array());
         let (mut stack, mut chain) = ([0; MAX_WIDTH], [Chain::EMPTY; MAX_WIDTH]);
         for lane in 0..F::WIDTH {
             stack[lane] = stacks[lane] as u16;
             chain[lane] = Chain(chains[lane] as u16);
         }
         CandidateChains {
-            is_some: self.is_some,
+            is_some: choice.is_some,
             stack,
             chain,
-            direction: self.direction,
-            probability: self.contribution / self.total,
+            direction: choice.direction,
+            probability: choice.contribution / choice.total,
         }
+    }
+}
+
+/// The choice among the candidates so far.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Choice<F: Lanes> {
+    /// Random numbers are those for the next choice.
+    wanted: Wanted<F>,
+    /// Sum of the contributions.
+    total: F,
+    is_some: F::Mask,
+    /// The number of the stack that offers candidates.
+    offering: u16,
+    /// Number of the stack, bits of the chain, contribution and first direction of the candidate.
+    stack: F,
+    chain: F,
+    contribution: F,
+    direction: V3<F>,
+}
+
+impl<F: Lanes> Choice<F> {
+    /// Offers a chain to `lanes`. Returns the lanes that have chosen it.
+    ///
+    /// A contribution is approximate: transmission without absorption over spread. A chain without any is no candidate.
+    #[inline(always)]
+    pub(super) fn offer(&mut self, lanes: F::Mask, chain: Chain, contribution: F, direction: V3<F>) -> F::Mask {
+        let lanes = lanes & contribution.is_positive() & contribution.is_finite();
+        let token = contribution.token();
+        let number = F::splat(token, f32::from(chain.0));
+        let total = self.total + contribution;
+        let chosen = match &mut self.wanted {
+            Wanted::Random(u) => {
+                let scaled = *u * total;
+                let is_less = scaled.lt(contribution);
+                // The rescaled random number is uniform again and is used for the next choice.
+                let rest = is_less.select(scaled, scaled - contribution) / is_less.select(contribution, self.total);
+                *u = lanes.select(rest, *u);
+                lanes & is_less
+            }
+            Wanted::Given(given) => {
+                let mut same = 0;
+                for (lane, given) in given.iter().enumerate().take(F::WIDTH) {
+                    same |= u32::from(*given == (self.offering, chain)) << lane;
+                }
+                lanes & F::mask(token, same)
+            }
+        };
+        self.total = lanes.select(total, self.total);
+        self.stack = chosen.select(F::splat(token, f32::from(self.offering)), self.stack);
+        self.chain = chosen.select(number, self.chain);
+        self.contribution = chosen.select(contribution, self.contribution);
+        self.set_direction(chosen, chosen, direction);
+        chosen
+    }
+
+    /// The lanes of which a chain is the candidate.
+    #[inline(always)]
+    pub(super) fn has_chosen(&self, chain: Chain) -> F::Mask {
+        self.chain.eq(self.chain.constant(f32::from(chain.0)))
+    }
+
+    /// Sets the first direction of the candidate of `lanes`. Those without `exists` have none.
+    #[inline(always)]
+    pub(super) fn set_direction(&mut self, lanes: F::Mask, exists: F::Mask, direction: V3<F>) {
+        self.direction = V3::select(lanes, direction, self.direction);
+        self.is_some = (self.is_some & !lanes) | (lanes & exists);
     }
 }
 

@@ -16,7 +16,7 @@ pub(crate) mod scene_covers;
 mod slab_face;
 mod stack;
 
-pub use candidates::{CandidateChains, Targets};
+pub use candidates::{CandidateChains, Targets, Wanted};
 pub use chain::Chain;
 use detect::find;
 pub use stack::{CoverInterface, CoverLayer, CoverStack, MAX_CHAINS, MAX_INTERFACES};
