@@ -5,7 +5,7 @@ use super::candidates::Choice;
 use super::chain::Chain;
 use super::planar_layers::{Leg, PlateRay};
 use super::stack::{CoverStack, Face, MAX_INTERFACES};
-use dunkelfeld_geometry::DVec3;
+use crate::geometry::splat;
 use dunkelfeld_lanes::{Double, Lanes, Mask, V3};
 
 /// Sideways shift of a chain between the first and the last interface, over that of the shortest chain: two double
@@ -72,11 +72,6 @@ impl<F: Lanes> Line<F> {
         let (a, b) = (origin + (shift * near).only(moves), origin + (shift * far).only(moves));
         a.max(b).ge(-slack + low) & a.min(b).le(slack + high)
     }
-}
-
-#[inline(always)]
-fn splat<F: Lanes>(token: F::Token, v: DVec3) -> V3<F::Double> {
-    V3::<F>::splat_double(token, V3::new(v.x, v.y, v.z))
 }
 
 /// Receivers and lights with the same interfaces of a stack between them.
@@ -171,46 +166,43 @@ impl<'a, F: Lanes> Crossing<'a, F> {
                 is_longer = is_longer | choice.offer(within, chain, contribution, seed.direction);
             }
             if is_longer.any() {
-                self.set_direction(is_longer, choice);
+                // The direction of the shortest chain is replaced by that of the chosen one.
+                self.each_longer(
+                    #[inline(always)]
+                    |chain| {
+                        let chosen = is_longer & choice.has_chosen(chain);
+                        if chosen.any() {
+                            let (seed, exists) = self.seed(chain);
+                            choice.set_direction(chosen, exists, seed.direction);
+                        }
+                    },
+                );
             }
         }
         if outside.any() {
-            self.offer_longer(outside, choice);
-        }
-    }
-
-    /// Replaces the direction of the shortest chain by that of the chosen one.
-    #[inline(never)]
-    fn set_direction(&self, lanes: F::Mask, choice: &mut Choice<F>) {
-        F::vectorize(
-            self.line.across.token(),
-            #[inline(always)]
-            || {
-                for &chain in &self.chains()[1..] {
-                    let chosen = lanes & choice.has_chosen(chain);
-                    if chosen.any() {
-                        let (seed, exists) = self.seed(chain);
-                        choice.set_direction(chosen, exists, seed.direction);
-                    }
-                }
-            },
-        );
-    }
-
-    /// Offers each longer chain that passes the interfaces within their footprints.
-    #[inline(never)]
-    fn offer_longer(&self, lanes: F::Mask, choice: &mut Choice<F>) {
-        F::vectorize(
-            self.line.across.token(),
-            #[inline(always)]
-            || {
-                for &chain in &self.chains()[1..] {
+            self.each_longer(
+                #[inline(always)]
+                |chain| {
                     let seed = self.seed(chain).0;
-                    let within = lanes & seed.is_some;
+                    let within = outside & seed.is_some;
                     if within.any() {
                         let transmitted = transmission(chain, &self.reflected(&seed.ray));
                         choice.offer(within, chain, transmitted * seed.concentration, seed.direction);
                     }
+                },
+            );
+        }
+    }
+
+    /// Calls `f` for each chain except the shortest one.
+    #[inline(never)]
+    fn each_longer(&self, mut f: impl FnMut(Chain)) {
+        F::vectorize(
+            self.line.across.token(),
+            #[inline(always)]
+            || {
+                for &chain in &self.chains()[1..] {
+                    f(chain);
                 }
             },
         );

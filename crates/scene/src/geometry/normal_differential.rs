@@ -1,10 +1,11 @@
 //! Derivatives of shading normals over triangles, for ray differentials at curved surfaces.
 
-use crate::geometry::triangle_data::{CornerNormals, Facet, FacetLanes};
+use crate::geometry::splat;
+use crate::geometry::triangle_data::{Facet, FacetLanes};
 use crate::query::shading::visible_normals;
-use crate::query::surface_points::SurfacePoints;
+use crate::query::surface_points::{CornerLanes, SurfacePoints};
 use crate::scene::Scene;
-use dunkelfeld_geometry::{DMat3, DVec3};
+use dunkelfeld_geometry::DMat3;
 use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, Real, V3};
 
 /// The derivatives of shading normals at points of triangles, one for each lane, in render space.
@@ -41,39 +42,17 @@ impl Scene {
         if !points.is_smooth.any() {
             return (F::mask(token, 0), None);
         }
-        let (_, is_turned) = visible_normals(self.shading_normals(token, points), points.normal, wo);
-        (is_turned & points.is_smooth, Some(self.interpolation_differentials(token, points, normals)))
-    }
-
-    /// The derivative of `v / |v|` with `v` the interpolated normal, on the side of `oriented`.
-    #[inline(always)]
-    fn interpolation_differentials<F: Lanes>(
-        &self,
-        token: F::Token,
-        points: &SurfacePoints<F>,
-        oriented: V3<F>,
-    ) -> NormalDifferentials<F> {
-        let (parts, triangles) = (F::word_to_array(points.part), F::word_to_array(points.triangle));
-        let (numbers, is_smooth) = (F::word_to_array(points.normals), points.is_smooth.bits());
-        let (mut facets, mut rows, mut is_placed) = ([&Facet::NONE; MAX_WIDTH], [&CornerNormals::NONE; MAX_WIDTH], 0);
-        for lane in 0..F::WIDTH {
-            if is_smooth >> lane & 1 == 1 {
-                let part = &self.parts[parts[lane] as usize];
-                facets[lane] = self.facet(part, triangles[lane]);
-                rows[lane] = self.facets_of(part).normals(numbers[lane]);
-                is_placed |= u32::from(part.transform.is_some()) << lane;
-            }
-        }
-        let FacetLanes { corners: [c0, c1, c2], .. } = Facet::load::<F>(
+        let (triangles, mut facets) = (F::word_to_array(points.triangle), [&Facet::NONE; MAX_WIDTH]);
+        let corners = self.corner_lanes(
             token,
+            points,
             #[inline(always)]
-            |lane| facets[lane],
+            |lane, part| facets[lane] = self.facet(part, triangles[lane]),
         );
-        let [n0, n1, n2] = CornerNormals::load::<F>(
-            token,
-            #[inline(always)]
-            |lane| rows[lane],
-        );
+        let (_, is_turned) = visible_normals(self.shading_normals(token, points, &corners), points.normal, wo);
+        let CornerLanes { normals: [n0, n1, n2], is_placed } = corners;
+        // The derivative of `v / |v|` with `v` the interpolated normal, on the side of `normals`.
+        let FacetLanes { corners: [c0, c1, c2], .. } = Facet::load::<F>(token, &facets);
         let (c0, n0) = (c0.widen(), n0.widen());
         let (mut edges, mut turns) = ([c1.widen() - c0, c2.widen() - c0], [n1.widen() - n0, n2.widen() - n0]);
         let mut mixed = n0 + turns[0] * Double::widen(points.b1) + turns[1] * Double::widen(points.b2);
@@ -85,11 +64,12 @@ impl Scene {
                 #[inline(always)]
                 |lanes, transform| {
                     let lanes = F::Double::widen_mask(lanes);
-                    let (vectors, normals) = (transform.to_world().matrix3, transform.to_object().matrix3.transpose());
-                    mixed = V3::select(lanes, product::<F>(token, &normals, mixed), mixed);
+                    let (vectors, covectors) =
+                        (transform.to_world().matrix3, transform.to_object().matrix3.transpose());
+                    mixed = V3::select(lanes, product::<F>(token, &covectors, mixed), mixed);
                     for k in 0..2 {
                         edges[k] = V3::select(lanes, product::<F>(token, &vectors, edges[k]), edges[k]);
-                        turns[k] = V3::select(lanes, product::<F>(token, &normals, turns[k]), turns[k]);
+                        turns[k] = V3::select(lanes, product::<F>(token, &covectors, turns[k]), turns[k]);
                     }
                 },
             );
@@ -101,16 +81,17 @@ impl Scene {
         let inverse = across.length_squared().recip();
         let gradients = [e2.cross(across) * inverse, across.cross(e1) * inverse];
         let scale = length.recip();
-        let scale = unit.dot(oriented.widen()).lt(scale.constant(0.0)).select(-scale, scale);
+        let scale = unit.dot(normals.widen()).lt(scale.constant(0.0)).select(-scale, scale);
         let [c1, c2] = [(turns[0] - unit * unit.dot(turns[0])) * scale, (turns[1] - unit * unit.dot(turns[1])) * scale];
         let size = gradients[0].dot(gradients[1]) + c1.dot(c1) + c2.dot(c2);
         let is_known = F::Double::widen_mask(points.is_smooth) & size.is_finite();
         let none = V3::<F>::splat_double(token, V3::new(0.0, 0.0, 0.0));
         let [g1, g2] = gradients;
-        NormalDifferentials {
+        let differentials = NormalDifferentials {
             gradients: [V3::select(is_known, g1, none), V3::select(is_known, g2, none)],
             changes: [V3::select(is_known, c1, none), V3::select(is_known, c2, none)],
-        }
+        };
+        (is_turned & points.is_smooth, Some(differentials))
     }
 }
 
@@ -119,9 +100,4 @@ impl Scene {
 fn product<F: Lanes>(token: F::Token, m: &DMat3, v: V3<F::Double>) -> V3<F::Double> {
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
     splat::<F>(token, x) * v.x + splat::<F>(token, y) * v.y + splat::<F>(token, z) * v.z
-}
-
-#[inline(always)]
-fn splat<F: Lanes>(token: F::Token, v: DVec3) -> V3<F::Double> {
-    V3::<F>::splat_double(token, V3::new(v.x, v.y, v.z))
 }

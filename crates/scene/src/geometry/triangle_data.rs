@@ -5,7 +5,7 @@
 //! their own, which flat triangles do not need. Records consist of rows of four numbers, which lanes load at once.
 
 use dunkelfeld_geometry::{Mesh, Vec3, geometric_normal};
-use dunkelfeld_lanes::{Lanes, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3};
 
 /// The number of the normals of a triangle without normals of its own at the corners.
 pub(crate) const FLAT: u32 = u32::MAX;
@@ -21,6 +21,18 @@ fn row(v: Vec3, word: u32) -> Row {
 #[inline(always)]
 fn vector([x, y, z, _]: Row) -> Vec3 {
     Vec3::new(x, y, z)
+}
+
+/// The vectors and the integers of one row of records, one for each lane.
+macro_rules! load_row {
+    ($token:ident, $records:ident, $row:literal) => {{
+        let [x, y, z, word] = F::load_rows(
+            $token,
+            #[inline(always)]
+            |lane| &$records[lane].0[$row],
+        );
+        (V3::new(x, y, z), word.to_bits())
+    }};
 }
 
 /// A triangle in its mesh's own space. The rows are the three corners \[m\] and the unit normal by the winding. Their
@@ -71,37 +83,14 @@ impl Facet {
         self.0[3][3].to_bits()
     }
 
-    /// The triangle `of(lane)` of each lane.
+    /// The triangles in lanes.
     #[inline(always)]
-    pub(crate) fn load<'a, F: Lanes>(token: F::Token, of: impl Fn(usize) -> &'a Self) -> FacetLanes<F> {
-        let [x0, y0, z0, part] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[0],
-        );
-        let [x1, y1, z1, material] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[1],
-        );
-        let [x2, y2, z2, triangle] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[2],
-        );
-        let [x, y, z, normals] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[3],
-        );
-        FacetLanes {
-            corners: [V3::new(x0, y0, z0), V3::new(x1, y1, z1), V3::new(x2, y2, z2)],
-            normal: V3::new(x, y, z),
-            part: part.to_bits(),
-            material: material.to_bits(),
-            triangle: triangle.to_bits(),
-            normals: normals.to_bits(),
-        }
+    pub(crate) fn load<F: Lanes>(token: F::Token, triangles: &[&Self; MAX_WIDTH]) -> FacetLanes<F> {
+        let (a, part) = load_row!(token, triangles, 0);
+        let (b, material) = load_row!(token, triangles, 1);
+        let (c, triangle) = load_row!(token, triangles, 2);
+        let (normal, normals) = load_row!(token, triangles, 3);
+        FacetLanes { corners: [a, b, c], normal, part, material, triangle, normals }
     }
 }
 
@@ -118,25 +107,10 @@ impl CornerNormals {
         self.0.map(vector)
     }
 
-    /// The normals `of(lane)` of each lane.
+    /// The normals of the corners in lanes.
     #[inline(always)]
-    pub(crate) fn load<'a, F: Lanes>(token: F::Token, of: impl Fn(usize) -> &'a Self) -> [V3<F>; 3] {
-        let [x0, y0, z0, _] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[0],
-        );
-        let [x1, y1, z1, _] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[1],
-        );
-        let [x2, y2, z2, _] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[2],
-        );
-        [V3::new(x0, y0, z0), V3::new(x1, y1, z1), V3::new(x2, y2, z2)]
+    pub(crate) fn load<F: Lanes>(token: F::Token, normals: &[&Self; MAX_WIDTH]) -> [V3<F>; 3] {
+        [load_row!(token, normals, 0).0, load_row!(token, normals, 1).0, load_row!(token, normals, 2).0]
     }
 }
 

@@ -1,11 +1,10 @@
 //! Shading: from a point on a surface to a frame and a BSDF.
 
-use crate::geometry::triangle_data::CornerNormals;
 use crate::light::sample::{LightSample, LightSampleContext, LightSamples, Receivers};
 use crate::light::{FoundLights, LightChoice, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
 use crate::query::intersect::{SurfacePoint, mix};
 use crate::query::surface;
-use crate::query::surface_points::SurfacePoints;
+use crate::query::surface_points::{CornerLanes, SurfacePoints};
 use crate::scene::Scene;
 use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_geometry::{Frame as PointFrame, Vec2, Vec3};
@@ -271,7 +270,16 @@ impl Scene {
         let compiled = &self.compiled[material as usize];
         // Only a smooth surface or a normal map can have a shading normal that differs from the geometric one.
         let mut is_bent = points.is_smooth;
-        let normal = if is_bent.any() { self.shading_normals(token, points) } else { points.normal };
+        let mut normal = points.normal;
+        if is_bent.any() {
+            let corners = self.corner_lanes(
+                token,
+                points,
+                #[inline(always)]
+                |_, _| {},
+            );
+            normal = self.shading_normals(token, points, &corners);
+        }
         let mut frame = if compiled.needs_tangent {
             is_bent = all;
             self.tangent_frames(token, points, normal)
@@ -302,22 +310,12 @@ impl Scene {
     /// The interpolated unit normals, on the side of the geometric ones. The geometric normal if a mesh has no normals
     /// or if they cancel.
     #[inline(always)]
-    pub(crate) fn shading_normals<F: Lanes>(&self, token: F::Token, points: &SurfacePoints<F>) -> V3<F> {
-        let (parts, numbers) = (F::word_to_array(points.part), F::word_to_array(points.normals));
-        let (is_smooth, mut is_placed) = (points.is_smooth.bits(), 0);
-        let mut rows = [&CornerNormals::NONE; MAX_WIDTH];
-        for lane in 0..F::WIDTH {
-            if is_smooth >> lane & 1 == 1 {
-                let part = &self.parts[parts[lane] as usize];
-                rows[lane] = self.facets_of(part).normals(numbers[lane]);
-                is_placed |= u32::from(part.transform.is_some()) << lane;
-            }
-        }
-        let [n0, n1, n2] = CornerNormals::load::<F>(
-            token,
-            #[inline(always)]
-            |lane| rows[lane],
-        );
+    pub(crate) fn shading_normals<F: Lanes>(
+        &self,
+        token: F::Token,
+        points: &SurfacePoints<F>,
+        &CornerLanes { normals: [n0, n1, n2], is_placed }: &CornerLanes<F>,
+    ) -> V3<F> {
         let mut mixed = n0 * (points.b1.one_minus() - points.b2) + n1 * points.b1 + n2 * points.b2;
         if is_placed != 0 {
             self.each_pose(
@@ -496,7 +494,8 @@ impl Scene {
             }
         }
         let (_, b, t) = best;
-        let normal = to_render_normal_of(part, mesh, t);
+        let facet = self.facet(part, t);
+        let normal = part.transform.as_ref().map_or(facet.normal(), |t| t.normal(facet.normal()));
         SurfacePoint {
             point,
             error: Vec3::ZERO,
@@ -505,7 +504,7 @@ impl Scene {
             part: part_index,
             material: part.material,
             triangle: t,
-            normals: self.facet(part, t).normals(),
+            normals: facet.normals(),
             barycentrics: b,
             // No light moves.
             time: 0.0,
@@ -570,11 +569,6 @@ pub(crate) fn visible_normals<F: Lanes>(normal: V3<F>, geometric: V3<F>, wo: V3<
     let t = (least * SQUARE * between - cos + root) / (1.0 - SQUARE);
     let turned = (normal * least + geometric * t).normalize_or(geometric);
     (V3::select(is_below, turned, normal), is_below)
-}
-
-fn to_render_normal_of(part: &crate::scene::Part, mesh: &dunkelfeld_geometry::Mesh, triangle: u32) -> Vec3 {
-    let n = dunkelfeld_geometry::geometric_normal(&mesh.corners(triangle as usize));
-    part.transform.as_ref().map_or(n, |t| t.normal(n))
 }
 
 /// Barycentric coordinates of a point in (or near) a triangle's plane, by projected areas in f64.

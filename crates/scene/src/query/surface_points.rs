@@ -1,8 +1,8 @@
 //! Points on surfaces, one for each lane.
 
-use crate::geometry::triangle_data::{FLAT, Facet, FacetLanes};
+use crate::geometry::triangle_data::{CornerNormals, FLAT, Facet, FacetLanes};
 use crate::query::intersect::SurfacePoint;
-use crate::scene::{Placement, Scene};
+use crate::scene::{Part, Placement, Scene};
 use dunkelfeld_geometry::{RigidMotion, Transform, Vec3, hit_points, offset_ray_origins};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, One, V3};
 
@@ -132,6 +132,15 @@ impl<F: Lanes> SurfacePoints<F> {
     }
 }
 
+/// Normals at the corners of triangles in the space of their meshes, one for each lane.
+#[derive(Clone, Copy)]
+pub(crate) struct CornerLanes<F: Lanes> {
+    /// Zero in lanes without interpolated normals.
+    pub(crate) normals: [V3<F>; 3],
+    /// The lanes with interpolated normals and a transform.
+    pub(crate) is_placed: u32,
+}
+
 #[inline(always)]
 fn vector<F: Lanes>(v: V3<F>, lane: usize) -> Vec3 {
     Vec3::new(v.x.to_array()[lane], v.y.to_array()[lane], v.z.to_array()[lane])
@@ -180,11 +189,8 @@ impl Scene {
                 is_placed |= u32::from(part.transform.is_some()) << lane;
             }
         }
-        let FacetLanes { corners, mut normal, mut part, mut material, triangle, normals } = Facet::load::<F>(
-            token,
-            #[inline(always)]
-            |lane| facets[lane],
-        );
+        let FacetLanes { corners, mut normal, mut part, mut material, triangle, normals } =
+            Facet::load::<F>(token, &facets);
         if is_own != 0 {
             let is_own = F::mask(token, is_own);
             part = is_own.select(F::load(token, &parts), F::from_bits(part)).to_bits();
@@ -219,6 +225,28 @@ impl Scene {
             time,
             normals,
         }
+    }
+
+    /// The normals at the corners of triangles. Calls `f` for each lane with interpolated normals, with its part.
+    #[inline(always)]
+    pub(crate) fn corner_lanes<'a, F: Lanes>(
+        &'a self,
+        token: F::Token,
+        points: &SurfacePoints<F>,
+        mut f: impl FnMut(usize, &'a Part),
+    ) -> CornerLanes<F> {
+        let (parts, numbers) = (F::word_to_array(points.part), F::word_to_array(points.normals));
+        let (is_smooth, mut is_placed) = (points.is_smooth.bits(), 0);
+        let mut normals = [&CornerNormals::NONE; MAX_WIDTH];
+        for lane in 0..F::WIDTH {
+            if is_smooth >> lane & 1 == 1 {
+                let part = &self.parts[parts[lane] as usize];
+                f(lane, part);
+                normals[lane] = self.facets_of(part).normals(numbers[lane]);
+                is_placed |= u32::from(part.transform.is_some()) << lane;
+            }
+        }
+        CornerLanes { normals: CornerNormals::load(token, &normals), is_placed }
     }
 
     /// Calls `f` for each pose of the parts of some lanes at their times, with the lanes that have it. Lanes of one part
