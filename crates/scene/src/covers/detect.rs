@@ -113,12 +113,9 @@ fn add_touching_solids(scene: &Scene, covers: &mut Covers) {
     let contact = CONTACT * rounding(scene);
     for stack in &mut covers.stacks {
         let (axis, tangents) = (stack.axis(), stack.tangents());
-        let faces: Vec<(bool, CoverInterface, f64)> = {
-            let count = stack.interfaces().len();
-            [(false, 0, 1), (true, count - 1, count - 1)]
-                .map(|(is_above, face, layer)| (is_above, stack.interfaces()[face].clone(), stack.thickness(layer)))
-                .to_vec()
-        };
+        let last = stack.interfaces().len() - 1;
+        let faces = [(false, 0, 1), (true, last, last)]
+            .map(|(is_above, face, layer)| (is_above, stack.interfaces()[face].clone(), stack.thickness(layer)));
         for (index, part) in scene.parts.iter().enumerate() {
             if !scattering_solids[part.material as usize] || part.solid == NO_SOLID {
                 continue;
@@ -188,10 +185,8 @@ fn sheet(scene: &Scene, solid: u32, parts: Vec<usize>, other_area: f64) -> Optio
     let mut sheet = Sheet { axis, tangents, ior, material, extent: 0.0, center, radius, parts };
     let (faces, _) = measure(scene, &sheet, axis, tangents)?;
     let thickness = faces[1].height - faces[0].height;
-    let size = {
-        let [a, b] = faces.map(|f| f.footprint);
-        a[1].max(b[1]) - a[0].min(b[0])
-    };
+    let [low, high] = union(&faces[0], &faces[1]);
+    let size = high - low;
     sheet.extent = size.x * size.y;
     let is_thin = thickness > 0.0 && thickness <= MAX_THICKNESS * size.min_element();
     is_thin.then_some(sheet)
@@ -231,14 +226,14 @@ fn place(scene: &Scene, sheet: &Sheet, stack: &[Placed]) -> Option<([CoverInterf
         let overlap_depth = MAX_OVERLAP_DEPTH * thickness(&faces).min(thickness(&other.faces));
         let is_apart = faces[0].height >= other.faces[1].height - overlap_depth
             || faces[1].height <= other.faces[0].height + overlap_depth;
-        is_apart && overlap(&footprint(&faces), &footprint(&other.faces)) >= MIN_OVERLAP
+        is_apart && overlap(&union(&faces[0], &faces[1]), &union(&other.faces[0], &other.faces[1])) >= MIN_OVERLAP
     });
     fits.then_some((faces, is_flat))
 }
 
 /// The footprint of both faces.
-fn footprint(faces: &[CoverInterface; 2]) -> [DVec2; 2] {
-    let [a, b] = [faces[0].footprint, faces[1].footprint];
+fn union(a: &CoverInterface, b: &CoverInterface) -> [DVec2; 2] {
+    let [a, b] = [a.footprint, b.footprint];
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 
@@ -290,6 +285,6 @@ fn merged(a: &CoverInterface, b: &CoverInterface) -> CoverInterface {
     CoverInterface {
         height,
         deviation: a.deviation.max(b.deviation) + (a.height - height).abs(),
-        footprint: [a.footprint[0].min(b.footprint[0]), a.footprint[1].max(b.footprint[1])],
+        footprint: union(a, b),
     }
 }
