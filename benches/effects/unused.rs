@@ -7,7 +7,7 @@
 use crate::callgrind::Lines;
 
 /// Code for effects only: files, folders, and functions in shared files (none: all).
-pub(crate) const EFFECTS: [(&str, &[&str]); 36] = [
+pub(crate) const EFFECTS: [(&str, &[&str]); 35] = [
     ("bsdf/src/bsdf.rs", &[]),
     ("bsdf/src/clearcoat.rs", &[]),
     ("bsdf/src/compensation.rs", &[]),
@@ -23,7 +23,6 @@ pub(crate) const EFFECTS: [(&str, &[&str]); 36] = [
     ("integrator/src/path.rs", &["add_environment", "sample_medium", "sample_presence", "pass", "presence"]),
     ("integrator/src/ray_state.rs", &[]),
     ("integrator/src/scatterer.rs", &["one_by_one"]),
-    ("integrator/src/vertex.rs", &[]),
     ("integrator/src/wavefront/attempts.rs", &[]),
     ("integrator/src/wavefront/connect.rs", &[]),
     ("integrator/src/wavefront/group.rs", &["surfaces", "surfaces_of_chance", "enclosing_beyond", "lit_lanes"]),

@@ -15,7 +15,6 @@ mod pixel_ids;
 mod ray_state;
 mod scatterer;
 mod training;
-mod vertex;
 mod wavefront;
 
 pub use estimator::{Estimator, PixelSample};

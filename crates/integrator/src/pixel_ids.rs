@@ -1,10 +1,9 @@
 //! Ids of a pixel: object and material of the first surface behind the centre of the pixel that scatters light; and all
 //! surfaces that the ray of a pixel meets.
 
-use crate::ray_state::RayState;
-use crate::vertex::Vertex;
+use crate::ray_state::{RayState, SurfaceHit};
 use crate::wavefront::rays::{Hits, Rays};
-use dunkelfeld_geometry::{Ray, Vec3};
+use dunkelfeld_geometry::{LocalDir, Ray, Vec3};
 use dunkelfeld_lanes::InstructionSet;
 use dunkelfeld_scene::{Moment, RayGenerator, Scene, SurfacePoint};
 use std::num::NonZeroU32;
@@ -139,7 +138,7 @@ pub fn crossings(
     let mut is_behind = false;
     let mut passed: Option<Passed> = None;
     for _ in 0..MAX_CROSSINGS {
-        let (mut interface, mut bsdf) = (None, None);
+        let mut interface = None;
         // The surfaces in contact with one that was passed, then those behind it.
         let coincident = passed.as_ref().and_then(|p| scene.next_coincident(&ray_state.ray, p.surface, p.last));
         let hit = match (coincident, passed.take()) {
@@ -173,8 +172,7 @@ pub fn crossings(
         passed = None;
         let straight = ray_state.pass_through(&hit);
         let (scattering, clear) = (at(Passage::Scattering), at(Passage::Clear));
-        let vertex = Vertex::on_surface(scene, ray_state, hit, 0.5, &mut bsdf);
-        ray_state = match vertex.delta(0.5) {
+        ray_state = match beyond_clear(scene, &ray_state, &hit) {
             Some(beyond) => {
                 visit(&Crossing { onward: beyond.ray.direction, ..clear })?;
                 beyond
@@ -187,4 +185,21 @@ pub fn crossings(
         };
     }
     ControlFlow::Continue(())
+}
+
+/// The ray behind a smooth surface, in the direction that carries more light. `None` at other surfaces, and if light would
+/// also be reflected by the opposite facet ([`ShadingFrames::image`](dunkelfeld_scene::ShadingFrames::image)).
+fn beyond_clear(scene: &Scene, ray_state: &RayState, hit: &SurfaceHit<'_>) -> Option<RayState> {
+    let (surface, wo, mut storage) = (&hit.surface, -ray_state.ray.direction, None);
+    let eta = hit.interface.and_then(|interface| interface.relative_index());
+    let bsdf = scene.bsdf(surface, 0.5, eta, &mut storage);
+    if !bsdf.is_delta() {
+        return None;
+    }
+    let frames = scene.shade_lanes::<f32>(surface.material(), &surface.into(), wo.into()).frames;
+    let sample = bsdf.sample(LocalDir(frames.frame.to_local(wo.into()).into()), 0.5, [0.0; 2])?;
+    let local = sample.wi.0.into();
+    let wi = frames.frame.to_world(local);
+    let is_possible = sample.pdf > 0.0 && frames.consistent(wi, local);
+    is_possible.then(|| ray_state.spawn_ray(scene, hit, wi.into()))
 }

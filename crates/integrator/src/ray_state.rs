@@ -3,7 +3,7 @@
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Boundary, Interface, Interior, Medium, Scene, ShadingPoint, SurfacePoint, decay};
+use dunkelfeld_scene::{Boundary, Interface, Interior, Medium, Scene, SurfacePoint, decay};
 
 /// A ray and the solids that contain its origin.
 #[derive(Clone, Copy, Debug)]
@@ -106,11 +106,12 @@ impl RayState {
 
     /// Leaves a surface in the direction `wi`.
     #[inline]
-    pub(crate) fn spawn_ray(&self, hit: &SurfaceHit<'_>, shading: &ShadingPoint<'_>, wi: Vec3) -> Self {
+    pub(crate) fn spawn_ray(&self, scene: &Scene, hit: &SurfaceHit<'_>, wi: Vec3) -> Self {
         let enclosing = match hit.interface {
             Some(interface) => EnclosingSolids::All(interface.beyond(wi)),
             None => {
-                let solid = shading.is_solid.then_some(shading.material);
+                let material = hit.surface.material();
+                let solid = scene.is_solid(material).then_some(material);
                 let [from, to] = [self.ray.direction, wi].map(|direction| direction.dot(hit.surface.normal));
                 self.enclosing.beyond(solid, from > 0.0, to < 0.0)
             }
