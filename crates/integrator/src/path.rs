@@ -8,7 +8,7 @@ use dunkelfeld_geometry::Ray;
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, One, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{Interface, LightChoice, LightSampleContext, MediumEvent, Receivers, Scene, SurfacePoint};
+use dunkelfeld_scene::{Interface, LightChoice, MediumEvent, Receivers, Scene, SurfacePoint};
 
 /// From this bounce at a surface on the survival probability is below one, also for a path without any loss. So light
 /// between perfect mirrors ends. A path in a medium leaves it, and ends by its loss only: a limit would end a share of
@@ -239,14 +239,12 @@ impl Path {
         radiance: Rgb,
         prefix: Option<&SpecularPrefix>,
         end: impl FnOnce() -> End,
-        light_pdf: impl FnOnce(&LightSampleContext, LightChoice) -> f32,
+        light_pdf: impl FnOnce(&Receivers<f32>, LightChoice) -> f32,
     ) -> Rgb {
         let mut mis_weight = 1.0;
         if self.last_pdf > 0.0 {
             let choice = if self.last_choice_is_one { LightChoice::One } else { LightChoice::Each };
-            let Receivers { point, normal, both_sides } = self.last;
-            let receiver = LightSampleContext { point: point.into(), normal: normal.into(), both_sides };
-            let light_pdf = light_pdf(&receiver, choice);
+            let light_pdf = light_pdf(&self.last, choice);
             mis_weight = match prefix.filter(|prefix| !prefix.is_direct()) {
                 None => direct::power_heuristic(self.last_pdf, light_pdf),
                 Some(prefix) => mnee::scattering_mis_weight(scene, &self.last, prefix, end(), self.last_pdf, light_pdf),

@@ -9,8 +9,8 @@ use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::lamps::irradiance_on_axis;
 use dunkelfeld_scene::shapes::rectangle;
 use dunkelfeld_scene::{
-    EmissionProfile, Environment, EnvironmentSource, LampShape, Leds, LightChoice, LightProfile, LightSampleContext,
-    Material, PunctualKind, PunctualLight, Scene, SceneBuilder,
+    EmissionProfile, Environment, EnvironmentSource, LampShape, Leds, LightChoice, LightProfile, Material,
+    PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder,
 };
 use dunkelfeld_testkit::{SampleMoments, welch_test, z_test};
 use std::f64::consts::PI;
@@ -25,28 +25,29 @@ fn build(builder: SceneBuilder) -> Scene {
     builder.build().expect("the scene is valid").0
 }
 
-fn receiver(scene: &Scene, at: DVec3, normal: DVec3) -> LightSampleContext {
-    LightSampleContext { point: (at - scene.world_origin()).as_vec3(), normal: normal.as_vec3(), both_sides: false }
+fn receiver(scene: &Scene, at: DVec3, normal: DVec3) -> Receivers<f32> {
+    Receivers::single((at - scene.world_origin()).as_vec3(), normal.as_vec3(), false)
 }
 
 /// Irradiance [W/m^2] estimated by the light samples of one vertex, in the green channel.
-fn estimate(scene: &Scene, r: &LightSampleContext, choice: LightChoice, pixel: u32, index: u32) -> f64 {
+fn estimate(scene: &Scene, r: &Receivers<f32>, choice: LightChoice, pixel: u32, index: u32) -> f64 {
     let sample = |question| {
         let [a, b, c, _] = Sampler::new(5, 0, pixel, index).get_4d(question);
-        let s = scene.sample_light(r, choice, question, c, [a, b])?;
-        Some(f64::from(s.radiance.g) / f64::from(s.pdf) * f64::from(s.direction.dot(r.normal).max(0.0)))
+        let s = scene.sample_lights::<f32>((), r, choice, question, c, [a, b], true);
+        let is_some = s.pdf > 0.0;
+        is_some.then(|| f64::from(s.radiance.g) / f64::from(s.pdf) * f64::from(s.direction.dot(r.normal).max(0.0)))
     };
     (0..scene.num_light_samples(choice)).filter_map(sample).sum()
 }
 
 /// Means over `count` samples each, in 16 independent runs.
-fn runs(scene: &Scene, r: &LightSampleContext, choice: LightChoice, count: u32) -> SampleMoments {
+fn runs(scene: &Scene, r: &Receivers<f32>, choice: LightChoice, count: u32) -> SampleMoments {
     let run = |pixel| (0..count).map(|i| estimate(scene, r, choice, pixel, i)).sum::<f64>() / f64::from(count);
     (0..16).map(run).collect()
 }
 
 /// The mean agrees with the expected one within its standard error and the rounding of single precision.
-fn check(scene: &Scene, r: &LightSampleContext, count: u32, expected: f64, what: &str) {
+fn check(scene: &Scene, r: &Receivers<f32>, count: u32, expected: f64, what: &str) {
     let m = runs(scene, r, LightChoice::One, count);
     let error = m.standard_error().hypot(1e-6 * expected);
     z_test(m.mean(), error, expected).assert(RATE, &format!("{what}: {} instead of {expected}", m.mean()));

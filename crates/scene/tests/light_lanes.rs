@@ -7,8 +7,7 @@ use dunkelfeld_sampling::{Sampler, mix64};
 use dunkelfeld_scene::shapes::{rectangle, sphere};
 use dunkelfeld_scene::{
     ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Image, ImageId, LampShape, Leds, LightChoice,
-    LightProfile, LightSampleContext, Material, PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder, Texels,
-    Texture,
+    LightProfile, Material, PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder, Texels, Texture,
 };
 
 fn emitter(radiance: f32) -> Material {
@@ -80,7 +79,7 @@ fn sky(b: &mut SceneBuilder) {
 }
 
 struct Rays {
-    receivers: [LightSampleContext; MAX_WIDTH],
+    receivers: [Receivers<f32>; MAX_WIDTH],
     u: [[f32; 3]; MAX_WIDTH],
     active: u32,
 }
@@ -99,7 +98,7 @@ fn sample<F: Lanes>(
         let mut u = [[0.0; MAX_WIDTH]; 3];
         for lane in 0..F::WIDTH {
             let r = &rays.receivers[at + lane];
-            (points[lane], normals[lane]) = (r.point, r.normal);
+            (points[lane], normals[lane]) = (r.point.into(), r.normal.into());
             both |= u32::from(r.both_sides) << lane;
             for (row, x) in u.iter_mut().zip(rays.u[at + lane]) {
                 row[lane] = x;
@@ -147,7 +146,7 @@ fn check(name: &str, build: impl Fn(&mut SceneBuilder)) {
     let mut found_samples = 0;
     for round in 0..300u64 {
         let mut rays = Rays {
-            receivers: [LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: false }; MAX_WIDTH],
+            receivers: [Receivers::single(Vec3::ZERO, Vec3::Z, false); MAX_WIDTH],
             u: [[0.0; 3]; MAX_WIDTH],
             active: mix64(round) as u32 | 0x11,
         };
@@ -158,20 +157,15 @@ fn check(name: &str, build: impl Fn(&mut SceneBuilder)) {
             let normal = Vec3::new(a - 0.5, b - 0.5, 1.5 * c - 0.4).normalize();
             let normal = if w < 0.2 { Vec3::ZERO } else { normal };
             let point = (at - scene.world_origin()).as_vec3();
-            rays.receivers[lane] = LightSampleContext { point, normal, both_sides: w < 0.2 || d < 0.3 };
+            rays.receivers[lane] = Receivers::single(point, normal, w < 0.2 || d < 0.3);
             let [a, b, c, _] = sampler.get_4d(2);
             rays.u[lane] = [a, b, c];
         }
         let each = (0..scene.num_light_samples(LightChoice::Each)).map(|index| (LightChoice::Each, index));
         for (choice, index) in each.take(9).chain([(LightChoice::One, 0)]) {
-            let expected: [Option<[f32; 14]>; MAX_WIDTH] = std::array::from_fn(|lane| {
-                let [choose, x, y] = rays.u[lane];
-                let s = scene.sample_light(&rays.receivers[lane], choice, index, choose, [x, y]);
-                let s = s.filter(|_| rays.active >> lane & 1 == 1)?;
-                let (d, [r, g, b]) = (s.direction, s.radiance.to_array());
-                let (p, n) = s.target.map_or((Vec3::ZERO, Vec3::ZERO), |t| (t.point, t.normal));
-                Some([d.x, d.y, d.z, p.x, p.y, p.z, n.x, n.y, n.z, r, g, b, s.pdf, f32::from(u8::from(s.is_delta))])
-            });
+            let mut expected = [None; MAX_WIDTH];
+            sample::<f32>((), &scene, &rays, choice, index, &mut expected);
+            assert!((0..MAX_WIDTH).all(|lane| rays.active >> lane & 1 == 1 || expected[lane].is_none()));
             found_samples += expected.iter().flatten().count();
             for set in InstructionSet::all() {
                 let mut found = [None; MAX_WIDTH];

@@ -10,7 +10,7 @@ use dunkelfeld_scene::lamps::area;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
     AlphaMode, ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Filter, Image, ImageId, LampShape, Leds,
-    LightChoice, LightSampleContext, Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Texels, Texture,
+    LightChoice, LightSamples, Material, PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder, Texels, Texture,
 };
 use dunkelfeld_testkit::{
     DensityTest, SampleMoments, direction_to_square, square_to_direction, student_t_test, welch_test, z_test,
@@ -35,32 +35,39 @@ fn panel(center: Vec3, u: Vec3, v: Vec3) -> Mesh {
 }
 
 /// A receiver at a place in world space.
-fn receiver(scene: &Scene, at: DVec3, normal: Vec3, both_sides: bool) -> LightSampleContext {
-    LightSampleContext { point: (at - scene.world_origin()).as_vec3(), normal, both_sides }
+fn receiver(scene: &Scene, at: DVec3, normal: Vec3, both_sides: bool) -> Receivers<f32> {
+    Receivers::single((at - scene.world_origin()).as_vec3(), normal, both_sides)
+}
+
+/// A sample of one light, if there is one.
+fn sample_light(scene: &Scene, receiver: &Receivers<f32>, u_choice: f32, u: [f32; 2]) -> Option<LightSamples<f32>> {
+    let sample = scene.sample_lights::<f32>((), receiver, ONE, 0, u_choice, u, true);
+    (sample.pdf > 0.0).then_some(sample)
 }
 
 /// The density [1/sr] of direction `d` in light sampling. It is that of the nearest light, as in the weight of a
 /// scattered ray, plus that of the environment, which is drawn also if it is occluded.
-fn density(scene: &Scene, receiver: &LightSampleContext, d: Vec3) -> f32 {
-    let hit = scene.intersect(&Ray::new(receiver.point, d)).filter(|p| !scene.emitted(p, -d).is_black());
+fn density(scene: &Scene, receiver: &Receivers<f32>, d: Vec3) -> f32 {
+    let hit = scene.intersect(&Ray::new(receiver.point.into(), d)).filter(|p| !scene.emitted(p, -d).is_black());
     hit.map_or(0.0, |p| scene.light_pdf(receiver, ONE, &p)) + scene.environment_pdf(receiver, ONE, d)
 }
 
 /// The direction of one sample. Also checks that the weight of scattering uses the same density there.
-fn draw(scene: &Scene, receiver: &LightSampleContext, index: u32, agreed: &mut u32) -> Option<Vec3> {
+fn draw(scene: &Scene, receiver: &Receivers<f32>, index: u32, agreed: &mut u32) -> Option<Vec3> {
     let [a, b, c, _] = Sampler::new(3, 0, 0, index).get_4d(1);
     // A point that emits nothing toward the receiver is no sample, as in `density`.
-    let s = scene.sample_light(receiver, ONE, 0, a, [b, c]).filter(|s| !s.radiance.is_black())?;
+    let s = sample_light(scene, receiver, a, [b, c]).filter(|s| !s.radiance.is_black())?;
     assert!((s.direction.length() - 1.0).abs() < 1e-5 && s.pdf > 0.0 && s.pdf.is_finite() && !s.is_delta);
-    let found = match s.target {
-        None => scene.environment_pdf(receiver, ONE, s.direction),
+    let direction = s.direction.into();
+    let found = if s.is_finite {
         // Directions toward an edge may miss the light by rounding.
-        Some(_) => {
-            scene.intersect(&Ray::new(receiver.point, s.direction)).map_or(0.0, |p| scene.light_pdf(receiver, ONE, &p))
-        }
+        let hit = scene.intersect(&Ray::new(receiver.point.into(), direction));
+        hit.map_or(0.0, |p| scene.light_pdf(receiver, ONE, &p))
+    } else {
+        scene.environment_pdf(receiver, ONE, direction)
     };
     *agreed += u32::from((found / s.pdf - 1.0).abs() < 1e-3);
-    Some(s.direction)
+    Some(direction)
 }
 
 fn assert_agreement(name: &str, agreed: u32, drawn: u32) {
@@ -72,7 +79,7 @@ fn assert_agreement(name: &str, agreed: u32, drawn: u32) {
 }
 
 /// Histogram of sampled directions against the density, cell by cell over the sphere; and sample by sample.
-fn check(name: &str, scene: &Scene, receiver: &LightSampleContext) {
+fn check(name: &str, scene: &Scene, receiver: &Receivers<f32>) {
     let (mut index, mut drawn, mut agreed) = (0, 0, 0);
     let sample = || {
         index += 1;
@@ -91,7 +98,7 @@ fn check(name: &str, scene: &Scene, receiver: &LightSampleContext) {
 
 /// The share of draws with a direction against the integral of the density, estimated by directions uniform over the
 /// sphere; and sample by sample. For densities that are too discontinuous for cubature.
-fn check_total(name: &str, scene: &Scene, receiver: &LightSampleContext) {
+fn check_total(name: &str, scene: &Scene, receiver: &Receivers<f32>) {
     let (mut drawn, mut agreed) = (0, 0);
     let shares: SampleMoments = (0..40_000)
         .map(|i| {
@@ -129,7 +136,7 @@ fn a_rectangle_and_a_triangle() {
         } else {
             // Behind a one-sided light no direction is drawn, and the density is zero.
             let behind = receiver(&scene, DVec3::new(0.2, 0.1, 1.3), Vec3::NEG_Z, true);
-            assert!(scene.sample_light(&behind, ONE, 0, 0.5, [0.5; 2]).is_none());
+            assert!(sample_light(&scene, &behind, 0.5, [0.5; 2]).is_none());
             assert_eq!(density(&scene, &behind, Vec3::NEG_Z), 0.0);
         }
     }
@@ -240,12 +247,11 @@ fn instanced_lights_under_mirroring_and_uneven_scales() {
 }
 
 /// Irradiance [W/m^2] at a receiver without occlusion, by light sampling alone.
-fn irradiance(scene: &Scene, receiver: &LightSampleContext, pixel: u32) -> f64 {
+fn irradiance(scene: &Scene, receiver: &Receivers<f32>, pixel: u32) -> f64 {
     let n = 4096;
     let estimate = |i| {
         let [a, b, c, _] = Sampler::new(11, 0, pixel, i).get_4d(0);
-        scene
-            .sample_light(receiver, ONE, 0, a, [b, c])
+        sample_light(scene, receiver, a, [b, c])
             .map_or(0.0, |s| f64::from(s.radiance.g / s.pdf) * f64::from(s.direction.dot(receiver.normal).max(0.0)))
     };
     (0..n).map(estimate).sum::<f64>() / f64::from(n)
@@ -360,11 +366,11 @@ fn lamps_and_suns() {
     let (mut drawn, mut agreed) = (0, 0);
     for index in 0..4000 {
         let [a, b, c, _] = Sampler::new(3, 0, 0, index).get_4d(1);
-        let Some(s) = scene.sample_light(&r, ONE, 0, a, [b, c]).filter(|s| s.target.is_none()) else { continue };
+        let Some(s) = sample_light(&scene, &r, a, [b, c]).filter(|s| !s.is_finite) else { continue };
         drawn += 1;
         // Of two suns with common directions, one of them has the density of the sample.
-        let same = |(sun, _)| (scene.sun_pdf(&r, ONE, sun, s.direction) / s.pdf - 1.0).abs() < 1e-4;
-        agreed += u32::from(scene.suns_along(s.direction).any(same));
+        let same = |(sun, _)| (scene.sun_pdf(&r, ONE, sun, s.direction.into()) / s.pdf - 1.0).abs() < 1e-4;
+        agreed += u32::from(scene.suns_along(s.direction.into()).any(same));
     }
     assert_agreement("suns", agreed, drawn);
 }
@@ -387,7 +393,7 @@ fn a_sample_prefers_leds_that_shine_toward_the_receiver() {
         let (mut drawn, mut uniform) = (SampleMoments::default(), SampleMoments::default());
         for index in 0..20_000 {
             let [a, b, c, _] = Sampler::new(3, 0, 0, index).get_4d(1);
-            let Some(s) = scene.sample_light(&r, ONE, 0, a, [b, c]) else {
+            let Some(s) = sample_light(&scene, &r, a, [b, c]) else {
                 drawn.push(0.0);
                 uniform.push(0.0);
                 continue;
@@ -395,9 +401,9 @@ fn a_sample_prefers_leds_that_shine_toward_the_receiver() {
             let irradiance = f64::from(s.radiance.g * s.direction.z);
             drawn.push(irradiance / f64::from(s.pdf));
             // The same points, weighted to be uniform over the area: the second moment of that estimator.
-            let target = s.target.expect("a lamp has a surface");
-            let to_light = target.point - r.point;
-            let cosine = -to_light.normalize().dot(target.normal);
+            assert!(s.is_finite, "a lamp has a surface");
+            let to_light = s.point - r.point;
+            let cosine = -to_light.normalize().dot(s.normal);
             let per_area = f64::from(cosine / to_light.length_squared());
             uniform.push((irradiance * per_area).powi(2) / (f64::from(s.pdf) * per_area));
         }

@@ -32,9 +32,13 @@ fn hit(scene: &Scene, from: Vec3, to: Vec3) -> Option<SurfacePoint> {
     scene.intersect(&Ray::new(from, (to - from).normalize()))
 }
 
+fn shading_normal(scene: &Scene, p: &SurfacePoint, wo: Vec3) -> Vec3 {
+    scene.shade_lanes::<f32>(p.material(), &p.into(), wo.into()).frames.frame.normal.into()
+}
+
 /// The normal of the frame, whether it depends on the viewer in direction `wo`, and its derivative.
 fn differential(scene: &Scene, p: &SurfacePoint, wo: Vec3) -> (Vec3, bool, Option<NormalDifferentials<f32>>) {
-    let normal = scene.shade(p, wo, 0.5, &mut None).frame.normal;
+    let normal = shading_normal(scene, p, wo);
     let (is_turned, found) = scene.normal_differentials::<f32>((), &p.into(), wo.into(), normal.into());
     (normal, is_turned, found)
 }
@@ -82,7 +86,7 @@ fn the_differential_is_the_derivative_of_the_shading_normal() {
                         let side = p.normal * if wo.dot(p.normal) > 0.0 { 0.01 } else { -0.01 };
                         let q = hit(&scene, target + side, target)?;
                         // Beyond the edge the next triangle has another plane.
-                        (q.normal == p.normal).then(|| scene.shade(&q, wo, 0.5, &mut None).frame.normal.as_dvec3())
+                        (q.normal == p.normal).then(|| shading_normal(&scene, &q, wo).as_dvec3())
                     };
                     let (Some(before), Some(after)) = (near(-h), near(h)) else { continue };
                     let measured = (after - before) / f64::from(2.0 * h);

@@ -1,7 +1,7 @@
 //! Shading frames: interpolated and mapped normals, tangents, coverage and colours, on meshes that are moved to render
 //! space and on instances, mirrored or not. All expectations are closed forms.
 
-use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec2, Vec3, Vec4};
+use dunkelfeld_geometry::{DAffine3, DVec3, Frame, Mesh, Ray, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::rectangle;
 use dunkelfeld_scene::{
@@ -69,6 +69,11 @@ fn flat_map(n: Vec3) -> Image {
     Image { name: "map".into(), width: 1, height: 1, texels: Texels::Rgba16(vec![[x, y, z, 65535]]).into() }
 }
 
+/// The frame of shading for a viewer in direction `wo`.
+fn shading_frame(scene: &Scene, p: &SurfacePoint, wo: Vec3) -> Frame {
+    scene.shade_lanes::<f32>(p.material(), &p.into(), wo.into()).frames.frame.into()
+}
+
 #[test]
 fn a_normal_map_tilts_along_the_image() {
     // A square in the xy plane with u = su x and v = sv y. In a normal map red tilts to the image's right, where u
@@ -91,11 +96,11 @@ fn a_normal_map_tilts_along_the_image() {
             let what = format!("su {su}, sv {sv}, instanced {instanced}, mirrored {mirrored}");
             let hit = shade(&scene, 0.1, 0.2, true);
             assert!((hit.normal - Vec3::Z).length() < 1e-6, "{what}: the geometric normal stays");
-            let frame = scene.shade(&hit, Vec3::Z, 0.5, &mut None).frame;
+            let frame = shading_frame(&scene, &hit, Vec3::Z);
             assert!((frame.normal - expected).length() < 1e-4, "{what}: {} should be {expected}", frame.normal);
             assert!((frame.tangent.cross(frame.bitangent) - frame.normal).length() < 1e-5, "{what}: right-handed");
             // From below, the same surface is turned over.
-            let below = scene.shade(&shade(&scene, 0.1, 0.2, false), Vec3::NEG_Z, 0.5, &mut None).frame;
+            let below = shading_frame(&scene, &shade(&scene, 0.1, 0.2, false), Vec3::NEG_Z);
             assert!((below.normal + expected).length() < 1e-4, "{what}: from below {}", below.normal);
             assert!((below.tangent.cross(below.bitangent) - below.normal).length() < 1e-5, "{what}: from below");
         }
@@ -110,7 +115,7 @@ fn the_scale_of_a_normal_map_acts_on_its_slopes() {
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
     let material = Material { normal_texture: Some(texture), normal_scale: 0.5, ..Material::default() };
     let scene = placed(mesh, material, vec![flat_map(Vec3::new(0.6, 0.0, 0.8))], DAffine3::IDENTITY, false);
-    let n = scene.shade(&shade(&scene, 0.0, 0.1, true), Vec3::Z, 0.5, &mut None).frame.normal;
+    let n = shading_frame(&scene, &shade(&scene, 0.0, 0.1, true), Vec3::Z).normal;
     assert!((n - Vec3::new(0.3, 0.0, 0.8).normalize()).length() < 1e-4, "{n}");
 }
 
@@ -133,7 +138,7 @@ fn smooth_normals_are_continuous_over_an_edge_and_follow_uneven_scales() {
         let scene = placed(mesh(), Material::default(), Vec::new(), to_world, instanced);
         for x in [-0.7f64, -0.3, -1e-4, 1e-4, 0.3, 0.7] {
             let hit = shade(&scene, x * scale, 0.37, true);
-            let n = scene.shade(&hit, Vec3::Z, 0.5, &mut None).frame.normal;
+            let n = shading_frame(&scene, &hit, Vec3::Z).normal;
             let object = DVec3::new(0.6 * x, 0.0, 1.0 - 0.2 * x.abs());
             let expected = DVec3::new(object.x / scale, 0.0, object.z).normalize().as_vec3();
             assert!((n - expected).length() < 1e-5, "x {x}, scale {scale}, instanced {instanced}: {n}, not {expected}");
@@ -149,7 +154,7 @@ fn a_normal_that_faces_away_is_turned_until_the_viewer_is_above_it() {
     mesh.normals = vec![tilted; 4];
     let scene = placed(mesh, Material::default(), Vec::new(), DAffine3::IDENTITY, false);
     let hit = shade(&scene, 0.1, 0.2, true);
-    let normal = |wo: Vec3| scene.shade(&hit, wo, 0.5, &mut None).frame.normal;
+    let normal = |wo: Vec3| shading_frame(&scene, &hit, wo).normal;
     // -0.28 * 0.8 + 0.96 * 0.6 is above a fifth of 0.96.
     assert!((normal(Vec3::new(-0.28, 0.0, 0.96)) - tilted).length() < 1e-6);
     for degrees in [2.0f32, 15.0, 40.0] {
@@ -232,7 +237,7 @@ fn energy_compensation_applies_to_constant_and_textured_surfaces() {
             mesh.uvs[0] = mesh.positions.iter().map(|p| Vec2::new(p.x, p.y)).collect();
             b.add_object("object", mesh, m);
             let scene = build(b);
-            *scene.shade(&shade(&scene, 0.1, 0.2, true), Vec3::Z, 0.5, &mut None).bsdf
+            *scene.bsdf(&shade(&scene, 0.1, 0.2, true), 0.5, None, &mut None)
         };
         let (plain, compensated) = (shade(false), shade(true));
         assert_eq!(compensated, plain.with_energy_compensation());

@@ -8,8 +8,8 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::mix64;
 use dunkelfeld_scene::shapes::{cuboid, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, ChannelTexture, ColorEncoding, HitLanes, Image, ImageId, Material, Scene, SceneBuilder, Shutter,
-    Surface, SurfacePoint, Texels, Texture, Volume,
+    AlphaMode, ChannelTexture, ColorEncoding, HitLanes, Image, ImageId, Material, Scene, SceneBuilder, ShadingLanes,
+    Shutter, Surface, SurfacePoint, Texels, Texture, Volume,
 };
 
 const EXPOSURE: f64 = 0.5;
@@ -186,18 +186,19 @@ struct Found {
 fn found_singly(scene: &Scene, (hit, wo, time): &HitOf) -> Found {
     let point = scene.surface_point(hit, *time);
     let mut storage = None;
-    let s = scene.shade(&point, *wo, kind(hit), &mut storage);
-    let frames = s.frames(point.normal);
+    let bsdf = *scene.bsdf(&point, kind(hit), None, &mut storage);
+    let ShadingLanes { frames, receivers } = scene.shade_lanes::<f32>(point.material(), &(&point).into(), (*wo).into());
+    let frame = frames.frame;
     Found {
         point,
-        frame: [s.frame.tangent, s.frame.bitangent, s.frame.normal],
-        receiver: [s.receiver.point, s.receiver.normal],
+        frame: [frame.tangent.into(), frame.bitangent.into(), frame.normal.into()],
+        receiver: [receivers.point.into(), receivers.normal.into()],
         origin: point.ray_origin(*wo),
-        both_sides: s.receiver.both_sides,
+        both_sides: receivers.both_sides,
         is_bent: frames.is_bent,
-        is_consistent: frames.consistent((*wo).into(), frames.frame.to_local((*wo).into())),
+        is_consistent: frames.consistent((*wo).into(), frame.to_local((*wo).into())),
         emits: scene.emits(point.material()),
-        bsdf: *s.bsdf,
+        bsdf,
     }
 }
 

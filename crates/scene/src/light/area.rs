@@ -1,6 +1,6 @@
 //! Area lights: emitting triangles and rectangles.
 
-use crate::light::sample::{LightSampleContext, LightSamples, Receivers};
+use crate::light::sample::{LightSamples, Receivers};
 use crate::light::tree::{EmissionCone, LightBounds};
 use dunkelfeld_geometry::shape::{RectangleLanes, RectangleSampler, pdf_triangle, sample_triangle};
 use dunkelfeld_geometry::{Aabb, Vec3};
@@ -169,11 +169,11 @@ impl AreaLight {
 
     /// The density [1/sr] of a point in [`Self::sample`].
     #[inline]
-    pub(crate) fn pdf(&self, receiver: &LightSampleContext, point: Vec3) -> f32 {
+    pub(crate) fn pdf(&self, receiver: &Receivers<f32>, point: Vec3) -> f32 {
         match &self.shape {
-            _ if !AreaLanes::splat((), self).reaches(&receiver.into()) => 0.0,
-            AreaShape::Rectangle(r) => r.pdf(receiver.point, point),
-            AreaShape::Triangle(t) => pdf_triangle(t, receiver.point, point),
+            _ if !AreaLanes::splat((), self).reaches(receiver) => 0.0,
+            AreaShape::Rectangle(r) => r.pdf(receiver.point.into(), point),
+            AreaShape::Triangle(t) => pdf_triangle(t, receiver.point.into(), point),
         }
     }
 

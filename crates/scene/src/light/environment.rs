@@ -1,7 +1,7 @@
 //! Light from infinitely far away: constant, or an equirectangular image with importance sampling.
 
 use crate::build::builder::{Environment, EnvironmentSource};
-use crate::light::sample::LightSampleContext;
+use crate::light::sample::Receivers;
 use crate::material::texture::Image;
 use dunkelfeld_geometry::{Frame, LocalDir, Vec3};
 use dunkelfeld_radiometry::Rgb;
@@ -87,14 +87,14 @@ impl EnvironmentLight {
     /// A direction with its radiance and the density [1/sr]. If the environment is constant and the surface scatters
     /// light from above only, the directions follow the cosine.
     #[inline]
-    pub(crate) fn sample(&self, receiver: &LightSampleContext, u: [f32; 2]) -> (Vec3, Rgb, f32) {
+    pub(crate) fn sample(&self, receiver: &Receivers<f32>, u: [f32; 2]) -> (Vec3, Rgb, f32) {
         match &self.source {
             Source::Constant(radiance) => {
                 let direction = if receiver.both_sides {
                     sample_sphere(u)
                 } else {
                     let local = sample_cosine_hemisphere(u).normalize();
-                    Frame::from_normal(receiver.normal).to_world(LocalDir(local))
+                    Frame::from_normal(receiver.normal.into()).to_world(LocalDir(local))
                 };
                 (direction, *radiance, self.pdf(receiver, direction))
             }
@@ -110,10 +110,10 @@ impl EnvironmentLight {
 
     /// The density [1/sr] of a direction in [`Self::sample`].
     #[inline]
-    pub(crate) fn pdf(&self, receiver: &LightSampleContext, direction: Vec3) -> f32 {
+    pub(crate) fn pdf(&self, receiver: &Receivers<f32>, direction: Vec3) -> f32 {
         match &self.source {
             Source::Constant(_) if receiver.both_sides => pdf_sphere(direction),
-            Source::Constant(_) => direction.dot(receiver.normal).max(0.0) * FRAC_1_PI,
+            Source::Constant(_) => direction.dot(receiver.normal.into()).max(0.0) * FRAC_1_PI,
             Source::Map(map) => {
                 let [u, v] = map_coordinates(self.to_map(direction));
                 map.distribution.pdf_continuous([u, v]) / map.rows[map.texel(u, v)[1]].jacobian
@@ -210,7 +210,9 @@ mod tests {
     use crate::material::texture::{ImageId, Texels};
 
     /// The density of an image does not depend on the receiver.
-    const ANY: LightSampleContext = LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: false };
+    fn any() -> Receivers<f32> {
+        Receivers::single(Vec3::ZERO, Vec3::Z, false)
+    }
 
     fn map() -> EnvironmentLight {
         let texels: Vec<[f32; 3]> =
@@ -228,9 +230,9 @@ mod tests {
         let mut off = 0;
         for i in 0..n * n {
             let u = [((i % n) as f32 + 0.5) / n as f32, ((i / n) as f32 + 0.5) / n as f32];
-            let (direction, radiance, pdf) = light.sample(&ANY, u);
+            let (direction, radiance, pdf) = light.sample(&any(), u);
             // A direction on the edge of a texel may be rounded into the next one.
-            off += u32::from((light.pdf(&ANY, direction) / pdf - 1.0).abs() > 1e-4);
+            off += u32::from((light.pdf(&any(), direction) / pdf - 1.0).abs() > 1e-4);
             sum[0] += f64::from(radiance.b / pdf);
             sum[1] += 1.0 / f64::from(pdf);
         }
@@ -255,7 +257,7 @@ mod tests {
                 [0.0, 1e-30, 1e-12, 1e-7, 1e-4, 0.02].map(|r| Vec3::new(0.6 * r, y, -0.8 * r).normalize())
             });
             for d in near_poles.chain([Vec3::X, Vec3::new(0.3, -0.2, 0.4).normalize()]) {
-                let (pdf, want) = (light.pdf(&ANY, d), light.radiance(d).g / total);
+                let (pdf, want) = (light.pdf(&any(), d), light.radiance(d).g / total);
                 assert!((pdf / want - 1.0).abs() < 1e-4, "{pdf} instead of {want} toward {d} for height {height}");
             }
         }
@@ -274,7 +276,7 @@ mod tests {
         let (mut inner, n) = (0, 4096);
         for i in 0..n {
             let u = [(i as f32 * 0.618_034).fract(), (i as f32 + 0.5) / n as f32 * 0.99];
-            let (d, radiance, pdf) = light.sample(&ANY, u);
+            let (d, radiance, pdf) = light.sample(&any(), u);
             let angle = d.x.hypot(d.z).atan2(d.y);
             assert!(angle <= cap * 1.0001 && radiance.g == 1e7, "{d} has {radiance:?}");
             assert!((pdf * 4.0 * PI * light.mean.g / 1e7 - 1.0).abs() < 1e-4);
@@ -306,7 +308,7 @@ mod tests {
         };
         let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
         let light = EnvironmentLight::new(&Environment { source, rotation: 0.0 }, &[image]);
-        let (d, l, pdf) = light.sample(&ANY, [0.3, 0.6]);
+        let (d, l, pdf) = light.sample(&any(), [0.3, 0.6]);
         assert!(d.is_finite() && l.is_black() && pdf.is_finite() && pdf > 0.0);
     }
 }

@@ -8,7 +8,7 @@
 //! refracting surface (defensive mixture, Hesterberg 1995).
 
 use crate::light::emission_profile::EmissionProfile;
-use crate::light::sample::{LightSampleContext, LightSamples, Receivers};
+use crate::light::sample::{LightSamples, Receivers};
 use crate::light::tree::{EmissionCone, LightBounds, LightTree, below_one};
 use crate::light::{FoundLights, in_proportion};
 use dunkelfeld_geometry::shape::sample_triangle_area;
@@ -360,7 +360,7 @@ impl MeshLight {
     }
 
     /// The probability of a facet in the choice that is not by area.
-    fn probability(&self, receiver: &LightSampleContext, facet: usize) -> f32 {
+    fn probability(&self, receiver: &Receivers<f32>, facet: usize) -> f32 {
         match &self.choice {
             FacetChoice::Single => 1.0,
             FacetChoice::Tree(tree) => tree.probability(receiver, facet),
@@ -368,7 +368,7 @@ impl MeshLight {
                 let mut total = 0.0;
                 let mut own = 0.0;
                 for (index, f) in self.facets.iter().enumerate() {
-                    let weight = f.weight::<f32>((), &receiver.into(), &self.profile, self.two_sided);
+                    let weight = f.weight::<f32>((), receiver, &self.profile, self.two_sided);
                     total += weight;
                     if index == facet {
                         own = weight;
@@ -381,7 +381,7 @@ impl MeshLight {
 
     /// The density [1/m^2] of a point of a facet in [`Self::sample`].
     #[inline]
-    fn facet_density(&self, receiver: &LightSampleContext, facet: usize) -> f32 {
+    fn facet_density(&self, receiver: &Receivers<f32>, facet: usize) -> f32 {
         let Facet { before, after, area, .. } = self.facets[facet];
         match self.choice {
             FacetChoice::Single => 1.0 / area,
@@ -390,10 +390,10 @@ impl MeshLight {
     }
 
     /// The density [1/sr] of a point on a triangle in [`Self::sample`], without the choice of the light.
-    pub(crate) fn pdf(&self, receiver: &LightSampleContext, triangle: u32, point: Vec3, normal: Vec3) -> f32 {
-        let reaches = self.reaches::<f32>((), &receiver.into());
+    pub(crate) fn pdf(&self, receiver: &Receivers<f32>, triangle: u32, point: Vec3, normal: Vec3) -> f32 {
+        let reaches = self.reaches::<f32>((), receiver);
         let Some(&facet) = self.facet_of.get(triangle as usize).filter(|_| reaches) else { return 0.0 };
-        let to_light = V3::from(point - receiver.point);
+        let to_light = V3::from(point) - receiver.point;
         let d2 = to_light.length_squared();
         let direction = to_light * Real::recip(d2.sqrt());
         self.pdf_of(self.facet_density(receiver, facet as usize), d2, direction.dot(normal.into()))

@@ -20,7 +20,7 @@ use crate::light::delta::DeltaLight;
 use crate::light::environment::EnvironmentLight;
 use crate::light::luminaire::LightProfile;
 use crate::light::mesh_light::MeshLight;
-use crate::light::sample::{LightSample, LightSampleContext, LightSamples, LightTarget, Receivers};
+use crate::light::sample::{LightSamples, Receivers};
 use crate::light::sun::Sun;
 use crate::light::tree::{EmissionCone, LightBounds, LightTree};
 use crate::sampling_options::Techniques;
@@ -180,8 +180,8 @@ impl LightTable {
                 let mut weights = [0.0; MAX_WIDTH];
                 let receivers = receivers.to_lanes();
                 for lane in 0..F::WIDTH {
-                    let arriving = d.arriving_at(receivers[lane].point, &self.profiles);
-                    if receivers[lane].faces(arriving.direction) {
+                    let arriving = d.arriving_at(receivers[lane].point.into(), &self.profiles);
+                    if receivers[lane].faces(arriving.direction.into()) {
                         weights[lane] = arriving.irradiance.mean();
                     }
                 }
@@ -251,14 +251,14 @@ impl LightTable {
 
     /// The probability with which [`Self::choose`] chooses a light.
     #[inline]
-    fn probability(&self, receiver: &LightSampleContext, index: usize) -> f32 {
+    fn probability(&self, receiver: &Receivers<f32>, index: usize) -> f32 {
         if let Some(tree) = &self.tree {
             return tree.probability(receiver, index);
         }
         let mut total = 0.0;
         let mut selected_weight = 0.0;
         for (i, light) in self.lights.iter().enumerate() {
-            let w = self.weight::<f32>((), light, &receiver.into());
+            let w = self.weight::<f32>((), light, receiver);
             total += w;
             if i == index {
                 selected_weight = w;
@@ -269,7 +269,7 @@ impl LightTable {
 
     /// The probability that a vertex samples a light.
     #[inline]
-    fn share(&self, receiver: &LightSampleContext, choice: LightChoice, index: usize) -> f32 {
+    fn share(&self, receiver: &Receivers<f32>, choice: LightChoice, index: usize) -> f32 {
         match choice {
             LightChoice::One => self.probability(receiver, index),
             LightChoice::Each => 1.0,
@@ -385,12 +385,12 @@ impl LightTable {
             Some(light) => {
                 let (each, u0, u1) = (receivers.to_lanes(), u[0].to_array(), u[1].to_array());
                 let probability = probability.to_array();
-                let mut samples = [None; MAX_WIDTH];
+                let mut samples = [LightSamples::none(()); MAX_WIDTH];
                 let bits = active.bits();
                 for lane in 0..F::WIDTH {
                     if bits >> lane & 1 == 1 {
                         samples[lane] =
-                            self.sample_without_surface(each[lane], light, probability[lane], [u0[lane], u1[lane]]);
+                            self.sample_without_surface(&each[lane], light, probability[lane], [u0[lane], u1[lane]]);
                     }
                 }
                 found.samples = LightSamples::from_lanes(token, &samples);
@@ -405,46 +405,41 @@ impl LightTable {
     #[inline(never)]
     fn sample_without_surface(
         &self,
-        receiver: LightSampleContext,
+        receiver: &Receivers<f32>,
         light: &Light,
         probability: f32,
         u: [f32; 2],
-    ) -> Option<LightSample> {
-        match light {
-            Light::Area(_) | Light::Mesh(_) => None,
-            Light::Sun(s) => {
+    ) -> LightSamples<f32> {
+        let (mut position, mut is_delta) = (None, false);
+        let (direction, radiance, pdf, is_valid) = match (light, &self.environment) {
+            (Light::Sun(s), _) => {
                 let (direction, pdf) = s.sample(u);
-                receiver.faces(direction).then_some(LightSample {
-                    direction,
-                    target: None,
-                    radiance: s.disc_radiance(),
-                    pdf: pdf * probability,
-                    is_delta: false,
-                })
+                (direction, s.disc_radiance(), pdf * probability, receiver.faces(direction.into()))
             }
-            Light::Delta(d) => {
-                let arriving = d.arriving_at(receiver.point, &self.profiles);
-                let target = arriving.position.map(|point| LightTarget { point, normal: Vec3::ZERO });
-                let reaches = !arriving.irradiance.is_black() && receiver.faces(arriving.direction);
-                reaches.then_some(LightSample {
-                    direction: arriving.direction,
-                    target,
-                    radiance: arriving.irradiance,
-                    pdf: probability,
-                    is_delta: true,
-                })
+            (Light::Delta(d), _) => {
+                let arriving = d.arriving_at(receiver.point.into(), &self.profiles);
+                (position, is_delta) = (arriving.position, true);
+                let reaches = !arriving.irradiance.is_black() && receiver.faces(arriving.direction.into());
+                (arriving.direction, arriving.irradiance, probability, reaches)
             }
-            Light::Environment => {
-                let (direction, radiance, pdf) = self.environment.as_ref()?.sample(&receiver, u);
+            (Light::Environment, Some(environment)) => {
+                let (direction, radiance, pdf) = environment.sample(receiver, u);
                 let pdf = pdf * probability;
-                (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
-                    direction,
-                    target: None,
-                    radiance,
-                    pdf,
-                    is_delta: false,
-                })
+                (direction, radiance, pdf, pdf > 0.0 && pdf.is_finite())
             }
+            _ => (Vec3::ZERO, Rgb::BLACK, 0.0, false),
+        };
+        if !is_valid {
+            return LightSamples::none(());
+        }
+        LightSamples {
+            direction: direction.into(),
+            point: position.unwrap_or(Vec3::ZERO).into(),
+            normal: Vec3::ZERO.into(),
+            is_finite: position.is_some(),
+            radiance,
+            pdf,
+            is_delta,
         }
     }
 
@@ -453,7 +448,7 @@ impl LightTable {
     #[inline]
     pub(crate) fn pdf_area(
         &self,
-        receiver: &LightSampleContext,
+        receiver: &Receivers<f32>,
         choice: LightChoice,
         index: u32,
         (triangle, point, normal): (u32, Vec3, Vec3),
@@ -481,15 +476,9 @@ impl LightTable {
     }
 
     /// The density [1/sr] of a direction toward the sun of an index in [`Self::sample`].
-    pub(crate) fn pdf_sun(
-        &self,
-        receiver: &LightSampleContext,
-        choice: LightChoice,
-        index: u32,
-        direction: Vec3,
-    ) -> f32 {
+    pub(crate) fn pdf_sun(&self, receiver: &Receivers<f32>, choice: LightChoice, index: u32, direction: Vec3) -> f32 {
         match self.lights.get(index as usize) {
-            Some(Light::Sun(s)) if receiver.faces(direction) => {
+            Some(Light::Sun(s)) if receiver.faces(direction.into()) => {
                 s.pdf(direction) * self.share(receiver, choice, index as usize)
             }
             _ => 0.0,
@@ -498,7 +487,7 @@ impl LightTable {
 
     /// The density [1/sr] of a direction toward the environment in [`Self::sample`].
     #[inline]
-    pub(crate) fn pdf_environment(&self, receiver: &LightSampleContext, choice: LightChoice, direction: Vec3) -> f32 {
+    pub(crate) fn pdf_environment(&self, receiver: &Receivers<f32>, choice: LightChoice, direction: Vec3) -> f32 {
         // The environment is the last light if it emits.
         match (&self.environment, self.lights.last()) {
             (Some(e), Some(Light::Environment)) => {

@@ -4,51 +4,7 @@ use dunkelfeld_geometry::Vec3;
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 
-/// The receiver of a light sample.
-#[derive(Clone, Copy, Debug)]
-pub struct LightSampleContext {
-    /// Position in render space.
-    pub point: Vec3,
-    /// Geometric normal on the side of the viewer; zero in a medium.
-    pub normal: Vec3,
-    /// True if light from behind the surface can be scattered too.
-    pub both_sides: bool,
-}
-
-impl LightSampleContext {
-    /// True if the receiver can scatter light from a direction to the viewer.
-    #[inline]
-    pub fn faces(&self, direction: Vec3) -> bool {
-        self.both_sides || direction.dot(self.normal) > 0.0
-    }
-}
-
-/// A direction toward a light, as next-event estimation needs it.
-#[derive(Clone, Copy, Debug)]
-pub struct LightSample {
-    /// Unit direction toward the light.
-    pub direction: Vec3,
-    /// The point on the light, with the light's normal there; `None` for a light infinitely far away.
-    pub target: Option<LightTarget>,
-    /// Radiance that arrives unoccluded [W/(m^2 sr)]; for lights without extent the irradiance on a facing surface
-    /// [W/m^2].
-    pub radiance: Rgb,
-    /// Density [1/sr]; for lights without extent the probability of the choice of the light.
-    pub pdf: f32,
-    /// True for a light without extent. Scattering cannot sample it, so its weight is 1.
-    pub is_delta: bool,
-}
-
-/// The end of a shadow ray.
-#[derive(Clone, Copy, Debug)]
-pub struct LightTarget {
-    /// Point on the light.
-    pub point: Vec3,
-    /// Unit normal of the light's surface; zero for points without a surface.
-    pub normal: Vec3,
-}
-
-/// Receivers of light samples, one for each lane. See [`LightSampleContext`].
+/// Receivers of light samples, one for each lane.
 #[derive(Clone, Copy, Debug)]
 pub struct Receivers<F: Lanes> {
     /// Positions in render space.
@@ -59,10 +15,11 @@ pub struct Receivers<F: Lanes> {
     pub both_sides: F::Mask,
 }
 
-impl From<&LightSampleContext> for Receivers<f32> {
+impl Receivers<f32> {
+    /// A single receiver.
     #[inline(always)]
-    fn from(receiver: &LightSampleContext) -> Self {
-        Self { point: receiver.point.into(), normal: receiver.normal.into(), both_sides: receiver.both_sides }
+    pub fn single(point: Vec3, normal: Vec3, both_sides: bool) -> Self {
+        Self { point: point.into(), normal: normal.into(), both_sides }
     }
 }
 
@@ -75,18 +32,18 @@ impl<F: Lanes> Receivers<F> {
 
     /// The receiver of each lane, for code that treats them one by one.
     #[inline(always)]
-    pub(crate) fn to_lanes(self) -> [LightSampleContext; MAX_WIDTH] {
+    pub(crate) fn to_lanes(self) -> [Receivers<f32>; MAX_WIDTH] {
         let (points, normals, bits) = (self.point.to_lanes(), self.normal.to_lanes(), self.both_sides.bits());
-        let mut lanes = [LightSampleContext { point: Vec3::ZERO, normal: Vec3::ZERO, both_sides: false }; MAX_WIDTH];
+        let mut lanes = [Receivers::single(Vec3::ZERO, Vec3::ZERO, false); MAX_WIDTH];
         for lane in 0..F::WIDTH {
-            let both_sides = bits >> lane & 1 == 1;
-            lanes[lane] = LightSampleContext { point: points[lane], normal: normals[lane], both_sides };
+            lanes[lane] = Receivers::single(points[lane], normals[lane], bits >> lane & 1 == 1);
         }
         lanes
     }
 }
 
-/// Directions toward lights, one for each lane. See [`LightSample`]. Only lanes with a density above zero are valid.
+/// Directions toward lights, as next-event estimation needs them, one for each lane. Only lanes with a density above zero
+/// are valid.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSamples<F: Lanes> {
     /// Unit directions toward the light.
@@ -102,7 +59,7 @@ pub struct LightSamples<F: Lanes> {
     pub radiance: Rgb<F>,
     /// Density [1/sr]; for lights without extent the probability of the choice of the light. Zero if there is no sample.
     pub pdf: F,
-    /// Lanes with a light without extent.
+    /// Lanes with a light without extent. Scattering cannot sample it, so its weight is 1.
     pub is_delta: F::Mask,
 }
 
@@ -116,20 +73,17 @@ impl<F: Lanes> LightSamples<F> {
 
     /// The sample of each lane.
     #[inline(always)]
-    pub(crate) fn from_lanes(token: F::Token, lanes: &[Option<LightSample>; MAX_WIDTH]) -> Self {
+    pub(crate) fn from_lanes(token: F::Token, lanes: &[LightSamples<f32>; MAX_WIDTH]) -> Self {
         let [mut directions, mut points, mut normals] = [[Vec3::ZERO; MAX_WIDTH]; 3];
         let [mut r, mut g, mut b, mut pdf] = [[0.0; MAX_WIDTH]; 4];
         let (mut is_finite, mut is_delta) = (0, 0);
         for lane in 0..F::WIDTH {
-            if let Some(s) = &lanes[lane] {
-                (directions[lane], pdf[lane]) = (s.direction, s.pdf);
-                [r[lane], g[lane], b[lane]] = s.radiance.to_array();
-                is_delta |= u32::from(s.is_delta) << lane;
-                if let Some(target) = &s.target {
-                    (points[lane], normals[lane]) = (target.point, target.normal);
-                    is_finite |= 1 << lane;
-                }
-            }
+            let s = &lanes[lane];
+            (directions[lane], points[lane], normals[lane]) = (s.direction.into(), s.point.into(), s.normal.into());
+            [r[lane], g[lane], b[lane]] = s.radiance.to_array();
+            pdf[lane] = s.pdf;
+            is_finite |= u32::from(s.is_finite) << lane;
+            is_delta |= u32::from(s.is_delta) << lane;
         }
         Self {
             direction: V3::from_lanes(token, &directions),
@@ -154,20 +108,5 @@ impl<F: Lanes> LightSamples<F> {
             pdf: mask.select(yes.pdf, no.pdf),
             is_delta: mask & yes.is_delta | !mask & no.is_delta,
         }
-    }
-}
-
-impl LightSamples<f32> {
-    /// The sample of the only lane.
-    #[inline(always)]
-    pub(crate) fn single(self) -> Option<LightSample> {
-        let target = LightTarget { point: self.point.into(), normal: self.normal.into() };
-        (self.pdf > 0.0).then_some(LightSample {
-            direction: self.direction.into(),
-            target: self.is_finite.then_some(target),
-            radiance: self.radiance,
-            pdf: self.pdf,
-            is_delta: self.is_delta,
-        })
     }
 }

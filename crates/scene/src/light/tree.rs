@@ -7,7 +7,7 @@
 //! choices.
 
 use crate::light::emission_profile::EmissionProfile;
-use crate::light::sample::LightSampleContext;
+use crate::light::sample::Receivers;
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_sampling::Distribution1D;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -243,18 +243,18 @@ impl LightTree {
 
     /// Chooses a light: its index and the probability of the choice. `None` if no light can reach the receiver.
     #[inline]
-    pub(crate) fn choose(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+    pub(crate) fn choose(&self, receiver: &Receivers<f32>, u: f32) -> Option<(usize, f32)> {
         self.descend(receiver, u).map(|(light, probability, _)| (light, probability))
     }
 
     /// Chooses a light: its index, and a number that is uniform in [0, 1) again.
-    pub(crate) fn choose_with_rest(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32)> {
+    pub(crate) fn choose_with_rest(&self, receiver: &Receivers<f32>, u: f32) -> Option<(usize, f32)> {
         self.descend(receiver, u).map(|(light, _, rest)| (light, rest))
     }
 
     /// The chosen light, its probability, and the number that is left.
     #[inline]
-    fn descend(&self, receiver: &LightSampleContext, u: f32) -> Option<(usize, f32, f32)> {
+    fn descend(&self, receiver: &Receivers<f32>, u: f32) -> Option<(usize, f32, f32)> {
         if u < self.infinite_share {
             let choice = self.infinite_choice.sample_discrete(below_one(u / self.infinite_share));
             let light = *self.infinite.get(choice.index)?;
@@ -281,7 +281,7 @@ impl LightTree {
 
     /// The probability with which [`Self::choose`] chooses a light.
     #[inline]
-    pub(crate) fn probability(&self, receiver: &LightSampleContext, light: usize) -> f32 {
+    pub(crate) fn probability(&self, receiver: &Receivers<f32>, light: usize) -> f32 {
         match self.places.get(light) {
             None | Some(LightPlace::Nowhere) => 0.0,
             Some(LightPlace::Infinite(i)) => self.infinite_choice.pdf_discrete(*i as usize) * self.infinite_share,
@@ -310,7 +310,7 @@ impl LightTree {
 
 /// The probability of the first of two children; `None` if neither can contribute.
 #[inline]
-fn first_share(children: &[Node; 2], receiver: &LightSampleContext, profile: &EmissionProfile) -> Option<f32> {
+fn first_share(children: &[Node; 2], receiver: &Receivers<f32>, profile: &EmissionProfile) -> Option<f32> {
     let [a, b] = [children[0].importance(receiver, profile), children[1].importance(receiver, profile)];
     // The probability of a child that can contribute must not round to zero.
     let least = 0.5 * f32::EPSILON;
@@ -344,8 +344,8 @@ impl Node {
     /// The importance of the node: an estimate, up to a constant, of the irradiance at the receiver. It is zero only if
     /// the irradiance is (Conty Estevez & Kulla 2018, equation 3; the distance is that of the centre).
     #[inline]
-    fn importance(&self, receiver: &LightSampleContext, profile: &EmissionProfile) -> f32 {
-        let to_light = self.center - receiver.point;
+    fn importance(&self, receiver: &Receivers<f32>, profile: &EmissionProfile) -> f32 {
+        let (to_light, normal) = (self.center - Vec3::from(receiver.point), Vec3::from(receiver.normal));
         let d2 = to_light.length_squared();
         if d2 <= self.radius2 {
             // Inside the ball lights may lie in any direction.
@@ -357,8 +357,8 @@ impl Node {
         let ball = Angle { sin: sin2_ball.sqrt(), cos: (1.0 - sin2_ball).max(0.0).sqrt() };
 
         // The least angle between a light and the normal. In a medium there is no normal.
-        let cos_facing = to_light.dot(receiver.normal) * inverse;
-        let cos_facing = if receiver.normal == Vec3::ZERO {
+        let cos_facing = to_light.dot(normal) * inverse;
+        let cos_facing = if normal == Vec3::ZERO {
             1.0
         } else {
             Angle::from_cos(if receiver.both_sides { cos_facing.abs() } else { cos_facing }).less(ball).cos

@@ -50,14 +50,15 @@ impl Lamp {
     }
 
     /// Irradiance at a receiver; for a square, that of its centre.
-    fn irradiance(&self, r: &LightSampleContext) -> f64 {
-        let facing = |d: Vec3| match (r.normal == Vec3::ZERO, r.both_sides) {
+    fn irradiance(&self, r: &Receivers<f32>) -> f64 {
+        let (point, normal) = (Vec3::from(r.point), Vec3::from(r.normal));
+        let facing = |d: Vec3| match (normal == Vec3::ZERO, r.both_sides) {
             (true, _) => 1.0,
-            (false, true) => d.dot(r.normal).abs(),
-            (false, false) => d.dot(r.normal).max(0.0),
+            (false, true) => d.dot(normal).abs(),
+            (false, false) => d.dot(normal).max(0.0),
         };
         let delta = |light: DeltaLight| {
-            let a = light.arriving_at(r.point, &[]);
+            let a = light.arriving_at(point, &[]);
             f64::from(a.irradiance.g * facing(a.direction))
         };
         match *self {
@@ -70,7 +71,7 @@ impl Lamp {
                 cos_outer: angle.cos(),
             }),
             Self::Square { center, normal, edges: [u, v], radiance, two_sided } => {
-                let to_light = center - r.point;
+                let to_light = center - point;
                 let d = to_light.normalize();
                 let cos = -d.dot(normal);
                 let cos = if two_sided { cos.abs() } else { cos.max(0.0) };
@@ -108,15 +109,15 @@ fn tree(lamps: &[Lamp]) -> LightTree {
 }
 
 /// Points between, in and beside the lights: with any normal, one- or two-sided, or in a medium.
-fn receivers(count: u32) -> impl Iterator<Item = LightSampleContext> {
+fn receivers(count: u32) -> impl Iterator<Item = Receivers<f32>> {
     (0..count).map(|i| {
         let (a, b) = (uniform(4, i), uniform(5, i));
         let normal = if i % 5 == 4 { Vec3::ZERO } else { sample_sphere([b[0], b[1]]) };
-        LightSampleContext { point: place(a, [0.5, 5.0, 40.0][i as usize % 3]), normal, both_sides: i % 5 > 2 }
+        Receivers::single(place(a, [0.5, 5.0, 40.0][i as usize % 3]), normal, i % 5 > 2)
     })
 }
 
-fn sum(tree: &LightTree, r: &LightSampleContext, lights: usize) -> f64 {
+fn sum(tree: &LightTree, r: &Receivers<f32>, lights: usize) -> f64 {
     (0..lights).map(|i| f64::from(tree.probability(r, i))).sum()
 }
 
@@ -157,7 +158,7 @@ fn probabilities_sum_to_one_if_every_light_can_contribute_and_to_less_otherwise(
     for r in receivers(60) {
         let total = sum(&tree_of_all, &r, all.len());
         assert!(total < 1.0 + 1e-4, "{total} at {r:?}");
-        let seen = LightSampleContext { both_sides: true, ..r };
+        let seen = Receivers { both_sides: true, ..r };
         let total = sum(&tree_of_points, &seen, points.len());
         assert!((total - 1.0).abs() < 1e-4, "{total} at {seen:?}");
     }
@@ -182,7 +183,7 @@ fn every_light_that_can_contribute_has_a_positive_probability() {
     };
     let lamps: Vec<Lamp> = [1e-9, 1e-7, 1e-5, 1e-3].map(square).into_iter().collect();
     let tree = self::tree(&lamps);
-    let r = LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: false };
+    let r = Receivers::single(Vec3::ZERO, Vec3::Z, false);
     assert!((0..lamps.len()).all(|i| tree.probability(&r, i) > 0.0));
 }
 
@@ -244,12 +245,12 @@ fn lights_that_face_away_have_probability_zero() {
     };
     let lamps: Vec<Lamp> = wall(0.01, Vec3::X).chain(wall(-0.01, -Vec3::X)).collect();
     let tree = tree(&lamps);
-    let r = LightSampleContext { point: Vec3::new(3.0, 0.5, 0.5), normal: -Vec3::X, both_sides: true };
+    let r = Receivers::single(Vec3::new(3.0, 0.5, 0.5), -Vec3::X, true);
     let share: f64 = (100..200).map(|i| f64::from(tree.probability(&r, i))).sum();
     assert_eq!(share, 0.0);
     assert!((sum(&tree, &r, 200) - 1.0).abs() < 1e-5);
     // Nor do lights below the horizon of a surface that scatters light from above only.
-    let up = LightSampleContext { point: Vec3::new(0.5, 0.5, 3.0), normal: Vec3::Z, both_sides: false };
+    let up = Receivers::single(Vec3::new(0.5, 0.5, 3.0), Vec3::Z, false);
     assert_eq!(tree.choose(&up, 0.5), None);
 }
 
@@ -259,10 +260,10 @@ fn coincident_lights_have_a_shallow_tree() {
         let lamps = vec![Lamp::Point(Vec3::ONE, 2.0); count];
         let tree = tree(&lamps);
         assert!(f64::from(tree.depth()) < (count as f64).log2() + 1.0 && tree.leaves() == count);
-        let r = LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: true };
+        let r = Receivers::single(Vec3::ZERO, Vec3::Z, true);
         assert!((sum(&tree, &r, count) - 1.0).abs() < 1e-5);
         // At the position of the light nothing overflows.
-        let there = LightSampleContext { point: Vec3::ONE, ..r };
+        let there = Receivers { point: Vec3::ONE.into(), ..r };
         assert!((sum(&tree, &there, count) - 1.0).abs() < 1e-5);
     }
     // A row in which each light is twice as far as the one before. The heuristic would split off one light at a time.
@@ -291,7 +292,7 @@ fn infinite_lights_have_their_share_of_the_power_and_dark_lights_have_none() {
     }
     // Without lights in the tree, they have all draws.
     let tree = LightTree::new(&[None, None], &[1.0, 3.0]);
-    let r = LightSampleContext { point: Vec3::ZERO, normal: Vec3::Z, both_sides: false };
+    let r = Receivers::single(Vec3::ZERO, Vec3::Z, false);
     assert!((sum(&tree, &r, 2) - 1.0).abs() < 1e-6 && tree.choose(&r, 0.9).is_some());
     // Without any light nothing is drawn.
     assert_eq!(LightTree::new(&[], &[]).choose(&r, 0.5), None);
@@ -301,7 +302,7 @@ fn infinite_lights_have_their_share_of_the_power_and_dark_lights_have_none() {
 fn receivers_with_invalid_positions_sample_no_light() {
     let tree = tree(&lamps(100));
     for point in [Vec3::NAN, Vec3::splat(f32::INFINITY), Vec3::splat(3e38)] {
-        let r = LightSampleContext { point, normal: Vec3::Z, both_sides: true };
+        let r = Receivers::single(point, Vec3::Z, true);
         assert!(tree.choose(&r, 0.3).is_none_or(|(_, p)| p > 0.0 && p <= 1.0));
     }
 }

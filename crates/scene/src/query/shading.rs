@@ -1,6 +1,6 @@
 //! Shading: from a point on a surface to a frame and a BSDF.
 
-use crate::light::sample::{LightSample, LightSampleContext, LightSamples, Receivers};
+use crate::light::sample::{LightSamples, Receivers};
 use crate::light::{FoundLights, LightChoice, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
 use crate::query::intersect::{SurfacePoint, mix};
 use crate::query::surface;
@@ -11,29 +11,10 @@ use dunkelfeld_geometry::{Frame as PointFrame, Vec2, Vec3};
 use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 
-/// All data about a point that scattering needs.
-#[derive(Clone, Debug)]
-pub struct ShadingPoint<'a> {
-    /// Shading frame: +z on the outside of solids, on the viewer's side of all other surfaces.
-    pub frame: PointFrame,
-    /// The BSDF of the surface.
-    pub bsdf: &'a Bsdf,
-    /// Index of the material.
-    pub material: u32,
-    /// True if the surface is the boundary of a solid that light can enter.
-    pub is_solid: bool,
-    /// The point as the receiver of a light sample.
-    pub receiver: LightSampleContext,
-    /// True if the frame's normal lies on the side of the geometric one.
-    along: bool,
-    /// True if the frame's normal may differ from the geometric one by more than its sign.
-    is_bent: bool,
-}
-
 /// Shading frames of surfaces beside their geometric normals, one for each lane.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadingFrames<F: Lanes> {
-    /// Shading frames.
+    /// Shading frames: +z on the outside of solids, on the viewer's side of all other surfaces.
     pub frame: Frame<F>,
     /// Unit geometric normals, on the side given by the winding.
     pub normal: V3<F>,
@@ -87,10 +68,10 @@ impl<F: Lanes> ShadingFrames<F> {
     }
 }
 
-/// Shading frames and receivers of points, one for each lane. See [`ShadingPoint`].
+/// Shading frames and receivers of points, one for each lane.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadingLanes<F: Lanes> {
-    /// Shading frames: +z on the outside of solids, on the viewer's side of all other surfaces.
+    /// Shading frames.
     pub frames: ShadingFrames<F>,
     /// The points as receivers of light samples.
     pub receivers: Receivers<F>,
@@ -129,52 +110,7 @@ impl<'a> Bsdfs<'a> {
     }
 }
 
-impl<'a> ShadingPoint<'a> {
-    fn of(lanes: &ShadingLanes<f32>, bsdf: &'a Bsdf, material: u32, is_solid: bool) -> Self {
-        let ShadingLanes { frames, receivers } = lanes;
-        let receiver = LightSampleContext {
-            point: receivers.point.into(),
-            normal: receivers.normal.into(),
-            both_sides: receivers.both_sides,
-        };
-        let frame = frames.frame.into();
-        Self { frame, bsdf, material, is_solid, receiver, along: frames.along, is_bent: frames.is_bent }
-    }
-
-    /// The frame of this point alone.
-    #[inline]
-    pub fn frames(&self, geometric_normal: Vec3) -> ShadingFrames<f32> {
-        ShadingFrames {
-            frame: self.frame.into(),
-            normal: geometric_normal.into(),
-            along: self.along,
-            is_bent: self.is_bent,
-        }
-    }
-}
-
 impl Scene {
-    /// Frame and BSDF at a point for the direction `wo` (unit, away from the surface). `u` in `[0, 1)` chooses the kind
-    /// of a stochastic material. A BSDF that exists only for this point is stored in `storage`.
-    #[inline]
-    pub fn shade<'a>(&'a self, p: &SurfacePoint, wo: Vec3, u: f32, storage: &'a mut Option<Bsdf>) -> ShadingPoint<'a> {
-        self.shade_between(p, wo, u, None, storage)
-    }
-
-    /// [`Self::shade`] of a face that may lie between two solids. `eta` is as for [`Self::bsdf`].
-    #[inline]
-    pub fn shade_between<'a>(
-        &'a self,
-        p: &SurfacePoint,
-        wo: Vec3,
-        u: f32,
-        eta: Option<f32>,
-        storage: &'a mut Option<Bsdf>,
-    ) -> ShadingPoint<'a> {
-        let lanes = self.shade_lanes::<f32>(p.material, &p.into(), wo.into());
-        ShadingPoint::of(&lanes, self.bsdf(p, u, eta, storage), p.material, self.is_solid(p.material))
-    }
-
     /// True if surfaces of a material are boundaries of a solid that light can enter.
     #[inline(always)]
     pub fn is_solid(&self, material: u32) -> bool {
@@ -229,7 +165,7 @@ impl Scene {
     }
 
     /// The BSDFs of points on one material: one for all lanes, if it is constant and no mixture. `u_kind` is as `u` of
-    /// [`Self::shade`]. BSDFs that exist only for one point are stored in `storage`.
+    /// [`Self::bsdf`]. BSDFs that exist only for one point are stored in `storage`.
     #[inline(always)]
     pub fn bsdfs<'a, F: Lanes>(
         &'a self,
@@ -411,28 +347,15 @@ impl Scene {
         self.lights.choice_at(vertex, in_medium)
     }
 
-    /// Number of light samples of a vertex, one for each call of [`Self::sample_light`].
+    /// Number of light samples of a vertex, one for each call of [`Self::sample_lights`].
     #[inline]
     pub fn num_light_samples(&self, choice: LightChoice) -> u32 {
         self.lights.num_light_samples(choice) as u32
     }
 
-    /// A light sample: a direction toward a light, with the radiance that arrives unoccluded. The light is that of the
-    /// index `index` (below [`Self::num_light_samples`]), or is chosen by `u_choice`. The light samples of a
-    /// vertex are summed.
-    #[inline]
-    pub fn sample_light(
-        &self,
-        receiver: &LightSampleContext,
-        choice: LightChoice,
-        index: u32,
-        u_choice: f32,
-        u: [f32; 2],
-    ) -> Option<LightSample> {
-        self.sample_lights::<f32>((), &receiver.into(), choice, index, u_choice, u, true).single()
-    }
-
-    /// [`Self::sample_light`] of each active lane. With [`LightChoice::Each`] all lanes sample the same light.
+    /// A light sample of each active lane: a direction toward a light, with the radiance that arrives unoccluded. The
+    /// light is that of the index `index` (below [`Self::num_light_samples`]) in all lanes, or is chosen by `u_choice`.
+    /// The light samples of a vertex are summed.
     #[inline(always)]
     #[expect(clippy::too_many_arguments)]
     pub fn sample_lights<F: Lanes>(
@@ -511,9 +434,9 @@ impl Scene {
         }
     }
 
-    /// The density [1/sr] of a point on a surface in [`Self::sample_light`]; 0 if the surface does not emit.
+    /// The density [1/sr] of a point on a surface in [`Self::sample_lights`]; 0 if the surface does not emit.
     #[inline]
-    pub fn light_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, p: &SurfacePoint) -> f32 {
+    pub fn light_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, p: &SurfacePoint) -> f32 {
         match self.parts[p.part as usize].lights.get(p.triangle as usize) {
             Some(&light) if light != NO_LIGHT => {
                 self.lights.pdf_area(receiver, choice, light, (p.triangle, p.point, p.normal))
@@ -529,8 +452,8 @@ impl Scene {
         lit.filter(|(_, radiance)| !radiance.is_black())
     }
 
-    /// The density [1/sr] of a direction toward the sun of an index in [`Self::sample_light`].
-    pub fn sun_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, sun: u32, direction: Vec3) -> f32 {
+    /// The density [1/sr] of a direction toward the sun of an index in [`Self::sample_lights`].
+    pub fn sun_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, sun: u32, direction: Vec3) -> f32 {
         self.lights.pdf_sun(receiver, choice, sun, direction)
     }
 
@@ -540,9 +463,9 @@ impl Scene {
         self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
     }
 
-    /// The density [1/sr] of a direction toward the environment in [`Self::sample_light`].
+    /// The density [1/sr] of a direction toward the environment in [`Self::sample_lights`].
     #[inline]
-    pub fn environment_pdf(&self, receiver: &LightSampleContext, choice: LightChoice, direction: Vec3) -> f32 {
+    pub fn environment_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, direction: Vec3) -> f32 {
         self.lights.pdf_environment(receiver, choice, direction)
     }
 }
