@@ -80,7 +80,8 @@ impl<F: Lanes> TracedChains<F> {
 
 /// Most traversals whose rays are followed together.
 pub(crate) const MAX_TRAVERSALS: usize = 8;
-const MAX_RAYS: usize = MAX_TRAVERSALS * MAX_WIDTH;
+/// Most segments of chains in one batch of rays.
+const MAX_SEGMENTS: usize = MAX_TRAVERSALS * MAX_WIDTH;
 
 /// Chains on their way through the interfaces of their stacks, one for each lane.
 pub(crate) struct Traversal<'a, F: Lanes> {
@@ -162,16 +163,16 @@ pub(crate) fn trace_chains<F: Lanes>(traversals: &mut [Traversal<'_, F>]) {
 /// The next segments of chains, and their hits.
 struct Segments {
     /// Coordinates of the origins and directions, ends and times.
-    rays: [[f32; MAX_RAYS]; 8],
+    rays: [[f32; MAX_SEGMENTS]; 8],
     /// Distances and barycentric weights.
-    numbers: [[f32; MAX_RAYS]; 3],
+    numbers: [[f32; MAX_SEGMENTS]; 3],
     /// Instances, parts and triangles.
-    ids: [[u32; MAX_RAYS]; 3],
+    ids: [[u32; MAX_SEGMENTS]; 3],
 }
 
 impl Default for Segments {
     fn default() -> Self {
-        Self { rays: [[0.0; MAX_RAYS]; 8], numbers: [[0.0; MAX_RAYS]; 3], ids: [[0; MAX_RAYS]; 3] }
+        Self { rays: [[0.0; MAX_SEGMENTS]; 8], numbers: [[0.0; MAX_SEGMENTS]; 3], ids: [[0; MAX_SEGMENTS]; 3] }
     }
 }
 
