@@ -139,12 +139,13 @@ impl Observer for PathOutcomes {
             Event::ShadowRay { index, light } => {
                 visit.added += light.max_channel();
                 visit.cost += SHADOW_COST;
-                visit.shadow[index as usize % LIGHTS].count(!light.is_black());
+                visit.shadow[index as usize % LIGHTS].count(!light.is_black(), SHADOW_COST);
             }
             Event::Connection { index, attempt, light } => {
                 visit.added += light.max_channel();
-                visit.cost += CONNECTION_COST * attempt.rays as f32;
-                visit.connection[index as usize % LIGHTS].count(!light.is_black());
+                let cost = CONNECTION_COST * attempt.rays as f32;
+                visit.cost += cost;
+                visit.connection[index as usize % LIGHTS].count(!light.is_black(), cost);
             }
             Event::Scattered { throughput, .. } => visit.throughput = throughput.max_channel(),
         }

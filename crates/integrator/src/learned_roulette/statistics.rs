@@ -25,18 +25,20 @@ pub(crate) struct Visit {
     pub(crate) connection: [Outcomes; LIGHTS],
 }
 
-/// Number of rays to a light, and of those that arrived.
+/// Number of shadow rays or connections to a light, of those that arrived, and their cost.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Outcomes {
     traced: u8,
     arrived: u8,
+    cost: f32,
 }
 
 impl Outcomes {
-    pub(crate) fn count(&mut self, arrived: bool) {
+    pub(crate) fn count(&mut self, arrived: bool, cost: f32) {
         if self.traced < u8::MAX {
             self.traced += 1;
             self.arrived += u8::from(arrived);
+            self.cost += cost;
         }
     }
 }
@@ -48,9 +50,9 @@ struct Sums {
     rests: [f64; 3],
     /// Paths whose first vertex lies here: number, sum and squares of their rests, cost.
     paths: [f64; 4],
-    /// Rays to each light: number, arrived.
-    shadow: [[f64; 2]; LIGHTS],
-    connection: [[f64; 2]; LIGHTS],
+    /// Rays to each light: number, arrived, cost.
+    shadow: [[f64; 3]; LIGHTS],
+    connection: [[f64; 3]; LIGHTS],
 }
 
 /// Radiance [W/(m^2 sr)] and cost of a path, or of its rest after a vertex.
@@ -67,8 +69,9 @@ struct Means {
     rest_cost: f64,
     variance: f64,
     cost: f64,
-    shadow: [f64; LIGHTS],
-    connection: [f64; LIGHTS],
+    /// Share of the rays to each light that arrive, and their cost.
+    shadow: [[f64; 2]; LIGHTS],
+    connection: [[f64; 2]; LIGHTS],
 }
 
 impl Sums {
@@ -83,7 +86,7 @@ impl Sums {
         }
         for (sums, outcomes) in [(&mut self.shadow, &visit.shadow), (&mut self.connection, &visit.connection)] {
             for (sum, o) in sums.iter_mut().zip(outcomes) {
-                add(sum, [o.traced.into(), o.arrived.into()]);
+                add(sum, [o.traced.into(), o.arrived.into(), o.cost.into()]);
             }
         }
     }
@@ -95,16 +98,16 @@ impl Sums {
         let [paths, sum, squares, cost] = self.paths;
         // The sum of squared deviations from the mean of the cell.
         let deviations = if paths > 0.0 { (squares - sum * sum / paths).max(0.0) } else { 0.0 };
-        let arrived = |sums: &[[f64; 2]; LIGHTS], prior: &[f64; LIGHTS]| {
-            std::array::from_fn(|i| mean(sums[i][0], sums[i][1], prior[i]))
+        let to_lights = |sums: &[[f64; 3]; LIGHTS], prior: &[[f64; 2]; LIGHTS]| {
+            std::array::from_fn(|i| [1, 2].map(|k| mean(sums[i][0], sums[i][k], prior[i][k - 1])))
         };
         Means {
             rest_square: mean(rests, square, prior.rest_square),
             rest_cost: mean(rests, rest_cost, prior.rest_cost),
             variance: mean(paths, deviations, prior.variance),
             cost: mean(paths, cost, prior.cost),
-            shadow: arrived(&self.shadow, &prior.shadow),
-            connection: arrived(&self.connection, &prior.connection),
+            shadow: to_lights(&self.shadow, &prior.shadow),
+            connection: to_lights(&self.connection, &prior.connection),
         }
     }
 }
@@ -116,8 +119,8 @@ impl Means {
         rest_cost: 1.0,
         variance: 0.0,
         cost: 1.0,
-        shadow: [0.5; LIGHTS],
-        connection: [0.5; LIGHTS],
+        shadow: [[0.5, SHADOW_COST as f64]; LIGHTS],
+        connection: [[0.5, CONNECTION_COST as f64]; LIGHTS],
     };
 
     fn cell(&self) -> Cell {
@@ -125,8 +128,8 @@ impl Means {
         Cell {
             gain_scale: gain(self.cost, self.variance),
             path: gain(self.rest_square, self.rest_cost),
-            shadow: self.shadow.map(|a| gain(a, SHADOW_COST.into())),
-            connection: self.connection.map(|a| gain(a, CONNECTION_COST.into())),
+            shadow: self.shadow.map(|[arrived, cost]| gain(arrived, cost)),
+            connection: self.connection.map(|[arrived, cost]| gain(arrived, cost)),
         }
     }
 }

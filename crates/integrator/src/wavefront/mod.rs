@@ -75,6 +75,8 @@ pub struct Wavefront<'a> {
     /// For each light sample of a vertex: straight shadow rays, and those behind covers.
     shadow: Vec<[ShadowRays; 2]>,
     occluded: Vec<bool>,
+    /// Light of shadow rays that an observer has seen, not added yet: index and kind of the queue, path, light.
+    observed_light: Vec<([u32; 2], u32, Rgb)>,
     /// Connections through covers that are still to be searched.
     attempts: Attempts,
     lane_use: LaneUse,
@@ -197,6 +199,7 @@ impl<'a> Wavefront<'a> {
             order: Vec::new(),
             shadow: (0..lights).map(|_| [queue(), queue()]).collect(),
             occluded: Vec::new(),
+            observed_light: Vec::new(),
             attempts: Attempts::default(),
             lane_use: LaneUse::default(),
         }
@@ -320,20 +323,26 @@ impl<'a> Wavefront<'a> {
         let mut unchecked = 0;
         for vertex in 0.. {
             self.wave(vertex, &mut watch);
-            if self.rays.paths.is_empty() {
-                return;
+            if watch.observer.is_some() {
+                self.trace_shadow_rays(&mut watch);
             }
-            if watch.needs_outcomes() && vertex + 1 >= MAX_TRAINING_VERTICES {
-                return;
+            if self.rays.paths.is_empty() || watch.needs_outcomes() && vertex + 1 >= MAX_TRAINING_VERTICES {
+                break;
             }
             unchecked += self.rays.paths.len();
             if unchecked >= CHECK_EVERY {
                 unchecked = 0;
                 watch.tally.is_abandoned = watch.tally.abandon_at.is_some_and(|at| Instant::now() > at);
                 if watch.tally.is_abandoned {
-                    return;
+                    break;
                 }
             }
+        }
+        self.trace_shadow_rays(&mut watch);
+        // The order of the sum is that of a batch without an observer.
+        self.observed_light.sort_by_key(|(queue, ..)| *queue);
+        for (_, path, light) in self.observed_light.drain(..) {
+            self.paths[path as usize].add_radiance(light);
         }
     }
 
@@ -358,7 +367,6 @@ impl<'a> Wavefront<'a> {
             self.scatter_all::<F>(token, vertex, watch);
             self.connect::<F>(token, watch);
         });
-        self.trace_shadow_rays(watch);
         std::mem::swap(&mut self.rays, &mut self.next);
     }
 
@@ -460,12 +468,12 @@ impl<'a> Wavefront<'a> {
         (self.order, self.interfaces) = (order, interfaces);
     }
 
-    /// Traces the shadow rays, light by light, and adds the light of those that are not occluded. Those behind covers
-    /// follow the straight ones of the same light.
+    /// Traces the shadow rays of all vertices, light by light, and adds the light of those that are not occluded. Those behind
+    /// covers follow the straight ones of the same light. The rays of late vertices are few: together they fill packets.
     fn trace_shadow_rays(&mut self, watch: &mut Watch<'_>) {
         let scene = self.estimator.scene;
         for (index, queues) in (0..).zip(&mut self.shadow) {
-            for queue in queues {
+            for (kind, queue) in (0..).zip(queues) {
                 self.occluded.clear();
                 self.occluded.resize(queue.rays.paths.len(), false);
                 scene.bvh().occluded_batch(self.set, &queue.rays.batch(), &mut self.occluded);
@@ -476,7 +484,9 @@ impl<'a> Wavefront<'a> {
                         (true, false) => Rgb::BLACK,
                         (true, true) => queue.light(i) * scene.transmittance(&queue.rays.get(i)),
                     };
-                    if !light.is_black() {
+                    if watch.observer.is_some() {
+                        self.observed_light.push(([index, kind], path, light));
+                    } else if !light.is_black() {
                         self.paths[path as usize].add_radiance(light);
                     }
                     watch.event(path, || match queue.attempts.get(i) {
