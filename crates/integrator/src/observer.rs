@@ -1,6 +1,5 @@
 //! Events of paths, and their record for replay.
 
-use crate::mnee::Attempt;
 use dunkelfeld_bsdf::Lobe;
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_radiometry::Rgb;
@@ -26,8 +25,8 @@ pub(crate) enum Event {
     Emitted(Rgb),
     /// The shadow ray of the light sample with this index was traced. It has added this light.
     ShadowRay { index: u32, light: Rgb },
-    /// A connection of the light sample with this index was attempted. It has added this light.
-    Connection { index: u32, attempt: Attempt, light: Rgb },
+    /// A connection of the light sample with this index was attempted.
+    Connection { index: u32, connection: TraceConnection },
     /// The path continues in a direction, with this throughput.
     Scattered { scattering: TraceScattering, throughput: Rgb },
 }
@@ -143,15 +142,7 @@ impl Observer for PathTrace {
             Event::Vertex { .. } => {}
             Event::Emitted(light) => vertex.emitted += light,
             Event::ShadowRay { light, .. } => vertex.direct += light,
-            Event::Connection { attempt, light, .. } => vertex.connections.push(TraceConnection {
-                cover: attempt.stack,
-                chain: attempt.chain,
-                probability: attempt.probability,
-                rays: attempt.rays,
-                has_converged: attempt.has_converged,
-                mis_weight: attempt.mis_weight,
-                contribution: light,
-            }),
+            Event::Connection { connection, .. } => vertex.connections.push(connection),
             Event::Scattered { scattering, .. } => vertex.scattered = Some(scattering),
         }
     }

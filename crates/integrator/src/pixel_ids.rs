@@ -98,7 +98,7 @@ pub fn pixel_ids(scene: &Scene, camera: &RayGenerator, x: u32, y: u32) -> Option
 
 /// [`pixel_ids`] of the pixels of a row, from its left end.
 pub fn pixel_ids_of_row(scene: &Scene, camera: &RayGenerator, y: u32, row: &mut [Option<PixelIds>]) {
-    let (mut rays, mut hits) = (Rays::new(scene.shutter().is_some()), Hits::default());
+    let (mut rays, mut hits) = (Rays::new(scene), Hits::default());
     for x in 0..row.len() as u32 {
         rays.push(&pixel_ray(scene, camera, [x, y], [0.5; 2]), x);
     }

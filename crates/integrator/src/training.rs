@@ -141,9 +141,9 @@ impl Observer for PathOutcomes {
                 visit.cost += SHADOW_COST;
                 visit.shadow[index as usize % LIGHTS].count(!light.is_black(), SHADOW_COST);
             }
-            Event::Connection { index, attempt, light } => {
+            Event::Connection { index, connection } => {
+                let (light, cost) = (connection.contribution, CONNECTION_COST * connection.rays as f32);
                 visit.added += light.max_channel();
-                let cost = CONNECTION_COST * attempt.rays as f32;
                 visit.cost += cost;
                 visit.connection[index as usize % LIGHTS].count(!light.is_black(), cost);
             }

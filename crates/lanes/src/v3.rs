@@ -62,6 +62,46 @@ impl<F: Lanes> V3<F> {
         }
         lanes
     }
+    /// The record of each lane. A row of it is a vector and a further number.
+    #[inline(always)]
+    pub fn load_records<'a, const N: usize>(
+        token: F::Token,
+        record: impl Fn(usize) -> &'a [[f32; 4]; N],
+    ) -> [(Self, F); N] {
+        let zero = F::splat(token, 0.0);
+        let mut rows = [(Self::new(zero, zero, zero), zero); N];
+        for (k, row) in rows.iter_mut().enumerate() {
+            let [x, y, z, w] = F::load_rows(
+                token,
+                #[inline(always)]
+                |lane| &record(lane)[k],
+            );
+            *row = (Self::new(x, y, z), w);
+        }
+        rows
+    }
+    /// Calls `store` with the record of each lane of a mask, in ascending order: the inverse of [`Self::load_records`].
+    #[inline(always)]
+    pub fn store_records<const N: usize>(
+        rows: [(Self, F); N],
+        mask: F::Mask,
+        mut store: impl FnMut(usize, [[f32; 4]; N]),
+    ) {
+        let mut of_lanes = [[[0.0; 4]; MAX_WIDTH]; N];
+        for (of_lanes, (v, w)) in of_lanes.iter_mut().zip(rows) {
+            *of_lanes = F::to_rows([v.x, v.y, v.z, w]);
+        }
+        mask.each(
+            #[inline(always)]
+            |lane| {
+                let mut record = [[0.0; 4]; N];
+                for (row, of_lanes) in record.iter_mut().zip(&of_lanes) {
+                    *row = of_lanes[lane % MAX_WIDTH];
+                }
+                store(lane, record);
+            },
+        );
+    }
     /// The same vector of double precision in all lanes.
     #[inline(always)]
     pub fn splat_double(token: F::Token, v: V3<f64>) -> V3<F::Double> {

@@ -60,7 +60,7 @@ fn choose<F: Lanes>(token: F::Token, scene: &Scene, inputs: &Inputs, out: &mut [
         let active = F::mask(token, inputs.active >> at);
         let random = Wanted::Random(F::load(token, &inputs.u[at..]));
         let chosen = scene.choose_chains(random, active, from, &inside, &targets);
-        let given = Wanted::Given(std::array::from_fn(|lane| (chosen.stack[lane], chosen.chain[lane])));
+        let given = Wanted::Given(chosen.chain);
         let given = scene.choose_chains(given, chosen.is_some, from, &inside, &targets);
         record(&chosen, at, 0, out);
         record(&given, at, 1, out);
@@ -73,7 +73,7 @@ fn record<F: Lanes>(found: &CandidateChains<F>, at: usize, which: usize, out: &m
         let [x, y, z] = directions[lane].to_array();
         let numbers = [x, y, z, probabilities[lane]].map(f32::to_bits);
         let is_some = found.is_some.bits() >> lane & 1 == 1;
-        out[at + lane][which] = is_some.then_some((found.stack[lane], found.chain[lane], numbers));
+        out[at + lane][which] = is_some.then_some((found.chain[lane].0, found.chain[lane].1, numbers));
     }
 }
 

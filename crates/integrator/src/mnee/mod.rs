@@ -46,7 +46,8 @@ use dunkelfeld_scene::covers::Wanted;
 use dunkelfeld_scene::{CandidateChains, Chain, Receivers, Scene, Targets};
 use linearized_chain::LinearizedChains;
 use ray_differential::{EndpointJacobians, RayDifferentials};
-pub(crate) use trace_chain::{MAX_TRAVERSALS, TracedChains, Traversal, trace_chains};
+use trace_chain::TracedChains;
+pub(crate) use trace_chain::{MAX_TRAVERSALS, Segments, Traversal, trace_chains};
 
 /// Maximum number of rays of one connection.
 const MAX_RAYS: u32 = 6;
@@ -105,20 +106,6 @@ impl SpecularPrefix {
     }
 }
 
-/// One attempted connection.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Attempt {
-    pub(crate) stack: u16,
-    pub(crate) chain: Chain,
-    /// The probability with which this chain was chosen.
-    pub(crate) probability: f32,
-    /// Number of rays traced through the cover.
-    pub(crate) rays: u32,
-    pub(crate) has_converged: bool,
-    /// Weight by the power heuristic, if light arrives.
-    pub(crate) mis_weight: f32,
-}
-
 /// The ends of connections, one for each lane.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Endpoints<F: Lanes> {
@@ -128,11 +115,10 @@ pub(crate) struct Endpoints<F: Lanes> {
     pub(crate) time: F,
     /// The solids around the origins.
     pub(crate) enclosing: [EnclosingSolids; MAX_WIDTH],
-    /// The ends on lights, and the unit normals of their surfaces, which are zero where there is none.
+    /// The ends on lights, with the unit directions of the straight lines to them. All chains start on their side.
     pub(crate) targets: Targets<F>,
+    /// Unit normals of the surfaces of the lights, which are zero where there is none.
     pub(crate) light_normal: V3<F>,
-    /// Unit directions of the straight lines from the receivers to the lights. All chains start on their side.
-    pub(crate) straight: V3<F>,
 }
 
 /// The end of a path on a light.
@@ -170,7 +156,6 @@ pub(crate) fn scattering_mis_weight(
         enclosing: [enclosing; MAX_WIDTH],
         targets: Targets { point: point.into(), direction: direction.into(), is_finite },
         light_normal: normal.into(),
-        straight: direction.into(),
     };
     let solver = Solver { scene, set: InstructionSet::Scalar, token: (), ends: &ends };
     let sampled = V3::from(ray.direction);
@@ -179,18 +164,31 @@ pub(crate) fn scattering_mis_weight(
     }
     let given = Wanted::Given([(stack, specular_prefix.chain); MAX_WIDTH]);
     let selected = scene.choose_chains::<f32>(given, true, receiver.point, &ends.inside(scene), &ends.targets);
-    let mut search = Search::new((), selected.direction);
-    let (mut ray, mut lanes) = (0, selected.is_some);
+    if !selected.is_some {
+        return 1.0;
+    }
+    let mut segments = Segments::new(scene);
+    let mut trace = |search: &Search<f32>| {
+        let mut traversals = [Traversal::new(solver, (true, &selected.chain), search)];
+        trace_chains(&mut traversals, &mut segments);
+        let [traversal] = traversals;
+        traversal
+    };
+    let (mut ray, mut search) = (0, Search::new((), selected.direction));
     let found = loop {
         ray += 1;
-        let traversal = solver.trace(&selected, lanes, search.direction);
-        let (found, is_open) = traversal.advance(&mut search, (lanes, ray));
+        let mut traversal = trace(&search);
+        let (found, is_open) = traversal.advance(ray);
         if !is_open {
             break found;
         }
-        lanes = is_open;
+        search = traversal.search;
     };
-    if !found.has_converged || !solver.is_same_solution(&selected, &found, sampled) {
+    // Does the sampled direction belong to the same solution?
+    let residuals = solver.residuals_of(&trace(&Search::new((), sampled)).traced);
+    let distance = (found.direction.widen() - sampled.widen()).length().narrow();
+    let is_same = residuals.exists && distance <= (found.step + residuals.size) * 2.0 + ROUNDING;
+    if !found.has_converged || !is_same {
         return 1.0;
     }
     let density = straight_pdf * selected.probability / found.solid_angle_ratio;
@@ -222,8 +220,8 @@ pub(crate) struct Search<F: Lanes> {
     failures: F,
 }
 
-/// The numbers of a [`Search`].
-pub(crate) const SEARCH_NUMBERS: usize = 20;
+/// A [`Search`] of one lane.
+pub(crate) type SearchRecord = [[f32; 4]; 5];
 
 impl<F: Lanes> Search<F> {
     /// Begins in the directions of the chains in plates.
@@ -242,47 +240,19 @@ impl<F: Lanes> Search<F> {
     }
 
     #[inline(always)]
-    pub(crate) fn to_numbers(self) -> [F; SEARCH_NUMBERS] {
-        let Self { direction: d, best, failures } = self;
-        let Best { direction: b, axes: [u, v], step: [x, y], error, linearized: l, has_linearized } = best;
-        let is_linearized = error.constant(1.0).only(has_linearized);
-        [
-            d.x,
-            d.y,
-            d.z,
-            b.x,
-            b.y,
-            b.z,
-            u.x,
-            u.y,
-            u.z,
-            v.x,
-            v.y,
-            v.z,
-            x,
-            y,
-            error,
-            l.x,
-            l.y,
-            l.z,
-            is_linearized,
-            failures,
-        ]
+    pub(crate) fn to_rows(self) -> [(V3<F>, F); 5] {
+        let Self { direction, best, failures } = self;
+        let is_linearized = failures.constant(1.0).only(best.has_linearized);
+        let ([u, v], [x, y]) = (best.axes, best.step);
+        [(direction, failures), (best.direction, best.error), (u, x), (v, y), (best.linearized, is_linearized)]
     }
 
     #[inline(always)]
-    pub(crate) fn from_numbers(numbers: [F; SEARCH_NUMBERS]) -> Self {
-        let [dx, dy, dz, bx, by, bz, ux, uy, uz, vx, vy, vz, x, y, error, lx, ly, lz, is_linearized, failures] =
-            numbers;
-        let best = Best {
-            direction: V3::new(bx, by, bz),
-            axes: [V3::new(ux, uy, uz), V3::new(vx, vy, vz)],
-            step: [x, y],
-            error,
-            linearized: V3::new(lx, ly, lz),
-            has_linearized: is_linearized.is_positive(),
-        };
-        Self { direction: V3::new(dx, dy, dz), best, failures }
+    pub(crate) fn from_rows(rows: [(V3<F>, F); 5]) -> Self {
+        let [(first, failures), (direction, error), (u, x), (v, y), (linearized, is_linearized)] = rows;
+        let has_linearized = is_linearized.is_positive();
+        let best = Best { direction, axes: [u, v], step: [x, y], error, linearized, has_linearized };
+        Self { direction: first, best, failures }
     }
 }
 
@@ -375,7 +345,7 @@ impl<F: Lanes> Solver<'_, F> {
     #[inline(always)]
     fn is_same_hemisphere(&self, direction: V3<F>) -> F::Mask {
         let normal = self.ends.receivers.normal;
-        !(normal.dot(direction).is_positive() ^ normal.dot(self.ends.straight).is_positive())
+        !(normal.dot(direction).is_positive() ^ normal.dot(self.ends.targets.direction).is_positive())
     }
 
     /// Lanes in which the receiver can scatter light from a direction to the viewer, on the side of the straight line.
@@ -388,7 +358,7 @@ impl<F: Lanes> Solver<'_, F> {
     #[inline(always)]
     pub(crate) fn choose(&self, lanes: F::Mask, u: F) -> CandidateChains<F> {
         let ends = self.ends;
-        let lanes = lanes & self.can_scatter_from(ends.straight);
+        let lanes = lanes & self.can_scatter_from(ends.targets.direction);
         let (from, inside) = (ends.receivers.point, ends.inside(self.scene));
         let mut chosen = self.scene.choose_chains(Wanted::Random(u), lanes, from, &inside, &ends.targets);
         chosen.is_some = chosen.is_some & self.can_scatter_from(chosen.direction);
@@ -423,14 +393,6 @@ impl<F: Lanes> Solver<'_, F> {
                 (direction, converges)
             },
         )
-    }
-
-    /// Traces chains through the stacks in some lanes.
-    fn trace<'s>(&'s self, selected: &'s CandidateChains<F>, lanes: F::Mask, direction: V3<F>) -> Traversal<'s, F> {
-        let mut traversal = [Traversal::new(self, selected, lanes, direction)];
-        trace_chains(&mut traversal);
-        let [traversal] = traversal;
-        traversal
     }
 
     /// The misses of traced chains.
@@ -471,13 +433,6 @@ impl<F: Lanes> Solver<'_, F> {
         Residuals { exists, error: (miss.length() / scale).narrow(), step, size, jacobians }
     }
 
-    /// Lanes in which the direction of a sampled path to the light belongs to the same solution.
-    fn is_same_solution(&self, selected: &CandidateChains<F>, found: &Connections<F>, sampled: V3<F>) -> F::Mask {
-        let residuals = self.residuals_of(&self.trace(selected, selected.is_some, sampled).traced);
-        let distance = (found.direction.widen() - sampled.widen()).length().narrow();
-        residuals.exists & distance.le((found.step + residuals.size) * 2.0 + ROUNDING)
-    }
-
     /// Chains that have arrived, in lanes whose light leaves the right side of its surface.
     #[inline(always)]
     fn connections(
@@ -500,18 +455,17 @@ impl<F: Lanes> Solver<'_, F> {
 }
 
 impl<F: Lanes> Traversal<'_, F> {
-    /// Continues the searches of some lanes behind their traced rays; `ray` is their number, from one. Returns the chains that
-    /// have arrived, and the lanes whose search goes on. The result depends only on receiver, light, stack and chain.
+    /// Continues the searches behind their traced rays; `ray` is their number, from one. Returns the chains that have arrived,
+    /// and the lanes whose search goes on. The result depends only on receiver, light, stack and chain.
     #[inline(always)]
-    pub(crate) fn advance(&self, search: &mut Search<F>, (lanes, ray): (F::Mask, u32)) -> (Connections<F>, F::Mask) {
-        let Search { direction, best, failures } = search;
-        let Self { solver, traced, linearized: chains, .. } = self;
+    pub(crate) fn advance(&mut self, ray: u32) -> (Connections<F>, F::Mask) {
+        let Self { solver, lanes, search: Search { direction, best, failures }, traced, linearized: chains, .. } = self;
         let residuals = solver.residuals_of(traced);
         let Residuals { exists, error, step, size, .. } = residuals;
         let axes = traced.differentials.axes;
         let has_arrived = exists & error.le(error.constant(ERROR_TOLERANCE)) & size.le(size.constant(STEP_TOLERANCE));
         let connections = solver.connections((has_arrived, turned(*direction, axes, step)), traced, &residuals);
-        let active = lanes & !has_arrived;
+        let active = *lanes & !has_arrived;
         let is_better = active & exists & error.lt(best.error);
         *failures = (*failures + 1.0).only(!is_better);
         if is_better.any() {

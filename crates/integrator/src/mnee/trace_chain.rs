@@ -2,15 +2,15 @@
 
 use super::linearized_chain::{LinearizedChains, SpecularVertices};
 use super::ray_differential::{Bend, RayDifferentials};
-use super::{Endpoints, Solver};
+use super::{Search, Solver};
 use crate::ray_state::{EnclosingSolids, RayState};
 use crate::scatterer::Scatterer;
+use crate::wavefront::rays::{Hits, Rays};
 use dunkelfeld_bsdf::{Bsdf, Dielectric, InLanes, Lobe, View};
-use dunkelfeld_bvh::{HitBatch, NO_HIT, RayBatch};
 use dunkelfeld_geometry::Ray;
-use dunkelfeld_lanes::{Double, InstructionSet, Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{CandidateChains, Chain, HitLanes, Interface, Scene, SurfacePoint, SurfacePoints};
+use dunkelfeld_scene::{Bsdfs, Chain, HitLanes, Interface, Scene, SurfacePoint, SurfacePoints};
 
 /// The largest number below one. As a choice among two events it never selects the first.
 const ALMOST_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
@@ -56,104 +56,90 @@ struct Passed {
     open: f32,
 }
 
-impl<F: Lanes> TracedChains<F> {
-    /// The starts of chains in given directions.
-    #[inline(always)]
-    pub(super) fn new(ends: &Endpoints<F>, exists: F::Mask, direction: V3<F>) -> Self {
-        let one = ends.time.constant(1.0);
-        Self {
-            exists,
-            origin: ends.origin,
-            direction,
-            enclosing: ends.enclosing,
-            differentials: RayDifferentials::from_point(direction),
-            weight: Rgb::splat(one),
-            probability: one,
-        }
-    }
-
-    /// The segment of a lane to its light.
-    fn ray_state(&self, lane: usize, ray: Ray) -> RayState {
-        RayState { ray, enclosing: self.enclosing[lane] }
-    }
-}
-
 /// Most traversals whose rays are followed together.
 pub(crate) const MAX_TRAVERSALS: usize = 8;
-/// Most segments of chains in one batch of rays.
-const MAX_SEGMENTS: usize = MAX_TRAVERSALS * MAX_WIDTH;
 
 /// Chains on their way through the interfaces of their stacks, one for each lane.
 pub(crate) struct Traversal<'a, F: Lanes> {
     pub(super) solver: Solver<'a, F>,
-    chains: &'a CandidateChains<F>,
+    chain: &'a [(u16, Chain); MAX_WIDTH],
+    /// The lanes with a search.
+    pub(crate) lanes: F::Mask,
+    pub(crate) search: Search<F>,
     pub(super) traced: TracedChains<F>,
     /// The interfaces that were hit.
     pub(super) linearized: LinearizedChains<F>,
 }
 
 impl<'a, F: Lanes> Traversal<'a, F> {
-    /// The starts of chains of some lanes in given directions.
+    /// The starts of the next rays of searches in some lanes, each for a chain of a stack.
     #[inline(always)]
-    pub(crate) fn new(solver: &Solver<'a, F>, chains: &'a CandidateChains<F>, lanes: F::Mask, from: V3<F>) -> Self {
-        let traced = TracedChains::new(solver.ends, lanes & solver.is_same_hemisphere(from), from);
-        Self { solver: *solver, chains, traced, linearized: LinearizedChains::new(solver.token) }
+    pub(crate) fn new(
+        solver: Solver<'a, F>,
+        (lanes, chain): (F::Mask, &'a [(u16, Chain); MAX_WIDTH]),
+        search: &Search<F>,
+    ) -> Self {
+        let (ends, direction) = (solver.ends, search.direction);
+        let one = ends.time.constant(1.0);
+        let traced = TracedChains {
+            exists: lanes & solver.is_same_hemisphere(direction),
+            origin: ends.origin,
+            direction,
+            enclosing: ends.enclosing,
+            differentials: RayDifferentials::from_point(direction),
+            weight: Rgb::splat(one),
+            probability: one,
+        };
+        Self { solver, chain, lanes, search: *search, traced, linearized: LinearizedChains::new(solver.token) }
     }
 
     /// The lanes whose chain has an event, and those where it is a reflection.
     #[inline(always)]
-    fn event(&self, event: u32) -> [u32; 2] {
+    fn event(&self, event: u32) -> [F::Mask; 2] {
         let [mut has_event, mut is_reflection] = [0; 2];
         self.traced.exists.each(
             #[inline(always)]
             |lane| {
-                let chain = self.chains.chain[lane];
+                let (_, chain) = self.chain[lane];
                 has_event |= u32::from(event < chain.events()) << lane;
                 is_reflection |= u32::from(chain.is_reflection(event)) << lane;
             },
         );
-        [has_event, is_reflection]
+        [F::mask(self.solver.token, has_event), F::mask(self.solver.token, is_reflection)]
     }
 }
 
 /// Traces chains through the real mesh. A chain does not exist if another surface is in the way, if an interface is missed,
 /// or if light is reflected totally where it should be transmitted.
 #[inline(never)]
-pub(crate) fn trace_chains<F: Lanes>(traversals: &mut [Traversal<'_, F>]) {
+pub(crate) fn trace_chains<F: Lanes>(traversals: &mut [Traversal<'_, F>], Segments { rays, hits }: &mut Segments) {
     let Some(Solver { scene, set, token, .. }) = traversals.first().map(|traversal| traversal.solver) else { return };
-    let mut segments = Segments::default();
-    let count = traversals.len() * F::WIDTH;
     for event in 0..Chain::MAX_EVENTS {
-        let mut lanes = [[0; 2]; MAX_TRAVERSALS];
+        rays.clear();
         F::vectorize(
             token,
             #[inline(always)]
             || {
-                for (number, traversal) in traversals.iter().enumerate() {
-                    lanes[number] = traversal.event(event);
-                    segments.set(number * F::WIDTH, traversal, F::mask(token, lanes[number][0]));
+                for traversal in traversals.iter() {
+                    let (traced, [active, _]) = (&traversal.traced, traversal.event(event));
+                    let time = traversal.solver.ends.time;
+                    let segment = [traced.origin, traced.direction];
+                    rays.append((active, &[0; MAX_WIDTH]), segment, time.constant(f32::INFINITY), time);
                 }
             },
         );
-        if lanes.iter().all(|[has_event, _]| *has_event == 0) {
+        let count = rays.paths.len();
+        if count == 0 {
             return;
         }
-        segments.trace(scene, set, count);
+        scene.bvh().closest_hits(set, &rays.batch(), &mut hits.batch(count));
+        let mut first = 0;
         F::vectorize(
             token,
             #[inline(always)]
             || {
-                for (number, traversal) in traversals.iter_mut().enumerate() {
-                    let [active, is_reflection] = lanes[number].map(
-                        #[inline(always)]
-                        |bits| F::mask(token, bits),
-                    );
-                    if active.any() {
-                        let Traversal { solver, chains, traced, linearized } = traversal;
-                        let hits = segments.hits(token, number * F::WIDTH, active);
-                        let faces = solver.next_faces(traced, (active, hits), &chains.stack);
-                        solver.pass_faces(traced, &faces, (event as usize, active, is_reflection), linearized);
-                    }
+                for traversal in traversals.iter_mut() {
+                    traversal.pass(event, hits, &mut first);
                 }
             },
         );
@@ -161,110 +147,82 @@ pub(crate) fn trace_chains<F: Lanes>(traversals: &mut [Traversal<'_, F>]) {
 }
 
 /// The next segments of chains, and their hits.
-struct Segments {
-    /// Coordinates of the origins and directions, ends and times.
-    rays: [[f32; MAX_SEGMENTS]; 8],
-    /// Distances and barycentric weights.
-    numbers: [[f32; MAX_SEGMENTS]; 3],
-    /// Instances, parts and triangles.
-    ids: [[u32; MAX_SEGMENTS]; 3],
-}
-
-impl Default for Segments {
-    fn default() -> Self {
-        Self { rays: [[0.0; MAX_SEGMENTS]; 8], numbers: [[0.0; MAX_SEGMENTS]; 3], ids: [[0; MAX_SEGMENTS]; 3] }
-    }
+#[derive(Debug)]
+pub(crate) struct Segments {
+    rays: Rays,
+    hits: Hits,
 }
 
 impl Segments {
-    /// Sets the rays of some lanes. The others hit nothing.
-    #[inline(always)]
-    fn set<F: Lanes>(&mut self, first: usize, traversal: &Traversal<'_, F>, active: F::Mask) {
-        let (o, d, time) = (traversal.traced.origin, traversal.traced.direction, traversal.solver.ends.time);
-        let numbers = [o.x, o.y, o.z, d.x, d.y, d.z, time.constant(f32::INFINITY).only(active), time];
-        for (number, column) in numbers.into_iter().zip(&mut self.rays) {
-            number.store(&mut column[first..]);
-        }
-    }
-
-    fn trace(&mut self, scene: &Scene, set: InstructionSet, count: usize) {
-        let Self { rays, numbers, ids } = self;
-        let [ox, oy, oz, dx, dy, dz, t_max, time] = rays.each_ref().map(|column| &column[..count]);
-        let [t, b1, b2] = numbers.each_mut().map(|column| &mut column[..count]);
-        let [instance, part, triangle] = ids.each_mut().map(|column| &mut column[..count]);
-        let rays = RayBatch { origin: [ox, oy, oz], direction: [dx, dy, dz], t_max, time };
-        scene.bvh().closest_hits(set, &rays, &mut HitBatch { t, b1, b2, instance, part, triangle });
-    }
-
-    /// The hits of some lanes, and the lanes that have one. Other lanes repeat one of them.
-    #[inline(always)]
-    fn hits<F: Lanes>(&self, token: F::Token, first: usize, active: F::Mask) -> (HitLanes<F>, F::Mask) {
-        let Self { numbers, ids, .. } = self;
-        let mut found = 0;
-        for (lane, instance) in ids[0][first..first + F::WIDTH].iter().enumerate() {
-            found |= u32::from(*instance != NO_HIT) << lane;
-        }
-        let found = active & F::mask(token, found);
-        let one = first + found.bits().trailing_zeros() as usize % MAX_WIDTH % F::WIDTH;
-        let [instance, part, triangle] = [&ids[0], &ids[1], &ids[2]].map(
-            #[inline(always)]
-            |ids| {
-                let other = if found.any() { ids[one] } else { 0 };
-                let (own, other) = (F::load_word(token, &ids[first..]), F::splat_word(token, other));
-                found.select(F::from_bits(own), F::from_bits(other)).to_bits()
-            },
-        );
-        let [t, b1, b2] = [&numbers[0], &numbers[1], &numbers[2]].map(
-            #[inline(always)]
-            |column| F::load(token, &column[first..]),
-        );
-        (HitLanes { t, b1, b2, instance, part, triangle }, found)
+    pub(crate) fn new(scene: &Scene) -> Self {
+        Self { rays: Rays::new(scene), hits: Hits::default() }
     }
 }
 
-impl<F: Lanes> Solver<'_, F> {
-    /// The next faces on the way, in the lanes of `active`.
+impl<F: Lanes> Traversal<'_, F> {
+    /// Passes the faces that the segments of an event have hit. `next` is the number of the next segment.
     #[inline(always)]
-    fn next_faces(
-        &self,
-        traced: &TracedChains<F>,
-        (active, (hits, found)): (F::Mask, (HitLanes<F>, F::Mask)),
-        stacks: &[u16; MAX_WIDTH],
-    ) -> Faces<F> {
-        let Solver { scene, token, ends, .. } = *self;
-        let one = hits.t.constant(1.0);
+    fn pass(&mut self, event: u32, hits: &Hits, next: &mut u32) {
+        let ([active, is_reflection], token) = (self.event(event), self.solver.token);
+        let (mut segments, mut found) = ([0; MAX_WIDTH], 0);
+        active.each(
+            #[inline(always)]
+            |lane| {
+                segments[lane] = *next;
+                found |= u32::from(hits.has(*next)) << lane;
+                *next += 1;
+            },
+        );
+        self.traced.exists = self.traced.exists & (!active | F::mask(token, found));
+        if found != 0 {
+            // Other lanes repeat a hit.
+            let one = segments[found.trailing_zeros() as usize % MAX_WIDTH];
+            for (lane, segment) in segments.iter_mut().enumerate() {
+                if found >> lane & 1 == 0 {
+                    *segment = one;
+                }
+            }
+            let faces = self.next_faces(F::mask(token, found), &hits.lanes(token, &segments));
+            self.pass_faces(&faces, (event as usize, active, is_reflection));
+        }
+    }
+
+    /// The next faces on the way, in lanes with hits.
+    #[inline(always)]
+    fn next_faces(&self, lanes: F::Mask, hits: &HitLanes<F>) -> Faces<F> {
+        let Self { solver: Solver { scene, token, ends, .. }, traced, .. } = *self;
         let mut faces = Faces {
-            found: F::mask(token, 0),
-            points: scene.surface_points(token, &hits, ends.time),
+            found: lanes,
+            points: scene.surface_points(token, hits, ends.time),
             distance: hits.t,
             weight: EnclosingSolids::transmittances(&traced.enclosing, scene, hits.t),
-            open: one,
+            open: hits.t.constant(1.0),
             interfaces: Vec::new(),
         };
         let parts = F::word_to_array(faces.points.part);
-        let [mut at_face, mut others] = [0; 2];
-        (active & found).each(
+        let mut others = 0;
+        lanes.each(
             #[inline(always)]
             |lane| {
-                let is_face = scene.cover_of_part(parts[lane]) == Some(stacks[lane]);
+                let is_face = scene.cover_of_part(parts[lane]) == Some(self.chain[lane].0);
                 let is_single = matches!(traced.enclosing[lane], EnclosingSolids::Last(_));
-                at_face |= u32::from(is_face && is_single) << lane;
                 others |= u32::from(!(is_face && is_single)) << lane;
             },
         );
-        faces.found = F::mask(token, at_face);
         if others != 0 {
-            self.pass_surfaces(traced, &mut faces, (others, stacks));
+            self.pass_surfaces(&mut faces, others);
         }
         faces
     }
 
     /// Passes surfaces without effect on the direction, in lanes that meet one or that may be in several solids.
     #[inline(never)]
-    fn pass_surfaces(&self, traced: &TracedChains<F>, faces: &mut Faces<F>, (lanes, stacks): (u32, &[u16; MAX_WIDTH])) {
+    fn pass_surfaces(&self, faces: &mut Faces<F>, lanes: u32) {
+        let Self { solver: Solver { token, ends, .. }, traced, .. } = self;
         let (origins, directions) = (traced.origin.to_lanes(), traced.direction.to_lanes());
-        let (times, mut distances) = (self.ends.time.to_array(), faces.distance.to_array());
-        let (mut weights, mut open, mut found) = (faces.weight.to_lanes(), faces.open.to_array(), faces.found.bits());
+        let (times, mut distances) = (ends.time.to_array(), faces.distance.to_array());
+        let (mut weights, mut open) = (faces.weight.to_lanes(), faces.open.to_array());
+        let mut found = faces.found.bits() & !lanes;
         let mut points = [faces.points.lane(0); MAX_WIDTH];
         for (lane, point) in points.iter_mut().enumerate().take(F::WIDTH) {
             *point = faces.points.lane(lane);
@@ -272,22 +230,23 @@ impl<F: Lanes> Solver<'_, F> {
                 continue;
             }
             let ray = Ray::new(origins[lane], directions[lane]).at_time(times[lane]);
-            let Some(passed) = self.pass(&traced.ray_state(lane, ray), *point, stacks[lane]) else { continue };
+            let start = RayState { ray, enclosing: traced.enclosing[lane] };
+            let Some(passed) = self.next_face(&start, *point, self.chain[lane].0) else { continue };
             *point = passed.point;
             (distances[lane], weights[lane], open[lane]) = (passed.distance, passed.weight, passed.open);
             faces.interfaces.extend(passed.interface.map(|interface| (lane, interface)));
             found |= 1 << lane;
         }
-        faces.points = SurfacePoints::from_lanes(self.token, &points);
-        faces.distance = F::load(self.token, &distances);
-        faces.weight = Rgb::from_lanes(self.token, &weights);
-        faces.open = F::load(self.token, &open);
-        faces.found = F::mask(self.token, found);
+        faces.points = SurfacePoints::from_lanes(*token, &points);
+        faces.distance = F::load(*token, &distances);
+        faces.weight = Rgb::from_lanes(*token, &weights);
+        faces.open = F::load(*token, &open);
+        faces.found = F::mask(*token, found);
     }
 
     /// The next face of a stack along a ray whose first surface is given; `None` if another surface is in the way.
-    fn pass(&self, start: &RayState, mut surface: SurfacePoint, stack: u16) -> Option<Passed> {
-        let scene = self.scene;
+    fn next_face(&self, start: &RayState, mut surface: SurfacePoint, stack: u16) -> Option<Passed> {
+        let scene = self.solver.scene;
         let (mut ray_state, mut distance, mut weight, mut open) = (*start, 0.0, Rgb::WHITE, 1.0);
         for _ in 0..=MAX_PASSED {
             let mut interface = None;
@@ -322,28 +281,26 @@ impl<F: Lanes> Solver<'_, F> {
 
     /// Reflects and refracts rays at their faces, in the lanes of an event.
     #[inline(always)]
-    fn pass_faces(
-        &self,
-        traced: &mut TracedChains<F>,
-        faces: &Faces<F>,
-        (event, active, is_reflection): (usize, F::Mask, F::Mask),
-        linearized: &mut LinearizedChains<F>,
-    ) {
-        let Solver { scene, token, .. } = *self;
+    fn pass_faces(&mut self, faces: &Faces<F>, (event, active, is_reflection): (usize, F::Mask, F::Mask)) {
+        let Self { solver: Solver { scene, token, .. }, traced, .. } = self;
+        let token = *token;
         let (points, from) = (&faces.points, traced.direction);
         let mut wi = from;
         let (zero, one) = (from.x.constant(0.0), from.x.constant(1.0));
         let (mut normals, mut passes) = (points.normal, F::mask(token, 0));
         let (mut weight, mut pdf, mut eta) = (traced.weight * faces.weight, one, one);
         let materials = F::word_to_array(points.material);
-        let mut left = faces.found.bits();
+        let (mut left, mut etas) = (faces.found.bits(), [None; MAX_WIDTH]);
+        for (lane, interface) in &faces.interfaces {
+            etas[*lane] = interface.relative_index();
+        }
         // The faces of each material, which is one in general.
         while left != 0 {
             let material = materials[left.trailing_zeros() as usize % MAX_WIDTH];
             let same = F::word_eq(points.material, F::splat_word(token, material));
             let mut storage = [const { None }; MAX_WIDTH];
-            let interfaces = &faces.interfaces;
-            let Some((surfaces, its)) = self.dielectrics(material, points, interfaces, &mut storage) else { break };
+            let bsdfs = scene.bsdfs(material, points, (&[0.0; MAX_WIDTH], &etas), &mut storage);
+            let Some((surfaces, its)) = dielectrics(&bsdfs) else { break };
             let frames = scene.shade_lanes(material, points, -from).frames;
             let surface = InLanes::<F>::gather(token, &surfaces);
             let at = Scatterer { frames, view: surface.view(frames.frame.to_local(-from)) };
@@ -375,7 +332,7 @@ impl<F: Lanes> Solver<'_, F> {
         differentials.transfer(bend.before, Double::widen(faces.distance), points.normal.widen());
         differentials.bend(&bend);
         traced.differentials = RayDifferentials::select(passes, differentials, traced.differentials);
-        linearized.set(
+        self.linearized.set(
             event,
             &SpecularVertices {
                 lanes: passes,
@@ -408,42 +365,17 @@ impl<F: Lanes> Solver<'_, F> {
             }
         }
     }
-
-    /// The smooth boundaries of clear solids at faces of one material, and the lanes that have one. Other lanes repeat one
-    /// of them.
-    #[inline(always)]
-    fn dielectrics<'b>(
-        &'b self,
-        material: u32,
-        points: &SurfacePoints<F>,
-        interfaces: &[(usize, Interface)],
-        storage: &'b mut [Option<Bsdf>; MAX_WIDTH],
-    ) -> Option<([&'b Dielectric; MAX_WIDTH], u32)> {
-        if interfaces.is_empty()
-            && let Some(bsdf) = self.scene.only_bsdf(material)
-        {
-            return Some(([smooth(bsdf)?; MAX_WIDTH], u32::MAX));
-        }
-        each_dielectric(self.scene, points, interfaces, storage)
-    }
 }
 
-#[inline(never)]
-fn each_dielectric<'b, F: Lanes>(
-    scene: &'b Scene,
-    points: &SurfacePoints<F>,
-    interfaces: &[(usize, Interface)],
-    storage: &'b mut [Option<Bsdf>; MAX_WIDTH],
-) -> Option<([&'b Dielectric; MAX_WIDTH], u32)> {
-    let mut found = [None; MAX_WIDTH];
-    for (lane, (found, storage)) in found.iter_mut().zip(storage).enumerate().take(F::WIDTH) {
-        let interface = interfaces.iter().find(|(its, _)| *its == lane);
-        let eta = interface.and_then(|(_, interface)| interface.relative_index());
-        *found = smooth(scene.bsdf(&points.lane(lane), 0.0, eta, storage));
-    }
-    let first = found.iter().flatten().next()?;
-    let lanes = (0..).zip(&found).fold(0, |bits, (lane, found)| bits | u32::from(found.is_some()) << lane);
-    Some((found.map(|surface| surface.unwrap_or(first)), lanes))
+/// The smooth boundaries of clear solids, and the lanes that have one. Other lanes repeat one of them.
+fn dielectrics<'b>(bsdfs: &Bsdfs<'b>) -> Option<([&'b Dielectric; MAX_WIDTH], u32)> {
+    let each = match bsdfs {
+        Bsdfs::Same(bsdf) => return Some(([smooth(bsdf)?; MAX_WIDTH], u32::MAX)),
+        Bsdfs::Each(each) => each.map(smooth),
+    };
+    let first = *each.iter().flatten().next()?;
+    let lanes = (0..).zip(&each).fold(0, |bits, (lane, found)| bits | u32::from(found.is_some()) << lane);
+    Some((each.map(|surface| surface.unwrap_or(first)), lanes))
 }
 
 /// The smooth boundary of a clear solid.

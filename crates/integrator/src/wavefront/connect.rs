@@ -1,16 +1,15 @@
 //! Connections through covers: next-event estimation where clear sheets lie before the lights (`mnee`).
 
-use super::attempts::{Attempts, Entry, Searches};
+use super::attempts::{Attempts, Connection, Entry, in_lanes};
 use super::group::Group;
 use super::rays::Queued;
 use super::scatter::{Directions, Draw, Evaluated, LIGHTS, evaluate_group};
 use super::{Watch, Wavefront};
 use crate::direct::power_heuristic;
 use crate::estimator::Estimator;
-use crate::mnee::{Attempt, Connections, Endpoints, MAX_TRAVERSALS, Solver, Traversal, trace_chains};
-use crate::observer::Event;
-use dunkelfeld_geometry::Ray;
-use dunkelfeld_lanes::{Lanes, Mask};
+use crate::mnee::{Connections, Endpoints, MAX_TRAVERSALS, Search, SearchRecord, Solver, Traversal, trace_chains};
+use crate::observer::{Event, TraceConnection};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{CandidateChains, LightSamples, Targets, shadow_rays};
 use smallvec::SmallVec;
@@ -81,8 +80,10 @@ impl Wavefront<'_> {
                     if lanes.any() {
                         let ends = self.endpoints(group, &draw.light);
                         let light = group.state.throughput * draw.light.radiance * survival.recip();
-                        let columns = Entry { ends, light, pdf: draw.light.pdf, at: group.scattering() };
-                        self.attempts.append(lanes, index, (chosen, &columns), &group.paths);
+                        let CandidateChains { chain, probability, .. } = *chosen;
+                        let (pdf, at) = (draw.light.pdf, group.scattering());
+                        let entry = Entry { ends, chain, probability, light, pdf, at };
+                        self.attempts.append(lanes, (chosen, index), &entry, &group.paths);
                     }
                 }
             },
@@ -111,27 +112,23 @@ impl Wavefront<'_> {
     /// Searches the queued chains ray by ray, and stores the shadow rays behind the covers.
     #[inline(always)]
     pub(super) fn connect<F: Lanes>(&mut self, token: F::Token, watch: &mut Watch<'_>) {
-        if self.attempts.paths.is_empty() {
-            return;
-        }
-        let mut attempts = std::mem::take(&mut self.attempts);
-        watch.tally.attempts += attempts.paths.len() as u64;
-        let mut searches = std::mem::take(&mut attempts.searches);
-        searches.resize(attempts.paths.len());
-        let (mut order, mut open) = (attempts.order(), Vec::new());
+        let mut queue = std::mem::take(&mut self.attempts);
+        let mut searches = std::mem::take(&mut queue.searches);
+        watch.tally.attempts += searches.len() as u64;
+        let (mut order, mut open) = (queue.order(), Vec::new());
         let mut ray = 0;
         while !order.is_empty() {
             ray += 1;
             watch.tally.rays += order.len() as u64;
             for numbers in order.chunks(MAX_TRAVERSALS * F::WIDTH) {
-                self.advance::<F>(token, &attempts, (numbers, ray), (&mut searches, &mut open), watch);
+                self.advance::<F>(token, &queue, (numbers, ray), (&mut searches, &mut open), watch);
             }
             std::mem::swap(&mut order, &mut open);
             open.clear();
         }
-        attempts.searches = searches;
-        attempts.clear();
-        self.attempts = attempts;
+        queue.searches = searches;
+        queue.clear();
+        self.attempts = queue;
     }
 
     /// Traces the next rays of some searches. Those that go on are appended to `open`.
@@ -141,50 +138,62 @@ impl Wavefront<'_> {
         token: F::Token,
         queue: &Attempts,
         (numbers, ray): (&[u32], u32),
-        (searches, open): (&mut Searches, &mut Vec<u32>),
+        (searches, open): (&mut [SearchRecord], &mut Vec<u32>),
         watch: &mut Watch<'_>,
     ) {
         let Wavefront { estimator: Estimator { scene, .. }, set, .. } = *self;
-        let (mut loaded, mut states) = (Vec::with_capacity(MAX_TRAVERSALS), Vec::with_capacity(MAX_TRAVERSALS));
-        let mut traversals = Vec::with_capacity(MAX_TRAVERSALS);
+        let (mut loaded, mut traversals) = (Vec::with_capacity(MAX_TRAVERSALS), Vec::with_capacity(MAX_TRAVERSALS));
         F::vectorize(
             token,
             #[inline(always)]
             || {
                 for numbers in numbers.chunks(F::WIDTH) {
+                    let places = in_lanes(numbers);
+                    let search = V3::<F>::load_records(
+                        token,
+                        #[inline(always)]
+                        |lane| &searches[places[lane] as usize],
+                    );
+                    loaded.push((queue.load::<F>(token, numbers), Search::from_rows(search)));
+                }
+            },
+        );
+        F::vectorize(
+            token,
+            #[inline(always)]
+            || {
+                for (entry, search) in &loaded {
+                    let solver = Solver { scene, set, token, ends: &entry.ends };
+                    let lanes = F::mask(token, u32::MAX >> (32 - entry.at.len));
+                    traversals.push(Traversal::new(solver, (lanes, &entry.chain), search));
+                }
+            },
+        );
+        trace_chains(&mut traversals, &mut self.segments);
+        F::vectorize(
+            token,
+            #[inline(always)]
+            || {
+                for (numbers, (traversal, (entry, _))) in
+                    numbers.chunks(F::WIDTH).zip(traversals.iter_mut().zip(&loaded))
+                {
                     self.lane_use.connections[0] += numbers.len() as u64;
                     self.lane_use.connections[1] += F::WIDTH as u64;
-                    let (entry, chains) = queue.load::<F>(token, numbers);
-                    states.push(searches.load::<F>(token, numbers, chains.direction, ray));
-                    loaded.push((entry, chains));
-                }
-            },
-        );
-        F::vectorize(
-            token,
-            #[inline(always)]
-            || {
-                for ((entry, chains), search) in loaded.iter().zip(&states) {
-                    let solver = Solver { scene, set, token, ends: &entry.ends };
-                    traversals.push(Traversal::new(&solver, chains, chains.is_some, search.direction));
-                }
-            },
-        );
-        trace_chains(&mut traversals);
-        F::vectorize(
-            token,
-            #[inline(always)]
-            || {
-                let vectors = numbers.chunks(F::WIDTH).zip(&loaded).zip(states.iter_mut().zip(&traversals));
-                for ((numbers, (entry, chains)), (search, traversal)) in vectors {
-                    let (connections, is_open) = traversal.advance(search, (chains.is_some, ray));
-                    let (arriving, mis_weight) =
-                        self.send_shadow_rays(queue, (numbers, entry, chains), &connections, watch);
+                    let (connections, is_open) = traversal.advance(ray);
+                    let (arriving, mis_weight) = self.send_shadow_rays(queue, (numbers, entry), &connections, watch);
                     if watch.observer.is_some() {
-                        let lanes = [chains.is_some & !is_open, connections.has_converged, arriving];
-                        self.report(queue, (numbers, chains, ray), (lanes, mis_weight), watch);
+                        let lanes = [traversal.lanes & !is_open, connections.has_converged, arriving];
+                        self.report(queue, (numbers, entry, ray), (lanes, mis_weight), watch);
                     }
-                    searches.keep(is_open, numbers, search, open);
+                    V3::store_records(
+                        traversal.search.to_rows(),
+                        is_open,
+                        #[inline(always)]
+                        |lane, search| {
+                            searches[numbers[lane] as usize] = search;
+                            open.push(numbers[lane]);
+                        },
+                    );
                 }
             },
         );
@@ -196,11 +205,11 @@ impl Wavefront<'_> {
     fn send_shadow_rays<F: Lanes>(
         &mut self,
         queue: &Attempts,
-        (numbers, entry, chains): (&[u32], &Entry<'_, F>, &CandidateChains<F>),
+        (numbers, entry): (&[u32], &Entry<'_, F>),
         connections: &Connections<F>,
         watch: &mut Watch<'_>,
     ) -> (F::Mask, F) {
-        let Entry { ends, light, pdf: light_pdf, at } = entry;
+        let Entry { ends, light, pdf: light_pdf, at, .. } = entry;
         if !connections.has_converged.any() {
             return (connections.has_converged, light_pdf.constant(0.0));
         }
@@ -211,25 +220,29 @@ impl Wavefront<'_> {
         let unoccluded = scattered * *light * traced.weight;
         let arriving = connections.has_converged & unoccluded.is_lit();
         // The density of the first direction.
-        let density = *light_pdf * chains.probability / connections.solid_angle_ratio;
+        let density = *light_pdf * entry.probability / connections.solid_angle_ratio;
         let mis_weight = power_heuristic(density, pdf * traced.probability);
         let end = (ends.targets.point, ends.light_normal, ends.targets.is_finite);
         let (direction, t_max) = shadow_rays(traced.origin, traced.direction, end);
         let (origin, light) = (traced.origin, unoccluded * (mis_weight / density));
         let mut rays = Queued { lanes: arriving, origin, direction, t_max, light };
         self.dim_by_solids(&mut rays, ends.time, &traced.enclosing);
-        let (origins, directions) = (origin.to_lanes(), rays.direction.to_lanes());
-        let (ends, times) = (rays.t_max.to_array(), ends.time.to_array());
-        let lights = rays.light.to_lanes();
+        let (mut paths, mut left) = ([0; MAX_WIDTH], arriving.bits());
         arriving.each(
             #[inline(always)]
-            |lane| {
-                let ray =
-                    Ray { origin: origins[lane], direction: directions[lane], t_max: ends[lane], time: times[lane] };
-                let number = numbers[lane] as usize;
-                self.shadow[queue.indices[number] as usize][1].push(&ray, queue.paths[number], lights[lane]);
-            },
+            |lane| paths[lane] = queue.connection(numbers[lane]).path,
         );
+        // The rays of each light sample, which is one in general.
+        while left != 0 {
+            let index = queue.connection(numbers[left.trailing_zeros() as usize]).light;
+            let mut same = 0;
+            for (lane, number) in numbers.iter().enumerate() {
+                same |= u32::from(queue.connection(*number).light == index) << lane;
+            }
+            rays.lanes = F::mask(at.token, left & same);
+            self.shadow[index as usize][1].append(&rays, ends.time, &paths);
+            left &= !same;
+        }
         (arriving, mis_weight.only(arriving))
     }
 
@@ -238,27 +251,28 @@ impl Wavefront<'_> {
     fn report<F: Lanes>(
         &mut self,
         queue: &Attempts,
-        (numbers, chains, ray): (&[u32], &CandidateChains<F>, u32),
+        (numbers, entry, rays): (&[u32], &Entry<'_, F>, u32),
         ([ended, converged, arriving], mis_weight): ([F::Mask; 3], F),
         watch: &mut Watch<'_>,
     ) {
-        let (probability, mis_weight) = (chains.probability.to_array(), mis_weight.to_array());
+        let (probability, mis_weight) = (entry.probability.to_array(), mis_weight.to_array());
         let [converged, arriving] = [converged.bits(), arriving.bits()];
         ended.each(|lane| {
-            let number = numbers[lane] as usize;
-            let attempt = Attempt {
-                stack: chains.stack[lane],
-                chain: chains.chain[lane],
+            let (cover, chain) = entry.chain[lane];
+            let connection = TraceConnection {
+                cover,
+                chain,
                 probability: probability[lane],
-                rays: ray,
+                rays,
                 has_converged: converged >> lane & 1 == 1,
                 mis_weight: mis_weight[lane],
+                contribution: Rgb::BLACK,
             };
-            let (index, path) = (queue.indices[number], queue.paths[number]);
+            let Connection { light: index, path, .. } = *queue.connection(numbers[lane]);
             if arriving >> lane & 1 == 1 {
-                self.shadow[index as usize][1].attempts.push(attempt);
+                self.shadow[index as usize][1].connections.push(connection);
             } else {
-                watch.event(path, || Event::Connection { index, attempt, light: Rgb::BLACK });
+                watch.event(path, || Event::Connection { index, connection });
             }
         });
     }
@@ -273,7 +287,6 @@ impl Wavefront<'_> {
             enclosing: self.enclosing_beyond(group, light.direction),
             targets: Targets { point: light.point, direction: light.direction, is_finite: light.is_finite },
             light_normal: light.normal,
-            straight: light.direction,
         }
     }
 

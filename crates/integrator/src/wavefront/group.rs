@@ -99,7 +99,7 @@ impl<'a> Wavefront<'a> {
                         let arrivals = &rays[..len];
                         self.surfaces_of_chance(arrivals, &points, interfaces, (&mut its_interfaces, storage))
                     }
-                    (false, false) => scene.bsdfs(material, &points, &[0.0; MAX_WIDTH], storage),
+                    (false, false) => scene.bsdfs(material, &points, (&[0.0; MAX_WIDTH], &[None; MAX_WIDTH]), storage),
                 };
                 let mut transmittance = Rgb::splat(F::splat(token, 1.0));
                 if !is_arrived && scene.has_solids() {
@@ -205,14 +205,7 @@ impl<'a> Wavefront<'a> {
             bsdfs[lane] = self.estimator.scene.bsdf(&points.lane(lane), u_kind, eta, storage);
             found.push(interface);
         }
-        let (first, others) = bsdfs.split_at_mut(1);
-        match others[..rays.len() - 1].iter().all(|bsdf| std::ptr::eq(*bsdf, first[0])) {
-            true => Bsdfs::Same(first[0]),
-            false => {
-                others[rays.len() - 1..].fill(first[0]);
-                Bsdfs::Each(bsdfs)
-            }
-        }
+        Bsdfs::of_lanes(bsdfs, rays.len())
     }
 
     /// Multiplies the throughputs of paths by transmittances, which become one.

@@ -20,8 +20,8 @@ mod scatter;
 
 use crate::dimensions;
 use crate::estimator::{Estimator, PixelSample};
-use crate::mnee::SpecularPrefix;
-use crate::observer::{ConnectionTally, Event, Observer};
+use crate::mnee::{Segments, SpecularPrefix};
+use crate::observer::{ConnectionTally, Event, Observer, TraceConnection};
 use crate::path::PathState;
 use crate::ray_state::{EnclosingSolids, RayState};
 use attempts::Attempts;
@@ -77,8 +77,9 @@ pub struct Wavefront<'a> {
     occluded: Vec<bool>,
     /// Light of shadow rays that an observer has seen, not added yet: index and kind of the queue, path, light.
     observed_light: Vec<([u32; 2], u32, Rgb)>,
-    /// Connections through covers that are still to be searched.
+    /// Connections through covers that are still to be searched, and the next segments of some.
     attempts: Attempts,
+    segments: Segments,
     lane_use: LaneUse,
 }
 
@@ -181,8 +182,8 @@ impl<'a> Wavefront<'a> {
     pub fn new(estimator: &Estimator<'a>, set: InstructionSet) -> Self {
         let choice = estimator.scene.light_choice_at(0, false);
         let lights = estimator.scene.num_light_samples(choice);
-        let moves = estimator.scene.shutter().is_some();
-        let queue = || ShadowRays { rays: Rays::new(moves), ..ShadowRays::default() };
+        let rays = || Rays::new(estimator.scene);
+        let queue = || ShadowRays { rays: rays(), ..ShadowRays::default() };
         Self {
             estimator: *estimator,
             set,
@@ -191,9 +192,9 @@ impl<'a> Wavefront<'a> {
             samples: Vec::new(),
             layers: Vec::new(),
             among_solids: Vec::new(),
-            rays: Rays::new(moves),
+            rays: rays(),
             hits: Hits::default(),
-            next: Rays::new(moves),
+            next: rays(),
             arrivals: Vec::new(),
             interfaces: Vec::new(),
             order: Vec::new(),
@@ -201,6 +202,7 @@ impl<'a> Wavefront<'a> {
             occluded: Vec::new(),
             observed_light: Vec::new(),
             attempts: Attempts::default(),
+            segments: Segments::new(estimator.scene),
             lane_use: LaneUse::default(),
         }
     }
@@ -489,8 +491,10 @@ impl<'a> Wavefront<'a> {
                     } else if !light.is_black() {
                         self.paths[path as usize].add_radiance(light);
                     }
-                    watch.event(path, || match queue.attempts.get(i) {
-                        Some(attempt) => Event::Connection { index, attempt: *attempt, light },
+                    watch.event(path, || match queue.connections.get(i) {
+                        Some(of) => {
+                            Event::Connection { index, connection: TraceConnection { contribution: light, ..*of } }
+                        }
                         None => Event::ShadowRay { index, light },
                     });
                 }

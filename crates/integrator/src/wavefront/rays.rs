@@ -1,11 +1,11 @@
 //! Rays of a wave, and their results.
 
-use crate::mnee::Attempt;
+use crate::observer::TraceConnection;
 use dunkelfeld_bvh::{Hit, HitBatch, NO_HIT, RayBatch};
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::HitLanes;
+use dunkelfeld_scene::{HitLanes, Scene};
 
 /// Rays, an array for each number.
 #[derive(Debug, Default)]
@@ -17,15 +17,15 @@ pub(crate) struct Rays {
     moves: bool,
     time: Vec<f32>,
     /// Number of the path of each ray.
-    pub(super) paths: Vec<u32>,
+    pub(crate) paths: Vec<u32>,
 }
 
 impl Rays {
-    pub(crate) fn new(moves: bool) -> Self {
-        Self { moves, ..Self::default() }
+    pub(crate) fn new(scene: &Scene) -> Self {
+        Self { moves: scene.shutter().is_some(), ..Self::default() }
     }
 
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         let Self { origin, direction, t_max, time, paths, .. } = self;
         origin.iter_mut().chain(direction).chain([t_max, time]).for_each(Vec::clear);
         paths.clear();
@@ -67,7 +67,7 @@ impl Rays {
 
     /// Stores the rays of some lanes, with those of their paths.
     #[inline(always)]
-    pub(super) fn append<F: Lanes>(
+    pub(crate) fn append<F: Lanes>(
         &mut self,
         (lanes, paths): (F::Mask, &[u32; MAX_WIDTH]),
         [origin, direction]: [V3<F>; 2],
@@ -119,9 +119,15 @@ impl Hits {
         HitBatch { t, b1, b2, instance, part, triangle }
     }
 
+    /// Has a ray hit something?
+    #[inline(always)]
+    pub(crate) fn has(&self, ray: u32) -> bool {
+        self.ids[0][ray as usize] != NO_HIT
+    }
+
     /// The hits of some rays, which all have one.
     #[inline(always)]
-    pub(super) fn lanes<F: Lanes>(&self, token: F::Token, rays: &[u32; MAX_WIDTH]) -> HitLanes<F> {
+    pub(crate) fn lanes<F: Lanes>(&self, token: F::Token, rays: &[u32; MAX_WIDTH]) -> HitLanes<F> {
         let ([t, b1, b2], mut ids) = (&self.numbers, [[0; MAX_WIDTH]; 3]);
         for lane in 0..F::WIDTH {
             let ray = rays[lane] as usize;
@@ -167,14 +173,14 @@ pub(super) struct ShadowRays {
     pub(super) rays: Rays,
     /// Radiance of the pixel if the ray is not occluded [W/(m^2 sr)], by channel.
     pub(super) light: [Vec<f32>; 3],
-    /// The attempted connections of rays behind covers, where they are observed.
-    pub(super) attempts: Vec<Attempt>,
+    /// The connections of rays behind covers, where they are observed.
+    pub(super) connections: Vec<TraceConnection>,
 }
 
 impl ShadowRays {
     pub(super) fn clear(&mut self) {
         self.rays.clear();
-        self.attempts.clear();
+        self.connections.clear();
         self.light.iter_mut().for_each(Vec::clear);
     }
 
@@ -186,14 +192,6 @@ impl ShadowRays {
         q.light.r.append(q.lanes, r);
         q.light.g.append(q.lanes, g);
         q.light.b.append(q.lanes, b);
-    }
-
-    /// Stores a ray.
-    pub(super) fn push(&mut self, ray: &Ray, path: u32, light: Rgb) {
-        self.rays.push(ray, path);
-        for (column, channel) in self.light.iter_mut().zip(light.to_array()) {
-            column.push(channel);
-        }
     }
 
     /// The light of a ray.

@@ -11,7 +11,7 @@ use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, Real, V3};
 pub struct Targets<F: Lanes> {
     /// Points of lights, in render space \[m\]; unused where the light is at infinity.
     pub point: V3<F>,
-    /// Unit directions toward lights at infinity; unused elsewhere.
+    /// Unit directions toward the lights. For lights with a point they are not used here.
     pub direction: V3<F>,
     /// Lanes whose light has a point.
     pub is_finite: F::Mask,
@@ -22,10 +22,8 @@ pub struct Targets<F: Lanes> {
 pub struct CandidateChains<F: Lanes> {
     /// Lanes with a candidate. The other fields are only defined in these.
     pub is_some: F::Mask,
-    /// Index of the stack of each lane.
-    pub stack: [u16; MAX_WIDTH],
-    /// The order of events.
-    pub chain: [Chain; MAX_WIDTH],
+    /// Index of the stack of each lane, and the order of events.
+    pub chain: [(u16, Chain); MAX_WIDTH],
     /// First unit direction in the plate that replaces the stack.
     pub direction: V3<F>,
     /// The probability with which the candidate is chosen.
@@ -104,14 +102,12 @@ impl Scene {
             }
         }
         let (stacks, chains) = (choice.stack.to_array(), choice.chain.to_array());
-        let (mut stack, mut chain) = ([0; MAX_WIDTH], [Chain::EMPTY; MAX_WIDTH]);
+        let mut chain = [(0, Chain::EMPTY); MAX_WIDTH];
         for lane in 0..F::WIDTH {
-            stack[lane] = stacks[lane] as u16;
-            chain[lane] = Chain(chains[lane] as u16);
+            chain[lane] = (stacks[lane] as u16, Chain(chains[lane] as u16));
         }
         CandidateChains {
             is_some: choice.is_some,
-            stack,
             chain,
             direction: choice.direction,
             probability: choice.contribution / choice.total,

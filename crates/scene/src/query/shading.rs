@@ -95,11 +95,21 @@ impl<F: Lanes> ShadingLanes<F> {
 pub enum Bsdfs<'a> {
     /// That of all points.
     Same(&'a Bsdf),
-    /// One for each lane. Entries beyond the last lane mean nothing.
+    /// One for each lane. Entries of lanes that are not used mean nothing.
     Each([&'a Bsdf; MAX_WIDTH]),
 }
 
 impl<'a> Bsdfs<'a> {
+    /// Those of the first `len` lanes.
+    #[inline(always)]
+    pub fn of_lanes(each: [&'a Bsdf; MAX_WIDTH], len: usize) -> Self {
+        let mut is_same = true;
+        for bsdf in &each[1..len] {
+            is_same &= std::ptr::eq(*bsdf, each[0]);
+        }
+        if is_same { Self::Same(each[0]) } else { Self::Each(each) }
+    }
+
     /// The BSDF of a lane.
     #[inline(always)]
     pub fn lane(&self, lane: usize) -> &'a Bsdf {
@@ -164,38 +174,35 @@ impl Scene {
         }
     }
 
-    /// The BSDFs of points on one material: one for all lanes, if it is constant and no mixture. `u_kind` is as `u` of
-    /// [`Self::bsdf`]. BSDFs that exist only for one point are stored in `storage`.
+    /// The BSDFs of points on one material: one for all lanes, if it is constant and no mixture. The numbers `u` and the
+    /// indices of refraction `eta` of the lanes are as in [`Self::bsdf`]. BSDFs that exist only for one point are stored in
+    /// `storage`.
     #[inline(always)]
     pub fn bsdfs<'a, F: Lanes>(
         &'a self,
         material: u32,
         points: &SurfacePoints<F>,
-        u_kind: &[f32; MAX_WIDTH],
+        (u, eta): (&[f32; MAX_WIDTH], &[Option<f32>; MAX_WIDTH]),
         storage: &'a mut [Option<Bsdf>; MAX_WIDTH],
     ) -> Bsdfs<'a> {
-        if let Some(bsdf) = self.only_bsdf(material) {
-            return Bsdfs::Same(bsdf);
+        match self.only_bsdf(material) {
+            Some(bsdf) if eta.iter().all(Option::is_none) => Bsdfs::Same(bsdf),
+            _ => self.each_bsdf(points, (u, eta), storage),
         }
-        let mut each = [points.lane(0); MAX_WIDTH];
-        for (lane, point) in each.iter_mut().enumerate().take(F::WIDTH).skip(1) {
-            *point = points.lane(lane);
-        }
-        Bsdfs::Each(self.each_bsdf(&each[..F::WIDTH], u_kind, storage))
     }
 
     #[inline(never)]
-    fn each_bsdf<'a>(
+    fn each_bsdf<'a, F: Lanes>(
         &'a self,
-        points: &[SurfacePoint],
-        u_kind: &[f32; MAX_WIDTH],
+        points: &SurfacePoints<F>,
+        (u, eta): (&[f32; MAX_WIDTH], &[Option<f32>; MAX_WIDTH]),
         storage: &'a mut [Option<Bsdf>; MAX_WIDTH],
-    ) -> [&'a Bsdf; MAX_WIDTH] {
+    ) -> Bsdfs<'a> {
         let mut each = [&Bsdf::Absorber; MAX_WIDTH];
-        for ((bsdf, storage), (p, u)) in each.iter_mut().zip(storage).zip(points.iter().zip(u_kind)) {
-            *bsdf = self.bsdf(p, *u, None, storage);
+        for (lane, (bsdf, storage)) in each.iter_mut().zip(storage).enumerate().take(F::WIDTH) {
+            *bsdf = self.bsdf(&points.lane(lane), u[lane], eta[lane], storage);
         }
-        each
+        Bsdfs::of_lanes(each, F::WIDTH)
     }
 
     /// Frames and receivers of points on one material for the directions `wo` (unit, away from the surface).
