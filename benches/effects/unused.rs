@@ -7,7 +7,7 @@
 use crate::callgrind::Lines;
 
 /// Code for effects only: files, folders, and functions in shared files (none: all).
-pub(crate) const EFFECTS: [(&str, &[&str]); 35] = [
+pub(crate) const EFFECTS: [(&str, &[&str]); 34] = [
     ("bsdf/src/bsdf.rs", &[]),
     ("bsdf/src/clearcoat.rs", &[]),
     ("bsdf/src/compensation.rs", &[]),
@@ -20,12 +20,11 @@ pub(crate) const EFFECTS: [(&str, &[&str]); 35] = [
     ("bsdf/src/transmission.rs", &[]),
     ("integrator/src/learned_roulette", &[]),
     ("integrator/src/mnee", &[]),
-    ("integrator/src/path.rs", &["add_environment", "sample_medium", "sample_presence", "pass", "presence"]),
+    ("integrator/src/path.rs", &["add_environment", "sample_medium", "sample_presence", "pass"]),
     ("integrator/src/ray_state.rs", &[]),
-    ("integrator/src/scatterer.rs", &["one_by_one"]),
     ("integrator/src/wavefront/attempts.rs", &[]),
     ("integrator/src/wavefront/connect.rs", &[]),
-    ("integrator/src/wavefront/group.rs", &["surfaces", "surfaces_of_chance", "enclosing_beyond", "lit_lanes"]),
+    ("integrator/src/wavefront/group.rs", &["surfaces", "enclosing_beyond", "lit_lanes"]),
     ("integrator/src/wavefront/mod.rs", &["arrive", "escape"]),
     ("integrator/src/wavefront/scatter.rs", &["enter_solids", "evaluate_each"]),
     ("scene/src/camera/distortion.rs", &[]),

@@ -7,17 +7,8 @@ use dunkelfeld_lanes::{Lanes, Mask};
 /// limit at f itself would more than double the noise of matt rooms.
 pub(crate) const GATHERED_SHARE: f32 = 1.0 / 32.0;
 
-/// The survival probability of a shadow ray or a connection in Russian roulette before it is traced (Veach 1997, section
-/// 10.4), for a light sample with a contribution of `relative` times the limit ([`GATHERED_SHARE`]). Without it, most shadow
-/// rays of long paths would be traced for samples that add almost nothing. Samples that are not a number survive, so that the
-/// film can count them.
-#[inline(always)]
-pub(crate) fn gathered_survival<F: Lanes>(relative: F) -> F {
-    /// It limits the weight of a sample.
-    const MIN_SURVIVAL: f32 = 1.0 / 16.0;
-    let one = relative.constant(1.0);
-    relative.lt(one).select(relative.max(relative.constant(MIN_SURVIVAL)), one)
-}
+/// Smallest probability of survival in that roulette. It limits the weight of a sample.
+pub(crate) const MIN_GATHERED_SURVIVAL: f32 = 1.0 / 16.0;
 
 /// Factor on the light of a light sample with the density `light_pdf`: the MIS weight over the density. `pdf` is the
 /// density with which scattering draws its direction; it draws no direction to a light without extent.

@@ -4,8 +4,8 @@ use crate::dimensions;
 use crate::direct;
 use crate::mnee::{self, End, SpecularPrefix};
 use crate::ray_state::{RayState, SurfaceHit};
-use dunkelfeld_geometry::Ray;
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, One, V3};
+use dunkelfeld_geometry::{Ray, Vec3};
+use dunkelfeld_lanes::{Lanes, Mask, One, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{Interface, LightChoice, MediumEvent, Receivers, Scene, SurfacePoint};
@@ -26,9 +26,7 @@ const RR_SCALE: f32 = 3.0;
 
 /// The state of a path. Lanes load and store it by rows of four numbers.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct PathState([[f32; 4]; ROWS]);
-
-const ROWS: usize = 6;
+pub(crate) struct PathState([[f32; 4]; 6]);
 
 /// [`PathState`] of each lane.
 #[derive(Clone, Copy, Debug)]
@@ -61,95 +59,55 @@ impl<F: Lanes> PathStates<F> {
     /// Loads the state `of(lane)` of each lane.
     #[inline(always)]
     pub(crate) fn load<'p>(token: F::Token, of: impl Fn(usize) -> &'p PathState) -> Self {
-        let [r, g, b, eta_scale] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[0],
-        );
-        let [red, green, blue, gain_scale] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[1],
-        );
-        let [low, high, index, path_length] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[2],
-        );
-        let [bounces, light_vertices, last_pdf, flags] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[3],
-        );
-        let [x, y, z, _] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[4],
-        );
-        let [nx, ny, nz, _] = F::load_rows(
-            token,
-            #[inline(always)]
-            |lane| &of(lane).0[5],
-        );
-        let flags = flags.to_bits();
+        let [(t, eta_scale), (l, gain_scale), (words, path_length), (counts, _), (point, both_sides), (normal, is_one)] =
+            V3::<F>::load_records(
+                token,
+                #[inline(always)]
+                |lane| &of(lane).0,
+            );
+        let words = [words.x.to_bits(), words.y.to_bits(), words.z.to_bits()];
         Self {
-            throughput: Rgb::new(r, g, b),
+            throughput: Rgb::new(t.x, t.y, t.z),
             eta_scale,
-            radiance: Rgb::new(red, green, blue),
+            radiance: Rgb::new(l.x, l.y, l.z),
             gain_scale,
-            sampler: Sampler::from_words(token, [low.to_bits(), high.to_bits(), index.to_bits()]),
+            sampler: Sampler::from_words(token, words),
             path_length,
-            bounces,
-            light_vertices,
-            last_pdf,
-            last: Receivers {
-                point: V3::new(x, y, z),
-                normal: V3::new(nx, ny, nz),
-                both_sides: has_flag::<F>(token, flags, BOTH_SIDES),
-            },
-            last_choice_is_one: has_flag::<F>(token, flags, ONE_LIGHT),
+            bounces: counts.x,
+            light_vertices: counts.y,
+            last_pdf: counts.z,
+            last: Receivers { point, normal, both_sides: both_sides.is_positive() },
+            last_choice_is_one: is_one.is_positive(),
         }
     }
 
-    /// The states as those of paths, in the order of the lanes.
+    /// Stores the states of the lanes of a mask, in ascending order.
     #[inline(always)]
-    pub(crate) fn rows(&self, token: F::Token) -> [[[f32; 4]; MAX_WIDTH]; ROWS] {
-        let flags =
-            flag::<F>(token, self.last.both_sides, BOTH_SIDES) | flag::<F>(token, self.last_choice_is_one, ONE_LIGHT);
-        let flags = F::from_bits(flags);
+    pub(crate) fn store(&self, lanes: F::Mask, mut to: impl FnMut(usize, PathState)) {
+        let (t, l, last, one) = (self.throughput, self.radiance, &self.last, self.eta_scale.constant(1.0));
         let [low, high, index] = self.sampler.words();
-        let [low, high, index] = [F::from_bits(low), F::from_bits(high), F::from_bits(index)];
-        let (t, l, last) = (self.throughput, self.radiance, &self.last);
-        [
-            F::to_rows([t.r, t.g, t.b, self.eta_scale]),
-            F::to_rows([l.r, l.g, l.b, self.gain_scale]),
-            F::to_rows([low, high, index, self.path_length]),
-            F::to_rows([self.bounces, self.light_vertices, self.last_pdf, flags]),
-            F::to_rows([last.point.x, last.point.y, last.point.z, low]),
-            F::to_rows([last.normal.x, last.normal.y, last.normal.z, low]),
-        ]
+        let rows = [
+            (V3::new(t.r, t.g, t.b), self.eta_scale),
+            (V3::new(l.r, l.g, l.b), self.gain_scale),
+            (V3::new(F::from_bits(low), F::from_bits(high), F::from_bits(index)), self.path_length),
+            (V3::new(self.bounces, self.light_vertices, self.last_pdf), one),
+            (last.point, one.only(last.both_sides)),
+            (last.normal, one.only(self.last_choice_is_one)),
+        ];
+        V3::store_records(
+            rows,
+            lanes,
+            #[inline(always)]
+            |lane, rows| to(lane, PathState(rows)),
+        );
     }
-}
-
-/// Flags of the last vertex.
-const BOTH_SIDES: u32 = 1;
-const ONE_LIGHT: u32 = 2;
-
-#[inline(always)]
-fn has_flag<F: Lanes>(token: F::Token, flags: F::Word, flag: u32) -> F::Mask {
-    F::word_eq(flags & flag, F::splat_word(token, flag))
-}
-
-#[inline(always)]
-fn flag<F: Lanes>(token: F::Token, lanes: F::Mask, flag: u32) -> F::Word {
-    F::from_bits(F::splat_word(token, flag)).only(lanes).to_bits()
 }
 
 impl PathState {
     /// The path of a ray from the camera.
     pub(crate) fn new(sampler: &Sampler) -> Self {
         let [One(low), One(high), One(index)] = sampler.words();
-        let mut state = Self([[0.0; 4]; ROWS]);
+        let mut state = Self([[0.0; 4]; 6]);
         state.0[0] = [1.0; 4];
         state.0[1][3] = -1.0;
         state.0[2] = [f32::from_bits(low), f32::from_bits(high), f32::from_bits(index), 0.0];
@@ -162,18 +120,10 @@ impl PathState {
         PathStates::load((), |_| self)
     }
 
-    /// Replaces the state by that of a lane.
-    #[inline(always)]
-    pub(crate) fn set(&mut self, rows: &[[[f32; 4]; MAX_WIDTH]; ROWS], lane: usize) {
-        for (row, lanes) in self.0.iter_mut().zip(rows) {
-            *row = lanes[lane];
-        }
-    }
-
     /// Replaces the state.
     #[inline]
     pub(crate) fn put(&mut self, path: &Path) {
-        self.set(&path.rows(()), 0);
+        path.store(true, |_, state| *self = state);
     }
 
     /// Radiance of the sample so far [W/(m^2 sr)].
@@ -200,7 +150,7 @@ impl Path {
     /// The ray leaves the scene and adds the radiance of the environment. Returns the contribution.
     pub(crate) fn add_environment(&mut self, scene: &Scene, ray: &Ray, prefix: Option<&SpecularPrefix>) -> Rgb {
         let direction = ray.direction;
-        let end = || End::Infinite { direction };
+        let end = End { is_finite: false, place: direction, normal: Vec3::ZERO };
         let mut sum = Rgb::BLACK;
         let radiance = self.throughput * scene.environment_radiance(direction);
         if !radiance.is_black() {
@@ -226,7 +176,7 @@ impl Path {
         if radiance.is_black() {
             return Rgb::BLACK;
         }
-        let end = || End::Surface { point: surface.point, normal: surface.normal };
+        let end = End { is_finite: true, place: surface.point, normal: surface.normal };
         self.add_with_mis(scene, radiance, prefix, end, |receiver, choice| scene.light_pdf(receiver, choice, surface))
     }
 
@@ -238,7 +188,7 @@ impl Path {
         scene: &Scene,
         radiance: Rgb,
         prefix: Option<&SpecularPrefix>,
-        end: impl FnOnce() -> End,
+        end: End,
         light_pdf: impl FnOnce(&Receivers<f32>, LightChoice) -> f32,
     ) -> Rgb {
         let mut mis_weight = 1.0;
@@ -247,7 +197,7 @@ impl Path {
             let light_pdf = light_pdf(&self.last, choice);
             mis_weight = match prefix.filter(|prefix| !prefix.is_direct()) {
                 None => direct::power_heuristic(self.last_pdf, light_pdf),
-                Some(prefix) => mnee::scattering_mis_weight(scene, &self.last, prefix, end(), self.last_pdf, light_pdf),
+                Some(prefix) => mnee::scattering_mis_weight(scene, &self.last, prefix, end, self.last_pdf, light_pdf),
             };
         }
         let contribution = radiance * mis_weight;
@@ -298,13 +248,13 @@ impl Path {
                 return Some(0.0);
             }
             let u = number.unwrap_or_else(|| sampler.get_1d(dimensions::surface_kind(vertex)));
-            match presence(u, scene.coverage(point, direction)) {
-                Presence::Present { u_kind } => Some(u_kind),
-                Presence::Absent { u } => {
-                    number = Some(u);
-                    None
-                }
+            // Both numbers are uniform again.
+            let coverage = scene.coverage(point, direction);
+            if u < coverage {
+                return Some(u / coverage);
             }
+            number = Some(((u - coverage) / (1.0 - coverage)).min(BELOW_ONE));
+            None
         };
         if let Some(u_kind) = sample(&hit.surface) {
             return Some((hit, u_kind));
@@ -331,25 +281,8 @@ impl Path {
     }
 }
 
-/// The result of the sampling of a coverage.
-enum Presence {
-    /// The surface is present. `u_kind` is a number in `[0, 1)` that is still unused, for surfaces with two random kinds.
-    Present { u_kind: f32 },
-    /// The surface is absent for this sample. `u` is a number in `[0, 1)` that is still unused.
-    Absent { u: f32 },
-}
-
-/// Samples a coverage by a number in `[0, 1)`.
-#[inline]
-fn presence(u: f32, coverage: f32) -> Presence {
-    /// The largest number below 1.
-    const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
-    if u < coverage {
-        Presence::Present { u_kind: u / coverage }
-    } else {
-        Presence::Absent { u: ((u - coverage) / (1.0 - coverage)).min(BELOW_ONE) }
-    }
-}
+/// The largest number below 1.
+const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
 
 /// The survival probability in Russian roulette (Arvo and Kirk 1990). `rr_throughput` is the throughput without the
 /// factor eta^2.

@@ -148,8 +148,8 @@ pub fn crossings(
             }
             (_, before) => {
                 ray_state = before.map_or(ray_state, |before| before.beyond);
-                let Some(hit) = ray_state.intersect_next(scene, &mut interface) else { break };
-                hit
+                let Some(point) = scene.intersect(&ray_state.ray) else { break };
+                ray_state.hit_at(scene, point, &mut interface)
             }
         };
         let (object, material) = scene.ids(&hit.surface);

@@ -45,16 +45,6 @@ impl RayState {
         Self { ray, enclosing }
     }
 
-    /// The next intersection along the ray. Its interface is stored in `storage`.
-    #[inline]
-    pub(crate) fn intersect_next<'a>(
-        &self,
-        scene: &Scene,
-        storage: &'a mut Option<Interface>,
-    ) -> Option<SurfaceHit<'a>> {
-        Some(self.hit_at(scene, scene.intersect(&self.ray)?, storage))
-    }
-
     /// The intersection at a point of the ray. Its interface is stored in `storage`.
     #[inline]
     pub(crate) fn hit_at<'a>(
@@ -81,23 +71,13 @@ impl RayState {
         }
     }
 
-    /// The material of the solid around the origin of the ray.
-    #[inline]
-    pub(crate) fn solid(&self, scene: &Scene) -> Option<u32> {
-        self.enclosing.material(scene)
-    }
-
-    /// A ray from a point in the same solids.
-    #[inline]
-    pub(crate) fn leaving(&self, point: Vec3, direction: Vec3) -> Self {
-        Self { ray: Ray::new(point, direction).at_time(self.ray.time), enclosing: self.enclosing }
-    }
-
     /// Continues behind a surface in the same direction, as if the surface were absent. Faces that coincide with it are
     /// stepped over: [`Scene::next_coincident`] gives them.
     #[inline]
     pub(crate) fn pass_through(&self, hit: &SurfaceHit<'_>) -> Self {
-        let mut next = self.leaving(hit.surface.ray_origin(self.ray.direction), self.ray.direction);
+        let direction = self.ray.direction;
+        let ray = Ray::new(hit.surface.ray_origin(direction), direction).at_time(self.ray.time);
+        let mut next = Self { ray, ..*self };
         if let Some(interface) = hit.interface.filter(|i| matches!(i.boundary, Boundary::Open { .. })) {
             next.enclosing = EnclosingSolids::All(interface.far());
         }

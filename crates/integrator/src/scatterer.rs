@@ -1,8 +1,8 @@
 //! Scattering at surfaces in lanes: the BSDF in the frame of shading, without light through the surface.
 
-use dunkelfeld_bsdf::{Bsdf, BsdfSample, BsdfSamples, Lobe, View};
-use dunkelfeld_geometry::LocalDir;
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, One, V3};
+use dunkelfeld_bsdf::{BsdfSample, BsdfSamples, Lobe, View};
+use dunkelfeld_geometry::{LocalDir, Vec3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Bsdfs, ShadingFrames};
 
@@ -89,48 +89,11 @@ impl<F: Lanes, V: View<F>> Scatterer<F, V> {
     }
 }
 
-/// The BSDF of one lane.
-#[derive(Clone, Copy)]
-pub(crate) struct OneLane<'a> {
-    pub(crate) bsdf: &'a Bsdf,
-    /// Direction toward the camera in the frame of shading.
-    pub(crate) wo: LocalDir,
-}
-
-impl OneLane<'_> {
-    #[inline]
-    fn eval_at(&self, wi: V3<f32>) -> (Rgb, f32) {
-        self.bsdf.eval_pdf(self.wo, LocalDir(wi.into()))
-    }
-}
-
-impl View<f32> for OneLane<'_> {
-    #[inline]
-    fn eval_pdf(&self, wi: V3<f32>) -> (Rgb, f32) {
-        self.eval_at(wi)
-    }
-
-    #[inline]
-    fn sample(&self, u_lobe: f32, u: [f32; 2]) -> BsdfSamples<f32> {
-        match self.bsdf.sample(self.wo, u_lobe, u) {
-            Some(BsdfSample { wi, weight, pdf, lobe, eta }) => {
-                BsdfSamples { wi: wi.0.into(), weight, pdf, lobe: One(lobe.bits()), eta }
-            }
-            None => BsdfSamples { wi: V3::new(0.0, 0.0, 1.0), weight: Rgb::BLACK, pdf: 0.0, lobe: One(0), eta: 1.0 },
-        }
-    }
-
-    #[inline]
-    fn albedo(&self, wo: V3<f32>) -> Rgb {
-        self.bsdf.albedo(LocalDir(wo.into()))
-    }
-}
-
-/// What scattering depends on, one for each lane.
+/// Points at which light scatters, one for each lane. As a view its BSDFs are evaluated one by one.
 #[derive(Clone, Copy)]
 pub(crate) struct Scattering<'g, F: Lanes> {
     pub(crate) token: F::Token,
-    /// Number of lanes that are used.
+    /// Number of lanes that are used. As a view the results of the others are zero.
     pub(crate) len: usize,
     pub(crate) frames: ShadingFrames<F>,
     /// Directions toward the camera, in the frames of shading.
@@ -138,82 +101,56 @@ pub(crate) struct Scattering<'g, F: Lanes> {
     pub(crate) bsdfs: Bsdfs<'g>,
 }
 
-impl<'g, F: Lanes> Scattering<'g, F> {
-    /// The BSDFs one by one.
-    #[inline(always)]
-    pub(crate) fn one_by_one(&self) -> [OneLane<'g>; MAX_WIDTH] {
-        let wo = self.wo.to_lanes();
-        let mut lanes = [OneLane { bsdf: self.bsdfs.lane(0), wo: LocalDir(wo[0]) }; MAX_WIDTH];
-        for lane in 1..F::WIDTH {
-            lanes[lane] = OneLane { bsdf: self.bsdfs.lane(lane), wo: LocalDir(wo[lane]) };
-        }
-        lanes
-    }
-}
-
-/// BSDFs of different kinds, evaluated lane by lane.
-pub(crate) struct EachLane<'a> {
-    pub(crate) lanes: [OneLane<'a>; MAX_WIDTH],
-    /// Number of lanes that are used. The results of the others are zero.
-    pub(crate) len: usize,
-}
-
-impl<F: Lanes> View<F> for EachLane<'_> {
+impl<F: Lanes> View<F> for Scattering<'_, F> {
     #[inline(always)]
     fn eval_pdf(&self, wi: V3<F>) -> (Rgb<F>, F) {
-        let (directions, mut found) = (wi.to_lanes(), [[0.0; MAX_WIDTH]; 4]);
+        let (wo, wi, mut values, mut pdfs) =
+            (self.wo.to_lanes(), wi.to_lanes(), [Rgb::BLACK; MAX_WIDTH], [0.0; MAX_WIDTH]);
         for lane in 0..self.len {
-            let (value, pdf) = self.lanes[lane].eval_at(directions[lane].into());
-            [found[0][lane], found[1][lane], found[2][lane]] = value.to_array();
-            found[3][lane] = pdf;
+            (values[lane], pdfs[lane]) = self.bsdfs.lane(lane).eval_pdf(LocalDir(wo[lane]), LocalDir(wi[lane]));
         }
-        let load = wi.x.token();
-        let [r, g, b, pdf] = [&found[0], &found[1], &found[2], &found[3]];
-        (Rgb::new(F::load(load, r), F::load(load, g), F::load(load, b)), F::load(load, pdf))
+        (Rgb::from_lanes(self.token, &values), F::load(self.token, &pdfs))
     }
 
     #[inline(always)]
     fn sample(&self, u_lobe: F, [u_x, u_y]: [F; 2]) -> BsdfSamples<F> {
-        let (u_lobes, u_xs, u_ys) = (u_lobe.to_array(), u_x.to_array(), u_y.to_array());
-        let (mut found, mut lobes) = ([[0.0; MAX_WIDTH]; 8], [0; MAX_WIDTH]);
+        let (wo, u_lobe, u_x, u_y) = (self.wo.to_lanes(), u_lobe.to_array(), u_x.to_array(), u_y.to_array());
+        let (mut wi, mut weights, mut lobes) = ([Vec3::Z; MAX_WIDTH], [Rgb::BLACK; MAX_WIDTH], [0; MAX_WIDTH]);
+        let (mut pdfs, mut etas) = ([0.0; MAX_WIDTH], [1.0; MAX_WIDTH]);
         for lane in 0..self.len {
-            let s = View::<f32>::sample(&self.lanes[lane], u_lobes[lane], [u_xs[lane], u_ys[lane]]);
-            let numbers = [s.wi.x, s.wi.y, s.wi.z, s.weight.r, s.weight.g, s.weight.b, s.pdf, s.eta];
-            for k in 0..8 {
-                found[k][lane] = numbers[k];
+            let sample = self.bsdfs.lane(lane).sample(LocalDir(wo[lane]), u_lobe[lane], [u_x[lane], u_y[lane]]);
+            if let Some(BsdfSample { wi: LocalDir(direction), weight, pdf, lobe, eta }) = sample {
+                (wi[lane], weights[lane], lobes[lane]) = (direction, weight, lobe.bits());
+                (pdfs[lane], etas[lane]) = (pdf, eta);
             }
-            lobes[lane] = s.lobe.0;
         }
-        let t = u_lobe.token();
         BsdfSamples {
-            wi: V3::new(F::load(t, &found[0]), F::load(t, &found[1]), F::load(t, &found[2])),
-            weight: Rgb::new(F::load(t, &found[3]), F::load(t, &found[4]), F::load(t, &found[5])),
-            pdf: F::load(t, &found[6]),
-            lobe: F::load_word(t, &lobes),
-            eta: F::load(t, &found[7]),
+            wi: V3::from_lanes(self.token, &wi),
+            weight: Rgb::from_lanes(self.token, &weights),
+            pdf: F::load(self.token, &pdfs),
+            lobe: F::load_word(self.token, &lobes),
+            eta: F::load(self.token, &etas),
         }
     }
 
     #[inline(always)]
     fn albedo(&self, wo: V3<F>) -> Rgb<F> {
-        let (directions, mut found) = (wo.to_lanes(), [[0.0; MAX_WIDTH]; 3]);
+        let (directions, mut found) = (wo.to_lanes(), [Rgb::BLACK; MAX_WIDTH]);
         for lane in 0..self.len {
-            let albedo = View::<f32>::albedo(&self.lanes[lane], directions[lane].into());
-            [found[0][lane], found[1][lane], found[2][lane]] = albedo.to_array();
+            found[lane] = self.bsdfs.lane(lane).albedo(LocalDir(directions[lane]));
         }
-        let t = wo.x.token();
-        Rgb::new(F::load(t, &found[0]), F::load(t, &found[1]), F::load(t, &found[2]))
+        Rgb::from_lanes(self.token, &found)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld_geometry::{Mesh, Ray, Vec3};
+    use dunkelfeld_geometry::{Mesh, Ray};
     use dunkelfeld_scene::shapes::rectangle;
     use dunkelfeld_scene::{Material, SceneBuilder, Surface, Volume};
 
-    type At<'a> = Scatterer<f32, OneLane<'a>>;
+    type At<'a> = Scatterer<f32, Scattering<'a, f32>>;
 
     /// Calls `check` with a point on a plate whose shading normal is tilted by `tilt` degrees, for a viewer at an
     /// `elevation` and an `azimuth` from the direction of the tilt [degrees].
@@ -231,8 +168,9 @@ mod tests {
         let ray = Ray::new(center + Vec3::new(0.1, 0.2, 0.0) + wo, -wo);
         let surface = scene.intersect(&ray).expect("the plate is hit");
         let frames = scene.shade_lanes::<f32>(surface.material(), &(&surface).into(), wo.into()).frames;
-        let wo = LocalDir(frames.frame.to_local(wo.into()).into());
-        check(&Scatterer { frames, view: OneLane { bsdf: scene.bsdf(&surface, 0.5, None, &mut None), wo } });
+        let (wo, mut storage) = (frames.frame.to_local(wo.into()), None);
+        let bsdfs = Bsdfs::Same(scene.bsdf(&surface, 0.5, None, &mut storage));
+        check(&Scatterer { frames, view: Scattering { token: (), len: 1, frames, wo, bsdfs } });
     }
 
     const N: usize = 48;

@@ -2,7 +2,7 @@
 
 use crate::dimensions;
 use crate::estimator::Estimator;
-use crate::learned_roulette::{CONNECTION_COST, LIGHTS, LearnedRoulette, Outcomes, SHADOW_COST, Visit};
+use crate::learned_roulette::{CONNECTION, LearnedRoulette, SHADOW, Visit};
 use crate::observer::{ConnectionTally, Event, Observer};
 use crate::wavefront::{Watch, Wavefront};
 use dunkelfeld_lanes::InstructionSet;
@@ -120,11 +120,8 @@ impl Observer for PathOutcomes {
                     point: position,
                     material: material.filter(|_| !in_medium),
                     is_first: visits.is_empty(),
-                    added: 0.0,
-                    throughput: 0.0,
                     cost: 1.0,
-                    shadow: [Outcomes::default(); LIGHTS],
-                    connection: [Outcomes::default(); LIGHTS],
+                    ..Visit::default()
                 });
             } else if let Some(last) = visits.last_mut() {
                 last.cost += 1.0;
@@ -136,16 +133,9 @@ impl Observer for PathOutcomes {
         match event {
             Event::Vertex { .. } => {}
             Event::Emitted(light) => visit.added += light.max_channel(),
-            Event::ShadowRay { index, light } => {
-                visit.added += light.max_channel();
-                visit.cost += SHADOW_COST;
-                visit.shadow[index as usize % LIGHTS].count(!light.is_black(), SHADOW_COST);
-            }
+            Event::ShadowRay { index, light } => visit.add_ray(SHADOW, index, 1, light),
             Event::Connection { index, connection } => {
-                let (light, cost) = (connection.contribution, CONNECTION_COST * connection.rays as f32);
-                visit.added += light.max_channel();
-                visit.cost += cost;
-                visit.connection[index as usize % LIGHTS].count(!light.is_black(), cost);
+                visit.add_ray(CONNECTION, index, connection.rays, connection.contribution);
             }
             Event::Scattered { throughput, .. } => visit.throughput = throughput.max_channel(),
         }

@@ -227,7 +227,7 @@ fn found_in_lanes<F: Lanes>(token: F::Token, scene: &Scene, hits: &[HitOf], foun
     let material = scene.material_of(instance[0], part[0], triangle[0]);
     let shading = scene.shade_lanes(material, &points, wo);
     let mut storage = [None; MAX_WIDTH];
-    let bsdfs = scene.bsdfs(material, &points, (&u, &[None; MAX_WIDTH]), &mut storage);
+    let bsdfs = scene.bsdfs(material, &points, (&u, &[]), &mut storage);
     let frame = shading.frames.frame;
     let consistent = shading.frames.consistent(wo, frame.to_local(wo)).bits();
     let bit = |bits: u32, lane: usize| bits >> lane & 1 == 1;

@@ -14,10 +14,9 @@ pub(crate) struct Cell {
     pub(crate) gain_scale: f32,
     /// `sqrt(E[X^2] / c)` of the rest of a path, for the throughput 1 [W/(m^2 sr)].
     pub(crate) path: f32,
-    /// `sqrt(a / c)` of shadow rays to each light, where `a` is the share of the light that is not occluded.
-    pub(crate) shadow: [f32; LIGHTS],
-    /// The same of connections through covers.
-    pub(crate) connection: [f32; LIGHTS],
+    /// `sqrt(a / c)` of shadow rays ([`SHADOW`](super::SHADOW)) and of connections through covers
+    /// ([`CONNECTION`](super::CONNECTION)) to each light, where `a` is the share of the light that arrives.
+    pub(crate) rays: [[f32; LIGHTS]; 2],
 }
 
 /// Position of the cells: a uniform grid.

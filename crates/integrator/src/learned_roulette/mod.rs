@@ -18,7 +18,7 @@
 mod cells;
 mod statistics;
 
-pub(crate) use statistics::{Outcomes, Visit};
+pub(crate) use statistics::Visit;
 
 use crate::learned_roulette::cells::{Cell, CellGrid, NONE};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
@@ -27,11 +27,13 @@ use dunkelfeld_scene::Scene;
 /// Number of lights with statistics of their own: the lights of a vertex that takes a sample of each.
 pub(crate) const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
 
-/// Cost of a shadow ray with its light sample, relative to a ray to the next surface with its shading.
-pub(crate) const SHADOW_COST: f32 = 0.5;
+/// The kinds of rays to lights: shadow rays, and connections through covers.
+pub(crate) const SHADOW: usize = 0;
+pub(crate) const CONNECTION: usize = 1;
 
-/// Cost of a ray that is traced through a cover for a connection, relative to a ray to the next surface.
-pub(crate) const CONNECTION_COST: f32 = 1.0;
+/// Cost of a shadow ray with its light sample, and of each ray that is traced through a cover for a connection, relative to
+/// a ray to the next surface with its shading.
+pub(crate) const COSTS: [f32; 2] = [0.5, 1.0];
 
 /// Smallest learned survival probability. It bounds the weight of outcomes that training has not met.
 const MIN_SURVIVAL: f32 = 0.2;
@@ -105,38 +107,17 @@ impl<'a, F: Lanes> VertexRoulettes<'a, F> {
         self.is_learned.select(survival, other)
     }
 
-    /// Survival probability of the shadow ray of a light sample; the other probability in lanes without statistics.
-    /// `expected` is an upper bound of its contribution to the pixel [W/(m^2 sr)] if it is not occluded.
+    /// Survival probability of the shadow ray or the connection (`kind`) of a light sample; the other probability in lanes
+    /// without statistics. `expected` is an upper bound of its contribution to the pixel [W/(m^2 sr)].
     #[inline(always)]
-    pub(crate) fn shadow_survival(&self, index: u32, expected: F, other: F) -> F {
-        self.survival(
-            expected,
-            other,
-            #[inline(always)]
-            |cell| cell.shadow[index as usize % LIGHTS],
-        )
-    }
-
-    /// The same of the connection of a light sample through a cover.
-    #[inline(always)]
-    pub(crate) fn connection_survival(&self, index: u32, expected: F, other: F) -> F {
-        self.survival(
-            expected,
-            other,
-            #[inline(always)]
-            |cell| cell.connection[index as usize % LIGHTS],
-        )
-    }
-
-    #[inline(always)]
-    fn survival(&self, expected: F, other: F, share_of: impl Fn(&Cell) -> f32) -> F {
+    pub(crate) fn ray_survival(&self, kind: usize, index: u32, expected: F, other: F) -> F {
         if !self.is_learned.any() {
             return other;
         }
         let mut shares = [0.0; MAX_WIDTH];
         for (share, found) in shares.iter_mut().zip(self.found) {
             if let Some(cell) = self.cells.get(found as usize) {
-                *share = share_of(cell);
+                *share = cell.rays[kind][index as usize % LIGHTS];
             }
         }
         let survival = clamp(expected * self.gain_scale * F::load(expected.token(), &shares));
@@ -170,7 +151,7 @@ mod tests {
     }
 
     fn cell(value: f32) -> Cell {
-        Cell { gain_scale: value, path: 0.5 * value, shadow: [2.0 * value; LIGHTS], connection: [0.0; LIGHTS] }
+        Cell { gain_scale: value, path: 0.5 * value, rays: [[2.0 * value; LIGHTS], [0.0; LIGHTS]] }
     }
 
     /// Cells of the even materials at most of the points; the materials 0 to 3 have values of their own, except 2.
@@ -216,7 +197,7 @@ mod tests {
             let (point, material) = (V3::from_lanes(token, &of_lanes), F::load_word(token, &materials[at..]));
             let learned = roulette.at_lanes::<F>(token, point, material, F::load(token, &gains[at..]));
             let x = F::splat(token, 0.01);
-            let all = [learned.gain_scale, learned.path_survival(x, -x), learned.shadow_survival(1, x, -x)];
+            let all = [learned.gain_scale, learned.path_survival(x, -x), learned.ray_survival(SHADOW, 1, x, -x)];
             for (row, value) in out.iter_mut().zip(all) {
                 value.store(&mut row[at..]);
             }

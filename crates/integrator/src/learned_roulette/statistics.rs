@@ -1,16 +1,18 @@
 //! Statistics of the outcomes of training paths, by cell.
 
 use super::cells::{Cell, CellGrid, Lattice};
-use super::{CONNECTION_COST, LIGHTS, SHADOW_COST};
+use super::{COSTS, LIGHTS};
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_lanes::One;
+use dunkelfeld_radiometry::Rgb;
+use std::array::from_fn;
 use std::collections::BTreeMap;
 
 /// Weight of the statistics of the material in those of a cell \[observations\].
 const PRIOR: f64 = 4.0;
 
 /// A vertex of a training path.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Visit {
     pub(crate) point: Vec3,
     /// Index of the material; `None` in the environment and in media, where nothing is learned.
@@ -21,8 +23,8 @@ pub(crate) struct Visit {
     /// Throughput after scattering; 0 if the path ended.
     pub(crate) throughput: f32,
     pub(crate) cost: f32,
-    pub(crate) shadow: [Outcomes; LIGHTS],
-    pub(crate) connection: [Outcomes; LIGHTS],
+    /// Shadow rays and connections to each light.
+    pub(crate) rays: [[Outcomes; LIGHTS]; 2],
 }
 
 /// Number of shadow rays or connections to a light, of those that arrived, and their cost.
@@ -33,12 +35,17 @@ pub(crate) struct Outcomes {
     cost: f32,
 }
 
-impl Outcomes {
-    pub(crate) fn count(&mut self, arrived: bool, cost: f32) {
-        if self.traced < u8::MAX {
-            self.traced += 1;
-            self.arrived += u8::from(arrived);
-            self.cost += cost;
+impl Visit {
+    /// Adds the light of a shadow ray or connection to a light, for which a number of rays were traced.
+    pub(crate) fn add_ray(&mut self, kind: usize, light: u32, rays: u32, added: Rgb) {
+        self.added += added.max_channel();
+        let cost = COSTS[kind] * rays as f32;
+        self.cost += cost;
+        let outcomes = &mut self.rays[kind][light as usize % LIGHTS];
+        if outcomes.traced < u8::MAX {
+            outcomes.traced += 1;
+            outcomes.arrived += u8::from(!added.is_black());
+            outcomes.cost += cost;
         }
     }
 }
@@ -50,9 +57,8 @@ struct Sums {
     rests: [f64; 3],
     /// Paths whose first vertex lies here: number, sum and squares of their rests, cost.
     paths: [f64; 4],
-    /// Rays to each light: number, arrived, cost.
-    shadow: [[f64; 3]; LIGHTS],
-    connection: [[f64; 3]; LIGHTS],
+    /// Rays of each kind to each light: number, arrived, cost.
+    rays: [[[f64; 3]; LIGHTS]; 2],
 }
 
 /// Radiance [W/(m^2 sr)] and cost of a path, or of its rest after a vertex.
@@ -69,9 +75,8 @@ struct Means {
     rest_cost: f64,
     variance: f64,
     cost: f64,
-    /// Share of the rays to each light that arrive, and their cost.
-    shadow: [[f64; 2]; LIGHTS],
-    connection: [[f64; 2]; LIGHTS],
+    /// Share of the rays of each kind to each light that arrive, and their cost.
+    rays: [[[f64; 2]; LIGHTS]; 2],
 }
 
 impl Sums {
@@ -84,10 +89,8 @@ impl Sums {
         if visit.is_first {
             add(&mut self.paths, [1.0, rest.radiance, rest.radiance * rest.radiance, cost]);
         }
-        for (sums, outcomes) in [(&mut self.shadow, &visit.shadow), (&mut self.connection, &visit.connection)] {
-            for (sum, o) in sums.iter_mut().zip(outcomes) {
-                add(sum, [o.traced.into(), o.arrived.into(), o.cost.into()]);
-            }
+        for (sum, o) in self.rays.as_flattened_mut().iter_mut().zip(visit.rays.as_flattened()) {
+            add(sum, [o.traced.into(), o.arrived.into(), o.cost.into()]);
         }
     }
 
@@ -98,16 +101,16 @@ impl Sums {
         let [paths, sum, squares, cost] = self.paths;
         // The sum of squared deviations from the mean of the cell.
         let deviations = if paths > 0.0 { (squares - sum * sum / paths).max(0.0) } else { 0.0 };
-        let to_lights = |sums: &[[f64; 3]; LIGHTS], prior: &[[f64; 2]; LIGHTS]| {
-            std::array::from_fn(|i| [1, 2].map(|k| mean(sums[i][0], sums[i][k], prior[i][k - 1])))
+        let to_light = |kind: usize, light: usize| {
+            let ([traced, arrived, cost], prior) = (self.rays[kind][light], prior.rays[kind][light]);
+            [mean(traced, arrived, prior[0]), mean(traced, cost, prior[1])]
         };
         Means {
             rest_square: mean(rests, square, prior.rest_square),
             rest_cost: mean(rests, rest_cost, prior.rest_cost),
             variance: mean(paths, deviations, prior.variance),
             cost: mean(paths, cost, prior.cost),
-            shadow: to_lights(&self.shadow, &prior.shadow),
-            connection: to_lights(&self.connection, &prior.connection),
+            rays: from_fn(|kind| from_fn(|light| to_light(kind, light))),
         }
     }
 }
@@ -119,8 +122,7 @@ impl Means {
         rest_cost: 1.0,
         variance: 0.0,
         cost: 1.0,
-        shadow: [[0.5, SHADOW_COST as f64]; LIGHTS],
-        connection: [[0.5, CONNECTION_COST as f64]; LIGHTS],
+        rays: [[[0.5, COSTS[0] as f64]; LIGHTS], [[0.5, COSTS[1] as f64]; LIGHTS]],
     };
 
     fn cell(&self) -> Cell {
@@ -128,8 +130,7 @@ impl Means {
         Cell {
             gain_scale: gain(self.cost, self.variance),
             path: gain(self.rest_square, self.rest_cost),
-            shadow: self.shadow.map(|[arrived, cost]| gain(arrived, cost)),
-            connection: self.connection.map(|[arrived, cost]| gain(arrived, cost)),
+            rays: self.rays.map(|of_kind| of_kind.map(|[arrived, cost]| gain(arrived, cost))),
         }
     }
 }

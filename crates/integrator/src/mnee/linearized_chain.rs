@@ -1,9 +1,10 @@
 //! Linearised chains: the faces of covers near traced rays. They predict the neighbouring rays without intersecting the
 //! mesh again.
 
-use super::ray_differential::{Bend, RayDifferentials};
+use super::ray_differential::RayDifferentials;
 use dunkelfeld_lanes::{Double, Lanes, Mask, Real, V3};
 use dunkelfeld_scene::NormalDifferentials;
+use smallvec::SmallVec;
 
 /// Maximum number of events. Longer chains are not linearised. Two double passes through a sheet have this number of
 /// events.
@@ -29,7 +30,7 @@ pub(super) struct SpecularVertices<F: Lanes> {
 /// The interfaces of traced chains in order, starting at the receivers.
 #[derive(Debug)]
 pub(super) struct LinearizedChains<F: Lanes> {
-    vertices: [Option<SpecularVertices<F>>; MAX_EVENTS],
+    vertices: SmallVec<[SpecularVertices<F>; MAX_EVENTS]>,
     /// Lanes whose chain has no more than [`MAX_EVENTS`].
     is_short: F::Mask,
 }
@@ -37,18 +38,16 @@ pub(super) struct LinearizedChains<F: Lanes> {
 impl<F: Lanes> LinearizedChains<F> {
     #[inline(always)]
     pub(super) fn new(token: F::Token) -> Self {
-        Self { vertices: [const { None }; MAX_EVENTS], is_short: F::mask(token, u32::MAX >> (32 - F::WIDTH)) }
+        Self { vertices: SmallVec::new(), is_short: F::mask(token, u32::MAX >> (32 - F::WIDTH)) }
     }
 
-    /// Stores the interfaces of an event. Those of later events are removed.
+    /// Appends the interfaces of the next event.
     #[inline(always)]
-    pub(super) fn set(&mut self, event: usize, vertices: &SpecularVertices<F>) {
-        match self.vertices.get_mut(event) {
-            Some(slot) => *slot = Some(*vertices),
-            None => self.is_short = self.is_short & !vertices.lanes,
-        }
-        if let Some(next) = self.vertices.get_mut(event + 1) {
-            *next = None;
+    pub(super) fn push(&mut self, vertices: SpecularVertices<F>) {
+        if self.vertices.len() < MAX_EVENTS {
+            self.vertices.push(vertices);
+        } else {
+            self.is_short = self.is_short & !vertices.lanes;
         }
     }
 
@@ -63,11 +62,10 @@ impl<F: Lanes> LinearizedChains<F> {
     ) -> (F::Mask, [V3<F::Double>; 2], RayDifferentials<F>) {
         let mut rays = RayDifferentials::from_point(first);
         let (mut position, mut direction, mut passes) = (origin, first.widen(), self.is_short);
-        for vertex in self.vertices.iter().map_while(|vertex| vertex.as_ref()) {
+        for vertex in &self.vertices {
             let (point, flat, eta) = (vertex.point.widen(), vertex.geometric_normal.widen(), Double::widen(vertex.eta));
             let distance = (point - position).dot(flat) / direction.dot(flat);
-            let (mut moved, there) = (rays, position + direction * distance);
-            moved.transfer(direction, distance, flat);
+            let there = position + direction * distance;
             let mut normal = vertex.normal.widen();
             if let Some(differential) = &vertex.differential {
                 normal = (normal + differential.along(there - point)).normalize();
@@ -80,18 +78,10 @@ impl<F: Lanes> LinearizedChains<F> {
             // Of the direction behind the interface along the normal.
             let along = (incident.lt(zero) ^ is_reflection).select(-cosine, cosine);
             let behind = direction / eta + normal * (along - incident / eta);
-            moved.bend(&Bend {
-                before: direction,
-                behind,
-                normal,
-                differential: vertex.differential,
-                eta,
-                is_reflection,
-            });
+            rays = rays.behind(vertex, distance, normal, [direction, behind]);
             let is_possible = distance.is_positive() & distance.is_finite() & square.is_positive();
             passes = passes & (!vertex.lanes | F::Double::narrow_mask(is_possible));
             let lanes = F::Double::widen_mask(vertex.lanes);
-            rays = RayDifferentials::select(vertex.lanes, moved, rays);
             position = V3::select(lanes, there, position);
             direction = V3::select(lanes, behind, direction);
         }
@@ -120,9 +110,9 @@ mod tests {
         let zero = V3::new(0.0, 0.0, 0.0);
         let mut chain = LinearizedChains::new(());
         let (top, inverse) = (h + d, 1.0 / n);
-        chain.set(0, &vertex(h, n, false));
-        chain.set(1, &vertex(top, inverse, false));
-        chain.set(2, &vertex(0.5, 1.0, true));
+        chain.push(vertex(h, n, false));
+        chain.push(vertex(top, inverse, false));
+        chain.push(vertex(0.5, 1.0, true));
         let first = DVec3::new(0.5, 0.1, 0.7).normalize().as_vec3();
         let direction = first.as_dvec3();
         let (passes, [position, leaving], rays) = chain.trace(zero, first.into());
@@ -143,12 +133,14 @@ mod tests {
         let (other, turned) = (vector(other), vector(turned));
         let reached = (other - position) + (turned - leaving_vector) * 0.3;
         let reached = reached - turned * (reached.dot(leaving_vector) / turned.dot(leaving_vector));
-        let [x, y] = rays.jacobians_at(leaving, 0.3).solve(V3::new(reached.x, reached.y, reached.z));
+        let [x, y] = rays.jacobians(leaving, 0.3, false).solve(V3::new(reached.x, reached.y, reached.z));
         assert!((x - f64::from(step)).abs() < 3e-6 && y.abs() < 3e-6, "{x} {y}");
         // Total reflection, and a chain with too many events.
-        chain.set(0, &vertex(h, 1.0 / 3.0, false));
-        assert!(!chain.trace(zero, first.into()).0);
-        (0..7).for_each(|event| chain.set(event, &vertex(h, 1.0, false)));
-        assert!(!chain.trace(zero, first.into()).0);
+        let mut total = LinearizedChains::new(());
+        total.push(vertex(h, 1.0 / 3.0, false));
+        assert!(!total.trace(zero, first.into()).0);
+        let mut long = LinearizedChains::new(());
+        (0..7).for_each(|event| long.push(vertex(h + event as f32, 1.0, false)));
+        assert!(!long.trace(zero, first.into()).0);
     }
 }

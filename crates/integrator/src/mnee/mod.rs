@@ -46,8 +46,7 @@ use dunkelfeld_scene::covers::Wanted;
 use dunkelfeld_scene::{CandidateChains, Chain, Receivers, Scene, Targets};
 use linearized_chain::LinearizedChains;
 use ray_differential::{EndpointJacobians, RayDifferentials};
-use trace_chain::TracedChains;
-pub(crate) use trace_chain::{MAX_TRAVERSALS, Segments, Traversal, trace_chains};
+pub(crate) use trace_chain::{MAX_TRAVERSALS, Segments, TracedChains, Traversal, trace_chains};
 
 /// Maximum number of rays of one connection.
 const MAX_RAYS: u32 = 6;
@@ -123,11 +122,12 @@ pub(crate) struct Endpoints<F: Lanes> {
 
 /// The end of a path on a light.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum End {
-    /// A point on a surface that emits, with its unit normal.
-    Surface { point: Vec3, normal: Vec3 },
-    /// A direction toward light at infinity.
-    Infinite { direction: Vec3 },
+pub(crate) struct End {
+    /// True for a point on a surface that emits, false for a direction toward light at infinity.
+    pub(crate) is_finite: bool,
+    pub(crate) place: Vec3,
+    /// Unit normal of the surface; zero at infinity.
+    pub(crate) normal: Vec3,
 }
 
 /// The weight of a path that scattering has sampled through a cover, with the density `pdf` [1/sr] at its start.
@@ -143,18 +143,14 @@ pub(crate) fn scattering_mis_weight(
 ) -> f32 {
     let Some(stack) = specular_prefix.stack.filter(|_| straight_pdf > 0.0) else { return 1.0 };
     let RayState { ray, enclosing } = specular_prefix.start;
-    let (is_finite, point, direction, normal) = match end {
-        End::Surface { point, normal } => {
-            (true, point, (point - Vec3::from(receiver.point)).normalize_or_zero(), normal)
-        }
-        End::Infinite { direction } => (false, Vec3::ZERO, direction, Vec3::ZERO),
-    };
+    let End { is_finite, place, normal } = end;
+    let direction = if is_finite { (place - Vec3::from(receiver.point)).normalize_or_zero() } else { place };
     let ends = Endpoints::<f32> {
         receivers: *receiver,
         origin: ray.origin.into(),
         time: ray.time,
         enclosing: [enclosing; MAX_WIDTH],
-        targets: Targets { point: point.into(), direction: direction.into(), is_finite },
+        targets: Targets { point: place.into(), direction: direction.into(), is_finite },
         light_normal: normal.into(),
     };
     let solver = Solver { scene, set: InstructionSet::Scalar, token: (), ends: &ends };
@@ -175,24 +171,24 @@ pub(crate) fn scattering_mis_weight(
         traversal
     };
     let (mut ray, mut search) = (0, Search::new((), selected.direction));
-    let found = loop {
+    let (traversal, found) = loop {
         ray += 1;
         let mut traversal = trace(&search);
         let (found, is_open) = traversal.advance(ray);
         if !is_open {
-            break found;
+            break (traversal, found);
         }
         search = traversal.search;
     };
     // Does the sampled direction belong to the same solution?
-    let residuals = solver.residuals_of(&trace(&Search::new((), sampled)).traced);
+    let residuals = trace(&Search::new((), sampled)).residuals();
     let distance = (found.direction.widen() - sampled.widen()).length().narrow();
     let is_same = residuals.exists && distance <= (found.step + residuals.size) * 2.0 + ROUNDING;
     if !found.has_converged || !is_same {
         return 1.0;
     }
     let density = straight_pdf * selected.probability / found.solid_angle_ratio;
-    power_heuristic(pdf * found.traced.probability, density)
+    power_heuristic(pdf * traversal.traced.probability, density)
 }
 
 /// Solved chains, one for each lane.
@@ -202,8 +198,6 @@ pub(crate) struct Connections<F: Lanes> {
     pub(crate) has_converged: F::Mask,
     /// First directions.
     pub(crate) direction: V3<F>,
-    /// The chains up to their last interface.
-    pub(crate) traced: TracedChains<F>,
     /// The next Newton steps \[rad\], which are about the distances of the directions from the solutions.
     step: F,
     /// Solid angles at the receivers through the chains over those of the straight lines [sr/sr].
@@ -395,13 +389,6 @@ impl<F: Lanes> Solver<'_, F> {
         )
     }
 
-    /// The misses of traced chains.
-    #[inline(always)]
-    fn residuals_of(&self, traced: &TracedChains<F>) -> Residuals<F> {
-        let residuals = self.residuals(traced.origin.widen(), traced.direction.widen(), &traced.differentials);
-        Residuals { exists: residuals.exists & traced.exists, ..residuals }
-    }
-
     /// The misses of rays that leave the covers.
     #[inline(always)]
     fn residuals(
@@ -414,65 +401,62 @@ impl<F: Lanes> Solver<'_, F> {
         let point = targets.point.widen();
         let to_light = point - position;
         let distance = to_light.dot(leaving);
-        let mut is_ahead = F::Double::narrow_mask(distance.is_positive());
-        let mut miss = to_light - leaving * distance;
-        let mut scale = (point - receivers.point.widen()).length();
-        let mut jacobians = differentials.jacobians_at(leaving, distance);
-        let is_infinite = !targets.is_finite;
-        if is_infinite.any() {
-            is_ahead = is_ahead | is_infinite;
-            let lanes = F::Double::widen_mask(is_infinite);
-            miss = V3::select(lanes, targets.direction.widen() - leaving, miss);
-            scale = lanes.select(scale.constant(1.0), scale);
-            jacobians = EndpointJacobians::select(lanes, differentials.jacobians_at_infinity(leaving), jacobians);
-        }
+        let (is_infinite, one) = (F::Double::widen_mask(!targets.is_finite), distance.constant(1.0));
+        let is_ahead = F::Double::narrow_mask(distance.is_positive() | is_infinite);
+        let miss = V3::select(is_infinite, targets.direction.widen() - leaving, to_light - leaving * distance);
+        let scale = is_infinite.select(one, (point - receivers.point.widen()).length());
+        let jacobians = differentials.jacobians(leaving, distance, !targets.is_finite);
         let [x, y] = jacobians.solve(miss);
         let step = [x.narrow(), y.narrow()];
         let exists = is_ahead & step[0].is_finite() & step[1].is_finite();
         let size = (x * x + y * y).sqrt().narrow();
         Residuals { exists, error: (miss.length() / scale).narrow(), step, size, jacobians }
     }
+}
+
+impl<F: Lanes> Traversal<'_, F> {
+    /// The misses of traced chains.
+    #[inline(always)]
+    fn residuals(&self) -> Residuals<F> {
+        let traced = &self.traced;
+        let (position, leaving) = (traced.origin.widen(), traced.direction.widen());
+        let residuals = self.solver.residuals(position, leaving, &traced.differentials);
+        Residuals { exists: residuals.exists & traced.exists, ..residuals }
+    }
 
     /// Chains that have arrived, in lanes whose light leaves the right side of its surface.
     #[inline(always)]
-    fn connections(
-        &self,
-        (lanes, direction): (F::Mask, V3<F>),
-        traced: &TracedChains<F>,
-        residuals: &Residuals<F>,
-    ) -> Connections<F> {
-        let Endpoints { targets, receivers, light_normal, .. } = self.ends;
+    fn connections(&self, lanes: F::Mask, direction: V3<F>, residuals: &Residuals<F>) -> Connections<F> {
+        let Endpoints { targets, receivers, light_normal, .. } = self.solver.ends;
         let area = residuals.jacobians.area();
         let line = targets.point.widen() - receivers.point.widen();
         let (square, normal) = (line.length_squared(), light_normal.widen());
-        let cosines = traced.direction.widen().dot(normal) * square.sqrt() / line.dot(normal);
+        let cosines = self.traced.direction.widen().dot(normal) * square.sqrt() / line.dot(normal);
         let is_finite = F::Double::widen_mask(targets.is_finite);
         let ratio = is_finite.select(square * cosines, area.constant(1.0)) / area;
         let solid_angle_ratio = ratio.narrow();
         let has_converged = lanes & solid_angle_ratio.is_positive() & solid_angle_ratio.is_finite();
-        Connections { has_converged, direction, traced: *traced, step: residuals.size, solid_angle_ratio }
+        Connections { has_converged, direction, step: residuals.size, solid_angle_ratio }
     }
-}
 
-impl<F: Lanes> Traversal<'_, F> {
     /// Continues the searches behind their traced rays; `ray` is their number, from one. Returns the chains that have arrived,
     /// and the lanes whose search goes on. The result depends only on receiver, light, stack and chain.
     #[inline(always)]
     pub(crate) fn advance(&mut self, ray: u32) -> (Connections<F>, F::Mask) {
-        let Self { solver, lanes, search: Search { direction, best, failures }, traced, linearized: chains, .. } = self;
-        let residuals = solver.residuals_of(traced);
+        let (residuals, axes) = (self.residuals(), self.traced.differentials.axes);
         let Residuals { exists, error, step, size, .. } = residuals;
-        let axes = traced.differentials.axes;
         let has_arrived = exists & error.le(error.constant(ERROR_TOLERANCE)) & size.le(size.constant(STEP_TOLERANCE));
-        let connections = solver.connections((has_arrived, turned(*direction, axes, step)), traced, &residuals);
+        let arrived = turned(self.search.direction, axes, step);
+        let connections = self.connections(has_arrived, arrived, &residuals);
+        let Self { solver, lanes, search: Search { direction, best, failures }, linearized, .. } = self;
         let active = *lanes & !has_arrived;
         let is_better = active & exists & error.lt(best.error);
         *failures = (*failures + 1.0).only(!is_better);
         if is_better.any() {
             let scale = size.constant(1.0).min(size.recip() * MAX_STEP);
             let step = [step[0] * scale, step[1] * scale];
-            let (linearized, has_linearized) =
-                solver.solve_linearized(chains, is_better, turned(*direction, axes, step));
+            let start = turned(*direction, axes, step);
+            let (linearized, has_linearized) = solver.solve_linearized(linearized, is_better, start);
             best.replace(is_better, &Best { direction: *direction, axes, step, error, linearized, has_linearized });
         }
         let (next, has_next) = best.next_directions(*failures);

@@ -1,7 +1,7 @@
 //! Traces chains of smooth interfaces from receivers through the real mesh.
 
 use super::linearized_chain::{LinearizedChains, SpecularVertices};
-use super::ray_differential::{Bend, RayDifferentials};
+use super::ray_differential::RayDifferentials;
 use super::{Search, Solver};
 use crate::ray_state::{EnclosingSolids, RayState};
 use crate::scatterer::Scatterer;
@@ -66,7 +66,7 @@ pub(crate) struct Traversal<'a, F: Lanes> {
     /// The lanes with a search.
     pub(crate) lanes: F::Mask,
     pub(crate) search: Search<F>,
-    pub(super) traced: TracedChains<F>,
+    pub(crate) traced: TracedChains<F>,
     /// The interfaces that were hit.
     pub(super) linearized: LinearizedChains<F>,
 }
@@ -183,7 +183,7 @@ impl<F: Lanes> Traversal<'_, F> {
                 }
             }
             let faces = self.next_faces(F::mask(token, found), &hits.lanes(token, &segments));
-            self.pass_faces(&faces, (event as usize, active, is_reflection));
+            self.pass_faces(&faces, active, is_reflection);
         }
     }
 
@@ -281,7 +281,7 @@ impl<F: Lanes> Traversal<'_, F> {
 
     /// Reflects and refracts rays at their faces, in the lanes of an event.
     #[inline(always)]
-    fn pass_faces(&mut self, faces: &Faces<F>, (event, active, is_reflection): (usize, F::Mask, F::Mask)) {
+    fn pass_faces(&mut self, faces: &Faces<F>, active: F::Mask, is_reflection: F::Mask) {
         let Self { solver: Solver { scene, token, .. }, traced, .. } = self;
         let token = *token;
         let (points, from) = (&faces.points, traced.direction);
@@ -299,7 +299,7 @@ impl<F: Lanes> Traversal<'_, F> {
             let material = materials[left.trailing_zeros() as usize % MAX_WIDTH];
             let same = F::word_eq(points.material, F::splat_word(token, material));
             let mut storage = [const { None }; MAX_WIDTH];
-            let bsdfs = scene.bsdfs(material, points, (&[0.0; MAX_WIDTH], &etas), &mut storage);
+            let bsdfs = scene.bsdfs(material, points, (&[], &etas), &mut storage);
             let Some((surfaces, its)) = dielectrics(&bsdfs) else { break };
             let frames = scene.shade_lanes(material, points, -from).frames;
             let surface = InLanes::<F>::gather(token, &surfaces);
@@ -320,30 +320,18 @@ impl<F: Lanes> Traversal<'_, F> {
         let (is_turned, differential) = scene.normal_differentials(token, points, -from, normals);
         let passes = active & faces.found & passes & !is_turned;
         traced.exists = traced.exists & (!active | passes);
-        let mut differentials = traced.differentials;
-        let bend = Bend {
-            before: from.widen(),
-            behind: wi.widen(),
-            normal: normals.widen(),
+        let vertices = SpecularVertices {
+            lanes: passes,
+            point: points.point,
+            geometric_normal: points.normal,
+            normal: normals,
             differential,
-            eta: Double::widen(eta),
-            is_reflection: F::Double::widen_mask(is_reflection),
+            eta,
+            is_reflection,
         };
-        differentials.transfer(bend.before, Double::widen(faces.distance), points.normal.widen());
-        differentials.bend(&bend);
-        traced.differentials = RayDifferentials::select(passes, differentials, traced.differentials);
-        self.linearized.set(
-            event,
-            &SpecularVertices {
-                lanes: passes,
-                point: points.point,
-                geometric_normal: points.normal,
-                normal: normals,
-                differential,
-                eta,
-                is_reflection,
-            },
-        );
+        let (distance, directions) = (Double::widen(faces.distance), [from.widen(), wi.widen()]);
+        traced.differentials = traced.differentials.behind(&vertices, distance, normals.widen(), directions);
+        self.linearized.push(vertices);
         traced.weight = Rgb::select(passes, weight, traced.weight);
         traced.probability = passes.select(traced.probability * faces.open * pdf, traced.probability);
         traced.origin = V3::select(passes, points.ray_origins(wi), traced.origin);

@@ -7,7 +7,10 @@ use super::scatter::{Directions, Draw, Evaluated, LIGHTS, evaluate_group};
 use super::{Watch, Wavefront};
 use crate::direct::power_heuristic;
 use crate::estimator::Estimator;
-use crate::mnee::{Connections, Endpoints, MAX_TRAVERSALS, Search, SearchRecord, Solver, Traversal, trace_chains};
+use crate::learned_roulette::CONNECTION;
+use crate::mnee::{
+    Connections, Endpoints, MAX_TRAVERSALS, Search, SearchRecord, Solver, TracedChains, Traversal, trace_chains,
+};
 use crate::observer::{Event, TraceConnection};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
@@ -19,22 +22,8 @@ pub(super) type Candidates<F> = SmallVec<[CandidateChains<F>; LIGHTS]>;
 
 impl Wavefront<'_> {
     /// Chooses a chain to each light sample. Its first directions are appended to those that are evaluated.
-    #[inline(always)]
-    pub(super) fn choose_chains<F: Lanes>(
-        &self,
-        group: &Group<'_, F>,
-        draws: &[Draw<F>],
-        directions: &mut Directions<F>,
-    ) -> Candidates<F> {
-        let mut candidates = SmallVec::new();
-        if !self.estimator.scene.covers().is_empty() {
-            self.choose_each(group, draws, directions, &mut candidates);
-        }
-        candidates
-    }
-
     #[inline(never)]
-    fn choose_each<F: Lanes>(
+    pub(super) fn choose_chains<F: Lanes>(
         &self,
         group: &Group<'_, F>,
         draws: &[Draw<F>],
@@ -42,13 +31,14 @@ impl Wavefront<'_> {
         candidates: &mut Candidates<F>,
     ) {
         F::vectorize(
-            group.token,
+            group.at.token,
             #[inline(always)]
             || {
                 for Draw { light, u_chain, .. } in draws {
                     let lanes = group.lit & light.pdf.is_positive() & !light.is_delta;
-                    let ends = self.endpoints(group, light);
-                    let chosen = self.solver(group.token, &ends).choose(lanes, *u_chain);
+                    let (ends, scene) = (&self.endpoints(group, light), self.estimator.scene);
+                    let solver = Solver { scene, set: self.set, token: group.at.token, ends };
+                    let chosen = solver.choose(lanes, *u_chain);
                     directions.push((chosen.is_some, chosen.direction));
                     candidates.push(chosen);
                 }
@@ -67,7 +57,7 @@ impl Wavefront<'_> {
         watch: &Watch<'_>,
     ) {
         F::vectorize(
-            group.token,
+            group.at.token,
             #[inline(always)]
             || {
                 let expected = candidates.iter().zip(&found.direct[draws.len()..]);
@@ -81,7 +71,7 @@ impl Wavefront<'_> {
                         let ends = self.endpoints(group, &draw.light);
                         let light = group.state.throughput * draw.light.radiance * survival.recip();
                         let CandidateChains { chain, probability, .. } = *chosen;
-                        let (pdf, at) = (draw.light.pdf, group.scattering());
+                        let (pdf, at) = (draw.light.pdf, group.at);
                         let entry = Entry { ends, chain, probability, light, pdf, at };
                         self.attempts.append(lanes, (chosen, index), &entry, &group.paths);
                     }
@@ -106,7 +96,7 @@ impl Wavefront<'_> {
         let density = draw.light.pdf * chosen.probability;
         let expected = *scattered * draw.light.radiance * (power_heuristic(density, *pdf) / density);
         let brightest = group.state.throughput.max_channel() * expected.max_channel();
-        group.learned.connection_survival(index, brightest, group.gathered_survival(expected))
+        group.learned.ray_survival(CONNECTION, index, brightest, group.gathered_survival(expected))
     }
 
     /// Searches the queued chains ray by ray, and stores the shadow rays behind the covers.
@@ -177,10 +167,10 @@ impl Wavefront<'_> {
                 for (numbers, (traversal, (entry, _))) in
                     numbers.chunks(F::WIDTH).zip(traversals.iter_mut().zip(&loaded))
                 {
-                    self.lane_use.connections[0] += numbers.len() as u64;
-                    self.lane_use.connections[1] += F::WIDTH as u64;
+                    self.lane_use.count::<F>(2, numbers.len());
                     let (connections, is_open) = traversal.advance(ray);
-                    let (arriving, mis_weight) = self.send_shadow_rays(queue, (numbers, entry), &connections, watch);
+                    let (arriving, mis_weight) =
+                        self.send_shadow_rays(queue, (numbers, entry), (&traversal.traced, &connections), watch);
                     if watch.observer.is_some() {
                         let lanes = [traversal.lanes & !is_open, connections.has_converged, arriving];
                         self.report(queue, (numbers, entry, ray), (lanes, mis_weight), watch);
@@ -206,7 +196,7 @@ impl Wavefront<'_> {
         &mut self,
         queue: &Attempts,
         (numbers, entry): (&[u32], &Entry<'_, F>),
-        connections: &Connections<F>,
+        (traced, connections): (&TracedChains<F>, &Connections<F>),
         watch: &mut Watch<'_>,
     ) -> (F::Mask, F) {
         let Entry { ends, light, pdf: light_pdf, at, .. } = entry;
@@ -216,7 +206,6 @@ impl Wavefront<'_> {
         watch.tally.converged += u64::from(connections.has_converged.bits().count_ones());
         let direction = [(connections.has_converged, connections.direction)];
         let (scattered, pdf) = evaluate_group(at, &direction, None).direct[0];
-        let traced = &connections.traced;
         let unoccluded = scattered * *light * traced.weight;
         let arriving = connections.has_converged & unoccluded.is_lit();
         // The density of the first direction.
@@ -288,10 +277,5 @@ impl Wavefront<'_> {
             targets: Targets { point: light.point, direction: light.direction, is_finite: light.is_finite },
             light_normal: light.normal,
         }
-    }
-
-    #[inline(always)]
-    fn solver<'s, F: Lanes>(&'s self, token: F::Token, ends: &'s Endpoints<F>) -> Solver<'s, F> {
-        Solver { scene: self.estimator.scene, set: self.set, token, ends }
     }
 }

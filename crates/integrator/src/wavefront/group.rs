@@ -1,7 +1,7 @@
 //! Paths at points of one material or medium, one for each lane: the inputs of scattering.
 
 use super::{ARRIVED, Arrival, Layers, MEDIUM, Watch, Wavefront};
-use crate::direct::{GATHERED_SHARE, gathered_survival};
+use crate::direct::{GATHERED_SHARE, MIN_GATHERED_SURVIVAL};
 use crate::learned_roulette::VertexRoulettes;
 use crate::observer::Event;
 use crate::path::PathStates;
@@ -11,20 +11,18 @@ use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{
-    Bsdfs, Interface, LightChoice, Receivers, ShadingFrames, ShadingLanes, SurfacePoint, SurfacePoints,
-};
+use dunkelfeld_scene::{Bsdfs, Interface, LightChoice, Receivers, ShadingLanes, SurfacePoint, SurfacePoints};
 use smallvec::SmallVec;
 
 /// Paths at points of one material or medium, one for each lane. Free lanes repeat the first path.
 pub(super) struct Group<'g, F: Lanes> {
-    pub(super) token: F::Token,
+    /// The points with their BSDFs.
+    pub(super) at: Scattering<'g, F>,
     /// Number of the vertex on each path.
     pub(super) vertex: u32,
     pub(super) in_medium: bool,
     pub(super) choice: LightChoice,
-    /// Number of lanes that are used, and their mask.
-    pub(super) len: usize,
+    /// Lanes that are used.
     pub(super) used: F::Mask,
     /// Lanes with light samples.
     pub(super) lit: F::Mask,
@@ -32,14 +30,10 @@ pub(super) struct Group<'g, F: Lanes> {
     pub(super) state: PathStates<F>,
     /// Points on surfaces; in a medium their errors are zero.
     pub(super) points: SurfacePoints<F>,
-    pub(super) frames: ShadingFrames<F>,
     pub(super) receivers: Receivers<F>,
-    /// Directions of the rays, and directions toward the camera in the frames of shading.
+    /// Directions of the rays.
     pub(super) from: V3<F>,
-    pub(super) wo: V3<F>,
-    pub(super) bsdfs: Bsdfs<'g>,
-    /// The interfaces of solids at the points, where these are found path by path. Else empty.
-    pub(super) interfaces: SmallVec<[Option<&'g Interface>; MAX_WIDTH]>,
+    pub(super) arrived: Arrived<'g>,
     /// Albedo of single scattering in the medium.
     pub(super) medium_albedo: Option<Rgb>,
     /// The material, if the surfaces bound solids.
@@ -50,6 +44,16 @@ pub(super) struct Group<'g, F: Lanes> {
     pub(super) gathered: F,
     /// Does a lane set its auxiliary layers?
     pub(super) has_layers: bool,
+}
+
+/// The data of points that are found path by path. Empty for other points.
+#[derive(Default)]
+pub(super) struct Arrived<'g> {
+    /// The interfaces of solids.
+    interfaces: SmallVec<[Option<&'g Interface>; MAX_WIDTH]>,
+    /// Indices of refraction at these, and the numbers that decide the kinds of the surfaces.
+    eta: SmallVec<[Option<f32>; MAX_WIDTH]>,
+    u_kind: SmallVec<[f32; MAX_WIDTH]>,
 }
 
 /// BSDFs that exist only for the points of a group.
@@ -82,24 +86,21 @@ impl<'a> Wavefront<'a> {
                 }
                 let from = self.rays.directions::<F>(token, rays);
                 let wo = -from;
-                let points = if !is_arrived {
-                    scene.surface_points(token, &self.hits.lanes::<F>(token, rays), self.rays.times(token, rays))
-                } else {
-                    SurfacePoints::from_lanes(token, &self.surfaces(rays))
+                let (mut arrived, mut medium_albedo) = (Arrived::default(), None);
+                let points = match is_arrived {
+                    true => SurfacePoints::from_lanes(token, &self.surfaces(rays, interfaces, &mut arrived)),
+                    false => {
+                        scene.surface_points(token, &self.hits.lanes::<F>(token, rays), self.rays.times(token, rays))
+                    }
                 };
-                let (mut its_interfaces, mut medium_albedo) = (SmallVec::new(), None);
-                let bsdfs = match (in_medium, is_arrived) {
-                    (true, _) => {
+                let bsdfs = match in_medium {
+                    true => {
                         let medium = self.ray_state(rays[0] as usize).medium(scene);
                         medium_albedo = medium.map(|medium| medium.albedo());
                         let phase = medium.map_or(Bsdf::Absorber, |medium| Bsdf::Phase(medium.phase));
                         Bsdfs::Same(storage[0].insert(phase))
                     }
-                    (false, true) => {
-                        let arrivals = &rays[..len];
-                        self.surfaces_of_chance(arrivals, &points, interfaces, (&mut its_interfaces, storage))
-                    }
-                    (false, false) => scene.bsdfs(material, &points, (&[0.0; MAX_WIDTH], &[None; MAX_WIDTH]), storage),
+                    false => scene.bsdfs(material, &points, (&arrived.u_kind, &arrived.eta), storage),
                 };
                 let mut transmittance = Rgb::splat(F::splat(token, 1.0));
                 if !is_arrived && scene.has_solids() {
@@ -110,8 +111,7 @@ impl<'a> Wavefront<'a> {
                     transmittance = EnclosingSolids::transmittances(&enclosing, scene, points.distance);
                 }
                 if watch.observer.is_some() || !in_medium && scene.emits(material) {
-                    self.absorb(&paths[..len], &mut transmittance);
-                    self.add_emission(&rays[..len], (!in_medium, material), &points, watch);
+                    self.add_emission(&rays[..len], (!in_medium, material), &points, transmittance, watch);
                 }
                 let all = self.paths.as_slice();
                 let mut state = PathStates::<F>::load(
@@ -142,11 +142,10 @@ impl<'a> Wavefront<'a> {
                 let gathered = state.radiance.max_channel().only(lit & state.light_vertices.is_positive());
                 state.light_vertices += state.eta_scale.constant(1.0).only(lit);
                 Group {
-                    token,
+                    at: Scattering { token, len, frames, wo: frames.frame.to_local(wo), bsdfs },
                     vertex,
                     in_medium,
                     choice: if key & 1 == 1 { LightChoice::One } else { scene.light_choice_at(0, false) },
-                    len,
                     used,
                     lit,
                     has_layers: paths[..len].iter().any(|path| self.layers[*path as usize] != Layers::Set),
@@ -154,12 +153,9 @@ impl<'a> Wavefront<'a> {
                     learned,
                     state,
                     from,
-                    wo: frames.frame.to_local(wo),
                     points,
-                    frames,
                     receivers,
-                    bsdfs,
-                    interfaces: its_interfaces,
+                    arrived,
                     medium_albedo,
                     solid: (!in_medium && scene.is_solid(material)).then_some(material),
                     gathered,
@@ -170,12 +166,23 @@ impl<'a> Wavefront<'a> {
 
     /// The points that rays have reached, where they are found path by path.
     #[inline(never)]
-    fn surfaces(&self, rays: &[u32; MAX_WIDTH]) -> [SurfacePoint; MAX_WIDTH] {
+    fn surfaces<'g>(
+        &self,
+        rays: &[u32; MAX_WIDTH],
+        interfaces: &'g [Interface],
+        arrived: &mut Arrived<'g>,
+    ) -> [SurfacePoint; MAX_WIDTH] {
         let nowhere = SurfacePoint::in_medium(&Ray::new(Vec3::ZERO, Vec3::Z), 0.0);
         let mut surfaces = [nowhere; MAX_WIDTH];
         for (surface, &ray) in surfaces.iter_mut().zip(rays) {
             match self.arrivals[ray as usize] {
-                Some(Arrival::Surface { point, .. }) => *surface = point,
+                Some(Arrival::Surface { point, u_kind, interface }) => {
+                    let interface = interface.and_then(|number| interfaces.get(number as usize));
+                    arrived.interfaces.push(interface);
+                    arrived.eta.push(interface.and_then(Interface::relative_index));
+                    arrived.u_kind.push(u_kind);
+                    *surface = point;
+                }
                 Some(Arrival::Medium { distance, .. }) => {
                     *surface = SurfacePoint::in_medium(&self.rays.get(ray as usize), distance);
                 }
@@ -185,53 +192,21 @@ impl<'a> Wavefront<'a> {
         surfaces
     }
 
-    /// The BSDFs at points that are found path by path, and their interfaces.
-    #[inline(never)]
-    fn surfaces_of_chance<'g, F: Lanes>(
-        &self,
-        rays: &[u32],
-        points: &SurfacePoints<F>,
-        interfaces: &'g [Interface],
-        (found, storage): (&mut SmallVec<[Option<&'g Interface>; MAX_WIDTH]>, &'g mut Storage),
-    ) -> Bsdfs<'g>
-    where
-        'a: 'g,
-    {
-        let mut bsdfs = [&Bsdf::Absorber; MAX_WIDTH];
-        for (lane, (&ray, storage)) in rays.iter().zip(storage).enumerate() {
-            let Some(Arrival::Surface { u_kind, interface, .. }) = self.arrivals[ray as usize] else { continue };
-            let interface = interface.and_then(|number| interfaces.get(number as usize));
-            let eta = interface.and_then(|interface| interface.relative_index());
-            bsdfs[lane] = self.estimator.scene.bsdf(&points.lane(lane), u_kind, eta, storage);
-            found.push(interface);
-        }
-        Bsdfs::of_lanes(bsdfs, rays.len())
-    }
-
-    /// Multiplies the throughputs of paths by transmittances, which become one.
-    #[inline(never)]
-    fn absorb<F: Lanes>(&mut self, paths: &[u32], transmittance: &mut Rgb<F>) {
-        for (&number, transmittance) in paths.iter().zip(transmittance.to_lanes()) {
-            let mut path = self.paths[number as usize].get();
-            path.throughput *= transmittance;
-            self.paths[number as usize].put(&path);
-        }
-        *transmittance = Rgb::splat(transmittance.r.constant(1.0));
-    }
-
-    /// Adds the emission of the surfaces of a material that rays have reached.
+    /// Adds the emission of the surfaces of a material that rays have reached, with the transmittance up to them.
     #[inline(never)]
     fn add_emission<F: Lanes>(
         &mut self,
         rays: &[u32],
         (on_surface, material): (bool, u32),
         points: &SurfacePoints<F>,
+        transmittance: Rgb<F>,
         watch: &mut Watch<'_>,
     ) {
-        let scene = self.estimator.scene;
+        let (scene, transmittance) = (self.estimator.scene, transmittance.to_lanes());
         for (lane, &ray) in rays.iter().enumerate() {
             let (number, point) = (self.rays.paths[ray as usize], points.lane(lane));
             let mut path = self.paths[number as usize].get();
+            path.throughput *= transmittance[lane];
             let (position, throughput, in_medium) = (point.point, path.throughput, !on_surface);
             watch.event(number, || Event::Vertex { position, material: Some(material), in_medium, throughput });
             if on_surface && scene.emits(material) {
@@ -252,13 +227,13 @@ impl Wavefront<'_> {
         let normal = group.points.normal;
         let from_inside = normal.dot(group.from).is_positive().bits();
         let inward = (-normal.dot(wi)).is_positive().bits();
-        for (lane, (enclosing, &path)) in enclosing.iter_mut().zip(&group.paths[..group.len]).enumerate() {
+        for (lane, (enclosing, &path)) in enclosing.iter_mut().zip(&group.paths[..group.at.len]).enumerate() {
             if let Some(among) = self.among_solids.get(path as usize) {
                 let [from_inside, inward] = [from_inside, inward].map(|bits| bits >> lane & 1 == 1);
                 *enclosing = among.enclosing.beyond(group.solid, from_inside, inward);
             }
         }
-        for (lane, interface) in group.interfaces.iter().enumerate() {
+        for (lane, interface) in group.arrived.interfaces.iter().enumerate() {
             if let Some(interface) = interface {
                 enclosing[lane] = EnclosingSolids::All(interface.beyond(wi.to_lanes()[lane]));
             }
@@ -267,23 +242,19 @@ impl Wavefront<'_> {
     }
 }
 
-impl<'g, F: Lanes> Group<'g, F> {
-    /// What scattering depends on.
-    #[inline(always)]
-    pub(super) fn scattering(&self) -> Scattering<'g, F> {
-        let Self { token, len, frames, wo, bsdfs, .. } = *self;
-        Scattering { token, len, frames, wo, bsdfs }
-    }
-
-    /// Survival probability of a shadow ray or a connection by the light that the path has gathered, for an expected
-    /// radiance toward the camera [W/(m^2 sr)]. It is one where a light was chosen.
+impl<F: Lanes> Group<'_, F> {
+    /// Survival probability of a shadow ray or a connection in Russian roulette before it is traced (Veach 1997, section
+    /// 10.4), by the light that the path has gathered, for an expected radiance toward the camera [W/(m^2 sr)]. Without it,
+    /// most shadow rays of long paths would be traced for samples that add almost nothing. Samples that are not a number
+    /// survive, so that the film can count them. The probability is one where a light was chosen.
     #[inline(always)]
     pub(super) fn gathered_survival(&self, expected: Rgb<F>) -> F {
         let brightest = self.state.throughput.max_channel();
         let (scale, one) = (brightest / (self.gathered * GATHERED_SHARE), brightest.constant(1.0));
-        let is_gathered = self.gathered.is_positive() & scale.is_positive();
+        let relative = scale * expected.max_channel();
+        let is_rare = self.gathered.is_positive() & scale.is_positive() & relative.lt(one);
         match self.choice {
-            LightChoice::Each => is_gathered.select(gathered_survival(scale * expected.max_channel()), one),
+            LightChoice::Each => is_rare.select(relative.max(one.constant(MIN_GATHERED_SURVIVAL)), one),
             LightChoice::One => one,
         }
     }

@@ -22,13 +22,13 @@ use crate::dimensions;
 use crate::estimator::{Estimator, PixelSample};
 use crate::mnee::{Segments, SpecularPrefix};
 use crate::observer::{ConnectionTally, Event, Observer, TraceConnection};
-use crate::path::PathState;
+use crate::path::{PathState, PathStates};
 use crate::ray_state::{EnclosingSolids, RayState};
 use attempts::Attempts;
 use dunkelfeld_bvh::Hit;
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;
-use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, One, dispatch};
+use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, dispatch};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{CameraRays, Interface, LightChoice, Moment, SurfacePoint};
@@ -128,32 +128,29 @@ impl Arrival {
     }
 }
 
-/// Use of the lanes of the stages: lanes with work, and lanes in all.
+/// The stages whose use of lanes is counted.
+const STAGES: [&str; 3] = ["points", "light samples", "connections"];
+
+/// Use of the lanes of the stages: lanes with work, and lanes in all. Points are those at which paths scatter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LaneUse {
-    /// Points at which paths scatter.
-    pub points: [u64; 2],
-    /// Light samples.
-    pub light_samples: [u64; 2],
-    /// Connections through covers.
-    pub connections: [u64; 2],
-}
+pub struct LaneUse([[u64; 2]; STAGES.len()]);
 
 impl LaneUse {
+    /// Counts a group of lanes of a stage.
+    fn count<F: Lanes>(&mut self, stage: usize, used: usize) {
+        self.0[stage][0] += used as u64;
+        self.0[stage][1] += F::WIDTH as u64;
+    }
+
     /// Adds another use.
     pub fn add(&mut self, other: &Self) {
-        let Self { points, light_samples, connections } = other;
-        let own = [&mut self.points, &mut self.light_samples, &mut self.connections];
-        for (own, other) in own.into_iter().zip([points, light_samples, connections]) {
-            *own = [own[0] + other[0], own[1] + other[1]];
-        }
+        self.0.as_flattened_mut().iter_mut().zip(other.0.as_flattened()).for_each(|(own, other)| *own += other);
     }
 
     /// The share of lanes with work of each stage that has had some, with its name.
     pub fn shares(&self) -> impl Iterator<Item = (&'static str, f64)> {
-        let stages =
-            [("points", self.points), ("light samples", self.light_samples), ("connections", self.connections)];
-        stages.into_iter().filter(|(_, [_, all])| *all > 0).map(|(name, [used, all])| (name, used as f64 / all as f64))
+        let stages = STAGES.into_iter().zip(self.0).filter(|(_, [_, all])| *all > 0);
+        stages.map(|(name, [used, all])| (name, used as f64 / all as f64))
     }
 }
 
@@ -271,17 +268,16 @@ impl<'a> Wavefront<'a> {
     fn generate<F: Lanes>(&mut self, token: F::Token, at: &[PixelSample]) {
         let Estimator { scene, camera, seed, frame, .. } = self.estimator;
         let first = self.paths.len() as u32;
-        let (mut words, mut paths) = ([[0; MAX_WIDTH]; 3], [0; MAX_WIDTH]);
-        let [mut column, mut row] = [[0.0; MAX_WIDTH]; 2];
+        let ([mut column, mut row], mut paths) = ([[0.0; MAX_WIDTH]; 2], [first; MAX_WIDTH]);
         for (lane, at) in at.iter().enumerate() {
-            let sampler = self.estimator.sampler(*at);
-            let [One(low), One(high), One(index)] = sampler.words();
-            [words[0][lane], words[1][lane], words[2][lane]] = [low, high, index];
             (column[lane], row[lane], paths[lane]) = (at.x as f32, at.y as f32, first + lane as u32);
-            self.paths.push(PathState::new(&sampler));
+            self.paths.push(PathState::new(&self.estimator.sampler(*at)));
         }
-        let words = [F::load_word(token, &words[0]), F::load_word(token, &words[1]), F::load_word(token, &words[2])];
-        let sampler = Sampler::<F>::from_words(token, words);
+        let PathStates { sampler, .. } = PathStates::<F>::load(
+            token,
+            #[inline(always)]
+            |lane| &self.paths[paths[lane] as usize],
+        );
         let [dx, dy] = sampler.numbers(dimensions::CAMERA).first_two();
         let (x, mut y) = (F::load(token, &column) + dx, F::load(token, &row) + dy);
         let mut time = F::splat(token, 0.0);
@@ -426,7 +422,7 @@ impl<'a> Wavefront<'a> {
         let hit = ray_state.hit_at(scene, point, &mut interface);
         let arrival = if let Some(distance) = path.sample_medium(scene, &ray_state, vertex, hit.surface.distance) {
             let choice = scene.light_choice_at(path.light_vertices as u32, true);
-            ray_state.solid(scene).map(|material| Arrival::Medium { material, distance, choice })
+            ray_state.enclosing.material(scene).map(|material| Arrival::Medium { material, distance, choice })
         } else {
             let present = path.sample_presence(scene, &mut ray_state, vertex, hit, &mut behind);
             if present.is_none() {
@@ -462,8 +458,7 @@ impl<'a> Wavefront<'a> {
                     rays[lane] = *key as u32;
                 }
                 let key = (group[0] >> 32) as u32;
-                self.lane_use.points[0] += group.len() as u64;
-                self.lane_use.points[1] += F::WIDTH as u64;
+                self.lane_use.count::<F>(0, group.len());
                 self.scatter_group::<F>(token, vertex, (key, &rays, group.len()), &interfaces, watch);
             }
         }

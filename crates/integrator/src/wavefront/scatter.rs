@@ -2,16 +2,18 @@
 //!
 //! Each stage is a function of its own, so that only the evaluation of BSDFs is compiled for each kind of them.
 
+use super::connect::Candidates;
 use super::group::Group;
 use super::rays::Queued;
 use super::{Layers, Watch, Wavefront};
 use crate::dimensions;
 use crate::direct::light_weight;
+use crate::learned_roulette::SHADOW;
 use crate::mnee::SpecularPrefix;
 use crate::observer::{Event, TraceScattering};
 use crate::path::{max_survival, survival};
 use crate::ray_state::{EnclosingSolids, RayState};
-use crate::scatterer::{EachLane, Scatterer, Scattering};
+use crate::scatterer::{Scatterer, Scattering};
 use dunkelfeld_bsdf::{Bsdf, BsdfSamples, Dielectric, HenyeyGreenstein, InLanes, Lobe, Principled, ThinSheet, View};
 use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{Ray, Vec3};
@@ -68,8 +70,11 @@ impl Wavefront<'_> {
         for draw in &draws {
             directions.push((group.lit & draw.light.pdf.is_positive(), draw.light.direction));
         }
-        let candidates = self.choose_chains(&group, &draws, &mut directions);
-        let found = evaluate_group(&group.scattering(), &directions, Some(&group));
+        let mut candidates = Candidates::new();
+        if !self.estimator.scene.covers().is_empty() {
+            self.choose_chains(&group, &draws, &mut directions, &mut candidates);
+        }
+        let found = evaluate_group(&group.at, &directions, Some(&group));
         self.set_layers(&group, found.albedo);
         self.add_direct_light(&group, &draws, &found, watch);
         self.queue_connections(&group, &draws, &candidates, &found, watch);
@@ -79,7 +84,7 @@ impl Wavefront<'_> {
     /// Draws the light samples of a group.
     #[inline(never)]
     fn draw_lights<F: Lanes>(&self, group: &Group<'_, F>, draws: &mut SmallVec<[Draw<F>; LIGHTS]>) {
-        let (scene, token, choice) = (self.estimator.scene, group.token, group.choice);
+        let (scene, token, choice) = (self.estimator.scene, group.at.token, group.choice);
         F::vectorize(
             token,
             #[inline(always)]
@@ -109,9 +114,9 @@ impl Wavefront<'_> {
             return;
         }
         let (albedo, from) = (albedo.to_lanes(), group.from.to_lanes());
-        let (normals, depth) = (group.frames.frame.normal.to_lanes(), group.state.path_length.to_array());
-        for (lane, &path) in group.paths[..group.len].iter().enumerate() {
-            let is_see_through = group.bsdfs.lane(lane).is_see_through();
+        let (normals, depth) = (group.at.frames.frame.normal.to_lanes(), group.state.path_length.to_array());
+        for (lane, &path) in group.paths[..group.at.len].iter().enumerate() {
+            let is_see_through = group.at.bsdfs.lane(lane).is_see_through();
             let layers = &mut self.layers[path as usize];
             let is_new = match *layers {
                 Layers::Unset => true,
@@ -141,15 +146,14 @@ impl Wavefront<'_> {
     ) {
         let needs_outcomes = watch.needs_outcomes();
         F::vectorize(
-            group.token,
+            group.at.token,
             #[inline(always)]
             || {
                 let brightest = group.state.throughput.max_channel();
                 for (index, (draw, (scattered, pdf))) in (0..).zip(draws.iter().zip(&found.direct)) {
                     let light = &draw.light;
                     let sampled = group.lit & light.pdf.is_positive();
-                    self.lane_use.light_samples[0] += u64::from(sampled.bits().count_ones());
-                    self.lane_use.light_samples[1] += F::WIDTH as u64;
+                    self.lane_use.count::<F>(1, sampled.bits().count_ones() as usize);
                     if !sampled.any() {
                         continue;
                     }
@@ -157,7 +161,8 @@ impl Wavefront<'_> {
                     let expected = unoccluded * light_weight(light.pdf, *pdf, light.is_delta);
                     let survival = match needs_outcomes {
                         true => brightest.constant(1.0),
-                        false => group.learned.shadow_survival(
+                        false => group.learned.ray_survival(
+                            SHADOW,
                             index,
                             brightest * expected.max_channel(),
                             group.gathered_survival(expected),
@@ -213,11 +218,11 @@ impl Wavefront<'_> {
     fn continue_paths<F: Lanes>(&mut self, group: &Group<'_, F>, found: &Evaluated<F>, watch: &mut Watch<'_>) {
         let scene = self.estimator.scene;
         F::vectorize(
-            group.token,
+            group.at.token,
             #[inline(always)]
             || {
                 let Evaluated { wi, sample, u_roulette, .. } = found;
-                let (token, mut state) = (group.token, group.state);
+                let (token, mut state) = (group.at.token, group.state);
                 let one = state.bounces.constant(1.0);
                 let mut most = one;
                 if !group.in_medium {
@@ -255,13 +260,11 @@ impl Wavefront<'_> {
                 if watch.observer.is_some() {
                     observe_scattering(group, found, (alive.bits(), state.throughput), watch);
                 }
-                let rows = state.rows(token);
-                let mut bits = alive.bits();
-                while bits != 0 {
-                    let lane = bits.trailing_zeros() as usize % MAX_WIDTH;
-                    self.paths[group.paths[lane] as usize].set(&rows, lane);
-                    bits &= bits - 1;
-                }
+                state.store(
+                    alive,
+                    #[inline(always)]
+                    |lane, state| self.paths[group.paths[lane] as usize] = state,
+                );
                 let infinity = one.constant(f32::INFINITY);
                 let ray = [origin, *wi];
                 self.next.append((alive, &group.paths), ray, infinity, group.points.time);
@@ -281,7 +284,7 @@ impl Wavefront<'_> {
     ) -> u32 {
         let (scene, mut continued) = (self.estimator.scene, 0);
         let (parts, times) = (F::word_to_array(group.points.part), group.points.time.to_array());
-        for lane in (0..group.len).filter(|lane| alive >> lane & 1 == 1) {
+        for lane in (0..group.at.len).filter(|lane| alive >> lane & 1 == 1) {
             let enclosing = enclosing[lane];
             let among = &mut self.among_solids[group.paths[lane] as usize];
             among.enclosing = enclosing;
@@ -313,17 +316,14 @@ fn observe_scattering<F: Lanes>(
     watch: &mut Watch<'_>,
 ) {
     let Evaluated { wi, sample, .. } = found;
-    let color = |c: Rgb<F>, lane: usize| Rgb::new(c.r.to_array()[lane], c.g.to_array()[lane], c.b.to_array()[lane]);
-    for lane in (0..group.len).filter(|lane| alive >> lane & 1 == 1) {
-        watch.event(group.paths[lane], || Event::Scattered {
-            scattering: TraceScattering {
-                direction: wi.to_lanes()[lane].to_array(),
-                pdf: sample.pdf.to_array()[lane],
-                weight: color(sample.weight, lane),
-                lobe: Lobe::from_bits(F::word_to_array(sample.lobe)[lane]),
-            },
-            throughput: color(throughput, lane),
-        });
+    for lane in (0..group.at.len).filter(|lane| alive >> lane & 1 == 1) {
+        let scattering = TraceScattering {
+            direction: wi.to_lanes()[lane].to_array(),
+            pdf: sample.pdf.to_array()[lane],
+            weight: sample.weight.to_lanes()[lane],
+            lobe: Lobe::from_bits(F::word_to_array(sample.lobe)[lane]),
+        };
+        watch.event(group.paths[lane], || Event::Scattered { scattering, throughput: throughput.to_lanes()[lane] });
     }
 }
 
@@ -374,8 +374,7 @@ fn of_kind<'g, F: Lanes, B>(
 }
 
 macro_rules! evaluate_kind {
-    ($(#[$doc:meta])* $name:ident, $kind:ty $(, $rich:literal)?) => {
-        $(#[$doc])*
+    ($name:ident, $kind:ty $(, $rich:literal)?) => {
         #[inline(never)]
         fn $name<F: Lanes>(
             at: &Scattering<'_, F>,
@@ -397,33 +396,14 @@ macro_rules! evaluate_kind {
         }
     };
 }
-evaluate_kind!(
-    /// Principled surfaces without rare lobes.
-    evaluate_plain,
-    Principled,
-    false
-);
-evaluate_kind!(
-    /// Principled surfaces.
-    evaluate_rich,
-    Principled,
-    true
-);
-evaluate_kind!(
-    /// Boundaries of clear solids.
-    evaluate_dielectric,
-    Dielectric
-);
-evaluate_kind!(
-    /// Clear sheets.
-    evaluate_sheet,
-    ThinSheet
-);
-evaluate_kind!(
-    /// Points in media.
-    evaluate_phase,
-    HenyeyGreenstein
-);
+// Principled surfaces without rare lobes, and all of them.
+evaluate_kind!(evaluate_plain, Principled, false);
+evaluate_kind!(evaluate_rich, Principled, true);
+// Boundaries of clear solids.
+evaluate_kind!(evaluate_dielectric, Dielectric);
+evaluate_kind!(evaluate_sheet, ThinSheet);
+// Points in media.
+evaluate_kind!(evaluate_phase, HenyeyGreenstein);
 
 /// Surfaces of several kinds, lane by lane.
 #[inline(never)]
@@ -435,7 +415,7 @@ fn evaluate_each<F: Lanes>(
     F::vectorize(
         at.token,
         #[inline(always)]
-        || evaluate(at, EachLane { lanes: at.one_by_one(), len: at.len }, directions, group),
+        || evaluate(at, *at, directions, group),
     )
 }
 

@@ -4,7 +4,7 @@
 use super::candidates::Choice;
 use super::chain::Chain;
 use super::planar_layers::{Leg, PlateRay};
-use super::stack::{CoverStack, Face, MAX_INTERFACES};
+use super::stack::{CoverInterface, CoverStack, MAX_INTERFACES};
 use crate::geometry::splat;
 use dunkelfeld_lanes::{Double, Lanes, Mask, V3};
 
@@ -59,14 +59,17 @@ impl<F: Lanes> Line<F> {
     /// True if the part of the line across the axis between two distances from the receiver \[m\] meets the footprint
     /// of a face, enlarged by `slack` \[m\] and rounding errors.
     #[inline(always)]
-    fn meets(&self, face: &Face, near: F, far: F, slack: F) -> F::Mask {
-        let slack = slack + self.size.max(slack.constant(face.size)) * ROUNDING;
+    fn meets(&self, face: &CoverInterface, near: F, far: F, slack: F) -> F::Mask {
+        let [low, high] = face.footprint;
+        let size = low.abs().max(high.abs()).max_element() as f32;
+        let slack = slack + self.size.max(slack.constant(size)) * ROUNDING;
         self.meets_along(0, face, near, far, slack) & self.meets_along(1, face, near, far, slack)
     }
 
     #[inline(always)]
-    fn meets_along(&self, tangent: usize, face: &Face, near: F, far: F, slack: F) -> F::Mask {
-        let ([low, high], origin, shift) = (face.footprint[tangent], self.origin[tangent], self.shift[tangent]);
+    fn meets_along(&self, tangent: usize, face: &CoverInterface, near: F, far: F, slack: F) -> F::Mask {
+        let [low, high] = [face.footprint[0][tangent] as f32, face.footprint[1][tangent] as f32];
+        let (origin, shift) = (self.origin[tangent], self.shift[tangent]);
         // The distance may be infinite.
         let moves = !shift.eq(shift.constant(0.0));
         let (a, b) = (origin + (shift * near).only(moves), origin + (shift * far).only(moves));
@@ -128,7 +131,7 @@ impl<'a, F: Lanes> Crossing<'a, F> {
         for k in 0..=count {
             crossing.indices[k] /= crossing.lowest;
         }
-        let (first, last) = (crossing.height(0), crossing.height(count - 1));
+        let (first, last) = (crossing.face(0).height, crossing.face(count - 1).height);
         let [start_depth, end_depth] = if to > from {
             [-line.start + first, line.start + line.along - last]
         } else {
@@ -258,16 +261,10 @@ impl<'a, F: Lanes> Crossing<'a, F> {
         if self.to > self.from { self.from + k } else { self.from - k }
     }
 
-    /// The number in the stack of the interface `k`, counted from the receiver.
+    /// The interface `k`, counted from the receiver.
     #[inline(always)]
-    fn interface(&self, k: usize) -> usize {
-        if self.to > self.from { self.from + k } else { self.from - k - 1 }
-    }
-
-    /// Mean position along the axis of the interface `k`, counted from the receiver \[m\].
-    #[inline(always)]
-    fn height(&self, k: usize) -> f64 {
-        self.stack.interfaces()[self.interface(k)].height
+    fn face(&self, k: usize) -> &'a CoverInterface {
+        &self.stack.interfaces()[if self.to > self.from { self.from + k } else { self.from - k - 1 }]
     }
 
     /// Thickness of the inner layer `k`, counted from the receiver \[m\].
@@ -304,10 +301,10 @@ impl<'a, F: Lanes> Crossing<'a, F> {
     #[inline(always)]
     fn may_pass_footprints(&self) -> F::Mask {
         let (count, across) = (self.interfaces(), self.line.across);
-        let between = (self.height(count - 1) - self.height(0)).abs() as f32;
+        let between = (self.face(count - 1).height - self.face(0).height).abs() as f32;
         let mut uneven = 0.0f32;
         for k in 0..count {
-            uneven = uneven.max(self.stack.faces[self.interface(k)].deviation);
+            uneven = uneven.max(self.face(k).deviation as f32);
         }
         let zero = across.constant(0.0);
         let (tangent, most) = if self.is_finite {
@@ -334,8 +331,7 @@ impl<'a, F: Lanes> Crossing<'a, F> {
         }
         let mut may_pass = zero.le(zero);
         for k in 0..count {
-            let face = &self.stack.faces[self.interface(k)];
-            may_pass = may_pass & self.line.meets(face, near, far, zero.constant(uneven));
+            may_pass = may_pass & self.line.meets(self.face(k), near, far, zero.constant(uneven));
         }
         may_pass
     }
@@ -346,8 +342,8 @@ impl<'a, F: Lanes> Crossing<'a, F> {
         let mut way = self.start_depth * ray.slope(self.indices[0]);
         let mut is_within = way.le(way);
         for step in chain.steps() {
-            let face = &self.stack.faces[self.interface(step.interface as usize)];
-            let slack = (ray.tangent + 1.0) * face.deviation;
+            let face = self.face(step.interface as usize);
+            let slack = (ray.tangent + 1.0) * face.deviation as f32;
             is_within = is_within & self.line.meets(face, way, way, slack);
             let layer = step.layer_behind();
             if layer < self.interfaces() {

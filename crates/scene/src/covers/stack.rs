@@ -42,37 +42,12 @@ pub(crate) struct TouchingSolid {
     pub(crate) is_above: bool,
 }
 
-/// An interface in single precision.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Face {
-    /// Lowest and highest coordinates along each tangent of the stack \[m\].
-    pub(super) footprint: [[f32; 2]; 2],
-    /// The largest magnitude of these coordinates \[m\].
-    pub(super) size: f32,
-    /// The largest distance of the surface from its mean height \[m\].
-    pub(super) deviation: f32,
-}
-
-impl Face {
-    fn new(interface: &CoverInterface) -> Self {
-        let [low, high] = interface.footprint;
-        Self {
-            footprint: [[low.x as f32, high.x as f32], [low.y as f32, high.y as f32]],
-            size: low.abs().max(high.abs()).max_element() as f32,
-            deviation: interface.deviation as f32,
-        }
-    }
-}
-
 /// Clear sheets with a common axis: one cover, or several on one another, glued or with air between them.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct CoverStack {
     axis: DVec3,
     tangents: [DVec3; 2],
     interfaces: Vec<CoverInterface>,
-    /// The same interfaces.
-    #[serde(skip)]
-    pub(super) faces: Vec<Face>,
     layers: Vec<CoverLayer>,
     is_flat: bool,
     /// Solids with a scattering medium in contact with the outside.
@@ -95,8 +70,7 @@ impl CoverStack {
         let air_layers = air_layers(&interfaces, &layers);
         let count = layers.len();
         let chains = (0..count * count).map(|k| chains_between(&layers, k / count, k % count)).collect();
-        let faces = interfaces.iter().map(Face::new).collect();
-        Self { axis, tangents, interfaces, faces, layers, is_flat, touching: Vec::new(), air_layers, chains }
+        Self { axis, tangents, interfaces, layers, is_flat, touching: Vec::new(), air_layers, chains }
     }
 
     /// Two unit vectors across the axis: those of the footprints.

@@ -10,7 +10,7 @@
 use crate::light::emission_profile::EmissionProfile;
 use crate::light::sample::{LightSamples, Receivers};
 use crate::light::tree::{EmissionCone, LightBounds, LightTree, below_one};
-use crate::light::{FoundLights, in_proportion};
+use crate::light::{in_proportion, share_of};
 use dunkelfeld_geometry::shape::sample_triangle_area;
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, Real, V3};
@@ -44,7 +44,7 @@ pub(crate) struct MeshLight {
     pub(crate) part: u32,
     /// Radiance of a Lambertian mesh of the same power [W/(m^2 sr)].
     mean_radiance: Rgb,
-    has_varying_radiance: bool,
+    pub(crate) has_varying_radiance: bool,
 }
 
 /// Neighbouring triangles in a plane.
@@ -220,7 +220,7 @@ impl MeshLight {
         (power / (d2 + 0.5 * self.radius * self.radius)).only(self.reaches(token, receivers))
     }
 
-    /// Directions toward points of the light. `probability` is that of the choice of this light.
+    /// Directions toward points of the light, and their parts and triangles. `probability` is that of the choice of this light.
     #[inline(always)]
     pub(crate) fn sample<F: Lanes>(
         &self,
@@ -229,11 +229,11 @@ impl MeshLight {
         probability: F,
         u: [F; 2],
         active: F::Mask,
-    ) -> FoundLights<F> {
-        let mut found = FoundLights::none(token);
+    ) -> (LightSamples<F>, [[u32; 2]; MAX_WIDTH]) {
+        let mut surfaces = [[0; 2]; MAX_WIDTH];
         let active = active & self.reaches(token, receivers);
         if !active.any() {
-            return found;
+            return (LightSamples::none(token), surfaces);
         }
         let (facets, rest, densities) = self.choose_facets(token, receivers, u[0], active);
         // The triangle of the facet, by a search in a table for each lane.
@@ -250,7 +250,7 @@ impl MeshLight {
             let index = facet.first as usize + in_facet;
             [corners[0][lane], corners[1][lane], corners[2][lane]] = self.triangles[index];
             normals[lane] = self.normals[index];
-            found.surfaces[lane] = [self.part, index as u32];
+            surfaces[lane] = [self.part, index as u32];
         }
         let [a, b, c] = [
             V3::from_lanes(token, &corners[0]),
@@ -265,10 +265,7 @@ impl MeshLight {
         let direction = to_light * d2.sqrt().recip();
         let pdf = self.pdf_of(densities, d2, direction.dot(normal)) * probability;
         let is_valid = active & pdf.is_positive() & pdf.is_finite();
-        if self.has_varying_radiance {
-            found.varying = is_valid.bits();
-        }
-        found.samples = LightSamples {
+        let samples = LightSamples {
             direction,
             point,
             normal,
@@ -277,7 +274,7 @@ impl MeshLight {
             pdf: pdf.only(is_valid),
             is_delta: F::mask(token, 0),
         };
-        found
+        (samples, surfaces)
     }
 
     /// Chooses a facet for each active lane. Returns its index, a number that is uniform in [0, 1) again, and the density
@@ -365,16 +362,8 @@ impl MeshLight {
             FacetChoice::Single => 1.0,
             FacetChoice::Tree(tree) => tree.probability(receiver, facet),
             FacetChoice::Weighted => {
-                let mut total = 0.0;
-                let mut own = 0.0;
-                for (index, f) in self.facets.iter().enumerate() {
-                    let weight = f.weight::<f32>((), receiver, &self.profile, self.two_sided);
-                    total += weight;
-                    if index == facet {
-                        own = weight;
-                    }
-                }
-                if total > 0.0 && total.is_finite() { own / total } else { 0.0 }
+                let weight = |f: &Facet| f.weight::<f32>((), receiver, &self.profile, self.two_sided);
+                share_of(self.facets.iter().map(weight), facet)
             }
         }
     }

@@ -23,7 +23,9 @@ use crate::light::mesh_light::MeshLight;
 use crate::light::sample::{LightSamples, Receivers};
 use crate::light::sun::Sun;
 use crate::light::tree::{EmissionCone, LightBounds, LightTree};
+use crate::query::intersect::SurfacePoint;
 use crate::sampling_options::Techniques;
+use crate::scene::Scene;
 use dunkelfeld_geometry::{Aabb, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask};
 use dunkelfeld_radiometry::Rgb;
@@ -143,26 +145,6 @@ impl LightTable {
         self.environment.as_ref().map_or(Rgb::BLACK, |e| e.mean)
     }
 
-    /// The light samples of the scattering vertex with this number (from 0, counted along a path), in a medium or on a
-    /// surface.
-    #[inline]
-    pub(crate) fn choice_at(&self, vertex: u32, in_medium: bool) -> LightChoice {
-        if self.samples_each && !(in_medium && vertex >= MAX_VERTICES_FOR_EACH_IN_MEDIA) {
-            LightChoice::Each
-        } else {
-            LightChoice::One
-        }
-    }
-
-    /// The number of light samples of a vertex.
-    #[inline]
-    pub(crate) fn num_light_samples(&self, choice: LightChoice) -> usize {
-        match choice {
-            LightChoice::One => self.lights.len().min(1),
-            LightChoice::Each => self.lights.len(),
-        }
-    }
-
     /// An estimate, up to a constant, of the irradiance that a light can send to the receivers; zero if it can send
     /// none.
     #[inline(always)]
@@ -255,16 +237,7 @@ impl LightTable {
         if let Some(tree) = &self.tree {
             return tree.probability(receiver, index);
         }
-        let mut total = 0.0;
-        let mut selected_weight = 0.0;
-        for (i, light) in self.lights.iter().enumerate() {
-            let w = self.weight::<f32>((), light, receiver);
-            total += w;
-            if i == index {
-                selected_weight = w;
-            }
-        }
-        if total > 0.0 && total.is_finite() { selected_weight / total } else { 0.0 }
+        share_of(self.lights.iter().map(|light| self.weight::<f32>((), light, receiver)), index)
     }
 
     /// The probability that a vertex samples a light.
@@ -274,131 +247,6 @@ impl LightTable {
             LightChoice::One => self.probability(receiver, index),
             LightChoice::Each => 1.0,
         }
-    }
-
-    /// Directions toward lights, for the light sample `index` of [`Self::num_light_samples`]. A lane has no sample if that
-    /// light cannot reach the receiver. If a light is to be chosen, it has none if no light can reach it, or if the chosen
-    /// one cannot.
-    #[inline(always)]
-    pub(crate) fn sample<F: Lanes>(
-        &self,
-        token: F::Token,
-        receivers: &Receivers<F>,
-        choice: LightChoice,
-        index: u32,
-        (u_choice, u): (F, [F; 2]),
-        active: F::Mask,
-    ) -> FoundLights<F> {
-        match choice {
-            LightChoice::Each => self.sample_same(token, receivers, index, F::splat(token, 1.0), u, active),
-            LightChoice::One => {
-                let (indices, probability, exists) = self.choose(token, receivers, u_choice, active);
-                self.sample_each(token, receivers, &indices, probability, u, active & exists)
-            }
-        }
-    }
-
-    /// Samples of the light of each lane, which was chosen with the given probability.
-    #[inline(always)]
-    fn sample_each<F: Lanes>(
-        &self,
-        token: F::Token,
-        receivers: &Receivers<F>,
-        indices: &[u32; MAX_WIDTH],
-        probability: F,
-        u: [F; 2],
-        active: F::Mask,
-    ) -> FoundLights<F> {
-        let mut found = FoundLights::none(token);
-        let mut left = active.bits();
-        while left != 0 {
-            let index = indices[left.trailing_zeros() as usize % MAX_WIDTH];
-            let mut same = 0;
-            for (lane, other) in indices.iter().enumerate().take(F::WIDTH) {
-                same |= u32::from(*other == index) << lane;
-            }
-            let here = match self.lights.get(index as usize) {
-                // Rectangles are sampled at once.
-                Some(Light::Area(first @ AreaLight { shape: AreaShape::Rectangle(rectangle), .. }))
-                    if same & left != left =>
-                {
-                    let (mut areas, mut rectangles) = ([first; MAX_WIDTH], [rectangle; MAX_WIDTH]);
-                    let (mut lanes, mut varying) = (0, 0);
-                    for lane in 0..F::WIDTH {
-                        if left >> lane & 1 == 1
-                            && let Some(Light::Area(area)) = self.lights.get(indices[lane] as usize)
-                            && let AreaShape::Rectangle(rectangle) = &area.shape
-                        {
-                            (areas[lane], rectangles[lane]) = (area, rectangle);
-                            lanes |= 1 << lane;
-                            varying |= u32::from(area.has_varying_radiance) << lane;
-                            found.surfaces[lane] = [area.part, area.triangles[0]];
-                        }
-                    }
-                    found.varying |= varying;
-                    same = lanes;
-                    sample_rectangles(token, receivers, (&areas, rectangles), probability, u)
-                }
-                _ => {
-                    let lanes = F::mask(token, same & left);
-                    let here = self.sample_same(token, receivers, index, probability, u, lanes);
-                    found.varying |= here.varying & same & left;
-                    for lane in 0..F::WIDTH {
-                        if (same & left) >> lane & 1 == 1 {
-                            found.surfaces[lane] = here.surfaces[lane];
-                        }
-                    }
-                    here.samples
-                }
-            };
-            found.samples = LightSamples::select(F::mask(token, same & left), here, found.samples);
-            left &= !same;
-        }
-        found
-    }
-
-    /// Samples of one light in the active lanes, which was chosen with the given probability.
-    #[inline(always)]
-    fn sample_same<F: Lanes>(
-        &self,
-        token: F::Token,
-        receivers: &Receivers<F>,
-        index: u32,
-        probability: F,
-        u: [F; 2],
-        active: F::Mask,
-    ) -> FoundLights<F> {
-        let mut found = FoundLights::none(token);
-        match self.lights.get(index as usize) {
-            Some(Light::Area(a)) => {
-                found.samples = a.sample(token, receivers, probability, u, active);
-                if a.has_varying_radiance {
-                    found.varying = active.bits();
-                    found.surfaces = [[a.part, a.triangles[0]]; MAX_WIDTH];
-                }
-            }
-            Some(Light::Mesh(m)) => {
-                if let Some(mesh) = self.mesh_lights.get(*m as usize) {
-                    found = mesh.sample(token, receivers, probability, u, active);
-                }
-            }
-            Some(light) => {
-                let (each, u0, u1) = (receivers.to_lanes(), u[0].to_array(), u[1].to_array());
-                let probability = probability.to_array();
-                let mut samples = [LightSamples::none(()); MAX_WIDTH];
-                let bits = active.bits();
-                for lane in 0..F::WIDTH {
-                    if bits >> lane & 1 == 1 {
-                        samples[lane] =
-                            self.sample_without_surface(&each[lane], light, probability[lane], [u0[lane], u1[lane]]);
-                    }
-                }
-                found.samples = LightSamples::from_lanes(token, &samples);
-            }
-            _ => {}
-        }
-        found.samples.pdf = found.samples.pdf.only(active);
-        found
     }
 
     /// A sample of a light without a surface.
@@ -443,75 +291,240 @@ impl LightTable {
         }
     }
 
-    /// The density [1/sr] of `point` on the light `index` with a surface in [`Self::sample`]. `triangle` of the part
-    /// contains it. `normal` is the unit normal of the surface there, on the side of its front.
-    #[inline]
-    pub(crate) fn pdf_area(
-        &self,
-        receiver: &Receivers<f32>,
-        choice: LightChoice,
-        index: u32,
-        (triangle, point, normal): (u32, Vec3, Vec3),
-    ) -> f32 {
-        match self.lights.get(index as usize) {
-            Some(Light::Area(a)) => a.pdf(receiver, point) * self.share(receiver, choice, index as usize),
-            Some(Light::Mesh(m)) => {
-                let pdf = self.mesh_lights.get(*m as usize).map_or(0.0, |m| m.pdf(receiver, triangle, point, normal));
-                pdf * self.share(receiver, choice, index as usize)
-            }
-            _ => 0.0,
-        }
-    }
-
     /// True if there are suns.
     pub(crate) fn has_suns(&self) -> bool {
         self.has_suns
     }
+}
 
-    /// The suns, each with its index.
+impl Scene {
+    /// Maximum number of light samples of a vertex.
+    pub const MAX_LIGHT_SAMPLES: u32 = MAX_LIGHTS_FOR_EACH as u32;
+
+    /// The light samples of the scattering vertex with this number (from 0, counted along a path). With at most eight
+    /// lights, vertices on surfaces and the first two vertices in media take a sample of each light, unless the
+    /// technique is left out. All other vertices take a sample of one light.
     #[inline]
-    pub(crate) fn suns(&self) -> impl Iterator<Item = (usize, &Sun)> {
-        let lights: &[Light] = if self.has_suns { &self.lights } else { &[] };
-        lights.iter().enumerate().filter_map(|(i, l)| if let Light::Sun(s) = l { Some((i, s)) } else { None })
-    }
-
-    /// The density [1/sr] of a direction toward the sun of an index in [`Self::sample`].
-    pub(crate) fn pdf_sun(&self, receiver: &Receivers<f32>, choice: LightChoice, index: u32, direction: Vec3) -> f32 {
-        match self.lights.get(index as usize) {
-            Some(Light::Sun(s)) if receiver.faces(direction.into()) => {
-                s.pdf(direction) * self.share(receiver, choice, index as usize)
-            }
-            _ => 0.0,
+    pub fn light_choice_at(&self, vertex: u32, in_medium: bool) -> LightChoice {
+        match self.lights.samples_each && !(in_medium && vertex >= MAX_VERTICES_FOR_EACH_IN_MEDIA) {
+            true => LightChoice::Each,
+            false => LightChoice::One,
         }
     }
 
-    /// The density [1/sr] of a direction toward the environment in [`Self::sample`].
+    /// Number of light samples of a vertex, one for each call of [`Self::sample_lights`].
     #[inline]
-    pub(crate) fn pdf_environment(&self, receiver: &Receivers<f32>, choice: LightChoice, direction: Vec3) -> f32 {
-        // The environment is the last light if it emits.
-        match (&self.environment, self.lights.last()) {
-            (Some(e), Some(Light::Environment)) => {
-                e.pdf(receiver, direction) * self.share(receiver, choice, self.lights.len() - 1)
-            }
-            _ => 0.0,
+    pub fn num_light_samples(&self, choice: LightChoice) -> u32 {
+        match choice {
+            LightChoice::One => self.lights.lights.len().min(1) as u32,
+            LightChoice::Each => self.lights.lights.len() as u32,
         }
     }
-}
 
-/// Light samples, and the places of those whose radiance is not constant.
-pub(crate) struct FoundLights<F: Lanes> {
-    pub(crate) samples: LightSamples<F>,
-    /// Lanes whose radiance must be evaluated at their point.
-    pub(crate) varying: u32,
-    /// Part and triangle of the points in these lanes.
-    pub(crate) surfaces: [[u32; 2]; MAX_WIDTH],
-}
-
-impl<F: Lanes> FoundLights<F> {
+    /// A light sample of each active lane: a direction toward a light, with the radiance that arrives unoccluded. The
+    /// light is that of the index `index` (below [`Self::num_light_samples`]) in all lanes, or is chosen by `u_choice`. A
+    /// lane has no sample if that light cannot reach the receiver, or if no light can. The light samples of a vertex are
+    /// summed.
     #[inline(always)]
-    pub(crate) fn none(token: F::Token) -> Self {
-        Self { samples: LightSamples::none(token), varying: 0, surfaces: [[0; 2]; MAX_WIDTH] }
+    #[expect(clippy::too_many_arguments)]
+    pub fn sample_lights<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        choice: LightChoice,
+        index: u32,
+        u_choice: F,
+        u: [F; 2],
+        active: F::Mask,
+    ) -> LightSamples<F> {
+        match choice {
+            LightChoice::Each => self.sample_same(token, receivers, index, F::splat(token, 1.0), u, active),
+            LightChoice::One => {
+                let (indices, probability, exists) = self.lights.choose(token, receivers, u_choice, active);
+                self.sample_each(token, receivers, &indices, probability, u, active & exists)
+            }
+        }
     }
+
+    /// Samples of the light of each lane, which was chosen with the given probability.
+    #[inline(always)]
+    fn sample_each<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        indices: &[u32; MAX_WIDTH],
+        probability: F,
+        u: [F; 2],
+        active: F::Mask,
+    ) -> LightSamples<F> {
+        let (lights, mut samples, mut left) = (&self.lights.lights, LightSamples::none(token), active.bits());
+        while left != 0 {
+            let index = indices[left.trailing_zeros() as usize % MAX_WIDTH];
+            let mut same = 0;
+            for (lane, other) in indices.iter().enumerate().take(F::WIDTH) {
+                same |= u32::from(*other == index) << lane;
+            }
+            let here = match lights.get(index as usize) {
+                // Rectangles are sampled at once.
+                Some(Light::Area(first @ AreaLight { shape: AreaShape::Rectangle(rectangle), .. }))
+                    if same & left != left =>
+                {
+                    let (mut areas, mut rectangles) = ([first; MAX_WIDTH], [rectangle; MAX_WIDTH]);
+                    let (mut varying, mut surfaces) = (0, [[0; 2]; MAX_WIDTH]);
+                    same = 0;
+                    for lane in 0..F::WIDTH {
+                        if left >> lane & 1 == 1
+                            && let Some(Light::Area(area)) = lights.get(indices[lane] as usize)
+                            && let AreaShape::Rectangle(rectangle) = &area.shape
+                        {
+                            (areas[lane], rectangles[lane]) = (area, rectangle);
+                            same |= 1 << lane;
+                            varying |= u32::from(area.has_varying_radiance) << lane;
+                            surfaces[lane] = [area.part, area.triangles[0]];
+                        }
+                    }
+                    let mut found = sample_rectangles(token, receivers, (&areas, rectangles), probability, u);
+                    self.vary(&mut found, varying, &surfaces);
+                    found
+                }
+                _ => self.sample_same(token, receivers, index, probability, u, F::mask(token, same & left)),
+            };
+            samples = LightSamples::select(F::mask(token, same & left), here, samples);
+            left &= !same;
+        }
+        samples
+    }
+
+    /// Samples of one light in the active lanes, which was chosen with the given probability.
+    #[inline(always)]
+    fn sample_same<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        index: u32,
+        probability: F,
+        u: [F; 2],
+        active: F::Mask,
+    ) -> LightSamples<F> {
+        let mut samples = LightSamples::none(token);
+        match self.lights.lights.get(index as usize) {
+            Some(Light::Area(a)) => {
+                samples = a.sample(token, receivers, probability, u, active);
+                if a.has_varying_radiance {
+                    self.vary(&mut samples, active.bits(), &[[a.part, a.triangles[0]]; MAX_WIDTH]);
+                }
+            }
+            Some(Light::Mesh(m)) => {
+                if let Some(mesh) = self.lights.mesh_lights.get(*m as usize) {
+                    let surfaces;
+                    (samples, surfaces) = mesh.sample(token, receivers, probability, u, active);
+                    if mesh.has_varying_radiance {
+                        self.vary(&mut samples, active.bits(), &surfaces);
+                    }
+                }
+            }
+            Some(light) => {
+                let (each, u0, u1) = (receivers.to_lanes(), u[0].to_array(), u[1].to_array());
+                let (mut lanes, probability) = ([LightSamples::none(()); MAX_WIDTH], probability.to_array());
+                active.each(
+                    #[inline(always)]
+                    |lane| {
+                        let u = [u0[lane], u1[lane]];
+                        lanes[lane] = self.lights.sample_without_surface(&each[lane], light, probability[lane], u);
+                    },
+                );
+                samples = LightSamples::from_lanes(token, &lanes);
+            }
+            _ => {}
+        }
+        samples.pdf = samples.pdf.only(active);
+        samples
+    }
+
+    /// Evaluates the radiance of samples of some lanes at their points, where it is not constant. `surfaces` are parts and
+    /// triangles of the points.
+    #[inline(always)]
+    fn vary<F: Lanes>(&self, samples: &mut LightSamples<F>, lanes: u32, surfaces: &[[u32; 2]; MAX_WIDTH]) {
+        let lanes = lanes & samples.pdf.is_positive().bits();
+        if lanes != 0 {
+            let (points, directions) = (samples.point.to_lanes(), samples.direction.to_lanes());
+            let mut radiance = samples.radiance.to_lanes();
+            for lane in 0..F::WIDTH {
+                if lanes >> lane & 1 == 1 {
+                    let [part, triangle] = surfaces[lane];
+                    radiance[lane] = self.radiance_at(part, triangle, points[lane], -directions[lane]);
+                }
+            }
+            samples.radiance = Rgb::from_lanes(samples.pdf.token(), &radiance);
+        }
+    }
+
+    /// The density [1/sr] of a point on a surface in [`Self::sample_lights`]; 0 if the surface does not emit.
+    #[inline]
+    pub fn light_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, p: &SurfacePoint) -> f32 {
+        let lights = &self.parts[p.part as usize].lights;
+        let index = lights.get(p.triangle as usize).map_or(usize::MAX, |&light| light as usize);
+        let pdf = match self.lights.lights.get(index) {
+            Some(Light::Area(a)) => a.pdf(receiver, p.point),
+            Some(Light::Mesh(m)) => match self.lights.mesh_lights.get(*m as usize) {
+                Some(mesh) => mesh.pdf(receiver, p.triangle, p.point, p.normal),
+                None => 0.0,
+            },
+            _ => return 0.0,
+        };
+        pdf * self.lights.share(receiver, choice, index)
+    }
+
+    /// The lights of kind sun whose disc contains a direction, as pairs of index and radiance [W/(m^2 sr)].
+    #[inline]
+    pub fn suns_along(&self, direction: Vec3) -> impl Iterator<Item = (u32, Rgb)> {
+        let lights: &[Light] = if self.lights.has_suns { &self.lights.lights } else { &[] };
+        let radiance = move |light: &Light| match light {
+            Light::Sun(sun) => sun.radiance(direction),
+            _ => Rgb::BLACK,
+        };
+        (0..).zip(lights.iter().map(radiance)).filter(|(_, radiance)| !radiance.is_black())
+    }
+
+    /// The density [1/sr] of a direction toward the sun of an index in [`Self::sample_lights`].
+    pub fn sun_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, sun: u32, direction: Vec3) -> f32 {
+        match self.lights.lights.get(sun as usize) {
+            Some(Light::Sun(s)) if receiver.faces(direction.into()) => {
+                s.pdf(direction) * self.lights.share(receiver, choice, sun as usize)
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Radiance [W/(m^2 sr)] of the environment along a direction, without suns.
+    #[inline]
+    pub fn environment_radiance(&self, direction: Vec3) -> Rgb {
+        self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
+    }
+
+    /// The density [1/sr] of a direction toward the environment in [`Self::sample_lights`].
+    #[inline]
+    pub fn environment_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, direction: Vec3) -> f32 {
+        // The environment is the last light if it emits.
+        match (&self.lights.environment, self.lights.lights.last()) {
+            (Some(e), Some(Light::Environment)) => {
+                e.pdf(receiver, direction) * self.lights.share(receiver, choice, self.lights.lights.len() - 1)
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+/// The share of a weight in the sum of all; zero without a positive finite sum.
+pub(crate) fn share_of(weights: impl Iterator<Item = f32>, index: usize) -> f32 {
+    let (mut total, mut own) = (0.0, 0.0);
+    for (i, weight) in weights.enumerate() {
+        total += weight;
+        if i == index {
+            own = weight;
+        }
+    }
+    if total > 0.0 && total.is_finite() { own / total } else { 0.0 }
 }
 
 /// An entry of a list of weights for each lane.

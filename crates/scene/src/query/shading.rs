@@ -1,7 +1,7 @@
 //! Shading: from a point on a surface to a frame and a BSDF.
 
-use crate::light::sample::{LightSamples, Receivers};
-use crate::light::{FoundLights, LightChoice, MAX_LIGHTS_FOR_EACH, NO_LIGHT};
+use crate::light::sample::Receivers;
+use crate::light::{Light, NO_LIGHT};
 use crate::query::intersect::{SurfacePoint, mix};
 use crate::query::surface;
 use crate::query::surface_points::{CornerLanes, SurfacePoints};
@@ -175,14 +175,14 @@ impl Scene {
     }
 
     /// The BSDFs of points on one material: one for all lanes, if it is constant and no mixture. The numbers `u` and the
-    /// indices of refraction `eta` of the lanes are as in [`Self::bsdf`]. BSDFs that exist only for one point are stored in
-    /// `storage`.
+    /// indices of refraction `eta` of the lanes are as in [`Self::bsdf`]; empty lists stand for zero and `None`. BSDFs that
+    /// exist only for one point are stored in `storage`.
     #[inline(always)]
     pub fn bsdfs<'a, F: Lanes>(
         &'a self,
         material: u32,
         points: &SurfacePoints<F>,
-        (u, eta): (&[f32; MAX_WIDTH], &[Option<f32>; MAX_WIDTH]),
+        (u, eta): (&[f32], &[Option<f32>]),
         storage: &'a mut [Option<Bsdf>; MAX_WIDTH],
     ) -> Bsdfs<'a> {
         match self.only_bsdf(material) {
@@ -195,12 +195,13 @@ impl Scene {
     fn each_bsdf<'a, F: Lanes>(
         &'a self,
         points: &SurfacePoints<F>,
-        (u, eta): (&[f32; MAX_WIDTH], &[Option<f32>; MAX_WIDTH]),
+        (u, eta): (&[f32], &[Option<f32>]),
         storage: &'a mut [Option<Bsdf>; MAX_WIDTH],
     ) -> Bsdfs<'a> {
         let mut each = [&Bsdf::Absorber; MAX_WIDTH];
         for (lane, (bsdf, storage)) in each.iter_mut().zip(storage).enumerate().take(F::WIDTH) {
-            *bsdf = self.bsdf(&points.lane(lane), u[lane], eta[lane], storage);
+            let (u, eta) = (u.get(lane).copied().unwrap_or(0.0), eta.get(lane).copied().flatten());
+            *bsdf = self.bsdf(&points.lane(lane), u, eta, storage);
         }
         Bsdfs::of_lanes(each, F::WIDTH)
     }
@@ -343,60 +344,9 @@ impl Scene {
         (part.object, part.material)
     }
 
-    /// Maximum number of light samples of a vertex.
-    pub const MAX_LIGHT_SAMPLES: u32 = MAX_LIGHTS_FOR_EACH as u32;
-
-    /// The light samples of the scattering vertex with this number (from 0, counted along a path). With at most eight
-    /// lights, vertices on surfaces and the first two vertices in media take a sample of each light, unless the
-    /// technique is left out. All other vertices take a sample of one light.
-    #[inline]
-    pub fn light_choice_at(&self, vertex: u32, in_medium: bool) -> LightChoice {
-        self.lights.choice_at(vertex, in_medium)
-    }
-
-    /// Number of light samples of a vertex, one for each call of [`Self::sample_lights`].
-    #[inline]
-    pub fn num_light_samples(&self, choice: LightChoice) -> u32 {
-        self.lights.num_light_samples(choice) as u32
-    }
-
-    /// A light sample of each active lane: a direction toward a light, with the radiance that arrives unoccluded. The
-    /// light is that of the index `index` (below [`Self::num_light_samples`]) in all lanes, or is chosen by `u_choice`.
-    /// The light samples of a vertex are summed.
-    #[inline(always)]
-    #[expect(clippy::too_many_arguments)]
-    pub fn sample_lights<F: Lanes>(
-        &self,
-        token: F::Token,
-        receivers: &Receivers<F>,
-        choice: LightChoice,
-        index: u32,
-        u_choice: F,
-        u: [F; 2],
-        active: F::Mask,
-    ) -> LightSamples<F> {
-        let FoundLights { mut samples, varying, surfaces } =
-            self.lights.sample(token, receivers, choice, index, (u_choice, u), active);
-        let varying = varying & samples.pdf.is_positive().bits();
-        if varying != 0 {
-            let (points, directions) = (samples.point.to_lanes(), samples.direction.to_lanes());
-            let Rgb { r, g, b } = samples.radiance;
-            let (mut r, mut g, mut b) = (r.to_array(), g.to_array(), b.to_array());
-            for lane in 0..F::WIDTH {
-                if varying >> lane & 1 == 1 {
-                    let [part, triangle] = surfaces[lane];
-                    let radiance = self.radiance_at(part, triangle, points[lane], -directions[lane]);
-                    [r[lane], g[lane], b[lane]] = radiance.to_array();
-                }
-            }
-            samples.radiance = Rgb::new(F::load(token, &r), F::load(token, &g), F::load(token, &b));
-        }
-        samples
-    }
-
     /// Radiance [W/(m^2 sr)] of a point on a light whose radiance is not constant.
     #[inline(never)]
-    fn radiance_at(&self, part: u32, triangle: u32, point: Vec3, toward: Vec3) -> Rgb {
+    pub(crate) fn radiance_at(&self, part: u32, triangle: u32, point: Vec3, toward: Vec3) -> Rgb {
         let p = self.locate(part, triangle, point);
         self.emitted(&p, toward) * self.coverage(&p, -toward)
     }
@@ -409,7 +359,7 @@ impl Scene {
         let to_render = |p: Vec3| part.transform.as_ref().map_or(p, |t| t.point(p));
         let light = part.lights.get(triangle as usize).copied().unwrap_or(NO_LIGHT);
         let candidates = match self.lights.lights.get(light as usize) {
-            Some(crate::light::Light::Area(a)) => a.triangles,
+            Some(Light::Area(a)) => a.triangles,
             _ => [triangle, u32::MAX],
         };
         let inside = |t: u32| {
@@ -439,41 +389,6 @@ impl Scene {
             // No light moves.
             time: 0.0,
         }
-    }
-
-    /// The density [1/sr] of a point on a surface in [`Self::sample_lights`]; 0 if the surface does not emit.
-    #[inline]
-    pub fn light_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, p: &SurfacePoint) -> f32 {
-        match self.parts[p.part as usize].lights.get(p.triangle as usize) {
-            Some(&light) if light != NO_LIGHT => {
-                self.lights.pdf_area(receiver, choice, light, (p.triangle, p.point, p.normal))
-            }
-            _ => 0.0,
-        }
-    }
-
-    /// The lights of kind sun whose disc contains a direction, as pairs of index and radiance [W/(m^2 sr)].
-    #[inline]
-    pub fn suns_along(&self, direction: Vec3) -> impl Iterator<Item = (u32, Rgb)> {
-        let lit = self.lights.suns().map(move |(index, sun)| (index as u32, sun.radiance(direction)));
-        lit.filter(|(_, radiance)| !radiance.is_black())
-    }
-
-    /// The density [1/sr] of a direction toward the sun of an index in [`Self::sample_lights`].
-    pub fn sun_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, sun: u32, direction: Vec3) -> f32 {
-        self.lights.pdf_sun(receiver, choice, sun, direction)
-    }
-
-    /// Radiance [W/(m^2 sr)] of the environment along a direction, without suns.
-    #[inline]
-    pub fn environment_radiance(&self, direction: Vec3) -> Rgb {
-        self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
-    }
-
-    /// The density [1/sr] of a direction toward the environment in [`Self::sample_lights`].
-    #[inline]
-    pub fn environment_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, direction: Vec3) -> f32 {
-        self.lights.pdf_environment(receiver, choice, direction)
     }
 }
 
