@@ -1,7 +1,6 @@
 //! The derivative of the shading normal against finite differences of the shading frame's normal.
 
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, Ray, Vec3};
-use dunkelfeld_lanes::V3;
 use dunkelfeld_scene::shapes::{rectangle, sphere};
 use dunkelfeld_scene::{Material, NormalDifferentials, Scene, SceneBuilder, Surface, SurfacePoint, Volume};
 
@@ -45,8 +44,7 @@ fn differential(scene: &Scene, p: &SurfacePoint, wo: Vec3) -> (Vec3, bool, Optio
 
 /// The change of the normal for a displacement.
 fn along(differential: &NormalDifferentials<f32>, d: Vec3) -> DVec3 {
-    let change = differential.along(V3::from(d).widen());
-    DVec3::new(change.x, change.y, change.z)
+    Vec3::from(differential.along(d.into())).as_dvec3()
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! mesh again.
 
 use super::ray_differential::RayDifferentials;
-use dunkelfeld_lanes::{Double, Lanes, Mask, Real, V3};
+use dunkelfeld_lanes::{Lanes, Mask, V3};
 use dunkelfeld_scene::NormalDifferentials;
 use smallvec::SmallVec;
 
@@ -55,33 +55,29 @@ impl<F: Lanes> LinearizedChains<F> {
     /// they leave the last interface, their unit directions there, and their ray differentials. Each face is replaced by
     /// the plane at its intersection, with a normal that changes linearly.
     #[inline(always)]
-    pub(super) fn trace(
-        &self,
-        origin: V3<F::Double>,
-        first: V3<F>,
-    ) -> (F::Mask, [V3<F::Double>; 2], RayDifferentials<F>) {
+    pub(super) fn trace(&self, origin: V3<F>, first: V3<F>) -> (F::Mask, [V3<F>; 2], RayDifferentials<F>) {
         let mut rays = RayDifferentials::from_point(first);
-        let (mut position, mut direction, mut passes) = (origin, first.widen(), self.is_short);
+        let (mut position, mut direction, mut passes) = (origin, first, self.is_short);
         for vertex in &self.vertices {
-            let (point, flat, eta) = (vertex.point.widen(), vertex.geometric_normal.widen(), Double::widen(vertex.eta));
+            let (point, flat, eta) = (vertex.point, vertex.geometric_normal, vertex.eta);
             let distance = (point - position).dot(flat) / direction.dot(flat);
             let there = position + direction * distance;
-            let mut normal = vertex.normal.widen();
+            let mut normal = vertex.normal;
             if let Some(differential) = &vertex.differential {
                 normal = (normal + differential.along(there - point)).normalize();
             }
             let incident = direction.dot(normal);
             let (one, zero) = (incident.constant(1.0), incident.constant(0.0));
             let square = one - (one - incident * incident) / (eta * eta);
-            let is_reflection = F::Double::widen_mask(vertex.is_reflection);
+            let is_reflection = vertex.is_reflection;
             let cosine = square.max(zero).sqrt();
             // Of the direction behind the interface along the normal.
             let along = (incident.lt(zero) ^ is_reflection).select(-cosine, cosine);
             let behind = direction / eta + normal * (along - incident / eta);
             rays = rays.behind(vertex, distance, normal, [direction, behind]);
             let is_possible = distance.is_positive() & distance.is_finite() & square.is_positive();
-            passes = passes & (!vertex.lanes | F::Double::narrow_mask(is_possible));
-            let lanes = F::Double::widen_mask(vertex.lanes);
+            passes = passes & (!vertex.lanes | is_possible);
+            let lanes = vertex.lanes;
             position = V3::select(lanes, there, position);
             direction = V3::select(lanes, behind, direction);
         }
@@ -117,15 +113,15 @@ mod tests {
         let direction = first.as_dvec3();
         let (passes, [position, leaving], rays) = chain.trace(zero, first.into());
         assert!(passes, "a transmitted ray");
-        let vector = |v: V3<f64>| DVec3::new(v.x, v.y, v.z);
+        let vector = |v: V3<f32>| Vec3::from(v).as_dvec3();
         let (position, leaving_vector) = (vector(position), vector(leaving));
         let (d, n, top) = (f64::from(top - h), f64::from(n), f64::from(top));
         let sine = direction.x.hypot(direction.y) / n;
         let inner = d * sine / (1.0 - sine * sine).sqrt();
         let shift = (0.5 - top + f64::from(h)) * direction.x.hypot(direction.y) / direction.z + inner;
         let expected = DVec3::new(direction.x, direction.y, 0.0).normalize() * shift + DVec3::Z * 0.5;
-        assert!(position.distance(expected) < 1e-7, "{position} instead of {expected}");
-        assert!(leaving_vector.distance(DVec3::new(direction.x, direction.y, -direction.z)) < 2e-7);
+        assert!(position.distance(expected) < 2e-7, "{position} instead of {expected}");
+        assert!(leaving_vector.distance(DVec3::new(direction.x, direction.y, -direction.z)) < 3e-7);
         // The ray differential equals the difference to a neighbouring ray.
         let step = 1e-3f32;
         let moved = (first + Vec3::from(rays.axes[0]) * step).normalize();
@@ -133,8 +129,8 @@ mod tests {
         let (other, turned) = (vector(other), vector(turned));
         let reached = (other - position) + (turned - leaving_vector) * 0.3;
         let reached = reached - turned * (reached.dot(leaving_vector) / turned.dot(leaving_vector));
-        let [x, y] = rays.jacobians(leaving, 0.3, false).solve(V3::new(reached.x, reached.y, reached.z));
-        assert!((x - f64::from(step)).abs() < 3e-6 && y.abs() < 3e-6, "{x} {y}");
+        let [x, y] = rays.jacobians(leaving, 0.3, false).solve(reached.as_vec3().into());
+        assert!((x - step).abs() < 3e-6 && y.abs() < 3e-6, "{x} {y}");
         // Total reflection, and a chain with too many events.
         let mut total = LinearizedChains::new(());
         total.push(vertex(h, 1.0 / 3.0, false));

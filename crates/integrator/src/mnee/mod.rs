@@ -41,7 +41,7 @@ mod trace_chain;
 use crate::direct::power_heuristic;
 use crate::ray_state::{EnclosingSolids, RayState};
 use dunkelfeld_geometry::Vec3;
-use dunkelfeld_lanes::{Double, InstructionSet, Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_scene::covers::Wanted;
 use dunkelfeld_scene::{CandidateChains, Chain, Receivers, Scene, Targets};
 use linearized_chain::LinearizedChains;
@@ -62,11 +62,12 @@ const LINEARIZED_TOLERANCE: f32 = 1e-3;
 /// Maximum number of times in a row that a step is halved.
 const MAX_HALVINGS: u32 = 4;
 /// A chain has arrived if it misses the light by less than this share of the straight distance, and if its next step is
-/// below [`STEP_TOLERANCE`].
-const ERROR_TOLERANCE: f32 = 1e-4;
+/// below [`STEP_TOLERANCE`]. Its shadow ray leads from the last interface to the light itself.
+const ERROR_TOLERANCE: f32 = 1e-3;
 /// Largest next Newton step of a chain that has arrived \[rad\]. That step is still applied. So the error of the first
-/// direction is of the order of its square, which matters for a glossy receiver.
-const STEP_TOLERANCE: f32 = 1e-4;
+/// direction is of the order of its square, which matters for a glossy receiver. The relative error of the density is of
+/// the order of the step.
+const STEP_TOLERANCE: f32 = 1e-3;
 /// Rounding error of a direction in f32, with a margin \[rad\].
 const ROUNDING: f32 = 1e-6;
 /// Largest change of the first direction in one step \[rad\].
@@ -182,7 +183,7 @@ pub(crate) fn scattering_mis_weight(
     };
     // Does the sampled direction belong to the same solution?
     let residuals = trace(&Search::new((), sampled)).residuals();
-    let distance = (found.direction.widen() - sampled.widen()).length().narrow();
+    let distance = (found.direction - sampled).length();
     let is_same = residuals.exists && distance <= (found.step + residuals.size) * 2.0 + ROUNDING;
     if !found.has_converged || !is_same {
         return 1.0;
@@ -367,7 +368,7 @@ impl<F: Lanes> Solver<'_, F> {
             self.token,
             #[inline(always)]
             || {
-                let origin = self.ends.origin.widen();
+                let origin = self.ends.origin;
                 let mut error = self.ends.time.constant(f32::INFINITY);
                 let (mut running, mut converges) = (lanes, lanes);
                 for _ in 0..MAX_LINEARIZED_STEPS {
@@ -391,26 +392,21 @@ impl<F: Lanes> Solver<'_, F> {
 
     /// The misses of rays that leave the covers.
     #[inline(always)]
-    fn residuals(
-        &self,
-        position: V3<F::Double>,
-        leaving: V3<F::Double>,
-        differentials: &RayDifferentials<F>,
-    ) -> Residuals<F> {
+    fn residuals(&self, position: V3<F>, leaving: V3<F>, differentials: &RayDifferentials<F>) -> Residuals<F> {
         let Endpoints { targets, receivers, .. } = self.ends;
-        let point = targets.point.widen();
+        let point = targets.point;
         let to_light = point - position;
         let distance = to_light.dot(leaving);
-        let (is_infinite, one) = (F::Double::widen_mask(!targets.is_finite), distance.constant(1.0));
-        let is_ahead = F::Double::narrow_mask(distance.is_positive() | is_infinite);
-        let miss = V3::select(is_infinite, targets.direction.widen() - leaving, to_light - leaving * distance);
-        let scale = is_infinite.select(one, (point - receivers.point.widen()).length());
+        let (is_infinite, one) = (!targets.is_finite, distance.constant(1.0));
+        let is_ahead = distance.is_positive() | is_infinite;
+        let miss = V3::select(is_infinite, targets.direction - leaving, to_light - leaving * distance);
+        let scale = is_infinite.select(one, (point - receivers.point).length());
         let jacobians = differentials.jacobians(leaving, distance, !targets.is_finite);
         let [x, y] = jacobians.solve(miss);
-        let step = [x.narrow(), y.narrow()];
+        let step = [x, y];
         let exists = is_ahead & step[0].is_finite() & step[1].is_finite();
-        let size = (x * x + y * y).sqrt().narrow();
-        Residuals { exists, error: (miss.length() / scale).narrow(), step, size, jacobians }
+        let size = (x * x + y * y).sqrt();
+        Residuals { exists, error: miss.length() / scale, step, size, jacobians }
     }
 }
 
@@ -419,7 +415,7 @@ impl<F: Lanes> Traversal<'_, F> {
     #[inline(always)]
     fn residuals(&self) -> Residuals<F> {
         let traced = &self.traced;
-        let (position, leaving) = (traced.origin.widen(), traced.direction.widen());
+        let (position, leaving) = (traced.origin, traced.direction);
         let residuals = self.solver.residuals(position, leaving, &traced.differentials);
         Residuals { exists: residuals.exists & traced.exists, ..residuals }
     }
@@ -429,12 +425,10 @@ impl<F: Lanes> Traversal<'_, F> {
     fn connections(&self, lanes: F::Mask, direction: V3<F>, residuals: &Residuals<F>) -> Connections<F> {
         let Endpoints { targets, receivers, light_normal, .. } = self.solver.ends;
         let area = residuals.jacobians.area();
-        let line = targets.point.widen() - receivers.point.widen();
-        let (square, normal) = (line.length_squared(), light_normal.widen());
-        let cosines = self.traced.direction.widen().dot(normal) * square.sqrt() / line.dot(normal);
-        let is_finite = F::Double::widen_mask(targets.is_finite);
-        let ratio = is_finite.select(square * cosines, area.constant(1.0)) / area;
-        let solid_angle_ratio = ratio.narrow();
+        let line = targets.point - receivers.point;
+        let square = line.length_squared();
+        let cosines = self.traced.direction.dot(*light_normal) * square.sqrt() / line.dot(*light_normal);
+        let solid_angle_ratio = targets.is_finite.select(square * cosines, area.constant(1.0)) / area;
         let has_converged = lanes & solid_angle_ratio.is_positive() & solid_angle_ratio.is_finite();
         Connections { has_converged, direction, step: residuals.size, solid_angle_ratio }
     }

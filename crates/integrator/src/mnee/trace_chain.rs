@@ -8,7 +8,7 @@ use crate::scatterer::Scatterer;
 use crate::wavefront::rays::{Hits, Rays};
 use dunkelfeld_bsdf::{Bsdf, Dielectric, InLanes, Lobe, View};
 use dunkelfeld_geometry::Ray;
-use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Bsdfs, Chain, HitLanes, Interface, Scene, SurfacePoint, SurfacePoints};
 
@@ -329,8 +329,8 @@ impl<F: Lanes> Traversal<'_, F> {
             eta,
             is_reflection,
         };
-        let (distance, directions) = (Double::widen(faces.distance), [from.widen(), wi.widen()]);
-        traced.differentials = traced.differentials.behind(&vertices, distance, normals.widen(), directions);
+        let (distance, directions) = (faces.distance, [from, wi]);
+        traced.differentials = traced.differentials.behind(&vertices, distance, normals, directions);
         self.linearized.push(vertices);
         traced.weight = Rgb::select(passes, weight, traced.weight);
         traced.probability = passes.select(traced.probability * faces.open * pdf, traced.probability);

@@ -1,27 +1,26 @@
 //! Derivatives of shading normals over triangles, for ray differentials at curved surfaces.
 
-use crate::geometry::splat;
 use crate::geometry::triangle_data::{Facet, FacetLanes};
 use crate::query::shading::visible_normals;
 use crate::query::surface_points::{CornerLanes, SurfacePoints};
 use crate::scene::Scene;
-use dunkelfeld_geometry::DMat3;
-use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_geometry::{DMat3, Vec3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 
 /// The derivatives of shading normals at points of triangles, one for each lane, in render space.
 #[derive(Clone, Copy, Debug)]
 pub struct NormalDifferentials<F: Lanes> {
     /// Change of the second and the third barycentric coordinate per displacement [1/m].
-    gradients: [V3<F::Double>; 2],
+    gradients: [V3<F>; 2],
     /// Change of the unit normal per change of these.
-    changes: [V3<F::Double>; 2],
+    changes: [V3<F>; 2],
 }
 
 impl<F: Lanes> NormalDifferentials<F> {
     /// The changes of the unit normals for displacements \[m\] in the planes of the triangles, to first order. A part of
     /// a displacement across that plane has no effect.
     #[inline(always)]
-    pub fn along(&self, displacement: V3<F::Double>) -> V3<F::Double> {
+    pub fn along(&self, displacement: V3<F>) -> V3<F> {
         let [a, b] = self.gradients;
         self.changes[0] * a.dot(displacement) + self.changes[1] * b.dot(displacement)
     }
@@ -53,9 +52,9 @@ impl Scene {
         let CornerLanes { normals: [n0, n1, n2], is_placed } = corners;
         // The derivative of `v / |v|` with `v` the interpolated normal, on the side of `normals`.
         let FacetLanes { corners: [c0, c1, c2], .. } = Facet::load::<F>(token, &facets);
-        let (c0, n0) = (c0.widen(), n0.widen());
-        let (mut edges, mut turns) = ([c1.widen() - c0, c2.widen() - c0], [n1.widen() - n0, n2.widen() - n0]);
-        let mut mixed = n0 + turns[0] * Double::widen(points.b1) + turns[1] * Double::widen(points.b2);
+        let (c0, n0) = (c0, n0);
+        let (mut edges, mut turns) = ([c1 - c0, c2 - c0], [n1 - n0, n2 - n0]);
+        let mut mixed = n0 + turns[0] * points.b1 + turns[1] * points.b2;
         if is_placed != 0 {
             self.each_pose(
                 token,
@@ -63,7 +62,6 @@ impl Scene {
                 is_placed,
                 #[inline(always)]
                 |lanes, transform| {
-                    let lanes = F::Double::widen_mask(lanes);
                     let (vectors, covectors) =
                         (transform.to_world().matrix3, transform.to_object().matrix3.transpose());
                     mixed = V3::select(lanes, product::<F>(token, &covectors, mixed), mixed);
@@ -81,11 +79,11 @@ impl Scene {
         let inverse = across.length_squared().recip();
         let gradients = [e2.cross(across) * inverse, across.cross(e1) * inverse];
         let scale = length.recip();
-        let scale = unit.dot(normals.widen()).lt(scale.constant(0.0)).select(-scale, scale);
+        let scale = unit.dot(normals).lt(scale.constant(0.0)).select(-scale, scale);
         let [c1, c2] = [(turns[0] - unit * unit.dot(turns[0])) * scale, (turns[1] - unit * unit.dot(turns[1])) * scale];
         let size = gradients[0].dot(gradients[1]) + c1.dot(c1) + c2.dot(c2);
-        let is_known = F::Double::widen_mask(points.is_smooth) & size.is_finite();
-        let none = V3::<F>::splat_double(token, V3::new(0.0, 0.0, 0.0));
+        let is_known = points.is_smooth & size.is_finite();
+        let none = V3::splat(token, Vec3::ZERO);
         let [g1, g2] = gradients;
         let differentials = NormalDifferentials {
             gradients: [V3::select(is_known, g1, none), V3::select(is_known, g2, none)],
@@ -97,7 +95,7 @@ impl Scene {
 
 /// The product of a matrix and a vector of each lane.
 #[inline(always)]
-fn product<F: Lanes>(token: F::Token, m: &DMat3, v: V3<F::Double>) -> V3<F::Double> {
-    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
-    splat::<F>(token, x) * v.x + splat::<F>(token, y) * v.y + splat::<F>(token, z) * v.z
+fn product<F: Lanes>(token: F::Token, m: &DMat3, v: V3<F>) -> V3<F> {
+    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.as_vec3());
+    V3::splat(token, x) * v.x + V3::splat(token, y) * v.y + V3::splat(token, z) * v.z
 }
