@@ -24,7 +24,7 @@ pub(crate) const EFFECTS: [(&str, &[&str]); 34] = [
     ("integrator/src/ray_state.rs", &[]),
     ("integrator/src/wavefront/attempts.rs", &[]),
     ("integrator/src/wavefront/connect.rs", &[]),
-    ("integrator/src/wavefront/group.rs", &["surfaces", "enclosing_beyond", "lit_lanes"]),
+    ("integrator/src/wavefront/group.rs", &["points", "enclosing_beyond", "lit_lanes"]),
     ("integrator/src/wavefront/mod.rs", &["arrive", "escape"]),
     ("integrator/src/wavefront/scatter.rs", &["enter_solids", "evaluate_each"]),
     ("scene/src/camera/distortion.rs", &[]),

@@ -120,17 +120,28 @@ impl Transform {
     /// [`Self::normal`] in lanes.
     #[inline(always)]
     pub fn normals<F: Lanes>(&self, n: V3<F>) -> V3<F> {
-        let (token, n) = (n.x.token(), n.widen());
-        let m: &DMat3 = &self.to_object.matrix3;
-        let moved = V3::new(
-            V3::<F>::splat_double(token, v3(m.x_axis)).dot(n),
-            V3::<F>::splat_double(token, v3(m.y_axis)).dot(n),
-            V3::<F>::splat_double(token, v3(m.z_axis)).dot(n),
-        );
+        let (token, moved) = (n.x.token(), self.covectors::<F>(n.x.token(), n.widen()));
         let length = moved.length();
         let inverse = length.recip();
         let is_some = F::Double::narrow_mask(length.is_finite() & inverse.is_finite());
         V3::select(is_some, V3::narrow(moved * inverse), V3::splat(token, Vec3::ZERO))
+    }
+
+    /// Vectors in the world, in double precision: see [`Self::vector`].
+    #[inline(always)]
+    pub fn vectors<F: Lanes>(&self, token: F::Token, v: V3<F::Double>) -> V3<F::Double> {
+        linear::<F>(token, &self.to_world.matrix3, v)
+    }
+
+    /// Normals in the world, in double precision and not of unit length: see [`Self::normal`].
+    #[inline(always)]
+    pub fn covectors<F: Lanes>(&self, token: F::Token, n: V3<F::Double>) -> V3<F::Double> {
+        let m = &self.to_object.matrix3;
+        V3::new(
+            V3::<F>::splat_double(token, v3(m.x_axis)).dot(n),
+            V3::<F>::splat_double(token, v3(m.y_axis)).dot(n),
+            V3::<F>::splat_double(token, v3(m.z_axis)).dot(n),
+        )
     }
 
     /// True if it mirrors, so that a counter-clockwise triangle becomes clockwise.

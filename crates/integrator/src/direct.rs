@@ -8,7 +8,7 @@ use dunkelfeld_lanes::{Lanes, Mask};
 pub(crate) const GATHERED_SHARE: f32 = 1.0 / 32.0;
 
 /// Smallest probability of survival in that roulette. It limits the weight of a sample.
-pub(crate) const MIN_GATHERED_SURVIVAL: f32 = 1.0 / 16.0;
+pub(crate) const MIN_SURVIVAL: f32 = 1.0 / 16.0;
 
 /// Factor on the light of a light sample with the density `light_pdf`: the MIS weight over the density. `pdf` is the
 /// density with which scattering draws its direction; it draws no direction to a light without extent.

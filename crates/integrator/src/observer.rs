@@ -32,7 +32,7 @@ pub(crate) enum Event {
 }
 
 /// One vertex of a recorded path.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct TraceVertex {
     /// Position in render space \[m\].
     pub position: [f32; 3],
@@ -126,16 +126,8 @@ impl ConnectionTally {
 impl Observer for PathTrace {
     fn event(&mut self, _: usize, event: Event) {
         if let Event::Vertex { position, material, in_medium, throughput } = event {
-            self.vertices.push(TraceVertex {
-                position: position.to_array(),
-                material,
-                in_medium,
-                throughput,
-                emitted: Rgb::BLACK,
-                direct: Rgb::BLACK,
-                connections: Vec::new(),
-                scattered: None,
-            });
+            let position = position.to_array();
+            self.vertices.push(TraceVertex { position, material, in_medium, throughput, ..TraceVertex::default() });
         }
         let Some(vertex) = self.vertices.last_mut() else { return };
         match event {

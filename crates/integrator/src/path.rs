@@ -19,10 +19,10 @@ const FORCED_RR_BOUNCES: f32 = 64.0;
 /// clear sheets would be traced for longer.
 const MAX_SURVIVAL: f32 = 0.98;
 
-/// Scale of Russian roulette: a path whose throughput is a third or more always survives. Termination on dark surfaces
-/// produces rare bright samples. On the inspection scenes this factor reduces the variance of the image by a third and
-/// costs a tenth more time (`validation/README.md`).
-const RR_SCALE: f32 = 3.0;
+/// Scale of Russian roulette (Arvo and Kirk 1990): a path whose throughput, without the factor eta^2, is a third or more
+/// always survives. Termination on dark surfaces produces rare bright samples. On the inspection scenes this factor reduces
+/// the variance of the image by a third and costs a tenth more time (`validation/README.md`).
+pub(crate) const RR_SCALE: f32 = 3.0;
 
 /// The state of a path. Lanes load and store it by rows of four numbers.
 #[derive(Clone, Copy, Debug)]
@@ -244,7 +244,7 @@ impl Path {
         let (sampler, direction) = (self.sampler, ray.ray.direction);
         let mut number = None;
         let mut sample = |point: &SurfacePoint| {
-            if !scene.is_stochastic(point) {
+            if !scene.is_random(point.material()) {
                 return Some(0.0);
             }
             let u = number.unwrap_or_else(|| sampler.get_1d(dimensions::surface_kind(vertex)));
@@ -283,13 +283,6 @@ impl Path {
 
 /// The largest number below 1.
 const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
-
-/// The survival probability in Russian roulette (Arvo and Kirk 1990). `rr_throughput` is the throughput without the
-/// factor eta^2.
-#[inline(always)]
-pub(crate) fn survival<F: Lanes>(rr_throughput: F) -> F {
-    rr_throughput * RR_SCALE
-}
 
 /// The survival probability of a path without loss after a number of scatterings at surfaces.
 #[inline(always)]

@@ -72,6 +72,11 @@ pub trait Mask<F>:
     fn any(self) -> bool {
         self.bits() != 0
     }
+    /// The numbers of the lanes that are true, in ascending order.
+    #[inline(always)]
+    fn lanes(self) -> TrueLanes {
+        TrueLanes(self.bits())
+    }
     /// Calls `f` for the number of each lane that is true, in ascending order.
     #[inline(always)]
     fn each(self, mut f: impl FnMut(usize)) {
@@ -259,6 +264,34 @@ pub trait Lanes:
         Self::store_word(word, &mut lanes);
         lanes
     }
+}
+
+/// The numbers of the lanes of a mask that are true, in ascending order.
+#[derive(Clone, Copy, Debug)]
+pub struct TrueLanes(u32);
+
+impl Iterator for TrueLanes {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        let (bits, lane) = (self.0, self.0.trailing_zeros() as usize % MAX_WIDTH);
+        self.0 &= bits.wrapping_sub(1);
+        if bits != 0 { Some(lane) } else { None }
+    }
+}
+
+/// The content of a function that is not inlined, with the instructions of the lanes: `vectorize!(F, token, expression)`. See
+/// [`Lanes::vectorize`].
+#[macro_export]
+macro_rules! vectorize {
+    ($F:ty, $token:expr, $body:expr) => {
+        <$F as $crate::Lanes>::vectorize(
+            $token,
+            #[inline(always)]
+            || $body,
+        )
+    };
 }
 
 /// Calls code for the lanes of an instruction set: `dispatch!(set, F, token => expression)`. In the expression `F` is the

@@ -244,12 +244,36 @@ fn rows_become_columns() {
 }
 
 #[test]
+fn records_are_stored_as_they_were_loaded() {
+    let mut records = [[[0.0; 4]; 3]; MAX_WIDTH];
+    for (k, number) in records.as_flattened_mut().as_flattened_mut().iter_mut().enumerate() {
+        *number = k as f32;
+    }
+    for set in InstructionSet::all() {
+        let mut stored = Vec::new();
+        let second = dispatch!(set, F, token => {
+            let rows = V3::<F>::load_records(token, #[inline(always)] |lane| &records[lane]);
+            V3::store_records(rows, F::mask(token, 0b0101_1010_0101_1011), #[inline(always)] |lane, record| stored.push((lane, record)));
+            let (V3 { x, y, z }, w) = rows[1];
+            [x.to_array(), y.to_array(), z.to_array(), w.to_array()]
+        });
+        let lanes = (0..set.lanes()).filter(|lane| 0b0101_1010_0101_1011 >> lane & 1 == 1);
+        assert_eq!(stored, lanes.map(|lane| (lane, records[lane])).collect::<Vec<_>>(), "{set:?}");
+        for lane in 0..set.lanes() {
+            assert_eq!([0, 1, 2, 3].map(|k| second[k][lane]), records[lane][1], "{set:?}");
+        }
+    }
+}
+
+#[test]
 fn masks_have_their_bits() {
     for set in InstructionSet::all() {
         let bits = dispatch!(set, F, token => F::mask(token, 0b1010_0110_0101_1010).bits());
         assert_eq!(bits, 0b1010_0110_0101_1010 & ((1 << set.lanes()) - 1));
         let mut found = Vec::new();
         dispatch!(set, F, token => F::mask(token, 0b1010_0110_0101_1010).each(#[inline(always)] |lane| found.push(lane)));
+        let lanes: Vec<usize> = dispatch!(set, F, token => F::mask(token, 0b1010_0110_0101_1010).lanes().collect());
+        assert_eq!(lanes, found);
         let mut list = vec![7.0];
         dispatch!(set, F, token => {
             let numbers: [f32; MAX_WIDTH] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];

@@ -31,9 +31,11 @@ pub(crate) const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
 pub(crate) const SHADOW: usize = 0;
 pub(crate) const CONNECTION: usize = 1;
 
-/// Cost of a shadow ray with its light sample, and of each ray that is traced through a cover for a connection, relative to
-/// a ray to the next surface with its shading.
-pub(crate) const COSTS: [f32; 2] = [0.5, 1.0];
+/// Cost of a shadow ray with its light sample, relative to a ray to the next surface with its shading.
+const SHADOW_COST: f32 = 0.5;
+
+/// Cost of a ray that is traced through a cover for a connection, relative to a ray to the next surface.
+const CONNECTION_COST: f32 = 1.0;
 
 /// Smallest learned survival probability. It bounds the weight of outcomes that training has not met.
 const MIN_SURVIVAL: f32 = 0.2;
@@ -45,12 +47,6 @@ pub struct LearnedRoulette {
 }
 
 impl LearnedRoulette {
-    /// The statistics of batches of training paths: their vertices, path after path. The order of the batches is part of
-    /// the result. `None` if no path met a surface.
-    pub(crate) fn from_visits(batches: &[&[Visit]]) -> Option<Self> {
-        Some(Self { grid: statistics::combine(batches)? })
-    }
-
     /// The survival probabilities at vertices on surfaces. The first surface with statistics sets the `gain_scale` of a path,
     /// which is negative before. A lane has none if its material has no statistics, or if the noise of the first surface is
     /// zero.

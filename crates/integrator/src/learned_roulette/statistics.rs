@@ -1,12 +1,15 @@
 //! Statistics of the outcomes of training paths, by cell.
 
 use super::cells::{Cell, CellGrid, Lattice};
-use super::{COSTS, LIGHTS};
+use super::{CONNECTION_COST, LIGHTS, LearnedRoulette, SHADOW_COST};
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_lanes::One;
 use dunkelfeld_radiometry::Rgb;
 use std::array::from_fn;
 use std::collections::BTreeMap;
+
+/// Costs of both kinds of rays to lights.
+const COSTS: [f32; 2] = [SHADOW_COST, CONNECTION_COST];
 
 /// Weight of the statistics of the material in those of a cell \[observations\].
 const PRIOR: f64 = 4.0;
@@ -139,36 +142,39 @@ fn add<const N: usize>(sums: &mut [f64; N], values: [f64; N]) {
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
 }
 
-/// The statistics of the vertices of paths, in their order. `None` if no path met a surface.
-pub(super) fn combine(batches: &[&[Visit]]) -> Option<CellGrid> {
-    let visits = || batches.iter().copied().flatten();
-    let firsts: Vec<Vec3> = visits().filter(|v| v.is_first && v.material.is_some()).map(|v| v.point).collect();
-    let lattice = Lattice::around(&firsts)?;
+impl LearnedRoulette {
+    /// The statistics of batches of training paths: their vertices, path after path. The order of the batches is part of
+    /// the result. `None` if no path met a surface.
+    pub(crate) fn from_visits(batches: &[&[Visit]]) -> Option<Self> {
+        let visits = || batches.iter().copied().flatten();
+        let firsts: Vec<Vec3> = visits().filter(|v| v.is_first && v.material.is_some()).map(|v| v.point).collect();
+        let lattice = Lattice::around(&firsts)?;
 
-    // The order of the visits is fixed, and so are the sums.
-    let mut cells: BTreeMap<[u32; 2], (u32, Sums)> = BTreeMap::new();
-    let mut materials: BTreeMap<u32, Sums> = BTreeMap::new();
-    let mut all = Sums::default();
-    for path in batches.iter().flat_map(|visits| visits.chunk_by(|_, next| !next.is_first)) {
-        let cost: f64 = path.iter().map(|v| f64::from(v.cost)).sum();
-        let mut rest = Outcome::default();
-        for visit in path.iter().rev() {
-            // Invalid samples are counted by the film. Nothing is learned from them.
-            if let Some(material) = visit.material.filter(|_| rest.radiance.is_finite()) {
-                let key = lattice.key(visit.point.into(), One(material)).map(|half| half.0);
-                cells.entry(key).or_insert((material, Sums::default())).1.add(visit, rest, cost);
-                materials.entry(material).or_default().add(visit, rest, cost);
-                all.add(visit, rest, cost);
+        // The order of the visits is fixed, and so are the sums.
+        let mut cells: BTreeMap<[u32; 2], (u32, Sums)> = BTreeMap::new();
+        let mut materials: BTreeMap<u32, Sums> = BTreeMap::new();
+        let mut all = Sums::default();
+        for path in batches.iter().flat_map(|visits| visits.chunk_by(|_, next| !next.is_first)) {
+            let cost: f64 = path.iter().map(|v| f64::from(v.cost)).sum();
+            let mut rest = Outcome::default();
+            for visit in path.iter().rev() {
+                // Invalid samples are counted by the film. Nothing is learned from them.
+                if let Some(material) = visit.material.filter(|_| rest.radiance.is_finite()) {
+                    let key = lattice.key(visit.point.into(), One(material)).map(|half| half.0);
+                    cells.entry(key).or_insert((material, Sums::default())).1.add(visit, rest, cost);
+                    materials.entry(material).or_default().add(visit, rest, cost);
+                    all.add(visit, rest, cost);
+                }
+                rest.radiance += f64::from(visit.added);
+                rest.cost += f64::from(visit.cost);
             }
-            rest.radiance += f64::from(visit.added);
-            rest.cost += f64::from(visit.cost);
         }
-    }
 
-    let all = all.means(&Means::UNKNOWN);
-    let materials: BTreeMap<u32, Means> = materials.iter().map(|(&m, sums)| (m, sums.means(&all))).collect();
-    let by_key = cells.iter().map(|(&key, (material, sums))| (key, sums.means(&materials[material]).cell()));
-    let last = materials.keys().next_back()?;
-    let by_material = (0..=*last).map(|m| materials.get(&m).map(Means::cell));
-    Some(CellGrid::new(lattice, by_key, by_material))
+        let all = all.means(&Means::UNKNOWN);
+        let materials: BTreeMap<u32, Means> = materials.iter().map(|(&m, sums)| (m, sums.means(&all))).collect();
+        let by_key = cells.iter().map(|(&key, (material, sums))| (key, sums.means(&materials[material]).cell()));
+        let last = materials.keys().next_back()?;
+        let by_material = (0..=*last).map(|m| materials.get(&m).map(Means::cell));
+        Some(Self { grid: CellGrid::new(lattice, by_key, by_material) })
+    }
 }

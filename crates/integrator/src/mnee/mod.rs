@@ -41,7 +41,7 @@ mod trace_chain;
 use crate::direct::power_heuristic;
 use crate::ray_state::{EnclosingSolids, RayState};
 use dunkelfeld_geometry::Vec3;
-use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3, vectorize};
 use dunkelfeld_scene::covers::Wanted;
 use dunkelfeld_scene::{CandidateChains, Chain, Receivers, Scene, Targets};
 use linearized_chain::LinearizedChains;
@@ -181,11 +181,14 @@ pub(crate) fn scattering_mis_weight(
         }
         search = traversal.search;
     };
+    if !found.has_converged {
+        return 1.0;
+    }
     // Does the sampled direction belong to the same solution?
     let residuals = trace(&Search::new((), sampled)).residuals();
     let distance = (found.direction - sampled).length();
     let is_same = residuals.exists && distance <= (found.step + residuals.size) * 2.0 + ROUNDING;
-    if !found.has_converged || !is_same {
+    if !is_same {
         return 1.0;
     }
     let density = straight_pdf * selected.probability / found.solid_angle_ratio;
@@ -364,30 +367,26 @@ impl<F: Lanes> Solver<'_, F> {
     /// the faces continued as near the traced rays, and the lanes in which it converges.
     #[inline(never)]
     fn solve_linearized(&self, chains: &LinearizedChains<F>, lanes: F::Mask, mut direction: V3<F>) -> (V3<F>, F::Mask) {
-        F::vectorize(
-            self.token,
-            #[inline(always)]
-            || {
-                let origin = self.ends.origin;
-                let mut error = self.ends.time.constant(f32::INFINITY);
-                let (mut running, mut converges) = (lanes, lanes);
-                for _ in 0..MAX_LINEARIZED_STEPS {
-                    let (passes, [position, leaving], differentials) = chains.trace(origin, direction);
-                    let residuals = self.residuals(position, leaving, &differentials);
-                    let Residuals { exists, step, size, .. } = residuals;
-                    let is_better = passes & exists & residuals.error.lt(error) & size.lt(size.constant(MAX_STEP));
-                    converges = converges & (!running | is_better);
-                    running = running & is_better;
-                    error = running.select(residuals.error, error);
-                    direction = V3::select(running, turned(direction, differentials.axes, step), direction);
-                    running = running & size.gt(size.constant(LINEARIZED_TOLERANCE));
-                    if !running.any() {
-                        break;
-                    }
+        vectorize!(F, self.token, {
+            let origin = self.ends.origin;
+            let mut error = self.ends.time.constant(f32::INFINITY);
+            let (mut running, mut converges) = (lanes, lanes);
+            for _ in 0..MAX_LINEARIZED_STEPS {
+                let (passes, [position, leaving], differentials) = chains.trace(origin, direction);
+                let residuals = self.residuals(position, leaving, &differentials);
+                let Residuals { exists, step, size, .. } = residuals;
+                let is_better = passes & exists & residuals.error.lt(error) & size.lt(size.constant(MAX_STEP));
+                converges = converges & (!running | is_better);
+                running = running & is_better;
+                error = running.select(residuals.error, error);
+                direction = V3::select(running, turned(direction, differentials.axes, step), direction);
+                running = running & size.gt(size.constant(LINEARIZED_TOLERANCE));
+                if !running.any() {
+                    break;
                 }
-                (direction, converges)
-            },
-        )
+            }
+            (direction, converges)
+        })
     }
 
     /// The misses of rays that leave the covers.

@@ -8,7 +8,7 @@ use crate::scatterer::Scatterer;
 use crate::wavefront::rays::{Hits, Rays};
 use dunkelfeld_bsdf::{Bsdf, Dielectric, InLanes, Lobe, View};
 use dunkelfeld_geometry::Ray;
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3, vectorize};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Bsdfs, Chain, HitLanes, Interface, Scene, SurfacePoint, SurfacePoints};
 
@@ -97,14 +97,11 @@ impl<'a, F: Lanes> Traversal<'a, F> {
     #[inline(always)]
     fn event(&self, event: u32) -> [F::Mask; 2] {
         let [mut has_event, mut is_reflection] = [0; 2];
-        self.traced.exists.each(
-            #[inline(always)]
-            |lane| {
-                let (_, chain) = self.chain[lane];
-                has_event |= u32::from(event < chain.events()) << lane;
-                is_reflection |= u32::from(chain.is_reflection(event)) << lane;
-            },
-        );
+        for lane in self.traced.exists.lanes() {
+            let (_, chain) = self.chain[lane];
+            has_event |= u32::from(event < chain.events()) << lane;
+            is_reflection |= u32::from(chain.is_reflection(event)) << lane;
+        }
         [F::mask(self.solver.token, has_event), F::mask(self.solver.token, is_reflection)]
     }
 }
@@ -116,33 +113,25 @@ pub(crate) fn trace_chains<F: Lanes>(traversals: &mut [Traversal<'_, F>], Segmen
     let Some(Solver { scene, set, token, .. }) = traversals.first().map(|traversal| traversal.solver) else { return };
     for event in 0..Chain::MAX_EVENTS {
         rays.clear();
-        F::vectorize(
-            token,
-            #[inline(always)]
-            || {
-                for traversal in traversals.iter() {
-                    let (traced, [active, _]) = (&traversal.traced, traversal.event(event));
-                    let time = traversal.solver.ends.time;
-                    let segment = [traced.origin, traced.direction];
-                    rays.append((active, &[0; MAX_WIDTH]), segment, time.constant(f32::INFINITY), time);
-                }
-            },
-        );
+        vectorize!(F, token, {
+            for traversal in traversals.iter() {
+                let (traced, [active, _]) = (&traversal.traced, traversal.event(event));
+                let time = traversal.solver.ends.time;
+                let segment = [traced.origin, traced.direction];
+                rays.append((active, &[0; MAX_WIDTH]), segment, time.constant(f32::INFINITY), time);
+            }
+        });
         let count = rays.paths.len();
         if count == 0 {
             return;
         }
         scene.bvh().closest_hits(set, &rays.batch(), &mut hits.batch(count));
         let mut first = 0;
-        F::vectorize(
-            token,
-            #[inline(always)]
-            || {
-                for traversal in traversals.iter_mut() {
-                    traversal.pass(event, hits, &mut first);
-                }
-            },
-        );
+        vectorize!(F, token, {
+            for traversal in traversals.iter_mut() {
+                traversal.pass(event, hits, &mut first);
+            }
+        });
     }
 }
 
@@ -165,14 +154,11 @@ impl<F: Lanes> Traversal<'_, F> {
     fn pass(&mut self, event: u32, hits: &Hits, next: &mut u32) {
         let ([active, is_reflection], token) = (self.event(event), self.solver.token);
         let (mut segments, mut found) = ([0; MAX_WIDTH], 0);
-        active.each(
-            #[inline(always)]
-            |lane| {
-                segments[lane] = *next;
-                found |= u32::from(hits.has(*next)) << lane;
-                *next += 1;
-            },
-        );
+        for lane in active.lanes() {
+            segments[lane] = *next;
+            found |= u32::from(hits.has(*next)) << lane;
+            *next += 1;
+        }
         self.traced.exists = self.traced.exists & (!active | F::mask(token, found));
         if found != 0 {
             // Other lanes repeat a hit.
@@ -201,14 +187,11 @@ impl<F: Lanes> Traversal<'_, F> {
         };
         let parts = F::word_to_array(faces.points.part);
         let mut others = 0;
-        lanes.each(
-            #[inline(always)]
-            |lane| {
-                let is_face = scene.cover_of_part(parts[lane]) == Some(self.chain[lane].0);
-                let is_single = matches!(traced.enclosing[lane], EnclosingSolids::Last(_));
-                others |= u32::from(!(is_face && is_single)) << lane;
-            },
-        );
+        for lane in lanes.lanes() {
+            let is_face = scene.cover_of_part(parts[lane]) == Some(self.chain[lane].0);
+            let is_single = matches!(traced.enclosing[lane], EnclosingSolids::Last(_));
+            others |= u32::from(!(is_face && is_single)) << lane;
+        }
         if others != 0 {
             self.pass_surfaces(&mut faces, others);
         }
@@ -338,14 +321,11 @@ impl<F: Lanes> Traversal<'_, F> {
         traced.direction = V3::select(passes, wi, traced.direction);
         let from_inside = from.dot(points.normal).is_positive().bits();
         let inward = wi.dot(points.normal).lt(zero).bits();
-        passes.each(
-            #[inline(always)]
-            |lane| {
-                let [from_inside, inward] = [from_inside, inward].map(|bits| bits >> lane & 1 == 1);
-                let solid = Some(materials[lane]);
-                traced.enclosing[lane] = traced.enclosing[lane].beyond(solid, from_inside, inward);
-            },
-        );
+        for lane in passes.lanes() {
+            let [from_inside, inward] = [from_inside, inward].map(|bits| bits >> lane & 1 == 1);
+            let solid = Some(materials[lane]);
+            traced.enclosing[lane] = traced.enclosing[lane].beyond(solid, from_inside, inward);
+        }
         if !faces.interfaces.is_empty() {
             let directions = wi.to_lanes();
             for (lane, interface) in &faces.interfaces {

@@ -70,15 +70,18 @@ impl Attempts {
             (at.wo, one),
             (V3::new(*r, *g, *b), one),
         ];
+        let mut last: Option<&Bsdf> = None;
         V3::store_records(
             rows,
             lanes,
             #[inline(always)]
             |lane, numbers| {
                 // Light samples of one receiver, and neighbours on one surface, share their BSDF.
-                if self.bsdfs.last() != Some(at.bsdfs.lane(lane)) {
-                    self.bsdfs.push(*at.bsdfs.lane(lane));
+                let own = at.bsdfs.lane(lane);
+                if !last.is_some_and(|last| std::ptr::eq(last, own)) && self.bsdfs.last() != Some(own) {
+                    self.bsdfs.push(*own);
                 }
+                last = Some(own);
                 let (bsdf, enclosing) = (self.bsdfs.len() as u32 - 1, ends.enclosing[lane]);
                 let (chain, path) = (chain[lane], paths[lane]);
                 self.connections.push(Connection { numbers, chain, enclosing, bsdf, light, path });

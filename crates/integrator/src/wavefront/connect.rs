@@ -4,7 +4,7 @@ use super::attempts::{Attempts, Connection, Entry, in_lanes};
 use super::group::Group;
 use super::rays::Queued;
 use super::scatter::{Directions, Draw, Evaluated, LIGHTS, evaluate_group};
-use super::{Watch, Wavefront};
+use super::{CONNECTIONS, Watch, Wavefront};
 use crate::direct::power_heuristic;
 use crate::estimator::Estimator;
 use crate::learned_roulette::CONNECTION;
@@ -12,7 +12,7 @@ use crate::mnee::{
     Connections, Endpoints, MAX_TRAVERSALS, Search, SearchRecord, Solver, TracedChains, Traversal, trace_chains,
 };
 use crate::observer::{Event, TraceConnection};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3, vectorize};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{CandidateChains, LightSamples, Targets, shadow_rays};
 use smallvec::SmallVec;
@@ -30,20 +30,16 @@ impl Wavefront<'_> {
         directions: &mut Directions<F>,
         candidates: &mut Candidates<F>,
     ) {
-        F::vectorize(
-            group.at.token,
-            #[inline(always)]
-            || {
-                for Draw { light, u_chain, .. } in draws {
-                    let lanes = group.lit & light.pdf.is_positive() & !light.is_delta;
-                    let (ends, scene) = (&self.endpoints(group, light), self.estimator.scene);
-                    let solver = Solver { scene, set: self.set, token: group.at.token, ends };
-                    let chosen = solver.choose(lanes, *u_chain);
-                    directions.push((chosen.is_some, chosen.direction));
-                    candidates.push(chosen);
-                }
-            },
-        );
+        vectorize!(F, group.at.token, {
+            for Draw { light, u_chain, .. } in draws {
+                let lanes = group.lit & light.pdf.is_positive() & !light.is_delta;
+                let (ends, scene) = (&self.endpoints(group, light), self.estimator.scene);
+                let solver = Solver { scene, set: self.set, token: group.at.token, ends };
+                let chosen = solver.choose(lanes, *u_chain);
+                directions.push((chosen.is_some, chosen.direction));
+                candidates.push(chosen);
+            }
+        });
     }
 
     /// Queues the chains that survive roulette.
@@ -54,49 +50,28 @@ impl Wavefront<'_> {
         draws: &[Draw<F>],
         candidates: &[CandidateChains<F>],
         found: &Evaluated<F>,
-        watch: &Watch<'_>,
     ) {
-        F::vectorize(
-            group.at.token,
-            #[inline(always)]
-            || {
-                let expected = candidates.iter().zip(&found.direct[draws.len()..]);
-                for (index, (draw, (chosen, scattered))) in (0..).zip(draws.iter().zip(expected)) {
-                    if !chosen.is_some.any() {
-                        continue;
-                    }
-                    let survival = self.connection_survival(group, (index, draw), (chosen, scattered), watch);
-                    let lanes = chosen.is_some & draw.u_roulette.lt(survival);
-                    if lanes.any() {
-                        let ends = self.endpoints(group, &draw.light);
-                        let light = group.state.throughput * draw.light.radiance * survival.recip();
-                        let CandidateChains { chain, probability, .. } = *chosen;
-                        let (pdf, at) = (draw.light.pdf, group.at);
-                        let entry = Entry { ends, chain, probability, light, pdf, at };
-                        self.attempts.append(lanes, (chosen, index), &entry, &group.paths);
-                    }
+        vectorize!(F, group.at.token, {
+            let expected = candidates.iter().zip(&found.direct[draws.len()..]);
+            for (index, (draw, (chosen, (scattered, pdf)))) in (0..).zip(draws.iter().zip(expected)) {
+                if !chosen.is_some.any() {
+                    continue;
                 }
-            },
-        );
-    }
-
-    /// The probabilities with which chains are searched. They depend on the contribution of a chain in the plate without
-    /// losses at its faces.
-    #[inline(always)]
-    fn connection_survival<F: Lanes>(
-        &self,
-        group: &Group<'_, F>,
-        (index, draw): (u32, &Draw<F>),
-        (chosen, (scattered, pdf)): (&CandidateChains<F>, &(Rgb<F>, F)),
-        watch: &Watch<'_>,
-    ) -> F {
-        if watch.needs_outcomes() {
-            return pdf.constant(1.0);
-        }
-        let density = draw.light.pdf * chosen.probability;
-        let expected = *scattered * draw.light.radiance * (power_heuristic(density, *pdf) / density);
-        let brightest = group.state.throughput.max_channel() * expected.max_channel();
-        group.learned.ray_survival(CONNECTION, index, brightest, group.gathered_survival(expected))
+                // The contribution of a chain in the plate without losses at its faces.
+                let density = draw.light.pdf * chosen.probability;
+                let expected = *scattered * draw.light.radiance * (power_heuristic(density, *pdf) / density);
+                let survival = group.ray_survival(CONNECTION, index, expected);
+                let lanes = chosen.is_some & draw.u_roulette.lt(survival);
+                if lanes.any() {
+                    let ends = self.endpoints(group, &draw.light);
+                    let light = group.state.throughput * draw.light.radiance * survival.recip();
+                    let CandidateChains { chain, probability, .. } = *chosen;
+                    let (pdf, at) = (draw.light.pdf, group.at);
+                    let entry = Entry { ends, chain, probability, light, pdf, at };
+                    self.attempts.append(lanes, (chosen, index), &entry, &group.paths);
+                }
+            }
+        });
     }
 
     /// Searches the queued chains ray by ray, and stores the shadow rays behind the covers.
@@ -133,60 +108,46 @@ impl Wavefront<'_> {
     ) {
         let Wavefront { estimator: Estimator { scene, .. }, set, .. } = *self;
         let (mut loaded, mut traversals) = (Vec::with_capacity(MAX_TRAVERSALS), Vec::with_capacity(MAX_TRAVERSALS));
-        F::vectorize(
-            token,
-            #[inline(always)]
-            || {
-                for numbers in numbers.chunks(F::WIDTH) {
-                    let places = in_lanes(numbers);
-                    let search = V3::<F>::load_records(
-                        token,
-                        #[inline(always)]
-                        |lane| &searches[places[lane] as usize],
-                    );
-                    loaded.push((queue.load::<F>(token, numbers), Search::from_rows(search)));
-                }
-            },
-        );
-        F::vectorize(
-            token,
-            #[inline(always)]
-            || {
-                for (entry, search) in &loaded {
-                    let solver = Solver { scene, set, token, ends: &entry.ends };
-                    let lanes = F::mask(token, u32::MAX >> (32 - entry.at.len));
-                    traversals.push(Traversal::new(solver, (lanes, &entry.chain), search));
-                }
-            },
-        );
+        vectorize!(F, token, {
+            for numbers in numbers.chunks(F::WIDTH) {
+                let places = in_lanes(numbers);
+                let search = V3::<F>::load_records(
+                    token,
+                    #[inline(always)]
+                    |lane| &searches[places[lane] as usize],
+                );
+                loaded.push((queue.load::<F>(token, numbers), Search::from_rows(search)));
+            }
+        });
+        vectorize!(F, token, {
+            for (entry, search) in &loaded {
+                let solver = Solver { scene, set, token, ends: &entry.ends };
+                let lanes = F::mask(token, u32::MAX >> (32 - entry.at.len));
+                traversals.push(Traversal::new(solver, (lanes, &entry.chain), search));
+            }
+        });
         trace_chains(&mut traversals, &mut self.segments);
-        F::vectorize(
-            token,
-            #[inline(always)]
-            || {
-                for (numbers, (traversal, (entry, _))) in
-                    numbers.chunks(F::WIDTH).zip(traversals.iter_mut().zip(&loaded))
-                {
-                    self.lane_use.count::<F>(2, numbers.len());
-                    let (connections, is_open) = traversal.advance(ray);
-                    let (arriving, mis_weight) =
-                        self.send_shadow_rays(queue, (numbers, entry), (&traversal.traced, &connections), watch);
-                    if watch.observer.is_some() {
-                        let lanes = [traversal.lanes & !is_open, connections.has_converged, arriving];
-                        self.report(queue, (numbers, entry, ray), (lanes, mis_weight), watch);
-                    }
-                    V3::store_records(
-                        traversal.search.to_rows(),
-                        is_open,
-                        #[inline(always)]
-                        |lane, search| {
-                            searches[numbers[lane] as usize] = search;
-                            open.push(numbers[lane]);
-                        },
-                    );
+        vectorize!(F, token, {
+            for (numbers, (traversal, (entry, _))) in numbers.chunks(F::WIDTH).zip(traversals.iter_mut().zip(&loaded)) {
+                self.lane_use.count::<F>(CONNECTIONS, numbers.len());
+                let (connections, is_open) = traversal.advance(ray);
+                let (arriving, mis_weight) =
+                    self.send_shadow_rays(queue, (numbers, entry), (&traversal.traced, &connections), watch);
+                if watch.observer.is_some() {
+                    let lanes = [traversal.lanes & !is_open, connections.has_converged, arriving];
+                    self.report(queue, (numbers, entry, ray), (lanes, mis_weight), watch);
                 }
-            },
-        );
+                V3::store_records(
+                    traversal.search.to_rows(),
+                    is_open,
+                    #[inline(always)]
+                    |lane, search| {
+                        searches[numbers[lane] as usize] = search;
+                        open.push(numbers[lane]);
+                    },
+                );
+            }
+        });
     }
 
     /// Stores the shadow rays of chains that have arrived. Returns the lanes that have one, and their weights by the power
@@ -216,21 +177,16 @@ impl Wavefront<'_> {
         let (origin, light) = (traced.origin, unoccluded * (mis_weight / density));
         let mut rays = Queued { lanes: arriving, origin, direction, t_max, light };
         self.dim_by_solids(&mut rays, ends.time, &traced.enclosing);
-        let (mut paths, mut left) = ([0; MAX_WIDTH], arriving.bits());
-        arriving.each(
-            #[inline(always)]
-            |lane| paths[lane] = queue.connection(numbers[lane]).path,
-        );
+        let (mut paths, mut lights, mut left) = ([0; MAX_WIDTH], [0; MAX_WIDTH], arriving);
+        for lane in arriving.lanes() {
+            (paths[lane], lights[lane]) = (queue.connection(numbers[lane]).path, queue.connection(numbers[lane]).light);
+        }
         // The rays of each light sample, which is one in general.
-        while left != 0 {
-            let index = queue.connection(numbers[left.trailing_zeros() as usize]).light;
-            let mut same = 0;
-            for (lane, number) in numbers.iter().enumerate() {
-                same |= u32::from(queue.connection(*number).light == index) << lane;
-            }
-            rays.lanes = F::mask(at.token, left & same);
+        while let Some(first) = left.lanes().next() {
+            let (index, of_lanes) = (lights[first], F::load_word(at.token, &lights));
+            rays.lanes = left & F::word_eq(of_lanes, F::splat_word(at.token, index));
             self.shadow[index as usize][1].append(&rays, ends.time, &paths);
-            left &= !same;
+            left = left & !rays.lanes;
         }
         (arriving, mis_weight.only(arriving))
     }
@@ -246,7 +202,7 @@ impl Wavefront<'_> {
     ) {
         let (probability, mis_weight) = (entry.probability.to_array(), mis_weight.to_array());
         let [converged, arriving] = [converged.bits(), arriving.bits()];
-        ended.each(|lane| {
+        for lane in ended.lanes() {
             let (cover, chain) = entry.chain[lane];
             let connection = TraceConnection {
                 cover,
@@ -263,7 +219,7 @@ impl Wavefront<'_> {
             } else {
                 watch.event(path, || Event::Connection { index, connection });
             }
-        });
+        }
     }
 
     /// The receivers of a group and the ends of light samples.

@@ -1,15 +1,14 @@
 //! Paths at points of one material or medium, one for each lane: the inputs of scattering.
 
 use super::{ARRIVED, Arrival, Layers, MEDIUM, Watch, Wavefront};
-use crate::direct::{GATHERED_SHARE, MIN_GATHERED_SURVIVAL};
+use crate::direct::{GATHERED_SHARE, MIN_SURVIVAL};
 use crate::learned_roulette::VertexRoulettes;
 use crate::observer::Event;
 use crate::path::PathStates;
 use crate::ray_state::EnclosingSolids;
 use crate::scatterer::Scattering;
 use dunkelfeld_bsdf::Bsdf;
-use dunkelfeld_geometry::{Ray, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3, vectorize};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Bsdfs, Interface, LightChoice, Receivers, ShadingLanes, SurfacePoint, SurfacePoints};
 use smallvec::SmallVec;
@@ -42,6 +41,8 @@ pub(super) struct Group<'g, F: Lanes> {
     /// Largest channel of the radiance before the vertex; zero at the first vertex with light samples. That one contributes
     /// most of the light of the pixel. Without training, roulette skips none of its shadow rays.
     pub(super) gathered: F,
+    /// See [`Observer::needs_outcomes`](crate::observer::Observer::needs_outcomes).
+    needs_outcomes: bool,
     /// Does a lane set its auxiliary layers?
     pub(super) has_layers: bool,
 }
@@ -56,6 +57,22 @@ pub(super) struct Arrived<'g> {
     u_kind: SmallVec<[f32; MAX_WIDTH]>,
 }
 
+impl<'g> Arrived<'g> {
+    /// Appends some arrivals. Returns their points, and replaces their numbers by those of their rays.
+    #[inline(never)]
+    fn points(&mut self, arrivals: &'g [Arrival], numbers: &mut [u32; MAX_WIDTH]) -> [SurfacePoint; MAX_WIDTH] {
+        let mut points = [arrivals[numbers[0] as usize].point; MAX_WIDTH];
+        for (its, number) in points.iter_mut().zip(numbers) {
+            let Arrival { ray, point, u_kind, interface } = &arrivals[*number as usize];
+            (*its, *number) = (*point, *ray);
+            self.interfaces.push(interface.as_ref());
+            self.eta.push(interface.as_ref().and_then(Interface::relative_index));
+            self.u_kind.push(*u_kind);
+        }
+        points
+    }
+}
+
 /// BSDFs that exist only for the points of a group.
 pub(super) type Storage = [Option<Bsdf>; MAX_WIDTH];
 
@@ -66,130 +83,98 @@ impl<'a> Wavefront<'a> {
         &mut self,
         token: F::Token,
         vertex: u32,
-        (key, rays, len): (u32, &[u32; MAX_WIDTH], usize),
-        (interfaces, storage): (&'g [Interface], &'g mut Storage),
+        (key, mut rays, len): (u32, [u32; MAX_WIDTH], usize),
+        (arrivals, storage): (&'g [Arrival], &'g mut Storage),
         watch: &mut Watch<'_>,
     ) -> Group<'g, F>
     where
         'a: 'g,
     {
-        F::vectorize(
-            token,
-            #[inline(always)]
-            || {
-                let scene = self.estimator.scene;
-                let (in_medium, is_arrived) = (key & MEDIUM != 0, key & ARRIVED != 0);
-                let material = (key & !(MEDIUM | ARRIVED)) / 2;
-                let mut paths = [0; MAX_WIDTH];
-                for lane in 0..F::WIDTH {
-                    paths[lane] = self.rays.paths[rays[lane] as usize];
+        vectorize!(F, token, {
+            let scene = self.estimator.scene;
+            let (in_medium, is_arrived) = (key & MEDIUM != 0, key & ARRIVED != 0);
+            let material = (key & !(MEDIUM | ARRIVED)) / 2;
+            let (mut arrived, mut medium_albedo, mut paths) = (Arrived::default(), None, [0; MAX_WIDTH]);
+            let points = match is_arrived {
+                true => SurfacePoints::from_lanes(token, &arrived.points(arrivals, &mut rays)),
+                false => {
+                    scene.surface_points(token, &self.hits.lanes::<F>(token, &rays), self.rays.times(token, &rays))
                 }
-                let from = self.rays.directions::<F>(token, rays);
-                let wo = -from;
-                let (mut arrived, mut medium_albedo) = (Arrived::default(), None);
-                let points = match is_arrived {
-                    true => SurfacePoints::from_lanes(token, &self.surfaces(rays, interfaces, &mut arrived)),
-                    false => {
-                        scene.surface_points(token, &self.hits.lanes::<F>(token, rays), self.rays.times(token, rays))
-                    }
-                };
-                let bsdfs = match in_medium {
-                    true => {
-                        let medium = self.ray_state(rays[0] as usize).medium(scene);
-                        medium_albedo = medium.map(|medium| medium.albedo());
-                        let phase = medium.map_or(Bsdf::Absorber, |medium| Bsdf::Phase(medium.phase));
-                        Bsdfs::Same(storage[0].insert(phase))
-                    }
-                    false => scene.bsdfs(material, &points, (&arrived.u_kind, &arrived.eta), storage),
-                };
-                let mut transmittance = Rgb::splat(F::splat(token, 1.0));
-                if !is_arrived && scene.has_solids() {
-                    let mut enclosing = [EnclosingSolids::Last(None); MAX_WIDTH];
-                    for lane in 0..F::WIDTH {
-                        enclosing[lane] = self.among_solids[paths[lane] as usize].enclosing;
-                    }
-                    transmittance = EnclosingSolids::transmittances(&enclosing, scene, points.distance);
-                }
-                if watch.observer.is_some() || !in_medium && scene.emits(material) {
-                    self.add_emission(&rays[..len], (!in_medium, material), &points, transmittance, watch);
-                }
-                let all = self.paths.as_slice();
-                let mut state = PathStates::<F>::load(
-                    token,
-                    #[inline(always)]
-                    |lane| &all[paths[lane] as usize],
-                );
-                state.throughput *= transmittance;
-                state.path_length += points.distance;
-                let learned = match self.estimator.roulette {
-                    Some(roulette) if !in_medium => {
-                        let materials = F::splat_word(token, material);
-                        roulette.at_lanes(token, points.point, materials, state.gain_scale)
-                    }
-                    _ => VertexRoulettes::none(token, state.gain_scale),
-                };
-                state.gain_scale = learned.gain_scale;
-                let ShadingLanes { frames, receivers } = match in_medium {
-                    true => ShadingLanes::in_medium(points.point),
-                    false => scene.shade_lanes(material, &points, wo),
-                };
-                let used = F::mask(token, u32::MAX >> (32 - len));
-                let lit = match bsdfs {
-                    Bsdfs::Same(bsdf) if bsdf.is_delta() => F::mask(token, 0),
-                    Bsdfs::Same(_) => used,
-                    Bsdfs::Each(each) => F::mask(token, lit_lanes(&each[..len])),
-                };
-                let gathered = state.radiance.max_channel().only(lit & state.light_vertices.is_positive());
-                state.light_vertices += state.eta_scale.constant(1.0).only(lit);
-                Group {
-                    at: Scattering { token, len, frames, wo: frames.frame.to_local(wo), bsdfs },
-                    vertex,
-                    in_medium,
-                    choice: if key & 1 == 1 { LightChoice::One } else { scene.light_choice_at(0, false) },
-                    used,
-                    lit,
-                    has_layers: paths[..len].iter().any(|path| self.layers[*path as usize] != Layers::Set),
-                    paths,
-                    learned,
-                    state,
-                    from,
-                    points,
-                    receivers,
-                    arrived,
-                    medium_albedo,
-                    solid: (!in_medium && scene.is_solid(material)).then_some(material),
-                    gathered,
-                }
-            },
-        )
-    }
-
-    /// The points that rays have reached, where they are found path by path.
-    #[inline(never)]
-    fn surfaces<'g>(
-        &self,
-        rays: &[u32; MAX_WIDTH],
-        interfaces: &'g [Interface],
-        arrived: &mut Arrived<'g>,
-    ) -> [SurfacePoint; MAX_WIDTH] {
-        let nowhere = SurfacePoint::in_medium(&Ray::new(Vec3::ZERO, Vec3::Z), 0.0);
-        let mut surfaces = [nowhere; MAX_WIDTH];
-        for (surface, &ray) in surfaces.iter_mut().zip(rays) {
-            match self.arrivals[ray as usize] {
-                Some(Arrival::Surface { point, u_kind, interface }) => {
-                    let interface = interface.and_then(|number| interfaces.get(number as usize));
-                    arrived.interfaces.push(interface);
-                    arrived.eta.push(interface.and_then(Interface::relative_index));
-                    arrived.u_kind.push(u_kind);
-                    *surface = point;
-                }
-                Some(Arrival::Medium { distance, .. }) => {
-                    *surface = SurfacePoint::in_medium(&self.rays.get(ray as usize), distance);
-                }
-                None => {}
+            };
+            for lane in 0..F::WIDTH {
+                paths[lane] = self.rays.paths[rays[lane] as usize];
             }
-        }
-        surfaces
+            let from = self.rays.directions::<F>(token, &rays);
+            let wo = -from;
+            let bsdfs = match in_medium {
+                true => {
+                    let medium = self.ray_state(rays[0] as usize).medium(scene);
+                    medium_albedo = medium.map(|medium| medium.albedo());
+                    let phase = medium.map_or(Bsdf::Absorber, |medium| Bsdf::Phase(medium.phase));
+                    Bsdfs::Same(storage[0].insert(phase))
+                }
+                false => scene.bsdfs(material, &points, (&arrived.u_kind, &arrived.eta), storage),
+            };
+            let mut transmittance = Rgb::splat(F::splat(token, 1.0));
+            if !is_arrived && scene.has_solids() {
+                let mut enclosing = [EnclosingSolids::Last(None); MAX_WIDTH];
+                for lane in 0..F::WIDTH {
+                    enclosing[lane] = self.among_solids[paths[lane] as usize].enclosing;
+                }
+                transmittance = EnclosingSolids::transmittances(&enclosing, scene, points.distance);
+            }
+            if watch.observer.is_some() || !in_medium && scene.emits(material) {
+                self.add_emission(&rays[..len], (!in_medium, material), &points, transmittance, watch);
+            }
+            let all = self.paths.as_slice();
+            let mut state = PathStates::<F>::load(
+                token,
+                #[inline(always)]
+                |lane| &all[paths[lane] as usize],
+            );
+            state.throughput *= transmittance;
+            state.path_length += points.distance;
+            let learned = match self.estimator.roulette {
+                Some(roulette) if !in_medium => {
+                    let materials = F::splat_word(token, material);
+                    roulette.at_lanes(token, points.point, materials, state.gain_scale)
+                }
+                _ => VertexRoulettes::none(token, state.gain_scale),
+            };
+            state.gain_scale = learned.gain_scale;
+            let ShadingLanes { frames, receivers } = match in_medium {
+                true => ShadingLanes::in_medium(points.point),
+                false => scene.shade_lanes(material, &points, wo),
+            };
+            let used = F::mask(token, u32::MAX >> (32 - len));
+            let lit = match bsdfs {
+                Bsdfs::Same(bsdf) if bsdf.is_delta() => F::mask(token, 0),
+                Bsdfs::Same(_) => used,
+                Bsdfs::Each(each) => F::mask(token, lit_lanes(&each[..len])),
+            };
+            let gathered = state.radiance.max_channel().only(lit & state.light_vertices.is_positive());
+            state.light_vertices += state.eta_scale.constant(1.0).only(lit);
+            Group {
+                at: Scattering { token, len, frames, wo: frames.frame.to_local(wo), bsdfs },
+                vertex,
+                in_medium,
+                choice: if key & 1 == 1 { LightChoice::One } else { scene.light_choice_at(0, false) },
+                used,
+                lit,
+                has_layers: paths[..len].iter().any(|path| self.layers[*path as usize] != Layers::Set),
+                paths,
+                learned,
+                state,
+                from,
+                points,
+                receivers,
+                arrived,
+                needs_outcomes: watch.needs_outcomes(),
+                medium_albedo,
+                solid: (!in_medium && scene.is_solid(material)).then_some(material),
+                gathered,
+            }
+        })
     }
 
     /// Adds the emission of the surfaces of a material that rays have reached, with the transmittance up to them.
@@ -202,20 +187,22 @@ impl<'a> Wavefront<'a> {
         transmittance: Rgb<F>,
         watch: &mut Watch<'_>,
     ) {
-        let (scene, transmittance) = (self.estimator.scene, transmittance.to_lanes());
-        for (lane, &ray) in rays.iter().enumerate() {
-            let (number, point) = (self.rays.paths[ray as usize], points.lane(lane));
-            let mut path = self.paths[number as usize].get();
-            path.throughput *= transmittance[lane];
-            let (position, throughput, in_medium) = (point.point, path.throughput, !on_surface);
-            watch.event(number, || Event::Vertex { position, material: Some(material), in_medium, throughput });
-            if on_surface && scene.emits(material) {
-                let ray = self.rays.get(ray as usize);
-                let light = path.add_emission(scene, &ray, &point, self.prefix(number));
-                watch.event(number, || Event::Emitted(light));
-                self.paths[number as usize].add_radiance(light);
+        vectorize!(F, points.distance.token(), {
+            let (scene, transmittance) = (self.estimator.scene, transmittance.to_lanes());
+            for (lane, &ray) in rays.iter().enumerate() {
+                let (number, point) = (self.rays.paths[ray as usize], points.lane(lane));
+                let mut path = self.paths[number as usize].get();
+                path.throughput *= transmittance[lane];
+                let (position, throughput, in_medium) = (point.point, path.throughput, !on_surface);
+                watch.event(number, || Event::Vertex { position, material: Some(material), in_medium, throughput });
+                if on_surface && scene.emits(material) {
+                    let ray = self.rays.get(ray as usize);
+                    let light = path.add_emission(scene, &ray, &point, self.prefix(number));
+                    watch.event(number, || Event::Emitted(light));
+                    self.paths[number as usize].add_radiance(light);
+                }
             }
-        }
+        });
     }
 }
 
@@ -243,20 +230,25 @@ impl Wavefront<'_> {
 }
 
 impl<F: Lanes> Group<'_, F> {
-    /// Survival probability of a shadow ray or a connection in Russian roulette before it is traced (Veach 1997, section
-    /// 10.4), by the light that the path has gathered, for an expected radiance toward the camera [W/(m^2 sr)]. Without it,
-    /// most shadow rays of long paths would be traced for samples that add almost nothing. Samples that are not a number
-    /// survive, so that the film can count them. The probability is one where a light was chosen.
+    /// Survival probability of the shadow ray or the connection (`kind`) of a light sample in Russian roulette before it is
+    /// traced (Veach 1997, section 10.4), for an expected radiance at the vertex [W/(m^2 sr)]. Without statistics it depends
+    /// on the light that the path has gathered: most shadow rays of long paths would be traced for samples that add almost
+    /// nothing. Where a light was chosen, it is then one. Samples that are not a number survive, so that the film can count
+    /// them.
     #[inline(always)]
-    pub(super) fn gathered_survival(&self, expected: Rgb<F>) -> F {
-        let brightest = self.state.throughput.max_channel();
+    pub(super) fn ray_survival(&self, kind: usize, index: u32, expected: Rgb<F>) -> F {
+        let (brightest, expected) = (self.state.throughput.max_channel(), expected.max_channel());
         let (scale, one) = (brightest / (self.gathered * GATHERED_SHARE), brightest.constant(1.0));
-        let relative = scale * expected.max_channel();
-        let is_rare = self.gathered.is_positive() & scale.is_positive() & relative.lt(one);
-        match self.choice {
-            LightChoice::Each => is_rare.select(relative.max(one.constant(MIN_GATHERED_SURVIVAL)), one),
-            LightChoice::One => one,
+        if self.needs_outcomes {
+            return one;
         }
+        let relative = scale * expected;
+        let is_rare = self.gathered.is_positive() & scale.is_positive() & relative.lt(one);
+        let gathered = match self.choice {
+            LightChoice::Each => is_rare.select(relative.max(one.constant(MIN_SURVIVAL)), one),
+            LightChoice::One => one,
+        };
+        self.learned.ray_survival(kind, index, brightest * expected, gathered)
     }
 
     /// The origins of rays that leave the points in given directions.

@@ -65,12 +65,9 @@ pub struct Wavefront<'a> {
     hits: Hits,
     /// The rays after this wave.
     next: Rays,
-    /// The points that are found path by path: in media, on surfaces that may be absent, and between solids that touch. Empty,
-    /// or one for each ray.
-    arrivals: Vec<Option<Arrival>>,
-    /// Interfaces of solids at these points.
-    interfaces: Vec<Interface>,
-    /// Rays whose paths scatter: the key of their points, and their number.
+    /// The points that are found path by path: in media, on surfaces that may be absent, and between solids that touch.
+    arrivals: Vec<Arrival>,
+    /// Paths that scatter: the key of their points, and the number of the ray or the arrival.
     order: Vec<u64>,
     /// For each light sample of a vertex: straight shadow rays, and those behind covers.
     shadow: Vec<[ShadowRays; 2]>,
@@ -103,33 +100,26 @@ struct AmongSolids {
     prefix: Option<SpecularPrefix>,
 }
 
-/// A point at which a path scatters.
+/// A point in a medium or on a surface at which a path scatters.
 #[derive(Clone, Copy, Debug)]
-enum Arrival {
-    /// A surface, the number that decides its kind if it is stochastic, and the number of the interface.
-    Surface { point: SurfacePoint, u_kind: f32, interface: Option<u32> },
-    /// The medium of a material, at a distance \[m\] along the ray.
-    Medium { material: u32, distance: f32, choice: LightChoice },
+struct Arrival {
+    ray: u32,
+    point: SurfacePoint,
+    /// The number that decides the kind of a stochastic surface.
+    u_kind: f32,
+    interface: Option<Interface>,
 }
 
-/// In keys of points in a medium, and of those that are found path by path.
+/// In keys of points in a medium, and of those that are found path by path. Points of the same key scatter together: those
+/// on one material, or in one medium with the same choice of lights.
 const MEDIUM: u32 = 1 << 31;
 const ARRIVED: u32 = 1 << 30;
 
-impl Arrival {
-    /// Points of the same key scatter together: those on one material, or in one medium with the same choice of lights.
-    fn key(&self) -> u32 {
-        match self {
-            Self::Surface { point, .. } => ARRIVED | (2 * point.material()),
-            Self::Medium { material, choice, .. } => {
-                MEDIUM | ARRIVED | (2 * material) | u32::from(*choice == LightChoice::One)
-            }
-        }
-    }
-}
-
 /// The stages whose use of lanes is counted.
 const STAGES: [&str; 3] = ["points", "light samples", "connections"];
+const POINTS: usize = 0;
+const LIGHT_SAMPLES: usize = 1;
+const CONNECTIONS: usize = 2;
 
 /// Use of the lanes of the stages: lanes with work, and lanes in all. Points are those at which paths scatter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -137,6 +127,7 @@ pub struct LaneUse([[u64; 2]; STAGES.len()]);
 
 impl LaneUse {
     /// Counts a group of lanes of a stage.
+    #[inline(always)]
     fn count<F: Lanes>(&mut self, stage: usize, used: usize) {
         self.0[stage][0] += used as u64;
         self.0[stage][1] += F::WIDTH as u64;
@@ -193,7 +184,6 @@ impl<'a> Wavefront<'a> {
             hits: Hits::default(),
             next: rays(),
             arrivals: Vec::new(),
-            interfaces: Vec::new(),
             order: Vec::new(),
             shadow: (0..lights).map(|_| [queue(), queue()]).collect(),
             occluded: Vec::new(),
@@ -351,7 +341,6 @@ impl<'a> Wavefront<'a> {
         scene.bvh().closest_hits(self.set, &self.rays.batch(), &mut self.hits.batch(count));
         self.next.clear();
         self.order.clear();
-        self.interfaces.clear();
         self.arrivals.clear();
         for ray in 0..count {
             match self.hits.get(ray) {
@@ -421,8 +410,10 @@ impl<'a> Wavefront<'a> {
         let point = scene.surface_point(hit, ray_state.ray.time);
         let hit = ray_state.hit_at(scene, point, &mut interface);
         let arrival = if let Some(distance) = path.sample_medium(scene, &ray_state, vertex, hit.surface.distance) {
-            let choice = scene.light_choice_at(path.light_vertices as u32, true);
-            ray_state.enclosing.material(scene).map(|material| Arrival::Medium { material, distance, choice })
+            let is_one = scene.light_choice_at(path.light_vertices as u32, true) == LightChoice::One;
+            let point = SurfacePoint::in_medium(&ray_state.ray, distance);
+            let material = ray_state.enclosing.material(scene);
+            material.map(|material| (MEDIUM | (2 * material) | u32::from(is_one), (point, 0.0, None)))
         } else {
             let present = path.sample_presence(scene, &mut ray_state, vertex, hit, &mut behind);
             if present.is_none() {
@@ -431,38 +422,31 @@ impl<'a> Wavefront<'a> {
                     among.enclosing = ray_state.enclosing;
                 }
             }
-            present.map(|(hit, u_kind)| {
-                let interface = hit.interface.map(|interface| {
-                    self.interfaces.push(*interface);
-                    self.interfaces.len() as u32 - 1
-                });
-                Arrival::Surface { point: hit.surface, u_kind, interface }
-            })
+            present.map(|(hit, u_kind)| (2 * hit.surface.material(), (hit.surface, u_kind, hit.interface.copied())))
         };
         self.paths[number as usize].put(&path);
-        self.arrivals.resize(self.rays.paths.len(), None);
-        self.arrivals[ray] = arrival;
-        if let Some(arrival) = arrival {
-            self.order.push(u64::from(arrival.key()) << 32 | ray as u64);
+        if let Some((key, (point, u_kind, interface))) = arrival {
+            self.order.push(u64::from(ARRIVED | key) << 32 | self.arrivals.len() as u64);
+            self.arrivals.push(Arrival { ray: ray as u32, point, u_kind, interface });
         }
     }
 
     /// Light samples and new directions at all points.
     #[inline(always)]
     fn scatter_all<F: Lanes>(&mut self, token: F::Token, vertex: u32, watch: &mut Watch<'_>) {
-        let (order, interfaces) = (std::mem::take(&mut self.order), std::mem::take(&mut self.interfaces));
+        let (order, arrivals) = (std::mem::take(&mut self.order), std::mem::take(&mut self.arrivals));
         for of_key in order.chunk_by(|a, b| a >> 32 == b >> 32) {
             for group in of_key.chunks(F::WIDTH) {
-                let mut rays = [group[0] as u32; MAX_WIDTH];
-                for (lane, key) in group.iter().enumerate() {
-                    rays[lane] = *key as u32;
+                let mut numbers = [group[0] as u32; MAX_WIDTH];
+                for (number, key) in numbers.iter_mut().zip(group) {
+                    *number = *key as u32;
                 }
                 let key = (group[0] >> 32) as u32;
-                self.lane_use.count::<F>(0, group.len());
-                self.scatter_group::<F>(token, vertex, (key, &rays, group.len()), &interfaces, watch);
+                self.lane_use.count::<F>(POINTS, group.len());
+                self.scatter_group::<F>(token, vertex, (key, numbers, group.len()), &arrivals, watch);
             }
         }
-        (self.order, self.interfaces) = (order, interfaces);
+        (self.order, self.arrivals) = (order, arrivals);
     }
 
     /// Traces the shadow rays of all vertices, light by light, and adds the light of those that are not occluded. Those behind

@@ -85,10 +85,8 @@ impl Rays {
         if self.moves {
             time.append(lanes, &mut self.time);
         }
-        let mut bits = lanes.bits();
-        while bits != 0 {
-            self.paths.push(paths[bits.trailing_zeros() as usize % MAX_WIDTH]);
-            bits &= bits - 1;
+        for lane in lanes.lanes() {
+            self.paths.push(paths[lane]);
         }
     }
 

@@ -5,21 +5,21 @@
 use super::connect::Candidates;
 use super::group::Group;
 use super::rays::Queued;
-use super::{Layers, Watch, Wavefront};
+use super::{Arrival, LIGHT_SAMPLES, Layers, Watch, Wavefront};
 use crate::dimensions;
 use crate::direct::light_weight;
 use crate::learned_roulette::SHADOW;
 use crate::mnee::SpecularPrefix;
 use crate::observer::{Event, TraceScattering};
-use crate::path::{max_survival, survival};
+use crate::path::{RR_SCALE, max_survival};
 use crate::ray_state::{EnclosingSolids, RayState};
 use crate::scatterer::{Scatterer, Scattering};
 use dunkelfeld_bsdf::{Bsdf, BsdfSamples, Dielectric, HenyeyGreenstein, InLanes, Lobe, Principled, ThinSheet, View};
 use dunkelfeld_film::Sample;
-use dunkelfeld_geometry::{Ray, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_geometry::Ray;
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, Real, V3, vectorize};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Bsdfs, Interface, LightChoice, LightSamples, Scene, shadow_rays};
+use dunkelfeld_scene::{Bsdfs, LightChoice, LightSamples, Scene, shadow_rays};
 use smallvec::SmallVec;
 
 /// Most light samples of a vertex.
@@ -50,18 +50,19 @@ pub(super) struct Evaluated<F: Lanes> {
 }
 
 impl Wavefront<'_> {
-    /// Scattering of the paths of some rays at points with a key. `vertex` is the number of the point on each path.
+    /// Scattering of paths at points: their key, and the numbers of their rays or arrivals. `vertex` is the number of the point
+    /// on each path.
     #[inline(always)]
     pub(super) fn scatter_group<F: Lanes>(
         &mut self,
         token: F::Token,
         vertex: u32,
-        rays: (u32, &[u32; MAX_WIDTH], usize),
-        interfaces: &[Interface],
+        points: (u32, [u32; MAX_WIDTH], usize),
+        arrivals: &[Arrival],
         watch: &mut Watch<'_>,
     ) {
         let mut storage = [const { None }; MAX_WIDTH];
-        let group = self.group::<F>(token, vertex, rays, (interfaces, &mut storage), watch);
+        let group = self.group::<F>(token, vertex, points, (arrivals, &mut storage), watch);
         let mut draws = SmallVec::new();
         if group.lit.any() {
             self.draw_lights(&group, &mut draws);
@@ -76,8 +77,8 @@ impl Wavefront<'_> {
         }
         let found = evaluate_group(&group.at, &directions, Some(&group));
         self.set_layers(&group, found.albedo);
-        self.add_direct_light(&group, &draws, &found, watch);
-        self.queue_connections(&group, &draws, &candidates, &found, watch);
+        self.add_direct_light(&group, &draws, &found);
+        self.queue_connections(&group, &draws, &candidates, &found);
         self.continue_paths(&group, &found, watch);
     }
 
@@ -85,26 +86,22 @@ impl Wavefront<'_> {
     #[inline(never)]
     fn draw_lights<F: Lanes>(&self, group: &Group<'_, F>, draws: &mut SmallVec<[Draw<F>; LIGHTS]>) {
         let (scene, token, choice) = (self.estimator.scene, group.at.token, group.choice);
-        F::vectorize(
-            token,
-            #[inline(always)]
-            || {
-                for index in 0..scene.num_light_samples(choice) {
-                    let numbers = group.state.sampler.numbers(dimensions::light(group.vertex, index));
-                    let [u_2, u_chain] = numbers.last_two();
-                    let (u_choice, u_roulette) = match choice {
-                        LightChoice::Each => (u_2.constant(0.0), u_2),
-                        LightChoice::One => {
-                            let set = dimensions::single_light_roulette(group.vertex);
-                            (u_2, group.state.sampler.numbers(set).get(0))
-                        }
-                    };
-                    let u = numbers.first_two();
-                    let light = scene.sample_lights(token, &group.receivers, choice, index, u_choice, u, group.lit);
-                    draws.push(Draw { light, u_chain, u_roulette });
-                }
-            },
-        );
+        vectorize!(F, token, {
+            for index in 0..scene.num_light_samples(choice) {
+                let numbers = group.state.sampler.numbers(dimensions::light(group.vertex, index));
+                let [u_2, u_chain] = numbers.last_two();
+                let (u_choice, u_roulette) = match choice {
+                    LightChoice::Each => (u_2.constant(0.0), u_2),
+                    LightChoice::One => {
+                        let set = dimensions::single_light_roulette(group.vertex);
+                        (u_2, group.state.sampler.numbers(set).get(0))
+                    }
+                };
+                let u = numbers.first_two();
+                let light = scene.sample_lights(token, &group.receivers, choice, index, u_choice, u, group.lit);
+                draws.push(Draw { light, u_chain, u_roulette });
+            }
+        });
     }
 
     /// The auxiliary layers of paths that have reached their first surface: those behind smooth glass and mirrors, if there
@@ -137,51 +134,31 @@ impl Wavefront<'_> {
 
     /// Next-event estimation: the shadow rays of light samples, with the light that they carry.
     #[inline(never)]
-    fn add_direct_light<F: Lanes>(
-        &mut self,
-        group: &Group<'_, F>,
-        draws: &[Draw<F>],
-        found: &Evaluated<F>,
-        watch: &Watch<'_>,
-    ) {
-        let needs_outcomes = watch.needs_outcomes();
-        F::vectorize(
-            group.at.token,
-            #[inline(always)]
-            || {
-                let brightest = group.state.throughput.max_channel();
-                for (index, (draw, (scattered, pdf))) in (0..).zip(draws.iter().zip(&found.direct)) {
-                    let light = &draw.light;
-                    let sampled = group.lit & light.pdf.is_positive();
-                    self.lane_use.count::<F>(1, sampled.bits().count_ones() as usize);
-                    if !sampled.any() {
-                        continue;
-                    }
-                    let unoccluded = *scattered * light.radiance;
-                    let expected = unoccluded * light_weight(light.pdf, *pdf, light.is_delta);
-                    let survival = match needs_outcomes {
-                        true => brightest.constant(1.0),
-                        false => group.learned.ray_survival(
-                            SHADOW,
-                            index,
-                            brightest * expected.max_channel(),
-                            group.gathered_survival(expected),
-                        ),
-                    };
-                    let traced = sampled & unoccluded.is_lit() & draw.u_roulette.lt(survival);
-                    let origin = group.ray_origins(light.direction);
-                    let end = (light.point, light.normal, light.is_finite);
-                    let (direction, t_max) = shadow_rays(origin, light.direction, end);
-                    let light = group.state.throughput * (expected * survival.recip());
-                    let mut rays = Queued { lanes: traced, origin, direction, t_max, light };
-                    if self.estimator.scene.has_solids() {
-                        let enclosing = self.enclosing_beyond(group, direction);
-                        self.dim_by_solids(&mut rays, group.points.time, &enclosing);
-                    }
-                    self.shadow[index as usize][0].append(&rays, group.points.time, &group.paths);
+    fn add_direct_light<F: Lanes>(&mut self, group: &Group<'_, F>, draws: &[Draw<F>], found: &Evaluated<F>) {
+        vectorize!(F, group.at.token, {
+            for (index, (draw, (scattered, pdf))) in (0..).zip(draws.iter().zip(&found.direct)) {
+                let light = &draw.light;
+                let sampled = group.lit & light.pdf.is_positive();
+                self.lane_use.count::<F>(LIGHT_SAMPLES, sampled.bits().count_ones() as usize);
+                if !sampled.any() {
+                    continue;
                 }
-            },
-        );
+                let unoccluded = *scattered * light.radiance;
+                let expected = unoccluded * light_weight(light.pdf, *pdf, light.is_delta);
+                let survival = group.ray_survival(SHADOW, index, expected);
+                let traced = sampled & unoccluded.is_lit() & draw.u_roulette.lt(survival);
+                let origin = group.ray_origins(light.direction);
+                let end = (light.point, light.normal, light.is_finite);
+                let (direction, t_max) = shadow_rays(origin, light.direction, end);
+                let light = group.state.throughput * (expected * survival.recip());
+                let mut rays = Queued { lanes: traced, origin, direction, t_max, light };
+                if self.estimator.scene.has_solids() {
+                    let enclosing = self.enclosing_beyond(group, direction);
+                    self.dim_by_solids(&mut rays, group.points.time, &enclosing);
+                }
+                self.shadow[index as usize][0].append(&rays, group.points.time, &group.paths);
+            }
+        });
     }
 
     /// Multiplies the light of shadow rays by the transmittance of the solids around their origins. A ray in several solids
@@ -189,26 +166,22 @@ impl Wavefront<'_> {
     #[inline(always)]
     pub(super) fn dim_by_solids<F: Lanes>(&self, q: &mut Queued<F>, time: F, enclosing: &[EnclosingSolids; MAX_WIDTH]) {
         let mut is_clear = true;
-        q.lanes.each(
-            #[inline(always)]
-            |lane| is_clear &= matches!(enclosing[lane], EnclosingSolids::Last(None)),
-        );
+        for lane in q.lanes.lanes() {
+            is_clear &= matches!(enclosing[lane], EnclosingSolids::Last(None));
+        }
         if is_clear {
             return;
         }
         let (origins, directions) = (q.origin.to_lanes(), q.direction.to_lanes());
         let (mut ends, times) = (q.t_max.to_array(), time.to_array());
         let mut transmittance = EnclosingSolids::transmittances(enclosing, self.estimator.scene, q.t_max).to_lanes();
-        q.lanes.each(
-            #[inline(always)]
-            |lane| {
-                if let EnclosingSolids::All(interior) = &enclosing[lane] {
-                    let ray = Ray::with_end(origins[lane], directions[lane], ends[lane]).at_time(times[lane]);
-                    transmittance[lane] = self.estimator.scene.shadow_transmittance(&ray, interior);
-                    ends[lane] = 0.0;
-                }
-            },
-        );
+        for lane in q.lanes.lanes() {
+            if let EnclosingSolids::All(interior) = &enclosing[lane] {
+                let ray = Ray::with_end(origins[lane], directions[lane], ends[lane]).at_time(times[lane]);
+                transmittance[lane] = self.estimator.scene.shadow_transmittance(&ray, interior);
+                ends[lane] = 0.0;
+            }
+        }
         q.light *= Rgb::from_lanes(time.token(), &transmittance);
         q.t_max = F::load(time.token(), &ends);
     }
@@ -217,59 +190,54 @@ impl Wavefront<'_> {
     #[inline(never)]
     fn continue_paths<F: Lanes>(&mut self, group: &Group<'_, F>, found: &Evaluated<F>, watch: &mut Watch<'_>) {
         let scene = self.estimator.scene;
-        F::vectorize(
-            group.at.token,
-            #[inline(always)]
-            || {
-                let Evaluated { wi, sample, u_roulette, .. } = found;
-                let (token, mut state) = (group.at.token, group.state);
-                let one = state.bounces.constant(1.0);
-                let mut most = one;
-                if !group.in_medium {
-                    state.bounces += one;
-                    most = max_survival(state.bounces);
+        vectorize!(F, group.at.token, {
+            let Evaluated { wi, sample, u_roulette, .. } = found;
+            let (token, mut state) = (group.at.token, group.state);
+            let one = state.bounces.constant(1.0);
+            let mut most = one;
+            if !group.in_medium {
+                state.bounces += one;
+                most = max_survival(state.bounces);
+            }
+            state.throughput *= sample.weight;
+            state.eta_scale *= sample.eta * sample.eta;
+            let brightest = state.throughput.max_channel();
+            let by_throughput = brightest * state.eta_scale * RR_SCALE;
+            let survival = group.learned.path_survival(brightest, by_throughput).min(most);
+            let alive = group.used & sample.pdf.is_positive() & u_roulette.lt(survival);
+            if !alive.any() {
+                return;
+            }
+            state.throughput *= survival.recip();
+            // The vertex at which the next scattered light is combined with light sampling.
+            let delta = F::splat_word(token, Lobe::DELTA.bits());
+            let is_delta = F::word_eq(sample.lobe & delta, delta);
+            let origin = group.ray_origins(*wi);
+            let through_covers = match scene.has_solids() {
+                true => {
+                    let enclosing = self.enclosing_beyond(group, *wi);
+                    self.enter_solids(group, alive, (origin, *wi, sample.lobe), &enclosing)
                 }
-                state.throughput *= sample.weight;
-                state.eta_scale *= sample.eta * sample.eta;
-                let brightest = state.throughput.max_channel();
-                let survival = group.learned.path_survival(brightest, survival(brightest * state.eta_scale)).min(most);
-                let alive = group.used & sample.pdf.is_positive() & u_roulette.lt(survival);
-                if !alive.any() {
-                    return;
-                }
-                state.throughput *= survival.recip();
-                // The vertex at which the next scattered light is combined with light sampling.
-                let delta = F::splat_word(token, Lobe::DELTA.bits());
-                let is_delta = F::word_eq(sample.lobe & delta, delta);
-                let origin = group.ray_origins(*wi);
-                let through_covers = match scene.has_solids() {
-                    true => {
-                        let enclosing = self.enclosing_beyond(group, *wi);
-                        let leaving = (origin.to_lanes(), wi.to_lanes(), F::word_to_array(sample.lobe));
-                        self.enter_solids(group, alive.bits(), leaving, &enclosing)
-                    }
-                    false => 0,
-                };
-                state.last_pdf = is_delta.select(state.last_pdf.only(F::mask(token, through_covers)), sample.pdf);
-                state.last.point = V3::select(is_delta, state.last.point, group.receivers.point);
-                state.last.normal = V3::select(is_delta, state.last.normal, group.receivers.normal);
-                state.last.both_sides = (is_delta & state.last.both_sides) | (!is_delta & group.receivers.both_sides);
-                let is_one =
-                    F::mask(token, if group.choice == LightChoice::One { u32::MAX >> (32 - F::WIDTH) } else { 0 });
-                state.last_choice_is_one = (is_delta & state.last_choice_is_one) | (!is_delta & is_one);
-                if watch.observer.is_some() {
-                    observe_scattering(group, found, (alive.bits(), state.throughput), watch);
-                }
-                state.store(
-                    alive,
-                    #[inline(always)]
-                    |lane, state| self.paths[group.paths[lane] as usize] = state,
-                );
-                let infinity = one.constant(f32::INFINITY);
-                let ray = [origin, *wi];
-                self.next.append((alive, &group.paths), ray, infinity, group.points.time);
-            },
-        );
+                false => F::mask(token, 0),
+            };
+            state.last_pdf = is_delta.select(state.last_pdf.only(through_covers), sample.pdf);
+            state.last.point = V3::select(is_delta, state.last.point, group.receivers.point);
+            state.last.normal = V3::select(is_delta, state.last.normal, group.receivers.normal);
+            state.last.both_sides = (is_delta & state.last.both_sides) | (!is_delta & group.receivers.both_sides);
+            let is_one = F::mask(token, if group.choice == LightChoice::One { u32::MAX >> (32 - F::WIDTH) } else { 0 });
+            state.last_choice_is_one = (is_delta & state.last_choice_is_one) | (!is_delta & is_one);
+            if watch.observer.is_some() {
+                observe_scattering(group, found, (alive, state.throughput), watch);
+            }
+            state.store(
+                alive,
+                #[inline(always)]
+                |lane, state| self.paths[group.paths[lane] as usize] = state,
+            );
+            let infinity = one.constant(f32::INFINITY);
+            let ray = [origin, *wi];
+            self.next.append((alive, &group.paths), ray, infinity, group.points.time);
+        });
     }
 
     /// The solids and covers of paths that leave surfaces in given directions. Returns the lanes that continue the prefix of
@@ -278,32 +246,35 @@ impl Wavefront<'_> {
     fn enter_solids<F: Lanes>(
         &mut self,
         group: &Group<'_, F>,
-        alive: u32,
-        (origins, wi, lobes): ([Vec3; MAX_WIDTH], [Vec3; MAX_WIDTH], [u32; MAX_WIDTH]),
+        alive: F::Mask,
+        (origin, wi, lobe): (V3<F>, V3<F>, F::Word),
         enclosing: &[EnclosingSolids; MAX_WIDTH],
-    ) -> u32 {
-        let (scene, mut continued) = (self.estimator.scene, 0);
-        let (parts, times) = (F::word_to_array(group.points.part), group.points.time.to_array());
-        for lane in (0..group.at.len).filter(|lane| alive >> lane & 1 == 1) {
-            let enclosing = enclosing[lane];
-            let among = &mut self.among_solids[group.paths[lane] as usize];
-            among.enclosing = enclosing;
-            if scene.covers().is_empty() {
-                continue;
-            }
-            let (lobe, prefix) = (Lobe::from_bits(lobes[lane]), among.prefix.take());
-            among.prefix = match lobe.contains(Lobe::DELTA) {
-                false => {
-                    let ray = Ray::new(origins[lane], wi[lane]).at_time(times[lane]);
-                    Some(SpecularPrefix::new(RayState { ray, enclosing }))
+    ) -> F::Mask {
+        vectorize!(F, group.at.token, {
+            let (scene, mut continued) = (self.estimator.scene, 0);
+            let (origins, wi, times) = (origin.to_lanes(), wi.to_lanes(), group.points.time.to_array());
+            let (parts, lobes) = (F::word_to_array(group.points.part), F::word_to_array(lobe));
+            for lane in alive.lanes() {
+                let enclosing = enclosing[lane];
+                let among = &mut self.among_solids[group.paths[lane] as usize];
+                among.enclosing = enclosing;
+                if scene.covers().is_empty() {
+                    continue;
                 }
-                true => prefix
-                    .filter(|_| !group.in_medium)
-                    .and_then(|prefix| prefix.extended(scene, parts[lane], lobe.contains(Lobe::REFLECTION))),
-            };
-            continued |= u32::from(among.prefix.is_some()) << lane;
-        }
-        continued
+                let (lobe, prefix) = (Lobe::from_bits(lobes[lane]), among.prefix.take());
+                among.prefix = match lobe.contains(Lobe::DELTA) {
+                    false => {
+                        let ray = Ray::new(origins[lane], wi[lane]).at_time(times[lane]);
+                        Some(SpecularPrefix::new(RayState { ray, enclosing }))
+                    }
+                    true => prefix
+                        .filter(|_| !group.in_medium)
+                        .and_then(|prefix| prefix.extended(scene, parts[lane], lobe.contains(Lobe::REFLECTION))),
+                };
+                continued |= u32::from(among.prefix.is_some()) << lane;
+            }
+            F::mask(group.at.token, continued)
+        })
     }
 }
 
@@ -312,11 +283,11 @@ impl Wavefront<'_> {
 fn observe_scattering<F: Lanes>(
     group: &Group<'_, F>,
     found: &Evaluated<F>,
-    (alive, throughput): (u32, Rgb<F>),
+    (alive, throughput): (F::Mask, Rgb<F>),
     watch: &mut Watch<'_>,
 ) {
     let Evaluated { wi, sample, .. } = found;
-    for lane in (0..group.at.len).filter(|lane| alive >> lane & 1 == 1) {
+    for lane in alive.lanes() {
         let scattering = TraceScattering {
             direction: wi.to_lanes()[lane].to_array(),
             pdf: sample.pdf.to_array()[lane],
@@ -382,17 +353,13 @@ macro_rules! evaluate_kind {
             directions: &[Direction<F>],
             group: Option<&Group<'_, F>>,
         ) -> Evaluated<F> {
-            F::vectorize(
-                at.token,
-                #[inline(always)]
-                || {
+            vectorize!(F, at.token, {
                     let surface = match at.bsdfs {
                         Bsdfs::Same(_) => InLanes::<F>::splat(at.token, lanes[0]),
                         Bsdfs::Each(_) => InLanes::<F>::gather(at.token, lanes),
                     };
                     evaluate(at, surface.view$(::<$rich>)?(at.wo), directions, group)
-                },
-            )
+            })
         }
     };
 }
@@ -412,11 +379,7 @@ fn evaluate_each<F: Lanes>(
     directions: &[Direction<F>],
     group: Option<&Group<'_, F>>,
 ) -> Evaluated<F> {
-    F::vectorize(
-        at.token,
-        #[inline(always)]
-        || evaluate(at, *at, directions, group),
-    )
+    vectorize!(F, at.token, evaluate(at, *at, directions, group))
 }
 
 /// Evaluates BSDFs for some directions. If the paths of a group scatter, also the albedo and a new direction.

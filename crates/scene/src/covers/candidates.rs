@@ -4,7 +4,7 @@ use super::chain::Chain;
 use super::layer_crossing::{Crossing, Line};
 use super::stack::CoverStack;
 use crate::scene::Scene;
-use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Mask, Real, V3, vectorize};
 
 /// Ends of connections on lights, one for each lane.
 #[derive(Clone, Copy, Debug)]
@@ -193,21 +193,16 @@ fn in_solids<F: Lanes>(
     from: F,
     to: F,
 ) -> (F, F) {
-    F::vectorize(
-        token,
-        #[inline(always)]
-        || {
-            let (mut from, to, mut ior) = (from.to_array(), to.to_array(), [1.0; MAX_WIDTH]);
-            let mut heights = [0.0; MAX_WIDTH];
-            height.store(&mut heights);
-            for lane in 0..F::WIDTH {
-                let material = inside[lane].filter(|_| in_solid.bits() >> lane & 1 == 1);
-                if let Some(material) = material {
-                    let layer = stack.layer_in_solid(heights[lane], material, to[lane] as usize);
-                    (from[lane], ior[lane]) = layer.map_or((to[lane], 1.0), |(layer, ior)| (layer as f32, ior as f32));
-                }
+    vectorize!(F, token, {
+        let (mut from, to, mut ior) = (from.to_array(), to.to_array(), [1.0; MAX_WIDTH]);
+        let mut heights = [0.0; MAX_WIDTH];
+        height.store(&mut heights);
+        for lane in in_solid.lanes() {
+            if let Some(material) = inside[lane] {
+                let layer = stack.layer_in_solid(heights[lane], material, to[lane] as usize);
+                (from[lane], ior[lane]) = layer.map_or((to[lane], 1.0), |(layer, ior)| (layer as f32, ior as f32));
             }
-            (F::load(token, &from), F::load(token, &ior))
-        },
-    )
+        }
+        (F::load(token, &from), F::load(token, &ior))
+    })
 }

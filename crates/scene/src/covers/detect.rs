@@ -112,7 +112,7 @@ fn add_touching_solids(scene: &Scene, covers: &mut Covers) {
         (0..scene.materials.len()).map(|m| is_smooth(scene, m) && scatters(scene, m)).collect();
     let contact = CONTACT * rounding(scene);
     for stack in &mut covers.stacks {
-        let (axis, tangents) = (stack.axis(), stack.tangents());
+        let (axis, tangents) = (stack.axis(), stack.tangents);
         let last = stack.interfaces().len() - 1;
         let faces = [(false, 0, 1), (true, last, last)]
             .map(|(is_above, face, layer)| (is_above, stack.interfaces()[face].clone(), stack.thickness(layer)));
@@ -127,7 +127,7 @@ fn add_touching_solids(scene: &Scene, covers: &mut Covers) {
                 let meets = gap <= contact && gap >= -overlap_depth && overlap(&footprint, &face.footprint) > 0.0;
                 if meets {
                     let ior = f64::from(scene.solids[part.solid as usize].ior);
-                    stack.add_touching(TouchingSolid { material: part.material, ior, is_above: *is_above });
+                    stack.touching.push(TouchingSolid { material: part.material, ior, is_above: *is_above });
                 }
             }
         }

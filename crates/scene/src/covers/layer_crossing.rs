@@ -6,7 +6,7 @@ use super::chain::Chain;
 use super::planar_layers::{Leg, PlateRay};
 use super::stack::{CoverInterface, CoverStack, MAX_INTERFACES};
 use crate::geometry::splat;
-use dunkelfeld_lanes::{Double, Lanes, Mask, V3};
+use dunkelfeld_lanes::{Double, Lanes, Mask, V3, vectorize};
 
 /// Sideways shift of a chain between the first and the last interface, over that of the shortest chain: two double
 /// passes.
@@ -42,7 +42,7 @@ impl<F: Lanes> Line<F> {
         let length = across.length();
         let zero = length.constant(0.0);
         let sideways = V3::select(length.is_positive(), across * length.recip(), V3::new(zero, zero, zero));
-        let [u, v] = stack.tangents();
+        let [u, v] = stack.tangents;
         let (u, v) = (splat::<F>(token, u), splat::<F>(token, v));
         let origin = [u.dot(x).narrow(), v.dot(x).narrow()];
         Self {
@@ -200,15 +200,11 @@ impl<'a, F: Lanes> Crossing<'a, F> {
     /// Calls `f` for each chain except the shortest one.
     #[inline(never)]
     fn each_longer(&self, mut f: impl FnMut(Chain)) {
-        F::vectorize(
-            self.line.across.token(),
-            #[inline(always)]
-            || {
-                for &chain in &self.chains()[1..] {
-                    f(chain);
-                }
-            },
-        );
+        vectorize!(F, self.line.across.token(), {
+            for &chain in &self.chains()[1..] {
+                f(chain);
+            }
+        });
     }
 
     /// All chains between the two layers.

@@ -46,12 +46,13 @@ pub(crate) struct TouchingSolid {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct CoverStack {
     axis: DVec3,
-    tangents: [DVec3; 2],
+    /// Two unit vectors across the axis: those of the footprints.
+    pub(super) tangents: [DVec3; 2],
     interfaces: Vec<CoverInterface>,
     layers: Vec<CoverLayer>,
     is_flat: bool,
     /// Solids with a scattering medium in contact with the outside.
-    touching: Vec<TouchingSolid>,
+    pub(super) touching: Vec<TouchingSolid>,
     /// For each layer without material: its number, and the position along the axis where the next one starts.
     air_layers: Vec<(u8, f64)>,
     /// Chains from layer to layer, `layers * from + to`.
@@ -71,17 +72,6 @@ impl CoverStack {
         let count = layers.len();
         let chains = (0..count * count).map(|k| chains_between(&layers, k / count, k % count)).collect();
         Self { axis, tangents, interfaces, layers, is_flat, touching: Vec::new(), air_layers, chains }
-    }
-
-    /// Two unit vectors across the axis: those of the footprints.
-    #[inline(always)]
-    pub(crate) fn tangents(&self) -> [DVec3; 2] {
-        self.tangents
-    }
-
-    /// Registers a solid in contact with the outside of the stack.
-    pub(crate) fn add_touching(&mut self, solid: TouchingSolid) {
-        self.touching.push(solid);
     }
 
     /// Unit vector in the order of the layers, in render space.

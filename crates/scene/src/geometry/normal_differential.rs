@@ -4,7 +4,7 @@ use crate::geometry::triangle_data::{Facet, FacetLanes};
 use crate::query::shading::visible_normals;
 use crate::query::surface_points::{CornerLanes, SurfacePoints};
 use crate::scene::Scene;
-use dunkelfeld_geometry::{DMat3, Vec3};
+use dunkelfeld_geometry::Vec3;
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 
 /// The derivatives of shading normals at points of triangles, one for each lane, in render space.
@@ -62,12 +62,12 @@ impl Scene {
                 is_placed,
                 #[inline(always)]
                 |lanes, transform| {
-                    let (vectors, covectors) =
-                        (transform.to_world().matrix3, transform.to_object().matrix3.transpose());
-                    mixed = V3::select(lanes, product::<F>(token, &covectors, mixed), mixed);
+                    mixed = V3::select(lanes, V3::narrow(transform.covectors::<F>(token, mixed.widen())), mixed);
                     for k in 0..2 {
-                        edges[k] = V3::select(lanes, product::<F>(token, &vectors, edges[k]), edges[k]);
-                        turns[k] = V3::select(lanes, product::<F>(token, &covectors, turns[k]), turns[k]);
+                        edges[k] =
+                            V3::select(lanes, V3::narrow(transform.vectors::<F>(token, edges[k].widen())), edges[k]);
+                        turns[k] =
+                            V3::select(lanes, V3::narrow(transform.covectors::<F>(token, turns[k].widen())), turns[k]);
                     }
                 },
             );
@@ -91,11 +91,4 @@ impl Scene {
         };
         (is_turned & points.is_smooth, Some(differentials))
     }
-}
-
-/// The product of a matrix and a vector of each lane.
-#[inline(always)]
-fn product<F: Lanes>(token: F::Token, m: &DMat3, v: V3<F>) -> V3<F> {
-    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.as_vec3());
-    V3::splat(token, x) * v.x + V3::splat(token, y) * v.y + V3::splat(token, z) * v.z
 }

@@ -63,26 +63,20 @@ impl<F: Lanes> AreaLanes<F> {
     /// The light of each lane.
     #[inline(always)]
     fn gather(token: F::Token, lights: &[&AreaLight; MAX_WIDTH]) -> Self {
-        let mut rows = [[0.0; MAX_WIDTH]; 10];
-        let mut two_sided = 0;
+        let [mut normals, mut centers] = [[Vec3::ZERO; MAX_WIDTH]; 2];
+        let (mut radii, mut radiance, mut two_sided) = ([0.0; MAX_WIDTH], [Rgb::BLACK; MAX_WIDTH], 0);
         for lane in 0..F::WIDTH {
-            let AreaLight { normal: n, center: c, radius, mean_radiance: l, .. } = lights[lane];
-            let values = [n.x, n.y, n.z, c.x, c.y, c.z, *radius, l.r, l.g, l.b];
-            for k in 0..10 {
-                rows[k][lane] = values[k];
-            }
-            two_sided |= u32::from(lights[lane].two_sided) << lane;
-        }
-        let mut of = [F::splat(token, 0.0); 10];
-        for k in 0..10 {
-            of[k] = F::load(token, &rows[k]);
+            let light = lights[lane];
+            (normals[lane], centers[lane]) = (light.normal, light.center);
+            (radii[lane], radiance[lane]) = (light.radius, light.mean_radiance);
+            two_sided |= u32::from(light.two_sided) << lane;
         }
         Self {
-            normal: V3::new(of[0], of[1], of[2]),
-            center: V3::new(of[3], of[4], of[5]),
-            radius: of[6],
+            normal: V3::from_lanes(token, &normals),
+            center: V3::from_lanes(token, &centers),
+            radius: F::load(token, &radii),
             two_sided: F::mask(token, two_sided),
-            radiance: Rgb::new(of[7], of[8], of[9]),
+            radiance: Rgb::from_lanes(token, &radiance),
         }
     }
 
@@ -207,11 +201,8 @@ fn sample_triangles<F: Lanes>(
 ) -> (V3<F>, F) {
     let (from, u0, u1) = (receivers.point.to_lanes(), u[0].to_array(), u[1].to_array());
     let (mut points, mut pdf) = ([Vec3::ZERO; MAX_WIDTH], [0.0; MAX_WIDTH]);
-    let active = active.bits();
-    for lane in 0..F::WIDTH {
-        if active >> lane & 1 == 1
-            && let Some(s) = sample_triangle(corners, from[lane], [u0[lane], u1[lane]])
-        {
+    for lane in active.lanes() {
+        if let Some(s) = sample_triangle(corners, from[lane], [u0[lane], u1[lane]]) {
             (points[lane], pdf[lane]) = (s.point, s.pdf);
         }
     }

@@ -295,31 +295,27 @@ impl MeshLight {
         let of_choice = below_one_lanes((u - AREA_SHARE) / (1.0 - AREA_SHARE));
         let (mut facets, mut rest) = ([0; MAX_WIDTH], [0.0; MAX_WIDTH]);
         let mut exists = by_area & active;
-        let (areas, numbers) = (exists.bits(), of_area.to_array());
-        for lane in 0..F::WIDTH {
-            if areas >> lane & 1 == 1 {
-                let u = numbers[lane];
-                let index = self.facets.partition_point(|f| f.after <= u).min(self.facets.len() - 1);
-                let Facet { before, after, .. } = self.facets[index];
-                (facets[lane], rest[lane]) = (index as u32, below_one(((u - before) / (after - before)).max(0.0)));
-            }
+        let numbers = of_area.to_array();
+        for lane in exists.lanes() {
+            let u = numbers[lane];
+            let index = self.facets.partition_point(|f| f.after <= u).min(self.facets.len() - 1);
+            let Facet { before, after, .. } = self.facets[index];
+            (facets[lane], rest[lane]) = (index as u32, below_one(((u - before) / (after - before)).max(0.0)));
         }
         let probabilities = match &self.choice {
             FacetChoice::Tree(tree) => {
                 let (each, numbers) = (receivers.to_lanes(), of_choice.to_array());
-                let (chosen, mut found, mut p) = ((active & !by_area).bits(), 0, [0.0; MAX_WIDTH]);
-                for lane in 0..F::WIDTH {
-                    if chosen >> lane & 1 == 1
-                        && let Some((index, left)) = tree.choose_with_rest(&each[lane], numbers[lane])
-                    {
+                let (mut found, mut p) = (0, [0.0; MAX_WIDTH]);
+                for lane in (active & !by_area).lanes() {
+                    if let Some((index, left)) = tree.choose_with_rest(&each[lane], numbers[lane]) {
                         (facets[lane], rest[lane]) = (index as u32, left);
                         found |= 1 << lane;
                     }
-                    if (areas | found) >> lane & 1 == 1 {
-                        p[lane] = tree.probability(&each[lane], facets[lane] as usize);
-                    }
                 }
                 exists = exists | F::mask(token, found);
+                for lane in exists.lanes() {
+                    p[lane] = tree.probability(&each[lane], facets[lane] as usize);
+                }
                 F::load(token, &p)
             }
             _ => {
@@ -334,13 +330,12 @@ impl MeshLight {
                 let by_weight = active & !by_area & chosen.exists;
                 let left = below_one_lanes(chosen.rest / chosen.weight);
                 let (indices, left) = (F::word_to_array(chosen.index), left.to_array());
-                let (bits, mut own) = (by_weight.bits(), chosen.weight.to_array());
-                for lane in 0..F::WIDTH {
-                    if bits >> lane & 1 == 1 {
-                        (facets[lane], rest[lane]) = (indices[lane], left[lane]);
-                    } else if areas >> lane & 1 == 1 {
-                        own[lane] = weights[facets[lane] as usize % MAX_WEIGHTED_FACETS].to_array()[lane];
-                    }
+                let mut own = chosen.weight.to_array();
+                for lane in exists.lanes() {
+                    own[lane] = weights[facets[lane] as usize % MAX_WEIGHTED_FACETS].to_array()[lane];
+                }
+                for lane in by_weight.lanes() {
+                    (facets[lane], rest[lane]) = (indices[lane], left[lane]);
                 }
                 exists = exists | by_weight;
                 let has_weights = total.is_positive() & total.is_finite();

@@ -196,11 +196,8 @@ impl LightTable {
             Some(tree) => {
                 let (each, u) = (receivers.to_lanes(), u.to_array());
                 let (mut indices, mut probabilities) = ([0; MAX_WIDTH], [0.0; MAX_WIDTH]);
-                let active = active.bits();
-                for lane in 0..F::WIDTH {
-                    if active >> lane & 1 == 1
-                        && let Some((index, probability)) = tree.choose(&each[lane], u[lane])
-                    {
+                for lane in active.lanes() {
+                    if let Some((index, probability)) = tree.choose(&each[lane], u[lane]) {
                         (indices[lane], probabilities[lane]) = (index as u32, probability);
                     }
                 }
@@ -384,7 +381,7 @@ impl Scene {
                         }
                     }
                     let mut found = sample_rectangles(token, receivers, (&areas, rectangles), probability, u);
-                    self.vary(&mut found, varying, &surfaces);
+                    self.vary(&mut found, F::mask(token, varying), &surfaces);
                     found
                 }
                 _ => self.sample_same(token, receivers, index, probability, u, F::mask(token, same & left)),
@@ -411,7 +408,7 @@ impl Scene {
             Some(Light::Area(a)) => {
                 samples = a.sample(token, receivers, probability, u, active);
                 if a.has_varying_radiance {
-                    self.vary(&mut samples, active.bits(), &[[a.part, a.triangles[0]]; MAX_WIDTH]);
+                    self.vary(&mut samples, active, &[[a.part, a.triangles[0]]; MAX_WIDTH]);
                 }
             }
             Some(Light::Mesh(m)) => {
@@ -419,20 +416,17 @@ impl Scene {
                     let surfaces;
                     (samples, surfaces) = mesh.sample(token, receivers, probability, u, active);
                     if mesh.has_varying_radiance {
-                        self.vary(&mut samples, active.bits(), &surfaces);
+                        self.vary(&mut samples, active, &surfaces);
                     }
                 }
             }
             Some(light) => {
                 let (each, u0, u1) = (receivers.to_lanes(), u[0].to_array(), u[1].to_array());
                 let (mut lanes, probability) = ([LightSamples::none(()); MAX_WIDTH], probability.to_array());
-                active.each(
-                    #[inline(always)]
-                    |lane| {
-                        let u = [u0[lane], u1[lane]];
-                        lanes[lane] = self.lights.sample_without_surface(&each[lane], light, probability[lane], u);
-                    },
-                );
+                for lane in active.lanes() {
+                    let u = [u0[lane], u1[lane]];
+                    lanes[lane] = self.lights.sample_without_surface(&each[lane], light, probability[lane], u);
+                }
                 samples = LightSamples::from_lanes(token, &lanes);
             }
             _ => {}
@@ -444,16 +438,14 @@ impl Scene {
     /// Evaluates the radiance of samples of some lanes at their points, where it is not constant. `surfaces` are parts and
     /// triangles of the points.
     #[inline(always)]
-    fn vary<F: Lanes>(&self, samples: &mut LightSamples<F>, lanes: u32, surfaces: &[[u32; 2]; MAX_WIDTH]) {
-        let lanes = lanes & samples.pdf.is_positive().bits();
-        if lanes != 0 {
+    fn vary<F: Lanes>(&self, samples: &mut LightSamples<F>, lanes: F::Mask, surfaces: &[[u32; 2]; MAX_WIDTH]) {
+        let lanes = lanes & samples.pdf.is_positive();
+        if lanes.any() {
             let (points, directions) = (samples.point.to_lanes(), samples.direction.to_lanes());
             let mut radiance = samples.radiance.to_lanes();
-            for lane in 0..F::WIDTH {
-                if lanes >> lane & 1 == 1 {
-                    let [part, triangle] = surfaces[lane];
-                    radiance[lane] = self.radiance_at(part, triangle, points[lane], -directions[lane]);
-                }
+            for lane in lanes.lanes() {
+                let [part, triangle] = surfaces[lane];
+                radiance[lane] = self.radiance_at(part, triangle, points[lane], -directions[lane]);
             }
             samples.radiance = Rgb::from_lanes(samples.pdf.token(), &radiance);
         }

@@ -75,13 +75,12 @@ impl<F: Lanes> LightSamples<F> {
     #[inline(always)]
     pub(crate) fn from_lanes(token: F::Token, lanes: &[LightSamples<f32>; MAX_WIDTH]) -> Self {
         let [mut directions, mut points, mut normals] = [[Vec3::ZERO; MAX_WIDTH]; 3];
-        let [mut r, mut g, mut b, mut pdf] = [[0.0; MAX_WIDTH]; 4];
+        let (mut radiance, mut pdf) = ([Rgb::BLACK; MAX_WIDTH], [0.0; MAX_WIDTH]);
         let (mut is_finite, mut is_delta) = (0, 0);
         for lane in 0..F::WIDTH {
             let s = &lanes[lane];
             (directions[lane], points[lane], normals[lane]) = (s.direction.into(), s.point.into(), s.normal.into());
-            [r[lane], g[lane], b[lane]] = s.radiance.to_array();
-            pdf[lane] = s.pdf;
+            (radiance[lane], pdf[lane]) = (s.radiance, s.pdf);
             is_finite |= u32::from(s.is_finite) << lane;
             is_delta |= u32::from(s.is_delta) << lane;
         }
@@ -90,7 +89,7 @@ impl<F: Lanes> LightSamples<F> {
             point: V3::from_lanes(token, &points),
             normal: V3::from_lanes(token, &normals),
             is_finite: F::mask(token, is_finite),
-            radiance: Rgb::new(F::load(token, &r), F::load(token, &g), F::load(token, &b)),
+            radiance: Rgb::from_lanes(token, &radiance),
             pdf: F::load(token, &pdf),
             is_delta: F::mask(token, is_delta),
         }

@@ -2,7 +2,6 @@
 
 use crate::geometry::triangle_data::FLAT;
 use crate::light::emission_profile::EmissionProfile;
-use crate::material::Material;
 use crate::query::surface::{self, TexturePoint};
 use crate::query::surface_points::HitLanes;
 use crate::scene::Scene;
@@ -98,12 +97,6 @@ impl Scene {
         self.compiled[material as usize].is_stochastic()
     }
 
-    /// True if the surface is random at a point: present or absent, or one of two kinds.
-    #[inline]
-    pub fn is_stochastic(&self, p: &SurfacePoint) -> bool {
-        self.compiled[p.material as usize].is_stochastic()
-    }
-
     /// The probability that light hits the surface at a point, in \[0, 1\]. `direction` is that of a ray that meets it.
     #[inline]
     pub fn coverage(&self, p: &SurfacePoint, direction: Vec3) -> f32 {
@@ -134,20 +127,14 @@ impl Scene {
         if !(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0 {
             return Rgb::BLACK;
         }
-        if material.emission_texture.is_none() && !material.unlit {
-            return self.in_profile(material, &p, toward, material.emission);
+        let emission = match material.emission_texture.is_none() && !material.unlit {
+            true => material.emission,
+            false => surface::emission(material, &self.images, &self.texture_point(&p)),
+        };
+        match material.emission_profile {
+            EmissionProfile::Lambertian => emission,
+            profile => emission * profile.eval(toward.dot(p.normal).abs()),
         }
-        let emission = surface::emission(material, &self.images, &self.texture_point(&p));
-        self.in_profile(material, &p, toward, emission)
-    }
-
-    /// The radiance in a direction, by the angular profile of the material.
-    #[inline]
-    fn in_profile(&self, material: &Material, p: &SurfacePoint, toward: Vec3, radiance: Rgb) -> Rgb {
-        if material.emission_profile == EmissionProfile::Lambertian {
-            return radiance;
-        }
-        radiance * material.emission_profile.eval(toward.dot(p.normal).abs())
     }
 
     /// Transmittance of a segment: 0 behind a surface that covers fully, else the product of the open shares of partly

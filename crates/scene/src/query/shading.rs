@@ -8,7 +8,7 @@ use crate::query::surface_points::{CornerLanes, SurfacePoints};
 use crate::scene::Scene;
 use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_geometry::{Frame as PointFrame, Vec2, Vec3};
-use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3, vectorize};
 use dunkelfeld_radiometry::Rgb;
 
 /// Shading frames of surfaces beside their geometric normals, one for each lane.
@@ -134,12 +134,6 @@ impl Scene {
         !compiled.has_coverage && !compiled.both_sides
     }
 
-    /// True if surfaces of a material scatter into single directions only.
-    #[inline(always)]
-    pub fn is_delta(&self, material: u32) -> bool {
-        self.only_bsdf(material).is_some_and(Bsdf::is_delta)
-    }
-
     /// The BSDF of a material, if it is the same at all points.
     #[inline(always)]
     pub fn only_bsdf(&self, material: u32) -> Option<&Bsdf> {
@@ -198,12 +192,14 @@ impl Scene {
         (u, eta): (&[f32], &[Option<f32>]),
         storage: &'a mut [Option<Bsdf>; MAX_WIDTH],
     ) -> Bsdfs<'a> {
-        let mut each = [&Bsdf::Absorber; MAX_WIDTH];
-        for (lane, (bsdf, storage)) in each.iter_mut().zip(storage).enumerate().take(F::WIDTH) {
-            let (u, eta) = (u.get(lane).copied().unwrap_or(0.0), eta.get(lane).copied().flatten());
-            *bsdf = self.bsdf(&points.lane(lane), u, eta, storage);
-        }
-        Bsdfs::of_lanes(each, F::WIDTH)
+        vectorize!(F, points.distance.token(), {
+            let mut each = [&Bsdf::Absorber; MAX_WIDTH];
+            for (lane, (bsdf, storage)) in each.iter_mut().zip(storage).enumerate().take(F::WIDTH) {
+                let (u, eta) = (u.get(lane).copied().unwrap_or(0.0), eta.get(lane).copied().flatten());
+                *bsdf = self.bsdf(&points.lane(lane), u, eta, storage);
+            }
+            Bsdfs::of_lanes(each, F::WIDTH)
+        })
     }
 
     /// Frames and receivers of points on one material for the directions `wo` (unit, away from the surface).
@@ -314,7 +310,7 @@ impl Scene {
         let mirrored = transform.as_ref().is_some_and(|t| t.swaps_handedness());
         let handedness = if mirrored { -handedness } else { handedness };
         if let Some(texture) = &material.normal_texture {
-            let [x, y, z, _] = texture.eval(&self.images, at.uvs[usize::from(texture.uv_set & 1)]);
+            let [x, y, z, _] = at.eval(texture, &self.images);
             let scale = material.normal_scale;
             let map = Vec3::new((2.0 * x - 1.0) * scale, (2.0 * y - 1.0) * scale, 2.0 * z - 1.0);
             let bent = frame.tangent * map.x + frame.bitangent * (handedness * map.y) + frame.normal * map.z;

@@ -31,6 +31,12 @@ pub(crate) struct TexturePoint {
 impl TexturePoint {
     /// The place that is used for a surface with constant parameters.
     pub(crate) const ANYWHERE: Self = Self { uvs: [Vec2::ZERO; 2], color: Vec4::ONE };
+
+    /// The value of a texture.
+    #[inline]
+    pub(crate) fn eval(&self, texture: &Texture, images: &[Image]) -> [f32; 4] {
+        texture.eval(images, self.uvs[usize::from(texture.uv_set & 1)])
+    }
 }
 
 /// A material with all values precomputed that do not depend on the place.
@@ -91,6 +97,15 @@ impl Constant {
             same => same,
         }
     }
+
+    #[inline]
+    fn pick(&self, u: f32) -> &Bsdf {
+        match self {
+            Self::One(b) => b,
+            Self::Either(p, a, _) if u < *p => a,
+            Self::Either(_, _, b) => b,
+        }
+    }
 }
 
 impl CompiledMaterial {
@@ -104,26 +119,22 @@ impl CompiledMaterial {
             Surface::Solid(v) if is_solid => Medium::new(v).absorption,
             _ => Rgb::BLACK,
         };
-        let textured = [
+        let textures = [
             m.base_color_texture,
             m.specular_color_texture,
             m.sheen_color_texture,
             m.anisotropy_texture,
             m.diffuse_transmission_color_texture,
-        ]
-        .iter()
-        .any(Option::is_some)
-            || [
-                m.metallic_texture,
-                m.roughness_texture,
-                m.specular_texture,
-                m.transmission_texture,
-                m.diffuse_transmission_texture,
-                m.clearcoat_texture,
-                m.clearcoat_roughness_texture,
-            ]
-            .iter()
-            .any(Option::is_some);
+        ];
+        let channels = [
+            m.metallic_texture,
+            m.roughness_texture,
+            m.specular_texture,
+            m.transmission_texture,
+            m.diffuse_transmission_texture,
+            m.clearcoat_texture,
+            m.clearcoat_roughness_texture,
+        ];
         let has_coverage = m.is_back_invisible
             || match m.alpha_mode {
                 AlphaMode::Opaque => false,
@@ -131,7 +142,7 @@ impl CompiledMaterial {
             };
         let emits = m.unlit || !m.emission.is_black();
         let has_profile = m.emission_profile != EmissionProfile::Lambertian;
-        let varies = textured || is_painted;
+        let varies = is_painted || textures.iter().any(Option::is_some) || channels.iter().any(Option::is_some);
         let constant = (!varies).then(|| scatter(m, m.ior, &[], &TexturePoint::ANYWHERE, options));
         let fades = is_painted || m.alpha_texture.is_some() || m.base_color_texture.is_some();
         let constant_coverage = (!fades).then(|| coverage(m, &[], &TexturePoint::ANYWHERE));
@@ -140,10 +151,9 @@ impl CompiledMaterial {
         let sharp = m.roughness < SMOOTH_ROUGHNESS || m.roughness_texture.is_some();
         let is_smooth_clear = transmits && sharp && (!is_solid || m.transmission >= 1.0);
         let is_clear = is_solid && m.transmission >= 1.0 && m.metallic <= 0.0 && !has_coverage && !emits;
-        let clear_textures =
-            [m.base_color_texture.is_some(), m.transmission_texture.is_some(), m.metallic_texture.is_some()];
-        let clear_tint = (is_clear && !is_painted && !clear_textures.contains(&true))
-            .then(|| m.base_color.map(|c| c.clamp(0.0, 1.0).sqrt()));
+        let is_even =
+            m.base_color_texture.is_none() && m.transmission_texture.is_none() && m.metallic_texture.is_none();
+        let clear_tint = (is_clear && !is_painted && is_even).then(|| m.base_color.map(|c| c.clamp(0.0, 1.0).sqrt()));
         Self {
             clear_tint,
             constant,
@@ -197,25 +207,12 @@ impl CompiledMaterial {
     }
 }
 
-impl Constant {
-    #[inline]
-    fn pick(&self, u: f32) -> &Bsdf {
-        match self {
-            Self::One(b) => b,
-            Self::Either(p, a, _) if u < *p => a,
-            Self::Either(_, _, b) => b,
-        }
-    }
-}
-
 /// `factor * texture`, one channel.
 #[inline]
 fn channel(factor: f32, texture: &Option<ChannelTexture>, images: &[Image], at: &TexturePoint) -> f32 {
     match texture {
         None => factor,
-        Some(t) => {
-            factor * t.texture.eval(images, at.uvs[usize::from(t.texture.uv_set & 1)])[usize::from(t.channel & 3)]
-        }
+        Some(t) => factor * at.eval(&t.texture, images)[usize::from(t.channel & 3)],
     }
 }
 
@@ -225,7 +222,7 @@ fn color(factor: Rgb, texture: &Option<Texture>, images: &[Image], at: &TextureP
     match texture {
         None => factor,
         Some(t) => {
-            let [r, g, b, _] = t.eval(images, at.uvs[usize::from(t.uv_set & 1)]);
+            let [r, g, b, _] = at.eval(t, images);
             factor * Rgb::new(r, g, b)
         }
     }
@@ -241,7 +238,7 @@ fn base_color(m: &Material, images: &[Image], at: &TexturePoint) -> Rgb {
 pub(crate) fn coverage(m: &Material, images: &[Image], at: &TexturePoint) -> f32 {
     let mut alpha = channel(m.alpha, &m.alpha_texture, images, at) * at.color.w;
     if let Some(t) = &m.base_color_texture {
-        alpha *= t.eval(images, at.uvs[usize::from(t.uv_set & 1)])[3];
+        alpha *= at.eval(t, images)[3];
     }
     match m.alpha_mode {
         AlphaMode::Opaque => 1.0,
@@ -348,7 +345,7 @@ pub(crate) fn anisotropy(m: &Material, images: &[Image], at: &TexturePoint) -> (
     match &m.anisotropy_texture {
         None => (m.anisotropy, m.anisotropy_rotation),
         Some(t) => {
-            let [r, g, b, _] = t.eval(images, at.uvs[usize::from(t.uv_set & 1)]);
+            let [r, g, b, _] = at.eval(t, images);
             let (x, y) = (2.0 * r - 1.0, 2.0 * g - 1.0);
             (m.anisotropy * b, m.anisotropy_rotation + if x == 0.0 && y == 0.0 { 0.0 } else { y.atan2(x) })
         }

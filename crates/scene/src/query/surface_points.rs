@@ -95,34 +95,27 @@ impl<F: Lanes> SurfacePoints<F> {
     /// The points of lanes, found one by one.
     #[inline(always)]
     pub fn from_lanes(token: F::Token, lanes: &[SurfacePoint; MAX_WIDTH]) -> Self {
-        let [mut points, mut errors, mut normals] = [[Vec3::ZERO; MAX_WIDTH]; 3];
-        let (mut numbers, mut words) = ([[0.0; MAX_WIDTH]; 4], [[0; MAX_WIDTH]; 4]);
+        let mut records = [[[0.0; 4]; 5]; MAX_WIDTH];
         for lane in 0..F::WIDTH {
             let p = &lanes[lane];
-            (points[lane], errors[lane], normals[lane]) = (p.point, p.error, p.normal);
-            let [_, b1, b2] = p.barycentrics;
-            for (column, number) in numbers.iter_mut().zip([p.distance, b1, b2, p.time]) {
-                column[lane] = number;
-            }
-            for (column, word) in words.iter_mut().zip([p.part, p.material, p.triangle, p.normals]) {
-                column[lane] = word;
-            }
+            let [part, material, triangle, normals] = [p.part, p.material, p.triangle, p.normals].map(f32::from_bits);
+            records[lane] = [
+                p.point.extend(p.distance).to_array(),
+                p.error.extend(p.barycentrics[1]).to_array(),
+                p.normal.extend(p.barycentrics[2]).to_array(),
+                [part, material, triangle, normals],
+                [p.time; 4],
+            ];
         }
-        let normals_of = F::load_word(token, &words[3]);
-        Self {
-            point: V3::from_lanes(token, &points),
-            error: V3::from_lanes(token, &errors),
-            normal: V3::from_lanes(token, &normals),
-            distance: F::load(token, &numbers[0]),
-            b1: F::load(token, &numbers[1]),
-            b2: F::load(token, &numbers[2]),
-            part: F::load_word(token, &words[0]),
-            material: F::load_word(token, &words[1]),
-            triangle: F::load_word(token, &words[2]),
-            is_smooth: !F::word_eq(normals_of, F::splat_word(token, FLAT)),
-            time: F::load(token, &numbers[3]),
-            normals: normals_of,
-        }
+        let [(point, distance), (error, b1), (normal, b2), (words, normals), (_, time)] = V3::<F>::load_records(
+            token,
+            #[inline(always)]
+            |lane| &records[lane],
+        );
+        let [part, material, triangle] = [words.x.to_bits(), words.y.to_bits(), words.z.to_bits()];
+        let (normals, flat) = (normals.to_bits(), F::splat_word(token, FLAT));
+        let is_smooth = !F::word_eq(normals, flat);
+        Self { point, error, normal, distance, b1, b2, part, material, triangle, is_smooth, time, normals }
     }
 
     /// The origins of rays in the given directions, moved so that no ray hits its surface again.
@@ -236,15 +229,12 @@ impl Scene {
         mut f: impl FnMut(usize, &'a Part),
     ) -> CornerLanes<F> {
         let (parts, numbers) = (F::word_to_array(points.part), F::word_to_array(points.normals));
-        let (is_smooth, mut is_placed) = (points.is_smooth.bits(), 0);
-        let mut normals = [&CornerNormals::NONE; MAX_WIDTH];
-        for lane in 0..F::WIDTH {
-            if is_smooth >> lane & 1 == 1 {
-                let part = &self.parts[parts[lane] as usize];
-                f(lane, part);
-                normals[lane] = self.facets_of(part).normals(numbers[lane]);
-                is_placed |= u32::from(part.transform.is_some()) << lane;
-            }
+        let (mut normals, mut is_placed) = ([&CornerNormals::NONE; MAX_WIDTH], 0);
+        for lane in points.is_smooth.lanes() {
+            let part = &self.parts[parts[lane] as usize];
+            f(lane, part);
+            normals[lane] = self.facets_of(part).normals(numbers[lane]);
+            is_placed |= u32::from(part.transform.is_some()) << lane;
         }
         CornerLanes { normals: CornerNormals::load(token, &normals), is_placed }
     }
