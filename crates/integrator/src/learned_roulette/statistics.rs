@@ -30,25 +30,22 @@ pub(crate) struct Visit {
     pub(crate) rays: [[Outcomes; LIGHTS]; 2],
 }
 
-/// Number of shadow rays or connections to a light, of those that arrived, and their cost.
+/// Number of rays to a light, and of those that arrived.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Outcomes {
     traced: u8,
     arrived: u8,
-    cost: f32,
 }
 
 impl Visit {
     /// Adds the light of a shadow ray or connection to a light, for which a number of rays were traced.
     pub(crate) fn add_ray(&mut self, kind: usize, light: u32, rays: u32, added: Rgb) {
         self.added += added.max_channel();
-        let cost = COSTS[kind] * rays as f32;
-        self.cost += cost;
+        self.cost += COSTS[kind] * rays as f32;
         let outcomes = &mut self.rays[kind][light as usize % LIGHTS];
         if outcomes.traced < u8::MAX {
             outcomes.traced += 1;
             outcomes.arrived += u8::from(!added.is_black());
-            outcomes.cost += cost;
         }
     }
 }
@@ -60,8 +57,8 @@ struct Sums {
     rests: [f64; 3],
     /// Paths whose first vertex lies here: number, sum and squares of their rests, cost.
     paths: [f64; 4],
-    /// Rays of each kind to each light: number, arrived, cost.
-    rays: [[[f64; 3]; LIGHTS]; 2],
+    /// Rays of each kind to each light: number, arrived.
+    rays: [[[f64; 2]; LIGHTS]; 2],
 }
 
 /// Radiance [W/(m^2 sr)] and cost of a path, or of its rest after a vertex.
@@ -78,8 +75,7 @@ struct Means {
     rest_cost: f64,
     variance: f64,
     cost: f64,
-    /// Share of the rays of each kind to each light that arrive, and their cost.
-    rays: [[[f64; 2]; LIGHTS]; 2],
+    rays: [[f64; LIGHTS]; 2],
 }
 
 impl Sums {
@@ -93,7 +89,7 @@ impl Sums {
             add(&mut self.paths, [1.0, rest.radiance, rest.radiance * rest.radiance, cost]);
         }
         for (sum, o) in self.rays.as_flattened_mut().iter_mut().zip(visit.rays.as_flattened()) {
-            add(sum, [o.traced.into(), o.arrived.into(), o.cost.into()]);
+            add(sum, [o.traced.into(), o.arrived.into()]);
         }
     }
 
@@ -104,36 +100,30 @@ impl Sums {
         let [paths, sum, squares, cost] = self.paths;
         // The sum of squared deviations from the mean of the cell.
         let deviations = if paths > 0.0 { (squares - sum * sum / paths).max(0.0) } else { 0.0 };
-        let to_light = |kind: usize, light: usize| {
-            let ([traced, arrived, cost], prior) = (self.rays[kind][light], prior.rays[kind][light]);
-            [mean(traced, arrived, prior[0]), mean(traced, cost, prior[1])]
+        let arrived = |kind: usize, light: usize| {
+            let [traced, arrived] = self.rays[kind][light];
+            mean(traced, arrived, prior.rays[kind][light])
         };
         Means {
             rest_square: mean(rests, square, prior.rest_square),
             rest_cost: mean(rests, rest_cost, prior.rest_cost),
             variance: mean(paths, deviations, prior.variance),
             cost: mean(paths, cost, prior.cost),
-            rays: from_fn(|kind| from_fn(|light| to_light(kind, light))),
+            rays: from_fn(|kind| from_fn(|light| arrived(kind, light))),
         }
     }
 }
 
 impl Means {
     /// Without any observation, half of the rays to lights arrive.
-    const UNKNOWN: Self = Self {
-        rest_square: 0.0,
-        rest_cost: 1.0,
-        variance: 0.0,
-        cost: 1.0,
-        rays: [[[0.5, COSTS[0] as f64]; LIGHTS], [[0.5, COSTS[1] as f64]; LIGHTS]],
-    };
+    const UNKNOWN: Self = Self { rest_square: 0.0, rest_cost: 1.0, variance: 0.0, cost: 1.0, rays: [[0.5; LIGHTS]; 2] };
 
     fn cell(&self) -> Cell {
         let gain = |second_moment: f64, cost: f64| (second_moment / cost).sqrt() as f32;
         Cell {
             gain_scale: gain(self.cost, self.variance),
             path: gain(self.rest_square, self.rest_cost),
-            rays: self.rays.map(|of_kind| of_kind.map(|[arrived, cost]| gain(arrived, cost))),
+            rays: from_fn(|kind| self.rays[kind].map(|arrived| gain(arrived, COSTS[kind].into()))),
         }
     }
 }
