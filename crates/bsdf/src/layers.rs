@@ -14,7 +14,7 @@
 use crate::fresnel::{self, normal_reflectance};
 use crate::microfacet::{Ggx, reflect};
 use crate::{InLanes, clearcoat, sheen};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3, ln};
 use std::array::from_fn;
 use std::f32::consts::PI;
 use std::sync::LazyLock;
@@ -127,7 +127,7 @@ pub fn below_specular(ggx: &Ggx, eta: f32) -> Curve {
     let x = root_reflectance(eta);
     // See `BELOW_SPECULAR`.
     let x = 0.5 + 0.5 * if x < 0.0 { x.min(-STEP) } else { x };
-    let curve = |alpha: f32| BELOW_SPECULAR.at([x, 1.0 - alpha.ln() / LEAST_SLOPE.ln()]);
+    let curve = |alpha: f32| BELOW_SPECULAR.at([x, 1.0 - ln(alpha) / ln(LEAST_SLOPE)]);
     let [x, y] = ggx.slopes();
     if x == y { curve(x) } else { curve(x).zip(curve(y), f32::min) }
 }
@@ -136,7 +136,7 @@ pub fn below_specular(ggx: &Ggx, eta: f32) -> Curve {
 pub fn below_coat_and_sheen(coat: f32, coat_alpha: f32, sheen: f32) -> Curve {
     let mut curve = Curve::ONE;
     if coat > 0.0 {
-        let x = (coat_alpha / GLOSSIEST).ln() / (SATIN / GLOSSIEST).ln();
+        let x = ln(coat_alpha / GLOSSIEST) / ln(SATIN / GLOSSIEST);
         curve = curve.zip(BELOW_COAT.at([0.0, x]), |sum, below| sum - coat * (1.0 - below));
     }
     if sheen > 0.0 {

@@ -40,7 +40,7 @@ pub use double::Double;
 #[doc(hidden)]
 pub use double::Pair;
 pub use frame::Frame;
-pub use functions::{atan2, cos_sin_of_turn, exp, ln, pow};
+pub use functions::{atan2, cos_sin_of_angle, cos_sin_of_turn, exp, ln, pow};
 pub use instruction_set::InstructionSet;
 #[doc(hidden)]
 pub use instruction_set::separately;

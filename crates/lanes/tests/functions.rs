@@ -1,7 +1,8 @@
 //! Errors of the elementary functions against f64, and the same bits at all widths.
 
 use dunkelfeld_lanes::{
-    Double, InstructionSet, Lanes, MAX_WIDTH, Mask, Real, V3, Word, atan2, cos_sin_of_turn, dispatch, exp, ln, pow,
+    Double, InstructionSet, Lanes, MAX_WIDTH, Mask, Real, V3, Word, atan2, cos_sin_of_angle, cos_sin_of_turn, dispatch,
+    exp, ln, pow,
 };
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -22,6 +23,16 @@ fn sine_and_cosine_of_a_turn() {
         let (dc, ds) = ((f64::from(c) - cos).abs(), (f64::from(s) - sin).abs());
         assert!(dc < 1.3e-7 && ds < 1.3e-7, "turn {turn}: {dc:e} {ds:e}");
     }
+}
+
+#[test]
+fn sine_and_cosine_of_large_angles() {
+    for angle in numbers(-1e6, 1e6, 13).into_iter().chain(numbers(-4.0, 4.0, 14)) {
+        let ((c, s), (sin, cos)) = (cos_sin_of_angle(angle), f64::from(angle).sin_cos());
+        let (dc, ds) = ((f64::from(c) - cos).abs(), (f64::from(s) - sin).abs());
+        assert!(dc < 2.5e-7 && ds < 2.5e-7, "angle {angle}: {dc:e} {ds:e}");
+    }
+    assert!([f32::MAX, f32::MIN].into_iter().all(|angle| cos_sin_of_angle(angle).0.abs() <= 1.0));
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The shutter: the time of each sample, and for a line scan its place on the film.
 
+use dunkelfeld_lanes::{cos_sin_of_turn, ln};
 use dunkelfeld_sampling::Sampler;
 
 /// Key of the deviations of line starts, so that they share no number with a sample.
@@ -130,8 +131,8 @@ impl LineScan {
         if self.jitter == 0.0 {
             return 0.0;
         }
-        let [u, v] = Sampler::new(seed ^ JITTER_KEY, frame, tick, 0).get_2d(0).map(f64::from);
-        self.jitter * (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+        let [u, v] = Sampler::new(seed ^ JITTER_KEY, frame, tick, 0).get_2d(0);
+        self.jitter * f64::from((-2.0 * ln(1.0 - u)).sqrt() * cos_sin_of_turn(v).0)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::material::texture::{Channel, ColorEncoding, Filter, Image, Texture, Wrap, rgba, with_texels};
 use dunkelfeld_geometry::Vec2;
+use dunkelfeld_lanes::{cos_sin_of_angle, pow};
 use std::sync::LazyLock;
 
 /// sRGB byte to linear value (IEC 61966-2-1).
@@ -10,7 +11,7 @@ static SRGB_TO_LINEAR: LazyLock<[f32; 256]> =
 
 /// The sRGB transfer curve (IEC 61966-2-1), encoded to linear.
 pub(crate) fn srgb_to_linear(v: f32) -> f32 {
-    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+    if v <= 0.04045 { v / 12.92 } else { pow((v + 0.055) / 1.055, 2.4) }
 }
 
 /// The linear value of a channel.
@@ -106,7 +107,7 @@ impl Texture {
         let uv = if *t == Default::default() {
             uv
         } else {
-            let (sin, cos) = t.rotation.sin_cos();
+            let (cos, sin) = cos_sin_of_angle(t.rotation);
             let s = uv * t.scale;
             // KHR_texture_transform: the matrix [[cos, sin], [-sin, cos]] acts on (u, v), v pointing down.
             Vec2::new(cos * s.x + sin * s.y, cos * s.y - sin * s.x) + t.offset

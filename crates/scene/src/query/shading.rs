@@ -321,7 +321,7 @@ impl Scene {
             }
         }
         if material.anisotropy != 0.0 {
-            let (sin, cos) = surface::anisotropy(material, &self.images, at).1.sin_cos();
+            let (_, [cos, sin]) = surface::anisotropy(material, &self.images, at);
             let axis = frame.tangent * cos + frame.bitangent * (handedness * sin);
             frame = PointFrame::from_normal_tangent(frame.normal, axis);
         }

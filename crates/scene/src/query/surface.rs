@@ -19,6 +19,7 @@ use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
 use crate::media::medium::Medium;
 use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledModel, PrincipledParams, ThinSheet, Translucent};
 use dunkelfeld_geometry::{Vec2, Vec4};
+use dunkelfeld_lanes::cos_sin_of_angle;
 use dunkelfeld_radiometry::Rgb;
 
 /// Texture coordinates and vertex colour of a place on a mesh.
@@ -339,15 +340,16 @@ fn lobes(m: &Material, eta: f32, images: &[Image], at: &TexturePoint, model: Pri
     Constant::Either(clear, sheet, principled(metallic / (1.0 - clear), 0.0))
 }
 
-/// Strength of the anisotropy and the rotation of its axis from the tangent [rad] (KHR_materials_anisotropy: the
-/// texture's red and green are a direction, blue scales the strength).
-pub(crate) fn anisotropy(m: &Material, images: &[Image], at: &TexturePoint) -> (f32, f32) {
+/// Strength of the anisotropy, and cosine and sine of the angle from the tangent to its axis (KHR_materials_anisotropy:
+/// the texture's red and green are a direction, blue scales the strength).
+pub(crate) fn anisotropy(m: &Material, images: &[Image], at: &TexturePoint) -> (f32, [f32; 2]) {
+    let (cos, sin) = cos_sin_of_angle(m.anisotropy_rotation);
     match &m.anisotropy_texture {
-        None => (m.anisotropy, m.anisotropy_rotation),
+        None => (m.anisotropy, [cos, sin]),
         Some(t) => {
             let [r, g, b, _] = at.eval(t, images);
-            let (x, y) = (2.0 * r - 1.0, 2.0 * g - 1.0);
-            (m.anisotropy * b, m.anisotropy_rotation + if x == 0.0 && y == 0.0 { 0.0 } else { y.atan2(x) })
+            let Vec2 { x, y } = Vec2::new(2.0 * r - 1.0, 2.0 * g - 1.0).try_normalize().unwrap_or(Vec2::X);
+            (m.anisotropy * b, [cos * x - sin * y, sin * x + cos * y])
         }
     }
 }
