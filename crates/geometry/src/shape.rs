@@ -7,8 +7,8 @@
 //! `sample_x` returns `None`. The choice between the two methods depends on shape and reference alone. Both sides of a
 //! shape are sampled. `invert_x(shape, reference, coordinates)` returns the two numbers.
 //!
-//! Triangles are computed in f64, because the differences of angles in these formulas would cancel all digits of an f32.
-//! Rectangles have formulas for f32, and several references at once.
+//! All have several references at once. Triangles are computed in f64, because the differences of angles in these formulas
+//! would cancel all digits of an f32. Rectangles have formulas for f32.
 
 mod rectangle;
 mod triangle;
@@ -20,7 +20,8 @@ pub use rectangle::{
     rectangle_from_triangles, sample_rectangle,
 };
 pub use triangle::{
-    invert_triangle, invert_triangle_area, pdf_triangle, pdf_triangle_area, sample_triangle, sample_triangle_area,
+    TriangleLanes, invert_triangle, invert_triangle_area, pdf_triangle, pdf_triangle_area, sample_triangle,
+    sample_triangle_area,
 };
 
 /// A point sampled on a shape.
@@ -42,11 +43,3 @@ const MIN_SOLID_ANGLE: f64 = 1e-6;
 
 /// A reference nearer to the shape's plane than this fraction of its distance to the shape's corners lies in the plane.
 const IN_PLANE: f64 = 1e-10;
-
-/// Density per solid angle of a point that was sampled uniformly by area: `d^2 / (A cos) = d^3 / (A h)`, where h is the
-/// distance of the reference from the shape's plane. Zero if that is no positive finite f32.
-fn area_pdf(point: Vec3, reference: Vec3, area: f64, height: f64) -> f32 {
-    let d2 = (point.as_dvec3() - reference.as_dvec3()).length_squared();
-    let pdf = (d2 * d2.sqrt() / (area * height)) as f32;
-    if pdf.is_finite() { pdf } else { 0.0 }
-}

@@ -1,7 +1,8 @@
 //! Samples of rectangles, points of triangles, transforms and frames have the same bits at every width.
 
 use dunkelfeld_geometry::shape::{
-    Rectangle, RectangleLanes, RectangleSampler, pdf_rectangle, sample_rectangle, sample_triangle_area,
+    Rectangle, RectangleLanes, RectangleSampler, TriangleLanes, pdf_rectangle, sample_rectangle, sample_triangle,
+    sample_triangle_area,
 };
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Frame, Transform, Vec3, hit_point, hit_points};
 use dunkelfeld_lanes::{Frame as LanesFrame, InstructionSet, Lanes, MAX_WIDTH, V3, dispatch};
@@ -80,6 +81,50 @@ fn all_widths_have_the_same_bits() {
                     assert_eq!(found[..3], point.to_array().map(f32::to_bits), "{at}");
                     assert_eq!(pdf.to_bits(), pdf_rectangle(r, reference, point).to_bits(), "{at}");
                 }
+            }
+        }
+    }
+}
+
+/// Points on a triangle from several references, with their densities.
+#[inline(always)]
+fn triangle_samples<F: Lanes>(token: F::Token, t: &[Vec3; 3], from: &Vectors, u: &[Row; 2], out: &mut [Row; 5]) {
+    for at in (0..MAX_WIDTH).step_by(F::WIDTH) {
+        let mut lanes = [Vec3::ZERO; MAX_WIDTH];
+        lanes[..F::WIDTH].copy_from_slice(&from[at..at + F::WIDTH]);
+        let triangle = TriangleLanes::<F>::new(t, V3::from_lanes(token, &lanes));
+        let (point, _, pdf) = triangle.sample([F::load(token, &u[0][at..]), F::load(token, &u[1][at..])]);
+        for (row, x) in out.iter_mut().zip([point.x, point.y, point.z, pdf, triangle.pdf(point)]) {
+            x.store(&mut row[at..]);
+        }
+    }
+}
+
+#[test]
+fn triangles_have_the_same_bits() {
+    let mut state = 5u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1 << 24) as f32
+    };
+    let special = [Vec3::ZERO, Vec3::NAN, Vec3::INFINITY, Vec3::splat(1e-30), Vec3::splat(1e20)];
+    for round in 0..2000 {
+        let mut vector = || Vec3::new(random(), random(), random());
+        let corners = [vector(), vector(), vector()];
+        let (mut from, mut u) = ([Vec3::ZERO; MAX_WIDTH], [[0.0; MAX_WIDTH]; 2]);
+        from.iter_mut().for_each(|p| *p = vector() * [1.0, 3.0, 1e4][round % 3]);
+        from[round % MAX_WIDTH] = special[round % special.len()];
+        u.iter_mut().flatten().for_each(|u| *u = random());
+        for set in InstructionSet::all() {
+            let mut out = [[0.0; MAX_WIDTH]; 5];
+            dispatch!(set, F, token => triangle_samples::<F>(token, &corners, &from, &u, &mut out));
+            for lane in 0..MAX_WIDTH {
+                let [x, y, z, pdf, same] = out.map(|row| row[lane]);
+                assert_eq!(pdf.to_bits(), same.to_bits());
+                let found = (pdf > 0.0).then_some((Vec3::new(x, y, z), pdf));
+                let expected =
+                    sample_triangle(&corners, from[lane], [u[0][lane], u[1][lane]]).map(|s| (s.point, s.pdf));
+                assert_eq!(found, expected, "{set:?}, {corners:?} from {}", from[lane]);
             }
         }
     }

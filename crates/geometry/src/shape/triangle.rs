@@ -1,31 +1,76 @@
 //! Triangles: solid angle and sampling by solid angle (Arvo 1995) or area (Heitz 2019).
 
-use dunkelfeld_lanes::{Lanes, Mask};
-use glam::{DVec3, Vec3};
+use dunkelfeld_lanes::{Double, Lanes, Mask, Real, V3};
+use glam::Vec3;
 
-use super::{IN_PLANE, MIN_SOLID_ANGLE, ShapeSample, area_pdf};
+use super::{IN_PLANE, MIN_SOLID_ANGLE, ShapeSample};
 
 /// Samples a triangle from `reference`: uniformly by solid angle, or by area below 1e-6 sr.
 pub fn sample_triangle(corners: &[Vec3; 3], reference: Vec3, u: [f32; 2]) -> Option<ShapeSample> {
-    let view = View::new(corners, reference)?;
-    let coordinates = if view.by_solid_angle() { view.sample(u.map(f64::from)) } else { sample_triangle_area(u) };
-    let [v0, v1, v2] = corners.map(|c| c.as_dvec3());
-    let [b1, b2] = coordinates.map(f64::from);
-    let point = (v0 + b1 * (v1 - v0) + b2 * (v2 - v0)).as_vec3();
-    let pdf = view.pdf(point, reference);
-    (pdf > 0.0).then_some(ShapeSample { point, coordinates, pdf })
+    let (point, coordinates, pdf) = TriangleLanes::<f32>::new(corners, reference.into()).sample(u);
+    (pdf > 0.0).then_some(ShapeSample { point: point.into(), coordinates, pdf })
 }
 
 /// Density per solid angle [1/sr] with which [`sample_triangle`] returns `point`, a point on the triangle.
 pub fn pdf_triangle(corners: &[Vec3; 3], reference: Vec3, point: Vec3) -> f32 {
-    View::new(corners, reference).map_or(0.0, |view| view.pdf(point, reference))
+    TriangleLanes::<f32>::new(corners, reference.into()).pdf(point.into())
 }
 
 /// The random numbers for which [`sample_triangle`] returns the point with these weights of the second and third corner;
 /// `None` where it returns nothing.
 pub fn invert_triangle(corners: &[Vec3; 3], reference: Vec3, weights: [f32; 2]) -> Option<[f32; 2]> {
-    let view = View::new(corners, reference)?;
-    Some(if view.by_solid_angle() { view.invert(weights.map(f64::from)) } else { invert_triangle_area(weights) })
+    let TriangleLanes { view, is_by_solid_angle, .. } = TriangleLanes::<f32>::new(corners, reference.into());
+    let invert = || if is_by_solid_angle { view.invert(weights.map(f64::from)) } else { invert_triangle_area(weights) };
+    view.is_seen.any().then(invert)
+}
+
+/// A triangle as seen from a reference, per lane.
+pub struct TriangleLanes<F: Lanes> {
+    view: View<F::Double>,
+    is_by_solid_angle: F::Mask,
+    reference: V3<F::Double>,
+    corner: V3<F::Double>,
+}
+
+impl<F: Lanes> TriangleLanes<F> {
+    /// The same triangle in all lanes.
+    #[inline(always)]
+    pub fn new([v0, v1, v2]: &[Vec3; 3], reference: V3<F>) -> Self {
+        let token = reference.x.token();
+        let corner = V3::<F>::splat(token, *v0).widen();
+        let edges = [V3::<F>::splat(token, *v1).widen() - corner, V3::<F>::splat(token, *v2).widen() - corner];
+        let reference = reference.widen();
+        let view = View::new(corner - reference, edges);
+        let least = view.height.constant(MIN_SOLID_ANGLE as f32);
+        let is_by_solid_angle = F::Double::narrow_mask(view.solid_angle.ge(least));
+        Self { view, is_by_solid_angle, reference, corner }
+    }
+
+    /// See [`sample_triangle`]: a point, the weights of the second and third corner, and the density, which is zero where
+    /// there is no sample.
+    #[inline(always)]
+    pub fn sample(&self, u: [F; 2]) -> (V3<F>, [F; 2], F) {
+        let mut weights = sample_triangle_area(u);
+        if self.is_by_solid_angle.any() {
+            let [b1, b2] = self.view.sample([F::Double::widen(u[0]), F::Double::widen(u[1])]);
+            weights[0] = self.is_by_solid_angle.select(b1.narrow(), weights[0]);
+            weights[1] = self.is_by_solid_angle.select(b2.narrow(), weights[1]);
+        }
+        let [b1, b2] = [F::Double::widen(weights[0]), F::Double::widen(weights[1])];
+        let point = V3::narrow(self.corner + self.view.e1 * b1 + self.view.e2 * b2);
+        (point, weights, self.pdf(point))
+    }
+
+    /// See [`pdf_triangle`].
+    #[inline(always)]
+    pub fn pdf(&self, point: V3<F>) -> F {
+        let View { normal, height, solid_angle, is_seen, .. } = &self.view;
+        // By area: `d^2 / (A cos) = d^3 / (A h)`.
+        let d2 = (point.widen() - self.reference).length_squared();
+        let by_area = d2 * d2.sqrt() / (normal.length() * height.constant(0.5) * *height);
+        let pdf = self.is_by_solid_angle.select(solid_angle.recip().narrow(), by_area.narrow());
+        pdf.only(F::Double::narrow_mask(*is_seen) & pdf.is_finite())
+    }
 }
 
 /// Uniform by area: the weights of the second and third corner. The density is 1 / area.
@@ -58,89 +103,75 @@ pub fn invert_triangle_area([b1, b2]: [f32; 2]) -> [f32; 2] {
 /// triangle. For corners A, B, C let C' on the arc AC be the reflection of A in `o = p A + q C`. Then `tan(area(A, B,
 /// C') / 2) = [A B o] / ((A + B) . o)`, which is linear in p and q. So `p = [A B C] cos f - (AC + BC) sin f`, `q = (1 +
 /// AB) sin f` with f half of the wanted area (the form in which Peters 2021 samples polygons).
-struct View {
+struct View<N: Real> {
     /// Unit vectors to the corners.
-    a: DVec3,
-    b: DVec3,
-    c: DVec3,
+    a: V3<N>,
+    b: V3<N>,
+    c: V3<N>,
     /// Absolute triple product of the unit vectors.
-    triple: f64,
-    solid_angle: f64,
+    triple: N,
+    solid_angle: N,
     /// From the reference to the first corner, and the two edges from that corner.
-    to_v0: DVec3,
-    e1: DVec3,
-    e2: DVec3,
+    to_v0: V3<N>,
+    e1: V3<N>,
+    e2: V3<N>,
     /// `e1 x e2`; its length is twice the area.
-    normal: DVec3,
+    normal: V3<N>,
     /// Distance of the reference from the triangle's plane.
-    height: f64,
+    height: N,
+    /// False where the triangle is degenerate or seen edge-on. Then the angles mean nothing.
+    is_seen: N::Mask,
 }
 
-impl View {
-    fn new(corners: &[Vec3; 3], reference: Vec3) -> Option<Self> {
-        let [v0, v1, v2] = corners.map(|v| v.as_dvec3());
-        let r = reference.as_dvec3();
-        let (e1, e2) = (v1 - v0, v2 - v0);
+impl<N: Real> View<N> {
+    #[inline(always)]
+    fn new(to_v0: V3<N>, [e1, e2]: [V3<N>; 2]) -> Self {
         let normal = e1.cross(e2);
-        let (a, b, c) = (v0 - r, v1 - r, v2 - r);
+        let (a, b, c) = (to_v0, to_v0 + e1, to_v0 + e2);
         let (la, lb, lc) = (a.length(), b.length(), c.length());
         let volume = a.dot(normal).abs();
         let height = volume / normal.length();
         // A NaN (no area, a reference that is not finite or on a corner) fails this comparison too.
-        if height > IN_PLANE * la.max(lb).max(lc) && height.is_finite() {
-            let (a, b, c, to_v0) = (a / la, b / lb, c / lc, a);
-            let triple = volume / (la * lb * lc);
-            let solid_angle = 2.0 * triple.atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a));
-            Some(Self { a, b, c, triple, solid_angle, to_v0, e1, e2, normal, height })
-        } else {
-            None
-        }
-    }
-
-    fn by_solid_angle(&self) -> bool {
-        self.solid_angle >= MIN_SOLID_ANGLE
-    }
-
-    fn pdf(&self, point: Vec3, reference: Vec3) -> f32 {
-        if self.by_solid_angle() {
-            (1.0 / self.solid_angle) as f32
-        } else {
-            area_pdf(point, reference, 0.5 * self.normal.length(), self.height)
-        }
+        let is_seen = height.gt(la.max(lb).max(lc) * height.constant(IN_PLANE as f32)) & height.is_finite();
+        let (a, b, c) = (a / la, b / lb, c / lc);
+        let (triple, one) = (volume / (la * lb * lc), la.constant(1.0));
+        let solid_angle = N::angle(one + a.dot(b) + b.dot(c) + c.dot(a), triple) * la.constant(2.0);
+        Self { a, b, c, triple, solid_angle, to_v0, e1, e2, normal, height, is_seen }
     }
 
     /// Weights of the second and third corner, uniform by solid angle.
-    fn sample(&self, [u, v]: [f64; 2]) -> [f32; 2] {
-        let (a, b, c) = (self.a, self.b, self.c);
-        let (sin, cos) = (0.5 * u * self.solid_angle).sin_cos();
-        let p = self.triple * cos - (a.dot(c) + b.dot(c)) * sin;
-        let q = (1.0 + a.dot(b)) * sin;
-        let o = p * a + q * c;
-        let cut = (2.0 * a.dot(o) / o.length_squared()) * o - a;
+    #[inline(always)]
+    fn sample(&self, [u, v]: [N; 2]) -> [N; 2] {
+        let Self { a, b, c, .. } = *self;
+        let (zero, half, one, two) = (u.constant(0.0), u.constant(0.5), u.constant(1.0), u.constant(2.0));
+        let (cos, sin) = N::cos_sin(half * u * self.solid_angle);
+        let o = a * (self.triple * cos - (a.dot(c) + b.dot(c)) * sin) + c * ((one + a.dot(b)) * sin);
+        let cut = o * (two * a.dot(o) / o.length_squared()) - a;
 
         // From B towards C', uniform in the cosine (Archimedes); 1 - cos is kept, not cos.
         let towards = cut - b;
-        let one_minus_cos_max = 0.5 * towards.length_squared();
-        let tangent = (towards + one_minus_cos_max * b).normalize_or_zero();
+        let one_minus_cos_max = half * towards.length_squared();
+        let tangent = (towards + b * one_minus_cos_max).normalize_or(V3::new(zero, zero, zero));
         let one_minus_cos = v * one_minus_cos_max;
-        let sin = (one_minus_cos * (2.0 - one_minus_cos)).max(0.0).sqrt();
-        let direction = (1.0 - one_minus_cos) * b + sin * tangent;
+        let sin = (one_minus_cos * (two - one_minus_cos)).max(zero).sqrt();
+        let direction = b * one_minus_cos.one_minus() + tangent * sin;
 
         // Down to the plane, in weights, so that rounding cannot leave the triangle.
         let t = self.to_v0.dot(self.normal) / direction.dot(self.normal);
-        let in_plane = t * direction - self.to_v0;
+        let in_plane = direction * t - self.to_v0;
         let n = self.normal / self.normal.length_squared();
-        let b1 = in_plane.cross(self.e2).dot(n).clamp(0.0, 1.0);
-        let b2 = self.e1.cross(in_plane).dot(n).clamp(0.0, 1.0 - b1);
-        [b1 as f32, b2 as f32]
+        let b1 = in_plane.cross(self.e2).dot(n).max(zero).min(one);
+        [b1, self.e1.cross(in_plane).dot(n).max(zero).min(b1.one_minus())]
     }
+}
 
+impl View<f64> {
     /// The inverse of [`Self::sample`].
     fn invert(&self, [b1, b2]: [f64; 2]) -> [f32; 2] {
-        let (a, b, c) = (self.a, self.b, self.c);
-        let direction = (self.to_v0 + b1 * self.e1 + b2 * self.e2).normalize();
+        let (a, b, c, zero) = (self.a, self.b, self.c, V3::new(0.0, 0.0, 0.0));
+        let direction = (self.to_v0 + self.e1 * b1 + self.e2 * b2).normalize();
         // C' is where the great circle from B through the direction meets the one through A and C.
-        let cut = b.cross(direction).cross(a.cross(c)).normalize_or_zero();
+        let cut = b.cross(direction).cross(a.cross(c)).normalize_or(zero);
         let cut = if cut.dot(a + c) < 0.0 { -cut } else { cut };
         let triple = a.dot(b.cross(cut)).abs();
         let u = 2.0 * triple.atan2(1.0 + a.dot(b) + b.dot(cut) + cut.dot(a)) / self.solid_angle;
@@ -156,7 +187,8 @@ pub(super) mod tests {
 
     /// The solid angle [sr] that a triangle subtends at a point.
     pub(in crate::shape) fn triangle_solid_angle(corners: &[Vec3; 3], reference: Vec3) -> f32 {
-        View::new(corners, reference).map_or(0.0, |view| view.solid_angle as f32)
+        let TriangleLanes { view, .. } = TriangleLanes::<f32>::new(corners, reference.into());
+        view.solid_angle.only(view.is_seen) as f32
     }
 
     fn corners() -> [Vec3; 3] {
