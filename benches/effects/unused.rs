@@ -7,7 +7,7 @@
 use crate::callgrind::Lines;
 
 /// Code for effects only: files, folders, and functions in shared files (none: all).
-pub(crate) const EFFECTS: [(&str, &[&str]); 34] = [
+pub(crate) const EFFECTS: [(&str, &[&str]); 36] = [
     ("bsdf/src/bsdf.rs", &[]),
     ("bsdf/src/clearcoat.rs", &[]),
     ("bsdf/src/compensation.rs", &[]),
@@ -20,12 +20,14 @@ pub(crate) const EFFECTS: [(&str, &[&str]); 34] = [
     ("bsdf/src/transmission.rs", &[]),
     ("integrator/src/learned_roulette", &[]),
     ("integrator/src/mnee", &[]),
-    ("integrator/src/path.rs", &["add_environment", "sample_medium", "sample_presence", "pass"]),
+    ("integrator/src/path.rs", &["weight_behind_covers", "sample_presence", "pass"]),
     ("integrator/src/ray_state.rs", &[]),
     ("integrator/src/wavefront/attempts.rs", &[]),
     ("integrator/src/wavefront/connect.rs", &[]),
+    ("integrator/src/wavefront/escape.rs", &[]),
     ("integrator/src/wavefront/group.rs", &["points", "enclosing_beyond", "lit_lanes"]),
-    ("integrator/src/wavefront/mod.rs", &["arrive", "escape"]),
+    ("integrator/src/wavefront/media.rs", &[]),
+    ("integrator/src/wavefront/mod.rs", &["arrive"]),
     ("integrator/src/wavefront/scatter.rs", &["enter_solids", "evaluate_each"]),
     ("scene/src/camera/distortion.rs", &[]),
     ("scene/src/camera/lens.rs", &[]),

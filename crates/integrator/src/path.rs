@@ -1,14 +1,13 @@
-//! The state of a path, and the steps that are computed path by path: emission, media, coverage.
+//! The state of a path, the light that its rays hit, and the coverage of surfaces, which is sampled path by path.
 
 use crate::dimensions;
 use crate::direct;
 use crate::mnee::{self, End, SpecularPrefix};
 use crate::ray_state::{RayState, SurfaceHit};
-use dunkelfeld_geometry::{Ray, Vec3};
-use dunkelfeld_lanes::{Lanes, Mask, One, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, One, V3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{Interface, LightChoice, MediumEvent, Receivers, Scene, SurfacePoint};
+use dunkelfeld_scene::{Interface, Receivers, Scene, SurfacePoint};
 
 /// From this bounce at a surface on the survival probability is below one, also for a path without any loss. So light
 /// between perfect mirrors ends. A path in a medium leaves it, and ends by its loss only: a limit would end a share of
@@ -101,6 +100,58 @@ impl<F: Lanes> PathStates<F> {
             |lane, rows| to(lane, PathState(rows)),
         );
     }
+
+    /// Contributions of light that scattered rays have hit: surfaces (`is_finite`) or infinity, with the points or
+    /// directions, and the normals there, for [`End`]. `light_pdf` [1/sr] is the density with which light sampling draws the
+    /// same directions. Both techniques share the light by the power heuristic. Behind covers the other technique is the
+    /// connection, if it finds the chain to the end.
+    #[inline(always)]
+    pub(crate) fn contributions(
+        &self,
+        scene: &Scene,
+        emitted: Rgb<F>,
+        end: (bool, [V3<F>; 2]),
+        prefixes: &[Option<&SpecularPrefix>; MAX_WIDTH],
+        light_pdf: impl FnOnce() -> F,
+    ) -> Rgb<F> {
+        let light = self.throughput * emitted;
+        let shared = light.is_lit() & self.last_pdf.is_positive();
+        if !shared.any() {
+            return light;
+        }
+        let light_pdf = light_pdf();
+        let mut weight = direct::power_heuristic(self.last_pdf, light_pdf);
+        let is_behind_covers = prefixes.iter().flatten().any(
+            #[inline(always)]
+            |prefix| !prefix.is_direct(),
+        );
+        if is_behind_covers {
+            weight = self.weight_behind_covers(scene, (shared, weight), light_pdf, end, prefixes);
+        }
+        light * shared.select(weight, weight.constant(1.0))
+    }
+
+    /// Replaces the weights of some lanes where their rays have passed covers.
+    #[inline(never)]
+    fn weight_behind_covers(
+        &self,
+        scene: &Scene,
+        (lanes, weight): (F::Mask, F),
+        light_pdf: F,
+        (is_finite, [place, normal]): (bool, [V3<F>; 2]),
+        prefixes: &[Option<&SpecularPrefix>; MAX_WIDTH],
+    ) -> F {
+        let (receivers, mut weights) = (self.last.to_lanes(), weight.to_array());
+        let (pdf, light_pdf) = (self.last_pdf.to_array(), light_pdf.to_array());
+        let (places, normals) = (place.to_lanes(), normal.to_lanes());
+        for lane in lanes.lanes() {
+            if let Some(prefix) = prefixes[lane].filter(|prefix| !prefix.is_direct()) {
+                let (receiver, end) = (&receivers[lane], End { is_finite, place: places[lane], normal: normals[lane] });
+                weights[lane] = mnee::scattering_mis_weight(scene, receiver, prefix, end, pdf[lane], light_pdf[lane]);
+            }
+        }
+        F::load(weight.token(), &weights)
+    }
 }
 
 impl PathState {
@@ -147,84 +198,6 @@ impl PathState {
 pub(crate) type Path = PathStates<f32>;
 
 impl Path {
-    /// The ray leaves the scene and adds the radiance of the environment. Returns the contribution.
-    pub(crate) fn add_environment(&mut self, scene: &Scene, ray: &Ray, prefix: Option<&SpecularPrefix>) -> Rgb {
-        let direction = ray.direction;
-        let end = End { is_finite: false, place: direction, normal: Vec3::ZERO };
-        let mut sum = Rgb::BLACK;
-        let radiance = self.throughput * scene.environment_radiance(direction);
-        if !radiance.is_black() {
-            let pdf = |receiver: &_, choice| scene.environment_pdf(receiver, choice, direction);
-            sum += self.add_with_mis(scene, radiance, prefix, end, pdf);
-        }
-        for (sun, radiance) in scene.suns_along(direction) {
-            let pdf = |receiver: &_, choice| scene.sun_pdf(receiver, choice, sun, direction);
-            sum += self.add_with_mis(scene, self.throughput * radiance, prefix, end, pdf);
-        }
-        sum
-    }
-
-    /// The ray hits a surface and adds its emission. Returns the contribution.
-    pub(crate) fn add_emission(
-        &mut self,
-        scene: &Scene,
-        ray: &Ray,
-        surface: &SurfacePoint,
-        prefix: Option<&SpecularPrefix>,
-    ) -> Rgb {
-        let radiance = self.throughput * scene.emitted(surface, -ray.direction);
-        if radiance.is_black() {
-            return Rgb::BLACK;
-        }
-        let end = End { is_finite: true, place: surface.point, normal: surface.normal };
-        self.add_with_mis(scene, radiance, prefix, end, |receiver, choice| scene.light_pdf(receiver, choice, surface))
-    }
-
-    /// Adds light that a scattered ray has hit, and returns the contribution. `light_pdf` [1/sr] is the density with which
-    /// light sampling draws the same direction. Both techniques share the light by the power heuristic. Behind a cover the
-    /// other technique is the connection, if it finds the chain to `end`.
-    fn add_with_mis(
-        &mut self,
-        scene: &Scene,
-        radiance: Rgb,
-        prefix: Option<&SpecularPrefix>,
-        end: End,
-        light_pdf: impl FnOnce(&Receivers<f32>, LightChoice) -> f32,
-    ) -> Rgb {
-        let mut mis_weight = 1.0;
-        if self.last_pdf > 0.0 {
-            let choice = if self.last_choice_is_one { LightChoice::One } else { LightChoice::Each };
-            let light_pdf = light_pdf(&self.last, choice);
-            mis_weight = match prefix.filter(|prefix| !prefix.is_direct()) {
-                None => direct::power_heuristic(self.last_pdf, light_pdf),
-                Some(prefix) => mnee::scattering_mis_weight(scene, &self.last, prefix, end, self.last_pdf, light_pdf),
-            };
-        }
-        let contribution = radiance * mis_weight;
-        self.radiance += contribution;
-        contribution
-    }
-
-    /// The segment to the next surface: multiplies the throughput by the transmittance of the medium. Returns the
-    /// distance \[m\] if the medium scatters the path before the surface.
-    pub(crate) fn sample_medium(&mut self, scene: &Scene, ray: &RayState, vertex: u32, distance: f32) -> Option<f32> {
-        let Some(medium) = ray.medium(scene).filter(|m| m.scatters()) else {
-            self.throughput *= ray.enclosing.transmittance(scene, distance);
-            return None;
-        };
-        let [_, u_distance, u_channel, u_digits] = self.sampler.get_4d(dimensions::surface_kind(vertex));
-        match medium.sample(self.throughput, distance, [u_distance, u_channel, u_digits]) {
-            MediumEvent::Pass { weight } => {
-                self.throughput *= weight;
-                None
-            }
-            MediumEvent::Scatter { distance, weight } => {
-                self.throughput *= weight;
-                Some(distance)
-            }
-        }
-    }
-
     /// Samples which surface is present at a hit, of those that coincide with it. Returns it with a number in `[0, 1)` that is
     /// still unused, for surfaces with two random kinds. If none is, the path passes all of them, and `ray` is the one behind
     /// them.

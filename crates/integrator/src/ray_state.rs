@@ -3,7 +3,7 @@
 use dunkelfeld_geometry::{Ray, Vec3};
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{Boundary, Interface, Interior, Medium, Scene, SurfacePoint, decay};
+use dunkelfeld_scene::{Boundary, Interface, Interior, Medium, MediumLanes, Scene, SurfacePoint, transmittance};
 
 /// A ray and the solids that contain its origin.
 #[derive(Clone, Copy, Debug)]
@@ -110,14 +110,20 @@ impl EnclosingSolids {
         }
     }
 
-    /// The transmittance over a distance \[m\] to the next surface (Beer and Lambert).
+    /// The medium around the point. It scatters only if all solids are stored.
+    #[inline]
+    pub(crate) fn coefficients(&self, scene: &Scene) -> MediumLanes {
+        match self {
+            Self::Last(None) => MediumLanes::CLEAR,
+            Self::Last(Some(m)) => MediumLanes { extinction: scene.absorption(*m), ..MediumLanes::CLEAR },
+            Self::All(interior) => scene.medium(interior).map_or(MediumLanes::CLEAR, Medium::coefficients),
+        }
+    }
+
+    /// The transmittance over a distance \[m\] to the next surface.
     #[inline]
     pub(crate) fn transmittance(&self, scene: &Scene, distance: f32) -> Rgb {
-        match self {
-            Self::Last(None) => Rgb::WHITE,
-            Self::Last(Some(material)) => scene.absorption(*material).map(|a| decay(a, distance)),
-            Self::All(interior) => scene.medium(interior).map_or(Rgb::WHITE, |m| m.transmittance(distance)),
-        }
+        transmittance(self.coefficients(scene).extinction, distance)
     }
 
     /// [`Self::transmittance`] in lanes. It is one in lanes with several solids.
@@ -134,8 +140,7 @@ impl EnclosingSolids {
         if is_clear {
             return Rgb::splat(distance.constant(1.0));
         }
-        let Rgb { r, g, b } = Rgb::from_lanes(distance.token(), &absorption);
-        Rgb::new(decay(r, distance), decay(g, distance), decay(b, distance))
+        transmittance(Rgb::from_lanes(distance.token(), &absorption), distance)
     }
 
     /// The solids around a ray that leaves a surface, which bounds a solid of the given material or none: whether the

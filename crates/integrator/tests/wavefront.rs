@@ -8,8 +8,8 @@ use dunkelfeld_lanes::InstructionSet;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Surface,
-    Volume,
+    AlphaMode, Environment, EnvironmentSource, Image, ImageId, Material, PunctualKind, PunctualLight, Scene,
+    SceneBuilder, Surface, Texels, Volume,
 };
 
 const SIZE: u32 = 24;
@@ -94,7 +94,19 @@ fn lights_of_all_kinds() {
         let to_world = DAffine3::from_translation(DVec3::new(-0.4, -0.5, 0.6));
         b.lights.push(PunctualLight { name: "lamp".into(), to_world, kind });
     }
+    let mut under_an_image = b.clone();
     compare(b, "lights of all kinds");
+    let texels = (0..32).map(|i| [0.1 * (i % 7) as f32; 3]).collect();
+    under_an_image.images.push(Image {
+        name: "sky".into(),
+        width: 8,
+        height: 4,
+        texels: Texels::RgbF32(texels).into(),
+    });
+    let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
+    under_an_image.environment = Some(Environment { source, rotation: 0.4 });
+    under_an_image.lights.truncate(1);
+    compare(under_an_image, "a point and an image");
 }
 
 #[test]

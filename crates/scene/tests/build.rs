@@ -31,7 +31,7 @@ fn an_empty_scene_is_dark_with_a_report() {
     assert!(report.hazards().any(|f| f.message.contains("no light")), "{report:?}");
     assert!(scene.bounds().is_none() && scene.radius() == 0.0 && scene.light_inventory().is_empty());
     assert!(scene.intersect(&Ray::new(Vec3::ZERO, Vec3::Z)).is_none());
-    assert!(scene.environment_radiance(Vec3::Z).is_black());
+    assert!(scene.environment_radiance::<f32>(Vec3::Z.into()).is_black());
     let camera = scene.camera(None, 1.0).expect("a framing of nothing");
     let ray = scene.ray_generator(&camera, 7, 5).expect("valid").ray(0.0, 0.0);
     assert!(ray.origin.is_finite() && (ray.direction.length() - 1.0).abs() < 1e-6);

@@ -1,13 +1,15 @@
-//! Light samples of several receivers at once have the bits of single ones, for each kind of light and each choice.
+//! Light samples of several receivers at once have the bits of single ones, for each kind of light and each choice. So do
+//! radiance and density of light from infinitely far away, and of surfaces.
 
-use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Vec3};
+use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec3};
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, V3, dispatch};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::{Sampler, mix64};
 use dunkelfeld_scene::shapes::{rectangle, sphere};
 use dunkelfeld_scene::{
     ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Image, ImageId, LampShape, Leds, LightChoice,
-    LightProfile, Material, PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder, Texels, Texture,
+    LightProfile, Material, PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder, SurfacePoint, SurfacePoints,
+    Texels, Texture,
 };
 
 fn emitter(radiance: f32) -> Material {
@@ -52,9 +54,10 @@ fn lamp(b: &mut SceneBuilder, columns: u32, profile: EmissionProfile) {
 
 fn punctual(b: &mut SceneBuilder) {
     let vertical: Vec<f64> = (0..19).map(|i| f64::from(i) * 10.0).collect();
-    let profile = LightProfile::new("p", &vertical, &[0.0], (0..19).map(|i| 20.0 - i as f32).collect());
-    let profile = profile.expect("the angles ascend");
-    b.profiles.push(profile);
+    for horizontal in [&[0.0][..], &[0.0, 90.0, 200.0, 360.0]] {
+        let intensity = (0..19 * horizontal.len()).map(|i| 20.0 - (i % 19) as f32 + (i / 19 % 3) as f32).collect();
+        b.profiles.push(LightProfile::new("p", &vertical, horizontal, intensity).expect("the angles ascend"));
+    }
     let white = Rgb::new(1.0, 2.0, 3.0);
     for (i, kind) in [
         PunctualKind::Point { intensity: white },
@@ -62,6 +65,7 @@ fn punctual(b: &mut SceneBuilder) {
         PunctualKind::Directional { irradiance: white },
         PunctualKind::Sun { irradiance: white, half_angle: 0.2 },
         PunctualKind::Profile { profile: 0, scale: white },
+        PunctualKind::Profile { profile: 1, scale: white },
     ]
     .into_iter()
     .enumerate()
@@ -91,7 +95,7 @@ fn sample<F: Lanes>(
     rays: &Rays,
     choice: LightChoice,
     index: u32,
-    out: &mut [Option<[f32; 14]>; MAX_WIDTH],
+    out: &mut [Option<[f32; 22]>; MAX_WIDTH],
 ) {
     for at in (0..MAX_WIDTH).step_by(F::WIDTH) {
         let (mut points, mut normals, mut both) = ([Vec3::ZERO; MAX_WIDTH], [Vec3::ZERO; MAX_WIDTH], 0);
@@ -115,6 +119,26 @@ fn sample<F: Lanes>(
         let (d, p, n, pdf) = (s.direction.to_lanes(), s.point.to_lanes(), s.normal.to_lanes(), s.pdf.to_array());
         let (r, g, b) = (s.radiance.r.to_array(), s.radiance.g.to_array(), s.radiance.b.to_array());
         let (finite, delta) = (s.is_finite.bits(), s.is_delta.bits());
+        let chosen = F::mask(token, if choice == LightChoice::One { u32::MAX } else { 0 });
+        let mut sky_pdf = scene.environment_pdf(&receivers, chosen, s.direction);
+        let mut sky = scene.environment_radiance(s.direction);
+        for sun in scene.suns() {
+            sky_pdf += scene.sun_pdf(&receivers, chosen, sun, s.direction);
+            sky += scene.sun_radiance(sun, s.direction);
+        }
+        let (sky_pdf, sky) = (sky_pdf.to_array(), sky.to_lanes());
+        let mut hits = [SurfacePoint::in_medium(&Ray::new(Vec3::ZERO, Vec3::Z), 0.0); MAX_WIDTH];
+        let (mut is_hit, mut emitted, mut light_pdf) = ([false; MAX_WIDTH], [Rgb::BLACK; MAX_WIDTH], [0.0; MAX_WIDTH]);
+        for lane in 0..F::WIDTH {
+            if let Some(hit) = scene.intersect(&Ray::new(points[lane], d[lane])).filter(|_| pdf[lane] > 0.0) {
+                (hits[lane], is_hit[lane]) = (hit, true);
+            }
+        }
+        let points = SurfacePoints::from_lanes(token, &hits);
+        for lane in (0..F::WIDTH).filter(|lane| is_hit[*lane]) {
+            light_pdf[lane] = scene.light_pdf(&receivers, chosen, &points).to_array()[lane];
+            emitted[lane] = scene.emitted_lanes(hits[lane].material(), &points, -s.direction).to_lanes()[lane];
+        }
         for lane in 0..F::WIDTH {
             let is_finite = finite >> lane & 1 == 1;
             let (d, p, n) =
@@ -134,6 +158,14 @@ fn sample<F: Lanes>(
                 b[lane],
                 pdf[lane],
                 (delta >> lane & 1) as f32,
+                sky_pdf[lane],
+                sky[lane].r,
+                sky[lane].g,
+                sky[lane].b,
+                light_pdf[lane],
+                emitted[lane].r,
+                emitted[lane].g,
+                emitted[lane].b,
             ]);
         }
     }
@@ -170,7 +202,7 @@ fn check(name: &str, build: impl Fn(&mut SceneBuilder)) {
             for set in InstructionSet::all() {
                 let mut found = [None; MAX_WIDTH];
                 dispatch!(set, F, token => sample::<F>(token, &scene, &rays, choice, index, &mut found));
-                let bits = |s: [Option<[f32; 14]>; MAX_WIDTH]| s.map(|s| s.map(|s| s.map(f32::to_bits)));
+                let bits = |s: [Option<[f32; 22]>; MAX_WIDTH]| s.map(|s| s.map(|s| s.map(f32::to_bits)));
                 assert_eq!(bits(found), bits(expected), "{name}, {set:?}, {choice:?} {index}, round {round}");
             }
         }

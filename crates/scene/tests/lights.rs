@@ -49,7 +49,8 @@ fn sample_light(scene: &Scene, receiver: &Receivers<f32>, u_choice: f32, u: [f32
 /// scattered ray, plus that of the environment, which is drawn also if it is occluded.
 fn density(scene: &Scene, receiver: &Receivers<f32>, d: Vec3) -> f32 {
     let hit = scene.intersect(&Ray::new(receiver.point.into(), d)).filter(|p| !scene.emitted(p, -d).is_black());
-    hit.map_or(0.0, |p| scene.light_pdf(receiver, ONE, &p)) + scene.environment_pdf(receiver, ONE, d)
+    hit.map_or(0.0, |p| scene.light_pdf::<f32>(receiver, true, &(&p).into()))
+        + scene.environment_pdf::<f32>(receiver, true, d.into())
 }
 
 /// The direction of one sample. Also checks that the weight of scattering uses the same density there.
@@ -62,9 +63,9 @@ fn draw(scene: &Scene, receiver: &Receivers<f32>, index: u32, agreed: &mut u32) 
     let found = if s.is_finite {
         // Directions toward an edge may miss the light by rounding.
         let hit = scene.intersect(&Ray::new(receiver.point.into(), direction));
-        hit.map_or(0.0, |p| scene.light_pdf(receiver, ONE, &p))
+        hit.map_or(0.0, |p| scene.light_pdf::<f32>(receiver, true, &(&p).into()))
     } else {
-        scene.environment_pdf(receiver, ONE, direction)
+        scene.environment_pdf::<f32>(receiver, true, s.direction)
     };
     *agreed += u32::from((found / s.pdf - 1.0).abs() < 1e-3);
     Some(direction)
@@ -369,8 +370,8 @@ fn lamps_and_suns() {
         let Some(s) = sample_light(&scene, &r, a, [b, c]).filter(|s| !s.is_finite) else { continue };
         drawn += 1;
         // Of two suns with common directions, one of them has the density of the sample.
-        let same = |(sun, _)| (scene.sun_pdf(&r, ONE, sun, s.direction.into()) / s.pdf - 1.0).abs() < 1e-4;
-        agreed += u32::from(scene.suns_along(s.direction.into()).any(same));
+        let same = |sun| (scene.sun_pdf::<f32>(&r, true, sun, s.direction) / s.pdf - 1.0).abs() < 1e-4;
+        agreed += u32::from(scene.suns().any(same));
     }
     assert_agreement("suns", agreed, drawn);
 }

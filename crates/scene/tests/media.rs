@@ -2,9 +2,10 @@
 //!
 //! Replay: `cargo test -p dunkelfeld-scene --test media`.
 
+use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, dispatch};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::{Sampler, keyed_stream, mix64};
-use dunkelfeld_scene::{Medium, MediumEvent, Volume};
+use dunkelfeld_scene::{Medium, MediumEvents, MediumLanes, Volume};
 use dunkelfeld_testkit::{DensityTest, SampleMoments, sidak, z_test};
 use rand_core::Rng;
 
@@ -35,6 +36,12 @@ fn medium(absorption: [f32; 3], scattering: [f32; 3]) -> Medium {
     })
 }
 
+/// Distance and weight of an event; there is no distance if the path reaches the end.
+fn sample(medium: &Medium, throughput: Rgb, end: f32, u: [f32; 3]) -> (Option<f32>, Rgb) {
+    let MediumEvents { is_scattered, distance, weight } = medium.coefficients().sample(throughput, end, u);
+    (is_scattered.then_some(distance), weight)
+}
+
 /// Media, path throughputs, and ends: grey and coloured, with channels that scatter nothing or everything.
 fn cases() -> Vec<(Medium, Rgb, f32)> {
     let mut cases = Vec::new();
@@ -60,10 +67,7 @@ fn distances_follow_their_density() {
         let mut u = Uniform::new(k as u64);
         // The distance as a share of the end. A path that passes gives no sample, and the probability of that must be
         // the rest.
-        let sample = || match medium.sample(*throughput, *end, u.three()) {
-            MediumEvent::Scatter { distance, .. } => Some([f64::from(distance / end), 0.5]),
-            MediumEvent::Pass { .. } => None,
-        };
+        let sample = || Some([f64::from(sample(medium, *throughput, *end, u.three()).0? / end), 0.5]);
         let density = |[x, _]: [f64; 2]| f64::from(end * medium.pdf(*throughput, end * x as f32));
         let what = format!("case {k}: {medium:?}, throughput {throughput:?}, end {end}");
         let test = DensityTest { columns: 256, rows: 1, samples: 50_000 };
@@ -83,9 +87,9 @@ fn weights_are_unbiased_in_every_channel() {
         let mut u = Uniform::new(100 + k as u64);
         let (mut passed, mut scattered) = ([SampleMoments::default(); 3], [SampleMoments::default(); 3]);
         for _ in 0..40_000 {
-            let (pass, scatter) = match medium.sample(*throughput, *end, u.three()) {
-                MediumEvent::Pass { weight } => (weight, Rgb::BLACK),
-                MediumEvent::Scatter { weight, .. } => (Rgb::BLACK, weight),
+            let (pass, scatter) = match sample(medium, *throughput, *end, u.three()) {
+                (None, weight) => (weight, Rgb::BLACK),
+                (Some(_), weight) => (Rgb::BLACK, weight),
             };
             // The balance heuristic keeps the sum of the channels from growing.
             let (before, after) = (*throughput, (pass + scatter) * *throughput);
@@ -125,8 +129,7 @@ fn a_grey_medium_without_absorption_has_weight_one() {
     for density in [1e-3, 1.0, 1e6] {
         let medium = medium([0.0; 3], [density; 3]);
         for _ in 0..1000 {
-            let (MediumEvent::Scatter { weight, .. } | MediumEvent::Pass { weight }) =
-                medium.sample(Rgb::new(0.2, 0.5, 1.0), 1.0 / density, u.three());
+            let (_, weight) = sample(&medium, Rgb::new(0.2, 0.5, 1.0), 1.0 / density, u.three());
             assert!((0..3).all(|c| (weight[c] - 1.0).abs() < 1e-6), "density {density}: {weight:?}");
         }
     }
@@ -136,8 +139,7 @@ fn a_grey_medium_without_absorption_has_weight_one() {
 fn zero_density_is_clear_and_extremes_are_finite() {
     let mut u = Uniform::new(8);
     for _ in 0..1000 {
-        let event = Medium::clear().sample(Rgb::WHITE, f32::INFINITY, u.three());
-        assert_eq!(event, MediumEvent::Pass { weight: Rgb::WHITE });
+        assert_eq!(sample(&Medium::clear(), Rgb::WHITE, f32::INFINITY, u.three()), (None, Rgb::WHITE));
     }
     assert_eq!(Medium::clear().transmittance(f32::INFINITY), Rgb::WHITE);
     assert!(Medium::new(&Volume::default()).is_clear());
@@ -150,8 +152,7 @@ fn zero_density_is_clear_and_extremes_are_finite() {
         let throughput = Rgb::from_array(three(&mut pick));
         let end = pick(&ends);
         let numbers = if k % 3 == 0 { [0.999_999_94; 3] } else { u.three() };
-        let (MediumEvent::Scatter { weight, .. } | MediumEvent::Pass { weight }) =
-            medium.sample(throughput, end, numbers);
+        let (_, weight) = sample(&medium, throughput, end, numbers);
         assert!(weight.is_finite() && (0..3).all(|c| weight[c] >= 0.0), "{medium:?} {throughput:?} {end}: {weight:?}");
     }
 }
@@ -185,9 +186,52 @@ fn stratified_numbers_reach_beyond_sixteen_mean_free_paths() {
     let passed = (0..n)
         .filter(|&s| {
             let digits = Sampler::new(5, 0, 0, s).get_1d(1);
-            matches!(medium.sample(Rgb::WHITE, 1.0, [last, 0.5, digits]), MediumEvent::Pass { .. })
+            sample(&medium, Rgb::WHITE, 1.0, [last, 0.5, digits]).0.is_none()
         })
         .count() as f64;
     let expected = f64::from(n) * (-20f64).exp() * f64::from(1 << 24);
     assert!((passed / expected - 1.0).abs() < 0.02, "{passed}, expected {expected}");
+}
+
+/// Events of the cases in lanes.
+#[inline(always)]
+fn events<F: Lanes>(token: F::Token, cases: &[(Medium, Rgb, f32)], u: &[[f32; 3]], out: &mut Vec<[u32; 5]>) {
+    for at in (0..cases.len()).step_by(F::WIDTH) {
+        let mut media = [MediumLanes::CLEAR; MAX_WIDTH];
+        let (mut throughput, mut end, mut numbers) = ([Rgb::BLACK; MAX_WIDTH], [0.0; MAX_WIDTH], [[0.0; MAX_WIDTH]; 3]);
+        for lane in 0..F::WIDTH.min(cases.len() - at) {
+            let case = &cases[at + lane];
+            (media[lane], throughput[lane], end[lane]) = (case.0.coefficients(), case.1, case.2);
+            for k in 0..3 {
+                numbers[k][lane] = u[at + lane][k];
+            }
+        }
+        let u = [F::load(token, &numbers[0]), F::load(token, &numbers[1]), F::load(token, &numbers[2])];
+        let (throughput, end) = (Rgb::from_lanes(token, &throughput), F::load(token, &end));
+        let found = MediumLanes::from_lanes(token, &media).sample(throughput, end, u);
+        let (distance, weight) = (found.distance.to_array(), found.weight.to_lanes());
+        for lane in 0..F::WIDTH.min(cases.len() - at) {
+            let [r, g, b] = weight[lane].to_array().map(f32::to_bits);
+            let is_scattered = found.is_scattered.bits() >> lane & 1;
+            out.push([is_scattered, is_scattered * distance[lane].to_bits(), r, g, b]);
+        }
+    }
+}
+
+#[test]
+fn all_widths_have_the_same_bits() {
+    let mut cases = cases();
+    cases.push((Medium::clear(), Rgb::WHITE, f32::INFINITY));
+    cases.push((medium([3.0, 0.0, 1e30], [0.0; 3]), Rgb::WHITE, 0.4));
+    let mut u = Uniform::new(9);
+    for _ in 0..500 {
+        let numbers: Vec<_> = cases.iter().map(|_| u.three()).collect();
+        let mut expected = Vec::new();
+        events::<f32>((), &cases, &numbers, &mut expected);
+        for set in InstructionSet::all() {
+            let mut found = Vec::new();
+            dispatch!(set, F, token => events::<F>(token, &cases, &numbers, &mut found));
+            assert_eq!(found, expected, "{set:?}");
+        }
+    }
 }

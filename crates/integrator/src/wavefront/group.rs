@@ -123,9 +123,6 @@ impl<'a> Wavefront<'a> {
                 }
                 transmittance = EnclosingSolids::transmittances(&enclosing, scene, points.distance);
             }
-            if watch.observer.is_some() || !in_medium && scene.emits(material) {
-                self.add_emission(&rays[..len], (!in_medium, material), &points, transmittance, watch);
-            }
             let all = self.paths.as_slice();
             let mut state = PathStates::<F>::load(
                 token,
@@ -133,6 +130,9 @@ impl<'a> Wavefront<'a> {
                 |lane| &all[paths[lane] as usize],
             );
             state.throughput *= transmittance;
+            if watch.observer.is_some() || !in_medium && scene.emits(material) {
+                self.add_emission(&paths[..len], (in_medium, material), &points, (wo, &mut state), watch);
+            }
             state.path_length += points.distance;
             let learned = match self.estimator.roulette {
                 Some(roulette) if !in_medium => {
@@ -177,27 +177,35 @@ impl<'a> Wavefront<'a> {
         })
     }
 
-    /// Adds the emission of the surfaces of a material that rays have reached, with the transmittance up to them.
+    /// Adds the emission of the surfaces of a material that paths have reached.
     #[inline(never)]
     fn add_emission<F: Lanes>(
         &mut self,
-        rays: &[u32],
-        (on_surface, material): (bool, u32),
+        paths: &[u32],
+        (in_medium, material): (bool, u32),
         points: &SurfacePoints<F>,
-        transmittance: Rgb<F>,
+        (toward, state): (V3<F>, &mut PathStates<F>),
         watch: &mut Watch<'_>,
     ) {
         vectorize!(F, points.distance.token(), {
-            let (scene, transmittance) = (self.estimator.scene, transmittance.to_lanes());
-            for (lane, &ray) in rays.iter().enumerate() {
-                let (number, point) = (self.rays.paths[ray as usize], points.lane(lane));
-                let mut path = self.paths[number as usize].get();
-                path.throughput *= transmittance[lane];
-                let (position, throughput, in_medium) = (point.point, path.throughput, !on_surface);
+            let (scene, mut light) = (self.estimator.scene, Rgb::splat(points.distance.constant(0.0)));
+            let emits = !in_medium && scene.emits(material);
+            if emits {
+                light = state.contributions(
+                    scene,
+                    scene.emitted_lanes(material, points, toward),
+                    (true, [points.point, points.normal]),
+                    &self.prefixes(paths),
+                    #[inline(always)]
+                    || scene.light_pdf(&state.last, state.last_choice_is_one, points),
+                );
+                state.radiance += light;
+            }
+            let (positions, throughputs) = (points.point.to_lanes(), state.throughput.to_lanes());
+            for (lane, (&number, light)) in paths.iter().zip(light.to_lanes()).enumerate() {
+                let (position, throughput) = (positions[lane], throughputs[lane]);
                 watch.event(number, || Event::Vertex { position, material: Some(material), in_medium, throughput });
-                if on_surface && scene.emits(material) {
-                    let ray = self.rays.get(ray as usize);
-                    let light = path.add_emission(scene, &ray, &point, self.prefix(number));
+                if emits {
                     watch.event(number, || Event::Emitted(light));
                     self.paths[number as usize].add_radiance(light);
                 }

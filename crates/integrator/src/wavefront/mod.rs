@@ -14,7 +14,9 @@
 
 mod attempts;
 mod connect;
+mod escape;
 mod group;
+mod media;
 pub(crate) mod rays;
 mod scatter;
 
@@ -65,7 +67,11 @@ pub struct Wavefront<'a> {
     hits: Hits,
     /// The rays after this wave.
     next: Rays,
-    /// The points that are found path by path: in media, on surfaces that may be absent, and between solids that touch.
+    /// The rays that leave the scene.
+    escaped: Vec<u32>,
+    /// The rays whose points are found path by path, and the distances at which media scatter them, else infinity.
+    arriving: Vec<(u32, f32)>,
+    /// These points: in media, on surfaces that may be absent, and between solids that touch.
     arrivals: Vec<Arrival>,
     /// Paths that scatter: the key of their points, and the number of the ray or the arrival.
     order: Vec<u64>,
@@ -183,6 +189,8 @@ impl<'a> Wavefront<'a> {
             rays: rays(),
             hits: Hits::default(),
             next: rays(),
+            escaped: Vec::new(),
+            arriving: Vec::new(),
             arrivals: Vec::new(),
             order: Vec::new(),
             shadow: (0..lights).map(|_| [queue(), queue()]).collect(),
@@ -342,15 +350,22 @@ impl<'a> Wavefront<'a> {
         self.next.clear();
         self.order.clear();
         self.arrivals.clear();
+        self.escaped.clear();
+        self.arriving.clear();
         for ray in 0..count {
             match self.hits.get(ray) {
-                None => self.escape(ray, watch),
-                Some(hit) => self.reach(ray, &hit, vertex),
+                None => self.escaped.push(ray as u32),
+                Some(hit) => self.reach(ray, &hit),
             }
         }
-        self.order.sort_unstable();
         let set = if count < LEAST_RAYS { InstructionSet::Scalar } else { self.set };
+        dispatch!(set, F, token => self.pass_media::<F>(token, vertex));
+        for at in 0..self.arriving.len() {
+            self.arrive(self.arriving[at], vertex);
+        }
+        self.order.sort_unstable();
         dispatch!(set, F, token => {
+            self.escape::<F>(token, watch);
             self.scatter_all::<F>(token, vertex, watch);
             self.connect::<F>(token, watch);
         });
@@ -364,57 +379,46 @@ impl<'a> Wavefront<'a> {
         RayState { ray: self.rays.get(ray), enclosing }
     }
 
-    /// The interfaces that a path has passed since its last scattering.
-    fn prefix(&self, path: u32) -> Option<&SpecularPrefix> {
-        self.among_solids.get(path as usize)?.prefix.as_ref()
-    }
-
-    /// The ray leaves the scene: the radiance of the environment.
-    fn escape(&mut self, ray: usize, watch: &mut Watch<'_>) {
-        let scene = self.estimator.scene;
-        if !scene.has_environment() && watch.observer.is_none() {
-            return;
+    /// The interfaces that some paths have passed since their last scatterings.
+    #[inline(always)]
+    fn prefixes(&self, paths: &[u32]) -> [Option<&SpecularPrefix>; MAX_WIDTH] {
+        let mut prefixes = [None; MAX_WIDTH];
+        for (prefix, path) in prefixes.iter_mut().zip(paths) {
+            if let Some(among) = self.among_solids.get(*path as usize) {
+                *prefix = among.prefix.as_ref();
+            }
         }
-        let (number, ray) = (self.rays.paths[ray], self.rays.get(ray));
-        let mut path = self.paths[number as usize].get();
-        let (position, throughput) = (ray.direction, path.throughput);
-        watch.event(number, || Event::Vertex { position, material: None, in_medium: false, throughput });
-        let light = path.add_environment(scene, &ray, self.prefix(number));
-        watch.event(number, || Event::Emitted(light));
-        self.paths[number as usize].put(&path);
+        prefixes
     }
 
     /// The ray reaches a surface. Where it is certainly present, lanes find the point.
     #[inline]
-    fn reach(&mut self, ray: usize, hit: &Hit, vertex: u32) {
+    fn reach(&mut self, ray: usize, hit: &Hit) {
         let scene = self.estimator.scene;
         let material = scene.material_of(hit.instance, hit.part, hit.triangle);
-        if scene.is_random(material) {
-            return self.arrive(ray, hit, vertex);
-        }
-        if scene.has_solids() {
-            let number = self.rays.paths[ray] as usize;
-            if let EnclosingSolids::All(_) = self.among_solids[number].enclosing {
-                return self.arrive(ray, hit, vertex);
-            }
+        let is_among_solids = scene.has_solids()
+            && matches!(self.among_solids[self.rays.paths[ray] as usize].enclosing, EnclosingSolids::All(_));
+        if scene.is_random(material) || is_among_solids {
+            return self.arriving.push((ray as u32, f32::INFINITY));
         }
         self.order.push(u64::from(2 * material) << 32 | ray as u64);
     }
 
-    /// The ray reaches a point in a medium or on a surface that is present, or passes the surface.
-    fn arrive(&mut self, ray: usize, hit: &Hit, vertex: u32) {
-        let (scene, number) = (self.estimator.scene, self.rays.paths[ray]);
-        let mut ray_state = self.ray_state(ray);
+    /// A ray of those that arrive reaches a point in a medium or on a surface that is present, or passes the surface.
+    fn arrive(&mut self, (ray, distance): (u32, f32), vertex: u32) {
+        let Some(hit) = self.hits.get(ray as usize) else { return };
+        let (scene, number) = (self.estimator.scene, self.rays.paths[ray as usize]);
+        let mut ray_state = self.ray_state(ray as usize);
         let (mut interface, mut behind) = (None, None);
         let mut path = self.paths[number as usize].get();
-        let point = scene.surface_point(hit, ray_state.ray.time);
-        let hit = ray_state.hit_at(scene, point, &mut interface);
-        let arrival = if let Some(distance) = path.sample_medium(scene, &ray_state, vertex, hit.surface.distance) {
+        let arrival = if distance < f32::INFINITY {
             let is_one = scene.light_choice_at(path.light_vertices as u32, true) == LightChoice::One;
             let point = SurfacePoint::in_medium(&ray_state.ray, distance);
             let material = ray_state.enclosing.material(scene);
             material.map(|material| (MEDIUM | (2 * material) | u32::from(is_one), (point, 0.0, None)))
         } else {
+            let point = scene.surface_point(&hit, ray_state.ray.time);
+            let hit = ray_state.hit_at(scene, point, &mut interface);
             let present = path.sample_presence(scene, &mut ray_state, vertex, hit, &mut behind);
             if present.is_none() {
                 self.next.push(&ray_state.ray, number);
@@ -427,7 +431,7 @@ impl<'a> Wavefront<'a> {
         self.paths[number as usize].put(&path);
         if let Some((key, (point, u_kind, interface))) = arrival {
             self.order.push(u64::from(ARRIVED | key) << 32 | self.arrivals.len() as u64);
-            self.arrivals.push(Arrival { ray: ray as u32, point, u_kind, interface });
+            self.arrivals.push(Arrival { ray, point, u_kind, interface });
         }
     }
 

@@ -2,9 +2,9 @@
 
 use crate::light::sample::{LightSamples, Receivers};
 use crate::light::tree::{EmissionCone, LightBounds};
-use dunkelfeld_geometry::shape::{RectangleLanes, RectangleSampler, pdf_triangle, sample_triangle};
+use dunkelfeld_geometry::shape::{RectangleLanes, RectangleSampler, TriangleLanes};
 use dunkelfeld_geometry::{Aabb, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3, vectorize};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
 
@@ -146,7 +146,6 @@ impl AreaLight {
         receivers: &Receivers<F>,
         probability: F,
         u: [F; 2],
-        active: F::Mask,
     ) -> LightSamples<F> {
         let light = AreaLanes::splat(token, self);
         let (point, pdf) = match &self.shape {
@@ -154,21 +153,19 @@ impl AreaLight {
                 let s = RectangleLanes::splat(token, r).sample(receivers.point, u);
                 (s.point, s.pdf)
             }
-            AreaShape::Triangle(corners) => {
-                sample_triangles(token, corners, receivers, u, active & light.reaches(receivers))
-            }
+            AreaShape::Triangle(corners) => sample_triangles(token, corners, receivers.point, u),
         };
         light.samples(receivers, point, pdf, probability)
     }
 
-    /// The density [1/sr] of a point in [`Self::sample`].
-    #[inline]
-    pub(crate) fn pdf(&self, receiver: &Receivers<f32>, point: Vec3) -> f32 {
-        match &self.shape {
-            _ if !AreaLanes::splat((), self).reaches(receiver) => 0.0,
-            AreaShape::Rectangle(r) => r.pdf(receiver.point.into(), point),
-            AreaShape::Triangle(t) => pdf_triangle(t, receiver.point.into(), point),
-        }
+    /// The densities [1/sr] of points in [`Self::sample`].
+    #[inline(always)]
+    pub(crate) fn pdf<F: Lanes>(&self, token: F::Token, receivers: &Receivers<F>, point: V3<F>) -> F {
+        let pdf = match &self.shape {
+            AreaShape::Rectangle(r) => RectangleLanes::splat(token, r).pdf(receivers.point, point),
+            AreaShape::Triangle(t) => TriangleLanes::new(t, receivers.point).pdf(point),
+        };
+        pdf.only(AreaLanes::splat(token, self).reaches(receivers))
     }
 
     /// Emitted power \[W\]: a Lambertian emitter sends pi L per area and side.
@@ -189,22 +186,11 @@ impl AreaLight {
     }
 }
 
-/// Points on a triangle with their densities. The differences of its formulas need double precision, so the lanes are
-/// treated one by one.
-#[inline(always)]
-fn sample_triangles<F: Lanes>(
-    token: F::Token,
-    corners: &[Vec3; 3],
-    receivers: &Receivers<F>,
-    u: [F; 2],
-    active: F::Mask,
-) -> (V3<F>, F) {
-    let (from, u0, u1) = (receivers.point.to_lanes(), u[0].to_array(), u[1].to_array());
-    let (mut points, mut pdf) = ([Vec3::ZERO; MAX_WIDTH], [0.0; MAX_WIDTH]);
-    for lane in active.lanes() {
-        if let Some(s) = sample_triangle(corners, from[lane], [u0[lane], u1[lane]]) {
-            (points[lane], pdf[lane]) = (s.point, s.pdf);
-        }
-    }
-    (V3::from_lanes(token, &points), F::load(token, &pdf))
+/// Points on a triangle with their densities [1/sr].
+#[inline(never)]
+fn sample_triangles<F: Lanes>(token: F::Token, corners: &[Vec3; 3], from: V3<F>, u: [F; 2]) -> (V3<F>, F) {
+    vectorize!(F, token, {
+        let (point, _, pdf) = TriangleLanes::new(corners, from).sample(u);
+        (point, pdf)
+    })
 }

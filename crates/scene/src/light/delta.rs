@@ -2,9 +2,11 @@
 
 use crate::build::builder::{PunctualKind, PunctualLight};
 use crate::light::Light;
+use crate::light::emission_profile::spot;
 use crate::light::luminaire::LightProfile;
 use crate::light::sun::Sun;
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
+use dunkelfeld_lanes::{Frame, Lanes, V3, vectorize};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
 
@@ -37,11 +39,11 @@ pub(crate) enum DeltaLight {
 
 /// Light that arrives from a light without extent, unoccluded.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Arriving {
+pub(crate) struct Arriving<F> {
     /// Irradiance on a surface that faces the light [W/m^2].
-    pub(crate) irradiance: Rgb,
-    /// Unit direction toward the light.
-    pub(crate) direction: Vec3,
+    pub(crate) irradiance: Rgb<F>,
+    /// Unit directions toward the light.
+    pub(crate) direction: V3<F>,
     /// Position of the light; `None` for one infinitely far away.
     pub(crate) position: Option<Vec3>,
 }
@@ -89,40 +91,42 @@ impl DeltaLight {
         }
     }
 
-    /// Light that arrives at `p`, unoccluded.
-    #[inline]
-    pub(crate) fn arriving_at(&self, p: Vec3, profiles: &[LightProfile]) -> Arriving {
-        // Direction toward the light and the inverse square of the distance. At the position of the light itself the
-        // result is zero.
-        let from = |position: Vec3| {
-            let to_light = position - p;
+    /// Light that arrives at points, unoccluded. Zero at the position of the light itself.
+    #[inline(never)]
+    pub(crate) fn arriving_at<F: Lanes>(&self, p: V3<F>, profiles: &[LightProfile]) -> Arriving<F> {
+        let token = p.x.token();
+        vectorize!(F, token, {
+            let (position, intensity) = match *self {
+                Self::Point { position, intensity } | Self::Spot { position, intensity, .. } => (position, intensity),
+                Self::Profile { position, scale, .. } => (position, scale),
+                Self::Directional { direction, irradiance } => {
+                    let (irradiance, direction) = (Rgb::in_lanes(token, irradiance), V3::splat(token, direction));
+                    return Arriving { irradiance, direction, position: None };
+                }
+            };
+            let to_light = V3::splat(token, position) - p;
             let d2 = to_light.length_squared();
-            let inverse = if d2 > 0.0 { 1.0 / d2 } else { 0.0 };
-            (to_light * inverse.sqrt(), inverse)
-        };
-        match *self {
-            Self::Point { position, intensity } => {
-                let (direction, inverse) = from(position);
-                Arriving { irradiance: intensity * inverse, direction, position: Some(position) }
-            }
-            Self::Spot { position, axis, intensity, cos_inner, cos_outer } => {
-                let (direction, inverse) = from(position);
-                let cos = -direction.dot(axis);
-                // KHR_lights_punctual: the ramp from outer to inner cosine, squared.
-                let ramp = if cos_inner > cos_outer {
-                    ((cos - cos_outer) / (cos_inner - cos_outer)).clamp(0.0, 1.0)
-                } else {
-                    f32::from(u8::from(cos >= cos_outer))
-                };
-                Arriving { irradiance: intensity * (inverse * ramp * ramp), direction, position: Some(position) }
-            }
-            Self::Directional { direction, irradiance } => Arriving { irradiance, direction, position: None },
-            Self::Profile { position, axes, scale, profile } => {
-                let (direction, inverse) = from(position);
-                let local = Vec3::from_array(axes.map(|a| -direction.dot(a)));
-                let intensity = profiles.get(profile as usize).map_or(0.0, |p| p.intensity(local));
-                Arriving { irradiance: scale * (intensity * inverse), direction, position: Some(position) }
-            }
-        }
+            let inverse = d2.recip().only(d2.is_positive());
+            let direction = to_light * inverse.sqrt();
+            let relative = match *self {
+                Self::Spot { axis, cos_inner, cos_outer, .. } => {
+                    spot(-direction.dot(V3::splat(token, axis)), cos_inner, cos_outer)
+                }
+                Self::Profile { axes: [x, y, z], profile, .. } => match profiles.get(profile as usize) {
+                    Some(profile) => {
+                        let axes = Frame {
+                            tangent: V3::splat(token, x),
+                            bitangent: V3::splat(token, y),
+                            normal: V3::splat(token, z),
+                        };
+                        profile.intensities(-axes.to_local(direction))
+                    }
+                    None => F::splat(token, 0.0),
+                },
+                _ => F::splat(token, 1.0),
+            };
+            let irradiance = Rgb::in_lanes(token, intensity) * (inverse * relative);
+            Arriving { irradiance, direction, position: Some(position) }
+        })
     }
 }

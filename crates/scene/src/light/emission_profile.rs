@@ -1,6 +1,6 @@
 //! Angular distributions of the radiance of an emitting surface.
 
-use dunkelfeld_lanes::{Lanes, pow};
+use dunkelfeld_lanes::{Lanes, cos_sin_of_angle, pow};
 use std::f32::consts::FRAC_PI_2;
 use std::f64::consts::PI;
 
@@ -52,16 +52,10 @@ impl EmissionProfile {
             }
             Self::Louver { half_angle } => {
                 let tan = (mu * mu).one_minus().max(mu.constant(0.0)).sqrt() / mu;
-                (tan / half_angle.tan()).one_minus().max(mu.constant(0.0))
+                let (cos, sin) = cos_sin_of_angle(half_angle);
+                (tan * (cos / sin)).one_minus().max(mu.constant(0.0))
             }
-            Self::Spot { cos_inner, cos_outer } => {
-                let ramp = if cos_inner > cos_outer {
-                    ((mu - cos_outer) / (cos_inner - cos_outer)).clamp(0.0, 1.0)
-                } else {
-                    mu.constant(1.0).only(mu.ge(mu.constant(cos_outer)))
-                };
-                ramp * ramp / mu
-            }
+            Self::Spot { cos_inner, cos_outer } => spot(mu, cos_inner, cos_outer) / mu,
         };
         relative.only(mu.is_positive())
     }
@@ -176,6 +170,18 @@ impl EmissionProfile {
             }
         }
     }
+}
+
+/// The relative intensity of a spot light in a direction with the cosine `mu` to its axis: the square of a ramp from the
+/// outer to the inner cosine (KHR_lights_punctual).
+#[inline(always)]
+pub(crate) fn spot<F: Lanes>(mu: F, cos_inner: f32, cos_outer: f32) -> F {
+    let ramp = if cos_inner > cos_outer {
+        ((mu - cos_outer) / (cos_inner - cos_outer)).clamp(0.0, 1.0)
+    } else {
+        mu.constant(1.0).only(mu.ge(mu.constant(cos_outer)))
+    };
+    ramp * ramp
 }
 
 /// The tangent of an angle with the cosine `mu`, in (0, 1]; infinite for other cosines.

@@ -3,11 +3,11 @@
 use crate::build::builder::{Environment, EnvironmentSource};
 use crate::light::sample::Receivers;
 use crate::material::texture::Image;
-use dunkelfeld_geometry::{Frame, LocalDir, Vec3};
+use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3, atan2, cos_sin_of_turn};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Distribution2D;
-use dunkelfeld_sampling::warp::{pdf_sphere, sample_cosine_hemisphere, sample_sphere};
-use std::f32::consts::{FRAC_1_PI, PI};
+use dunkelfeld_sampling::warp::lanes::{sample_cosine_hemisphere, sample_sphere};
+use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 /// The compiled environment.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -42,8 +42,8 @@ struct Map {
 struct Row {
     /// s at the edge nearer to image row 0 and at the other edge.
     s: [f32; 2],
-    /// True if the nearer pole is that of +y.
-    upper: bool,
+    /// 1 if the nearer pole is that of +y, else -1.
+    side: f32,
     /// Solid angle of the row over its share of the image's area \[sr\].
     jacobian: f32,
 }
@@ -62,61 +62,83 @@ impl EnvironmentLight {
         Self { rotation: [sin, cos], source, mean }
     }
 
-    /// World direction to the image's own direction: rotation about +y.
-    #[inline]
-    fn to_map(&self, d: Vec3) -> Vec3 {
+    /// World directions to directions of the image: rotation about +y.
+    #[inline(always)]
+    fn to_map<F: Lanes>(&self, d: V3<F>) -> V3<F> {
         let [s, c] = self.rotation;
-        Vec3::new(c * d.x - s * d.z, d.y, s * d.x + c * d.z)
+        V3::new(d.x * c - d.z * s, d.y, d.x * s + d.z * c)
     }
 
-    #[inline]
-    fn to_world(&self, d: Vec3) -> Vec3 {
+    #[inline(always)]
+    fn to_world<F: Lanes>(&self, d: V3<F>) -> V3<F> {
         let [s, c] = self.rotation;
-        Vec3::new(c * d.x + s * d.z, d.y, c * d.z - s * d.x)
+        V3::new(d.x * c + d.z * s, d.y, d.z * c - d.x * s)
     }
 
-    /// Radiance arriving from a direction.
-    #[inline]
-    pub(crate) fn radiance(&self, direction: Vec3) -> Rgb {
+    /// Radiance arriving from directions.
+    #[inline(always)]
+    pub(crate) fn radiance<F: Lanes>(&self, direction: V3<F>) -> Rgb<F> {
+        let token = direction.x.token();
         match &self.source {
-            Source::Constant(radiance) => *radiance,
-            Source::Map(map) => map.radiance(map_coordinates(self.to_map(direction))),
+            Source::Constant(radiance) => Rgb::in_lanes(token, *radiance),
+            Source::Map(map) => {
+                let ([u, v], mut texels) = (map_coordinates(self.to_map(direction)), [Rgb::BLACK; MAX_WIDTH]);
+                let (u, v) = (u.to_array(), v.to_array());
+                for lane in 0..F::WIDTH {
+                    texels[lane] = map.radiance(map.texel(u[lane], v[lane]));
+                }
+                Rgb::from_lanes(token, &texels)
+            }
         }
     }
 
-    /// A direction with its radiance and the density [1/sr]. If the environment is constant and the surface scatters
+    /// Directions with their radiance and the density [1/sr]. If the environment is constant and the surface scatters
     /// light from above only, the directions follow the cosine.
-    #[inline]
-    pub(crate) fn sample(&self, receiver: &Receivers<f32>, u: [f32; 2]) -> (Vec3, Rgb, f32) {
+    #[inline(always)]
+    pub(crate) fn sample<F: Lanes>(&self, receivers: &Receivers<F>, u: [F; 2]) -> (V3<F>, Rgb<F>, F) {
+        let token = u[0].token();
         match &self.source {
             Source::Constant(radiance) => {
-                let direction = if receiver.both_sides {
-                    sample_sphere(u)
-                } else {
-                    let local = sample_cosine_hemisphere(u).normalize();
-                    Frame::from_normal(receiver.normal.into()).to_world(LocalDir(local))
-                };
-                (direction, *radiance, self.pdf(receiver, direction))
+                let above = Frame::from_normal(receivers.normal).to_world(sample_cosine_hemisphere(u).normalize());
+                let direction = V3::select(receivers.both_sides, sample_sphere(u), above);
+                (direction, Rgb::in_lanes(token, *radiance), self.pdf(receivers, direction))
             }
             Source::Map(map) => {
-                let ([u, v], density) = map.distribution.sample_continuous(u);
-                let [x, y] = map.texel(u, v);
-                let row = &map.rows[y];
-                let direction = row.direction(u, v * map.height as f32 - y as f32);
-                (self.to_world(direction), map.texels[y * map.width as usize + x], density / row.jacobian)
+                let (u, v) = (u[0].to_array(), u[1].to_array());
+                let [mut across, mut place, mut side, mut pdf] = [[0.0; MAX_WIDTH]; 4];
+                let mut radiance = [Rgb::BLACK; MAX_WIDTH];
+                for lane in 0..F::WIDTH {
+                    let ([u, v], density) = map.distribution.sample_continuous([u[lane], v[lane]]);
+                    let [x, y] = map.texel(u, v);
+                    let row = &map.rows[y];
+                    (across[lane], place[lane]) = (u, row.place(v * map.height as f32 - y as f32));
+                    (side[lane], pdf[lane]) = (row.side, density / row.jacobian);
+                    radiance[lane] = map.radiance([x, y]);
+                }
+                let [u, s, side] = [F::load(token, &across), F::load(token, &place), F::load(token, &side)];
+                let direction = self.to_world(map_direction(u, s, side));
+                (direction, Rgb::from_lanes(token, &radiance), F::load(token, &pdf))
             }
         }
     }
 
-    /// The density [1/sr] of a direction in [`Self::sample`].
-    #[inline]
-    pub(crate) fn pdf(&self, receiver: &Receivers<f32>, direction: Vec3) -> f32 {
+    /// The densities [1/sr] of directions in [`Self::sample`].
+    #[inline(always)]
+    pub(crate) fn pdf<F: Lanes>(&self, receivers: &Receivers<F>, direction: V3<F>) -> F {
         match &self.source {
-            Source::Constant(_) if receiver.both_sides => pdf_sphere(direction),
-            Source::Constant(_) => direction.dot(receiver.normal.into()).max(0.0) * FRAC_1_PI,
+            Source::Constant(_) => {
+                let cosine = direction.dot(receivers.normal);
+                let uniform = cosine.constant(0.25 * FRAC_1_PI);
+                receivers.both_sides.select(uniform, cosine.max(cosine.constant(0.0)) * FRAC_1_PI)
+            }
             Source::Map(map) => {
-                let [u, v] = map_coordinates(self.to_map(direction));
-                map.distribution.pdf_continuous([u, v]) / map.rows[map.texel(u, v)[1]].jacobian
+                let ([u, v], mut pdf) = (map_coordinates(self.to_map(direction)), [0.0; MAX_WIDTH]);
+                let (u, v) = (u.to_array(), v.to_array());
+                for lane in 0..F::WIDTH {
+                    let [_, y] = map.texel(u[lane], v[lane]);
+                    pdf[lane] = map.distribution.pdf_continuous([u[lane], v[lane]]) / map.rows[y].jacobian;
+                }
+                F::load(direction.x.token(), &pdf)
             }
         }
     }
@@ -163,8 +185,7 @@ impl Map {
     /// Piecewise constant, like the density. Both agree in every texel, so a sample of a texel has no variance in
     /// radiance over density.
     #[inline]
-    fn radiance(&self, [u, v]: [f32; 2]) -> Rgb {
-        let [x, y] = self.texel(u, v);
+    fn radiance(&self, [x, y]: [usize; 2]) -> Rgb {
         self.texels[y * self.width as usize + x]
     }
 }
@@ -178,26 +199,34 @@ impl Row {
         let s = [a, b].map(|t| if upper { (0.5 * t).sin() } else { (0.5 * t).cos() }.powi(2) as f32);
         // cos a - cos b, without cancellation.
         let band = 2.0 * (0.5 * (a + b)).sin() * (0.5 * (b - a)).sin();
-        Self { s, upper, jacobian: (2.0 * std::f64::consts::PI * band * f64::from(height)) as f32 }
+        Self {
+            s,
+            side: if upper { 1.0 } else { -1.0 },
+            jacobian: (2.0 * std::f64::consts::PI * band * f64::from(height)) as f32,
+        }
     }
 
-    /// The direction at fraction `t` of the row's solid angle, counted from the edge nearer to image row 0.
+    /// s at fraction `t` of the row's solid angle, counted from the edge nearer to image row 0.
     #[inline]
-    fn direction(&self, u: f32, t: f32) -> Vec3 {
-        let s = (self.s[0] + t * (self.s[1] - self.s[0])).clamp(0.0, 1.0);
-        let sin_theta = 2.0 * (s * (1.0 - s)).sqrt();
-        let cos_theta = if self.upper { 1.0 - 2.0 * s } else { 2.0 * s - 1.0 };
-        let (sin_phi, cos_phi) = (2.0 * PI * (u - 0.5)).sin_cos();
-        Vec3::new(sin_theta * sin_phi, cos_theta, -sin_theta * cos_phi)
+    fn place(&self, t: f32) -> f32 {
+        (self.s[0] + t * (self.s[1] - self.s[0])).clamp(0.0, 1.0)
     }
 }
 
-/// Image coordinates of a direction: v = 0 at +y, the centre column has the direction -z, u grows to the right (+x).
-#[inline]
-fn map_coordinates(d: Vec3) -> [f32; 2] {
-    let u = 0.5 + d.x.atan2(-d.z) / (2.0 * PI);
+/// The directions at the image coordinates `u`, at the places `s` of rows on one side.
+#[inline(always)]
+fn map_direction<F: Lanes>(u: F, s: F, side: F) -> V3<F> {
+    let sin_theta = (s * s.one_minus()).sqrt() * 2.0;
+    let (cos_phi, sin_phi) = cos_sin_of_turn(u - 0.5);
+    V3::new(sin_theta * sin_phi, (s * 2.0).one_minus() * side, -sin_theta * cos_phi)
+}
+
+/// Image coordinates of directions: v = 0 at +y, the centre column has the direction -z, u grows to the right (+x).
+#[inline(always)]
+fn map_coordinates<F: Lanes>(d: V3<F>) -> [F; 2] {
+    let u = atan2(d.x, -d.z) / TAU + 0.5;
     // The arc cosine would lose half of the digits near the poles, for example for a sun at the zenith.
-    let v = d.x.hypot(d.z).atan2(d.y) / PI;
+    let v = atan2((d.x * d.x + d.z * d.z).sqrt(), d.y) / PI;
     [u.clamp(0.0, ONE_MINUS), v.clamp(0.0, ONE_MINUS)]
 }
 
@@ -208,6 +237,7 @@ const ONE_MINUS: f32 = 1.0 - f32::EPSILON / 2.0;
 mod tests {
     use super::*;
     use crate::material::texture::{ImageId, Texels};
+    use dunkelfeld_geometry::Vec3;
 
     /// The density of an image does not depend on the receiver.
     fn any() -> Receivers<f32> {
@@ -230,9 +260,9 @@ mod tests {
         let mut off = 0;
         for i in 0..n * n {
             let u = [((i % n) as f32 + 0.5) / n as f32, ((i / n) as f32 + 0.5) / n as f32];
-            let (direction, radiance, pdf) = light.sample(&any(), u);
+            let (direction, radiance, pdf) = light.sample::<f32>(&any(), u);
             // A direction on the edge of a texel may be rounded into the next one.
-            off += u32::from((light.pdf(&any(), direction) / pdf - 1.0).abs() > 1e-4);
+            off += u32::from((light.pdf::<f32>(&any(), direction) / pdf - 1.0).abs() > 1e-4);
             sum[0] += f64::from(radiance.b / pdf);
             sum[1] += 1.0 / f64::from(pdf);
         }
@@ -257,7 +287,7 @@ mod tests {
                 [0.0, 1e-30, 1e-12, 1e-7, 1e-4, 0.02].map(|r| Vec3::new(0.6 * r, y, -0.8 * r).normalize())
             });
             for d in near_poles.chain([Vec3::X, Vec3::new(0.3, -0.2, 0.4).normalize()]) {
-                let (pdf, want) = (light.pdf(&any(), d), light.radiance(d).g / total);
+                let (pdf, want) = (light.pdf::<f32>(&any(), d.into()), light.radiance::<f32>(d.into()).g / total);
                 assert!((pdf / want - 1.0).abs() < 1e-4, "{pdf} instead of {want} toward {d} for height {height}");
             }
         }
@@ -276,7 +306,8 @@ mod tests {
         let (mut inner, n) = (0, 4096);
         for i in 0..n {
             let u = [(i as f32 * 0.618_034).fract(), (i as f32 + 0.5) / n as f32 * 0.99];
-            let (d, radiance, pdf) = light.sample(&any(), u);
+            let (d, radiance, pdf) = light.sample::<f32>(&any(), u);
+            let d = Vec3::from(d);
             let angle = d.x.hypot(d.z).atan2(d.y);
             assert!(angle <= cap * 1.0001 && radiance.g == 1e7, "{d} has {radiance:?}");
             assert!((pdf * 4.0 * PI * light.mean.g / 1e7 - 1.0).abs() < 1e-4);
@@ -292,10 +323,10 @@ mod tests {
         for [u, v] in [[0.1, 0.203_125], [0.5, 0.5], [0.93, 0.781_25], [0.4, 0.0], [0.7, 1.0 - 1.0 / 64.0]] {
             // On the edge between two rows the fraction of solid angle and that of the angle agree.
             let row = (v * 64.0) as usize;
-            let back = map_coordinates(rows[row].direction(u, 0.0));
+            let back = map_coordinates(map_direction(u, rows[row].place(0.0), rows[row].side));
             assert!((v == 0.0 || (back[0] - u).abs() < 1e-5) && (back[1] - v).abs() < 1e-5, "{back:?} for {u}, {v}");
         }
-        assert!((rows[32].direction(0.5, 0.0) - Vec3::NEG_Z).length() < 1e-6);
+        assert!((map_direction(0.5, rows[32].place(0.0), rows[32].side) + V3::from(Vec3::Z)).length() < 1e-6);
     }
 
     #[test]
@@ -308,7 +339,7 @@ mod tests {
         };
         let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
         let light = EnvironmentLight::new(&Environment { source, rotation: 0.0 }, &[image]);
-        let (d, l, pdf) = light.sample(&any(), [0.3, 0.6]);
-        assert!(d.is_finite() && l.is_black() && pdf.is_finite() && pdf > 0.0);
+        let (d, l, pdf) = light.sample::<f32>(&any(), [0.3, 0.6]);
+        assert!(Vec3::from(d).is_finite() && l.is_black() && pdf.is_finite() && pdf > 0.0);
     }
 }

@@ -1,6 +1,7 @@
 //! The angular distribution of a luminaire: radiant intensity over a grid of directions, as in an IES file.
 
 use dunkelfeld_geometry::Vec3;
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3, atan2};
 use std::f64::consts::{PI, TAU};
 
 /// Radiant intensity of a light without extent by direction, bilinear between the angles of a grid.
@@ -113,9 +114,26 @@ impl LightProfile {
     }
 
     /// Intensity [W/sr] in a unit direction of the light's space. The direction points away from the light.
-    #[inline]
     pub fn intensity(&self, direction: Vec3) -> f32 {
-        let theta = direction.x.hypot(direction.y).atan2(-direction.z);
+        self.intensities::<f32>(direction.into())
+    }
+
+    /// [`Self::intensity`] in lanes.
+    #[inline(always)]
+    pub(crate) fn intensities<F: Lanes>(&self, V3 { x, y, z }: V3<F>) -> F {
+        let theta = atan2((x * x + y * y).sqrt(), -z).to_array();
+        let phi = atan2(y, x);
+        let phi = phi.lt(phi.constant(0.0)).select(phi + TAU as f32, phi).to_array();
+        let mut found = [0.0; MAX_WIDTH];
+        for lane in 0..F::WIDTH {
+            found[lane] = self.intensity_at(theta[lane], phi[lane]);
+        }
+        F::load(x.token(), &found)
+    }
+
+    /// Intensity [W/sr] at a vertical and a horizontal angle \[rad\].
+    #[inline]
+    fn intensity_at(&self, theta: f32, phi: f32) -> f32 {
         let (Some(&first), Some(&last)) = (self.vertical.first(), self.vertical.last()) else { return 0.0 };
         if !(first..=last).contains(&theta) {
             return 0.0;
@@ -128,8 +146,7 @@ impl LightProfile {
         if self.horizontal.len() == 1 {
             return along(0);
         }
-        let phi = direction.y.atan2(direction.x);
-        let (j, t) = place(&self.horizontal, if phi < 0.0 { phi + TAU as f32 } else { phi });
+        let (j, t) = place(&self.horizontal, phi);
         along(j) + t * (along(j + 1) - along(j))
     }
 }

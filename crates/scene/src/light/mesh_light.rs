@@ -13,7 +13,7 @@ use crate::light::tree::{EmissionCone, LightBounds, LightTree, below_one};
 use crate::light::{in_proportion, share_of};
 use dunkelfeld_geometry::shape::sample_triangle_area;
 use dunkelfeld_geometry::{Aabb, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -305,7 +305,7 @@ impl MeshLight {
         let probabilities = match &self.choice {
             FacetChoice::Tree(tree) => {
                 let (each, numbers) = (receivers.to_lanes(), of_choice.to_array());
-                let (mut found, mut p) = (0, [0.0; MAX_WIDTH]);
+                let mut found = 0;
                 for lane in (active & !by_area).lanes() {
                     if let Some((index, left)) = tree.choose_with_rest(&each[lane], numbers[lane]) {
                         (facets[lane], rest[lane]) = (index as u32, left);
@@ -313,10 +313,7 @@ impl MeshLight {
                     }
                 }
                 exists = exists | F::mask(token, found);
-                for lane in exists.lanes() {
-                    p[lane] = tree.probability(&each[lane], facets[lane] as usize);
-                }
-                F::load(token, &p)
+                tree.probabilities(token, &each, &facets, exists)
             }
             _ => {
                 let mut weights = [F::splat(token, 0.0); MAX_WEIGHTED_FACETS];
@@ -342,45 +339,55 @@ impl MeshLight {
                 (F::load(token, &own) / total).only(has_weights)
             }
         };
+        (facets, F::load(token, &rest), self.density(token, &facets, probabilities).only(exists))
+    }
+
+    /// The densities [1/m^2] of points of facets, which have given probabilities in the choice that is not by area: of that
+    /// choice and of the one by area.
+    #[inline(always)]
+    fn density<F: Lanes>(&self, token: F::Token, facets: &[u32; MAX_WIDTH], probabilities: F) -> F {
         let [mut share, mut area] = [[0.0; MAX_WIDTH]; 2];
         for lane in 0..F::WIDTH {
             let facet = &self.facets[(facets[lane] as usize).min(self.facets.len() - 1)];
             (share[lane], area[lane]) = (facet.after - facet.before, facet.area);
         }
-        let density = mixture(F::load(token, &share), probabilities) / F::load(token, &area);
-        (facets, F::load(token, &rest), density.only(exists))
+        (F::load(token, &share) * AREA_SHARE + probabilities * (1.0 - AREA_SHARE)) / F::load(token, &area)
     }
 
-    /// The probability of a facet in the choice that is not by area.
-    fn probability(&self, receiver: &Receivers<f32>, facet: usize) -> f32 {
-        match &self.choice {
-            FacetChoice::Single => 1.0,
-            FacetChoice::Tree(tree) => tree.probability(receiver, facet),
-            FacetChoice::Weighted => {
-                let weight = |f: &Facet| f.weight::<f32>((), receiver, &self.profile, self.two_sided);
-                share_of(self.facets.iter().map(weight), facet)
+    /// The densities [1/sr] of points on triangles in [`Self::sample`], without the choice of the light. `normal` contains the
+    /// unit normals of the surface there, on the side of its front.
+    #[inline(always)]
+    pub(crate) fn pdf<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        triangles: &[u32; MAX_WIDTH],
+        (point, normal): (V3<F>, V3<F>),
+    ) -> F {
+        let (reaches, mut facets) = (self.reaches(token, receivers), [0; MAX_WIDTH]);
+        for lane in 0..F::WIDTH {
+            facets[lane] = self.facet_of.get(triangles[lane] as usize).copied().unwrap_or(0);
+        }
+        let densities = match &self.choice {
+            FacetChoice::Single => F::splat(token, 1.0 / self.facets[0].area),
+            FacetChoice::Tree(tree) => {
+                self.density(token, &facets, tree.probabilities(token, &receivers.to_lanes(), &facets, reaches))
             }
-        }
-    }
-
-    /// The density [1/m^2] of a point of a facet in [`Self::sample`].
-    #[inline]
-    fn facet_density(&self, receiver: &Receivers<f32>, facet: usize) -> f32 {
-        let Facet { before, after, area, .. } = self.facets[facet];
-        match self.choice {
-            FacetChoice::Single => 1.0 / area,
-            _ => mixture(after - before, self.probability(receiver, facet)) / area,
-        }
-    }
-
-    /// The density [1/sr] of a point on a triangle in [`Self::sample`], without the choice of the light.
-    pub(crate) fn pdf(&self, receiver: &Receivers<f32>, triangle: u32, point: Vec3, normal: Vec3) -> f32 {
-        let reaches = self.reaches::<f32>((), receiver);
-        let Some(&facet) = self.facet_of.get(triangle as usize).filter(|_| reaches) else { return 0.0 };
-        let to_light = V3::from(point) - receiver.point;
+            FacetChoice::Weighted => {
+                let probabilities = share_of(
+                    token,
+                    &self.facets,
+                    &facets,
+                    #[inline(always)]
+                    |facet| facet.weight(token, receivers, &self.profile, self.two_sided),
+                );
+                self.density(token, &facets, probabilities)
+            }
+        };
+        let to_light = point - receivers.point;
         let d2 = to_light.length_squared();
-        let direction = to_light * Real::recip(d2.sqrt());
-        self.pdf_of(self.facet_density(receiver, facet as usize), d2, direction.dot(normal.into()))
+        let direction = to_light * d2.sqrt().recip();
+        self.pdf_of(densities, d2, direction.dot(normal)).only(reaches)
     }
 
     /// Area density to solid angle. `cosine` is that between the direction to the light and the normal of its front.
@@ -406,12 +413,6 @@ impl MeshLight {
     pub(crate) fn len(&self) -> usize {
         self.triangles.len()
     }
-}
-
-/// The probability of a facet: of the choice by area, and of the other one.
-#[inline(always)]
-fn mixture<F: Lanes>(share_of_area: F, probability: F) -> F {
-    share_of_area * AREA_SHARE + probability * (1.0 - AREA_SHARE)
 }
 
 #[inline(always)]

@@ -16,18 +16,18 @@ pub(crate) mod sun;
 pub(crate) mod tree;
 
 use crate::light::area::{AreaLight, AreaShape, sample_rectangles};
-use crate::light::delta::DeltaLight;
+use crate::light::delta::{Arriving, DeltaLight};
 use crate::light::environment::EnvironmentLight;
 use crate::light::luminaire::LightProfile;
 use crate::light::mesh_light::MeshLight;
 use crate::light::sample::{LightSamples, Receivers};
 use crate::light::sun::Sun;
 use crate::light::tree::{EmissionCone, LightBounds, LightTree};
-use crate::query::intersect::SurfacePoint;
+use crate::query::surface_points::SurfacePoints;
 use crate::sampling_options::Techniques;
 use crate::scene::Scene;
 use dunkelfeld_geometry::{Aabb, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3, vectorize};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
 
@@ -159,15 +159,8 @@ impl LightTable {
                 F::splat(token, s.irradiance().mean()).only(receivers.both_sides | s.is_above(receivers.normal))
             }
             Light::Delta(d) => {
-                let mut weights = [0.0; MAX_WIDTH];
-                let receivers = receivers.to_lanes();
-                for lane in 0..F::WIDTH {
-                    let arriving = d.arriving_at(receivers[lane].point.into(), &self.profiles);
-                    if receivers[lane].faces(arriving.direction.into()) {
-                        weights[lane] = arriving.irradiance.mean();
-                    }
-                }
-                F::load(token, &weights)
+                let arriving = d.arriving_at(receivers.point, &self.profiles);
+                arriving.irradiance.mean().only(receivers.faces(arriving.direction))
             }
             Light::Environment => F::splat(token, PI * self.environment_mean().mean()),
         }
@@ -228,64 +221,73 @@ impl LightTable {
         (F::word_to_array(chosen.index), chosen.weight / total, chosen.exists)
     }
 
-    /// The probability with which [`Self::choose`] chooses a light.
-    #[inline]
-    fn probability(&self, receiver: &Receivers<f32>, index: usize) -> f32 {
-        if let Some(tree) = &self.tree {
-            return tree.probability(receiver, index);
-        }
-        share_of(self.lights.iter().map(|light| self.weight::<f32>((), light, receiver)), index)
+    /// The probabilities that vertices sample the light of each lane. `chosen` is true where they choose one.
+    #[inline(always)]
+    fn share<F: Lanes>(&self, receivers: &Receivers<F>, chosen: F::Mask, lights: &[u32; MAX_WIDTH]) -> F {
+        let one = receivers.point.x.constant(1.0);
+        if chosen.any() { chosen.select(self.probability(one.token(), receivers, chosen, lights), one) } else { one }
     }
 
-    /// The probability that a vertex samples a light.
-    #[inline]
-    fn share(&self, receiver: &Receivers<f32>, choice: LightChoice, index: usize) -> f32 {
-        match choice {
-            LightChoice::One => self.probability(receiver, index),
-            LightChoice::Each => 1.0,
-        }
-    }
-
-    /// A sample of a light without a surface.
+    /// The probabilities with which [`Self::choose`] chooses the light of each lane of a mask.
     #[inline(never)]
-    fn sample_without_surface(
+    fn probability<F: Lanes>(
         &self,
-        receiver: &Receivers<f32>,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        chosen: F::Mask,
+        lights: &[u32; MAX_WIDTH],
+    ) -> F {
+        vectorize!(F, token, {
+            match &self.tree {
+                Some(tree) => tree.probabilities(token, &receivers.to_lanes(), lights, chosen),
+                None => share_of(
+                    token,
+                    &self.lights,
+                    lights,
+                    #[inline(always)]
+                    |light| self.weight(token, light, receivers),
+                ),
+            }
+        })
+    }
+
+    /// Samples of a light without a surface.
+    #[inline(never)]
+    fn sample_without_surface<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
         light: &Light,
-        probability: f32,
-        u: [f32; 2],
-    ) -> LightSamples<f32> {
-        let (mut position, mut is_delta) = (None, false);
-        let (direction, radiance, pdf, is_valid) = match (light, &self.environment) {
-            (Light::Sun(s), _) => {
-                let (direction, pdf) = s.sample(u);
-                (direction, s.disc_radiance(), pdf * probability, receiver.faces(direction.into()))
+        probability: F,
+        u: [F; 2],
+    ) -> LightSamples<F> {
+        vectorize!(F, token, {
+            let none = LightSamples::none(token);
+            match (light, &self.environment) {
+                (Light::Sun(s), _) => {
+                    let (direction, pdf) = s.sample(u);
+                    let pdf = (pdf * probability).only(receivers.faces(direction));
+                    LightSamples { direction, radiance: Rgb::in_lanes(token, s.disc_radiance()), pdf, ..none }
+                }
+                (Light::Delta(d), _) => {
+                    let Arriving { irradiance, direction, position } = d.arriving_at(receivers.point, &self.profiles);
+                    let reaches = irradiance.is_lit() & receivers.faces(direction);
+                    let (point, is_finite) = match position {
+                        Some(position) => (V3::splat(token, position), reaches),
+                        None => (none.point, none.is_finite),
+                    };
+                    let (radiance, pdf) = (irradiance, probability.only(reaches));
+                    LightSamples { direction, point, is_finite, radiance, pdf, is_delta: reaches, ..none }
+                }
+                (Light::Environment, Some(environment)) => {
+                    let (direction, radiance, pdf) = environment.sample(receivers, u);
+                    let pdf = pdf * probability;
+                    let pdf = pdf.only(pdf.is_positive() & pdf.is_finite());
+                    LightSamples { direction, radiance, pdf, ..none }
+                }
+                _ => none,
             }
-            (Light::Delta(d), _) => {
-                let arriving = d.arriving_at(receiver.point.into(), &self.profiles);
-                (position, is_delta) = (arriving.position, true);
-                let reaches = !arriving.irradiance.is_black() && receiver.faces(arriving.direction.into());
-                (arriving.direction, arriving.irradiance, probability, reaches)
-            }
-            (Light::Environment, Some(environment)) => {
-                let (direction, radiance, pdf) = environment.sample(receiver, u);
-                let pdf = pdf * probability;
-                (direction, radiance, pdf, pdf > 0.0 && pdf.is_finite())
-            }
-            _ => (Vec3::ZERO, Rgb::BLACK, 0.0, false),
-        };
-        if !is_valid {
-            return LightSamples::none(());
-        }
-        LightSamples {
-            direction: direction.into(),
-            point: position.unwrap_or(Vec3::ZERO).into(),
-            normal: Vec3::ZERO.into(),
-            is_finite: position.is_some(),
-            radiance,
-            pdf,
-            is_delta,
-        }
+        })
     }
 
     /// True if there are suns.
@@ -357,10 +359,7 @@ impl Scene {
         let (lights, mut samples, mut left) = (&self.lights.lights, LightSamples::none(token), active.bits());
         while left != 0 {
             let index = indices[left.trailing_zeros() as usize % MAX_WIDTH];
-            let mut same = 0;
-            for (lane, other) in indices.iter().enumerate().take(F::WIDTH) {
-                same |= u32::from(*other == index) << lane;
-            }
+            let mut same = F::word_eq(F::load_word(token, indices), F::splat_word(token, index)).bits();
             let here = match lights.get(index as usize) {
                 // Rectangles are sampled at once.
                 Some(Light::Area(first @ AreaLight { shape: AreaShape::Rectangle(rectangle), .. }))
@@ -406,7 +405,7 @@ impl Scene {
         let mut samples = LightSamples::none(token);
         match self.lights.lights.get(index as usize) {
             Some(Light::Area(a)) => {
-                samples = a.sample(token, receivers, probability, u, active);
+                samples = a.sample(token, receivers, probability, u);
                 if a.has_varying_radiance {
                     self.vary(&mut samples, active, &[[a.part, a.triangles[0]]; MAX_WIDTH]);
                 }
@@ -420,15 +419,7 @@ impl Scene {
                     }
                 }
             }
-            Some(light) => {
-                let (each, u0, u1) = (receivers.to_lanes(), u[0].to_array(), u[1].to_array());
-                let (mut lanes, probability) = ([LightSamples::none(()); MAX_WIDTH], probability.to_array());
-                for lane in active.lanes() {
-                    let u = [u0[lane], u1[lane]];
-                    lanes[lane] = self.lights.sample_without_surface(&each[lane], light, probability[lane], u);
-                }
-                samples = LightSamples::from_lanes(token, &lanes);
-            }
+            Some(light) => samples = self.lights.sample_without_surface(token, receivers, light, probability, u),
             _ => {}
         }
         samples.pdf = samples.pdf.only(active);
@@ -451,72 +442,104 @@ impl Scene {
         }
     }
 
-    /// The density [1/sr] of a point on a surface in [`Self::sample_lights`]; 0 if the surface does not emit.
-    #[inline]
-    pub fn light_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, p: &SurfacePoint) -> f32 {
-        let lights = &self.parts[p.part as usize].lights;
-        let index = lights.get(p.triangle as usize).map_or(usize::MAX, |&light| light as usize);
-        let pdf = match self.lights.lights.get(index) {
-            Some(Light::Area(a)) => a.pdf(receiver, p.point),
-            Some(Light::Mesh(m)) => match self.lights.mesh_lights.get(*m as usize) {
-                Some(mesh) => mesh.pdf(receiver, p.triangle, p.point, p.normal),
-                None => 0.0,
-            },
-            _ => return 0.0,
-        };
-        pdf * self.lights.share(receiver, choice, index)
-    }
-
-    /// The lights of kind sun whose disc contains a direction, as pairs of index and radiance [W/(m^2 sr)].
-    #[inline]
-    pub fn suns_along(&self, direction: Vec3) -> impl Iterator<Item = (u32, Rgb)> {
-        let lights: &[Light] = if self.lights.has_suns { &self.lights.lights } else { &[] };
-        let radiance = move |light: &Light| match light {
-            Light::Sun(sun) => sun.radiance(direction),
-            _ => Rgb::BLACK,
-        };
-        (0..).zip(lights.iter().map(radiance)).filter(|(_, radiance)| !radiance.is_black())
-    }
-
-    /// The density [1/sr] of a direction toward the sun of an index in [`Self::sample_lights`].
-    pub fn sun_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, sun: u32, direction: Vec3) -> f32 {
-        match self.lights.lights.get(sun as usize) {
-            Some(Light::Sun(s)) if receiver.faces(direction.into()) => {
-                s.pdf(direction) * self.lights.share(receiver, choice, sun as usize)
+    /// The densities [1/sr] of points on surfaces in [`Self::sample_lights`]; 0 if a surface does not emit. `chosen` is true for
+    /// receivers that choose one light.
+    #[inline(never)]
+    pub fn light_pdf<F: Lanes>(&self, receivers: &Receivers<F>, chosen: F::Mask, points: &SurfacePoints<F>) -> F {
+        let token = points.distance.token();
+        vectorize!(F, token, {
+            let (parts, triangles) = (F::word_to_array(points.part), F::word_to_array(points.triangle));
+            let mut lights = [NO_LIGHT; MAX_WIDTH];
+            for lane in 0..F::WIDTH {
+                let of_part = &self.parts[parts[lane] as usize].lights;
+                lights[lane] = of_part.get(triangles[lane] as usize).copied().unwrap_or(NO_LIGHT);
             }
-            _ => 0.0,
+            let (mut pdf, mut left) = (F::splat(token, 0.0), F::mask(token, u32::MAX >> (32 - F::WIDTH)));
+            while let Some(first) = left.lanes().next() {
+                let same = F::word_eq(F::load_word(token, &lights), F::splat_word(token, lights[first]));
+                let here = match self.lights.lights.get(lights[first] as usize) {
+                    Some(Light::Area(a)) => a.pdf(token, receivers, points.point),
+                    Some(Light::Mesh(m)) if let Some(mesh) = self.lights.mesh_lights.get(*m as usize) => {
+                        mesh.pdf(token, receivers, &triangles, (points.point, points.normal))
+                    }
+                    _ => F::splat(token, 0.0),
+                };
+                pdf = same.select(here, pdf);
+                left = left & !same;
+            }
+            pdf * self.lights.share(receivers, chosen, &lights)
+        })
+    }
+
+    /// The indices of the lights of kind sun.
+    #[inline]
+    pub fn suns(&self) -> impl Iterator<Item = u32> {
+        let lights: &[Light] = if self.lights.has_suns { &self.lights.lights } else { &[] };
+        (0..).zip(lights).filter(|(_, light)| matches!(light, Light::Sun(_))).map(|(index, _)| index)
+    }
+
+    /// Radiance [W/(m^2 sr)] of the sun of an index along directions.
+    #[inline(always)]
+    pub fn sun_radiance<F: Lanes>(&self, sun: u32, direction: V3<F>) -> Rgb<F> {
+        match self.lights.lights.get(sun as usize) {
+            Some(Light::Sun(s)) => s.radiance(direction),
+            _ => Rgb::splat(direction.x.constant(0.0)),
         }
     }
 
-    /// Radiance [W/(m^2 sr)] of the environment along a direction, without suns.
-    #[inline]
-    pub fn environment_radiance(&self, direction: Vec3) -> Rgb {
-        self.lights.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
+    /// The densities [1/sr] of directions toward the sun of an index in [`Self::sample_lights`]. `chosen` is as for
+    /// [`Self::light_pdf`].
+    #[inline(always)]
+    pub fn sun_pdf<F: Lanes>(&self, receivers: &Receivers<F>, chosen: F::Mask, sun: u32, direction: V3<F>) -> F {
+        match self.lights.lights.get(sun as usize) {
+            Some(Light::Sun(s)) => {
+                let pdf = s.pdf(direction).only(receivers.faces(direction));
+                pdf * self.lights.share(receivers, chosen, &[sun; MAX_WIDTH])
+            }
+            _ => direction.x.constant(0.0),
+        }
     }
 
-    /// The density [1/sr] of a direction toward the environment in [`Self::sample_lights`].
-    #[inline]
-    pub fn environment_pdf(&self, receiver: &Receivers<f32>, choice: LightChoice, direction: Vec3) -> f32 {
+    /// Radiance [W/(m^2 sr)] of the environment along directions, without suns.
+    #[inline(always)]
+    pub fn environment_radiance<F: Lanes>(&self, direction: V3<F>) -> Rgb<F> {
+        match &self.lights.environment {
+            Some(environment) => environment.radiance(direction),
+            None => Rgb::splat(direction.x.constant(0.0)),
+        }
+    }
+
+    /// The densities [1/sr] of directions toward the environment in [`Self::sample_lights`]. `chosen` is as for
+    /// [`Self::light_pdf`].
+    #[inline(always)]
+    pub fn environment_pdf<F: Lanes>(&self, receivers: &Receivers<F>, chosen: F::Mask, direction: V3<F>) -> F {
         // The environment is the last light if it emits.
         match (&self.lights.environment, self.lights.lights.last()) {
             (Some(e), Some(Light::Environment)) => {
-                e.pdf(receiver, direction) * self.lights.share(receiver, choice, self.lights.lights.len() - 1)
+                let index = self.lights.lights.len() as u32 - 1;
+                e.pdf(receivers, direction) * self.lights.share(receivers, chosen, &[index; MAX_WIDTH])
             }
-            _ => 0.0,
+            _ => direction.x.constant(0.0),
         }
     }
 }
 
-/// The share of a weight in the sum of all; zero without a positive finite sum.
-pub(crate) fn share_of(weights: impl Iterator<Item = f32>, index: usize) -> f32 {
-    let (mut total, mut own) = (0.0, 0.0);
-    for (i, weight) in weights.enumerate() {
+/// The share of the weight of an entry of each lane in the sum of all; zero without a positive finite sum.
+#[inline(always)]
+pub(crate) fn share_of<T, F: Lanes>(
+    token: F::Token,
+    entries: &[T],
+    of: &[u32; MAX_WIDTH],
+    weight: impl Fn(&T) -> F,
+) -> F {
+    let of = F::load_word(token, of);
+    let [mut total, mut own] = [F::splat(token, 0.0); 2];
+    for (index, entry) in (0..).zip(entries) {
+        let weight = weight(entry);
         total += weight;
-        if i == index {
-            own = weight;
-        }
+        own = F::word_eq(of, F::splat_word(token, index)).select(weight, own);
     }
-    if total > 0.0 && total.is_finite() { own / total } else { 0.0 }
+    (own / total).only(total.is_positive() & total.is_finite())
 }
 
 /// An entry of a list of weights for each lane.

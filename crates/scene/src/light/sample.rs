@@ -32,7 +32,7 @@ impl<F: Lanes> Receivers<F> {
 
     /// The receiver of each lane, for code that treats them one by one.
     #[inline(always)]
-    pub(crate) fn to_lanes(self) -> [Receivers<f32>; MAX_WIDTH] {
+    pub fn to_lanes(self) -> [Receivers<f32>; MAX_WIDTH] {
         let (points, normals, bits) = (self.point.to_lanes(), self.normal.to_lanes(), self.both_sides.bits());
         let mut lanes = [Receivers::single(Vec3::ZERO, Vec3::ZERO, false); MAX_WIDTH];
         for lane in 0..F::WIDTH {
@@ -69,30 +69,6 @@ impl<F: Lanes> LightSamples<F> {
         let (zero, no) = (F::splat(token, 0.0), F::mask(token, 0));
         let v = V3::new(zero, zero, zero);
         Self { direction: v, point: v, normal: v, is_finite: no, radiance: Rgb::splat(zero), pdf: zero, is_delta: no }
-    }
-
-    /// The sample of each lane.
-    #[inline(always)]
-    pub(crate) fn from_lanes(token: F::Token, lanes: &[LightSamples<f32>; MAX_WIDTH]) -> Self {
-        let [mut directions, mut points, mut normals] = [[Vec3::ZERO; MAX_WIDTH]; 3];
-        let (mut radiance, mut pdf) = ([Rgb::BLACK; MAX_WIDTH], [0.0; MAX_WIDTH]);
-        let (mut is_finite, mut is_delta) = (0, 0);
-        for lane in 0..F::WIDTH {
-            let s = &lanes[lane];
-            (directions[lane], points[lane], normals[lane]) = (s.direction.into(), s.point.into(), s.normal.into());
-            (radiance[lane], pdf[lane]) = (s.radiance, s.pdf);
-            is_finite |= u32::from(s.is_finite) << lane;
-            is_delta |= u32::from(s.is_delta) << lane;
-        }
-        Self {
-            direction: V3::from_lanes(token, &directions),
-            point: V3::from_lanes(token, &points),
-            normal: V3::from_lanes(token, &normals),
-            is_finite: F::mask(token, is_finite),
-            radiance: Rgb::from_lanes(token, &radiance),
-            pdf: F::load(token, &pdf),
-            is_delta: F::mask(token, is_delta),
-        }
     }
 
     /// `yes` in the lanes of the mask, `no` in the others.

@@ -1,7 +1,7 @@
 //! A distant light with an angular diameter, like the sun: the same radiance from all directions of a cone.
 
-use dunkelfeld_geometry::{Frame, LocalDir, Vec3};
-use dunkelfeld_lanes::{Lanes, V3};
+use dunkelfeld_geometry::Vec3;
+use dunkelfeld_lanes::{Frame, Lanes, V3, cos_sin_of_turn};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::{PI, TAU};
 
@@ -30,32 +30,36 @@ impl Sun {
         self.irradiance * (1.0 / (PI * sin2))
     }
 
-    /// Radiance [W/(m^2 sr)] from a unit direction.
-    #[inline]
-    pub(crate) fn radiance(&self, direction: Vec3) -> Rgb {
-        if self.contains(direction) { self.disc_radiance() } else { Rgb::BLACK }
+    /// Radiance [W/(m^2 sr)] from unit directions.
+    #[inline(always)]
+    pub(crate) fn radiance<F: Lanes>(&self, direction: V3<F>) -> Rgb<F> {
+        let token = direction.x.token();
+        let [disc, black] = [Rgb::in_lanes(token, self.disc_radiance()), Rgb::in_lanes(token, Rgb::BLACK)];
+        Rgb::select(self.contains(direction), disc, black)
     }
 
-    /// True for a direction inside its disc. The chord avoids the cancellation of the cosine.
-    #[inline]
-    fn contains(&self, direction: Vec3) -> bool {
-        (direction - self.axis).length_squared() <= 2.0 * self.one_minus_cos
+    /// Lanes with a direction inside its disc. The chord avoids the cancellation of the cosine.
+    #[inline(always)]
+    fn contains<F: Lanes>(&self, direction: V3<F>) -> F::Mask {
+        let token = direction.x.token();
+        (direction - V3::splat(token, self.axis)).length_squared().le(F::splat(token, 2.0 * self.one_minus_cos))
     }
 
-    /// A direction, uniform in the cone (Pharr, Jakob and Humphreys 2016, section 13.6.4), with its density [1/sr].
-    #[inline]
-    pub(crate) fn sample(&self, u: [f32; 2]) -> (Vec3, f32) {
+    /// Directions, uniform in the cone (Pharr, Jakob and Humphreys 2016, section 13.6.4), with their density [1/sr].
+    #[inline(always)]
+    pub(crate) fn sample<F: Lanes>(&self, u: [F; 2]) -> (V3<F>, F) {
         let drop = u[0] * self.one_minus_cos;
-        let sin = (drop * (2.0 - drop)).max(0.0).sqrt();
-        let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
-        let local = Vec3::new(sin * cos_phi, sin * sin_phi, 1.0 - drop);
-        (Frame::from_normal(self.axis).to_world(LocalDir(local)).normalize(), self.density())
+        let sin = (drop * (drop.constant(2.0) - drop)).max(drop.constant(0.0)).sqrt();
+        let (cos_phi, sin_phi) = cos_sin_of_turn(u[1]);
+        let local = V3::new(sin * cos_phi, sin * sin_phi, drop.one_minus());
+        let frame = Frame::from_normal(V3::splat(drop.token(), self.axis));
+        (frame.to_world(local).normalize(), drop.constant(self.density()))
     }
 
-    /// The density [1/sr] of a direction in [`Self::sample`].
-    #[inline]
-    pub(crate) fn pdf(&self, direction: Vec3) -> f32 {
-        if self.contains(direction) { self.density() } else { 0.0 }
+    /// The densities [1/sr] of directions in [`Self::sample`].
+    #[inline(always)]
+    pub(crate) fn pdf<F: Lanes>(&self, direction: V3<F>) -> F {
+        direction.x.constant(self.density()).only(self.contains(direction))
     }
 
     #[inline]
@@ -90,16 +94,17 @@ mod tests {
             let n = 200;
             for i in 0..n * n {
                 let u = [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|v| v / n as f32);
-                let (d, pdf) = sun.sample(u);
+                let (d, pdf) = sun.sample::<f32>(u);
                 // A direction at the edge may be rounded out of the disc.
                 outside += u32::from(sun.pdf(d) != pdf);
-                assert!(d.dot(axis) >= half_angle.cos() - 1e-6);
-                irradiance += f64::from(sun.disc_radiance().g * d.dot(axis) / pdf) / f64::from(n * n);
+                assert!(d.dot(axis.into()) >= half_angle.cos() - 1e-6);
+                irradiance += f64::from(sun.disc_radiance().g * d.dot(axis.into()) / pdf) / f64::from(n * n);
             }
             assert!((irradiance / 2.0 - 1.0).abs() < 1e-3, "{half_angle}: {irradiance}");
             assert!(outside < 20, "{half_angle}: {outside} directions are outside of the disc");
             let outside = (axis + 1.05 * half_angle.tan() * axis.any_orthonormal_vector()).normalize();
-            assert_eq!((sun.pdf(outside), sun.radiance(outside)), (0.0, Rgb::BLACK));
+            let outside = V3::from(outside);
+            assert_eq!((sun.pdf::<f32>(outside), sun.radiance::<f32>(outside)), (0.0, Rgb::BLACK));
         }
     }
 }

@@ -9,6 +9,7 @@
 use crate::light::emission_profile::EmissionProfile;
 use crate::light::sample::Receivers;
 use dunkelfeld_geometry::{Aabb, Vec3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask};
 use dunkelfeld_sampling::Distribution1D;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -300,6 +301,22 @@ impl LightTree {
                 probability
             }
         }
+    }
+
+    /// [`Self::probability`] of the light of each lane of a mask; zero in others.
+    #[inline(always)]
+    pub(crate) fn probabilities<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &[Receivers<f32>; MAX_WIDTH],
+        lights: &[u32; MAX_WIDTH],
+        lanes: F::Mask,
+    ) -> F {
+        let mut probabilities = [0.0; MAX_WIDTH];
+        for lane in lanes.lanes() {
+            probabilities[lane] = self.probability(&receivers[lane], lights[lane] as usize);
+        }
+        F::load(token, &probabilities)
     }
 
     #[inline]

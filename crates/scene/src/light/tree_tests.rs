@@ -58,8 +58,8 @@ impl Lamp {
             (false, false) => d.dot(normal).max(0.0),
         };
         let delta = |light: DeltaLight| {
-            let a = light.arriving_at(point, &[]);
-            f64::from(a.irradiance.g * facing(a.direction))
+            let a = light.arriving_at::<f32>(point.into(), &[]);
+            f64::from(a.irradiance.g * facing(a.direction.into()))
         };
         match *self {
             Self::Point(position, peak) => delta(DeltaLight::Point { position, intensity: Rgb::splat(peak) }),

@@ -8,7 +8,7 @@
 
 use crate::material::Volume;
 use dunkelfeld_bsdf::HenyeyGreenstein;
-use dunkelfeld_lanes::{Lanes, Mask, exp};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, exp, ln};
 use dunkelfeld_radiometry::Rgb;
 
 /// Largest mean number of scatterings of a path through a body of white medium. The paths that reach its middle have
@@ -28,21 +28,25 @@ pub struct Medium {
     pub phase: HenyeyGreenstein,
 }
 
-/// Event of a path in a medium.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum MediumEvent {
-    /// The path is scattered.
-    Scatter {
-        /// Distance of the scattering \[m\].
-        distance: f32,
-        /// The scattering coefficient times the transmittance, over the density of the distance.
-        weight: Rgb,
-    },
-    /// The path reaches the end of the segment.
-    Pass {
-        /// The transmittance over the probability of this event.
-        weight: Rgb,
-    },
+/// Coefficients of media, one for each lane.
+#[derive(Clone, Copy, Debug)]
+pub struct MediumLanes<F = f32> {
+    /// Extinction coefficient [1/m]: absorption and scattering.
+    pub extinction: Rgb<F>,
+    /// Scattering coefficient [1/m].
+    pub scattering: Rgb<F>,
+}
+
+/// Events of paths in media, one for each lane.
+#[derive(Clone, Copy, Debug)]
+pub struct MediumEvents<F: Lanes> {
+    /// Lanes whose path is scattered. The others reach the end of the segment.
+    pub is_scattered: F::Mask,
+    /// Distance of the scattering \[m\].
+    pub distance: F,
+    /// Of a scattering: the scattering coefficient times the transmittance, over the density of the distance. Of the others:
+    /// the transmittance over the probability of this event.
+    pub weight: Rgb<F>,
 }
 
 impl Medium {
@@ -109,92 +113,122 @@ impl Medium {
         Rgb::new(share(s.r, t.r), share(s.g, t.g), share(s.b, t.b))
     }
 
-    /// Transmittance over a distance \[m\], which may be infinite (Beer and Lambert).
+    /// Its coefficients.
+    #[inline]
+    pub fn coefficients(&self) -> MediumLanes {
+        MediumLanes { extinction: self.extinction(), scattering: self.scattering }
+    }
+
+    /// Transmittance over a distance \[m\], which may be infinite.
     #[inline]
     pub fn transmittance(&self, distance: f32) -> Rgb {
-        self.extinction().map(|t| decay(t, distance))
+        transmittance(self.extinction(), distance)
     }
 
-    /// Samples the event of a path with the weight `throughput` within `end` \[m\] (which may be infinite). `u` in `[0,
-    /// 1)`: the distance, the channel, and further digits of the distance, so that more than 16 mean free paths can be
-    /// passed.
-    #[inline]
-    pub fn sample(&self, throughput: Rgb, end: f32, [u_distance, u_channel, u_digits]: [f32; 3]) -> MediumEvent {
-        let extinction = self.extinction().to_array();
-        let shares = channel_shares(throughput);
-        let channel = if u_channel < shares[0] {
-            0
-        } else if u_channel < shares[0] + shares[1] || shares[2] == 0.0 {
-            1
-        } else {
-            2
-        };
-        let channel = if shares[channel] > 0.0 { channel } else { largest(shares) };
-        // Uniform numbers are multiples of 2^-24. The further digits extend the tail of the exponential.
-        let survivors = (1.0 - u_distance) - u_digits * (1.0 / (1 << 24) as f32);
-        let optical = -survivors.max(f32::MIN_POSITIVE).ln();
-        let distance = if extinction[channel] > 0.0 { optical / extinction[channel] } else { f32::INFINITY };
-        if distance < end {
-            let weight = self.weigh(shares, extinction, distance, |c| extinction[c]);
-            let scattering = self.scattering.to_array();
-            MediumEvent::Scatter {
-                distance,
-                weight: Rgb::from_array(std::array::from_fn(|c| weight[c] * scattering[c])),
-            }
-        } else {
-            MediumEvent::Pass { weight: Rgb::from_array(self.weigh(shares, extinction, end, |_| 1.0)) }
-        }
-    }
-
-    /// The density [1/m] with which [`Self::sample`] scatters at a distance.
+    /// The density [1/m] with which [`MediumLanes::sample`] scatters at a distance.
     pub fn pdf(&self, throughput: Rgb, distance: f32) -> f32 {
-        let (t, shares) = (self.extinction().to_array(), channel_shares(throughput));
+        let (t, shares) = (self.extinction().to_array(), channel_shares(throughput).to_array());
         (0..3).map(|c| shares[c] * t[c] * decay(t[c], distance)).sum()
     }
 
-    /// The probability with which [`Self::sample`] reaches an end.
+    /// The probability with which [`MediumLanes::sample`] reaches an end.
     pub fn probability_to_pass(&self, throughput: Rgb, end: f32) -> f32 {
-        let (t, shares) = (self.extinction().to_array(), channel_shares(throughput));
+        let (t, shares) = (self.extinction().to_array(), channel_shares(throughput).to_array());
         (0..3).map(|c| shares[c] * decay(t[c], end)).sum()
     }
+}
 
-    /// `exp(-t_c d) / sum_k share_k density(k) exp(-t_k d)` for each channel c in which the path has a weight above
-    /// zero, 0 for others.
-    ///
-    /// The slowest decay is cancelled in the fraction, so that it has a value also for very small transmittances.
-    #[inline]
-    fn weigh(&self, shares: [f32; 3], extinction: [f32; 3], distance: f32, density: impl Fn(usize) -> f32) -> [f32; 3] {
-        let technique: [f32; 3] = std::array::from_fn(|c| shares[c] * density(c));
-        let slowest = (0..3).filter(|&c| technique[c] > 0.0).map(|c| extinction[c]).fold(f32::INFINITY, f32::min);
-        let relative: [f32; 3] = std::array::from_fn(|c| decay((extinction[c] - slowest).max(0.0), distance));
-        let total: f32 = (0..3).map(|c| technique[c] * relative[c]).sum();
-        std::array::from_fn(|c| {
-            // A channel that decays more slowly than all channels that could be sampled has no scattering.
-            if technique[c] > 0.0 { relative[c] / total } else { 0.0 }
-        })
+impl MediumLanes {
+    /// No medium.
+    pub const CLEAR: Self = Self { extinction: Rgb::BLACK, scattering: Rgb::BLACK };
+}
+
+impl<F: Lanes> MediumLanes<F> {
+    /// The media of lanes.
+    #[inline(always)]
+    pub fn from_lanes(token: F::Token, media: &[MediumLanes; MAX_WIDTH]) -> Self {
+        let [mut extinction, mut scattering] = [[Rgb::BLACK; MAX_WIDTH]; 2];
+        for lane in 0..F::WIDTH {
+            (extinction[lane], scattering[lane]) = (media[lane].extinction, media[lane].scattering);
+        }
+        Self { extinction: Rgb::from_lanes(token, &extinction), scattering: Rgb::from_lanes(token, &scattering) }
     }
+
+    /// Samples the events of paths with the weights `throughput` within `end` \[m\] (which may be infinite). `u` in `[0,
+    /// 1)`: the distance, the channel, and further digits of the distance, so that more than 16 mean free paths can be
+    /// passed. A medium that does not scatter is passed.
+    #[inline(always)]
+    pub fn sample(&self, throughput: Rgb<F>, end: F, [u_distance, u_channel, u_digits]: [F; 3]) -> MediumEvents<F> {
+        let Self { extinction, scattering } = *self;
+        let (one, infinity) = (Rgb::splat(end.constant(1.0)), end.constant(f32::INFINITY));
+        let scatters = scattering.is_lit();
+        let passed = transmittance(extinction, end);
+        if !scatters.any() {
+            return MediumEvents { is_scattered: scatters, distance: infinity, weight: passed };
+        }
+        let shares = channel_shares(throughput);
+        let is_red = u_channel.lt(shares.r);
+        let is_green = u_channel.lt(shares.r + shares.g) | shares.b.eq(end.constant(0.0));
+        let is_likely = is_red.select(shares.r, is_green.select(shares.g, shares.b)).is_positive();
+        // Else rounding has led to a channel without a share.
+        let is_likeliest = [shares.g.gt(shares.r), shares.b.gt(shares.r.max(shares.g))];
+        let likeliest = is_likeliest[1].select(extinction.b, is_likeliest[0].select(extinction.g, extinction.r));
+        let chosen = is_red.select(extinction.r, is_green.select(extinction.g, extinction.b));
+        let rate = is_likely.select(chosen, likeliest);
+        // Uniform numbers are multiples of 2^-24. The further digits extend the tail of the exponential.
+        let survivors = u_distance.one_minus() - u_digits * (1.0 / (1 << 24) as f32);
+        let optical = -ln(survivors.max(end.constant(f32::MIN_POSITIVE)));
+        let distance = rate.is_positive().select(optical / rate, infinity);
+        let is_scattered = scatters & distance.lt(end);
+        let technique = shares * Rgb::select(is_scattered, extinction, one);
+        let weight = weigh(technique, extinction, is_scattered.select(distance, end));
+        let weight = Rgb::select(is_scattered, weight * scattering, weight);
+        MediumEvents { is_scattered, distance, weight: Rgb::select(scatters, weight, passed) }
+    }
+}
+
+/// `exp(-t_c d) / sum_k technique_k exp(-t_k d)` for each channel c with a technique, 0 for others. A technique is the share of
+/// a channel, times its density in the case of a scattering.
+///
+/// The slowest decay is cancelled in the fraction, so that it has a value also for very small transmittances.
+#[inline(always)]
+fn weigh<F: Lanes>(technique: Rgb<F>, extinction: Rgb<F>, distance: F) -> Rgb<F> {
+    let (zero, infinity) = (distance.constant(0.0), distance.constant(f32::INFINITY));
+    let Rgb { r, g, b } = technique;
+    let slowest = r.is_positive().select(extinction.r, infinity);
+    let slowest = g.is_positive().select(extinction.g, infinity).min(slowest);
+    let slowest = b.is_positive().select(extinction.b, infinity).min(slowest);
+    // A channel that decays more slowly than all channels that could be sampled has no scattering.
+    let Rgb { r: tr, g: tg, b: tb } = extinction - Rgb::splat(slowest);
+    let relative = transmittance(Rgb::new(tr.max(zero), tg.max(zero), tb.max(zero)), distance);
+    let total = r * relative.r + g * relative.g + b * relative.b;
+    Rgb::new(
+        (relative.r / total).only(r.is_positive()),
+        (relative.g / total).only(g.is_positive()),
+        (relative.b / total).only(b.is_positive()),
+    )
+}
+
+/// Transmittance over distances \[m\], which may be infinite, for extinction coefficients [1/m] (Beer and Lambert).
+#[inline(always)]
+pub fn transmittance<F: Lanes>(extinction: Rgb<F>, distance: F) -> Rgb<F> {
+    let Rgb { r, g, b } = extinction;
+    Rgb::new(decay(r, distance), decay(g, distance), decay(b, distance))
 }
 
 /// `exp(-coefficient * distance)`, in units of 1/m and m. It is 1 for a coefficient of zero, also over an infinite distance.
 #[inline(always)]
-pub fn decay<F: Lanes>(coefficient: F, distance: F) -> F {
+fn decay<F: Lanes>(coefficient: F, distance: F) -> F {
     coefficient.is_positive().select(exp(-coefficient * distance), coefficient.constant(1.0))
 }
 
 /// The probability of each channel: its share in the throughput.
-#[inline]
-fn channel_shares(throughput: Rgb) -> [f32; 3] {
+#[inline(always)]
+fn channel_shares<F: Lanes>(throughput: Rgb<F>) -> Rgb<F> {
     // A ratio to the largest channel, so that very small and very large weights stay in range.
     let largest = throughput.max_channel();
-    if !(largest > 0.0 && largest.is_finite()) {
-        return [1.0 / 3.0; 3];
-    }
-    let relative = throughput.map(|v| v / largest);
-    let scale = 1.0 / (relative.r + relative.g + relative.b);
-    (relative * scale).to_array()
-}
-
-#[inline]
-fn largest(shares: [f32; 3]) -> usize {
-    (0..3).fold(0, |best, c| if shares[c] > shares[best] { c } else { best })
+    let relative = Rgb::new(throughput.r / largest, throughput.g / largest, throughput.b / largest);
+    let shares = relative * (relative.r + relative.g + relative.b).recip();
+    let third = Rgb::splat(largest.constant(1.0 / 3.0));
+    Rgb::select(largest.is_positive() & largest.is_finite(), shares, third)
 }

@@ -3,11 +3,11 @@
 use crate::geometry::triangle_data::FLAT;
 use crate::light::emission_profile::EmissionProfile;
 use crate::query::surface::{self, TexturePoint};
-use crate::query::surface_points::HitLanes;
+use crate::query::surface_points::{HitLanes, SurfacePoints};
 use crate::scene::Scene;
 use dunkelfeld_bvh::Hit;
 use dunkelfeld_geometry::{Ray, Vec2, Vec3, Vec4, offset_ray_origin, offset_ray_origins};
-use dunkelfeld_lanes::{Lanes, Mask, One, V3};
+use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, One, V3};
 use dunkelfeld_radiometry::Rgb;
 
 /// A point on a surface, with the data that a ray needs to leave it.
@@ -117,23 +117,29 @@ impl Scene {
     }
 
     /// Radiance [W/(m^2 sr)] that the surface emits toward the unit direction `toward`.
-    #[inline(always)]
+    #[inline]
     pub fn emitted(&self, p: &SurfacePoint, toward: Vec3) -> Rgb {
-        if self.emits(p.material) { self.emitted_by_light(*p, toward) } else { Rgb::BLACK }
+        if self.emits(p.material) { self.emitted_lanes(p.material, &p.into(), toward.into()) } else { Rgb::BLACK }
     }
 
-    fn emitted_by_light(&self, p: SurfacePoint, toward: Vec3) -> Rgb {
-        let material = &self.materials[p.material as usize];
-        if !(material.double_sided || material.unlit) && toward.dot(p.normal) <= 0.0 {
-            return Rgb::BLACK;
+    /// [`Self::emitted`] of points on one material that emits.
+    #[inline(always)]
+    pub fn emitted_lanes<F: Lanes>(&self, material: u32, points: &SurfacePoints<F>, toward: V3<F>) -> Rgb<F> {
+        let (material, token) = (&self.materials[material as usize], toward.x.token());
+        let (cosine, mut emission) = (toward.dot(points.normal), [material.emission; MAX_WIDTH]);
+        if material.emission_texture.is_some() || material.unlit {
+            for (lane, emission) in emission.iter_mut().enumerate().take(F::WIDTH) {
+                *emission = surface::emission(material, &self.images, &self.texture_point(&points.lane(lane)));
+            }
         }
-        let emission = match material.emission_texture.is_none() && !material.unlit {
-            true => material.emission,
-            false => surface::emission(material, &self.images, &self.texture_point(&p)),
+        let radiance = match material.emission_profile {
+            EmissionProfile::Lambertian => Rgb::from_lanes(token, &emission),
+            profile => Rgb::from_lanes(token, &emission) * profile.eval(cosine.abs()),
         };
-        match material.emission_profile {
-            EmissionProfile::Lambertian => emission,
-            profile => emission * profile.eval(toward.dot(p.normal).abs()),
+        let is_dark = cosine.le(cosine.constant(0.0));
+        match material.double_sided || material.unlit {
+            true => radiance,
+            false => Rgb::select(is_dark, Rgb::in_lanes(token, Rgb::BLACK), radiance),
         }
     }
 
