@@ -1,6 +1,8 @@
 //! Rigid motion: a constant velocity and a rotation about an axis at a constant speed.
 
+use dunkelfeld_lanes::Real;
 use glam::{DAffine3, DMat3, DVec3};
+use std::f64::consts::TAU;
 
 use crate::{Aabb, Ray, Transform};
 
@@ -80,7 +82,7 @@ impl RigidMotion {
         match self.spin {
             None => DAffine3::from_translation(shift),
             Some(Spin { axis, origin, speed }) => {
-                let matrix3 = DMat3::from_axis_angle(axis, speed * t);
+                let matrix3 = rotation_about(axis, speed * t);
                 DAffine3 { matrix3, translation: origin - matrix3 * origin + shift }
             }
         }
@@ -98,7 +100,7 @@ impl RigidMotion {
                 DAffine3 { matrix3: to_object.matrix3, translation: to_object.translation - to_object.matrix3 * shift },
             ),
             Some(Spin { axis, origin, speed }) => {
-                let matrix3 = DMat3::from_axis_angle(axis, speed * t);
+                let matrix3 = rotation_about(axis, speed * t);
                 let inverse3 = matrix3.transpose();
                 let motion = DAffine3 { matrix3, translation: origin - matrix3 * origin + shift };
                 let back = DAffine3 { matrix3: inverse3, translation: origin - inverse3 * (origin + shift) };
@@ -127,12 +129,12 @@ impl RigidMotion {
         let (mut low, mut high) = (lo, hi);
         if let Some(Spin { axis, origin, speed }) = self.spin.filter(|s| s.speed != 0.0) {
             (low, high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-            let angle = (speed * (to - from)).abs().min(std::f64::consts::TAU);
-            let steps = (angle / std::f64::consts::TAU * STEPS_PER_TURN).ceil().max(1.0);
+            let angle = (speed * (to - from)).abs().min(TAU);
+            let steps = (angle / TAU * STEPS_PER_TURN).ceil().max(1.0);
             let step = angle / steps * speed.signum();
             let corners = bounds.corners().map(|c| c.as_dvec3() - origin);
             for i in 0..=steps as u32 {
-                let turn = DMat3::from_axis_angle(axis, speed * from + f64::from(i) * step);
+                let turn = rotation_about(axis, speed * from + f64::from(i) * step);
                 for corner in &corners {
                     let p = origin + turn * *corner;
                     (low, high) = (low.min(p), high.max(p));
@@ -155,6 +157,14 @@ impl RigidMotion {
         let turning = self.spin.map_or(DVec3::ZERO, |s| s.speed * s.axis.cross(point - s.origin));
         self.velocity + turning
     }
+}
+
+/// The right-handed rotation about a unit axis by an angle \[rad\] (Rodrigues 1840). It has the same bits on every machine.
+fn rotation_about(axis: DVec3, angle: f64) -> DMat3 {
+    let turns = angle / TAU;
+    let (cos, sin) = f64::cos_sin((turns - turns.floor()) * TAU);
+    let column = |e: DVec3| axis * (axis.dot(e) * (1.0 - cos)) + e * cos + axis.cross(e) * sin;
+    DMat3::from_cols(column(DVec3::X), column(DVec3::Y), column(DVec3::Z))
 }
 
 #[cfg(test)]
