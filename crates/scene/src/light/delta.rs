@@ -6,7 +6,7 @@ use crate::light::emission_profile::spot;
 use crate::light::luminaire::LightProfile;
 use crate::light::sun::Sun;
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
-use dunkelfeld_lanes::{Frame, Lanes, V3, vectorize};
+use dunkelfeld_lanes::{Frame, Lanes, V3, cos_sin_of_angle, vectorize};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::PI;
 
@@ -62,7 +62,8 @@ impl DeltaLight {
             }
             PunctualKind::Point { intensity } => Self::Point { position, intensity },
             PunctualKind::Spot { intensity, inner, outer } => {
-                Self::Spot { position, axis, intensity, cos_inner: inner.cos(), cos_outer: outer.cos() }
+                let [(cos_inner, _), (cos_outer, _)] = [inner, outer].map(cos_sin_of_angle);
+                Self::Spot { position, axis, intensity, cos_inner, cos_outer }
             }
             PunctualKind::Directional { irradiance } => Self::Directional { direction: -axis, irradiance },
             PunctualKind::Profile { profile, scale } => {

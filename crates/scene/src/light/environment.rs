@@ -3,7 +3,7 @@
 use crate::build::builder::{Environment, EnvironmentSource};
 use crate::light::sample::Receivers;
 use crate::material::texture::Image;
-use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3, atan2, cos_sin_of_turn};
+use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, Real, V3, atan2, cos_sin_of_angle, cos_sin_of_turn};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Distribution2D;
 use dunkelfeld_sampling::warp::lanes::{sample_cosine_hemisphere, sample_sphere};
@@ -51,7 +51,7 @@ struct Row {
 impl EnvironmentLight {
     /// Compiles an environment; the image index must be valid.
     pub(crate) fn new(environment: &Environment, images: &[Image]) -> Self {
-        let (sin, cos) = environment.rotation.sin_cos();
+        let (cos, sin) = cos_sin_of_angle(environment.rotation);
         let (source, mean) = match &environment.source {
             EnvironmentSource::Constant(radiance) => (Source::Constant(*radiance), *radiance),
             EnvironmentSource::Image { image, scale } => {
@@ -196,9 +196,12 @@ impl Row {
         let (a, b) = (angle(y), angle(y + 1));
         // The middle row of an odd number of rows counts with the upper half.
         let upper = 2 * y < height;
-        let s = [a, b].map(|t| if upper { (0.5 * t).sin() } else { (0.5 * t).cos() }.powi(2) as f32);
+        let s = [a, b].map(|t| {
+            let (cos, sin) = f64::cos_sin(0.5 * t);
+            if upper { (sin * sin) as f32 } else { (cos * cos) as f32 }
+        });
         // cos a - cos b, without cancellation.
-        let band = 2.0 * (0.5 * (a + b)).sin() * (0.5 * (b - a)).sin();
+        let band = 2.0 * f64::cos_sin(0.5 * (a + b)).1 * f64::cos_sin(0.5 * (b - a)).1;
         Self {
             s,
             side: if upper { 1.0 } else { -1.0 },

@@ -1,7 +1,7 @@
 //! A distant light with an angular diameter, like the sun: the same radiance from all directions of a cone.
 
 use dunkelfeld_geometry::Vec3;
-use dunkelfeld_lanes::{Frame, Lanes, V3, cos_sin_of_turn};
+use dunkelfeld_lanes::{Frame, Lanes, V3, cos_sin_of_angle, cos_sin_of_turn};
 use dunkelfeld_radiometry::Rgb;
 use std::f32::consts::{PI, TAU};
 
@@ -20,7 +20,7 @@ impl Sun {
     /// A light of the half-angle `half_angle` \[rad\], in (0, pi/2], and of an irradiance [W/m^2] on a facing surface.
     pub(crate) fn new(axis: Vec3, half_angle: f32, irradiance: Rgb) -> Self {
         // Without the cancellation of 1 - cos.
-        let sin_half = (0.5 * half_angle).sin();
+        let (_, sin_half) = cos_sin_of_angle(0.5 * half_angle);
         Self { axis, one_minus_cos: 2.0 * sin_half * sin_half, irradiance }
     }
 
