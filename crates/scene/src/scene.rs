@@ -4,7 +4,7 @@ use crate::build::builder::Camera;
 use crate::build::effects::Effects;
 use crate::camera::shutter::Shutter;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
-use crate::covers::Covers;
+use crate::covers::scene_covers::Covers;
 use crate::geometry::triangle_data::{FLAT, Facet, Facets};
 use crate::light::LightTable;
 use crate::material::Material;

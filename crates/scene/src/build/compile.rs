@@ -8,7 +8,7 @@ use crate::build::error::BuildError;
 use crate::build::placed::{Baking, PlacedScene};
 use crate::build::report::BuildReport;
 use crate::build::validate::{check_indices, check_values, mesh_place, repair_texels};
-use crate::covers::Covers;
+use crate::covers::scene_covers::Covers;
 use crate::light::LightTable;
 use crate::light::delta::DeltaLight;
 use crate::light::environment::EnvironmentLight;

@@ -6,9 +6,9 @@
 //! Holes, engravings, ribs and rims need no special treatment, because tracing decides if a chain of refractions
 //! exists.
 
+use super::scene_covers::{Covers, NO_COVER};
 use super::slab_face::{self, Facing, Triangle};
 use super::stack::{CoverInterface, CoverLayer, CoverStack, MAX_INTERFACES, TouchingSolid};
-use super::{Covers, NO_COVER};
 use crate::build::effects::SMOOTH_ROUGHNESS;
 use crate::material::{Material, Surface};
 use crate::media::medium::Medium;

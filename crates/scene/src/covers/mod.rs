@@ -12,6 +12,7 @@ mod chain;
 mod detect;
 mod layer_crossing;
 mod planar_layers;
+pub(crate) mod scene_covers;
 mod slab_face;
 mod stack;
 
@@ -23,17 +24,7 @@ pub use stack::{CoverInterface, CoverLayer, CoverStack, MAX_CHAINS, MAX_INTERFAC
 use crate::build::effects::{Effect, material_place};
 use crate::query::intersect::SurfacePoint;
 use crate::scene::Scene;
-
-/// The covers of a scene, and the parts that belong to them.
-#[derive(Clone, Debug, Default, serde::Serialize)]
-pub(crate) struct Covers {
-    pub(crate) stacks: Vec<CoverStack>,
-    /// For each part the index of its stack, or [`NO_COVER`]; empty without any stack.
-    of_part: Vec<u16>,
-}
-
-/// Marks parts that are no cover.
-const NO_COVER: u16 = u16::MAX;
+use scene_covers::NO_COVER;
 
 impl Scene {
     /// Detects covers, and records the materials that need their connection.
