@@ -325,6 +325,10 @@ impl<'a> Wavefront<'a> {
             if self.rays.paths.is_empty() || watch.needs_outcomes() && vertex + 1 >= MAX_TRAINING_VERTICES {
                 break;
             }
+            // Paths in dense media have thousands of vertices: their shadow rays would fill the memory.
+            if (vertex + 1) % 16 == 0 {
+                self.add_light(&mut watch);
+            }
             unchecked += self.rays.paths.len();
             if unchecked >= CHECK_EVERY {
                 unchecked = 0;
@@ -334,7 +338,12 @@ impl<'a> Wavefront<'a> {
                 }
             }
         }
-        self.trace_shadow_rays(&mut watch);
+        self.add_light(&mut watch);
+    }
+
+    /// Adds the light of the shadow rays of all vertices so far.
+    fn add_light(&mut self, watch: &mut Watch<'_>) {
+        self.trace_shadow_rays(watch);
         // The order of the sum is that of a batch without an observer.
         self.observed_light.sort_by_key(|(queue, ..)| *queue);
         for (_, path, light) in self.observed_light.drain(..) {
