@@ -30,7 +30,7 @@ pub(crate) const MAX_LISTED: usize = 16;
 /// Number of samples of the first batch of a thread. The size grows as long as batches are fast.
 const FIRST_BATCH: usize = 16;
 /// The clock and the switch are checked after each batch. If it took longer than this, the next one is smaller.
-const CHECK_PAUSE: Duration = Duration::from_millis(10);
+const CHECK_PAUSE: Duration = Duration::from_millis(20);
 /// Pause between two reports of progress.
 const REPORT_EVERY_MS: u64 = 100;
 
