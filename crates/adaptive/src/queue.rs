@@ -5,9 +5,10 @@
 //! pixel, levels only grow, and a fraction of a sample per pixel is a sample in some of the pixels. Level one is the
 //! target. A round without a fixed end goes on beyond it, in the same proportions.
 //!
-//! Each level visits all tiles in the same order, block by block, with the blocks shuffled. The threads need no plan of a level beforehand: a unit of work
-//! consists of a tile and its two levels. A thread that finds all units of a level taken begins the next one, while other
-//! threads still work on the last. If the time is over, the blocks without the last level are spread over the image.
+//! Each level visits all tiles in the same order, block by block, with the blocks shuffled. The threads need no plan of a
+//! level beforehand: a unit of work consists of a tile and its two levels. A thread that finds all units of a level taken
+//! begins the next one, while other threads still work on the last. If the time is over, the blocks without the last level
+//! are spread over the image.
 
 use std::ops::Range;
 
