@@ -21,9 +21,9 @@
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
 mod batch;
-mod beam;
 mod build;
 mod packet;
+mod pairs;
 mod scene;
 mod simd8;
 mod traverse;

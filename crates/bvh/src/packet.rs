@@ -1,77 +1,74 @@
-//! Packets: a ray in each lane, which go through the tree together, child by child.
+//! Packets: a ray in each lane, which go through the binary tree together, box by box.
 //!
-//! Where few of the rays enter a child, each of them goes through the subtree alone.
+//! Where few of the rays enter a node, each of them goes through its subtree alone. The results have the bits of single rays: a
+//! lane has the same operations, and the nearest hit does not depend on the order of visits.
 
 use std::mem::MaybeUninit;
+use std::ops::Range;
 
-use dunkelfeld_geometry::triangle::{PlaneF64, shear_axes};
+use dunkelfeld_geometry::Aabb;
+use dunkelfeld_geometry::triangle::PlaneF64;
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3};
 
-use crate::batch::{RayBatch, Results, bits, few, load, load3, store, store_bits};
-use crate::beam::Beam;
+use crate::batch::{RayBatch, Results};
+use crate::pairs::{MAX_LEVELS, Pair, Subtree};
 use crate::scene::{Bvh, Hit, NO_HIT, Space};
 use crate::simd8::WIDTH;
-use crate::traverse::{self, Nearest, Part, Prepared};
-use crate::tree::{LEAF, MAX_DEPTH, NONE, STACK, Tree, entry, growth, octant};
+use crate::traverse::{self, Nearest, Part};
+use crate::tree::{LEAF, NONE, Slabs, Tree, entry};
+use crate::triangle_block::LaneShear;
 
-/// Follows a packet. Returns how often a ray went alone.
+/// Follows the rays of a range, at most one for each lane. Returns how often a ray went alone.
 #[inline(always)]
 pub(crate) fn together<F: Lanes, const ANY: bool>(
     token: F::Token,
     bvh: &Bvh,
     rays: &RayBatch,
-    numbers: &[u32],
+    range: Range<usize>,
     results: &mut Results,
 ) -> usize {
-    let first = rays.ray(numbers[0] as usize).direction;
-    let (origin, direction) = (load3(token, rays.origin, numbers), load3(token, rays.direction, numbers));
-    let bounds = &bvh.top.bounds;
-    let form = Prepared::<F>::new(origin, direction, shear_axes(first), octant(first), bounds);
-    let ray_end: F = load(token, rays.t_max, numbers);
-    let none = bits(token, NO_HIT);
-    let zero = F::splat(token, 0.0);
+    let origin: V3<F> = load3(token, rays.origin, &range);
+    let direction: V3<F> = load3(token, rays.direction, &range);
+    let end: F = load(token, rays.t_max, &range);
+    let is_valid =
+        is_finite(origin) & is_finite(direction) & direction.abs().max_element().is_positive() & end.is_positive();
+    let valid = is_valid.bits() & (u32::MAX >> (32 - range.len()));
+    let (none, zero) = (bits(token, NO_HIT), F::splat(token, 0.0));
+    let boxes = Boxes::new(origin, direction, &bvh.top.bounds);
     let mut packet = Packet::<F, ANY> {
         token,
         bvh,
         rays,
-        numbers,
-        form,
-        arrays: &mut None,
+        first: range.start,
+        shear: LaneShear::new(origin, direction, boxes.slabs.near_inverse),
+        boxes,
         origin,
         direction,
-        beam: Beam::new(origin, &form.slabs, growth(origin, bounds)),
-        ends: [ray_end.extremes()[1]; 2],
-        live: u32::MAX >> (32 - numbers.len()),
+        live: valid,
         alone: 0,
-        end: ray_end,
-        nearest: NearestHits {
-            key: ray_end,
-            t: ray_end.constant(f32::INFINITY),
-            b1: zero,
-            b2: zero,
-            numbers: [none; 3],
-        },
+        end,
+        nearest: NearestHits { key: end, t: end.constant(f32::INFINITY), b1: zero, b2: zero, numbers: [none; 3] },
     };
     let whole = bvh.whole();
     if whole.instance == NO_HIT {
-        packet.traverse::<true>(&bvh.top, NO_HIT, packet.live, zero);
+        packet.traverse::<true>(&bvh.top, NO_HIT, valid);
     } else {
-        packet.traverse::<false>(&bvh.mesh(0).tree, 0, packet.live, zero);
+        packet.traverse::<false>(&bvh.mesh(0).tree, 0, valid);
     }
     match results {
         Results::Occluded(occluded) => {
-            for (lane, number) in numbers.iter().enumerate() {
-                occluded[*number as usize] = packet.live >> lane & 1 == 0;
+            for (lane, occluded) in occluded[range].iter_mut().enumerate() {
+                *occluded = (valid & !packet.live) >> lane & 1 == 1;
             }
         }
         Results::Nearest(hits) => {
             let NearestHits { t, b1, b2, numbers: [instance, part, triangle], .. } = packet.nearest;
-            store(t, hits.t, numbers);
-            store(b1, hits.b1, numbers);
-            store(b2, hits.b2, numbers);
-            store_bits(instance, hits.instance, numbers);
-            store_bits(part, hits.part, numbers);
-            store_bits(triangle, hits.triangle, numbers);
+            store(t, &mut hits.t[range.clone()]);
+            store(b1, &mut hits.b1[range.clone()]);
+            store(b2, &mut hits.b2[range.clone()]);
+            store_bits(instance, &mut hits.instance[range.clone()]);
+            store_bits(part, &mut hits.part[range.clone()]);
+            store_bits(triangle, &mut hits.triangle[range]);
         }
     }
     packet.alone
@@ -150,21 +147,52 @@ impl NearestHits<[f32; MAX_WIDTH]> {
     }
 }
 
+/// The rays of all lanes in the form that the box test needs.
+#[derive(Clone, Copy)]
+struct Boxes<F: Lanes> {
+    /// Their numbers. The rows of the near sides have no meaning.
+    slabs: Slabs<F>,
+    /// The lanes whose near sides are the upper ones.
+    down: [F::Mask; 3],
+}
+
+impl<F: Lanes> Boxes<F> {
+    #[inline(always)]
+    fn new(origin: V3<F>, direction: V3<F>, bounds: &Aabb) -> Self {
+        let slabs = Slabs::new(origin, direction, 0, bounds);
+        let [x, y, z] = slabs.near_inverse;
+        Self { down: [is_negative(x), is_negative(y), is_negative(z)], slabs }
+    }
+
+    /// The lanes that enter the boxes of both children before `end`, and their distances.
+    #[inline(always)]
+    fn enter(&self, pair: &Pair, end: F) -> ([u32; 2], [F; 2]) {
+        let (mut entered, mut nears) = ([0; 2], [end; 2]);
+        for child in 0..2 {
+            let (mut near, mut far) = (end.constant(0.0), end);
+            for axis in 0..3 {
+                let low = end.constant(pair.bounds[2 * axis][child]);
+                let high = end.constant(pair.bounds[2 * axis + 1][child]);
+                let (n, f) = (self.down[axis].select(high, low), self.down[axis].select(low, high));
+                (near, far) = self.slabs.narrow(axis, n, f, near, far);
+            }
+            (entered[child], nears[child]) = (near.le(far).bits(), near);
+        }
+        (entered, nears)
+    }
+}
+
 /// Rays that go through the tree together: for the nearest hits, or for any hit.
 struct Packet<'a, F: Lanes, const ANY: bool> {
     token: F::Token,
     bvh: &'a Bvh,
     rays: &'a RayBatch<'a>,
-    /// Number of the ray of each lane.
-    numbers: &'a [u32],
-    form: Prepared<F>,
-    /// The same numbers in memory, once a ray has gone alone.
-    arrays: &'a mut Option<Prepared<[f32; MAX_WIDTH]>>,
+    /// Number of the first ray.
+    first: usize,
+    boxes: Boxes<F>,
+    shear: LaneShear<F>,
     origin: V3<F>,
     direction: V3<F>,
-    beam: Beam<F::Eight>,
-    /// The greatest end of all rays, and the greatest distance of a nearest hit.
-    ends: [f32; 2],
     /// Bits of the lanes that are not decided.
     live: u32,
     /// How often a ray went alone.
@@ -173,65 +201,61 @@ struct Packet<'a, F: Lanes, const ANY: bool> {
     nearest: NearestHits<F>,
 }
 
-/// A child that is not visited yet.
-#[derive(Clone, Copy, Default)]
-struct Child {
-    word: u32,
-    /// The lanes that enter it.
+/// A subtree that is not visited yet, and the lanes that enter it.
+#[derive(Clone, Copy)]
+struct Visit {
+    subtree: Subtree,
     lanes: u32,
-    /// Entry distance of one of these lanes.
-    key: f32,
-    /// Place of the entry distances of all lanes, and the end of those of its siblings.
-    near: u16,
-    end: u16,
 }
 
 impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
     /// Follows the given lanes through a tree: that over the instances, or that of an instance in world space.
     #[inline(always)]
-    fn traverse<const TOP: bool>(&mut self, tree: &Tree, instance: u32, lanes: u32, mut near: F) {
-        if tree.root == NONE {
+    fn traverse<const TOP: bool>(&mut self, tree: &Tree, instance: u32, lanes: u32) {
+        if lanes == 0 || tree.first.word == NONE {
             return;
         }
         // The stacks are not cleared, because that would cost a quarter of a traversal.
-        let mut stack = [const { MaybeUninit::<Child>::uninit() }; STACK];
-        let mut nears = [const { MaybeUninit::<F>::uninit() }; WIDTH * MAX_DEPTH];
+        let mut stack = [const { MaybeUninit::<Visit>::uninit() }; MAX_LEVELS];
+        let mut nears = [const { MaybeUninit::<F>::uninit() }; MAX_LEVELS];
         let mut top = 0;
-        let mut child = Child { word: tree.root, lanes, key: 0.0, near: 0, end: 0 };
+        let (mut visit, mut near) = (Visit { subtree: tree.first, lanes }, self.end.constant(0.0));
         loop {
-            if child.word & LEAF == 0 && child.lanes.count_ones() as usize > few::<F>() {
-                let node = &tree.nodes[child.word as usize];
-                let (mut children, mut count) = ([Child::default(); WIDTH], 0);
-                let mut slots = self.beam.children(node, self.ends[1]);
-                while slots != 0 {
-                    let slot = slots.trailing_zeros() as usize & (WIDTH - 1);
-                    slots &= slots - 1;
-                    let (entered, near) = self.form.slabs.enter_child(node, slot, self.nearest.key);
-                    let lanes = entered.bits() & child.lanes;
-                    if lanes != 0 {
-                        let place = usize::from(child.end) + count;
-                        nears[place].write(near);
-                        let key = near.to_array()[lanes.trailing_zeros() as usize & (MAX_WIDTH - 1)];
-                        // The nearest one is the last.
-                        let mut at = count;
-                        while !ANY && at > 0 && children[at - 1].key < key {
-                            children[at] = children[at - 1];
-                            at -= 1;
+            let Visit { subtree, lanes } = visit;
+            if subtree.word & LEAF != 0 {
+                if TOP {
+                    self.instance(subtree.word & !LEAF, lanes, near);
+                } else {
+                    self.leaf(instance, subtree, lanes, near);
+                }
+            } else {
+                let pair = &tree.pairs[subtree.word as usize];
+                if pair.node != NONE && lanes.count_ones() as usize <= few::<F>() {
+                    self.alone(pair.node, lanes, near, if TOP { NO_HIT } else { instance });
+                } else {
+                    // A hit in a block counts from the place where the block begins, so the boxes in it have no distances.
+                    let end = if ANY || pair.is_block { self.end } else { self.nearest.key };
+                    let ([first, second], mut nears_of) = self.boxes.enter(pair, end);
+                    if pair.is_block {
+                        nears_of = [near; 2];
+                    }
+                    let first = Visit { subtree: pair.child(0), lanes: first & lanes };
+                    let second = Visit { subtree: pair.child(1), lanes: second & lanes };
+                    let both = first.lanes & second.lanes;
+                    let sooner = nears_of[1].lt(nears_of[0]).bits() & both;
+                    let is_second_next = first.lanes == 0 || !ANY && 2 * sooner.count_ones() > both.count_ones();
+                    let (next, later) = if is_second_next { (second, first) } else { (first, second) };
+                    if next.lanes != 0 {
+                        let [of_next, of_later] = if is_second_next { [nears_of[1], nears_of[0]] } else { nears_of };
+                        (visit, near) = (next, of_next);
+                        if later.lanes != 0 {
+                            stack[top].write(later);
+                            nears[top].write(of_later);
+                            top += 1;
                         }
-                        children[at] = Child { word: node.children[slot], lanes, key, near: place as u16, end: 0 };
-                        count += 1;
+                        continue;
                     }
                 }
-                for next in &children[..count] {
-                    stack[top].write(Child { end: child.end + count as u16, ..*next });
-                    top += 1;
-                }
-            } else if child.word & LEAF == 0 {
-                self.alone(&child, near, if TOP { NO_HIT } else { instance });
-            } else if TOP {
-                self.instance(&child, near);
-            } else {
-                self.leaf(instance, &child, near);
             }
             loop {
                 if top == 0 {
@@ -239,14 +263,12 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
                 }
                 top -= 1;
                 // SAFETY: every entry below the top was written by a push.
-                child = unsafe { stack[top].assume_init() };
-                // SAFETY: the distances of a child were written with it. Those of later nodes are at its end or behind.
-                near = unsafe { nears[usize::from(child.near)].assume_init() };
-                child.lanes &= self.live;
+                (visit, near) = unsafe { (stack[top].assume_init(), nears[top].assume_init()) };
+                visit.lanes &= self.live;
                 if !ANY {
-                    child.lanes &= near.le(self.nearest.key).bits();
+                    visit.lanes &= near.le(self.nearest.key).bits();
                 }
-                if child.lanes != 0 {
+                if visit.lanes != 0 {
                     break;
                 }
             }
@@ -255,30 +277,25 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
 
     /// Visits an instance.
     #[inline(always)]
-    fn instance(&mut self, child: &Child, near: F) {
-        let number = child.word & !LEAF;
+    fn instance(&mut self, number: u32, lanes: u32, near: F) {
         let Some(instance) = self.bvh.instances.get(number as usize) else { return };
         match instance.space {
-            Space::World => {
-                let tree = &self.bvh.mesh(number).tree;
-                self.traverse::<false>(tree, number, child.lanes, near);
-            }
-            Space::Fixed(_) | Space::Moving(_) => self.alone(child, near, NO_HIT),
+            Space::World => self.traverse::<false>(&self.bvh.mesh(number).tree, number, lanes),
+            Space::Fixed(_) | Space::Moving(_) => self.alone(LEAF | number, lanes, near, NO_HIT),
         }
     }
 
     /// Tests the triangles of a leaf one by one.
     #[inline(always)]
-    fn leaf(&mut self, instance: u32, child: &Child, near: F) {
+    fn leaf(&mut self, instance: u32, leaf: Subtree, lanes: u32, near: F) {
         let (bvh, token) = (self.bvh, self.token);
-        let Some((block, part)) = bvh.mesh(instance).block(child.word & !LEAF) else { return };
-        let mut triangles = self.beam.triangles(block, self.ends[0]);
-        let mut is_nearer = false;
+        let Some((block, part)) = bvh.mesh(instance).block(leaf.word & !LEAF) else { return };
+        let mut triangles = u32::from(leaf.triangles);
         while triangles != 0 {
             let triangle = triangles.trailing_zeros() as usize & (WIDTH - 1);
             triangles &= triangles - 1;
-            let lanes = child.lanes & self.live;
-            let Some(found) = self.form.shear.intersect_one(block, triangle, lanes, self.end, self.nearest.key) else {
+            let lanes = lanes & self.live;
+            let Some(found) = self.shear.intersect((block, triangle), lanes, self.end, self.nearest.key) else {
                 continue;
             };
             let mut t = found.t;
@@ -304,7 +321,6 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
             };
             let hits = hits & F::mask(self.token, found.lanes);
             let equal = hits & nearest.key.eq(self.nearest.key) & nearest.t.le(self.nearest.t);
-            is_nearer |= hits.any();
             self.nearest.replace(hits & nearest.key.lt(self.nearest.key), &nearest);
             if equal.any() {
                 let found = nearest.to_arrays();
@@ -316,38 +332,44 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
                 });
             }
         }
-        if is_nearer {
-            self.ends[1] = self.nearest.key.extremes()[1];
-        }
     }
 
     /// Follows the rays of a child one by one.
     #[inline(always)]
-    fn alone(&mut self, child: &Child, near: F, instance: u32) {
-        self.alone += child.lanes.count_ones() as usize;
+    fn alone(&mut self, child: u32, lanes: u32, near: F, instance: u32) {
+        self.alone += lanes.count_ones() as usize;
         let near = near.to_array();
-        let Self { bvh, rays, numbers, live, form, .. } = self;
-        let arrays = self.arrays.get_or_insert_with(
-            #[inline(always)]
-            || form.to_arrays(),
-        );
-        let place = |lane: usize| {
-            let part = Part { start: entry(near[lane], child.word), instance };
-            (arrays.lane(lane), rays.ray(numbers[lane] as usize), part)
-        };
+        let Self { bvh, rays, first, live, .. } = self;
+        let place = |lane: usize| (rays.ray(*first + lane), Part { start: entry(near[lane], child), instance });
         if ANY {
-            each_bit(child.lanes, |lane| {
-                let (form, ray, part) = place(lane);
-                *live &= !(u32::from(traverse::occluded_in_part(bvh, &form, &ray, part)) << lane);
+            each_bit(lanes, |lane| {
+                let (ray, part) = place(lane);
+                *live &= !(u32::from(traverse::occluded_in_part(bvh, &ray, part)) << lane);
             });
         } else {
-            self.nearest.each(child.lanes, |lane, nearest| {
-                let (form, ray, part) = place(lane);
-                traverse::closest_in_part(bvh, &form, &ray, part, nearest);
+            self.nearest.each(lanes, |lane, nearest| {
+                let (ray, part) = place(lane);
+                traverse::closest_in_part(bvh, &ray, part, nearest);
             });
-            self.ends[1] = self.nearest.key.extremes()[1];
         }
     }
+}
+
+#[inline(always)]
+fn is_finite<F: Lanes>(v: V3<F>) -> F::Mask {
+    v.x.is_finite() & v.y.is_finite() & v.z.is_finite()
+}
+
+/// The lanes whose sign bit is set.
+#[inline(always)]
+fn is_negative<F: Lanes>(x: F) -> F::Mask {
+    F::word_eq(x.to_bits() >> 31, F::splat_word(x.token(), 1))
+}
+
+/// A group of so many rays is followed one by one.
+#[inline(always)]
+pub(crate) fn few<F: Lanes>() -> usize {
+    F::WIDTH.div_ceil(8)
 }
 
 /// Calls a function with the number of each bit that is set.
@@ -357,4 +379,46 @@ fn each_bit(mut bits: u32, mut f: impl FnMut(usize)) {
         f(bits.trailing_zeros() as usize & (MAX_WIDTH - 1));
         bits &= bits - 1;
     }
+}
+
+/// The bits of an integer in all lanes.
+#[inline(always)]
+fn bits<F: Lanes>(token: F::Token, number: u32) -> F {
+    F::from_bits(F::splat_word(token, number))
+}
+
+/// A number of each ray. Lanes beyond the last ray have those of the last one.
+#[inline(always)]
+fn load<F: Lanes>(token: F::Token, from: &[f32], range: &Range<usize>) -> F {
+    let from = &from[range.clone()];
+    if from.len() == F::WIDTH {
+        return F::load(token, from);
+    }
+    let mut lanes = [from[from.len() - 1]; MAX_WIDTH];
+    lanes[..from.len()].copy_from_slice(from);
+    F::load(token, &lanes)
+}
+
+/// [`load`] of three arrays.
+#[inline(always)]
+fn load3<F: Lanes>(token: F::Token, [x, y, z]: [&[f32]; 3], range: &Range<usize>) -> V3<F> {
+    V3::new(load(token, x, range), load(token, y, range), load(token, z, range))
+}
+
+/// Writes a number of each ray.
+#[inline(always)]
+fn store<F: Lanes>(x: F, to: &mut [f32]) {
+    if to.len() == F::WIDTH {
+        return x.store(to);
+    }
+    to.copy_from_slice(&x.to_array()[..to.len()]);
+}
+
+/// [`store`] of bits.
+#[inline(always)]
+fn store_bits<F: Lanes>(x: F, to: &mut [u32]) {
+    if to.len() == F::WIDTH {
+        return F::store_word(x.to_bits(), to);
+    }
+    to.copy_from_slice(&F::word_to_array(x.to_bits())[..to.len()]);
 }

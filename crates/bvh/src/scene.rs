@@ -6,9 +6,10 @@ use glam::Vec3;
 use std::sync::Arc;
 
 use crate::build::{CHUNK, build_tree};
+use crate::pairs::{Pair, Subtree};
 use crate::simd8::WIDTH;
 use crate::traverse;
-use crate::tree::{LEAF, MAX_DEPTH, NONE, Node, Tree};
+use crate::tree::{LEAF, MAX_DEPTH, NONE, Node, Tree, moved};
 use crate::triangle_block::TriangleBlock;
 
 /// Maximum number of triangles of a mesh, and of instances.
@@ -219,7 +220,8 @@ impl Bvh {
             })
             .collect();
         let boxes: Vec<Aabb> = present.iter().map(|&i| instances[i as usize].bounds).collect();
-        let (top, _) = build_tree(threads, &boxes, 1, |_, leaf| present[leaf[0] as usize]);
+        let (mut top, _) = build_tree(threads, &boxes, 1, |_, leaf| present[leaf[0] as usize]);
+        top.pair_up(&[]);
         Ok(Self { meshes, instances, top, single, level })
     }
 
@@ -289,7 +291,7 @@ impl Bvh {
 
     /// Memory held \[bytes\].
     pub fn memory_bytes(&self) -> usize {
-        let tree = |t: &Tree| t.nodes.capacity() * size_of::<Node>();
+        let tree = |t: &Tree| t.nodes.capacity() * size_of::<Node>() + t.pairs.capacity() * size_of::<Pair>();
         let alone =
             |m: &MeshTree| size_of::<MeshTree>() + tree(&m.tree) + m.blocks.capacity() * size_of::<TriangleBlock>();
         let mesh = |m: &MeshTree| alone(m) + m.parts.iter().map(|part| alone(part)).sum::<usize>();
@@ -333,7 +335,7 @@ impl MeshTree {
         }
         let threads = if mesh.triangles.len() < Threads::LARGE { Threads::ONE } else { threads };
         let (kept, boxes) = boxes_of(mesh, number, threads)?;
-        let (tree, leaves) = build_tree(threads, &boxes, WIDTH, |leaf, _| leaf);
+        let (mut tree, leaves) = build_tree(threads, &boxes, WIDTH, |leaf, _| leaf);
         drop(boxes);
         let blocks = leaves.map(threads, |_, leaf| {
             TriangleBlock::new(leaf.iter().map(|&k| {
@@ -341,6 +343,7 @@ impl MeshTree {
                 (triangle, mesh.triangles[triangle as usize].map(|v| mesh.positions[v as usize]))
             }))
         });
+        tree.pair_up(&blocks);
         Ok(Self { tree, blocks, triangles: kept.len(), parts: Vec::new(), shift: 0 })
     }
 
@@ -364,24 +367,45 @@ impl MeshTree {
         if tree.depth() + deepest > MAX_DEPTH {
             return None;
         }
-        let above = tree.nodes.len();
+        tree.pair_up(&[]);
+        let (above, pairs_above) = (tree.nodes.len(), tree.pairs.len());
         tree.nodes.reserve(parts.iter().map(|part| part.tree.nodes.len()).sum());
-        let mut roots = vec![NONE; parts.len()];
+        tree.pairs.reserve(parts.iter().map(|part| part.tree.pairs.len()).sum());
+        let mut roots = vec![(NONE, Subtree::NONE); parts.len()];
         for (number, part) in (0u32..).zip(&parts) {
             let first = tree.nodes.len() as u32;
             let payload = number << shift;
-            roots[number as usize] = moved(part.tree.root, first, payload);
+            let first_pair = tree.pairs.len() as u32;
+            roots[number as usize] =
+                (moved(part.tree.root, first, payload), part.tree.first.moved(first_pair, payload));
+            tree.pairs.extend(part.tree.pairs.iter().map(|pair| {
+                let mut moved_pair = Pair { node: moved(pair.node, first, payload), ..pair.clone() };
+                for child in 0..2 {
+                    moved_pair.set_child(child, pair.child(child).moved(first_pair, payload));
+                }
+                moved_pair
+            }));
             let children = |node: &Node| node.children.map(|child| moved(child, first, payload));
             tree.nodes.extend(part.tree.nodes.iter().map(|node| Node { children: children(node), ..node.clone() }));
         }
         let root = |word: u32| match word {
-            leaf if leaf != NONE && leaf & LEAF != 0 => roots[(leaf & !LEAF) as usize],
+            leaf if leaf != NONE && leaf & LEAF != 0 => roots[(leaf & !LEAF) as usize].0,
             other => other,
+        };
+        let root_of_pairs = |child: Subtree| match child.word {
+            leaf if leaf != NONE && leaf & LEAF != 0 => roots[(leaf & !LEAF) as usize].1,
+            _ => child,
         };
         for node in &mut tree.nodes[..above] {
             node.children = node.children.map(root);
         }
+        for pair in &mut tree.pairs[..pairs_above] {
+            for child in 0..2 {
+                pair.set_child(child, root_of_pairs(pair.child(child)));
+            }
+        }
         tree.root = root(tree.root);
+        tree.first = root_of_pairs(tree.first);
         let triangles = parts.iter().map(|part| part.triangles).sum();
         Some(Self { tree, blocks: Vec::new(), triangles, parts, shift })
     }
@@ -423,15 +447,6 @@ fn boxes_of(mesh: &MeshTriangles, number: usize, threads: Threads) -> Result<(Ve
         boxes.extend(of_part);
     }
     Ok((kept, boxes))
-}
-
-/// A child word of a tree that is joined to others: its nodes begin at `first`, and `payload` has the number of the part.
-fn moved(word: u32, first: u32, payload: u32) -> u32 {
-    match word {
-        NONE => NONE,
-        leaf if leaf & LEAF != 0 => leaf | payload,
-        node => first + node,
-    }
 }
 
 #[inline]

@@ -6,10 +6,9 @@
 
 use dunkelfeld_geometry::triangle::{UNIT_ROUNDOFF, plane_distance_f64, shear_axes};
 use dunkelfeld_geometry::{Aabb, Ray, RigidMotion, Transform};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, V3};
 use fearless_simd::Simd;
 
-use crate::scene::{Bvh, Hit, Instance, MeshTree, NO_HIT, Space};
+use crate::scene::{Bvh, Hit, Instance, MeshTree, NO_HIT, Space, is_valid};
 use crate::simd8::{Eight, F8, WIDTH, dispatch8};
 use crate::tree::{Leaves, Slabs, octant};
 use crate::triangle_block::{Candidates, Shear, TriangleBlock};
@@ -70,7 +69,7 @@ impl<F: FnMut(Hit)> Reported for AllTriangles<F> {
 pub(crate) fn closest_hit(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
     dispatch8!(bvh.level, simd => {
         let mut nearest = Nearest::none(ray.t_max);
-        closest_below(simd, bvh, &Prepared::of_ray(ray, &bvh.top.bounds), ray, bvh.whole(), &mut nearest);
+        closest_below(simd, bvh, ray, bvh.whole(), &mut nearest);
         (nearest.hit.instance != NO_HIT).then_some(nearest.hit)
     })
 }
@@ -81,8 +80,9 @@ pub(crate) fn closest_of_each(bvh: &Bvh, rays: impl Iterator<Item = (usize, Ray)
     dispatch8!(bvh.level, simd => {
         for (number, ray) in rays {
             let mut nearest = Nearest::none(ray.t_max);
-            let form = Prepared::of_ray(&ray, &bvh.top.bounds);
-            closest_below(simd, bvh, &form, &ray, bvh.whole(), &mut nearest);
+            if is_valid(&ray) {
+                closest_below(simd, bvh, &ray, bvh.whole(), &mut nearest);
+            }
             found(number, &nearest.hit);
         }
     });
@@ -97,44 +97,39 @@ pub(crate) fn occluded_of_each(
 ) {
     dispatch8!(bvh.level, simd => {
         for (number, ray) in rays {
-            found(number, occluded_in_scene(simd, bvh, &ray, &mut NoTriangles));
+            found(number, is_valid(&ray) && occluded_below(simd, bvh, &ray, bvh.whole(), &mut NoTriangles));
         }
     });
 }
 
 /// Continues the search for the nearest hit at a child of a tree.
 #[inline(never)]
-pub(crate) fn closest_in_part(bvh: &Bvh, form: &Prepared<f32>, ray: &Ray, part: Part, nearest: &mut Nearest) {
-    dispatch8!(bvh.level, simd => closest_below(simd, bvh, form, ray, part, nearest));
+pub(crate) fn closest_in_part(bvh: &Bvh, ray: &Ray, part: Part, nearest: &mut Nearest) {
+    dispatch8!(bvh.level, simd => closest_below(simd, bvh, ray, part, nearest));
 }
 
 /// True if any triangle blocks the ray.
 #[inline(never)]
 pub(crate) fn occluded(bvh: &Bvh, ray: &Ray) -> bool {
-    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut NoTriangles))
+    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, ray, bvh.whole(), &mut NoTriangles))
 }
 
 /// True if any triangle below a child of a tree blocks the ray.
 #[inline(never)]
-pub(crate) fn occluded_in_part(bvh: &Bvh, form: &Prepared<f32>, ray: &Ray, part: Part) -> bool {
-    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, form, ray, part, &mut NoTriangles))
+pub(crate) fn occluded_in_part(bvh: &Bvh, ray: &Ray, part: Part) -> bool {
+    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, ray, part, &mut NoTriangles))
 }
 
 /// True if a triangle that is not alpha-tested blocks the ray. Reports hits on the others until then.
 #[inline(never)]
 pub(crate) fn occluded_with_alpha(bvh: &Bvh, ray: &Ray, on_alpha_hit: &mut dyn FnMut(Hit)) -> bool {
-    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut AlphaTestedTriangles(&mut *on_alpha_hit)))
+    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, ray, bvh.whole(), &mut AlphaTestedTriangles(&mut *on_alpha_hit)))
 }
 
 /// Reports all hits.
 #[inline(never)]
 pub(crate) fn each_hit(bvh: &Bvh, ray: &Ray, found: &mut dyn FnMut(Hit)) {
-    dispatch8!(bvh.level, simd => occluded_in_scene(simd, bvh, ray, &mut AllTriangles(&mut *found)));
-}
-
-#[inline(always)]
-fn occluded_in_scene<S: Simd>(simd: S, bvh: &Bvh, ray: &Ray, reported: &mut impl Reported) -> bool {
-    occluded_below(simd, bvh, &Prepared::of_ray(ray, &bvh.top.bounds), ray, bvh.whole(), reported)
+    dispatch8!(bvh.level, simd => occluded_below(simd, bvh, ray, bvh.whole(), &mut AllTriangles(&mut *found)));
 }
 
 /// A child of the tree over instances, or of the tree of an instance in world space.
@@ -195,42 +190,22 @@ impl Nearest {
     }
 }
 
-/// Rays in the space of some trees, in the forms that boxes and triangles need.
+/// A ray in the space of some trees, in the forms that boxes and triangles need.
 #[derive(Clone, Copy)]
-pub(crate) struct Prepared<F> {
-    pub(crate) slabs: Slabs<F>,
-    pub(crate) shear: Shear<F>,
-}
-
-impl<F: Lanes> Prepared<F> {
-    /// Prepares rays for trees within `bounds`. All directions have the same axes and octant.
-    #[inline(always)]
-    pub(crate) fn new(origin: V3<F>, direction: V3<F>, axes: [usize; 3], octant: usize, bounds: &Aabb) -> Self {
-        let slabs = Slabs::new(origin, direction, octant, bounds);
-        Self { slabs, shear: Shear::new(origin, direction, slabs.near_inverse, axes) }
-    }
-
-    /// The numbers of each lane.
-    #[inline(always)]
-    pub(crate) fn to_arrays(self) -> Prepared<[f32; MAX_WIDTH]> {
-        Prepared { slabs: self.slabs.to_arrays(), shear: self.shear.to_arrays() }
-    }
-}
-
-impl Prepared<[f32; MAX_WIDTH]> {
-    /// The ray of a lane.
-    #[inline(always)]
-    pub(crate) fn lane(&self, lane: usize) -> Prepared<f32> {
-        Prepared { slabs: self.slabs.lane(lane), shear: self.shear.lane(lane) }
-    }
+struct Prepared<F> {
+    slabs: Slabs<F>,
+    shear: Shear<F>,
 }
 
 impl Prepared<f32> {
     /// Prepares a ray for trees within `bounds`.
     #[inline(always)]
     fn of_ray(ray: &Ray, bounds: &Aabb) -> Self {
-        let d = ray.direction;
-        Self::new(ray.origin.into(), d.into(), shear_axes(d), octant(d), bounds)
+        let (o, d) = (ray.origin.to_array(), ray.direction.to_array());
+        let slabs = Slabs::new(ray.origin.into(), ray.direction.into(), octant(ray.direction), bounds);
+        let axes = shear_axes(ray.direction);
+        let shear = Shear::new(axes.map(|axis| o[axis]), axes.map(|axis| d[axis]), slabs.near_inverse[axes[2]], axes);
+        Self { slabs, shear }
     }
 
     /// The same ray in eight lanes.
@@ -241,15 +216,8 @@ impl Prepared<f32> {
 }
 
 #[inline(always)]
-fn closest_below<S: Simd>(
-    simd: S,
-    bvh: &Bvh,
-    form: &Prepared<f32>,
-    ray: &Ray,
-    Part { start, instance }: Part,
-    nearest: &mut Nearest,
-) {
-    let prepared = form.splat(simd);
+fn closest_below<S: Simd>(simd: S, bvh: &Bvh, ray: &Ray, Part { start, instance }: Part, nearest: &mut Nearest) {
+    let prepared = Prepared::of_ray(ray, &bvh.top.bounds).splat(simd);
     if instance != NO_HIT {
         let world = WorldRay { scale: 1.0, t_max: ray.t_max, instance };
         closest_in_mesh(&prepared, bvh.mesh(instance), start, ray, world, nearest);
@@ -279,12 +247,11 @@ fn closest_in_mesh<S: Simd>(
 fn occluded_below<S: Simd>(
     simd: S,
     bvh: &Bvh,
-    form: &Prepared<f32>,
     ray: &Ray,
     Part { start, instance }: Part,
     reported: &mut impl Reported,
 ) -> bool {
-    let prepared = form.splat(simd);
+    let prepared = Prepared::of_ray(ray, &bvh.top.bounds).splat(simd);
     let mut t_max = ray.t_max;
     if instance != NO_HIT {
         let world = WorldRay { scale: 1.0, t_max, instance };

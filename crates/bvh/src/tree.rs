@@ -6,10 +6,12 @@ use std::mem::MaybeUninit;
 
 use dunkelfeld_geometry::triangle::UNIT_ROUNDOFF;
 use dunkelfeld_geometry::{Aabb, Vec3};
-use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, Real, V3};
+use dunkelfeld_lanes::{Lanes, Mask, Real, V3};
 use fearless_simd::Simd;
 
+use crate::pairs::{Pair, Pairs, Subtree};
 use crate::simd8::{Eight, F8, WIDTH};
+use crate::triangle_block::TriangleBlock;
 
 /// Set in a child word for a leaf; the other bits are the leaf's payload.
 pub(crate) const LEAF: u32 = 1 << 31;
@@ -60,6 +62,18 @@ pub(crate) struct Tree {
     pub(crate) root: u32,
     /// Bounds of all leaves.
     pub(crate) bounds: Aabb,
+    /// The same tree for packets, and its root.
+    pub(crate) pairs: Vec<Pair>,
+    pub(crate) first: Subtree,
+}
+
+/// A child word of a tree that is joined to others: its nodes begin at `first`, and `payload` has the number of the part.
+pub(crate) fn moved(word: u32, first: u32, payload: u32) -> u32 {
+    match word {
+        NONE => NONE,
+        leaf if leaf & LEAF != 0 => leaf | payload,
+        node => first + node,
+    }
 }
 
 /// Visitor of the leaves.
@@ -84,7 +98,7 @@ pub(crate) const FAR_SCALE: f32 = 1.0 + 8.0 * UNIT_ROUNDOFF;
 /// This costs nothing, because the origin is shifted instead: one origin for the near planes and one for the far
 /// planes.
 ///
-/// A packet has a ray in each lane, all with the same signs of their directions.
+/// A packet has a ray in each lane.
 #[derive(Clone, Copy)]
 pub(crate) struct Slabs<F> {
     /// Indices of the three rows of a node with the near sides; the far ones are their neighbours.
@@ -129,66 +143,14 @@ impl<F: Lanes> Slabs<F> {
         Self { near, near_origin, near_inverse, far_origin, far_inverse }
     }
 
-    /// The rays that may hit the box of a child before `t_max`, and the entry distance of each.
-    #[inline(always)]
-    pub(crate) fn enter_child(&self, node: &Node, slot: usize, t_max: F) -> (F::Mask, F) {
-        let (mut near, mut far) = (t_max.constant(0.0), t_max);
-        for axis in 0..3 {
-            let side = self.near[axis];
-            let n = t_max.constant(node.bounds[side][slot]);
-            let f = t_max.constant(node.bounds[side ^ 1][slot]);
-            (near, far) = self.narrow(axis, n, f, near, far);
-        }
-        (near.le(far), near)
-    }
-
     /// The interval narrowed to that between two planes.
     #[inline(always)]
-    fn narrow(&self, axis: usize, near_side: F, far_side: F, near: F, far: F) -> (F, F) {
+    pub(crate) fn narrow(&self, axis: usize, near_side: F, far_side: F, near: F, far: F) -> (F, F) {
         let n = (near_side - self.near_origin[axis]) * self.near_inverse[axis];
         let f = (far_side - self.far_origin[axis]) * self.far_inverse[axis];
         // 0 * inf, a ray along a side of the box, is a NaN: it must not narrow the interval, hence this order.
         (n.max(near), f.min(far))
     }
-
-    /// The numbers of each lane.
-    #[inline(always)]
-    pub(crate) fn to_arrays(self) -> Slabs<[f32; MAX_WIDTH]> {
-        let Self { near, near_origin, near_inverse, far_origin, far_inverse } = self;
-        Slabs {
-            near,
-            near_origin: arrays(near_origin),
-            near_inverse: arrays(near_inverse),
-            far_origin: arrays(far_origin),
-            far_inverse: arrays(far_inverse),
-        }
-    }
-}
-
-impl Slabs<[f32; MAX_WIDTH]> {
-    /// The ray of a lane.
-    #[inline(always)]
-    pub(crate) fn lane(&self, lane: usize) -> Slabs<f32> {
-        Slabs {
-            near: self.near,
-            near_origin: of_lane(&self.near_origin, lane),
-            near_inverse: of_lane(&self.near_inverse, lane),
-            far_origin: of_lane(&self.far_origin, lane),
-            far_inverse: of_lane(&self.far_inverse, lane),
-        }
-    }
-}
-
-/// Three numbers of each lane.
-#[inline(always)]
-pub(crate) fn arrays<F: Lanes>([x, y, z]: [F; 3]) -> [[f32; MAX_WIDTH]; 3] {
-    [x.to_array(), y.to_array(), z.to_array()]
-}
-
-/// The three numbers of a lane.
-#[inline(always)]
-pub(crate) fn of_lane([x, y, z]: &[[f32; MAX_WIDTH]; 3], lane: usize) -> [f32; 3] {
-    [x[lane], y[lane], z[lane]]
 }
 
 /// Three numbers, each in all lanes of its own vector.
@@ -229,7 +191,15 @@ impl<S: Simd> Slabs<F8<S>> {
 
 impl Tree {
     /// A tree without leaves.
-    pub(crate) const EMPTY: Self = Self { nodes: Vec::new(), root: NONE, bounds: Aabb::EMPTY };
+    pub(crate) const EMPTY: Self =
+        Self { nodes: Vec::new(), root: NONE, bounds: Aabb::EMPTY, pairs: Vec::new(), first: Subtree::NONE };
+
+    /// Builds the pairs over the nodes and the blocks of the leaves.
+    pub(crate) fn pair_up(&mut self, blocks: &[TriangleBlock]) {
+        let mut pairs = Pairs { nodes: &self.nodes, blocks, pairs: Vec::new() };
+        self.first = pairs.of_child(self.root);
+        self.pairs = pairs.pairs;
+    }
 
     /// Number of levels of nodes.
     pub(crate) fn depth(&self) -> usize {

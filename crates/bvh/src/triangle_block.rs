@@ -9,7 +9,7 @@ use fearless_simd::Simd;
 use glam::Vec3;
 
 use crate::simd8::{Eight, F8, WIDTH};
-use crate::tree::{arrays, of_lane, splat3};
+use crate::tree::splat3;
 
 /// Up to eight triangles, coordinate by coordinate. Free lanes hold NaN and are never hit.
 #[derive(Clone, Debug)]
@@ -40,11 +40,11 @@ impl TriangleBlock {
         block
     }
 
-    /// The triangles in it: number and corners.
-    pub(crate) fn triangles(&self) -> impl Iterator<Item = (u32, [Vec3; 3])> {
+    /// The triangles in it: lane, number and corners.
+    pub(crate) fn triangles(&self) -> impl Iterator<Item = (u32, u32, [Vec3; 3])> {
         (0..WIDTH)
             .filter(|&lane| self.triangles[lane] != NO_TRIANGLE)
-            .map(|lane| (self.triangles[lane] & !ALPHA_TESTED, self.corners(lane)))
+            .map(|lane| (lane as u32, self.triangles[lane] & !ALPHA_TESTED, self.corners(lane)))
     }
 
     /// Are the marks those that [`Self::mark_alpha_tested`] would set?
@@ -65,12 +65,6 @@ impl TriangleBlock {
     #[inline(always)]
     pub(crate) fn alpha_tested(&self) -> u32 {
         (0..WIDTH).fold(0, |mask, lane| mask | (self.triangles[lane] >> 31) << lane)
-    }
-
-    /// A coordinate of the three corners of all triangles.
-    #[inline(always)]
-    pub(crate) fn corners_of_axis(&self, axis: usize) -> &[Eight; 3] {
-        &self.corners[axis]
     }
 
     /// The number of the triangle in a lane.
@@ -108,32 +102,23 @@ pub(crate) struct Candidates<F> {
 }
 
 impl<F: Lanes> Shear<F> {
-    /// The form of rays whose directions have these axes and inverses.
+    /// The form of rays, whose numbers are in these axes.
     #[inline(always)]
-    pub(crate) fn new(origin: V3<F>, direction: V3<F>, inverse: [F; 3], axes: [usize; 3]) -> Self {
-        let [kx, ky, kz] = axes;
-        let (o, d) = ([origin.x, origin.y, origin.z], [direction.x, direction.y, direction.z]);
-        let inv = inverse[kz];
-        Self { axes, origin: [o[kx], o[ky], o[kz]], shear: [d[kx] * inv, d[ky] * inv, inv] }
+    pub(crate) fn new(origin: [F; 3], direction: [F; 3], inverse: F, axes: [usize; 3]) -> Self {
+        let [x, y, _] = direction;
+        Self { axes, origin, shear: [x * inverse, y * inverse, inverse] }
     }
 
-    /// The numbers of each lane.
-    #[inline(always)]
-    pub(crate) fn to_arrays(self) -> Shear<[f32; MAX_WIDTH]> {
-        Shear { axes: self.axes, origin: arrays(self.origin), shear: arrays(self.shear) }
-    }
-
-    /// A corner in the rays' sheared coordinates (z not yet scaled).
+    /// A corner, seen from the origin, in the rays' sheared coordinates (z not yet scaled).
     // A function, not a closure, here and below. Only functions can be marked for inlining, and code that is not
     // inlined into the function of a level is compiled for the minimum instruction set.
     #[inline(always)]
     fn sheared(&self, [x, y, z]: [F; 3]) -> [F; 3] {
-        let (x, y, z) = (x - self.origin[0], y - self.origin[1], z - self.origin[2]);
         [x - self.shear[0] * z, y - self.shear[1] * z, z]
     }
 
-    /// The watertight test in the given lanes. Hits beyond `t_max` may be left out. The corners are in the axes of the
-    /// rays.
+    /// The watertight test in the given lanes. Hits beyond `t_max` may be left out. The corners are seen from the
+    /// origins, in the axes of the rays.
     #[inline(always)]
     fn intersect(&self, [a, b, c]: [[F; 3]; 3], lanes: u32, ray_end: F, t_max: F) -> Option<Candidates<F>> {
         let zero = ray_end.constant(0.0);
@@ -172,33 +157,53 @@ impl<F: Lanes> Shear<F> {
         }
         Some(Candidates { lanes, near: lanes & near.bits(), t, b1: v * inv_det, b2: w * inv_det })
     }
+}
+
+/// The form of rays that have their own axes, for a triangle at a time.
+pub(crate) struct LaneShear<F: Lanes> {
+    /// The lanes whose direction is largest along the first and the second axis.
+    largest: [F::Mask; 2],
+    /// In the axes of the scene.
+    origin: V3<F>,
+    /// In the axes of each lane.
+    shear: Shear<F>,
+}
+
+impl<F: Lanes> LaneShear<F> {
+    /// `inverse` has the inverses of the coordinates of the directions.
+    #[inline(always)]
+    pub(crate) fn new(origin: V3<F>, direction: V3<F>, inverse: [F; 3]) -> Self {
+        let V3 { x, y, z } = direction.abs();
+        let is_x = x.ge(y.max(z));
+        let largest = [is_x, !is_x & z.le(y)];
+        let (o, d) = (permuted(largest, origin), permuted(largest, direction));
+        let [_, _, inverse] = permuted(largest, V3::new(inverse[0], inverse[1], inverse[2]));
+        Self { largest, origin, shear: Shear::new(o, d, inverse, [0, 1, 2]) }
+    }
 
     /// The test of the ray of each lane and a triangle of a block.
     #[inline(always)]
-    pub(crate) fn intersect_one(
+    pub(crate) fn intersect(
         &self,
-        block: &TriangleBlock,
-        triangle: usize,
+        (block, triangle): (&TriangleBlock, usize),
         lanes: u32,
         ray_end: F,
         t_max: F,
     ) -> Option<Candidates<F>> {
         let mut corners = [[ray_end; 3]; 3];
         for (number, corner) in corners.iter_mut().enumerate() {
-            for (x, axis) in corner.iter_mut().zip(self.axes) {
-                *x = ray_end.constant(block.corners[axis][number][triangle]);
-            }
+            let [x, y, z] = &block.corners;
+            let [x, y, z] = [x[number][triangle], y[number][triangle], z[number][triangle]];
+            *corner = permuted(self.largest, V3::splat(ray_end.token(), Vec3::new(x, y, z)) - self.origin);
         }
-        self.intersect(corners, lanes, ray_end, t_max)
+        self.shear.intersect(corners, lanes, ray_end, t_max)
     }
 }
 
-impl Shear<[f32; MAX_WIDTH]> {
-    /// The ray of a lane.
-    #[inline(always)]
-    pub(crate) fn lane(&self, lane: usize) -> Shear<f32> {
-        Shear { axes: self.axes, origin: of_lane(&self.origin, lane), shear: of_lane(&self.shear, lane) }
-    }
+/// The axes of each lane, as in `dunkelfeld_geometry::triangle::RayShear`.
+#[inline(always)]
+fn permuted<F: Lanes>([is_x, is_y]: [F::Mask; 2], V3 { x, y, z }: V3<F>) -> [F; 3] {
+    [is_x.select(y, is_y.select(z, x)), is_x.select(z, is_y.select(x, y)), is_x.select(x, is_y.select(y, z))]
 }
 
 impl Shear<f32> {
@@ -217,8 +222,9 @@ impl<S: Simd> Shear<F8<S>> {
         let ray_end = Lanes::splat(simd, ray_end);
         let mut corners = [[ray_end; 3]; 3];
         for (number, corner) in corners.iter_mut().enumerate() {
-            for (x, axis) in corner.iter_mut().zip(self.axes) {
-                *x = Lanes::load(simd, &block.corners[axis][number]);
+            for (k, axis) in self.axes.into_iter().enumerate() {
+                let x: F8<S> = Lanes::load(simd, &block.corners[axis][number]);
+                corner[k] = x - self.origin[k];
             }
         }
         self.intersect(corners, u32::MAX, ray_end, Lanes::splat(simd, t_max))
@@ -249,6 +255,18 @@ fn exact_lanes(lanes: u32, x: [[f32; MAX_WIDTH]; 3], y: [[f32; MAX_WIDTH]; 3], e
             row[i] = value;
         }
     }
+}
+
+/// Three numbers of each lane.
+#[inline(always)]
+fn arrays<F: Lanes>([x, y, z]: [F; 3]) -> [[f32; MAX_WIDTH]; 3] {
+    [x.to_array(), y.to_array(), z.to_array()]
+}
+
+/// The three numbers of a lane.
+#[inline(always)]
+fn of_lane([x, y, z]: &[[f32; MAX_WIDTH]; 3], lane: usize) -> [f32; 3] {
+    [x[lane], y[lane], z[lane]]
 }
 
 #[inline(always)]

@@ -3,6 +3,7 @@
 use dunkelfeld_geometry::Aabb;
 use std::collections::HashSet;
 
+use crate::pairs::{MAX_LEVELS, Subtree};
 use crate::scene::{Bvh, MeshTree};
 use crate::simd8::WIDTH;
 use crate::tree::{LEAF, MAX_DEPTH, NONE, Tree};
@@ -38,7 +39,7 @@ fn validate_mesh(mesh: &MeshTree) -> Result<(), String> {
     traverse(&mesh.tree, |payload, bounds| {
         let (block, part) = mesh.block(payload).ok_or(format!("no block {payload}"))?;
         let before = numbers.len();
-        for (number, corners) in block.triangles() {
+        for (_, number, corners) in block.triangles() {
             if !bounds.encloses(&Aabb::from_points(corners)) {
                 return Err(format!("triangle {number} sticks out of its box"));
             }
@@ -53,7 +54,22 @@ fn validate_mesh(mesh: &MeshTree) -> Result<(), String> {
     if seen.len() != blocks {
         return Err(format!("{} blocks of {blocks} are in leaves", seen.len()));
     }
+    let mut of_pairs = Vec::new();
+    traverse_pairs(&mesh.tree, |leaf, bounds| {
+        let (block, part) = mesh.block(leaf.word & !LEAF).ok_or(format!("pairs: no block {}", leaf.word & !LEAF))?;
+        for (lane, number, corners) in block.triangles().filter(|(lane, ..)| leaf.triangles >> lane & 1 == 1) {
+            if !bounds.encloses(&Aabb::from_points(corners)) {
+                return Err(format!("pairs: triangle {number} in lane {lane} sticks out of its box"));
+            }
+            of_pairs.push((part, number));
+        }
+        Ok(())
+    })?;
+    of_pairs.sort_unstable();
     numbers.sort_unstable();
+    if of_pairs != numbers {
+        return Err("the leaves of the pairs have other triangles than those of the nodes".into());
+    }
     if let Some(twice) = numbers.windows(2).find(|w| w[0] == w[1]) {
         return Err(format!("triangle {:?} is there twice", twice[0]));
     }
@@ -66,6 +82,32 @@ fn validate_mesh(mesh: &MeshTree) -> Result<(), String> {
 fn once(seen: &mut [bool], payload: u32, what: &str) -> Result<(), String> {
     if std::mem::replace(&mut seen[payload as usize], true) {
         return Err(format!("{what} {payload} is in two leaves"));
+    }
+    Ok(())
+}
+
+/// Calls `leaf` with each leaf of the pairs and its box.
+fn traverse_pairs(tree: &Tree, mut leaf: impl FnMut(Subtree, &Aabb) -> Result<(), String>) -> Result<(), String> {
+    let mut work = vec![(tree.first, tree.bounds, 0)];
+    while let Some((subtree, bounds, depth)) = work.pop() {
+        if subtree.word == NONE {
+            continue;
+        }
+        if subtree.word & LEAF != 0 {
+            leaf(subtree, &bounds)?;
+            continue;
+        }
+        let pair = tree.pairs.get(subtree.word as usize).ok_or(format!("no pair {}", subtree.word))?;
+        if depth >= MAX_LEVELS {
+            return Err(format!("deeper than {MAX_LEVELS} pairs"));
+        }
+        for child in 0..2 {
+            let of_child = pair.child_bounds(child);
+            if of_child.is_empty() || !bounds.encloses(&of_child) {
+                return Err(format!("pair {}: box {child} is empty or sticks out of its parent", subtree.word));
+            }
+            work.push((pair.child(child), of_child, depth + 1));
+        }
     }
     Ok(())
 }

@@ -40,7 +40,7 @@ pub struct TriangleHit {
 /// Values of a ray for the watertight test, computed once per ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayShear {
-    /// Permutation of the axes: the third one is the direction's largest component, and handedness is kept.
+    /// Permutation of the axes: the third one is the direction's largest component.
     pub axes: [usize; 3],
     /// The ray's origin in the permuted axes.
     pub origin: [f32; 3],
@@ -48,11 +48,12 @@ pub struct RayShear {
     pub shear: [f32; 3],
 }
 
-/// `[2 * largest axis + (is negative)]` -> the permuted axes; a negative direction swaps the first two.
-const AXES: [[usize; 3]; 6] = [[1, 2, 0], [2, 1, 0], [2, 0, 1], [0, 2, 1], [0, 1, 2], [1, 0, 2]];
+/// The permuted axes of each largest axis. A swap of the first two for negative directions, which keeps the winding, would
+/// only negate all edge functions.
+const AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
 
 impl RayShear {
-    /// The shear that maps the ray's direction to +z. A zero direction gives non-finite values, which hit nothing.
+    /// The shear that maps the ray's direction to the third axis. A zero direction gives non-finite values, which hit nothing.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
         let (d, o) = (ray.direction.to_array(), ray.origin.to_array());
@@ -68,7 +69,7 @@ pub fn shear_axes(direction: Vec3) -> [usize; 3] {
     let a = direction.abs();
     // Arithmetic and a table replace branches, because a branch predictor cannot predict the direction of a ray.
     let largest = if a.x >= a.y.max(a.z) { 0 } else { 1 + usize::from(a.y < a.z) };
-    AXES[2 * largest + usize::from(direction.to_array()[largest] < 0.0)]
+    AXES[largest]
 }
 
 /// The three edge functions of a sheared triangle in f64, for the case that one is zero in f32.

@@ -151,13 +151,9 @@ pub trait Lanes:
     type Word: Word;
     /// Long integers of the same lanes.
     type Long: Long;
-    /// Eight lanes of the same instructions.
-    type Eight: Lanes;
 
     /// Calls code with the instructions of the lanes. A function that is not inlined contains its code in such a call.
     fn vectorize<R>(token: Self::Token, code: impl FnOnce() -> R) -> R;
-    /// The token of eight lanes.
-    fn eight(token: Self::Token) -> <Self::Eight as Lanes>::Token;
     /// The same number in all lanes.
     fn splat(token: Self::Token, x: f32) -> Self;
     /// The token of this value.
@@ -186,8 +182,6 @@ pub trait Lanes:
     fn to_rows(columns: [Self; 4]) -> [[f32; 4]; MAX_WIDTH];
     /// The lanes of a mask side by side, in the first lanes.
     fn compress(self, mask: Self::Mask) -> Self;
-    /// The least and the greatest number of all lanes. None may be a NaN.
-    fn extremes(self) -> [f32; 2];
     /// Is it equal?
     fn eq(self, other: Self) -> Self::Mask;
     /// The bits of the number.

@@ -1,7 +1,6 @@
 //! One lane: plain numbers.
 
 use crate::{Double, Lanes, Long, MAX_WIDTH, Mask, Real, Word, double, functions};
-use fearless_simd::{Fallback, f32x8};
 use std::ops::{Add, BitAnd, BitOr, BitXor, Mul, Not, Shl, Shr, Sub};
 
 /// A wrapping integer of one lane.
@@ -212,15 +211,10 @@ impl Lanes for f32 {
     type Double = f64;
     type Word = One;
     type Long = OneLong;
-    type Eight = f32x8<Fallback>;
 
     #[inline(always)]
     fn vectorize<R>((): (), code: impl FnOnce() -> R) -> R {
         code()
-    }
-    #[inline(always)]
-    fn eight((): ()) -> Fallback {
-        Fallback::new()
     }
     #[inline(always)]
     fn splat((): (), x: f32) -> Self {
@@ -265,10 +259,6 @@ impl Lanes for f32 {
     #[inline(always)]
     fn compress(self, _: bool) -> Self {
         self
-    }
-    #[inline(always)]
-    fn extremes(self) -> [f32; 2] {
-        [self; 2]
     }
     #[inline(always)]
     fn eq(self, other: Self) -> bool {

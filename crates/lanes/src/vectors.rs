@@ -89,7 +89,7 @@ real!(f64x4, mask64x4, f64, double);
 real!(f64x8, mask64x8, f64, double);
 
 macro_rules! vector {
-    ($width:literal, $number:ident, $word:ident, $signed:ident, $long:ident, $double:ident, $mask64:ident, $columns:ident, $extremes:ident) => {
+    ($width:literal, $number:ident, $word:ident, $signed:ident, $long:ident, $double:ident, $mask64:ident, $columns:ident) => {
         impl<S: Simd> Word for $word<S> {}
 
         impl<S: Simd> Lanes for $number<S> {
@@ -98,15 +98,10 @@ macro_rules! vector {
             type Double = Pair<$double<S>>;
             type Word = $word<S>;
             type Long = Halves<$long<S>>;
-            type Eight = f32x8<S>;
 
             #[inline(always)]
             fn vectorize<R>(token: S, code: impl FnOnce() -> R) -> R {
                 Simd::vectorize(token, code)
-            }
-            #[inline(always)]
-            fn eight(token: S) -> S {
-                token
             }
             #[inline(always)]
             fn splat(token: S, x: f32) -> Self {
@@ -158,10 +153,6 @@ macro_rules! vector {
             #[inline(always)]
             fn compress(self, mask: Self::Mask) -> Self {
                 SimdBase::compress(self, mask)
-            }
-            #[inline(always)]
-            fn extremes(self) -> [f32; 2] {
-                $extremes(self, self)
             }
             #[inline(always)]
             fn eq(self, other: Self) -> Self::Mask {
@@ -252,9 +243,9 @@ macro_rules! vector {
     };
 }
 
-vector!(4, f32x4, u32x4, i32x4, u64x2, f64x2, mask64x2, four_columns, four_extremes);
-vector!(8, f32x8, u32x8, i32x8, u64x4, f64x4, mask64x4, eight_columns, eight_extremes);
-vector!(16, f32x16, u32x16, i32x16, u64x8, f64x8, mask64x8, sixteen_columns, sixteen_extremes);
+vector!(4, f32x4, u32x4, i32x4, u64x2, f64x2, mask64x2, four_columns);
+vector!(8, f32x8, u32x8, i32x8, u64x4, f64x4, mask64x4, eight_columns);
+vector!(16, f32x16, u32x16, i32x16, u64x8, f64x8, mask64x8, sixteen_columns);
 
 /// The columns of four rows, from the row `first`.
 #[inline(always)]
@@ -277,25 +268,6 @@ fn eight_columns<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], fi
 fn sixteen_columns<'a, S: Simd>(token: S, row: &impl Fn(usize) -> &'a [f32; 4], first: usize) -> [f32x16<S>; 4] {
     let ([a, b, c, d], [e, f, g, h]) = (eight_columns(token, row, first), eight_columns(token, row, first + 8));
     [a.combine(e), b.combine(f), c.combine(g), d.combine(h)]
-}
-
-/// The least number of one vector, and the greatest of another.
-#[inline(always)]
-fn four_extremes<S: Simd>(low: f32x4<S>, high: f32x4<S>) -> [f32; 2] {
-    let ([a, b, c, d], [e, f, g, h]): ([f32; 4], [f32; 4]) = (low.into(), high.into());
-    [Real::min(Real::min(a, b), Real::min(c, d)), Real::max(Real::max(e, f), Real::max(g, h))]
-}
-
-#[inline(always)]
-fn eight_extremes<S: Simd>(low: f32x8<S>, high: f32x8<S>) -> [f32; 2] {
-    let ((a, b), (c, d)) = (low.split(), high.split());
-    four_extremes(Real::min(a, b), Real::max(c, d))
-}
-
-#[inline(always)]
-fn sixteen_extremes<S: Simd>(low: f32x16<S>, high: f32x16<S>) -> [f32; 2] {
-    let ((a, b), (c, d)) = (low.split(), high.split());
-    eight_extremes(Real::min(a, b), Real::max(c, d))
 }
 
 /// Long integers of the lanes with even numbers and of those with odd numbers.

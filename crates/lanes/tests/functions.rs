@@ -294,14 +294,3 @@ fn masks_have_their_bits() {
         assert_eq!(found, (0..set.lanes()).filter(|lane| 0b1010_0110_0101_1010 >> lane & 1 == 1).collect::<Vec<_>>());
     }
 }
-
-#[test]
-fn extremes_are_those_of_all_lanes() {
-    let numbers: [f32; MAX_WIDTH] = std::array::from_fn(|lane| ((7 * lane + 5) % 16) as f32 - 6.5);
-    for set in InstructionSet::all() {
-        let found = dispatch!(set, F, token => F::load(token, &numbers).extremes());
-        let own = &numbers[..set.lanes()];
-        let expected = [own.iter().copied().fold(f32::MAX, f32::min), own.iter().copied().fold(f32::MIN, f32::max)];
-        assert_eq!(found, expected, "{set:?}");
-    }
-}

@@ -54,7 +54,7 @@ fn build_tree_for(
     }
     let threads = if boxes.len() < Threads::LARGE { Threads::ONE } else { threads };
     let (nodes, leaves, root) = wide_tree(&Splitter { level, leaf_size, threads }, boxes);
-    let mut tree = Tree { nodes, root, bounds: Aabb::EMPTY };
+    let mut tree = Tree { nodes, root, ..Tree::EMPTY };
     let filled = leaves.map(threads, |number, members| {
         let bounds = members.iter().fold(Aabb::EMPTY, |all, &i| all.union(boxes[i as usize]));
         (LEAF | payload(number, members), bounds)
