@@ -12,7 +12,9 @@ use crate::triangle_block::TriangleBlock;
 /// Maximum number of pairs from the root to a leaf: those of a block, and those of the children of each node.
 pub(crate) const MAX_LEVELS: usize = (MAX_DEPTH + 1) * (WIDTH - 1);
 /// Maximum number of triangles of a leaf.
-const TRIANGLES: usize = 2;
+const TRIANGLES: usize = 4;
+/// Cost of a pair in units of a triangle: the least times on the stations and on a mesh of 1 M triangles.
+const PAIR_COST: f32 = 1.6;
 
 /// Two children with their boxes.
 #[derive(Clone, Debug)]
@@ -102,12 +104,14 @@ impl Pairs<'_> {
 
     /// A subtree over some boxes: children of a node, or triangles of a block, which is the child `block` of a node.
     fn over(&mut self, boxes: &mut [(Aabb, u32)], block: Option<u32>, node: u32) -> Subtree {
-        match (block, &*boxes) {
-            (Some(word), few) if few.len() <= TRIANGLES => {
-                return Subtree { word, triangles: few.iter().fold(0, |bits, (_, lane)| bits | 1 << lane) };
-            }
-            (None, [(_, child)]) => return self.of_child(*child),
-            _ => {}
+        if let (None, [(_, child)]) = (block, &*boxes) {
+            return self.of_child(*child);
+        }
+        let (middle, cost) = divide(boxes);
+        if let Some(word) = block
+            && (boxes.len() == 1 || boxes.len() <= TRIANGLES && boxes.len() as f32 <= PAIR_COST + cost)
+        {
+            return Subtree { word, triangles: boxes.iter().fold(0, |bits, (_, lane)| bits | 1 << lane) };
         }
         let at = self.pairs.len();
         self.pairs.push(Pair {
@@ -117,7 +121,6 @@ impl Pairs<'_> {
             is_block: block.is_some(),
             node,
         });
-        let middle = divide(boxes);
         let (left, right) = boxes.split_at_mut(middle);
         for (number, part) in [left, right].into_iter().enumerate() {
             self.pairs[at].set_bounds(number, &part.iter().fold(Aabb::EMPTY, |all, (b, _)| all.union(*b)));
@@ -151,9 +154,9 @@ impl Set {
     }
 }
 
-/// Sorts at least two boxes so that the first ones and the others have the least sum of areas times numbers. Returns the
-/// number of the first ones.
-fn divide(boxes: &mut [(Aabb, u32)]) -> usize {
+/// Sorts boxes so that the first ones and the others have the least sum of areas times numbers. Returns the number of the
+/// first ones, and that sum in units of the area of all.
+fn divide(boxes: &mut [(Aabb, u32)]) -> (usize, f32) {
     let center = |(b, _): &(Aabb, u32), axis: usize| b.min[axis] + b.max[axis];
     let mut best = (f32::INFINITY, 0, boxes.len() / 2);
     for axis in 0..3 {
@@ -174,5 +177,6 @@ fn divide(boxes: &mut [(Aabb, u32)]) -> usize {
         }
     }
     boxes.sort_by(|a, b| center(a, best.1).total_cmp(&center(b, best.1)));
-    best.2
+    let all = boxes.iter().fold(Aabb::EMPTY, |all, (b, _)| all.union(*b)).half_area();
+    (best.2, best.0 / all)
 }
