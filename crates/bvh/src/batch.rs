@@ -96,10 +96,10 @@ fn each_packet<F: Lanes, const ANY: bool>(token: F::Token, bvh: &Bvh, rays: &Ray
             one_by_one(bvh, rays, range, results);
             continue;
         }
-        // Half of the rays of 16 lanes, a quarter of those of 8: the more lanes, the more a packet saves. Factors and limits
-        // are those of the least times on meshes of 1 M triangles.
+        // All rays of 16 lanes, half of those of 8: the more lanes, the more a packet saves. Factors and limits are those of
+        // the least times on the stations and on a mesh of 1 M triangles.
         let alone = together::<F, ANY>(token, bvh, rays, range, results);
-        if 32 * alone > F::WIDTH * F::WIDTH {
+        if 16 * alone > F::WIDTH * F::WIDTH {
             pause = usize::min(4 * pause, 512);
             skip = pause;
         } else {

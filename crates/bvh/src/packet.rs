@@ -230,13 +230,13 @@ impl<F: Lanes, const ANY: bool> Packet<'_, F, ANY> {
                 }
             } else {
                 let pair = &tree.pairs[subtree.word as usize];
-                if pair.node != NONE && lanes.count_ones() as usize <= few::<F>() {
+                if lanes.count_ones() as usize <= few::<F>() && pair.node != NONE {
                     self.alone(pair.node, lanes, near, if TOP { NO_HIT } else { instance });
                 } else {
                     // A hit in a block counts from the place where the block begins, so the boxes in it have no distances.
                     let end = if ANY || pair.is_block { self.end } else { self.nearest.key };
                     let ([first, second], mut nears_of) = self.boxes.enter(pair, end);
-                    if pair.is_block {
+                    if !ANY && pair.is_block {
                         nears_of = [near; 2];
                     }
                     let first = Visit { subtree: pair.child(0), lanes: first & lanes };
