@@ -35,8 +35,10 @@ const REHEARSAL_SHARE: f64 = 0.065;
 /// Growth of the number of samples from one dry run to the next. More samples take longer to compress.
 const DRY_RUN_GROWTH: u64 = 16;
 /// One in so many pixels gets a sample in the first level of a render that has a time limit or is watched. It shows the
-/// scene, and suffices for a dry run.
+/// scene.
 const PREVIEW: u64 = 16;
+/// The first dry run is due when one in so many pixels has a sample. Fewer samples compress too well.
+const FIRST_DRY_RUN: u64 = 2;
 /// Time between the deadline for samples and the reserve for the end: this share of the limit, and at most so many seconds.
 const MARGIN: (f64, f64) = (0.01, 0.25);
 /// Time after the deadline for unfinished units: half of the tolerated overrun, this share of the limit and at least so many
@@ -327,7 +329,7 @@ impl<'a> Renderer<'a> {
         if let Some(phase) = self.continued {
             schedule.start_at(self.taken, phase);
         }
-        AdaptiveState { schedule, stage: Stage::Pilot, closing, dry_run_at: self.pixels() / PREVIEW }
+        AdaptiveState { schedule, stage: Stage::Pilot, closing, dry_run_at: self.pixels() / FIRST_DRY_RUN }
     }
 
     /// Seconds reserved for the end, with the last checkpoint. The first checkpoint measures the duration of one.
