@@ -4,7 +4,8 @@
 //! top down by the surface area heuristic. Traversal uses AVX-512 or AVX2 if the machine has it, else SSE2, NEON or plain
 //! Rust, with the same bits. The triangle test is watertight and the boxes allow for all rounding, so that no ray passes
 //! between the triangles of a closed mesh. There are two levels: each mesh has a tree, and a tree over instances is above.
-//! A scene of one mesh in world space has no upper level and transforms no rays.
+//! A scene of one mesh in world space has no upper level and transforms no rays. Batches of rays in world space follow a
+//! binary tree of the same boxes and triangles in packets, with the hits of single rays.
 //!
 //! ```
 //! use dunkelfeld_bvh::{Bvh, BvhInstance, MeshTriangles};

@@ -369,7 +369,7 @@ fn is_negative<F: Lanes>(x: F) -> F::Mask {
 /// A group of so many rays is followed one by one.
 #[inline(always)]
 pub(crate) fn few<F: Lanes>() -> usize {
-    (3 * F::WIDTH).div_ceil(16)
+    (3 * F::WIDTH / 16).max(1)
 }
 
 /// Calls a function with the number of each bit that is set.
