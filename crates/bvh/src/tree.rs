@@ -199,6 +199,7 @@ impl Tree {
         let mut pairs = Pairs { nodes: &self.nodes, blocks, pairs: Vec::new() };
         self.first = pairs.of_child(self.root);
         self.pairs = pairs.pairs;
+        self.pairs.shrink_to_fit();
     }
 
     /// Number of levels of nodes.
