@@ -1,6 +1,6 @@
 //! Batches of rays.
 //!
-//! Neighbours go through the tree together, in packets, unless most of them go alone there.
+//! Neighbours go through the tree together, in packets. Where these fall apart, rays are followed one by one.
 
 use std::ops::Range;
 

@@ -1,7 +1,7 @@
 //! The binary tree of packets: its inner nodes have two boxes, and its leaves a few triangles of a block.
 //!
 //! It refines the tree of [`Node`](crate::tree::Node)s: the children of a node are divided by the surface area heuristic, and
-//! so are the triangles of a block. A packet tests one box after the other, so that it needs no more of them than necessary.
+//! so are the triangles of a block. A packet tests two boxes at a time, and continues only below those that its rays enter.
 
 use dunkelfeld_geometry::Aabb;
 
