@@ -482,16 +482,29 @@ class MockView:
             "index": body["index"] if body["index"] is not None else 1174,
             "luminance": 3.81,
             "vertices": [
-                {"x": x + 0.5, "y": y + 0.5, "object": "front panel", "event": "diffuse reflection"},
+                {"before": None, "x": x + 0.5, "y": y + 0.5, "object": "front panel", "event": "diffuse reflection"},
                 {
+                    "before": 0,
                     "x": self.width * 0.62,
                     "y": self.height * 0.3,
                     "object": "window of the display",
                     "event": "specular transmission",
                 },
-                {"x": None, "y": None, "object": "lens hood", "event": "diffuse reflection"},
-                {"x": self.width * 0.3, "y": self.height * 0.2, "object": "screw M3 (2)", "event": "glossy reflection"},
-                {"x": self.width * 0.5, "y": self.height * 0.05, "object": "ring light", "event": "emission"},
+                {"before": 1, "x": None, "y": None, "object": "lens hood", "event": "diffuse reflection"},
+                {
+                    "before": 0,
+                    "x": self.width * 0.3,
+                    "y": self.height * 0.2,
+                    "object": "screw M3 (2)",
+                    "event": "glossy reflection",
+                },
+                {
+                    "before": 3,
+                    "x": self.width * 0.5,
+                    "y": self.height * 0.05,
+                    "object": "ring light",
+                    "event": "emission",
+                },
             ],
         }
 

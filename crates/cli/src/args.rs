@@ -128,8 +128,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["time", "spp", "noise", "share", "allocate"])]
     pub(crate) replay: Option<PathBuf>,
 
-    /// Paths that train Russian roulette before the render: fewer rare bright samples, for the same expected image. 0 decides
-    /// survival by the throughput of a path [default: one for 16 pixels, at most 8192; 0 below 128 x 128 pixels or 2 s].
+    /// Paths that train Russian roulette and splitting before the render: less noise, for the same expected image. With 0
+    /// the throughput of a path decides its end, and none is split [default: one for 16 pixels, at most 8192; 0 below 128 x 128 pixels or 2 s].
     #[arg(long, value_name = "N")]
     pub(crate) training_paths: Option<u32>,
 

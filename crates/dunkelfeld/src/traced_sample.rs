@@ -15,7 +15,7 @@ pub struct TracedSample {
     pub radiance: [f32; 3],
     /// Is it finite, not negative, and in the range of a film?
     pub is_valid: bool,
-    /// The vertices in order, starting at the camera.
+    /// The vertices, starting at the camera. Each comes after the one before it on its path.
     pub vertices: Vec<TracedVertex>,
 }
 
@@ -23,6 +23,8 @@ pub struct TracedSample {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct TracedVertex {
+    /// Index of the vertex before it; `None` for the first. Where the path was split, several have the same.
+    pub before: Option<usize>,
     /// Name of the material; `None` where the ray left the scene.
     pub material: Option<String>,
     /// Position in world space \[m\]; `None` where the ray left the scene.
@@ -103,6 +105,7 @@ impl Project {
         let name = |m: u32| materials.get(m as usize).map_or("?", |m| m.name.as_str()).to_owned();
         let place = [0, 1, 2].map(|axis| f64::from(vertex.position[axis]) + origin[axis]);
         TracedVertex {
+            before: vertex.before,
             material: vertex.material.map(name),
             position: vertex.material.map(|_| place),
             left_toward: if vertex.material.is_none() { Some(vertex.position) } else { None },

@@ -6,7 +6,7 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::Chain;
 use std::time::Instant;
 
-/// Receives the events of paths. They are numbered from 0, in the order of their samples.
+/// Receives the events of paths. They are numbered from 0, in the order of their samples, then those split from them.
 pub(crate) trait Observer {
     /// True if no shadow ray and no connection is left out by roulette, so that each has an outcome.
     fn needs_outcomes(&self) -> bool {
@@ -21,6 +21,8 @@ pub(crate) trait Observer {
 pub(crate) enum Event {
     /// The path has reached a vertex. Without a material the ray left the scene, and its position is its direction.
     Vertex { position: Vec3, material: Option<u32>, in_medium: bool, throughput: Rgb },
+    /// The path was split from another one at that one's last vertex.
+    Split { parent: u32 },
     /// Emission was added.
     Emitted(Rgb),
     /// The shadow ray of the light sample with this index was traced. It has added this light.
@@ -34,6 +36,8 @@ pub(crate) enum Event {
 /// One vertex of a recorded path.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TraceVertex {
+    /// Index of the vertex before it; `None` for the first. A vertex where the path was split is before several others.
+    pub before: Option<usize>,
     /// Position in render space \[m\].
     pub position: [f32; 3],
     /// Index of the material; `None` when the ray left the scene.
@@ -48,7 +52,8 @@ pub struct TraceVertex {
     pub direct: Rgb,
     /// The connections through covers that were attempted here. There is at most one for each light sample.
     pub connections: Vec<TraceConnection>,
-    /// The sampled direction in which the path continued; `None` where the path ended.
+    /// The sampled direction in which the path, or the first of those that it was split into, continued; `None` where it
+    /// ended.
     pub scattered: Option<TraceScattering>,
 }
 
@@ -95,8 +100,10 @@ pub struct TraceConnection {
 /// A recorded path, vertex by vertex.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PathTrace {
-    /// The vertices in order, starting at the camera.
+    /// The vertices, starting at the camera. Each comes after the one before it on its path.
     pub vertices: Vec<TraceVertex>,
+    /// Index of the last vertex of each path that the sample was split into.
+    last: Vec<Option<usize>>,
 }
 
 /// Numbers of attempted connections through covers, of solved chains and of traced rays.
@@ -124,14 +131,22 @@ impl ConnectionTally {
 }
 
 impl Observer for PathTrace {
-    fn event(&mut self, _: usize, event: Event) {
-        if let Event::Vertex { position, material, in_medium, throughput } = event {
-            let position = position.to_array();
-            self.vertices.push(TraceVertex { position, material, in_medium, throughput, ..TraceVertex::default() });
+    fn event(&mut self, path: usize, event: Event) {
+        if path >= self.last.len() {
+            self.last.resize(path + 1, None);
         }
-        let Some(vertex) = self.vertices.last_mut() else { return };
         match event {
-            Event::Vertex { .. } => {}
+            Event::Split { parent } => self.last[path] = self.last[parent as usize],
+            Event::Vertex { position, material, in_medium, throughput } => {
+                let before = self.last[path].replace(self.vertices.len());
+                let (position, rest) = (position.to_array(), TraceVertex::default());
+                self.vertices.push(TraceVertex { before, position, material, in_medium, throughput, ..rest });
+            }
+            _ => {}
+        }
+        let Some(vertex) = self.last[path].and_then(|last| self.vertices.get_mut(last)) else { return };
+        match event {
+            Event::Split { .. } | Event::Vertex { .. } => {}
             Event::Emitted(light) => vertex.emitted += light,
             Event::ShadowRay { light, .. } => vertex.direct += light,
             Event::Connection { connection, .. } => vertex.connections.push(connection),

@@ -45,6 +45,8 @@ pub(crate) struct PathStates<F: Lanes> {
     pub(crate) bounces: F,
     /// Number of vertices with light samples so far.
     pub(crate) light_vertices: F,
+    /// Number of paths that the sample was split into.
+    pub(crate) children: F,
     /// Density [1/sr] of the last scattered direction, if light sampling could have sampled it as well. Else zero, and the
     /// path has full weight.
     pub(crate) last_pdf: F,
@@ -58,12 +60,18 @@ impl<F: Lanes> PathStates<F> {
     /// Loads the state `of(lane)` of each lane.
     #[inline(always)]
     pub(crate) fn load<'p>(token: F::Token, of: impl Fn(usize) -> &'p PathState) -> Self {
-        let [(t, eta_scale), (l, gain_scale), (words, path_length), (counts, _), (point, both_sides), (normal, is_one)] =
-            V3::<F>::load_records(
-                token,
-                #[inline(always)]
-                |lane| &of(lane).0,
-            );
+        let [
+            (t, eta_scale),
+            (l, gain_scale),
+            (words, path_length),
+            (counts, children),
+            (point, both_sides),
+            (normal, is_one),
+        ] = V3::<F>::load_records(
+            token,
+            #[inline(always)]
+            |lane| &of(lane).0,
+        );
         let words = [words.x.to_bits(), words.y.to_bits(), words.z.to_bits()];
         Self {
             throughput: Rgb::new(t.x, t.y, t.z),
@@ -74,6 +82,7 @@ impl<F: Lanes> PathStates<F> {
             path_length,
             bounces: counts.x,
             light_vertices: counts.y,
+            children,
             last_pdf: counts.z,
             last: Receivers { point, normal, both_sides: both_sides.is_positive() },
             last_choice_is_one: is_one.is_positive(),
@@ -89,7 +98,7 @@ impl<F: Lanes> PathStates<F> {
             (V3::new(t.r, t.g, t.b), self.eta_scale),
             (V3::new(l.r, l.g, l.b), self.gain_scale),
             (V3::new(F::from_bits(low), F::from_bits(high), F::from_bits(index)), self.path_length),
-            (V3::new(self.bounces, self.light_vertices, self.last_pdf), one),
+            (V3::new(self.bounces, self.light_vertices, self.last_pdf), self.children),
             (last.point, one.only(last.both_sides)),
             (last.normal, one.only(self.last_choice_is_one)),
         ];
@@ -161,6 +170,7 @@ impl PathState {
         let mut state = Self([[0.0; 4]; 6]);
         state.0[0] = [1.0; 4];
         state.0[1][3] = -1.0;
+        state.0[3][3] = 1.0;
         state.0[2] = [f32::from_bits(low), f32::from_bits(high), f32::from_bits(index), 0.0];
         state
     }

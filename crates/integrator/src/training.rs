@@ -1,12 +1,13 @@
 //! Training paths of the learned Russian roulette: their outcomes, vertex by vertex.
 
 use crate::dimensions;
-use crate::estimator::Estimator;
+use crate::estimator::{Estimator, PixelSample};
 use crate::learned_roulette::{CONNECTION, LearnedRoulette, SHADOW, Visit};
 use crate::observer::{ConnectionTally, Event, Observer};
 use crate::wavefront::{Watch, Wavefront};
+use dunkelfeld_film::Sample;
 use dunkelfeld_lanes::InstructionSet;
-use dunkelfeld_sampling::Sampler;
+use dunkelfeld_sampling::{BATCHES, Sampler};
 use dunkelfeld_scene::{Moment, RayGenerator, Scene};
 use std::ops::Range;
 
@@ -23,6 +24,10 @@ const COST_PER_PATH: f32 = 32.0;
 /// Paths that are followed together. The limit of the cost is checked after each so many paths.
 const TOGETHER: usize = 8;
 
+/// Pixels in which the variance of the first light samples is measured, and samples of each batch there.
+const VARIANCE_PIXELS: u32 = 256;
+const BATCH_SAMPLES: u32 = 8;
+
 /// Rounds of training. The paths of each round use the statistics of the round before.
 const ROUNDS: u32 = 3;
 
@@ -38,13 +43,43 @@ impl LearnedRoulette {
         trace: impl Fn(Range<u32>, &(dyn Fn(u32) -> TrainingBatch + Sync)) -> Vec<TrainingBatch>,
     ) -> Option<Self> {
         let per_round = (paths / (ROUNDS * TrainingBatch::PATHS)).max(1);
-        (0..ROUNDS).try_fold(None, |previous: Option<Self>, round| {
+        let learned = (0..ROUNDS).try_fold(None, |previous: Option<Self>, round| {
             let batch = |n| TrainingBatch::trace(scene, camera, previous.as_ref(), [width, height], n);
             let batches = trace(round * per_round..(round + 1) * per_round, &batch);
             let visits: Vec<&[Visit]> = batches.iter().map(|b| b.visits.as_slice()).collect();
             Self::from_visits(&visits).map(Some)
-        })?
+        })??;
+        Some(learned.with_splits(first_light_variance(scene, camera, [width, height])))
     }
+}
+
+/// The mean variance of the first light samples of a path in a pixel [W^2/(m^4 sr^2)], from the scatter of the batches of the
+/// sampler in some pixels. The noisiest pixels, at the edges of lamps, are left out.
+fn first_light_variance(scene: &Scene, camera: &RayGenerator, [width, height]: [u32; 2]) -> f64 {
+    let estimator = Estimator { scene, camera, width, seed: SEED, frame: 0, roulette: None };
+    let mut wavefront = Wavefront::new(&estimator, InstructionSet::best());
+    wavefront.only_first_light = true;
+    let pixels = (0..VARIANCE_PIXELS).map(|number| {
+        let [x, y] = Sampler::new(SEED, u32::MAX - 2, 0, number).get_2d(dimensions::CAMERA);
+        [(x * width as f32) as u32, (y * height as f32) as u32]
+    });
+    let at: Vec<_> =
+        pixels.flat_map(|[x, y]| (0..BATCHES * BATCH_SAMPLES).map(move |index| PixelSample { x, y, index })).collect();
+    let mut samples = Vec::new();
+    wavefront.samples(&at, &mut ConnectionTally::default(), &mut samples);
+    let of_pixel = |samples: &[Sample]| {
+        let mut sums = [0.0; BATCHES as usize];
+        for (index, sample) in samples.iter().enumerate() {
+            sums[index % sums.len()] += f64::from(sample.radiance.max_channel());
+        }
+        let mean = sums.iter().sum::<f64>() / f64::from(BATCHES);
+        let deviations: f64 = sums.iter().map(|sum| (sum - mean) * (sum - mean)).sum();
+        deviations / (f64::from(BATCHES - 1) * f64::from(BATCH_SAMPLES))
+    };
+    let mut variances: Vec<f64> = samples.chunks((BATCHES * BATCH_SAMPLES) as usize).map(of_pixel).collect();
+    variances.sort_by(f64::total_cmp);
+    let kept = &variances[..variances.len() - variances.len() / 16];
+    kept.iter().sum::<f64>() / kept.len() as f64
 }
 
 /// The outcomes of some training paths: a pure function of scene, camera, film, earlier statistics and the number of the
@@ -131,7 +166,7 @@ impl Observer for PathOutcomes {
         }
         let Some(visit) = visits.last_mut() else { return };
         match event {
-            Event::Vertex { .. } => {}
+            Event::Split { .. } | Event::Vertex { .. } => {}
             Event::Emitted(light) => visit.added += light.max_channel(),
             Event::ShadowRay { index, light } => visit.add_ray(SHADOW, index, 1, light),
             Event::Connection { index, connection } => {

@@ -1,7 +1,7 @@
 //! Estimates of single samples: the recorded path reproduces the sample, and pixel ids name the front surface.
 
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Vec3};
-use dunkelfeld_integrator::{Estimator, PixelIds, PixelSample, pixel_ids, pixel_ids_of_row};
+use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelIds, PixelSample, pixel_ids, pixel_ids_of_row};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
@@ -36,10 +36,12 @@ fn room() -> (Scene, RayGenerator) {
 #[test]
 fn a_trace_sums_to_its_sample_and_its_throughputs_are_products() {
     let (scene, camera) = room();
-    let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed: 4, frame: 2, roulette: None };
-    let (mut longest, mut lit) = (0, 0);
+    let learned = LearnedRoulette::train(&scene, &camera, [SIZE; 2], 768, |range, batch| range.map(batch).collect());
+    let (mut longest, mut lit, mut splits) = (0, 0, 0);
     for k in 0..SIZE * SIZE {
         for index in 0..16 {
+            let roulette = if index % 2 == 0 { None } else { learned.as_ref() };
+            let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed: 4, frame: 2, roulette };
             let at = PixelSample { x: k % SIZE, y: k / SIZE, index };
             let (sample, trace) = estimator.trace(at);
             assert_eq!(sample, estimator.sample(at), "tracing {at:?} changes it");
@@ -49,17 +51,26 @@ fn a_trace_sums_to_its_sample_and_its_throughputs_are_products() {
             // The throughput grows by the sampled weight over the survival probability, and decreases by absorption in
             // solids. No surface of this scene reflects more than it receives, except for radiance that refraction
             // compresses. Roulette raises the throughput at most to one.
-            for pair in trace.vertices.windows(2) {
-                assert!(pair[1].throughput.max_channel() <= 1.5f32.powi(2) * 1.001, "{at:?}: {:?}", pair[1].throughput);
+            for vertex in trace.vertices.iter().filter(|_| roulette.is_none()) {
+                assert!(vertex.throughput.max_channel() <= 1.5f32.powi(2) * 1.001, "{at:?}: {:?}", vertex.throughput);
             }
-            // Every vertex but the last has a sampled direction. The sky ends a path.
-            let (last, before) = trace.vertices.split_last().expect("a path has a vertex");
-            assert!(before.iter().all(|v| v.scattered.is_some() && v.material.is_some()) && last.scattered.is_none());
+            // Every vertex before another has a sampled direction. The sky ends a path.
+            let is_before = |number| trace.vertices.iter().filter(|v| v.before == Some(number)).count();
+            for (number, vertex) in trace.vertices.iter().enumerate() {
+                let after = is_before(number);
+                let is_last = vertex.scattered.is_none();
+                assert!(is_last == (after == 0) || roulette.is_some() && after > 0, "{at:?}, vertex {number}");
+                assert!(vertex.before.is_none_or(|before| before < number) && vertex.before.is_none() == (number == 0));
+                assert!(vertex.material.is_some() || after == 0);
+                assert!(after < 2 || roulette.is_some(), "{at:?}: nothing is split without training");
+                splits += u32::from(after > 1);
+            }
             longest = longest.max(trace.vertices.len());
             lit += u32::from(!sample.radiance.is_black());
         }
     }
     assert!(longest > 5 && lit > 1000, "the room shows something: {longest} vertices, {lit} lit samples");
+    assert!(splits > 100, "{splits} paths are split");
 }
 
 /// The weight of the lens applies to the recorded path as to the sample, and depth is measured from the lens.

@@ -163,6 +163,7 @@ fn the_learned_roulette_changes_the_noise_and_not_the_mean() {
         welch_test(&by_throughput, &learned).assert(RATE, &name);
         assert!(learned.standard_error() < 0.02 * learned.mean(), "{name}: too noisy: {learned:?}");
         // The technique is in use.
+        assert!(cover || trained.children() > 1, "{name}: no sample is split");
         let same_seed = moments_with(&scene, Some(&trained), 1, FRAMES);
         assert_ne!(same_seed, by_throughput, "{name}");
     }

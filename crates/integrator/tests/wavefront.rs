@@ -14,8 +14,8 @@ use dunkelfeld_scene::{
 
 const SIZE: u32 = 24;
 
-/// Compares all samples of a scene.
-fn compare(b: SceneBuilder, what: &str) {
+/// Compares all samples of a scene. Returns the number of paths that samples are split into.
+fn compare(b: SceneBuilder, what: &str) -> u32 {
     let scene: Scene = b.build().expect("the scene is valid").0;
     let camera = scene.ray_generator(&scene.cameras()[0], SIZE, SIZE).expect("a camera");
     let learned = LearnedRoulette::train(&scene, &camera, [SIZE; 2], 3000, |range, batch| range.map(batch).collect());
@@ -46,6 +46,7 @@ fn compare(b: SceneBuilder, what: &str) {
             assert_eq!(found, of_some, "{what}, a part of the samples, {set:?}");
         }
     }
+    learned.map_or(1, |learned| learned.children())
 }
 
 /// A floor of plastic, a smooth ball and a box of metal under a panel.
@@ -73,7 +74,8 @@ fn sky(b: &mut SceneBuilder) {
 
 #[test]
 fn opaque_surfaces() {
-    compare(station(), "one light");
+    let children = compare(station(), "one light");
+    assert!(children > 1, "samples of plain surfaces are split");
     let mut b = station();
     for k in 0..5 {
         panel(&mut b, -2.0 + 0.7 * k as f32, 3.0);

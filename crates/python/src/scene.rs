@@ -336,9 +336,10 @@ impl Scene {
     /// number in the pixel. The other arguments are those of `render`; the sample depends on them.
     ///
     /// Returns a dictionary: `radiance` [W/(m² sr)], `is_valid`, and `vertices`, a list of dictionaries from the camera on.
-    /// A vertex has `material`, `position` [m] (None where the ray left the scene), `left_toward`, `in_medium`,
-    /// `throughput`, `emitted`, `direct` [W/(m² sr)], `connections` through covers, and `scattered` (`direction`, `lobe`, `pdf`
-    /// [1/sr], `weight`; None where the path ended).
+    /// A vertex has `before` (index of the vertex before it; where the path was split, several have the same), `material`,
+    /// `position` [m] (None where the ray left the scene), `left_toward`, `in_medium`, `throughput`, `emitted`, `direct`
+    /// [W/(m² sr)], `connections` through covers, and `scattered` (`direction`, `lobe`, `pdf` [1/sr], `weight`; None where the
+    /// path ended).
     #[pyo3(signature = (x, y, sample, *, width=None, height=None, camera=None, seed=None, frame=None, vignetting=None,
         training_paths=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]

@@ -2,7 +2,7 @@
 
 use crate::hash::{hash_u64, mix_lanes};
 use crate::sobol::{coordinate_reversed, owen_reversed};
-use dunkelfeld_lanes::{Lanes, One, OneLong, Word};
+use dunkelfeld_lanes::{Lanes, Mask, One, OneLong, Word};
 
 /// Number of independently scrambled batches. The samples of a pixel are assigned to them in turn.
 ///
@@ -72,6 +72,20 @@ impl<F: Lanes> Sampler<F> {
     pub fn words(&self) -> [F::Word; 3] {
         let [low, high] = F::split(self.key);
         [low, high, self.index_reversed]
+    }
+
+    /// The numbers of child `child` of 2^`splits` that each sample of some lanes is split into; those of the sample in other
+    /// lanes. The children of an aligned power-of-two run of samples are such a run of points themselves. Samples that are
+    /// not split have other numbers. Indices of samples are below 2^(32 - `splits`) times [`BATCHES`].
+    #[inline(always)]
+    pub fn child(&self, child: u32, splits: u32, lanes: F::Mask) -> Self {
+        let [low, high, index] = self.words();
+        let (mut low, mut index) = (F::word_to_array(low), F::word_to_array(index));
+        for lane in lanes.lanes() {
+            low[lane] = !low[lane];
+            index[lane] = (index[lane] >> splits) | child.reverse_bits();
+        }
+        Self::from_words(self.token, [F::load_word(self.token, &low), high, F::load_word(self.token, &index)])
     }
 
     /// The numbers of set `set`. Each is computed on access.

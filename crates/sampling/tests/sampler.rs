@@ -34,6 +34,36 @@ fn power_of_two_runs_of_each_batch_are_stratified() {
     }
 }
 
+/// The children of the samples of a batch are a run of points too.
+#[test]
+fn children_of_a_run_of_samples_are_stratified() {
+    let children = |sample, splits: u32| {
+        let sampler = Sampler::new(3, 1, 77, sample);
+        (0..1 << splits).map(move |child| sampler.child(child, splits, true).get_4d(5))
+    };
+    for splits in 0..4 {
+        for first in [0, 24] {
+            let cells = 8 << splits;
+            let points: Vec<[f32; 4]> =
+                (first..first + 8).flat_map(|index| children(BATCHES * index + 2, splits)).collect();
+            for dimension in 0..4 {
+                let hits = points.iter().map(|p| (p[dimension] * cells as f32) as u32);
+                assert_one_per_cell(
+                    cells,
+                    hits,
+                    &format!("{splits} splits, samples from {first}, dimension {dimension}"),
+                );
+            }
+            let elementary =
+                points.iter().map(|p| (p[0] * 8.0) as u32 * (cells / 8) + (p[1] * (cells / 8) as f32) as u32);
+            assert_one_per_cell(cells, elementary, &format!("{splits} splits, samples from {first}"));
+        }
+    }
+    let sample = Sampler::new(3, 1, 77, 9);
+    assert_eq!(sample.child(3, 2, false).get_4d(5), sample.get_4d(5));
+    assert!(children(9, 2).all(|child| child != sample.get_4d(5)), "no number is used twice");
+}
+
 #[test]
 fn stratification_holds_beyond_65536_points() {
     const N: u32 = 1 << 17;

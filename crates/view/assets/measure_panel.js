@@ -254,6 +254,6 @@ function showPath(store) {
   setText(box("path-facts"), path
     ? `Sample ${count(path.index)}, luminance ${number(path.luminance)}, ${path.vertices.length} vertices.`
     : store.showPath ? "Move the cursor to a pixel, or pin one." : "Switch on the tool Path and pin a pixel.");
-  box("path-list").replaceChildren(...(path?.vertices ?? []).map(({ x, event, object }) =>
-    element("li", {}, `${event}${object ? `: ${object}` : ""}${x === null ? " (behind the camera)" : ""}`)));
+  box("path-list").replaceChildren(...(path?.vertices ?? []).map(({ x, before, event, object }, index) =>
+    element("li", {}, `${event}${object ? `: ${object}` : ""}${before !== null && before + 1 < index ? ` (from ${before})` : ""}${x === null ? " (behind the camera)" : ""}`)));
 }

@@ -62,16 +62,11 @@ export function drawShapes(context, viewer, store) {
  */
 function drawPath(context, vertices, atX, atY, unit) {
   context.beginPath();
-  let drawing = false;
-  for (const { x, y } of vertices) {
-    if (x === null || y === null) {
-      drawing = false;
-    } else if (drawing) {
-      context.lineTo(atX(x), atY(y));
-    } else {
-      context.moveTo(atX(x), atY(y));
-      drawing = true;
-    }
+  for (const { x, y, before } of vertices) {
+    const from = before === null ? undefined : vertices[before];
+    if (!from || from.x === null || from.y === null || x === null || y === null) continue;
+    context.moveTo(atX(from.x), atY(from.y));
+    context.lineTo(atX(x), atY(y));
   }
   strokeWithHalo(context, PATH_COLOUR, 1.5 * unit);
   vertices.forEach(({ x, y }, index) => {

@@ -466,9 +466,10 @@ pub(crate) struct PathAnswer {
     pub(crate) vertices: Vec<PathVertex>,
 }
 
-/// A vertex of a path, with its place on the film \[pixels\].
+/// A vertex of a path, with its place on the film \[pixels\], and the index of the vertex before it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct PathVertex {
+    pub(crate) before: Option<usize>,
     pub(crate) x: Option<f64>,
     pub(crate) y: Option<f64>,
     pub(crate) object: Option<String>,

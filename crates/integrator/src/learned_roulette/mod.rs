@@ -1,4 +1,5 @@
-//! Learned Russian roulette: survival probabilities of paths, shadow rays and connections by their expected gain.
+//! Learned Russian roulette and splitting: survival probabilities of paths, shadow rays and connections by their expected
+//! gain, and the number of paths that a path is split into.
 //!
 //! A part of a sample with the outcome `X` [W/(m^2 sr)] and the cost `c` \[rays\] is computed with the survival
 //! probability `q` and divided by it. That adds `E[X^2] (1/q - 1)` to the variance of the sample and saves `c (1 - q)`
@@ -13,11 +14,18 @@
 //! whose first vertex lies in the same cell. `V` leaves out the light samples of that vertex: their points are evenly
 //! distributed over the samples of a pixel, so they add little to the variance of its mean.
 //!
+//! Behind its first light samples a path is split into `K` paths of a share `1/K` each (Vorba and Křivánek 2016). For the
+//! variances `v` and the costs `c` of these samples (0) and of the rest (1), `(v_0 + v_1 / K) (c_0 + K c_1)` is smallest at
+//! `K^2 = (v_1 / v_0) (c_0 / c_1)`. Training paths measure `c` and `v_1`; `v_0` is that of stratified samples in
+//! some pixels. `K` is a power of two, the same for the whole image.
+//! The children survive as the path would. The gain of the light samples before them grows by `sqrt(K)`.
+//!
 //! The survivors are divided by `q`, so no learned value changes the expected image.
 
 mod cells;
 mod statistics;
 
+use statistics::RestSums;
 pub(crate) use statistics::Visit;
 
 use crate::learned_roulette::cells::{Cell, CellGrid, NONE};
@@ -44,9 +52,22 @@ const MIN_SURVIVAL: f32 = 0.2;
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct LearnedRoulette {
     grid: CellGrid,
+    /// The binary logarithm of the number of paths that a path is split into behind its first light samples.
+    pub(crate) splits: u32,
+    rests: RestSums,
 }
 
 impl LearnedRoulette {
+    /// Number of paths that a sample is split into behind its first light samples; 1 where it is not split.
+    pub fn children(&self) -> u32 {
+        1 << self.splits
+    }
+
+    /// Splits paths, for the variance of their first light samples in pixels [W^2/(m^4 sr^2)].
+    pub(crate) fn with_splits(self, first_variance: f64) -> Self {
+        Self { splits: self.rests.splits(first_variance), ..self }
+    }
+
     /// The survival probabilities at vertices on surfaces. The first surface with statistics sets the `gain_scale` of a path,
     /// which is negative before. A lane has none if its material has no statistics, or if the noise of the first surface is
     /// zero.
@@ -80,7 +101,7 @@ pub(crate) struct VertexRoulettes<'a, F: Lanes> {
     /// Index of the cell of each lane.
     found: [u32; MAX_WIDTH],
     /// Lanes with statistics.
-    is_learned: F::Mask,
+    pub(crate) is_learned: F::Mask,
     /// `1 / sqrt(V / C)` of the paths \[m^2 sr/W\]; below zero where no vertex has set it.
     pub(crate) gain_scale: F,
     path: F,
@@ -159,7 +180,7 @@ mod tests {
             .collect();
         let by_material = [Some(cell(-1.0)), Some(cell(0.0)), None, Some(cell(f32::INFINITY))];
         let grid = CellGrid::new(lattice, by_key.iter().map(|(&key, &cell)| (key, cell)), by_material.into_iter());
-        (lattice, by_key, LearnedRoulette { grid })
+        (lattice, by_key, LearnedRoulette { grid, splits: 0, rests: RestSums::default() })
     }
 
     #[test]

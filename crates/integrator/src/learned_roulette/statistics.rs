@@ -11,6 +11,13 @@ use std::collections::BTreeMap;
 /// Costs of both kinds of rays to lights.
 const COSTS: [f32; 2] = [SHADOW_COST, CONNECTION_COST];
 
+/// Largest mean cost \[rays\] of the rests of paths with which these are split. Where rests are longer, their variance arises at
+/// later vertices, and a split at the first one does not pay.
+const MAX_REST_COST: f64 = 3.0;
+
+/// The binary logarithm of the largest number of paths that a path is split into.
+const MAX_SPLITS: f64 = 2.0;
+
 /// Weight of the statistics of the material in those of a cell \[observations\].
 const PRIOR: f64 = 4.0;
 
@@ -38,6 +45,11 @@ pub(crate) struct Outcomes {
 }
 
 impl Visit {
+    /// Were rays to lights traced here?
+    fn is_lit(&self) -> bool {
+        self.rays.as_flattened().iter().any(|outcomes| outcomes.traced > 0)
+    }
+
     /// Adds the light of a shadow ray or connection to a light, for which a number of rays were traced.
     pub(crate) fn add_ray(&mut self, kind: usize, light: u32, rays: u32, added: Rgb) {
         self.added += added.max_channel();
@@ -128,6 +140,39 @@ impl Means {
     }
 }
 
+/// Paths up to their first light samples, and their rests.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+pub(super) struct RestSums {
+    paths: f64,
+    /// Paths that continue.
+    rests: f64,
+    /// Costs of both parts \[rays\].
+    costs: [f64; 2],
+    /// Sum and squares of the radiance of the rests [W/(m^2 sr)].
+    moments: [f64; 2],
+}
+
+impl RestSums {
+    fn add(&mut self, cost: f64, rest: Outcome) {
+        self.paths += 1.0;
+        self.rests += f64::from(u8::from(rest.cost > 0.0));
+        add(&mut self.costs, [cost - rest.cost, rest.cost]);
+        add(&mut self.moments, [rest.radiance, rest.radiance * rest.radiance]);
+    }
+
+    /// The binary logarithm of the number of paths that a path is split into, for the variance of its first light samples
+    /// [W^2/(m^4 sr^2)].
+    pub(super) fn splits(&self, first_variance: f64) -> u32 {
+        let [before, behind] = self.costs;
+        if behind > MAX_REST_COST * self.rests {
+            return 0;
+        }
+        let [sum, squares] = self.moments.map(|moment| moment / self.paths);
+        let ratio = (squares - sum * sum) / first_variance * (before / behind);
+        (0.5 * ratio.log2()).round().clamp(0.0, MAX_SPLITS) as u32
+    }
+}
+
 fn add<const N: usize>(sums: &mut [f64; N], values: [f64; N]) {
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
 }
@@ -144,8 +189,10 @@ impl LearnedRoulette {
         let mut cells: BTreeMap<[u32; 2], (u32, Sums)> = BTreeMap::new();
         let mut materials: BTreeMap<u32, Sums> = BTreeMap::new();
         let mut all = Sums::default();
+        let mut rests = RestSums::default();
         for path in batches.iter().flat_map(|visits| visits.chunk_by(|_, next| !next.is_first)) {
             let cost: f64 = path.iter().map(|v| f64::from(v.cost)).sum();
+            let first_lit = path.iter().find(|visit| visit.is_lit());
             let mut rest = Outcome::default();
             for visit in path.iter().rev() {
                 // Invalid samples are counted by the film. Nothing is learned from them.
@@ -154,6 +201,9 @@ impl LearnedRoulette {
                     cells.entry(key).or_insert((material, Sums::default())).1.add(visit, rest, cost);
                     materials.entry(material).or_default().add(visit, rest, cost);
                     all.add(visit, rest, cost);
+                }
+                if first_lit.is_some_and(|first| std::ptr::eq(first, visit)) {
+                    rests.add(cost, rest);
                 }
                 rest.radiance += f64::from(visit.added);
                 rest.cost += f64::from(visit.cost);
@@ -165,6 +215,35 @@ impl LearnedRoulette {
         let by_key = cells.iter().map(|(&key, (material, sums))| (key, sums.means(&materials[material]).cell()));
         let last = materials.keys().next_back()?;
         let by_material = (0..=*last).map(|m| materials.get(&m).map(Means::cell));
-        Some(Self { grid: CellGrid::new(lattice, by_key, by_material) })
+        Some(Self { grid: CellGrid::new(lattice, by_key, by_material), splits: 0, rests })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The product of variance and cost is the smallest of the powers of two.
+    #[test]
+    fn the_number_of_children_is_the_most_efficient_one() {
+        let sums = |cost: f64, rest: f64| {
+            let mut sums = RestSums::default();
+            for radiance in [0.0, 0.0, 0.0, 4.0] {
+                sums.add(cost + rest, Outcome { radiance, cost: rest });
+            }
+            sums
+        };
+        for (before, behind) in [(0.5, 2.9), (2.7, 1.4), (1.5, 1.1), (6.6, 2.6), (40.0, 2.0), (2.7, 0.01)] {
+            for first in [0.1, 0.5, 3.0, 20.0] {
+                let product = |splits: u32| {
+                    let children = f64::from(1 << splits);
+                    (first + 3.0 / children) * (before + children * behind)
+                };
+                let best = (0..=MAX_SPLITS as u32).min_by(|a, b| product(*a).total_cmp(&product(*b)));
+                assert_eq!(Some(sums(before, behind).splits(first)), best, "{before} {behind} {first}");
+            }
+        }
+        assert_eq!(sums(100.0, 5.0).splits(0.01), 0, "long rests");
+        assert_eq!(RestSums::default().splits(0.0), 0, "no light sample at all");
     }
 }

@@ -10,6 +10,7 @@ use crate::scatterer::Scattering;
 use dunkelfeld_bsdf::Bsdf;
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, Mask, V3, vectorize};
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::{Bsdfs, Interface, LightChoice, Receivers, ShadingLanes, SurfacePoint, SurfacePoints};
 use smallvec::SmallVec;
 
@@ -38,6 +39,11 @@ pub(super) struct Group<'g, F: Lanes> {
     /// The material, if the surfaces bound solids.
     pub(super) solid: Option<u32>,
     pub(super) learned: VertexRoulettes<'g, F>,
+    /// The binary logarithm of the number of paths that paths are split into, and the lanes where they are.
+    pub(super) splits: u32,
+    is_split: F::Mask,
+    /// Lanes with the first light samples of their path.
+    pub(super) is_first_light: F::Mask,
     /// Largest channel of the radiance before the vertex; zero at the first vertex with light samples. That one contributes
     /// most of the light of the pixel. Without training, roulette skips none of its shadow rays.
     pub(super) gathered: F,
@@ -152,9 +158,18 @@ impl<'a> Wavefront<'a> {
                 Bsdfs::Same(_) => used,
                 Bsdfs::Each(each) => F::mask(token, lit_lanes(&each[..len])),
             };
+            let is_first_light = lit & !state.light_vertices.is_positive();
             let gathered = state.radiance.max_channel().only(lit & state.light_vertices.is_positive());
             state.light_vertices += state.eta_scale.constant(1.0).only(lit);
+            let is_split = is_first_light & used & learned.is_learned;
+            let splits = match self.estimator.roulette {
+                Some(roulette) if is_split.any() && !watch.needs_outcomes() => roulette.splits,
+                _ => 0,
+            };
             Group {
+                splits,
+                is_split,
+                is_first_light,
                 at: Scattering { token, len, frames, wo: frames.frame.to_local(wo), bsdfs },
                 vertex,
                 in_medium,
@@ -252,11 +267,35 @@ impl<F: Lanes> Group<'_, F> {
         }
         let relative = scale * expected;
         let is_rare = self.gathered.is_positive() & scale.is_positive() & relative.lt(one);
+        let importance = brightest * self.state.children;
         let gathered = match self.choice {
             LightChoice::Each => is_rare.select(relative.max(one.constant(MIN_SURVIVAL)), one),
             LightChoice::One => one,
         };
-        self.learned.ray_survival(kind, index, brightest * expected, gathered)
+        self.learned.ray_survival(kind, index, importance * expected * self.split_gain(), gathered)
+    }
+
+    /// The number of paths that each path is split into.
+    #[inline(always)]
+    pub(super) fn num_children(&self) -> F {
+        let one = self.at.wo.x.constant(1.0);
+        self.is_split.select(one * (1 << self.splits) as f32, one)
+    }
+
+    /// Factor of light samples before a split on the root of the gain in efficiency: the variance of the rest is divided by
+    /// the number of children.
+    #[inline(always)]
+    fn split_gain(&self) -> F {
+        if self.splits == 0 { self.at.wo.x.constant(1.0) } else { self.num_children().sqrt() }
+    }
+
+    /// The sampler of a child.
+    #[inline(always)]
+    pub(super) fn sampler(&self, child: u32) -> Sampler<F> {
+        match self.splits {
+            0 => self.state.sampler,
+            splits => self.state.sampler.child(child, splits, self.is_split),
+        }
     }
 
     /// The origins of rays that leave the points in given directions.

@@ -55,6 +55,8 @@ pub struct Wavefront<'a> {
     estimator: Estimator<'a>,
     set: InstructionSet,
     paths: Vec<PathState>,
+    /// The paths behind those of the samples: the paths that they were split from.
+    parents: Vec<u32>,
     /// For each path the factor on its radiance, and the distance from the camera to the origin of its ray \[m\].
     camera: Vec<(f32, f32)>,
     /// The samples of the paths, with their auxiliary layers.
@@ -84,6 +86,8 @@ pub struct Wavefront<'a> {
     attempts: Attempts,
     segments: Segments,
     lane_use: LaneUse,
+    /// Do paths end at their first light samples?
+    pub(crate) only_first_light: bool,
 }
 
 /// The state of the auxiliary layers of a path.
@@ -182,6 +186,7 @@ impl<'a> Wavefront<'a> {
             estimator: *estimator,
             set,
             paths: Vec::new(),
+            parents: Vec::new(),
             camera: Vec::new(),
             samples: Vec::new(),
             layers: Vec::new(),
@@ -199,6 +204,7 @@ impl<'a> Wavefront<'a> {
             attempts: Attempts::default(),
             segments: Segments::new(estimator.scene),
             lane_use: LaneUse::default(),
+            only_first_light: false,
         }
     }
 
@@ -238,6 +244,11 @@ impl<'a> Wavefront<'a> {
             }
         });
         self.follow(watch);
+        let samples = self.samples.len();
+        for (child, &parent) in (samples..).zip(&self.parents) {
+            let light = self.paths[child].radiance();
+            self.paths[parent as usize].add_radiance(light);
+        }
         let camera = self.camera.iter().zip(&self.samples);
         found.extend(self.paths.iter().zip(camera).map(|(path, (&(weight, start), sample))| {
             // The lens scales the radiance, for example by vignetting.
@@ -250,6 +261,7 @@ impl<'a> Wavefront<'a> {
     /// Begins a batch.
     pub(crate) fn begin(&mut self) {
         self.paths.clear();
+        self.parents.clear();
         self.rays.clear();
         self.camera.clear();
     }

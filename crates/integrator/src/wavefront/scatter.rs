@@ -42,10 +42,13 @@ pub(super) struct Evaluated<F: Lanes> {
     albedo: Rgb<F>,
     /// For each given direction: BSDF times cosine [1/sr], and its density by scattering [1/sr].
     pub(super) direct: SmallVec<[(Rgb<F>, F); LIGHTS]>,
-    /// The new direction in render space, and the rest of its sample.
+    children: SmallVec<[Child<F>; 1]>,
+}
+
+/// A new direction of each lane in render space, with the rest of its sample, and the number for roulette.
+struct Child<F: Lanes> {
     wi: V3<F>,
     sample: BsdfSamples<F>,
-    /// The number for roulette.
     u_roulette: F,
 }
 
@@ -79,7 +82,10 @@ impl Wavefront<'_> {
         self.set_layers(&group, found.albedo);
         self.add_direct_light(&group, &draws, &found);
         self.queue_connections(&group, &draws, &candidates, &found);
-        self.continue_paths(&group, &found, watch);
+        // The first child replaces the path, when the others have left it.
+        for (number, child) in (0..1 << group.splits).zip(&found.children).rev() {
+            self.continue_paths(&group, (number, child), watch);
+        }
     }
 
     /// Draws the light samples of a group.
@@ -186,12 +192,17 @@ impl Wavefront<'_> {
         q.t_max = F::load(time.token(), &ends);
     }
 
-    /// New directions by sampling the BSDFs, and roulette.
+    /// The first or a further child of each path: a new direction, and roulette.
     #[inline(never)]
-    fn continue_paths<F: Lanes>(&mut self, group: &Group<'_, F>, found: &Evaluated<F>, watch: &mut Watch<'_>) {
+    fn continue_paths<F: Lanes>(
+        &mut self,
+        group: &Group<'_, F>,
+        (number, child): (u32, &Child<F>),
+        watch: &mut Watch<'_>,
+    ) {
         let scene = self.estimator.scene;
         vectorize!(F, group.at.token, {
-            let Evaluated { wi, sample, u_roulette, .. } = found;
+            let Child { wi, sample, u_roulette } = child;
             let (token, mut state) = (group.at.token, group.state);
             let one = state.bounces.constant(1.0);
             let mut most = one;
@@ -199,16 +210,32 @@ impl Wavefront<'_> {
                 state.bounces += one;
                 most = max_survival(state.bounces);
             }
+            let mut used = group.used;
+            if group.splits > 0 {
+                let children = group.num_children();
+                used = used & children.gt(one * number as f32);
+                state.sampler = group.sampler(number);
+                state.children = state.children * children;
+                state.throughput *= children.recip();
+                if number > 0 {
+                    state.radiance = Rgb::splat(one.constant(0.0));
+                }
+            }
             state.throughput *= sample.weight;
             state.eta_scale *= sample.eta * sample.eta;
-            let brightest = state.throughput.max_channel();
+            // Roulette does not take a split for a loss.
+            let brightest = state.throughput.max_channel() * state.children;
             let by_throughput = brightest * state.eta_scale * RR_SCALE;
             let survival = group.learned.path_survival(brightest, by_throughput).min(most);
-            let alive = group.used & sample.pdf.is_positive() & u_roulette.lt(survival);
+            if self.only_first_light {
+                used = used & !group.is_first_light;
+            }
+            let alive = used & sample.pdf.is_positive() & u_roulette.lt(survival);
             if !alive.any() {
                 return;
             }
             state.throughput *= survival.recip();
+            let paths = if number == 0 { group.paths } else { self.split(group, alive, watch) };
             // The vertex at which the next scattered light is combined with light sampling.
             let delta = F::splat_word(token, Lobe::DELTA.bits());
             let is_delta = F::word_eq(sample.lobe & delta, delta);
@@ -216,7 +243,7 @@ impl Wavefront<'_> {
             let through_covers = match scene.has_solids() {
                 true => {
                     let enclosing = self.enclosing_beyond(group, *wi);
-                    self.enter_solids(group, alive, (origin, *wi, sample.lobe), &enclosing)
+                    self.enter_solids(group, (alive, &paths), (origin, *wi, sample.lobe), &enclosing)
                 }
                 false => F::mask(token, 0),
             };
@@ -227,17 +254,35 @@ impl Wavefront<'_> {
             let is_one = F::mask(token, if group.choice == LightChoice::One { u32::MAX >> (32 - F::WIDTH) } else { 0 });
             state.last_choice_is_one = (is_delta & state.last_choice_is_one) | (!is_delta & is_one);
             if watch.observer.is_some() {
-                observe_scattering(group, found, (alive, state.throughput), watch);
+                observe_scattering(child, (alive, &paths), state.throughput, watch);
             }
             state.store(
                 alive,
                 #[inline(always)]
-                |lane, state| self.paths[group.paths[lane] as usize] = state,
+                |lane, state| self.paths[paths[lane] as usize] = state,
             );
             let infinity = one.constant(f32::INFINITY);
             let ray = [origin, *wi];
-            self.next.append((alive, &group.paths), ray, infinity, group.points.time);
+            self.next.append((alive, &paths), ray, infinity, group.points.time);
         });
+    }
+
+    /// New paths for children in some lanes.
+    #[inline(never)]
+    fn split<F: Lanes>(&mut self, group: &Group<'_, F>, lanes: F::Mask, watch: &mut Watch<'_>) -> [u32; MAX_WIDTH] {
+        let mut paths = group.paths;
+        for lane in lanes.lanes() {
+            let parent = group.paths[lane];
+            paths[lane] = self.paths.len() as u32;
+            self.paths.push(self.paths[parent as usize]);
+            self.parents.push(parent);
+            watch.event(paths[lane], || Event::Split { parent });
+            self.layers.push(Layers::Set);
+            if let Some(among) = self.among_solids.get(parent as usize) {
+                self.among_solids.push(*among);
+            }
+        }
+        paths
     }
 
     /// The solids and covers of paths that leave surfaces in given directions. Returns the lanes that continue the prefix of
@@ -246,7 +291,7 @@ impl Wavefront<'_> {
     fn enter_solids<F: Lanes>(
         &mut self,
         group: &Group<'_, F>,
-        alive: F::Mask,
+        (alive, paths): (F::Mask, &[u32; MAX_WIDTH]),
         (origin, wi, lobe): (V3<F>, V3<F>, F::Word),
         enclosing: &[EnclosingSolids; MAX_WIDTH],
     ) -> F::Mask {
@@ -256,7 +301,7 @@ impl Wavefront<'_> {
             let (parts, lobes) = (F::word_to_array(group.points.part), F::word_to_array(lobe));
             for lane in alive.lanes() {
                 let enclosing = enclosing[lane];
-                let among = &mut self.among_solids[group.paths[lane] as usize];
+                let among = &mut self.among_solids[paths[lane] as usize];
                 among.enclosing = enclosing;
                 if scene.covers().is_empty() {
                     continue;
@@ -281,12 +326,11 @@ impl Wavefront<'_> {
 /// Reports the new directions of paths.
 #[inline(never)]
 fn observe_scattering<F: Lanes>(
-    group: &Group<'_, F>,
-    found: &Evaluated<F>,
-    (alive, throughput): (F::Mask, Rgb<F>),
+    Child { wi, sample, .. }: &Child<F>,
+    (alive, paths): (F::Mask, &[u32; MAX_WIDTH]),
+    throughput: Rgb<F>,
     watch: &mut Watch<'_>,
 ) {
-    let Evaluated { wi, sample, .. } = found;
     for lane in alive.lanes() {
         let scattering = TraceScattering {
             direction: wi.to_lanes()[lane].to_array(),
@@ -294,7 +338,7 @@ fn observe_scattering<F: Lanes>(
             weight: sample.weight.to_lanes()[lane],
             lobe: Lobe::from_bits(F::word_to_array(sample.lobe)[lane]),
         };
-        watch.event(group.paths[lane], || Event::Scattered { scattering, throughput: throughput.to_lanes()[lane] });
+        watch.event(paths[lane], || Event::Scattered { scattering, throughput: throughput.to_lanes()[lane] });
     }
 }
 
@@ -382,7 +426,7 @@ fn evaluate_each<F: Lanes>(
     vectorize!(F, at.token, evaluate(at, *at, directions, group))
 }
 
-/// Evaluates BSDFs for some directions. If the paths of a group scatter, also the albedo and a new direction.
+/// Evaluates BSDFs for some directions. If the paths of a group scatter, also the albedo and new directions.
 #[inline(always)]
 fn evaluate<F: Lanes, V: View<F>>(
     at: &Scattering<'_, F>,
@@ -399,11 +443,15 @@ fn evaluate<F: Lanes, V: View<F>>(
         direct.push(if lanes.any() { at.eval(*direction) } else { (black, zero) });
     }
     let Some(group) = group else {
-        return Evaluated { albedo: black, direct, wi: wo, sample: BsdfSamples::none(zero), u_roulette: zero };
+        return Evaluated { albedo: black, direct, children: SmallVec::new() };
     };
     let albedo = if group.has_layers { at.view.albedo(wo) } else { black };
-    let numbers = group.state.sampler.numbers(dimensions::scatter(group.vertex));
-    let ([u_x, u_y], [u_lobe, u_roulette]) = (numbers.first_two(), numbers.last_two());
-    let (wi, sample) = at.sample([u_x, u_y, u_lobe]);
-    Evaluated { albedo, direct, wi, sample, u_roulette }
+    let mut children = SmallVec::new();
+    for child in 0..1 << group.splits {
+        let numbers = group.sampler(child).numbers(dimensions::scatter(group.vertex));
+        let ([u_x, u_y], [u_lobe, u_roulette]) = (numbers.first_two(), numbers.last_two());
+        let (wi, sample) = at.sample([u_x, u_y, u_lobe]);
+        children.push(Child { wi, sample, u_roulette });
+    }
+    Evaluated { albedo, direct, children }
 }

@@ -182,6 +182,8 @@ class TracedScattering(TypedDict):
 class TracedVertex(TypedDict):
     """A vertex of `Scene.trace_sample`."""
 
+    before: int | None
+    """Index of the vertex before it; None for the first. Where the path was split, several have the same."""
     material: str | None
     """Name of the material; None where the ray left the scene."""
     position: list[float] | None

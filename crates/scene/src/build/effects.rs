@@ -72,8 +72,8 @@ pub enum Effect {
     /// A technique: next-event estimation through clear covers. Without it, only scattering samples light behind a
     /// cover.
     CoverConnection,
-    /// A technique: Russian roulette with survival probabilities that training paths have learned. Without it they follow
-    /// from the throughput of a path.
+    /// A technique: Russian roulette and splitting of paths, as training paths have learned them. Without it no path is split,
+    /// and survival follows from the throughput of a path.
     LearnedRoulette,
 }
 

@@ -18,11 +18,13 @@ fn text_of(sample: &TracedSample) -> String {
     let mut text = String::new();
     for (i, v) in sample.vertices.iter().enumerate() {
         let place = if v.in_medium { "inside " } else { "" };
+        // The vertex before it is the last one, unless the path was split.
+        let from = v.before.filter(|before| before + 1 < i).map_or(String::new(), |before| format!("from {before}, "));
         if let (Some(name), Some([x, y, z])) = (&v.material, v.position) {
-            let _ = writeln!(text, "{i}: {place}\"{name}\" at {x:.6} {y:.6} {z:.6} m");
+            let _ = writeln!(text, "{i}: {from}{place}\"{name}\" at {x:.6} {y:.6} {z:.6} m");
         }
         if let Some([x, y, z]) = v.left_toward {
-            let _ = writeln!(text, "{i}: left the scene toward {x:.6} {y:.6} {z:.6}");
+            let _ = writeln!(text, "{i}: {from}left the scene toward {x:.6} {y:.6} {z:.6}");
         }
         let _ = writeln!(text, "   throughput {}", rgb(v.throughput));
         if v.emitted != [0.0; 3] {
