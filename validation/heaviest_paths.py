@@ -30,6 +30,16 @@ def name(vertex: dict) -> str:
     return f"{surface} {vertex['event']}".strip()
 
 
+def brightest(vertices: list[dict]) -> list[dict]:
+    """The path to the vertex that adds most light. A sample may be split into several paths."""
+    last: int | None = max(range(len(vertices)), key=lambda number: vertices[number]["luminance"])
+    found = []
+    while last is not None:
+        found.append(vertices[last])
+        last = vertices[last]["before"]
+    return found[::-1]
+
+
 def groups(view, camera, pixels: int, seed: int) -> tuple[Counter, dict[str, list[float]], int]:
     """Counts of the groups, and for each the shares of the samples."""
     _, ratio = view.picture("map", {"camera": camera, "map": "ratio", "effect": None})
@@ -47,7 +57,7 @@ def groups(view, camera, pixels: int, seed: int) -> tuple[Counter, dict[str, lis
             shares["no light in the pixel"].append(0.0)
             continue
         probe = view.post("probe", {"camera": camera, "frame": 0, "x": int(x), "y": int(y)})
-        group = " > ".join(name(vertex) for vertex in path["vertices"])
+        group = " > ".join(name(vertex) for vertex in brightest(path["vertices"]))
         counts[group] += 1
         radiance = np.dot(probe["radiance"], [0.2126, 0.7152, 0.0722])
         shares[group].append(path["luminance"] / max(radiance * probe["samples"], 1e-30))

@@ -482,17 +482,33 @@ class MockView:
             "index": body["index"] if body["index"] is not None else 1174,
             "luminance": 3.81,
             "vertices": [
-                {"before": None, "x": x + 0.5, "y": y + 0.5, "object": "front panel", "event": "diffuse reflection"},
+                {
+                    "before": None,
+                    "luminance": 0.01,
+                    "x": x + 0.5,
+                    "y": y + 0.5,
+                    "object": "front panel",
+                    "event": "diffuse reflection",
+                },
                 {
                     "before": 0,
+                    "luminance": 0.0,
                     "x": self.width * 0.62,
                     "y": self.height * 0.3,
                     "object": "window of the display",
                     "event": "specular transmission",
                 },
-                {"before": 1, "x": None, "y": None, "object": "lens hood", "event": "diffuse reflection"},
+                {
+                    "before": 1,
+                    "luminance": 0.0,
+                    "x": None,
+                    "y": None,
+                    "object": "lens hood",
+                    "event": "diffuse reflection",
+                },
                 {
                     "before": 0,
+                    "luminance": 0.0,
                     "x": self.width * 0.3,
                     "y": self.height * 0.2,
                     "object": "screw M3 (2)",
@@ -500,6 +516,7 @@ class MockView:
                 },
                 {
                     "before": 3,
+                    "luminance": 3.8,
                     "x": self.width * 0.5,
                     "y": self.height * 0.05,
                     "object": "ring light",

@@ -151,7 +151,7 @@ export interface Regions { regions: Region[]; contrast: number | null; cnr: numb
 
 export interface Line { values: number[]; expected: number[]; sigma: number[]; length: number }
 
-export interface PathVertex { before: number | null; x: number | null; y: number | null; object: string | null; event: string }
+export interface PathVertex { before: number | null; luminance: number; x: number | null; y: number | null; object: string | null; event: string }
 export interface LightPath { index: number; luminance: number; vertices: PathVertex[] }
 
 export interface PhotonTransfer {

@@ -466,10 +466,12 @@ pub(crate) struct PathAnswer {
     pub(crate) vertices: Vec<PathVertex>,
 }
 
-/// A vertex of a path, with its place on the film \[pixels\], and the index of the vertex before it.
+/// A vertex of a path, with its place on the film \[pixels\], the index of the vertex before it, and the luminance that it
+/// adds [W/(m^2 sr)].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct PathVertex {
     pub(crate) before: Option<usize>,
+    pub(crate) luminance: f64,
     pub(crate) x: Option<f64>,
     pub(crate) y: Option<f64>,
     pub(crate) object: Option<String>,

@@ -215,7 +215,7 @@ impl Wavefront<'_> {
                 let children = group.num_children();
                 used = used & children.gt(one * number as f32);
                 state.sampler = group.sampler(number);
-                state.children = state.children * children;
+                state.children *= children;
                 state.throughput *= children.recip();
                 if number > 0 {
                     state.radiance = Rgb::splat(one.constant(0.0));
