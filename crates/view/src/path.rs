@@ -30,7 +30,14 @@ pub(crate) fn trace_path(project: &Project, at: PixelSample) -> Result<PathAnswe
             (_, None) => "ends".to_owned(),
             (_, Some(scattered)) => lobe(scattered.lobe),
         };
-        PathVertex { before: vertex.before, luminance: vertex.contribution().luminance().into(), x: place.map(|p| p[0]), y: place.map(|p| p[1]), object: name, event }
+        PathVertex {
+            before: vertex.before,
+            luminance: vertex.contribution().luminance().into(),
+            x: place.map(|p| p[0]),
+            y: place.map(|p| p[1]),
+            object: name,
+            event,
+        }
     });
     Ok(PathAnswer { index: at.index, luminance: sample.radiance.luminance().into(), vertices: vertices.collect() })
 }
