@@ -478,51 +478,18 @@ class MockView:
 
     def path(self, body):
         x, y = body["x"], body["y"]
+        keys = ("before", "luminance", "x", "y", "object", "event")
+        vertices = [
+            (None, 0.01, x + 0.5, y + 0.5, "front panel", "diffuse reflection"),
+            (0, 0.0, self.width * 0.62, self.height * 0.3, "window of the display", "specular transmission"),
+            (1, 0.0, None, None, "lens hood", "diffuse reflection"),
+            (0, 0.0, self.width * 0.3, self.height * 0.2, "screw M3 (2)", "glossy reflection"),
+            (3, 3.8, self.width * 0.5, self.height * 0.05, "ring light", "emission"),
+        ]
         return {
             "index": body["index"] if body["index"] is not None else 1174,
             "luminance": 3.81,
-            "vertices": [
-                {
-                    "before": None,
-                    "luminance": 0.01,
-                    "x": x + 0.5,
-                    "y": y + 0.5,
-                    "object": "front panel",
-                    "event": "diffuse reflection",
-                },
-                {
-                    "before": 0,
-                    "luminance": 0.0,
-                    "x": self.width * 0.62,
-                    "y": self.height * 0.3,
-                    "object": "window of the display",
-                    "event": "specular transmission",
-                },
-                {
-                    "before": 1,
-                    "luminance": 0.0,
-                    "x": None,
-                    "y": None,
-                    "object": "lens hood",
-                    "event": "diffuse reflection",
-                },
-                {
-                    "before": 0,
-                    "luminance": 0.0,
-                    "x": self.width * 0.3,
-                    "y": self.height * 0.2,
-                    "object": "screw M3 (2)",
-                    "event": "glossy reflection",
-                },
-                {
-                    "before": 3,
-                    "luminance": 3.8,
-                    "x": self.width * 0.5,
-                    "y": self.height * 0.05,
-                    "object": "ring light",
-                    "event": "emission",
-                },
-            ],
+            "vertices": [dict(zip(keys, vertex, strict=True)) for vertex in vertices],
         }
 
     def photon_transfer(self, body):

@@ -52,8 +52,8 @@ pub struct TraceVertex {
     pub direct: Rgb,
     /// The connections through covers that were attempted here. There is at most one for each light sample.
     pub connections: Vec<TraceConnection>,
-    /// The sampled direction in which the path, or the first of those that it was split into, continued; `None` where it
-    /// ended.
+    /// The sampled direction in which the path continued, where it was split that of its first part that goes on; `None`
+    /// where it ended.
     pub scattered: Option<TraceScattering>,
 }
 

@@ -43,13 +43,13 @@ impl LearnedRoulette {
         trace: impl Fn(Range<u32>, &(dyn Fn(u32) -> TrainingBatch + Sync)) -> Vec<TrainingBatch>,
     ) -> Option<Self> {
         let per_round = (paths / (ROUNDS * TrainingBatch::PATHS)).max(1);
-        let learned = (0..ROUNDS).try_fold(None, |previous: Option<Self>, round| {
+        let first_variance = first_light_variance(scene, camera, [width, height]);
+        (0..ROUNDS).try_fold(None, |previous: Option<Self>, round| {
             let batch = |n| TrainingBatch::trace(scene, camera, previous.as_ref(), [width, height], n);
             let batches = trace(round * per_round..(round + 1) * per_round, &batch);
             let visits: Vec<&[Visit]> = batches.iter().map(|b| b.visits.as_slice()).collect();
-            Self::from_visits(&visits).map(Some)
-        })??;
-        Some(learned.with_splits(first_light_variance(scene, camera, [width, height])))
+            Self::from_visits(&visits, first_variance).map(Some)
+        })?
     }
 }
 

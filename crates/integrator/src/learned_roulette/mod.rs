@@ -16,16 +16,14 @@
 //!
 //! Behind its first light samples a path is split into `K` paths of a share `1/K` each (Vorba and Křivánek 2016). For the
 //! variances `v` and the costs `c` of these samples (0) and of the rest (1), `(v_0 + v_1 / K) (c_0 + K c_1)` is smallest at
-//! `K^2 = (v_1 / v_0) (c_0 / c_1)`. Training paths measure `c` and `v_1`; `v_0` is that of stratified samples in
-//! some pixels. `K` is a power of two, the same for the whole image.
-//! The children survive as the path would. The gain of the light samples before them grows by `sqrt(K)`.
+//! `K^2 = (v_1 / v_0) (c_0 / c_1)`. Training paths measure `c` and `v_1`; `v_0` is that of stratified samples in some pixels.
+//! `K` is a power of two, the same for the whole image. The children survive as the path would. The gain of the light samples before them grows by `sqrt(K)`.
 //!
 //! The survivors are divided by `q`, so no learned value changes the expected image.
 
 mod cells;
 mod statistics;
 
-use statistics::RestSums;
 pub(crate) use statistics::Visit;
 
 use crate::learned_roulette::cells::{Cell, CellGrid, NONE};
@@ -54,18 +52,12 @@ pub struct LearnedRoulette {
     grid: CellGrid,
     /// The binary logarithm of the number of paths that a path is split into behind its first light samples.
     pub(crate) splits: u32,
-    rests: RestSums,
 }
 
 impl LearnedRoulette {
     /// Number of paths that a sample is split into behind its first light samples; 1 where it is not split.
     pub fn children(&self) -> u32 {
         1 << self.splits
-    }
-
-    /// Splits paths, for the variance of their first light samples in pixels [W^2/(m^4 sr^2)].
-    pub(crate) fn with_splits(self, first_variance: f64) -> Self {
-        Self { splits: self.rests.splits(first_variance), ..self }
     }
 
     /// The survival probabilities at vertices on surfaces. The first surface with statistics sets the `gain_scale` of a path,
@@ -180,7 +172,7 @@ mod tests {
             .collect();
         let by_material = [Some(cell(-1.0)), Some(cell(0.0)), None, Some(cell(f32::INFINITY))];
         let grid = CellGrid::new(lattice, by_key.iter().map(|(&key, &cell)| (key, cell)), by_material.into_iter());
-        (lattice, by_key, LearnedRoulette { grid, splits: 0, rests: RestSums::default() })
+        (lattice, by_key, LearnedRoulette { grid, splits: 0 })
     }
 
     #[test]

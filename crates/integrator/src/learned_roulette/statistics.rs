@@ -141,8 +141,8 @@ impl Means {
 }
 
 /// Paths up to their first light samples, and their rests.
-#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
-pub(super) struct RestSums {
+#[derive(Clone, Copy, Debug, Default)]
+struct RestSums {
     paths: f64,
     /// Paths that continue.
     rests: f64,
@@ -162,7 +162,7 @@ impl RestSums {
 
     /// The binary logarithm of the number of paths that a path is split into, for the variance of its first light samples
     /// [W^2/(m^4 sr^2)].
-    pub(super) fn splits(&self, first_variance: f64) -> u32 {
+    fn splits(&self, first_variance: f64) -> u32 {
         let [before, behind] = self.costs;
         if behind > MAX_REST_COST * self.rests {
             return 0;
@@ -179,8 +179,9 @@ fn add<const N: usize>(sums: &mut [f64; N], values: [f64; N]) {
 
 impl LearnedRoulette {
     /// The statistics of batches of training paths: their vertices, path after path. The order of the batches is part of
-    /// the result. `None` if no path met a surface.
-    pub(crate) fn from_visits(batches: &[&[Visit]]) -> Option<Self> {
+    /// the result. `first_variance` is that of first light samples in pixels [W^2/(m^4 sr^2)]. `None` if no path met a
+    /// surface.
+    pub(crate) fn from_visits(batches: &[&[Visit]], first_variance: f64) -> Option<Self> {
         let visits = || batches.iter().copied().flatten();
         let firsts: Vec<Vec3> = visits().filter(|v| v.is_first && v.material.is_some()).map(|v| v.point).collect();
         let lattice = Lattice::around(&firsts)?;
@@ -192,9 +193,8 @@ impl LearnedRoulette {
         let mut rests = RestSums::default();
         for path in batches.iter().flat_map(|visits| visits.chunk_by(|_, next| !next.is_first)) {
             let cost: f64 = path.iter().map(|v| f64::from(v.cost)).sum();
-            let first_lit = path.iter().find(|visit| visit.is_lit());
-            let mut rest = Outcome::default();
-            for visit in path.iter().rev() {
+            let (first_lit, mut rest) = (path.iter().position(Visit::is_lit), Outcome::default());
+            for (number, visit) in path.iter().enumerate().rev() {
                 // Invalid samples are counted by the film. Nothing is learned from them.
                 if let Some(material) = visit.material.filter(|_| rest.radiance.is_finite()) {
                     let key = lattice.key(visit.point.into(), One(material)).map(|half| half.0);
@@ -202,7 +202,7 @@ impl LearnedRoulette {
                     materials.entry(material).or_default().add(visit, rest, cost);
                     all.add(visit, rest, cost);
                 }
-                if first_lit.is_some_and(|first| std::ptr::eq(first, visit)) {
+                if first_lit == Some(number) {
                     rests.add(cost, rest);
                 }
                 rest.radiance += f64::from(visit.added);
@@ -215,7 +215,7 @@ impl LearnedRoulette {
         let by_key = cells.iter().map(|(&key, (material, sums))| (key, sums.means(&materials[material]).cell()));
         let last = materials.keys().next_back()?;
         let by_material = (0..=*last).map(|m| materials.get(&m).map(Means::cell));
-        Some(Self { grid: CellGrid::new(lattice, by_key, by_material), splits: 0, rests })
+        Some(Self { grid: CellGrid::new(lattice, by_key, by_material), splits: rests.splits(first_variance) })
     }
 }
 

@@ -161,7 +161,7 @@ impl<'a> Wavefront<'a> {
             let is_first_light = lit & !state.light_vertices.is_positive();
             let gathered = state.radiance.max_channel().only(lit & state.light_vertices.is_positive());
             state.light_vertices += state.eta_scale.constant(1.0).only(lit);
-            let is_split = is_first_light & used & learned.is_learned;
+            let is_split = is_first_light & learned.is_learned;
             let splits = match self.estimator.roulette {
                 Some(roulette) if is_split.any() && !watch.needs_outcomes() => roulette.splits,
                 _ => 0,

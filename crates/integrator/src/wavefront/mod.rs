@@ -9,6 +9,8 @@
 //! samples and scattering are computed in lanes, of paths on one material or in one medium. Stages that scenes rarely need
 //! are computed path by path.
 //!
+//! Behind its first light samples a path may be split (`learned_roulette`). The light of all its parts is that of the sample.
+//!
 //! A path reads and writes only its own state, and its contributions are added in the order of its vertices and lights.
 //! So a sample has the same bits at every width and in every batch. A batch of one sample in one lane is the reference.
 
