@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 SCENES = ("inspection", "inspection-flat", "inspection-open")
-ALLOCATIONS = ("uniform", "sobel", "variance", "sensor")
+ALLOCATIONS = ("uniform", "sobel", "sensor")
 SHARE, LEAST = 0.02, 0.2
 
 

@@ -1,90 +1,129 @@
-"""How many samples, and seconds, does each allocation take until the noise hides beneath the sensor's?
+"""The allocations of samples beside uniform samples: noise after the same time, and samples until the noise is hidden.
 
-    python plans.py --dunkelfeld ../target/release/dunkelfeld --noise 0.7 --only inspection-open
+    python plans.py --dunkelfeld ../target/release/dunkelfeld noise
+    python plans.py --dunkelfeld ../target/release/dunkelfeld hidden
 
-Renders each scene with `--allocate sensor --noise K` to its end. Its film says what every pixel needs: `hidden.Y` is the certified variance of
-the mean over the sensor's own, v_r / s; times the samples taken that is v / s, and n = v / (k^2 s) samples hide the pixel. A render is hidden
-when 99 % of its unsaturated pixels are. An allocation that gives a pixel the part w of the average (`spp.Y` over its mean) takes the 99 % quantile
-of n / w on average. All allocations are judged by the needs of that one film. Of the others a render of a part of the samples tells w;
-for `variance` that means a smaller pilot than it would have. The column *certified* is what the render with `sensor` took in fact, by its own
-certificate, which decided when it ended; the last one is the pilot's forecast over that.
-
-Seconds are samples times those of a sample in the render of that allocation. Run it alone on the machine if they matter.
+`noise` renders every station and inspection scene with each allocation, in turns, and prints v / s times processor time of `uniform` over that
+of the allocation: median, mean, 90 % and 99 %. v is the variance of a pixel over the renders, s that of the sensor. `hidden` renders until the
+certificate of a render hides 90 % and 99 % of the pixels, and prints the samples per pixel, the geometric mean over seeds, and the ratios of
+samples and seconds. Above 1 the allocation is better. Run it alone on the machine.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import resource
 import subprocess
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
-SCENES = ("inspection", "inspection-flat", "inspection-open")
-OTHERS = ("uniform", "sobel", "variance")
-SHARE = 0.99
+import parity_scene
+from stations import STATIONS
+from time_to_hidden import LEVEL, QUANTILE, Sensor, channels
+
+ALLOCATIONS = ("uniform", "sobel", "sensor")
+INSPECTION = ("inspection", "inspection-flat", "inspection-open")
+# Scene, k, side of the film.
+TARGETS = (
+    *((name, 20.0, 64) for name in INSPECTION),
+    *((name, 2.0, 48) for name in ("all-kinds-of-light", "textured", "many-lights")),
+    *((name, 3.0, 96) for name in ("plates", "metals", "grooves")),
+)
 
 
-def render(program: Path, scene: Path, folder: Path, *flags: object) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict]:
-    """Samples per pixel, v_r / s, electrons, and statistics."""
-    import mitsuba as mi
+def job(root: Path, name: str, folder: Path, size: int) -> Path:
+    """The job of a scene; that of a station is written to the folder."""
+    if name in INSPECTION:
+        return root / "scenes" / "inspection" / f"{name}.toml"
+    if name not in STATIONS:
+        return root / "tests" / "references" / f"{name}.toml"
+    parity_scene.write(STATIONS[name](), folder / f"{name}.toml", size, size)
+    return folder / f"{name}.toml"
 
-    mi.set_variant("scalar_rgb")
-    exr, stats = folder / "image.exr", folder / "stats.json"
-    files = ["-o", folder / "image.png", "--exr", exr, "--stats", stats, "--progress", "none"]
-    done = subprocess.run([str(x) for x in (program, "render", scene, *flags, *files)], capture_output=True, text=True)
+
+def render(program: Path, scene: Path, folder: Path, size: int, *flags: object) -> tuple[dict, float]:
+    """The statistics of a render, and its processor time [s]; its image is `image.exr`."""
+    flags += ("--width", size, "--height", size, "--sensor", "imx250", "--progress", "none")
+    files = ("--exr", folder / "image.exr", "--stats", folder / "stats.json", "-o", folder / "image.png")
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    command = [str(v) for v in (program, "render", scene, *flags, *files)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode not in (0, 1):
-        raise SystemExit(f"{scene.name} {' '.join(flags)}: {done.stderr}")
-    bitmap = mi.Bitmap(str(exr))
-    column = {field.name: k for k, field in enumerate(bitmap.struct_())}
-    layers = np.array(bitmap, dtype=np.float64)
-    return *(layers[..., column[name]] for name in ("spp.Y", "hidden.Y", "electrons.Y")), json.loads(stats.read_text())
+        raise SystemExit(f"{' '.join(command)}: {done.stderr}")
+    return json.loads((folder / "stats.json").read_text()), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+
+
+def noise(program: Path, root: Path, folder: Path, renders: int, spp: int) -> None:
+    """Prints the gain after the same time."""
+    sensor, size, gains = Sensor.load(root / "crates" / "sensor" / "presets" / "imx250.toml"), 128, {}
+    print("| scene | allocation | time | median | mean | 90 % | 99 % |\n|---|---|---:|---:|---:|---:|---:|")
+    for name in (*INSPECTION, *STATIONS):
+        scene = job(root, name, folder, size)
+        made = {a: [] for a in ALLOCATIONS}
+        for number in range(renders):
+            for allocation, its in made.items():
+                _, time = render(program, scene, folder, size, "--spp", spp, "--frame", number, "--allocate", allocation)
+                its.append((channels(folder / "image.exr", "R", "G", "B") @ sensor.weights, time))
+        mean = np.mean([image for image, _ in made["uniform"]], axis=0)
+        electrons = LEVEL * sensor.saturation / np.quantile(mean, QUANTILE)
+        variance = mean * electrons + sensor.dark_variance + sensor.quantisation_variance
+        judged = mean * electrons < sensor.saturation
+
+        def cost(allocation: str) -> tuple[float, np.ndarray]:
+            images, times = zip(*made[allocation])
+            ratios = (np.var(images, axis=0, ddof=1) * electrons**2 / variance)[judged]
+            time = float(np.median(times))
+            return time, time * np.array([np.median(ratios), ratios.mean(), *np.quantile(ratios, [0.9, 0.99])])
+
+        (time, base), others = cost("uniform"), ALLOCATIONS[1:]
+        for allocation in others:
+            its, noise_times_time = cost(allocation)
+            gains.setdefault(allocation, []).append([its / time, *(base / noise_times_time)])
+            print(f"| {name} | {allocation} | " + " | ".join(f"{v:.2f}" for v in gains[allocation][-1]) + " |", flush=True)
+    for allocation, all_gains in gains.items():
+        print(f"| geometric mean | {allocation} | " + " | ".join(f"{v:.2f}" for v in np.exp(np.log(all_gains).mean(0))) + " |")
+
+
+def hidden(program: Path, root: Path, folder: Path, seeds: int) -> None:
+    """Prints the samples until the noise is hidden."""
+    print("| scene | share | " + " | ".join(ALLOCATIONS) + " |\n|---|---:|" + "---:|" * len(ALLOCATIONS))
+    ratios = {}
+    for name, k, size in TARGETS:
+        scene = job(root, name, folder, size)
+        for share in (90, 99):
+            taken = {}
+            for allocation in ALLOCATIONS:
+                costs = []
+                for seed in range(seeds):
+                    flags = ("--noise", k, "--share", share, "--seed", seed, "--allocate", allocation)
+                    read, _ = render(program, scene, folder, size, *flags)
+                    costs.append((read["mean_spp"], read["seconds"]["pilot"] + read["seconds"]["refine"]))
+                taken[allocation] = np.exp(np.log(costs).mean(0))
+                ratios.setdefault((share, allocation), []).append(taken["uniform"] / taken[allocation])
+            print(f"| {name} | {share} % | " + " | ".join(f"{v[0]:.0f}" for v in taken.values()) + " |", flush=True)
+    for (share, allocation), its in ratios.items():
+        samples, seconds = np.exp(np.log(its).mean(0))
+        print(f"{allocation}, {share} %: samples {samples:.2f}, seconds {seconds:.2f} (uniform over it)")
 
 
 def main() -> int:
-    """Prints the table."""
-    root = Path(__file__).resolve().parent.parent
+    """Prints one of the two tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dunkelfeld", type=Path, required=True, help="our renderer")
-    parser.add_argument("--only", choices=SCENES, nargs="*", default=SCENES)
-    parser.add_argument("--noise", type=float, default=0.7, help="k")
-    parser.add_argument("--size", type=int, default=64)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--part", type=float, default=0.125, help="samples of the other allocations, of those of `sensor`")
+    parser.add_argument("table", choices=("noise", "hidden"))
+    parser.add_argument("--renders", type=int, default=24)
+    parser.add_argument("--spp", type=int, default=32)
+    parser.add_argument("--seeds", type=int, default=3)
     arguments = parser.parse_args()
-    k = arguments.noise
-    print(f"{arguments.size} x {arguments.size} pixels, k = {k:g}, seed {arguments.seed}\n")
-    print("| scene | allocation | samples per pixel | over `sensor` | seconds | over `sensor` | certified | forecast |")
-    print("|---|---|---:|---:|---:|---:|---:|---:|")
-    for name in arguments.only:
-        scene = root / "scenes" / "inspection" / f"{name}.toml"
-        size = ["--width", arguments.size, "--height", arguments.size, "--seed", arguments.seed]
-        with tempfile.TemporaryDirectory() as folder:
-            counts, hidden, electrons, stats = render(arguments.dunkelfeld, scene, Path(folder), *size, "--allocate", "sensor", "--noise", k)
-            # Saturated pixels do not count. The statistics contain their number.
-            judged = np.ones(hidden.size, dtype=bool)
-            judged[np.argsort(electrons, axis=None)[hidden.size - stats["certificate"]["saturated"] :]] = False
-            judged = judged.reshape(hidden.shape)
-            needs = (hidden * counts)[judged] / (k * k)
-            spp = stats["mean_spp"]
-            lines = (line["samples"] / stats["samples"] for line in stats["forecast"] if line["k"] == k and line["samples"])
-            foretold = next(lines, np.nan)
-
-            def taken(counts: np.ndarray) -> float:
-                return float(np.quantile(needs / (counts / counts.mean())[judged], SHARE))
-
-            def seconds(stats: dict) -> float:
-                return (stats["seconds"]["pilot"] + stats["seconds"]["refine"]) / stats["mean_spp"]
-
-            base, pace = taken(counts), seconds(stats)
-            print(f"| {name} | sensor | {base:.4g} | 1 | {base * pace:.3g} | 1 | {spp:.4g} | {foretold:.2f} |")
-            for other in OTHERS:
-                flags = ["--allocate", other, "--spp", max(64, round(arguments.part * spp))]
-                counts, _, _, stats = render(arguments.dunkelfeld, scene, Path(folder), *size, *flags)
-                n, t = taken(counts), seconds(stats)
-                print(f"| {name} | {other} | {n:.4g} | {n / base:.2f} | {n * t:.3g} | {n * t / (base * pace):.2f} | | |", flush=True)
+    root = Path(__file__).resolve().parent.parent
+    with tempfile.TemporaryDirectory() as folder:
+        if arguments.table == "noise":
+            noise(arguments.dunkelfeld, root, Path(folder), arguments.renders, arguments.spp)
+        else:
+            hidden(arguments.dunkelfeld, root, Path(folder), arguments.seeds)
     return 0
 
 

@@ -17,14 +17,13 @@
 //! | a pilot, then rounds until the budget is used up (the pilot of the paper has about 8 % of the budget; a fifth gives better estimates, and is less than most pixels get anyway) | [`budget::Schedule`], [`queue`] |
 //!
 //! The edges are a proxy of the variance, and the variance is a proxy of visible noise. With a sensor, the render uses
-//! the variance itself. The module [`required_samples`] computes the samples that each pixel needs until its noise is
-//! hidden by that of the sensor. The samples are distributed by predictions from the neighbours of a pixel
-//! ([`variance::neighbours`]). The render stops when the target is reached. The [`certificate`] states the level that
-//! was reached, from the samples of each pixel and of its cell ([`variance::pixel`]).
+//! the variance itself, over that of the sensor ([`weights::sensor`]). The module [`required_samples`] computes the samples
+//! that each pixel needs until its noise is hidden by that of the sensor. The render stops when the target is reached. The
+//! [`certificate`] states the level that was reached, from the samples of each pixel and of its cell ([`variance::pixel`]).
 //!
 //! The samples of a pixel must not decide how many others join them in its mean. If a pixel with a bright sample gets
 //! more samples, these dilute the bright one, and the mean is too small (Kirk and Arvo 1991). So a plan is made once,
-//! from the pilot, and the samples of a pixel depend on its neighbours alone ([`variance::neighbours`]).
+//! from the pilot, and the samples of a pixel depend on its neighbours alone.
 //!
 //! The paper leaves open how a target time becomes a number of samples. Here the render measures the cost of samples
 //! ([`tile_cost`]) and approaches its deadline in levels that shrink with the time left ([`queue`]). The clock decides the
@@ -40,14 +39,14 @@
 //! let limits = budget::Limits { samples: Some(plan::total_for_mean(64.0, 32)), ..Default::default() };
 //! let settings = budget::Settings { pixels: 32, pilot_spp: 16 };
 //! let mut schedule = budget::Schedule::new(limits, settings);
-//! let mut shares = weights::Shares::from_weights(weights::uniform(8, 4));
+//! let mut weights = weights::uniform(8, 4);
 //! let mut taken = plan::empty(8, 4);
 //! while let budget::Step::Round(round) = schedule.next(budget::Affordable::All) {
 //!     if round.replan {
-//!         let pilot = weights::Pilot { luminance: &luminance, white: 1.0, sobel_floor: 0.25, measured: None };
-//!         shares = weights::Strategy::Sobel.shares(&pilot);
+//!         let pilot = weights::Pilot { luminance: &luminance, white: 1.0, sobel_floor: 0.25, noise: None };
+//!         weights = weights::Strategy::Sobel.weights(&pilot);
 //!     }
-//!     let next = plan::next_round(&taken, &shares, schedule.taken() + round.samples);
+//!     let next = plan::next_round(&taken, &weights, schedule.taken() + round.samples);
 //!     // ... render `plan::increment(&taken, &next)` here ...
 //!     schedule.record(plan::total(&next));
 //!     taken = next;
@@ -75,6 +74,5 @@ pub use queue::{WorkQueue, WorkUnit};
 pub use required_samples::{RequiredSamples, SensorNoise};
 pub use tile_cost::{CostMap, TileGrid, TileRect};
 pub use variance::inputs::{NoiseInputs, PixelFeatures};
-pub use variance::neighbours::PredictedNoise;
 pub use variance::pooled::PixelNoise;
-pub use weights::{MeasuredNoise, Pilot, Shares, Strategy, UnknownStrategy};
+pub use weights::{Pilot, Strategy, UnknownStrategy};

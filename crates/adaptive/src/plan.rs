@@ -11,8 +11,6 @@
 
 use dunkelfeld_film::{BATCHES, Plane};
 
-use crate::weights::Shares;
-
 /// Samples per pixel, as totals since the first sample. Sample indices of a pixel run from zero to this number.
 pub type SamplePlan = Plane<u32>;
 
@@ -39,9 +37,8 @@ pub fn total_for_mean(spp: f64, pixels: u64) -> u64 {
     (spp * pixels as f64).round() as u64
 }
 
-/// The plan of a round: `target_total` samples in all, at least `current` everywhere. Pixels get samples in proportion
-/// to their weights until they have their caps. If the total is more than all caps, they get samples in proportion to
-/// the caps. Without caps, weights alone decide.
+/// The plan of a round: `target_total` samples in all, at least `current` everywhere, the others in proportion to the
+/// weights.
 ///
 /// Equals `current` if that holds `target_total` samples or more. Weights are relative. Those that are negative or not
 /// finite count as zero, and if none is positive all are equal. The total is met exactly unless every pixel that may
@@ -49,56 +46,19 @@ pub fn total_for_mean(spp: f64, pixels: u64) -> u64 {
 ///
 /// # Panics
 /// If the planes differ in size.
-pub fn next_round(current: &SamplePlan, shares: &Shares, target_total: u64) -> SamplePlan {
-    fill(current, &shares.weights, shares.caps.as_ref(), target_total)
-}
-
-/// [`next_round`] of weights and caps.
-fn fill(current: &SamplePlan, weights: &Plane<f32>, caps: Option<&Plane<f32>>, target_total: u64) -> SamplePlan {
+pub fn next_round(current: &SamplePlan, weights: &Plane<f32>, target_total: u64) -> SamplePlan {
     let size = (current.width(), current.height());
-    let differs = |p: &Plane<f32>| (p.width(), p.height()) != size;
-    assert!(!differs(weights) && !caps.is_some_and(differs), "planes differ in size");
+    assert_eq!(size, (weights.width(), weights.height()), "planes differ in size");
     if target_total <= total(current) || current.data().is_empty() {
         return current.clone();
     }
     let valid = Weights::new(weights);
-    let most = f64::from(MAX_SPP);
-    let cap = |i: usize| caps.map_or(most, |caps| f64::from(caps.data()[i]).clamp(0.0, most));
-    // The samples of a pixel at a level: up to its cap, never less than it has. They grow with the level.
-    let share = |level: f64, i: usize| (level * valid.at(i)).min(cap(i)).max(f64::from(current.data()[i]));
-    let mut level = water_level(current.data(), &valid, target_total);
-    if let Some(caps) = caps {
-        let filled = |level: f64| -> f64 { (0..caps.data().len()).map(|i| share(level, i)).sum() };
-        if filled(f64::MAX) < target_total as f64 {
-            return fill(current, caps, None, target_total);
-        }
-        // Caps only raise the level.
-        level = level_above(level, target_total as f64, filled);
-    }
-    let mut plan = round_shares(current, |i| share(level, i), target_total);
+    let level = water_level(current.data(), &valid, target_total);
+    // The samples of a pixel at the level, never less than it has.
+    let share = |i: usize| (level * valid.at(i)).min(f64::from(MAX_SPP)).max(f64::from(current.data()[i]));
+    let mut plan = round_shares(current, share, target_total);
     hand_out_rest(&mut plan, current, &valid, target_total);
     plan
-}
-
-/// The level, `low` or above, at which `filled` has reached `target`. The search ends within a quarter of a sample,
-/// since the rounding corrects the rest. Otherwise it ends at the resolution of f64.
-fn level_above(mut low: f64, target: f64, filled: impl Fn(f64) -> f64) -> f64 {
-    let mut high = low.max(1e-9);
-    while filled(high) < target {
-        (low, high) = (high, 2.0 * high);
-    }
-    while filled(high) - target > 0.25 {
-        let middle = 0.5 * (low + high);
-        if middle <= low || middle >= high {
-            break;
-        }
-        if filled(middle) < target {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    high
 }
 
 /// The samples of `plan` beyond `current`.
@@ -244,8 +204,8 @@ mod tests {
         })
     }
 
-    fn even(width: u32, height: u32) -> Shares {
-        Shares::from_weights(Plane::new(width, height, 1.0))
+    fn even(width: u32, height: u32) -> Plane<f32> {
+        Plane::new(width, height, 1.0)
     }
 
     #[test]
@@ -262,10 +222,9 @@ mod tests {
     #[test]
     fn the_total_is_exact_and_every_pixel_has_its_share() {
         let weights = varied(61, 47);
-        let shares = Shares::from_weights(weights.clone());
         let sum: f64 = weights.data().iter().map(|&w| f64::from(w)).sum();
         for target in [1, 17, 2866, 2867, 2868, 50_000, 1_000_003, 40_000_000] {
-            let plan = next_round(&empty(61, 47), &shares, target);
+            let plan = next_round(&empty(61, 47), &weights, target);
             assert_eq!(total(&plan), target);
             for (&n, &w) in plan.data().iter().zip(weights.data()) {
                 let share = f64::from(w) / sum * target as f64;
@@ -278,7 +237,7 @@ mod tests {
 
     #[test]
     fn large_counts_are_multiples_of_the_batches() {
-        let plan = next_round(&empty(61, 47), &Shares::from_weights(varied(61, 47)), 61 * 47 * 200);
+        let plan = next_round(&empty(61, 47), &varied(61, 47), 61 * 47 * 200);
         let large: Vec<u32> = plan.data().iter().copied().filter(|&n| n >= 40).collect();
         let odd = large.iter().filter(|&&n| n % BATCHES as u32 != 0).count();
         assert!(large.len() > 500 && odd <= 4, "{odd} of {} pixels break their batches", large.len());
@@ -286,17 +245,17 @@ mod tests {
 
     #[test]
     fn plans_never_shrink_and_full_pixels_stay() {
-        let shares = Shares::from_weights(varied(40, 30));
+        let weights = varied(40, 30);
         let pilot = Plane::new(40, 30, 16);
         let mut plan = pilot.clone();
         for target in [1200 * 16 + 1, 1200 * 17, 1200 * 24, 1200 * 40, 1200 * 41, 1200 * 400] {
-            let next = next_round(&plan, &shares, target);
+            let next = next_round(&plan, &weights, target);
             assert_eq!(total(&next), target);
             assert!(next.data().iter().zip(plan.data()).all(|(n, c)| n >= c));
             plan = next;
         }
         // The level is above the pilot everywhere: the rounds end with the plan of a single round.
-        let direct = next_round(&pilot, &shares, 1200 * 400);
+        let direct = next_round(&pilot, &weights, 1200 * 400);
         for (&a, &b) in plan.data().iter().zip(direct.data()) {
             assert!(a.abs_diff(b) <= 9, "{a} in rounds, {b} at once");
         }
@@ -308,64 +267,6 @@ mod tests {
         let plan = next_round(&current, &even(4, 1), 130);
         assert_eq!(plan.data(), [100, 10, 10, 10]);
         assert_eq!(increment(&current, &plan).data(), [0, 10, 10, 10]);
-    }
-
-    fn capped(weights: &[f32], caps: &[f32]) -> Shares {
-        let row = |v: &[f32]| Plane::from_vec(v.len() as u32, v.len().min(1) as u32, v.to_vec()).expect("a row");
-        Shares { weights: row(weights), caps: Some(row(caps)) }
-    }
-
-    #[test]
-    fn caps_hold_until_all_have_theirs() {
-        let shares = capped(&[1.0, 2.0, 4.0, 1.0], &[100.0, 10.0, 30.0, 5.0]);
-        let of = |total| next_round(&Plane::new(4, 1, 2), &shares, total).into_vec();
-        // Levels 3, 7, 60 and 100: the second and fourth pixel reach their caps early. Rounding moves a sample, or a
-        // set of batches.
-        for expected in [[3, 6, 12, 3], [7, 10, 28, 5], [60, 10, 30, 5], [100, 10, 30, 5]] {
-            let plan = of(expected.iter().map(|&n| u64::from(n)).sum());
-            let off = |(n, e): (&u32, u32)| n.abs_diff(e) > if e >= 32 { 4 } else { 1 };
-            assert!(!plan.iter().zip(expected).any(off), "{plan:?} instead of {expected:?}");
-        }
-        // Twice the sum of all caps: in proportion to the caps, to within a set of batches.
-        let twice = of(290);
-        assert_eq!(twice.iter().sum::<u32>(), 290);
-        for (n, cap) in twice.iter().zip([100.0, 10.0, 30.0, 5.0]) {
-            assert!((f64::from(*n) - 2.0 * cap).abs() <= 4.0, "{twice:?}");
-        }
-    }
-
-    #[test]
-    fn capped_totals_are_exact_and_plans_never_shrink() {
-        let weights = varied(61, 47);
-        let caps = weights.map(|w| 40.0 * w * w + 3.0);
-        let shares = Shares { weights, caps: Some(caps.clone()) };
-        let mut plan = Plane::new(61, 47, 16);
-        for target in [2867 * 16 + 1, 50_000, 100_000, 400_000, 40_000_000] {
-            let next = next_round(&plan, &shares, target);
-            assert_eq!(total(&next), target);
-            assert!(next.data().iter().zip(plan.data()).all(|(n, c)| n >= c));
-            if target == 100_000 {
-                let above = next
-                    .data()
-                    .iter()
-                    .zip(caps.data())
-                    .filter(|(n, c)| f64::from(**n) > f64::from(**c).max(16.0) + 5.0);
-                assert_eq!(above.count(), 0, "pixels with more than their cap");
-            }
-            plan = next;
-        }
-    }
-
-    #[test]
-    fn shares_without_information_still_give_a_plan() {
-        for (w, c) in [(0.0, 0.0), (f32::NAN, f32::NAN), (1.0, f32::INFINITY), (1e-30, 7.0), (0.0, 9.0)] {
-            let plan = next_round(&empty(2, 1), &capped(&[w, w], &[c, c]), 600);
-            assert_eq!(plan.data(), [300, 300], "weight {w}, cap {c}");
-        }
-        assert!(next_round(&empty(0, 0), &capped(&[], &[]), 9).data().is_empty());
-        let shares = capped(&[0.0, 1.0], &[0.0, 4.0]);
-        assert_eq!(next_round(&empty(2, 1), &shares, 3).data(), [0, 3]);
-        assert_eq!(next_round(&empty(2, 1), &shares, 40).data(), [0, 40]);
     }
 
     #[test]
@@ -419,10 +320,10 @@ mod tests {
     #[test]
     fn invalid_weights_are_replaced_by_equal_weights() {
         for w in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-            let plan = next_round(&empty(5, 4), &Shares::from_weights(Plane::new(5, 4, w)), 60);
+            let plan = next_round(&empty(5, 4), &Plane::new(5, 4, w), 60);
             assert!(plan.data().iter().all(|&n| n == 3), "weight {w}");
         }
-        let one = Shares::from_weights(Plane::from_vec(3, 1, vec![0.0, 2.0, f32::NAN]).expect("three values"));
+        let one = Plane::from_vec(3, 1, vec![0.0, 2.0, f32::NAN]).expect("three values");
         assert_eq!(next_round(&empty(3, 1), &one, 9).data(), [0, 9, 0]);
     }
 
@@ -430,8 +331,8 @@ mod tests {
     fn extremes_end() {
         assert!(next_round(&empty(0, 0), &even(0, 0), 10).data().is_empty());
         assert_eq!(next_round(&empty(1, 1), &even(1, 1), u64::MAX).data(), [MAX_SPP]);
-        assert_eq!(next_round(&empty(1, 1), &Shares::from_weights(Plane::new(1, 1, 1e-30)), 7).data(), [7]);
-        let steep = Shares::from_weights(Plane::from_vec(2, 1, vec![f32::MIN_POSITIVE, f32::MAX]).expect("two values"));
+        assert_eq!(next_round(&empty(1, 1), &Plane::new(1, 1, 1e-30), 7).data(), [7]);
+        let steep = Plane::from_vec(2, 1, vec![f32::MIN_POSITIVE, f32::MAX]).expect("two values");
         let plan = next_round(&empty(2, 1), &steep, 1000);
         assert_eq!(plan.data(), [0, 1000]);
     }

@@ -7,22 +7,12 @@
 use dunkelfeld_film::Plane;
 
 use crate::variance::inputs::SensorVarianceRange;
-use crate::variance::neighbours::PredictedNoise;
 use crate::variance::pooled::PixelNoise;
 
 /// A render is hidden if at least this share of its unsaturated pixels is hidden, unless another share is set.
 pub const HIDDEN_SHARE: f64 = 0.99;
 /// Default target k of the `sensor` strategy. At it the total noise is 12 % above that of the sensor.
 pub const DEFAULT_TARGET: f64 = 0.5;
-/// The required samples are capped at this quantile over the unsaturated pixels. A render is hidden without the pixels
-/// above it, and these few pixels may need more samples than all others together.
-const AIMED_SHARE: f64 = 0.995;
-/// Each unsaturated pixel gets at least this share of the mean number of planned samples. Required samples come from a
-/// pilot, which has not sampled all events. A pixel whose requirement is underestimated must not delay a whole render.
-const MIN_SHARE: f64 = 1.0 / 3.0;
-/// Exponent of the shares, which accounts for the error of estimates from a pilot. Of the exponents tried it had the
-/// fewest samples until the image was hidden, or nearly so, on scenes with and without rare light (`docs/accuracy.md`).
-const TARGET_EXPONENT: f32 = 0.75;
 /// A pixel is saturated if its mean lies more than this many standard errors above saturation.
 const SATURATED_BY: f64 = 3.0;
 /// Half width of the interval of the mean in which its sensor variance is taken [standard errors].
@@ -123,52 +113,6 @@ pub fn required_samples(
 }
 
 impl RequiredSamples {
-    /// The predicted required samples of all pixels to be hidden at `k`, from the noise of their neighbours relative to
-    /// the sensor variance. Plans are made from them.
-    pub fn expected(expected: &Plane<PredictedNoise>, k: f64) -> Self {
-        Self {
-            samples: expected.map(|e| samples_at(f64::from(e.ratio), k * k) as f32),
-            saturated: expected.map(|e| e.saturated),
-        }
-    }
-
-    /// The target samples of each pixel, if the budget allows no more than these. They are the required samples with
-    /// two bounds. The few pixels that need most are capped at the quantile of the others. Each pixel gets at least a
-    /// third of the mean, and saturated pixels get none. Values are infinite only if the variance of almost all pixels
-    /// is unknown.
-    pub fn capped_targets(&self) -> Plane<f32> {
-        let mut capped_targets = self.capped();
-        let known = || self.unsaturated(&capped_targets).filter(|n| n.is_finite()).map(f64::from);
-        let least = (MIN_SHARE * known().sum::<f64>() / known().count().max(1) as f64) as f32;
-        let pixels = capped_targets.data_mut().iter_mut().zip(self.saturated.data());
-        pixels.filter(|(_, full)| !**full).for_each(|(n, _)| *n = n.max(least));
-        capped_targets
-    }
-
-    /// The shares of samples with which all pixels should be hidden at the same time. A share is the required samples,
-    /// capped for the few pixels that need most and at least `least`, to the power of 3/4. Exactly known requirements
-    /// would be shared in proportion. Estimates err by some factor to either side, and the whole image would wait for
-    /// the pixels whose requirement was underestimated. A pixel of unknown variance gets as much as the largest of the
-    /// others.
-    pub fn shares(&self, least: f32) -> Plane<f32> {
-        let mut shares = self.capped();
-        shares.data_mut().iter_mut().for_each(|n| *n = n.max(least).powf(TARGET_EXPONENT));
-        let most = shares.data().iter().copied().filter(|n| n.is_finite()).fold(0.0, f32::max);
-        shares.data_mut().iter_mut().filter(|n| !n.is_finite()).for_each(|n| *n = most.max(1.0));
-        shares
-    }
-
-    /// The required samples, with the few pixels that need most capped at the quantile of the others.
-    pub(crate) fn capped(&self) -> Plane<f32> {
-        let most = quantile_of(self.unsaturated(&self.samples), AIMED_SHARE).unwrap_or(0.0);
-        self.samples.map(|&n| n.min(most))
-    }
-
-    /// The values of the pixels that are not saturated.
-    fn unsaturated<'a>(&'a self, plane: &'a Plane<f32>) -> impl Iterator<Item = f32> + 'a {
-        plane.data().iter().zip(self.saturated.data()).filter(|(_, full)| !**full).map(|(v, _)| *v)
-    }
-
     /// Samples per pixel after which this share of the pixels is hidden, if the samples beyond `counts` are distributed in
     /// proportion to weights ([`crate::plan::next_round`]).
     pub fn if_weighted(&self, counts: &Plane<u32>, weights: &Plane<f32>, share: f64) -> Plane<f32> {
@@ -226,11 +170,6 @@ mod tests {
         required_samples(&evidence.mean, &evidence.counts, &noise(evidence), SENSOR, k)
     }
 
-    /// Required samples of a plane without saturated pixels.
-    fn plain(samples: Plane<f32>) -> RequiredSamples {
-        RequiredSamples { saturated: samples.map(|_| false), samples }
-    }
-
     #[test]
     fn the_need_is_variance_over_limit() {
         assert_eq!(samples_at(300.0, 3.0), 100.0);
@@ -238,11 +177,6 @@ mod tests {
         assert_eq!(samples_at(f64::INFINITY, 3.0), f64::INFINITY);
         assert_eq!(samples_at(1.0, 0.0), f64::INFINITY);
         assert_eq!(samples_at(0.0, 0.0), 0.0);
-        let of = |ratio| PredictedNoise { ratio, saturated: ratio == 0.0 };
-        let expected = Plane::from_vec(3, 1, vec![of(7.0), of(0.0), of(f32::INFINITY)]).expect("three");
-        let required_samples = RequiredSamples::expected(&expected, 0.5);
-        assert_eq!(required_samples.samples.data(), [28.0, 0.0, f32::INFINITY]);
-        assert_eq!(required_samples.saturated.data(), [false, true, false]);
     }
 
     #[test]
@@ -261,7 +195,6 @@ mod tests {
         assert!(sure.saturated.data().iter().all(|s| *s) && sure.samples.data().iter().all(|n| *n == 0.0));
         let unsure = needs_of(&scene(10_070.0, 16.0 * 625.0, 16), 0.5);
         assert!(unsure.saturated.data().iter().all(|s| !s) && *unsure.samples.at(3, 3) > 0.0);
-        assert_eq!(total(&sure.capped_targets()), 0.0);
     }
 
     #[test]
@@ -287,59 +220,11 @@ mod tests {
             (total(&required_samples.if_weighted(&evidence.counts, &weights, HIDDEN_SHARE)) - 160.0 * 256.0).abs()
                 < 0.1
         );
-        assert!((total(&required_samples.capped_targets()) - 160.0 * 256.0).abs() < 0.1);
         // All pixels have their required samples already.
         assert_eq!(
             total(&required_samples.if_weighted(&Plane::new(16, 16, 200), &weights, HIDDEN_SHARE)),
             200.0 * 256.0
         );
-    }
-
-    #[test]
-    fn a_few_pixels_of_unlimited_need_do_not_delay_the_others() {
-        let required_samples = plain(Plane::from_fn(100, 10, |x, y| if x == 0 && y < 4 { 1e9 } else { 50.0 }));
-        assert!(required_samples.capped_targets().data().iter().all(|n| *n == 50.0), "4 of 1000 are forgiven");
-        assert!(required_samples.shares(1.0).data().iter().all(|n| *n == required_samples.shares(1.0).data()[0]));
-        let more = plain(Plane::from_fn(100, 10, |x, _| if x < 1 { 1e9 } else { 50.0 }));
-        assert_eq!(more.capped_targets().data().iter().filter(|n| **n == 1e9).count(), 10);
-    }
-
-    #[test]
-    fn every_pixel_has_a_third_of_the_average_share() {
-        let required_samples = RequiredSamples {
-            samples: Plane::from_fn(10, 10, |x, y| if x == 9 { 0.0 } else { (x * y) as f32 }),
-            saturated: Plane::from_fn(10, 10, |x, _| x == 9),
-        };
-        // Columns and rows of 0..9 and 0..10: 36 * 45 in 90 pixels.
-        let least = 18.0 / 3.0;
-        for ((samples, capped_targets), full) in required_samples
-            .samples
-            .data()
-            .iter()
-            .zip(required_samples.capped_targets().data())
-            .zip(required_samples.saturated.data())
-        {
-            assert_eq!(*capped_targets, if *full { 0.0 } else { samples.max(least) });
-        }
-    }
-
-    #[test]
-    fn shares_grow_sublinearly_with_needs_and_are_positive() {
-        let required_samples = RequiredSamples {
-            samples: Plane::from_fn(10, 10, |x, _| if x == 9 { 0.0 } else { 40.0 * (1 << x) as f32 }),
-            saturated: Plane::from_fn(10, 10, |x, _| x == 9),
-        };
-        let shares = required_samples.shares(100.0);
-        assert!((shares.at(8, 3) / shares.at(4, 3) - 8.0).abs() < 1e-4, "sixteen times the need");
-        // 40 and 80 are less than 100.
-        assert!([0, 1, 9].iter().all(|&x| *shares.at(x, 0) == 100f32.powf(0.75)));
-        // One column of unknown variance.
-        let unknown =
-            Plane::from_fn(10, 10, |x, y| if x == 8 { f32::INFINITY } else { *required_samples.samples.at(x, y) });
-        let shares = RequiredSamples { samples: unknown, ..required_samples }.shares(8.0);
-        assert!(shares.at(8, 0) == shares.at(7, 0) && shares.at(7, 0) > shares.at(6, 0));
-        let nothing = plain(Plane::new(2, 1, f32::INFINITY)).shares(8.0);
-        assert_eq!(nothing.data(), [1.0, 1.0]);
     }
 
     #[test]

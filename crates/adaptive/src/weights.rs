@@ -1,5 +1,4 @@
-//! The allocation of samples to pixels: relative weights per pixel with mean one, and the samples that each pixel
-//! needs.
+//! The allocation of samples to pixels: relative weights per pixel with mean one.
 //!
 //! Each strategy is a pure function of planes. A strategy sets the *ratios* between pixels. [`crate::plan`] sets the
 //! number of samples to distribute, and [`crate::budget`] the number that the clock allows.
@@ -10,9 +9,7 @@ use std::str::FromStr;
 use dunkelfeld_film::Plane;
 use serde::{Deserialize, Serialize};
 
-use crate::required_samples::RequiredSamples;
 use crate::sobel::{gamma_image, magnitude};
-use crate::variance::neighbours::PredictedNoise;
 
 /// Lower bound of the Sobel magnitude of a pixel, as a share of the mean magnitude of the image. With it, the flattest
 /// pixel gets at least `FLOOR / (1 + FLOOR)`, a fifth, of the average.
@@ -20,6 +17,14 @@ pub const SOBEL_FLOOR: f32 = 0.25;
 /// Lower bound of the Sobel magnitude, half a grey level per pixel [DN/pixel]. Below it, differences come from 8-bit
 /// rounding and not from an edge.
 pub const SOBEL_RESOLUTION: f32 = 0.5;
+/// Exponent of the weights of [`sensor`]. With known variances 1/2 has the least mean noise (Neyman 1934), and 1 hides all
+/// pixels at the same time. Those of a pilot err by a factor, and pixels with more noise take more time for each sample. Of the
+/// exponents tried, this one hides 90 % and 99 % of the pixels soonest (`docs/research/sample-plans.md`).
+const EXPONENT: f64 = 0.4;
+/// Reach of the neighbourhood in [`sensor`], along either axis \[pixels\].
+const REACH: u32 = 3;
+/// Weight of the mean of the image beside the neighbours of a pixel \[pixels\].
+const PRIOR: f64 = 4.0;
 
 /// A strategy that distributes samples over pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -29,23 +34,17 @@ pub enum Strategy {
     Uniform,
     /// In proportion to the Sobel magnitude of the pilot image, above a floor (Kludt et al.).
     Sobel,
-    /// In proportion to the standard deviation of a sample (Neyman 1934). For a given number of samples, this has the
-    /// least variance of the image mean.
-    Variance,
-    /// By the noise of the sensor, until the render variance of all pixels is hidden by the sensor variance. If the
-    /// budget does not suffice, in proportion to `sqrt(v / s)`: v is the variance of a sample and s the sensor
-    /// variance. The few pixels that need most count as the largest of the others, since a render does
-    /// not wait for them.
+    /// More where the measured variance is large beside that of the sensor ([`sensor`]).
     Sensor,
 }
 
 impl Strategy {
     /// All strategies, in the order in which they are documented.
-    pub const ALL: [Self; 4] = [Self::Uniform, Self::Sobel, Self::Variance, Self::Sensor];
+    pub const ALL: [Self; 3] = [Self::Uniform, Self::Sobel, Self::Sensor];
 
-    /// The default strategy: [`Self::Sensor`] with a sensor, otherwise that of the founding paper.
+    /// The default strategy: [`Self::Sensor`] with a sensor, otherwise [`Self::Uniform`].
     pub const fn default_for(has_sensor: bool) -> Self {
-        if has_sensor { Self::Sensor } else { Self::Sobel }
+        if has_sensor { Self::Sensor } else { Self::Uniform }
     }
 
     /// The name on the command line and in job files.
@@ -53,48 +52,17 @@ impl Strategy {
         match self {
             Self::Uniform => "uniform",
             Self::Sobel => "sobel",
-            Self::Variance => "variance",
             Self::Sensor => "sensor",
         }
     }
 
-    /// Returns whether the strategy uses measured variances ([`Pilot::measured`]).
-    pub const fn needs_noise(self) -> bool {
-        matches!(self, Self::Variance | Self::Sensor)
-    }
-
-    /// The shares of all pixels. A strategy without its data falls back to the next simpler one: `sensor` without a
-    /// sensor to `variance`, and `variance` without variances to `uniform`.
-    pub fn shares(self, pilot: &Pilot<'_>) -> Shares {
-        let (width, height) = (pilot.luminance.width(), pilot.luminance.height());
-        match (self, &pilot.measured) {
-            (Self::Sobel, _) => {
-                Shares::from_weights(sobel(&magnitude(&gamma_image(pilot.luminance, pilot.white)), pilot.sobel_floor))
-            }
-            (Self::Sensor, Some(MeasuredNoise { required_samples: Some(required_samples), .. })) => {
-                Shares { weights: deviation(&required_samples.capped()), caps: Some(required_samples.capped_targets()) }
-            }
-            (Self::Variance | Self::Sensor, Some(MeasuredNoise { expected, .. })) => {
-                Shares::from_weights(deviation(&expected.map(|e| e.ratio)))
-            }
-            (Self::Uniform, _) | (Self::Variance | Self::Sensor, None) => Shares::from_weights(uniform(width, height)),
+    /// The weights of all pixels. Without measured noise, [`Self::Sensor`] is uniform.
+    pub fn weights(self, pilot: &Pilot<'_>) -> Plane<f32> {
+        match (self, pilot.noise) {
+            (Self::Sobel, _) => sobel(&magnitude(&gamma_image(pilot.luminance, pilot.white)), pilot.sobel_floor),
+            (Self::Sensor, Some(noise)) => sensor(noise),
+            (Self::Uniform, _) | (Self::Sensor, None) => uniform(pilot.luminance.width(), pilot.luminance.height()),
         }
-    }
-}
-
-/// Shares of a budget: in proportion to weights, up to caps. Once all caps are met, in proportion to the caps.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Shares {
-    /// Relative weights, none negative, with mean one (to within rounding).
-    pub weights: Plane<f32>,
-    /// Samples at which a pixel has its required number. `None` without such numbers.
-    pub caps: Option<Plane<f32>>,
-}
-
-impl Shares {
-    /// Shares from weights alone.
-    pub fn from_weights(weights: Plane<f32>) -> Self {
-        Self { weights, caps: None }
     }
 }
 
@@ -135,31 +103,35 @@ pub struct Pilot<'a> {
     /// Weight of a region without edges, relative to the mean Sobel magnitude. [`SOBEL_FLOOR`] is the default, and
     /// replaces values that are not from 0 to 1.
     pub sobel_floor: f32,
-    /// Variances, for the strategies that need them.
-    pub measured: Option<MeasuredNoise<'a>>,
+    /// The variance of one sample of each pixel over that of the sensor, for [`Strategy::Sensor`]: see [`sensor`].
+    pub noise: Option<&'a Plane<f32>>,
 }
 
-/// Measured variances. The planes have the size of the pilot.
-#[derive(Clone, Copy, Debug)]
-pub struct MeasuredNoise<'a> {
-    /// Predicted variance of a sample of each pixel over the sensor variance. Without a sensor, or for
-    /// [`Strategy::Variance`], the divisor is the same everywhere.
-    pub expected: &'a Plane<PredictedNoise>,
-    /// Samples that each pixel needs until its noise is hidden by that of the sensor.
-    pub required_samples: Option<&'a RequiredSamples>,
-}
-
-/// Weights `sqrt(v)`. A pixel of unknown variance has the largest weight of the others.
-fn deviation(variance: &Plane<f32>) -> Plane<f32> {
-    let (width, height) = (variance.width(), variance.height());
-    let weights: Vec<f32> = variance.data().iter().map(|&v| f64::from(v).sqrt() as f32).collect();
-    let heaviest = weights.iter().copied().filter(|w| w.is_finite()).fold(0.0f32, f32::max);
-    let heaviest = if heaviest > 0.0 { heaviest } else { 1.0 };
-    let weights = weights.into_iter().map(|w| if w.is_finite() { w } else { heaviest }).collect();
-    match Plane::from_vec(width, height, weights) {
-        Some(weights) if weights.data().iter().any(|&w| w > 0.0) => normalised(weights),
-        _ => uniform(width, height),
-    }
+/// Weights `r^0.4` with mean one. r is the noise of a pixel as its neighbours have it: the mean of `noise` over the square
+/// of 7 x 7 pixels around it, without itself, and four pixels of the mean of the image. So the samples of a pixel decide
+/// nothing about their own number, and the mean of the pixel stays unbiased (Kirk and Arvo 1991).
+///
+/// `noise` is the variance of one sample over that of the sensor. Values that are not finite do not count; they stand for
+/// saturated pixels. A pixel without any other in its neighbourhood has the weight zero. If all have it, all are equal.
+pub fn sensor(noise: &Plane<f32>) -> Plane<f32> {
+    let (width, height) = (noise.width(), noise.height());
+    let add = |a: [f64; 2], b: [f64; 2]| [a[0] + b[0], a[1] + b[1]];
+    let near = |x: u32, size: u32| x.saturating_sub(REACH)..(x + REACH + 1).min(size);
+    // The sum and the number of values: of a pixel, of its row in the square, of the image.
+    let value = |&v: &f32| if v.is_finite() { [f64::from(v), 1.0] } else { [0.0; 2] };
+    let rows = Plane::from_fn(width, height, |x, y| {
+        near(x, width).map(|column| value(noise.at(column, y))).fold([0.0; 2], add)
+    });
+    let [sum, pixels] = noise.data().iter().map(value).fold([0.0; 2], add);
+    let mean = sum / pixels.max(1.0);
+    // No difference of sums: it would depend on the pixel by its rounding.
+    let weights = Plane::from_fn(width, height, |x, y| {
+        let above_and_below = near(y, height).filter(|&row| row != y).map(|row| *rows.at(x, row));
+        let beside = near(x, width).filter(|&column| column != x).map(|column| value(noise.at(column, y)));
+        let [sum, pixels] = above_and_below.chain(beside).fold([0.0; 2], add);
+        if pixels == 0.0 { 0.0 } else { ((sum + PRIOR * mean) / (pixels + PRIOR)).powf(EXPONENT) as f32 }
+    });
+    if weights.data().iter().any(|&w| w > 0.0) { normalised(weights) } else { uniform(width, height) }
 }
 
 /// Equal weights.
@@ -207,7 +179,7 @@ mod tests {
             assert_eq!(strategy.name().parse(), Ok(strategy));
         }
         let error = "neyman".parse::<Strategy>().expect_err("no such strategy");
-        assert_eq!(error.to_string(), "there is no allocation `neyman`; there are uniform, sobel, variance, sensor");
+        assert_eq!(error.to_string(), "there is no allocation `neyman`; there are uniform, sobel, sensor");
     }
 
     #[test]
@@ -261,57 +233,66 @@ mod tests {
     #[test]
     fn the_sobel_strategy_sends_samples_to_the_edge() {
         let luminance = Plane::from_fn(32, 8, |x, _| if x < 16 { 0.1 } else { 0.9 });
-        let pilot = Pilot { luminance: &luminance, white: 1.0, sobel_floor: SOBEL_FLOOR, measured: None };
-        let Shares { weights, caps } = Strategy::Sobel.shares(&pilot);
+        let pilot = Pilot { luminance: &luminance, white: 1.0, sobel_floor: SOBEL_FLOOR, noise: None };
+        let weights = Strategy::Sobel.weights(&pilot);
         assert_mean_one(&weights);
         assert!(*weights.at(15, 4) > 5.0 && *weights.at(16, 4) > 5.0);
         assert!(*weights.at(3, 4) < 0.5);
-        assert_eq!(caps, None);
-        assert_eq!(Strategy::Uniform.shares(&pilot), Shares::from_weights(uniform(32, 8)));
-        // Without measured noise.
-        assert_eq!(Strategy::Sensor.shares(&pilot), Shares::from_weights(uniform(32, 8)));
+        // The others without measured noise.
+        assert!([Strategy::Uniform, Strategy::Sensor].iter().all(|s| s.weights(&pilot) == uniform(32, 8)));
     }
 
-    const UNKNOWN: f32 = f32::INFINITY;
-
-    /// Weights of four pixels with the given predicted noise and strategy.
-    fn weights_of(strategy: Strategy, ratios: [f32; 4]) -> Vec<f32> {
-        let row = |v: [f32; 4]| Plane::from_vec(4, 1, v.to_vec()).expect("four values");
-        let expected = row(ratios).map(|&ratio| PredictedNoise { ratio, saturated: ratio == 0.0 });
-        let required_samples = RequiredSamples::expected(&expected, 0.5);
-        let measured = Some(MeasuredNoise { expected: &expected, required_samples: Some(&required_samples) });
-        let pilot = Pilot { luminance: &row([0.0; 4]), white: 1.0, sobel_floor: SOBEL_FLOOR, measured };
-        let shares = strategy.shares(&pilot);
-        assert_eq!(shares.caps.is_some(), strategy == Strategy::Sensor);
-        let m = mean(shares.weights.data().iter().copied());
-        assert!((m - 1.0).abs() < 1e-5, "mean {m}");
-        shares.weights.into_vec()
+    #[test]
+    fn a_pixel_has_the_noise_of_its_neighbours_and_of_the_image() {
+        let noise = Plane::from_fn(40, 40, |x, y| (1 + (7 * x + 3 * y) % 11) as f32);
+        let weights = sensor(&noise);
+        assert_mean_one(&weights);
+        let mean = f64::from(mean(noise.data().iter().copied()));
+        let of = |x: u32, y: u32| {
+            let square = (y - 3..=y + 3).flat_map(|y| (x - 3..=x + 3).map(move |x| (x, y)));
+            let sum: f64 = square.filter(|&at| at != (x, y)).map(|(x, y)| f64::from(*noise.at(x, y))).sum();
+            ((sum + 4.0 * mean) / 52.0).powf(0.4)
+        };
+        for (x, y) in [(3, 3), (20, 11), (36, 30)] {
+            let ratio = f64::from(weights.at(x, y) / weights.at(17, 17));
+            assert!((ratio / (of(x, y) / of(17, 17)) - 1.0).abs() < 1e-5, "{x}, {y}: {ratio}");
+        }
     }
 
-    fn assert_ratios(weights: &[f32], expected: [f32; 4]) {
-        for (w, e) in weights.iter().zip(expected) {
-            assert!((w / weights[0] - e / expected[0]).abs() < 1e-4, "{weights:?} are not as {expected:?}");
+    /// A pixel may change the mean of the image, and with it the weights of all. So the ratio to a pixel is compared that has
+    /// the same neighbours.
+    #[test]
+    fn the_noise_of_a_pixel_does_not_change_its_own_weight() {
+        for own in [0.0, 1.0, 1e12, f32::MAX, f32::NAN] {
+            let weights = sensor(&Plane::from_fn(40, 40, |x, y| if (x, y) == (20, 20) { own } else { 5.0 }));
+            assert!((weights.at(20, 20) / weights.at(5, 5) - 1.0).abs() < 1e-6, "{own}");
+            assert!(own < 6.0 || own.is_nan() || weights.at(21, 20) > weights.at(20, 20), "{own}");
         }
     }
 
     #[test]
-    fn neyman_weights_are_proportional_to_the_deviation() {
-        for strategy in [Strategy::Variance, Strategy::Sensor] {
-            assert_ratios(&weights_of(strategy, [1.0, 4.0, 9.0, 16.0]), [1.0, 2.0, 3.0, 4.0]);
+    fn saturated_pixels_do_not_count() {
+        // Two halves, and a saturated square in one.
+        let is_full = |x: u32, y: u32| (10..20).contains(&x) && (10..20).contains(&y);
+        let noise = Plane::from_fn(60, 30, |x, y| match (is_full(x, y), x < 30) {
+            (true, _) => f32::INFINITY,
+            (_, true) => 4.0,
+            _ => 400.0,
+        });
+        let weights = sensor(&noise);
+        assert_eq!((*weights.at(14, 14), *weights.at(15, 15)), (0.0, 0.0));
+        // Beside it fewer pixels count, so that the mean of the image has more weight.
+        assert!(*weights.at(9, 15) >= *weights.at(4, 4) && *weights.at(9, 15) < 1.5 * *weights.at(4, 4));
+        assert!(*weights.at(50, 15) > 1.5 * *weights.at(4, 4));
+        for nothing in [0.0, f32::NAN, f32::INFINITY] {
+            assert_eq!(sensor(&Plane::new(6, 5, nothing)), uniform(6, 5), "{nothing}");
         }
-    }
-
-    #[test]
-    fn unknown_pixels_have_the_largest_weight() {
-        let pixels = [4.0, UNKNOWN, 9.0, 0.0];
-        assert_ratios(&weights_of(Strategy::Variance, pixels), [2.0, 3.0, 3.0, 0.0]);
-        for nothing in [UNKNOWN, 0.0] {
-            assert_ratios(&weights_of(Strategy::Variance, [nothing; 4]), [1.0; 4]);
-        }
+        assert_eq!(sensor(&Plane::new(1, 1, 7.0)), uniform(1, 1));
+        assert!(sensor(&Plane::new(0, 0, 7.0)).data().is_empty());
     }
 
     #[test]
     fn the_default_is_the_sensors_where_there_is_one() {
-        assert_eq!([true, false].map(Strategy::default_for), [Strategy::Sensor, Strategy::Sobel]);
+        assert_eq!([true, false].map(Strategy::default_for), [Strategy::Sensor, Strategy::Uniform]);
     }
 }

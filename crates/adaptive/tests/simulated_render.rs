@@ -3,8 +3,8 @@
 
 use dunkelfeld_adaptive::budget::tolerance;
 use dunkelfeld_adaptive::{
-    Affordable, Levels, Limits, Phase, SamplePlan, Schedule, Settings, Shares, Step, StopReason, TileGrid, WorkQueue,
-    WorkUnit, plan, weights,
+    Affordable, Levels, Limits, Phase, SamplePlan, Schedule, Settings, Step, StopReason, TileGrid, WorkQueue, WorkUnit,
+    plan, weights,
 };
 use dunkelfeld_film::Plane;
 
@@ -21,7 +21,7 @@ struct Machine<'a> {
     costs: &'a Plane<f64>,
     slowness: &'a dyn Fn(f64) -> f64,
     /// The plan after the pilot.
-    shares: Shares,
+    weights: Plane<f32>,
     /// Samples that each pixel needs: the render ends when 99 % of the pixels have theirs.
     need: Option<&'a Plane<f32>>,
 }
@@ -37,9 +37,9 @@ struct Run {
 
 impl<'a> Machine<'a> {
     fn new(budget: f64, costs: &'a Plane<f64>) -> Self {
-        let shares = Shares::from_weights(weights::uniform(SIDE, SIDE));
+        let weights = weights::uniform(SIDE, SIDE);
         let closing = (0.02 * budget).min(0.1);
-        Self { threads: 2, budget: Some(budget), closing, costs, slowness: &|_| 1.0, shares, need: None }
+        Self { threads: 2, budget: Some(budget), closing, costs, slowness: &|_| 1.0, weights, need: None }
     }
 
     fn deadline(&self) -> f64 {
@@ -59,7 +59,7 @@ impl<'a> Machine<'a> {
         let mut schedule = Schedule::new(limits, Settings { pixels: PIXELS, pilot_spp: 16 });
         let mut queue = WorkQueue::new(TileGrid::new(SIDE, SIDE, 16));
         let mut taken = plan::empty(SIDE, SIDE);
-        let mut shares = Shares::from_weights(weights::uniform(SIDE, SIDE));
+        let mut weights = weights::uniform(SIDE, SIDE);
         let (mut now, mut planned_at) = (0.0, Vec::new());
         let stop = loop {
             let round = match schedule.next(self.affordable(&queue, now)) {
@@ -70,16 +70,16 @@ impl<'a> Machine<'a> {
                         break StopReason::NoiseTarget;
                     }
                     schedule.stop_on_noise(pixels().map(|(&n, &need)| f64::from(need).max(f64::from(n))).sum());
-                    (shares, now) = (self.shares.clone(), now + 2e-3);
+                    (weights, now) = (self.weights.clone(), now + 2e-3);
                     continue;
                 }
                 Step::Round(round) => round,
             };
             if round.replan {
-                shares = self.shares.clone();
+                weights = self.weights.clone();
                 planned_at.push(schedule.taken());
             }
-            let target = plan::next_round(&taken, &shares, schedule.taken() + round.samples);
+            let target = plan::next_round(&taken, &weights, schedule.taken() + round.samples);
             let is_over = self.round(&mut queue, &mut taken, &target, round.most, &mut now);
             schedule.record(plan::total(&taken));
             assert!(round.phase == Phase::Refine || planned_at.is_empty());
@@ -207,8 +207,7 @@ fn one_expensive_pixel_with_most_samples_does_not_delay_the_end() {
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 1e-3 } else { 1e-6 });
     let weights = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 50.0 } else { 1.0 });
     for budget in BUDGETS {
-        let run =
-            Machine { shares: Shares::from_weights(weights.clone()), ..Machine::new(budget, &costs) }.check("dear");
+        let run = Machine { weights: weights.clone(), ..Machine::new(budget, &costs) }.check("dear");
         if budget >= 1.0 {
             // A neighbour in the same tile has the same level.
             let ratio = f64::from(*run.taken.at(21, 37)) / f64::from(*run.taken.at(22, 37));
@@ -225,7 +224,7 @@ fn costs_that_follow_the_weights_are_predicted() {
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| if steep(x, y) { 8e-6 } else { 0.5e-6 });
     let weights = Plane::from_fn(SIDE, SIDE, |x, y| if steep(x, y) { 6.0 } else { 0.3 });
     for budget in BUDGETS {
-        Machine { shares: Shares::from_weights(weights.clone()), ..Machine::new(budget, &costs) }.check("dear edges");
+        Machine { weights: weights.clone(), ..Machine::new(budget, &costs) }.check("dear edges");
     }
 }
 
@@ -276,8 +275,7 @@ fn an_expensive_pixel_of_large_need_does_not_delay_the_render() {
     // all others together.
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 1e-3 } else { 1e-6 });
     let need = Plane::from_fn(SIDE, SIDE, |x, y| if (x, y) == (21, 37) { 1e5 } else { 100.0 + x as f32 });
-    let shares = Shares { weights: need.map(|n| n.sqrt()), caps: Some(need.clone()) };
-    let machine = |budget| Machine { shares: shares.clone(), need: Some(&need), budget, ..Machine::new(1.0, &costs) };
+    let machine = |budget| Machine { weights: need.clone(), need: Some(&need), budget, ..Machine::new(1.0, &costs) };
     for budget in [1.0, 5.0, 20.0, 60.0] {
         let run = machine(Some(budget)).render();
         assert!(run.end <= budget + tolerance(budget), "{budget} s: {} s", run.end);
@@ -296,8 +294,8 @@ fn an_expensive_pixel_of_large_need_does_not_delay_the_render() {
 fn no_plan_of_a_render_by_samples_feels_the_clock() {
     let need = Plane::from_fn(SIDE, SIDE, |x, y| 20.0 + ((x * y) % 200) as f32);
     let taken = |threads, costs: &Plane<f64>| {
-        let shares = Shares { weights: need.map(|n| n.sqrt()), caps: Some(need.clone()) };
-        Machine { threads, budget: None, shares, need: Some(&need), ..Machine::new(1.0, costs) }.render().taken
+        let weights = need.map(|n| n.sqrt());
+        Machine { threads, budget: None, weights, need: Some(&need), ..Machine::new(1.0, costs) }.render().taken
     };
     let dear = Plane::from_fn(SIDE, SIDE, |x, _| 1e-5 * f64::from(x + 1));
     assert!(taken(2, &even(1e-7)) == taken(5, &dear));

@@ -62,7 +62,7 @@ pub struct RenderOptions {
     pub samples_from: u32,
     /// End of the samples of a part, which dunkelfeld_merge() joins with others; 0 for a whole render.
     pub samples_to: u32,
-    /// Allocation of the samples: "uniform", "sobel", "variance" or "sensor".
+    /// Allocation of the samples: "uniform", "sobel" or "sensor".
     pub strategy: *const c_char,
     /// Preset, sensor file, or "none".
     pub sensor: *const c_char,

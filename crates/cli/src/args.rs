@@ -120,7 +120,7 @@ pub(crate) struct RenderArgs {
     /// The share of the unsaturated pixels at which --noise stops, in per cent, from 1 to 100 [default: 99].
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_parser = share)]
     pub(crate) share: Option<f64>,
-    /// Distribution of the samples [default: sensor; sobel without a sensor].
+    /// Distribution of the samples [default: sensor; uniform without a sensor].
     #[arg(long, value_parser = strategies())]
     pub(crate) allocate: Option<Strategy>,
     /// Render exactly the samples of an earlier render: an EXR that --exr or --plan wrote. Size, seed and frame are those

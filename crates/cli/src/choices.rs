@@ -21,8 +21,7 @@ pub(crate) fn strategies() -> impl TypedValueParser<Value = Strategy> {
     let help = |strategy| match strategy {
         Strategy::Uniform => "The same number everywhere",
         Strategy::Sobel => "In proportion to the Sobel magnitude of a pilot image (Kludt et al.)",
-        Strategy::Variance => "In proportion to the measured standard deviation of a sample (Neyman)",
-        Strategy::Sensor => "The number that hides the noise of the render, for each pixel",
+        Strategy::Sensor => "More where the noise of the render is large beside that of the sensor",
     };
     one_of(Strategy::ALL.map(|s| (s.name(), s, help(s))).to_vec(), Strategy::Uniform)
 }

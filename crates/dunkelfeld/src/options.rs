@@ -211,8 +211,8 @@ impl RenderOptions {
         s.threads = threads.unwrap_or(s.threads);
         s.memory_limit = self.memory.or(s.memory_limit);
         if another && !s.has_sensor() && strategy.is_none() && s.strategy == Some(Strategy::Sensor) {
-            s.strategy = Some(Strategy::Variance);
-            let message = "there is no sensor, so that `variance` replaces the allocation `sensor` of the job";
+            s.strategy = None;
+            let message = "there is no sensor, so that `uniform` replaces the allocation `sensor` of the job";
             project.warnings.push(ImportWarning { place: "allocation".into(), message: message.into() });
         }
         let s: &mut RenderSettings = &mut project.settings;

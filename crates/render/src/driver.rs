@@ -403,7 +403,7 @@ impl<'a> Renderer<'a> {
             Some(round) => {
                 course.stage = if round.phase == Phase::Pilot { Stage::Pilot } else { Stage::Refine };
                 let began = Instant::now();
-                let target = plan::next_round(&self.counts, self.planner.shares(), self.taken + round.samples);
+                let target = plan::next_round(&self.counts, self.planner.weights(), self.taken + round.samples);
                 self.spend(course.stage, began);
                 Next::Round(target, round.most)
             }
@@ -486,8 +486,8 @@ impl<'a> Renderer<'a> {
         let state = self.state(None);
         let course = self.course.as_ref();
         // A given plan is available at each resumption, so it is not stored. The clock sets a plan anew.
-        let (shares, open) = (course.map(|_| self.planner.shares()), course.and(clock.is_none().then_some(target)));
-        let snapshot = Snapshot { state: &state, shares, target: open };
+        let (weights, open) = (course.map(|_| self.planner.weights()), course.and(clock.is_none().then_some(target)));
+        let snapshot = Snapshot { state: &state, weights, target: open };
         let stage = course.map_or(Stage::Refine, |course| course.stage);
         let is_open = clock.is_some() || interval.is_some();
         let pause_at = match interval {

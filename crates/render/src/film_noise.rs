@@ -6,7 +6,6 @@ use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_pixels};
 use dunkelfeld_adaptive::required_samples::{RequiredSamples, SensorNoise, required_samples};
 use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, SensorVarianceRange, pixel_features};
-use dunkelfeld_adaptive::variance::neighbours::{NeighbourNoise, PredictedNoise};
 use dunkelfeld_adaptive::variance::pixel::{BLOCK, pixel_noise_of_blocks};
 use dunkelfeld_adaptive::variance::pooled::{PixelNoise, pooled_pixel};
 use dunkelfeld_film::{Film, Means, Needed, PixelSums, Plane, Scatter};
@@ -48,6 +47,19 @@ impl SignalModel {
     pub fn image(&self, mean: &Plane<[f32; 3]>) -> Plane<f32> {
         let weights = self.response.average();
         mean.map(|&pixel| weights.electrons(pixel).0 as f32)
+    }
+
+    /// The variance of one sample of each pixel over that of the sensor at its mean, by the spread of the batches. Plans are made
+    /// from it. Infinite for pixels that are saturated beyond doubt, and for those of unknown variance. `None` without a
+    /// sensor.
+    pub(crate) fn noise_of_samples(&self, film: &Film) -> Option<Plane<f32>> {
+        let sensor = self.sensor?;
+        let [noise] = map_film_at(film, Needed::Image, |x, y, sums| {
+            let (mean, variance) = sums.means().weighted_mean_and_variance(self.response.at(x, y).0);
+            let of_sample = f64::from(sums.count()) * variance / sensor.variance(mean);
+            [if sensor.is_saturated(mean, variance) { f32::INFINITY } else { of_sample as f32 }]
+        });
+        Some(noise)
     }
 
     /// Estimates of some rows of pixels of a film, from the first row of a tile on, as signals of each kind of pixel.
@@ -155,12 +167,6 @@ fn pixel_noise(evidence: &NoiseInputs, rows: Range<u32>) -> Vec<PixelNoise> {
     blocks.into_par_iter().map(|row| pixel_noise_of_blocks(evidence, row)).collect::<Vec<_>>().concat()
 }
 
-/// The predicted noise of some rows of an image.
-fn predicted_noise(evidence: &NoiseInputs, sensor: Option<SensorNoise>, rows: Range<u32>) -> Vec<PredictedNoise> {
-    let neighbours = NeighbourNoise::new(evidence, sensor);
-    rows.into_par_iter().map(|y| neighbours.predicted_row(y)).collect::<Vec<_>>().concat()
-}
-
 /// Rows that are analysed at once. Estimates of an image take ten times the memory of the results.
 const BAND: u32 = 64;
 /// Rows above and below that influence the result: whole blocks, and more than the radius of any neighbourhood.
@@ -255,21 +261,6 @@ impl<'a> FilmNoise<'a> {
         sensor: Option<SensorNoise>,
     ) -> Self {
         Self { mean, counts, sensor, views: Box::new(views), response }
-    }
-
-    /// Noise of each pixel as predicted from its neighbours. Plans are computed from it. It is relative to the noise of
-    /// the sensor, or to the same level for all pixels.
-    pub fn expected(&self, sensor: Option<SensorNoise>) -> Plane<PredictedNoise> {
-        self.by_bands(PredictedNoise::UNKNOWN, |evidence, rows| predicted_noise(evidence, sensor, rows))
-    }
-
-    /// [`Self::pixel_noise`] and [`Self::expected`], for which the film is read once.
-    pub fn pixel_noise_and_expected(&self, sensor: Option<SensorNoise>) -> (Plane<PixelNoise>, Plane<PredictedNoise>) {
-        let both = self.by_bands((PixelNoise::UNKNOWN, PredictedNoise::UNKNOWN), |evidence, rows| {
-            let own = pixel_noise(evidence, rows.clone());
-            own.into_iter().zip(predicted_noise(evidence, sensor, rows)).collect()
-        });
-        (both.map(|both| both.0), both.map(|both| both.1))
     }
 
     /// Noise of a film with this exposure.

@@ -119,7 +119,6 @@ impl JoinedParts {
                 height: self.film.height(),
                 text: &text,
                 weights: None,
-                caps: None,
                 target: None,
                 objects: Some(objects),
                 materials: Some(materials),

@@ -63,7 +63,6 @@ impl SavedFilm {
                 height: film.sums.height(),
                 text: &text,
                 weights: None,
-                caps: None,
                 target: None,
                 objects: Some(&objects),
                 materials: Some(&materials),

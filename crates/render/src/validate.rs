@@ -55,7 +55,7 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
     }
     if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
         let problem = "the allocation `sensor` needs the noise of a sensor, and there is no sensor";
-        return Err(Error::setting("allocation", problem, "choose a sensor, or the allocation `variance`"));
+        return Err(Error::setting("allocation", problem, "choose a sensor, or the allocation `uniform`"));
     }
     if s.exposure_noise == ExposureNoise::Matched && !s.has_sensor() {
         let problem = "matched exposure noise needs the noise of a sensor, and there is no sensor";

@@ -37,8 +37,8 @@ const SUMS: u64 = size_of::<PixelSums>() as u64;
 
 /// Bytes per pixel of planes, one constant for each group.
 pub(super) mod per_pixel {
-    /// Ids at each pixel's centre (8), samples so far (4), weights (4), sample counts at which a pixel is finished (4).
-    pub(in crate::memory) const KEPT: u64 = 20;
+    /// Ids at each pixel's centre (8), samples so far (4), weights (4).
+    pub(in crate::memory) const KEPT: u64 = 16;
     /// The plan of a round and its increments (8), work units (1).
     pub(in crate::memory) const ROUND: u64 = 9;
     /// A plan that is replayed: as read, in the settings of the render, and limited to its samples.
@@ -49,11 +49,10 @@ pub(super) mod per_pixel {
     pub(super) const MEAN: u64 = 25;
     /// Signal and counts (8), each pixel's noise from its own samples (12).
     pub(in crate::memory) const NOISE: u64 = 20;
-    /// The image in the channels of the sensor (4), estimates from neighbours (8).
-    pub(in crate::memory) const EXPECTED: u64 = 12;
-    /// Required samples from both estimates (10), shares, levels and targets of the forecast (12).
-    pub(in crate::memory) const PLAN: u64 = 22;
-    /// Shares without measured noise: luminance and gradients.
+    /// The image in the channels of the sensor (4), the noise of a sample (4), its sums over rows of neighbours (16). The
+    /// forecast needs less.
+    pub(in crate::memory) const PLAN: u64 = 24;
+    /// Weights without measured noise: luminance and gradients.
     pub(super) const SOBEL: u64 = 28;
     /// Ratios (4) and saturated pixels (1).
     pub(super) const CERTIFIED: u64 = 5;
@@ -130,7 +129,6 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     // Until all pixels have the samples of the pilot there is no plan.
     let plans = settings.given_spp().is_none() && settings.expected_spp() > f64::from(settings.pilot_spp);
     let has_sensor = settings.has_sensor();
-    let is_measured = has_sensor || settings.strategy().needs_noise();
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
 
     let mut account = MemoryAccount::new(&["render", "plan", "expose", "denoise", "write"]);
@@ -167,9 +165,8 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
         account.add("kept films", &always(bytes));
     }
     if plans {
-        let noise = if is_measured {
-            let before = planes(per_pixel::NOISE + per_pixel::EXPECTED);
-            before.saturating_add(bands.max(planes(per_pixel::PLAN)))
+        let noise = if has_sensor {
+            planes(per_pixel::NOISE).saturating_add(bands.max(planes(per_pixel::PLAN)))
         } else {
             planes(per_pixel::SOBEL)
         };

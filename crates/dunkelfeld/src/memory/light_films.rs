@@ -48,7 +48,7 @@ pub(crate) fn light_films_account(needs: LightFilmsNeeds<'_>) -> (u64, MemoryAcc
     account.add("analyses", &[films(planes(ANALYSES))]);
     account.add("training", &[films(TRAINING_PATH * u64::from(settings.training_paths()))]);
     // One film at a time is planned, and one analysed.
-    let plan = planes(per_pixel::NOISE + per_pixel::EXPECTED + per_pixel::PLAN);
+    let plan = planes(per_pixel::NOISE + per_pixel::PLAN);
     let certificate = planes(per_pixel::NOISE + per_pixel::CERTIFICATE);
     let bands = noise_bands(width, height, MAX_KINDS, threads);
     account.add("noise and plan", &[plan.saturating_add(certificate).saturating_add(2 * bands)]);

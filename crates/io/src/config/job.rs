@@ -191,7 +191,7 @@ pub struct BudgetSettings {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AllocateSettings {
-    /// `"uniform"`, `"sobel"`, `"variance"` or `"sensor"`. By default `"sensor"` with a sensor, `"sobel"` without.
+    /// `"uniform"`, `"sobel"` or `"sensor"`. By default `"sensor"` with a sensor, `"uniform"` without.
     pub strategy: Option<Strategy>,
     /// Samples per pixel of the uniform pilot, from which the plan is computed. Default 16.
     #[serde(deserialize_with = "check::pilot_spp")]

@@ -76,7 +76,6 @@ const WRITERS: [(&str, Writer); 10] = [
             height: SIDE,
             text: "{}",
             weights: None,
-            caps: None,
             target: Some(&plane),
             objects: Some(&plane),
             materials: None,

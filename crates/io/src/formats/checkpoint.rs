@@ -19,17 +19,16 @@ use std::path::Path;
 use twox_hash::XxHash3_64;
 
 /// Version of the format.
-pub const CHECKPOINT_VERSION: u32 = 6;
+pub const CHECKPOINT_VERSION: u32 = 7;
 /// The first bytes: no text, and changed by programs that convert line ends, as in PNG.
 const MAGIC: [u8; 8] = *b"\x89DFC\r\n\x1a\n";
 /// Magic, version, width, height, length of the text, flags.
 const HEAD: usize = 28;
 const HAS_WEIGHTS: u32 = 1;
-const HAS_CAPS: u32 = 2;
-const HAS_TARGET: u32 = 4;
-const HAS_OBJECTS: u32 = 8;
-const HAS_MATERIALS: u32 = 16;
-const ALL_FLAGS: u32 = HAS_WEIGHTS | HAS_CAPS | HAS_TARGET | HAS_OBJECTS | HAS_MATERIALS;
+const HAS_TARGET: u32 = 2;
+const HAS_OBJECTS: u32 = 4;
+const HAS_MATERIALS: u32 = 8;
+const ALL_FLAGS: u32 = HAS_WEIGHTS | HAS_TARGET | HAS_OBJECTS | HAS_MATERIALS;
 /// The longest text \[bytes\].
 const MAX_TEXT: u32 = 16 << 20;
 /// Rows that share a checksum.
@@ -45,8 +44,6 @@ pub struct Checkpoint {
     pub text: String,
     /// Weights of the plan.
     pub weights: Option<Plane<f32>>,
-    /// Sample counts at which the pixels need no more samples.
-    pub caps: Option<Plane<f32>>,
     /// Target of the open round: samples per pixel, as totals since the first sample.
     pub target: Option<Plane<u32>>,
     /// Number of the object at the pixel's centre, defined by the writer.
@@ -68,8 +65,6 @@ pub struct CheckpointHead<'a> {
     pub text: &'a str,
     /// See [`Checkpoint::weights`].
     pub weights: Option<&'a Plane<f32>>,
-    /// See [`Checkpoint::caps`].
-    pub caps: Option<&'a Plane<f32>>,
     /// See [`Checkpoint::target`].
     pub target: Option<&'a Plane<u32>>,
     /// See [`Checkpoint::objects`].
@@ -94,16 +89,14 @@ pub fn write_checkpoint(
         return refuse("the film or its description is beyond the limits of a checkpoint");
     }
     let size = (head.width, head.height);
-    let floats = [head.weights, head.caps];
     let integers = [head.target, head.objects, head.materials];
-    if floats.into_iter().flatten().any(|p| (p.width(), p.height()) != size)
+    if head.weights.is_some_and(|p| (p.width(), p.height()) != size)
         || integers.into_iter().flatten().any(|p| (p.width(), p.height()) != size)
     {
         return refuse("the planes of a checkpoint must have the size of its film");
     }
     write_atomically(path, |file| {
         let flags = u32::from(head.weights.is_some()) * HAS_WEIGHTS
-            + u32::from(head.caps.is_some()) * HAS_CAPS
             + u32::from(head.target.is_some()) * HAS_TARGET
             + u32::from(head.objects.is_some()) * HAS_OBJECTS
             + u32::from(head.materials.is_some()) * HAS_MATERIALS;
@@ -121,7 +114,7 @@ pub fn write_checkpoint(
             Ok(())
         };
         put(&mut bytes)?;
-        for plane in floats.into_iter().flatten() {
+        if let Some(plane) = head.weights {
             plane.data().iter().for_each(|v| bytes.extend(v.to_le_bytes()));
             put(&mut bytes)?;
         }
@@ -181,15 +174,12 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
     source.check("the head", &head)?;
     let text = String::from_utf8(head.split_off(HEAD)).map_err(|_| fault("the text", "is not UTF-8".into()))?;
     let misfit = || fault("a plane", "does not have the size of the film".into());
-    let mut floats = [None, None];
-    for (slot, (flag, place)) in floats.iter_mut().zip([(HAS_WEIGHTS, "the weights"), (HAS_CAPS, "the caps")]) {
-        if flags & flag != 0 {
-            let words = source.words(place, pixels)?;
-            let plane = Plane::from_vec(width, height, words.into_iter().map(f32::from_bits).collect());
-            *slot = Some(plane.ok_or_else(misfit)?);
-        }
+    let mut weights = None;
+    if flags & HAS_WEIGHTS != 0 {
+        let words = source.words("the weights", pixels)?;
+        let plane = Plane::from_vec(width, height, words.into_iter().map(f32::from_bits).collect());
+        weights = Some(plane.ok_or_else(misfit)?);
     }
-    let [weights, caps] = floats;
     let mut integers = [None, None, None];
     let sections = [(HAS_TARGET, "the plan"), (HAS_OBJECTS, "the objects"), (HAS_MATERIALS, "the materials")];
     for (slot, (flag, place)) in integers.iter_mut().zip(sections) {
@@ -218,7 +208,7 @@ pub fn read_checkpoint(path: &Path) -> Result<Checkpoint, InputError> {
             InputError::new(path, &place, format!("cannot be held: {e}"), help)
         })?;
     }
-    Ok(Checkpoint { text, weights, caps, target, objects, materials, film })
+    Ok(Checkpoint { text, weights, target, objects, materials, film })
 }
 
 fn is_size(width: u32, height: u32) -> bool {

@@ -16,7 +16,6 @@ use crate::rendered_film::{RenderedFilm, material_names};
 use crate::settings::{CheckpointSettings, RenderSettings};
 use crate::stage::Stage;
 use dunkelfeld_adaptive::budget::{Schedule, StopReason};
-use dunkelfeld_adaptive::weights::Shares;
 use dunkelfeld_film::{Film, PixelSums, Plane};
 use dunkelfeld_integrator::LearnedRoulette;
 use dunkelfeld_integrator::{ConnectionTally, PixelIds, PixelSample};
@@ -113,7 +112,7 @@ impl State {
 /// A stored render.
 pub(crate) struct Restored {
     pub(crate) state: State,
-    pub(crate) shares: Option<Shares>,
+    pub(crate) weights: Option<Plane<f32>>,
     pub(crate) target: Option<Plane<u32>>,
     pub(crate) film: Film,
     /// Is it continued with a budget of its own?
@@ -167,7 +166,7 @@ struct Clock {
 #[derive(Clone, Copy)]
 pub(crate) struct Snapshot<'a> {
     pub(crate) state: &'a State,
-    pub(crate) shares: Option<&'a Shares>,
+    pub(crate) weights: Option<&'a Plane<f32>>,
     pub(crate) target: Option<&'a Plane<u32>>,
 }
 
@@ -278,8 +277,7 @@ fn write(
         width,
         height,
         text: &text_of(description)?,
-        weights: snapshot.shares.map(|s| &s.weights),
-        caps: snapshot.shares.and_then(|s| s.caps.as_ref()),
+        weights: snapshot.weights,
         target: snapshot.target,
         objects: Some(objects),
         materials: Some(materials),
@@ -351,13 +349,12 @@ fn stored(path: &Path, key: &RenderKey, render: &RenderSettings) -> Result<Resto
         let help = "render the same as before, name another checkpoint, or delete this one to begin anew";
         return Err(InputError::new(path, "the description", problem, help).into());
     }
-    let Checkpoint { weights, caps, target, film, .. } = stored;
+    let Checkpoint { weights, target, film, .. } = stored;
     if (film.width(), film.height()) != (render.width, render.height) {
         let (problem, help) = ("does not have the size of the description", "delete it to begin anew");
         return Err(InputError::new(path, "the film", problem, help).into());
     }
-    let shares = weights.map(|weights| Shares { weights, caps });
-    Ok(Restored { state: description.state, shares, target, film, is_open: description.is_open })
+    Ok(Restored { state: description.state, weights, target, film, is_open: description.is_open })
 }
 
 /// The start of a render without its pauses, and the seconds from that start to `started`. If the clock does not reach

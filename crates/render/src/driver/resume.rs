@@ -8,14 +8,14 @@ use dunkelfeld_adaptive::budget::StopReason;
 impl Renderer<'_> {
     /// Restores the state that an earlier process stored.
     pub(super) fn restore(&mut self, saved: Restored) {
-        let Restored { state, shares, target, film, is_open } = saved;
+        let Restored { state, weights, target, film, is_open } = saved;
         self.taken = film.total_samples();
         self.film.sums = film;
         self.count();
         self.invalid = state.invalid();
         self.connections = state.connections();
-        if let Some(shares) = shares {
-            self.planner = Planner::resumed(self.settings, shares, state.planner, state.forecast);
+        if let Some(weights) = weights {
+            self.planner = Planner::resumed(self.settings, weights, state.planner, state.forecast);
         }
         if is_open {
             // The budget is that of this render: its time begins now, and its samples contain those of the film.
@@ -62,8 +62,8 @@ impl Renderer<'_> {
     pub(super) fn keep(&self, stop: Option<StopReason>, must: bool) {
         let Some(writer) = &self.writer else { return };
         let state = self.state(stop);
-        let shares = self.course.is_some().then(|| self.planner.shares());
-        let snapshot = Snapshot { state: &state, shares, target: self.target.as_ref() };
+        let weights = self.course.is_some().then(|| self.planner.weights());
+        let snapshot = Snapshot { state: &state, weights, target: self.target.as_ref() };
         let mut rows = film_rows(&self.film.sums);
         if must {
             writer.keep(snapshot, &mut rows);
@@ -75,7 +75,7 @@ impl Renderer<'_> {
     /// Shows the film to a receiver of it.
     pub(super) fn show_film(&self) {
         let state = self.state(None);
-        let shares = self.course.is_some().then(|| self.planner.shares());
+        let weights = self.course.is_some().then(|| self.planner.weights());
         self.session.progress().film(FilmInProgress {
             film: &self.film,
             scene: self.scene,
@@ -83,7 +83,7 @@ impl Renderer<'_> {
             settings: self.settings,
             roulette: self.roulette.as_ref(),
             elapsed: self.started.elapsed().as_secs_f64() - self.waited,
-            snapshot: Snapshot { state: &state, shares, target: None },
+            snapshot: Snapshot { state: &state, weights, target: None },
         });
     }
 }

@@ -15,10 +15,8 @@ use crate::plan::extrapolation::ConvergenceFit;
 use crate::plan::forecast::{Forecast, ForecastInput, Throughput};
 use crate::rendered_film::RenderedFilm;
 use crate::settings::RenderSettings;
-use dunkelfeld_adaptive::required_samples::{DEFAULT_TARGET, RequiredSamples, SensorNoise, total};
-use dunkelfeld_adaptive::variance::neighbours::PredictedNoise;
-use dunkelfeld_adaptive::variance::pooled::PixelNoise;
-use dunkelfeld_adaptive::weights::{self, Pilot, Shares, Strategy};
+use dunkelfeld_adaptive::required_samples::{RequiredSamples, total};
+use dunkelfeld_adaptive::weights::{self, Pilot, Strategy};
 use dunkelfeld_film::{Film, Plane};
 use serde::{Deserialize, Serialize};
 
@@ -29,9 +27,6 @@ const GROWTH: f64 = 2.0;
 /// The pilot ends with this share of the estimated remaining samples, rounded down to a power of two. With less,
 /// forecasts have an error of more than a fifth (`docs/accuracy.md`). It has the same number of samples in each pixel.
 const PILOT_SHARE: f64 = 0.2;
-/// Lower bound of a pixel's share, as a part of the pilot's samples. The neighbours of a pixel may have no noise in the
-/// pilot, but noise in later samples. Such a pixel also needs samples.
-const MIN_PILOT_SHARE: f64 = 0.1;
 
 /// The inputs of a decision.
 #[derive(Clone, Copy)]
@@ -54,7 +49,7 @@ pub(crate) enum NoiseVerdict {
 /// The planner of a render.
 pub(crate) struct Planner<'a> {
     settings: &'a RenderSettings,
-    shares: Shares,
+    weights: Plane<f32>,
     state: PlannerState,
     forecast: Option<Forecast>,
 }
@@ -71,21 +66,21 @@ pub(crate) struct PlannerState {
 
 impl<'a> Planner<'a> {
     pub(crate) fn new(settings: &'a RenderSettings) -> Self {
-        let shares = Shares::from_weights(weights::uniform(settings.width, settings.height));
-        Self { settings, shares, state: PlannerState::default(), forecast: None }
+        let weights = weights::uniform(settings.width, settings.height);
+        Self { settings, weights, state: PlannerState::default(), forecast: None }
     }
 
     /// The planner of a stored render, in its stored state.
     pub(crate) fn resumed(
         settings: &'a RenderSettings,
-        shares: Shares,
+        weights: Plane<f32>,
         state: PlannerState,
         forecast: Option<Forecast>,
     ) -> Self {
-        Self { settings, shares, state, forecast }
+        Self { settings, weights, state, forecast }
     }
 
-    /// The state of the planning: with shares and forecast, it is all that [`Self::resumed`] needs.
+    /// The state of the planning: with weights and forecast, it is all that [`Self::resumed`] needs.
     pub(crate) fn state(&self) -> PlannerState {
         self.state
     }
@@ -96,13 +91,13 @@ impl<'a> Planner<'a> {
     }
 
     /// The distribution of samples from now on.
-    pub(crate) fn shares(&self) -> &Shares {
-        &self.shares
+    pub(crate) fn weights(&self) -> &Plane<f32> {
+        &self.weights
     }
 
     /// The weights of the plan, and the forecast.
     pub(crate) fn into_parts(self) -> (Plane<f32>, Option<Forecast>) {
-        (self.shares.weights, self.forecast)
+        (self.weights, self.forecast)
     }
 
     /// Computes the plan from the pilot. With a sensor, it returns a forecast.
@@ -111,18 +106,13 @@ impl<'a> Planner<'a> {
     /// An exposure outside the ranges of the sensor.
     pub(crate) fn plan(&mut self, state: State<'_>, pace: &Throughput<'_>) -> Result<Option<&Forecast>, Error> {
         let (signal_model, image) = self.exposed(&state.film.sums)?;
-        let is_measured = signal_model.sensor.is_some() || self.settings.strategy().needs_noise();
-        let measure = || {
+        let required = signal_model.sensor.is_some().then(|| {
             let measured = FilmNoise::new(&signal_model, state.film);
-            let strategy = self.settings.strategy();
-            if !strategy.needs_noise() {
-                return PilotNoise { own: measured.pixel_noise(), measured, expected: None };
-            }
-            let (own, expected) = measured.pixel_noise_and_expected(sensor_of_plan(&measured, strategy));
-            PilotNoise { measured, expected: Some(expected), own }
-        };
-        let pilot_noise = is_measured.then(measure);
-        self.fix(&signal_model, image, pilot_noise.as_ref(), state, pace);
+            let own = measured.pixel_noise();
+            move |k| measured.needs_by(&own, k)
+        });
+        let required = |k| required.as_ref().and_then(|required| required(k));
+        self.fix(&signal_model, &image, &required, state, pace);
         Ok(self.forecast.as_ref())
     }
 
@@ -154,7 +144,7 @@ impl<'a> Planner<'a> {
             measured.certify_by(own.data().iter().copied(), k).is_some_and(|c| c.certificate.hidden >= share);
         let required_samples = measured.needs_by(&own, k);
         let spp = mean_count(state.counts);
-        let weights = &self.shares.weights;
+        let weights = &self.weights;
         if self.state.is_made {
             if is_hidden {
                 return Ok(NoiseVerdict::Hidden);
@@ -181,127 +171,63 @@ impl<'a> Planner<'a> {
         if has_grown && f64::from(wanted) > 1.01 * spp {
             return Ok(NoiseVerdict::GrowPilot(wanted));
         }
-        let pilot_noise = PilotNoise::new(measured, own, self.settings.strategy());
-        self.fix(&signal_model, image, Some(&pilot_noise), state, pace);
+        let required = |k| measured.needs_by(&own, k);
+        self.fix(&signal_model, &image, &required, state, pace);
         if let Some(forecast) = &self.forecast {
             report(forecast);
         }
-        let targets = self.targets(&pilot_noise, (k, share), state.counts, &self.shares.weights);
+        let targets = self.targets(&required, (k, share), state.counts);
         Ok(NoiseVerdict::After(targets.map_or(f64::INFINITY, |t| total(&t))))
     }
 
-    /// Fixes the shares for the rest of the render, and computes the forecast.
+    /// Fixes the weights for the rest of the render, and computes the forecast. `required` are the samples that each pixel
+    /// needs at k, by the variance that is certified.
     fn fix(
         &mut self,
         signal_model: &SignalModel,
-        image: Plane<f32>,
-        pilot_noise: Option<&PilotNoise<'_>>,
+        image: &Plane<f32>,
+        required: &dyn Fn(f64) -> Option<RequiredSamples>,
         state: State<'_>,
         pace: &Throughput<'_>,
     ) {
-        let target = self.settings.budget.noise;
-        let shares = self.shares_after(signal_model, &image, pilot_noise, state.counts);
-        // The forecast needs the memory.
-        drop(image);
-        let targets = |k, share| pilot_noise.and_then(|s| self.targets(s, (k, share), state.counts, &shares.weights));
-        let required = |k| pilot_noise.and_then(|s| s.measured.needs_by(&s.own, k));
+        self.weights = self.weights_after(signal_model, image, &state.film.sums);
+        let targets = |k, share| self.targets(required, (k, share), state.counts);
         let forecast_input = ForecastInput {
             film: state.film,
             counts: state.counts,
             targets: &targets,
-            required: &required,
-            target,
+            required,
+            target: self.settings.budget.noise,
             share: self.settings.budget.hidden_share(),
         };
         self.forecast = Forecast::new(&forecast_input, pace);
-        self.shares = shares;
         self.state.is_made = true;
     }
 
-    /// The shares of the samples after a pilot of `counts` samples per pixel.
-    fn shares_after(
-        &self,
-        signal_model: &SignalModel,
-        image: &Plane<f32>,
-        pilot_noise: Option<&PilotNoise<'_>>,
-        counts: &Plane<u32>,
-    ) -> Shares {
-        let (strategy, target) = (self.settings.strategy(), self.settings.budget.noise);
-        let required_samples = pilot_noise
-            .filter(|_| strategy == Strategy::Sensor)
-            .and_then(|s| s.planned(target.unwrap_or(DEFAULT_TARGET)));
-        match (&required_samples, target, strategy) {
-            // All pixels approach their required samples in proportion, so that all are hidden at the same time.
-            (Some(required_samples), Some(_), Strategy::Sensor) => {
-                Shares::from_weights(required_samples.shares(least(counts)))
-            }
-            _ => strategy.shares(&Pilot {
-                luminance: image,
-                white: signal_model.white,
-                sobel_floor: self.settings.sobel_floor,
-                measured: pilot_noise
-                    .and_then(|s| s.expected.as_ref())
-                    .map(|expected| weights::MeasuredNoise { expected, required_samples: required_samples.as_ref() }),
-            }),
-        }
+    /// The weights of the samples after a pilot, its film.
+    fn weights_after(&self, signal_model: &SignalModel, image: &Plane<f32>, film: &Film) -> Plane<f32> {
+        let strategy = self.settings.strategy();
+        let noise = (strategy == Strategy::Sensor).then(|| signal_model.noise_of_samples(film)).flatten();
+        strategy.weights(&Pilot {
+            luminance: image,
+            white: signal_model.white,
+            sobel_floor: self.settings.sobel_floor,
+            noise: noise.as_ref(),
+        })
     }
 
-    /// Estimated samples per pixel until a share of the pixels is hidden at k with the strategy of the render. `None` without a
-    /// sensor. Shares are planned from the neighbours. The total follows from the variance that is certified.
+    /// Estimated samples per pixel until a share of the pixels is hidden at k with the plan. `None` without a sensor.
     fn targets(
         &self,
-        pilot_noise: &PilotNoise<'_>,
+        required: &dyn Fn(f64) -> Option<RequiredSamples>,
         (k, share): (f64, f64),
         counts: &Plane<u32>,
-        weights: &Plane<f32>,
     ) -> Option<Plane<f32>> {
-        let required_samples = pilot_noise.measured.needs_by(&pilot_noise.own, k)?;
-        let targets = match self.settings.strategy() {
-            Strategy::Sensor => {
-                let weights = pilot_noise.planned(k)?.shares(least(counts));
-                required_samples.if_weighted(counts, &weights, share)
-            }
-            Strategy::Uniform | Strategy::Sobel | Strategy::Variance => {
-                required_samples.if_weighted(counts, weights, share)
-            }
-        };
-        Some(self.state.trend.extrapolate(targets, counts))
+        Some(self.state.trend.extrapolate(required(k)?.if_weighted(counts, &self.weights, share), counts))
     }
-}
-
-/// Lower bound of the required samples of a pixel after a pilot of this size.
-fn least(counts: &Plane<u32>) -> f32 {
-    (MIN_PILOT_SHARE * mean_count(counts)) as f32
 }
 
 /// Samples per pixel.
 fn mean_count(counts: &Plane<u32>) -> f64 {
     counts.data().iter().map(|&n| f64::from(n)).sum::<f64>() / counts.data().len().max(1) as f64
-}
-
-/// The sensor of a plan. A strategy that minimises the variance of the image's mean does not use it.
-fn sensor_of_plan(measured: &FilmNoise<'_>, strategy: Strategy) -> Option<SensorNoise> {
-    measured.sensor.filter(|_| strategy != Strategy::Variance)
-}
-
-/// The noise of the pilot.
-struct PilotNoise<'a> {
-    /// From the pixels themselves.
-    measured: FilmNoise<'a>,
-    /// For plans: from the neighbours of each pixel. `None` where a plan does not depend on noise.
-    expected: Option<Plane<PredictedNoise>>,
-    /// For the certificate.
-    own: Plane<PixelNoise>,
-}
-
-impl<'a> PilotNoise<'a> {
-    fn new(measured: FilmNoise<'a>, own: Plane<PixelNoise>, strategy: Strategy) -> Self {
-        let expected = strategy.needs_noise().then(|| measured.expected(sensor_of_plan(&measured, strategy)));
-        Self { measured, expected, own }
-    }
-
-    /// The target of a plan for `k`. `None` without a sensor, and where a plan does not depend on noise.
-    fn planned(&self, k: f64) -> Option<RequiredSamples> {
-        self.measured.sensor.and(self.expected.as_ref()).map(|expected| RequiredSamples::expected(expected, k))
-    }
 }

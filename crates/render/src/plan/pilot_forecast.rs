@@ -1,7 +1,7 @@
 //! The noise that an image will have with any number of samples, from a uniform pilot of it.
 
 use super::extrapolation::{DEFAULT_SLOPE, MAX_SLOPE, SLOPE_DAMPING};
-use super::{PilotNoise, Planner, mean_count};
+use super::{Planner, mean_count};
 use crate::error::Error;
 use crate::film_noise::FilmNoise;
 use crate::rendered_film::RenderedFilm;
@@ -9,7 +9,6 @@ use crate::settings::RenderSettings;
 use dunkelfeld_adaptive::budget::uniform_spp;
 use dunkelfeld_adaptive::plan::next_round;
 use dunkelfeld_adaptive::required_samples::{HIDDEN_SHARE, RequiredSamples, quantile_of};
-use dunkelfeld_adaptive::weights::Shares;
 use dunkelfeld_film::Plane;
 
 /// Samples per pixel from which the noise of an image is known: a variance needs two.
@@ -22,7 +21,7 @@ pub struct PilotForecast {
     /// Samples that each pixel needs to be hidden at k = 1.
     required: RequiredSamples,
     /// Distribution of the samples after the pilot of the image.
-    shares: Shares,
+    weights: Plane<f32>,
     /// Samples per pixel of this pilot.
     spp: f64,
     /// The exponents a of the estimated variance, v ~ n^-a, with less and with more samples than this pilot.
@@ -44,15 +43,14 @@ impl PilotForecast {
         let own = measured.pixel_noise();
         let Some(required) = measured.needs_by(&own, 1.0) else { return Ok(None) };
         let counts = measured.counts.clone();
-        let noise = PilotNoise::new(measured, own, settings.strategy());
-        let shares = planner.shares_after(&signal_model, &image, Some(&noise), &counts);
+        let weights = planner.weights_after(&signal_model, &image, &film.sums);
         // The exposure is that of the pilot, which knows the brightness of the image better.
         let measured = FilmNoise::new(&signal_model, first);
         let earlier = measured.needs_by(&measured.pixel_noise(), 1.0);
         let before = earlier.and_then(|earlier| Some((mean_count(&measured.counts), decisive(&earlier)?)));
         let spp = mean_count(&counts);
         let trend = trend(before, decisive(&required).map(|needed| (spp, needed)));
-        Ok(Some(Self { required, shares, spp, trend, pilot_spp: settings.pilot_spp }))
+        Ok(Some(Self { required, weights, spp, trend, pilot_spp: settings.pilot_spp }))
     }
 
     /// Are all pixels saturated? Then there is no level.
@@ -77,7 +75,7 @@ impl PilotForecast {
             samples.map(|n| n / spp as f32)
         } else {
             let pilot = Plane::new(samples.width(), samples.height(), uniform as u32);
-            let plan = next_round(&pilot, &self.shares, (spp * samples.data().len() as f64) as u64);
+            let plan = next_round(&pilot, &self.weights, (spp * samples.data().len() as f64) as u64);
             let mut counts = plan.data().iter();
             samples.map(|needed| needed / counts.next().map_or(1.0, |&n| n as f32))
         };
@@ -113,7 +111,7 @@ mod tests {
     fn forecast(samples: Plane<f32>, weights: Plane<f32>) -> PilotForecast {
         let saturated = samples.map(|n| *n == 0.0);
         let required = RequiredSamples { samples, saturated };
-        PilotForecast { required, shares: Shares::from_weights(weights), spp: 16.0, trend: [1.0, 0.5], pilot_spp: 16 }
+        PilotForecast { required, weights, spp: 16.0, trend: [1.0, 0.5], pilot_spp: 16 }
     }
 
     /// All pixels need 400 samples: k^2 is 400 / n (n / 16)^-a, with a = 1 below and a = 1/2 above 16.
