@@ -442,7 +442,7 @@ fn films_of_lights_behind_covers_add_up() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes/inspection/inspection.toml");
     let mut project = Project::open(path).expect("a shipped scene");
     project.resize_keeping_view(WIDTH, HEIGHT);
-    project.settings.budget = Budget::default().with_spp(128.0);
+    project.settings.budget = Budget::default().with_spp(256.0);
     let whole = regions(&[(&film(&project), 1.0)]);
     let lights = films(&mut project, 400);
     let weighted: Vec<(&RenderedFilm, f64)> = lights.iter().map(|(_, film)| (film, 1.0)).collect();
