@@ -32,7 +32,6 @@ fn write(path: &Path, checkpoint: &Checkpoint) {
         height: film.height(),
         text: &checkpoint.text,
         weights: checkpoint.weights.as_ref(),
-        caps: checkpoint.caps.as_ref(),
         target: checkpoint.target.as_ref(),
         objects: checkpoint.objects.as_ref(),
         materials: checkpoint.materials.as_ref(),
