@@ -11,7 +11,7 @@ use crate::variance::pooled::PixelNoise;
 
 /// A render is hidden if at least this share of its unsaturated pixels is hidden, unless another share is set.
 pub const HIDDEN_SHARE: f64 = 0.99;
-/// Default target k of the `sensor` strategy. At it the total noise is 12 % above that of the sensor.
+/// Level k of the certificate of a render without a target. At it the total noise is 12 % above that of the sensor.
 pub const DEFAULT_TARGET: f64 = 0.5;
 /// A pixel is saturated if its mean lies more than this many standard errors above saturation.
 const SATURATED_BY: f64 = 3.0;

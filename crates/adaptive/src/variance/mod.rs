@@ -1,4 +1,4 @@
-//! Estimates of the variance of pixels: from a pixel's own samples, from its neighbours, and from both pooled.
+//! Estimates of the variance of pixels: from a pixel's own samples, and pooled with those around it.
 
 pub mod inputs;
 pub mod pixel;
