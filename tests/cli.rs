@@ -50,7 +50,8 @@ fn a_render_writes_all_outputs_well_formed() {
 
     let layers = read_exr(&bench.path("a.exr")).expect("an EXR");
     let names: BTreeSet<&str> = layers.channels.iter().map(|(name, _)| name.as_str()).collect();
-    let expected = "R G B variance.R variance.G variance.B covariance.RG covariance.RB covariance.GB spp.Y \
+    let expected = "R G B first_light.R first_light.G first_light.B variance.R variance.G variance.B \
+                    covariance.RG covariance.RB covariance.GB spp.Y \
                     albedo.R albedo.G albedo.B normal.X normal.Y normal.Z \
                     albedo.variance.R albedo.variance.G albedo.variance.B normal.variance.X normal.variance.Y \
                     normal.variance.Z depth.Z depth.variance.Z scatter.Y scatter.largest id.object id.material \

@@ -67,7 +67,11 @@ fn an_image_of_our_own_is_denoised_as_its_render_would_have_been() {
     bench.run(&format!("{render} -o b.png --exr b.exr")).code(0);
     let run = bench.run("denoise b.exr -o c.exr --denoise builtin").code(0);
     assert!(stdout(&run).contains("40 x 30 pixels, denoised by builtin"), "{}", stdout(&run));
-    assert!(stdout(&run).contains("the image and its variance, albedo, normal, depth"), "{}", stdout(&run));
+    assert!(
+        stdout(&run).contains("the image and its variance, first light, albedo, normal, depth"),
+        "{}",
+        stdout(&run)
+    );
     let [from_render, from_file] = ["a.exr", "c.exr"].map(|f| read_exr(&bench.path(f)).expect("an EXR"));
     assert_eq!(from_render, from_file);
     // A denoised image is not denoised twice: it is the mean that counts.

@@ -86,7 +86,7 @@ RANGES = {"exposure": [1e-5, 1.0], "gain": [0.1, 16.0], "temperature": [-20, 80]
 BAYER = [["red", "green"], ["green", "blue"]]
 # The most samples per pixel of a view, and those of its pilot.
 MAX_SPP, PILOT = 65536, 32
-MAPS = {"ratio", "samples", "recent", "render_sigma", "camera_sigma", "difference"}
+MAPS = {"ratio", "samples", "recent", "first_light", "render_sigma", "camera_sigma", "difference"}
 K_START = 3.4  # k99 after one second
 
 

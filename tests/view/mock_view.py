@@ -352,6 +352,7 @@ class MockView:
             "ratio": (ratio, ""),
             "samples": (np.rint(spp), "samples"),
             "recent": (np.rint(12 * self.noise), "samples"),
+            "first_light": (60 + 40 * self.radiance / self.radiance.max(), "%"),
             "render_sigma": (shot["render_sigma"] * shot["gain"], "DN"),
             "camera_sigma": (shot["camera_sigma"] * shot["gain"], "DN"),
             "difference": (

@@ -11,7 +11,7 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
 TABS = ["camera", "scene", "noise", "measure", "save"]
-MAPS = ["ratio", "samples", "recent", "render_sigma", "camera_sigma"]
+MAPS = ["ratio", "samples", "recent", "first_light", "render_sigma", "camera_sigma"]
 
 
 def test_verdict_and_target(mock_page):

@@ -394,7 +394,7 @@ def test_the_inspection_scene(view, tmp_path, open_page):
     page = open_page(running)
     running.wait_for_film(4)
     page.wait(lambda: page.state()["certificate"] is not None, "a certificate")
-    for name in ["ratio", "samples", "recent", "render_sigma", "camera_sigma", "none"]:
+    for name in ["ratio", "samples", "recent", "first_light", "render_sigma", "camera_sigma", "none"]:
         page.set("map", name)
         assert page.text("problems") == "", name
     page.set("region1", "10 10 40 40")

@@ -96,6 +96,7 @@ fn the_functions_of_rust_exist() {
         PixelSums::mean_normal,
         PixelSums::mean_albedo,
         PixelSums::mean_depth,
+        PixelSums::mean_first_light,
         PixelIds::object,
         PixelIds::material,
         expose_film,

@@ -16,6 +16,9 @@ pub struct DenoiseInput<'a> {
     pub mean: &'a Triples,
     /// Variance of the mean, in the square of its unit. Infinite if it is unknown.
     pub variance: Option<&'a Triples>,
+    /// The part of the mean that is light of the first surface. It has little noise and sharp edges. Its rest is filtered
+    /// apart from it.
+    pub first_light: Option<&'a Triples>,
     /// Reflectance in \[0, 1\].
     pub albedo: Option<&'a Triples>,
     /// Variance of the albedo's mean.
@@ -36,6 +39,7 @@ impl<'a> DenoiseInput<'a> {
         Self {
             mean,
             variance: None,
+            first_light: None,
             albedo: None,
             albedo_variance: None,
             normal: None,
@@ -50,6 +54,7 @@ impl<'a> DenoiseInput<'a> {
         let size = (self.mean.width(), self.mean.height());
         let triples = [
             ("variance", self.variance),
+            ("first light", self.first_light),
             ("albedo", self.albedo),
             ("albedo variance", self.albedo_variance),
             ("normal", self.normal),

@@ -244,6 +244,7 @@ fn the_image_is_finite_for_any_planes() {
         let input = DenoiseInput {
             mean: &mean,
             variance: Some(&variance),
+            first_light: Some(&albedo),
             albedo: Some(&albedo),
             albedo_variance: Some(&variance),
             normal: Some(&normal),

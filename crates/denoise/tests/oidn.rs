@@ -90,6 +90,24 @@ fn noise_is_removed_and_the_image_is_preserved() {
     assert_eq!(oidn.denoise(&alone, &Control::SILENT), without);
 }
 
+/// Beside the noise of the rest, a fine pattern of first light is blurred. By itself it has no noise, and stays.
+#[test]
+fn a_pattern_of_first_light_is_kept() {
+    let Some(oidn) = library() else { return };
+    let (width, height) = (192, 128);
+    let pattern = |x: u32, y: u32| [if (x / 2 + y / 2) % 2 == 0 { 0.1 } else { 0.2 }; 3];
+    let first_light = Plane::from_fn(width, height, pattern);
+    let mean = Plane::from_fn(width, height, |x, y| pattern(x, y).map(|v| v + noise(x, y, 0)));
+    let error = |given| {
+        let input = DenoiseInput { first_light: given, ..DenoiseInput::new(&mean) };
+        let out = oidn.denoise(&input, &Control::SILENT).expect("denoised");
+        let pairs = out.data().as_flattened().iter().zip(first_light.data().as_flattened());
+        pairs.map(|(v, pattern)| f64::from(v - pattern - 0.5).powi(2)).sum::<f64>()
+    };
+    let (apart, whole) = (error(Some(&first_light)), error(None));
+    assert!(apart < 0.25 * whole, "squared error {apart} apart, {whole} as a whole");
+}
+
 #[test]
 fn every_size_has_an_image() {
     let Some(oidn) = library() else { return };

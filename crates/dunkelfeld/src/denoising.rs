@@ -157,6 +157,7 @@ struct Planes {
 }
 
 struct Auxiliary {
+    first_light: Plane<[f32; 3]>,
     albedo: Plane<[f32; 3]>,
     albedo_variance: Plane<[f32; 3]>,
     normal: Plane<[f32; 3]>,
@@ -168,11 +169,11 @@ struct Auxiliary {
 impl Planes {
     fn from_film(film: &Film) -> Self {
         let auxiliary = || {
-            let [albedo, albedo_variance, normal, normal_variance] = map_film_to(film, |p| {
-                [p.mean_albedo(), p.variance_of_albedo(), p.mean_normal(), p.variance_of_normal()]
+            let [first_light, albedo, albedo_variance, normal, normal_variance] = map_film_to(film, |p| {
+                [p.mean_first_light(), p.mean_albedo(), p.variance_of_albedo(), p.mean_normal(), p.variance_of_normal()]
             });
             let [depth, depth_variance] = map_film_to(film, |p| [p.mean_depth(), p.variance_of_depth()]);
-            Auxiliary { albedo, albedo_variance, normal, normal_variance, depth, depth_variance }
+            Auxiliary { first_light, albedo, albedo_variance, normal, normal_variance, depth, depth_variance }
         };
         Self {
             mean: mean_without_gaps(film),
@@ -184,6 +185,7 @@ impl Planes {
     fn input(&self) -> DenoiseInput<'_> {
         DenoiseInput {
             variance: Some(&self.variance),
+            first_light: self.auxiliary.as_ref().map(|a| &a.first_light),
             albedo: self.auxiliary.as_ref().map(|a| &a.albedo),
             albedo_variance: self.auxiliary.as_ref().map(|a| &a.albedo_variance),
             normal: self.auxiliary.as_ref().map(|a| &a.normal),

@@ -6,7 +6,7 @@ use crate::exposer::{Exposer, through_lens};
 use crate::frame::{Frame, develop};
 use crate::image_noise::check_films;
 use crate::outputs::{layer_attributes, layers_of_band, plane};
-use dunkelfeld_film::{Film, PixelSums, Plane};
+use dunkelfeld_film::{Film, FilmLayers, PixelSums, Plane};
 use dunkelfeld_io::exr::{Channel, ExrLayers};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_render::parallel::mean_without_gaps;
@@ -149,7 +149,8 @@ fn layers_of_sum(films: &[FilmOfLight<'_>], names: &[String], frame: &Frame, row
     let mut out = layers_of_band(first.sums.layers(), &merged, &first.ids, frame, rows.clone());
     let of_radiance = |name: &str| {
         let is_layer = |layer: &str| name.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.'));
-        ["R", "G", "B"].contains(&name) || ["variance", "covariance", "scatter"].into_iter().any(is_layer)
+        ["R", "G", "B"].contains(&name)
+            || ["variance", "covariance", "scatter", "first_light"].into_iter().any(is_layer)
     };
     out.channels.retain(|(name, _)| !of_radiance(name));
     let (width, height) = (first.sums.width(), rows.len() as u32);
@@ -164,6 +165,9 @@ fn layers_of_sum(films: &[FilmOfLight<'_>], names: &[String], frame: &Frame, row
         plane(width, height, (0..pixels).map(of_pixel), [0.0; 3])
     };
     out.push_triples(Triple::Mean, &triples(&|p, f| p.mean().map(|v| f * v)));
+    if first.sums.layers() == FilmLayers::All {
+        out.push_triples(Triple::FirstLight, &triples(&|p, f| p.mean_first_light().map(|v| f * f64::from(v))));
+    }
     out.push_triples(Triple::Variance, &triples(&|p, f| p.variance_of_mean().map(|v| f * f * v)));
     out.push_triples(Triple::Covariance, &triples(&|p, f| p.covariance_of_mean().map(|v| f * f * v)));
     let scatter = |pixel: usize| {

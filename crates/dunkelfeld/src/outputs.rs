@@ -241,12 +241,12 @@ pub(crate) fn save_values(
     )
 }
 
-/// All layers of a render as the contents of an EXR: `R G B`, `variance.*`, `covariance.*`, `spp.Y`, `albedo.*`,
-/// `normal.*`, `depth.Z` and their variances, `scatter.*`, `id.object`, `id.material` ([`NO_ID`] where there is no
+/// All layers of a render as the contents of an EXR: `R G B`, `variance.*`, `covariance.*`, `spp.Y`, `first_light.*`,
+/// `albedo.*`, `normal.*`, `depth.Z` and their variances, `scatter.*`, `id.object`, `id.material` ([`NO_ID`] where there is no
 /// surface). With a sensor it contains `electrons.Y`, `hidden.Y` once the frame is [certified](crate::certify), and
 /// `matched.Y` (1 or 0) if its noise was to be matched. It contains `denoised.*` if the [picture shows
-/// it](crate::show_denoised). For a film without all layers ([`FilmLayers::Image`]), albedo, depth and the variances of
-/// auxiliary layers are left out.
+/// it](crate::show_denoised). For a film without all layers ([`FilmLayers::Image`]), first light, albedo, depth and the
+/// variances of auxiliary layers are left out.
 pub fn encode_layers(film: &RenderedFilm, frame: &Frame, settings: &RenderSettings) -> ExrLayers {
     let mut layers = layers_of_rows(film, frame, 0..film.sums.height());
     layers.attributes = layer_attributes(frame, settings, film).to_string();
@@ -348,6 +348,7 @@ pub(crate) fn layers_of_band(
     }
     out.push_triples(Triple::Normal, &triples(&PixelSums::mean_normal));
     if layers == FilmLayers::All {
+        out.push_triples(Triple::FirstLight, &triples(&PixelSums::mean_first_light));
         out.push_triples(Triple::Albedo, &triples(&PixelSums::mean_albedo));
         out.push_floats(Single::Depth, floats(&PixelSums::mean_depth));
         out.push_triples(Triple::AlbedoVariance, &triples(&PixelSums::variance_of_albedo));

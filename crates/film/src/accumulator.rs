@@ -29,6 +29,9 @@ const NARROW: usize = 1 << 12;
 pub struct Sample {
     /// Radiance [W/(m^2 sr)] along the camera ray.
     pub radiance: Rgb,
+    /// The part of it that is *first light* [W/(m^2 sr)]: emission before the first surface that scatters light, and the light
+    /// samples of that surface. The rest has been scattered twice, or was found by scattering.
+    pub first_light: Rgb,
     /// Reflectance of the first surface that scatters light (behind smooth glass, not the glass), in \[0, 1\].
     pub albedo: Rgb,
     /// Shading normal of that surface in world space. Zero without a surface.
@@ -41,7 +44,14 @@ pub struct Sample {
 
 impl Sample {
     /// A sample that hit no surface.
-    pub const MISS: Self = Self { radiance: Rgb::BLACK, albedo: Rgb::BLACK, normal: [0.0; 3], depth: 0.0, hit: false };
+    pub const MISS: Self = Self {
+        radiance: Rgb::BLACK,
+        first_light: Rgb::BLACK,
+        albedo: Rgb::BLACK,
+        normal: [0.0; 3],
+        depth: 0.0,
+        hit: false,
+    };
 
     /// Returns whether the radiance can be summed: finite, not negative, and inside the range.
     #[inline]
@@ -127,6 +137,8 @@ pub struct PixelSums {
     pub heaviest_key: u64,
     /// Squares of the luminance.
     pub luminance_squares: SquareSum,
+    /// First light of all samples ([`Sample::first_light`]).
+    pub first_light: RadianceSum,
 }
 
 /// A type to which samples can be added.
@@ -157,6 +169,7 @@ impl PixelSums {
         invalid: 0,
         heaviest_key: 0,
         luminance_squares: SquareSum([0; 2]),
+        first_light: RadianceSum([0; 3]),
     };
 
     /// Adds samples with consecutive indices, the first of which is given. The same as [`Accumulate::add`] of each, in less
@@ -173,15 +186,17 @@ impl PixelSums {
     /// Adds every [`BATCHES`]th of at most [`NARROW`] samples: those of one batch.
     #[inline(always)]
     fn add_batch(&mut self, first: u32, samples: &[Sample]) {
-        let (mut radiance, mut auxiliary) = ([[0; 4]; 2], Auxiliary::default());
+        let (mut radiance, mut first_light, mut auxiliary) = ([[0; 4]; 2], [[0; 4]; 2], Auxiliary::default());
         for (i, sample) in samples.iter().step_by(BATCHES).enumerate() {
             let index = first.wrapping_add((i * BATCHES) as u32);
             if sample.is_valid() {
-                let Rgb { r, g, b } = sample.radiance;
-                let parts = to_fixed([r, g, b, b]);
-                for c in 0..4 {
-                    radiance[0][c] += parts[0][c];
-                    radiance[1][c] += parts[1][c];
+                for (sum, Rgb { r, g, b }) in [(&mut radiance, sample.radiance), (&mut first_light, sample.first_light)]
+                {
+                    let parts = to_fixed([r, g, b, b]);
+                    for c in 0..4 {
+                        sum[0][c] += parts[0][c];
+                        sum[1][c] += parts[1][c];
+                    }
                 }
                 // Minus zero is valid.
                 let luminance = sample.radiance.luminance().abs();
@@ -200,9 +215,11 @@ impl PixelSums {
         }
         let batch = first as usize % BATCHES;
         self.counts[batch] += samples.len().div_ceil(BATCHES) as u32;
-        for (c, sum) in self.batches[batch].0.iter_mut().enumerate() {
-            let [whole, rest] = [radiance[0][c], radiance[1][c]].map(|part| i128::from(part) as u128);
-            *sum = sum.saturating_add((whole << RADIANCE_BITS).wrapping_add(rest));
+        for (sums, parts) in [(&mut self.batches[batch], &radiance), (&mut self.first_light, &first_light)] {
+            for (c, sum) in sums.0.iter_mut().enumerate() {
+                let [whole, rest] = [parts[0][c], parts[1][c]].map(|part| i128::from(part) as u128);
+                *sum = sum.saturating_add((whole << RADIANCE_BITS).wrapping_add(rest));
+            }
         }
         for c in 0..3 {
             self.albedo[c] += auxiliary.sums[c];
@@ -279,6 +296,7 @@ impl PixelSums {
         self.invalid += other.invalid;
         self.heaviest_key = self.heaviest_key.max(other.heaviest_key);
         self.luminance_squares.merge(&other.luminance_squares);
+        self.first_light.merge(&other.first_light);
     }
 
     /// Number of samples.
@@ -294,7 +312,15 @@ mod tests {
     use dunkelfeld_lanes::{InstructionSet, dispatch};
 
     fn sample(radiance: Rgb) -> Sample {
-        Sample { radiance, albedo: Rgb::new(0.5, 0.25, 1.0), normal: [0.0, -1.0, 0.0], depth: 2.5, hit: true }
+        let first_light = radiance * 0.5;
+        Sample {
+            radiance,
+            first_light,
+            albedo: Rgb::new(0.5, 0.25, 1.0),
+            normal: [0.0, -1.0, 0.0],
+            depth: 2.5,
+            hit: true,
+        }
     }
 
     /// A cheap deterministic stream of radiances over twenty orders of magnitude.
@@ -341,6 +367,7 @@ mod tests {
                 }
             };
             p.batches[index as usize % BATCHES].0 = sample.radiance.to_array().map(fixed);
+            p.first_light.0 = sample.first_light.to_array().map(fixed);
             let luminance = sample.radiance.luminance().abs();
             p.heaviest_key = heaviest_key(index, luminance);
             p.luminance_squares.add(luminance);
@@ -378,7 +405,8 @@ mod tests {
             let mut unit = || number(-24, 1) * if number(0, 1) > 0.5 { -1.0 } else { 1.0 };
             let (albedo, normal) = (Rgb::new(unit(), unit(), unit()), [unit(), unit(), unit()]);
             let radiance = Rgb::new(number(-50, 48), number(-10, 10), number(-30, 5));
-            samples.push(Sample { radiance, albedo, normal, depth: number(-30, 33), hit: number(0, 1) > 0.1 });
+            let (first_light, depth, hit) = (radiance * 0.25, number(-30, 33), number(0, 1) > 0.1);
+            samples.push(Sample { radiance, first_light, albedo, normal, depth, hit });
         }
         for (first, count) in [(0, 20_000), (3, 1), (7, 2), (5, 17), (u32::MAX - 20, 19), (2, 9000)] {
             let mut wanted = PixelSums::default();

@@ -10,7 +10,7 @@ use crate::film::{FilmLayers, Needed};
 use crate::units::UNIT_SQUARE_BITS;
 
 /// Columns of a film with all layers.
-pub(crate) const COLUMNS: usize = 36;
+pub(crate) const COLUMNS: usize = 39;
 /// Columns of a film without the layers that only auxiliary outputs need. They come first.
 const IMAGE_COLUMNS: usize = 24;
 const RADIANCE: usize = 12;
@@ -58,7 +58,8 @@ pub(crate) fn get(sums: &PixelSums, column: usize) -> u128 {
         28..31 => ordered(sums.albedo[column - 28]),
         31..34 => sums.albedo_squares[column - 31].into(),
         34 => ordered(sums.depth),
-        _ => sums.depth_squares,
+        35 => sums.depth_squares,
+        _ => sums.first_light.0[column - 36],
     }
 }
 
@@ -85,7 +86,8 @@ pub(crate) fn set(sums: &mut PixelSums, column: usize, value: u128) {
         28..31 => sums.albedo[column - 28] = signed(value),
         31..34 => sums.albedo_squares[column - 31] = value as u64,
         34 => sums.depth = signed(value),
-        _ => sums.depth_squares = value,
+        35 => sums.depth_squares = value,
+        _ => sums.first_light.0[column - 36] = value,
     }
 }
 
@@ -128,6 +130,7 @@ pub(crate) const fn reference(column: usize) -> Option<usize> {
         0..RADIANCE if !column.is_multiple_of(3) => Some(column - column % 3),
         29 | 30 => Some(28),
         32 | 33 => Some(31),
+        37 | 38 => Some(36),
         _ => None,
     }
 }
@@ -136,7 +139,7 @@ pub(crate) const fn reference(column: usize) -> Option<usize> {
 /// reads or writes one number of each, without a decision.
 macro_rules! of_columns {
     ($f:ident) => {
-        of_columns!($f; 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31 32 33 34 35)
+        of_columns!($f; 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31 32 33 34 35 36 37 38)
     };
     ($f:ident; $($column:literal)*) => {
         [$($f::<$column>),*]
@@ -162,13 +165,12 @@ mod tests {
     #[test]
     fn sums_are_restored_also_at_the_limits_of_their_types() {
         let mut some = PixelSums::default();
-        for index in 3..50 {
+        for index in 3..50u32 {
             let radiance = Rgb::new(1e-3 * index as f32, 2.5, if index == 9 { f32::NAN } else { 1e12 });
             let normal = [-1.0, 0.3, index as f32 * 0.01];
-            some.add(
-                index,
-                &Sample { radiance, albedo: Rgb::splat(0.3), normal, depth: 2.0, hit: !index.is_multiple_of(3) },
-            );
+            let (first_light, albedo) = (radiance * 0.5, Rgb::splat(0.3));
+            let hit = !index.is_multiple_of(3);
+            some.add(index, &Sample { radiance, first_light, albedo, normal, depth: 2.0, hit });
         }
         let extreme = PixelSums {
             batches: [RadianceSum([u128::MAX, 0, 1]); BATCHES],
@@ -183,6 +185,7 @@ mod tests {
             invalid: u32::MAX,
             heaviest_key: u64::MAX,
             luminance_squares: SquareSum([u128::MAX, u128::MAX - 1]),
+            first_light: RadianceSum([u128::MAX, 1, 0]),
         };
         for sums in [PixelSums::default(), some, extreme] {
             assert_eq!(stored(&sums, FilmLayers::All), sums);
@@ -191,6 +194,7 @@ mod tests {
             assert_eq!((image.heaviest_key, image.invalid), (sums.heaviest_key, sums.invalid));
             assert_eq!(image.luminance_squares, sums.luminance_squares);
             assert_eq!((image.hits, image.depth, image.albedo), (0, 0, [0; 3]));
+            assert_eq!(image.first_light, RadianceSum::default());
         }
     }
 

@@ -94,6 +94,12 @@ impl PixelSums {
         total.to_f64().map(|s| s / f64::from(n))
     }
 
+    /// Mean first light [W/(m^2 sr)] per channel ([`crate::Sample::first_light`]); zero without samples.
+    pub fn mean_first_light(&self) -> [f32; 3] {
+        let n = f64::from(self.count().max(1));
+        self.first_light.to_f64().map(|sum| (sum / n) as f32)
+    }
+
     /// The means of the pixel and its batches, for several estimates from the same numbers.
     pub fn means(&self) -> Means {
         Means { mean: self.mean(), sums: self.batches.map(RadianceSum::to_f64), counts: self.counts }
@@ -210,7 +216,15 @@ mod tests {
     use crate::accumulator::{Accumulate, Sample};
 
     fn sample(radiance: Rgb) -> Sample {
-        Sample { radiance, albedo: Rgb::new(0.5, 0.25, 1.0), normal: [0.0, -1.0, 0.0], depth: 2.5, hit: true }
+        let first_light = radiance * 0.25;
+        Sample {
+            radiance,
+            first_light,
+            albedo: Rgb::new(0.5, 0.25, 1.0),
+            normal: [0.0, -1.0, 0.0],
+            depth: 2.5,
+            hit: true,
+        }
     }
 
     #[test]

@@ -478,7 +478,14 @@ mod tests {
             let albedo = Rgb::new(0.5, (h % 7) as f32 / 7.0, 1.0);
             sums.add(
                 index,
-                &Sample { radiance: Rgb::splat(value), albedo, normal, depth: 1.5, hit: !h.is_multiple_of(3) },
+                &Sample {
+                    radiance: Rgb::splat(value),
+                    first_light: Rgb::splat(0.5 * value),
+                    albedo,
+                    normal,
+                    depth: 1.5,
+                    hit: !h.is_multiple_of(3),
+                },
             );
         }
         sums

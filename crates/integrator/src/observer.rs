@@ -150,7 +150,7 @@ impl Observer for PathTrace {
             Event::Emitted(light) => vertex.emitted += light,
             Event::ShadowRay { light, .. } => vertex.direct += light,
             Event::Connection { connection, .. } => vertex.connections.push(connection),
-            Event::Scattered { scattering, .. } => vertex.scattered = Some(scattering),
+            Event::Scattered { scattering, .. } => _ = vertex.scattered.get_or_insert(scattering),
         }
     }
 }

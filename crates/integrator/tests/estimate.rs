@@ -5,8 +5,8 @@ use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelIds, PixelSample, p
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, Aperture, Blades, Environment, EnvironmentSource, Material, Opening, RayGenerator, Scene, SceneBuilder,
-    Surface, Vignetting, Volume,
+    AlphaMode, Aperture, Blades, Environment, EnvironmentSource, Material, Opening, PunctualKind, PunctualLight,
+    RayGenerator, Scene, SceneBuilder, Surface, Vignetting, Volume,
 };
 
 const SIZE: u32 = 12;
@@ -68,6 +68,37 @@ fn a_trace_sums_to_its_sample_and_its_throughputs_are_products() {
     }
     assert!(longest > 5 && lit > 2000, "the room shows something: {longest} vertices, {lit} lit samples");
     assert!(splits > 100, "{splits} paths are split");
+}
+
+/// First light on a floor beside a wall is all the light of the floor alone, which has no other surface to get light from.
+#[test]
+fn first_light_is_that_of_a_floor_without_a_wall() {
+    let of = |has_wall| {
+        let mut b = SceneBuilder::default();
+        let white = b.add_material(Material { base_color: Rgb::splat(0.8), ..Material::default() });
+        b.add_object("floor", rectangle(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), white);
+        if has_wall {
+            b.add_object("wall", rectangle(Vec3::new(-1.0, 1.0, 0.0), Vec3::X * 2.0, Vec3::Z * 2.0), white);
+        }
+        let kind = PunctualKind::Directional { irradiance: Rgb::WHITE };
+        b.lights.push(PunctualLight { name: "sun".into(), to_world: DAffine3::from_rotation_x(0.5), kind });
+        b.add_camera("camera", DVec3::new(0.0, -0.5, 2.0), DVec3::new(0.0, 0.1, 0.0), 0.7);
+        let scene = b.build().expect("valid").0;
+        let camera = scene.ray_generator(&scene.cameras()[0], SIZE, SIZE).expect("a camera");
+        let of_pixel = |k| {
+            let at = PixelSample { x: k % SIZE, y: k / SIZE, index: 0 };
+            let roulette = None;
+            Estimator { scene: &scene, camera: &camera, width: SIZE, seed: 1, frame: 0, roulette }.sample(at)
+        };
+        (0..SIZE * SIZE).map(of_pixel).collect::<Vec<_>>()
+    };
+    let (alone, beside) = (of(false), of(true));
+    let brighter = beside.iter().filter(|s| s.radiance.luminance() > 1.01 * s.first_light.luminance()).count();
+    assert!(brighter > 20, "{brighter} samples have light of the wall");
+    for (alone, beside) in alone.iter().zip(&beside) {
+        assert_eq!((alone.first_light, alone.first_light), (alone.radiance, beside.first_light));
+        assert!(alone.radiance.luminance() > 0.1);
+    }
 }
 
 /// The weight of the lens applies to the recorded path as to the sample, and depth is measured from the lens.

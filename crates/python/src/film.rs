@@ -7,6 +7,7 @@ use crate::inputs::{input_names, inputs_of};
 use crate::noise_map::NoiseMap;
 use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::{with_cancellable_pool, with_pool};
+use dunkelfeld::film::PixelSums;
 use dunkelfeld::{
     DenoiseMethod, DenoiseSettings, ExposeOptions, InputFiles, NO_ID, OutputPaths, Picture, RenderSettings, SavedFilm,
     certify_film, denoise_saved, develop_film, expose_film, picture_of_film, save_film, save_film_files,
@@ -141,6 +142,23 @@ impl Film {
     #[getter]
     fn albedo<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
         rgb(py, self.compute(py, |s| s.film.sums.map(|p| p.mean_albedo()))?)
+    }
+
+    /// First light: emission before the first surface that scatters light, and the light samples of that surface; float32 of shape
+    /// (height, width, 3) [W/(m² sr)], linear Rec. 709.
+    #[getter]
+    fn first_light<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
+        rgb(py, self.compute(py, |s| s.film.sums.map(|p| p.mean_first_light()))?)
+    }
+
+    /// The rest of the mean behind [`first_light`]: light that was scattered twice or more, or found by scattering.
+    #[getter]
+    fn rest<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
+        let rest = |p: &PixelSums| {
+            let (mean, first_light) = (p.mean(), p.mean_first_light());
+            std::array::from_fn(|c| (mean[c] - f64::from(first_light[c])).max(0.0) as f32)
+        };
+        rgb(py, self.compute(py, move |s| s.film.sums.map(rest))?)
     }
 
     /// The statistics of the render, as in `--stats`; an empty dictionary for a film from a file.

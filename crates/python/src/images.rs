@@ -215,16 +215,18 @@ pub(crate) fn denoise_exr<'py>(
 }
 
 /// `denoise_exr` for arrays instead of a file, row 0 at the top; they are converted to float32. `radiance` has the shape
-/// (height, width, 3) [W/(m² sr)], linear Rec. 709. Optional: `variance` of the mean radiance, `albedo` and `normal` (unit
+/// (height, width, 3) [W/(m² sr)], linear Rec. 709. Optional: `variance` of the mean radiance, its part
+/// `first_light` (see `Film.first_light`), `albedo` and `normal` (unit
 /// vectors) of the same shape, `depth` [m] of shape (height, width).
 #[pyfunction]
-#[pyo3(signature = (radiance, *, variance=None, albedo=None, normal=None, depth=None, denoise=None, oidn=None, memory=None,
-    threads=None, progress=None))]
+#[pyo3(signature = (radiance, *, variance=None, first_light=None, albedo=None, normal=None, depth=None, denoise=None, oidn=None,
+    memory=None, threads=None, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn denoise_radiance<'py>(
     py: Python<'py>,
     radiance: ImageArray<'py>,
     variance: Option<ImageArray<'py>>,
+    first_light: Option<ImageArray<'py>>,
     albedo: Option<ImageArray<'py>>,
     normal: Option<ImageArray<'py>>,
     depth: Option<ImageArray<'py>>,
@@ -240,6 +242,7 @@ pub(crate) fn denoise_radiance<'py>(
     let plane = |what, array: Option<ImageArray<'_>>| array.map(|array| array.rgb(what, memory)).transpose();
     let planes = DenoisePlanes::new(radiance.rgb("radiance", memory)?)
         .with_variance(plane("variance", variance)?)
+        .with_first_light(plane("first_light", first_light)?)
         .with_albedo(plane("albedo", albedo)?)
         .with_normal(plane("normal", normal)?)
         .with_depth(depth.map(|array| array.gray("depth", memory)).transpose()?);

@@ -74,6 +74,8 @@ def test_arrays_have_their_shapes_and_values(job: dict[str, Any]) -> None:
         ("variance", (16, 24, 3), np.float32),
         ("normal", (16, 24, 3), np.float32),
         ("albedo", (16, 24, 3), np.float32),
+        ("first_light", (16, 24, 3), np.float32),
+        ("rest", (16, 24, 3), np.float32),
         ("depth", (16, 24), np.float32),
         ("spp", (16, 24), np.uint32),
         ("object_ids", (16, 24), np.uint32),
@@ -394,6 +396,7 @@ def test_arrays_are_the_layers_of_an_exr(tmp_path: Path, job: dict[str, Any]) ->
         ("{}", film.mean),
         ("variance.{}", film.variance),
         ("albedo.{}", film.albedo),
+        ("first_light.{}", film.first_light),
     ]:
         for c, channel in enumerate("RGB"):
             assert np.array_equal(layers[name.format(channel)].pixels, array[..., c]), name

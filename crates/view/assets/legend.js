@@ -10,6 +10,7 @@ const TITLES = {
   ratio: "Ratio k: render σ / camera σ",
   samples: "Samples in a pixel",
   recent: "Samples since the last picture",
+  first_light: "Share of first light",
   render_sigma: "Render σ",
   camera_sigma: "Camera σ",
   difference: "Difference: without less with",

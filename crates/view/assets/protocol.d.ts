@@ -91,7 +91,7 @@ export type Noise = "plain" | "matched" | "none";
 export type Denoise = "off" | "auto" | "builtin" | "oidn";
 export type Tone = "gamma" | "linear" | "log";
 export type MapName =
-  "ratio" | "samples" | "recent" | "render_sigma" | "camera_sigma" | "difference";
+  "ratio" | "samples" | "recent" | "first_light" | "render_sigma" | "camera_sigma" | "difference";
 
 /** The knobs that need no new samples. */
 export interface Camera {

@@ -57,12 +57,14 @@ export function toolbar(store, viewer) {
 }
 
 /**
- * Disables the maps of samples for a picture without samples.
+ * Disables the maps that an EXR cannot show.
  * @param {Store} store
  */
 function allowMaps(store) {
-  const reason = store.server?.source === "exr" && !store.server.film?.samples ? "This EXR has no samples" : null;
-  for (const map of /** @type {const} */ (["samples", "recent"])) {
+  const isExr = store.server?.source === "exr";
+  const samples = isExr && !store.server?.film?.samples ? "This EXR has no samples" : null;
+  const reasons = { samples, recent: samples, first_light: isExr ? "An EXR is shown without the parts of its light" : null };
+  for (const [map, reason] of Object.entries(reasons)) {
     const option = select("map").querySelector(`option[value=${map}]`);
     if (option instanceof HTMLOptionElement) allow(option, reason);
     if (reason !== null && store.map === map) store.setMap("none");

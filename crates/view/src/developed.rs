@@ -6,7 +6,7 @@ use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, N
 use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::Plane;
 use dunkelfeld::io::sensor_file::find_sensor;
-use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Number, Seconds};
+use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Number, Rgb, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise, ImageExposure, PRESETS, SensorModel, display};
 use dunkelfeld::{
     Certified, DenoiseMethod, DenoiseSettings, Denoiser, ExposeSettings, Exposer, ImageNoise, OIDN_VARIABLE, Picture,
@@ -373,6 +373,19 @@ impl Developed {
         Ok((header, payload))
     }
 
+    /// The share of first light in the luminance of each pixel \[%\]. NaN for a black pixel.
+    fn first_light(&self) -> Vec<f32> {
+        let [width, height] = self.snapshot.size();
+        let mut parts = Plane::new(width, height, [0.0; 2]);
+        for (film, factor) in self.weighted() {
+            let luminance = |[r, g, b]: [f32; 3]| factor as f32 * Rgb::new(r, g, b).luminance();
+            let of_film = film.sums.map(|p| [p.mean_first_light(), p.mean().map(|v| v as f32)].map(luminance));
+            let sums = parts.data_mut().as_flattened_mut().iter_mut();
+            sums.zip(of_film.data().as_flattened()).for_each(|(sum, v)| *sum += v);
+        }
+        parts.data().iter().map(|[first, all]| 100.0 * first / all).collect()
+    }
+
     /// A map of the film. Unknown values are NaN. `difference` \[DN\] is that of an ablation.
     pub(crate) fn map(&self, kind: MapKind, difference: Option<&[f32]>) -> Result<(MapHeader, Vec<u8>), Fault> {
         let began = Instant::now();
@@ -393,6 +406,11 @@ impl Developed {
         let (unit, values) = match kind {
             MapKind::Samples => ("samples", counts(&self.snapshot.counts)),
             MapKind::Recent => ("samples", self.snapshot.recent.as_ref().map(counts).unwrap_or_default()),
+            MapKind::FirstLight if is_exr => {
+                let help = "open the saved film of the render";
+                return Err(Fault::new("the EXR is shown without the parts of its light", help));
+            }
+            MapKind::FirstLight => ("%", self.first_light()),
             MapKind::Ratio => {
                 let certified = self.certified().ok_or_else(without)?;
                 let pixels = certified.ratios.data().iter().zip(certified.saturated.data());

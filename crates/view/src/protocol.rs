@@ -428,6 +428,7 @@ pub(crate) enum MapKind {
     Ratio,
     Samples,
     Recent,
+    FirstLight,
     RenderSigma,
     CameraSigma,
     Difference,

@@ -49,7 +49,8 @@ impl Denoiser for Oidn {
     }
 
     /// Albedo and normal are denoised first, so that the filter can treat them as noise-free. A normal without an
-    /// albedo is not used, since the library has no weights for that. Pixels that are not finite are replaced by the
+    /// albedo is not used, since the library has no weights for that. First light and its rest are filtered one after the
+    /// other, so that the noise of the rest does not blur the edges of the first light. Pixels that are not finite are replaced by the
     /// mean of their neighbours before the library gets them.
     fn denoise(&self, input: &DenoiseInput<'_>, control: &Control<'_>) -> Result<Triples, DenoiseError> {
         input.check()?;
@@ -72,24 +73,38 @@ impl Denoiser for Oidn {
         let albedo = ready(c"albedo", albedo)?;
         let normal = ready(c"normal", normal)?;
 
-        let (mean, scale) = prepare::radiance(input.mean);
-        let mut output = Plane::new(width, height, [0.0; 3]);
-        let mut filter = device.filter()?;
-        filter.input(c"color", &mean);
-        for (name, plane) in [(c"albedo", &albedo), (c"normal", &normal)] {
-            if let Some(plane) = plane {
-                filter.input(name, plane);
+        let from = if albedo.is_some() { STEPS[2] } else { 0.0 };
+        let filtered = |light: &Triples, [begin, end]: [f64; 2]| -> Result<Triples, DenoiseError> {
+            let (mean, scale) = prepare::radiance(light);
+            let mut output = Plane::new(width, height, [0.0; 3]);
+            let mut filter = device.filter()?;
+            filter.input(c"color", &mean);
+            for (name, plane) in [(c"albedo", &albedo), (c"normal", &normal)] {
+                if let Some(plane) = plane {
+                    filter.input(name, plane);
+                }
             }
-        }
-        filter.output(&mut output);
-        filter.set_bool(c"hdr", true);
-        filter.set_bool(c"cleanAux", albedo.is_some());
-        filter.set_float(c"inputScale", scale);
-        let first = if albedo.is_some() { STEPS[2] } else { 0.0 };
-        filter.run(&|fraction| (control.progress)(within(first, 1.0, fraction)))?;
-        // The library may return values that are not finite. The result is finite.
-        let bound = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, f32::MAX) };
-        output.data_mut().as_flattened_mut().iter_mut().for_each(|v| *v = bound(*v));
+            filter.output(&mut output);
+            filter.set_bool(c"hdr", true);
+            filter.set_bool(c"cleanAux", albedo.is_some());
+            filter.set_float(c"inputScale", scale);
+            filter.run(&|fraction| (control.progress)(within(begin, end, fraction)))?;
+            // The library may return values that are not finite. The result is finite.
+            let bound = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, f32::MAX) };
+            output.data_mut().as_flattened_mut().iter_mut().for_each(|v| *v = bound(*v));
+            Ok(output)
+        };
+        let Some(first_light) = input.first_light else { return filtered(input.mean, [from, 1.0]) };
+        let middle = 0.5 * (from + 1.0);
+        let mut parts = input.mean.clone();
+        let values = |plane: &mut Triples, other: &Triples, f: &dyn Fn(f32, f32) -> f32| {
+            let others = other.data().as_flattened();
+            plane.data_mut().as_flattened_mut().iter_mut().zip(others).for_each(|(v, o)| *v = f(*v, *o));
+        };
+        // Rounding may leave a rest below zero.
+        values(&mut parts, first_light, &|all, first| (all - first).max(0.0));
+        let mut output = filtered(&parts, [from, middle])?;
+        values(&mut output, &filtered(first_light, [middle, 1.0])?, &|rest, first| (rest + first).min(f32::MAX));
         Ok(output)
     }
 }

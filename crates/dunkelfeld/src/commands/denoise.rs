@@ -35,7 +35,7 @@ pub struct DenoisedFile {
     pub layers: ExrLayers,
     /// The denoised image.
     pub denoised: Denoised,
-    /// The inputs of the denoiser beside the mean: `variance`, `albedo`, `normal`, `depth`.
+    /// The inputs of the denoiser beside the mean: `variance`, `first light`, `albedo`, `normal`, `depth`.
     pub features: Vec<&'static str>,
     /// Pixels whose radiance was negative, infinite or not a number. The denoised values of these pixels and of those
     /// around them are undefined.
@@ -55,6 +55,8 @@ pub struct DenoisePlanes {
     pub mean: Plane<[f32; 3]>,
     /// Variance of the mean, the square of its unit.
     pub variance: Option<Plane<[f32; 3]>>,
+    /// The part of the mean that is first light [W/(m^2 sr)].
+    pub first_light: Option<Plane<[f32; 3]>>,
     /// Mean albedo of the first surface.
     pub albedo: Option<Plane<[f32; 3]>>,
     /// Variance of the mean albedo.
@@ -93,6 +95,7 @@ pub fn denoise_exr(
     let invalid_variances = planes.variance.as_ref().map_or(0, invalid_variances_of);
     let features = [
         ("variance", planes.variance.is_some()),
+        ("first light", planes.first_light.is_some()),
         ("albedo", planes.albedo.is_some()),
         ("normal", planes.normal.is_some()),
         ("depth", planes.depth.is_some()),
@@ -191,14 +194,15 @@ impl DenoisePlanes {
     /// The mean alone.
     pub fn new(mean: Plane<[f32; 3]>) -> Self {
         let (albedo, albedo_variance, normal, normal_variance) = (None, None, None, None);
-        let (variance, depth, depth_variance) = (None, None, None);
-        Self { mean, variance, albedo, albedo_variance, normal, normal_variance, depth, depth_variance }
+        let (variance, first_light, depth, depth_variance) = (None, None, None, None);
+        Self { mean, variance, first_light, albedo, albedo_variance, normal, normal_variance, depth, depth_variance }
     }
 
     /// Sizes of the other planes with their names.
     fn others(&self) -> impl Iterator<Item = (&'static str, [u32; 2], u64)> {
         let triples = [
             ("variance", &self.variance),
+            ("first_light", &self.first_light),
             ("albedo", &self.albedo),
             ("albedo_variance", &self.albedo_variance),
             ("normal", &self.normal),
@@ -250,6 +254,7 @@ impl DenoisePlanes {
         Ok(Self {
             mean,
             variance: layers.triples(Triple::Variance),
+            first_light: layers.triples(Triple::FirstLight),
             albedo: layers.triples(Triple::Albedo),
             albedo_variance: layers.triples(Triple::AlbedoVariance),
             normal: layers.triples(Triple::Normal),
@@ -263,6 +268,7 @@ impl DenoisePlanes {
         DenoiseInput {
             mean: &self.mean,
             variance: self.variance.as_ref(),
+            first_light: self.first_light.as_ref(),
             albedo: self.albedo.as_ref(),
             albedo_variance: self.albedo_variance.as_ref(),
             normal: self.normal.as_ref(),

@@ -70,7 +70,7 @@ pub(super) mod per_pixel {
     /// Defects and fixed pattern of the device.
     pub(in crate::memory) const DEVICE: u64 = 8;
     /// The film's inputs of a denoiser: mean, albedo, normal with variances (72), depth with variance (8).
-    pub(super) const FEATURES: u64 = 80;
+    pub(super) const FEATURES: u64 = 92;
     /// The built-in filter: variances, averages and result (36). One of them exists twice while tiles are assembled
     /// (12).
     pub(super) const BUILTIN: u64 = 48;

@@ -57,8 +57,9 @@ pub struct Wavefront<'a> {
     estimator: Estimator<'a>,
     set: InstructionSet,
     paths: Vec<PathState>,
-    /// The paths behind those of the samples: the paths that they were split from.
-    parents: Vec<u32>,
+    /// For each path behind those of the samples, the sample that it belongs to. Such a path is the rest behind the first
+    /// light of a sample, or one of several.
+    owners: Vec<u32>,
     /// For each path the factor on its radiance, and the distance from the camera to the origin of its ray \[m\].
     camera: Vec<(f32, f32)>,
     /// The samples of the paths, with their auxiliary layers.
@@ -188,7 +189,7 @@ impl<'a> Wavefront<'a> {
             estimator: *estimator,
             set,
             paths: Vec::new(),
-            parents: Vec::new(),
+            owners: Vec::new(),
             camera: Vec::new(),
             samples: Vec::new(),
             layers: Vec::new(),
@@ -246,26 +247,39 @@ impl<'a> Wavefront<'a> {
             }
         });
         self.follow(watch);
-        let samples = self.samples.len();
-        for (child, &parent) in (samples..).zip(&self.parents) {
-            let light = self.paths[child].radiance();
-            self.paths[parent as usize].add_radiance(light);
-        }
-        let camera = self.camera.iter().zip(&self.samples);
-        found.extend(self.paths.iter().zip(camera).map(|(path, (&(weight, start), sample))| {
-            // The lens scales the radiance, for example by vignetting.
-            let depth = if sample.hit { start + sample.depth } else { sample.depth };
-            Sample { radiance: path.radiance() * weight, depth, ..*sample }
+        let (samples, complete) = (self.samples.len(), found.len());
+        found.extend(self.paths.iter().zip(&self.samples).map(|(path, sample)| {
+            let light = path.radiance();
+            Sample { radiance: light, first_light: light, ..*sample }
         }));
+        let found = &mut found[complete..];
+        for (rest, &owner) in self.paths[samples..].iter().zip(&self.owners) {
+            found[owner as usize].radiance += rest.radiance();
+        }
+        for (sample, &(weight, start)) in found.iter_mut().zip(&self.camera) {
+            // The lens scales the radiance, for example by vignetting.
+            sample.radiance *= weight;
+            sample.first_light *= weight;
+            sample.depth += if sample.hit { start } else { 0.0 };
+        }
         self.camera.first().map_or(1.0, |(weight, _)| *weight)
     }
 
     /// Begins a batch.
     pub(crate) fn begin(&mut self) {
         self.paths.clear();
-        self.parents.clear();
+        self.owners.clear();
         self.rays.clear();
         self.camera.clear();
+    }
+
+    /// The number of the sample that a path belongs to.
+    #[inline]
+    fn owner(&self, path: u32) -> u32 {
+        match path.checked_sub(self.samples.len() as u32) {
+            Some(behind) => self.owners[behind as usize],
+            None => path,
+        }
     }
 
     /// Adds the path of a ray to the batch.

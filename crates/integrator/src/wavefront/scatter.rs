@@ -82,8 +82,7 @@ impl Wavefront<'_> {
         self.set_layers(&group, found.albedo);
         self.add_direct_light(&group, &draws, &found);
         self.queue_connections(&group, &draws, &candidates, &found);
-        // The first child replaces the path, when the others have left it.
-        for (number, child) in (0..1 << group.splits).zip(&found.children).rev() {
+        for (number, child) in (0..1 << group.splits).zip(&found.children) {
             self.continue_paths(&group, (number, child), watch);
         }
     }
@@ -120,7 +119,7 @@ impl Wavefront<'_> {
         let (normals, depth) = (group.at.frames.frame.normal.to_lanes(), group.state.path_length.to_array());
         for (lane, &path) in group.paths[..group.at.len].iter().enumerate() {
             let is_see_through = group.at.bsdfs.lane(lane).is_see_through();
-            let layers = &mut self.layers[path as usize];
+            let (owner, layers) = (self.owner(path) as usize, &mut self.layers[path as usize]);
             let is_new = match *layers {
                 Layers::Unset => true,
                 Layers::SeeThrough => !is_see_through,
@@ -131,7 +130,7 @@ impl Wavefront<'_> {
                     Some(albedo) => (albedo, -from[lane]),
                     None => (albedo[lane], normals[lane]),
                 };
-                let sample = &mut self.samples[path as usize];
+                let sample = &mut self.samples[owner];
                 *sample = Sample { hit: true, albedo, normal: normal.to_array(), depth: depth[lane], ..*sample };
             }
             *layers = if is_see_through { Layers::SeeThrough } else { Layers::Set };
@@ -217,9 +216,6 @@ impl Wavefront<'_> {
                 state.sampler = group.sampler(number);
                 state.children *= children;
                 state.throughput *= children.recip();
-                if number > 0 {
-                    state.radiance = Rgb::splat(one.constant(0.0));
-                }
             }
             state.throughput *= sample.weight;
             state.eta_scale *= sample.eta * sample.eta;
@@ -235,7 +231,12 @@ impl Wavefront<'_> {
                 return;
             }
             state.throughput *= survival.recip();
-            let paths = if number == 0 { group.paths } else { self.split(group, alive, watch) };
+            // The rest is a path of its own, so that the path of the sample keeps the first light.
+            let (mut paths, separate) = (group.paths, alive & group.is_first_light);
+            if separate.any() && !watch.needs_outcomes() {
+                state.radiance = Rgb::select(separate, Rgb::splat(one.constant(0.0)), state.radiance);
+                self.split::<F>(number, &mut paths, separate, watch);
+            }
             // The vertex at which the next scattered light is combined with light sampling.
             let delta = F::splat_word(token, Lobe::DELTA.bits());
             let is_delta = F::word_eq(sample.lobe & delta, delta);
@@ -267,22 +268,20 @@ impl Wavefront<'_> {
         });
     }
 
-    /// New paths for children in some lanes.
+    /// Replaces the paths of some lanes by new ones behind them. The first of them goes on with the auxiliary layers.
     #[inline(never)]
-    fn split<F: Lanes>(&mut self, group: &Group<'_, F>, lanes: F::Mask, watch: &mut Watch<'_>) -> [u32; MAX_WIDTH] {
-        let mut paths = group.paths;
+    fn split<F: Lanes>(&mut self, number: u32, paths: &mut [u32; MAX_WIDTH], lanes: F::Mask, watch: &mut Watch<'_>) {
         for lane in lanes.lanes() {
-            let parent = group.paths[lane];
+            let parent = paths[lane];
             paths[lane] = self.paths.len() as u32;
             self.paths.push(self.paths[parent as usize]);
-            self.parents.push(parent);
+            self.owners.push(self.owner(parent));
             watch.event(paths[lane], || Event::Split { parent });
-            self.layers.push(Layers::Set);
+            self.layers.push(if number == 0 { self.layers[parent as usize] } else { Layers::Set });
             if let Some(among) = self.among_solids.get(parent as usize) {
                 self.among_solids.push(*among);
             }
         }
-        paths
     }
 
     /// The solids and covers of paths that leave surfaces in given directions. Returns the lanes that continue the prefix of

@@ -15,6 +15,8 @@ pub enum Triple {
     Covariance,
     /// Denoised mean: `denoised.R/G/B`.
     Denoised,
+    /// The part of the mean that is first light: `first_light.R/G/B`.
+    FirstLight,
     /// Reflectance of the first surface that scatters light, behind smooth glass: `albedo.R/G/B`.
     Albedo,
     /// Shading normal of that surface: `normal.X/Y/Z`.
@@ -57,6 +59,7 @@ impl Triple {
             Self::Variance => ["variance.R", "variance.G", "variance.B"],
             Self::Covariance => ["covariance.RG", "covariance.RB", "covariance.GB"],
             Self::Denoised => ["denoised.R", "denoised.G", "denoised.B"],
+            Self::FirstLight => ["first_light.R", "first_light.G", "first_light.B"],
             Self::Albedo => ["albedo.R", "albedo.G", "albedo.B"],
             Self::Normal => ["normal.X", "normal.Y", "normal.Z"],
             Self::AlbedoVariance => ["albedo.variance.R", "albedo.variance.G", "albedo.variance.B"],
@@ -74,7 +77,7 @@ impl Triple {
             Self::Denoised => &["denoised"],
             Self::Albedo => &["denoising albedo", "albedo", "diffcol", "diffuse_albedo", "diffuse_reflectance"],
             Self::Normal => &["denoising normal", "normal", "normals", "sh_normal", "nn", "n"],
-            Self::Covariance | Self::AlbedoVariance | Self::NormalVariance => &[],
+            Self::Covariance | Self::FirstLight | Self::AlbedoVariance | Self::NormalVariance => &[],
         }
     }
 }

@@ -84,6 +84,10 @@ class Film:
     @property
     def albedo(self) -> NDArray[np.float32]: ...
     @property
+    def first_light(self) -> NDArray[np.float32]: ...
+    @property
+    def rest(self) -> NDArray[np.float32]: ...
+    @property
     def stats(self) -> dict[str, Any]: ...
     @property
     def interrupted(self) -> bool: ...
@@ -385,6 +389,7 @@ def denoise_radiance(
     radiance: ArrayLike,
     *,
     variance: ArrayLike | None = None,
+    first_light: ArrayLike | None = None,
     albedo: ArrayLike | None = None,
     normal: ArrayLike | None = None,
     depth: ArrayLike | None = None,

@@ -6,7 +6,7 @@ use dunkelfeld_film::units::{
 use dunkelfeld_film::{BATCHES, PixelSums, RadianceSum, SquareSum};
 
 /// Bytes of one pixel: little-endian, in the order of the fields of [`PixelSums`].
-pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8 + 32;
+pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8 + 32 + 3 * 16;
 
 /// Maximum number of samples of a pixel of a film.
 pub const MAX_SAMPLES: u32 = 1 << 30;
@@ -30,7 +30,7 @@ pub(super) fn encode(sums: &PixelSums, out: &mut Vec<u8>) {
     out.extend(sums.depth_squares.to_le_bytes());
     [sums.hits, sums.invalid].iter().for_each(|v| out.extend(v.to_le_bytes()));
     out.extend(sums.heaviest_key.to_le_bytes());
-    sums.luminance_squares.0.iter().for_each(|v| out.extend(v.to_le_bytes()));
+    sums.luminance_squares.0.iter().chain(&sums.first_light.0).for_each(|v| out.extend(v.to_le_bytes()));
 }
 
 /// The pixel of the bytes. `None` if they are too few, or if no samples can give it. A returned pixel can be counted,
@@ -55,6 +55,7 @@ pub(super) fn decode(mut bytes: &[u8]) -> Option<PixelSums> {
     sums.invalid = u32::from_le_bytes(take(from)?);
     sums.heaviest_key = u64::from_le_bytes(take(from)?);
     sums.luminance_squares = SquareSum([radiance(from)?, radiance(from)?]);
+    sums.first_light = RadianceSum([radiance(from)?, radiance(from)?, radiance(from)?]);
     is_possible(&sums).then_some(sums)
 }
 
@@ -80,6 +81,7 @@ fn is_possible(sums: &PixelSums) -> bool {
         u128::from(n).checked_mul(RADIANCE).is_none_or(|most| batch.0.iter().all(|&v| v <= most))
     };
     sums.batches.iter().zip(&sums.counts).all(lit)
+        && lit((&sums.first_light, &(count as u32)))
         && sums.albedo.iter().chain(&sums.normal).all(|&v| within(v, UNIT))
         && sums.albedo_squares.iter().chain(&sums.normal_squares).all(|&v| v <= u64::from(sums.hits) * UNIT_SQUARE)
         && sums.depth >= 0
@@ -109,7 +111,14 @@ mod tests {
             let normal = [0.6, -0.8, 0.0];
             sums.add(
                 index,
-                &Sample { radiance: Rgb::new(v, 0.5 * v, 2.0), albedo: Rgb::splat(0.7), normal, depth: 1.5, hit },
+                &Sample {
+                    radiance: Rgb::new(v, 0.5 * v, 2.0),
+                    first_light: Rgb::new(0.5 * v, 0.0, 2.0),
+                    albedo: Rgb::splat(0.7),
+                    normal,
+                    depth: 1.5,
+                    hit,
+                },
             );
         }
         sums
