@@ -95,7 +95,7 @@ fn noise_is_removed_and_the_image_is_preserved() {
 fn a_pattern_of_first_light_is_kept() {
     let Some(oidn) = library() else { return };
     let (width, height) = (192, 128);
-    let pattern = |x: u32, y: u32| [if (x / 2 + y / 2) % 2 == 0 { 0.1 } else { 0.2 }; 3];
+    let pattern = |x: u32, y: u32| [if (x / 2 + y / 2).is_multiple_of(2) { 0.1 } else { 0.2 }; 3];
     let first_light = Plane::from_fn(width, height, pattern);
     let mean = Plane::from_fn(width, height, |x, y| pattern(x, y).map(|v| v + noise(x, y, 0)));
     let error = |given| {
