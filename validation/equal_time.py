@@ -229,11 +229,17 @@ def race(name: str, arguments: argparse.Namespace, sensor: Sensor, denoiser: Den
     planned = our_renderer(arguments.dunkelfeld, job, size, weights, flags, factors, allocate="sensor")
     albedo, normal, per_second = features(work / "features.npz", render, file.with_suffix(".exr"), factors)
     denoise = lambda image: denoiser(image, albedo, normal)
-    racers = {"ours": Racer(work / f"{arguments.ours}.npz", spp, weights, render, denoise)}
+
+    def denoise_parts(image: np.ndarray) -> np.ndarray:
+        """First light and the rest apart, of the render that was made last: as `--denoise oidn` does."""
+        first = channels(file.with_suffix(".exr"), "first_light.R", "first_light.G", "first_light.B").astype(np.float32)
+        return denoise(first) + denoise(np.maximum(image - first, 0.0))
+
+    racers = {"ours": Racer(work / f"{arguments.ours}.npz", spp, weights, render, denoise_parts)}
     for number in range(TIMED):
         racers["ours"].go_on(number)
     seconds = float(np.median(racers["ours"].seconds[:TIMED])) * spp
-    racers[PLAN] = Racer(work / f"{arguments.ours}-{PLAN}.npz", spp, weights, planned, denoise)
+    racers[PLAN] = Racer(work / f"{arguments.ours}-{PLAN}.npz", spp, weights, planned, denoise_parts)
     for peer in arguments.peers:
         store = work / f"{peer}.npz"
         if peer == "mitsuba":

@@ -98,7 +98,7 @@ fn a_pattern_of_first_light_is_kept() {
     let pattern = |x: u32, y: u32| [if (x / 2 + y / 2).is_multiple_of(2) { 0.1 } else { 0.2 }; 3];
     let first_light = Plane::from_fn(width, height, pattern);
     let mean = Plane::from_fn(width, height, |x, y| pattern(x, y).map(|v| v + noise(x, y, 0)));
-    let error = |given| {
+    let error = |given: Option<&Triples>| {
         let input = DenoiseInput { first_light: given, ..DenoiseInput::new(&mean) };
         let out = oidn.denoise(&input, &Control::SILENT).expect("denoised");
         let pairs = out.data().as_flattened().iter().zip(first_light.data().as_flattened());
@@ -106,6 +106,14 @@ fn a_pattern_of_first_light_is_kept() {
     };
     let (apart, whole) = (error(Some(&first_light)), error(None));
     assert!(apart < 0.25 * whole, "squared error {apart} apart, {whole} as a whole");
+    // More first light than light, or none that is a number, is all of it.
+    for value in [f32::INFINITY, 1e9, f32::NAN] {
+        let all = error(Some(&Plane::new(width, height, [value; 3])));
+        assert!(
+            (all / whole - 1.0).abs() < 0.01,
+            "squared error {all} with a first light of {value}, {whole} as a whole"
+        );
+    }
 }
 
 #[test]

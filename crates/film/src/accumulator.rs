@@ -306,22 +306,17 @@ impl PixelSums {
     }
 }
 
+/// A sample for tests.
+#[cfg(test)]
+pub(crate) fn sample(radiance: Rgb) -> Sample {
+    let (albedo, normal) = (Rgb::new(0.5, 0.25, 1.0), [0.0, -1.0, 0.0]);
+    Sample { radiance, first_light: radiance * 0.25, albedo, normal, depth: 2.5, hit: true }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use dunkelfeld_lanes::{InstructionSet, dispatch};
-
-    fn sample(radiance: Rgb) -> Sample {
-        let first_light = radiance * 0.5;
-        Sample {
-            radiance,
-            first_light,
-            albedo: Rgb::new(0.5, 0.25, 1.0),
-            normal: [0.0, -1.0, 0.0],
-            depth: 2.5,
-            hit: true,
-        }
-    }
 
     /// A cheap deterministic stream of radiances over twenty orders of magnitude.
     fn radiances(n: u32) -> impl Iterator<Item = Rgb> {

@@ -213,19 +213,7 @@ impl PixelSums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accumulator::{Accumulate, Sample};
-
-    fn sample(radiance: Rgb) -> Sample {
-        let first_light = radiance * 0.25;
-        Sample {
-            radiance,
-            first_light,
-            albedo: Rgb::new(0.5, 0.25, 1.0),
-            normal: [0.0, -1.0, 0.0],
-            depth: 2.5,
-            hit: true,
-        }
-    }
+    use crate::accumulator::{Accumulate, Sample, sample};
 
     #[test]
     fn scatter_is_that_of_the_samples_with_and_without_the_largest() {

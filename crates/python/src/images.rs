@@ -215,9 +215,8 @@ pub(crate) fn denoise_exr<'py>(
 }
 
 /// `denoise_exr` for arrays instead of a file, row 0 at the top; they are converted to float32. `radiance` has the shape
-/// (height, width, 3) [W/(m² sr)], linear Rec. 709. Optional: `variance` of the mean radiance, its part
-/// `first_light` (see `Film.first_light`), `albedo` and `normal` (unit
-/// vectors) of the same shape, `depth` [m] of shape (height, width).
+/// (height, width, 3) [W/(m² sr)], linear Rec. 709. Optional: `variance` of the radiance, `first_light` as its part (see
+/// `Film.first_light`), `albedo` and `normal` (unit vectors) of the same shape, `depth` [m] of shape (height, width).
 #[pyfunction]
 #[pyo3(signature = (radiance, *, variance=None, first_light=None, albedo=None, normal=None, depth=None, denoise=None, oidn=None,
     memory=None, threads=None, progress=None))]

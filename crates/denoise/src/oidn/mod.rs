@@ -50,8 +50,8 @@ impl Denoiser for Oidn {
 
     /// Albedo and normal are denoised first, so that the filter can treat them as noise-free. A normal without an
     /// albedo is not used, since the library has no weights for that. First light and its rest are filtered one after the
-    /// other, so that the noise of the rest does not blur the edges of the first light. Pixels that are not finite are replaced by the
-    /// mean of their neighbours before the library gets them.
+    /// other, so that the noise of the rest does not blur the edges of the first light. Pixels that are not finite are
+    /// replaced by the mean of their neighbours before the library gets them.
     fn denoise(&self, input: &DenoiseInput<'_>, control: &Control<'_>) -> Result<Triples, DenoiseError> {
         input.check()?;
         let (width, height) = (input.mean.width(), input.mean.height());
@@ -96,16 +96,17 @@ impl Denoiser for Oidn {
         };
         let Some(first_light) = input.first_light else { return filtered(input.mean, [from, 1.0]) };
         let middle = 0.5 * (from + 1.0);
-        let mut parts = input.mean.clone();
-        let values = |plane: &mut Triples, other: &Triples, f: &dyn Fn(f32, f32) -> f32| {
-            let others = other.data().as_flattened();
-            plane.data_mut().as_flattened_mut().iter_mut().zip(others).for_each(|(v, o)| *v = f(*v, *o));
+        let combined = |a: &Triples, b: &Triples, f: fn(f32, f32) -> f32| {
+            let mut out = a.clone();
+            let pairs = out.data_mut().as_flattened_mut().iter_mut().zip(b.data().as_flattened());
+            pairs.for_each(|(a, b)| *a = f(*a, *b));
+            out
         };
-        // Rounding may leave a rest below zero.
-        values(&mut parts, first_light, &|all, first| (all - first).max(0.0));
-        let mut output = filtered(&parts, [from, middle])?;
-        values(&mut output, &filtered(first_light, [middle, 1.0])?, &|rest, first| (rest + first).min(f32::MAX));
-        Ok(output)
+        // Both parts are the image, whatever is given as first light.
+        let rest = combined(input.mean, first_light, |all, first| all - first.min(all).max(0.0));
+        let first = combined(input.mean, &rest, |all, rest| all - rest);
+        let [rest, first] = [filtered(&rest, [from, middle])?, filtered(&first, [middle, 1.0])?];
+        Ok(combined(&rest, &first, |rest, first| (rest + first).min(f32::MAX)))
     }
 }
 

@@ -69,13 +69,15 @@ pub(super) mod per_pixel {
     pub(in crate::memory) const FRAME: u64 = 9;
     /// Defects and fixed pattern of the device.
     pub(in crate::memory) const DEVICE: u64 = 8;
-    /// The film's inputs of a denoiser: mean, albedo, normal with variances (72), depth with variance (8).
+    /// The film's inputs of a denoiser: mean, albedo, normal with variances (72), depth with variance (8), first light
+    /// (12).
     pub(super) const FEATURES: u64 = 92;
     /// The built-in filter: variances, averages and result (36). One of them exists twice while tiles are assembled
     /// (12).
     pub(super) const BUILTIN: u64 = 48;
-    /// Intel Open Image Denoise: the image and its features, before and after their own filter, and the result (72).
-    pub(super) const OIDN: u64 = 72;
+    /// Intel Open Image Denoise: the image and its features, before and after their own filter, and the result (72); the
+    /// image in two parts (24).
+    pub(super) const OIDN: u64 = 96;
     /// Its internal buffers, an estimate.
     pub(super) const OIDN_BUFFERS: u64 = 600;
     /// A picture or grey values as bytes of a file, raw and compressed.

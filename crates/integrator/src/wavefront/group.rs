@@ -44,8 +44,8 @@ pub(super) struct Group<'g, F: Lanes> {
     is_split: F::Mask,
     /// Lanes with the first light samples of their path.
     pub(super) is_first_light: F::Mask,
-    /// Largest channel of the radiance before the vertex; zero at the first vertex with light samples. That one contributes
-    /// most of the light of the pixel. Without training, roulette skips none of its shadow rays.
+    /// Largest channel of the radiance that the path has gathered before the vertex; zero at the first vertex with light
+    /// samples, and until the rest behind it has met light. Without training, roulette skips no shadow rays there.
     pub(super) gathered: F,
     /// See [`Observer::needs_outcomes`](crate::observer::Observer::needs_outcomes).
     needs_outcomes: bool,
