@@ -9,14 +9,14 @@ use crate::noise_compensation::CompensationInputs;
 use crate::outputs::{FilmOfSensor, VIGNETTING, attributes};
 use crate::shutter::TimedExposure;
 use dunkelfeld_adaptive::required_samples::SensorNoise;
-use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures, pixel_features};
+use dunkelfeld_adaptive::variance::inputs::{PixelFeatures, pixel_features};
 use dunkelfeld_film::{Plane, Scatter, fill_gaps};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_radiometry::Number;
-use dunkelfeld_render::film_noise::{Certified, FilmNoise, levels, per_luminance, sensor_noise, signal_scatter};
+use dunkelfeld_render::film_noise::{Certified, FilmNoise, SignalEstimates, sensor_noise, signal_scatter};
 use dunkelfeld_render::{Error, thread_count};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Response, SensorModel, Weights};
 use std::borrow::Cow;
@@ -336,30 +336,14 @@ impl NoiseLayers {
         let PixelLayers { counts, surface, scatter } = self.pixels.as_ref()?;
         let view = move |weights: &Weights, rows: &Range<u32>| {
             let (top, rows) = (rows.start, rows.len() as u32);
-            let own = Plane::from_fn(width, rows, |x, y| weights.electrons(*mean.at(x, top + y)).0 as f32);
-            let variance = Plane::from_fn(width, rows, |x, y| {
-                weights.variance(*self.variance.at(x, top + y), *self.covariance.at(x, top + y)) as f32
-            });
-            let largest = Plane::from_fn(width, rows, |x, y| {
-                // The value follows from the distance of the largest sample to the mean of all.
+            let seen = Plane::from_fn(width, rows, |x, y| {
                 let (x, y) = (x, top + y);
-                let (per_luminance, luminance) = per_luminance(*weights, mean.at(x, y).map(f64::from));
-                let others = f64::from(counts.at(x, y).saturating_sub(1));
-                let off = scatter.at(x, y).map_or(0.0, |s| others * s.largest.sqrt());
-                (per_luminance * (luminance + off)) as f32
+                let variances = (*self.variance.at(x, y), *self.covariance.at(x, y));
+                SignalEstimates::new(weights, *mean.at(x, y), variances, *scatter.at(x, y), *counts.at(x, y))
             });
-            NoiseInputs {
-                counts: Plane::from_fn(width, rows, |x, y| *counts.at(x, top + y)),
-                level: levels(&own, &variance, Some(sensor)),
-                mean: own,
-                variance,
-                scatter: Plane::from_fn(width, rows, |x, y| {
-                    let (per_luminance, _) = per_luminance(*weights, mean.at(x, top + y).map(f64::from));
-                    scatter.at(x, top + y).map(|s| signal_scatter(s, per_luminance))
-                }),
-                largest,
-                surface: Plane::from_fn(width, rows, |x, y| *surface.at(x, top + y)),
-            }
+            let counts = Plane::from_fn(width, rows, |x, y| *counts.at(x, top + y));
+            let surface = Plane::from_fn(width, rows, |x, y| *surface.at(x, top + y));
+            SignalEstimates::inputs(&seen, counts, surface, Some(sensor))
         };
         let views = move |rows: Range<u32>| response.kinds().iter().map(|weights| view(weights, &rows)).collect();
         let own = Plane::from_fn(width, height, |x, y| response.at(x, y).electrons(*mean.at(x, y)).0 as f32);

@@ -5,10 +5,10 @@ use crate::rendered_film::RenderedFilm;
 use crate::settings::SensorChoice;
 use dunkelfeld_adaptive::certificate::{Certificate, Claim, certify as certify_pixels};
 use dunkelfeld_adaptive::required_samples::{RequiredSamples, SensorNoise, required_samples};
-use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, SensorVarianceRange, pixel_features};
+use dunkelfeld_adaptive::variance::inputs::{NoiseInputs, PixelFeatures, SensorVarianceRange, pixel_features};
 use dunkelfeld_adaptive::variance::pixel::{BLOCK, pixel_noise_of_blocks};
 use dunkelfeld_adaptive::variance::pooled::{PixelNoise, pooled_pixel};
-use dunkelfeld_film::{Film, Means, Needed, PixelSums, Plane, Scatter};
+use dunkelfeld_film::{Film, Needed, Plane, Scatter};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sensor::{Exposure, ImageExposure, Response, SensorError, SensorModel, Weights};
 use rayon::prelude::*;
@@ -67,7 +67,7 @@ impl SignalModel {
         let (width, height, kinds) = (film.sums.width(), rows.len() as u32, self.response.kinds());
         let mut counts = Plane::new(width, height, 0);
         let mut normals = Plane::new(width, height, [0.0; 3]);
-        let mut seen: Vec<Plane<Seen>> = kinds.iter().map(|_| Plane::new(width, height, Seen::default())).collect();
+        let mut seen: Vec<_> = kinds.iter().map(|_| Plane::new(width, height, SignalEstimates::default())).collect();
         let tile = |y: u32| (y / Film::TILE) as usize;
         for (row, top) in
             film.sums.tile_rows()[tile(rows.start)..].iter().zip((rows.start..rows.end).step_by(Film::TILE as usize))
@@ -78,55 +78,77 @@ impl SignalModel {
                 counts.data_mut()[pixel] = sums.count();
                 normals.data_mut()[pixel] = sums.mean_normal();
                 let means = sums.means();
-                for (seen, &weights) in seen.iter_mut().zip(kinds) {
-                    seen.data_mut()[pixel] = Seen::from_sums(sums, &means, weights);
+                let (variance, covariance) = means.variance_and_covariance();
+                let scatter = sums.scatter_about(means.mean);
+                let [mean, variance, covariance] = [means.mean, variance, covariance].map(|v| v.map(|v| v as f32));
+                for (seen, weights) in seen.iter_mut().zip(kinds) {
+                    let of_kind = SignalEstimates::new(weights, mean, (variance, covariance), scatter, sums.count());
+                    seen.data_mut()[pixel] = of_kind;
                 }
             });
         }
         let objects =
             Plane::from_fn(width, height, |x, y| film.ids.at(x, rows.start + y).map_or(u32::MAX, |l| l.object()));
         let surface = pixel_features(&objects, &normals);
-        let of_kind = |seen: Plane<Seen>| {
-            let (mean, variance) = (seen.map(|s| s.mean), seen.map(|s| s.variance));
-            NoiseInputs {
-                counts: counts.clone(),
-                level: levels(&mean, &variance, self.sensor),
-                scatter: seen.map(|s| s.scatter),
-                largest: seen.map(|s| s.largest),
-                surface: surface.clone(),
-                mean,
-                variance,
-            }
-        };
+        let of_kind = |seen| SignalEstimates::inputs(&seen, counts.clone(), surface.clone(), self.sensor);
         seen.into_iter().map(of_kind).collect()
     }
 }
 
-/// Signal statistics of a pixel for one kind of pixel of the sensor.
-#[derive(Clone, Copy, Default)]
-struct Seen {
+/// Estimates of a pixel, as signals of one kind of pixel of the sensor.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SignalEstimates {
     mean: f32,
     variance: f32,
     largest: f32,
     scatter: Option<Scatter>,
 }
 
-impl Seen {
-    fn from_sums(sums: &PixelSums, means: &Means, weights: Weights) -> Self {
-        let (mean, variance) = means.weighted_mean_and_variance(weights.0);
-        // A film stores the luminance of its largest sample. That sample is assumed to have the colour of the pixel.
-        let (factor, _) = per_luminance(weights, means.mean);
+impl SignalEstimates {
+    /// From the layers of an EXR, or the same numbers of a film, so that both have the same bits: mean radiance, variance and
+    /// covariance of its channels, scatter of luminance, number of samples.
+    pub fn new(
+        weights: &Weights,
+        mean: [f32; 3],
+        (variance, covariance): ([f32; 3], [f32; 3]),
+        scatter: Option<Scatter>,
+        count: u32,
+    ) -> Self {
+        let scatter = scatter
+            .map(|Scatter { all, largest }| Scatter { all: f64::from(all as f32), largest: f64::from(largest as f32) });
+        let (factor, luminance) = per_luminance(*weights, mean.map(f64::from));
+        // The value of the largest sample follows from its distance to the mean. It is assumed to have the colour of the pixel.
+        let off = scatter.map_or(0.0, |s| f64::from(count.saturating_sub(1)) * s.largest.sqrt());
         Self {
-            mean: mean as f32,
-            variance: variance as f32,
-            largest: (factor * f64::from(sums.max_luminance())) as f32,
-            scatter: sums.scatter_about(means.mean).map(|s| signal_scatter(s, factor)),
+            mean: weights.electrons(mean).0 as f32,
+            variance: weights.variance(variance, covariance) as f32,
+            largest: (factor * (luminance + off)) as f32,
+            scatter: scatter.map(|s| signal_scatter(s, factor)),
+        }
+    }
+
+    /// The estimates of all pixels of rows.
+    pub fn inputs(
+        of_pixels: &Plane<Self>,
+        counts: Plane<u32>,
+        surface: Plane<PixelFeatures>,
+        sensor: Option<SensorNoise>,
+    ) -> NoiseInputs {
+        let (mean, variance) = (of_pixels.map(|s| s.mean), of_pixels.map(|s| s.variance));
+        NoiseInputs {
+            counts,
+            level: levels(&mean, &variance, sensor),
+            scatter: of_pixels.map(|s| s.scatter),
+            largest: of_pixels.map(|s| s.largest),
+            surface,
+            mean,
+            variance,
         }
     }
 }
 
 /// Signal per luminance of light of this colour, and the luminance of the light.
-pub fn per_luminance(weights: Weights, [r, g, b]: [f64; 3]) -> (f64, f64) {
+fn per_luminance(weights: Weights, [r, g, b]: [f64; 3]) -> (f64, f64) {
     let luminance = f64::from(Rgb::new(r as f32, g as f32, b as f32).luminance());
     let signal = weights.electrons([r, g, b].map(|v| v as f32)).0;
     (if luminance > 0.0 { signal / luminance } else { 0.0 }, luminance)
@@ -148,7 +170,7 @@ pub fn sensor_noise(model: &SensorModel, exposure: Exposure) -> SensorNoise {
 }
 
 /// Ranges of the sensor variance of the pixels. Without a sensor all pixels have the same.
-pub fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<SensorNoise>) -> Plane<SensorVarianceRange> {
+fn levels(mean: &Plane<f32>, variance: &Plane<f32>, sensor: Option<SensorNoise>) -> Plane<SensorVarianceRange> {
     let mut variances = variance.data().iter();
     mean.map(|&mean| match (sensor, variances.next()) {
         (Some(sensor), Some(&variance)) if variance.is_finite() => sensor.level(mean, variance),
@@ -400,7 +422,7 @@ fn outliers(evidence: &NoiseInputs, sensor: SensorNoise) -> Option<Plane<bool>> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld_film::{Accumulate, Sample};
+    use dunkelfeld_film::{Accumulate, PixelSums, Sample};
     use dunkelfeld_sampling::mix64;
 
     /// The share at a level is that of a certificate at this level. Means are at both sides of saturation, some of them
