@@ -113,7 +113,7 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
     if !project.settings.has_sensor() {
         project.settings.sensor = SensorChoice::Emva {
             model: Box::new(dunkelfeld::find_sensor(dunkelfeld::DEFAULT_SENSOR)?),
-            optics: project.optics,
+            optics: project.optics.clone(),
             exposure: None,
         };
     }

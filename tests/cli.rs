@@ -358,7 +358,9 @@ fn a_job_is_obeyed_and_flags_win_over_it() {
     let exposed = |f_number: f64| {
         bench.write(
             "lens.toml",
-            &format!("scene = \"scene.gltf\"\n[lens]\nf_number = {f_number}\n[sensor]\nmodel = \"none\"\n"),
+            &format!(
+                "scene = \"scene.gltf\"\n[lens]\nf_number = {f_number}\npsf = \"none\"\n[sensor]\nmodel = \"none\"\n"
+            ),
         );
         bench.run("render lens.toml --width 16 --height 16 --spp 8 --sensor imx174 --stats l.json").code(0);
         bench.json("l.json")["sensor"]["exposure_seconds"].as_f64().expect("a time")

@@ -69,7 +69,7 @@ fn opening(project: &Project) -> Opening {
 
 fn optics(settings: &RenderSettings) -> Optics {
     match &settings.sensor {
-        SensorChoice::Emva { optics, .. } => *optics,
+        SensorChoice::Emva { optics, .. } => optics.clone(),
         SensorChoice::None => panic!("no sensor"),
     }
 }
@@ -89,7 +89,7 @@ fn the_field_of_a_focal_length_follows_film_and_sensor_as_they_are_when_rendered
     close(field(&project), of(2048.0, 3.45e-6));
     // Another sensor has other pixels; without one, the lens keeps those that it had.
     let model = Box::new(find_sensor("imx174").expect("a preset"));
-    project.settings.sensor = SensorChoice::Emva { model, optics: project.optics, exposure: None };
+    project.settings.sensor = SensorChoice::Emva { model, optics: project.optics.clone(), exposure: None };
     close(field(&project), of(2048.0, 5.86e-6));
     project.settings.sensor = SensorChoice::None;
     close(field(&project), of(2048.0, 3.45e-6));
@@ -138,7 +138,7 @@ fn a_focused_lens_obeys_the_thin_lens_equation_on_both_sides() {
     let mut project = bench.open("[lens]\nfocal_length = \"25mm\"\nfocus_distance = 1");
     let mine = Optics::new(11.0, 0.5, 0.25).expect("in range");
     let model = Box::new(find_sensor("imx174").expect("a preset"));
-    project.settings.sensor = SensorChoice::Emva { model, optics: mine, exposure: None };
+    project.settings.sensor = SensorChoice::Emva { model, optics: mine.clone(), exposure: None };
     assert_eq!(optics(&project.fitted().expect("fits")), mine);
 }
 

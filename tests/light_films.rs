@@ -3,11 +3,11 @@
 
 mod support;
 
-use dunkelfeld::film::{FilmLayers, Plane};
+use dunkelfeld::film::{FilmLayers, MeanImage, Plane};
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
     Budget, ExposeSettings, Exposer, FilmOfLight, Project, RenderedFilm, develop_film, develop_films, encode_layers,
-    encode_light_layers, mean_without_gaps, sum_of_means,
+    encode_light_layers, mean_image, sum_of_means,
 };
 use dunkelfeld_io::exr::ExrLayers;
 use dunkelfeld_io::layers::{Single, Triple};
@@ -221,7 +221,7 @@ fn camera(project: &Project, noise: ExposureNoise) -> ExposeSettings {
 }
 
 fn exposer(films: &[(&RenderedFilm, f64)], settings: &ExposeSettings) -> Exposer {
-    let means: Vec<Plane<[f32; 3]>> = films.iter().map(|(film, _)| mean_without_gaps(&film.sums)).collect();
+    let means: Vec<MeanImage> = films.iter().map(|(film, _)| mean_image(&film.sums)).collect();
     let means: Vec<_> = means.iter().zip(films).map(|(mean, (_, factor))| (mean, *factor)).collect();
     Exposer::of_films_and_mean(films, &sum_of_means(&means).expect("one size"), settings).expect("valid")
 }

@@ -190,7 +190,7 @@ fn a_sensor_that_the_program_selected_has_the_lens_of_the_overrides() {
     write_scene(folder.path(), 4);
     let mut project = open(&folder, "job.toml", JOB);
     let model = Box::new(dunkelfeld::find_sensor("imx174").expect("a preset"));
-    project.settings.sensor = SensorChoice::Emva { model, optics: project.optics, exposure: None };
+    project.settings.sensor = SensorChoice::Emva { model, optics: project.optics.clone(), exposure: None };
     project.set_overrides("lens = { f_number = 8 }\n").expect("overrides");
     let SensorChoice::Emva { model, optics, .. } = project.fitted().expect("a lens").sensor else {
         panic!("no sensor")

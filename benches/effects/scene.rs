@@ -68,6 +68,7 @@ impl Case {
             Effect::EnergyCompensation => "on, which changes the image a little",
             Effect::FiniteAperture => "a radius of a micrometre",
             Effect::Distortion => "a coefficient of 1e-9",
+            Effect::LensBlur => "samples are spread, and keep their places",
             Effect::Motion => "a box in the middle moves by a nanometre",
             Effect::LineScan => "a scan at rest: all rows show the middle of the film",
             Effect::Environment => "a sky of negligible radiance: one more light to sample",
@@ -210,6 +211,7 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
             b.cameras[0].lens.aperture = Some(Aperture { opening, focus_distance: 2.5, blades: None });
         }
         Effect::Distortion => b.cameras[0].lens.distortion.radial[0] = 1e-9,
+        Effect::LensBlur => b.cameras[0].lens.blurs = true,
         Effect::Motion => {
             b.instances[4 + BOXES * BOXES / 2].motion = RigidMotion::linear(DVec3::X * 1e-6);
             b.shutter = Some(Shutter::Frame { exposure: 1e-3 });

@@ -20,6 +20,9 @@ pub struct Certificate {
     pub share: f64,
     /// Share of the counted pixels whose ratio is at most `k^2`, in \[0, 1\]; 1 if none is counted.
     pub hidden: f64,
+    /// The same share of the means of blocks of 8 x 8 pixels, for a lens that blurs: their noise is the one at low frequencies,
+    /// which a lens does not remove. `None` for other lenses.
+    pub hidden_blocks: Option<f64>,
     /// Mean ratio.
     pub mean: f64,
     /// Median ratio.
@@ -101,6 +104,7 @@ pub fn certify([width, height]: [u32; 2], claims: impl Iterator<Item = Claim>, k
         k,
         share: HIDDEN_SHARE,
         hidden: share(hidden),
+        hidden_blocks: None,
         mean,
         median: quantile(0.5),
         p99: quantile(HIDDEN_SHARE),

@@ -330,6 +330,12 @@ pub(crate) struct LensArgs {
     /// Image size over object size, 0 (far away) to 100 [default: that of the render; 0].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub(crate) magnification: Option<f64>,
+    /// Blur of the lens: none, diffraction, or a CSV file with its MTF [default: that of the render; none].
+    #[arg(long, value_name = "PSF")]
+    pub(crate) psf: Option<String>,
+    /// Share of the light in the veiling glare, 0 to 0.5; real lenses have 0.01 to 0.03 [default: that of the render; 0].
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
+    pub(crate) glare: Option<f64>,
 }
 
 impl LensArgs {
@@ -337,6 +343,7 @@ impl LensArgs {
     pub(crate) fn set(&self, options: &mut ImageOptions) {
         (options.f_number, options.transmission) = (self.f_number, self.transmission);
         options.magnification = self.magnification;
+        (options.psf, options.glare) = (self.psf.clone(), self.glare);
     }
 }
 

@@ -8,7 +8,7 @@ use crate::project::find_sensor_recorded;
 use derive_setters::Setters;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::input::{InputFiles, Role};
-use dunkelfeld_io::job::DEFAULT_SENSOR;
+use dunkelfeld_io::job::{DEFAULT_SENSOR, PsfSettings};
 use dunkelfeld_radiometry::Number;
 use dunkelfeld_render::{Cancel, Error};
 use dunkelfeld_scene::Vignetting;
@@ -32,6 +32,11 @@ pub struct ImageOptions {
     pub transmission: Option<f64>,
     /// Image size over object size, 0 (far away) to 100.
     pub magnification: Option<f64>,
+    /// Point spread function of the lens: `none`, `diffraction`, or a CSV file with an MTF
+    /// ([`load_mtf`](dunkelfeld_io::job::load_mtf)); by default that of the render of the image, or none.
+    pub psf: Option<String>,
+    /// Share of the light in the veiling glare, 0 to 0.5; by default that of the render of the image, or 0.
+    pub glare: Option<f64>,
     /// Vignetting of the lens. It needs the focal length, and is not for images that contain it.
     pub vignetting: Option<Vignetting>,
     /// Focal length \[m\].
@@ -59,7 +64,8 @@ impl ImageOptions {
     pub fn settings(self) -> Result<ExposeSettings, Error> {
         let mut inputs = InputFiles::new();
         let lens = [self.f_number, self.transmission, self.magnification].map(|value| value.is_none());
-        let of_image = OfImage { sensor: self.sensor.is_none(), lens };
+        let of_image =
+            OfImage { sensor: self.sensor.is_none(), lens, blur: [self.psf.is_none(), self.glare.is_none()] };
         let model = match self.sensor {
             None => find_sensor_recorded(DEFAULT_SENSOR, &mut inputs)?,
             Some(SensorOption::Named(name)) => find_sensor_recorded(&name, &mut inputs)?,
@@ -72,12 +78,19 @@ impl ImageOptions {
             }
         };
         let defaults = ExposeSettings::new(model)?;
-        let lens = defaults.optics;
+        let lens = defaults.optics.clone();
         let optics = Optics::new(
             self.f_number.unwrap_or(lens.f_number()),
             self.transmission.unwrap_or(lens.transmission()),
             self.magnification.unwrap_or(lens.magnification()),
         );
+        let psf = self.psf.map(|word| {
+            let help = "write none, diffraction, or the path of a CSV file";
+            let psf = PsfSettings::from_word(&word).map_err(|problem| Error::setting("psf", problem, help))?;
+            Ok::<_, Error>(psf.load(&mut inputs)?)
+        });
+        let psf = psf.transpose()?.unwrap_or_default();
+        let optics = optics.and_then(|optics| optics.with_psf(psf).with_glare(self.glare.unwrap_or(0.0)));
         let optics = optics.map_err(|e| match e {
             SensorError::OutOfRange { field, value, allowed } => {
                 Error::setting(field, format!("{} is out of range", Number(value)), format!("write a number {allowed}"))

@@ -6,10 +6,11 @@ use crate::exr_image::ExrImage;
 use crate::frame::{Frame, Picture, SensorFrame};
 use crate::image_noise::{FilmPart, ImageNoise, check_films};
 use crate::noise_compensation::{CompensationInputs, Matched};
-use dunkelfeld_film::Plane;
+use dunkelfeld_film::{MeanImage, Plane};
 use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_render::film_noise::{Certified, FilmNoise, certify_variances, sensor_noise};
-use dunkelfeld_render::parallel::mean_without_gaps;
+use dunkelfeld_render::lens_image::LensImage;
+use dunkelfeld_render::parallel::mean_image;
 use dunkelfeld_render::{Error, RenderedFilm};
 use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::{
@@ -28,6 +29,9 @@ pub struct Exposer {
     exposure: Exposure,
     seed: u64,
     electrons: Plane<f32>,
+    /// The lens, and the image behind it if it blurs.
+    optics: Optics,
+    behind: Option<Arc<LensImage>>,
     /// The transmission of another lens than that of the films. `None` if they have the same.
     transmission: Option<Arc<Plane<f32>>>,
     /// The noise of the electrons, as far as the file contains it. `None` if all of the camera's noise is drawn.
@@ -45,76 +49,72 @@ impl Exposer {
     /// # Errors
     /// Settings outside their range, or outside the ranges of the sensor.
     pub fn of_film(film: &RenderedFilm, settings: &ExposeSettings) -> Result<Self, Error> {
-        Self::of_film_and_mean(film, &mean_without_gaps(&film.sums), settings)
+        Self::of_film_and_mean(film, &mean_image(&film.sums), settings)
     }
 
-    /// [`Self::of_film`] with the mean radiance of the film, [`mean_without_gaps`]: for several cameras of one film.
+    /// [`Self::of_film`] with the mean of the film, [`mean_image`]: for several cameras of one film.
     ///
     /// # Errors
     /// As [`Self::of_film`].
-    pub fn of_film_and_mean(
-        film: &RenderedFilm,
-        radiance: &Plane<[f32; 3]>,
-        settings: &ExposeSettings,
-    ) -> Result<Self, Error> {
-        Self::of_films_and_mean(&[(film, 1.0)], radiance, settings)
+    pub fn of_film_and_mean(film: &RenderedFilm, mean: &MeanImage, settings: &ExposeSettings) -> Result<Self, Error> {
+        Self::of_films_and_mean(&[(film, 1.0)], mean, settings)
     }
 
     /// [`Self::of_film`] for the sum of independent films of one camera, each multiplied by a factor of zero or more, such as
     /// those of single lights ([`Project::only_light`](crate::Project::only_light)). The variance of the sum is that of the
-    /// films times the squares of the factors. `radiance` is the sum of their means, [`sum_of_means`](crate::sum_of_means).
+    /// films times the squares of the factors. `mean` is the sum of their means, [`sum_of_means`](crate::sum_of_means).
     ///
     /// # Errors
     /// As [`Self::of_film`], and films of different sizes.
     pub fn of_films_and_mean(
         films: &[(&RenderedFilm, f64)],
-        radiance: &Plane<[f32; 3]>,
+        mean: &MeanImage,
         settings: &ExposeSettings,
     ) -> Result<Self, Error> {
-        Self::of_films(films, radiance, None, settings)
+        Self::of_films(films, mean, None, settings)
     }
 
     /// [`Self::of_films_and_mean`] behind a lens with another transmission than that of the films. `transmission` is the
-    /// ratio of both in each pixel, above zero. `radiance` is the sum of the means times the transmission
+    /// ratio of both in each pixel, above zero. `mean` is the sum of the means times the transmission
     /// ([`through_lens`]). The variances get its square.
     ///
     /// # Errors
     /// As [`Self::of_films_and_mean`], and a transmission of another size or out of range.
     pub fn behind_lens(
         films: &[(&RenderedFilm, f64)],
-        radiance: &Plane<[f32; 3]>,
+        mean: &MeanImage,
         transmission: Arc<Plane<f32>>,
         settings: &ExposeSettings,
     ) -> Result<Self, Error> {
-        let is_same_size = (transmission.width(), transmission.height()) == (radiance.width(), radiance.height());
+        let is_same_size = [transmission.width(), transmission.height()] == mean.size();
         if !is_same_size || !transmission.data().iter().all(|t| t.is_finite() && *t > 0.0) {
             let problem = "is not above zero in each pixel of the films";
             return Err(Error::setting("transmission", problem, "pass a plane of the size of the films"));
         }
-        Self::of_films(films, radiance, Some(transmission), settings)
+        Self::of_films(films, mean, Some(transmission), settings)
     }
 
     fn of_films(
         films: &[(&RenderedFilm, f64)],
-        radiance: &Plane<[f32; 3]>,
+        mean: &MeanImage,
         transmission: Option<Arc<Plane<f32>>>,
         settings: &ExposeSettings,
     ) -> Result<Self, Error> {
         check(settings)?;
-        let size = [radiance.width(), radiance.height()];
+        let size = mean.size();
         check_films(size, films.iter().map(|(film, factor)| ([film.sums.width(), film.sums.height()], *factor)))?;
         if settings.vignetting.is_some() {
             let problem = "the lens of a render darkens its corners during the render";
             return Err(Error::setting("vignetting", problem, "set it in the lens of the render"));
         }
-        let camera = (&settings.model, settings.optics, settings.readout);
-        let exposer = Self { transmission, ..Self::new(radiance, settings, camera)? };
+        let camera = (&settings.model, &settings.optics, settings.readout);
+        let exposer = Self { transmission, ..Self::new(mean.clone(), settings, camera)? };
         if settings.exposure_noise == ExposureNoise::Plain {
             return Ok(exposer);
         }
         let lit = films.iter().filter(|(_, factor)| *factor > 0.0);
         let inputs = CompensationInputs::sum(lit.map(|&(film, factor)| exposer.film_part(film, factor).inputs));
-        Ok(exposer.with_inputs(inputs.unwrap_or_else(|| CompensationInputs::none(size))))
+        exposer.with_inputs(inputs.unwrap_or_else(|| CompensationInputs::none(size)))
     }
 
     /// Analyses the noise of films that are added, for matched exposure with this camera: see [`Self::with_noise`]. Runs on
@@ -148,7 +148,7 @@ impl Exposer {
     /// Another number of films, films of another size, factors out of range.
     pub fn with_noise(self, noise: &ImageNoise, films: &[(Option<&Plane<u32>>, f64)]) -> Result<Self, Error> {
         let inputs = noise.converted(self.size(), &self.response, films)?;
-        Ok(self.with_inputs(inputs))
+        self.with_inputs(inputs)
     }
 
     /// The number of variances in the image that were negative or not a number, and count as unknown.
@@ -157,38 +157,51 @@ impl Exposer {
     }
 
     /// Matched exposure with the noise of the films in front of the lens of [`Self::behind_lens`].
-    pub(crate) fn with_inputs(mut self, mut inputs: CompensationInputs) -> Self {
+    ///
+    /// # Errors
+    /// As [`CompensationInputs::behind`].
+    pub(crate) fn with_inputs(mut self, mut inputs: CompensationInputs) -> Result<Self, Error> {
         if let Some(transmission) = &self.transmission {
             let pixels = inputs.variance.data_mut().iter_mut().zip(transmission.data());
             pixels.for_each(|(variance, t)| *variance *= t * t);
         }
-        self.known = Some(inputs);
-        self
+        self.known = Some(match &self.behind {
+            Some(image) => inputs.behind(image, self.device.model(), &self.response)?,
+            None => inputs,
+        });
+        Ok(self)
     }
 
-    /// Combines mean radiance [W/(m^2 sr)] with a camera. All of the camera's noise is drawn.
+    /// Combines a mean image with a camera. All of the camera's noise is drawn.
     pub(crate) fn new(
-        radiance: &Plane<[f32; 3]>,
+        mean: MeanImage,
         settings: &ExposeSettings,
-        (model, optics, readout): (&SensorModel, Optics, Readout),
+        (model, optics, readout): (&SensorModel, &Optics, Readout),
     ) -> Result<Self, Error> {
-        let ImageExposure { exposure, no_light } = ImageExposure::new(settings.exposure, radiance, model, &optics)?;
-        let response = Response::new(model, &optics, exposure);
+        let pixels = mean.size()[0].min(mean.size()[1]);
+        if pixels > 0 && !optics.fits(pixels, model.spec().pixel_pitch) {
+            let problem = format!("the lens blurs the image over more than its {pixels} pixels");
+            return Err(Error::setting("psf", problem, "use a larger aperture, or another point spread function"));
+        }
+        let image = LensImage::behind(mean, model, optics);
+        let radiance = &image.radiance;
+        let ImageExposure { exposure, no_light } = ImageExposure::new(settings.exposure, radiance, model, optics)?;
+        let response = Response::new(model, optics, exposure);
         let MeanElectrons { plane: electrons, invalid } = electrons(radiance, &response);
         let device = Device::with_readout(model.clone(), settings.seed, [radiance.width(), radiance.height()], readout);
-        let seed = settings.seed;
-        let (transmission, known, invalid_variances) = (None, None, 0);
         Ok(Self {
             device,
             response,
             exposure,
-            seed,
+            seed: settings.seed,
             electrons,
-            transmission,
-            known,
+            optics: optics.clone(),
+            behind: image.blur.is_some().then(|| Arc::new(image)),
+            transmission: None,
+            known: None,
             no_light,
             invalid,
-            invalid_variances,
+            invalid_variances: 0,
         })
     }
 
@@ -214,12 +227,12 @@ impl Exposer {
         if settings.layer.is_some() {
             return Err(Error::setting("layer", "an array has no layers", "leave it out"));
         }
-        let (model, optics) = (&settings.model, settings.optics);
+        let (model, optics) = (&settings.model, &settings.optics);
         if let Some(focal_length) = settings.vignetting {
             let share = lens_share(focal_length, optics, model, [radiance.width(), radiance.height()]);
             radiance = through_lens(&radiance, &share);
         }
-        Self::new(&radiance, settings, (model, optics, settings.readout))
+        Self::new(radiance.into(), settings, (model, optics, settings.readout))
     }
 
     /// Width and height \[pixels\].
@@ -250,7 +263,7 @@ impl Exposer {
     /// The certificate at `k` of the film that is exposed, for this camera. Runs on the threads of the current pool.
     pub fn certify(&self, film: &RenderedFilm, k: f64) -> Option<Certified> {
         match self.transmission {
-            None => FilmNoise::exposed(self.response, self.model(), self.exposure, film).certify(k),
+            None => self.noise_of(film, self.response, self.exposure).certify(k),
             Some(_) => self.certify_sum(&[(&self.film_variances(film), 1.0)], k).ok(),
         }
     }
@@ -262,8 +275,22 @@ impl Exposer {
         // The shortest exposure may be within its octave.
         let exposure = Exposure::new(time).unwrap_or(self.exposure);
         let response = self.response.scaled(exposure.time().0 / self.exposure.time().0);
-        let variance = FilmNoise::exposed(response, self.model(), exposure, film).variances_of_mean();
+        let variance = self.noise_of(film, response, exposure).variances_of_mean();
         FilmVariances { seconds: exposure.time().0, variance }
+    }
+
+    /// The noise of a film behind this lens.
+    fn noise_of<'a>(&self, film: &'a RenderedFilm, response: Response, exposure: Exposure) -> FilmNoise<'a> {
+        let noise = FilmNoise::exposed(response, self.model(), exposure, film);
+        match &self.behind {
+            Some(image) => noise.behind(image),
+            None => noise,
+        }
+    }
+
+    /// The image behind a lens that blurs.
+    pub(crate) fn behind(&self) -> Option<&LensImage> {
+        self.behind.as_deref()
     }
 
     /// The largest whole number n for which the exposure time is at least 2^n s.
@@ -301,11 +328,12 @@ impl Exposer {
     pub fn frame(&self, number: u32) -> Result<Plane<u16>, Error> {
         let [width, height] = self.size();
         let key = FrameKey { seed: self.seed, frame: number };
+        let drawn = self.known.as_ref().map(|known| (known, known.electrons(&self.electrons, &self.device, key)));
         let mut values = Plane::new(width, height, 0u16);
         values.data_mut().par_chunks_mut(width.max(1) as usize).enumerate().try_for_each(|(y, row)| {
             let rows = y as u32..y as u32 + 1;
-            match &self.known {
-                Some(k) => self.device.expose_rows_matched(&self.electrons, &k.variance, self.exposure, key, rows, row),
+            match &drawn {
+                Some((k, drawn)) => self.device.expose_rows_matched(drawn, &k.variance, self.exposure, key, rows, row),
                 None => self.device.expose_rows(&self.electrons, self.exposure, key, rows, row),
             }
         })?;
@@ -334,8 +362,20 @@ impl Exposer {
             .as_ref()
             .map(|known| Matched::of_known(known, (&self.electrons, &self.electrons), &model, exposure));
         let (picture, saturated) = (Picture::from_values(&values, &model), self.saturated());
-        let Self { electrons, response, no_light, .. } = self;
-        let sensor = SensorFrame { electrons, values, exposure, model, saturated, response, certified, matched };
+        let Self { electrons, response, no_light, optics, behind, .. } = self;
+        let radiance = behind.map(|image| image.radiance.clone());
+        let sensor = SensorFrame {
+            electrons,
+            values,
+            exposure,
+            model,
+            saturated,
+            response,
+            optics,
+            radiance,
+            certified,
+            matched,
+        };
         Ok(Frame { picture, sensor: Some(sensor), no_light, without: without.to_vec(), denoised: None })
     }
 
@@ -395,7 +435,7 @@ pub struct FilmVariances {
 /// Transmission of a thin lens in each pixel, relative to its axis.
 pub(crate) fn lens_share(
     focal_length: f64,
-    optics: Optics,
+    optics: &Optics,
     model: &SensorModel,
     [width, height]: [u32; 2],
 ) -> Plane<f64> {

@@ -10,7 +10,7 @@ use crate::outputs::{FilmOfSensor, VIGNETTING, attributes};
 use crate::shutter::TimedExposure;
 use dunkelfeld_adaptive::required_samples::SensorNoise;
 use dunkelfeld_adaptive::variance::inputs::{PixelFeatures, pixel_features};
-use dunkelfeld_film::{Plane, Scatter, fill_gaps};
+use dunkelfeld_film::{MeanImage, Plane, Scatter, fill_gaps};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrLayers, ExrSize, read_exr_if};
 use dunkelfeld_io::input::{InputFiles, Role};
@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 pub struct ExrImage {
     path: PathBuf,
-    radiance: Plane<[f32; 3]>,
+    mean: MeanImage,
     /// `None` if the file has no variances, or was read for plain exposure.
     noise: Option<NoiseLayers>,
     is_read_for_matched: bool,
@@ -75,6 +75,12 @@ impl ExrImage {
             // As in the frame of the render.
             radiance = fill_gaps(&radiance, &counts.map(|n| *n > 0));
         }
+        let is_spread = layers.triples(Triple::MomentX).is_some();
+        let mean = match (&settings.layer, layers.triples(Triple::MomentX), layers.triples(Triple::MomentY)) {
+            (None, Some(right), Some(down)) => MeanImage { radiance, moments: Some([right, down]), is_spread },
+            // The radiance behind the lens is an image without one.
+            _ => MeanImage::without_moments(radiance, is_spread && !is_behind_lens(settings)),
+        };
         let named = |layer: Single, names: &str| {
             let names = attributes(&layers).remove(names).and_then(|names| serde_json::from_value(names).ok());
             Some((layers.integers(layer)?, names.unwrap_or_default()))
@@ -83,7 +89,7 @@ impl ExrImage {
             path: path.to_owned(),
             has_vignetting: attributes(&layers).contains_key(VIGNETTING),
             left_out: left_out_of_file(&layers),
-            radiance,
+            mean,
             noise: if is_matched { NoiseLayers::from_layers(&layers) } else { None },
             is_read_for_matched: is_matched,
             film: FilmOfSensor::of_file(path, &layers)?,
@@ -93,7 +99,12 @@ impl ExrImage {
 
     /// Mean radiance [W/(m^2 sr)], linear Rec. 709.
     pub fn radiance(&self) -> &Plane<[f32; 3]> {
-        &self.radiance
+        &self.mean.radiance
+    }
+
+    /// The mean in front of the lens.
+    pub fn mean(&self) -> &MeanImage {
+        &self.mean
     }
 
     /// Samples of each pixel. `None` if the file does not contain them and the noise of the mean, or was read for plain
@@ -116,7 +127,11 @@ impl ExrImage {
     /// without [`Self::sample_counts`]. Runs on the threads of the current pool.
     pub fn certify(&self, exposer: &Exposer, k: f64) -> Option<Certified> {
         let sensor = sensor_noise(exposer.model(), exposer.exposure());
-        self.noise.as_ref()?.film_noise(*exposer.response(), sensor, &self.radiance)?.certify(k)
+        let noise = self.noise.as_ref()?.film_noise(*exposer.response(), sensor, &self.mean.radiance)?;
+        match exposer.behind() {
+            Some(image) => noise.behind(image).certify(k),
+            None => noise.certify(k),
+        }
     }
 
     /// Combines the image with a camera. Binning, the stages of a line scan, the wavelengths of the channels, the filter of the
@@ -129,12 +144,12 @@ impl ExrImage {
     /// already; noise that is to be matched, but is not in the file or was not read.
     pub fn expose(&self, settings: &ExposeSettings) -> Result<Exposer, Error> {
         let image = self.behind_lens(settings)?;
-        let exposer = self.plain(&image.radiance, settings)?;
+        let exposer = self.plain(&image.mean, settings)?;
         if settings.exposure_noise == ExposureNoise::Plain {
             return Ok(exposer);
         }
         let (part, invalid_variances) = self.part(&image, &exposer)?;
-        Ok(exposer.with_inputs(part.inputs).with_invalid_variances(invalid_variances))
+        Ok(exposer.with_inputs(part.inputs)?.with_invalid_variances(invalid_variances))
     }
 
     /// Analyses the noise of the image for matched exposure with a camera: for [`Exposer::with_noise`], where the image counts
@@ -144,25 +159,24 @@ impl ExrImage {
     /// As [`Self::expose`] with matched noise.
     pub fn image_noise(&self, settings: &ExposeSettings) -> Result<ImageNoise, Error> {
         let image = self.behind_lens(settings)?;
-        let (part, _) = self.part(&image, &self.plain(&image.radiance, settings)?)?;
+        let (part, _) = self.part(&image, &self.plain(&image.mean, settings)?)?;
         Ok(ImageNoise::new(vec![part]))
     }
 
     /// The image behind the lens of the settings.
     fn behind_lens(&self, settings: &ExposeSettings) -> Result<Image<'_>, Error> {
         check(settings)?;
-        let (radiance, noise) = (&self.radiance, self.noise.as_ref());
+        let (mean, noise) = (&self.mean, self.noise.as_ref());
         let Some(focal_length) = settings.vignetting else {
-            return Ok(Image { radiance: Cow::Borrowed(radiance), noise: noise.map(Cow::Borrowed) });
+            return Ok(Image { mean: Cow::Borrowed(mean), noise: noise.map(Cow::Borrowed) });
         };
         if self.has_vignetting {
             let problem = "the lens of the render has darkened its corners already";
             return Err(InputError::new(&self.path, "--vignetting", problem, "leave out --vignetting").into());
         }
-        let size = [radiance.width(), radiance.height()];
-        let share = lens_share(focal_length, self.lens(settings).0, &self.model(settings)?, size);
+        let share = lens_share(focal_length, &self.lens(settings).0, &self.model(settings)?, mean.size());
         let noise = noise.map(|noise| Cow::Owned(noise.darkened(&share)));
-        Ok(Image { radiance: Cow::Owned(through_lens(radiance, &share)), noise })
+        Ok(Image { mean: Cow::Owned(mean.map(|plane| through_lens(plane, &share))), noise })
     }
 
     fn model(&self, settings: &ExposeSettings) -> Result<SensorModel, Error> {
@@ -181,15 +195,20 @@ impl ExrImage {
 
     /// The lens in front of the image, and the sources of f-number, transmission and magnification.
     pub fn lens(&self, settings: &ExposeSettings) -> (Optics, [LensSource; 3]) {
-        let (given, of_image) = (settings.optics, settings.of_image.lens);
+        let (given, of_image) = (settings.optics.clone(), settings.of_image.lens);
         let Some(FilmOfSensor { optics, .. }) = &self.film else {
             return (given, of_image.map(|is_open| if is_open { LensSource::Default } else { LensSource::Given }));
         };
-        let values = |lens: Optics| [lens.f_number(), lens.transmission(), lens.magnification()];
-        let [given, own] = [values(given), values(*optics)];
+        let values = |lens: &Optics| [lens.f_number(), lens.transmission(), lens.magnification()];
+        let [is_own_psf, is_own_glare] = settings.of_image.blur.map(|is_own| is_own && !is_behind_lens(settings));
+        let psf = if is_own_psf { optics } else { &given }.psf().clone();
+        let glare = if is_own_glare { optics } else { &given }.glare();
+        let [given, own] = [values(&given), values(optics)];
         let [f_number, transmission, magnification] = [0, 1, 2].map(|i| if of_image[i] { own[i] } else { given[i] });
         // Values of two valid lenses are valid.
-        let lens = Optics::new(f_number, transmission, magnification).unwrap_or(*optics).with_bands(optics.bands());
+        let lens =
+            Optics::new(f_number, transmission, magnification).and_then(|lens| lens.with_psf(psf).with_glare(glare));
+        let lens = lens.unwrap_or_else(|_| optics.clone()).with_bands(optics.bands());
         (lens, of_image.map(|is_own| if is_own { LensSource::Image } else { LensSource::Given }))
     }
 
@@ -213,10 +232,11 @@ impl ExrImage {
     }
 
     /// Plain exposure.
-    fn plain(&self, radiance: &Plane<[f32; 3]>, settings: &ExposeSettings) -> Result<Exposer, Error> {
+    fn plain(&self, mean: &MeanImage, settings: &ExposeSettings) -> Result<Exposer, Error> {
         let readout = self.film.as_ref().map_or(settings.readout, |film| film.readout);
         let settings = settings.clone().with_exposure(self.exposure(settings)?);
-        Exposer::new(radiance, &settings, (&self.model(&settings)?, self.lens(&settings).0, readout))
+        let (model, lens) = (self.model(&settings)?, self.lens(&settings).0);
+        Exposer::new(mean.clone(), &settings, (&model, &lens, readout))
     }
 
     /// The noise of the image behind a camera, and the number of its variances that are no variances.
@@ -230,9 +250,14 @@ impl ExrImage {
             return Err(InputError::new(&self.path, "the layer `variance`", problem, help).into());
         };
         let sensor = sensor_noise(exposer.model(), exposer.exposure());
-        let part = noise.part(*exposer.response(), sensor, &image.radiance);
+        let part = noise.part(*exposer.response(), sensor, &image.mean.radiance);
         Ok((part, invalid_variances_of(&noise.variance)))
     }
+}
+
+/// Is the layer of the settings the radiance behind the lens of a render? Then the lens of the file has no blur.
+fn is_behind_lens(settings: &ExposeSettings) -> bool {
+    settings.layer.as_deref() == Some("lens")
 }
 
 /// The words for the effects that the render of a file left out.
@@ -244,7 +269,7 @@ fn left_out_of_file(layers: &ExrLayers) -> Option<String> {
 
 /// An image behind a lens.
 struct Image<'a> {
-    radiance: Cow<'a, Plane<[f32; 3]>>,
+    mean: Cow<'a, MeanImage>,
     noise: Option<Cow<'a, NoiseLayers>>,
 }
 
@@ -317,10 +342,7 @@ impl NoiseLayers {
         let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
         let inputs = match self.film_noise(response, sensor, mean) {
             Some(noise) => CompensationInputs::from_variances(&noise.pixel_variances()),
-            None => CompensationInputs {
-                variance: Plane::from_fn(width, height, own),
-                is_rare: Plane::new(width, height, false),
-            },
+            None => CompensationInputs::new(Plane::from_fn(width, height, own), Plane::new(width, height, false)),
         };
         FilmPart { response, counts: None, inputs }
     }

@@ -3,16 +3,18 @@
 use crate::denoising::Denoised;
 use crate::noise_compensation::{CompensationInputs, Matched};
 use dunkelfeld_adaptive::required_samples::DEFAULT_TARGET;
-use dunkelfeld_film::Plane;
+use dunkelfeld_film::{MeanImage, Plane};
 use dunkelfeld_render::Error;
 use dunkelfeld_render::RenderedFilm;
 use dunkelfeld_render::film_noise::{Certified, FilmNoise};
-use dunkelfeld_render::parallel::mean_without_gaps;
+use dunkelfeld_render::lens_image::LensImage;
+use dunkelfeld_render::parallel::mean_image;
 use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_scene::Effect;
-use dunkelfeld_sensor::{Device, Exposure, ExposureNoise, FrameKey, ImageExposure, Response, SensorModel, display};
+use dunkelfeld_sensor::{
+    Device, Exposure, ExposureNoise, FrameKey, ImageExposure, Optics, Response, SensorModel, display,
+};
 use rayon::prelude::*;
-use std::borrow::Cow;
 
 /// An 8-bit picture, gamma 2.2, clipped at saturation.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,8 +49,12 @@ pub struct SensorFrame {
     pub model: SensorModel,
     /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
     pub saturated: f64,
-    /// The response of each pixel to radiance.
+    /// The response of each pixel to radiance behind the lens.
     pub response: Response,
+    /// The lens.
+    pub optics: Optics,
+    /// The radiance behind a lens that blurs [W/(m^2 sr)].
+    pub radiance: Option<Plane<[f32; 3]>>,
     /// The certificate: the ratio of the render's noise to the sensor's. `None` until [`crate::certify`] computes it
     /// from the film.
     pub certified: Option<Certified>,
@@ -89,7 +95,7 @@ pub fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSet
     Ok(())
 }
 
-/// Exposes a mean radiance image [W/(m^2 sr)] with the settings, on the threads of the current pool.
+/// Exposes a mean radiance image [W/(m^2 sr)] in front of the lens with the settings, on the threads of the current pool.
 ///
 /// The noise is a function of (device seed = seed, seed, frame, pixel). Other frames of the same seed come from the
 /// same device. A black image has no automatic exposure; then the exposure is 1 s, and a flag in the result is set.
@@ -100,7 +106,8 @@ pub fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSet
 /// # Errors
 /// An exposure outside the ranges of the sensor.
 pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Frame, Error> {
-    expose(Cow::Borrowed(mean), settings, None)
+    // The mean of a film with these settings, or its denoised mean.
+    expose(MeanImage::without_moments(mean.clone(), settings.is_blurred()), settings, None)
 }
 
 /// [`develop`] of a rendered film, with the noise of [`RenderSettings::exposure_noise`], and certified
@@ -109,63 +116,63 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
 /// # Errors
 /// As [`develop`].
 pub fn develop_film(film: &RenderedFilm, settings: &RenderSettings) -> Result<Frame, Error> {
-    expose(Cow::Owned(mean_without_gaps(&film.sums)), settings, Some(film))
+    expose(mean_image(&film.sums), settings, Some(film))
 }
 
-fn expose(
-    mean: Cow<'_, Plane<[f32; 3]>>,
-    settings: &RenderSettings,
-    film: Option<&RenderedFilm>,
-) -> Result<Frame, Error> {
+fn expose(mean: MeanImage, settings: &RenderSettings, film: Option<&RenderedFilm>) -> Result<Frame, Error> {
     let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else {
-        let picture = Picture::Rgb(display::linear_to_8bit(&mean));
+        let picture = Picture::Rgb(display::linear_to_8bit(&mean.radiance));
         return Ok(Frame { picture, sensor: None, no_light: false, without: settings.without.clone(), denoised: None });
     };
-    let ImageExposure { exposure, no_light } = ImageExposure::new(*exposure, &mean, model, optics)?;
+    let image = LensImage::behind(mean, model, optics);
+    let ImageExposure { exposure, no_light } = ImageExposure::new(*exposure, &image.radiance, model, optics)?;
     let response = Response::new(model, optics, exposure);
-    let electrons = dunkelfeld_sensor::electrons(&mean, &response).plane;
-    let (width, height) = (mean.width(), mean.height());
-    // The analysis of the noise needs the memory.
-    drop(mean);
+    let electrons = dunkelfeld_sensor::electrons(&image.radiance, &response).plane;
+    let (width, height) = (electrons.width(), electrons.height());
     let device = Device::with_readout((**model).clone(), settings.seed, [width, height], settings.readout);
     let key = FrameKey { seed: settings.seed, frame: settings.frame };
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
-    let measured = film.map(|film| FilmNoise::exposed(response, model, exposure, film));
+    let measured = film.map(|film| FilmNoise::exposed(response, model, exposure, film).behind(&image));
+
     let k = settings.budget.noise.unwrap_or(DEFAULT_TARGET);
     let (noise, mut certified) = match &measured {
         None => (None, None),
         Some(measured) if is_matched => {
             let variances = measured.pixel_variances();
-            let certified = measured.certify_by(variances.data().iter().map(|pixel| pixel.noise), k);
-            (Some(CompensationInputs::from_variances(&variances)), certified)
+            let certified = measured.certify_by(&variances.map(|pixel| (pixel.noise, pixel.independent)).into(), k);
+            let known = CompensationInputs::from_variances(&variances).behind(&image, model, &response)?;
+            (Some(known), certified)
         }
         Some(measured) => (None, measured.certify(k)),
     };
     if let Some(certified) = &mut certified {
         certified.certificate.share = settings.budget.hidden_share();
     }
+    let radiance = image.blur.is_some().then_some(image.radiance);
+    let drawn = noise.as_ref().map(|noise| noise.electrons(&electrons, &device, key));
     let mut values = Plane::new(width, height, 0u16);
     values.data_mut().par_chunks_mut(width as usize).enumerate().try_for_each(|(y, row)| {
         let rows = y as u32..y as u32 + 1;
-        match &noise {
-            Some(noise) => device.expose_rows_matched(&electrons, &noise.variance, exposure, key, rows, row),
-            None => device.expose_rows(&electrons, exposure, key, rows, row),
+        match (&noise, &drawn) {
+            (Some(noise), Some(drawn)) => device.expose_rows_matched(drawn, &noise.variance, exposure, key, rows, row),
+            _ => device.expose_rows(&electrons, exposure, key, rows, row),
         }
     })?;
     let matched = is_matched.then(|| match (&measured, &noise) {
         (Some(measured), Some(noise)) => Matched::new(measured, noise, &electrons, model, exposure),
         _ => Matched::nowhere(width, height),
     });
-    drop((device, noise, measured));
+    drop((device, drawn, noise, measured));
     // The expected electrons decide. A full well may be below the largest grey value, so that a grey value reaches it
     // or not by its noise.
     let full = (model.saturation().0 - model.dark_electrons(exposure.time()).0) as f32;
     let saturated =
         electrons.data().iter().filter(|&&e| e >= full).count() as f64 / electrons.data().len().max(1) as f64;
     let picture = Picture::from_values(&values, model);
-    let model = (**model).clone();
-    let sensor = SensorFrame { electrons, values, exposure, model, saturated, response, certified, matched };
-    Ok(Frame { picture, sensor: Some(sensor), no_light, without: settings.without.clone(), denoised: None })
+    let (model, optics, without) = ((**model).clone(), optics.clone(), settings.without.clone());
+    let sensor =
+        SensorFrame { electrons, values, exposure, model, saturated, response, optics, radiance, certified, matched };
+    Ok(Frame { picture, sensor: Some(sensor), no_light, without, denoised: None })
 }
 
 /// Certifies a frame: computes the ratio of the noise of its film to the sensor's noise, at `k` or, if that is `None`,
@@ -177,5 +184,6 @@ pub fn certify(frame: &mut Frame, film: &RenderedFilm, k: Option<f64>) {
 }
 
 fn certified(frame: &SensorFrame, film: &RenderedFilm, k: f64) -> Option<Certified> {
-    FilmNoise::exposed(frame.response, &frame.model, frame.exposure, film).certify(k)
+    let image = LensImage::behind(mean_image(&film.sums), &frame.model, &frame.optics);
+    FilmNoise::exposed(frame.response, &frame.model, frame.exposure, film).behind(&image).certify(k)
 }

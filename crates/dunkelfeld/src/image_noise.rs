@@ -90,10 +90,10 @@ mod tests {
     use dunkelfeld_sensor::Weights;
 
     fn noise(weight: f64, counts: Option<[u32; 2]>) -> ImageNoise {
-        let inputs = CompensationInputs {
-            variance: Plane::of_pixels(2, 1, vec![3.0, f32::INFINITY]),
-            is_rare: Plane::of_pixels(2, 1, vec![false, true]),
-        };
+        let inputs = CompensationInputs::new(
+            Plane::of_pixels(2, 1, vec![3.0, f32::INFINITY]),
+            Plane::of_pixels(2, 1, vec![false, true]),
+        );
         let counts = counts.map(|counts| Plane::of_pixels(2, 1, counts.to_vec()));
         ImageNoise::new(vec![FilmPart { response: Response::constant(Weights([weight; 3])), counts, inputs }])
     }

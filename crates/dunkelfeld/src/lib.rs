@@ -93,7 +93,7 @@ pub use dunkelfeld_denoise::{DenoiseError, Denoiser};
 pub use dunkelfeld_film::NO_ID;
 pub use dunkelfeld_io::job::DEFAULT_SENSOR;
 pub use dunkelfeld_render::film_noise::Certified;
-pub use dunkelfeld_render::parallel::mean_without_gaps;
+pub use dunkelfeld_render::parallel::{mean_image, mean_without_gaps};
 pub use dunkelfeld_render::{
     Budget, Cancel, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_PILOT_SPP, DEFAULT_SPP, DenoiseMethod,
     DenoiseSettings, Error, FORECAST_LEVELS, FilmInProgress, Forecast, ForecastCourse, ForecastLevel, MAX_NICE,
@@ -115,7 +115,7 @@ pub mod adaptive {
 
 /// Sums of samples per pixel, and images.
 pub mod film {
-    pub use dunkelfeld_film::{Accumulate, Film, FilmError, FilmLayers, PixelSums, Plane, Sample};
+    pub use dunkelfeld_film::{Accumulate, Film, FilmError, FilmLayers, MeanImage, PixelSums, Plane, Sample};
 }
 
 /// Meshes, and the vectors and transforms of `glam`.
@@ -159,8 +159,8 @@ pub mod scene {
 pub mod sensor {
     pub use dunkelfeld_sensor::{
         BayerPattern, ChannelSheet, ColorFilter, DarkCurrent, DataSheet, Device, Efficiency, Exposure, ExposureNoise,
-        Figure, FilterColor, FrameKey, ImageExposure, Optics, PRESETS, Published, QuantumEfficiency, Readout,
-        SensorError, SensorModel, SensorSpec, auto_exposure, data_sheet, display,
+        Figure, FilterColor, FrameKey, ImageExposure, LensBlur, MtfCurve, MtfTable, Optics, PRESETS, Psf, Published,
+        QuantumEfficiency, Readout, SensorError, SensorModel, SensorSpec, auto_exposure, data_sheet, display,
     };
 }
 

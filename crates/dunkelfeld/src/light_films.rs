@@ -6,10 +6,10 @@ use crate::exposer::{Exposer, through_lens};
 use crate::frame::{Frame, develop};
 use crate::image_noise::check_films;
 use crate::outputs::{layer_attributes, layers_of_band, plane};
-use dunkelfeld_film::{Film, FilmLayers, PixelSums, Plane};
+use dunkelfeld_film::{Film, FilmLayers, MeanImage, PixelSums, Plane};
 use dunkelfeld_io::exr::{Channel, ExrLayers};
 use dunkelfeld_io::layers::{Single, Triple};
-use dunkelfeld_render::parallel::mean_without_gaps;
+use dunkelfeld_render::parallel::mean_image;
 use dunkelfeld_render::{Error, RenderSettings, RenderedFilm};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -26,30 +26,38 @@ pub struct FilmOfLight<'a> {
     pub factor: f64,
 }
 
-/// The sum of mean radiances [W/(m^2 sr)] of one size, each times its factor. Runs on the threads of the current pool.
+/// The sum of means of one size, each times its factor. Runs on the threads of the current pool.
 ///
 /// # Errors
 /// No mean, means of different sizes, and factors below zero.
-pub fn sum_of_means(means: &[(&Plane<[f32; 3]>, f64)]) -> Result<Plane<[f32; 3]>, Error> {
+pub fn sum_of_means(means: &[(&MeanImage, f64)]) -> Result<MeanImage, Error> {
     let (first, _) = means.first().ok_or_else(|| Error::setting("films", "there is no film", "render one"))?;
-    let (width, height) = (first.width(), first.height());
-    let size = |mean: &Plane<[f32; 3]>| [mean.width(), mean.height()];
-    check_films([width, height], means.iter().map(|(mean, factor)| (size(mean), *factor)))?;
+    check_films(first.size(), means.iter().map(|(mean, factor)| (mean.size(), *factor)))?;
     // An infinite radiance of a dark light is dark.
     let lit: Vec<_> = means.iter().filter(|(_, factor)| *factor > 0.0).collect();
-    let mut sum = Plane::new(width, height, [0.0f32; 3]);
-    let columns = width.max(1) as usize;
-    sum.data_mut().par_chunks_mut(columns).enumerate().for_each(|(y, row)| {
-        for (x, pixel) in row.iter_mut().enumerate() {
-            let mut total = [0.0; 3];
-            for (mean, factor) in &lit {
-                let value = mean.data()[y * columns + x];
-                (0..3).for_each(|channel| total[channel] += factor * f64::from(value[channel]));
+    let sum = |of: &(dyn Fn(&MeanImage) -> Option<&[[f32; 3]]> + Sync)| {
+        let [width, height] = first.size();
+        let mut sum = Plane::new(width, height, [0.0f32; 3]);
+        let columns = width.max(1) as usize;
+        sum.data_mut().par_chunks_mut(columns).enumerate().for_each(|(y, row)| {
+            for (x, pixel) in row.iter_mut().enumerate() {
+                let mut total = [0.0; 3];
+                for (mean, factor) in &lit {
+                    let value = of(mean).map_or([0.0; 3], |plane| plane[y * columns + x]);
+                    (0..3).for_each(|channel| total[channel] += factor * f64::from(value[channel]));
+                }
+                *pixel = total.map(|v| v as f32);
             }
-            *pixel = total.map(|v| v as f32);
-        }
-    });
-    Ok(sum)
+        });
+        sum
+    };
+    let has_moments = means.iter().any(|(mean, _)| mean.moments.is_some());
+    Ok(MeanImage {
+        is_spread: means.iter().any(|(mean, _)| mean.is_spread),
+        radiance: sum(&|mean| Some(mean.radiance.data())),
+        moments: has_moments
+            .then(|| [0, 1].map(|axis: usize| sum(&|mean| mean.moments.as_ref().map(|axes| axes[axis].data())))),
+    })
 }
 
 /// [`develop_film`](crate::develop_film) of the sum of independent films, each times its factor. Runs on the threads of the
@@ -71,15 +79,14 @@ pub fn develop_behind_lens(
     transmission: Option<Arc<Plane<f32>>>,
     settings: &RenderSettings,
 ) -> Result<Frame, Error> {
-    let means: Vec<(Plane<[f32; 3]>, f64)> =
-        films.iter().map(|light| (mean_without_gaps(&light.film.sums), light.factor)).collect();
+    let means: Vec<(MeanImage, f64)> = films.iter().map(|light| (mean_image(&light.film.sums), light.factor)).collect();
     let mean = sum_of_means(&means.iter().map(|(mean, factor)| (mean, *factor)).collect::<Vec<_>>())?;
     drop(means);
     let mean = match &transmission {
         None => mean,
-        Some(transmission) => through_lens(&mean, transmission),
+        Some(transmission) => mean.map(|plane| through_lens(plane, transmission)),
     };
-    let Some(camera) = ExposeSettings::of_render(settings)? else { return develop(&mean, settings) };
+    let Some(camera) = ExposeSettings::of_render(settings)? else { return develop(&mean.radiance, settings) };
     let weighted: Vec<(&RenderedFilm, f64)> = films.iter().map(|light| (light.film, light.factor)).collect();
     let exposer = match transmission {
         None => Exposer::of_films_and_mean(&weighted, &mean, &camera)?,
@@ -214,12 +221,12 @@ mod tests {
 
     #[test]
     fn sums_are_linear_and_a_dark_light_adds_nothing() {
-        let a = Plane::from_fn(3, 2, |x, y| [x as f32, y as f32, 0.5]);
-        let b = Plane::new(3, 2, [f32::INFINITY; 3]);
+        let a = MeanImage::from(Plane::from_fn(3, 2, |x, y| [x as f32, y as f32, 0.5]));
+        let b = MeanImage::from(Plane::new(3, 2, [f32::INFINITY; 3]));
         let sum = sum_of_means(&[(&a, 2.0), (&b, 0.0), (&a, 0.25)]).expect("one size");
-        assert_eq!(*sum.at(2, 1), [4.5, 2.25, 1.125]);
+        assert_eq!(*sum.radiance.at(2, 1), [4.5, 2.25, 1.125]);
         assert_eq!(sum_of_means(&[(&a, 1.0)]).expect("one"), a);
-        let small = Plane::new(3, 1, [0.0; 3]);
+        let small = MeanImage::from(Plane::new(3, 1, [0.0; 3]));
         for wrong in [&[][..], &[(&a, 1.0), (&small, 1.0)], &[(&a, -1.0)], &[(&a, f64::NAN)]] {
             assert!(sum_of_means(wrong).is_err());
         }

@@ -1,8 +1,12 @@
 //! The noise of a film for noise-matched exposure: the variance of every pixel, and the pixels where it is reliable.
 
 use dunkelfeld_film::Plane;
-use dunkelfeld_render::film_noise::{FilmNoise, PixelVariance, sensor_noise};
-use dunkelfeld_sensor::{Exposure, SensorModel, matched_where};
+use dunkelfeld_render::Error;
+use dunkelfeld_render::film_noise::{FilmNoise, PixelVariance, sensor_noise, shares};
+use dunkelfeld_render::lens_image::LensImage;
+use dunkelfeld_sensor::{Device, Exposure, FrameKey, LensBlur, Response, SensorModel, matched_where};
+use std::borrow::Cow;
+use std::sync::Arc;
 
 /// The pixels where noise-matched exposure holds. There, frames of independent renders have the variance of the
 /// camera's frames.
@@ -71,16 +75,56 @@ pub(crate) struct CompensationInputs {
     /// Does the pixel contain a rare sample ([`Matched::ratios`])? Its contribution cannot be compensated in this
     /// pixel, and must not be compensated in others. Such pixels are left out of the estimates of their neighbours.
     pub(crate) is_rare: Plane<bool>,
+    /// The lens that blurs, with the shares of the channels in the signal, and the variance in front of it. Then [`Self::variance`]
+    /// is that of a frame in which the camera restores what the lens takes from the noise of the render.
+    restored: Option<(Arc<LensBlur>, [f64; 3], Plane<f32>)>,
 }
 
 impl CompensationInputs {
+    pub(crate) fn new(variance: Plane<f32>, is_rare: Plane<bool>) -> Self {
+        Self { variance, is_rare, restored: None }
+    }
+
+    /// The noise behind a lens. A rare sample is then one of the pixels around its own too.
+    ///
+    /// # Errors
+    /// A lens that blurs in front of a filter array: the noise of a pixel is then that of its colour in pixels of other colours.
+    pub(crate) fn behind(self, image: &LensImage, model: &SensorModel, response: &Response) -> Result<Self, Error> {
+        let Some(blur) = &image.blur else { return Ok(self) };
+        if model.spec().quantum_efficiency.filter().is_some() {
+            let problem = "the noise of a colour sensor behind a lens that blurs cannot be matched";
+            return Err(Error::setting(
+                "exposure noise",
+                problem,
+                "use `plain`, a monochrome sensor, or psf = \"none\"",
+            ));
+        }
+        let shares = shares(&image.radiance, &response.average());
+        let (width, height) = (self.variance.width(), self.variance.height());
+        let around = |at: u32, size: u32| at.saturating_sub(1)..(at + 2).min(size);
+        let is_near = |x, y| around(y, height).any(|y| around(x, width).any(|x| *self.is_rare.at(x, y)));
+        Ok(Self {
+            variance: blur.restored_variance(&self.variance, shares),
+            is_rare: Plane::from_fn(width, height, is_near),
+            restored: Some((blur.clone(), shares, self.variance)),
+        })
+    }
+
+    /// The mean electrons of a frame of a device: those of the image, with the noise that the lens takes from the render.
+    pub(crate) fn electrons<'a>(&self, mean: &'a Plane<f32>, device: &Device, key: FrameKey) -> Cow<'a, Plane<f32>> {
+        let Some((blur, shares, variance)) = &self.restored else { return Cow::Borrowed(mean) };
+        let mut restored = blur.restored(variance, *shares, device.normals(key));
+        restored.data_mut().iter_mut().zip(mean.data()).for_each(|(out, mean)| *out = (*out + mean).max(0.0));
+        Cow::Owned(restored)
+    }
+
     pub(crate) fn from_variances(variances: &Plane<PixelVariance>) -> Self {
-        Self { variance: variances.map(|pixel| pixel.variance), is_rare: variances.map(|pixel| pixel.is_rare) }
+        Self::new(variances.map(|pixel| pixel.variance), variances.map(|pixel| pixel.is_rare))
     }
 
     /// An image without light, which has no noise.
     pub(crate) fn none([width, height]: [u32; 2]) -> Self {
-        Self { variance: Plane::new(width, height, 0.0), is_rare: Plane::new(width, height, false) }
+        Self::new(Plane::new(width, height, 0.0), Plane::new(width, height, false))
     }
 
     /// The noise of the sum of independent means. A rare sample in one of them is one in the sum.

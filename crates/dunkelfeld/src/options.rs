@@ -190,7 +190,7 @@ impl RenderOptions {
         let Self { width, height, camera, time, spp, noise, share, seed, frame, threads, strategy, .. } = self;
         let s = &mut project.settings;
         let another = self.sensor.is_some();
-        select_sensor(&mut s.sensor, (self.sensor, self.exposure), project.optics, &mut project.inputs)?;
+        select_sensor(&mut s.sensor, (self.sensor, self.exposure), project.optics.clone(), &mut project.inputs)?;
         if another && !is_replay && width.or(height).is_none() {
             project.refit_film()?;
         }

@@ -242,6 +242,7 @@ pub(crate) fn save_values(
 }
 
 /// All layers of a render as the contents of an EXR: `R G B`, `variance.*`, `covariance.*`, `spp.Y`, `first_light.*`,
+/// `moment.x.*` and `moment.y.*` ([`MeanImage`](dunkelfeld_film::MeanImage)) and `lens.*`, the radiance behind the lens, for a lens that blurs,
 /// `albedo.*`, `normal.*`, `depth.Z` and their variances, `scatter.*`, `id.object`, `id.material` ([`NO_ID`] where there is no
 /// surface). With a sensor it contains `electrons.Y`, `hidden.Y` once the frame is [certified](crate::certify), and
 /// `matched.Y` (1 or 0) if its noise was to be matched. It contains `denoised.*` if the [picture shows
@@ -355,12 +356,21 @@ pub(crate) fn layers_of_band(
         out.push_triples(Triple::NormalVariance, &triples(&PixelSums::variance_of_normal));
         out.push_floats(Single::DepthVariance, floats(&PixelSums::variance_of_depth));
     }
+    if frame.sensor.as_ref().is_some_and(|sensor| sensor.radiance.is_some()) {
+        for (axis, layer) in [Triple::MomentX, Triple::MomentY].into_iter().enumerate() {
+            out.push_triples(layer, &triples(&|sums| sums.mean_moments()[axis]));
+        }
+    }
     let labels = &labels.data()[pixels.clone()];
     let ids =
         |f: &dyn Fn(&PixelIds) -> u32| plane(width, height, labels.iter().map(|l| l.as_ref().map_or(NO_ID, f)), NO_ID);
     out.push_integers(Single::ObjectId, ids(&PixelIds::object));
     out.push_integers(Single::MaterialId, ids(&PixelIds::material));
     if let Some(sensor) = &frame.sensor {
+        if let Some(radiance) = &sensor.radiance {
+            let radiance = radiance.data()[pixels.clone()].iter().copied();
+            out.push_triples(Triple::Lens, &plane(width, height, radiance, [0.0; 3]));
+        }
         let electrons = sensor.electrons.data()[pixels.clone()].iter().copied();
         out.push_floats(Single::Electrons, plane(width, height, electrons, 0.0));
         if let Some(certified) = &sensor.certified {
@@ -405,7 +415,7 @@ impl FilmOfSensor {
     fn new(settings: &RenderSettings) -> Option<Self> {
         let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else { return None };
         let timed = exposure.filter(|_| settings.is_timed);
-        Some(Self { readout: settings.readout, optics: *optics, model: (**model).clone(), timed })
+        Some(Self { readout: settings.readout, optics: optics.clone(), model: (**model).clone(), timed })
     }
 
     /// The properties that a file contains, if it is of a render with a sensor.

@@ -119,14 +119,18 @@ impl Project {
         };
         inspection.cameras = self.scene.cameras().iter().map(|camera| camera_entry(&fitted(camera))).collect();
         for camera in self.views() {
-            match self.fit_settings(self.settings.clone().with_camera(camera)).map(|settings| settings.view) {
-                Ok(view) => {
-                    let lens = view.map(|v| v.lens).unwrap_or_default();
+            match self.fit_settings(self.settings.clone().with_camera(camera)) {
+                Ok(settings) => {
+                    let is_blurred = settings.is_blurred();
+                    let lens = settings.view.map(|v| v.lens).unwrap_or_default();
                     if lens.aperture.is_some() {
                         inspection.add_effect(Effect::FiniteAperture, "lens");
                     }
                     if !lens.distortion.is_none() {
                         inspection.add_effect(Effect::Distortion, "lens");
+                    }
+                    if is_blurred {
+                        inspection.add_effect(Effect::LensBlur, "lens");
                     }
                 }
                 Err(e) => inspection.hazards.push(e.to_string().replace("\n  help: ", "; ")),
@@ -201,10 +205,34 @@ impl Project {
                 None => optics.bands(),
             };
             *optics = Optics::new(f_number, lens.transmission, magnification)?.with_bands(bands);
+            if !settings.without.contains(&Effect::LensBlur) {
+                let psf = lens.psf(&mut InputFiles::new())?;
+                *optics = optics.clone().with_psf(psf).with_glare(lens.glare)?;
+            }
         }
         if let (SensorChoice::Emva { model, .. }, Some(part)) = (&mut settings.sensor, self.part) {
             **model = model.binned(part.binning)?;
             settings.readout.binning = part.binning;
+        }
+        if let SensorChoice::Emva { model, optics, .. } = &settings.sensor {
+            let (size, pitch) = (settings.width.min(settings.height), model.spec().pixel_pitch);
+            if self.part.is_some() && optics.psf().heights().len() > 1 {
+                let problem =
+                    "an MTF over field heights is that of the whole film, and a part of it is rendered".into();
+                let help = "write one field height, or render the whole film without `roi` and `binning`";
+                return Err(self.misfit(&camera.name, Misfit { key: "psf", problem, help }));
+            }
+            if !optics.fits(size, pitch) {
+                let problem = format!("the lens blurs the image over more than the {size} pixels of the film");
+                let help = "write a larger aperture or another `psf`, or render more pixels";
+                let key = match (&lens.psf, lens.f_number) {
+                    (Some(_), _) => "psf",
+                    (None, Some(_)) => "f_number",
+                    (None, None) => "numerical_aperture",
+                };
+                let misfit = Misfit { key, problem, help };
+                return Err(self.misfit(&camera.name, misfit));
+            }
         }
         Ok(settings)
     }
@@ -280,7 +308,7 @@ impl Project {
         self.settings = other.settings.clone();
         self.lens = other.lens.clone();
         self.film = other.film.clone();
-        self.optics = other.optics;
+        self.optics = other.optics.clone();
         self.own_pitch = other.own_pitch;
         self.part = other.part;
         self.vignetting = other.vignetting;

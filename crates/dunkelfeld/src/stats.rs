@@ -140,6 +140,8 @@ pub struct CertificateStats {
     pub is_hidden: bool,
     /// Share of the unsaturated pixels that are hidden at k.
     pub hidden: f64,
+    /// The same share of the means of blocks of 8 x 8 pixels, behind a lens that blurs; otherwise `None`.
+    pub hidden_blocks: Option<f64>,
     /// Level at which the render is hidden: the root of `ratio_p99`. The level and the ratios are `None` if the data
     /// does not suffice: pixels of unknown variance count as infinitely noisy in the quantiles.
     pub hidden_at: Option<f64>,
@@ -166,6 +168,7 @@ impl From<&Certificate> for CertificateStats {
             k: c.k,
             is_hidden: c.is_hidden(),
             hidden: c.hidden,
+            hidden_blocks: c.hidden_blocks,
             hidden_at: known(c.p99.sqrt()),
             ratio_mean: known(c.mean),
             ratio_p50: known(c.median),

@@ -32,6 +32,9 @@ pub struct Sample {
     /// The part of it that is *first light* [W/(m^2 sr)]: emission before the first surface that scatters light, and the light
     /// samples of that surface. The rest has been scattered twice, or was found by scattering.
     pub first_light: Rgb,
+    /// Its place in the pixel, from the middle, to the right and down, in [-0.5, 0.5]. Zero if the film needs no
+    /// [`PixelSums::moments`].
+    pub place: [f32; 2],
     /// Reflectance of the first surface that scatters light (behind smooth glass, not the glass), in \[0, 1\].
     pub albedo: Rgb,
     /// Shading normal of that surface in world space. Zero without a surface.
@@ -47,6 +50,7 @@ impl Sample {
     pub const MISS: Self = Self {
         radiance: Rgb::BLACK,
         first_light: Rgb::BLACK,
+        place: [0.0; 2],
         albedo: Rgb::BLACK,
         normal: [0.0; 3],
         depth: 0.0,
@@ -89,20 +93,26 @@ pub(crate) fn number(v: u128) -> f64 {
     ((v >> shift) as u64 | u64::from(is_cut)) as f64 * f64::from_bits(u64::from(1023 + shift) << 52)
 }
 
+/// A signed sum in the units of [`RadianceSum`] as a floating-point number [W/(m^2 sr)].
+#[inline]
+pub(crate) fn signed_number(v: i128) -> f64 {
+    number(v.unsigned_abs()).copysign(v.signum() as f64) * (-RADIANCE_BITS as f64).exp2()
+}
+
 /// Floating-point numbers near these have no bits below one: a number that is added is rounded to nearest even. The number of
 /// the second kind may be negative.
 const INTEGERS: [f64; 2] = [(1u64 << 52) as f64, 1.5 * (1u64 << 52) as f64];
 
 /// `v * 2^48` as integers in two parts, the first of which has units of 2^48. Lost bits are rounded to nearest even. The
-/// numbers are finite and in `[0, 2^46)`.
+/// numbers are finite and in `(-2^46, 2^46)`.
 #[inline(always)]
 fn to_fixed(v: [f32; 4]) -> [[i64; 4]; 2] {
     let mut parts = [[0; 4]; 2];
     for c in 0..4 {
         let v = f64::from(v[c]);
-        let near = v + INTEGERS[0];
-        let rest = (v - (near - INTEGERS[0])) * (1u64 << RADIANCE_BITS) as f64 + INTEGERS[1];
-        parts[0][c] = near.to_bits().wrapping_sub(INTEGERS[0].to_bits()) as i64;
+        let near = v + INTEGERS[1];
+        let rest = (v - (near - INTEGERS[1])) * (1u64 << RADIANCE_BITS) as f64 + INTEGERS[1];
+        parts[0][c] = near.to_bits().wrapping_sub(INTEGERS[1].to_bits()) as i64;
         parts[1][c] = rest.to_bits().wrapping_sub(INTEGERS[1].to_bits()) as i64;
     }
     parts
@@ -139,6 +149,11 @@ pub struct PixelSums {
     pub luminance_squares: SquareSum,
     /// First light of all samples ([`Sample::first_light`]).
     pub first_light: RadianceSum,
+    /// First moments of the radiance in the pixel: radiance times the place of its sample ([`Sample::place`]), for the two axes,
+    /// in units of 2^-48 W/(m^2 sr). A lens that blurs the image needs them.
+    pub moments: [[i128; 3]; 2],
+    /// Places of the samples, for the two axes, in units of 2^-24 pixels.
+    pub places: [i64; 2],
 }
 
 /// A type to which samples can be added.
@@ -170,6 +185,8 @@ impl PixelSums {
         heaviest_key: 0,
         luminance_squares: SquareSum([0; 2]),
         first_light: RadianceSum([0; 3]),
+        moments: [[0; 3]; 2],
+        places: [0; 2],
     };
 
     /// Adds samples with consecutive indices, the first of which is given. The same as [`Accumulate::add`] of each, in less
@@ -186,17 +203,21 @@ impl PixelSums {
     /// Adds every [`BATCHES`]th of at most [`NARROW`] samples: those of one batch.
     #[inline(always)]
     fn add_batch(&mut self, first: u32, samples: &[Sample]) {
-        let (mut radiance, mut first_light, mut auxiliary) = ([[0; 4]; 2], [[0; 4]; 2], Auxiliary::default());
+        let (mut parts, mut places, mut auxiliary) = ([[[0; 4]; 2]; 4], [0i64; 2], Auxiliary::default());
         for (i, sample) in samples.iter().step_by(BATCHES).enumerate() {
             let index = first.wrapping_add((i * BATCHES) as u32);
             if sample.is_valid() {
-                for (sum, Rgb { r, g, b }) in [(&mut radiance, sample.radiance), (&mut first_light, sample.first_light)]
-                {
+                let [right, down] = sample.place.map(|place| sample.radiance * place);
+                for (sum, Rgb { r, g, b }) in parts.iter_mut().zip([sample.radiance, sample.first_light, right, down]) {
                     let parts = to_fixed([r, g, b, b]);
                     for c in 0..4 {
                         sum[0][c] += parts[0][c];
                         sum[1][c] += parts[1][c];
                     }
+                }
+                for (sum, place) in places.iter_mut().zip(sample.place) {
+                    let near = f64::from(place) * (1u64 << UNIT_BITS) as f64 + INTEGERS[1];
+                    *sum += near.to_bits().wrapping_sub(INTEGERS[1].to_bits()) as i64;
                 }
                 // Minus zero is valid.
                 let luminance = sample.radiance.luminance().abs();
@@ -215,12 +236,17 @@ impl PixelSums {
         }
         let batch = first as usize % BATCHES;
         self.counts[batch] += samples.len().div_ceil(BATCHES) as u32;
-        for (sums, parts) in [(&mut self.batches[batch], &radiance), (&mut self.first_light, &first_light)] {
-            for (c, sum) in sums.0.iter_mut().enumerate() {
-                let [whole, rest] = [parts[0][c], parts[1][c]].map(|part| i128::from(part) as u128);
-                *sum = sum.saturating_add((whole << RADIANCE_BITS).wrapping_add(rest));
+        let whole =
+            |parts: &[[i64; 4]; 2], c: usize| (i128::from(parts[0][c]) << RADIANCE_BITS) + i128::from(parts[1][c]);
+        for c in 0..3 {
+            for (sums, parts) in [&mut self.batches[batch], &mut self.first_light].into_iter().zip(&parts[..2]) {
+                sums.0[c] = sums.0[c].saturating_add(whole(parts, c) as u128);
+            }
+            for (sums, parts) in self.moments.iter_mut().zip(&parts[2..]) {
+                sums[c] = sums[c].saturating_add(whole(parts, c));
             }
         }
+        self.places.iter_mut().zip(places).for_each(|(sum, places)| *sum += places);
         for c in 0..3 {
             self.albedo[c] += auxiliary.sums[c];
             self.normal[c] += auxiliary.sums[4 + c];
@@ -297,6 +323,10 @@ impl PixelSums {
         self.heaviest_key = self.heaviest_key.max(other.heaviest_key);
         self.luminance_squares.merge(&other.luminance_squares);
         self.first_light.merge(&other.first_light);
+        for (sums, others) in self.moments.iter_mut().zip(other.moments) {
+            sums.iter_mut().zip(others).for_each(|(sum, other)| *sum = sum.saturating_add(other));
+        }
+        self.places.iter_mut().zip(other.places).for_each(|(sum, other)| *sum += other);
     }
 
     /// Number of samples.
@@ -310,7 +340,7 @@ impl PixelSums {
 #[cfg(test)]
 pub(crate) fn sample(radiance: Rgb) -> Sample {
     let (albedo, normal) = (Rgb::new(0.5, 0.25, 1.0), [0.0, -1.0, 0.0]);
-    Sample { radiance, first_light: radiance * 0.25, albedo, normal, depth: 2.5, hit: true }
+    Sample { radiance, first_light: radiance * 0.25, place: [0.25, -0.5], albedo, normal, depth: 2.5, hit: true }
 }
 
 #[cfg(test)]
@@ -363,6 +393,10 @@ mod tests {
             };
             p.batches[index as usize % BATCHES].0 = sample.radiance.to_array().map(fixed);
             p.first_light.0 = sample.first_light.to_array().map(fixed);
+            p.moments = sample.place.map(|place| {
+                (sample.radiance * place).to_array().map(|v| (fixed(v.abs()) as i128) * if v < 0.0 { -1 } else { 1 })
+            });
+            p.places = sample.place.map(|place| (f64::from(place) * 16_777_216.0).round_ties_even() as i64);
             let luminance = sample.radiance.luminance().abs();
             p.heaviest_key = heaviest_key(index, luminance);
             p.luminance_squares.add(luminance);
@@ -399,9 +433,10 @@ mod tests {
             };
             let mut unit = || number(-24, 1) * if number(0, 1) > 0.5 { -1.0 } else { 1.0 };
             let (albedo, normal) = (Rgb::new(unit(), unit(), unit()), [unit(), unit(), unit()]);
+            let place = [unit(), unit()].map(|v| if v.is_nan() { 0.0 } else { v.clamp(-0.5, 0.5) });
             let radiance = Rgb::new(number(-50, 48), number(-10, 10), number(-30, 5));
             let (first_light, depth, hit) = (radiance * 0.25, number(-30, 33), number(0, 1) > 0.1);
-            samples.push(Sample { radiance, first_light, albedo, normal, depth, hit });
+            samples.push(Sample { radiance, first_light, place, albedo, normal, depth, hit });
         }
         for (first, count) in [(0, 20_000), (3, 1), (7, 2), (5, 17), (u32::MAX - 20, 19), (2, 9000)] {
             let mut wanted = PixelSums::default();

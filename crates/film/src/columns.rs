@@ -10,10 +10,12 @@ use crate::film::{FilmLayers, Needed};
 use crate::units::UNIT_SQUARE_BITS;
 
 /// Columns of a film with all layers.
-pub(crate) const COLUMNS: usize = 39;
+pub(crate) const COLUMNS: usize = 47;
 /// Columns of a film without the layers that only auxiliary outputs need. They come first.
-const IMAGE_COLUMNS: usize = 24;
+const IMAGE_COLUMNS: usize = 32;
 const RADIANCE: usize = 12;
+/// The first column of the moments.
+pub(crate) const MOMENTS: usize = 24;
 /// The column of the number of samples.
 pub(crate) const COUNT: usize = 12;
 const _: () = assert!(RADIANCE == 3 * BATCHES, "the columns are those of four batches");
@@ -52,14 +54,16 @@ pub(crate) fn get(sums: &PixelSums, column: usize) -> u128 {
         18 => (!(sums.heaviest_key as u32)).wrapping_add(1).into(),
         19..21 => sums.luminance_squares.0[column - 19],
         21..24 => ordered(sums.normal[column - 21]),
-        24 => ordered_difference(sums.count().into(), sums.hits.into()),
-        25..27 => sums.normal_squares[column - 25].into(),
-        27 => ordered_difference(rest_of_normals(sums), sums.normal_squares[2]),
-        28..31 => ordered(sums.albedo[column - 28]),
-        31..34 => sums.albedo_squares[column - 31].into(),
-        34 => ordered(sums.depth),
-        35 => sums.depth_squares,
-        _ => sums.first_light.0[column - 36],
+        MOMENTS..30 => (sums.moments[(column - MOMENTS) / 3][column % 3] as u128) ^ SIGN_OF_SUM,
+        30..32 => ordered(sums.places[column - 30]),
+        32 => ordered_difference(sums.count().into(), sums.hits.into()),
+        33..35 => sums.normal_squares[column - 33].into(),
+        35 => ordered_difference(rest_of_normals(sums), sums.normal_squares[2]),
+        36..39 => ordered(sums.albedo[column - 36]),
+        39..42 => sums.albedo_squares[column - 39].into(),
+        42 => ordered(sums.depth),
+        43 => sums.depth_squares,
+        _ => sums.first_light.0[column - 44],
     }
 }
 
@@ -80,18 +84,21 @@ pub(crate) fn set(sums: &mut PixelSums, column: usize, value: u128) {
         18 => sums.heaviest_key |= u64::from(!(value as u32).wrapping_sub(1)),
         19..21 => sums.luminance_squares.0[column - 19] = value,
         21..24 => sums.normal[column - 21] = signed(value),
-        24 => sums.hits = undo_difference(sums.count().into(), value) as u32,
-        25..27 => sums.normal_squares[column - 25] = value as u64,
-        27 => sums.normal_squares[2] = undo_difference(rest_of_normals(sums), value),
-        28..31 => sums.albedo[column - 28] = signed(value),
-        31..34 => sums.albedo_squares[column - 31] = value as u64,
-        34 => sums.depth = signed(value),
-        35 => sums.depth_squares = value,
-        _ => sums.first_light.0[column - 36] = value,
+        MOMENTS..30 => sums.moments[(column - MOMENTS) / 3][column % 3] = (value ^ SIGN_OF_SUM) as i128,
+        30..32 => sums.places[column - 30] = signed(value),
+        32 => sums.hits = undo_difference(sums.count().into(), value) as u32,
+        33..35 => sums.normal_squares[column - 33] = value as u64,
+        35 => sums.normal_squares[2] = undo_difference(rest_of_normals(sums), value),
+        36..39 => sums.albedo[column - 36] = signed(value),
+        39..42 => sums.albedo_squares[column - 39] = value as u64,
+        42 => sums.depth = signed(value),
+        43 => sums.depth_squares = value,
+        _ => sums.first_light.0[column - 44] = value,
     }
 }
 
 const SIGN: u64 = 1 << 63;
+const SIGN_OF_SUM: u128 = 1 << 127;
 
 fn ordered(v: i64) -> u128 {
     u128::from(v as u64 ^ SIGN)
@@ -128,9 +135,9 @@ pub(crate) const fn reference(column: usize) -> Option<usize> {
     match column {
         3 | 6 | 9 => Some(0),
         0..RADIANCE if !column.is_multiple_of(3) => Some(column - column % 3),
-        29 | 30 => Some(28),
-        32 | 33 => Some(31),
         37 | 38 => Some(36),
+        40 | 41 => Some(39),
+        45 | 46 => Some(44),
         _ => None,
     }
 }
@@ -139,7 +146,7 @@ pub(crate) const fn reference(column: usize) -> Option<usize> {
 /// reads or writes one number of each, without a decision.
 macro_rules! of_columns {
     ($f:ident) => {
-        of_columns!($f; 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31 32 33 34 35 36 37 38)
+        of_columns!($f; 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31 32 33 34 35 36 37 38 39 40 41 42 43 44 45 46)
     };
     ($f:ident; $($column:literal)*) => {
         [$($f::<$column>),*]
@@ -168,9 +175,9 @@ mod tests {
         for index in 3..50u32 {
             let radiance = Rgb::new(1e-3 * index as f32, 2.5, if index == 9 { f32::NAN } else { 1e12 });
             let normal = [-1.0, 0.3, index as f32 * 0.01];
-            let (first_light, albedo) = (radiance * 0.5, Rgb::splat(0.3));
+            let (first_light, albedo, place) = (radiance * 0.5, Rgb::splat(0.3), [0.125, -0.25]);
             let hit = !index.is_multiple_of(3);
-            some.add(index, &Sample { radiance, first_light, albedo, normal, depth: 2.0, hit });
+            some.add(index, &Sample { radiance, first_light, place, albedo, normal, depth: 2.0, hit });
         }
         let extreme = PixelSums {
             batches: [RadianceSum([u128::MAX, 0, 1]); BATCHES],
@@ -186,13 +193,18 @@ mod tests {
             heaviest_key: u64::MAX,
             luminance_squares: SquareSum([u128::MAX, u128::MAX - 1]),
             first_light: RadianceSum([u128::MAX, 1, 0]),
+            moments: [[i128::MAX, i128::MIN, -1], [1, 0, 7]],
+            places: [i64::MIN, 3],
         };
         for sums in [PixelSums::default(), some, extreme] {
             assert_eq!(stored(&sums, FilmLayers::All), sums);
             let image = stored(&sums, FilmLayers::Image);
             assert_eq!((image.batches, image.counts, image.normal), (sums.batches, sums.counts, sums.normal));
             assert_eq!((image.heaviest_key, image.invalid), (sums.heaviest_key, sums.invalid));
-            assert_eq!(image.luminance_squares, sums.luminance_squares);
+            assert_eq!(
+                (image.luminance_squares, image.moments, image.places),
+                (sums.luminance_squares, sums.moments, sums.places)
+            );
             assert_eq!((image.hits, image.depth, image.albedo), (0, 0, [0; 3]));
             assert_eq!(image.first_light, RadianceSum::default());
         }
@@ -202,7 +214,7 @@ mod tests {
     fn a_pixel_without_samples_is_zero_but_for_signs() {
         for column in 0..COLUMNS {
             let value = get(&PixelSums::default(), column);
-            assert!(value == 0 || value == u128::from(SIGN), "column {column}: {value}");
+            assert!([0, u128::from(SIGN), SIGN_OF_SUM].contains(&value), "column {column}: {value}");
         }
     }
 }

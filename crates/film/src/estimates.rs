@@ -1,6 +1,6 @@
 //! Estimates from the sums of a pixel: means, variances and scatter.
 
-use crate::accumulator::{BATCHES, PixelSums, RadianceSum};
+use crate::accumulator::{BATCHES, PixelSums, RadianceSum, signed_number};
 use crate::units::{DEPTH_BITS, UNIT_BITS, UNIT_SQUARE_BITS};
 use dunkelfeld_radiometry::Rgb;
 
@@ -98,6 +98,18 @@ impl PixelSums {
     pub fn mean_first_light(&self) -> [f32; 3] {
         let n = f64::from(self.count().max(1));
         self.first_light.to_f64().map(|sum| (sum / n) as f32)
+    }
+
+    /// First moments of the radiance in the pixel, for the two axes and per channel: the covariance of the radiance of a sample
+    /// with its [place](crate::Sample::place), a twelfth of the gradient. Even light has none, wherever its samples are. Zero
+    /// without samples.
+    pub fn mean_moments(&self) -> [[f32; 3]; 2] {
+        let (n, mean) = (f64::from(self.count().max(1)), self.mean());
+        let of_axis = |axis: usize| {
+            let place = self.places[axis] as f64 * (-f64::from(UNIT_BITS)).exp2() / n;
+            [0, 1, 2].map(|c: usize| (signed_number(self.moments[axis][c]) / n - mean[c] * place) as f32)
+        };
+        [of_axis(0), of_axis(1)]
     }
 
     /// The means of the pixel and its batches, for several estimates from the same numbers.

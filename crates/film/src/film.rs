@@ -271,6 +271,11 @@ impl Film {
         if known.data().contains(&false) { fill_gaps(&self.mean(), &known) } else { self.mean() }
     }
 
+    /// Have samples of the film places, so that it has first moments ([`PixelSums::moments`])?
+    pub fn has_moments(&self) -> bool {
+        self.rows.iter().any(|row| row.tiles.iter().any(Tile::has_moments))
+    }
+
     /// Variance of the mean per pixel and channel [(W/(m^2 sr))^2]. Infinite with samples in fewer than two batches.
     pub fn variance(&self) -> Plane<[f32; 3]> {
         self.map(|p| p.variance_of_mean().map(|v| v as f32))

@@ -9,7 +9,7 @@
 //! bytes, and usually needs six or seven.
 
 use crate::accumulator::PixelSums;
-use crate::columns::{COLUMNS, COUNT, get, of_columns, reference, set};
+use crate::columns::{COLUMNS, COUNT, MOMENTS, get, of_columns, reference, set};
 use crate::film::{FilmLayers, OutOfMemory};
 use dunkelfeld_lanes::{InstructionSet, dispatch};
 
@@ -89,6 +89,11 @@ impl Tile {
     /// Returns whether no pixel has samples. The signed columns of a tile with samples have a base.
     pub(crate) fn is_empty(&self) -> bool {
         self.has_base == 0 && self.pages.is_empty()
+    }
+
+    /// Have the moments of the pixels values that differ? Those without places are all zero.
+    pub(crate) fn has_moments(&self) -> bool {
+        self.widths[MOMENTS..MOMENTS + 6].iter().any(|&width| width > 0)
     }
 
     /// Bytes of memory beside the pages.
@@ -481,6 +486,7 @@ mod tests {
                 &Sample {
                     radiance: Rgb::splat(value),
                     first_light: Rgb::splat(0.5 * value),
+                    place: [0.5, -(h as f32) * 1e-8],
                     albedo,
                     normal,
                     depth: 1.5,

@@ -3,7 +3,7 @@
 
 use dunkelfeld_scene::Scene;
 
-/// Place on the pixel (2).
+/// Place on the pixel (2), and its distance beyond the pixel in front of a lens that blurs (2).
 pub(crate) const CAMERA: u32 = 0;
 
 /// Place on the lens (2), for a finite aperture. No path has so many vertices that their sets reach this one,

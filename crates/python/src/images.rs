@@ -23,7 +23,7 @@ fn settings_of(
     frames: u32,
     frame: Option<u32>,
     seed: Option<u64>,
-    lens: [Option<f64>; 4],
+    (lens, psf): ([Option<f64>; 5], Option<String>),
     vignetting: Option<&str>,
     memory: Option<MemoryArgument>,
     threads: Option<usize>,
@@ -32,7 +32,8 @@ fn settings_of(
     options.sensor = sensor.map(SensorArgument::option);
     options.exposure = exposure.map(ExposureArgument::option).transpose()?;
     (options.frame, options.seed) = (frame, seed);
-    [options.f_number, options.transmission, options.magnification, options.focal_length] = lens;
+    [options.f_number, options.transmission, options.magnification, options.focal_length, options.glare] = lens;
+    options.psf = psf;
     options.vignetting = vignetting.map(vignetting_of).transpose()?;
     options.memory = memory.map(MemoryArgument::bytes).transpose()?;
     options.threads = checked_threads(threads)?;
@@ -43,13 +44,14 @@ fn settings_of(
 /// width) [DN]. Frames of one seed come from the same device. The arguments are the flags of the command: `sensor` (default
 /// that of the render of the EXR, or "imx250"), `exposure` [s] or "auto", `exposure_noise` ("matched" needs a layer
 /// `variance`), `frame` (number of the first frame), `f_number`, `transmission` and `magnification` (those of the
-/// render, or 4, 0.9 and 0), `vignetting` ("cos4" needs `focal_length` [m]), `layer` (name of the layer with the
+/// render, or 4, 0.9 and 0), `psf` ("none", "diffraction" or a CSV file) and `glare` (a share; both those of the render, or none),
+/// `vignetting` ("cos4" needs `focal_length` [m]), `layer` (name of the layer with the
 /// radiance), `memory` (bytes or a text such as "6GB").
 ///
 /// Radiance that is negative or not a number counts as black, infinite radiance saturates.
 #[pyfunction]
 #[pyo3(signature = (path, sensor=None, exposure=None, frames=1, *, frame=None, seed=None, exposure_noise=None, f_number=None,
-    transmission=None, magnification=None, vignetting=None, focal_length=None, layer=None, memory=None, threads=None))]
+    transmission=None, magnification=None, psf=None, glare=None, vignetting=None, focal_length=None, layer=None, memory=None, threads=None))]
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn expose_exr<'py>(
     py: Python<'py>,
@@ -63,13 +65,15 @@ pub(crate) fn expose_exr<'py>(
     f_number: Option<f64>,
     transmission: Option<f64>,
     magnification: Option<f64>,
+    psf: Option<String>,
+    glare: Option<f64>,
     vignetting: Option<&str>,
     focal_length: Option<f64>,
     layer: Option<String>,
     memory: Option<MemoryArgument>,
     #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
 ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
-    let lens = [f_number, transmission, magnification, focal_length];
+    let lens = ([f_number, transmission, magnification, focal_length, glare], psf);
     let mut options = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?;
     options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
     options.layer = layer;
@@ -89,7 +93,7 @@ pub(crate) fn expose_exr<'py>(
 /// `invalid_variances` (numbers of pixels). Ctrl-C ends it; the finished frames remain.
 #[pyfunction]
 #[pyo3(signature = (path, image=None, linear=None, *, sensor=None, exposure=None, frames=1, frame=None, seed=None,
-    exposure_noise=None, f_number=None, transmission=None, magnification=None, vignetting=None, focal_length=None, layer=None,
+    exposure_noise=None, f_number=None, transmission=None, magnification=None, psf=None, glare=None, vignetting=None, focal_length=None, layer=None,
     memory=None, threads=None, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn expose_exr_files<'py>(
@@ -106,6 +110,8 @@ pub(crate) fn expose_exr_files<'py>(
     f_number: Option<f64>,
     transmission: Option<f64>,
     magnification: Option<f64>,
+    psf: Option<String>,
+    glare: Option<f64>,
     vignetting: Option<&str>,
     focal_length: Option<f64>,
     layer: Option<String>,
@@ -113,7 +119,7 @@ pub(crate) fn expose_exr_files<'py>(
     #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
-    let lens = [f_number, transmission, magnification, focal_length];
+    let lens = ([f_number, transmission, magnification, focal_length, glare], psf);
     let mut options = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?;
     options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
     options.layer = layer;
@@ -141,7 +147,7 @@ pub(crate) fn expose_exr_files<'py>(
 /// the array is unknown.
 #[pyfunction]
 #[pyo3(signature = (radiance, sensor=None, exposure=None, frames=1, *, frame=None, seed=None, f_number=None,
-    transmission=None, magnification=None, vignetting=None, focal_length=None, memory=None, threads=None))]
+    transmission=None, magnification=None, psf=None, glare=None, vignetting=None, focal_length=None, memory=None, threads=None))]
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn expose_radiance<'py>(
     py: Python<'py>,
@@ -154,12 +160,14 @@ pub(crate) fn expose_radiance<'py>(
     f_number: Option<f64>,
     transmission: Option<f64>,
     magnification: Option<f64>,
+    psf: Option<String>,
+    glare: Option<f64>,
     vignetting: Option<&str>,
     focal_length: Option<f64>,
     memory: Option<MemoryArgument>,
     #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
 ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
-    let lens = [f_number, transmission, magnification, focal_length];
+    let lens = ([f_number, transmission, magnification, focal_length, glare], psf);
     let settings = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?.settings()?;
     let radiance = radiance.rgb("radiance", settings.memory_limit)?;
     let expose = |cancel: &Cancel| dunkelfeld::expose_radiance(radiance, &settings, cancel);

@@ -1,5 +1,6 @@
 //! The noise of a film relative to the noise of a sensor. Plans and certificates are computed from it.
 
+use crate::lens_image::LensImage;
 use crate::parallel::map_film_at;
 use crate::rendered_film::RenderedFilm;
 use crate::settings::SensorChoice;
@@ -10,9 +11,10 @@ use dunkelfeld_adaptive::variance::pixel::{BLOCK, pixel_noise_of_blocks};
 use dunkelfeld_adaptive::variance::pooled::{PixelNoise, pooled_pixel};
 use dunkelfeld_film::{Film, Needed, Plane, Scatter};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_sensor::{Exposure, ImageExposure, Response, SensorError, SensorModel, Weights};
+use dunkelfeld_sensor::{Exposure, ImageExposure, LensBlur, Response, SensorError, SensorModel, Weights};
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Conversion of radiance to a signal: the unit in which noise is measured.
 #[derive(Clone, Copy, Debug)]
@@ -51,7 +53,7 @@ impl SignalModel {
 
     /// The variance of one sample of each pixel over that of the sensor at its mean, by the spread of the batches. Plans are made
     /// from it. Infinite for pixels that are saturated beyond doubt, and for those of unknown variance. `None` without a
-    /// sensor.
+    /// sensor. It is that in front of the lens: what a lens takes from the noise is about the same share everywhere.
     pub(crate) fn noise_of_samples(&self, film: &Film) -> Option<Plane<f32>> {
         let sensor = self.sensor?;
         let [noise] = map_film_at(film, Needed::Image, |x, y, sums| {
@@ -231,6 +233,8 @@ impl Certified {
 pub struct PixelVariance {
     /// The noise with all samples, for the certificate ([`FilmNoise::pixel_noise`]).
     pub noise: PixelNoise,
+    /// The variance of the mean if samples were independent.
+    pub independent: f32,
     /// Does the pixel contain a rare sample? Without a sensor no sample is rare.
     pub is_rare: bool,
     /// The variance of the mean \[e^-2\]. Pixels with a rare sample do not contribute to the variance of their neighbours.
@@ -240,7 +244,36 @@ pub struct PixelVariance {
 }
 
 impl PixelVariance {
-    const UNKNOWN: Self = Self { noise: PixelNoise::UNKNOWN, is_rare: false, variance: f32::INFINITY };
+    const UNKNOWN: Self =
+        Self { noise: PixelNoise::UNKNOWN, independent: f32::INFINITY, is_rare: false, variance: f32::INFINITY };
+}
+
+/// The noise of the pixels of a film in front of the lens ([`FilmNoise::pixel_noise`]), and the variances of their means if samples
+/// were independent: for a lens that blurs a sensor with a filter array, as if all pixels were of one kind, for each kind.
+pub struct PixelNoises(Vec<Plane<(PixelNoise, f32)>>);
+
+impl From<Plane<(PixelNoise, f32)>> for PixelNoises {
+    /// For sensors without a filter array, and lenses that do not blur.
+    fn from(noise: Plane<(PixelNoise, f32)>) -> Self {
+        Self(vec![noise])
+    }
+}
+
+/// The variance of the mean of a pixel if its samples were independent: that of its noise if it is not known.
+fn independent(evidence: &NoiseInputs, pixel: usize, noise: &PixelNoise) -> f32 {
+    let of_mean = || noise.of_mean(evidence.counts.data()[pixel]);
+    evidence.scatter.data()[pixel].map_or_else(of_mean, |scatter| scatter.all as f32)
+}
+
+/// Shares of the channels of an image in a signal.
+pub fn shares(radiance: &Plane<[f32; 3]>, weights: &Weights) -> [f64; 3] {
+    let sums = radiance.data().iter().fold([0.0; 3], |sum, pixel| {
+        let light = |c: usize| if pixel[c] > 0.0 && pixel[c].is_finite() { f64::from(pixel[c]) } else { 0.0 };
+        [sum[0] + light(0), sum[1] + light(1), sum[2] + light(2)]
+    });
+    let signals = [0, 1, 2].map(|c: usize| weights.0[c] * sums[c]);
+    let all: f64 = signals.iter().sum();
+    if all > 0.0 { signals.map(|signal| signal / all) } else { [1.0 / 3.0; 3] }
 }
 
 /// Estimates of some rows of an image, as signals of each kind of pixel.
@@ -249,7 +282,7 @@ type Views<'a> = Box<dyn Fn(Range<u32>) -> Vec<NoiseInputs> + Send + Sync + 'a>;
 /// The noise of a film relative to that of a sensor. The estimates are computed band by band, each time they are
 /// needed. Those of a whole image would take more memory than its film.
 pub struct FilmNoise<'a> {
-    /// Mean signal of each pixel, with the response of its kind.
+    /// Mean signal of each pixel behind the lens, with the response of its kind.
     pub mean: Plane<f32>,
     /// Samples per pixel.
     pub counts: Plane<u32>,
@@ -259,6 +292,8 @@ pub struct FilmNoise<'a> {
     /// Neighbours share their noise only within one view, so each pixel is evaluated in the view of its own colour.
     views: Views<'a>,
     response: Response,
+    /// A lens that blurs, with the shares of the channels in the signal of each kind of pixel.
+    blur: Option<(Arc<LensBlur>, Vec<[f64; 3]>)>,
 }
 
 impl<'a> FilmNoise<'a> {
@@ -270,7 +305,20 @@ impl<'a> FilmNoise<'a> {
         });
         let counts = film.sums.sample_counts();
         let views = move |rows: Range<u32>| signal_model.evidence(film, rows);
-        Self { mean, counts, sensor: signal_model.sensor, views: Box::new(views), response: signal_model.response }
+        let (sensor, response) = (signal_model.sensor, signal_model.response);
+        Self { mean, counts, sensor, views: Box::new(views), response, blur: None }
+    }
+
+    /// The same noise behind the lens of an image of the film.
+    pub fn behind(mut self, image: &LensImage) -> Self {
+        if let Some(blur) = &image.blur {
+            let (response, radiance) = (self.response, &image.radiance);
+            let mean = |x, y| response.at(x, y).electrons(*radiance.at(x, y)).0 as f32;
+            self.mean = Plane::from_fn(radiance.width(), radiance.height(), mean);
+            let shares = response.kinds().iter().map(|weights| shares(radiance, weights)).collect();
+            self.blur = Some((blur.clone(), shares));
+        }
+        self
     }
 
     /// Noise from given estimates: the mean signal of each pixel, the numbers of samples, and the views of some rows
@@ -282,7 +330,7 @@ impl<'a> FilmNoise<'a> {
         response: Response,
         sensor: Option<SensorNoise>,
     ) -> Self {
-        Self { mean, counts, sensor, views: Box::new(views), response }
+        Self { mean, counts, sensor, views: Box::new(views), response, blur: None }
     }
 
     /// Noise of a film with this exposure.
@@ -291,40 +339,114 @@ impl<'a> FilmNoise<'a> {
         Self::new(&SignalModel { response, white, sensor }, film)
     }
 
-    /// A plane that is computed band by band. `f` gets the estimates of a band with its surrounding rows, and the range
-    /// of the required rows in them. Each pixel has the value from the view of its own kind.
+    /// Planes that are computed band by band. `f` gets the estimates of a band with its surrounding rows, and the range
+    /// of the required rows in them. Each pixel has the value from the view of its own kind, in one plane; or there is a plane for
+    /// each kind, with the values of all pixels.
     fn by_bands<T: Copy + Send + Sync>(
         &self,
         unknown: T,
+        has_all_kinds: bool,
         f: impl Fn(&NoiseInputs, Range<u32>) -> Vec<T> + Send + Sync,
-    ) -> Plane<T> {
+    ) -> Vec<Plane<T>> {
         let (width, height) = (self.mean.width(), self.mean.height());
-        let mut out = Plane::new(width, height, unknown);
+        let made = |top: u32| {
+            let around = top.saturating_sub(HALO)..(top + BAND + HALO).min(height);
+            let rows = top - around.start..(top + BAND).min(height) - around.start;
+            (self.views)(around).iter().map(|evidence| f(evidence, rows.clone())).collect::<Vec<Vec<T>>>()
+        };
+        let tops = (0..height).into_par_iter().step_by(BAND as usize);
         let pixels = (width as usize * BAND as usize).max(1);
-        out.data_mut().par_chunks_mut(pixels).zip((0..height).into_par_iter().step_by(BAND as usize)).for_each(
-            |(out, top)| {
-                let around = top.saturating_sub(HALO)..(top + BAND + HALO).min(height);
-                let rows = top - around.start..(top + BAND).min(height) - around.start;
-                let views = (self.views)(around);
-                let made: Vec<Vec<T>> = views.iter().map(|evidence| f(evidence, rows.clone())).collect();
-                for (i, value) in out.iter_mut().enumerate() {
-                    let (x, y) = (i as u32 % width, top + i as u32 / width);
-                    let kind = if made.len() == 1 { 0 } else { self.response.kind(x, y) };
-                    *value = made[kind][i];
+        if has_all_kinds {
+            let mut planes = vec![Plane::new(width, height, unknown); self.response.kinds().len()];
+            let bands: Vec<Vec<Vec<T>>> = tops.map(made).collect();
+            for (band, of_band) in bands.into_iter().enumerate() {
+                for (plane, values) in planes.iter_mut().zip(of_band) {
+                    plane.data_mut().iter_mut().skip(band * pixels).zip(values).for_each(|(to, value)| *to = value);
                 }
-            },
-        );
-        out
+            }
+            return planes;
+        }
+        let mut out = Plane::new(width, height, unknown);
+        out.data_mut().par_chunks_mut(pixels).zip(tops).for_each(|(out, top)| {
+            let made = made(top);
+            for (i, value) in out.iter_mut().enumerate() {
+                let (x, y) = (i as u32 % width, top + i as u32 / width);
+                let kind = if made.len() == 1 { 0 } else { self.response.kind(x, y) };
+                *value = made[kind][i];
+            }
+        });
+        vec![out]
     }
 
-    /// The noise of each pixel from its own samples, where they determine it.
-    pub fn pixel_noise(&self) -> Plane<PixelNoise> {
-        self.by_bands(PixelNoise::UNKNOWN, pixel_noise)
+    /// The noise of each pixel from its own samples, where they determine it, in front of the lens.
+    pub fn pixel_noise(&self) -> PixelNoises {
+        PixelNoises(self.by_bands((PixelNoise::UNKNOWN, f32::INFINITY), self.blur.is_some(), |evidence, rows| {
+            let width = evidence.width() as usize;
+            let pixels = rows.start as usize * width..rows.end as usize * width;
+            let noise = pixel_noise(evidence, rows);
+            noise.iter().zip(pixels).map(|(noise, pixel)| (*noise, independent(evidence, pixel, noise))).collect()
+        }))
     }
 
-    /// The noise of each pixel from its own samples, with and without rare samples.
+    /// Variances of the means.
+    fn variances_of(&self, noise: &Plane<PixelNoise>) -> Plane<f32> {
+        let mut counts = self.counts.data().iter();
+        noise.map(|noise| noise.of_mean(counts.next().copied().unwrap_or(0)))
+    }
+
+    /// Variances of the means in front of the lens, and those of independent samples.
+    fn variances_before(&self, noise: &Plane<(PixelNoise, f32)>) -> [Plane<f32>; 2] {
+        [self.variances_of(&noise.map(|(noise, _)| *noise)), noise.map(|(_, independent)| *independent)]
+    }
+
+    /// The noise of each pixel behind the lens. A sample there stands for one of its pixel together with those of the neighbours.
+    pub fn behind_lens(&self, PixelNoises(kinds): &PixelNoises) -> Plane<PixelNoise> {
+        let (width, height) = (self.mean.width(), self.mean.height());
+        let Some((blur, shares)) = &self.blur else {
+            let unknown = || Plane::new(width, height, PixelNoise::UNKNOWN);
+            return kinds.first().map_or_else(unknown, |noise| noise.map(|(noise, _)| *noise));
+        };
+        let of_kind = |(noise, shares): (&Plane<(PixelNoise, f32)>, &[f64; 3])| {
+            let [variance, independent] = self.variances_before(noise);
+            blur.variance(&variance, &independent, *shares)
+        };
+        let behind: Vec<Plane<f32>> = kinds.iter().zip(shares).map(of_kind).collect();
+        Plane::from_fn(width, height, |x, y| {
+            let kind = if kinds.len() == 1 { 0 } else { self.response.kind(x, y) };
+            let (mean, count) = (kinds[kind].at(x, y).0.mean, *self.counts.at(x, y));
+            PixelNoise { variance: *behind[kind].at(x, y) * count as f32, mean }
+        })
+    }
+
+    /// The share of blocks of [`LensBlur::BLOCK`] squared pixels whose mean has a noise of at most `k` times that of the sensor's,
+    /// in \[0, 1\]. Blocks with a saturated pixel do not count. `None` without a sensor, and without a lens that blurs: then the
+    /// noise of neighbours is independent, and the ratio of a block is that of its pixels.
+    fn hidden_blocks(&self, PixelNoises(kinds): &PixelNoises, k: f64) -> Option<f64> {
+        let (sensor, (blur, shares)) = (self.sensor?, self.blur.as_ref()?);
+        // Behind a filter array a block has pixels of all kinds: that of green counts.
+        let kind = kinds.len() / 2;
+        let [variances, independent] = self.variances_before(&kinds[kind]);
+        let blocks = blur.variance_of_blocks(&variances, &independent, shares[kind]);
+        let side = LensBlur::BLOCK;
+        let (columns, rows) = (self.mean.width() / side, self.mean.height() / side);
+        let (mut counted, mut hidden) = (0u64, 0u64);
+        for (x, y) in (0..rows).flat_map(|y| (0..columns).map(move |x| (x * side, y * side))) {
+            let pixels = (0..side * side).map(|i| (x + i % side, y + i / side));
+            let of_pixels = pixels.map(|(x, y)| {
+                let (mean, render) = (f64::from(*self.mean.at(x, y)), f64::from(*variances.at(x, y)));
+                (!sensor.is_saturated(mean, render)).then(|| sensor.variance(mean))
+            });
+            let Some(of_sensor) = of_pixels.sum::<Option<f64>>() else { continue };
+            counted += 1;
+            let of_sensor = of_sensor / f64::from(side * side).powi(2);
+            hidden += u64::from(f64::from(*blocks.at(x, y)) <= k * k * of_sensor);
+        }
+        Some(if counted == 0 { 1.0 } else { hidden as f64 / counted as f64 })
+    }
+
+    /// The noise of each pixel from its own samples, with and without rare samples, in front of the lens.
     pub fn pixel_variances(&self) -> Plane<PixelVariance> {
-        self.by_bands(PixelVariance::UNKNOWN, |evidence, rows| {
+        let mut planes = self.by_bands(PixelVariance::UNKNOWN, false, |evidence, rows| {
             let outliers = self.sensor.and_then(|sensor| outliers(evidence, sensor));
             let width = evidence.width() as usize;
             let pixels = rows.start as usize * width..rows.end as usize * width;
@@ -340,32 +462,39 @@ impl<'a> FilmNoise<'a> {
                 let is_rare = outliers.as_ref().is_some_and(|outliers| outliers.data()[pixels.start + i]);
                 let without = others.as_ref().filter(|_| !is_rare).map_or(all, |others| &others[i]);
                 let variance = if own.is_finite() { without.of_mean(count) } else { f32::INFINITY };
-                PixelVariance { noise: *all, is_rare, variance }
+                PixelVariance {
+                    noise: *all,
+                    independent: independent(evidence, pixels.start + i, all),
+                    is_rare,
+                    variance,
+                }
             };
             all.iter().zip(own).enumerate().map(of_pixel).collect()
-        })
+        });
+        planes.pop().unwrap_or_else(|| Plane::new(0, 0, PixelVariance::UNKNOWN))
     }
 
     /// Samples that each pixel needs to be hidden at `k`, for the given noise; `None` without a sensor.
-    pub fn needs_by(&self, noise: &Plane<PixelNoise>, k: f64) -> Option<RequiredSamples> {
-        self.sensor.map(|sensor| required_samples(&self.mean, &self.counts, noise, sensor, k))
+    pub fn needs_by(&self, noise: &PixelNoises, k: f64) -> Option<RequiredSamples> {
+        self.sensor.map(|sensor| required_samples(&self.mean, &self.counts, &self.behind_lens(noise), sensor, k))
     }
 
     /// Certifies at `k`; `None` without a sensor.
     pub fn certify(&self, k: f64) -> Option<Certified> {
-        self.certify_by(self.pixel_noise().data().iter().copied(), k)
+        self.certify_by(&self.pixel_noise(), k)
     }
 
-    /// The certificate at `k` from given [`Self::pixel_noise`] of all pixels, row by row.
-    pub fn certify_by(&self, noise: impl Iterator<Item = PixelNoise>, k: f64) -> Option<Certified> {
-        let variances = noise.zip(self.counts.data()).map(|(noise, &n)| noise.of_mean(n));
-        Some(certify_variances(&self.mean, self.sensor?, variances, k))
+    /// The certificate at `k` from given [`Self::pixel_noise`].
+    pub fn certify_by(&self, noise: &PixelNoises, k: f64) -> Option<Certified> {
+        let variances = self.variances_of(&self.behind_lens(noise));
+        let mut certified = certify_variances(&self.mean, self.sensor?, variances.data().iter().copied(), k);
+        certified.certificate.hidden_blocks = self.hidden_blocks(noise, k);
+        Some(certified)
     }
 
-    /// The variance of the mean of each pixel, as the certificate uses it. Infinite where it is unknown.
+    /// The variance of the mean of each pixel behind the lens, as the certificate uses it. Infinite where it is unknown.
     pub fn variances_of_mean(&self) -> Plane<f32> {
-        let mut counts = self.counts.data().iter();
-        self.pixel_noise().map(|noise| noise.of_mean(counts.next().copied().unwrap_or(0)))
+        self.variances_of(&self.behind_lens(&self.pixel_noise()))
     }
 }
 
@@ -440,8 +569,9 @@ mod tests {
             FilmNoise::from_estimates(mean.clone(), Plane::new(width, height, n), views, response, Some(sensor));
         let at = |k: f64| {
             // One pixel has no variance.
-            let noise = (0..width * height).map(|i| if i == 3 { PixelNoise::UNKNOWN } else { noise });
-            measured.certify_by(noise, k).expect("a sensor")
+            let noise =
+                Plane::from_fn(width, height, |x, y| if (x, y) == (3, 0) { PixelNoise::UNKNOWN } else { noise });
+            measured.certify_by(&noise.map(|&noise| (noise, 0.0)).into(), k).expect("a sensor")
         };
         let certified = at(0.5);
         let beyond = mean.data().iter().filter(|&&m| m > 1060.0).count() as u64;
@@ -478,7 +608,7 @@ mod tests {
         let sensor = Some(SensorNoise { floor: 10.0, saturation: 1e5 });
         let film = RenderedFilm::without_ids(film);
         let measured = FilmNoise::new(&SignalModel { response, white: 1e5, sensor }, &film);
-        let own = measured.pixel_noise();
+        let own = measured.behind_lens(&measured.pixel_noise());
         for colour in 0..2 {
             let noise: Vec<f64> = own.data().iter().skip(colour).step_by(2).map(|n| f64::from(n.variance)).collect();
             let ratio = noise.iter().sum::<f64>() / noise.len() as f64 / (1e6 / 12.0);

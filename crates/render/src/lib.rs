@@ -11,6 +11,7 @@ mod checkpoint;
 mod driver;
 mod error;
 pub mod film_noise;
+pub mod lens_image;
 mod load;
 mod merge;
 pub mod parallel;

@@ -1,6 +1,6 @@
 //! Planes of a film, computed on the threads of the current pool. A large film takes seconds to read.
 
-use dunkelfeld_film::{Film, Needed, PixelSums, Plane, TileRow, fill_gaps};
+use dunkelfeld_film::{Film, MeanImage, Needed, PixelSums, Plane, TileRow, fill_gaps};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -61,6 +61,13 @@ pub fn mean_without_gaps(film: &Film) -> Plane<[f32; 3]> {
         [p.mean().map(|v| v as f32)]
     });
     if has_gaps.into_inner() { fill_gaps(&mean, &film.sample_counts().map(|&n| n > 0)) } else { mean }
+}
+
+/// [`mean_without_gaps`], with the moments of a film whose samples had places. Without samples a pixel has none.
+pub fn mean_image(film: &Film) -> MeanImage {
+    let is_spread = film.has_moments();
+    let moments = is_spread.then(|| map_film_at(film, Needed::Image, |_, _, p| p.mean_moments()));
+    MeanImage { radiance: mean_without_gaps(film), moments, is_spread }
 }
 
 #[cfg(test)]

@@ -307,6 +307,11 @@ impl RenderSettings {
         self.training_paths.unwrap_or(automatic)
     }
 
+    /// Does the lens of the sensor blur the image, so that the film keeps the places of samples?
+    pub fn is_blurred(&self) -> bool {
+        matches!(&self.sensor, SensorChoice::Emva { optics, .. } if optics.blurs())
+    }
+
     /// Is there a sensor?
     pub fn has_sensor(&self) -> bool {
         matches!(self.sensor, SensorChoice::Emva { .. })

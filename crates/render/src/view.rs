@@ -9,10 +9,11 @@ use dunkelfeld_scene::{Camera, RayGenerator, Scene};
 /// # Errors
 /// A camera that the scene does not have, or one without rays for this film.
 pub fn camera(scene: &Scene, settings: &RenderSettings) -> Result<RayGenerator, Error> {
-    let camera = match &settings.view {
+    let mut camera = match &settings.view {
         Some(view) => view.clone(),
         None => find_camera(scene, settings)?,
     };
+    camera.lens.blurs = settings.is_blurred();
     Ok(scene.ray_generator(&camera, settings.width, settings.height)?)
 }
 

@@ -34,6 +34,9 @@ pub enum SensorError {
     /// The quantum efficiency is not a curve.
     #[error("quantum_efficiency: {0}")]
     Curve(&'static str),
+    /// A table is no MTF.
+    #[error("the MTF {0}")]
+    Mtf(String),
     /// A plane does not have the size of the device.
     #[error("the device has {0} x {1} pixels, the plane {2} x {3}")]
     Size(u32, u32, u32, u32),

@@ -17,6 +17,7 @@ use crate::random::stream;
 /// Purposes of random numbers. Streams of different purposes are independent.
 const TEMPORAL: u64 = 0x7465_6d70;
 const ROWS: u64 = 0x0072_6f77;
+const RESTORED: u64 = 0x7265_7374;
 
 /// The key of a frame. All random numbers that change from frame to frame follow from it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -118,6 +119,12 @@ impl Device {
     /// The model.
     pub fn model(&self) -> &SensorModel {
         &self.model
+    }
+
+    /// A standard normal number for each pixel of a frame, by its index: for [`LensBlur::restored`](crate::LensBlur::restored).
+    pub fn normals(&self, key: FrameKey) -> impl Fn(usize) -> f64 + Sync + use<> {
+        let key = hash_u64([self.seed, key.seed, u64::from(key.frame), RESTORED]);
+        move |pixel| StandardNormal.sample(&mut stream(key, pixel as u64))
     }
 
     /// A frame: grey values \[DN\] of all pixels from their expected photo-electrons.

@@ -24,6 +24,7 @@ pub mod display;
 mod efficiency;
 mod error;
 mod expose;
+mod lens_blur;
 mod matched;
 mod model;
 mod optics;
@@ -31,6 +32,7 @@ mod parallel;
 mod pattern;
 mod poisson;
 mod presets;
+mod psf;
 mod random;
 
 pub use bands::Bands;
@@ -38,6 +40,7 @@ pub use data_sheet::{ChannelSheet, DataSheet, Figure, data_sheet};
 pub use efficiency::{BANDS, BayerPattern, ColorFilter, Efficiency, FilterColor, QuantumEfficiency};
 pub use error::{SensorError, time_in_words};
 pub use expose::{Device, FrameKey, Readout};
+pub use lens_blur::LensBlur;
 pub use matched::{ExposureNoise, LeftOut, holds, left_out, matched_where};
 pub use model::{DarkCurrent, Published, SensorModel, SensorSpec};
 pub use optics::{
@@ -46,3 +49,4 @@ pub use optics::{
 pub use pattern::{Defects, FixedPattern, PixelPattern};
 pub use poisson::poisson;
 pub use presets::PRESETS;
+pub use psf::{MtfCurve, MtfTable, Psf};

@@ -13,13 +13,14 @@
 use std::f64::consts::PI;
 
 use dunkelfeld_film::Plane;
-use dunkelfeld_radiometry::{Electrons, Irradiance, Radiance, Rgb, Seconds, photon};
+use dunkelfeld_radiometry::{Electrons, Irradiance, Metres, Radiance, Rgb, Seconds, photon};
 
 use crate::bands::Bands;
 use crate::efficiency::{BayerPattern, Efficiency, QuantumEfficiency};
 use crate::error::{SensorError, in_range};
 use crate::model::SensorModel;
 use crate::parallel::for_rows;
+use crate::psf::Psf;
 
 /// The share of a grey triple's radiance in each band.
 const BAND_SHARE: f64 = 1.0 / 3.0;
@@ -32,13 +33,15 @@ const AUTO_LEVEL: f64 = 0.9;
 pub(crate) const LONGEST: f64 = 1e6;
 
 /// The lens in front of the sensor. Its values are checked when they are read from their serialised form.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(try_from = "OpticsValues")]
 pub struct Optics {
     f_number: f64,
     transmission: f64,
     magnification: f64,
     bands: Bands,
+    psf: Psf,
+    glare: f64,
 }
 
 /// The values of [`Optics`], unchecked.
@@ -49,13 +52,17 @@ struct OpticsValues {
     magnification: f64,
     #[serde(default)]
     bands: Bands,
+    #[serde(default)]
+    psf: Psf,
+    #[serde(default)]
+    glare: f64,
 }
 
 impl TryFrom<OpticsValues> for Optics {
     type Error = SensorError;
 
     fn try_from(v: OpticsValues) -> Result<Self, SensorError> {
-        Ok(Self::new(v.f_number, v.transmission, v.magnification)?.with_bands(v.bands))
+        Self::new(v.f_number, v.transmission, v.magnification)?.with_bands(v.bands).with_psf(v.psf).with_glare(v.glare)
     }
 }
 
@@ -66,7 +73,8 @@ impl Optics {
         in_range("f_number", f_number, 0.5, 1000.0, "from 0.5 to 1000")?;
         in_range("transmission", transmission, f64::MIN_POSITIVE, 1.0, "above 0 and at most 1")?;
         in_range("magnification", magnification, 0.0, 100.0, "from 0 to 100")?;
-        Ok(Self { f_number, transmission, magnification, bands: Bands::default() })
+        let (bands, psf, glare) = (Bands::default(), Psf::None, 0.0);
+        Ok(Self { f_number, transmission, magnification, bands, psf, glare })
     }
 
     /// The lens with other wavelengths of the channels, with a filter, or behind a beam splitter.
@@ -77,6 +85,47 @@ impl Optics {
     /// The wavelengths of the channels, and the transmission of filter and beam splitters at them.
     pub fn bands(&self) -> Bands {
         self.bands
+    }
+
+    /// The lens with another point spread function. That of [`Self::new`] has none.
+    pub fn with_psf(self, psf: Psf) -> Self {
+        Self { psf, ..self }
+    }
+
+    /// The lens with a share of its light in the veiling glare, 0 to 0.5: light that reflections in the lens spread over the
+    /// image (ISO 1994). Real lenses have 1 to 3 %; the default is 0.
+    ///
+    /// # Errors
+    /// Another share.
+    pub fn with_glare(self, glare: f64) -> Result<Self, SensorError> {
+        in_range("glare", glare, 0.0, 0.5, "from 0 to 0.5")?;
+        Ok(Self { glare, ..self })
+    }
+
+    /// The point spread function.
+    pub fn psf(&self) -> &Psf {
+        &self.psf
+    }
+
+    /// The share of the light in the veiling glare.
+    pub fn glare(&self) -> f64 {
+        self.glare
+    }
+
+    /// Does the lens blur the image?
+    pub fn blurs(&self) -> bool {
+        self.psf != Psf::None || self.glare > 0.0
+    }
+
+    /// Is the blur smaller than a film whose smaller side has this number of pixels? Else less than half of a wave over the film
+    /// is left.
+    pub fn fits(&self, pixels: u32, pitch: Metres) -> bool {
+        let (wave, working_f_number) =
+            (1.0 / (f64::from(pixels) * pitch.0), self.f_number * (1.0 + self.magnification));
+        let heights = 0..self.psf.heights().len();
+        heights
+            .flat_map(|h| self.bands.wavelengths.map(|nm| self.psf.mtf(wave, h, working_f_number, nm)))
+            .all(|mtf| mtf >= 0.5)
     }
 
     /// The f-number N.
@@ -377,7 +426,6 @@ mod tests {
     use super::*;
     use crate::model::SensorSpec;
     use crate::model::tests::example;
-    use dunkelfeld_radiometry::Metres;
 
     fn model() -> SensorModel {
         SensorModel::new(example()).expect("valid")

@@ -42,7 +42,7 @@ impl ViewOptions {
             s.camera.clone_from(&self.camera);
         }
         let sensor = (self.sensor.clone(), self.exposure);
-        select_sensor(&mut s.sensor, sensor, project.optics, &mut project.inputs)
+        select_sensor(&mut s.sensor, sensor, project.optics.clone(), &mut project.inputs)
     }
 
     /// Do the options set the size of the film? Then a quick bench keeps it.

@@ -4,10 +4,10 @@ use crate::light_sum;
 use crate::prepared::{Found, Means, Prepared};
 use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Ranges, Readiness, Tone};
 use crate::snapshot::{Content, Snapshot};
-use dunkelfeld::film::Plane;
+use dunkelfeld::film::{MeanImage, Plane};
 use dunkelfeld::io::sensor_file::find_sensor;
 use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Number, Rgb, Seconds};
-use dunkelfeld::sensor::{Exposure, ExposureNoise, ImageExposure, PRESETS, SensorModel, display};
+use dunkelfeld::sensor::{Exposure, ExposureNoise, PRESETS, SensorModel, display};
 use dunkelfeld::{
     Certified, DenoiseMethod, DenoiseSettings, Denoiser, ExposeSettings, Exposer, ImageNoise, OIDN_VARIABLE, Picture,
     RenderedFilm, SensorChoice, Session, TimedExposure, denoise_film, find_denoiser, through_lens,
@@ -92,9 +92,9 @@ pub(crate) struct Developed {
     /// The transmission of the lens, if it is another one than that of the film.
     pub(crate) transmission: Option<Arc<Plane<f32>>>,
     /// The unbiased mean of the films of the lights, or behind another lens.
-    sum: Option<Plane<[f32; 3]>>,
+    sum: Option<MeanImage>,
     /// The mean that is shown, if it is denoised.
-    denoised: Option<Plane<[f32; 3]>>,
+    denoised: Option<MeanImage>,
     certified: OnceLock<Option<Certified>>,
     readiness: Readiness,
     /// [`Prepared::count`] before it was computed.
@@ -148,7 +148,8 @@ impl Developed {
             None => (sum, denoised),
             Some(transmission) => {
                 let mean = sum.as_ref().unwrap_or_else(|| snapshot.mean());
-                (Some(through_lens(mean, transmission)), denoised.map(|mean| through_lens(&mean, transmission)))
+                let behind = |mean: &MeanImage| mean.map(|plane| through_lens(plane, transmission));
+                (Some(behind(mean)), denoised.as_ref().map(behind))
             }
         };
         let model = snapshot.scene.sensors.model(camera, snapshot.settings.readout.binning)?;
@@ -229,13 +230,16 @@ impl Developed {
         }
         if self.denoised.is_some() && settings.exposure.is_none() {
             // The exposure is that of the unbiased mean.
-            let automatic = ImageExposure::new(None, self.radiance(), &settings.model, &settings.optics);
-            settings.exposure = Some(automatic.map_err(dunkelfeld::Error::from)?.exposure);
+            settings.exposure = Some(self.exposer_of(self.unbiased(), &settings)?.exposure());
         }
+        self.exposer_of(self.mean(), &settings)
+    }
+
+    fn exposer_of(&self, mean: &MeanImage, settings: &ExposeSettings) -> Result<Exposer, Fault> {
         let films = self.weighted();
         Ok(match &self.transmission {
-            None => Exposer::of_films_and_mean(&films, self.mean(), &settings)?,
-            Some(transmission) => Exposer::behind_lens(&films, self.mean(), transmission.clone(), &settings)?,
+            None => Exposer::of_films_and_mean(&films, mean, settings)?,
+            Some(transmission) => Exposer::behind_lens(&films, mean, transmission.clone(), settings)?,
         })
     }
 
@@ -270,13 +274,17 @@ impl Developed {
         &self.camera
     }
 
-    /// The unbiased mean radiance [W/(m² sr)].
+    /// The unbiased mean radiance in front of the lens [W/(m² sr)].
     pub(crate) fn radiance(&self) -> &Plane<[f32; 3]> {
+        &self.unbiased().radiance
+    }
+
+    fn unbiased(&self) -> &MeanImage {
         self.sum.as_ref().unwrap_or_else(|| self.snapshot.mean())
     }
 
-    fn mean(&self) -> &Plane<[f32; 3]> {
-        self.denoised.as_ref().unwrap_or_else(|| self.radiance())
+    fn mean(&self) -> &MeanImage {
+        self.denoised.as_ref().unwrap_or_else(|| self.unbiased())
     }
 
     /// Computes [`Self::certified`], once. Not for threads of the session: while such a thread waits for others it takes up
@@ -367,7 +375,7 @@ impl Developed {
                 (header.mean_value, header.format) = (mean_value, format);
                 payload
             }
-            _ => toned(display::linear_to_8bit(self.mean()).data(), tone),
+            _ => toned(display::linear_to_8bit(&self.mean().radiance).data(), tone),
         };
         header.compute = began.elapsed().as_secs_f64();
         Ok((header, payload))
@@ -540,7 +548,8 @@ fn denoised_means(
     let (denoiser, chosen) = denoiser(snapshot, method)?;
     let means = snapshot.films().map(|film| {
         let denoised = denoise_film(&film.sums, &*denoiser, session);
-        Ok(denoised.map_err(|e| Fault::new(e.to_string(), "choose the denoiser `builtin`"))?.mean)
+        let mean = denoised.map_err(|e| Fault::new(e.to_string(), "choose the denoiser `builtin`"))?.mean;
+        Ok(MeanImage::without_moments(mean, snapshot.settings.is_blurred()))
     });
     let means = Arc::new(means.collect::<Result<Means, Fault>>()?);
     prepared.add_denoised(snapshot, vec![method, chosen], means.clone());

@@ -4,10 +4,8 @@
 //! variance the sum of their variances times the squares of the factors.
 
 use crate::protocol::{Camera, Fault};
-use dunkelfeld::film::Plane;
-use dunkelfeld::{
-    Certified, Exposer, FilmOfLight, FilmVariances, RenderedFilm, Session, mean_without_gaps, sum_of_means,
-};
+use dunkelfeld::film::MeanImage;
+use dunkelfeld::{Certified, Exposer, FilmOfLight, FilmVariances, RenderedFilm, Session, mean_image, sum_of_means};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -17,7 +15,7 @@ pub(crate) const MAX_FACTOR: f64 = 1e6;
 const KEPT: usize = 2;
 
 /// Mean radiance [W/(m² sr)] of each pixel.
-type Mean = Plane<[f32; 3]>;
+type Mean = MeanImage;
 
 /// The film of a light that no longer changes, with results that do not depend on its factor.
 #[derive(Debug)]
@@ -36,7 +34,7 @@ impl LightFilm {
 
     /// Mean radiance [W/(m² sr)], without gaps.
     fn mean(&self) -> &Mean {
-        self.mean.get_or_init(|| mean_without_gaps(&self.film.sums))
+        self.mean.get_or_init(|| mean_image(&self.film.sums))
     }
 
     /// The variances of the mean behind a camera.
@@ -62,7 +60,7 @@ impl LightFilm {
 /// Computes the means of all films, once. Not for threads of the session.
 pub(crate) fn find_means(films: &[LightFilm], session: &Session<'_>) {
     for light in films {
-        light.mean.get_or_init(|| session.install(|| mean_without_gaps(&light.film.sums)));
+        light.mean.get_or_init(|| session.install(|| mean_image(&light.film.sums)));
     }
 }
 
@@ -122,6 +120,10 @@ mod tests {
     use super::*;
     use dunkelfeld::film::Film;
 
+    fn plane(value: f32) -> Mean {
+        dunkelfeld::film::Plane::new(2, 1, [value; 3]).into()
+    }
+
     fn film(name: &str) -> LightFilm {
         LightFilm::new(name.into(), Arc::new(RenderedFilm::without_ids(Film::new(2, 1))))
     }
@@ -140,9 +142,9 @@ mod tests {
 
     #[test]
     fn a_picture_is_the_sum_of_its_means() {
-        let means = [1.5, 0.25].map(|value| Plane::new(2, 1, [value; 3]));
+        let means = [1.5, 0.25].map(plane);
         assert_eq!(sum(&means[..1], &[1.0]).as_ref(), Ok(&means[0]));
-        assert_eq!(sum(&means, &[2.0, 4.0]), Ok(Plane::new(2, 1, [4.0; 3])));
-        assert_eq!(sum(&means, &[0.0, 0.0]), Ok(Plane::new(2, 1, [0.0; 3])));
+        assert_eq!(sum(&means, &[2.0, 4.0]), Ok(plane(4.0)));
+        assert_eq!(sum(&means, &[0.0, 0.0]), Ok(plane(0.0)));
     }
 }

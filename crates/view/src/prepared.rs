@@ -5,7 +5,7 @@ use crate::locks::lock;
 use crate::protocol::{Camera, Denoise, Fault, Readiness};
 use crate::snapshot::Snapshot;
 use dunkelfeld::ImageNoise;
-use dunkelfeld::film::Plane;
+use dunkelfeld::film::MeanImage;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -28,7 +28,7 @@ impl Origin {
 }
 
 /// Denoised means [W/(m² sr)], one for each film of a picture.
-pub(crate) type Means = Vec<Plane<[f32; 3]>>;
+pub(crate) type Means = Vec<MeanImage>;
 
 /// Results with their films and keys.
 type Kept<K, T> = Vec<(Origin, K, Arc<T>)>;
@@ -147,11 +147,11 @@ mod tests {
     }
 
     fn means(value: f32) -> Arc<Means> {
-        Arc::new(vec![Plane::new(2, 1, [value; 3])])
+        Arc::new(vec![dunkelfeld::film::Plane::new(2, 1, [value; 3]).into()])
     }
 
     fn first(found: Option<Found<Means>>) -> Option<(f32, bool)> {
-        found.map(|found| (found.result[0].at(0, 0)[0], found.is_exact))
+        found.map(|found| (found.result[0].radiance.at(0, 0)[0], found.is_exact))
     }
 
     /// The result of a picture is exact for this picture alone, serves later ones of its scene, and no other scene.

@@ -253,7 +253,7 @@ fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32
         None => SensorChoice::None,
         Some(model) => match (&settings.sensor, dunkelfeld::ExposeSettings::new(model.clone())?) {
             (SensorChoice::Emva { optics, .. }, _) => {
-                SensorChoice::Emva { model: Box::new(model), optics: *optics, exposure }
+                SensorChoice::Emva { model: Box::new(model), optics: optics.clone(), exposure }
             }
             (SensorChoice::None, new) => SensorChoice::Emva { model: Box::new(model), optics: new.optics, exposure },
         },

@@ -154,7 +154,7 @@ pub(crate) fn check(
         return Ok(Some(Difference::Film(text.into())));
     }
     let optics_of = |settings: &RenderSettings| match &settings.sensor {
-        SensorChoice::Emva { optics, .. } => Some(*optics),
+        SensorChoice::Emva { optics, .. } => Some(optics.clone()),
         SensorChoice::None => None,
     };
     let of_lens = |optics: Optics| {

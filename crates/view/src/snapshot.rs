@@ -4,12 +4,10 @@ use crate::developed::Sensors;
 use crate::light_sum::{self, LightFilm};
 use crate::protocol::Fault;
 use crate::scene_change::{SceneChange, SceneParts};
-use dunkelfeld::film::{PixelSums, Plane};
+use dunkelfeld::film::{MeanImage, PixelSums, Plane};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::RayGenerator;
-use dunkelfeld::{
-    Exposer, ExrImage, ImageNoise, RenderSettings, RenderedFilm, Session, TimedExposure, mean_without_gaps,
-};
+use dunkelfeld::{Exposer, ExrImage, ImageNoise, RenderSettings, RenderedFilm, Session, TimedExposure, mean_image};
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
@@ -86,7 +84,7 @@ pub(crate) struct Snapshot {
     /// The number of restarts before its render.
     pub(crate) restarted: u32,
     pub(crate) scene: Arc<PictureScene>,
-    mean: OnceLock<Plane<[f32; 3]>>,
+    mean: OnceLock<MeanImage>,
 }
 
 impl Snapshot {
@@ -235,10 +233,10 @@ impl Snapshot {
         }
     }
 
-    /// Mean radiance [W/(m² sr)], without gaps, after [`Self::find_mean`]. Each film of a light has its own.
-    pub(crate) fn mean(&self) -> &Plane<[f32; 3]> {
+    /// The mean in front of the lens, without gaps, after [`Self::find_mean`]. Each film of a light has its own.
+    pub(crate) fn mean(&self) -> &MeanImage {
         match &self.content {
-            Content::Exr(image) => image.radiance(),
+            Content::Exr(image) => image.mean(),
             Content::Film(_) | Content::Lights(_) => self.mean.get_or_init(|| self.read_mean()),
         }
     }
@@ -262,9 +260,9 @@ impl Snapshot {
         })
     }
 
-    fn read_mean(&self) -> Plane<[f32; 3]> {
-        let empty = || Plane::new(self.counts.width(), self.counts.height(), [0.0; 3]);
-        self.films().next().map_or_else(empty, |film| mean_without_gaps(&film.sums))
+    fn read_mean(&self) -> MeanImage {
+        let empty = || Plane::new(self.counts.width(), self.counts.height(), [0.0; 3]).into();
+        self.films().next().map_or_else(empty, |film| mean_image(&film.sums))
     }
 }
 

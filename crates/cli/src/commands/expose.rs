@@ -8,6 +8,7 @@ use crate::values::ExposureChoice;
 use crate::words::{counted, exposure_time, flagged_variances, seconds, three_digits};
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Vignetting;
+use dunkelfeld::sensor::Psf;
 use dunkelfeld::{
     Error, ExposeOutputs, ExposeSettings, ExposedFile, ImageOptions, LensSource, SensorOption, Session, expose_exr,
 };
@@ -81,7 +82,14 @@ fn lens(exposed: &ExposedFile) -> String {
         LensSource::Image => format!("{value} (of the file)"),
         LensSource::Default => format!("{value} (default, the file contains none)"),
     });
-    values.collect::<Vec<_>>().join(", ")
+    let blur = match lens.psf() {
+        Psf::None => None,
+        Psf::Diffraction => Some("diffraction".into()),
+        Psf::Gaussian { sigma } => Some(format!("Gaussian of {} um", three_digits(1e6 * sigma.0))),
+        Psf::Table(_) => Some("MTF of a table".into()),
+    };
+    let glare = (lens.glare() > 0.0).then(|| format!("glare {}", Number(lens.glare())));
+    values.chain(blur).chain(glare).collect::<Vec<_>>().join(", ")
 }
 
 fn report(exposed: &ExposedFile) -> String {

@@ -66,6 +66,8 @@ pub struct OfImage {
     pub sensor: bool,
     /// f-number, transmission and magnification of the lens.
     pub lens: [bool; 3],
+    /// Its point spread function, and its veiling glare.
+    pub blur: [bool; 2],
 }
 
 /// The files to write. With several frames, each name contains the frame number before its extension, as in
@@ -211,7 +213,7 @@ impl ExposeSettings {
         Ok(Self {
             model,
             optics: Optics::new(DEFAULT_F_NUMBER, LensSettings::default().transmission, 0.0)?,
-            of_image: OfImage { sensor: false, lens: [true; 3] },
+            of_image: OfImage { sensor: false, lens: [true; 3], blur: [true; 2] },
             vignetting: None,
             readout: Readout::default(),
             exposure: None,
@@ -235,7 +237,7 @@ impl ExposeSettings {
     pub fn of_render(settings: &RenderSettings) -> Result<Option<Self>, Error> {
         let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else { return Ok(None) };
         Ok(Some(Self {
-            optics: *optics,
+            optics: optics.clone(),
             of_image: OfImage::default(),
             exposure: *exposure,
             readout: settings.readout,
@@ -249,7 +251,7 @@ impl ExposeSettings {
     /// The lens, instead of that of the image.
     #[must_use]
     pub fn with_optics(mut self, optics: Optics) -> Self {
-        (self.optics, self.of_image.lens) = (optics, [false; 3]);
+        (self.optics, self.of_image.lens, self.of_image.blur) = (optics, [false; 3], [false; 2]);
         self
     }
 

@@ -47,6 +47,9 @@ pub(super) mod per_pixel {
     pub(super) const CHECKPOINT: u64 = 8;
     /// The mean (12), the mask of pixels with samples (1), and a copy for filling gaps (12).
     pub(super) const MEAN: u64 = 25;
+    /// The image of a lens that blurs: mean and moments (36), the image behind it (12), and of one channel its spectrum (24) and its
+    /// moments (8).
+    pub(super) const LENS: u64 = 80;
     /// Signal and counts (8), each pixel's noise from its own samples (12).
     pub(in crate::memory) const NOISE: u64 = 20;
     /// The image in the channels of the sensor (4), the noise of a sample (4), its sums over rows of neighbours (16). The
@@ -140,7 +143,16 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     account.add("scene", &always(geometry));
     account.add("textures", &always(scene.texture_bytes));
     account.add("description", &always(description));
-    account.add("film", &always(Film::expected_bytes(width, height, settings.film_layers(), settings.expected_spp())));
+    account.add(
+        "film",
+        &always(Film::expected_bytes(
+            width,
+            height,
+            settings.film_layers(),
+            settings.is_blurred(),
+            settings.expected_spp(),
+        )),
+    );
     account.add("planes", &always(planes(per_pixel::KEPT)));
     if settings.replay.is_some() || settings.samples.is_some() {
         account.add("plan", &always(planes(per_pixel::REPLAY)));
@@ -158,7 +170,8 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     };
     let bands = noise_bands(width, height, kinds, threads);
     if kept != KeptFilms::default() {
-        let film = Film::expected_bytes(width, height, settings.film_layers(), settings.expected_spp());
+        let film =
+            Film::expected_bytes(width, height, settings.film_layers(), settings.is_blurred(), settings.expected_spp());
         let films = film.saturating_add(planes(per_pixel::IDS)).saturating_mul(kept.films);
         let exposures = planes(per_pixel::EXPOSURE).saturating_mul(kept.exposures);
         let analyses = planes(per_pixel::NOISE).saturating_add(bands).saturating_mul(kept.analyses);
@@ -172,8 +185,7 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
         } else {
             planes(per_pixel::SOBEL)
         };
-        // The mean is freed by then.
-        account.add("noise and plan", &[0, planes(per_pixel::MEAN).max(noise), 0, 0, 0]);
+        account.add("noise and plan", &[0, planes(per_pixel::MEAN).saturating_add(noise), 0, 0, 0]);
     }
     let frame = planes(per_pixel::FRAME);
     if has_sensor {
@@ -185,6 +197,9 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
         account.add("exposure", &[0, 0, frame, frame, frame]);
     } else {
         account.add("exposure", &[0, 0, planes(per_pixel::MEAN + per_pixel::FRAME), frame, frame]);
+    }
+    if settings.is_blurred() {
+        account.add("lens", &[0, planes(per_pixel::LENS), planes(per_pixel::LENS), planes(12), planes(12)]);
     }
     let denoiser = denoiser_bytes(px, settings.denoise.method);
     if denoiser > 0 {
@@ -202,7 +217,7 @@ pub(crate) fn merge_account((width, height): (u32, u32), outputs: &OutputPaths, 
     let planes = |bytes: u64| px.saturating_mul(bytes);
     let mut account = MemoryAccount::new(&["read", "expose", "write"]);
     account.add("program", &[PROGRAM; 3]);
-    let film = Film::expected_bytes(width, height, FilmLayers::All, UNKNOWN_SPP);
+    let film = Film::expected_bytes(width, height, FilmLayers::All, false, UNKNOWN_SPP);
     account.add("film", &[film.saturating_mul(2), film, film]);
     // Numbers of objects and materials, of the whole and of a part with its bytes; then labels and weights with them.
     account.add("planes", &[planes(24), planes(24), planes(24)]);
@@ -225,7 +240,8 @@ pub(crate) fn expose_account(size: (u32, u32), channel_bytes: u64, is_matched: b
     account.add("layers", &[channel_bytes.saturating_mul(2), channel_bytes]);
     // Radiance (12), and with its noise: variances and estimates.
     let noise = if is_matched { 160 } else { 0 };
-    account.add("radiance", &[0, planes(12 + noise)]);
+    // And the image behind a lens that blurs, which only the lens of the file can say.
+    account.add("radiance", &[0, planes(12 + per_pixel::LENS + noise)]);
     let frames = per_pixel::FRAME + per_pixel::PICTURE;
     let at_once = (threads as u64).clamp(1, MAX_WAITING as u64);
     account.add("exposure", &[0, planes(4 + per_pixel::DEVICE)]);

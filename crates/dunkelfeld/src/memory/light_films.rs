@@ -41,7 +41,8 @@ pub(crate) fn light_films_account(needs: LightFilmsNeeds<'_>) -> (u64, MemoryAcc
     account.add("description", &[description]);
     // Meshes with trees of their own, and texels, are shared.
     account.add("scenes of lights", &[films(scene.own_bytes)]);
-    let film = Film::expected_bytes(width, height, settings.film_layers(), settings.expected_spp());
+    let film =
+        Film::expected_bytes(width, height, settings.film_layers(), settings.is_blurred(), settings.expected_spp());
     account.add("films", &[films(film)]);
     account.add("copies", &[films(COPIES * film.saturating_add(planes(OF_COPY)))]);
     account.add("planes", &[films(planes(per_pixel::KEPT + per_pixel::ROUND))]);
@@ -73,7 +74,8 @@ mod tests {
             assert_eq!(held, PROGRAM + (1 << 30) + 500);
             account.peak_bytes
         };
-        let film = Film::expected_bytes(1000, 1000, settings.film_layers(), settings.expected_spp());
+        let film =
+            Film::expected_bytes(1000, 1000, settings.film_layers(), settings.is_blurred(), settings.expected_spp());
         let planes = 1_000_000 * (2 * OF_COPY + per_pixel::KEPT + per_pixel::ROUND + ANALYSES);
         let training = TRAINING_PATH * u64::from(settings.training_paths());
         let of_light = 3 * film + planes + training + 2 * THREAD + 1000;

@@ -41,7 +41,7 @@ impl Project {
             outputs: self.outputs.clone(),
             warnings,
             report,
-            optics: self.optics,
+            optics: self.optics.clone(),
             lens: self.lens.clone(),
             film: self.film.clone(),
             inputs,

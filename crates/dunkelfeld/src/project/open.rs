@@ -222,7 +222,7 @@ pub(super) fn compile_and(
     let optics = Optics::new(f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?.with_bands(bands);
     let mut inputs = job.map(|job| job.inputs().clone()).unwrap_or_default();
     let (mut settings, outputs) = match job {
-        Some(job) => apply_job(job, &mut imported, optics, &mut inputs)?,
+        Some(job) => apply_job(job, &mut imported, optics.clone(), &mut inputs)?,
         None => (RenderSettings::default(), OutputPaths::default()),
     };
     inputs.extend(&imported.inputs);

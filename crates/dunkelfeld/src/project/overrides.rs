@@ -155,13 +155,13 @@ impl Project {
                 $(if $of.$field == $before.$field { $of.$field = $after.$field.clone(); })+
             };
         }
-        let old_optics = self.optics;
+        let old_optics = self.optics.clone();
         take_unless_adjusted!(outputs, optics, lens, film; self, given, new);
         // A sensor that the program selected has the lens of the project.
         if let SensorChoice::Emva { optics, .. } = &mut settings.sensor
             && *optics == old_optics
         {
-            *optics = self.optics;
+            *optics = self.optics.clone();
         }
         self.settings = settings;
         self.job = Some(Box::new(changed.clone()));

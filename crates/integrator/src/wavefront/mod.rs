@@ -30,7 +30,7 @@ use crate::path::{PathState, PathStates};
 use crate::ray_state::{EnclosingSolids, RayState};
 use attempts::Attempts;
 use dunkelfeld_bvh::Hit;
-use dunkelfeld_film::Sample;
+use dunkelfeld_film::{MeanImage, Sample};
 use dunkelfeld_geometry::Ray;
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, dispatch};
 use dunkelfeld_radiometry::Rgb;
@@ -60,8 +60,9 @@ pub struct Wavefront<'a> {
     /// For each path behind those of the samples, the sample that it belongs to. Such a path is the rest behind the first
     /// light of a sample, or one of several.
     owners: Vec<u32>,
-    /// For each path the factor on its radiance, and the distance from the camera to the origin of its ray \[m\].
-    camera: Vec<(f32, f32)>,
+    /// For each path the factor on its radiance, the distance from the camera to the origin of its ray \[m\], and the place of
+    /// its sample.
+    camera: Vec<(f32, f32, [f32; 2])>,
     /// The samples of the paths, with their auxiliary layers.
     samples: Vec<Sample>,
     layers: Vec<Layers>,
@@ -256,13 +257,14 @@ impl<'a> Wavefront<'a> {
         for (rest, &owner) in self.paths[samples..].iter().zip(&self.owners) {
             found[owner as usize].radiance += rest.radiance();
         }
-        for (sample, &(weight, start)) in found.iter_mut().zip(&self.camera) {
+        for (sample, &(weight, start, place)) in found.iter_mut().zip(&self.camera) {
             // The lens scales the radiance, for example by vignetting.
             sample.radiance *= weight;
             sample.first_light *= weight;
+            sample.place = place;
             sample.depth += if sample.hit { start } else { 0.0 };
         }
-        self.camera.first().map_or(1.0, |(weight, _)| *weight)
+        self.camera.first().map_or(1.0, |(weight, ..)| *weight)
     }
 
     /// Begins a batch.
@@ -289,7 +291,7 @@ impl<'a> Wavefront<'a> {
     }
 
     /// Adds the paths of some samples, at most one for each lane: from a uniform place in the pixel, which is the box filter
-    /// of a sensor that integrates over its pixel.
+    /// of a sensor that integrates over its pixel. For a lens that blurs, they are spread farther by a second box.
     #[inline(always)]
     fn generate<F: Lanes>(&mut self, token: F::Token, at: &[PixelSample]) {
         let Estimator { scene, camera, seed, frame, .. } = self.estimator;
@@ -304,8 +306,9 @@ impl<'a> Wavefront<'a> {
             #[inline(always)]
             |lane| &self.paths[paths[lane] as usize],
         );
-        let [dx, dy] = sampler.numbers(dimensions::CAMERA).first_two();
-        let (x, mut y) = (F::load(token, &column) + dx, F::load(token, &row) + dy);
+        let numbers = sampler.numbers(dimensions::CAMERA);
+        let [dx, dy] = numbers.first_two();
+        let (mut x, mut y) = (F::load(token, &column) + dx, F::load(token, &row) + dy);
         let mut time = F::splat(token, 0.0);
         if let Some(shutter) = scene.shutter() {
             // The time of each sample. The rows of a line scan have the same place on the film.
@@ -315,6 +318,17 @@ impl<'a> Wavefront<'a> {
                 Moment { time: times[lane], y: row[lane] } = shutter.moment(at.y, dy[lane], u[lane], (seed, frame));
             }
             (time, y) = (F::load(token, &times), F::load(token, &row));
+        }
+        let mut places = [[0.0; MAX_WIDTH]; 2];
+        if camera.blurs() {
+            let middle = F::splat(token, 0.5);
+            let [right, down] = numbers.last_two().map(
+                #[inline(always)]
+                |u| (u - middle) * MeanImage::SPREAD,
+            );
+            (x, y) = (x + right, y + down);
+            (dx - middle).store(&mut places[0]);
+            (dy - middle).store(&mut places[1]);
         }
         // A pinhole needs no place on the lens.
         let lens = match camera.has_aperture() {
@@ -326,7 +340,7 @@ impl<'a> Wavefront<'a> {
         self.rays.append((lanes, &paths), [origin, direction], weight.constant(f32::INFINITY), time);
         let (weight, start) = (weight.to_array(), start.to_array());
         for lane in 0..at.len() {
-            self.camera.push((weight[lane], start[lane]));
+            self.camera.push((weight[lane], start[lane], [places[0][lane], places[1][lane]]));
         }
     }
 

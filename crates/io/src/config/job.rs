@@ -47,6 +47,7 @@ mod patterns;
 pub(crate) mod place;
 mod place_cameras;
 mod primitives;
+mod psf;
 mod scene_files;
 mod sensor;
 mod strobes;
@@ -61,6 +62,7 @@ pub use objects::{Grid, ObjectOverride, Pivot, Placement};
 pub use patterns::{literal_pattern, matches};
 pub use place::Place;
 pub use primitives::PrimitiveKind;
+pub use psf::{PsfSettings, load_mtf};
 pub use scene_files::{SceneFile, SceneFiles};
 pub use sensor::{DEFAULT_SENSOR, Exposure, SensorChoice, SensorSettings};
 
@@ -458,6 +460,9 @@ impl Job {
         if let SensorChoice::File(path) = &mut job.sensor.model {
             *path = file.resolve(&path);
         }
+        let lenses =
+            std::iter::once(&mut job.lens).chain(job.camera.defined.iter_mut().flat_map(|camera| &mut camera.lens));
+        lenses.filter_map(LensSettings::mtf_file).for_each(|path| *path = file.resolve(&path));
         lens::check_film(&job.film, &job.sensor.model)
             .and_then(|()| lens::check_lens(&job.lens, &job.film, &job.sensor.model))
             .map_err(|(key, problem, help)| file.error_at_key(&key, problem, help))?;
@@ -505,6 +510,12 @@ impl Job {
 
     fn named_inputs(&self) -> InputFiles {
         let mut inputs = InputFiles::new();
+        let lenses = std::iter::once(&self.lens).chain(self.camera.defined.iter().flat_map(|camera| &camera.lens));
+        for psf in lenses.flat_map(|lens| &lens.psf) {
+            if let PsfSettings::File(path) = psf {
+                inputs.add(path, Role::Mtf);
+            }
+        }
         self.scene.files().iter().for_each(|file| inputs.add(&file.path, Role::Scene));
         if let SensorChoice::File(path) = &self.sensor.model {
             inputs.add(path, Role::Sensor);

@@ -19,6 +19,8 @@ pub enum Role {
     Job,
     /// A sensor file.
     Sensor,
+    /// The MTF of a lens.
+    Mtf,
     /// The plan that is replayed.
     Plan,
     /// A checkpoint that the run itself does not write.
@@ -41,7 +43,7 @@ pub enum Role {
 
 impl Role {
     /// All uses.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Scene,
         Self::Texture,
         Self::Buffer,
@@ -50,6 +52,7 @@ impl Role {
         Self::Environment,
         Self::Job,
         Self::Sensor,
+        Self::Mtf,
         Self::Plan,
         Self::Checkpoint,
         Self::Part,
@@ -72,6 +75,7 @@ impl Role {
             Self::Environment => "the environment image",
             Self::Job => "the job",
             Self::Sensor => "the sensor file",
+            Self::Mtf => "the MTF of the lens",
             Self::Plan => "the plan to replay",
             Self::Checkpoint => "a checkpoint",
             Self::Part => "a part",

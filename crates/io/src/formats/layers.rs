@@ -17,6 +17,12 @@ pub enum Triple {
     Denoised,
     /// The part of the mean that is first light: `first_light.R/G/B`.
     FirstLight,
+    /// Mean of the radiance times the place of its samples in the pixel, to the right: `moment.x.R/G/B`.
+    MomentX,
+    /// The same downward: `moment.y.R/G/B`.
+    MomentY,
+    /// Mean radiance behind a lens that blurs: `lens.R/G/B`.
+    Lens,
     /// Reflectance of the first surface that scatters light, behind smooth glass: `albedo.R/G/B`.
     Albedo,
     /// Shading normal of that surface: `normal.X/Y/Z`.
@@ -60,6 +66,9 @@ impl Triple {
             Self::Covariance => ["covariance.RG", "covariance.RB", "covariance.GB"],
             Self::Denoised => ["denoised.R", "denoised.G", "denoised.B"],
             Self::FirstLight => ["first_light.R", "first_light.G", "first_light.B"],
+            Self::MomentX => ["moment.x.R", "moment.x.G", "moment.x.B"],
+            Self::MomentY => ["moment.y.R", "moment.y.G", "moment.y.B"],
+            Self::Lens => ["lens.R", "lens.G", "lens.B"],
             Self::Albedo => ["albedo.R", "albedo.G", "albedo.B"],
             Self::Normal => ["normal.X", "normal.Y", "normal.Z"],
             Self::AlbedoVariance => ["albedo.variance.R", "albedo.variance.G", "albedo.variance.B"],
@@ -77,7 +86,13 @@ impl Triple {
             Self::Denoised => &["denoised"],
             Self::Albedo => &["denoising albedo", "albedo", "diffcol", "diffuse_albedo", "diffuse_reflectance"],
             Self::Normal => &["denoising normal", "normal", "normals", "sh_normal", "nn", "n"],
-            Self::Covariance | Self::FirstLight | Self::AlbedoVariance | Self::NormalVariance => &[],
+            Self::Covariance
+            | Self::FirstLight
+            | Self::MomentX
+            | Self::MomentY
+            | Self::Lens
+            | Self::AlbedoVariance
+            | Self::NormalVariance => &[],
         }
     }
 }

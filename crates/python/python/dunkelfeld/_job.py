@@ -56,6 +56,8 @@ class LensKeys(TypedDict, total=False):
     distortion: Sequence[float] | NDArray[Any]
     principal_point: Sequence[float]
     filter: Mapping[str, Any]
+    psf: str | Mapping[str, Any]
+    glare: float
     vignetting: Literal["none", "cos4"]
 
 

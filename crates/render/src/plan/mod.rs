@@ -10,7 +10,8 @@ pub(crate) mod pilot_forecast;
 
 use crate::error::Error;
 use crate::film_noise::{FilmNoise, SignalModel};
-use crate::parallel::mean_without_gaps;
+use crate::lens_image::LensImage;
+use crate::parallel::mean_image;
 use crate::plan::extrapolation::ConvergenceFit;
 use crate::plan::forecast::{Forecast, ForecastInput, Throughput};
 use crate::rendered_film::RenderedFilm;
@@ -107,7 +108,7 @@ impl<'a> Planner<'a> {
     pub(crate) fn plan(&mut self, state: State<'_>, pace: &Throughput<'_>) -> Result<Option<&Forecast>, Error> {
         let (signal_model, image) = self.exposed(&state.film.sums)?;
         let required = signal_model.sensor.is_some().then(|| {
-            let measured = FilmNoise::new(&signal_model, state.film);
+            let measured = FilmNoise::new(&signal_model, state.film).behind(&image);
             let own = measured.pixel_noise();
             move |k| measured.needs_by(&own, k)
         });
@@ -116,12 +117,10 @@ impl<'a> Planner<'a> {
         Ok(self.forecast.as_ref())
     }
 
-    /// The unit of noise at the exposure of the image so far, and the image in that unit.
-    fn exposed(&self, film: &Film) -> Result<(SignalModel, Plane<f32>), Error> {
-        let mean = mean_without_gaps(film);
-        let signal_model = SignalModel::new(&mean, &self.settings.sensor)?;
-        let image = signal_model.image(&mean);
-        Ok((signal_model, image))
+    /// The unit of noise at the exposure of the image so far, and the image behind the lens.
+    fn exposed(&self, film: &Film) -> Result<(SignalModel, LensImage), Error> {
+        let image = LensImage::new(mean_image(film), &self.settings.sensor);
+        Ok((SignalModel::new(&image.radiance, &self.settings.sensor)?, image))
     }
 
     /// Compares the image with the noise level at which the render ends. Computes the plan once the pilot suffices, and
@@ -137,11 +136,10 @@ impl<'a> Planner<'a> {
         report: impl FnOnce(&Forecast),
     ) -> Result<NoiseVerdict, Error> {
         let (signal_model, image) = self.exposed(&state.film.sums)?;
-        let measured = FilmNoise::new(&signal_model, state.film);
+        let measured = FilmNoise::new(&signal_model, state.film).behind(&image);
         let own = measured.pixel_noise();
         let share = self.settings.budget.hidden_share();
-        let is_hidden =
-            measured.certify_by(own.data().iter().copied(), k).is_some_and(|c| c.certificate.hidden >= share);
+        let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.hidden >= share);
         let required_samples = measured.needs_by(&own, k);
         let spp = mean_count(state.counts);
         let weights = &self.weights;
@@ -185,7 +183,7 @@ impl<'a> Planner<'a> {
     fn fix(
         &mut self,
         signal_model: &SignalModel,
-        image: &Plane<f32>,
+        image: &LensImage,
         required: &dyn Fn(f64) -> Option<RequiredSamples>,
         state: State<'_>,
         pace: &Throughput<'_>,
@@ -205,11 +203,11 @@ impl<'a> Planner<'a> {
     }
 
     /// The weights of the samples after a pilot, its film.
-    fn weights_after(&self, signal_model: &SignalModel, image: &Plane<f32>, film: &Film) -> Plane<f32> {
+    fn weights_after(&self, signal_model: &SignalModel, image: &LensImage, film: &Film) -> Plane<f32> {
         let strategy = self.settings.strategy();
         let noise = (strategy == Strategy::Sensor).then(|| signal_model.noise_of_samples(film)).flatten();
         strategy.weights(&Pilot {
-            luminance: image,
+            luminance: &signal_model.image(&image.radiance),
             white: signal_model.white,
             sobel_floor: self.settings.sobel_floor,
             noise: noise.as_ref(),

@@ -39,13 +39,13 @@ impl PilotForecast {
     pub fn new(film: &RenderedFilm, first: &RenderedFilm, settings: &RenderSettings) -> Result<Option<Self>, Error> {
         let planner = Planner::new(settings);
         let (signal_model, image) = planner.exposed(&film.sums)?;
-        let measured = FilmNoise::new(&signal_model, film);
+        let measured = FilmNoise::new(&signal_model, film).behind(&image);
         let own = measured.pixel_noise();
         let Some(required) = measured.needs_by(&own, 1.0) else { return Ok(None) };
         let counts = measured.counts.clone();
         let weights = planner.weights_after(&signal_model, &image, &film.sums);
         // The exposure is that of the pilot, which knows the brightness of the image better.
-        let measured = FilmNoise::new(&signal_model, first);
+        let measured = FilmNoise::new(&signal_model, first).behind(&planner.exposed(&first.sums)?.1);
         let earlier = measured.needs_by(&measured.pixel_noise(), 1.0);
         let before = earlier.and_then(|earlier| Some((mean_count(&measured.counts), decisive(&earlier)?)));
         let spp = mean_count(&counts);

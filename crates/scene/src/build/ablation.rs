@@ -23,7 +23,7 @@ impl SceneBuilder {
     /// | absorption, scattering | the other one of the two stays |
     /// | diffuse transmission, anisotropy, sheen, clear coats, energy compensation | none |
     /// | emission profiles | the same power in a Lambertian distribution |
-    /// | finite apertures, distortion | a pinhole, an ideal image |
+    /// | finite apertures, distortion, blur of the lens | a pinhole, an ideal image, a sharp one without glare |
     /// | motion | every object rests in its pose at time 0 |
     /// | line scan | all rows are exposed at once, for the exposure time of all stages together |
     /// | environment, punctual lights, light profiles | dark |
@@ -40,6 +40,7 @@ impl SceneBuilder {
             Effect::EnergyCompensation => self.energy_compensation = false,
             Effect::FiniteAperture => self.cameras.iter_mut().for_each(|c| c.lens.aperture = None),
             Effect::Distortion => self.cameras.iter_mut().for_each(|c| c.lens.distortion = Default::default()),
+            Effect::LensBlur => self.cameras.iter_mut().for_each(|c| c.lens.blurs = false),
             Effect::Motion => self.instances.iter_mut().for_each(|i| i.motion = RigidMotion::default()),
             Effect::LineScan => {
                 if let Some(Shutter::Lines(lines)) = self.shutter {
@@ -200,6 +201,7 @@ mod tests {
         camera.lens.aperture =
             Some(crate::Aperture { opening: crate::Opening::Radius(0.01), focus_distance: 1.0, blades: None });
         camera.lens.distortion = crate::Distortion { radial: [0.1, 0.0, 0.0, 0.0, 0.0, 0.0], ..Default::default() };
+        camera.lens.blurs = true;
         scene.cameras.push(camera);
         scene.instances[0].motion = RigidMotion::linear(dunkelfeld_geometry::DVec3::X);
         scene.shutter = Some(Shutter::Lines(crate::LineScan {

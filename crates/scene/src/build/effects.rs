@@ -51,6 +51,8 @@ pub enum Effect {
     FiniteAperture,
     /// Lenses that distort.
     Distortion,
+    /// Lenses that blur: diffraction, aberrations, veiling glare.
+    LensBlur,
     /// Objects that move during the exposure.
     Motion,
     /// Rows that are exposed one after the other by one sensor line.
@@ -79,7 +81,7 @@ pub enum Effect {
 
 impl Effect {
     /// All effects, in the order in which they are listed.
-    pub const ALL: [Self; 29] = [
+    pub const ALL: [Self; 30] = [
         Self::Textures,
         Self::VertexColors,
         Self::NormalMaps,
@@ -98,6 +100,7 @@ impl Effect {
         Self::EnergyCompensation,
         Self::FiniteAperture,
         Self::Distortion,
+        Self::LensBlur,
         Self::Motion,
         Self::LineScan,
         Self::Environment,
@@ -132,6 +135,7 @@ impl Effect {
             Self::EnergyCompensation => "energy-compensation",
             Self::FiniteAperture => "finite-aperture",
             Self::Distortion => "distortion",
+            Self::LensBlur => "psf",
             Self::Motion => "motion",
             Self::LineScan => "line-scan",
             Self::Environment => "environment",
@@ -217,6 +221,9 @@ impl Effects {
             }
             if !camera.lens.distortion.is_none() {
                 effects.add(Effect::Distortion, place());
+            }
+            if camera.lens.blurs {
+                effects.add(Effect::LensBlur, place());
             }
         }
         effects

@@ -95,6 +95,7 @@ pub struct RayGenerator {
     darkens: bool,
     aperture: Option<Aperture>,
     undistorter: Option<Box<Undistorter>>,
+    blurs: bool,
     world_origin: DVec3,
     clearance: f64,
 }
@@ -146,6 +147,7 @@ impl RayGenerator {
             darkens: camera.lens.vignetting == Vignetting::CosineFourth && !parallel,
             aperture: camera.lens.aperture,
             undistorter: None,
+            blurs: camera.lens.blurs,
             world_origin,
             clearance: CLEARANCE * f64::from(radius),
         };
@@ -186,6 +188,12 @@ impl RayGenerator {
     #[inline]
     pub fn has_aperture(&self) -> bool {
         self.aperture.is_some()
+    }
+
+    /// True if the samples of a pixel are spread over its neighbours ([`Lens::blurs`](lens::Lens)).
+    #[inline]
+    pub fn blurs(&self) -> bool {
+        self.blurs
     }
 
     /// True if rays have different weights.

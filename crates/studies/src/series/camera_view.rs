@@ -20,7 +20,7 @@ impl View {
     pub(crate) fn new(sensor: &SensorChoice, reference: &Plane<[f32; 3]>) -> Result<Self, SensorError> {
         let SensorChoice::Emva { model, optics, exposure } = sensor else { return Ok(Self { camera: None }) };
         let ImageExposure { exposure, .. } = ImageExposure::new(*exposure, reference, model, optics)?;
-        Ok(Self { camera: Some(((**model).clone(), *optics, exposure)) })
+        Ok(Self { camera: Some(((**model).clone(), optics.clone(), exposure)) })
     }
 
     pub(crate) fn has_sensor(&self) -> bool {

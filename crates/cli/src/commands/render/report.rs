@@ -201,14 +201,17 @@ fn verdict(c: &CertificateStats) -> String {
         );
     }
     let (share, k) = (100.0 * c.hidden, c.k);
+    let blocks = c.hidden_blocks.map_or(String::new(), |share| {
+        format!(", and in {:.1} % of the blocks of 8 x 8 pixels for their means", 100.0 * share)
+    });
     match c.is_hidden {
         true => format!(
             "noise of the render: hidden, the camera would not show the difference; in {share:.1} % of the unsaturated \
-             pixels it is at most {k} times the noise of the camera"
+             pixels it is at most {k} times the noise of the camera{blocks}"
         ),
         false => format!(
             "noise of the render: visible, the camera would show the difference; only in {share:.1} % of the \
-             unsaturated pixels it is at most {k} times the noise of the camera"
+             unsaturated pixels it is at most {k} times the noise of the camera{blocks}"
         ),
     }
 }

@@ -80,6 +80,10 @@ pub(super) fn share<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
     real(d, 0.0, 1.0)
 }
 
+pub(super) fn glare<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+    real(d, 0.0, 0.5)
+}
+
 /// A transmission of zero would leave a black image.
 pub(super) fn positive_share<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
     real(d, 1e-6, 1.0)

@@ -1,8 +1,12 @@
 //! `[lens]` of a job: its keys, and the keys that exclude each other.
 
-use super::{FilmSettings, SensorChoice, check};
+use super::{FilmSettings, PsfSettings, SensorChoice, check};
+use crate::error::InputError;
+use crate::input::InputFiles;
 use dunkelfeld_scene::{Distortion, Vignetting};
+use dunkelfeld_sensor::Psf;
 use serde::Deserialize;
+use std::path::PathBuf;
 
 /// `[lens]`: field of view, aperture, focus and aberrations of the lens. An absent key keeps the value of the camera.
 ///
@@ -57,6 +61,12 @@ pub struct LensSettings {
     pub vignetting: Option<Vignetting>,
     /// A band-pass filter in front of the sensor.
     pub filter: Option<FilterSettings>,
+    /// How the lens blurs the image: `"none"`, `"diffraction"`, a Gaussian `{ sigma = "1.5um" }` or `{ mtf50 = 80 }` [line pairs
+    /// per mm] on the sensor, or the MTF in a CSV file. Default: diffraction if the aperture is given, otherwise none.
+    pub psf: Option<PsfSettings>,
+    /// Share of the light in the veiling glare, 0 to 0.5. Default 0; real lenses have 0.01 to 0.03.
+    #[serde(deserialize_with = "check::glare")]
+    pub glare: f64,
 }
 
 /// A band-pass filter: `{ center = "635nm", width = "40nm", transmission = 0.9 }`.
@@ -96,6 +106,30 @@ impl Default for LensSettings {
             principal_point: None,
             vignetting: None,
             filter: None,
+            psf: None,
+            glare: 0.0,
+        }
+    }
+}
+
+impl LensSettings {
+    /// The point spread function: without one, that of diffraction if the aperture is given. A table is read from its file.
+    ///
+    /// # Errors
+    /// As [`PsfSettings::load`].
+    pub fn psf(&self, inputs: &mut InputFiles) -> Result<Psf, InputError> {
+        match &self.psf {
+            Some(psf) => psf.load(inputs),
+            None if self.f_number.or(self.numerical_aperture).is_some() => Ok(Psf::Diffraction),
+            None => Ok(Psf::None),
+        }
+    }
+
+    /// The file of its MTF.
+    pub(super) fn mtf_file(&mut self) -> Option<&mut PathBuf> {
+        match &mut self.psf {
+            Some(PsfSettings::File(path)) => Some(path),
+            _ => None,
         }
     }
 }
@@ -152,6 +186,13 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
     if lens.filter.is_some() && *sensor == SensorChoice::None {
         let problem = "a filter lies in front of a sensor, and there is none";
         return fault("filter", problem, "name another [sensor] model than \"none\", or remove this");
+    }
+    let blurs = lens.psf.as_ref().is_some_and(|psf| *psf != PsfSettings::Given(Psf::None));
+    for (key, given) in [("psf", blurs), ("glare", lens.glare > 0.0)] {
+        if given && *sensor == SensorChoice::None {
+            let problem = "the blur of a lens lies in front of a sensor, and there is none";
+            return fault(key, problem, "name another [sensor] model than \"none\", or remove this");
+        }
     }
     if lens.vertical_fov.is_some() && lens.focal_length.is_some() {
         let problem = "`vertical_fov` and `focal_length` both set the field of view";

@@ -6,7 +6,8 @@ use dunkelfeld_film::units::{
 use dunkelfeld_film::{BATCHES, PixelSums, RadianceSum, SquareSum};
 
 /// Bytes of one pixel: little-endian, in the order of the fields of [`PixelSums`].
-pub const PIXEL_BYTES: usize = BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8 + 32 + 3 * 16;
+pub const PIXEL_BYTES: usize =
+    BATCHES * 3 * 16 + BATCHES * 4 + 2 * (3 * 8 + 3 * 8) + 8 + 16 + 4 + 4 + 8 + 32 + 9 * 16 + 2 * 8;
 
 /// Maximum number of samples of a pixel of a film.
 pub const MAX_SAMPLES: u32 = 1 << 30;
@@ -31,6 +32,8 @@ pub(super) fn encode(sums: &PixelSums, out: &mut Vec<u8>) {
     [sums.hits, sums.invalid].iter().for_each(|v| out.extend(v.to_le_bytes()));
     out.extend(sums.heaviest_key.to_le_bytes());
     sums.luminance_squares.0.iter().chain(&sums.first_light.0).for_each(|v| out.extend(v.to_le_bytes()));
+    sums.moments.as_flattened().iter().for_each(|v| out.extend(v.to_le_bytes()));
+    sums.places.iter().for_each(|v| out.extend(v.to_le_bytes()));
 }
 
 /// The pixel of the bytes. `None` if they are too few, or if no samples can give it. A returned pixel can be counted,
@@ -56,6 +59,12 @@ pub(super) fn decode(mut bytes: &[u8]) -> Option<PixelSums> {
     sums.heaviest_key = u64::from_le_bytes(take(from)?);
     sums.luminance_squares = SquareSum([radiance(from)?, radiance(from)?]);
     sums.first_light = RadianceSum([radiance(from)?, radiance(from)?, radiance(from)?]);
+    for v in sums.moments.as_flattened_mut() {
+        *v = i128::from_le_bytes(take(from)?);
+    }
+    for v in &mut sums.places {
+        *v = i64::from_le_bytes(take(from)?);
+    }
     is_possible(&sums).then_some(sums)
 }
 
@@ -82,6 +91,8 @@ fn is_possible(sums: &PixelSums) -> bool {
     };
     sums.batches.iter().zip(&sums.counts).all(lit)
         && lit((&sums.first_light, &(count as u32)))
+        && sums.places.iter().all(|v| v.unsigned_abs() <= count * UNIT.unsigned_abs())
+        && sums.moments.iter().all(|m| lit((&RadianceSum(m.map(i128::unsigned_abs)), &(count as u32))))
         && sums.albedo.iter().chain(&sums.normal).all(|&v| within(v, UNIT))
         && sums.albedo_squares.iter().chain(&sums.normal_squares).all(|&v| v <= u64::from(sums.hits) * UNIT_SQUARE)
         && sums.depth >= 0
@@ -114,6 +125,7 @@ mod tests {
                 &Sample {
                     radiance: Rgb::new(v, 0.5 * v, 2.0),
                     first_light: Rgb::new(0.5 * v, 0.0, 2.0),
+                    place: [-0.25, 0.5],
                     albedo: Rgb::splat(0.7),
                     normal,
                     depth: 1.5,
@@ -138,7 +150,7 @@ mod tests {
     #[test]
     fn impossible_sums_are_refused() {
         type Change = fn(&mut PixelSums);
-        let cases: [Change; 12] = [
+        let cases: [Change; 14] = [
             |p| p.counts[0] = u32::MAX,
             |p| p.hits = 18,
             |p| p.invalid = 18,
@@ -149,6 +161,8 @@ mod tests {
             |p| p.depth = i64::MAX,
             |p| p.heaviest_key = u64::from(f32::INFINITY.to_bits()) << 32,
             |p| p.batches[3].0[1] = 5 << 105,
+            |p| p.moments[1][2] = i128::MIN,
+            |p| p.places[0] = i64::MIN,
             |p| p.luminance_squares = SquareSum([0, 0]),
             |p| p.luminance_squares.0[1] = u128::MAX,
         ];
