@@ -102,8 +102,13 @@ impl LensBlur {
         }
         let transforms = CosineTransforms::new([width, height]);
         for channel in 0..3 {
-            let light = |p: &[f32; 3]| if is_valid(p[channel]) { f64::from(p[channel]) } else { 0.0 };
-            let mut spectrum: Vec<f64> = mean.data().iter().map(light).collect();
+            let mut spectrum = vec![0.0; mean.data().len()];
+            for_rows(&mut spectrum, width, |y, row| {
+                let light = |p: &[f32; 3]| if is_valid(p[channel]) { f64::from(p[channel]) } else { 0.0 };
+                let pixels = &mean.data()[y * width as usize..];
+                row.iter_mut().zip(pixels).for_each(|(to, pixel)| *to = light(pixel));
+                0
+            });
             transforms.forward(&mut spectrum);
             let size = [width as usize, height as usize];
             let axes = image.moments.as_ref().filter(|_| self.has_moments).map(|axes| {
@@ -118,7 +123,8 @@ impl LensBlur {
             });
             for (number, (_, kernels)) in self.fields.iter().enumerate() {
                 let kernel = &kernels[channel];
-                let mut light = spectrum.clone();
+                let is_last = number + 1 == self.fields.len();
+                let mut light = if is_last { std::mem::take(&mut spectrum) } else { spectrum.clone() };
                 kernel.multiply(&mut light, [width, height], self.glare);
                 transforms.backward(&mut light);
                 let taps = kernel.taps();
@@ -138,8 +144,12 @@ impl LensBlur {
                 });
             }
         }
-        let pairs = behind.data_mut().as_flattened_mut().iter_mut().zip(mean.data().as_flattened());
-        pairs.for_each(|(behind, &mean)| *behind = if is_valid(mean) { behind.max(0.0) } else { mean });
+        for_rows(behind.data_mut(), width, |y, row| {
+            let before = mean.data()[y * width as usize..].as_flattened();
+            let pairs = row.as_flattened_mut().iter_mut().zip(before);
+            pairs.for_each(|(behind, &mean)| *behind = if is_valid(mean) { behind.max(0.0) } else { mean });
+            0
+        });
         behind
     }
 
@@ -388,7 +398,8 @@ impl Kernel {
                 let core: f64 = of_rows.map(|(w, c)| w * c).sum();
                 let veil = if glare > 0.0 {
                     let f = (0.5 * x as f64 / f64::from(width)).hypot(0.5 * y as f64 / f64::from(height));
-                    (1.0 + (2.0 * PI * radius * f).powi(2)).powf(-1.5)
+                    let square = 1.0 + (2.0 * PI * radius * f).powi(2);
+                    1.0 / (square * square.sqrt())
                 } else {
                     0.0
                 };
@@ -528,18 +539,20 @@ struct Padded {
 
 impl Padded {
     /// With so many pixels on each side. `flips` says along which axes mirrored values change their sign.
-    fn new([width, height]: [usize; 2], margin: usize, flips: [bool; 2], of: impl Fn(usize) -> f32) -> Self {
+    fn new([width, height]: [usize; 2], margin: usize, flips: [bool; 2], of: impl Fn(usize) -> f32 + Sync) -> Self {
         let along = |size: usize| -> Vec<_> {
             (0..size + 2 * margin).map(|i| mirrored(i as isize - margin as isize, size)).collect()
         };
         let (columns, rows) = (along(width), along(height));
-        let mut values = Vec::with_capacity(columns.len() * rows.len());
-        for &(y, is_below) in &rows {
-            values.extend(columns.iter().map(|&(x, is_beside)| {
+        let mut values = vec![0.0; columns.len() * rows.len()];
+        for_rows(&mut values, columns.len() as u32, |row, out| {
+            let (y, is_below) = rows[row];
+            for (out, &(x, is_beside)) in out.iter_mut().zip(&columns) {
                 let value = of(y * width + x);
-                if (is_beside && flips[0]) != (is_below && flips[1]) { -value } else { value }
-            }));
-        }
+                *out = if (is_beside && flips[0]) != (is_below && flips[1]) { -value } else { value };
+            }
+            0
+        });
         Self { values, width, stride: columns.len(), margin }
     }
 
