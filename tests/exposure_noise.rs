@@ -6,10 +6,8 @@
 mod support;
 
 use dunkelfeld::film::{Accumulate, Film, PixelSums, Plane, Sample};
-use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
-use dunkelfeld::scene::shapes::cuboid;
-use dunkelfeld::scene::{Material, Scene, SceneBuilder};
+use dunkelfeld::scene::Scene;
 use dunkelfeld::sensor::{Device, Exposure, ExposureNoise, FrameKey, Optics};
 use dunkelfeld::{
     Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, certify, develop, develop_film,
@@ -18,25 +16,13 @@ use dunkelfeld::{
 use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::layers::Single;
 use dunkelfeld_sampling::hash_u64;
-use support::{build, emitter, settings, square};
+use support::{settings, shadow};
 
 const SIDE: u32 = 96;
 const PIXELS: usize = (SIDE * SIDE) as usize;
 const FRAMES: u32 = 48;
 /// Standard deviation of the render's noise over that of the camera.
 const K: f64 = 0.7;
-
-/// A floor under a lamp with a post with a soft shadow: a wide range of light, and noise from the unknown visible part of the lamp.
-fn shadow() -> Scene {
-    let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
-    b.add_object("floor", square(0.0, 2.4, false), floor);
-    b.add_object("post", cuboid(Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, 0.1, 0.5)), floor);
-    let lamp = b.add_material(emitter(24.0));
-    b.add_object("lamp", square(1.2, 0.8, true), lamp);
-    b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
-    build(b)
-}
 
 /// Exposed for so many milliseconds.
 fn exposed(ms: f64) -> RenderSettings {

@@ -6,29 +6,16 @@
 mod support;
 
 use dunkelfeld::film::Plane;
-use dunkelfeld::geometry::{DVec3, Vec3};
+use dunkelfeld::geometry::DVec3;
 use dunkelfeld::radiometry::{Rgb, Seconds};
-use dunkelfeld::scene::shapes::cuboid;
 use dunkelfeld::scene::{Environment, EnvironmentSource, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::{Exposure, ExposureNoise, Optics, Psf};
 use dunkelfeld::{
     ExposeSettings, Frame, RenderSettings, Rendering, SensorChoice, Session, develop_film, find_sensor, render,
 };
-use support::{build, emitter, settings, square};
+use support::{build, settings, shadow, square};
 
 const SIDE: u32 = 32;
-
-/// A floor under a lamp with a post, whose shadow is soft: the noise of a pixel differs by an order of magnitude.
-fn shadow() -> Scene {
-    let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
-    b.add_object("floor", square(0.0, 2.4, false), floor);
-    b.add_object("post", cuboid(Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, 0.1, 0.5)), floor);
-    let lamp = b.add_material(emitter(24.0));
-    b.add_object("lamp", square(1.2, 0.8, true), lamp);
-    b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
-    build(b)
-}
 
 fn exposed(psf: Psf, samples: f64, ms: f64) -> RenderSettings {
     let optics = Optics::new(8.0, 0.9, 0.0).expect("in range").with_psf(psf);

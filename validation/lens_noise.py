@@ -84,7 +84,8 @@ def row(job: Path, options: argparse.Namespace) -> str:
         held = np.min([image["matched.Y"] for image in frames], axis=0) > 0.0
         values = np.array([np.where(held, image["frame"], 0.0) for image in frames])
         camera = np.sqrt(electrons.mean(axis=0) + FLOOR) / GAIN
-        powers.append(power(values, camera) / held.mean())
+        # Of a few pixels there is no spectrum.
+        powers.append(power(values, camera) / held.mean() if held.mean() > 0.5 else np.array([]))
         bands = [" ".join(f"{value:.2f}" for value in of) for of in powers]
         whole = measured[known].sum() / claims[known].sum()
         return f"| {job.stem} | {whole:.3f} | {bands[0]} | {bands[1]} | {100 * held.mean():.0f} % | {bands[2]} |"

@@ -22,6 +22,22 @@ pub(crate) fn black() -> Material {
     Material { name: "black".into(), base_color: Rgb::BLACK, specular: 0.0, ..Material::default() }
 }
 
+/// A floor under a lamp with a post with a soft shadow: a wide range of light, and noise from the unknown visible part of the lamp.
+pub(crate) fn shadow() -> Scene {
+    let mut b = SceneBuilder::default();
+    let floor = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
+    b.add_object("floor", square(0.0, 2.4, false), floor);
+    b.add_object(
+        "post",
+        dunkelfeld::scene::shapes::cuboid(Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, 0.1, 0.5)),
+        floor,
+    );
+    let lamp = b.add_material(emitter(24.0));
+    b.add_object("lamp", square(1.2, 0.8, true), lamp);
+    b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
+    build(b)
+}
+
 /// A square of side `side` around the origin's height `z`, facing +z (or -z if turned), in the xy plane.
 pub(crate) fn square(z: f32, side: f32, turned: bool) -> dunkelfeld::geometry::Mesh {
     let (h, s) = (0.5 * side, side);

@@ -61,7 +61,8 @@ impl ExrImage {
         let is_matched = settings.exposure_noise == ExposureNoise::Matched;
         let agree = |size: ExrSize| {
             let threads = thread_count(settings.threads);
-            let account = expose_account((size.width, size.height), size.bytes, is_matched, threads);
+            let account =
+                expose_account((size.width, size.height), size.bytes, (is_matched, settings.optics.blurs()), threads);
             let help = "expose a smaller image, one with fewer layers, or on fewer --threads";
             account.check(settings.memory_limit, 0, help)
         };

@@ -413,7 +413,8 @@ pub(crate) fn frames_of(
 /// Checks that the frames of the settings fit into memory, for a film of this width and height \[pixels\].
 pub(crate) fn check_frames(settings: &ExposeSettings, (width, height): (u32, u32)) -> Result<(), Error> {
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
-    let mut account = expose_account((width, height), 0, is_matched, thread_count(settings.threads));
+    let mut account =
+        expose_account((width, height), 0, (is_matched, settings.optics.blurs()), thread_count(settings.threads));
     let bytes = u64::from(width) * u64::from(height) * 2;
     let phases = account.phases.len();
     // Once as planes, once as the array of a caller.

@@ -47,15 +47,6 @@ pub struct LensBlur {
     fields: Vec<(f64, [Kernel; 3])>,
     /// Share of the light in the veiling glare.
     glare: f64,
-    has_moments: bool,
-}
-
-/// What a film knows of its samples.
-#[derive(Clone, Copy)]
-struct FilmKind {
-    /// Side of the box over which samples are spread \[pixels\].
-    spread: f64,
-    has_moments: bool,
 }
 
 /// Weights of the pixels around a pixel, by their distance in columns and rows.
@@ -74,24 +65,23 @@ impl LensBlur {
     /// The blur of a lens for an image of pixels of this pitch. `None` for a lens without blur, if the samples of the image are not
     /// spread either. That they are spread is taken back as far as possible.
     pub fn new(optics: &Optics, pitch: Metres, image: &MeanImage) -> Option<Self> {
-        let (is_spread, has_moments) = (image.is_spread, image.moments.is_some());
-        if !optics.blurs() && !is_spread {
+        if !optics.blurs() && !image.is_spread {
             return None;
         }
-        let film = FilmKind { spread: if is_spread { f64::from(MeanImage::SPREAD) } else { 0.0 }, has_moments };
+        let spread = if image.is_spread { f64::from(MeanImage::SPREAD) } else { 0.0 };
         let working_f_number = optics.f_number() * (1.0 + optics.magnification());
         let field = |(number, height): (usize, f64)| {
             let kernels = optics.bands().wavelengths.map(|wavelength| {
                 let mtf = |f: f64| optics.psf().mtf(f / pitch.0, number, working_f_number, wavelength);
-                Kernel::new(mtf, film)
+                Kernel::new(mtf, spread, image.moments.is_some())
             });
             (height / pitch.0, kernels)
         };
         let fields = optics.psf().heights().into_iter().enumerate().map(field).collect();
-        Some(Self { fields, glare: optics.glare(), has_moments })
+        Some(Self { fields, glare: optics.glare() })
     }
 
-    /// The radiance behind the lens. Pixels that are not finite or negative stay as they are and give no light to others. Runs on
+    /// The radiance behind the lens, of the image of [`Self::new`]. Pixels that are not finite or negative stay as they are and give no light to others. Runs on
     /// the threads of the pool of the caller, if there is one.
     pub fn image(&self, image: &MeanImage) -> Plane<[f32; 3]> {
         let (mean, [width, height]) = (&image.radiance, image.size());
@@ -111,7 +101,7 @@ impl LensBlur {
             });
             transforms.forward(&mut spectrum);
             let size = [width as usize, height as usize];
-            let axes = image.moments.as_ref().filter(|_| self.has_moments).map(|axes| {
+            let axes = image.moments.as_ref().map(|axes| {
                 [[true, false], [false, true]].map(|flips| {
                     let plane = axes[usize::from(flips[1])].data();
                     Padded::new(size, GRADIENTS, flips, |i| {
@@ -277,8 +267,9 @@ impl LensBlur {
 }
 
 impl Kernel {
-    /// The kernel of an MTF over the frequency [cycles per pixel].
-    fn new(mtf: impl Fn(f64) -> f64, film: FilmKind) -> Self {
+    /// The kernel of an MTF over the frequency [cycles per pixel], for samples that are spread over a box of that side \[pixels\].
+    /// Without moments there are no gradients.
+    fn new(mtf: impl Fn(f64) -> f64, spread: f64, has_moments: bool) -> Self {
         // The frequency at which little is left determines the reach.
         let mut cutoff = 0.5;
         while cutoff > 1e-3 && mtf(cutoff) < 0.1 {
@@ -288,17 +279,17 @@ impl Kernel {
         let reach = size / 2;
         let systems: Vec<System> = (0..=reach)
             .flat_map(|y| (0..=reach).map(move |x| [x, y]))
-            .map(|at| System::new(at.map(|i| i as f64 / size as f64), &mtf, film))
+            .map(|at| System::new(at.map(|i| i as f64 / size as f64), &mtf, spread))
             .collect();
-        let mut kernel = Self { reach, weights: Vec::new(), gradients: Vec::new() };
-        kernel.weights = back(size, |x, y| systems[y * (reach + 1) + x].all()[0], [cosine; 2], reach + 1);
-        if film.has_moments {
-            let gradient = |x: usize, y: usize| systems[y * (reach + 1) + x].all()[1];
-            kernel.gradients = back(size, gradient, [sine, cosine], GRADIENTS + 1);
-        } else {
-            kernel.gradients = vec![0.0; (GRADIENTS + 1) * (GRADIENTS + 1)];
+        let gradients = vec![0.0; (GRADIENTS + 1) * (GRADIENTS + 1)];
+        let mut kernel = Self { reach, weights: Vec::new(), gradients };
+        if has_moments {
+            let systems = &systems;
+            let of = |number: usize| move |x: usize, y: usize| systems[y * (reach + 1) + x].all()[number];
+            kernel.weights = back(size, of(0), [cosine; 2], reach + 1);
+            kernel.gradients = back(size, of(1), [sine, cosine], GRADIENTS + 1);
+            kernel.limit();
         }
-        kernel.limit();
         let of_axis = transform(size, &kernel.gradients, GRADIENTS + 1, [sine, cosine]);
         let weight = |x: usize, y: usize| {
             systems[y * (reach + 1) + x].weight_for([of_axis[y * (reach + 1) + x], of_axis[x * (reach + 1) + y]])
@@ -417,12 +408,12 @@ struct System {
 }
 
 impl System {
-    fn new(at: [f64; 2], mtf: &impl Fn(f64) -> f64, film: FilmKind) -> Self {
+    fn new(at: [f64; 2], mtf: &impl Fn(f64) -> f64, spread: f64) -> Self {
         let mut system = Self { matrix: [[0.0; 3]; 3], right: [0.0; 3] };
         let importance = |f: f64| FAR_WEIGHT + (1.0 - FAR_WEIGHT) / (1.0 + ((f.abs() - MIDDLE) / WIDTH).exp());
         for (ax, ay) in (-ALIASES..=ALIASES).flat_map(|y| (-ALIASES..=ALIASES).map(move |x| (x, y))) {
             let [x, y] = [at[0] + f64::from(ax), at[1] + f64::from(ay)];
-            let boxes = sinc(film.spread * x) * sinc(film.spread * y);
+            let boxes = sinc(spread * x) * sinc(spread * y);
             let of_film = [sinc(x) * sinc(y), -ramp(x) * sinc(y), -sinc(x) * ramp(y)].map(|v| v * boxes);
             let wanted = sinc(x) * sinc(y) * mtf(x.hypot(y));
             let importance = importance(x) * importance(y);
@@ -430,12 +421,6 @@ impl System {
                 system.right[i] += importance * a * wanted;
                 of_film.iter().enumerate().for_each(|(j, b)| system.matrix[i][j] += importance * a * b);
             }
-        }
-        if !film.has_moments {
-            // Without moments there are no gradients.
-            let [[weight, ..], ..] = system.matrix;
-            system.matrix = [[weight, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-            system.right = [system.right[0], 0.0, 0.0];
         }
         (0..3).for_each(|i| system.matrix[i][i] += 1e-12);
         system

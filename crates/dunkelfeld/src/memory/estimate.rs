@@ -232,7 +232,12 @@ pub(crate) fn merge_account((width, height): (u32, u32), outputs: &OutputPaths, 
 }
 
 /// The account of the exposure of an image, from the bytes of its channels.
-pub(crate) fn expose_account(size: (u32, u32), channel_bytes: u64, is_matched: bool, threads: usize) -> MemoryAccount {
+pub(crate) fn expose_account(
+    size: (u32, u32),
+    channel_bytes: u64,
+    (is_matched, blurs): (bool, bool),
+    threads: usize,
+) -> MemoryAccount {
     let px = pixels(size.0, size.1);
     let planes = |bytes: u64| px.saturating_mul(bytes);
     let mut account = MemoryAccount::new(&["read", "expose"]);
@@ -240,8 +245,9 @@ pub(crate) fn expose_account(size: (u32, u32), channel_bytes: u64, is_matched: b
     account.add("layers", &[channel_bytes.saturating_mul(2), channel_bytes]);
     // Radiance (12), and with its noise: variances and estimates.
     let noise = if is_matched { 160 } else { 0 };
-    // And the image behind a lens that blurs, which only the lens of the file can say.
-    account.add("radiance", &[0, planes(12 + per_pixel::LENS + noise)]);
+    account.add("radiance", &[0, planes(12 + noise)]);
+    // The lens of a file is not known yet; its moments are channels of it.
+    account.add("lens", &[0, if blurs { planes(per_pixel::LENS) } else { 0 }]);
     let frames = per_pixel::FRAME + per_pixel::PICTURE;
     let at_once = (threads as u64).clamp(1, MAX_WAITING as u64);
     account.add("exposure", &[0, planes(4 + per_pixel::DEVICE)]);
@@ -366,7 +372,7 @@ mod tests {
         assert!(vast.peak_bytes > 1 << 62);
         for account in [
             merge_account((u32::MAX, u32::MAX), &OutputPaths::default(), 64),
-            expose_account((u32::MAX, u32::MAX), u64::MAX, true, 64),
+            expose_account((u32::MAX, u32::MAX), u64::MAX, (true, true), 64),
             denoise_account((u32::MAX, u32::MAX), u64::MAX, DenoiseMethod::Oidn, 64),
         ] {
             assert!(account.peak_bytes > 1 << 62, "{}", account.table());
