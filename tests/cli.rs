@@ -94,18 +94,14 @@ fn a_render_writes_all_outputs_well_formed() {
 fn training_changes_the_samples_and_a_replay_repeats_it() {
     let bench = Bench::new();
     let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/references/all-kinds-of-light.toml");
-    let render = format!("render {scene} --width 24 --height 16 --spp 16");
-    bench.run(&format!("{render} --exr plain.exr -o plain.png")).code(0);
-    bench
-        .run(&format!(
-            "{render} --training-paths 800 --threads 1 --exr one.exr --plan plan.exr --stats one.json -o one.png"
-        ))
-        .code(0);
+    let render = format!("render {scene} --width 128 --height 128 --spp 2");
+    bench.run(&format!("{render} --without learned-roulette --exr plain.exr -o plain.png")).code(0);
+    bench.run(&format!("{render} --threads 1 --exr one.exr --plan plan.exr --stats one.json -o one.png")).code(0);
     bench.run(&format!("render {scene} --replay plan.exr --threads 3 --exr replay.exr -o replay.png")).code(0);
     assert_ne!(bench.floats("plain.exr", "R"), bench.floats("one.exr", "R"), "training has an effect");
     assert_eq!(bench.floats("one.exr", "R"), bench.floats("replay.exr", "R"));
     let stats = bench.json("one.json");
-    assert_eq!(stats["training_paths"], 800);
+    assert_eq!(stats["training_paths"], 1024);
     assert!(stats["seconds"]["training"].as_f64().is_some_and(|s| s >= 0.0), "{}", stats["seconds"]);
 }
 

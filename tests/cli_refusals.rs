@@ -118,7 +118,6 @@ fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() 
     assert!(message.contains("every-light") && message.contains("cover-connection"), "{message}");
     assert!(!["nesting", "many-lights", "color,"].iter().any(|name| message.contains(name)), "{message}");
     for (line, says) in [
-        ("render scene.gltf --training-paths 1048577", "help: use 20000"),
         ("render scene.gltf --debug-sample 512,0,0", "help: name a pixel"),
         ("inspect nowhere.glb", "nowhere.glb"),
         ("inspect broken.gltf", "broken.gltf"),

@@ -271,7 +271,7 @@ fn a_replay_belongs_to_one_render_and_applied_options_stay() {
     write_scene(folder.path(), 4);
     let mut project = open(&folder, "job.toml", JOB);
     let whole = film(&project);
-    let options = RenderOptions::default().with_spp(7.0).with_seed(5u64).with_training_paths(16u32);
+    let options = RenderOptions::default().with_spp(7.0).with_seed(5u64);
     let saved = render(&mut project, options.clone().with_vignetting(Vignetting::CosineFourth));
     assert!(saved.is_vignetted && project.vignetting.is_none());
     let plan = folder.path().join("plan.exr");
@@ -287,8 +287,8 @@ fn a_replay_belongs_to_one_render_and_applied_options_stay() {
     }
     project.apply_options(options).expect("applied");
     let settings = &project.settings;
-    assert_eq!((settings.budget.spp, settings.seed, settings.training_paths), (Some(7.0), 5, Some(16)));
-    // A seed, a size or a number of training paths beside the plan replaces that of its file.
+    assert_eq!((settings.budget.spp, settings.seed), (Some(7.0), 5));
+    // A seed beside the plan replaces that of its file.
     let plan = SavedPlan::of_film(&saved).expect("a whole film");
     project
         .apply_options(RenderOptions::default().with_replay(ReplayOption::Plan(plan)).with_seed(6u64))
@@ -361,4 +361,44 @@ fn files_of_a_coaxial_station_have_its_beam_splitter() {
     let saved = render(&mut project, RenderOptions::default());
     let frames = expose_film(&saved, &ExposeOptions::default(), 1, &Cancel::new()).expect("a frame");
     assert!(frames[0] == values);
+}
+
+/// What a job resolves to: settings of the render with the lens combined with its camera, outputs, and the data of the scene.
+fn resolved(name: &str, project: &Project) -> String {
+    let settings = project.fitted().unwrap_or_else(|e| panic!("{name}: {e}"));
+    let mut json = serde_json::to_value(&settings).expect("JSON");
+    // The data of a sensor are those of its file.
+    let model = json.pointer_mut("/sensor/emva/model").map(serde_json::Value::take);
+    format!(
+        "{name}: scene {:032x}, sensor {:032x}, {:?}, timed {}, {:?}\n    {json}\n",
+        project.scene.fingerprint(),
+        dunkelfeld::scene::digest(&model.map(|model| model.to_string())),
+        settings.readout,
+        settings.is_timed,
+        project.outputs,
+    )
+}
+
+/// Shipped jobs, stations and references give the same scenes and settings as before.
+#[test]
+fn jobs_resolve_to_the_same_scenes_and_settings() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let mut text = String::new();
+    for station in dunkelfeld::STATIONS {
+        let project = Project::from_text("station.toml", &station.job()).unwrap_or_else(|e| panic!("{e}"));
+        text += &resolved(station.name, &project);
+    }
+    for folder in ["scenes/inspection", "tests/references"] {
+        let mut jobs: Vec<_> =
+            fs::read_dir(root.join(folder)).expect("a folder").map(|e| e.expect("a file").path()).collect();
+        jobs.retain(|path| path.extension().is_some_and(|e| e == "toml"));
+        jobs.sort();
+        for path in jobs {
+            let project = Project::open(&path).unwrap_or_else(|e| panic!("{e}"));
+            text += &resolved(&path.file_stem().expect("a name").to_string_lossy(), &project);
+        }
+    }
+    insta::with_settings!({ snapshot_path => root.join("tests/snapshots"), prepend_module_to_snapshot => false }, {
+        insta::assert_snapshot!("resolved-jobs", text);
+    });
 }

@@ -128,11 +128,6 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["time", "spp", "noise", "share", "allocate"])]
     pub(crate) replay: Option<PathBuf>,
 
-    /// Paths that train Russian roulette and splitting before the render: less noise, for the same expected image. With 0
-    /// the throughput of a path decides its end, and none is split [default: one for 16 pixels, at most 8192; 0 below 128 x 128 pixels or 2 s].
-    #[arg(long, value_name = "N")]
-    pub(crate) training_paths: Option<u32>,
-
     /// Write the state of the render to this file, and continue from it if the file exists. The same command continues a
     /// render that was killed, and the result has the same bits as without the interruption. With --time, the seconds of
     /// all runs count together. Outputs, threads and progress may change; all other settings must be the same. The file

@@ -72,7 +72,7 @@
 //! let mut project = Project::from_text("ball.toml", JOB)?;
 //! let options = RenderOptions::default().with_spp(8.0).with_seed(3u64);
 //! let film = project.render_options(options, &Silent, &Cancel::new())?.into_saved_film();
-//! // Size, seed, frame and number of training paths belong to the plan.
+//! // Size, seed and frame belong to the plan.
 //! let replay = RenderOptions::default().with_replay(ReplayOption::Plan(SavedPlan::of_film(&film)?));
 //! let again = project.render_options(replay, &Silent, &Cancel::new())?;
 //! assert!(again.rendering.film.sums == film.film.sums);

@@ -53,13 +53,12 @@ pub enum ExposureOption {
 /// The samples of an earlier render, for a replay.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ReplayOption {
-    /// An EXR with the layers or the plan of a render. Size, seed, frame and number of training paths are those of the file,
-    /// unless the options set them.
+    /// An EXR with the layers or the plan of a render. Size, seed and frame are those of the file, unless the options
+    /// set them.
     File(PathBuf),
     /// A plan with the same data, such as [`SavedPlan::of_film`].
     Plan(SavedPlan),
-    /// Samples per pixel. They determine the size of the film; seed, frame and number of training paths are those of the
-    /// project.
+    /// Samples per pixel. They determine the size of the film; seed and frame are those of the project.
     Samples(Plane<u32>),
 }
 
@@ -107,8 +106,6 @@ pub struct RenderOptions {
     pub oidn: Option<PathBuf>,
     /// A plan that is rendered instead of budget and strategy.
     pub replay: Option<ReplayOption>,
-    /// Number of training paths of the learned Russian roulette; 0 switches it off.
-    pub training_paths: Option<u32>,
     /// Limit of memory \[bytes\].
     pub memory: Option<u64>,
     /// Path of the checkpoint. If the file exists, the render continues from it.
@@ -207,7 +204,6 @@ impl RenderOptions {
         s.budget.share = share.or(s.budget.share);
         s.seed = seed.unwrap_or(s.seed);
         s.frame = frame.unwrap_or(s.frame);
-        s.training_paths = self.training_paths.or(s.training_paths);
         s.threads = threads.unwrap_or(s.threads);
         s.memory_limit = self.memory.or(s.memory_limit);
         if another && !s.has_sensor() && strategy.is_none() && s.strategy == Some(Strategy::Sensor) {

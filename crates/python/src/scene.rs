@@ -231,15 +231,13 @@ impl Scene {
     /// the pause between two checkpoints. `progress` is called with (stage, fraction, elapsed [s], remaining [s] or None).
     ///
     /// `replay` renders the samples of an earlier render instead of a limit: a film, or the path of an EXR that `save_exr`,
-    /// `save_plan` or the program wrote. Size, seed, frame and `training_paths` are those of that render, unless they are
+    /// `save_plan` or the program wrote. Size, seed and frame are those of that render, unless they are
     /// given. An array of samples per pixel (uint32 or int64 of shape (height, width)) gives the size alone.
-    /// `training_paths` is the number of paths that train Russian roulette; 0 switches it off.
     ///
     /// Ctrl-C ends the render and raises `Interrupted`, whose `film` has the samples until then.
     #[pyo3(signature = (*, spp=None, time=None, noise=None, share=None, width=None, height=None, camera=None, seed=None,
         frame=None, threads=None, samples=None, strategy=None, sensor=None, exposure=None, exposure_noise=None, vignetting=None,
-        denoise=None, oidn=None, replay=None, training_paths=None, memory=None, checkpoint=None, checkpoint_every=None,
-        progress=None))]
+        denoise=None, oidn=None, replay=None, memory=None, checkpoint=None, checkpoint_every=None, progress=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn render(
         &self,
@@ -263,7 +261,6 @@ impl Scene {
         denoise: Option<&str>,
         oidn: Option<PathBuf>,
         replay: Option<&Bound<'_, PyAny>>,
-        training_paths: Option<u32>,
         memory: Option<MemoryArgument>,
         checkpoint: Option<PathBuf>,
         checkpoint_every: Option<f64>,
@@ -284,7 +281,6 @@ impl Scene {
         (options.denoise, options.oidn) = (denoise.map(method_of).transpose()?, oidn);
         options.replay = replay.map(replay_of).transpose()?;
         let replayed = replay.and_then(|plan| Some(plan.cast::<Film>().ok()?.get().inputs.clone()));
-        options.training_paths = training_paths;
         options.memory = memory.map(MemoryArgument::bytes).transpose()?;
         (options.checkpoint, options.checkpoint_every) = (checkpoint, checkpoint_every);
         let cancel = Arc::new(Cancel::new());
@@ -340,8 +336,7 @@ impl Scene {
     /// `position` [m] (None where the ray left the scene), `left_toward`, `in_medium`, `throughput`, `emitted`, `direct`
     /// [W/(m² sr)], `connections` through covers, and `scattered` (`direction`, `lobe`, `pdf` [1/sr], `weight`; None where the
     /// path ended).
-    #[pyo3(signature = (x, y, sample, *, width=None, height=None, camera=None, seed=None, frame=None, vignetting=None,
-        training_paths=None))]
+    #[pyo3(signature = (x, y, sample, *, width=None, height=None, camera=None, seed=None, frame=None, vignetting=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn trace_sample<'py>(
         &self,
@@ -355,11 +350,10 @@ impl Scene {
         seed: Option<u64>,
         frame: Option<u32>,
         vignetting: Option<&str>,
-        training_paths: Option<u32>,
     ) -> Result<Bound<'py, PyAny>, Failure> {
         let mut options = RenderOptions::default();
         (options.width, options.height, options.camera) = (width, height, camera);
-        (options.seed, options.frame, options.training_paths) = (seed, frame, training_paths);
+        (options.seed, options.frame) = (seed, frame);
         options.vignetting = vignetting.map(vignetting_of).transpose()?;
         let at = PixelSample { x, y, index: sample };
         let traced = self.with(py, move |project| project.trace_options(options, at))??;

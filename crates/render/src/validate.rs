@@ -30,7 +30,7 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
     }
     if let Some(paths) = s.training_paths.filter(|&paths| paths > MAX_TRAINING_PATHS) {
         let problem = format!("{paths} are more than {MAX_TRAINING_PATHS}");
-        return Err(Error::setting("training paths", problem, "use 20000"));
+        return Err(Error::setting("training paths", problem, "render the plan again"));
     }
     if let Some(k) = s.budget.noise {
         if !budget::NOISE_LEVELS.contains(&k) {

@@ -126,7 +126,6 @@ fn options(args: &RenderArgs, has_sensor: bool) -> Result<RenderOptions, Error> 
     (options.time, options.spp, options.noise, options.share) = (args.time, args.spp, args.noise, args.share);
     (options.seed, options.frame, options.strategy) = (args.seed, args.frame, args.allocate);
     options.replay = args.replay.clone().map(ReplayOption::File);
-    options.training_paths = args.training_paths;
     options.samples.clone_from(&args.samples);
     (options.sensor, options.exposure, options.exposure_noise) = (sensor, exposure, args.exposure_noise);
     options.vignetting = args.vignetting;

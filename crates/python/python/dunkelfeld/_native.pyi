@@ -184,7 +184,6 @@ class Scene:
         denoise: _Denoiser | None = None,
         oidn: _Path | None = None,
         replay: Film | _Path | NDArray[np.uint32] | NDArray[np.int64] | None = None,
-        training_paths: int | None = None,
         memory: int | str | None = None,
         checkpoint: _Path | None = None,
         checkpoint_every: float | None = None,
@@ -212,7 +211,6 @@ class Scene:
         denoise: _Denoiser | None = None,
         oidn: _Path | None = None,
         replay: Film | _Path | NDArray[np.uint32] | NDArray[np.int64] | None = None,
-        training_paths: int | None = None,
         memory: int | str | None = None,
         checkpoint: _Path | None = None,
         checkpoint_every: float | None = None,
@@ -229,7 +227,6 @@ class Scene:
         seed: int | None = None,
         frame: int | None = None,
         vignetting: _Vignetting | None = None,
-        training_paths: int | None = None,
     ) -> TracedSample: ...
     def inspect(self) -> dict[str, Any]: ...
     @property

@@ -268,7 +268,10 @@ fn replay_command(args: &RenderArgs, camera: Option<&str>, s: &Stats, sample: &s
     }
     flag("--seed", s.seed.to_string());
     flag("--frame", s.frame.to_string());
-    flag("--training-paths", s.training_paths.to_string());
+    // A short render has no training, unlike this command.
+    if s.training_paths == 0 && !s.without.iter().any(|e| e == "learned-roulette") {
+        flag("--without", "learned-roulette".into());
+    }
     for effect in &s.without {
         flag("--without", effect.clone());
     }
