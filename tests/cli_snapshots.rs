@@ -119,6 +119,11 @@ fn inspection_of_a_small_job() {
     for line in ["inspect job.toml", "inspect job.toml --json"] {
         check(&file_name(line), &answer(&bench, line));
     }
+    let hint = |glare: &str| {
+        bench.write("lens.toml", &format!("scene = \"scene.gltf\"\n[lens]\nf_number = 4\n{glare}"));
+        answer(&bench, "inspect lens.toml").contains("real lenses have 1 to 3 %")
+    };
+    assert!(hint("") && !hint("glare = 0\n") && !hint("psf = \"none\"\n"));
 }
 
 #[test]

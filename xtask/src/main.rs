@@ -13,7 +13,7 @@ mod tidy;
 use std::process::ExitCode;
 
 const USAGE: &str = "usage: cargo xtask scenes [--check]   write scenes/inspection/, or check that it is up to date
-       cargo xtask tidy               check the crates' arrows and the repository's rules
+       cargo xtask tidy               check the rules of the repository
        cargo xtask fuzz [TARGET...] [--seconds N] [--jobs N] [--asan] [--minimise]
                                       run fuzz targets, or shrink their corpora to what adds coverage
        cargo xtask blender            write out/dunkelfeld-blender.zip, the add-on for Blender";

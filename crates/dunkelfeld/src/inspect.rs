@@ -148,6 +148,8 @@ pub struct Inspection {
     pub notes: Vec<String>,
     /// Hazards: properties of the scene that can cause wrong images.
     pub hazards: Vec<String>,
+    /// Settings whose default is seldom that of a real camera.
+    pub hints: Vec<String>,
 }
 
 /// Lumens of a power \[W\] per channel. `lines` are the wavelengths of channels that carry light of one wavelength.
@@ -230,6 +232,7 @@ pub(crate) fn inspect_lines(scene: &Scene, report: &BuildReport, lines: [Option<
         warnings: Vec::new(),
         notes,
         hazards,
+        hints: Vec::new(),
     }
 }
 

@@ -36,6 +36,10 @@ use dunkelfeld_sensor::{Optics, SensorModel};
 use std::path::Path;
 use std::time::Instant;
 
+/// The hint for a lens whose veiling glare is not set.
+const NO_GLARE: &str =
+    "lens: its image has no veiling glare; real lenses have 1 to 3 % (ISO 9358); `glare = 0.02` in [lens] sets it";
+
 /// An opened scene or job. It can be rendered as often as needed: with other settings, and with changes of the scene
 /// ([`Project::set_overrides`]).
 #[derive(Debug)]
@@ -122,7 +126,7 @@ impl Project {
             match self.fit_settings(self.settings.clone().with_camera(camera)) {
                 Ok(settings) => {
                     let is_blurred = settings.is_blurred();
-                    let lens = settings.view.map(|v| v.lens).unwrap_or_default();
+                    let Some(Camera { name, lens, .. }) = settings.view else { continue };
                     if lens.aperture.is_some() {
                         inspection.add_effect(Effect::FiniteAperture, "lens");
                     }
@@ -131,6 +135,9 @@ impl Project {
                     }
                     if is_blurred {
                         inspection.add_effect(Effect::LensBlur, "lens");
+                        if self.lens_of(&name).glare.is_none() {
+                            inspection.hints = vec![NO_GLARE.into()];
+                        }
                     }
                 }
                 Err(e) => inspection.hazards.push(e.to_string().replace("\n  help: ", "; ")),
@@ -207,7 +214,7 @@ impl Project {
             *optics = Optics::new(f_number, lens.transmission, magnification)?.with_bands(bands);
             if !settings.without.contains(&Effect::LensBlur) {
                 let psf = lens.psf(&mut InputFiles::new())?;
-                *optics = optics.clone().with_psf(psf).with_glare(lens.glare)?;
+                *optics = optics.clone().with_psf(psf).with_glare(lens.glare.unwrap_or(0.0))?;
             }
         }
         if let (SensorChoice::Emva { model, .. }, Some(part)) = (&mut settings.sensor, self.part) {

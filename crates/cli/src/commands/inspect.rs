@@ -81,6 +81,7 @@ fn text(i: &Inspection) -> String {
     if i.hazards.is_empty() {
         t += "no hazards found\n";
     }
+    section(&mut t, "hints", i.hints.iter().cloned());
     t
 }
 

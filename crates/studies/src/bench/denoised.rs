@@ -6,7 +6,7 @@ use crate::report::estimate::{Estimate, mean};
 use crate::series::View;
 use dunkelfeld::Error;
 use dunkelfeld::{DenoiseMethod, DenoiseSettings, denoise_film, find_denoiser};
-use dunkelfeld::{Session, Silent};
+use dunkelfeld::{RenderSettings, Session, Silent};
 use dunkelfeld_denoise::Denoiser;
 use dunkelfeld_film::{Film, Plane};
 
@@ -55,9 +55,18 @@ impl Filter {
     ///
     /// # Errors
     /// Those of the denoiser, as a setting that cannot be used.
-    pub(super) fn apply(&self, film: &Film, view: &View, session: &Session<'_>) -> Result<Option<Filtered>, Error> {
+    pub(super) fn apply(
+        &self,
+        film: &Film,
+        settings: &RenderSettings,
+        view: &View,
+        session: &Session<'_>,
+    ) -> Result<Option<Filtered>, Error> {
         match denoise_film(film, &*self.denoiser, &session.clone().with_progress(&Silent)) {
-            Ok(done) => Ok(Some(Filtered { key: self.key, signal: view.signal(&done.mean), seconds: done.seconds })),
+            Ok(done) => {
+                let signal = view.denoised(done.mean, settings);
+                Ok(Some(Filtered { key: self.key, signal, seconds: done.seconds }))
+            }
             Err(_) if session.is_cancelled() => Ok(None),
             Err(e) => {
                 let help = "leave it out with --denoise; the renders that are finished are kept";

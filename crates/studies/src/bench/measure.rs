@@ -12,15 +12,17 @@ use crate::report::table::{Figures, figures};
 use crate::series::{Meter, View, study_key};
 use dunkelfeld::DefaultPath;
 use dunkelfeld::Error;
-use dunkelfeld::develop;
+use dunkelfeld::develop_film;
 use dunkelfeld::save_picture;
 use dunkelfeld::{Budget, RenderSettings, SensorChoice};
 use dunkelfeld::{Progress, ProgressState, Stage};
 use dunkelfeld::{Project, ProjectOptions};
-use dunkelfeld::{Session, camera, render};
+use dunkelfeld::{Rendering, Session, camera, render};
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::input::InputFiles;
+use dunkelfeld_render::lens_image::LensImage;
+use dunkelfeld_render::parallel::mean_image;
 use dunkelfeld_scene::{Effect, Scene};
 use dunkelfeld_sensor::ExposureNoise;
 use std::collections::BTreeMap;
@@ -290,28 +292,28 @@ impl Bench<'_> {
             .with_replay(None);
         let began = Instant::now();
         let rendering = render(scene, &settings, &session.clone().with_start(began))?;
-        let total_seconds = began.elapsed().as_secs_f64();
         if rendering.interrupted {
             return Ok(None);
         }
+        let image = session.install(|| LensImage::new(mean_image(&rendering.film.sums), &settings.sensor));
+        let total_seconds = began.elapsed().as_secs_f64();
         let mut seconds = BTreeMap::new();
         for (stage, s) in &rendering.stages {
             *seconds.entry(stage.name().to_string()).or_insert(0.0) += s;
         }
-        let mean = rendering.film.sums.mean();
         if view.is_none() {
-            *view = Some(self.view(unit, &mean)?);
+            *view = Some(self.view(unit, &image.radiance)?);
         }
         let Some((view, counts)) = view.as_ref() else { return Ok(None) };
         if matches!(unit.purpose, Purpose::Point(_)) && unit.spp == self.top && unit.index == 0 {
-            self.close(unit, &mean, &settings, view, &mut seconds, session)?;
+            self.close(unit, &rendering, &settings, view, &mut seconds, session)?;
         }
-        let stated = view.signal_variance(&rendering.film.sums);
+        let stated = session.install(|| view.signal_variance(&rendering.film, &image))?;
         let is_reference = unit.purpose == Purpose::Reference;
         let is_point = matches!(unit.purpose, Purpose::Point(_));
         let mut denoised = Vec::new();
         for filter in self.filters.iter().filter(|_| is_point) {
-            let done = session.install(|| filter.apply(&rendering.film.sums, view, session))?;
+            let done = session.install(|| filter.apply(&rendering.film.sums, &settings, view, session))?;
             let Some(done) = done else { return Ok(None) };
             denoised.push(done);
         }
@@ -330,18 +332,17 @@ impl Bench<'_> {
             stated_variance: Some(super::statistics::masked_mean(&stated, counts)).filter(|v| v.is_finite()),
         };
         let keeps_counts = is_point && unit.index == 0;
-        let kept =
-            layers(view.signal(&mean), denoised, keeps_counts.then(|| rendering.plan()), is_reference.then_some(&mean));
-        self.store.keep(&record, kept)?;
+        let (signal, counts) = (view.signal(&image.radiance), keeps_counts.then(|| rendering.plan()));
+        self.store.keep(&record, layers(signal, denoised, counts, is_reference.then_some(&image.radiance)))?;
         Ok(Some(record))
     }
 
     /// The camera view of all units, and the unsaturated pixels. Both follow from the reference, which is the first
     /// unit.
-    fn view(&self, unit: &Unit, mean: &Plane<[f32; 3]>) -> Result<(View, Vec<bool>), Error> {
+    fn view(&self, unit: &Unit, radiance: &Plane<[f32; 3]>) -> Result<(View, Vec<bool>), Error> {
         let kept;
         let reference = match unit.purpose {
-            Purpose::Reference => mean,
+            Purpose::Reference => radiance,
             _ => {
                 kept = self.store.radiance(&self.reference)?;
                 &kept
@@ -356,7 +357,7 @@ impl Bench<'_> {
     fn close(
         &self,
         unit: &Unit,
-        mean: &Plane<[f32; 3]>,
+        rendering: &Rendering,
         settings: &RenderSettings,
         view: &View,
         seconds: &mut BTreeMap<String, f64>,
@@ -367,7 +368,7 @@ impl Bench<'_> {
             *exposure = view.exposure();
         }
         let began = Instant::now();
-        let frame = session.install(|| develop(mean, &settings))?;
+        let frame = session.install(|| develop_film(&rendering.film, &settings))?;
         seconds.insert(Stage::Expose.name().into(), began.elapsed().as_secs_f64());
         let began = Instant::now();
         save_picture(&frame, &self.store.picture(unit))?;

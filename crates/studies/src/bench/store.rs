@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Version of the files in the folder.
-pub(super) const VERSION: u32 = 3;
+pub(super) const VERSION: u32 = 4;
 /// The file that binds the folder.
 const MANIFEST: &str = "bench.json";
 /// The layer that holds the linear signal of a unit.
@@ -49,7 +49,7 @@ pub(super) struct Record {
     pub(super) invalid_samples: u64,
     /// Seconds by stage; `expose` and `write` where they were measured.
     pub(super) seconds: BTreeMap<String, f64>,
-    /// Seconds of the render as a whole, without exposing and writing.
+    /// Seconds of the render as a whole, and of its image behind the lens, without exposing and writing.
     pub(super) total_seconds: f64,
     /// Share of the lanes of each stage that had work.
     #[serde(default)]
@@ -117,7 +117,7 @@ impl Store {
         plane_of(&layers, name).ok_or_else(|| self.0.lacks(&unit.name(), name))
     }
 
-    /// The mean radiance of the reference.
+    /// The mean radiance of the reference behind the lens.
     pub(super) fn radiance(&self, unit: &Unit) -> Result<Plane<[f32; 3]>, Error> {
         let name = unit.name();
         self.0.layers(&name)?.triples(Triple::Mean).ok_or_else(|| self.0.lacks(&name, "R G B"))

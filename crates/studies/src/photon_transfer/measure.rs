@@ -21,6 +21,8 @@ use dunkelfeld_film::Plane;
 use dunkelfeld_io::exr::ExrLayers;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::layers::Triple;
+use dunkelfeld_render::lens_image::LensImage;
+use dunkelfeld_render::parallel::mean_image;
 use dunkelfeld_sensor::ExposureNoise;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -175,25 +177,26 @@ impl Work<'_> {
         if rendering.interrupted {
             return Ok(None);
         }
-        let mean = rendering.film.sums.mean();
+        let image = session.install(|| LensImage::new(mean_image(&rendering.film.sums), &settings.sensor));
         if view.is_none() {
-            *view = Some(View::new(&self.fitted.sensor, &mean)?);
+            *view = Some(View::new(&self.fitted.sensor, &image.radiance)?);
         }
         let Some(view) = view.as_ref() else { return Ok(None) };
         let mut layers = ExrLayers::new(self.fitted.width, self.fitted.height);
         let mut denoise_seconds = None;
         match unit.series {
             Series::Paper => {
-                push_plane(&mut layers, SIGNAL, view.signal(&mean));
+                push_plane(&mut layers, SIGNAL, view.signal(&image.radiance));
                 if let Some(denoiser) = &self.denoiser {
-                    let Some((signal, taken)) = self.denoised(&rendering, &**denoiser, view, session)? else {
+                    let Some((signal, taken)) = self.denoised(&rendering, &settings, &**denoiser, view, session)?
+                    else {
                         return Ok(None);
                     };
                     push_plane(&mut layers, DENOISED, signal);
                     denoise_seconds = Some(taken);
                 }
                 if is_reference {
-                    layers.push_triples(Triple::Mean, &mean);
+                    layers.push_triples(Triple::Mean, &image.radiance);
                 }
             }
             Series::Camera => self.exposures(&rendering, settings.clone(), &mut layers, session)?,
@@ -214,13 +217,14 @@ impl Work<'_> {
     fn denoised(
         &self,
         rendering: &Rendering,
+        settings: &RenderSettings,
         denoiser: &dyn Denoiser,
         view: &View,
         session: &Session<'_>,
     ) -> Result<Option<(Plane<f32>, f64)>, Error> {
         let run = || denoise_film(&rendering.film.sums, denoiser, &session.clone().with_progress(&Silent));
         match session.install(run) {
-            Ok(done) => Ok(Some((view.signal(&done.mean), done.seconds))),
+            Ok(done) => Ok(Some((session.install(|| view.denoised(done.mean, settings)), done.seconds))),
             Err(_) if session.is_cancelled() => Ok(None),
             Err(e) => {
                 let help = "choose another denoiser with --denoise; the renders that are finished are kept";

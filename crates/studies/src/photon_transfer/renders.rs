@@ -8,7 +8,7 @@ use dunkelfeld_io::layers::Triple;
 use serde::{Deserialize, Serialize};
 
 /// Version of the files in the folder.
-pub(super) const VERSION: u32 = 5;
+pub(super) const VERSION: u32 = 6;
 pub(super) const MANIFEST: &str = "ptc.json";
 /// The layers of a stored render: expected signal, the same denoised, grey values of plain and of matched exposure, and
 /// the variance of the render in matched exposure over the camera's, infinite where it is unknown.
@@ -62,7 +62,7 @@ impl Renders {
         self.plane(unit, RATIO)
     }
 
-    /// Mean radiance of the reference.
+    /// Mean radiance of the reference behind the lens.
     pub(super) fn radiance(&self, unit: &Unit) -> Result<Plane<[f32; 3]>, Error> {
         let name = unit.name();
         self.store.layers(&name)?.triples(Triple::Mean).ok_or_else(|| self.store.lacks(&name, "R G B"))

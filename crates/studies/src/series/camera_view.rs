@@ -1,12 +1,15 @@
 //! The camera view of renders: one exposure for all.
 
 use super::statistics::quantile;
-use dunkelfeld::SensorChoice;
+use dunkelfeld::{Error, RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::sobel::{gamma_image, magnitude};
-use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_film::{MeanImage, Plane};
 use dunkelfeld_radiometry::{Electrons, Rgb};
+use dunkelfeld_render::RenderedFilm;
+use dunkelfeld_render::film_noise::{FilmNoise, SignalModel};
+use dunkelfeld_render::lens_image::LensImage;
 use dunkelfeld_sensor::{
-    Device, Exposure, FrameKey, ImageExposure, Optics, Response, SensorError, SensorModel, Weights, display,
+    Device, Exposure, FrameKey, ImageExposure, Optics, Response, SensorError, SensorModel, display,
 };
 
 /// The camera with its exposure; without one, luminance with white at 1 W/(m^2 sr).
@@ -16,7 +19,8 @@ pub(crate) struct View {
 }
 
 impl View {
-    /// The exposure of the settings, or the automatic one of the reference; one second if that is black.
+    /// The exposure of the settings, or the automatic one of the radiance of the reference behind the lens; one second if that
+    /// is black.
     pub(crate) fn new(sensor: &SensorChoice, reference: &Plane<[f32; 3]>) -> Result<Self, SensorError> {
         let SensorChoice::Emva { model, optics, exposure } = sensor else { return Ok(Self { camera: None }) };
         let ImageExposure { exposure, .. } = ImageExposure::new(*exposure, reference, model, optics)?;
@@ -35,8 +39,8 @@ impl View {
         self.camera.as_ref().map(|c| c.2)
     }
 
-    /// The linear signal: expected photo-electrons, or luminance [W/(m^2 sr)]. With a colour filter array, all pixels
-    /// have the mean response of its colours, because noise and gradient must not depend on the mosaic.
+    /// The linear signal of radiance behind the lens: expected photo-electrons, or luminance [W/(m^2 sr)]. With a colour
+    /// filter array, all pixels have the mean response of its colours, because noise and gradient must not depend on the mosaic.
     pub(crate) fn signal(&self, mean: &Plane<[f32; 3]>) -> Plane<f32> {
         match &self.camera {
             Some((model, optics, exposure)) => {
@@ -52,13 +56,22 @@ impl View {
         }
     }
 
-    /// The variance of the signal that a render estimates from its own batches.
-    pub(crate) fn signal_variance(&self, film: &Film) -> Plane<f64> {
-        let Weights(weights) = match &self.camera {
-            Some((model, optics, exposure)) => Response::new(model, optics, *exposure).average(),
-            None => Weights::luminance(),
+    /// The signal of the denoised mean of a film with these settings.
+    pub(crate) fn denoised(&self, mean: Plane<[f32; 3]>, settings: &RenderSettings) -> Plane<f32> {
+        let mean = MeanImage::without_moments(mean, settings.is_blurred());
+        self.signal(&LensImage::new(mean, &settings.sensor).radiance)
+    }
+
+    /// The variance of the signal that a render estimates from its own samples, as its certificate uses it.
+    pub(crate) fn signal_variance(&self, film: &RenderedFilm, image: &LensImage) -> Result<Plane<f64>, Error> {
+        let noise = match &self.camera {
+            Some((model, optics, exposure)) => {
+                let average = Response::new(model, optics, *exposure).average();
+                FilmNoise::exposed(Response::constant(average), model, *exposure, film)
+            }
+            None => FilmNoise::new(&SignalModel::new(&image.radiance, &SensorChoice::None)?, film),
         };
-        film.map(|p| p.weighted_mean_and_variance(weights).1)
+        Ok(noise.behind(image).variances_of_mean().map(|&v| f64::from(v)))
     }
 
     /// The signal at which the picture is white.

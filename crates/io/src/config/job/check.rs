@@ -80,8 +80,8 @@ pub(super) fn share<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
     real(d, 0.0, 1.0)
 }
 
-pub(super) fn glare<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-    real(d, 0.0, 0.5)
+pub(super) fn glare<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    real(d, 0.0, 0.5).map(Some)
 }
 
 /// A transmission of zero would leave a black image.

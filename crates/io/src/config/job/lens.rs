@@ -66,7 +66,7 @@ pub struct LensSettings {
     pub psf: Option<PsfSettings>,
     /// Share of the light in the veiling glare, 0 to 0.5. Default 0; real lenses have 0.01 to 0.03.
     #[serde(deserialize_with = "check::glare")]
-    pub glare: f64,
+    pub glare: Option<f64>,
 }
 
 /// A band-pass filter: `{ center = "635nm", width = "40nm", transmission = 0.9 }`.
@@ -107,7 +107,7 @@ impl Default for LensSettings {
             vignetting: None,
             filter: None,
             psf: None,
-            glare: 0.0,
+            glare: None,
         }
     }
 }
@@ -188,7 +188,7 @@ pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &Sens
         return fault("filter", problem, "name another [sensor] model than \"none\", or remove this");
     }
     let blurs = lens.psf.as_ref().is_some_and(|psf| *psf != PsfSettings::Given(Psf::None));
-    for (key, given) in [("psf", blurs), ("glare", lens.glare > 0.0)] {
+    for (key, given) in [("psf", blurs), ("glare", lens.glare.is_some_and(|share| share > 0.0))] {
         if given && *sensor == SensorChoice::None {
             let problem = "the blur of a lens lies in front of a sensor, and there is none";
             return fault(key, problem, "name another [sensor] model than \"none\", or remove this");
