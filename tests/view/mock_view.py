@@ -57,6 +57,7 @@ class MockView:
             "analysis": "exact",
             "prepared": 0,
             "timed": None,
+            "fixed": None,
             "light_fields": {},
             "samples": None,
             "frame": 0,
@@ -210,6 +211,7 @@ class MockView:
             "ranges": RANGES,
             "frame": self.settings["frame"],
             "timed": self.settings["timed"],
+            "lens": {"f_number": 4.0, "glare": 0.01, "fixed": self.settings["fixed"]},
             "scene": scene,
             "saved": self.saved,
         }

@@ -178,6 +178,21 @@ def test_vignetting_of_a_lens_of_the_camera(view, tmp_path):
     assert 0 < found["G"][middle_of_top].mean() < 0.8 * plain["G"][middle_of_top].mean()
 
 
+def test_the_lens_of_a_job(view, tmp_path):
+    lens = '[lens]\nprojection = "telecentric"\nfield_height = "90mm"\nnumerical_aperture = 0.0002\n'
+    running = view(job=FIXED.replace('vertical_fov = "30deg"\n', "") + lens)
+    lens = running.wait_for_film(24)["lens"]
+    assert save(running, ["job"], "same", f_number=None, glare=None)["note"] is None
+    stopped = {"f_number": 2 * lens["f_number"], "glare": 0.02}
+    assert save(running, ["job", "exr"], **stopped)["note"] is None
+    text = (tmp_path / "saved.toml").read_text()
+    assert "glare = 0.02" in text and "numerical_aperture" not in text
+    # The job renders the picture behind this lens.
+    shown, rendered = layers(tmp_path / "saved.exr"), render(tmp_path)
+    ratio = rendered["electrons.Y"].mean() / shown["electrons.Y"].mean()
+    assert ratio == pytest.approx(rendered["G"].mean() / shown["G"].mean(), rel=1e-3)
+
+
 @pytest.mark.parametrize(("more", "word"), [
     ('[lens]\nfilter = { center = "625nm", width = "40nm" }\n', "filter"),
     ('[[object]]\nname = "ball"\nvelocity = ["1m/s", 0, 0]\n', "sensor"),

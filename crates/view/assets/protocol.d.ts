@@ -78,13 +78,24 @@ export interface State {
   prepared: number;
   sensors: Sensor[];
   camera: Camera;
-  ranges: { exposure: [number, number]; gain: [number, number]; temperature: [number, number] };
+  ranges: {
+    exposure: [number, number]; gain: [number, number]; temperature: [number, number];
+    f_number: [number, number]; glare: [number, number];
+  };
   /** The frame of the samples. */
   frame: number;
   /** The reason why the exposure is no knob. */
   timed: string | null;
+  /** The lens of the job. */
+  lens: Lens;
   scene: Scene | null;
   saved: string[];
+}
+
+export interface Lens {
+  f_number: number; glare: number;
+  /** The reason why the f-number is no knob. */
+  fixed: string | null;
 }
 
 export type Noise = "plain" | "matched" | "none";
@@ -105,6 +116,10 @@ export interface Camera {
   device: number | string;
   denoise: Denoise;
   vignetting: boolean;
+  /** Null: that of the job. */
+  f_number: number | null;
+  /** The share of the light; null: that of the job. */
+  glare: number | null;
   lights: Record<string, number> | null;
 }
 

@@ -55,6 +55,16 @@ function withTimedExposure(knobs, state) {
 }
 
 /**
+ * A camera with the f-number of the job, where the samples are those of its aperture.
+ * @param {Camera} knobs
+ * @param {State} state
+ * @returns {Camera}
+ */
+function withFixedLens(knobs, state) {
+  return knobs.f_number !== null && state.lens.fixed !== null ? { ...knobs, f_number: null } : knobs;
+}
+
+/**
  * A camera without factors of lights, where these have no films of their own.
  * @param {Camera} knobs
  * @param {State} state
@@ -276,7 +286,8 @@ export class Store {
    */
   #fitKnobs(state) {
     /** @param {Camera} knobs */
-    const fit = (knobs) => withTimedExposure(withoutUnusedLights(withKnownSensor(knobs, state), state), state);
+    const fit = (knobs) => [withKnownSensor, withoutUnusedLights, withFixedLens, withTimedExposure]
+      .reduce((fitted, step) => step(fitted, state), knobs);
     const { camera, kept } = this;
     const [nextCamera, nextKept] = [camera && fit(camera), kept && fit(kept)];
     if (nextCamera !== camera) {

@@ -180,16 +180,10 @@ mod tests {
     #[test]
     fn the_noise_of_a_camera_is_preferred() {
         let film = |exposure: f64, device: u64, noise: Noise| Camera {
-            sensor: None,
             exposure: Some(exposure),
-            gain: 1.0,
-            temperature: None,
-            black_level: None,
             noise,
             device,
-            denoise: Denoise::Off,
-            vignetting: false,
-            lights: None,
+            ..Camera::plain(None)
         };
         let noise = || Arc::new(ImageNoise::default());
         let prepared = Prepared::default();

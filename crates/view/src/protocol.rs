@@ -29,6 +29,12 @@ pub(crate) struct Camera {
     pub(crate) device: u64,
     pub(crate) denoise: Denoise,
     pub(crate) vignetting: bool,
+    /// f-number of the lens; `None`: that of the job.
+    #[serde(default)]
+    pub(crate) f_number: Option<f64>,
+    /// Share of the light in the veiling glare; `None`: that of the job.
+    #[serde(default)]
+    pub(crate) glare: Option<f64>,
     /// Factor of each light, in the mode with a film for each.
     pub(crate) lights: Option<BTreeMap<String, f64>>,
 }
@@ -47,6 +53,8 @@ impl Camera {
             device: 0,
             denoise: Denoise::Off,
             vignetting: false,
+            f_number: None,
+            glare: None,
             lights: None,
         }
     }
@@ -173,6 +181,7 @@ pub(crate) struct State {
     pub(crate) frame: u32,
     /// The reason why the exposure is no knob.
     pub(crate) timed: Option<String>,
+    pub(crate) lens: LensState,
     pub(crate) scene: Option<SceneState>,
     pub(crate) saved: Vec<String>,
 }
@@ -298,11 +307,28 @@ pub(crate) struct Ranges {
     pub(crate) exposure: [f64; 2],
     pub(crate) gain: [f64; 2],
     pub(crate) temperature: [f64; 2],
+    pub(crate) f_number: [f64; 2],
+    pub(crate) glare: [f64; 2],
 }
 
 impl Ranges {
     /// The ranges of all cameras.
-    pub(crate) const KNOBS: Self = Self { exposure: [1e-9, 1e6], gain: [0.01, 100.0], temperature: [-100.0, 200.0] };
+    pub(crate) const KNOBS: Self = Self {
+        exposure: [1e-9, 1e6],
+        gain: [0.01, 100.0],
+        temperature: [-100.0, 200.0],
+        f_number: [0.5, 1000.0],
+        glare: [0.0, 0.5],
+    };
+}
+
+/// The lens of the job.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct LensState {
+    pub(crate) f_number: f64,
+    pub(crate) glare: f64,
+    /// The reason why the f-number is no knob.
+    pub(crate) fixed: Option<&'static str>,
 }
 
 /// The parts of the scene that can be changed.

@@ -1,17 +1,17 @@
 //! Files of what is shown.
 
 use crate::desk::at_render;
-use crate::developed::{Accept, OWN_SENSOR, check_timed};
+use crate::developed::{Accept, OWN_SENSOR, check_timed, with_knobs};
 use crate::light_sum;
 use crate::protocol::{Camera, Denoise, Fault, Noise, Ranges, SaveKind, SaveRequest, Saved, SourceKind};
-use crate::saved_job::{self, Difference, select_camera, set_vignetting};
+use crate::saved_job::{self, Difference, change_lens, describe_lens, select_camera};
 use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::io::Factor;
 use dunkelfeld::radiometry::{Number, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
-    Error, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_behind_lens, develop_film,
+    Error, ExposeSettings, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_behind_lens, develop_film,
     encode_layers, encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
 };
 use std::path::{Path, PathBuf};
@@ -251,12 +251,14 @@ fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32
     let exposure = camera.exposure.map(|time| Exposure::new(Seconds(time))).transpose().map_err(Error::from)?;
     settings.sensor = match snapshot.scene.sensors.model(camera, settings.readout.binning)? {
         None => SensorChoice::None,
-        Some(model) => match (&settings.sensor, dunkelfeld::ExposeSettings::new(model.clone())?) {
-            (SensorChoice::Emva { optics, .. }, _) => {
-                SensorChoice::Emva { model: Box::new(model), optics: optics.clone(), exposure }
-            }
-            (SensorChoice::None, new) => SensorChoice::Emva { model: Box::new(model), optics: new.optics, exposure },
-        },
+        Some(model) => {
+            let optics = match &settings.sensor {
+                SensorChoice::Emva { optics, .. } => optics.clone(),
+                SensorChoice::None => ExposeSettings::new(model.clone())?.optics,
+            };
+            let optics = with_knobs(optics, camera, &settings)?;
+            SensorChoice::Emva { model: Box::new(model), optics, exposure }
+        }
     };
     settings.seed = camera.device;
     settings.frame = frame;
@@ -364,7 +366,11 @@ fn job_of(
     let memory = memory.map(|memory| ("memory".to_owned(), memory));
     job.insert("budget".into(), Table::from_iter([budget].into_iter().chain(memory)).into());
     if camera.vignetting != snapshot.is_vignetted {
-        set_vignetting(&mut job, &shown, camera.vignetting);
+        let value = if camera.vignetting { "cos4" } else { "none" };
+        change_lens(&mut job, &shown, |lens| drop(lens.insert("vignetting".into(), value.into())));
+    }
+    if camera.sensor.is_some() && (camera.f_number.is_some() || camera.glare.is_some()) {
+        change_lens(&mut job, &shown, |lens| describe_lens(lens, camera.f_number, camera.glare));
     }
     // Outputs of the job before are not replaced.
     job.remove("output");

@@ -1,20 +1,20 @@
 //! The state that the render, the analysis and the server share.
 
 use crate::ablation::Ablations;
-use crate::developed::{OWN_SENSOR, Sensors};
+use crate::developed::{OWN_SENSOR, Sensors, fixed_f_number};
 pub(crate) use crate::locks::lock;
 use crate::outlook::{MAX_SPP, from_measured, progress_at, seconds_at, within_view};
 use crate::pages::{Pages, Statistics};
 use crate::protocol::{
-    Activity, Camera, Denoise, EffectState, Fault, FilmState, ForecastPoint, ForecastSource, LightState, MaterialState,
-    Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
+    Activity, Camera, Denoise, EffectState, Fault, FilmState, ForecastPoint, ForecastSource, LensState, LightState,
+    MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
 };
 use crate::scene_change::{SceneChange, SceneParts, has_power, has_switch};
 use crate::scenes::Scenes;
 use crate::snapshot::Snapshot;
 use crate::store::Store;
 use dunkelfeld::sensor::ExposureNoise;
-use dunkelfeld::{Cancel, FilmInProgress, LightFilmsMemory, RenderSettings, SensorChoice, Session, TimedExposure};
+use dunkelfeld::{Cancel, DEFAULT_F_NUMBER, FilmInProgress, LightFilmsMemory, RenderSettings, SensorChoice, Session, TimedExposure};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex};
@@ -307,6 +307,7 @@ impl Shared {
             ranges: Ranges::KNOBS,
             frame: settings.map_or(0, |settings| settings.frame),
             timed: live.timed.map(|timed| format!("{} for this exposure", timed.reason)),
+            lens: live.lens(),
             scene: (self.subject.kind == SourceKind::Render && settings.is_some())
                 .then(|| live.scene(pending.as_ref())),
             saved: live.saved.clone(),
@@ -352,8 +353,20 @@ impl Live {
             device: settings.map_or(0, |settings| settings.seed),
             denoise: settings.map_or(Denoise::Off, |settings| settings.denoise.method.into()),
             vignetting: self.is_vignetted,
+            f_number: None,
+            glare: None,
             lights: None,
         }
+    }
+
+    /// The lens of the job, or the one in front of a sensor that it lacks.
+    fn lens(&self) -> LensState {
+        let settings = self.settings.as_ref();
+        let (f_number, glare) = match settings.map(|settings| &settings.sensor) {
+            Some(SensorChoice::Emva { optics, .. }) => (optics.f_number(), optics.glare()),
+            _ => (DEFAULT_F_NUMBER, 0.0),
+        };
+        LensState { f_number, glare, fixed: settings.and_then(fixed_f_number) }
     }
 
     /// The expected noise of a camera without noise, and its origin.
