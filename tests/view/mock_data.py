@@ -96,7 +96,7 @@ RANGES = {
 BAYER = [["red", "green"], ["green", "blue"]]
 # The most samples per pixel of a view, and those of its pilot.
 MAX_SPP, PILOT = 65536, 32
-MAPS = {"ratio", "samples", "recent", "first_light", "render_sigma", "camera_sigma", "difference"}
+MAPS = {"ratio", "samples", "recent", "first_light", "render_sigma", "camera_sigma"}
 K_START = 3.4  # k99 after one second
 
 

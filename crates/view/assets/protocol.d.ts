@@ -5,7 +5,7 @@ export interface Fault { problem: string; place: string | null; help: string | n
 
 export interface Note { level: "warning" | "info"; text: string; help: string | null }
 
-export interface CurvePoint { seconds: number; spp: number; k99: number | null; hidden: number }
+export interface CurvePoint { seconds: number; spp: number; k99: number | null }
 export interface ForecastPoint { k: number; seconds: number | null; spp: number | null }
 
 export type Channel = "red" | "green" | "blue";
@@ -102,7 +102,7 @@ export type Noise = "plain" | "matched" | "none";
 export type Denoise = "off" | "auto" | "builtin" | "oidn";
 export type Tone = "gamma" | "linear" | "log";
 export type MapName =
-  "ratio" | "samples" | "recent" | "first_light" | "render_sigma" | "camera_sigma" | "difference";
+  "ratio" | "samples" | "recent" | "first_light" | "render_sigma" | "camera_sigma";
 
 /** The knobs that need no new samples. */
 export interface Camera {
@@ -182,12 +182,7 @@ export interface SceneChange {
   per_light?: boolean;
 }
 
-export type Ablation =
-  { state: "waiting" } |
-  { state: "running"; fraction: number } |
-  { state: "finished"; mean: number; largest: number; sigma: number; significant: boolean };
-
-export type SaveKind = "png" | "tiff" | "exr" | "checkpoint" | "job";
+export type SaveKind = "png" | "tiff" | "exr" | "film" | "job";
 
 declare global {
   interface Window {

@@ -176,16 +176,6 @@ export class Store {
 
   /** @type {MapName | "none"} */
   map = "none";
-  /**
-   * The effect of the map of the difference.
-   * @type {string | null}
-   */
-  ablated = null;
-  /**
-   * The effect and the camera whose difference the server has, as a text that is compared.
-   * @type {string | null}
-   */
-  #difference = null;
   mapOpacity = 1;
   /** @type {"viridis" | "cividis"} */
   mapColours = "viridis";
@@ -418,21 +408,6 @@ export class Store {
     this.map = map;
     this.filmMap = null;
     this.emit("mapChoice");
-  }
-
-  /**
-   * Notes whether the server has the difference of an effect for a camera.
-   * @param {string | null} effect
-   * @param {Camera | null} camera
-   * @param {boolean} isFinished
-   */
-  setDifference(effect, camera, isFinished) {
-    this.#difference = isFinished ? JSON.stringify([effect, camera]) : null;
-  }
-
-  /** True where the server has the difference that the page would show. */
-  get hasDifference() {
-    return this.#difference === JSON.stringify([this.ablated, this.camera]);
   }
 
   /** @param {Tool} tool */

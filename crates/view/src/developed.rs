@@ -272,17 +272,6 @@ impl Developed {
         })
     }
 
-    /// The film behind a camera with a fixed exposure, without the store.
-    pub(crate) fn at_exposure_of(&self, other: Arc<Snapshot>, session: &Session<'_>) -> Result<Self, Fault> {
-        let mut camera = self.camera.without_noise();
-        camera.exposure = self.exposer.as_ref().map(|exposer| exposer.exposure().time().0);
-        // The scene of the other film has the power that the factors give.
-        camera.lights = None;
-        other.find_mean(session);
-        let prepared = Prepared::default();
-        session.install(|| Self::new(other, &camera, (&prepared, Accept::Exact), session))
-    }
-
     /// [`Prepared::count`] before it was computed.
     pub(crate) fn prepared(&self) -> u64 {
         self.prepared
@@ -423,8 +412,8 @@ impl Developed {
         parts.data().iter().map(|[first, all]| 100.0 * first / all).collect()
     }
 
-    /// A map of the film. Unknown values are NaN. `difference` \[DN\] is that of an ablation.
-    pub(crate) fn map(&self, kind: MapKind, difference: Option<&[f32]>) -> Result<(MapHeader, Vec<u8>), Fault> {
+    /// A map of the film. Unknown values are NaN.
+    pub(crate) fn map(&self, kind: MapKind) -> Result<(MapHeader, Vec<u8>), Fault> {
         let began = Instant::now();
         let [width, height] = self.snapshot.size();
         let is_exr = matches!(self.snapshot.content, Content::Exr(_));
@@ -464,15 +453,6 @@ impl Developed {
                 let pixels = exposer.electrons().data().iter().zip(certified.ratios.data());
                 ("DN", pixels.map(|(&e, &v)| ratio(v) * Self::camera_sigma(exposer, e) as f32).collect())
             }
-            MapKind::Difference => match difference {
-                Some(difference) if difference.len() == self.snapshot.counts.data().len() => {
-                    ("DN", difference.to_vec())
-                }
-                _ => {
-                    let problem = "the influence of this effect was not measured for this scene and camera";
-                    return Err(Fault::new(problem, "measure again"));
-                }
-            },
         };
         if values.is_empty() {
             return Err(Fault::new("there is one picture only", "wait for the next one"));

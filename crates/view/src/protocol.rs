@@ -3,11 +3,9 @@
 pub(crate) use crate::fault::Fault;
 pub(crate) use crate::protocol_measurements::*;
 
-use crate::hidden_shares::HiddenShares;
 use dunkelfeld::DenoiseMethod;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// The knobs of the camera, which need no new samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -248,12 +246,8 @@ pub(crate) struct CurvePoint {
     pub(crate) seconds: f64,
     pub(crate) spp: f64,
     pub(crate) k99: Option<f64>,
-    pub(crate) hidden: f64,
-    /// The film, and its shares at other targets.
     #[serde(skip)]
     pub(crate) film: u64,
-    #[serde(skip)]
-    pub(crate) shares: Arc<HiddenShares>,
 }
 
 /// The expected time of a level of noise.
@@ -393,14 +387,13 @@ pub(crate) struct FrameRequest {
     /// Wait for the noise and the denoised mean of this film and camera.
     #[serde(default)]
     pub(crate) exact: bool,
-    /// The page whose statistics are those of this camera. `None` for a picture without statistics.
-    #[serde(default = "unnamed_page")]
-    pub(crate) page: Option<String>,
+    /// Does the camera become that of the statistics?
+    #[serde(default = "yes")]
+    pub(crate) statistics: bool,
 }
 
-/// The page of requests without one.
-fn unnamed_page() -> Option<String> {
-    Some(String::new())
+fn yes() -> bool {
+    true
 }
 
 /// How far the noise and the denoised mean that a camera needs are there.
@@ -442,9 +435,6 @@ pub(crate) struct FrameHeader {
 pub(crate) struct MapRequest {
     pub(crate) camera: Camera,
     pub(crate) map: MapKind,
-    /// The effect of a map of the difference; `None`: the newest comparison.
-    #[serde(default)]
-    pub(crate) effect: Option<String>,
 }
 
 /// The maps.
@@ -457,7 +447,6 @@ pub(crate) enum MapKind {
     FirstLight,
     RenderSigma,
     CameraSigma,
-    Difference,
 }
 
 /// The description of a map.
@@ -480,9 +469,8 @@ pub(crate) struct PathRequest {
     pub(crate) x: u32,
     pub(crate) y: u32,
     pub(crate) index: Option<u32>,
-    /// The page with the factors of the lights. `None`: the one that asked for a frame last.
-    #[serde(default)]
-    pub(crate) page: Option<String>,
+    /// The camera with the factors of the lights.
+    pub(crate) camera: Camera,
 }
 
 /// A path.
@@ -543,34 +531,6 @@ pub(crate) struct MaterialChange {
     pub(crate) color: Option<[f64; 3]>,
 }
 
-/// A request of an ablation.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct AblationRequest {
-    pub(crate) effect: String,
-    pub(crate) camera: Camera,
-    pub(crate) frame: u32,
-}
-
-/// The state of an ablation.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(tag = "state", rename_all = "lowercase")]
-pub(crate) enum AblationAnswer {
-    /// Another comparison runs.
-    Waiting,
-    Running {
-        fraction: f64,
-    },
-    Finished {
-        /// Mean and largest difference \[DN\], the image without the effect less the image with it.
-        mean: f64,
-        largest: f64,
-        /// Standard deviation of the mean difference by the noise of both renders \[DN\].
-        sigma: f64,
-        significant: bool,
-    },
-}
-
 /// Control of the render.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -612,7 +572,7 @@ pub(crate) enum SaveKind {
     Png,
     Tiff,
     Exr,
-    Checkpoint,
+    Film,
     Job,
 }
 

@@ -104,24 +104,8 @@ pub(crate) fn describe_lens(lens: &mut Table, f_number: Option<f64>, glare: Opti
     glare.map(|glare| lens.insert("glare".into(), glare.into()));
 }
 
-/// A difference between the picture and the job.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Difference {
-    /// The job renders other samples.
-    Film(String),
-    /// The job exposes the same samples in another way.
-    Exposure(String),
-}
-
-impl Difference {
-    pub(crate) fn text(&self) -> &str {
-        let (Self::Film(text) | Self::Exposure(text)) = self;
-        text
-    }
-}
-
-/// Opens the job as `render` does, and compares its image with the picture. `settings` are those of the picture behind the
-/// camera that is shown.
+/// Opens the job as `render` does, and states a difference between its image and the picture. `settings` are those of the
+/// picture behind the camera that is shown.
 ///
 /// # Errors
 /// The reason why `render` would refuse the job.
@@ -130,7 +114,7 @@ pub(crate) fn check(
     text: &str,
     without: &[Effect],
     (snapshot, settings): (&Snapshot, &RenderSettings),
-) -> Result<Option<Difference>, Fault> {
+) -> Result<Option<String>, Fault> {
     let options = ProjectOptions::default().with_without(without.to_vec()).with_can_change(false);
     // The file does not exist, so that neither its name nor its lines are a place.
     let refused = |error: Error| {
@@ -145,10 +129,10 @@ pub(crate) fn check(
     let of_job = project.fitted().map_err(refused)?;
     let [width, height] = snapshot.size();
     if [of_job.width, of_job.height] != [width, height] {
-        return Ok(Some(Difference::Film(format!(
+        return Ok(Some(format!(
             "The job renders {} x {} pixels, because its film depends on the sensor; the picture has {width} x {height}.",
             of_job.width, of_job.height
-        ))));
+        )));
     }
     let view_of = |settings: &RenderSettings| {
         settings.view.clone().map(|mut view| {
@@ -159,7 +143,7 @@ pub(crate) fn check(
     if view_of(&of_job) != view_of(settings) {
         let text = "The job renders another field of view than the picture: its lens is given by lengths, and this sensor \
                     has pixels of another size.";
-        return Ok(Some(Difference::Film(text.into())));
+        return Ok(Some(text.into()));
     }
     let optics_of = |settings: &RenderSettings| match &settings.sensor {
         SensorChoice::Emva { optics, .. } => Some(optics.clone()),
@@ -174,11 +158,11 @@ pub(crate) fn check(
         )
     };
     Ok(match (optics_of(&of_job), optics_of(settings)) {
-        (Some(job), Some(picture)) if job != picture => Some(Difference::Exposure(format!(
+        (Some(job), Some(picture)) if job != picture => Some(format!(
             "The lens of the job has {} for this sensor; that of the picture has {}.",
             of_lens(job),
             of_lens(picture)
-        ))),
+        )),
         _ => None,
     })
 }
