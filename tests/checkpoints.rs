@@ -13,8 +13,8 @@ use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::{Exposure, Optics};
 use dunkelfeld::{
-    Budget, Cancel, CheckpointSettings, Error, FilmInProgress, MergeSettings, Merged, OutputPaths, Progress,
-    ProgressState, RenderSettings, Rendering, SavedFilm, SensorChoice, Session, find_sensor, render,
+    Budget, Cancel, CheckpointSettings, Error, MergeSettings, Merged, OutputPaths, Progress, ProgressState,
+    RenderSettings, Rendering, SavedFilm, SensorChoice, Session, find_sensor, render,
 };
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_io::checkpoint::{CheckpointHead, read_checkpoint, write_checkpoint};
@@ -355,106 +355,6 @@ fn a_checkpoint_of_another_render_is_refused_and_the_difference_named() {
     refused(run(&scene, &settings), &["a.film", "description"]);
     refused(run(&scene, &kept(&folder.path().join("no/a.film"), &settings)), &["no/a.film", "folder"]);
     refused(run(&scene, &kept(folder.path(), &settings)), &["is a folder"]);
-}
-
-/// Saves the film of a render when it has so many samples, and ends the render.
-struct SaveAt<'a> {
-    samples: u64,
-    path: &'a Path,
-    shown: &'a RenderSettings,
-    cancel: &'a Cancel,
-}
-
-impl Progress for SaveAt<'_> {
-    fn update(&self, _: &ProgressState) {}
-
-    fn film_interval(&self) -> Option<f64> {
-        Some(1e-3)
-    }
-
-    fn film(&self, present: FilmInProgress<'_>) {
-        if present.film().sums.total_samples() >= self.samples && !self.cancel.is_cancelled() {
-            present.save(self.path, self.shown).expect("saved");
-            self.cancel.cancel();
-        }
-    }
-}
-
-/// Saves the film of an unlimited render with so many samples per pixel.
-fn saved_during(scene: &Scene, path: &Path, spp: f64) -> Film {
-    let endless = adaptive().with_budget(Budget::default().with_spp(65_536.0)).with_max_pilot_spp(Some(8));
-    let shown = endless.clone().with_sensor(sensor("imx174", 7.0));
-    let cancel = Cancel::new();
-    let samples = (spp * f64::from(WIDTH * HEIGHT)) as u64;
-    let save = SaveAt { samples, path, shown: &shown, cancel: &cancel };
-    let session = Session::new(2).expect("threads").with_progress(&save).with_cancel(&cancel);
-    assert!(render(scene, &endless, &session).expect("a render").interrupted);
-    let saved = SavedFilm::read(path).expect("a checkpoint is a saved film");
-    assert_eq!(format!("{:?}", saved.settings.sensor), format!("{:?}", shown.sensor));
-    let names: Vec<String> = scene.materials().iter().map(|material| material.name.clone()).collect();
-    assert_eq!((&saved.film.object_names[..], saved.film.material_names), (scene.object_names(), names));
-    saved.film.sums
-}
-
-#[test]
-fn a_film_that_is_saved_during_a_render_is_continued_with_another_budget() {
-    let scene = room(8.0);
-    let folder = TempDir::new().expect("a folder");
-    // In the pilot, whose first pass has one sample in sixteen pixels, and in the refinement.
-    for (name, spp) in [("first.film", 0.01), ("pilot.film", 3.0), ("refined.film", 20.0)] {
-        let path = folder.path().join(name);
-        let before = saved_during(&scene, &path, spp);
-        let saved = fs::read(&path).expect("a file");
-        let goes_on = |budget: Budget, says: &str| {
-            fs::write(&path, &saved).expect("writable");
-            let settings = kept(&path, &adaptive().with_budget(budget).with_sensor(sensor("imx250", 6.0)));
-            let goes_on = run(&scene, &settings).expect("it goes on");
-            let (counts, earlier) = (goes_on.plan(), before.sample_counts());
-            let has_all = counts.data().iter().zip(earlier.data()).all(|(now, before)| now >= before);
-            assert!(has_all && !goes_on.interrupted, "{name}, {says}");
-            assert_eq!(goes_on.earlier.samples, before.total_samples(), "{name}, {says}");
-            // The film is that of its plan, to the last bit.
-            let replay = settings.clone().with_replay(counts).with_checkpoint(None);
-            assert!(film(&scene, &replay) == goes_on.film.sums, "{name}, {says}");
-            // From now on the checkpoint belongs to this render.
-            let again = run(&scene, &settings).expect("it is finished");
-            assert!(again.earlier.was_complete && again.film == goes_on.film, "{name}, {says}");
-            refused(run(&scene, &settings.with_budget(Budget::default().with_spp(91.0))), &["not the same budget"]);
-            goes_on
-        };
-        let budget = Budget::default().with_spp(40.0);
-        let longer = goes_on(budget, "samples");
-        assert_eq!(longer.film.sums.total_samples(), 40 * u64::from(WIDTH * HEIGHT));
-        // A film that has more samples than the budget allows is finished.
-        let shorter = goes_on(Budget::default().with_spp(1e-2), "few samples");
-        assert_eq!(shorter.film.sums.total_samples(), before.total_samples().max(1));
-        // The time begins now.
-        let timed = goes_on(Budget::default().with_seconds(0.4), "time");
-        assert!(timed.film.sums.total_samples() > before.total_samples());
-        // A time in the file that none can be counts for nothing, and no time of the view against the budget.
-        fs::write(&path, &saved).expect("writable");
-        set_elapsed(&path, "1e300");
-        let settings = kept(&path, &adaptive().with_budget(Budget::default().with_seconds(0.4)));
-        let timed = run(&scene, &settings).expect("it goes on");
-        assert!(timed.earlier.seconds == 0.0 && timed.earlier.has_own_budget, "{name}");
-        assert!(timed.film.sums.total_samples() > before.total_samples(), "{name}");
-        // The level of the noise is that of the sensor here.
-        let hidden = goes_on(Budget::default().with_noise(2.0).with_spp(20_000.0), "noise");
-        assert!(hidden.stop == dunkelfeld::adaptive::StopReason::NoiseTarget, "{name}: {:?}", hidden.stop);
-
-        fs::write(&path, &saved).expect("writable");
-        let base = || kept(&path, &adaptive());
-        for (other, says) in [
-            (base().with_seed(4), "not the same seed"),
-            (base().with_frame(1), "not the same frame"),
-            (base().with_camera(Some("other".into())), "not the same camera"),
-            (base().with_replay(Plane::new(WIDTH, HEIGHT, 4)), "a plan is given"),
-            (only(&base(), 0..4), "the whole render there and samples 0..4 here"),
-        ] {
-            refused(run(&scene, &other), &[name, "another render", says]);
-        }
-        assert_eq!(fs::read(&path).expect("a file"), saved, "a refused checkpoint stays");
-    }
 }
 
 #[test]

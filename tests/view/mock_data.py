@@ -67,6 +67,8 @@ CAMERA_KEYS = {
     "device",
     "denoise",
     "vignetting",
+    "f_number",
+    "glare",
     "lights",
 }
 JOB_CAMERA = {
@@ -79,14 +81,22 @@ JOB_CAMERA = {
     "device": 1,
     "denoise": "off",
     "vignetting": True,
+    "f_number": None,
+    "glare": None,
     "lights": None,
 }
-RANGES = {"exposure": [1e-5, 1.0], "gain": [0.1, 16.0], "temperature": [-20, 80]}
+RANGES = {
+    "exposure": [1e-5, 1.0],
+    "gain": [0.1, 16.0],
+    "temperature": [-20, 80],
+    "f_number": [0.5, 1000],
+    "glare": [0, 0.5],
+}
 # Colours of a Bayer pattern, by row and column.
 BAYER = [["red", "green"], ["green", "blue"]]
 # The most samples per pixel of a view, and those of its pilot.
 MAX_SPP, PILOT = 65536, 32
-MAPS = {"ratio", "samples", "recent", "first_light", "render_sigma", "camera_sigma", "difference"}
+MAPS = {"ratio", "samples", "recent", "first_light", "render_sigma", "camera_sigma"}
 K_START = 3.4  # k99 after one second
 
 

@@ -48,29 +48,27 @@ class Handler(BaseHTTPRequestHandler):
     def do_GET(self):
         while self.path.startswith("/api/") and not self.path.startswith("/api/events") and self.mock.settings["mute"]:
             time.sleep(0.02)
-        path, _, query = self.path.partition("?")
-        page = query.removeprefix("page=") if query else None
-        if path == "/api/state":
-            return self.send_json(self.mock.state(page))
-        if path == "/api/events":
-            return self.events(page)
+        if self.path == "/api/state":
+            return self.send_json(self.mock.state())
+        if self.path == "/api/events":
+            return self.events()
         name = "index.html" if self.path == "/" else self.path.removeprefix("/assets/")
         file = ASSETS / name
         if "/" in name or not file.is_file():
             return self.send_json({"problem": "There is no such page.", "place": self.path, "help": None}, 404)
         return self.send(200, TYPES.get(file.suffix, "application/octet-stream"), file.read_bytes())
 
-    def events(self, page):
+    def events(self):
         self.send_response(200)
         self.send_header("content-type", "text/event-stream")
         self.send_header("cache-control", "no-store")
         self.end_headers()
         last = None
-        self.mock.streams.append(page)
+        self.mock.streams += 1
         try:
             while not self.server.stopping:
                 self.mock.connected = True
-                state = json.dumps(self.mock.state(page))
+                state = json.dumps(self.mock.state())
                 if state != last and not self.mock.settings["mute"]:
                     self.wfile.write(f"event: state\ndata: {state}\n\n".encode())
                     self.wfile.flush()
@@ -78,7 +76,7 @@ class Handler(BaseHTTPRequestHandler):
                 time.sleep(0.05)
         except OSError:
             pass
-        self.mock.streams.remove(page)
+        self.mock.streams -= 1
         self.close_connection = True
 
     def do_POST(self):
@@ -96,7 +94,6 @@ class Handler(BaseHTTPRequestHandler):
                 "/api/path": mock.path,
                 "/api/photon-transfer": mock.photon_transfer,
                 "/api/scene": mock.scene,
-                "/api/ablation": mock.ablation,
                 "/api/render": mock.render,
                 "/api/target": mock.set_target,
                 "/api/save": mock.save,

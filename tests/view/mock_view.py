@@ -3,7 +3,6 @@
 Each request is checked against docs/view-protocol.md. One that breaks it gets the status 400.
 """
 
-import json
 import math
 import threading
 import time
@@ -43,7 +42,7 @@ class MockView:
         self.camera_name, self.per_light = "front", False
         self.lights = {name: {"on": True, "factor": 1.0} for name, _, _ in LIGHTS}
         self.materials = [{**m, "changed": {}} for m in MATERIALS]
-        self.left_out, self.saved, self.ablations = set(), [], {}
+        self.left_out, self.saved = set(), []
         self.log, self.settings = [], {"delay": 0.0, "frozen": options.freeze}
         # `mute`: no state is sent. `no_picture`: the film of the state is not there yet. `regions`: a fault of all regions.
         # `black`: frames without light. `light_fields`: other fields of a light, by its name.
@@ -57,6 +56,7 @@ class MockView:
             "analysis": "exact",
             "prepared": 0,
             "timed": None,
+            "fixed": None,
             "light_fields": {},
             "samples": None,
             "frame": 0,
@@ -64,12 +64,12 @@ class MockView:
             "other_camera": False,
             "earlier_picture": False,
         }
-        # The cameras of the pages.
-        self.pages = {}
+        # The camera of the statistics.
+        self.statistics_of = JOB_CAMERA
         self.begin, self.paused_at, self.film_offset = time.time(), 0.0, 0
         self.connected = False
-        # The names of the pages whose streams of events are open.
-        self.streams = []
+        # The number of streams of events that are open.
+        self.streams = 0
 
     # State ---------------------------------------------------------------------------------------
     def seconds(self):
@@ -98,8 +98,8 @@ class MockView:
     def level(self, seconds):
         return K_START / math.sqrt(max(seconds, 0.1)) * (1 + 0.06 * math.sin(3 * math.log(seconds + 1)))
 
-    def state(self, page=None):
-        """The state for a page, with the statistics of its camera; those of another camera with `other_camera`."""
+    def state(self):
+        """The state. With `other_camera`, it has the statistics of another camera."""
         seconds, film = self.seconds(), self.film()
         render = {
             "stage": "render",
@@ -126,7 +126,6 @@ class MockView:
                 "seconds": t,
                 "spp": 12 * t,
                 "k99": None if t < 1.1 else self.level(t),
-                "hidden": min(1.0, 0.4 + 0.13 * math.log2(t + 1)),
             }
             for t in times
         ]
@@ -199,7 +198,7 @@ class MockView:
             "target": self.target,
             "certificate": certificate,
             "statistics_of": {
-                **self.pages.get(page, JOB_CAMERA),
+                **self.statistics_of,
                 "noise": "plain",
                 "denoise": "off",
                 "device": 0,
@@ -210,6 +209,7 @@ class MockView:
             "ranges": RANGES,
             "frame": self.settings["frame"],
             "timed": self.settings["timed"],
+            "lens": {"f_number": 4.0, "glare": 0.01, "fixed": self.settings["fixed"]},
             "scene": scene,
             "saved": self.saved,
         }
@@ -302,10 +302,10 @@ class MockView:
     # Answers -------------------------------------------------------------------------------------
     def frame(self, body):
         camera = self.check_camera(body["camera"])
-        if set(body) != {"camera", "frame", "tone", "page"} or body["tone"] not in ("gamma", "linear", "log"):
-            raise Fault(400, "The frame needs camera, frame, tone and page.")
-        if body["page"] is not None:
-            self.pages[body["page"]] = camera
+        if set(body) != {"camera", "frame", "tone", "statistics"} or body["tone"] not in ("gamma", "linear", "log"):
+            raise Fault(400, "The frame needs camera, frame, tone and statistics.")
+        if body["statistics"]:
+            self.statistics_of = camera
         begin, film = time.time(), self.need_film()
         shot = self.expose(camera, body["frame"], film)
         colour = camera["sensor"] is None or shot["sensor"]["colour"]
@@ -339,15 +339,13 @@ class MockView:
 
     def map(self, body):
         camera = self.check_camera(body["camera"])
-        if set(body) != {"camera", "map", "effect"} or body["map"] not in MAPS:
+        if set(body) != {"camera", "map"} or body["map"] not in MAPS:
             raise Fault(400, "The map is invalid.")
         begin, film = time.time(), self.need_film()
         shot = self.expose(camera, 0, film)
         ratio = shot["render_sigma"] / shot["camera_sigma"]
         spp = film["spp"] * (0.4 + self.noise)
         name = body["map"]
-        if name == "difference" and self.ablated(body["effect"], camera) < 1:
-            raise Fault(422, "No ablation was computed.")
         values, unit = {
             "ratio": (ratio, ""),
             "samples": (np.rint(spp), "samples"),
@@ -355,11 +353,6 @@ class MockView:
             "first_light": (60 + 40 * self.radiance / self.radiance.max(), "%"),
             "render_sigma": (shot["render_sigma"] * shot["gain"], "DN"),
             "camera_sigma": (shot["camera_sigma"] * shot["gain"], "DN"),
-            "difference": (
-                -40 * (self.objects == 3) * self.radiance
-                + np.random.default_rng(4).standard_normal(self.radiance.shape),
-                "DN",
-            ),
         }[name]
         values = values.astype(np.float32)
         if name == "samples" and self.settings["samples"]:
@@ -478,6 +471,7 @@ class MockView:
         }
 
     def path(self, body):
+        self.check_camera(body["camera"])
         x, y = body["x"], body["y"]
         keys = ("before", "luminance", "x", "y", "object", "event")
         vertices = [
@@ -541,19 +535,6 @@ class MockView:
             self.restart()
         return {}
 
-    def ablated(self, effect, camera):
-        """The progress of the ablation of an effect and a camera."""
-        begin = self.ablations.get(json.dumps([effect, camera]))
-        return 0 if begin is None else (time.time() - begin) / 1.5
-
-    def ablation(self, body):
-        self.check_camera(body["camera"])
-        self.ablations.setdefault(json.dumps([body["effect"], body["camera"]]), time.time())
-        fraction = self.ablated(body["effect"], body["camera"])
-        if fraction < 1:
-            return {"state": "running", "fraction": fraction}
-        return {"state": "finished", "mean": -3.12, "largest": 41.7, "sigma": 1.04, "significant": True}
-
     def render(self, body):
         action = body["action"]
         if action == "pause":
@@ -574,7 +555,7 @@ class MockView:
 
     def save(self, body):
         self.check_camera(body["camera"])
-        ends = {"png": ".png", "tiff": ".tif", "exr": ".exr", "checkpoint": ".film", "job": ".toml"}
+        ends = {"png": ".png", "tiff": ".tif", "exr": ".exr", "film": ".film", "job": ".toml"}
         files = [body["name"] + ends[what] for what in body["what"]]
         for file in files:
             if file in [*self.saved, "panel.toml"]:

@@ -76,7 +76,7 @@ def test_the_picture_of_a_pause_is_the_film_that_is_saved(view, tmp_path):
         running.wait_for_film(step + 0.5)
         state = running.pause()
         name = f"paused-{step}"
-        what = {"what": ["checkpoint", "exr"], "name": name, "camera": running.camera(), "frame": 0}
+        what = {"what": ["film", "exr"], "name": name, "camera": running.camera(), "frame": 0}
         running.post("save", what)
         stored = view(tmp_path / f"{name}.film")
         assert stored.state()["film"]["samples"] == state["film"]["samples"]
@@ -131,7 +131,7 @@ def test_the_lens_of_an_exr(view, tmp_path):
     assert np.array_equal(values, grey_values(tmp_path / "saved.tif"))
     run("expose", "other.exr", "-o", "other.png", *flags[2:], cwd=tmp_path, expected=1)
     assert np.array_equal(picture(tmp_path / "saved.png"), picture(tmp_path / "other.png"))
-    for kind in ["exr", "checkpoint", "job"]:
+    for kind in ["exr", "film", "job"]:
         with pytest.raises(Refused, match="no samples"):
             running.post("save", {**body, "what": [kind], "name": "refused"})
     state = running.state()
@@ -272,6 +272,6 @@ def test_the_first_frame_is_that_of_the_samples(view, tmp_path, open_page):
     page = open_page(running)
     page.idle()
     assert running.state()["frame"] == 9 and page.text("frame-rate") == "frame 9"
-    body = {"what": ["tiff", "checkpoint", "job"], "name": "x", "camera": running.camera()}
+    body = {"what": ["tiff", "film", "job"], "name": "x", "camera": running.camera()}
     assert running.post("save", {**body, "frame": 9})["note"] is None
-    assert "frame 9" in running.post("save", {**body, "frame": 4, "name": "y"})["note"]
+    assert "frame = 9\n" in (tmp_path / "x.toml").read_text()

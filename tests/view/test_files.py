@@ -1,7 +1,5 @@
 """Files that the page saves, and files that it must not touch."""
 
-import json
-
 import pytest
 from images import assert_equal_means, layers
 from jobs import station
@@ -72,64 +70,6 @@ def test_a_save_of_the_picture_before_a_change_states_it(view, tmp_path):
     assert "enabled = false" in (tmp_path / "new.toml").read_text()
 
 
-@pytest.mark.parametrize("folder", [".", "out"])
-def test_the_command_line_continues_a_saved_film(view, tmp_path, open_page, folder):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "station.toml").write_text(station(sensor='exposure = "5ms"'))
-    running = view(tmp_path / "station.toml", "--output", folder)
-    page = open_page(running)
-    page.tab("scene")
-    running.wait_for_film(1)
-    page.set("light-power-0-value", "3")
-    page.wait(lambda: running.state()["scene"]["lights"][0]["factor"] == 3, "the change")
-    running.wait(lambda state: state["render"]["restarted"] == 1 and state["film"]["spp"] >= 40, "a plan")
-    page.set("sensor", "imx174")
-    page.click("next-frame")
-    page.set("target", "0.3")
-    page.tab("save")
-    page.set("save-name", "going on")
-    for what in ["png", "checkpoint", "job"]:
-        if not page.checked(f"save-{what}"):
-            page.click(f"save-{what}")
-    page.click("save")
-    assert page.text("problems") == ""
-    page.wait(lambda: page.text("save-result").startswith("Saved 3 files."), "the files")
-    assert page.text("save-result").endswith("The job has frame 0, that of the samples; the picture has frame 1.")
-    page.assert_quiet_console()
-    running.interrupt()
-    film = tmp_path / folder / "going on.film"
-    path = "going on.film" if folder == "." else str(film.resolve())
-    assert (tmp_path / "going on.toml").read_text().startswith(f'# Render it with --checkpoint "{path}"\n')
-    # The checkpoint is a film for others, too: its frames are those of the sensor that was shown.
-    shown = view(film)
-    state = shown.wait(lambda state: state["film"], "a film")
-    samples, names = state["film"]["samples"], [sensor["name"] for sensor in state["sensors"]]
-    assert samples >= 40 * state["width"] * state["height"] and names[0] == "as in the job"
-    assert shown.post("probe", {"x": 32, "y": 40, "camera": shown.camera(), "frame": 0})["object"]
-    shown.interrupt()
-    # Twice the samples, with a budget of the command line.
-    spp = 2 * samples / state["width"] / state["height"]
-    command = ["render", "going on.toml", "--spp", str(spp), "-o", "cli.png", "--exr", "cli.exr", "--stats", "s.json"]
-    run(*command, "--checkpoint", path, cwd=tmp_path)
-    stats = json.loads((tmp_path / "s.json").read_text())
-    assert stats["earlier_samples"] == samples and stats["samples"] == 2 * samples
-    # The same film as that of its plan, without the checkpoint.
-    command = ["render", "going on.toml", "--replay", "cli.exr", "-o", "alone.png", "--exr", "alone.exr"]
-    run(*command, cwd=tmp_path)
-    one, two = layers(tmp_path / "cli.exr"), layers(tmp_path / "alone.exr")
-    for channel in ["R", "G", "B", "spp.Y"]:
-        assert (one[channel] == two[channel]).all(), channel
-
-
-def test_a_film_of_another_device_is_not_continued_by_its_job(view):
-    running = view(job=station())
-    running.wait_for_film(1)
-    with pytest.raises(Refused) as refusal:
-        save(running, what=["checkpoint", "job"], device=7)
-    assert "one seed" in refusal.value.fault["problem"]
-    assert len(save(running, what=["checkpoint"], device=7)) == 1
-
-
 @pytest.mark.parametrize("device", [3, 9])
 def test_a_saved_exr_has_the_plan_of_its_film(view, tmp_path, device):
     """A replay of the plan in the EXR has the bits of the film: the seed of the device is no seed of the render."""
@@ -190,7 +130,7 @@ def test_folder_of_the_outputs(view, tmp_path):
     (tmp_path / "out").mkdir()
     running = view(tmp_path / "station.toml", "--output", "out")
     running.wait_for_film(1)
-    assert save(running, "a", ["png", "checkpoint"]) == ["out/a.png", "out/a.film"]
+    assert save(running, "a", ["png", "film"]) == ["out/a.png", "out/a.film"]
     assert {file.name for file in (tmp_path / "out").iterdir()} == {"a.png", "a.film"}
 
 
@@ -237,6 +177,6 @@ def test_jobs_of_line_scans_and_parts_of_the_film(view, tmp_path, open_page):
     state = running.wait_for_film(2)
     assert state["error"] is None and (state["width"], state["height"]) == (64, 40)
     assert page.frame()["header"]["width"] == 64 and page.text("problems") == ""
-    save(running, "line", ["png", "job", "checkpoint"])
+    save(running, "line", ["png", "job", "film"])
     run("render", "line.toml", "--spp", "1", "-o", "line-cli.png", cwd=tmp_path)
     page.assert_quiet_console()

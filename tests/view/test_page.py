@@ -14,7 +14,7 @@ from selenium.webdriver.common.keys import Keys
 def test_first_picture_and_tone(mock_page):
     page = mock_page(*FROZEN)
     frame = page.frame()
-    header, data = page.mock.frame({"camera": JOB_CAMERA, "frame": 0, "tone": "gamma", "page": None})
+    header, data = page.mock.frame({"camera": JOB_CAMERA, "frame": 0, "tone": "gamma", "statistics": False})
     assert frame["values"] == np.frombuffer(data, "<u2").tolist()
     assert frame["header"]["film"] == header["film"] and frame["header"]["format"] == "gray16"
     page.click("one-to-one")
@@ -309,8 +309,8 @@ def test_per_light(mock_page):
     page.settle()
     wanted = {"ring light": 1, "bar left": 0, "room": 1}
     page.wait(lambda: page.camera()["lights"] == wanted, what="frame with the factors")
-    assert page.disabled("save-checkpoint") and not page.disabled("save-job")
-    assert "each light" in page.js("return document.getElementById('save-checkpoint').closest('label').title")
+    assert page.disabled("save-film") and not page.disabled("save-job")
+    assert "each light" in page.js("return document.getElementById('save-film').closest('label').title")
     page.click("keep")
     assert page.text("kept-facts") == "the same as A"
     page.set("light-factor-value-2", "0.3")
@@ -483,7 +483,7 @@ def test_film_source(mock_page):
     page = mock_page("--source", "film", *FROZEN)
     page.tab("scene")
     assert page.hidden("scene-knobs") and "finished samples" in page.text("scene-none")
-    assert page.disabled("pause") and page.disabled("ablation-start")
+    assert page.disabled("pause")
     # The certificate has the verdict: the points of a film have no times.
     level = page.state()["certificate"]["p99"]
     assert page.attribute("verdict", "data-level") == "look" and page.text("verdict-k") == f"(k = {level:.2g})"
@@ -496,7 +496,7 @@ def test_film_source(mock_page):
     page.set("target", "1")
     page.settle()
     assert page.text("target-time") == "99 % of the pixels are hidden beneath the camera's noise at k = 1."
-    assert page.disabled("save-checkpoint") and page.disabled("save-job") and not page.disabled("save-exr")
+    assert page.disabled("save-film") and page.disabled("save-job") and not page.disabled("save-exr")
     assert "no scene" in page.js("return document.getElementById('save-job').closest('label').title")
 
 
@@ -504,7 +504,7 @@ def test_exr_source(mock_page):
     page = mock_page("--source", "exr", *FROZEN)
     assert page.attribute("verdict", "data-level") == "none" and "contains no samples" in page.text("verdict-text")
     assert page.text("verdict-time") == ""
-    for kind in ["exr", "checkpoint", "job"]:
+    for kind in ["exr", "film", "job"]:
         assert page.disabled(f"save-{kind}") and not page.checked(f"save-{kind}"), kind
     assert not page.disabled("save-png") and not page.disabled("save-tiff")
 

@@ -251,35 +251,3 @@ def test_the_words_of_the_dashed_line_go_with_it(mock_page):
         assert (page.js("return document.querySelectorAll('#curve .foretold-point').length") == 1) is has_line
         assert ("dashed line" in page.text("forecast-note")) is has_line
     page.assert_quiet_console()
-
-
-def test_a_difference_is_asked_for_when_it_is_measured(mock_page):
-    page = mock_page(*FROZEN)
-    page.tab("noise")
-    page.click("ablation-start")
-    page.wait(lambda: "mean" in page.text("ablation-result"), "the ablation")
-    page.click("ablation-map")
-    page.settle()
-    assert page.last("/api/map")["camera"]["gain"] == 1 and page.text("legend-note") == ""
-    # Another camera is measured again. Films that arrive meanwhile ask for no map.
-    page.set("gain-value", "2")
-    assert page.text("legend-note") == "Waiting for the ablation with these settings."
-    page.hold(21.4)
-    page.wait(lambda: page.last("/api/map")["camera"]["gain"] == 2, "the map of this camera")
-    page.settle()
-    assert page.text("legend-note") == "" and page.value("map") == "difference"
-    # Another effect too.
-    page.set("ablation-effect", "finite-aperture")
-    page.click("ablation-start")
-    page.hold(22.4)
-    assert page.text("legend-note").startswith("Waiting")
-    page.wait(lambda: page.last("/api/map")["effect"] == "finite-aperture", "the map of this effect")
-    page.settle()
-    # A camera that changes while the ablation is measured.
-    page.set("gain-value", "3")
-    page.wait(lambda: "%" in page.text("ablation-result"), "the progress")
-    page.set("gain-value", "4")
-    page.wait(lambda: page.last("/api/map")["camera"]["gain"] == 4, "the map of the last camera")
-    page.settle()
-    assert page.text("problems") == "" and all("status" not in entry for entry in page.log())
-    page.assert_quiet_console()

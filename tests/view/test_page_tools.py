@@ -84,7 +84,7 @@ def test_words_of_the_time(mock_page):
         changed = {
             **state,
             "certificate": None,
-            "curve": [{"seconds": t, "spp": rate * t, "k99": level, "hidden": 0} for t, level in curve],
+            "curve": [{"seconds": t, "spp": rate * t, "k99": level} for t, level in curve],
             "forecast": [{"k": level, "seconds": t, "spp": n} for (level, t), n in zip(forecast, spp)],
         }
         return page.driver.execute_async_script(
@@ -127,7 +127,7 @@ def test_words_of_the_time(mock_page):
     assert found["kind"] == "since", "a measured level was reached, whatever was foretold"
 
 
-def test_maps_and_ablation(mock_page):
+def test_maps(mock_page):
     page = mock_page(*FROZEN)
     page.click("one-to-one")
     x0, y0 = page.origin()
@@ -140,7 +140,7 @@ def test_maps_and_ablation(mock_page):
         page.set("map", "none")
     page.set("map", "ratio")
     page.settle()
-    _, data = page.mock.map({"camera": JOB_CAMERA, "map": "ratio", "effect": None})
+    _, data = page.mock.map({"camera": JOB_CAMERA, "map": "ratio"})
     ratio = np.frombuffer(data, "<f4").reshape(HEIGHT, WIDTH)
     for target in [0.5, 0.2]:
         page.set("target", target)
@@ -159,24 +159,6 @@ def test_maps_and_ablation(mock_page):
     page.set("map-colours", "cividis")
     page.settle()
     assert page.pixel(x0 + 160, y0 + 120) != viridis
-    assert page.js("return document.querySelector('#map option[value=difference]').disabled")
-    page.tab("noise")
-    page.click("ablation-start")
-    page.wait(lambda: "mean" in page.text("ablation-result"), what="ablation")
-    assert "light through covers" in page.text("ablation-result") and "larger than the noise" in page.text(
-        "ablation-result"
-    )
-    page.click("ablation-map")
-    page.settle()
-    assert page.last("/api/map")["map"] == "difference" and page.value("map") == "difference"
-    assert page.last("/api/map")["effect"] == "covers" and "[DN]" in page.text("legend-title")
-    # A restart makes it invalid.
-    page.click("restart")
-    page.wait(lambda: "compute the ablation again" in page.text("ablation-result"), what="dropped ablation")
-    page.settle()
-    assert page.value("map") == "none" and page.js(
-        "return document.querySelector('#map option[value=difference]').disabled"
-    )
     assert page.text("problems") == ""
 
 
@@ -322,8 +304,7 @@ def test_regions_line_path_transfer(mock_page):
     page.mouse((x0 + 200, y0 + 200), drag=True)
     page.settle()
     # The factors of the lights are those of this page.
-    name = page.last("/api/frame")["page"]
-    assert page.last("/api/path") == {"x": 200, "y": 200, "index": None, "page": name}
+    assert page.last("/api/path") == {"x": 200, "y": 200, "index": None, "camera": page.camera()}
     items = page.js("return [...document.querySelectorAll('#path-list li')].map(e => e.textContent)")
     assert len(items) == 5 and "behind the camera" in items[2]
     page.click("transfer-on")

@@ -1,6 +1,5 @@
-"""Several pages of one render, changes at awkward moments, and files that belong together."""
+"""Several pages of one render, and changes at awkward moments."""
 
-import json
 import time
 
 import numpy as np
@@ -16,55 +15,38 @@ SPOT = '\n[[light]]\nname = "spot"\nkind = "point"\nposition = [0, "150mm", 0]\n
 MOVED = FIXED.replace('["-40mm", "25mm", 0]', '["-40mm", "25mm", 0]\nvelocity = ["1m/s", 0, 0]')
 
 
-def state_of(running, page):
-    """The state for a page."""
-    status, _, body = running.request("GET", f"/api/state?page={page}")
-    assert status == 200
-    return json.loads(body)
-
-
 def level_of(running, camera):
     """The level of 99 % of the pixels that a certificate counts."""
     _, ratios = running.picture("map", {"camera": camera, "map": "ratio"})
     return np.quantile(ratios[~np.isnan(ratios)], 0.99)
 
 
-def test_each_page_has_the_statistics_of_its_camera(view):
+def test_the_statistics_are_those_of_the_last_camera(view):
     running = view(job=FIXED)
     running.wait_for_film(40)
-    cameras = {"one": running.camera(exposure=2e-4), "two": running.camera(exposure=2e-3)}
-    body = {"frame": 0, "tone": "gamma"}
-    for page, camera in cameras.items():
-        running.picture("frame", {**body, "camera": camera, "page": page})
     running.pause()
     film = running.state()["film"]["id"]
-    for page, camera in cameras.items():
-        running.picture("frame", {**body, "camera": camera, "page": page})
-
-    def certified():
-        states = [state_of(running, page) for page in cameras]
-        films = [(state["certificate"] or {}).get("film") for state in states]
-        return states if films == [film, film] else None
-
-    states = wait_for(certified, "the certificates of both pages")
-    # Picture B has no page, and changes nothing.
-    running.picture("frame", {**body, "camera": running.camera(exposure=1e-2), "page": None})
-    for state, camera in zip(states, cameras.values()):
-        assert state["statistics_of"]["exposure"] == camera["exposure"] and state["curve"]
-        assert state["certificate"]["p99"] == pytest.approx(level_of(running, camera), rel=0.03)
+    body = {"frame": 0, "tone": "gamma"}
+    levels = []
+    for exposure in [2e-4, 2e-3]:
+        camera = running.camera(exposure=exposure)
+        running.picture("frame", {**body, "camera": camera})
+        state = running.wait(lambda state: (state["certificate"] or {}).get("film") == film, "the certificate")
+        assert state["statistics_of"]["exposure"] == exposure and state["curve"]
+        levels.append(state["certificate"]["p99"])
+        assert levels[-1] == pytest.approx(level_of(running, camera), rel=0.03)
     # More light: the noise of the camera hides less.
-    assert states[0]["certificate"]["p99"] < 0.8 * states[1]["certificate"]["p99"]
-    assert [state_of(running, page)["statistics_of"] for page in cameras] == [
-        state["statistics_of"] for state in states
-    ]
-    # The target is that of all pages, each with the exact share of its own camera.
+    assert levels[0] < 0.8 * levels[1]
+    # Picture B changes nothing.
+    running.picture("frame", {**body, "camera": running.camera(exposure=1e-2), "statistics": False})
+    assert running.state()["statistics_of"]["exposure"] == 2e-3
+    # The target has the exact share of this camera.
     running.post("target", {"k": 0.3})
-    for page, camera in cameras.items():
-        _, ratios = running.picture("map", {"camera": camera, "map": "ratio"})
-        counted = ratios[~np.isnan(ratios)]
-        certificate = state_of(running, page)["certificate"]
-        assert certificate["k"] == 0.3 and certificate["hidden"] == pytest.approx(np.mean(counted <= 0.3), abs=1e-3)
-        assert certificate["saturated"] == np.isnan(ratios).sum()
+    _, ratios = running.picture("map", {"camera": camera, "map": "ratio"})
+    counted = ratios[~np.isnan(ratios)]
+    certificate = running.state()["certificate"]
+    assert certificate["k"] == 0.3 and certificate["hidden"] == pytest.approx(np.mean(counted <= 0.3), abs=1e-3)
+    assert certificate["saturated"] == np.isnan(ratios).sum()
 
 
 def test_a_target_that_is_not_reached_is_not_complete(view):
@@ -218,31 +200,14 @@ def test_a_change_of_a_light_that_gets_a_mixed_name(view, tmp_path):
     assert not spot(state)["on"] and not any("is not made" in note["text"] for note in state["notes"])
 
 
-def test_files_of_one_request_are_of_one_film_and_scene(view, tmp_path):
+def test_files_of_one_request_are_of_one_film(view, tmp_path):
     running = view(job=FIXED)
     running.wait_for_film(40)
-    what = {"what": ["job", "checkpoint", "exr"], "camera": running.camera(), "frame": 0}
+    what = {"what": ["job", "film", "exr"], "camera": running.camera(), "frame": 0}
     running.post("save", {**what, "name": "same"})
     spp = layers(tmp_path / "same.exr")["spp.Y"]
-    running_film = view("same.film")
-    state = running_film.wait(lambda state: state["film"], "the film")
+    state = view("same.film").wait(lambda state: state["film"], "the film")
     assert state["film"]["samples"] == spp.sum()
-    # During a change: the files are of the scene before or after it, or nothing is written.
-    for attempt, factor in enumerate([2, 3, 4, 5, 6, 7]):
-        running.post("scene", {"lights": {"left": {"on": True, "factor": factor}}})
-        time.sleep(0.03 * attempt)
-        name = f"race{attempt}"
-        try:
-            running.post("save", {**what, "name": name})
-        except Refused as refusal:
-            assert "before its change" in str(refusal), refusal
-            assert not list(tmp_path.glob(f"{name}.*"))
-        else:
-            run("render", f"{name}.toml", "--checkpoint", f"{name}.film", "--spp", "1", "-o", "x.png",
-                "--exr", f"{name}-again.exr", cwd=tmp_path)  # fmt: skip
-            one, two = layers(tmp_path / f"{name}.exr"), layers(tmp_path / f"{name}-again.exr")
-            assert np.array_equal(one["G"], two["G"]), name
-        running.wait(lambda state, factor=factor: state["scene"]["lights"][0]["factor"] == factor, "the change")
 
 
 def test_a_job_that_gets_motion_has_its_exposure(view, tmp_path, open_page):
@@ -311,15 +276,15 @@ def test_a_camera_of_long_ago_is_analysed_again(view, tmp_path, file):
         camera = running.camera(exposure=exposure, noise="matched")
 
         def ready():
-            body = {"camera": camera, "frame": 0, "tone": "gamma", "page": "one"}
+            body = {"camera": camera, "frame": 0, "tone": "gamma"}
             header, _ = running.picture("frame", body)
             # An EXR has no certificate.
-            certificate = state_of(running, "one")["certificate"] if is_film else 0
+            certificate = running.state()["certificate"] if is_film else 0
             return header["analysis"] == "exact" and certificate is not None and [certificate]
 
         return wait_for(ready, f"the analysis for {exposure} s")
 
-    # More cameras than those whose analyses and statistics are kept.
+    # More cameras than those whose analyses are kept.
     exposures = [1e-3 * (2 + step) for step in range(12)]
     first = [shown(exposure) for exposure in exposures]
     assert [shown(exposure) for exposure in exposures] == first

@@ -73,15 +73,12 @@ def test_the_camera_that_is_shown(view, tmp_path, camera):
     if camera:
         change(running, camera=camera)
     running.pause()
-    save(running, ["job", "exr", "checkpoint"])
+    save(running, ["job", "exr"])
     assert_equal_means(render(tmp_path), layers(tmp_path / "saved.exr"))
-    # The film continues without the choice of a camera.
-    run("render", "saved.toml", "--checkpoint", "saved.film", "--spp", "1", "-o", "b.png", cwd=tmp_path)
 
 
 @pytest.mark.parametrize("camera", ["left", "right"])
 def test_a_camera_of_a_file_beside_one_of_the_job(view, tmp_path, camera):
-    """The film is continued by the job, so that its scene has the same cameras in the same order."""
     quarter = 0.5**0.5
     node = {"rotation": [-quarter, 0, 0, quarter]}
     gltf = {
@@ -96,10 +93,8 @@ def test_a_camera_of_a_file_beside_one_of_the_job(view, tmp_path, camera):
     assert running.wait_for_film(1)["scene"]["cameras"] == ["camera", "left", "right"]
     change(running, spp=1, camera=camera)
     running.pause()
-    save(running, ["job", "checkpoint"])
-    command = ["--checkpoint", "saved.film", "--spp", "1", "-o", "b.png"]
-    run("render", "saved.toml", *command, cwd=tmp_path)
-    assert not (tmp_path / "b-camera.png").exists(), "one camera"
+    save(running, ["job"])
+    render(tmp_path, spp=1)
 
 
 def test_the_denoiser_of_a_job(view, tmp_path):
@@ -112,7 +107,7 @@ def test_the_denoiser_of_a_job(view, tmp_path):
         section = re.findall(r"\[denoise\]\n((?:.+\n)*)", (tmp_path / f"{method}.toml").read_text())
         assert section == ([] if method == "off" else [f'method = "{method}"\n'])
     assert "plain noise" in save(running, ["job"], "none", noise="none")["note"]
-    assert save(running, ["checkpoint"], "film", noise="none")["note"] is None
+    assert save(running, ["film"], "film", noise="none")["note"] is None
 
 
 def test_a_denoiser_that_the_machine_lacks(view, tmp_path):
@@ -138,30 +133,25 @@ def test_a_gain_that_the_job_multiplies(view, tmp_path):
 
 
 def test_the_samples_of_a_job_without_a_sensor(view, tmp_path):
-    """They are those of the film that is saved with it, which is newer than the picture."""
     running = view(job=FIXED.replace('model = "imx250"\nexposure = "5ms"', 'model = "none"'))
     for attempt in range(4):
         running.wait_for_film(8 + attempt)
-        save(running, ["job", "checkpoint", "exr"], f"n{attempt}")
+        save(running, ["job", "exr"], f"n{attempt}")
         spp = layers(tmp_path / f"n{attempt}.exr")["spp.Y"].mean()
         (of_job,) = re.findall(r"^spp = (.+)$", (tmp_path / f"n{attempt}.toml").read_text(), re.MULTILINE)
         assert float(of_job) == pytest.approx(spp)
 
 
-def test_a_finished_render_is_continued(view, tmp_path):
+def test_a_finished_render(view, tmp_path):
     small = FIXED.replace("width = 64", "width = 4").replace("height = 48", "height = 4")
     running = view(job=small)
     state = running.wait(lambda state: state["render"]["state"] == "finished", "the last sample")
     assert (state["render"]["fraction"], state["render"]["remaining"]) == (1, None)
     assert state["film"]["spp"] == state["max_spp"] and "65536" in state["render"]["reason"]
-    assert save(running, ["job", "checkpoint", "exr"])["note"] is None
-    assert (tmp_path / "saved.toml").read_text().startswith("# Render it with --checkpoint")
-    command = ["--checkpoint", "saved.film", "--spp", "1", "-o", "b.png", "--exr", "b.exr"]
-    run("render", "saved.toml", *command, cwd=tmp_path)
-    saved, continued = layers(tmp_path / "saved.exr"), layers(tmp_path / "b.exr")
-    assert np.array_equal(saved["spp.Y"], continued["spp.Y"]) and np.array_equal(saved["G"], continued["G"])
+    assert save(running, ["film"])["note"] is None
+    assert view("saved.film").wait(lambda state: state["film"], "the film")["film"]["spp"] == state["max_spp"]
     # It still answers, and begins again.
-    assert running.post("path", {"x": 1, "y": 1, "index": 0})["index"] == 0
+    assert running.post("path", {"x": 1, "y": 1, "index": 0, "camera": running.camera()})["index"] == 0
     change(running, spp=1, lights={"left": {"on": True, "factor": 2}})
 
 
@@ -178,6 +168,21 @@ def test_vignetting_of_a_lens_of_the_camera(view, tmp_path):
     assert 0 < found["G"][middle_of_top].mean() < 0.8 * plain["G"][middle_of_top].mean()
 
 
+def test_the_lens_of_a_job(view, tmp_path):
+    lens = '[lens]\nprojection = "telecentric"\nfield_height = "90mm"\nnumerical_aperture = 0.0002\n'
+    running = view(job=FIXED.replace('vertical_fov = "30deg"\n', "") + lens)
+    lens = running.wait_for_film(24)["lens"]
+    assert save(running, ["job"], "same", f_number=None, glare=None)["note"] is None
+    stopped = {"f_number": 2 * lens["f_number"], "glare": 0.02}
+    assert save(running, ["job", "exr"], **stopped)["note"] is None
+    text = (tmp_path / "saved.toml").read_text()
+    assert "glare = 0.02" in text and "numerical_aperture" not in text
+    # The job renders the picture behind this lens.
+    shown, rendered = layers(tmp_path / "saved.exr"), render(tmp_path)
+    ratio = rendered["electrons.Y"].mean() / shown["electrons.Y"].mean()
+    assert ratio == pytest.approx(rendered["G"].mean() / shown["G"].mean(), rel=1e-3)
+
+
 @pytest.mark.parametrize(("more", "word"), [
     ('[lens]\nfilter = { center = "625nm", width = "40nm" }\n', "filter"),
     ('[[object]]\nname = "ball"\nvelocity = ["1m/s", 0, 0]\n', "sensor"),
@@ -185,7 +190,7 @@ def test_vignetting_of_a_lens_of_the_camera(view, tmp_path):
 def test_a_job_that_render_refuses_is_not_saved(view, tmp_path, more, word):
     running = view(job=FIXED + more)
     running.wait_for_film(1)
-    for what in [["job"], ["checkpoint", "job"]]:
+    for what in [["job"], ["film", "job"]]:
         with pytest.raises(Refused) as refusal:
             save(running, what, sensor=None)
         assert refusal.value.status == 422 and word in refusal.value.text, refusal.value.text
@@ -199,12 +204,7 @@ def test_a_lens_in_lengths_behind_another_sensor(view, tmp_path):
     running = view(job=job)
     running.wait_for_film(24)
     assert save(running, ["job"], "same")["note"] is None
-    note = save(running, ["job"], "other", sensor="imx183")["note"]
-    assert "another field of view" in note
-    with pytest.raises(Refused) as refusal:
-        save(running, ["job", "checkpoint"], "film", sensor="imx183")
-    assert "another field of view" in refusal.value.fault["problem"]
-    assert not (tmp_path / "film.toml").exists()
+    assert "another field of view" in save(running, ["job"], "other", sensor="imx183")["note"]
 
 
 def test_the_limit_of_memory_stays(view, tmp_path):

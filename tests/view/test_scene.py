@@ -149,50 +149,6 @@ def test_two_changes_at_once_are_both_made(view):
     assert running.state()["error"] is None
 
 
-def test_influence_of_an_effect(view, open_page):
-    running = view(job=FIXED)
-    page = open_page(running)
-    running.wait_for_film(8)
-    page.tab("noise")
-    page.set("ablation-effect", "smooth-normals")
-    page.js("document.getElementById('ablation-start').click()")
-    page.wait(lambda: "DN" in page.text("ablation-result"), "the comparison")
-    page.click("ablation-map")
-    assert page.value("map") == "difference" and page.text("problems") == ""
-    page.assert_quiet_console()
-
-
-def test_ablations_of_two_pages(view):
-    """Two cameras at the same time: both comparisons end, each with its own difference. A restart drops them."""
-    running = view(job=station(width=48, height=36, sensor='exposure = "5ms"'))
-    running.wait_for_film(2)
-    running.pause()
-    cameras = [running.camera(exposure=exposure) for exposure in (1e-3, 2e-3)]
-    states, answers = set(), [None, None]
-
-    def ask():
-        for place, camera in enumerate(cameras):
-            answers[place] = running.post("ablation", {"effect": "smooth-normals", "camera": camera, "frame": 0})
-            states.add((place, answers[place]["state"]))
-        return all(answer["state"] == "finished" for answer in answers)
-
-    wait_for(ask, "both comparisons")
-    assert {(0, "running"), (1, "waiting")} <= states or (1, "running") in states, states
-    # The exposure is twice as long: so are all differences, except those of saturated pixels.
-    body = {"map": "difference", "effect": "smooth-normals"}
-    first, second = (running.picture("map", {**body, "camera": camera})[1] for camera in cameras)
-    assert first.any() and np.median(second[first != 0] / first[first != 0]) == pytest.approx(2, rel=1e-3)
-    with pytest.raises(Refused) as refusal:
-        running.picture("map", {**body, "effect": "nothing", "camera": cameras[0]})
-    assert "measure again" in refusal.value.fault["help"]
-    before = running.state()
-    running.post("render", {"action": "restart"})
-    running.wait(lambda state: state["film"]["id"] > before["film"]["id"], "the new picture")
-    with pytest.raises(Refused) as refusal:
-        running.picture("map", {**body, "camera": cameras[0]})
-    assert "measure again" in refusal.value.fault["help"]
-
-
 def test_pause_and_target(view, open_page):
     running = view(job=FIXED)
     page = open_page(running)
@@ -203,7 +159,7 @@ def test_pause_and_target(view, open_page):
     page.wait(lambda: page.film() == paused["film"]["id"], "the picture of the last film")
     page.set("gain-value", "2")
     assert page.text("problems") == ""
-    assert running.post("path", {"x": 30, "y": 36, "index": 0})["vertices"]
+    assert running.post("path", {"x": 30, "y": 36, "index": 0, "camera": running.camera()})["vertices"]
     again = running.state()
     assert again["film"] == paused["film"] and again["render"]["elapsed"] == paused["render"]["elapsed"]
     page.wait(lambda: page.state()["render"]["state"] == "paused", "the pause on the page")

@@ -159,13 +159,12 @@ def bodies(running):
         "probe": {**shot, "x": 1, "y": 2},
         "regions": {**shot, "regions": [[1, 2, 30, 40]]},
         "line": {**shot, "from": [0, 0], "to": [20, 10]},
-        "path": {"x": 1, "y": 2, "index": 0},
+        "path": {"x": 1, "y": 2, "index": 0, "camera": camera},
         "photon-transfer": {"camera": camera},
         "scene": {"lights": {"left": {"on": True, "factor": 1}}, "materials": {"lid": {"roughness": 0.5}}},
         "target": {"k": 0.5},
         "render": {"action": "resume"},
         "save": {**shot, "what": ["png"], "name": "fuzz"},
-        "ablation": {**shot, "effect": "nothing"},
     }
 
 
@@ -384,7 +383,7 @@ def test_signals_end_the_view(view, tmp_path, sign):
     connection = socket.create_connection((running.host, running.port), PATIENCE)
     connection.sendall(request("GET", "/api/events", host=f"127.0.0.1:{running.port}"))
     running.pause()
-    body = {"what": ["exr", "checkpoint", "tiff"], "name": "last", "camera": running.camera(), "frame": 0}
+    body = {"what": ["exr", "film", "tiff"], "name": "last", "camera": running.camera(), "frame": 0}
     files = running.post("save", body)["files"]
     began = time.monotonic()
     running.process.send_signal(sign)

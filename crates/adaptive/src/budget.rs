@@ -182,16 +182,6 @@ impl Schedule {
         Self { limits, settings, taken: 0, phase: Phase::Pilot, judge_at: 0 }
     }
 
-    /// Continues a render that had other limits: its samples count, and a plan that it made stays.
-    pub fn start_at(&mut self, taken: u64, phase: Phase) {
-        (self.taken, self.phase) = (taken, phase);
-    }
-
-    /// The present phase.
-    pub fn phase(&self) -> Phase {
-        self.phase
-    }
-
     /// Samples recorded so far.
     pub fn taken(&self) -> u64 {
         self.taken

@@ -100,9 +100,6 @@ pub struct Stats {
     /// Did a checkpoint contain all samples? Then the later steps missed no budget.
     #[serde(skip)]
     pub was_complete: bool,
-    /// Had the render that this one continues a budget of its own? Then its time does not count against this one.
-    #[serde(skip)]
-    pub had_own_budget: bool,
 }
 
 /// The result of denoising.
@@ -338,7 +335,6 @@ impl Stats {
             denoise: None,
             memory: None,
             was_complete: rendering.earlier.was_complete,
-            had_own_budget: rendering.earlier.has_own_budget,
         }
     }
 
@@ -360,7 +356,6 @@ impl Stats {
         }
         let total = self.earlier_seconds + seconds;
         self.total_seconds = total;
-        let counted = if self.had_own_budget { seconds } else { total };
         if let (Some(forecast), "noise", Some(c)) = (&mut self.forecast, self.stop.as_str(), &self.certificate) {
             for level in forecast.iter_mut().filter(|level| level.k == c.k) {
                 (level.actual_samples, level.actual_seconds) = (Some(self.samples as f64), Some(total));
@@ -368,7 +363,7 @@ impl Stats {
         }
         self.budget_missed = self.stop != "interrupted"
             && !self.was_complete
-            && self.budget_seconds.is_some_and(|b| counted > b + dunkelfeld_adaptive::budget::tolerance(b));
+            && self.budget_seconds.is_some_and(|b| total > b + dunkelfeld_adaptive::budget::tolerance(b));
     }
 
     /// Does the result have a fault? A time budget that was missed is none: the image has only more samples.

@@ -175,8 +175,6 @@ struct Renderer<'a> {
     taken: u64,
     planner: Planner<'a>,
     queue: WorkQueue,
-    /// Seconds for which the render waited for a receiver of its film.
-    waited: f64,
     stages: Vec<(Stage, f64)>,
     invalid: Vec<PixelSample>,
     connections: ConnectionTally,
@@ -188,8 +186,6 @@ struct Renderer<'a> {
     /// Data of an earlier process: the plan of its last round, and the reason for its end.
     target: Option<Plane<u32>>,
     stopped: Option<StopReason>,
-    /// The phase of a render with another budget, which this one continues.
-    continued: Option<Phase>,
 }
 
 /// Next step of the schedule.
@@ -222,7 +218,6 @@ impl<'a> Renderer<'a> {
             taken: 0,
             planner: Planner::new(settings),
             queue: WorkQueue::new(TileGrid::new(width, height, TILE)),
-            waited: 0.0,
             stages: Vec::new(),
             invalid: Vec::new(),
             connections: ConnectionTally::default(),
@@ -232,7 +227,6 @@ impl<'a> Renderer<'a> {
             course: None,
             target: None,
             stopped: None,
-            continued: None,
         }
     }
 
@@ -325,11 +319,12 @@ impl<'a> Renderer<'a> {
         // If the noise ends the render, the pilot begins with a few samples that determine its size.
         let pilot_spp = self.settings.pilot_spp.min(if limits.stop_on_noise { FIRST_LOOK } else { u32::MAX });
         let settings = Settings { pixels: self.pixels(), pilot_spp };
-        let mut schedule = Schedule::new(limits, settings);
-        if let Some(phase) = self.continued {
-            schedule.start_at(self.taken, phase);
+        AdaptiveState {
+            schedule: Schedule::new(limits, settings),
+            stage: Stage::Pilot,
+            closing,
+            dry_run_at: self.pixels() / FIRST_DRY_RUN,
         }
-        AdaptiveState { schedule, stage: Stage::Pilot, closing, dry_run_at: self.pixels() / FIRST_DRY_RUN }
     }
 
     /// Seconds reserved for the end, with the last checkpoint. The first checkpoint measures the duration of one.
@@ -517,9 +512,7 @@ impl<'a> Renderer<'a> {
         self.invalid.truncate(crate::round::MAX_LISTED);
         self.spend(stage, began);
         if interval.is_some() {
-            let began = Instant::now();
-            self.show_film();
-            self.waited += began.elapsed().as_secs_f64();
+            self.session.progress().film(&self.film);
         }
         if result.out_of_memory {
             return Err(Error::film_memory());

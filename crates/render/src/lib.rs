@@ -28,7 +28,6 @@ mod training;
 mod validate;
 mod view;
 
-pub use checkpoint::FilmInProgress;
 pub use checkpoint::ResumedWork;
 pub use driver::{OutputDryRun, Rendering, render, render_with_dry_run, thread_count};
 pub use error::{Error, ErrorParts, camera_help, written};

@@ -71,8 +71,7 @@ impl JoinedParts {
         let samples = first.samples.start..last.samples.end;
         let (key, recipe) = (first.description.key.clone(), first.recipe.clone());
         let state = together(&parts);
-        let description =
-            Description { key, samples: Some(samples), recipe: Some(recipe.clone()), is_open: false, state };
+        let description = Description { key, samples: Some(samples), recipe: Some(recipe.clone()), state };
         Ok(Self { parts: parts.iter().map(Part::summary).collect(), film, ids, description, recipe })
     }
 
@@ -142,12 +141,7 @@ impl JoinedParts {
             weights: weights::uniform(film.width(), film.height()),
             forecast: None,
             threads,
-            earlier: ResumedWork {
-                seconds: state.elapsed,
-                samples: film.total_samples(),
-                was_complete: true,
-                has_own_budget: false,
-            },
+            earlier: ResumedWork { seconds: state.elapsed, samples: film.total_samples(), was_complete: true },
             checkpoint_fault: None,
             stages: state.stages,
             film: RenderedFilm {

@@ -1,7 +1,7 @@
 //! Progress of a long render, and its cancellation.
 
-use crate::checkpoint::FilmInProgress;
 use crate::plan::forecast::Forecast;
+use crate::rendered_film::RenderedFilm;
 use crate::stage::Stage;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -36,7 +36,7 @@ pub trait Progress: Sync {
 
     /// Receives the film after each pass, if it has an interval. The render waits meanwhile. After the first pass one pixel
     /// in sixteen has a sample.
-    fn film(&self, _: FilmInProgress<'_>) {}
+    fn film(&self, _: &RenderedFilm) {}
 }
 
 /// Ignores the progress.

@@ -9,19 +9,6 @@ use serde::{Deserialize, Serialize};
 /// Number of samples that are rendered again before a render is resumed, to verify that they have the same values.
 const PROBES: u64 = 64;
 
-/// The names of the values on which the samples alone depend.
-const OF_SAMPLES: [&str; 9] = [
-    "program",
-    "size",
-    "seed",
-    "frame",
-    "choice of effects left out",
-    "scene",
-    "camera",
-    "number of training paths",
-    "outcome of samples",
-];
-
 /// All values on which samples depend, by name, and further ones that a study adds. A short value is stored as text, a
 /// long one as the XXH3 of its serialised form ([`digest`]).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -108,11 +95,6 @@ impl RenderKey {
             SensorChoice::Emva { model, .. } => format!("{} ({})", model.spec().name, hex(digest(sensor))),
         };
         self.add("sensor or exposure", value);
-    }
-
-    /// The part that [`Self::of_samples`] makes.
-    pub(crate) fn samples(&self) -> Self {
-        Self(self.0.iter().filter(|(name, _)| OF_SAMPLES.contains(&name.as_str())).cloned().collect())
     }
 
     /// The first difference, as a phrase: `other` is \"here\". `None` if the keys are equal.

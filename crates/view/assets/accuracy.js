@@ -25,8 +25,8 @@ const PILOT = 32; // samples per pixel of the pilot, after which the plan of the
  */
 function keyOf(camera) {
   const lights = camera.lights && Object.entries(camera.lights).sort(([a], [b]) => (a < b ? -1 : 1));
-  const { sensor, exposure, gain, temperature, black_level, vignetting } = camera;
-  return JSON.stringify([sensor, exposure, gain, temperature, black_level, vignetting, lights]);
+  const { sensor, exposure, gain, temperature, black_level, vignetting, f_number, glare } = camera;
+  return JSON.stringify([sensor, exposure, gain, temperature, black_level, vignetting, f_number, glare, lights]);
 }
 
 /**

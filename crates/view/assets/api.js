@@ -2,9 +2,6 @@
 
 /** @typedef {import("./protocol").Fault} FaultText */
 
-/** The name of this page: the server gives it the statistics of its own picture A. */
-const PAGE = [...crypto.getRandomValues(new Uint32Array(4))].map((word) => word.toString(16).padStart(8, "0")).join("");
-
 /** An answer of the server that states a problem. */
 export class Fault extends Error {
   /**
@@ -115,14 +112,14 @@ async function postBinary(path, body, signal) {
 }
 
 /**
- * @param {{ camera: import("./protocol").Camera, frame: number, tone: import("./protocol").Tone }} body
- * @param {boolean} hasStatistics true for the picture A, whose camera is that of the statistics of this page
+ * `statistics`: the camera becomes that of the statistics.
+ * @param {{ camera: import("./protocol").Camera, frame: number, tone: import("./protocol").Tone, statistics: boolean }} body
  * @param {AbortSignal} signal
  * @returns {Promise<import("./protocol").Frame>}
  */
-export async function requestFrame(body, hasStatistics, signal) {
+export async function requestFrame(body, signal) {
   /** @type {{ header: import("./protocol").FrameHeader, buffer: ArrayBuffer, offset: number }} */
-  const { header, buffer, offset } = await postBinary("/api/frame", { ...body, page: hasStatistics ? PAGE : null }, signal);
+  const { header, buffer, offset } = await postBinary("/api/frame", body, signal);
   const pixels = header.width * header.height;
   const values = header.format === "gray16"
     ? new Uint16Array(buffer, offset, pixels)
@@ -131,16 +128,7 @@ export async function requestFrame(body, hasStatistics, signal) {
 }
 
 /**
- * The path of the heaviest sample of a pixel, with the factors of the lights of this page.
- * @param {import("./store.js").Pixel} pixel
- * @returns {Promise<import("./protocol").LightPath>}
- */
-export function requestPath({ x, y }) {
-  return postJson("/api/path", { x, y, index: null, page: PAGE });
-}
-
-/**
- * @param {{ camera: import("./protocol").Camera, map: import("./protocol").MapName, effect: string | null }} body
+ * @param {{ camera: import("./protocol").Camera, map: import("./protocol").MapName }} body
  * @returns {Promise<import("./protocol").FilmMap>}
  */
 export async function requestMap(body) {
@@ -182,7 +170,7 @@ export function followState(onState, onConnection) {
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   let leave;
   const connect = () => {
-    const opened = new EventSource(`/api/events?page=${PAGE}`);
+    const opened = new EventSource("/api/events");
     source = opened;
     let received = false;
     /** @param {import("./protocol").State} state */
@@ -197,7 +185,7 @@ export function followState(onState, onConnection) {
       wait = 500;
       // The events may start with the next change, which can be far away when nothing renders.
       try {
-        const answer = await fetch(`/api/state?page=${PAGE}`);
+        const answer = await fetch("/api/state");
         const state = await answer.json();
         if (answer.ok && !received && source === opened) receive(state);
       } catch {

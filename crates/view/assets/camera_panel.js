@@ -8,6 +8,9 @@ import { count, exposure, number, parseExposure, percent, plain, quantity } from
 
 /** @type {[number, number]} */
 const EXPOSURE_SLIDER = [1e-6, 100]; // s: other times can be typed
+/** @type {[number, number]} */
+const F_SLIDER = [1, 32]; // others can be typed
+const GLARE_SLIDER = 0.1; // likewise
 const LARGEST_SEED = 2n ** 63n - 1n; // of a job
 const LIGHT_RANGE = 2; // decades on each side of the factor 1 of a light
 const LARGEST_FACTOR = 1e6; // of a light
@@ -25,7 +28,7 @@ export function cameraPanel(store, problems) {
   });
   // A message about a text is outdated when a knob has moved.
   store.on("camera", () => {
-    for (const key of ["exposure", "exposure-returned", "gain", "temperature", "black-level", "device", "light-factor", "lights"]) problems.clear(key);
+    for (const key of ["exposure", "exposure-returned", "gain", "f-number", "glare", "temperature", "black-level", "device", "light-factor", "lights"]) problems.clear(key);
   });
   store.on("returned", () => showReturned(store, problems));
   store.on("picture", () => {
@@ -116,6 +119,19 @@ function followKnobs(store, problems) {
   knob("gain-value", "change", (value) => {
     const gain = within("gain", "The gain", Number(value), store.server?.ranges.gain);
     return gain === null ? null : { gain };
+  });
+  knob("f-number", "input", (value) => ({ f_number: rounded(10 ** Number(value)) }));
+  knob("f-number-value", "change", (value) => {
+    if (value === "") return { f_number: null };
+    const f_number = within("f-number", "The f-number", Number(value), store.server?.ranges.f_number);
+    return f_number === null ? null : { f_number };
+  });
+  knob("glare", "input", (value) => ({ glare: Number(value) }));
+  knob("glare-value", "change", (value) => {
+    if (value === "") return { glare: null };
+    const [low, high] = store.server?.ranges.glare ?? [0, 0.5];
+    const glare = within("glare", "The glare", Number(value), [100 * low, 100 * high]);
+    return glare === null ? null : { glare: rounded(glare / 100) };
   });
   knob("temperature", "input", (value) => ({ temperature: Number(value) }));
   knob("temperature-value", "change", (value) => {
@@ -230,6 +246,18 @@ function showKnobs(store, force = false) {
   write("gain-value", String(camera.gain));
   input("gain").setAttribute("aria-valuetext", `factor ${number(camera.gain)}`);
 
+  const { lens } = server;
+  setRange("f-number", ...logarithms(F_SLIDER), 150);
+  const f_number = camera.f_number ?? lens.f_number;
+  write("f-number", String(Math.log10(f_number)));
+  write("f-number-value", String(rounded(f_number)));
+  input("f-number").setAttribute("aria-valuetext", `f/${number(f_number)}`);
+  setRange("glare", 0, GLARE_SLIDER, 100);
+  const glare = camera.glare ?? lens.glare;
+  write("glare", String(glare));
+  write("glare-value", String(rounded(100 * glare)));
+  input("glare").setAttribute("aria-valuetext", `${number(100 * glare)} %`);
+
   const [coldest, hottest] = server.ranges.temperature;
   setRange("temperature", coldest, hottest, hottest - coldest);
   const temperature = camera.temperature ?? sensor?.temperature;
@@ -245,12 +273,16 @@ function showKnobs(store, force = false) {
   setValue(select("denoise"), camera.denoise);
   input("vignetting").checked = camera.vignetting;
 
-  for (const id of ["exposure", "exposure-value", "exposure-auto", "gain", "gain-value", "temperature",
-    "temperature-value", "temperature-model", "black-level", "black-level-model", "device"]) {
+  for (const id of ["exposure", "exposure-value", "exposure-auto", "gain", "gain-value", "glare", "glare-value",
+    "temperature", "temperature-value", "temperature-model", "black-level", "black-level-model", "device"]) {
     input(id).disabled = camera.sensor === null;
   }
   for (const id of ["exposure", "exposure-value", "exposure-auto"]) {
     allow(input(id), server.timed === null ? null : `Fixed, because ${server.timed}. Change it in the job`);
+    input(id).disabled ||= camera.sensor === null;
+  }
+  for (const id of ["f-number", "f-number-value"]) {
+    allow(input(id), lens.fixed === null ? null : `Fixed, because ${lens.fixed}. Set it in the job`);
     input(id).disabled ||= camera.sensor === null;
   }
   const isExr = server.source === "exr";
@@ -424,6 +456,8 @@ function showKept(store) {
     noise: `noise ${kept.noise}`,
     device: `device ${kept.device}`,
     denoise: `denoiser ${kept.denoise}`,
+    f_number: kept.f_number === null ? "f-number of the job" : `f/${number(kept.f_number)}`,
+    glare: kept.glare === null ? "glare of the job" : `glare ${percent(kept.glare)}`,
     vignetting: kept.vignetting ? "vignetting" : "no vignetting",
     lights: keptLights(camera, kept),
   };

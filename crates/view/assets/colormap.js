@@ -10,16 +10,12 @@ const CIVIDIS = [
   "00224e", "123570", "3b496c", "575d6d", "707173", "8a8678", "a59c74", "c3b369", "e1cc55",
   "fee838",
 ];
-// Purple to orange, safe for readers with a colour vision deficiency: Harrower and Brewer (2003).
-const PURPLE_ORANGE = [
-  "2d004b", "542788", "8073ac", "b2abd2", "d8daeb", "f7f7f7", "fee0b6", "fdb863", "e08214",
-  "b35806", "7f3b08",
-];
-// The ratio has a jump of hue at the target, so the boundary is visible without a contour.
+// Purple and orange, safe for readers with a colour vision deficiency: Harrower and Brewer (2003). The ratio has a jump of hue
+// at the target, so the boundary is visible without a contour.
 const BELOW = ["2d004b", "542788", "8073ac", "b2abd2"];
 const ABOVE = ["fdb863", "e08214", "b35806", "7f3b08"];
 
-/** @typedef {"viridis" | "cividis" | "difference" | "ratio"} ColourMap */
+/** @typedef {"viridis" | "cividis" | "ratio"} ColourMap */
 
 const STEPS = 256;
 
@@ -50,8 +46,7 @@ export function colourTable(name) {
     if (name === "ratio") {
       table[step] = share < 0.5 ? colourAt(BELOW, share * 2) : colourAt(ABOVE, share * 2 - 1);
     } else {
-      const points = { viridis: VIRIDIS, cividis: CIVIDIS, difference: PURPLE_ORANGE }[name];
-      table[step] = colourAt(points, share);
+      table[step] = colourAt({ viridis: VIRIDIS, cividis: CIVIDIS }[name], share);
     }
   }
   return table;
@@ -75,10 +70,6 @@ export function mapScale(map, header, target, colours) {
     // The target is the middle of the table. Both sides span the same factor.
     const factor = Math.min(32, Math.max(4, high / target, target / Math.max(low, 1e-6)));
     return { colours: "ratio", low: target / factor, high: target * factor, log: true };
-  }
-  if (map === "difference") {
-    const size = Math.max(Math.abs(low), Math.abs(high), 1e-6);
-    return { colours: "difference", low: -size, high: size, log: false };
   }
   if (low > 0 && high / low > 20) return { colours, low, high, log: true };
   return { colours, low, high: high > low ? high : low + 1e-6, log: false };

@@ -13,7 +13,6 @@ const TITLES = {
   first_light: "Share of first light",
   render_sigma: "Render σ",
   camera_sigma: "Camera σ",
-  difference: "Difference: without less with",
 };
 
 /**
@@ -59,10 +58,9 @@ function showLegend(store) {
   show(box("legend"), map !== "none");
   if (map === "none") return;
   showTitle(store);
-  select("map-colours").disabled = map === "ratio" || map === "difference";
+  select("map-colours").disabled = map === "ratio";
   if (!filmMap) {
-    setText(box("legend-note"), map === "difference" && !store.hasDifference
-      ? "Waiting for the ablation with these settings." : "Waiting for the map.");
+    setText(box("legend-note"), "Waiting for the map.");
     box("legend-ticks").replaceChildren();
     return;
   }

@@ -59,10 +59,7 @@ header(store, act, problems);
 toolbar(store, viewer);
 cameraPanel(store, problems);
 new ScenePanel(store, act, problems);
-const noisePanel = new NoisePanel(store, measurements, problems, act);
-noisePanel.onDifference = () => {
-  if (store.map === "difference") pictures.invalidateMap();
-};
+const noisePanel = new NoisePanel(store, problems, act);
 const updateMeasures = measurePanel(store, measurements, problems);
 probePanel(store);
 savePanel(store, problems);

@@ -1,17 +1,14 @@
-// Requests of the measurements: probe, light path, regions, line, photon transfer, ablation.
+// Requests of the measurements: probe, light path, regions, line, photon transfer.
 
-import { Fault, isEarly, postJson, requestPath } from "./api.js";
+import { Fault, isEarly, postJson } from "./api.js";
 import { Debounce, Throttle } from "./requests.js";
 
 /** @typedef {import("./store.js").Store} Store */
-/** @typedef {import("./protocol").Ablation} Ablation */
 
 const CURSOR_DELAY = 80; // ms that the pointer rests before the probe asks
-const CAMERA_DELAY = 300; // ms after a knob of the camera before the ablation is read again
 const FRAME_INTERVAL = 400; // ms between measurements of new frames
 const TRANSFER_INTERVAL = 2000; // ms: the photon transfer needs two frames of the server
-const ABLATION_INTERVAL = 400; // ms between questions for the progress
-const MEASURED = ["probe", "path", "regions", "line", "transfer", "ablation"];
+const MEASURED = ["probe", "path", "regions", "line", "transfer"];
 
 export class Measurements {
   /** @type {import("./protocol").Regions | null} */
@@ -27,19 +24,12 @@ export class Measurements {
   transfer = null;
   /** True while the section of the photon transfer is open. */
   transferWanted = false;
-  /** @type {{ effect: string, result: Ablation } | null} */
-  ablation = null;
-  /** True after a restart has made the ablation invalid. */
-  ablationIsOld = false;
   /** The number of restarts of the render that is measured. */
   #restarted = 0;
 
   #cursor = new Debounce(CURSOR_DELAY, () => this.probe());
   #frame = new Throttle(FRAME_INTERVAL, () => this.refresh());
   #transfer = new Throttle(TRANSFER_INTERVAL, () => this.refreshTransfer());
-  /** The difference in grey values depends on the camera, so it is read again. */
-  #ablation = new Debounce(CAMERA_DELAY, () => this.#askAblation());
-  #onAblation = () => {};
   #transferKey = "";
   /**
    * Wishes that the server refused, by request: they are not repeated until something of them changes.
@@ -72,7 +62,6 @@ export class Measurements {
     store.on("camera", () => {
       // The fault of a refused camera is outdated; each new answer states its own.
       for (const key of MEASURED) problems.clear(key);
-      if (this.ablation?.result.state === "finished") this.#ablation.call();
     });
   }
 
@@ -85,17 +74,15 @@ export class Measurements {
     this.transfer = null;
     for (const key of MEASURED) this.problems.clear(key);
     this.#restarted = this.store.server?.render.restarted ?? 0;
-    this.#dropAblation();
     this.store.emit("probe");
     this.store.emit("measures");
   }
 
-  /** A restart may mend what was refused, and it makes an ablation invalid. */
+  /** A restart may mend what was refused. */
   #followRestart() {
     this.#restarted = this.store.server?.render.restarted ?? 0;
     this.#refused.clear();
     this.#transferKey = "";
-    this.#dropAblation();
     this.refresh();
     this.refreshTransfer();
   }
@@ -141,7 +128,8 @@ export class Measurements {
     this.#request("path", wish, async () => {
       const pixel = store.pin ?? store.cursor;
       if (!pixel || !store.showPath) return;
-      const path = await requestPath(pixel);
+      /** @type {import("./protocol").LightPath} */
+      const path = await postJson("/api/path", { x: pixel.x, y: pixel.y, index: null, camera: store.camera });
       if (!(store.pin ?? store.cursor) || !store.showPath) return;
       store.path = path;
       store.emit("measures");
@@ -222,56 +210,6 @@ export class Measurements {
     });
   }
 
-  /**
-   * Renders without an effect, and follows the progress until the difference is known.
-   * @param {string} effect
-   * @param {() => void} onProgress
-   */
-  ablate(effect, onProgress) {
-    this.ablation = { effect, result: { state: "running", fraction: 0 } };
-    this.ablationIsOld = false;
-    this.store.ablated = effect;
-    this.#onAblation = onProgress;
-    onProgress();
-    this.#askAblation();
-  }
-
-  /** The difference is that of one render: after a restart it is measured again. */
-  #dropAblation() {
-    if (!this.ablation) return;
-    this.ablation = null;
-    this.ablationIsOld = true;
-    this.store.setDifference(null, null, false);
-    if (this.store.map === "difference") this.store.setMap("none");
-    this.#onAblation();
-  }
-
-  #askAblation() {
-    this.#request("ablation", () => "", async () => {
-      const effect = this.ablation?.effect;
-      if (effect === undefined) return;
-      const { store } = this;
-      const { camera } = store;
-      try {
-        /** @type {Ablation} */
-        const result = await postJson("/api/ablation", { effect, ...this.#camera() });
-        // Another effect may have been chosen meanwhile; it has a request of its own.
-        if (this.ablation?.effect !== effect) return;
-        this.ablation = { effect, result };
-        store.setDifference(effect, camera, result.state === "finished");
-        if (result.state !== "finished") setTimeout(() => this.#askAblation(), ABLATION_INTERVAL);
-        else if (camera !== store.camera) this.#ablation.call();
-      } catch (error) {
-        this.ablation = null;
-        store.setDifference(effect, camera, false);
-        if (store.map === "difference") store.setMap("none");
-        throw error;
-      } finally {
-        this.#onAblation();
-      }
-    }, () => {});
-  }
-
   #ready() {
     return this.store.connected && this.store.camera !== null && this.store.server?.film != null;
   }
@@ -282,15 +220,15 @@ export class Measurements {
 
   /**
    * @param {string} key
-   * @param {() => string} wish everything that the answer depends on and that the user chooses; empty: it is always sent
+   * @param {() => string} wish everything that the answer depends on and that the user chooses
    * @param {() => Promise<void>} work
    * @param {() => void} drop removes the values of the answer before, which are not those of this wish
    */
   #request(key, wish, work, drop) {
-    if (wish() !== "" && this.#refused.get(key) === wish()) return;
+    if (this.#refused.get(key) === wish()) return;
     this.lane.request(key, async () => {
       const now = wish();
-      if (now !== "" && this.#refused.get(key) === now) return;
+      if (this.#refused.get(key) === now) return;
       const { session } = this.store;
       try {
         await work();
@@ -300,8 +238,8 @@ export class Measurements {
         if (session !== this.store.session) return;
         drop();
         this.store.emit("measures");
-        // Before the first picture: the measurement follows with the picture, which asks for all but an ablation.
-        if (isEarly(error) && now !== "") return;
+        // Before the first picture: the measurement follows with the picture.
+        if (isEarly(error)) return;
         if (error instanceof Fault) this.#refused.set(key, now);
         this.problems.set(key, error);
       }

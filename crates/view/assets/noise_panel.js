@@ -1,12 +1,12 @@
-// The verdict, the plot of the noise level against time with its target, and the ablation.
+// The verdict, and the plot of the noise level against time with its target.
 
 import {
   forecastNote, foretoldLevels, isFinished, levelMeaning, levelNow, measuredLevels, ownStatistics, timeOfLevel,
   timeSentence, verdict,
 } from "./accuracy.js";
 import { drawPlot, placer, plotArea } from "./chart.js";
-import { box, button, byId, input, press, select, setOptions, setText, setValue, svg } from "./dom.js";
-import { bigCount, count, number, percent, plain, quantity } from "./format.js";
+import { box, button, byId, input, setText, setValue, svg } from "./dom.js";
+import { bigCount, count, number, percent, plain } from "./format.js";
 import { Debounce } from "./requests.js";
 
 /** @typedef {import("./store.js").Store} Store */
@@ -70,13 +70,11 @@ export class NoisePanel {
 
   /**
    * @param {Store} store
-   * @param {import("./measurements.js").Measurements} measurements
    * @param {import("./problems.js").Problems} problems
    * @param {(path: string, body: unknown) => Promise<boolean>} act
    */
-  constructor(store, measurements, problems, act) {
+  constructor(store, problems, act) {
     this.store = store;
-    this.measurements = measurements;
     this.act = act;
     store.on("state", () => this.show());
     store.on("picture", () => {
@@ -96,7 +94,6 @@ export class NoisePanel {
     });
     button("target-reset").addEventListener("click", () => this.setTarget(0.5));
     this.#followDrag();
-    this.#followAblation();
   }
 
   get target() {
@@ -143,7 +140,6 @@ export class NoisePanel {
     this.#showVerdict(shown);
     this.#showNumbers(shown);
     if (!box("panel-noise").hidden) this.#drawCurve(shown);
-    this.#showEffects(shown);
   }
 
   /** @param {State} state */
@@ -167,8 +163,7 @@ export class NoisePanel {
     const { certificate, film, render } = state;
     setText(box("noise-k99"), number(levelNow(state)));
     // The certificate may still be that of an earlier target.
-    setText(box("noise-hidden"), percent(certificate && certificate.k === state.target
-      ? certificate.hidden : state.curve.at(-1)?.hidden ?? certificate?.hidden));
+    setText(box("noise-hidden"), percent(certificate?.k === state.target ? certificate.hidden : null));
     setText(box("noise-median"), number(certificate?.median));
     setText(box("noise-saturated"), count(certificate?.saturated));
     setText(box("noise-spp"), film ? number(film.spp, 4) : number(null));
@@ -281,62 +276,5 @@ export class NoisePanel {
       event.preventDefault();
       event.stopPropagation();
     });
-  }
-
-  #followAblation() {
-    button("ablation-start").addEventListener("click", () => {
-      const effect = select("ablation-effect").value;
-      if (effect === "") return;
-      this.measurements.ablate(effect, () => this.#showAblation());
-      this.#showAblation();
-    });
-    button("ablation-map").addEventListener("click", () => {
-      this.store.setMap(this.store.map === "difference" ? "none" : "difference");
-    });
-    this.store.on("mapChoice", () => press(button("ablation-map"), this.store.map === "difference"));
-    this.#showAblation();
-  }
-
-  /** @param {State} state */
-  #showEffects(state) {
-    const effects = (state.scene?.effects ?? []).filter((effect) => effect.used && !effect.left_out);
-    setOptions(select("ablation-effect"), effects.map(({ name, title }) => ({ value: name, text: title })));
-    if (select("ablation-effect").selectedIndex < 0 && effects[0]) select("ablation-effect").value = effects[0].name;
-    select("ablation-effect").disabled = effects.length === 0;
-    button("ablation-start").disabled = effects.length === 0
-      || ["waiting", "running"].includes(this.measurements.ablation?.result.state ?? "");
-  }
-
-  #showAblation() {
-    const { ablation } = this.measurements;
-    const done = ablation?.result.state === "finished";
-    button("ablation-map").disabled = !done;
-    press(button("ablation-map"), this.store.map === "difference");
-    setText(box("ablation-result"), this.#ablationText());
-    const option = select("map").querySelector("option[value=difference]");
-    if (option instanceof HTMLOptionElement) option.disabled = !done;
-    if (this.store.server) this.#showEffects(this.store.server);
-    this.onDifference();
-  }
-
-  /** Set by the page: the map of the difference has a new content. */
-  onDifference = () => {};
-
-  #ablationText() {
-    const { ablation } = this.measurements;
-    if (!ablation) {
-      return this.measurements.ablationIsOld
-        ? "The render has started again: compute the ablation again." : "No ablation was computed.";
-    }
-    const title = this.store.server?.scene?.effects.find(({ name }) => name === ablation.effect)?.title
-      ?? ablation.effect;
-    const { result } = ablation;
-    if (result.state === "waiting") return `Waits for another ablation before that without ${title}.`;
-    if (result.state === "running") return `Renders without ${title}: ${percent(result.fraction)}.`;
-    const sign = result.significant
-      ? "The difference is larger than the noise of both renders."
-      : "The difference is within the noise of the renders.";
-    return `Without ${title}: mean ${quantity(result.mean, "DN")}, largest ${quantity(result.largest, "DN")}, `
-      + `σ of the difference ${quantity(result.sigma, "DN")}. ${sign}`;
   }
 }

@@ -20,6 +20,8 @@ export class Pictures {
   #shown = { a: "", b: "", map: "" };
   /** Keys whose requests failed; they are not sent again until something changes. */
   #failed = { a: "", b: "", map: "" };
+  /** The knobs of the last picture A that were sent to become those of the statistics. */
+  #measured = "";
   /** Knobs that the server refused: a new content of the film does not make them valid. */
   #refused = { a: "", b: "", map: "" };
   /** @type {ReturnType<typeof setInterval> | null} */
@@ -47,10 +49,7 @@ export class Pictures {
     this.lane = lane;
     this.problems = problems;
     store.on("session", () => this.#forget());
-    store.on("camera", () => {
-      this.#withdraw();
-      this.#dropDifference();
-    });
+    store.on("camera", () => this.#withdraw());
     store.on(["state", "connection", "camera", "kept", "frame", "mapChoice"], () => this.refresh());
     store.on("view", () => {
       this.#repaint();
@@ -75,24 +74,7 @@ export class Pictures {
     if (store.compare && store.kept) {
       this.#want("b", () => this.#frameKey(store.kept), () => this.#fetchFrame("b"));
     }
-    if (this.#hasMap()) this.#want("map", () => this.#mapKey(), () => this.#fetchMap());
-  }
-
-  /** The map of a difference is there when its ablation is finished: until then the server refuses it. */
-  #hasMap() {
-    const { store } = this;
-    return store.map !== "none" && (store.map !== "difference" || store.hasDifference);
-  }
-
-  /** The difference of another camera or effect is not that of this picture. */
-  #dropDifference() {
-    const { store, viewer } = this;
-    if (store.map !== "difference" || !store.filmMap || store.hasDifference) return;
-    this.#shown.map = "";
-    store.filmMap = null;
-    viewer.mapPicture = null;
-    viewer.invalidate();
-    store.emit("map");
+    if (store.map !== "none") this.#want("map", () => this.#mapKey(), () => this.#fetchMap());
   }
 
   /** Another server may count its films from the start again, and may have films of another size. */
@@ -101,6 +83,7 @@ export class Pictures {
     this.#shown = { a: "", b: "", map: "" };
     this.#failed = { a: "", b: "", map: "" };
     this.#refused = { a: "", b: "", map: "" };
+    this.#measured = "";
     for (const kind of ["a", "b", "map"]) this.problems.clear(kind);
     viewer.pictureB = null;
     viewer.mapPicture = null;
@@ -123,15 +106,6 @@ export class Pictures {
     const { camera, frameA } = this.store;
     const [asked, shown, wanted] = [flight.camera, frameA?.camera, camera].map((knobs) => JSON.stringify(knobs));
     if (asked === shown && asked !== wanted) flight.abort.abort();
-  }
-
-  /** Requests the map again, though nothing that the page knows has changed. */
-  invalidateMap() {
-    this.#shown.map = "";
-    this.#failed.map = "";
-    this.#refused.map = "";
-    this.#dropDifference();
-    this.refresh();
   }
 
   /**
@@ -198,8 +172,8 @@ export class Pictures {
 
   /** @param {number} [film] */
   #mapKey(film = this.store.server?.film?.id ?? 0) {
-    const { map, camera, ablated } = this.store;
-    return JSON.stringify([film, map, camera, map === "difference" ? ablated : null]);
+    const { map, camera } = this.store;
+    return JSON.stringify([film, map, camera]);
   }
 
   /** @param {"a" | "b"} kind */
@@ -212,13 +186,17 @@ export class Pictures {
     const film = store.server?.film?.id ?? 0;
     const abort = new AbortController();
     if (kind === "a") this.#inFlight = { camera, abort };
+    // The statistics are those of the page whose knobs have changed last.
+    const knobs = JSON.stringify(camera);
+    const statistics = kind === "a" && knobs !== this.#measured;
     let frame;
     try {
-      frame = await requestFrame({ camera, frame: frameNumber, tone }, kind === "a", abort.signal);
+      frame = await requestFrame({ camera, frame: frameNumber, tone, statistics }, abort.signal);
     } finally {
       if (kind === "a") this.#inFlight = null;
     }
     if (session !== store.session) return;
+    if (statistics) this.#measured = knobs;
     // The film may have grown since the request. The picture counts for the film that it shows, if
     // that is newer: the event that announces this film then needs no second request.
     this.#shown[kind] = frame.header.film > film
@@ -244,12 +222,11 @@ export class Pictures {
 
   async #fetchMap() {
     const { store, viewer } = this;
-    const { map, camera, session, ablated } = store;
-    // The camera may have changed while this request waited.
-    if (!this.#hasMap() || map === "none" || !camera) return;
+    const { map, camera, session } = store;
+    if (map === "none" || !camera) return;
     const asked = this.#mapKey();
-    const filmMap = await requestMap({ camera, map, effect: map === "difference" ? ablated : null });
-    if (session !== store.session || map !== store.map || !this.#hasMap()) return;
+    const filmMap = await requestMap({ camera, map });
+    if (session !== store.session || map !== store.map) return;
     this.#shown.map = asked;
     store.filmMap = filmMap;
     this.paintMap();

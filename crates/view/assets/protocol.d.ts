@@ -5,7 +5,7 @@ export interface Fault { problem: string; place: string | null; help: string | n
 
 export interface Note { level: "warning" | "info"; text: string; help: string | null }
 
-export interface CurvePoint { seconds: number; spp: number; k99: number | null; hidden: number }
+export interface CurvePoint { seconds: number; spp: number; k99: number | null }
 export interface ForecastPoint { k: number; seconds: number | null; spp: number | null }
 
 export type Channel = "red" | "green" | "blue";
@@ -78,20 +78,31 @@ export interface State {
   prepared: number;
   sensors: Sensor[];
   camera: Camera;
-  ranges: { exposure: [number, number]; gain: [number, number]; temperature: [number, number] };
+  ranges: {
+    exposure: [number, number]; gain: [number, number]; temperature: [number, number];
+    f_number: [number, number]; glare: [number, number];
+  };
   /** The frame of the samples. */
   frame: number;
   /** The reason why the exposure is no knob. */
   timed: string | null;
+  /** The lens of the job. */
+  lens: Lens;
   scene: Scene | null;
   saved: string[];
+}
+
+export interface Lens {
+  f_number: number; glare: number;
+  /** The reason why the f-number is no knob. */
+  fixed: string | null;
 }
 
 export type Noise = "plain" | "matched" | "none";
 export type Denoise = "off" | "auto" | "builtin" | "oidn";
 export type Tone = "gamma" | "linear" | "log";
 export type MapName =
-  "ratio" | "samples" | "recent" | "first_light" | "render_sigma" | "camera_sigma" | "difference";
+  "ratio" | "samples" | "recent" | "first_light" | "render_sigma" | "camera_sigma";
 
 /** The knobs that need no new samples. */
 export interface Camera {
@@ -105,6 +116,10 @@ export interface Camera {
   device: number | string;
   denoise: Denoise;
   vignetting: boolean;
+  /** Null: that of the job. */
+  f_number: number | null;
+  /** The share of the light; null: that of the job. */
+  glare: number | null;
   lights: Record<string, number> | null;
 }
 
@@ -167,12 +182,7 @@ export interface SceneChange {
   per_light?: boolean;
 }
 
-export type Ablation =
-  { state: "waiting" } |
-  { state: "running"; fraction: number } |
-  { state: "finished"; mean: number; largest: number; sigma: number; significant: boolean };
-
-export type SaveKind = "png" | "tiff" | "exr" | "checkpoint" | "job";
+export type SaveKind = "png" | "tiff" | "exr" | "film" | "job";
 
 declare global {
   interface Window {

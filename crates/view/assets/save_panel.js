@@ -8,7 +8,7 @@ import { tracked } from "./requests.js";
 /** @typedef {import("./protocol").SaveKind} SaveKind */
 
 /** @type {SaveKind[]} */
-const KINDS = ["png", "tiff", "exr", "checkpoint", "job"];
+const KINDS = ["png", "tiff", "exr", "film", "job"];
 
 /**
  * The reason why files of a kind cannot be saved; null where they can.
@@ -18,10 +18,10 @@ const KINDS = ["png", "tiff", "exr", "checkpoint", "job"];
  */
 function refusal(kind, state) {
   if (state?.source === "exr" && kind !== "png" && kind !== "tiff") return "An EXR has no samples and no scene";
-  if (kind === "checkpoint" && state?.source === "film") return "Nothing renders here: the file that is shown has all samples";
+  if (kind === "film" && state?.source === "film") return "Nothing renders here: the file that is shown has all samples";
   if (kind === "job" && state?.source === "film") return "A saved film has no scene, so there is no job";
-  if (kind === "checkpoint" && state?.scene?.per_light.on) {
-    return "A checkpoint has one film, and each light has its own. An EXR has a layer for each light";
+  if (kind === "film" && state?.scene?.per_light.on) {
+    return "A file has one film, and each light has its own. An EXR has a layer for each light";
   }
   return null;
 }

@@ -55,6 +55,16 @@ function withTimedExposure(knobs, state) {
 }
 
 /**
+ * A camera with the f-number of the job, where the samples are those of its aperture.
+ * @param {Camera} knobs
+ * @param {State} state
+ * @returns {Camera}
+ */
+function withFixedLens(knobs, state) {
+  return knobs.f_number !== null && state.lens.fixed !== null ? { ...knobs, f_number: null } : knobs;
+}
+
+/**
  * A camera without factors of lights, where these have no films of their own.
  * @param {Camera} knobs
  * @param {State} state
@@ -166,16 +176,6 @@ export class Store {
 
   /** @type {MapName | "none"} */
   map = "none";
-  /**
-   * The effect of the map of the difference.
-   * @type {string | null}
-   */
-  ablated = null;
-  /**
-   * The effect and the camera whose difference the server has, as a text that is compared.
-   * @type {string | null}
-   */
-  #difference = null;
   mapOpacity = 1;
   /** @type {"viridis" | "cividis"} */
   mapColours = "viridis";
@@ -276,7 +276,8 @@ export class Store {
    */
   #fitKnobs(state) {
     /** @param {Camera} knobs */
-    const fit = (knobs) => withTimedExposure(withoutUnusedLights(withKnownSensor(knobs, state), state), state);
+    const fit = (knobs) => [withKnownSensor, withoutUnusedLights, withFixedLens, withTimedExposure]
+      .reduce((fitted, step) => step(fitted, state), knobs);
     const { camera, kept } = this;
     const [nextCamera, nextKept] = [camera && fit(camera), kept && fit(kept)];
     if (nextCamera !== camera) {
@@ -407,21 +408,6 @@ export class Store {
     this.map = map;
     this.filmMap = null;
     this.emit("mapChoice");
-  }
-
-  /**
-   * Notes whether the server has the difference of an effect for a camera.
-   * @param {string | null} effect
-   * @param {Camera | null} camera
-   * @param {boolean} isFinished
-   */
-  setDifference(effect, camera, isFinished) {
-    this.#difference = isFinished ? JSON.stringify([effect, camera]) : null;
-  }
-
-  /** True where the server has the difference that the page would show. */
-  get hasDifference() {
-    return this.#difference === JSON.stringify([this.ablated, this.camera]);
   }
 
   /** @param {Tool} tool */

@@ -95,7 +95,7 @@ export function nextTone(store) {
  * @param {1 | -1} direction
  */
 export function stepMap(store, direction) {
-  const names = [...select("map").options].filter((option) => !option.disabled).map((option) => option.value);
+  const names = [...select("map").options].map((option) => option.value);
   const place = names.indexOf(store.map);
   const next = names[(place + direction + names.length) % names.length] ?? "none";
   store.setMap(/** @type {import("./protocol").MapName | "none"} */ (next));

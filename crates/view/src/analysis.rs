@@ -3,7 +3,6 @@
 
 use crate::developed::{Accept, Developed};
 use crate::engine::AFTER_PANIC;
-use crate::hidden_shares::HiddenShares;
 use crate::panics::caught;
 use crate::protocol::{Activity, Camera, CertificateState, CurvePoint, Denoise, Noise, Readiness};
 use crate::shared::{Control, Shared, lock};
@@ -15,7 +14,7 @@ use std::time::{Duration, Instant};
 const SHARE: f64 = 0.04;
 /// The same while a page shows a picture that waits for the analysis.
 const SHARE_IF_WANTED: f64 = 0.2;
-/// The same while nothing renders: pages that show different cameras ask for analyses in turns.
+/// The same while nothing renders.
 const SHARE_WITHOUT_RENDER: f64 = 0.5;
 /// The shortest and the longest pause after an analysis \[s\].
 const MIN_PAUSE: f64 = 0.05;
@@ -40,7 +39,7 @@ pub(crate) fn run(shared: &Arc<Shared>) {
     }
 }
 
-/// The newest film and the next camera, when one of both is new. `None` at the end of the view.
+/// The newest film and the camera of the statistics, when one of both is new. `None` at the end of the view.
 fn next(shared: &Shared) -> Option<(Arc<Snapshot>, Camera)> {
     let mut control = lock(&shared.control);
     loop {
@@ -64,8 +63,6 @@ fn certify(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
         developed.certify(&shared.background);
     }
     let certified_at = |k: f64| certificate_of(snapshot, developed.as_deref()?, k);
-    let certified = developed.as_ref().and_then(|developed| developed.certified());
-    let shares = certified.map(|certified| Arc::new(HiddenShares::new(certified)));
     // The target may move meanwhile.
     loop {
         let target = lock(&shared.live).target;
@@ -74,16 +71,19 @@ fn certify(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
         if live.target != target {
             continue;
         }
+        if live.camera().without_noise() != *camera {
+            break;
+        }
         let is_of_render = snapshot.restarted == live.render.restarted;
-        let statistics = live.pages.statistics_mut(camera);
+        let statistics = live.statistics.measure(camera);
         statistics.certificate = state;
         // A film has one point. The render may have started again meanwhile.
-        if let (Some(state), Some(shares)) = (state, shares)
+        if let Some(state) = state
             && is_of_render
             && statistics.curve.last().is_none_or(|point| point.film != snapshot.id)
         {
             let (seconds, spp, film) = (snapshot.seconds, snapshot.spp(), snapshot.id);
-            statistics.add_point(CurvePoint { seconds, spp, k99: state.p99, hidden: state.hidden, film, shares });
+            statistics.add_point(CurvePoint { seconds, spp, k99: state.p99, film });
         }
         break;
     }

@@ -1,31 +1,29 @@
 //! The answers to the requests of a page.
 
-use crate::ablation;
 use crate::analysis;
 use crate::developed::{Accept, Developed};
-use crate::hidden_shares::TARGETS;
 use crate::light_films::check_number;
 use crate::measure;
 use crate::panics::caught;
 use crate::path::trace_path;
 use crate::protocol::{
-    AblationAnswer, AblationRequest, Action, Camera, Fault, FrameHeader, FrameRequest, Line, LineRequest, MapHeader,
-    MapKind, MapRequest, Noise, PathAnswer, PathRequest, PhotonTransfer, PhotonTransferRequest, Probe, ProbeRequest,
-    Regions, RegionsRequest, RenderRequest, SceneRequest, SourceKind, TargetRequest,
+    Action, Camera, Fault, FrameHeader, FrameRequest, Line, LineRequest, MapHeader, MapKind, MapRequest, Noise,
+    PathAnswer, PathRequest, PhotonTransfer, PhotonTransferRequest, Probe, ProbeRequest, Regions, RegionsRequest,
+    RenderRequest, SceneRequest, SourceKind, TargetRequest,
 };
 use crate::scenes::Scenes;
 use crate::shared::{Job, Shared, lock};
 use crate::snapshot::Snapshot;
-use dunkelfeld::FilmInProgress;
 use dunkelfeld::trace::PixelSample;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
+/// The range of the target k.
+const TARGETS: RangeInclusive<f64> = 0.05..=4.0;
 /// Seconds that a request waits for the thread that renders.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// The longest name of a page \[bytes\].
-const MAX_PAGE_NAME: usize = 64;
 
 fn developed(shared: &Shared, camera: &Camera) -> Result<Arc<Developed>, Fault> {
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
@@ -40,30 +38,22 @@ fn until_change(shared: &Shared, snapshot: &Snapshot, camera: &Camera, fault: Fa
     Fault { is_early: is_known && shared.is_outdated(snapshot), ..fault }
 }
 
-/// A frame. Its camera becomes that of the statistics of its page.
+/// A frame.
 pub(crate) fn frame(shared: &Shared, request: &FrameRequest) -> Result<(FrameHeader, Vec<u8>), Fault> {
-    if request.page.as_ref().is_some_and(|page| page.len() > MAX_PAGE_NAME) {
-        let problem = format!("the name of the page is longer than {MAX_PAGE_NAME} bytes");
-        return Err(Fault::new(problem, "use a shorter one"));
-    }
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
     let accept = if request.exact { Accept::Exact } else { Accept::Provisional };
     let found = shared.store.find(&snapshot, &request.camera, accept, &shared.session);
     let developed = found.map_err(|fault| until_change(shared, &snapshot, &request.camera, fault))?;
-    if let Some(page) = &request.page {
-        let is_inexact = !developed.is_exact();
-        let (is_new, is_unknown, is_again) = {
-            let pages = &mut lock(&shared.live).pages;
-            let is_new = pages.show(page, &request.camera, snapshot.id);
-            let is_unknown =
-                pages.statistics(&request.camera.without_noise()).is_none_or(|of| of.certificate.is_none());
-            let is_missing = is_inexact || (is_new && is_unknown);
-            (is_new, is_unknown, is_missing && pages.analyse_again(&request.camera))
+    if request.statistics {
+        let (is_new, is_unknown) = {
+            let statistics = &mut lock(&shared.live).statistics;
+            let is_known = statistics.of(&request.camera.without_noise()).is_some_and(|of| of.certificate.is_some());
+            (statistics.show(&request.camera), !is_known)
         };
-        if is_new || is_again {
+        if is_new {
             shared.control(|control| {
-                control.is_analysis_awaited |= is_new && is_inexact;
-                control.is_certificate_awaited |= is_new && is_unknown;
+                control.is_analysis_awaited |= !developed.is_exact();
+                control.is_certificate_awaited |= is_unknown;
             });
         }
     }
@@ -79,10 +69,7 @@ pub(crate) fn map(shared: &Shared, request: &MapRequest) -> Result<(MapHeader, V
     if is_noise {
         developed.certify(&shared.session);
     }
-    let scene = developed.snapshot.scene.number;
-    let ablation = lock(&shared.ablations).difference(scene, &camera, request.effect.as_deref());
-    let difference = ablation.as_ref().and_then(|ablation| ablation.difference());
-    shared.session.install(|| developed.map(request.map, difference))
+    shared.session.install(|| developed.map(request.map))
 }
 
 /// A pixel.
@@ -146,14 +133,14 @@ pub(crate) fn path(shared: &Arc<Shared>, request: &PathRequest) -> Result<PathAn
         return Err(Fault::new("the pixel is outside the image", "choose a pixel of the image"));
     }
     // Of several films, the sample is that of the one with the heaviest sample.
-    let factors = snapshot.factors(lock(&shared.live).camera(request.page.as_deref()).lights.as_ref())?;
+    let factors = snapshot.factors(request.camera.lights.as_ref())?;
     let heaviest = snapshot.heaviest(&factors, request.x, request.y);
     let none = || Fault::new("no sample of the pixel has light", "choose a brighter pixel, or a number of a sample");
     let index = request.index.or(heaviest.map(|heaviest| heaviest.index)).ok_or_else(none)?;
     let light = snapshot.light(heaviest.map_or(0, |heaviest| heaviest.film)).map(str::to_owned);
     let at = PixelSample { x: request.x, y: request.y, index };
     let (number, state) = (snapshot.scene.number, shared.clone());
-    at_render(shared, move |scenes, _| {
+    at_render(shared, move |scenes| {
         let is_same = lock(&state.live).scene_number == number;
         let project = scenes.of_film(light.as_deref()).filter(|_| is_same).ok_or_else(Fault::earlier_scene)?;
         trace_path(project, at)
@@ -161,24 +148,17 @@ pub(crate) fn path(shared: &Arc<Shared>, request: &PathRequest) -> Result<PathAn
 }
 
 /// Runs work on the thread that renders, between two passes.
-pub(crate) fn at_render<T: Send + 'static>(
+fn at_render<T: Send + 'static>(
     shared: &Shared,
-    work: impl FnOnce(Scenes<'_>, Option<FilmInProgress<'_>>) -> T + Send + 'static,
+    work: impl FnOnce(Scenes<'_>) -> T + Send + 'static,
 ) -> Result<T, Fault> {
     let (answer, waiting) = channel();
-    let job: Job = Box::new(move |scenes, film| {
+    let job: Job = Box::new(move |scenes| {
         // A fault of the program ends the answer, and not the render.
-        drop(answer.send(caught("work beside the render", "ask again", || work(scenes, film))));
+        drop(answer.send(caught("work beside the render", "ask again", || work(scenes))));
     });
     shared.control(|control| control.jobs.push(job));
     waiting.recv_timeout(PATIENCE).map_err(|_| Fault::new("the render is busy", "ask again when it runs"))?
-}
-
-/// Compares the image with one that an effect is left out of. Starts the comparison, or reports its state.
-pub(crate) fn ablation(shared: &Arc<Shared>, request: &AblationRequest) -> Result<AblationAnswer, Fault> {
-    needs_scene(shared)?;
-    let developed = developed(shared, &request.camera.without_noise())?;
-    ablation::ask(shared, &request.effect, &developed)
 }
 
 /// Pauses the render, continues it, or starts it again.
@@ -208,21 +188,24 @@ pub(crate) fn target(shared: &Shared, request: TargetRequest) -> Result<(), Faul
         let (low, high) = (TARGETS.start(), TARGETS.end());
         return Err(Fault::new(format!("the level {} is out of range", request.k), format!("use {low} to {high}")));
     }
-    let film = shared.snapshot().map_or(0, |snapshot| snapshot.id);
-    let cameras = {
+    let camera = {
         let mut live = lock(&shared.live);
         live.target = request.k;
-        live.cameras(film)
+        live.camera().without_noise()
     };
     // The shares of another level need no new analysis.
-    let certificate = |camera: Camera| {
-        let developed = developed(shared, &camera).ok()?;
+    let known = developed(shared, &camera).ok().and_then(|developed| {
         developed.certify(&shared.session);
         Some((camera, analysis::certificate_of(&developed.snapshot, &developed, request.k)?))
-    };
-    let known = cameras.into_iter().filter_map(certificate).collect();
-    // Another request may have moved the target meanwhile.
-    shared.update(|live| live.pages.set_target(live.target, known));
+    });
+    shared.update(|live| {
+        // Another request may have moved target or camera meanwhile.
+        if let Some((camera, state)) = known.filter(|(_, state)| state.k == live.target)
+            && live.camera().without_noise() == camera
+        {
+            live.statistics.measure(&camera).certificate = Some(state);
+        }
+    });
     Ok(())
 }
 
@@ -257,11 +240,12 @@ mod tests {
     /// The answer of a path while this thread is the one that renders.
     fn path_of(shared: &Arc<Shared>, project: &Project) -> Result<PathAnswer, Fault> {
         std::thread::scope(|scope| {
-            let asked = scope.spawn(|| path(shared, &PathRequest { x: 8, y: 8, index: Some(1), page: None }));
+            let asked =
+                scope.spawn(|| path(shared, &PathRequest { x: 8, y: 8, index: Some(1), camera: Camera::plain(None) }));
             loop {
                 let jobs = shared.control(|control| std::mem::take(&mut control.jobs));
                 if !jobs.is_empty() {
-                    jobs.into_iter().for_each(|job| job(Scenes { whole: project, lights: &[] }, None));
+                    jobs.into_iter().for_each(|job| job(Scenes { whole: project, lights: &[] }));
                     break;
                 }
                 std::thread::yield_now();
@@ -289,23 +273,21 @@ mod tests {
         assert_eq!(path_of(&shared, &project), Err(Fault::earlier_scene()));
     }
 
-    /// The frame of a page makes its camera that of the statistics of this page alone. Picture B has none.
+    /// A frame makes its camera that of the statistics. Picture B does not.
     #[test]
-    fn the_statistics_of_a_page_are_those_of_its_picture() {
+    fn the_statistics_are_those_of_the_last_picture() {
         let (shared, _) = view();
         let first = lock(&shared.live).first_camera();
-        let camera = |gain: f64| Camera { gain, ..first.clone() };
-        let show = |page: Option<&str>, gain: f64| {
-            let page = page.map(str::to_owned);
-            frame(&shared, &FrameRequest { camera: camera(gain), frame: 0, tone: Tone::Gamma, exact: false, page })
+        let show = |statistics: bool, gain: f64| {
+            let camera = Camera { gain, ..first.clone() };
+            frame(&shared, &FrameRequest { camera, frame: 0, tone: Tone::Gamma, exact: false, statistics })
         };
-        let gain = |page: Option<&str>| shared.state(page).statistics_of.gain;
-        assert_eq!([None, Some("a")].map(gain), [1.0, 1.0]);
-        for (page, gain) in [(Some("a"), 2.0), (Some("b"), 3.0), (None, 4.0)] {
-            show(page, gain).expect("a frame");
+        let gain = || shared.state().statistics_of.gain;
+        assert_eq!(gain(), 1.0);
+        for (statistics, gain_of_frame, expected) in [(true, 2.0, 2.0), (false, 4.0, 2.0), (true, 3.0, 3.0)] {
+            show(statistics, gain_of_frame).expect("a frame");
+            assert_eq!(gain(), expected);
         }
-        assert_eq!([Some("a"), Some("b"), Some("c"), None].map(gain), [2.0, 3.0, 1.0, 3.0]);
-        assert!(show(Some(&"x".repeat(65)), 5.0).is_err());
     }
 
     /// A camera that the old picture refuses may be right for the scene that is being loaded.
@@ -318,7 +300,7 @@ mod tests {
         let optics = dunkelfeld::ExposeSettings::new((*model).clone()).expect("a sensor").optics;
         let choice = dunkelfeld::SensorChoice::Emva { model, optics, exposure: None };
         lock(&shared.live).sensors = crate::developed::Sensors::new(&choice);
-        let body = FrameRequest { camera, frame: 0, tone: Tone::Gamma, exact: false, page: None };
+        let body = FrameRequest { camera, frame: 0, tone: Tone::Gamma, exact: false, statistics: false };
         let is_early = || frame(&shared, &body).expect_err("no sensor of the list").is_early;
         assert!(!is_early());
         lock(&shared.live).render.state = Activity::Loading;

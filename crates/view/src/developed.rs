@@ -7,10 +7,10 @@ use crate::snapshot::{Content, Snapshot};
 use dunkelfeld::film::{MeanImage, Plane};
 use dunkelfeld::io::sensor_file::find_sensor;
 use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Number, Rgb, Seconds};
-use dunkelfeld::sensor::{Exposure, ExposureNoise, PRESETS, SensorModel, display};
+use dunkelfeld::sensor::{Exposure, ExposureNoise, Optics, PRESETS, Psf, SensorModel, display};
 use dunkelfeld::{
     Certified, DenoiseMethod, DenoiseSettings, Denoiser, ExposeSettings, Exposer, ImageNoise, OIDN_VARIABLE, Picture,
-    RenderedFilm, SensorChoice, Session, TimedExposure, denoise_film, find_denoiser, through_lens,
+    RenderSettings, RenderedFilm, SensorChoice, Session, TimedExposure, denoise_film, find_denoiser, through_lens,
 };
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
@@ -70,6 +70,34 @@ pub(crate) fn check_timed(snapshot: &Snapshot, camera: &Camera) -> Result<(), Fa
         }
         _ => Ok(()),
     }
+}
+
+/// The reason why the f-number is no knob of a film with these settings.
+pub(crate) fn fixed_f_number(settings: &RenderSettings) -> Option<&'static str> {
+    if settings.view.as_ref().is_some_and(|view| view.lens.aperture.is_some()) {
+        return Some("the samples show the depth of field of this aperture");
+    }
+    match &settings.sensor {
+        SensorChoice::Emva { optics, .. } if *optics.psf() != Psf::None => None,
+        _ => Some("the samples are those of a sharp image, without the diffraction of an aperture"),
+    }
+}
+
+/// The lens `of_film` with the knobs of a camera.
+pub(crate) fn with_knobs(of_film: Optics, camera: &Camera, settings: &RenderSettings) -> Result<Optics, Fault> {
+    if let Some(f_number) = camera.f_number {
+        within("f-number", f_number, Ranges::KNOBS.f_number)?;
+        if let Some(reason) = fixed_f_number(settings) {
+            let help = "set `f_number` in `[lens]` of the job";
+            return Err(Fault::new(format!("the f-number is fixed, because {reason}"), help));
+        }
+    }
+    camera.glare.map_or(Ok(()), |glare| within("glare", glare, Ranges::KNOBS.glare))?;
+    let f_number = camera.f_number.unwrap_or(of_film.f_number());
+    let lens = Optics::new(f_number, of_film.transmission(), of_film.magnification())
+        .and_then(|lens| lens.with_glare(camera.glare.unwrap_or(of_film.glare())))
+        .map_err(dunkelfeld::Error::from)?;
+    Ok(lens.with_bands(of_film.bands()).with_psf(of_film.psf().clone()))
 }
 
 /// Checks a knob.
@@ -213,6 +241,7 @@ impl Developed {
             Some(settings) => settings.with_model(model),
             None => ExposeSettings::new(model)?,
         };
+        settings.optics = with_knobs(settings.optics, camera, &snapshot.settings)?;
         settings.exposure = match camera.exposure {
             None => None,
             Some(time) => Some(Exposure::new(Seconds(time)).map_err(dunkelfeld::Error::from)?),
@@ -241,17 +270,6 @@ impl Developed {
             None => Exposer::of_films_and_mean(&films, mean, settings)?,
             Some(transmission) => Exposer::behind_lens(&films, mean, transmission.clone(), settings)?,
         })
-    }
-
-    /// The film behind a camera with a fixed exposure, without the store.
-    pub(crate) fn at_exposure_of(&self, other: Arc<Snapshot>, session: &Session<'_>) -> Result<Self, Fault> {
-        let mut camera = self.camera.without_noise();
-        camera.exposure = self.exposer.as_ref().map(|exposer| exposer.exposure().time().0);
-        // The scene of the other film has the power that the factors give.
-        camera.lights = None;
-        other.find_mean(session);
-        let prepared = Prepared::default();
-        session.install(|| Self::new(other, &camera, (&prepared, Accept::Exact), session))
     }
 
     /// [`Prepared::count`] before it was computed.
@@ -394,8 +412,8 @@ impl Developed {
         parts.data().iter().map(|[first, all]| 100.0 * first / all).collect()
     }
 
-    /// A map of the film. Unknown values are NaN. `difference` \[DN\] is that of an ablation.
-    pub(crate) fn map(&self, kind: MapKind, difference: Option<&[f32]>) -> Result<(MapHeader, Vec<u8>), Fault> {
+    /// A map of the film. Unknown values are NaN.
+    pub(crate) fn map(&self, kind: MapKind) -> Result<(MapHeader, Vec<u8>), Fault> {
         let began = Instant::now();
         let [width, height] = self.snapshot.size();
         let is_exr = matches!(self.snapshot.content, Content::Exr(_));
@@ -435,15 +453,6 @@ impl Developed {
                 let pixels = exposer.electrons().data().iter().zip(certified.ratios.data());
                 ("DN", pixels.map(|(&e, &v)| ratio(v) * Self::camera_sigma(exposer, e) as f32).collect())
             }
-            MapKind::Difference => match difference {
-                Some(difference) if difference.len() == self.snapshot.counts.data().len() => {
-                    ("DN", difference.to_vec())
-                }
-                _ => {
-                    let problem = "the influence of this effect was not measured for this scene and camera";
-                    return Err(Fault::new(problem, "measure again"));
-                }
-            },
         };
         if values.is_empty() {
             return Err(Fault::new("there is one picture only", "wait for the next one"));
@@ -549,7 +558,7 @@ fn denoised_means(
     let means = snapshot.films().map(|film| {
         let denoised = denoise_film(&film.sums, &*denoiser, session);
         let mean = denoised.map_err(|e| Fault::new(e.to_string(), "choose the denoiser `builtin`"))?.mean;
-        Ok(MeanImage::without_moments(mean, snapshot.settings.is_blurred()))
+        Ok(MeanImage::without_moments(mean, film.sums.has_moments()))
     });
     let means = Arc::new(means.collect::<Result<Means, Fault>>()?);
     prepared.add_denoised(snapshot, vec![method, chosen], means.clone());

@@ -14,9 +14,9 @@ use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeSettings, ExrImage, FilmInProgress, Forecast,
-    ImageOptions, InputFiles, KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings,
-    SavedFilm, SensorChoice, find_denoiser, find_sensor, program_seconds,
+    Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeSettings, ExrImage, Forecast, ImageOptions, InputFiles,
+    KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm, SavedFilm,
+    SensorChoice, find_denoiser, find_sensor, program_seconds,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -65,7 +65,7 @@ pub(crate) fn run(shared: &Arc<Shared>) {
             }
             // A request from here on cancels this render. The lock keeps it from cancelling the one before.
             let cancel = Arc::new(Cancel::new());
-            *lock(&shared.cancel) = cancel.clone();
+            control.cancel = cancel.clone();
             let change = control.change.take().unwrap_or_else(|| lock(&shared.live).change.clone());
             control.in_progress = Some(change.clone());
             (change, std::mem::take(&mut control.reload), cancel)
@@ -120,7 +120,7 @@ pub(crate) fn run(shared: &Arc<Shared>) {
             let jobs = std::mem::take(&mut control.jobs);
             if let (false, Some(scenes)) = (jobs.is_empty(), scenes) {
                 drop(control);
-                jobs.into_iter().for_each(|job| job(scenes, None));
+                jobs.into_iter().for_each(|job| job(scenes));
                 control = lock(&shared.control);
                 continue;
             }
@@ -136,12 +136,7 @@ fn prepare(
     change: &SceneChange,
     cancel: &Cancel,
 ) -> Result<(), Error> {
-    let number = {
-        let mut live = lock(&shared.live);
-        live.scene_number += 1;
-        live.scene_number
-    };
-    lock(&shared.ablations).keep_only(number);
+    lock(&shared.live).scene_number += 1;
     let (mut opened, parts) = match project.take() {
         Some(project) => (project, lock(&shared.live).parts.clone()),
         None => open(shared, change)?,
@@ -196,7 +191,7 @@ fn prepare(
         live.settings = Some(settings);
         live.timed = timed;
         if let Some(timed) = timed {
-            live.pages.set_exposure(timed.time.0);
+            live.statistics.set_exposure(timed.time.0);
         }
     });
     *project = Some(opened);
@@ -271,7 +266,7 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
         }
     };
     shared.update(|live| {
-        live.pages.clear_curves();
+        live.statistics.curve.clear();
         live.plan.clear();
         live.render.state = Activity::Running;
         live.render.reason = None;
@@ -371,14 +366,13 @@ impl Watcher<'_> {
         let mut snapshot = Snapshot::new(id, content, self.settings.clone(), self.scene.clone(), seconds, earlier);
         snapshot.restarted = lock(&self.shared.live).render.restarted;
         if is_first {
-            lock(&self.shared.live).pages.clear_certificates();
+            lock(&self.shared.live).statistics.certificate = None;
         }
         self.shared.publish(snapshot);
     }
 
     /// Publishes a film that has other samples than the picture, as soon as it may be shown.
-    fn publish_newest(&self, present: FilmInProgress<'_>) {
-        let film = present.film();
+    fn publish_newest(&self, film: &RenderedFilm) {
         let is_shown = lock(&self.time).is_published
             && self.shared.snapshot().is_some_and(|shown| shown.samples == film.sums.total_samples());
         if is_shown || (self.needs_all_pixels() && !film.sums.has_all_pixels()) {
@@ -398,25 +392,8 @@ impl Watcher<'_> {
         });
     }
 
-    /// Holds a render with its last film until it is cancelled. It can be saved meanwhile as a checkpoint, because the
-    /// render has not ended.
-    fn hold_complete(&self, present: FilmInProgress<'_>) {
-        self.finish();
-        let mut control = lock(&self.shared.control);
-        while !self.cancel.is_cancelled() {
-            let jobs = std::mem::take(&mut control.jobs);
-            if jobs.is_empty() {
-                control = self.shared.wake.wait(control).unwrap_or_else(PoisonError::into_inner);
-                continue;
-            }
-            drop(control);
-            jobs.into_iter().for_each(|job| job(self.scenes, Some(present)));
-            control = lock(&self.shared.control);
-        }
-    }
-
     /// Does the work that waits for the scene, and holds the render while it is paused.
-    pub(crate) fn hold(&self, present: Option<FilmInProgress<'_>>) {
+    pub(crate) fn hold(&self, present: Option<&RenderedFilm>) {
         let began = Instant::now();
         let mut control = lock(&self.shared.control);
         let mut is_paused = false;
@@ -424,7 +401,7 @@ impl Watcher<'_> {
             let jobs = std::mem::take(&mut control.jobs);
             if !jobs.is_empty() {
                 drop(control);
-                jobs.into_iter().for_each(|job| job(self.scenes, present));
+                jobs.into_iter().for_each(|job| job(self.scenes));
                 control = lock(&self.shared.control);
                 continue;
             }
@@ -434,7 +411,7 @@ impl Watcher<'_> {
             if !is_paused {
                 is_paused = true;
                 drop(control);
-                // The picture of a pause is the film that is saved meanwhile.
+                // The picture of a pause is the newest film.
                 if let Some(present) = present {
                     self.publish_newest(present);
                 }
@@ -481,17 +458,11 @@ impl Progress for Watcher<'_> {
         Some(if self.seconds() < EARLY { FIRST_INTERVAL } else { LATER_INTERVAL })
     }
 
-    fn film(&self, present: FilmInProgress<'_>) {
-        let pixels = f64::from(self.settings.0.width) * f64::from(self.settings.0.height);
-        let is_complete = present.film().sums.total_samples() as f64 >= MAX_SPP * pixels;
-        if is_complete || self.is_due() {
-            self.publish_newest(present);
+    fn film(&self, film: &RenderedFilm) {
+        if self.is_due() {
+            self.publish_newest(film);
         }
-        if is_complete {
-            self.hold_complete(present);
-        } else {
-            self.hold(Some(present));
-        }
+        self.hold(Some(film));
     }
 }
 

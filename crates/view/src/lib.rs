@@ -9,20 +9,17 @@
 
 #![forbid(unsafe_code)]
 
-mod ablation;
 mod address;
 mod analysis;
 mod desk;
 mod developed;
 mod engine;
 mod fault;
-mod hidden_shares;
 mod light_films;
 mod light_sum;
 mod locks;
 mod measure;
 mod outlook;
-mod pages;
 mod panics;
 mod path;
 mod prepared;
@@ -35,6 +32,7 @@ mod scenes;
 mod server;
 mod shared;
 mod snapshot;
+mod statistics;
 mod store;
 
 pub use crate::address::PageAddress;

@@ -7,7 +7,7 @@ use crate::light_sum::LightFilm;
 use crate::scenes::LightScene;
 use crate::shared::{Shared, lock};
 use crate::snapshot::Content;
-use dunkelfeld::{Cancel, Error, FilmInProgress, KeptFilms, Progress, ProgressState, Project, RenderedFilm};
+use dunkelfeld::{Cancel, Error, KeptFilms, Progress, ProgressState, Project, RenderedFilm};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -194,8 +194,7 @@ impl Progress for Turn<'_> {
         Some(self.rounds.watcher.film_interval()? / self.rounds.lights.len().max(1) as f64)
     }
 
-    fn film(&self, present: FilmInProgress<'_>) {
-        let film = present.film();
+    fn film(&self, film: &RenderedFilm) {
         let watcher = self.rounds.watcher;
         let mut state = self.rounds.state();
         if state.films[..self.number].iter().all(|film| film.has_ended) {

@@ -5,7 +5,7 @@
 
 use crate::protocol::{Camera, Fault};
 use dunkelfeld::film::MeanImage;
-use dunkelfeld::{Certified, Exposer, FilmOfLight, FilmVariances, RenderedFilm, Session, mean_image, sum_of_means};
+use dunkelfeld::{Certified, Exposer, FilmVariances, RenderedFilm, Session, mean_image, sum_of_means};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -106,13 +106,6 @@ pub(crate) fn certify(
         lit.map(|(light, &factor)| (light.variances(exposer, camera), factor)).collect();
     let variances: Vec<_> = variances.iter().map(|(variances, factor)| (&**variances, *factor)).collect();
     exposer.certify_sum(&variances, k).ok()
-}
-
-/// The films with their names and factors, for files.
-pub(crate) fn with_names<'a>(films: &'a [LightFilm], factors: &[f64]) -> Vec<FilmOfLight<'a>> {
-    let of_light =
-        |(light, &factor): (&'a LightFilm, &f64)| FilmOfLight { name: &light.name, film: &light.film, factor };
-    films.iter().zip(factors).map(of_light).collect()
 }
 
 #[cfg(test)]

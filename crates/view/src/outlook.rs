@@ -112,17 +112,9 @@ fn value_at(forecast: &[ForecastPoint], k: f64, value: impl Fn(&ForecastPoint) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::Arc;
 
     fn curve(points: &[(f64, f64, f64)]) -> Vec<CurvePoint> {
-        let point = |&(seconds, spp, k99): &(f64, f64, f64)| CurvePoint {
-            seconds,
-            spp,
-            k99: Some(k99),
-            hidden: 0.0,
-            film: 0,
-            shares: Arc::default(),
-        };
+        let point = |&(seconds, spp, k99): &(f64, f64, f64)| CurvePoint { seconds, spp, k99: Some(k99), film: 0 };
         points.iter().map(point).collect()
     }
 

@@ -6,7 +6,6 @@ use crate::protocol::{Camera, Denoise, Fault, Readiness};
 use crate::snapshot::Snapshot;
 use dunkelfeld::ImageNoise;
 use dunkelfeld::film::MeanImage;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// Results of each kind that are kept: those of two cameras that are compared.
@@ -52,62 +51,71 @@ impl Readiness {
 
 /// The results that are kept, the newest one last.
 #[derive(Debug, Default)]
-pub(crate) struct Prepared {
-    noise: Mutex<Kept<Camera, ImageNoise>>,
+struct Results {
+    noise: Kept<Camera, ImageNoise>,
     /// With the methods that lead to them.
-    denoised: Mutex<Kept<Vec<Denoise>, Means>>,
+    denoised: Kept<Vec<Denoise>, Means>,
     /// The last analysis that failed, by the number of its scene and its camera.
-    failed: Mutex<Option<(u64, Camera, Fault)>>,
-    count: AtomicU64,
+    failed: Option<(u64, Camera, Fault)>,
+    count: u64,
 }
+
+/// The results, for all threads.
+#[derive(Debug, Default)]
+pub(crate) struct Prepared(Mutex<Results>);
 
 impl Prepared {
     /// Counts the results that have been added, and the analyses that failed.
     pub(crate) fn count(&self) -> u64 {
-        self.count.load(Ordering::Relaxed)
+        lock(&self.0).count
     }
 
     /// The noise of a picture behind a camera, or the newest one of the same scene.
     pub(crate) fn noise(&self, snapshot: &Snapshot, camera: &Camera) -> Option<Found<ImageNoise>> {
-        newest(&lock(&self.noise), snapshot, |of| *of == camera.without_noise())
+        newest(&lock(&self.0).noise, snapshot, |of| *of == camera.without_noise())
     }
 
     /// The denoised means of a picture, or the newest ones of the same scene and method.
     pub(crate) fn denoised(&self, snapshot: &Snapshot, method: Denoise) -> Option<Found<Means>> {
         let of_method: Vec<_> =
-            lock(&self.denoised).iter().filter(|(_, methods, _)| methods.contains(&method)).cloned().collect();
+            lock(&self.0).denoised.iter().filter(|(_, methods, _)| methods.contains(&method)).cloned().collect();
         newest(&of_method, snapshot, |_| true)
     }
 
     pub(crate) fn add_noise(&self, snapshot: &Snapshot, camera: &Camera, noise: Arc<ImageNoise>) {
-        add(&mut lock(&self.noise), (Origin::of(snapshot), camera.without_noise(), noise));
-        self.count.fetch_add(1, Ordering::Relaxed);
+        let mut results = lock(&self.0);
+        add(&mut results.noise, (Origin::of(snapshot), camera.without_noise(), noise));
+        results.count += 1;
     }
 
     /// The reason why the analysis for a camera failed in the scene of a picture.
     pub(crate) fn failure(&self, snapshot: &Snapshot, camera: &Camera) -> Option<Fault> {
-        let failed = lock(&self.failed);
-        let (scene, of, fault) = failed.as_ref()?;
+        let results = lock(&self.0);
+        let (scene, of, fault) = results.failed.as_ref()?;
         (*scene == snapshot.scene.number && *of == camera.without_device()).then(|| fault.clone())
     }
 
     /// Keeps the outcome of an analysis: a fault, or that an earlier one is mended.
     pub(crate) fn finish(&self, snapshot: &Snapshot, camera: &Camera, outcome: Result<(), Fault>) {
         let key = (snapshot.scene.number, camera.without_device());
-        let mut failed = lock(&self.failed);
+        let mut results = lock(&self.0);
         match outcome {
             Err(fault) => {
-                *failed = Some((key.0, key.1, fault));
-                self.count.fetch_add(1, Ordering::Relaxed);
+                results.failed = Some((key.0, key.1, fault));
+                results.count += 1;
             }
-            Ok(()) => *failed = failed.take().filter(|(scene, camera, _)| (*scene, camera) != (key.0, &key.1)),
+            Ok(()) => {
+                let other = |(scene, camera, _): &(u64, Camera, Fault)| (*scene, camera) != (key.0, &key.1);
+                results.failed = results.failed.take().filter(other);
+            }
         }
     }
 
     /// `methods` are those whose result this is: the one that was asked for, and the one that it has chosen.
     pub(crate) fn add_denoised(&self, snapshot: &Snapshot, methods: Vec<Denoise>, means: Arc<Means>) {
-        add(&mut lock(&self.denoised), (Origin::of(snapshot), methods, means));
-        self.count.fetch_add(1, Ordering::Relaxed);
+        let mut results = lock(&self.0);
+        add(&mut results.denoised, (Origin::of(snapshot), methods, means));
+        results.count += 1;
     }
 }
 
@@ -180,16 +188,10 @@ mod tests {
     #[test]
     fn the_noise_of_a_camera_is_preferred() {
         let film = |exposure: f64, device: u64, noise: Noise| Camera {
-            sensor: None,
             exposure: Some(exposure),
-            gain: 1.0,
-            temperature: None,
-            black_level: None,
             noise,
             device,
-            denoise: Denoise::Off,
-            vignetting: false,
-            lights: None,
+            ..Camera::plain(None)
         };
         let noise = || Arc::new(ImageNoise::default());
         let prepared = Prepared::default();

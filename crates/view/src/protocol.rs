@@ -3,11 +3,9 @@
 pub(crate) use crate::fault::Fault;
 pub(crate) use crate::protocol_measurements::*;
 
-use crate::hidden_shares::HiddenShares;
 use dunkelfeld::DenoiseMethod;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// The knobs of the camera, which need no new samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +27,12 @@ pub(crate) struct Camera {
     pub(crate) device: u64,
     pub(crate) denoise: Denoise,
     pub(crate) vignetting: bool,
+    /// f-number of the lens; `None`: that of the job.
+    #[serde(default)]
+    pub(crate) f_number: Option<f64>,
+    /// Share of the light in the veiling glare; `None`: that of the job.
+    #[serde(default)]
+    pub(crate) glare: Option<f64>,
     /// Factor of each light, in the mode with a film for each.
     pub(crate) lights: Option<BTreeMap<String, f64>>,
 }
@@ -47,6 +51,8 @@ impl Camera {
             device: 0,
             denoise: Denoise::Off,
             vignetting: false,
+            f_number: None,
+            glare: None,
             lights: None,
         }
     }
@@ -173,6 +179,7 @@ pub(crate) struct State {
     pub(crate) frame: u32,
     /// The reason why the exposure is no knob.
     pub(crate) timed: Option<String>,
+    pub(crate) lens: LensState,
     pub(crate) scene: Option<SceneState>,
     pub(crate) saved: Vec<String>,
 }
@@ -239,12 +246,8 @@ pub(crate) struct CurvePoint {
     pub(crate) seconds: f64,
     pub(crate) spp: f64,
     pub(crate) k99: Option<f64>,
-    pub(crate) hidden: f64,
-    /// The film, and its shares at other targets.
     #[serde(skip)]
     pub(crate) film: u64,
-    #[serde(skip)]
-    pub(crate) shares: Arc<HiddenShares>,
 }
 
 /// The expected time of a level of noise.
@@ -298,11 +301,28 @@ pub(crate) struct Ranges {
     pub(crate) exposure: [f64; 2],
     pub(crate) gain: [f64; 2],
     pub(crate) temperature: [f64; 2],
+    pub(crate) f_number: [f64; 2],
+    pub(crate) glare: [f64; 2],
 }
 
 impl Ranges {
     /// The ranges of all cameras.
-    pub(crate) const KNOBS: Self = Self { exposure: [1e-9, 1e6], gain: [0.01, 100.0], temperature: [-100.0, 200.0] };
+    pub(crate) const KNOBS: Self = Self {
+        exposure: [1e-9, 1e6],
+        gain: [0.01, 100.0],
+        temperature: [-100.0, 200.0],
+        f_number: [0.5, 1000.0],
+        glare: [0.0, 0.5],
+    };
+}
+
+/// The lens of the job.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct LensState {
+    pub(crate) f_number: f64,
+    pub(crate) glare: f64,
+    /// The reason why the f-number is no knob.
+    pub(crate) fixed: Option<&'static str>,
 }
 
 /// The parts of the scene that can be changed.
@@ -367,14 +387,13 @@ pub(crate) struct FrameRequest {
     /// Wait for the noise and the denoised mean of this film and camera.
     #[serde(default)]
     pub(crate) exact: bool,
-    /// The page whose statistics are those of this camera. `None` for a picture without statistics.
-    #[serde(default = "unnamed_page")]
-    pub(crate) page: Option<String>,
+    /// Does the camera become that of the statistics?
+    #[serde(default = "yes")]
+    pub(crate) statistics: bool,
 }
 
-/// The page of requests without one.
-fn unnamed_page() -> Option<String> {
-    Some(String::new())
+fn yes() -> bool {
+    true
 }
 
 /// How far the noise and the denoised mean that a camera needs are there.
@@ -416,9 +435,6 @@ pub(crate) struct FrameHeader {
 pub(crate) struct MapRequest {
     pub(crate) camera: Camera,
     pub(crate) map: MapKind,
-    /// The effect of a map of the difference; `None`: the newest comparison.
-    #[serde(default)]
-    pub(crate) effect: Option<String>,
 }
 
 /// The maps.
@@ -431,7 +447,6 @@ pub(crate) enum MapKind {
     FirstLight,
     RenderSigma,
     CameraSigma,
-    Difference,
 }
 
 /// The description of a map.
@@ -454,9 +469,8 @@ pub(crate) struct PathRequest {
     pub(crate) x: u32,
     pub(crate) y: u32,
     pub(crate) index: Option<u32>,
-    /// The page with the factors of the lights. `None`: the one that asked for a frame last.
-    #[serde(default)]
-    pub(crate) page: Option<String>,
+    /// The camera with the factors of the lights.
+    pub(crate) camera: Camera,
 }
 
 /// A path.
@@ -517,34 +531,6 @@ pub(crate) struct MaterialChange {
     pub(crate) color: Option<[f64; 3]>,
 }
 
-/// A request of an ablation.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct AblationRequest {
-    pub(crate) effect: String,
-    pub(crate) camera: Camera,
-    pub(crate) frame: u32,
-}
-
-/// The state of an ablation.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(tag = "state", rename_all = "lowercase")]
-pub(crate) enum AblationAnswer {
-    /// Another comparison runs.
-    Waiting,
-    Running {
-        fraction: f64,
-    },
-    Finished {
-        /// Mean and largest difference \[DN\], the image without the effect less the image with it.
-        mean: f64,
-        largest: f64,
-        /// Standard deviation of the mean difference by the noise of both renders \[DN\].
-        sigma: f64,
-        significant: bool,
-    },
-}
-
 /// Control of the render.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -586,7 +572,7 @@ pub(crate) enum SaveKind {
     Png,
     Tiff,
     Exr,
-    Checkpoint,
+    Film,
     Job,
 }
 

@@ -1,18 +1,16 @@
 //! Files of what is shown.
 
-use crate::desk::at_render;
-use crate::developed::{Accept, OWN_SENSOR, check_timed};
-use crate::light_sum;
+use crate::developed::{Accept, OWN_SENSOR, check_timed, with_knobs};
 use crate::protocol::{Camera, Denoise, Fault, Noise, Ranges, SaveKind, SaveRequest, Saved, SourceKind};
-use crate::saved_job::{self, Difference, select_camera, set_vignetting};
+use crate::saved_job::{self, change_lens, describe_lens, select_camera};
 use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::io::Factor;
 use dunkelfeld::radiometry::{Number, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
-    Error, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_behind_lens, develop_film,
-    encode_layers, encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
+    Error, ExposeSettings, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_behind_lens,
+    develop_film, encode_layers, encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -30,195 +28,134 @@ pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved,
         request.what.iter().map(|&kind| (kind, path_of(shared, kind, &request.name))).collect();
     // Of two requests with one name, the second finds the files of the first, and writes none of its files.
     let _writes = lock(&shared.writes);
-    for (i, (_, file)) in files.iter().enumerate() {
-        // A link is not followed: its target may be anywhere.
-        if file.symlink_metadata().is_ok() || files[..i].iter().any(|(_, earlier)| earlier == file) {
-            let problem = format!("{} exists", file.display());
-            return Err(Fault::new(problem, "use another name"));
-        }
-    }
-    let is_film = files.iter().any(|(kind, _)| *kind == SaveKind::Checkpoint);
-    match &snapshot.content {
-        Content::Exr(_) if files.iter().any(|(kind, _)| !matches!(kind, SaveKind::Png | SaveKind::Tiff)) => {
-            return Err(Fault::new("an EXR has no samples and no scene", "save a PNG or a TIFF of its frame"));
-        }
-        Content::Lights(_) if is_film => {
-            let help = "save an EXR, which has a layer for each light, or use one film for all lights";
-            return Err(Fault::new("a file has one film, and each light has its own", help));
-        }
-        Content::Lights(_) | Content::Film(_) | Content::Exr(_) => {}
-    }
-    check_timed(&snapshot, &request.camera)?;
-    let factors = snapshot.factors(request.camera.lights.as_ref())?;
+    check_new(&files)?;
+    check_kinds(&snapshot, request)?;
     let settings = settings_of(shared, &snapshot, &request.camera, request.frame)?;
-    let needs_frame = files.iter().any(|(kind, _)| matches!(kind, SaveKind::Png | SaveKind::Tiff | SaveKind::Exr));
-    if needs_frame && (request.camera.noise == Noise::None || request.camera.denoise != Denoise::Off) {
-        return Err(Fault::new(
-            "only pictures with the noise of the camera and without a denoiser are saved",
-            "choose plain or matched noise, and switch the denoiser off",
-        ));
-    }
-    let kinds = || files.iter().map(|(kind, _)| *kind);
-    let is_continued = kinds().any(|kind| kind == SaveKind::Checkpoint) && shared.subject.kind == SourceKind::Render;
-    if is_continued && snapshot.scene.number != lock(&shared.live).scene_number {
-        return Err(Fault::earlier_scene());
-    }
-    if is_continued && kinds().any(|kind| kind == SaveKind::Job) && request.camera.device != snapshot.settings.seed {
-        return Err(Fault::new(
-            "a job has one seed for the samples and the device, so that it cannot continue this film",
-            format!("choose the device {}, or save the job alone", snapshot.settings.seed),
-        ));
-    }
-    let is_other_lens = request.camera.vignetting != snapshot.is_vignetted;
-    if is_other_lens && kinds().any(|kind| kind == SaveKind::Exr) {
-        let problem = "the layers of an EXR have the vignetting of the film";
-        return Err(Fault::new(problem, "save them with that, or render the job with the other one"));
-    }
-    if is_other_lens && is_continued && kinds().any(|kind| kind == SaveKind::Job) {
-        let problem = "the job has another vignetting than the film, so that it cannot continue it";
-        return Err(Fault::new(problem, "save the job alone, or choose the vignetting of the film"));
-    }
-    let transmission = if is_other_lens { Some(snapshot.other_transmission()?) } else { None };
-    let continued =
-        files.iter().find(|(kind, _)| is_continued && *kind == SaveKind::Checkpoint).map(|(_, file)| file.as_path());
-    // The frame of a continued film is that of its samples.
-    let frame_of_job = if is_continued { snapshot.settings.frame } else { request.frame };
-    // What is refused is refused before the first file.
-    let (job, difference) = match files.iter().find(|(kind, _)| *kind == SaveKind::Job) {
-        Some((_, file)) => {
-            let text = job_of(shared, &request.camera, frame_of_job, &snapshot, continued)?;
-            let without = &snapshot.scene.change.without;
-            let difference = saved_job::check(file, &text, without, (&snapshot, &settings))?;
-            (text, difference)
-        }
-        None => (String::new(), None),
-    };
-    if let (Some(Difference::Film(text)), true) = (&difference, is_continued) {
-        let problem = format!("the job cannot continue this film. {text}");
-        return Err(Fault::new(problem, "save the job alone, or choose the sensor of the job"));
-    }
-    // All files of a request are of one film: that of the checkpoint.
-    let checkpoint = continued.map(|file| save_checkpoint(shared, file, &settings, &snapshot)).transpose()?.flatten();
-    let (snapshot, written) = match checkpoint {
-        Some(snapshot) => (snapshot, continued),
-        None => (snapshot, None),
-    };
-    // All files are written, or none.
-    let without_written = |fault: Fault| {
-        if let Some(file) = written {
-            drop(std::fs::remove_file(file));
-        }
-        fault
-    };
-    let has_job = kinds().any(|kind| kind == SaveKind::Job);
-    // The job has the samples of this film, and names a film that it continues.
-    let job = if has_job && is_continued {
-        job_of(shared, &request.camera, frame_of_job, &snapshot, written).map_err(without_written)?
-    } else {
-        job
-    };
-    let frame = if needs_frame {
-        // An EXR has its own lens and pixels.
-        let developed = match &snapshot.content {
-            Content::Exr(_) => Some(shared.store.find(&snapshot, &request.camera, Accept::Exact, &shared.session)?),
-            Content::Film(_) | Content::Lights(_) => None,
-        };
-        let frame = shared.session.install(|| match &snapshot.content {
-            Content::Film(film) if transmission.is_none() => develop_film(film, &settings).map(Some),
-            Content::Film(film) => {
-                let film = FilmOfLight { name: "", film, factor: 1.0 };
-                develop_behind_lens(&[film], transmission.clone(), &settings).map(Some)
-            }
-            Content::Lights(films) => {
-                let films = light_sum::with_names(films, &factors);
-                develop_behind_lens(&films, transmission.clone(), &settings).map(Some)
-            }
-            Content::Exr(image) => match developed.as_ref().and_then(|developed| developed.exposer.as_ref()) {
-                Some(exposer) => exposer.develop(request.frame).map(Some),
-                None => develop(image.radiance(), &settings).map(Some),
-            },
-        });
-        frame.map_err(|error| without_written(Fault::from(error)))?
-    } else {
-        None
-    };
-    let is_other_frame = is_continued && request.frame != snapshot.settings.frame;
+    let films = films_with_factors(&snapshot, &request.camera)?;
     let mut notes = Vec::new();
-    if is_other_frame && needs_frame && has_job {
-        let of_samples = snapshot.settings.frame;
-        notes.push(format!(
-            "The job has frame {of_samples}, that of the samples; the picture has frame {}.",
-            request.frame
-        ));
-    }
-    if has_job && request.camera.noise == Noise::None && request.camera.sensor.is_some() {
-        notes.push("A job makes no picture without the noise of the camera: this one has plain noise.".to_owned());
-    }
-    if is_continued && written.is_none() {
-        notes.push("The film is that of no render that runs, so that no render continues it.".to_owned());
-    }
+    // What is refused is refused before the first file.
+    let job = match files.iter().find(|(kind, _)| *kind == SaveKind::Job) {
+        None => String::new(),
+        Some((_, file)) => {
+            let text = job_of(shared, &request.camera, request.frame, &snapshot)?;
+            notes.extend(saved_job::check(file, &text, &snapshot.scene.change.without, (&snapshot, &settings))?);
+            if request.camera.noise == Noise::None && request.camera.sensor.is_some() {
+                let text = "A job makes no picture without the noise of the camera: this one has plain noise.";
+                notes.push(text.to_owned());
+            }
+            text
+        }
+    };
     if is_earlier {
         notes.push("The picture is that of the scene before its change.".to_owned());
     }
-    notes.extend(difference.as_ref().map(|difference| difference.text().to_owned()));
-    let note = (!notes.is_empty()).then(|| notes.join(" "));
-    write_others(&files, written, |kind, file| {
-        let write = |path: &Path| write(kind, path, (&snapshot, &factors), &settings, frame.as_ref(), &job);
+    let frame = frame_of(shared, (&snapshot, &films), request, &settings)?;
+    write_all(&files, |kind, file| {
+        let write = |path: &Path| write(kind, path, (&snapshot, &films), &settings, frame.as_ref(), &job);
         // A file that has appeared meanwhile is not replaced either.
         shared.session.install(|| save_new(file, write))?;
         Ok(())
     })?;
     let names: Vec<String> = files.iter().map(|(_, file)| file.to_string_lossy().into_owned()).collect();
     shared.update(|live| live.saved.extend(names.iter().cloned()));
-    Ok(Saved { files: names, note })
+    Ok(Saved { files: names, note: (!notes.is_empty()).then(|| notes.join(" ")) })
 }
 
-/// Writes new files: all of them, or none. `written` exists already; without the others it is removed too.
-fn write_others(
+/// Checks that no file exists, and that no two have one name.
+fn check_new(files: &[(SaveKind, PathBuf)]) -> Result<(), Fault> {
+    for (i, (_, file)) in files.iter().enumerate() {
+        // A link is not followed: its target may be anywhere.
+        if file.symlink_metadata().is_ok() || files[..i].iter().any(|(_, earlier)| earlier == file) {
+            return Err(Fault::new(format!("{} exists", file.display()), "use another name"));
+        }
+    }
+    Ok(())
+}
+
+/// Is the file a picture of the camera, or does it contain one?
+fn has_frame(kind: SaveKind) -> bool {
+    matches!(kind, SaveKind::Png | SaveKind::Tiff | SaveKind::Exr)
+}
+
+/// Checks that the picture has what the files contain.
+fn check_kinds(snapshot: &Snapshot, SaveRequest { what, camera, .. }: &SaveRequest) -> Result<(), Fault> {
+    check_timed(snapshot, camera)?;
+    match &snapshot.content {
+        Content::Exr(_) if what.iter().any(|kind| !matches!(kind, SaveKind::Png | SaveKind::Tiff)) => {
+            return Err(Fault::new("an EXR has no samples and no scene", "save a PNG or a TIFF of its frame"));
+        }
+        Content::Lights(_) if what.contains(&SaveKind::Film) => {
+            let help = "save an EXR, which has a layer for each light, or use one film for all lights";
+            return Err(Fault::new("a file has one film, and each light has its own", help));
+        }
+        Content::Lights(_) | Content::Film(_) | Content::Exr(_) => {}
+    }
+    if what.iter().copied().any(has_frame) && (camera.noise == Noise::None || camera.denoise != Denoise::Off) {
+        return Err(Fault::new(
+            "only pictures with the noise of the camera and without a denoiser are saved",
+            "choose plain or matched noise, and switch the denoiser off",
+        ));
+    }
+    if camera.vignetting != snapshot.is_vignetted && what.contains(&SaveKind::Exr) {
+        let problem = "the layers of an EXR have the vignetting of the film";
+        return Err(Fault::new(problem, "save them with that, or render the job with the other one"));
+    }
+    Ok(())
+}
+
+/// The frame of the files that have one.
+fn frame_of(
+    shared: &Shared,
+    (snapshot, films): (&Arc<Snapshot>, &[FilmOfLight<'_>]),
+    request: &SaveRequest,
+    settings: &RenderSettings,
+) -> Result<Option<Frame>, Fault> {
+    if !request.what.iter().copied().any(has_frame) {
+        return Ok(None);
+    }
+    let camera = &request.camera;
+    let is_other_lens = camera.vignetting != snapshot.is_vignetted;
+    let transmission = if is_other_lens { Some(snapshot.other_transmission()?) } else { None };
+    let frame = match &snapshot.content {
+        Content::Film(film) if transmission.is_none() => shared.session.install(|| develop_film(film, settings))?,
+        Content::Film(_) | Content::Lights(_) => {
+            shared.session.install(|| develop_behind_lens(films, transmission, settings))?
+        }
+        // An EXR has its own lens and pixels.
+        Content::Exr(image) => {
+            let developed = shared.store.find(snapshot, camera, Accept::Exact, &shared.session)?;
+            shared.session.install(|| match &developed.exposer {
+                Some(exposer) => exposer.develop(request.frame),
+                None => develop(image.radiance(), settings),
+            })?
+        }
+    };
+    Ok(Some(frame))
+}
+
+/// The films of a picture, with the names and factors of their lights.
+fn films_with_factors<'a>(snapshot: &'a Snapshot, camera: &Camera) -> Result<Vec<FilmOfLight<'a>>, Fault> {
+    let factors = snapshot.factors(camera.lights.as_ref())?;
+    let of_film = |(i, (film, factor))| FilmOfLight { name: snapshot.light(i).unwrap_or_default(), film, factor };
+    Ok(snapshot.films().zip(factors).enumerate().map(of_film).collect())
+}
+
+/// Writes new files: all of them, or none.
+fn write_all(
     files: &[(SaveKind, PathBuf)],
-    written: Option<&Path>,
     mut write: impl FnMut(SaveKind, &Path) -> Result<(), Fault>,
 ) -> Result<(), Fault> {
-    let mut present: Vec<&Path> = written.into_iter().collect();
-    for (kind, file) in files.iter().filter(|(_, file)| written != Some(file)) {
+    for (i, (kind, file)) in files.iter().enumerate() {
         if let Err(mut fault) = write(*kind, file) {
-            for file in present {
+            for (_, file) in &files[..i] {
                 if let Err(e) = std::fs::remove_file(file) {
                     fault.problem += &format!("; {} was written and cannot be removed: {e}", file.display());
                 }
             }
             return Err(fault);
         }
-        present.push(file);
     }
     Ok(())
-}
-
-/// Writes the film of the render that runs, so that the command line can continue it, and shows it. Returns the picture of
-/// this film; `None` if no render runs.
-///
-/// # Errors
-/// The render is that of another scene than the picture.
-fn save_checkpoint(
-    shared: &Arc<Shared>,
-    file: &Path,
-    settings: &RenderSettings,
-    picture: &Snapshot,
-) -> Result<Option<Arc<Snapshot>>, Fault> {
-    let (file, settings, number, state) = (file.to_owned(), settings.clone(), picture.scene.number, shared.clone());
-    at_render(shared, move |_, film| {
-        if lock(&state.live).scene_number != number {
-            return Err(Fault::earlier_scene());
-        }
-        let Some(film) = film else { return Ok(None) };
-        save_new(&file, |path| film.save(path, &settings))?;
-        let shown = state.snapshot().ok_or_else(Fault::no_picture)?;
-        if shown.samples == film.film().sums.total_samples() {
-            return Ok(Some(shown));
-        }
-        let seconds = lock(&state.live).render.elapsed.max(shown.seconds);
-        Ok(Some(state.publish(shown.next(Content::Film(film.film().clone()), seconds))))
-    })?
 }
 
 /// A stem of a file name is no path.
@@ -239,7 +176,7 @@ fn path_of(shared: &Shared, kind: SaveKind, name: &str) -> PathBuf {
         SaveKind::Png => beside("png"),
         SaveKind::Tiff => beside("tif"),
         SaveKind::Exr => beside("exr"),
-        SaveKind::Checkpoint => beside("film"),
+        SaveKind::Film => beside("film"),
         // Paths in a job are relative to its folder.
         SaveKind::Job => shared.subject.path.with_file_name(format!("{name}.toml")),
     }
@@ -251,12 +188,14 @@ fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32
     let exposure = camera.exposure.map(|time| Exposure::new(Seconds(time))).transpose().map_err(Error::from)?;
     settings.sensor = match snapshot.scene.sensors.model(camera, settings.readout.binning)? {
         None => SensorChoice::None,
-        Some(model) => match (&settings.sensor, dunkelfeld::ExposeSettings::new(model.clone())?) {
-            (SensorChoice::Emva { optics, .. }, _) => {
-                SensorChoice::Emva { model: Box::new(model), optics: optics.clone(), exposure }
-            }
-            (SensorChoice::None, new) => SensorChoice::Emva { model: Box::new(model), optics: new.optics, exposure },
-        },
+        Some(model) => {
+            let optics = match &settings.sensor {
+                SensorChoice::Emva { optics, .. } => optics.clone(),
+                SensorChoice::None => ExposeSettings::new(model.clone())?.optics,
+            };
+            let optics = with_knobs(optics, camera, &settings)?;
+            SensorChoice::Emva { model: Box::new(model), optics, exposure }
+        }
     };
     settings.seed = camera.device;
     settings.frame = frame;
@@ -270,7 +209,7 @@ fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32
 fn write(
     kind: SaveKind,
     file: &Path,
-    (snapshot, factors): (&Snapshot, &[f64]),
+    (snapshot, films): (&Snapshot, &[FilmOfLight<'_>]),
     settings: &RenderSettings,
     frame: Option<&Frame>,
     job: &str,
@@ -286,13 +225,11 @@ fn write(
             (settings.seed, settings.frame) = (snapshot.settings.seed, snapshot.settings.frame);
             match &snapshot.content {
                 Content::Film(film) => save_exr(file, encode_layers(film, frame()?, &settings))?,
-                Content::Lights(films) => {
-                    save_exr(file, encode_light_layers(&light_sum::with_names(films, factors), frame()?, &settings)?)?;
-                }
+                Content::Lights(_) => save_exr(file, encode_light_layers(films, frame()?, &settings)?)?,
                 Content::Exr(_) => {}
             }
         }
-        SaveKind::Checkpoint => {
+        SaveKind::Film => {
             if let Content::Film(film) = &snapshot.content {
                 let (film, settings, is_vignetted) = (film.clone(), settings.clone(), snapshot.is_vignetted);
                 SavedFilm { film, settings, is_vignetted }.write(file)?;
@@ -303,15 +240,9 @@ fn write(
     Ok(())
 }
 
-/// The job that makes the picture: that of the view with the changes of the scene and of the camera. Its first line names
-/// options of the command line, such as a checkpoint that is saved with it.
-fn job_of(
-    shared: &Shared,
-    camera: &Camera,
-    frame: u32,
-    snapshot: &Snapshot,
-    checkpoint: Option<&Path>,
-) -> Result<String, Fault> {
+/// The job that makes the picture: that of the view with the changes of the scene and of the camera. Its first line names the
+/// option of the command line for effects that are left out.
+fn job_of(shared: &Shared, camera: &Camera, frame: u32, snapshot: &Snapshot) -> Result<String, Fault> {
     if shared.subject.kind != SourceKind::Render {
         return Err(Fault::new("a stored film has no scene", "open the scene or its job"));
     }
@@ -364,32 +295,21 @@ fn job_of(
     let memory = memory.map(|memory| ("memory".to_owned(), memory));
     job.insert("budget".into(), Table::from_iter([budget].into_iter().chain(memory)).into());
     if camera.vignetting != snapshot.is_vignetted {
-        set_vignetting(&mut job, &shown, camera.vignetting);
+        let value = if camera.vignetting { "cos4" } else { "none" };
+        change_lens(&mut job, &shown, |lens| drop(lens.insert("vignetting".into(), value.into())));
+    }
+    if camera.sensor.is_some() && (camera.f_number.is_some() || camera.glare.is_some()) {
+        change_lens(&mut job, &shown, |lens| describe_lens(lens, camera.f_number, camera.glare));
     }
     // Outputs of the job before are not replaced.
     job.remove("output");
-    let mut options = Vec::new();
-    if let Some(file) = checkpoint {
-        options.push(format!("--checkpoint {:?}", path_from(&shared.subject.path, file)?));
-    }
-    if !change.without.is_empty() {
-        let names: Vec<&str> = change.without.iter().map(|effect| effect.name()).collect();
-        options.push(format!("--without {}", names.join(",")));
-    }
     let text = toml::to_string(&job).map_err(|e| Fault::new(e.to_string(), "save another picture"))?;
-    // A job has no keys for these options.
-    Ok(if options.is_empty() { text } else { format!("# Render it with {}\n{text}", options.join(" ")) })
-}
-
-/// The path of a file from the folder of `scene`: its name if it is in this folder, and otherwise the whole path.
-fn path_from(scene: &Path, file: &Path) -> Result<String, Fault> {
-    let folder = |path: &Path| {
-        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        parent.canonicalize().map_err(|e| Fault::new(format!("{}: {e}", parent.display()), "save to another folder"))
-    };
-    let (name, of_file) = (file.file_name().unwrap_or_default(), folder(file)?);
-    let path = if of_file == folder(scene)? { PathBuf::from(name) } else { of_file.join(name) };
-    Ok(path.to_string_lossy().into_owned())
+    if change.without.is_empty() {
+        return Ok(text);
+    }
+    // A job has no key for them.
+    let names: Vec<&str> = change.without.iter().map(|effect| effect.name()).collect();
+    Ok(format!("# Render it with --without {}\n{text}", names.join(",")))
 }
 
 /// The keys of `[sensor]`. A timed exposure is that of the job already.
@@ -482,8 +402,8 @@ mod tests {
         let [job, gone] = ["a.toml", "gone/a.png"].map(|name| folder.path().join(name));
         let files = [(SaveKind::Job, job.clone()), (SaveKind::Png, gone)];
         let write = |_, file: &Path| std::fs::write(file, "x").map_err(|e| Fault::new(e.to_string(), ""));
-        assert!(write_others(&files, None, write).is_err() && !job.exists());
-        write_others(&files[..1], None, write).expect("a folder that exists");
+        assert!(write_all(&files, write).is_err() && !job.exists());
+        write_all(&files[..1], write).expect("a folder that exists");
         assert!(job.exists());
     }
 

@@ -79,8 +79,8 @@ fn name_of(camera: &Table, index: usize) -> String {
     given.map_or_else(default, str::to_owned)
 }
 
-/// Sets the vignetting of the lens of the camera `shown`: its own, or that of the job.
-pub(crate) fn set_vignetting(job: &mut Table, shown: &str, is_vignetted: bool) {
+/// Changes the lens of the camera `shown`: its own, or that of the job.
+pub(crate) fn change_lens(job: &mut Table, shown: &str, change: impl FnOnce(&mut Table)) {
     let defined = match job.get_mut("camera") {
         Some(Value::Table(camera)) => vec![camera],
         Some(Value::Array(cameras)) => cameras.iter_mut().filter_map(Value::as_table_mut).collect(),
@@ -88,32 +88,24 @@ pub(crate) fn set_vignetting(job: &mut Table, shown: &str, is_vignetted: bool) {
     };
     let camera = defined.into_iter().enumerate().find(|(i, camera)| name_of(camera, *i) == shown);
     let own = camera.and_then(|(_, camera)| camera.get_mut("lens")).and_then(Value::as_table_mut);
-    let value = Value::from(if is_vignetted { "cos4" } else { "none" });
     if let Some(lens) = own {
-        lens.insert("vignetting".into(), value);
+        change(lens);
     } else if let Value::Table(lens) = job.entry("lens").or_insert_with(|| Table::new().into()) {
-        lens.insert("vignetting".into(), value);
+        change(lens);
     }
 }
 
-/// A difference between the picture and the job.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Difference {
-    /// The job renders other samples.
-    Film(String),
-    /// The job exposes the same samples in another way.
-    Exposure(String),
-}
-
-impl Difference {
-    pub(crate) fn text(&self) -> &str {
-        let (Self::Film(text) | Self::Exposure(text)) = self;
-        text
+/// Sets the aperture and the glare of a lens.
+pub(crate) fn describe_lens(lens: &mut Table, f_number: Option<f64>, glare: Option<f64>) {
+    if let Some(f_number) = f_number {
+        lens.remove("numerical_aperture");
+        lens.insert("f_number".into(), f_number.into());
     }
+    glare.map(|glare| lens.insert("glare".into(), glare.into()));
 }
 
-/// Opens the job as `render` does, and compares its image with the picture. `settings` are those of the picture behind the
-/// camera that is shown.
+/// Opens the job as `render` does, and states a difference between its image and the picture. `settings` are those of the
+/// picture behind the camera that is shown.
 ///
 /// # Errors
 /// The reason why `render` would refuse the job.
@@ -122,7 +114,7 @@ pub(crate) fn check(
     text: &str,
     without: &[Effect],
     (snapshot, settings): (&Snapshot, &RenderSettings),
-) -> Result<Option<Difference>, Fault> {
+) -> Result<Option<String>, Fault> {
     let options = ProjectOptions::default().with_without(without.to_vec()).with_can_change(false);
     // The file does not exist, so that neither its name nor its lines are a place.
     let refused = |error: Error| {
@@ -137,10 +129,10 @@ pub(crate) fn check(
     let of_job = project.fitted().map_err(refused)?;
     let [width, height] = snapshot.size();
     if [of_job.width, of_job.height] != [width, height] {
-        return Ok(Some(Difference::Film(format!(
+        return Ok(Some(format!(
             "The job renders {} x {} pixels, because its film depends on the sensor; the picture has {width} x {height}.",
             of_job.width, of_job.height
-        ))));
+        )));
     }
     let view_of = |settings: &RenderSettings| {
         settings.view.clone().map(|mut view| {
@@ -151,7 +143,7 @@ pub(crate) fn check(
     if view_of(&of_job) != view_of(settings) {
         let text = "The job renders another field of view than the picture: its lens is given by lengths, and this sensor \
                     has pixels of another size.";
-        return Ok(Some(Difference::Film(text.into())));
+        return Ok(Some(text.into()));
     }
     let optics_of = |settings: &RenderSettings| match &settings.sensor {
         SensorChoice::Emva { optics, .. } => Some(optics.clone()),
@@ -159,14 +151,18 @@ pub(crate) fn check(
     };
     let of_lens = |optics: Optics| {
         let (f_number, transmission) = (Number(optics.f_number()), Number(optics.transmission()));
-        format!("f/{f_number}, transmission {transmission}, magnification {}", Number(optics.magnification()))
+        let glare = Number(optics.glare());
+        format!(
+            "f/{f_number}, transmission {transmission}, magnification {}, glare {glare}",
+            Number(optics.magnification())
+        )
     };
     Ok(match (optics_of(&of_job), optics_of(settings)) {
-        (Some(job), Some(picture)) if job != picture => Some(Difference::Exposure(format!(
+        (Some(job), Some(picture)) if job != picture => Some(format!(
             "The lens of the job has {} for this sensor; that of the picture has {}.",
             of_lens(job),
             of_lens(picture)
-        ))),
+        )),
         _ => None,
     })
 }
@@ -217,12 +213,16 @@ mod tests {
     }
 
     #[test]
-    fn vignetting_is_that_of_the_lens_of_the_camera() {
+    fn a_lens_is_that_of_the_camera() {
         let mut job: Table = TWO.parse().expect("TOML");
-        set_vignetting(&mut job, "camera-2", true);
-        assert_eq!(job["camera"][1]["lens"]["vignetting"].as_str(), Some("cos4"));
+        change_lens(&mut job, "camera-2", |lens| describe_lens(lens, Some(8.0), None));
+        assert_eq!(job["camera"][1]["lens"]["f_number"].as_float(), Some(8.0));
         assert!(!job.contains_key("lens"));
-        set_vignetting(&mut job, "above", false);
-        assert_eq!(job["lens"]["vignetting"].as_str(), Some("none"));
+        change_lens(&mut job, "above", |lens| describe_lens(lens, None, Some(0.02)));
+        assert_eq!(job["lens"], Value::Table(Table::from_iter([("glare".to_owned(), 0.02.into())])));
+        // Both keys set the aperture.
+        let mut lens = Table::from_iter([("numerical_aperture".to_owned(), Value::from(0.01))]);
+        describe_lens(&mut lens, Some(11.0), None);
+        assert_eq!(lens, Table::from_iter([("f_number".to_owned(), Value::from(11.0))]));
     }
 }

@@ -1,20 +1,19 @@
 //! The state that the render, the analysis and the server share.
 
-use crate::ablation::Ablations;
-use crate::developed::{OWN_SENSOR, Sensors};
+use crate::developed::{OWN_SENSOR, Sensors, fixed_f_number};
 pub(crate) use crate::locks::lock;
 use crate::outlook::{MAX_SPP, from_measured, progress_at, seconds_at, within_view};
-use crate::pages::{Pages, Statistics};
 use crate::protocol::{
-    Activity, Camera, Denoise, EffectState, Fault, FilmState, ForecastPoint, ForecastSource, LightState, MaterialState,
-    Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
+    Activity, Camera, Denoise, EffectState, Fault, FilmState, ForecastPoint, ForecastSource, LensState, LightState,
+    MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
 };
 use crate::scene_change::{SceneChange, SceneParts, has_power, has_switch};
 use crate::scenes::Scenes;
 use crate::snapshot::Snapshot;
+use crate::statistics::Statistics;
 use crate::store::Store;
 use dunkelfeld::sensor::ExposureNoise;
-use dunkelfeld::{Cancel, FilmInProgress, LightFilmsMemory, RenderSettings, SensorChoice, Session, TimedExposure};
+use dunkelfeld::{Cancel, DEFAULT_F_NUMBER, LightFilmsMemory, RenderSettings, SensorChoice, Session, TimedExposure};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex};
@@ -35,8 +34,8 @@ pub(crate) struct Subject {
     pub(crate) nice: u8,
 }
 
-/// Work for the thread that renders, which has the scenes and, while it renders one film, this film.
-pub(crate) type Job = Box<dyn FnOnce(Scenes<'_>, Option<FilmInProgress<'_>>) + Send>;
+/// Work for the thread that renders, which has the scenes.
+pub(crate) type Job = Box<dyn FnOnce(Scenes<'_>) + Send>;
 
 /// The requests to the thread that renders.
 #[derive(Default)]
@@ -54,6 +53,8 @@ pub(crate) struct Control {
     /// A page shows a camera without a certificate.
     pub(crate) is_certificate_awaited: bool,
     pub(crate) quit: bool,
+    /// Ends the render that runs.
+    pub(crate) cancel: Arc<Cancel>,
 }
 
 /// Time of the last change of a file, and its length \[bytes\]. `None` without a file.
@@ -65,8 +66,7 @@ pub(crate) struct Live {
     pub(crate) render: RenderState,
     pub(crate) error: Option<Fault>,
     pub(crate) notes: Vec<Note>,
-    /// The pages, and the statistics of their cameras.
-    pub(crate) pages: Pages,
+    pub(crate) statistics: Statistics,
     /// The forecast of the plan, for the camera of the job. Its seconds are without pauses.
     pub(crate) plan: Vec<ForecastPoint>,
     pub(crate) target: f64,
@@ -96,10 +96,7 @@ pub(crate) struct Shared {
     pub(crate) snapshot: Mutex<Option<Arc<Snapshot>>>,
     pub(crate) control: Mutex<Control>,
     pub(crate) wake: Condvar,
-    /// Ends the render that runs.
-    pub(crate) cancel: Mutex<Arc<Cancel>>,
     pub(crate) store: Store,
-    pub(crate) ablations: Mutex<Ablations>,
     /// Held while files are written.
     pub(crate) writes: Mutex<()>,
     /// The threads of exposures and measurements.
@@ -127,7 +124,7 @@ impl Shared {
             render,
             error: None,
             notes: Vec::new(),
-            pages: Pages::default(),
+            statistics: Statistics::default(),
             plan: Vec::new(),
             target: DEFAULT_TARGET,
             settings: None,
@@ -148,9 +145,7 @@ impl Shared {
             snapshot: Mutex::new(None),
             control: Mutex::new(Control::default()),
             wake: Condvar::new(),
-            cancel: Mutex::new(Arc::new(Cancel::new())),
             store: Store::default(),
-            ablations: Mutex::default(),
             writes: Mutex::new(()),
             session,
             background,
@@ -183,7 +178,7 @@ impl Shared {
             }
         }
         if control.change.is_some() || control.reload || control.quit {
-            lock(&self.cancel).cancel();
+            control.cancel.cancel();
         }
         drop(control);
         self.wake.notify_all();
@@ -232,8 +227,8 @@ impl Shared {
         is_pending || snapshot.scene.number != lock(&self.live).scene_number
     }
 
-    /// The state of a page, with the statistics of its camera. `None`: with those of the page that asked for a frame last.
-    pub(crate) fn state(&self, page: Option<&str>) -> State {
+    /// The state of the view.
+    pub(crate) fn state(&self) -> State {
         let snapshot = self.snapshot();
         let ((pending, _), is_earlier) =
             (self.pending(), snapshot.as_ref().is_some_and(|shown| self.is_earlier(shown)));
@@ -262,8 +257,8 @@ impl Shared {
                 pixel: spec.pixel_pitch.micrometres(),
             }
         };
-        let camera = live.camera(page).without_noise();
-        let statistics = live.pages.statistics(&camera);
+        let camera = live.camera().without_noise();
+        let statistics = live.statistics.of(&camera);
         let (forecast, forecast_from) = live.forecast(&camera);
         let mut render = live.render.clone();
         if matches!(render.state, Activity::Running | Activity::Paused) {
@@ -307,6 +302,7 @@ impl Shared {
             ranges: Ranges::KNOBS,
             frame: settings.map_or(0, |settings| settings.frame),
             timed: live.timed.map(|timed| format!("{} for this exposure", timed.reason)),
+            lens: live.lens(),
             scene: (self.subject.kind == SourceKind::Render && settings.is_some())
                 .then(|| live.scene(pending.as_ref())),
             saved: live.saved.clone(),
@@ -315,21 +311,15 @@ impl Shared {
 }
 
 impl Live {
-    /// The camera of a page. `None`: that of the page that asked for a frame last.
-    pub(crate) fn camera(&self, page: Option<&str>) -> Camera {
-        self.pages.camera(page).cloned().unwrap_or_else(|| self.first_camera())
+    /// The camera of the statistics.
+    pub(crate) fn camera(&self) -> Camera {
+        self.statistics.shown().cloned().unwrap_or_else(|| self.first_camera())
     }
 
-    /// The next camera for which a film is analysed. `None` if all are.
+    /// The camera for which a film is to be analysed. `None` if it is.
     pub(crate) fn next_camera(&mut self, film: u64) -> Option<Camera> {
         let first = self.first_camera();
-        self.pages.next(film, || first)
-    }
-
-    /// The cameras whose statistics are shown, without their noise.
-    pub(crate) fn cameras(&mut self, film: u64) -> Vec<Camera> {
-        let cameras = self.pages.cameras(film);
-        if cameras.is_empty() { vec![self.first_camera().without_noise()] } else { cameras }
+        self.statistics.next(film, || first)
     }
 
     /// The camera of the job: the start of the knobs.
@@ -352,8 +342,20 @@ impl Live {
             device: settings.map_or(0, |settings| settings.seed),
             denoise: settings.map_or(Denoise::Off, |settings| settings.denoise.method.into()),
             vignetting: self.is_vignetted,
+            f_number: None,
+            glare: None,
             lights: None,
         }
+    }
+
+    /// The lens of the job, or the one in front of a sensor that it lacks.
+    fn lens(&self) -> LensState {
+        let settings = self.settings.as_ref();
+        let (f_number, glare) = match settings.map(|settings| &settings.sensor) {
+            Some(SensorChoice::Emva { optics, .. }) => (optics.f_number(), optics.glare()),
+            _ => (DEFAULT_F_NUMBER, 0.0),
+        };
+        LensState { f_number, glare, fixed: settings.and_then(fixed_f_number) }
     }
 
     /// The expected noise of a camera without noise, and its origin.
@@ -362,7 +364,7 @@ impl Live {
             return (self.plan.clone(), ForecastSource::Plan);
         }
         let measured = |of: &Statistics| from_measured(&of.curve);
-        (self.pages.statistics(camera).map_or_else(Vec::new, measured), ForecastSource::Points)
+        (self.statistics.of(camera).map_or_else(Vec::new, measured), ForecastSource::Points)
     }
 
     /// The scene with a change that is not made yet, or with that of the picture.

@@ -115,13 +115,6 @@ impl Snapshot {
         Self { id, content, settings, is_vignetted, counts, recent, samples, has_gaps, seconds, restarted, scene, mean }
     }
 
-    /// The next picture of the same render.
-    pub(crate) fn next(&self, content: Content, seconds: f64) -> Self {
-        let settings = (self.settings.clone(), self.is_vignetted);
-        let next = Self::new(self.id + 1, content, settings, self.scene.clone(), seconds, Some(self));
-        Self { restarted: self.restarted, ..next }
-    }
-
     /// An EXR.
     pub(crate) fn of_exr(image: ExrImage, settings: RenderSettings, scene: Arc<PictureScene>) -> Self {
         let counts = image.sample_counts().cloned().unwrap_or_else(|| image.radiance().map(|_| 0));

@@ -117,18 +117,8 @@ mod tests {
     }
 
     fn camera(exposure: f64, device: u64) -> Camera {
-        Camera {
-            sensor: Some(OWN_SENSOR.to_owned()),
-            exposure: Some(exposure),
-            gain: 1.0,
-            temperature: None,
-            black_level: None,
-            noise: Noise::Matched,
-            device,
-            denoise: Denoise::Off,
-            vignetting: false,
-            lights: None,
-        }
+        let plain = Camera::plain(Some(OWN_SENSOR));
+        Camera { exposure: Some(exposure), noise: Noise::Matched, device, ..plain }
     }
 
     /// The analysis of a camera serves its other devices exactly, and newer films and other exposures until theirs is there.

@@ -8,11 +8,11 @@
 pub(crate) mod exposure_recipe;
 
 use crate::checkpoint::exposure_recipe::{ExposureRecipe, numbers_of};
-use crate::error::{Error, written};
+use crate::error::Error;
 use crate::plan::PlannerState;
 use crate::plan::forecast::Forecast;
 use crate::render_key::RenderKey;
-use crate::rendered_film::{RenderedFilm, material_names};
+use crate::rendered_film::material_names;
 use crate::settings::{CheckpointSettings, RenderSettings};
 use crate::stage::Stage;
 use dunkelfeld_adaptive::budget::{Schedule, StopReason};
@@ -45,8 +45,6 @@ pub struct ResumedWork {
     pub samples: u64,
     /// Was the render complete already?
     pub was_complete: bool,
-    /// Had it a budget of its own? Then its time does not count against that of this render.
-    pub has_own_budget: bool,
 }
 
 /// The text of a checkpoint file.
@@ -57,9 +55,6 @@ pub(crate) struct Description {
     pub(crate) samples: Option<Range<u32>>,
     /// Settings for the exposure of the film without its scene. Files of earlier versions have them in parts only.
     pub(crate) recipe: Option<ExposureRecipe>,
-    /// May a render with another budget and another sensor continue this one? See [`FilmInProgress::save`].
-    #[serde(default)]
-    pub(crate) is_open: bool,
     pub(crate) state: State,
 }
 
@@ -115,8 +110,6 @@ pub(crate) struct Restored {
     pub(crate) weights: Option<Plane<f32>>,
     pub(crate) target: Option<Plane<u32>>,
     pub(crate) film: Film,
-    /// Is it continued with a budget of its own?
-    pub(crate) is_open: bool,
 }
 
 /// Does a description have this field?
@@ -255,7 +248,6 @@ impl CheckpointWriter {
             key: self.key.clone(),
             samples: self.samples.clone(),
             recipe: Some(self.recipe.clone()),
-            is_open: false,
             state: State { elapsed: self.started.elapsed().as_secs_f64(), ..snapshot.state.clone() },
         };
         let result = write(&self.settings.path, self.size, &description, snapshot, &self.numbers, rows);
@@ -285,48 +277,6 @@ fn write(
     write_checkpoint(path, &head, rows)
 }
 
-/// The film of a render that runs, for a receiver of [`crate::Progress::film`].
-#[derive(Clone, Copy)]
-pub struct FilmInProgress<'a> {
-    pub(crate) film: &'a RenderedFilm,
-    pub(crate) scene: &'a Scene,
-    pub(crate) camera: &'a RayGenerator,
-    pub(crate) settings: &'a RenderSettings,
-    pub(crate) roulette: Option<&'a LearnedRoulette>,
-    pub(crate) elapsed: f64,
-    pub(crate) snapshot: Snapshot<'a>,
-}
-
-impl FilmInProgress<'_> {
-    /// The film.
-    pub fn film(&self) -> &RenderedFilm {
-        self.film
-    }
-
-    /// Writes a checkpoint of the render to a file, completely or not at all. A render of the same samples continues it
-    /// with the plan of this render, with its own budget, and with its own sensor. The file contains the sensor of `shown`
-    /// for those who expose the film.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn save(&self, path: &Path, shown: &RenderSettings) -> Result<(), Error> {
-        let description = Description {
-            key: RenderKey::new(self.scene, self.camera, self.settings, self.roulette),
-            samples: self.settings.samples.clone(),
-            recipe: Some(ExposureRecipe::new(
-                shown,
-                self.camera.has_vignetting(),
-                [&self.film.object_names, &self.film.material_names],
-            )),
-            is_open: true,
-            state: State { elapsed: self.elapsed, ..self.snapshot.state.clone() },
-        };
-        let (size, numbers) = ((self.settings.width, self.settings.height), numbers_of(&self.film.ids));
-        let result = write(path, size, &description, self.snapshot, &numbers, &mut film_rows(&self.film.sums));
-        written(path, result)
-    }
-}
-
 /// A description as text, in the format of the file.
 pub(crate) fn text_of(description: &Description) -> std::io::Result<String> {
     serde_json::to_string(description).map_err(std::io::Error::other)
@@ -337,10 +287,6 @@ fn stored(path: &Path, key: &RenderKey, render: &RenderSettings) -> Result<Resto
     let (description, stored) = load(path)?;
     let other = if description.samples != render.samples {
         Some(format!("not the same part, {} there and {} here", part(&description.samples), part(&render.samples)))
-    } else if description.is_open && render.replay.is_some() {
-        Some("it has a plan of its own, and here a plan is given".into())
-    } else if description.is_open {
-        description.key.samples().difference(&key.samples())
     } else {
         description.key.difference(key)
     };
@@ -354,7 +300,7 @@ fn stored(path: &Path, key: &RenderKey, render: &RenderSettings) -> Result<Resto
         let (problem, help) = ("does not have the size of the description", "delete it to begin anew");
         return Err(InputError::new(path, "the film", problem, help).into());
     }
-    Ok(Restored { state: description.state, weights, target, film, is_open: description.is_open })
+    Ok(Restored { state: description.state, weights, target, film })
 }
 
 /// The start of a render without its pauses, and the seconds from that start to `started`. If the clock does not reach

@@ -1,14 +1,14 @@
 //! The state of a render that a later process needs: stored, and restored.
 
 use super::Renderer;
-use crate::checkpoint::{FilmInProgress, Restored, ResumedWork, Snapshot, State, began, film_rows};
+use crate::checkpoint::{Restored, ResumedWork, Snapshot, State, began, film_rows};
 use crate::plan::Planner;
 use dunkelfeld_adaptive::budget::StopReason;
 
 impl Renderer<'_> {
     /// Restores the state that an earlier process stored.
     pub(super) fn restore(&mut self, saved: Restored) {
-        let Restored { state, weights, target, film, is_open } = saved;
+        let Restored { state, weights, target, film } = saved;
         self.taken = film.total_samples();
         self.film.sums = film;
         self.count();
@@ -17,18 +17,10 @@ impl Renderer<'_> {
         if let Some(weights) = weights {
             self.planner = Planner::resumed(self.settings, weights, state.planner, state.forecast);
         }
-        if is_open {
-            // The budget is that of this render: its time begins now, and its samples contain those of the film.
-            let (_, seconds) = began(self.started, state.elapsed);
-            self.earlier = ResumedWork { seconds, samples: self.taken, was_complete: false, has_own_budget: true };
-            self.stages = state.stages;
-            self.continued = state.course.map(|course| course.schedule.phase());
-            return;
-        }
         let (started, seconds) = began(self.started, state.elapsed);
         self.started = started;
         let was_complete = state.stop.is_some();
-        self.earlier = ResumedWork { seconds, samples: self.taken, was_complete, has_own_budget: false };
+        self.earlier = ResumedWork { seconds, samples: self.taken, was_complete };
         self.stages = state.stages;
         self.course = state.course;
         if let Some(course) = self.course.as_mut().filter(|_| !was_complete) {
@@ -70,20 +62,5 @@ impl Renderer<'_> {
         } else {
             writer.keep_if_due(snapshot, self.clock().map(|clock| clock.deadline), &mut rows);
         }
-    }
-
-    /// Shows the film to a receiver of it.
-    pub(super) fn show_film(&self) {
-        let state = self.state(None);
-        let weights = self.course.is_some().then(|| self.planner.weights());
-        self.session.progress().film(FilmInProgress {
-            film: &self.film,
-            scene: self.scene,
-            camera: self.camera,
-            settings: self.settings,
-            roulette: self.roulette.as_ref(),
-            elapsed: self.started.elapsed().as_secs_f64() - self.waited,
-            snapshot: Snapshot { state: &state, weights, target: None },
-        });
     }
 }

@@ -8,8 +8,8 @@ use crate::save::save;
 use crate::shared::Shared;
 use axum::extract::rejection::JsonRejection;
 use axum::extract::{Path, State};
+use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
-use axum::http::{StatusCode, Uri};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
@@ -53,7 +53,6 @@ pub(crate) fn router(shared: Arc<Shared>, guard: Guard) -> Router {
         .route("/api/regions", post(|app, body| answer(app, body, |shared, request| desk::regions(shared, &request))))
         .route("/api/line", post(|app, body| answer(app, body, |shared, request| desk::line(shared, &request))))
         .route("/api/path", post(path))
-        .route("/api/ablation", post(|app, body| answer(app, body, |shared, request| desk::ablation(shared, &request))))
         .route(
             "/api/photon-transfer",
             post(|app, body| answer(app, body, |shared, request| desk::photon_transfer(shared, &request))),
@@ -81,25 +80,16 @@ async fn asset(Path(name): Path<String>) -> Response {
     }
 }
 
-/// The name of the page in the query of a request.
-fn page(uri: &Uri) -> Option<String> {
-    let mut pairs = uri.query().unwrap_or_default().split('&').filter_map(|pair| pair.split_once('='));
-    pairs.find(|(name, _)| *name == "page").map(|(_, value)| value.to_owned())
-}
-
-async fn state(State(app): State<App>, uri: Uri) -> Response {
-    Json(app.shared.state(page(&uri).as_deref())).into_response()
+async fn state(State(app): State<App>) -> Response {
+    Json(app.shared.state()).into_response()
 }
 
 /// The states, as server-sent events. A page that reads slowly gets the newest state when it reads again.
-async fn events(State(app): State<App>, uri: Uri) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+async fn events(State(app): State<App>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
     let changes = WatchStream::new(app.shared.changed.subscribe()).throttle(STATE_EVERY);
-    let page = page(&uri);
     // The state is that of the moment at which the event is sent.
-    let states = changes.map(move |_| {
-        let state = app.shared.state(page.as_deref());
-        Ok(Event::default().event("state").json_data(state).unwrap_or_default())
-    });
+    let states =
+        changes.map(move |_| Ok(Event::default().event("state").json_data(app.shared.state()).unwrap_or_default()));
     Sse::new(states).keep_alive(KeepAlive::default())
 }
 
