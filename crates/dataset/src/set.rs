@@ -7,7 +7,7 @@ use crate::inputs::{InputRecord, changed_input};
 use crate::make::Made;
 use crate::pose::Pose;
 use crate::record::{Cost, FORMAT, FileRecord, Record};
-use crate::report::{CELL, MOST_IMAGES, ReportError, SetView, contact_sheet, page};
+use crate::report::{ReportError, SetView, page};
 use crate::resolved::resolved_study;
 use crate::set_folder::{enter, own_path, remove_empty, remove_stale};
 use crate::stable_text::text_hash;
@@ -324,7 +324,7 @@ impl Set {
     }
 
     /// Writes the files of the whole set from those of its finished images: `records.jsonl`, `coco.json`, `data.yaml`,
-    /// `scene_camera.json`, `scene_gt.json`, `sheet.png` and `report.html`, as far as the study has them. Another process
+    /// `scene_camera.json`, `scene_gt.json` and `report.html`, as far as the study has them. Another process
     /// that does the same writes the same files.
     ///
     /// # Errors
@@ -419,11 +419,6 @@ impl Set {
             let text = crate::yolo::data_yaml(names, keypoints);
             visit("data.yaml", &|out| out.write_all(text.as_bytes()))?;
         }
-        if self.has_file("sheet.png") {
-            let view = SetView::read(&self.path).map_err(report_error)?;
-            let sheet = contact_sheet(&view, MOST_IMAGES, CELL).map_err(report_error)?;
-            visit("sheet.png", &|out| out.write_all(&sheet))?;
-        }
         Ok(())
     }
 
@@ -499,7 +494,6 @@ fn files_of(study: &Study) -> Vec<String> {
         ("scene_camera.json", labels.bop),
         ("scene_gt.json", labels.bop),
         ("data.yaml", labels.yolo),
-        ("sheet.png", has_picture),
         (REPORT, has_picture),
     ];
     files.iter().filter(|(_, is_wanted)| *is_wanted).map(|(name, _)| (*name).to_owned()).collect()

@@ -38,10 +38,9 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
         print(&format!("{line}\n"));
     }
     if finished == count {
-        for name in ["sheet.png", "report.html"].map(|name| folder.join(name)) {
-            if name.is_file() {
-                print(&format!("  {}\n", name.display()));
-            }
+        let page = folder.join("report.html");
+        if page.is_file() {
+            print(&format!("  {}\n", page.display()));
         }
     }
     if summary.interrupted {

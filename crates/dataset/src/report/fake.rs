@@ -9,7 +9,6 @@ pub(crate) fn head() -> Value {
     json!({
         "format": 3, "program": "dunkelfeld 0.1.0", "study": "fake", "study_hash": "abc", "count": 20,
         "categories": [{"id": 1, "name": "scratch", "is_defect": true}, {"id": 2, "name": "part", "is_defect": false}],
-        "instances": [{"id": 3, "name": "scratch 1", "category": 1}, {"id": 4, "name": "lid", "category": 2}],
     })
 }
 
