@@ -22,13 +22,12 @@ use crate::visibility::{Bounds, Exposed, Visibility, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{
-    Budget, Cancel, DenoiseMethod, Error, Project, ProjectOptions, ProjectResult, RenderSettings, SensorChoice,
-    Session, Silent, Stage,
+    Budget, Cancel, DenoiseMethod, Error, Project, ProjectOptions, ProjectResult, SensorChoice, Session, Silent, Stage,
 };
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
 use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::input::InputFiles;
-use dunkelfeld_scene::{Instance, RayGenerator, Scene};
+use dunkelfeld_scene::{Instance, RayGenerator};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 use std::sync::Arc;
@@ -66,13 +65,6 @@ impl Made {
         };
         self.files.len() == self.record.files.len() && self.files.iter().all(is_same)
     }
-}
-
-/// The scene of an image, with the settings and the threads of its render.
-pub(crate) struct Prepared<'a> {
-    pub(crate) settings: RenderSettings,
-    pub(crate) session: Session<'static>,
-    pub(crate) scene: &'a Scene,
 }
 
 /// The parts of the scene that the labels of an image need.
@@ -204,27 +196,6 @@ impl Worker {
         let made = self.label_and_encode(index, job, &parts, &result)?;
         let cost = Cost { change, render, plan, expose, total: began.elapsed().as_secs_f64(), ..made.cost };
         Ok(Some(Made { cost, ..made }))
-    }
-
-    /// Changes the scene to that of an image, for a render that is not exposed. `seconds` is the budget of the image.
-    ///
-    /// # Errors
-    /// As [`Self::make`].
-    pub(crate) fn prepare(&mut self, index: u64, seconds: f64) -> Result<Prepared<'_>, Error> {
-        let mut job = self.study.job(index)?;
-        self.change_scene(index, &mut job)?;
-        // A budget that a program sets outlives a change of the job; an image without a time has that of its job.
-        let budget = self.project.settings.budget;
-        self.choose_settings(Some(seconds));
-        let fitted = self.project.fitted();
-        self.project.settings.budget = budget;
-        let settings = fitted.map_err(|e| in_study(&self.study, e, index))?;
-        Ok(Prepared { settings, session: self.session.clone(), scene: &self.project.scene })
-    }
-
-    /// Pixels of the last image, or of the job before the first one.
-    pub(crate) fn pixels(&self) -> f64 {
-        f64::from(self.project.settings.width) * f64::from(self.project.settings.height)
     }
 
     /// Changes the scene to that of an image.

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._results import EmvaAnalysis, EmvaDataset, ExposedFiles, Forecast, SetSummary, TracedSample, Verified
+from ._results import EmvaAnalysis, EmvaDataset, ExposedFiles, SetSummary, TracedSample, Verified
 from ._results import Study as _StudyResult
 from ._steps import RenderSteps
 
@@ -268,7 +268,6 @@ class Study:
         jobs: int | None = None,
         threads: int | None = None,
         time: float | None = None,
-        forecast: Callable[[Forecast], object] | None = None,
         progress: Callable[[int, int, float, float | None], object] | None = None,
     ) -> SetSummary: ...
     def worker(self, threads: int = 1) -> StudyWorker: ...
