@@ -40,7 +40,6 @@ mod stable_text;
 mod study;
 mod surface_path;
 mod surroundings;
-mod trial;
 mod verify;
 mod visibility;
 mod yolo;

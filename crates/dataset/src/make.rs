@@ -171,9 +171,7 @@ impl Worker {
             return Err(Error::setting("index", problem, format!("a set has at most {MAX_COUNT} images, from 0")));
         }
         let began = Instant::now();
-        let mut job = self.study.job(index)?;
-        let parts = self.change_scene(index, &mut job)?;
-        self.check_sensor(index)?;
+        let (job, parts) = self.enter(index)?;
         let change = began.elapsed().as_secs_f64();
         self.choose_settings(seconds);
         let result = self.project.render_with(&Silent, cancel).map_err(|e| in_study(&self.study, e, index))?;
@@ -196,6 +194,23 @@ impl Worker {
         let made = self.label_and_encode(index, job, &parts, &result)?;
         let cost = Cost { change, render, plan, expose, total: began.elapsed().as_secs_f64(), ..made.cost };
         Ok(Some(Made { cost, ..made }))
+    }
+
+    /// Checks that the draws of an image fit, without a render.
+    ///
+    /// # Errors
+    /// As [`Self::make`], without those of the render.
+    pub fn check(&mut self, index: u64) -> Result<(), Error> {
+        self.enter(index)?;
+        self.project.fitted().map(drop).map_err(|e| in_study(&self.study, e, index))
+    }
+
+    /// Draws the job of an image, and changes the scene to it.
+    fn enter(&mut self, index: u64) -> Result<(DrawnJob, SceneParts), Error> {
+        let mut job = self.study.job(index)?;
+        let parts = self.change_scene(index, &mut job)?;
+        self.check_sensor(index)?;
+        Ok((job, parts))
     }
 
     /// Changes the scene to that of an image.

@@ -5,7 +5,6 @@ use crate::make::{Worker, checked_count};
 use crate::record::Record;
 use crate::set::Set;
 use crate::study::Study;
-use crate::trial::Trial;
 use derive_setters::Setters;
 use dunkelfeld::{Cancel, Error};
 use dunkelfeld_report::words::shortened;
@@ -93,9 +92,8 @@ pub struct RunSummary {
 ///
 /// # Errors
 /// Errors of the study, of its scene and of the folder. An image that cannot be made, because its draws do not fit, is in the
-/// summary, and the other images are made. But if the set has no image yet, and none of the first 16 images of the run can be
-/// made, the run ends with the error of the first one, and writes no image. So the images that are written and the result do
-/// not depend on the numbers of jobs and threads.
+/// summary, and the other images are made. But if the set has no image yet, and the draws of the first image of the run do not
+/// fit, the run ends with this error, and a new folder is removed.
 pub fn run(
     study: &Arc<Study>,
     folder: &Path,
@@ -118,7 +116,7 @@ pub fn run(
     let jobs = options.jobs.unwrap_or(cores).clamp(1, usize::try_from(count).unwrap_or(usize::MAX));
     let threads = options.threads.unwrap_or(if jobs > 1 { 1 } else { 0 });
 
-    let first = Worker::open(study, threads)?;
+    let mut first = Worker::open(study, threads)?;
     let is_new = !folder.exists();
     let set = first.open_set(folder, Some(count))?;
     first.warnings().iter().for_each(|warning| progress.warning(warning));
@@ -132,6 +130,13 @@ pub fn run(
     let total = wanted.len() as u64;
     let before = set.finished();
     wanted.retain(|index| before.binary_search(index).is_err());
+    if let (true, Some(index)) = (before.is_empty(), wanted.first()) {
+        first.check(*index).inspect_err(|_| {
+            if is_new {
+                set.discard();
+            }
+        })?;
+    }
     let already = total - wanted.len() as u64;
     let jobs = jobs.min(wanted.len()).max(1);
     let shared = Shared {
@@ -149,7 +154,6 @@ pub fn run(
         progress,
         cancel,
         failed: Mutex::new(None),
-        trial: Trial::new(wanted.len(), !before.is_empty()),
         unmade: Mutex::new(Vec::new()),
         seen: Mutex::default(),
         names: Mutex::default(),
@@ -163,12 +167,10 @@ pub fn run(
         }
         shared.work(Ok(first));
     });
-    let Shared { made, failed, trial, unmade, seen, .. } = shared;
+    let Shared { made, failed, unmade, seen, .. } = shared;
     let mut unmade = unmade.into_inner().unwrap_or_default();
     unmade.sort_by_key(|(index, _)| *index);
-    let fault = failed.into_inner().ok().flatten();
-    let is_hopeless = fault.is_none() && trial.is_failed() && !unmade.is_empty();
-    if let Some(e) = fault.or_else(|| is_hopeless.then(|| unmade.swap_remove(0).1)) {
+    if let Some(e) = failed.into_inner().ok().flatten() {
         if is_new && made.load(Ordering::Relaxed) == 0 {
             set.discard();
         }
@@ -229,8 +231,6 @@ struct Shared<'a> {
     progress: &'a dyn RunProgress,
     cancel: &'a Cancel,
     failed: Mutex<Option<Error>>,
-    /// Do the first images let the run go on?
-    trial: Trial,
     /// Images that could not be made.
     unmade: Mutex<Vec<(u64, Error)>>,
     seen: Mutex<Seen>,
@@ -291,7 +291,6 @@ impl Shared<'_> {
             let Some(position) = self.next_position() else { return Ok(false) };
             let Some(&index) = self.wanted.get(position) else { return Ok(false) };
             let Some(claim) = self.set.claim(index)? else {
-                self.trial.pass(position);
                 if !self.set.is_finished(index) {
                     self.leave(position);
                 }
@@ -305,21 +304,14 @@ impl Shared<'_> {
                     if let Ok(mut unmade) = self.unmade.lock() {
                         unmade.push((index, e));
                     }
-                    if self.trial.refuse(position) {
-                        self.stop.store(true, Ordering::Relaxed);
-                    }
                     continue;
                 }
                 Err(e) => return Err(e),
             };
-            if !self.trial.wait(position, || self.is_over()) {
-                return Ok(false);
-            }
             if let Some(problem) = self.names.lock().ok().and_then(|mut names| names.add(&image.record)) {
                 return Err(Error::setting("study.label", problem, "rename one of them"));
             }
             let (record, _) = self.set.commit(claim, image)?;
-            self.trial.pass(position);
             if let (Some(budget), Ok(mut excess)) = (budget, self.excess.lock()) {
                 *excess = (excess.0 + began.elapsed().as_secs_f64() - budget, excess.1 + 1);
             }

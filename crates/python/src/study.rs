@@ -66,7 +66,7 @@ impl Study {
     ///
     /// Returns a dictionary: `made`, `finished` and `count` (images), `seconds`, `failed` (index and message of
     /// images whose draws do not fit).
-    /// Raises the error of the first image if the set has no image yet and none of the first 16 images of the run can be made.
+    /// Raises the error of the first image if the set has no image yet and the draws of this image do not fit.
     /// Ctrl-C and an exception of `progress` end the run; finished images remain, and the same call continues.
     #[pyo3(signature = (folder, *, count=None, indices=None, jobs=None, threads=None, time=None, progress=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
@@ -219,6 +219,11 @@ impl StudyWorker {
         }
         let made = result.ok_or_else(|| internal("a thread panicked"))?.transpose()?.flatten();
         made.map(Made).ok_or_else(|| internal("an image was cancelled"))
+    }
+
+    /// Raises the error of an image whose draws do not fit, without a render.
+    fn _check(&self, py: Python<'_>, #[pyo3(from_py_with = index_of)] index: u64) -> Result<(), Failure> {
+        Ok(self.with(py, |worker| worker.check(index))??)
     }
 
     /// Opens the folder of a set, as `Study.open`, without a second load of the scene.
