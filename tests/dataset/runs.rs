@@ -2,7 +2,6 @@
 
 use crate::bench::{Bench, PROGRAM, STUDY, assert_same, files};
 use serde_json::Value;
-use std::collections::BTreeMap;
 use std::fs;
 use std::process::{Command as Process, Stdio};
 use std::time::Duration;
@@ -63,17 +62,18 @@ fn a_set_has_its_files_and_is_the_same_with_any_number_of_jobs() {
         assert!(record["matched"].as_f64().is_some_and(|share| (0.0..=1.0).contains(&share)));
         assert_eq!(record["samples"], 8 * 64 * 48);
     }
-    // Ids are those of the set, whatever an image shows.
+    // Categories are those of the set, whatever an image shows, and instances are counted in each image.
     let set = bench.json("a/set.json");
-    let ids: BTreeMap<String, u64> = (set["instances"].as_array().expect("instances").iter())
-        .map(|i| (i["name"].as_str().expect("a name").to_owned(), i["id"].as_u64().expect("an id")))
-        .collect();
-    assert_eq!(
-        ids.keys().map(String::as_str).collect::<Vec<_>>(),
-        ["ball", "block 1", "block 2", "scratch 1", "scratch 2"]
-    );
-    for instance in records.iter().flat_map(|r| r["instances"].as_array().expect("instances")) {
-        assert_eq!(instance["id"].as_u64(), ids.get(instance["name"].as_str().expect("a name")).copied());
+    let names: Vec<&str> =
+        (set["categories"].as_array().expect("a list").iter()).map(|c| c["name"].as_str().expect("a name")).collect();
+    assert_eq!(names, ["block", "ball", "scratch"]);
+    for record in &records {
+        let instances = record["instances"].as_array().expect("instances");
+        for (k, instance) in instances.iter().enumerate() {
+            assert_eq!(instance["id"], k + 1);
+            let category = instance["category"].as_u64().expect("an id") as usize;
+            assert!(instance["name"].as_str().expect("a name").starts_with(names[category - 1]), "{instance}");
+        }
     }
 }
 

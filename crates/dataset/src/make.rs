@@ -25,7 +25,6 @@ use dunkelfeld::{
     Budget, Cancel, DenoiseMethod, Error, Project, ProjectOptions, ProjectResult, SensorChoice, Session, Silent, Stage,
 };
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
-use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_scene::{Instance, RayGenerator};
 use std::collections::{BTreeMap, BTreeSet};
@@ -99,11 +98,8 @@ impl Worker {
         entries.iter().try_for_each(|entry| entry.check(study, &mut names).map_err(at))?;
         Placement::check(study, &mut names)
             .map_err(|(number, fault)| study.error(fault, &["study", "place", &number.to_string()]))?;
-        let slots: Vec<(String, String)> = entries.iter().flat_map(DefectEntry::slots).collect();
-        let ids = Ids::new(study, &mut names, &slots).map_err(|(number, problem)| {
-            let fault = Fault::new(problem, "`dunkelfeld inspect` lists the objects");
-            study.error(fault, &["study", "label", &number.to_string(), "objects"])
-        })?;
+        let ids = Ids::new(study, &mut names, &entries)
+            .map_err(|(number, fault)| study.error(fault, &["study", "label", &number.to_string()]))?;
         if study.labels.semantic && ids.categories.len() > usize::from(u8::MAX) {
             let problem = format!("{} categories do not fit into 8 bits", ids.categories.len());
             let fault = Fault::new(problem, "use at most 255 categories, or only `masks`");
@@ -134,7 +130,7 @@ impl Worker {
         &self.warnings
     }
 
-    /// The categories and instances of the set.
+    /// The categories of the set.
     fn ids(&self) -> &Ids {
         &self.ids
     }
@@ -250,7 +246,7 @@ impl Worker {
             let boxes = scene.instances.iter().filter(|i| is_defect(&i.name)).filter_map(|i| scene.bounds_of(i));
             parts.boxes = boxes.collect();
             let names: Vec<String> = scene.instances.iter().map(|i| i.name.clone()).collect();
-            let labels = ids.label(&names).unwrap_or_default();
+            let labels = ids.label(&names, &parts.defects).unwrap_or_default();
             let labelled = scene.instances.iter().zip(&labels).filter(|(_, label)| label.is_some());
             parts.labelled = labelled.filter_map(|(instance, _)| scene.bounds_of(instance)).collect();
             parts.poses = scene.instances.iter().map(|instance| (instance.to_world, instance.motion)).collect();
@@ -312,20 +308,10 @@ impl Worker {
         let began = Instant::now();
         let (study, scene, settings) = (&self.study, &self.project.scene, result.settings());
         let size @ [width, height] = [settings.width, settings.height];
-        let mut objects = self.ids.label(scene.object_names()).map_err(|problem| {
-            study.error(
-                Fault::new(format!("image {index}: {problem}"), "rename one of the objects"),
-                &["study", "label"],
-            )
+        let objects = self.ids.label(scene.object_names(), &parts.defects).map_err(|problem| {
+            let fault = Fault::new(format!("image {index}: {problem}"), "an image has at most 65535 instances");
+            study.error(fault, &["study", "label"])
         })?;
-        for (label, name) in objects.iter_mut().zip(scene.object_names()) {
-            let is_this = |defect: &&AddedDefect| defect.placed.object == *name;
-            if let (Some(label), Some(defect)) = (label, parts.defects.iter().find(is_this)) {
-                (label.is_defect, label.is_change, label.sight) = (true, defect.is_change(), defect.sight());
-                let placed = &defect.placed;
-                label.replaces = placed.replaces.map(|material| PixelIds::new(placed.host as u32, material as u32));
-            }
-        }
         let camera = settings.view.clone().ok_or_else(|| Error::setting("camera", "there is none", "name a camera"))?;
         let rays = scene.ray_generator(&camera, width, height)?;
         let wanted = &study.labels;

@@ -1,6 +1,5 @@
 //! Makes the images of a set: several at a time, next to other processes that do the same.
 
-use crate::ids::SetNames;
 use crate::make::{Worker, checked_count};
 use crate::record::Record;
 use crate::set::Set;
@@ -156,7 +155,6 @@ pub fn run(
         failed: Mutex::new(None),
         unmade: Mutex::new(Vec::new()),
         seen: Mutex::default(),
-        names: Mutex::default(),
         stop: AtomicBool::new(false),
     };
     shared.report();
@@ -234,8 +232,6 @@ struct Shared<'a> {
     /// Images that could not be made.
     unmade: Mutex<Vec<(u64, Error)>>,
     seen: Mutex<Seen>,
-    /// The names of the instances of the images that were made.
-    names: Mutex<SetNames>,
     stop: AtomicBool,
 }
 
@@ -308,9 +304,6 @@ impl Shared<'_> {
                 }
                 Err(e) => return Err(e),
             };
-            if let Some(problem) = self.names.lock().ok().and_then(|mut names| names.add(&image.record)) {
-                return Err(Error::setting("study.label", problem, "rename one of them"));
-            }
             let (record, _) = self.set.commit(claim, image)?;
             if let (Some(budget), Ok(mut excess)) = (budget, self.excess.lock()) {
                 *excess = (excess.0 + began.elapsed().as_secs_f64() - budget, excess.1 + 1);

@@ -2,7 +2,7 @@
 
 use crate::coco::{Category as CocoCategory, Coco, Image, Info};
 use crate::encode::{ImageLabels, json};
-use crate::ids::{Category, Ids, Instance, SetNames, most_keypoints};
+use crate::ids::{Category, Ids, most_keypoints};
 use crate::inputs::{InputRecord, changed_input};
 use crate::make::Made;
 use crate::pose::Pose;
@@ -48,7 +48,6 @@ pub(crate) struct Manifest {
     pub(crate) files: Vec<String>,
     pub(crate) count: u64,
     pub(crate) categories: Vec<Category>,
-    pub(crate) instances: Vec<Instance>,
     /// XXH3 of this description with an empty `hash`.
     pub(crate) hash: String,
 }
@@ -124,7 +123,6 @@ impl Set {
             files: files_of(study),
             count,
             categories: ids.categories.clone(),
-            instances: ids.instances.clone(),
             hash: String::new(),
         }
         .sealed();
@@ -392,15 +390,9 @@ impl Set {
     ) -> Result<(), Error> {
         let finished = self.finished();
         visit("records.jsonl", &|out| {
-            let mut names = SetNames::default();
-            for index in &finished {
-                let record = self.record(*index).map_err(std::io::Error::other)?;
-                if let Some(problem) = names.add(&record) {
-                    return Err(std::io::Error::other(format!("{problem}; rename one of them in the study")));
-                }
-                out.write_all(&json(&record))?;
-            }
-            Ok(())
+            finished
+                .iter()
+                .try_for_each(|index| out.write_all(&json(&self.record(*index).map_err(std::io::Error::other)?)))
         })?;
         if ["coco.json", "scene_camera.json", "scene_gt.json"].iter().any(|name| self.has_file(name)) {
             let Annotations { coco, cameras, poses } = self.annotations(&finished)?;

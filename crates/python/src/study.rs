@@ -117,7 +117,7 @@ impl Study {
     }
 
     /// Opens the folder of a set of this study for its images, and creates it if there is none. A set may grow; it never
-    /// shrinks. This loads the scene, which has the instances of the set.
+    /// shrinks. This loads the scene.
     #[pyo3(signature = (folder, count=None))]
     fn open(&self, py: Python<'_>, folder: PathBuf, count: Option<u64>) -> Result<DataSet, Failure> {
         self.worker(py, 1)?.open(py, folder, count)

@@ -81,7 +81,7 @@ fn sets_with_texts_only_or_without_anything_have_a_page() {
     check(&drawn(folder.path(), &(0..3).map(scenes).collect::<Vec<_>>()));
     let bare = tempfile::tempdir().expect("a folder");
     fake::write(bare.path(), &[json!({"index": 0})]);
-    fs::write(bare.path().join("set.json"), "{\"format\": 3, \"count\": 1}").expect("written");
+    fs::write(bare.path().join("set.json"), "{\"format\": 4, \"count\": 1}").expect("written");
     written(bare.path(), &[record(0)]);
     let page = page(&SetView::read(bare.path()).expect("a set")).expect("a page");
     check(&page);

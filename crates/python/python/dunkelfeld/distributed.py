@@ -143,7 +143,7 @@ class _SetMaker:
         count = None if count is None else whole_number("count", count)
         self.made = 0
         self.study = study if isinstance(study, Study) else Study(study)
-        # The scene is loaded for its instances and for the list of its files.
+        # The scene is loaded for the list of its files.
         loaded = self.study.worker(threads=threads)
         self.inputs = loaded.inputs
         self.is_new = not Path(folder).exists()
