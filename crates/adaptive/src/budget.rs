@@ -326,12 +326,6 @@ pub fn tolerance(seconds: f64) -> f64 {
     (0.02 * seconds).max(0.2)
 }
 
-/// Uniform samples per pixel of an image that has `spp` in the mean under a time limit: those of its pilot, or all of them
-/// if they are too few for a plan. `pilot_spp` is the size of a pilot where the budget allows it.
-pub fn uniform_spp(spp: f64, pilot_spp: u32) -> f64 {
-    if PILOT_SHARE.1 * spp < MIN_PILOT { spp } else { whole_spp(size_of_pilot(spp, pilot_spp, PILOT_SHARE.0)) }
-}
-
 /// Samples per pixel of a pilot with this share of the affordable samples, before rounding.
 fn size_of_pilot(spp: f64, pilot_spp: u32, share: f64) -> f64 {
     f64::from(pilot_spp).max(share * spp).min(PILOT_SHARE.1 * spp).max(MIN_PILOT)

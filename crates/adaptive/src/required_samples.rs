@@ -135,7 +135,7 @@ pub fn total(targets: &Plane<f32>) -> f64 {
 }
 
 /// The smallest value that is not below the given share of all values. `None` without values. NaN counts as infinite.
-pub fn quantile_of(values: impl Iterator<Item = f32>, share: f64) -> Option<f32> {
+fn quantile_of(values: impl Iterator<Item = f32>, share: f64) -> Option<f32> {
     quantile_in(&mut values.map(|v| if v.is_nan() { f32::INFINITY } else { v }).collect::<Vec<f32>>(), share)
 }
 

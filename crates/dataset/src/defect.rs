@@ -117,6 +117,8 @@ pub(crate) struct DefectEntry {
 /// A defect in the scene of an image.
 #[derive(Clone, Debug)]
 pub(crate) struct AddedDefect {
+    /// The number of its entry.
+    pub(crate) entry: usize,
     kind: DefectKind,
     pub(crate) placed: PlacedDefect,
 }
@@ -278,11 +280,6 @@ fn most<'a>(
 }
 
 impl DefectEntry {
-    /// Category and name of each defect that an image may have.
-    pub(crate) fn slots(&self) -> impl Iterator<Item = (String, String)> {
-        (1..=self.most).map(|n| (self.category.clone(), self.object_name(n)))
-    }
-
     fn object_name(&self, number: u32) -> String {
         format!("{} {number}", self.name)
     }
@@ -330,7 +327,7 @@ impl DefectEntry {
             }
             let mut stream = draws.stream(&format!("{place}.place"));
             let placed = add_defect(scene, &spec, &mut stream).map_err(|e| at(self.fault(e)))?;
-            added.push(AddedDefect { kind: self.kind, placed });
+            added.push(AddedDefect { entry: self.number, kind: self.kind, placed });
         }
         Ok(())
     }
@@ -423,7 +420,7 @@ impl DefectEntry {
     /// one of its defects.
     pub(crate) fn check(&self, study: &Study, names: &mut ObjectNames<'_>) -> Result<(), (usize, Fault)> {
         self.check_count(study, 0)?;
-        if let Some((_, name)) = self.slots().find(|(_, name)| names.has(name)) {
+        if let Some(name) = (1..=self.most).map(|n| self.object_name(n)).find(|name| names.has(name)) {
             return Err((self.number, self.same_name(&name)));
         }
         let draws = study.draws(0);

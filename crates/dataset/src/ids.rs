@@ -1,16 +1,13 @@
-//! Ids of instances: stable over a whole set, in any order of its images.
+//! Ids of categories, which are those of the set, and of instances, which are those of an image.
 
+use crate::defect::{AddedDefect, DefectEntry};
+use crate::distribution::Fault;
 use crate::label_entry::{KeyPoint, LabelEntry, LabelSight};
 use crate::names::ObjectNames;
-use crate::record::Record;
 use crate::study::Study;
 use dunkelfeld_integrator::PixelIds;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use twox_hash::XxHash3_64;
-
-/// The first id of objects that only some images have.
-const FIRST_HASHED: u16 = 40_000;
 
 /// A category of labels.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,50 +30,22 @@ pub(crate) fn most_keypoints(categories: &[Category]) -> usize {
     categories.iter().map(|category| category.keypoints.len()).max().unwrap_or(0)
 }
 
-/// An instance of a category.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Instance {
-    /// From 1 on; 0 is the background.
-    pub(crate) id: u16,
-    /// Name of the object.
-    pub(crate) name: String,
-    /// Id of the category.
-    pub(crate) category: u16,
-}
-
-/// The categories and instances of a set.
+/// The categories of a set, and the entries that give them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Ids {
     pub(crate) categories: Vec<Category>,
-    pub(crate) instances: Vec<Instance>,
-    /// Patterns of the names of the labelled objects, with the id of the category.
-    patterns: Vec<(LabelEntry, u16)>,
-}
-
-/// The name of each id in the images of a set. Ids by a hash of a name may be those of two names.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct SetNames(BTreeMap<u16, (String, u64)>);
-
-impl SetNames {
-    /// Adds the instances of an image. Gives the problem if one has the id of another name.
-    pub(crate) fn add(&mut self, record: &Record) -> Option<String> {
-        for instance in &record.instances {
-            let (name, index) = self.0.entry(instance.id).or_insert_with(|| (instance.name.clone(), record.index));
-            if *name != instance.name {
-                return Some(format!(
-                    "the objects \"{name}\" of image {index} and \"{}\" of image {} have the same id {}",
-                    instance.name, record.index, instance.id
-                ));
-            }
-        }
-        None
-    }
+    /// The entries of `[[study.label]]`, each with the id of its category.
+    labels: Vec<(LabelEntry, u16)>,
+    /// The id of the category of each entry of `[[study.defect]]`.
+    defects: Vec<u16>,
+    /// The number of the entry of `[[study.label]]` of each object that is known before the first image.
+    known: BTreeMap<String, usize>,
 }
 
 /// The label of an object in one image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ObjectLabel {
+    /// Id of the instance in the image, from 1 on; 0 is the background.
     pub(crate) instance: u16,
     pub(crate) category: u16,
     /// Is the object a defect of the image? Its category does not tell: parts may share it.
@@ -89,18 +58,15 @@ pub(crate) struct ObjectLabel {
 }
 
 impl Ids {
-    /// The ids of a study. `names` are the objects of its images without defects, and `slots` are the category and the name
-    /// of each defect that an image may have. The ids are a function of the study, and do not depend on the number of its
-    /// images.
+    /// The categories of a study: those of its labels, then those of its defects. They do not depend on its images.
     ///
     /// # Errors
-    /// A pattern that matches no object, and more instances than ids: the number of the entry of `[[study.label]]`, and the
-    /// problem.
+    /// A pattern that matches no object: the number of the entry of `[[study.label]]`, and the fault.
     pub(crate) fn new(
         study: &Study,
         names: &mut ObjectNames<'_>,
-        slots: &[(String, String)],
-    ) -> Result<Self, (usize, String)> {
+        defects: &[DefectEntry],
+    ) -> Result<Self, (usize, Fault)> {
         let mut ids = Self::default();
         for (i, entry) in study.label.iter().enumerate() {
             let category = ids.category(&entry.category, false);
@@ -108,30 +74,13 @@ impl Ids {
                 known.keypoints = entry.keypoints.iter().map(|point| point.name.clone()).collect();
                 known.skeleton.clone_from(&entry.skeleton);
             }
-            for pattern in entry.objects.patterns() {
-                if !names.any(|name| dunkelfeld_io::job::matches(pattern, name)) {
-                    return Err((i, format!("no object is called \"{pattern}\"")));
-                }
-            }
+            names.check(entry.objects.patterns().to_vec()).map_err(|fault| (i, fault.below("objects")))?;
             for name in names.listed().iter().filter(|name| entry.objects.match_name(name)) {
-                ids.add(name, category);
+                ids.known.entry(name.clone()).or_insert(i);
             }
-            ids.patterns.push((entry.clone(), category));
+            ids.labels.push((entry.clone(), category));
         }
-        for (category, name) in slots {
-            let category = ids.category(category, true);
-            ids.add(name, category);
-        }
-        // Objects of rare images come last, so that a study without them keeps its ids.
-        for (i, entry) in study.label.iter().enumerate() {
-            let category = ids.patterns.get(i).map_or(0, |(_, category)| *category);
-            for name in names.rare().iter().filter(|name| entry.objects.match_name(name)) {
-                ids.add(name, category);
-            }
-        }
-        if ids.instances.len() >= usize::from(FIRST_HASHED) {
-            return Err((0, format!("{} instances are more than {FIRST_HASHED}", ids.instances.len())));
-        }
+        ids.defects = defects.iter().map(|entry| ids.category(&entry.category, true)).collect();
         Ok(ids)
     }
 
@@ -148,14 +97,6 @@ impl Ids {
         }
     }
 
-    /// The first category of an object is that of its label.
-    fn add(&mut self, name: &str, category: u16) {
-        if !self.instances.iter().any(|instance| instance.name == name) {
-            let id = u16::try_from(self.instances.len() + 1).unwrap_or(u16::MAX);
-            self.instances.push(Instance { id, name: name.to_owned(), category });
-        }
-    }
-
     /// The largest number of key points of a category.
     pub(crate) fn most_keypoints(&self) -> usize {
         most_keypoints(&self.categories)
@@ -166,43 +107,56 @@ impl Ids {
         self.categories.iter().find(|c| c.id == category).map_or(0, |c| c.keypoints.len())
     }
 
-    /// The key points of an object that is no defect.
-    pub(crate) fn keypoints(&self, name: &str) -> &[KeyPoint] {
-        let found = self.patterns.iter().find(|(entry, _)| entry.objects.match_name(name));
-        found.map_or(&[], |(entry, _)| &entry.keypoints)
+    /// The entry of `[[study.label]]` of an object that is no defect.
+    fn entry_of(&self, name: &str) -> Option<usize> {
+        let search = || self.labels.iter().position(|(entry, _)| entry.objects.match_name(name));
+        self.known.get(name).copied().or_else(search)
     }
 
-    /// The labels of the objects of one image, by the index of the object. Objects of the same name share a label. An
-    /// object without an id of its own gets one from a hash of its name. The defects of the image are not marked as such.
+    /// The key points of an object that is no defect.
+    pub(crate) fn keypoints(&self, name: &str) -> &[KeyPoint] {
+        self.entry_of(name).map_or(&[], |entry| &self.labels[entry].0.keypoints)
+    }
+
+    /// The labels of the objects of one image, by the index of the object. Objects of the same name share a label. Instances
+    /// are counted from 1: objects in the order of their entries, then defects in the order of theirs.
     ///
     /// # Errors
-    /// Two names with the same hash.
-    pub(crate) fn label(&self, names: &[String]) -> Result<Vec<Option<ObjectLabel>>, String> {
-        let known: BTreeMap<&str, &Instance> = self.instances.iter().map(|i| (i.name.as_str(), i)).collect();
-        let mut hashed: BTreeMap<u16, &str> = BTreeMap::new();
-        let label = |instance, category| ObjectLabel {
-            instance,
-            category,
-            is_defect: false,
-            is_change: false,
-            sight: LabelSight::Surface,
-            replaces: None,
-        };
-        (names.iter())
-            .map(|name| {
-                if let Some(instance) = known.get(name.as_str()) {
-                    return Ok(Some(label(instance.id, instance.category)));
-                }
-                let Some((_, category)) = self.patterns.iter().find(|(entry, _)| entry.objects.match_name(name)) else {
-                    return Ok(None);
-                };
-                let range = u64::from(u16::MAX - FIRST_HASHED);
-                let id = FIRST_HASHED + (XxHash3_64::oneshot(name.as_bytes()) % range) as u16;
-                match hashed.insert(id, name) {
-                    Some(other) if other != name => Err(format!("\"{name}\" and \"{other}\" have the same id {id}")),
-                    _ => Ok(Some(label(id, *category))),
-                }
-            })
-            .collect()
+    /// More instances than ids.
+    pub(crate) fn label(&self, names: &[String], defects: &[AddedDefect]) -> Result<Vec<Option<ObjectLabel>>, String> {
+        let of_name: BTreeMap<&str, usize> =
+            defects.iter().enumerate().map(|(k, defect)| (defect.placed.object.as_str(), k)).collect();
+        let mut order = Vec::new();
+        for (i, name) in names.iter().enumerate() {
+            match of_name.get(name.as_str()) {
+                Some(&k) => order.push((true, defects[k].entry, k, i)),
+                None => order.extend(self.entry_of(name).map(|entry| (false, entry, i, i))),
+            }
+        }
+        order.sort_unstable();
+        let mut instances: BTreeMap<&str, u16> = BTreeMap::new();
+        let mut labels = vec![None; names.len()];
+        for (is_defect, entry, k, i) in order {
+            let next = instances.len() + 1;
+            let instance = match instances.get(names[i].as_str()) {
+                Some(instance) => *instance,
+                None => u16::try_from(next).map_err(|_| format!("{next} labelled objects are too many"))?,
+            };
+            instances.insert(&names[i], instance);
+            let defect = is_defect.then(|| &defects[k]);
+            let replaces = defect.and_then(|defect| {
+                let placed = &defect.placed;
+                placed.replaces.map(|material| PixelIds::new(placed.host as u32, material as u32))
+            });
+            labels[i] = Some(ObjectLabel {
+                instance,
+                category: if is_defect { self.defects[entry] } else { self.labels[entry].1 },
+                is_defect,
+                is_change: defect.is_some_and(AddedDefect::is_change),
+                sight: defect.map_or(LabelSight::Surface, AddedDefect::sight),
+                replaces,
+            });
+        }
+        Ok(labels)
     }
 }

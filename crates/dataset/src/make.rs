@@ -22,13 +22,11 @@ use crate::visibility::{Bounds, Exposed, Visibility, visibility};
 use dunkelfeld::film::FilmLayers;
 use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{
-    Budget, Cancel, DenoiseMethod, Error, Project, ProjectOptions, ProjectResult, RenderSettings, SensorChoice,
-    Session, Silent, Stage,
+    Budget, Cancel, DenoiseMethod, Error, Project, ProjectOptions, ProjectResult, SensorChoice, Session, Silent, Stage,
 };
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
-use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::input::InputFiles;
-use dunkelfeld_scene::{Instance, RayGenerator, Scene};
+use dunkelfeld_scene::{Instance, RayGenerator};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 use std::sync::Arc;
@@ -68,13 +66,6 @@ impl Made {
     }
 }
 
-/// The scene of an image, with the settings and the threads of its render.
-pub(crate) struct Prepared<'a> {
-    pub(crate) settings: RenderSettings,
-    pub(crate) session: Session<'static>,
-    pub(crate) scene: &'a Scene,
-}
-
 /// The parts of the scene that the labels of an image need.
 struct SceneParts {
     defects: Vec<AddedDefect>,
@@ -107,11 +98,8 @@ impl Worker {
         entries.iter().try_for_each(|entry| entry.check(study, &mut names).map_err(at))?;
         Placement::check(study, &mut names)
             .map_err(|(number, fault)| study.error(fault, &["study", "place", &number.to_string()]))?;
-        let slots: Vec<(String, String)> = entries.iter().flat_map(DefectEntry::slots).collect();
-        let ids = Ids::new(study, &mut names, &slots).map_err(|(number, problem)| {
-            let fault = Fault::new(problem, "`dunkelfeld inspect` lists the objects");
-            study.error(fault, &["study", "label", &number.to_string(), "objects"])
-        })?;
+        let ids = Ids::new(study, &mut names, &entries)
+            .map_err(|(number, fault)| study.error(fault, &["study", "label", &number.to_string()]))?;
         if study.labels.semantic && ids.categories.len() > usize::from(u8::MAX) {
             let problem = format!("{} categories do not fit into 8 bits", ids.categories.len());
             let fault = Fault::new(problem, "use at most 255 categories, or only `masks`");
@@ -142,7 +130,7 @@ impl Worker {
         &self.warnings
     }
 
-    /// The categories and instances of the set.
+    /// The categories of the set.
     fn ids(&self) -> &Ids {
         &self.ids
     }
@@ -179,9 +167,7 @@ impl Worker {
             return Err(Error::setting("index", problem, format!("a set has at most {MAX_COUNT} images, from 0")));
         }
         let began = Instant::now();
-        let mut job = self.study.job(index)?;
-        let parts = self.change_scene(index, &mut job)?;
-        self.check_sensor(index)?;
+        let (job, parts) = self.enter(index)?;
         let change = began.elapsed().as_secs_f64();
         self.choose_settings(seconds);
         let result = self.project.render_with(&Silent, cancel).map_err(|e| in_study(&self.study, e, index))?;
@@ -206,25 +192,21 @@ impl Worker {
         Ok(Some(Made { cost, ..made }))
     }
 
-    /// Changes the scene to that of an image, for a render that is not exposed. `seconds` is the budget of the image.
+    /// Checks that the draws of an image fit, without a render.
     ///
     /// # Errors
-    /// As [`Self::make`].
-    pub(crate) fn prepare(&mut self, index: u64, seconds: f64) -> Result<Prepared<'_>, Error> {
-        let mut job = self.study.job(index)?;
-        self.change_scene(index, &mut job)?;
-        // A budget that a program sets outlives a change of the job; an image without a time has that of its job.
-        let budget = self.project.settings.budget;
-        self.choose_settings(Some(seconds));
-        let fitted = self.project.fitted();
-        self.project.settings.budget = budget;
-        let settings = fitted.map_err(|e| in_study(&self.study, e, index))?;
-        Ok(Prepared { settings, session: self.session.clone(), scene: &self.project.scene })
+    /// As [`Self::make`], without those of the render.
+    pub fn check(&mut self, index: u64) -> Result<(), Error> {
+        self.enter(index)?;
+        self.project.fitted().map(drop).map_err(|e| in_study(&self.study, e, index))
     }
 
-    /// Pixels of the last image, or of the job before the first one.
-    pub(crate) fn pixels(&self) -> f64 {
-        f64::from(self.project.settings.width) * f64::from(self.project.settings.height)
+    /// Draws the job of an image, and changes the scene to it.
+    fn enter(&mut self, index: u64) -> Result<(DrawnJob, SceneParts), Error> {
+        let mut job = self.study.job(index)?;
+        let parts = self.change_scene(index, &mut job)?;
+        self.check_sensor(index)?;
+        Ok((job, parts))
     }
 
     /// Changes the scene to that of an image.
@@ -264,7 +246,7 @@ impl Worker {
             let boxes = scene.instances.iter().filter(|i| is_defect(&i.name)).filter_map(|i| scene.bounds_of(i));
             parts.boxes = boxes.collect();
             let names: Vec<String> = scene.instances.iter().map(|i| i.name.clone()).collect();
-            let labels = ids.label(&names).unwrap_or_default();
+            let labels = ids.label(&names, &parts.defects).unwrap_or_default();
             let labelled = scene.instances.iter().zip(&labels).filter(|(_, label)| label.is_some());
             parts.labelled = labelled.filter_map(|(instance, _)| scene.bounds_of(instance)).collect();
             parts.poses = scene.instances.iter().map(|instance| (instance.to_world, instance.motion)).collect();
@@ -326,20 +308,10 @@ impl Worker {
         let began = Instant::now();
         let (study, scene, settings) = (&self.study, &self.project.scene, result.settings());
         let size @ [width, height] = [settings.width, settings.height];
-        let mut objects = self.ids.label(scene.object_names()).map_err(|problem| {
-            study.error(
-                Fault::new(format!("image {index}: {problem}"), "rename one of the objects"),
-                &["study", "label"],
-            )
+        let objects = self.ids.label(scene.object_names(), &parts.defects).map_err(|problem| {
+            let fault = Fault::new(format!("image {index}: {problem}"), "an image has at most 65535 instances");
+            study.error(fault, &["study", "label"])
         })?;
-        for (label, name) in objects.iter_mut().zip(scene.object_names()) {
-            let is_this = |defect: &&AddedDefect| defect.placed.object == *name;
-            if let (Some(label), Some(defect)) = (label, parts.defects.iter().find(is_this)) {
-                (label.is_defect, label.is_change, label.sight) = (true, defect.is_change(), defect.sight());
-                let placed = &defect.placed;
-                label.replaces = placed.replaces.map(|material| PixelIds::new(placed.host as u32, material as u32));
-            }
-        }
         let camera = settings.view.clone().ok_or_else(|| Error::setting("camera", "there is none", "name a camera"))?;
         let rays = scene.ray_generator(&camera, width, height)?;
         let wanted = &study.labels;

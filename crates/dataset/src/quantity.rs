@@ -44,8 +44,10 @@ impl Quantity {
         if self.unit == unit || (self.unit.is_empty() && self.number == 0.0) {
             return Some(self.number);
         }
+        // Both signs of the micro.
+        let [from, to] = [&self.unit, unit].map(|unit| unit.replace(['\u{b5}', '\u{3bc}'], "u"));
         let find = |unit: &str| UNITS.iter().find(|(name, ..)| *name == unit);
-        let (from, to) = (find(&self.unit)?, find(unit)?);
+        let (from, to) = (find(&from)?, find(&to)?);
         (from.1 == to.1).then(|| self.number * from.2 / to.2).filter(|number| number.is_finite())
     }
 
@@ -60,7 +62,8 @@ impl Quantity {
         }
     }
 
-    fn of_text(text: &str) -> Option<Self> {
+    /// The quantity of a text.
+    pub(crate) fn of_text(text: &str) -> Option<Self> {
         let text = text.trim();
         let is_number = |(i, c): (usize, char)| {
             let before = text[..i].chars().next_back();
@@ -105,7 +108,7 @@ mod tests {
         let in_unit = |text: &str, unit: &str| Quantity::of_text(text).expect("a quantity").number_in(unit);
         assert_eq!(in_unit("1mm", "um"), Some(1000.0));
         assert_eq!(in_unit("1e308mm", "nm"), None, "beyond the range of f64");
-        assert_eq!(in_unit("30us", "ms"), Some(0.03));
+        assert_eq!([in_unit("30us", "ms"), in_unit("30\u{b5}s", "ms")], [Some(0.03); 2]);
         assert_eq!(in_unit("0", "W"), Some(0.0));
         assert_eq!([in_unit("1mm", "ms"), in_unit("1", "mm"), in_unit("1deg", "rad")], [None; 3]);
         assert_eq!(Quantity::value(2.5, "mm"), Value::String("2.5mm".into()));

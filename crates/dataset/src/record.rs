@@ -4,9 +4,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use twox_hash::XxHash3_128;
 
-/// Version of the format of a set. In format 1, `set.json` had no `inputs` and no `files`. In format 2, records had no hash
-/// of the study, and `set.json` none of itself and of `study.toml`.
-pub(crate) const FORMAT: u32 = 3;
+/// Version of the format of a set.
+pub(crate) const FORMAT: u32 = 4;
 
 /// The record of an image. It is a function of the study and the index: it contains no times and names no machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -60,7 +59,7 @@ pub struct CertificateRecord {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InstanceRecord {
-    /// Id of the instance, which is that of the masks. 1 or more.
+    /// Id of the instance in this image, which is that of its masks. 1 or more.
     pub id: u16,
     /// Name of the object.
     pub name: String,

@@ -1,13 +1,9 @@
 //! Makes the images of a set: several at a time, next to other processes that do the same.
 
-use crate::forecast::{LevelGap, Measured, Run, SetForecast};
-use crate::ids::SetNames;
 use crate::make::{Worker, checked_count};
-use crate::record::{Cost, Record};
+use crate::record::Record;
 use crate::set::Set;
 use crate::study::Study;
-use crate::time_shares::{Share, TimeShares};
-use crate::trial::Trial;
 use derive_setters::Setters;
 use dunkelfeld::{Cancel, Error};
 use dunkelfeld_report::words::shortened;
@@ -37,7 +33,7 @@ pub struct RunOptions {
     /// Threads of each image; by default one, and with one job at a time one per core.
     pub threads: Option<usize>,
     /// Wall-clock seconds of the whole run. Each image gets an equal share of the time that is left, instead of the budget of
-    /// the job. A forecast comes before the first image ([`RunProgress::forecast`]).
+    /// the job.
     pub seconds: Option<f64>,
 }
 
@@ -52,17 +48,12 @@ pub struct RunState {
     pub elapsed: f64,
     /// Expected remaining seconds; `None` before the first image.
     pub remaining: Option<f64>,
-    /// The median of the levels of the images that this run has made ([`RunSummary::levels`]); `None` before the first one.
-    pub level: Option<f64>,
 }
 
 /// A sink for the progress of a run. Called from the threads of the run.
 pub trait RunProgress: Sync {
     /// Receives the progress after each image.
     fn update(&self, state: &RunState);
-
-    /// Receives the forecast of a run with a time, before its first image.
-    fn forecast(&self, _: &SetForecast) {}
 
     /// Receives a setting of the study that has no effect, before the first image, and a finding about the images of the
     /// run, at its end.
@@ -92,11 +83,6 @@ pub struct RunSummary {
     /// Mean share of the pixels of the images that this run made for which noise-matched exposure holds; `None` with plain
     /// noise.
     pub matched: Option<f64>,
-    /// The forecast of a run with a time.
-    pub forecast: Option<SetForecast>,
-    /// For each image that this run made and whose level is known, the k at which 99 % of its unsaturated pixels are hidden,
-    /// in ascending order.
-    pub levels: Vec<f64>,
 }
 
 /// Makes the missing images of a set. Several processes can run on the same folder: each image is made by one of them. A
@@ -105,9 +91,8 @@ pub struct RunSummary {
 ///
 /// # Errors
 /// Errors of the study, of its scene and of the folder. An image that cannot be made, because its draws do not fit, is in the
-/// summary, and the other images are made. But if the set has no image yet, and none of the first 16 images of the run can be
-/// made, the run ends with the error of the first one, and writes no image. So the images that are written and the result do
-/// not depend on the numbers of jobs and threads.
+/// summary, and the other images are made. But if the set has no image yet, and the draws of the first image of the run do not
+/// fit, the run ends with this error, and a new folder is removed.
 pub fn run(
     study: &Arc<Study>,
     folder: &Path,
@@ -130,7 +115,7 @@ pub fn run(
     let jobs = options.jobs.unwrap_or(cores).clamp(1, usize::try_from(count).unwrap_or(usize::MAX));
     let threads = options.threads.unwrap_or(if jobs > 1 { 1 } else { 0 });
 
-    let first = Worker::open(study, threads)?;
+    let mut first = Worker::open(study, threads)?;
     let is_new = !folder.exists();
     let set = first.open_set(folder, Some(count))?;
     first.warnings().iter().for_each(|warning| progress.warning(warning));
@@ -144,21 +129,15 @@ pub fn run(
     let total = wanted.len() as u64;
     let before = set.finished();
     wanted.retain(|index| before.binary_search(index).is_err());
+    if let (true, Some(index)) = (before.is_empty(), wanted.first()) {
+        first.check(*index).inspect_err(|_| {
+            if is_new {
+                set.discard();
+            }
+        })?;
+    }
     let already = total - wanted.len() as u64;
     let jobs = jobs.min(wanted.len()).max(1);
-    let mut workers: Vec<Option<Result<Worker, Error>>> = (1..jobs).map(|_| None).collect();
-    workers.insert(0, Some(Ok(first)));
-    let (mut shares, mut forecast) = (None, None);
-    if let (Some(seconds), Some(index)) = (options.seconds, wanted.first()) {
-        let measured = load_together(&mut workers, study, threads, *index, cancel);
-        let of_run = TimeShares::new(seconds, wanted.len() as u64, jobs, measured.outside);
-        let run = Run { study, threads, wanted: &wanted, measured, shares: &of_run, began, cancel };
-        forecast = run.forecast(&mut workers).filter(|_| !cancel.is_cancelled());
-        if let Some(forecast) = &forecast {
-            progress.forecast(forecast);
-        }
-        shares = Some(of_run);
-    }
     let shared = Shared {
         set: &set,
         wanted: &wanted,
@@ -168,35 +147,28 @@ pub fn run(
         total,
         already,
         began,
-        shares: shares.map(Mutex::new),
+        jobs,
+        seconds: options.seconds,
+        excess: Mutex::default(),
         progress,
         cancel,
         failed: Mutex::new(None),
-        trial: Trial::new(wanted.len(), !before.is_empty()),
         unmade: Mutex::new(Vec::new()),
         seen: Mutex::default(),
-        levels: Mutex::new(Vec::new()),
-        names: Mutex::default(),
         stop: AtomicBool::new(false),
     };
     shared.report();
     std::thread::scope(|scope| {
         let shared = &shared;
-        let mut workers = workers.into_iter().enumerate();
-        let first = workers.next();
-        for (job, worker) in workers {
-            scope.spawn(move || shared.work(job, worker.unwrap_or_else(|| Worker::open(study, threads))));
+        for _ in 1..jobs {
+            scope.spawn(move || shared.work(Worker::open(study, threads)));
         }
-        if let Some((job, Some(first))) = first {
-            shared.work(job, first);
-        }
+        shared.work(Ok(first));
     });
-    let Shared { made, failed, trial, unmade, seen, levels, .. } = shared;
+    let Shared { made, failed, unmade, seen, .. } = shared;
     let mut unmade = unmade.into_inner().unwrap_or_default();
     unmade.sort_by_key(|(index, _)| *index);
-    let fault = failed.into_inner().ok().flatten();
-    let is_hopeless = fault.is_none() && trial.is_failed() && !unmade.is_empty();
-    if let Some(e) = fault.or_else(|| is_hopeless.then(|| unmade.swap_remove(0).1)) {
+    if let Some(e) = failed.into_inner().ok().flatten() {
         if is_new && made.load(Ordering::Relaxed) == 0 {
             set.discard();
         }
@@ -213,8 +185,6 @@ pub fn run(
     seen.findings().iter().filter(|_| !interrupted).for_each(|finding| progress.warning(finding));
     let open = wanted.iter().filter(|index| done.binary_search(index).is_err()).count();
     let elsewhere = open.saturating_sub(unmade.len()) as u64;
-    let mut levels = levels.into_inner().unwrap_or_default();
-    levels.sort_by(f64::total_cmp);
     let seconds = began.elapsed().as_secs_f64();
     let is_missed = |limit: &f64| seconds > limit + (0.02 * limit).max(0.2) && !interrupted;
     Ok(RunSummary {
@@ -227,41 +197,17 @@ pub fn run(
         failed: unmade.into_iter().map(|(index, e)| (index, e.to_string())).collect(),
         elsewhere,
         matched: mean(&seen.matched),
-        forecast,
-        levels,
     })
 }
 
-/// Loads the scenes of all workers but the first, which makes an image meanwhile. So all images begin with the same time,
-/// and the first one that counts has warm caches. Gives the measured parts of that image.
-fn load_together(
-    workers: &mut [Option<Result<Worker, Error>>],
-    study: &Arc<Study>,
-    threads: usize,
-    index: u64,
-    cancel: &Cancel,
-) -> Measured {
-    /// Time of the samples \[s\].
-    const SHORT: f64 = 0.02;
-    let Some((Some(Ok(first)), others)) = workers.split_first_mut() else { return Measured::default() };
-    std::thread::scope(|scope| {
-        for worker in others {
-            scope.spawn(move || *worker = Some(Worker::open(study, threads)));
-        }
-        // An image that cannot be made is named when it shall be written.
-        let made = first.make(index, Some(SHORT), cancel).ok().flatten();
-        made.map_or_else(Measured::default, |made| {
-            let Cost { change, render, expose, label, write, .. } = made.cost;
-            let rate = (render > 0.0).then(|| made.record.samples as f64 / render);
-            Measured { outside: change + label + write, change, expose, rate }
-        })
-    })
-}
+/// Less time gives no useful image \[s\].
+const LEAST: f64 = 0.02;
 
-/// The median; of an even number the larger of the two in the middle. `None` without a value.
-fn upper_median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+/// The share of one image: the time that is left over the images that a job still makes one after the other. `position` is
+/// that of the image among `images`, which `jobs` make at the same time.
+fn share(left: f64, position: usize, images: usize, jobs: usize) -> f64 {
+    let rounds = images.div_ceil(jobs).saturating_sub(position / jobs).max(1);
+    left / rounds as f64
 }
 
 /// The parts of a run that its threads share.
@@ -275,20 +221,17 @@ struct Shared<'a> {
     total: u64,
     already: u64,
     began: Instant,
+    jobs: usize,
     /// The time of the run, if it has one.
-    shares: Option<Mutex<TimeShares>>,
+    seconds: Option<f64>,
+    /// Seconds of the finished images beyond their budgets, and the number of these images.
+    excess: Mutex<(f64, u64)>,
     progress: &'a dyn RunProgress,
     cancel: &'a Cancel,
     failed: Mutex<Option<Error>>,
-    /// Do the first images let the run go on?
-    trial: Trial,
     /// Images that could not be made.
     unmade: Mutex<Vec<(u64, Error)>>,
     seen: Mutex<Seen>,
-    /// The levels of the images that were made.
-    levels: Mutex<Vec<f64>>,
-    /// The names of the instances of the images that were made.
-    names: Mutex<SetNames>,
     stop: AtomicBool,
 }
 
@@ -303,24 +246,17 @@ impl Shared<'_> {
         let finished = (self.already + made).min(self.total);
         let left = (self.total - finished) as f64;
         let remaining = (made > 0).then(|| elapsed / made as f64 * left);
-        let level = self.levels.lock().ok().and_then(|levels| upper_median(levels.clone()));
-        self.progress.update(&RunState { finished, count: self.total, elapsed, remaining, level });
+        self.progress.update(&RunState { finished, count: self.total, elapsed, remaining });
     }
 
-    /// The share of the next image, if the run has a time.
-    fn begin(&self, job: usize) -> Option<Share> {
-        let mut shares = self.shares.as_ref()?.lock().ok()?;
-        Some(shares.begin(job, self.began.elapsed().as_secs_f64()))
-    }
-
-    /// Ends an image; `is_made` is false if it was not made.
-    fn end(&self, job: usize, share: Option<Share>, is_made: bool) {
-        let (Some(share), Some(Ok(mut shares))) = (share, self.shares.as_ref().map(Mutex::lock)) else { return };
-        if is_made {
-            shares.finish(job, share, self.began.elapsed().as_secs_f64());
-        } else {
-            shares.release(job);
-        }
+    /// The budget of the next image, if the run has a time: its share less the mean time of an image beyond its budget, for
+    /// the change of the scene, labels and files.
+    fn budget(&self) -> Option<f64> {
+        let left = self.seconds? - self.began.elapsed().as_secs_f64();
+        let (sum, count) = self.excess.lock().map(|excess| *excess).unwrap_or_default();
+        let position = self.next.load(Ordering::Relaxed).saturating_sub(1);
+        let share = share(left, position, self.wanted.len(), self.jobs);
+        Some((share - sum / count.max(1) as f64).max(LEAST))
     }
 
     /// The position of the next image: those of other processes come last.
@@ -332,8 +268,7 @@ impl Shared<'_> {
     /// Another process makes the image at a position: this one comes back to it, until its time is over.
     fn leave(&self, position: usize) {
         const PAUSE: Duration = Duration::from_millis(50);
-        let deadline = self.shares.as_ref().and_then(|shares| Some(shares.lock().ok()?.deadline()));
-        let is_late = deadline.is_some_and(|deadline| self.began.elapsed().as_secs_f64() > deadline);
+        let is_late = self.seconds.is_some_and(|seconds| self.began.elapsed().as_secs_f64() > seconds);
         // The images that nobody makes come first.
         if self.next.load(Ordering::Relaxed) >= self.wanted.len() {
             std::thread::sleep(PAUSE);
@@ -344,51 +279,37 @@ impl Shared<'_> {
     }
 
     /// Makes the next image that nobody else makes. False at the end.
-    fn next_image(&self, job: usize, worker: &mut Worker) -> Result<bool, Error> {
+    fn next_image(&self, worker: &mut Worker) -> Result<bool, Error> {
         loop {
             if self.is_over() {
                 return Ok(false);
             }
             let Some(position) = self.next_position() else { return Ok(false) };
             let Some(&index) = self.wanted.get(position) else { return Ok(false) };
-            let share = self.begin(job);
             let Some(claim) = self.set.claim(index)? else {
-                self.end(job, share, false);
-                self.trial.pass(position);
                 if !self.set.is_finished(index) {
                     self.leave(position);
                 }
                 continue;
             };
-            let image = match worker.make(index, share.map(|share| share.seconds), self.cancel) {
+            let (began, budget) = (Instant::now(), self.budget());
+            let image = match worker.make(index, budget, self.cancel) {
                 Ok(Some(image)) => image,
                 Ok(None) => return Ok(false),
                 Err(e @ Error::Input(_)) => {
                     if let Ok(mut unmade) = self.unmade.lock() {
                         unmade.push((index, e));
                     }
-                    self.end(job, share, false);
-                    if self.trial.refuse(position) {
-                        self.stop.store(true, Ordering::Relaxed);
-                    }
                     continue;
                 }
                 Err(e) => return Err(e),
             };
-            if !self.trial.wait(position, || self.is_over()) {
-                return Ok(false);
-            }
-            if let Some(problem) = self.names.lock().ok().and_then(|mut names| names.add(&image.record)) {
-                return Err(Error::setting("study.label", problem, "rename one of them"));
-            }
             let (record, _) = self.set.commit(claim, image)?;
-            self.trial.pass(position);
-            self.end(job, share, true);
+            if let (Some(budget), Ok(mut excess)) = (budget, self.excess.lock()) {
+                *excess = (excess.0 + began.elapsed().as_secs_f64() - budget, excess.1 + 1);
+            }
             if let Ok(mut seen) = self.seen.lock() {
                 seen.add(&record);
-            }
-            if let (Ok(level), Ok(mut levels)) = (LevelGap::level(&record), self.levels.lock()) {
-                levels.push(level);
             }
             self.made.fetch_add(1, Ordering::Relaxed);
             self.report();
@@ -396,10 +317,10 @@ impl Shared<'_> {
         }
     }
 
-    fn work(&self, job: usize, worker: Result<Worker, Error>) {
+    fn work(&self, worker: Result<Worker, Error>) {
         let _guard = StopOnPanic(&self.stop);
         let result = worker.and_then(|mut worker| {
-            while self.next_image(job, &mut worker)? {}
+            while self.next_image(&mut worker)? {}
             Ok(())
         });
         if let Err(e) = result {
@@ -464,5 +385,30 @@ impl Drop for StopOnPanic<'_> {
         if std::thread::panicking() {
             self.0.store(true, Ordering::Relaxed);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With images that take their share, each job makes ceil(N / J) images at most, all have T / ceil(N / J), and the last one
+    /// ends at T.
+    #[test]
+    fn all_images_have_the_same_share() {
+        for (images, jobs) in [(1, 1usize), (12usize, 1), (12, 2), (13, 2), (3, 2), (16, 3), (100, 7), (5, 8)] {
+            let all = 3.0 * images.div_ceil(jobs) as f64;
+            let mut ends = vec![0.0; jobs];
+            for position in 0..images {
+                let end = &mut ends[position % jobs];
+                let share = share(all - *end, position, images, jobs);
+                assert!((share - 3.0).abs() < 1e-9, "{images} on {jobs}: {share}");
+                *end += share;
+            }
+            assert!((ends[0] - all).abs() < 1e-9);
+        }
+        // Images of other processes leave their time to the others.
+        assert_eq!(share(6.0, 2, 12, 1), 0.6);
+        assert_eq!(share(6.0, 12, 12, 1), 6.0);
     }
 }

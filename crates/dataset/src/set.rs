@@ -2,12 +2,12 @@
 
 use crate::coco::{Category as CocoCategory, Coco, Image, Info};
 use crate::encode::{ImageLabels, json};
-use crate::ids::{Category, Ids, Instance, SetNames, most_keypoints};
+use crate::ids::{Category, Ids, most_keypoints};
 use crate::inputs::{InputRecord, changed_input};
 use crate::make::Made;
 use crate::pose::Pose;
 use crate::record::{Cost, FORMAT, FileRecord, Record};
-use crate::report::{CELL, MOST_IMAGES, ReportError, SetView, contact_sheet, page};
+use crate::report::{ReportError, SetView, page};
 use crate::resolved::resolved_study;
 use crate::set_folder::{enter, own_path, remove_empty, remove_stale};
 use crate::stable_text::text_hash;
@@ -48,7 +48,6 @@ pub(crate) struct Manifest {
     pub(crate) files: Vec<String>,
     pub(crate) count: u64,
     pub(crate) categories: Vec<Category>,
-    pub(crate) instances: Vec<Instance>,
     /// XXH3 of this description with an empty `hash`.
     pub(crate) hash: String,
 }
@@ -124,7 +123,6 @@ impl Set {
             files: files_of(study),
             count,
             categories: ids.categories.clone(),
-            instances: ids.instances.clone(),
             hash: String::new(),
         }
         .sealed();
@@ -324,7 +322,7 @@ impl Set {
     }
 
     /// Writes the files of the whole set from those of its finished images: `records.jsonl`, `coco.json`, `data.yaml`,
-    /// `scene_camera.json`, `scene_gt.json`, `sheet.png` and `report.html`, as far as the study has them. Another process
+    /// `scene_camera.json`, `scene_gt.json` and `report.html`, as far as the study has them. Another process
     /// that does the same writes the same files.
     ///
     /// # Errors
@@ -392,15 +390,9 @@ impl Set {
     ) -> Result<(), Error> {
         let finished = self.finished();
         visit("records.jsonl", &|out| {
-            let mut names = SetNames::default();
-            for index in &finished {
-                let record = self.record(*index).map_err(std::io::Error::other)?;
-                if let Some(problem) = names.add(&record) {
-                    return Err(std::io::Error::other(format!("{problem}; rename one of them in the study")));
-                }
-                out.write_all(&json(&record))?;
-            }
-            Ok(())
+            finished
+                .iter()
+                .try_for_each(|index| out.write_all(&json(&self.record(*index).map_err(std::io::Error::other)?)))
         })?;
         if ["coco.json", "scene_camera.json", "scene_gt.json"].iter().any(|name| self.has_file(name)) {
             let Annotations { coco, cameras, poses } = self.annotations(&finished)?;
@@ -418,11 +410,6 @@ impl Set {
             let keypoints = most_keypoints(&self.manifest.categories);
             let text = crate::yolo::data_yaml(names, keypoints);
             visit("data.yaml", &|out| out.write_all(text.as_bytes()))?;
-        }
-        if self.has_file("sheet.png") {
-            let view = SetView::read(&self.path).map_err(report_error)?;
-            let sheet = contact_sheet(&view, MOST_IMAGES, CELL).map_err(report_error)?;
-            visit("sheet.png", &|out| out.write_all(&sheet))?;
         }
         Ok(())
     }
@@ -499,7 +486,6 @@ fn files_of(study: &Study) -> Vec<String> {
         ("scene_camera.json", labels.bop),
         ("scene_gt.json", labels.bop),
         ("data.yaml", labels.yolo),
-        ("sheet.png", has_picture),
         (REPORT, has_picture),
     ];
     files.iter().filter(|(_, is_wanted)| *is_wanted).map(|(name, _)| (*name).to_owned()).collect()

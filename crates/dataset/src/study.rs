@@ -488,11 +488,6 @@ impl Study {
         (0..count).filter_map(|k| value.alternative(k, &self.draw, 0)).collect()
     }
 
-    /// The study with other keys of its job.
-    pub(crate) fn with_template(&self, template: Template) -> Self {
-        Self { template, ..self.clone() }
-    }
-
     /// The value that selects the camera of an image, if it may be a name.
     pub(crate) fn camera_choice(&self) -> Option<&Template> {
         let of_job = || match &self.template {

@@ -2,7 +2,6 @@
 
 use crate::coco::Segmentation;
 use crate::encode::ImageLabels;
-use crate::ids::SetNames;
 use crate::record::{FileRecord, Record};
 use crate::set::{Content, MISSING, REPORT, Set, cost_name, read_bytes, record_name};
 use crate::set_folder::{FOLDERS, own_path};
@@ -68,7 +67,7 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
         let rest = "the files of the whole set are not compared; help: use that version";
         found.fault(format!("{} {problem}; {rest}", folder.display()));
     }
-    let (mut annotations, mut names) = (0, SetNames::default());
+    let mut annotations = 0;
     let mut known = KnownFiles::default();
     for index in 0..set.count() {
         progress(index, set.count());
@@ -80,8 +79,8 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
         found.finished += 1;
         match set.record(index) {
             Ok(record) if record.index == index => {
-                let problems = names.add(&record).into_iter().chain(set.foreign(&record));
-                let problems = problems.chain(set.changed_bytes(&record_name(index), &record));
+                let changed = set.changed_bytes(&record_name(index), &record);
+                let problems = set.foreign(&record).into_iter().chain(changed);
                 known.names.extend(record.files.keys().cloned());
                 problems.for_each(|problem| found.fault(problem));
                 annotations += check_image(&set, &record, &mut found);

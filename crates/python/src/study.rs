@@ -8,8 +8,8 @@ use crate::progress::{lock, lock_unless};
 use crate::work::{SIGNALS, interruptible};
 use dunkelfeld::{Cancel, Error};
 use dunkelfeld_dataset::{
-    Cost, LevelGap, Made as MadeImage, Record, RunOptions, RunProgress, RunState, RunSummary, Set, SetForecast,
-    Study as SetStudy, Worker, run, verify,
+    Cost, Made as MadeImage, Record, RunOptions, RunProgress, RunState, RunSummary, Set, Study as SetStudy, Worker,
+    run, verify,
 };
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
@@ -61,15 +61,14 @@ impl Study {
     /// Makes the missing images of a set in `folder`, as `dunkelfeld dataset`, and the files of the whole set. `count` is
     /// the number of images (default: that of the study); `indices` are the only images to make; `jobs` images are made at
     /// the same time (default: one per core), each with `threads` threads (default: 1, and with one job one per core);
-    /// `time` [s] is for all missing images together, instead of the budget of the job. `forecast` is called with the
-    /// forecast of such a run before its first image. `progress` is called with (finished images, all images, elapsed [s],
-    /// remaining [s] or None), from the threads of the run.
+    /// `time` [s] is for all missing images together, instead of the budget of the job. `progress` is
+    /// called with (finished images, all images, elapsed [s], remaining [s] or None), from the threads of the run.
     ///
     /// Returns a dictionary: `made`, `finished` and `count` (images), `seconds`, `failed` (index and message of
-    /// images whose draws do not fit), `forecast` (None without `time`), `levels` (k of the images that were made).
-    /// Raises the error of the first image if the set has no image yet and none of the first 16 images of the run can be made.
-    /// Ctrl-C and an exception of `progress` or `forecast` end the run; finished images remain, and the same call continues.
-    #[pyo3(signature = (folder, *, count=None, indices=None, jobs=None, threads=None, time=None, forecast=None, progress=None))]
+    /// images whose draws do not fit).
+    /// Raises the error of the first image if the set has no image yet and the draws of this image do not fit.
+    /// Ctrl-C and an exception of `progress` end the run; finished images remain, and the same call continues.
+    #[pyo3(signature = (folder, *, count=None, indices=None, jobs=None, threads=None, time=None, progress=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn run<'py>(
         &self,
@@ -80,7 +79,6 @@ impl Study {
         #[pyo3(from_py_with = jobs_of)] jobs: Option<usize>,
         #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
         time: Option<f64>,
-        forecast: Option<Py<PyAny>>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Bound<'py, PyDict>, Failure> {
         let mut options = RunOptions::default();
@@ -89,17 +87,12 @@ impl Study {
         options.threads = checked_threads(threads)?;
         options.seconds = checked_seconds(time)?;
         let cancel = Cancel::new();
-        let sink = Reports {
-            function: progress.as_ref(),
-            of_forecast: forecast.as_ref(),
-            cancel: &cancel,
-            raised: Mutex::default(),
-        };
+        let sink = Reports { function: progress.as_ref(), cancel: &cancel, raised: Mutex::default() };
         let (result, raised) = interruptible(py, &cancel, || run(&self.0, &folder, &options, &sink, &cancel));
         if let Some(raised) = raised.or_else(|| lock(&sink.raised).take()) {
             return Err(raised.into());
         }
-        let RunSummary { made, finished, count, seconds, failed, forecast, levels, .. } =
+        let RunSummary { made, finished, count, seconds, failed, .. } =
             result.ok_or_else(|| internal("a thread panicked"))??;
         let entries = PyDict::new(py);
         for (name, number) in [("made", made), ("finished", finished), ("count", count)] {
@@ -107,8 +100,6 @@ impl Study {
         }
         entries.set_item("seconds", seconds)?;
         entries.set_item("failed", failed)?;
-        entries.set_item("forecast", forecast.map(|forecast| entries_of(py, &forecast)).transpose()?)?;
-        entries.set_item("levels", levels)?;
         Ok(entries)
     }
 
@@ -126,7 +117,7 @@ impl Study {
     }
 
     /// Opens the folder of a set of this study for its images, and creates it if there is none. A set may grow; it never
-    /// shrinks. This loads the scene, which has the instances of the set.
+    /// shrinks. This loads the scene.
     #[pyo3(signature = (folder, count=None))]
     fn open(&self, py: Python<'_>, folder: PathBuf, count: Option<u64>) -> Result<DataSet, Failure> {
         self.worker(py, 1)?.open(py, folder, count)
@@ -150,29 +141,9 @@ fn checked_seconds(time: Option<f64>) -> Result<Option<f64>, Failure> {
     }
 }
 
-/// A forecast as a dictionary.
-fn entries_of<'py>(py: Python<'py>, forecast: &SetForecast) -> PyResult<Bound<'py, PyDict>> {
-    let reason = forecast.gap.map(|gap| match gap {
-        LevelGap::NoSensor => "no sensor",
-        LevelGap::Saturated => "saturated",
-        LevelGap::UnknownNoise => "unknown noise",
-        LevelGap::NoTime => "no time",
-    });
-    let entries = PyDict::new(py);
-    entries.set_item("count", forecast.count)?;
-    entries.set_item("images", forecast.images)?;
-    entries.set_item("seconds", forecast.seconds)?;
-    entries.set_item("spp", forecast.spp)?;
-    entries.set_item("end", forecast.end)?;
-    entries.set_item("levels", &forecast.levels)?;
-    entries.set_item("reason", reason)?;
-    Ok(entries)
-}
-
 /// Calls functions of Python with the progress of a run.
 struct Reports<'a> {
     function: Option<&'a Py<PyAny>>,
-    of_forecast: Option<&'a Py<PyAny>>,
     cancel: &'a Cancel,
     raised: Mutex<Option<PyErr>>,
 }
@@ -196,11 +167,6 @@ impl RunProgress for Reports<'_> {
 
     fn warning(&self, warning: &str) {
         self.check(Python::attach(|py| PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(warning)?, 0)));
-    }
-
-    fn forecast(&self, forecast: &SetForecast) {
-        let Some(function) = self.of_forecast else { return };
-        self.check(Python::attach(|py| function.call1(py, (entries_of(py, forecast)?,)).map(|_| ())));
     }
 }
 
@@ -253,6 +219,11 @@ impl StudyWorker {
         }
         let made = result.ok_or_else(|| internal("a thread panicked"))?.transpose()?.flatten();
         made.map(Made).ok_or_else(|| internal("an image was cancelled"))
+    }
+
+    /// Raises the error of an image whose draws do not fit, without a render.
+    fn _check(&self, py: Python<'_>, #[pyo3(from_py_with = index_of)] index: u64) -> Result<(), Failure> {
+        Ok(self.with(py, |worker| worker.check(index))??)
     }
 
     /// Opens the folder of a set, as `Study.open`, without a second load of the scene.

@@ -34,7 +34,6 @@ pub use error::{Error, ErrorParts, camera_help, written};
 pub use load::program_seconds;
 pub use merge::{JoinedParts, PartSummary};
 pub use plan::forecast::{FORECAST_LEVELS, Forecast, ForecastCourse, ForecastLevel};
-pub use plan::pilot_forecast::PilotForecast;
 pub use progress::{Cancel, Progress, ProgressState, Silent};
 pub use render_key::RenderKey;
 pub use rendered_film::RenderedFilm;

@@ -4,9 +4,9 @@ use super::dataset_args::DatasetArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say, say_object};
-use crate::words::{counted, remaining, seconds, three_digits};
+use crate::words::{counted, remaining, seconds};
 use dunkelfeld::{Error, Progress, ProgressState, Stage};
-use dunkelfeld_dataset::{LevelGap, RunOptions, RunProgress, RunState, SetForecast, Study, run as run_study, verify};
+use dunkelfeld_dataset::{RunOptions, RunProgress, RunState, Study, run as run_study, verify};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -34,14 +34,10 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
     let rate = if summary.seconds > 0.0 { made as f64 / summary.seconds * 3600.0 } else { 0.0 };
     let pace = if made > 0 { format!(", {rate:.0} an hour") } else { String::new() };
     print(&format!("{made} images made{pace}; {finished} of {count} are in {}\n", folder.display()));
-    if let Some(line) = summary.forecast.as_ref().and_then(|forecast| levels_line(&summary.levels, forecast)) {
-        print(&format!("{line}\n"));
-    }
     if finished == count {
-        for name in ["sheet.png", "report.html"].map(|name| folder.join(name)) {
-            if name.is_file() {
-                print(&format!("  {}\n", name.display()));
-            }
+        let page = folder.join("report.html");
+        if page.is_file() {
+            print(&format!("  {}\n", page.display()));
         }
     }
     if summary.interrupted {
@@ -95,12 +91,11 @@ impl RunProgress for SetProgress<'_> {
                 bar.set_position(state.finished);
                 bar.set_prefix("images");
                 let left = state.remaining.map_or(String::new(), |s| format!(", {}", remaining(s)));
-                let level = state.level.map_or(String::new(), |k| format!(", median k = {k:.2}"));
-                bar.set_message(format!("{} of {}{level}{left}", state.finished, state.count));
+                bar.set_message(format!("{} of {}{left}", state.finished, state.count));
             }
             Sink::Json => say_object(&json!({
                 "event": "images", "finished": state.finished, "count": state.count, "elapsed": state.elapsed,
-                "remaining": state.remaining, "level": state.level,
+                "remaining": state.remaining,
             })),
             Sink::None => {}
         }
@@ -109,60 +104,6 @@ impl RunProgress for SetProgress<'_> {
     fn warning(&self, warning: &str) {
         self.sink.say(&format!("warning: {warning}"));
     }
-
-    fn forecast(&self, forecast: &SetForecast) {
-        match self.sink {
-            Sink::Json => say_object(&json!({
-                "event": "forecast", "count": forecast.count, "end": forecast.end, "seconds": forecast.seconds, "spp": forecast.spp,
-                "test_images": forecast.images, "levels": forecast.levels, "reason": forecast.gap.map(reason),
-            })),
-            Sink::Bar(_) | Sink::None => self.sink.say(&forecast_line(forecast)),
-        }
-    }
-}
-
-/// The line of a forecast.
-fn forecast_line(forecast: &SetForecast) -> String {
-    let reached = match (range(&forecast.levels), forecast.gap) {
-        (Some(range), _) => format!("99 % of the pixels of an image are hidden at k = {range}"),
-        (None, gap) => reason(gap.unwrap_or(LevelGap::UnknownNoise)).to_owned(),
-    };
-    if forecast.gap == Some(LevelGap::NoTime) {
-        return reason(LevelGap::NoTime).to_owned();
-    }
-    format!(
-        "forecast from {}: {}, {:.2} s and about {} samples per pixel for the render of each; {reached}; the set is finished in {}",
-        counted(forecast.images, "test image"),
-        counted(forecast.count, "image"),
-        forecast.seconds,
-        three_digits(forecast.spp),
-        remaining(forecast.end)
-    )
-}
-
-/// The reason of a forecast without a level.
-fn reason(gap: LevelGap) -> &'static str {
-    match gap {
-        LevelGap::NoSensor => "without a sensor there is no level of noise",
-        LevelGap::Saturated => "all pixels are saturated, so that there is no level of noise",
-        LevelGap::UnknownNoise => "the level of noise is not known: more than 1 % of the pixels have too few samples",
-        LevelGap::NoTime => "the time is too short for a forecast of the noise",
-    }
-}
-
-/// The levels that were reached, beside those of the forecast. `None` if no image has one.
-fn levels_line(levels: &[f64], forecast: &SetForecast) -> Option<String> {
-    let (reached, median) = (range(levels)?, levels.get(levels.len() / 2)?);
-    let of_forecast = range(&forecast.levels).map_or_else(String::new, |range| format!("; the forecast was {range}"));
-    let images = counted(levels.len() as u64, "image");
-    Some(format!("99 % of the pixels are hidden at k = {reached}, median {median:.2}, in {images}{of_forecast}"))
-}
-
-/// `0.41 to 0.52`, or one number.
-fn range(levels: &[f64]) -> Option<String> {
-    let [least, most] = [f64::min, f64::max].map(|of| levels.iter().copied().reduce(of));
-    let [least, most] = [least?, most?].map(|k| format!("{k:.2}"));
-    Some(if least == most { most } else { format!("{least} to {most}") })
 }
 
 fn check(folder: &Path, args: &DatasetArgs) -> Result<Outcome, Error> {

@@ -23,7 +23,7 @@ pub(crate) struct DatasetArgs {
     #[arg(long, value_name = "N,N,...", value_delimiter = ',', allow_negative_numbers = true, value_parser = within(0..=MAX_COUNT - 1))]
     pub(crate) index: Vec<u64>,
     /// Wall-clock time for all missing images, as in 8h, instead of the budget of the job. It depends on the speed of the
-    /// machine how many samples the images have. The command prints the expected noise before the first image.
+    /// machine how many samples the images have.
     #[arg(long, value_name = "TIME", value_parser = time_limit)]
     pub(crate) time: Option<f64>,
     /// Images that are made at the same time. Each has its own scene in memory [default: one per core].

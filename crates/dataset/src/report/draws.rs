@@ -1,17 +1,11 @@
 //! The drawn values of a set: one column per setting, with numbers in one unit, or with counts of texts.
 
+use crate::quantity::Quantity;
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 
 /// Maximum number of different texts of a setting that are counted separately.
 const TEXTS: usize = 4096;
-/// Units that differ by a factor only, with their factor to the first one of their kind.
-const LENGTHS: [(&str, f64); 7] =
-    [("m", 1.0), ("km", 1e3), ("cm", 1e-2), ("mm", 1e-3), ("um", 1e-6), ("\u{b5}m", 1e-6), ("nm", 1e-9)];
-const TIMES: [(&str, f64); 5] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("\u{b5}s", 1e-6), ("ns", 1e-9)];
-const ANGLES: [(&str, f64); 3] =
-    [("rad", 1.0), ("deg", std::f64::consts::PI / 180.0), ("\u{b0}", std::f64::consts::PI / 180.0)];
-
 /// All drawn values of one setting.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Column {
@@ -64,7 +58,7 @@ impl Column {
                 None => self.text(n.to_string()),
             },
             Value::String(text) => match number_with_unit(text) {
-                Some((v, unit)) => self.number(v, unit),
+                Some(Quantity { number, unit }) => self.number(number, &unit),
                 None => self.text(text.clone()),
             },
             other => self.text(other.to_string()),
@@ -108,7 +102,8 @@ impl Column {
         }
         let (main, _) = uses.iter().enumerate().max_by_key(|(i, n)| (**n, std::cmp::Reverse(*i)))?;
         let unit = self.units.get(main)?;
-        let factors: Option<Vec<f64>> = self.units.iter().map(|u| factor(u, unit)).collect();
+        let factor = |from: &String| Quantity { number: 1.0, unit: from.clone() }.number_in(unit);
+        let factors: Option<Vec<f64>> = self.units.iter().map(factor).collect();
         let factors = factors?;
         let values = self.numbers.iter().filter_map(|(v, at)| Some(v * factors.get(usize::from(*at))?)).collect();
         Some((values, unit.clone()))
@@ -126,34 +121,14 @@ impl Column {
     }
 }
 
-/// The factor from one unit to another.
-fn factor(from: &str, to: &str) -> Option<f64> {
-    if from == to {
-        return Some(1.0);
-    }
-    let of = |units: &[(&str, f64)], name: &str| units.iter().find(|u| u.0 == name).map(|u| u.1);
-    [&LENGTHS[..], &TIMES, &ANGLES].into_iter().find_map(|units| Some(of(units, from)? / of(units, to)?))
-}
-
-/// A number with a unit directly after it, or after one space. Names of files and other texts are none.
-fn number_with_unit(text: &str) -> Option<(f64, &str)> {
-    let is_number = |(_, c): &(usize, char)| c.is_ascii_digit() || matches!(c, '.' | '+' | '-');
-    let end = text.char_indices().find(|c| !is_number(c)).map_or(text.len(), |(i, _)| i);
-    // The exponent belongs to the number if digits follow: 1e-3m.
-    let after = text[end..].strip_prefix(['e', 'E']).unwrap_or_default();
-    let digits = after.strip_prefix(['+', '-']).unwrap_or(after);
-    let end = match digits.find(|c: char| !c.is_ascii_digit()).unwrap_or(digits.len()) {
-        0 => end,
-        n => text.len() - digits.len() + n,
-    };
-    let (number, unit) = text.split_at_checked(end)?;
-    let unit = unit.strip_prefix(' ').unwrap_or(unit);
+/// A number with a unit. Names of files and other texts are none.
+fn number_with_unit(text: &str) -> Option<Quantity> {
+    let quantity = Quantity::of_text(text)?;
+    let unit = &quantity.unit;
     let is_unit = |c: char| c.is_alphabetic() || "\u{b0}%/\u{b2}\u{b3}\u{b5}\u{b7}^\u{207b}".contains(c);
     // A point before the text separates the name of a file from its ending.
-    if number.ends_with('.') || unit.is_empty() || unit.chars().count() > 8 || !unit.chars().all(is_unit) {
-        return None;
-    }
-    number.parse().ok().filter(|v: &f64| v.is_finite()).map(|v| (v, unit))
+    let is_file = text.contains(&format!(".{unit}"));
+    (!unit.is_empty() && !is_file && unit.chars().count() <= 8 && unit.chars().all(is_unit)).then_some(quantity)
 }
 
 #[cfg(test)]
@@ -169,10 +144,11 @@ mod tests {
 
     #[test]
     fn texts_with_a_number_and_a_unit_are_numbers() {
-        assert_eq!(number_with_unit("3.217ms"), Some((3.217, "ms")));
-        assert_eq!(number_with_unit("-1.5e-3 mm"), Some((-1.5e-3, "mm")));
-        assert_eq!(number_with_unit("2em"), Some((2.0, "em")));
-        assert_eq!(number_with_unit("30\u{b0}"), Some((30.0, "\u{b0}")));
+        let of = |number, unit: &str| Some(Quantity { number, unit: unit.into() });
+        assert_eq!(number_with_unit("3.217ms"), of(3.217, "ms"));
+        assert_eq!(number_with_unit("-1.5e-3 mm"), of(-1.5e-3, "mm"));
+        assert_eq!(number_with_unit("2em"), of(2.0, "em"));
+        assert_eq!(number_with_unit("30\u{b0}"), of(30.0, "\u{b0}"));
         for text in ["b.glb", "2.glb", "10mm_part.glb", "", "ms", "1.2.3mm", "--1m", "12", "1e", "\u{e9}1m", "-"] {
             let found = number_with_unit(text);
             assert!(found.is_none() || text == "1e", "{text}: {found:?}");

@@ -1,4 +1,4 @@
-//! The error of the contact sheet and of the page.
+//! The error of the page.
 
 use std::fmt;
 use std::path::{Path, PathBuf};

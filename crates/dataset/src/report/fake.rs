@@ -7,9 +7,8 @@ use std::path::Path;
 /// The head of a set with one defect and one object.
 pub(crate) fn head() -> Value {
     json!({
-        "format": 3, "program": "dunkelfeld 0.1.0", "study": "fake", "study_hash": "abc", "count": 20,
+        "format": 4, "program": "dunkelfeld 0.1.0", "study": "fake", "study_hash": "abc", "count": 20,
         "categories": [{"id": 1, "name": "scratch", "is_defect": true}, {"id": 2, "name": "part", "is_defect": false}],
-        "instances": [{"id": 3, "name": "scratch 1", "category": 1}, {"id": 4, "name": "lid", "category": 2}],
     })
 }
 

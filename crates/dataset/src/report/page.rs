@@ -4,24 +4,25 @@ use super::cost_section::{cost_section, image_seconds, noise_section};
 use super::draw_section::draw_section;
 use super::error::ReportError;
 use super::label_section::{findable, label_section};
-use super::overlay::{COLORS, style_of};
-use super::picture::{Pixels, data_uri, png};
-use super::sheet::Shown;
+use super::overlay::{overlay, pen};
 use super::summary::Summary;
-use super::view::{SetView, image_ending};
+use super::view::{HELP, SetView, image_ending};
 use crate::run::MOST_SATURATED;
+use crate::set::read_bytes;
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::picture::Picture;
+use dunkelfeld_io::png::data_uri;
 use dunkelfeld_report::page::{self as frame, Extra, head, tiles};
 use dunkelfeld_report::words::{bytes, counted, duration, percent, shortened};
+use image::DynamicImage;
 use maud::{Markup, html};
 
 /// Images with their labels, the key of the categories, and narrow tables.
 const EXTRA: Extra = Extra { style: include_str!("style.css"), script: "" };
 /// Maximum number of images in the page.
 const IMAGES: usize = 24;
-/// The long side of an image in the page [px], and its maximum number of bytes before compression. The bytes limit the
-/// size of the page.
+/// The longest side of an image in the page [px].
 const SIDE: u32 = 256;
-const RAW: f64 = 65_536.0;
 /// Maximum number of sizes of images in the head.
 const SIZES: usize = 3;
 
@@ -86,35 +87,25 @@ fn figures(set: &SetView) -> Vec<(String, String)> {
     tiles
 }
 
-/// The size of an image in the page: its long side and its bytes are limited.
-fn thumb_size(image: &Pixels) -> [u32; 2] {
-    let [w, h] = image.size_within(SIDE);
-    let raw = f64::from(w) * f64::from(h) * image.channels as f64;
-    if raw <= RAW { [w, h] } else { image.size_within((f64::from(w.max(h)) * (RAW / raw).sqrt()) as u32) }
-}
-
 fn images(set: &SetView) -> Result<Markup, ReportError> {
     let mut thumbs = Vec::new();
     let mut categories = std::collections::BTreeSet::new();
     let mut shape = 1.0_f64;
     for index in set.evenly(IMAGES) {
-        let shown = Shown::read(set, index, thumb_size)?;
-        let (pixels, size) = (&shown.pixels, [shown.pixels.width, shown.pixels.height]);
+        let record = set.record(index)?;
+        let labels = overlay(set, &record)?;
         if thumbs.is_empty() {
-            shape = (f64::from(size[0]) / f64::from(size[1].max(1))).clamp(0.5, 3.0);
+            shape = (record.width as f64 / record.height.max(1) as f64).clamp(0.5, 3.0);
         }
-        let image = data_uri(&png(&pixels.data, size, pixels.channels)?);
-        let labels = data_uri(&png(&shown.labels.rgba, size, 4)?);
-        categories.extend(shown.categories.iter().copied());
-        let (file, name) =
-            (format!("images/{index:06}.{}", image_ending(&set.folder, index)), format!("image {index}"));
+        categories.extend(record.instances.iter().filter_map(|label| set.position(label.category)));
+        let file = format!("images/{index:06}.{}", image_ending(&set.folder, index));
         thumbs.push(html! {
             figure {
                 a href=(file) {
-                    img src=(image) alt=(name) width=(size[0]) height=(size[1]);
-                    img.labels src=(labels) alt="" width=(size[0]) height=(size[1]);
+                    img src=(thumb(set, &file)?) alt={ "image " (index) };
+                    (labels)
                 }
-                figcaption { (index) " \u{b7} " (counted(shown.instances as u64, "label")) }
+                figcaption { (index) " \u{b7} " (counted(record.instances.len() as u64, "label")) }
             }
         });
     }
@@ -143,6 +134,25 @@ fn images(set: &SetView) -> Result<Markup, ReportError> {
     })
 }
 
+/// An image of the set as an address, scaled down.
+fn thumb(set: &SetView, name: &str) -> Result<String, ReportError> {
+    let failed = |problem: String| ReportError::new(&set.folder.join(name), problem, HELP);
+    let bytes = read_bytes(&set.folder, name).map_err(|e| failed(e.problem))?;
+    let image = image::load_from_memory(&bytes).map_err(|e| failed(format!("the image cannot be read: {e}")))?;
+    let image = if image.width().max(image.height()) > SIDE { image.thumbnail(SIDE, SIDE) } else { image };
+    let (width, height) = (image.width(), image.height());
+    let uri = match image {
+        DynamicImage::ImageLuma8(gray) => {
+            Plane::from_vec(width, height, gray.into_raw()).map(|plane| data_uri(Picture::Gray8(&plane)))
+        }
+        other => {
+            let pixels = other.into_rgb8().pixels().map(|pixel| pixel.0).collect();
+            Plane::from_vec(width, height, pixels).map(|plane| data_uri(Picture::Rgb8(&plane)))
+        }
+    };
+    uri.and_then(Result::ok).ok_or_else(|| failed("the image has no pixels".into()))
+}
+
 fn selection(n: usize, all: usize) -> String {
     match n == all {
         true => "All images, in order.".into(),
@@ -152,24 +162,10 @@ fn selection(n: usize, all: usize) -> String {
 
 /// The sign of a category, as in the images.
 pub(crate) fn swatch(position: usize) -> Markup {
-    let dash = ["", " dash", " dots", " both"][style_of(position)];
     html! {
         svg class="swatch" viewBox="0 0 16 16" aria-hidden="true" {
             rect x="3" y="3" width="10" height="10" {}
-            rect class={ "o o" (position % COLORS.len()) (dash) } x="3" y="3" width="10" height="10" {}
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn images_of_the_page_have_a_maximum_number_of_bytes() {
-        for (width, height, channels) in [(4096, 3000, 1), (4096, 3000, 3), (600, 600, 3), (64, 32, 3), (1, 9000, 3)] {
-            let [w, h] = thumb_size(&Pixels { width, height, channels, data: Vec::new() });
-            assert!(f64::from(w * h) * channels as f64 <= 1.02 * RAW && w.max(h) <= SIDE, "{w} {h}");
+            rect class=(pen(position)) x="3" y="3" width="10" height="10" {}
         }
     }
 }

@@ -1,4 +1,4 @@
-//! A data set as the sheet and the page need it: numbers of all finished images. Records with their labels are read
+//! A data set as the page needs it: numbers of all finished images. Records with their labels are read
 //! again for the few images that are shown, so that the memory does not grow with names and files.
 
 use super::draws::Draws;
@@ -27,8 +27,6 @@ pub(crate) struct Head {
     pub(crate) count: u64,
     #[serde(default)]
     pub(crate) categories: Vec<Category>,
-    #[serde(default)]
-    pub(crate) instances: Vec<Named>,
 }
 
 /// A category of labels.
@@ -40,13 +38,6 @@ pub(crate) struct Category {
     pub(crate) is_defect: bool,
 }
 
-/// An instance with a stable id in all images.
-#[derive(Clone, Debug, Deserialize)]
-pub(crate) struct Named {
-    pub(crate) id: u64,
-    pub(crate) category: u64,
-}
-
 /// One finished image: a file in `records`.
 #[derive(Clone, Debug, Deserialize)]
 pub(crate) struct Record {
@@ -54,9 +45,9 @@ pub(crate) struct Record {
     #[serde(default)]
     drawn: Map<String, Value>,
     #[serde(default)]
-    width: u64,
+    pub(crate) width: u64,
     #[serde(default)]
-    height: u64,
+    pub(crate) height: u64,
     certificate: Option<Certificate>,
     matched: Option<f64>,
     #[serde(default)]
@@ -250,7 +241,7 @@ impl Instance {
     }
 }
 
-const HELP: &str = "delete the record of the image, and run the command again";
+pub(crate) const HELP: &str = "delete the record of the image, and run the command again";
 
 /// The ending of the images of a set.
 pub(crate) fn image_ending(folder: &Path, index: u64) -> &'static str {

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._results import EmvaAnalysis, EmvaDataset, ExposedFiles, Forecast, SetSummary, TracedSample, Verified
+from ._results import EmvaAnalysis, EmvaDataset, ExposedFiles, SetSummary, TracedSample, Verified
 from ._results import Study as _StudyResult
 from ._steps import RenderSteps
 
@@ -265,7 +265,6 @@ class Study:
         jobs: int | None = None,
         threads: int | None = None,
         time: float | None = None,
-        forecast: Callable[[Forecast], object] | None = None,
         progress: Callable[[int, int, float, float | None], object] | None = None,
     ) -> SetSummary: ...
     def worker(self, threads: int = 1) -> StudyWorker: ...
@@ -274,6 +273,7 @@ class Study:
 @final
 class StudyWorker:
     def make(self, index: int, time: float | None = None) -> Made: ...
+    def _check(self, index: int) -> None: ...
     def open(self, folder: _Path, count: int | None = None) -> DataSet: ...
     @property
     def is_timed(self) -> bool: ...

@@ -8,7 +8,6 @@ __all__ = [
     "EmvaAnalysis",
     "EmvaDataset",
     "ExposedFiles",
-    "Forecast",
     "SetSummary",
     "Study",
     "TracedConnection",
@@ -68,25 +67,6 @@ class EmvaAnalysis(TypedDict):
     """Path of the report."""
 
 
-class Forecast(TypedDict):
-    """The forecast of a run with a time."""
-
-    count: int
-    """Images that the run shall make."""
-    images: int
-    """Number of test images: 3, or 1 with less than 12 missing images or little time. They are not written."""
-    seconds: float
-    """Time of the render of an image [s]."""
-    spp: float
-    """Expected mean samples per pixel of the test images; 0 without one."""
-    end: float
-    """Expected time from the start of the run to its end [s]."""
-    levels: list[float]
-    """For each test image whose level is known, the k at which 99 % of its unsaturated pixels will be hidden."""
-    reason: str | None
-    """The reason for a test image without a level: "no sensor", "saturated", "unknown noise" (too few samples), "no time"."""
-
-
 class SetSummary(TypedDict):
     """The result of `Study.run`."""
 
@@ -100,11 +80,6 @@ class SetSummary(TypedDict):
     """Wall-clock time [s]."""
     failed: list[tuple[int, str]]
     """Index and message of each image whose draws do not fit."""
-    forecast: Forecast | None
-    """None without `time`, and if no test image can be made."""
-    levels: list[float]
-    """For each image that this run made and whose level is known, the k at which 99 % of its unsaturated pixels are hidden,
-    in ascending order."""
 
 
 class Verified(TypedDict):

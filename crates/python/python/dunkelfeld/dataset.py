@@ -81,7 +81,6 @@ class SetReader:
         about = json.loads((self.folder / "set.json").read_text(encoding="utf-8"))
         self.name: str = about["study"]
         self.categories: list[dict[str, Any]] = about["categories"]
-        self.instances: list[dict[str, Any]] = about["instances"]
         missing = set(self._set.missing())
         self.indices = [index for index in range(self._set.count) if index not in missing]
 

@@ -50,8 +50,6 @@ SAMPLES_PER_PART = 16
 """Least samples per pixel of a part by default: the transfer and merge of a part take about the time of a few samples."""
 WRITERS = 4
 """Threads of the client that write images."""
-TRIED = 16
-"""The first images of a call: if none of them can be made, a set without images is given up."""
 HELD = 2.0
 """With `shared`, multiples of `patience` after which an image is written although another process has claimed it."""
 
@@ -114,9 +112,8 @@ def make(
 
     `progress` is called with (finished images, all images, elapsed [s], remaining [s] or None).
 
-    An image whose draws do not fit is left out, and is in `failed`. If the set has no image yet, and none of the first 16
-    images of the call can be made, the error of the first one is raised, no image is written, and a new folder is removed. With `shared`, the other images
-    start when one of the first 16 is made.
+    An image whose draws do not fit is left out, and is in `failed`. But if the set has no image yet, and it is the first image
+    of the call, its error is raised, and a new folder is removed.
 
     Raises the errors of the study, `SettingError` if a worker has other files or another version of the package, and
     `DunkelfeldError` if an image fails too often or the scheduler is lost.
@@ -146,7 +143,7 @@ class _SetMaker:
         count = None if count is None else whole_number("count", count)
         self.made = 0
         self.study = study if isinstance(study, Study) else Study(study)
-        # The scene is loaded for its instances and for the list of its files.
+        # The scene is loaded for the list of its files.
         loaded = self.study.worker(threads=threads)
         self.inputs = loaded.inputs
         self.is_new = not Path(folder).exists()
@@ -162,10 +159,9 @@ class _SetMaker:
         missing = set(self.set.missing())
         self.pending = deque(index for index in wanted if index in missing)
         self.total, self.finished, self.ended = len(wanted), len(wanted) - len(self.pending), 0
-        # The first images decide whether the call goes on. Until then the images of others stay on their workers.
-        self.tried = set(list(self.pending)[:TRIED]) if len(missing) == self.set.count else set()
-        self.undecided: set[int] = set(self.tried)
-        self.early: list[Attempt] = []
+        if self.pending and len(missing) == self.set.count:
+            with self._new_folder():
+                loaded._check(self.pending[0])
         # Images that another process has claimed: when they are looked at again, and until when. A worker may stall while
         # it writes.
         self.held: list[tuple[float, float, Attempt, Made | None]] = []
@@ -202,10 +198,9 @@ class _SetMaker:
             while self.finished + len(self.failed) < self.total:
                 cluster.watch()
                 self._look_at_held(cluster, writers)
-                while self.pending and cluster.has_room() and (not shared or self._may_write(self.pending[0])):
+                while self.pending and cluster.has_room():
                     index = self.pending.popleft()
                     if self.set.is_finished(index):
-                        self._pass(cluster)
                         self._end()
                     else:
                         cluster.start(str(index), "image", make_image, source, index, time, self.threads, target, False)
@@ -213,12 +208,12 @@ class _SetMaker:
                 if event is None:
                     continue
                 attempt, kind, value = event
-                if kind == "finished" and not self._may_write(int(attempt.name)):
-                    self.early.append(attempt)
-                elif kind == "finished":
+                if kind == "finished":
                     cluster.fetch(attempt)
                 elif kind == "refused":
-                    self._refused(cluster, attempt, value)
+                    # Its draws do not fit.
+                    cluster.drop(attempt.name)
+                    self.failed.append((int(attempt.name), value))
                 elif kind == "fetched":
                     attempt.worker, result, size = value
                     image = result if isinstance(result, Made) else None
@@ -243,25 +238,6 @@ class _SetMaker:
             failed=sorted((index, _message(error)) for index, error in self.failed),
         )
 
-    def _refused(self, cluster: Cluster, attempt: Attempt, error: InputError) -> None:
-        """Leaves out an image that cannot be made."""
-        cluster.drop(attempt.name)
-        self.failed.append((int(attempt.name), error))
-        self.undecided.discard(int(attempt.name))
-        if self.tried and not self.undecided:
-            raise min(self.failed, key=lambda failed: failed[0])[1]
-
-    def _may_write(self, index: int) -> bool:
-        """May the files of an image be written?"""
-        return not self.tried or index in self.tried
-
-    def _pass(self, cluster: Cluster) -> None:
-        """One of the first images is made: the call goes on, with the images that waited."""
-        self.tried.clear()
-        early, self.early = self.early, []
-        for attempt in early:
-            cluster.fetch(attempt)
-
     def _write(
         self, cluster: Cluster, writers: ThreadPoolExecutor, attempt: Attempt, image: Made | None, until: float
     ) -> None:
@@ -280,7 +256,6 @@ class _SetMaker:
             self.made += is_made or image is None
             self.workers[attempt.worker] += 1
             cluster.settle(attempt)
-            self._pass(cluster)
             self._end()
         else:
             attempt.is_repeated = True

@@ -14,11 +14,11 @@ const ESTIMATES: usize = 3;
 /// With fewer samples per pixel the first estimates are dominated by their own error.
 const MIN_SPP: f64 = 8.0;
 /// The part of the slope over these estimates that is extrapolated.
-pub(crate) const SLOPE_DAMPING: f64 = 0.75;
+const SLOPE_DAMPING: f64 = 0.75;
 /// The slope of a pilot with one estimate.
-pub(crate) const DEFAULT_SLOPE: f64 = 1.0 / 3.0;
+const DEFAULT_SLOPE: f64 = 1.0 / 3.0;
 /// Upper bound of the slope: with twice the samples, half of the estimate.
-pub(crate) const MAX_SLOPE: f64 = 1.0;
+const MAX_SLOPE: f64 = 1.0;
 
 /// The estimates of the required samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

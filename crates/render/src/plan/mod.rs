@@ -6,7 +6,6 @@
 
 pub(crate) mod extrapolation;
 pub(crate) mod forecast;
-pub(crate) mod pilot_forecast;
 
 use crate::error::Error;
 use crate::film_noise::{FilmNoise, SignalModel};
