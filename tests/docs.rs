@@ -505,27 +505,6 @@ fn the_checkpoint_page_states_the_bytes_of_a_pixel() {
 
 // --- Links -------------------------------------------------------------------------------------------------------------
 
-/// The value of each constant of the page is that of the source.
-#[test]
-fn the_constants_page_has_the_values_of_the_sources() {
-    let text = page("docs/constants.md");
-    let rows: Vec<Vec<&str>> = text
-        .lines()
-        .filter(|line| line.starts_with("| `"))
-        .map(|line| line.split('|').map(|cell| cell.trim().trim_matches('`')).collect())
-        .collect();
-    assert!(rows.len() > 40, "{} rows", rows.len());
-    for row in rows {
-        let [_, name, value, file, meaning, chosen, sensitivity, _] = row[..] else { panic!("{row:?}") };
-        assert!([meaning, chosen, sensitivity].iter().all(|cell| !cell.is_empty()), "{name}: an empty cell");
-        let source = page(file);
-        let defined = source
-            .lines()
-            .any(|line| line.contains(&format!("const {name}:")) && line.trim_end().ends_with(&format!("= {value};")));
-        assert!(defined, "{file} has no constant {name} of the value {value}");
-    }
-}
-
 /// Targets of the links and pictures of a page that lie in this repository.
 fn local_links(text: &str) -> Vec<String> {
     let targets = text.split("](").skip(1).filter_map(|rest| rest.split(')').next());

@@ -56,7 +56,6 @@ THEIRS = {
     "PRNU1288.row": ("PRNU1288_row", 1.0, "none if negative"),
     "PRNU1288.col": ("PRNU1288_col", 1.0, "none if negative"),
 }
-KEY = ["eta", "K", "sigma_d", "mu_p.min", "mu_e.sat", "DR.dB", "DSNU1288", "PRNU1288"]
 
 
 def run(program: str, *words: str) -> None:
@@ -198,32 +197,12 @@ def main() -> None:
     raise SystemExit(1 if failed or apart else 0)
 
 
-def number(value: float, error: float) -> str:
-    """With the digits that the error supports."""
-    if math.isnan(value):
-        return "none"
-    places = max(0, 1 - math.floor(math.log10(error))) if error > 0 else 4
-    return f"{value:.{places}f}"
-
-
 def tables(args: argparse.Namespace, rows: list[dict], anchors: list[float], limit: float, own: dict[str, float]) -> str:
     zs = np.array([r["z"] for r in rows])
     worst = max(rows, key=lambda r: abs(r["z"]))
     # Where nothing is, the root's square is noise about zero, and z is that of the square.
     lines = [
         f"{args.levels} levels and two stacks of 16 frames, {args.size.replace('x', ' x ')} pixels, seeds from {args.seed}:",
-        "",
-        "| preset | figure | truth | ours | error | z | theirs | unit |",
-        "|---|---|---:|---:|---:|---:|---:|---|",
-    ]
-    for r in rows:
-        if r["symbol"] in KEY:
-            e = r["error"]
-            true = f"{r['truth']:.6g}"
-            lines.append(
-                f"| {r['preset']} | {r['symbol']} | {true} | {number(r['ours'], e)} | {e:.2g} | {r['z']:+.1f} | {number(r['theirs'], e)} | {r['unit']} |"
-            )
-    lines += [
         "",
         "| figure | root mean square of z | largest | at | theirs differs |",
         "|---|---:|---:|---|---|",

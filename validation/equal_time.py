@@ -28,11 +28,12 @@ Renders are kept in the work folder and used again. A run that was ended continu
 from __future__ import annotations
 
 import argparse
+import csv
 import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Iterable
+from typing import Any, Callable, Iterable, NamedTuple
 
 import numpy as np
 
@@ -274,44 +275,71 @@ def speed_row(one: Race, peers: Iterable[str]) -> str:
     return f"| {one.name} | {' | '.join(cells)} |"
 
 
-def tables(races: list[Race], arguments: argparse.Namespace, versions: dict[str, str]) -> tuple[str, list[list[Panel]]]:
-    """The tables, and the panels of the picture: a row for each pair, a column for each measure."""
+class Gain(NamedTuple):
+    """A row of `equal_time.csv`: noise of the second over that of the first, and its standard error."""
+
+    measure: str
+    scene: str
+    pair: str
+    quantile: str
+    gain: str
+    error: str
+
+
+def tables(races: list[Race], arguments: argparse.Namespace, versions: dict[str, str]) -> tuple[str, list[Gain], list[list[Panel]]]:
+    """The tables of the page, all gains, and the panels of the picture: a row for each pair, a column for each measure."""
     pairs = {who: (f"{PEERS[who]} over ours", "ours", who) for who in arguments.peers}
     pairs[PLAN] = ("uniform over plan", PLAN, "ours")
     found = {
         (one.name, who): compare(one.results[a], one.results[b], one.scale) for one in races for who, (_, a, b) in pairs.items()
     }
     names = ", ".join(versions[who] for who in arguments.peers)
+    quantities = " | ".join(f"{label}: median | mean | 90 % | 99 %" for label, _, _ in pairs.values())
+    rule = "---:|" * (4 * len(pairs))
     lines = [
         f"{names + '; ' if names else ''}{arguments.size} x {arguments.size} pixels, {arguments.renders} renders; {arguments.spp}"
         " samples per pixel of ours, the samples of the same processor time of the peers. Above 1 ours, or the plan, is cleaner.",
         "",
+        "v / s:",
+        "",
+        f"| scene | {quantities} |",
+        f"|---|{rule}",
     ]
+    middles = ["", "Geometric means over the scenes:", "", f"| measure | {quantities} |", f"|---|{rule}"]
+    gains: list[Gain] = []
     panels: list[list[Panel]] = [[] for _ in pairs]
-    for m, (measure, title) in enumerate(MEASURES.items()):
-        quantities = " | ".join(f"{label}: median | mean | 90 % | 99 %" for label, _, _ in pairs.values())
-        lines += [f"**{title}**", "", f"| scene | {quantities} |", "|---|" + "---:|" * (4 * len(pairs))]
+    for m, title in enumerate(MEASURES.values()):
         part = slice(4 * m, 4 * m + 4)
         for one in races:
             cells = []
-            for who in pairs:
-                value, error = found[one.name, who]
-                cells += [f"{v:.2f} ± {e:.2g}" if v > 0.0 else "-" for v, e in zip(value[part], error[part])]
-            lines.append(f"| {one.name} | {' | '.join(cells)} |")
+            for who, (label, _, _) in pairs.items():
+                value, error = (x[part] for x in found[one.name, who])
+                cells += [f"{v:.2f}" if v > 0.0 else "-" for v in value]
+                gains += [
+                    Gain(title, one.name, label, quantile, f"{v:.2f}", f"{e:.2g}")
+                    for quantile, v, e in zip(STATISTICS, value, error)
+                    if v > 0.0
+                ]
+            if m == 0:
+                lines.append(f"| {one.name} | {' | '.join(cells)} |")
         middle = []
         for k, (who, (label, _, _)) in enumerate(pairs.items()):
-            gains = {one.name: found[one.name, who][0][part] for one in races}
-            values = np.array(list(gains.values()))
+            of_scenes = {one.name: found[one.name, who][0][part] for one in races}
+            values = np.array(list(of_scenes.values()))
             middle += [f"{np.exp(np.log(v).mean()):.2f}" if (v > 0.0).all() else "-" for v in values.T]
-            panels[k].append(Panel(f"{label}: {title}", "plan" if who == PLAN else "ours", gains))
-        lines += [f"| geometric mean | {' | '.join(middle)} |", ""]
+            panels[k].append(Panel(f"{label}: {title}", "plan" if who == PLAN else "ours", of_scenes))
+        middles.append(f"| {title} | {' | '.join(middle)} |")
+    return "\n".join([*lines, *middles]) + "\n", gains, panels
+
+
+def speeds(races: list[Race], peers: list[str]) -> str:
+    """The table of times and means."""
     head = ["M samples/s, ours", "s of a render", "time, plan", "mean, ours over plan"]
-    for who in arguments.peers:
+    for who in peers:
         peer = PEERS[who]
         head += [f"{peer}: samples", "M samples/s", "time over ours", f"mean, ours over {peer}"]
-    lines += ["**Times and means**", "", f"| scene | {' | '.join(head)} |", "|---|" + "---:|" * len(head)]
-    lines += [speed_row(one, arguments.peers) for one in races]
-    return "\n".join(lines) + "\n", panels
+    lines = [f"| scene | {' | '.join(head)} |", "|---|" + "---:|" * len(head)]
+    return "\n".join([*lines, *(speed_row(one, peers) for one in races)]) + "\n"
 
 
 def main() -> int:
@@ -330,7 +358,7 @@ def main() -> int:
     parser.add_argument("--ours", default="ours", help="name of our renders in the work folder, to compare programs")
     parser.add_argument("--flags", default="", help="further flags of our renders, separated by commas")
     parser.add_argument("--picture", type=Path, help="file of the picture [docs/research/equal-time.png with --readme]")
-    parser.add_argument("--readme", action="store_true", help="write tables and picture into docs/research")
+    parser.add_argument("--readme", action="store_true", help="write equal_time.csv, and tables and picture into docs/research")
     parser.add_argument("--only", choices=names, nargs="*", default=names)
     arguments = parser.parse_args()
     if arguments.renders < 8 or arguments.spp < 4 or arguments.spp % 4:
@@ -355,12 +383,16 @@ def main() -> int:
         print(speed_row(races[-1], arguments.peers), file=sys.stderr, flush=True)
     if cycles is not None:
         cycles.close()
-    text, panels = tables(races, arguments, versions)
-    print(text)
+    text, gains, panels = tables(races, arguments, versions)
+    print(f"{text}\n{speeds(races, arguments.peers)}")
     picture = root / "docs" / "research" / "equal-time.png" if arguments.readme else arguments.picture
     if picture is not None:
         draw(panels, picture)
     if arguments.readme:
+        with Path(__file__).with_name("equal_time.csv").open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(Gain._fields)
+            writer.writerows(gains)
         into_readme(f"{text}\n![Gains of each scene: {', '.join(STATISTICS)}](equal-time.png)\n", "equal time")
     return 0
 

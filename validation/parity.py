@@ -139,15 +139,18 @@ def render_ours(case: parity_cases.Case, program: Path, work: Path, path: Path) 
 
 
 def table(results: list[Result], groups: dict[str, str]) -> str:
-    """Markdown, a row per case; `groups` are those of the cases."""
+    """Markdown, a row per group; `groups` are those of the cases. `parity.csv` has the cases."""
     lines = [
-        "| group | case | spp | places | pass | mean difference | standard error | worst Z | rms Z | |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|---|",
+        "| group | cases | pass | largest mean difference | its standard error | worst Z | largest rms Z |",
+        "|---|---:|---:|---:|---:|---:|---:|",
     ]
-    for r in results:
+    for group in dict.fromkeys(groups[r.case] for r in results):
+        here = [r for r in results if groups[r.case] == group]
+        top = max(here, key=lambda r: abs(r.difference))
+        worst_z = max((r.worst_z for r in here), key=abs)
         lines.append(
-            f"| {groups[r.case]} | {r.case} | {r.spp} | {r.places} | {r.share:.2%} | {r.difference:+.3%}"
-            f" | {r.error:.3%} | {r.worst_z:+.1f} | {r.rms_z:.2f} | {r.verdict} |"
+            f"| {group} | {len(here)} | {sum(r.verdict == 'pass' for r in here)} | {top.difference:+.3%} ({top.case})"
+            f" | {top.error:.3%} | {worst_z:+.1f} | {max(r.rms_z for r in here):.2f} |"
         )
     verdicts = [r.verdict for r in results]
     counts = ", ".join(f"{verdicts.count(v)} {v}" for v in ("pass", "not converged", "FAILS"))

@@ -1,6 +1,6 @@
 """Where the noise of our renders comes from that is left: shares of the samples that each kind of object needs.
 
-    python what_remains.py --dunkelfeld ../target/release/dunkelfeld --readme
+    python what_remains.py --dunkelfeld ../target/release/dunkelfeld
 
 Renders the inspection scenes uniformly. The layer `hidden.Y` holds v_r / s, the pooled variance of the rendered mean over the sensor's
 own; times the samples that is v / s, which is what a pixel needs but for k^2. As every sample costs about the same, the share of a kind
@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-from readme_table import into_readme
 
 SCENES = ("inspection", "inspection-flat", "inspection-open")
 # Objects that are seen, through smooth glass, by how their names begin.
@@ -69,7 +68,6 @@ def main() -> int:
     parser.add_argument("--dunkelfeld", type=Path, required=True, help="our renderer")
     parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--spp", type=int, default=1024)
-    parser.add_argument("--readme", action="store_true", help="write the tables into docs/research")
     parser.add_argument("--only", choices=SCENES, nargs="*", default=SCENES)
     arguments = parser.parse_args()
     lines = [
@@ -81,10 +79,7 @@ def main() -> int:
     for name in arguments.only:
         scene = root / "scenes" / "inspection" / f"{name}.toml"
         lines += rows(arguments.dunkelfeld.resolve(), scene, arguments.size, arguments.spp)
-    text = "\n".join(lines) + "\n"
-    print(text)
-    if arguments.readme:
-        into_readme(text, "what remains")
+    print("\n".join(lines))
     return 0
 
 

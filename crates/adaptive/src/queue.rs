@@ -18,6 +18,7 @@ use crate::plan::{COARSE_FROM, MAX_SPP, mix};
 use crate::tile_cost::{CostMap, TileGrid};
 
 /// A thread takes units of about so many seconds together. A tile that takes longer is divided.
+/// This is a fifth of the shortest tolerated overrun.
 const UNIT_SECONDS: f64 = 0.02;
 /// And of no more than so many samples: more are not computed together.
 const UNIT_SAMPLES: f64 = 4096.0;

@@ -13,9 +13,9 @@ use crate::variance::pooled::PixelNoise;
 pub const HIDDEN_SHARE: f64 = 0.99;
 /// Level k of the certificate of a render without a target. At it the total noise is 12 % above that of the sensor.
 pub const DEFAULT_TARGET: f64 = 0.5;
-/// A pixel is saturated if its mean lies more than this many standard errors above saturation.
+/// A pixel is saturated if its mean lies more than this many standard errors above saturation: one in 740 by chance.
 const SATURATED_BY: f64 = 3.0;
-/// Half width of the interval of the mean in which its sensor variance is taken [standard errors].
+/// Half width of the interval of the mean in which its sensor variance is taken [standard errors]: 95 %.
 const LEVEL_BY: f64 = 2.0;
 
 /// The noise parameters of a sensor that decide whether it hides the noise of a render, in photo-electrons.

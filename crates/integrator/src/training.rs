@@ -24,11 +24,13 @@ const COST_PER_PATH: f32 = 32.0;
 /// Paths that are followed together. The limit of the cost is checked after each so many paths.
 const TOGETHER: usize = 8;
 
-/// Pixels in which the variance of the first light samples is measured, and samples of each batch there.
+/// Pixels in which the variance of the first light samples is measured, and samples of each batch there, as in a
+/// render of 32 samples per pixel.
 const VARIANCE_PIXELS: u32 = 256;
 const BATCH_SAMPLES: u32 = 8;
 
-/// Rounds of training. The paths of each round use the statistics of the round before.
+/// Rounds of training. The paths of each round use the statistics of the round before. More
+/// rounds do not reduce the noise (`docs/research/equal-time.md`).
 const ROUNDS: u32 = 3;
 
 impl LearnedRoulette {

@@ -30,7 +30,7 @@ pub const TRAINING_PATHS: u32 = 8192;
 pub const PIXELS_PER_TRAINING_PATH: u32 = 16;
 /// Size of the smallest film with training \[pixels\]. The training paths of a smaller one would be too few.
 pub const MIN_TRAINED_PIXELS: u32 = 128 * 128;
-/// Shortest time limit with training \[s\].
+/// Shortest time limit with training \[s\]: training takes 3 % of it.
 pub const MIN_TRAINED_SECONDS: f64 = 2.0;
 /// F-number of a lens without one.
 pub const DEFAULT_F_NUMBER: f64 = 4.0;

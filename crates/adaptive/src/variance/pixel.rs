@@ -39,7 +39,8 @@ const CELLS: [u32; 3] = [4, 8, BLOCK];
 /// pixels share.
 const AS_LARGE: f64 = 1.0 - 1e-5;
 
-/// Side of the cells for the evenness: the variance of the samples over that of independent ones.
+/// Side of the cells for the evenness: the variance of the samples over that of independent ones. 64 pixels give it to a
+/// tenth.
 const EVENNESS: u32 = 8;
 
 /// The noise of the pixels of one row of blocks, row by row, from their own samples. Pixels of unknown scatter have the

@@ -12,7 +12,7 @@ use dunkelfeld_film::Plane;
 
 use crate::variance::inputs::{NoiseInputs, around};
 
-/// Variances are pooled over squares of 7 x 7 pixels.
+/// Variances are pooled over squares of 7 x 7 pixels, at most 147 degrees of freedom.
 const POOL_REACH: u32 = 3;
 
 /// Estimated noise of the samples of a pixel.

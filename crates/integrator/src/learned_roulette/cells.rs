@@ -4,7 +4,7 @@ use super::LIGHTS;
 use dunkelfeld_geometry::Vec3;
 use dunkelfeld_lanes::{Lanes, MAX_WIDTH, One, V3};
 
-/// Cells along the radius of the visible part of the scene.
+/// Cells along the radius of the visible part of the scene. Four times as many were a tenth to a third worse.
 const CELLS_PER_RADIUS: f32 = 24.0;
 
 /// Learned values of a cell. A root is taken once here, so that a decision is a product.

@@ -37,13 +37,13 @@ pub(crate) const LIGHTS: usize = Scene::MAX_LIGHT_SAMPLES as usize;
 pub(crate) const SHADOW: usize = 0;
 pub(crate) const CONNECTION: usize = 1;
 
-/// Cost of a shadow ray with its light sample, relative to a ray to the next surface with its shading.
+/// Cost of a shadow ray with its light sample, relative to a ray to the next surface with its shading, by a profile.
 const SHADOW_COST: f32 = 0.5;
 
-/// Cost of a ray that is traced through a cover for a connection, relative to a ray to the next surface.
+/// Cost of a ray that is traced through a cover for a connection, relative to a ray to the next surface, by a profile.
 const CONNECTION_COST: f32 = 1.0;
 
-/// Smallest learned survival probability. It bounds the weight of outcomes that training has not met.
+/// Smallest learned survival probability. The weight of outcomes that training has not met is at most five.
 const MIN_SURVIVAL: f32 = 0.2;
 
 /// The learned statistics of a scene and a camera.

@@ -18,7 +18,8 @@ const MAX_REST_COST: f64 = 3.0;
 /// The binary logarithm of the largest number of paths that a path is split into.
 const MAX_SPLITS: f64 = 2.0;
 
-/// Weight of the statistics of the material in those of a cell \[observations\].
+/// Weight of the statistics of the material in those of a cell \[observations\]. A few observations determine
+/// a second moment to a half.
 const PRIOR: f64 = 4.0;
 
 /// A vertex of a training path.

@@ -48,7 +48,7 @@ use linearized_chain::LinearizedChains;
 use ray_differential::{EndpointJacobians, RayDifferentials};
 pub(crate) use trace_chain::{MAX_TRAVERSALS, Segments, TracedChains, Traversal, trace_chains};
 
-/// Maximum number of rays of one connection.
+/// Maximum number of rays of one connection. Most chains are found within three.
 const MAX_RAYS: u32 = 6;
 /// After this number of rays the solver stops, unless [`EARLY_STOP_ERROR`] is reached.
 const EARLY_STOP_RAYS: u32 = 3;
@@ -70,7 +70,7 @@ const ERROR_TOLERANCE: f32 = 1e-3;
 const STEP_TOLERANCE: f32 = 1e-3;
 /// Rounding error of a direction in f32, with a margin \[rad\].
 const ROUNDING: f32 = 1e-6;
-/// Largest change of the first direction in one step \[rad\].
+/// Largest change of the first direction in one step \[rad\]. Beyond it the linearisation fails.
 const MAX_STEP: f32 = 0.3;
 
 /// The smooth interfaces of one stack that a path has passed since its last scattering.

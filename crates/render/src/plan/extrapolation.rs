@@ -13,9 +13,10 @@ use serde::{Deserialize, Serialize};
 const ESTIMATES: usize = 3;
 /// With fewer samples per pixel the first estimates are dominated by their own error.
 const MIN_SPP: f64 = 8.0;
-/// The part of the slope over these estimates that is extrapolated.
+/// The part of the slope over these estimates that is extrapolated. With more, forecasts were further below the samples
+/// taken.
 const SLOPE_DAMPING: f64 = 0.75;
-/// The slope of a pilot with one estimate.
+/// The slope of a pilot with one estimate: the mean of the shipped scenes.
 const DEFAULT_SLOPE: f64 = 1.0 / 3.0;
 /// Upper bound of the slope: with twice the samples, half of the estimate.
 const MAX_SLOPE: f64 = 1.0;
