@@ -366,17 +366,9 @@ fn files_of_a_coaxial_station_have_its_beam_splitter() {
 /// What a job resolves to: settings of the render with the lens combined with its camera, outputs, and the data of the scene.
 fn resolved(name: &str, project: &Project) -> String {
     let settings = project.fitted().unwrap_or_else(|e| panic!("{name}: {e}"));
-    let mut json = serde_json::to_value(&settings).expect("JSON");
-    // The data of a sensor are those of its file.
-    let model = json.pointer_mut("/sensor/emva/model").map(serde_json::Value::take);
-    format!(
-        "{name}: scene {:032x}, sensor {:032x}, {:?}, timed {}, {:?}\n    {json}\n",
-        project.scene.fingerprint(),
-        dunkelfeld::scene::digest(&model.map(|model| model.to_string())),
-        settings.readout,
-        settings.is_timed,
-        project.outputs,
-    )
+    let (scene, readout, is_timed) = (project.scene.fingerprint(), settings.readout, settings.is_timed);
+    let (outputs, settings) = (&project.outputs, serde_json::to_string(&settings).expect("JSON"));
+    format!("{name}: scene {scene:032x}, {readout:?}, timed {is_timed}, {outputs:?}\n    {settings}\n")
 }
 
 /// Shipped jobs, stations and references give the same scenes and settings as before.

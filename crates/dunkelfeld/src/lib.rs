@@ -96,9 +96,9 @@ pub use dunkelfeld_render::film_noise::Certified;
 pub use dunkelfeld_render::parallel::{mean_image, mean_without_gaps};
 pub use dunkelfeld_render::{
     Budget, Cancel, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_F_NUMBER, DEFAULT_PILOT_SPP, DEFAULT_SPP,
-    DenoiseMethod, DenoiseSettings, Error, FORECAST_LEVELS, Forecast, ForecastCourse, ForecastLevel,
-    MAX_NICE, MAX_PIXELS, MAX_SIDE, MAX_THREADS, OIDN_VARIABLE, Progress, ProgressState, RenderSettings, RenderedFilm,
-    Rendering, ResumedWork, SavedFilm, SensorChoice, Session, Silent, Stage, camera, program_seconds, render, written,
+    DenoiseMethod, DenoiseSettings, Error, FORECAST_LEVELS, Forecast, ForecastCourse, ForecastLevel, MAX_NICE,
+    MAX_PIXELS, MAX_SIDE, MAX_THREADS, OIDN_VARIABLE, Progress, ProgressState, RenderSettings, RenderedFilm, Rendering,
+    ResumedWork, SavedFilm, SensorChoice, Session, Silent, Stage, camera, program_seconds, render, written,
 };
 
 pub use dunkelfeld_io::InputError;
