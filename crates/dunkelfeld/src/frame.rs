@@ -139,7 +139,7 @@ fn expose(mean: MeanImage, settings: &RenderSettings, film: Option<&RenderedFilm
         None => (None, None),
         Some(measured) if is_matched => {
             let variances = measured.pixel_variances();
-            let certified = measured.certify_by(&variances.map(|pixel| (pixel.noise, pixel.independent)).into(), k);
+            let certified = measured.certify_by(&variances.map(|pixel| (pixel.noise, pixel.moments)).into(), k);
             let known = CompensationInputs::from_variances(&variances).behind(&image, model, &response)?;
             (Some(known), certified)
         }

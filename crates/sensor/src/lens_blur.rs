@@ -161,19 +161,19 @@ impl LensBlur {
         }
     }
 
-    /// The variances behind the lens of pixels whose noise is independent of that of others. `variance` is that of their means, and
-    /// `independent` what it would be for independent samples: quasi-random samples make the mean better than that, and hardly its
-    /// moments. The first gets the square of a weight, the second a twelfth of the squares of its gradients. `shares` are those of
+    /// The variances behind the lens of pixels whose noise is independent of that of others. `variance` is that of their means,
+    /// and `moments` twelve times that of their first moments: for independent samples the same. The first gets the square of a
+    /// weight, the second a twelfth of the squares of its gradients. `shares` are those of
     /// the channels in the signal. A variance that is not finite makes those around it unknown.
-    pub fn variance(&self, variance: &Plane<f32>, independent: &Plane<f32>, shares: [f64; 3]) -> Plane<f32> {
-        self.of_fields([variance, independent], 1, |kernels| Squares::of_pixels(kernels, shares, 1.0 - self.glare))
+    pub fn variance(&self, variance: &Plane<f32>, moments: &Plane<f32>, shares: [f64; 3]) -> Plane<f32> {
+        self.of_fields([variance, moments], 1, |kernels| Squares::of_pixels(kernels, shares, 1.0 - self.glare))
     }
 
     /// The variances behind the lens of the means of [`Self::BLOCK`] x [`Self::BLOCK`] pixels, as [`Self::variance`]. The pixel in
     /// the top left corner of a block has that of the block, if its row and its column are multiples of that number.
-    pub fn variance_of_blocks(&self, variance: &Plane<f32>, independent: &Plane<f32>, shares: [f64; 3]) -> Plane<f32> {
+    pub fn variance_of_blocks(&self, variance: &Plane<f32>, moments: &Plane<f32>, shares: [f64; 3]) -> Plane<f32> {
         let of_blocks = |kernels: &[Kernel; 3]| Squares::of_blocks(kernels, shares, 1.0 - self.glare);
-        self.of_fields([variance, independent], Self::BLOCK as usize, of_blocks)
+        self.of_fields([variance, moments], Self::BLOCK as usize, of_blocks)
     }
 
     /// What a camera adds to a frame so that the noise of a render behind the lens has the spectrum and the variance that it has in
@@ -549,7 +549,7 @@ impl Padded {
     }
 }
 
-/// Factors of the variances of the pixels around a pixel and of those of independent samples, by distance in columns and rows; and
+/// Factors of the variances of the pixels around a pixel and of those of their moments, by distance in columns and rows; and
 /// the weights and gradients that they are the squares of, which mirrored pixels add to those of their originals.
 struct Squares(Vec<([isize; 2], [f32; 2])>, Vec<([isize; 2], [f64; 3])>);
 
@@ -607,8 +607,8 @@ impl Squares {
             *sum = [sum[0] + w, sum[1] + flipped(right, flips_x), sum[2] + flipped(down, flips_y)];
         }
         let of_pixel = |((x, y), [w, right, down]): ((usize, usize), [f64; 3])| {
-            let [variance, independent] = noise.map(|plane| f64::from(plane.data()[y * size[0] + x]));
-            w * w * variance + (right * right + down * down) / 12.0 * independent
+            let [variance, moments] = noise.map(|plane| f64::from(plane.data()[y * size[0] + x]));
+            w * w * variance + (right * right + down * down) / 12.0 * moments
         };
         Some(sums.into_iter().map(of_pixel).sum::<f64>() as f32)
     }
