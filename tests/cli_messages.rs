@@ -174,7 +174,7 @@ fn messages_name_the_cause_and_what_helps() {
         ("render empty.glb", &["empty.glb", "GLB chunk 0", "the JSON chunk is empty"]),
         ("bench scene.gltf -o scene.gltf", &["scene.gltf", "is the scene that this run reads, not a folder"]),
         ("inspect kind.toml", &["kind.toml", "scene.bin", "not a scene format", "1 | scene", "help:"]),
-        ("inspect far.obj", &["3 vertices and 1 face, of which none can be used", "names no vertex", "line 4"]),
+        ("inspect far.obj", &["line 4", "the face has an index that the file does not define"]),
         ("ptc scene.gltf --frames 1000000000", &["1000000000 frames are more than are measured"]),
         ("ptc scene.gltf --frames 2", &["2 frames are too few to measure"]),
         ("ptc scene.gltf --seed -1", &["--seed", "write a whole number from 0 to 18446744073709551615"]),
