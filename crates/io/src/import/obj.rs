@@ -75,7 +75,7 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
     let bytes = loader.read_scene()?;
     let refuse = |problem: &str, help: &str| InputError::new(path, "the file", problem, help);
     without_mark(&bytes, path)?;
-    let Some(source) = text::decode(found.bytes) else {
+    let Some(source) = text::decode(bytes) else {
         return Err(refuse("holds binary data and is no OBJ text", "export the scene as Wavefront OBJ or glTF"));
     };
     if u32::try_from(source.len()).is_err() {
@@ -226,12 +226,12 @@ impl Libraries {
 
     /// `false` if the file is not there.
     fn load_file(&mut self, name: &str, loader: &AssetLoader, warnings: &mut Warnings) -> Result<bool, InputError> {
-        let Ok(found) = load_beside(loader, "", name, Role::MaterialLibrary) else { return Ok(false) };
-        let path = found.instead.as_deref().unwrap_or(name).replace('\\', "/");
+        let Ok(bytes) = load_beside(loader, "", name, Role::MaterialLibrary) else { return Ok(false) };
+        let path = name.replace('\\', "/");
         let file = loader.scene_file().with_file_name(&path);
-        without_mark(&found.bytes, &file)?;
+        without_mark(&bytes, &file)?;
         let refuse = |place: String, problem: String| InputError::new(&file, place, problem, RE_EXPORT);
-        let source = text::decode(found.bytes).ok_or_else(|| refuse("the file".into(), "holds binary data".into()))?;
+        let source = text::decode(bytes).ok_or_else(|| refuse("the file".into(), "holds binary data".into()))?;
         let materials = mtl::read(&source, &path, warnings).map_err(|(line, reason)| {
             refuse(format!("line {line}"), format!("cannot be read as an MTL statement: {reason}"))
         })?;
