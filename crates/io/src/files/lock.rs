@@ -5,8 +5,7 @@
 //! advisory lock is a leftover and no obstacle. The holder removes the file at the end. Another process that opened the
 //! file before the removal detects this and starts again.
 //!
-//! Where the file system has no advisory locks, the process that created the file holds the lock. A leftover then names
-//! a process of the same host that has ended. If that cannot be determined, the lock is refused.
+//! A file system without advisory locks is refused.
 
 use crate::atomic::cause;
 use crate::error::InputError;
@@ -39,13 +38,11 @@ pub struct LockHolder {
     pub since: String,
     /// Program and version.
     pub program: String,
-    /// Does the file itself hold the lock, because there are no advisory locks?
-    by_file: bool,
 }
 
 impl std::fmt::Display for LockHolder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { process, host, since, program, .. } = self;
+        let Self { process, host, since, program } = self;
         write!(f, "process {process} on host {host:?} ({program}) has held it since {since}")
     }
 }
@@ -55,7 +52,7 @@ impl std::fmt::Display for LockHolder {
 pub struct TargetLock {
     target: PathBuf,
     path: PathBuf,
-    /// Locked, if the file system has locks.
+    /// Locked.
     file: File,
 }
 
@@ -174,10 +171,6 @@ pub fn lock_path(target: &Path) -> PathBuf {
 fn refusal(target: &Path, path: &Path, holder: Option<&LockHolder>) -> InputError {
     let lock = path.display();
     let (problem, help) = match holder {
-        Some(holder) if holder.by_file => (
-            format!("is in use: {holder}"),
-            format!("wait until it ends, or use another name; if that process has ended, delete {lock}"),
-        ),
         Some(holder) => (format!("is in use: {holder}"), "wait until it ends, end it, or use another name".into()),
         None => (
             "is in use by another process, which has not written its number".into(),
@@ -214,39 +207,28 @@ fn attempt_at(path: &Path) -> Result<Attempt, InputError> {
         }
         Err(e) => return Err(cannot(e)),
     };
-    let has_locks = match locked(&file) {
-        Ok(()) => true,
+    match locked(&file) {
+        Ok(()) => {}
         Err(TryLockError::WouldBlock) => return Ok(Attempt::Busy(read(&mut file).ok().flatten())),
-        Err(TryLockError::Error(_)) => false,
-    };
+        Err(TryLockError::Error(e)) => {
+            if is_new {
+                let _ = fs::remove_file(path);
+            }
+            let problem = format!("cannot be locked: {e}");
+            return Err(fault(problem, "write to a disk whose file system has advisory locks (`flock`)"));
+        }
+    }
     if !is_at(&file, path) {
         return Ok(Attempt::Again);
     }
     if !is_new {
         match read(&mut file) {
-            Ok(holder) => {
-                let is_held = match &holder {
-                    Some(holder) if holder.by_file || !has_locks => is_alive(holder),
-                    // The process that created the file, and so holds the lock, has not written into it yet.
-                    None => !has_locks,
-                    Some(_) => false,
-                };
-                if is_held {
-                    return Ok(Attempt::Busy(holder));
-                }
-            }
+            Ok(_) => {}
             Err(e) if e.kind() == ErrorKind::InvalidData => return Err(foreign()),
             Err(e) => return Err(cannot(e)),
         }
-        if !has_locks {
-            // Two processes can find the same leftover. Only one of them creates the file anew.
-            if is_at(&file, path) {
-                let _ = fs::remove_file(path);
-            }
-            return Ok(Attempt::Again);
-        }
     }
-    if let Err(e) = write(&mut file, &own(!has_locks)) {
+    if let Err(e) = write(&mut file, &own()) {
         let _ = fs::remove_file(path);
         return Err(cannot(e));
     }
@@ -286,29 +268,13 @@ fn write(file: &mut File, holder: &LockHolder) -> io::Result<()> {
     })
 }
 
-fn own(by_file: bool) -> LockHolder {
+fn own() -> LockHolder {
     LockHolder {
         process: std::process::id(),
         host: host(),
         since: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
         program: concat!("dunkelfeld ", env!("CARGO_PKG_VERSION")).into(),
-        by_file,
     }
-}
-
-/// May the holder still run? A process can determine this only for processes of its own host.
-fn is_alive(holder: &LockHolder) -> bool {
-    if holder.host != host() {
-        return true;
-    }
-    #[cfg(unix)]
-    {
-        use rustix::process::{Pid, test_kill_process};
-        let process = i32::try_from(holder.process).ok().and_then(Pid::from_raw);
-        process.is_some_and(|process| test_kill_process(process) != Err(rustix::io::Errno::SRCH))
-    }
-    #[cfg(not(unix))]
-    true
 }
 
 fn host() -> String {
@@ -322,15 +288,6 @@ fn host() -> String {
 mod tests {
     use super::*;
     use crate::files::faults::{Fault, with_fault};
-
-    const NO_LOCKS: i32 = 37;
-
-    /// Runs `work` on a file system without locks.
-    fn without_locks<T>(work: impl FnOnce() -> T) -> T {
-        let (result, met) = with_fault(Fault::EverAfter(NO_LOCKS), &[Operation::Lock], 0, work);
-        assert_eq!(met, Some(Operation::Lock));
-        result
-    }
 
     fn home() -> (tempfile::TempDir, PathBuf) {
         let home = tempfile::tempdir().expect("a temporary folder");
@@ -374,7 +331,7 @@ mod tests {
     #[test]
     fn files_of_a_killed_process_are_no_obstacle() {
         let (home, target) = home();
-        let dead = LockHolder { process: 1, ..own(false) };
+        let dead = LockHolder { process: 1, ..own() };
         for left in ["", "lock file of", TITLE, &format!("{TITLE}{}\n", serde_json::to_string(&dead).expect("JSON"))] {
             fs::write(lock_path(&target), left).expect("writable");
             drop(TargetLock::acquire(&target).expect("it is free"));
@@ -411,36 +368,15 @@ mod tests {
     }
 
     #[test]
-    fn without_locks_of_the_file_system_the_file_itself_is_the_lock() {
+    fn a_file_system_without_locks_is_refused() {
+        const NO_LOCKS: i32 = 37;
         let (home, target) = home();
-        let lock = without_locks(|| TargetLock::acquire(&target)).expect("free");
-        for message in [without_locks(|| TargetLock::acquire(&target)), TargetLock::acquire(&target)] {
-            let message = message.expect_err("held").to_string();
-            assert!(message.contains("has held it since") && message.contains("delete"), "{message}");
-        }
-        drop(lock);
+        let acquire = || TargetLock::acquire(&target);
+        let (result, met) = with_fault(Fault::EverAfter(NO_LOCKS), &[Operation::Lock], 0, acquire);
+        assert_eq!(met, Some(Operation::Lock));
+        let message = result.expect_err("no locks").to_string();
+        assert!(message.contains("a.film.lock") && message.contains("advisory locks"), "{message}");
         assert!(is_empty(&home));
-
-        // A process of this host that has ended, and one of another host.
-        let left = |holder: &LockHolder| {
-            let text = format!("{TITLE}{}\n", serde_json::to_string(holder).expect("JSON"));
-            fs::write(lock_path(&target), text).expect("writable");
-        };
-        let mut child = std::process::Command::new("true").spawn().expect("there is such a program");
-        let ended = LockHolder { process: child.id(), ..own(true) };
-        child.wait().expect("it ends");
-        left(&ended);
-        drop(without_locks(|| TargetLock::acquire(&target)).expect("a leftover"));
-        left(&ended);
-        drop(TargetLock::acquire(&target).expect("a leftover"));
-        assert!(is_empty(&home));
-        let elsewhere = LockHolder { host: "elsewhere".into(), ..ended };
-        left(&elsewhere);
-        for message in [without_locks(|| TargetLock::acquire(&target)), TargetLock::acquire(&target)] {
-            let message = message.expect_err("unknown").to_string();
-            assert!(message.contains("elsewhere") && message.contains("delete"), "{message}");
-        }
-        assert!(lock_path(&target).exists());
     }
 
     #[cfg(unix)]

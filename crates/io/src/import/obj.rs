@@ -1,27 +1,22 @@
-//! Wavefront OBJ with its MTL libraries. The crate `tobj` reads both. The code here cleans the text before, builds the
-//! scene from the result, and reports each repair with its line. `docs/import-obj.md` describes the steps.
-//!
-//! The format is three decades old, and programs write it differently. So a fault in one statement invalidates only
-//! that statement.
+//! Wavefront OBJ with its MTL libraries. The crate `tobj` reads both. A statement that it refuses or misreads is an
+//! error with its line. The code here builds the scene from the result. `docs/import.md` describes the steps.
 
 mod assemble;
 mod bake;
-mod clean;
-mod clean_mtl;
 mod closed;
 mod convert;
 mod groups;
 mod map;
 mod mtl;
-mod plain;
 mod read;
-mod repair;
 mod tally;
 mod text;
 mod textures;
 
 use crate::error::InputError;
+use crate::import::guard::guarded;
 use crate::import::image_store::ImageStore;
+use crate::import::mesh_file::without_mark;
 use crate::import::options::{ImportOptions, Imported};
 use crate::import::recorded::recorded;
 use crate::import::warnings::Warnings;
@@ -37,6 +32,8 @@ use std::collections::HashMap;
 use std::path::Path;
 use tally::Tally;
 use textures::{Textures, load_beside};
+
+const RE_EXPORT: &str = "correct the line, or export the mesh again, as OBJ from another program or as glTF";
 
 /// Reads an OBJ file, its MTL libraries and their images. All must be in the folder of the OBJ or below.
 ///
@@ -61,15 +58,15 @@ use textures::{Textures, load_beside};
 /// | `aniso`, `anisor` | anisotropy; its rotation in turns |
 /// | `norm` | normal map, x and y scaled by `-bm` |
 /// | `map_Bump`, `bump` | normal map made from heights: at `-bm 1` white lies 1/100 of the image's width above black; an image that evidently holds normals is used as such |
-/// | `disp`, `refl`, `decal`, `-t`, `-cc`, `-type` | ignored with a warning |
-/// | `Ka`, `map_Ka`, `sharpness`, `-boost`, `-blendu`, `-blendv`, `-texres` | ignored |
+/// | `disp`, `refl`, `decal` and other keys, `-t`, `-cc`, `-type` | ignored with a warning |
+/// | `Ka`, `map_Ka`, `-boost`, `-blendu`, `-blendv`, `-texres` | ignored |
 /// | `-o`, `-s`, `-clamp`, `-mm`, `-imfchan`, `-colorspace` | honoured |
 ///
 /// # Errors
 /// If the file cannot be read, is no text, is beyond the limits, or contains no visible face.
 pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputError> {
     let loader = AssetLoader::new(path, options.limits);
-    let result = import(path, options, &loader);
+    let result = guarded(path, "the file", || import(path, options, &loader));
     recorded(loader, result)
 }
 
@@ -77,7 +74,8 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
 fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<Imported, InputError> {
     let bytes = loader.read_scene()?;
     let refuse = |problem: &str, help: &str| InputError::new(path, "the file", problem, help);
-    let Some((source, note)) = text::decode(bytes) else {
+    without_mark(&bytes, path)?;
+    let Some(source) = text::decode(bytes) else {
         return Err(refuse("holds binary data and is no OBJ text", "export the scene as Wavefront OBJ or glTF"));
     };
     if u32::try_from(source.len()).is_err() {
@@ -86,29 +84,20 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
 
     let mut warnings = Warnings::new(path);
     let mut tally = Tally::default();
-    if let Some(note) = note {
-        tally.note(note);
-    }
     let too_large = || {
         let most = options.limits.geometry_bytes >> 20;
         let problem = format!("its meshes need more than {most} MiB");
         refuse(&problem, "reduce the meshes, or raise the import limits")
     };
-    let parsed = read::read(&source, options.limits.geometry_bytes, &mut tally).map_err(|refused| match refused {
+    let parsed = read::read(source, options.limits.geometry_bytes, &mut tally).map_err(|refused| match refused {
         Refused::TooLarge => too_large(),
         Refused::Line(line, reason) => {
             let problem = format!("cannot be read as an OBJ statement: {reason}");
-            InputError::new(
-                path,
-                format!("line {line}"),
-                problem,
-                "correct or delete the line, or export the mesh again",
-            )
+            InputError::new(path, format!("line {line}"), problem, RE_EXPORT)
         }
     })?;
-    drop(source);
     let assembly = assemble::assemble(&parsed, &mut tally);
-    tally.report("", &mut warnings);
+    tally.report(&mut warnings);
     if assembly.parts.is_empty() {
         return Err(nothing_to_see(path, &parsed, warnings));
     }
@@ -117,7 +106,7 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
         return Err(too_large());
     }
 
-    let libraries = Libraries::load(&parsed, loader, &mut warnings);
+    let libraries = Libraries::load(&parsed, loader, &mut warnings)?;
     measure_images(path, options, &parsed, &libraries, &assembly)?;
     let store = ImageStore::decoding(&options.limits);
     let mut materials = Materials::new(&parsed, &libraries, Textures::new(loader, store));
@@ -130,7 +119,7 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
     for mut part in assembly.parts {
         let material = materials.find(part.material, part.closed, &mut warnings);
         // Faces before any name belong to an object too, which a job can name.
-        let name = match parsed.objects.get(part.object as usize) {
+        let name = match parsed.groups.objects.list.get(part.object as usize) {
             Some(name) if !name.is_empty() => name.clone(),
             _ => format!("object {}", part.object),
         };
@@ -174,34 +163,17 @@ fn measure_images(
     materials.textures.store.check(path)
 }
 
-/// The error for a file without a usable face. It lists the first repairs as reasons.
+/// The error for a file without a usable face. It lists the first warnings as reasons.
 fn nothing_to_see(path: &Path, parsed: &Parsed, warnings: Warnings) -> InputError {
-    let mut problem = match (parsed.positions.len(), parsed.faces.len()) {
-        (0, 0) => "holds no vertices and no faces".to_string(),
-        (n, 0) if parsed.dropped_faces > 0 => {
-            format!("holds {} and {}, of which none can be used", vertices(n), faces(parsed.dropped_faces))
-        }
-        (n, 0) => format!("holds {} but no face", vertices(n)),
-        (_, n) => format!("holds {}, of which none can be used", faces(n + parsed.dropped_faces)),
+    let (problem, help) = match parsed.faces.is_empty() {
+        true => ("holds no face", "export a polygon mesh (`f` statements)"),
+        false => ("none of its faces can be used", RE_EXPORT),
     };
+    let mut problem = problem.to_owned();
     for warning in warnings.finish().iter().take(2) {
         problem.push_str(&format!("; {warning}"));
     }
-    let has_faces = parsed.dropped_faces + parsed.faces.len() > 0;
-    let help = if has_faces {
-        "correct the faces (`f` statements), or export the mesh again"
-    } else {
-        "export a polygon mesh (`f` statements)"
-    };
     InputError::new(path, "the file", problem, help)
-}
-
-fn vertices(n: usize) -> String {
-    if n == 1 { "1 vertex".into() } else { format!("{n} vertices") }
-}
-
-fn faces(n: usize) -> String {
-    if n == 1 { "1 face".into() } else { format!("{n} faces") }
 }
 
 fn mesh_bytes(mesh: &Mesh) -> u64 {
@@ -213,118 +185,64 @@ fn mesh_bytes(mesh: &Mesh) -> u64 {
 }
 
 /// The materials of all libraries.
+#[derive(Default)]
 struct Libraries {
     /// With the folder of the library, relative to the OBJ.
     materials: Vec<(Mtl, String)>,
-    /// By name as written.
-    exact: HashMap<String, usize>,
-    /// By name without comment, case and doubled spaces.
-    loose: HashMap<String, usize>,
+    by_name: HashMap<String, usize>,
 }
 
 impl Libraries {
-    fn load(parsed: &Parsed, loader: &AssetLoader, warnings: &mut Warnings) -> Self {
-        let mut libraries = Self { materials: Vec::new(), exact: HashMap::new(), loose: HashMap::new() };
+    /// Reads all libraries. A missing one is a warning.
+    fn load(parsed: &Parsed, loader: &AssetLoader, warnings: &mut Warnings) -> Result<Self, InputError> {
+        let mut libraries = Self::default();
         let mut loaded: Vec<&str> = Vec::new();
-        for (line, names) in &parsed.libraries {
-            if !loaded.contains(&names.as_str()) {
-                loaded.push(names);
-                libraries.load_statement(*line, names, loader, warnings);
+        for (line, names) in &parsed.groups.libraries {
+            if loaded.contains(&names.as_str()) {
+                continue;
             }
-        }
-        libraries
-    }
-
-    /// `mtllib` allows several names, and names may contain spaces. First the whole text is tried as one name, then the
-    /// pieces that end in `.mtl`, then the words.
-    fn load_statement(&mut self, line: u32, names: &str, loader: &AssetLoader, warnings: &mut Warnings) {
-        let place = format!("line {line}");
-        let names = text::without_comment(names);
-        if self.load_file(names, &place, loader, warnings).is_ok() {
-            return;
-        }
-        let mut missing = Vec::new();
-        let mut found = false;
-        for piece in split_names(names) {
-            if piece == names {
-                missing.push(piece);
-            } else if self.load_file(piece, &place, loader, warnings).is_ok() {
-                found = true;
-            } else {
-                missing.push(piece);
+            loaded.push(names);
+            // `mtllib` allows several names, and names may contain spaces: first the whole text is tried as one name.
+            let words = || names.split_whitespace().filter(|word| word != names);
+            if libraries.load_file(names, loader, warnings)? {
+                continue;
             }
-        }
-        // A library beside the OBJ with its own name, or the named one with the usual extension, is probably the
-        // intended one.
-        if !found {
-            let stem = |name: &str| format!("{}.mtl", name.rsplit_once('.').map_or(name, |(stem, _)| stem));
-            let own = loader.scene_file().file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            for guess in [stem(names), format!("{own}.mtl")] {
-                if guess != names && self.load_file(&guess, &place, loader, warnings).is_ok() {
-                    warnings
-                        .push(&place, format!("the material library \"{names}\" cannot be read; \"{guess}\" is used"));
-                    return;
+            let mut missing: Vec<&str> = Vec::new();
+            for name in words() {
+                if !libraries.load_file(name, loader, warnings)? {
+                    missing.push(name);
                 }
             }
+            if missing.len() == words().count() {
+                missing = vec![names];
+            }
+            for name in missing {
+                let message = format!("the material library \"{name}\" cannot be read; its materials become grey");
+                warnings.push(format!("line {line}"), message);
+            }
         }
-        for name in missing {
-            warnings.push(&place, format!("the material library \"{name}\" cannot be read; its materials become grey"));
-        }
+        Ok(libraries)
     }
 
-    fn load_file(
-        &mut self,
-        name: &str,
-        place: &str,
-        loader: &AssetLoader,
-        warnings: &mut Warnings,
-    ) -> Result<(), String> {
-        let found = load_beside(loader, "", name, Role::MaterialLibrary)?;
-        let path = found.instead.as_deref().unwrap_or(name).replace('\\', "/");
-        if found.instead.is_some() {
-            warnings.push(place, format!("the material library \"{name}\" is not there; \"{path}\" is used"));
-        }
-        let (source, note) = text::decode(found.bytes).ok_or("holds binary data")?;
-        let mut tally = Tally::default();
-        if let Some(note) = note {
-            tally.note(note);
-        }
+    /// `false` if the file is not there.
+    fn load_file(&mut self, name: &str, loader: &AssetLoader, warnings: &mut Warnings) -> Result<bool, InputError> {
+        let Ok(bytes) = load_beside(loader, "", name, Role::MaterialLibrary) else { return Ok(false) };
+        let path = name.replace('\\', "/");
+        let file = loader.scene_file().with_file_name(&path);
+        without_mark(&bytes, &file)?;
+        let refuse = |place: String, problem: String| InputError::new(&file, place, problem, RE_EXPORT);
+        let source = text::decode(bytes).ok_or_else(|| refuse("the file".into(), "holds binary data".into()))?;
+        let materials = mtl::read(&source, &path, warnings).map_err(|(line, reason)| {
+            refuse(format!("line {line}"), format!("cannot be read as an MTL statement: {reason}"))
+        })?;
         let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
-        for material in mtl::read(&source, &mut tally)? {
-            let id = self.materials.len();
+        for material in materials {
             // Of several materials with the same name, the first is used.
-            self.exact.entry(material.name.clone()).or_insert(id);
-            self.loose.entry(loosely(&material.name)).or_insert(id);
+            self.by_name.entry(material.name.clone()).or_insert(self.materials.len());
             self.materials.push((material, folder.to_string()));
         }
-        tally.report(&path, warnings);
-        Ok(())
+        Ok(true)
     }
-
-    fn find(&self, name: &str) -> Option<usize> {
-        self.exact.get(name).or_else(|| self.loose.get(&loosely(name))).copied()
-    }
-}
-
-/// Pieces of a list of file names: up to a word that ends in `.mtl`, else word by word.
-fn split_names(names: &str) -> Vec<&str> {
-    let lower = names.to_ascii_lowercase();
-    let mut pieces = Vec::new();
-    let mut start = 0;
-    for (i, _) in lower.match_indices(".mtl") {
-        let end = i + ".mtl".len();
-        let at_word_end = lower.get(end..).is_none_or(|rest| rest.is_empty() || rest.starts_with(char::is_whitespace));
-        if at_word_end && end > start {
-            pieces.push(names[start..end].trim());
-            start = end;
-        }
-    }
-    pieces.extend(names[start..].split_whitespace());
-    pieces
-}
-
-fn loosely(name: &str) -> String {
-    text::without_comment(name).split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase()
 }
 
 /// The scene's materials, converted when first used.
@@ -351,10 +269,10 @@ impl<'a> Materials<'a> {
         if let Some(index) = refracts.and_then(|r| self.known.get(&(id, r && closed))) {
             return *index;
         }
-        let name = self.parsed.materials.get(id as usize).map_or("", String::as_str);
-        let Converted { mut material, refracts } = match self.libraries.find(name) {
+        let name = self.parsed.groups.materials.list.get(id as usize).map_or("", String::as_str);
+        let Converted { mut material, refracts } = match self.libraries.by_name.get(name) {
             Some(found) => {
-                let (mtl, folder) = &self.libraries.materials[found];
+                let (mtl, folder) = &self.libraries.materials[*found];
                 convert(mtl, folder, &mut self.textures, warnings)
             }
             None => {

@@ -39,7 +39,7 @@ fn rich() -> Asset {
         "KHR_materials_volume": {"thicknessFactor": 1}, "KHR_materials_transmission": {"transmissionFactor": 1}}}]);
     a.json["meshes"][0]["weights"] = json!([0.5]);
     a.json["skins"] = json!([{"joints": [1]}]);
-    a.json["cameras"] = json!([{"type": "perspective", "perspective": {"yfov": 1}}]);
+    a.json["cameras"] = json!([{"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}}]);
     a.json["extensions"] = json!({"KHR_lights_punctual": {"lights": [{"type": "spot", "spot": {}}]}});
     a.json["nodes"] = json!([
         {"mesh": 0, "skin": 0},
@@ -216,10 +216,10 @@ fn versions_and_empty_files_are_reported() {
     let fail = |bytes: &[u8]| load_bytes(bytes, "a.gltf", &ImportOptions::default()).expect_err("refused").to_string();
     assert!(fail(b"").contains("empty"));
     assert!(fail(b"hello").contains("JSON, line 1"));
-    assert!(fail(br#"{"asset": {"version": "1.0"}, "meshes": {}}"#).contains("version 1.0"));
+    assert!(fail(br#"{"asset": {"version": "1.0"}, "meshes": {}}"#).contains("version \"1.0\""));
     assert!(fail(br#"{"asset": {"version": "2.1", "minVersion": "2.1"}}"#).contains("2.1"));
     assert!(fail(&"[".repeat(1_000_000).into_bytes()).contains("JSON"));
-    assert!(fail(br#"{"asset": {"version": "2.0"}, "nodes": [["not", "an", "object"]]}"#).contains("an object"));
+    assert!(fail(br#"{"asset": {"version": "2.0"}, "nodes": [["not", "an", "object"]]}"#).contains("JSON, line 1"));
     let nothing = load_bytes(br#"{"asset": {"version": "2.0"}}"#, "a.gltf", &ImportOptions::default());
     assert!(warns(&nothing.expect("an empty scene is a scene"), &["no mesh"]));
 }

@@ -1,6 +1,5 @@
 //! Reads accessors: every offset, count and component type is checked against the available bytes.
 
-use super::complete::{ACCESSOR_COMPONENT, ACCESSOR_TYPE, SPARSE_COMPONENT};
 use super::container::Asset;
 use crate::import::warnings::Warnings;
 use gltf::json::accessor::{ComponentType, Type, VALID_ACCESSOR_TYPES, sparse::Sparse};
@@ -206,10 +205,8 @@ impl<'a> Accessors<'a> {
     }
 
     fn resolve(&self, index: usize, accessor: &Accessor) -> Result<View<'a>, String> {
-        let unknown = &self.asset.document.unknown;
         let Checked::Valid(component) = accessor.component_type else {
-            let code = unknown.get(ACCESSOR_COMPONENT, &[index]);
-            return Err(format!("accessor {index}: component type {code} does not exist"));
+            return Err(format!("accessor {index} has a component type that does not exist"));
         };
         let component = component.0;
         let kind = match accessor.type_ {
@@ -217,10 +214,7 @@ impl<'a> Accessors<'a> {
             // Columns of small components are padded to 4 bytes. Only float matrices are used here.
             Checked::Valid(kind @ Type::Mat4) if component == ComponentType::F32 => kind,
             Checked::Valid(other) => return Err(format!("accessor {index} has the type \"{}\"", name_of(other))),
-            Checked::Invalid => {
-                let name = unknown.get(ACCESSOR_TYPE, &[index]);
-                return Err(format!("accessor {index} has the type \"{name}\""));
-            }
+            Checked::Invalid => return Err(format!("accessor {index} has a type that does not exist")),
         };
         let components = kind.multiplicity();
         let size = component.size() * components;
@@ -267,8 +261,7 @@ impl<'a> Accessors<'a> {
         let fail = |what: String| Err(format!("accessor {index}, sparse: {what}"));
         let n = whole(sparse.count);
         let Checked::Valid(component) = sparse.indices.component_type else {
-            let code = self.asset.document.unknown.get(SPARSE_COMPONENT, &[index]);
-            return fail(format!("its indices have the component type {code}, where 5121, 5123 or 5125 belong"));
+            return fail("the component type of its indices is not 5121, 5123 or 5125".into());
         };
         let component = component.0;
         if n > count {

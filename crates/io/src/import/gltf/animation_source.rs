@@ -30,13 +30,8 @@ pub(super) struct SamplerSource {
     pub(super) interpolation: Option<String>,
 }
 
-/// The animations of a JSON text. A text whose animations cannot be read has none.
-pub(super) fn read(json: &[u8]) -> Vec<Animation> {
-    #[derive(Default, Deserialize)]
-    struct Source {
-        #[serde(default)]
-        animations: Vec<Value>,
-    }
-    let source: Source = serde_json::from_slice(json).unwrap_or_default();
-    source.animations.into_iter().map(|a| Animation::deserialize(a).unwrap_or_default()).collect()
+/// The animations of a file. One that cannot be read has no channels.
+pub(super) fn read(animations: Option<Value>) -> Vec<Animation> {
+    let Some(Value::Array(animations)) = animations else { return Vec::new() };
+    animations.into_iter().map(|a| Animation::deserialize(a).unwrap_or_default()).collect()
 }

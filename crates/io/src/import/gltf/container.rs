@@ -6,9 +6,8 @@ use crate::import::guard::guarded;
 use crate::import::warnings::Warnings;
 use crate::input::Role;
 use crate::loader::AssetLoader;
-use gltf::binary::{ChunkType, Error as GlbError, Glb};
+use gltf::binary::Glb;
 use gltf::json::accessor::sparse::Sparse;
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::Path;
@@ -71,13 +70,13 @@ enum BufferData {
 impl Asset {
     /// Reads container, JSON and buffers.
     pub(super) fn load(loader: &AssetLoader, warnings: &mut Warnings) -> Result<Self, InputError> {
-        let mut file = loader.read_scene()?;
+        let file = loader.read_scene()?;
         let path = loader.scene_file();
-        let parts = guarded(path, "GLB header", || split(&mut file, path, warnings))?;
+        let parts = guarded(path, "GLB header", || split(&file, path))?;
         let json = file.get(parts.json).unwrap_or_default();
         let objects = loader.limits().json_objects;
         let from_blender = json.windows(BLENDER.len()).take(GENERATOR_AT_MOST).any(|w| w == BLENDER);
-        let document = guarded(path, "JSON", || Document::read(json, path, objects, warnings))?;
+        let document = guarded(path, "JSON", || Document::read(json, path, objects))?;
         check_extensions(&document, path, warnings)?;
         let buffers = load_buffers(&document, parts.binary, loader, warnings)?;
         Ok(Self { document, from_blender, file, buffers })
@@ -111,40 +110,20 @@ fn damaged(path: &Path, place: impl Into<String>, problem: impl Into<String>) ->
     InputError::new(path, place, problem, "export or copy the file again: it is damaged or cut short")
 }
 
-/// Finds JSON and binary chunk; a file of bare JSON has only JSON. Other chunks of a GLB are left out.
-fn split(file: &mut Vec<u8>, path: &Path, warnings: &mut Warnings) -> Result<Parts, InputError> {
-    if !file.starts_with(GLB_MAGIC) {
-        return bare_json(file, path);
-    }
-    check_header(file, path, warnings)?;
-    if let Cow::Owned(kept) = without_other_chunks(file) {
-        *file = kept;
-    }
-    let glb = Glb::from_slice(file).map_err(|e| glb_error(&e, file, path))?;
-    let start = FILE_HEADER + CHUNK_HEADER;
-    let json = start..start + glb.json.len();
-    if json.is_empty() {
-        return Err(damaged(path, "GLB chunk 0", "the JSON chunk is empty"));
-    }
-    let binary = glb.bin.map(|bin| json.end + CHUNK_HEADER..json.end + CHUNK_HEADER + bin.len());
-    Ok(Parts { json: without_mark(file, json), binary })
-}
-
-fn bare_json(file: &[u8], path: &Path) -> Result<Parts, InputError> {
+/// Finds JSON and binary chunk; a file of bare JSON has only JSON.
+fn split(file: &[u8], path: &Path) -> Result<Parts, InputError> {
+    let is_glb = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"));
     if file.is_empty() {
         return Err(damaged(path, "file", "the file is empty"));
     }
-    let json = without_mark(file, 0..file.len());
-    let is_object = file.get(json.clone()).is_some_and(|json| json.trim_ascii_start().starts_with(b"{"));
-    if !is_object && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
-        let start = file[..file.len().min(4)].escape_ascii();
-        return Err(damaged(path, "GLB header", format!("the file begins with \"{start}\" instead of \"glTF\"")));
+    if !file.starts_with(GLB_MAGIC) {
+        let json = without_mark(file, 0..file.len());
+        if is_glb && !file[json.clone()].trim_ascii_start().starts_with(b"{") {
+            let start = file[..file.len().min(4)].escape_ascii();
+            return Err(damaged(path, "GLB header", format!("the file begins with \"{start}\" instead of \"glTF\"")));
+        }
+        return Ok(Parts { json, binary: None });
     }
-    Ok(Parts { json, binary: None })
-}
-
-/// Checks version and length, which `Glb::from_slice` requires, and removes bytes after the end.
-fn check_header(file: &mut Vec<u8>, path: &Path, warnings: &mut Warnings) -> Result<(), InputError> {
     let fail = |problem: String| Err(damaged(path, "GLB header", problem));
     let (Some(version), Some(length)) = (u32_at(file, 4), u32_at(file, 8)) else {
         return fail(format!("the header needs 12 bytes, the file has {}", file.len()));
@@ -152,68 +131,27 @@ fn check_header(file: &mut Vec<u8>, path: &Path, warnings: &mut Warnings) -> Res
     if version != 2 {
         return Err(old_version(path, "GLB header", &version.to_string()));
     }
-    let (length, present) = (length as usize, file.len());
-    if length > present {
-        return fail(format!("by its header the file has {length} bytes, but it has {present}: it is cut short"));
-    }
-    if length < FILE_HEADER + CHUNK_HEADER {
+    // `Glb::from_slice` panics at a length below that of the header.
+    if (length as usize) < FILE_HEADER + CHUNK_HEADER {
         return fail(format!("by its header the file has {length} bytes, too few for header and JSON chunk"));
     }
-    if length < present {
-        warnings.push("GLB header", format!("{} bytes after the end are ignored", present - length));
-        file.truncate(length);
-    }
-    Ok(())
-}
-
-/// The file without chunks after the first one, except the first binary chunk, and without a rest that is too short for
-/// a chunk. By the format, programs ignore these. `Glb::from_slice` refuses them.
-fn without_other_chunks(file: &[u8]) -> Cow<'_, [u8]> {
-    let chunk_end = |start: usize| Some(start + CHUNK_HEADER + u32_at(file, start)? as usize);
-    let is_binary = |start: usize| file.get(start + 4..start + 8) == Some(b"BIN\0");
-    let Some(json_end) = chunk_end(FILE_HEADER).filter(|end| *end < file.len()) else { return file.into() };
-    if is_binary(json_end) {
-        return file.into();
-    }
-    let mut start = json_end;
-    while file.len() - start >= CHUNK_HEADER && !is_binary(start) {
-        match chunk_end(start).filter(|end| *end <= file.len()) {
-            Some(end) => start = end,
-            None => return file.into(),
-        }
-    }
-    let binary = if is_binary(start) { &file[start..] } else { &[] };
-    let mut kept = [&file[..json_end], binary].concat();
-    let length = kept.len() as u32;
-    if let Some(field) = kept.get_mut(8..FILE_HEADER) {
-        field.copy_from_slice(&length.to_le_bytes());
-    }
-    kept.into()
-}
-
-/// The crate's error about a container with a valid header.
-fn glb_error(e: &gltf::Error, file: &[u8], path: &Path) -> InputError {
-    let first = |kind: [u8; 4]| {
-        let name = kind.escape_ascii();
-        damaged(path, "GLB chunk 0", format!("the first chunk has the type \"{name}\", where \"JSON\" belongs"))
+    let Some(whole) = file.get(..length as usize) else {
+        let present = file.len();
+        return fail(format!("by its header the file has {length} bytes, but it has {present}: it is cut short"));
     };
-    match e {
-        gltf::Error::Binary(GlbError::ChunkLength { ty, length, length_read }) => {
-            let number = if matches!(ty, ChunkType::Json) { 0 } else { 1 };
-            let problem = format!("the chunk should have {length} bytes, but {length_read} are left");
-            damaged(path, format!("GLB chunk {number}"), problem)
-        }
-        gltf::Error::Binary(GlbError::UnknownChunkType(kind)) if file.get(16..20) == Some(kind) => first(*kind),
-        gltf::Error::Binary(GlbError::ChunkType(ChunkType::Bin)) => first(*b"BIN\0"),
-        other => damaged(path, "GLB chunk 1", format!("the chunks after the JSON cannot be read: {other}")),
-    }
+    let glb = Glb::from_slice(whole).map_err(|e| {
+        damaged(path, "GLB chunks", format!("the file does not consist of JSON and one binary chunk: {e}"))
+    })?;
+    let start = FILE_HEADER + CHUNK_HEADER;
+    let json = start..start + glb.json.len();
+    let binary = glb.bin.map(|bin| json.end + CHUNK_HEADER..json.end + CHUNK_HEADER + bin.len());
+    Ok(Parts { json: without_mark(file, json), binary })
 }
 
 /// JSON without the byte order mark that some programs write before it.
 fn without_mark(file: &[u8], json: Range<usize>) -> Range<usize> {
-    const MARK: &[u8] = b"\xef\xbb\xbf";
-    let is_marked = file.get(json.clone()).is_some_and(|json| json.starts_with(MARK));
-    if is_marked { json.start + MARK.len()..json.end } else { json }
+    let is_marked = file[json.clone()].starts_with(b"\xef\xbb\xbf");
+    if is_marked { json.start + 3..json.end } else { json }
 }
 
 fn check_extensions(document: &Document, path: &Path, warnings: &mut Warnings) -> Result<(), InputError> {

@@ -1,11 +1,8 @@
 //! The JSON of an asset with the types of `gltf::json`, and the data that these types do not contain.
 
 use super::animation_source::{self, Animation};
-use super::complete::{UnknownCodes, complete};
 use super::extensions::{OfDocument, OfMaterial, OfNode, OfNormalTexture, OfTexture, Profile, Transform};
-use super::lenient;
 use crate::error::{InputError, SourceSpan};
-use crate::import::warnings::Warnings;
 use gltf::json;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -22,8 +19,6 @@ const VALUES_PER_OBJECT: usize = 32;
 pub(super) struct Document {
     /// The data typed by `gltf::json`.
     pub(super) root: json::Root,
-    /// Codes that `gltf::json` does not support.
-    pub(super) unknown: UnknownCodes,
     /// Transforms of the nodes.
     pub(super) transforms: Vec<Transform>,
     /// Untyped extensions of the nodes.
@@ -42,17 +37,23 @@ pub(super) struct Document {
 
 impl Document {
     /// Parses a JSON text with at most `objects` objects.
-    pub(super) fn read(json: &[u8], path: &Path, objects: usize, warnings: &mut Warnings) -> Result<Self, InputError> {
+    pub(super) fn read(json: &[u8], path: &Path, objects: usize) -> Result<Self, InputError> {
         check_size(json, path, objects)?;
-        let mut members = lenient::read(json).map_err(|e| syntax_error(json, path, &e))?;
-        check_version(&mut members, path, warnings)?;
-        let unknown = complete(&mut members);
-        let mut document = Self::from_members(members, unknown).map_err(|fault| fault.at(json, path))?;
-        document.animations = animation_source::read(json);
-        Ok(document)
+        let mut members: Map<String, Value> = serde_json::from_slice(json).map_err(|e| syntax_error(json, path, &e))?;
+        check_version(&members, path)?;
+        // `gltf::json` refuses channels of KHR_animation_pointer, which have no node.
+        let animations = animation_source::read(members.remove("animations"));
+        // Blender writes an empty scene without the list of its nodes.
+        for scene in members.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
+            if let Some(scene) = scene.as_object_mut() {
+                scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
+            }
+        }
+        let document = Self::from_members(members).map_err(|fault| fault.at(json, path))?;
+        Ok(Self { animations, ..document })
     }
 
-    fn from_members(members: Map<String, Value>, unknown: UnknownCodes) -> Result<Self, TypeFault> {
+    fn from_members(members: Map<String, Value>) -> Result<Self, TypeFault> {
         // Faults in transforms are also found by the types of the nodes.
         let transform = |node: &Value| Transform::deserialize(node).unwrap_or_default();
         let nodes = members.get("nodes").and_then(Value::as_array);
@@ -67,7 +68,7 @@ impl Document {
         })?;
         let profiles = of_document.profiles.lights;
         let animations = Vec::new();
-        Ok(Self { root, unknown, transforms, nodes, materials, normal_textures, textures, profiles, animations })
+        Ok(Self { root, transforms, nodes, materials, normal_textures, textures, profiles, animations })
     }
 }
 
@@ -178,21 +179,10 @@ fn check_size(json: &[u8], path: &Path, objects: usize) -> Result<(), InputError
 }
 
 /// Refuses versions other than 2.0 before other data is parsed.
-fn check_version(members: &mut Map<String, Value>, path: &Path, warnings: &mut Warnings) -> Result<(), InputError> {
-    let asset = members.entry("asset").or_insert_with(|| Value::Object(Map::new()));
-    let Some(asset) = asset.as_object_mut() else { return Ok(()) };
-    let version = asset.entry("version").or_insert_with(|| {
-        warnings.push("asset.version", "the version is missing; the file is read as glTF 2.0");
-        "2.0".into()
-    });
-    let Some(version) = version.as_str() else { return Ok(()) };
-    if !version.starts_with(|c: char| c.is_ascii_digit()) {
-        let problem = match version.trim() {
-            "" => "the version is an empty text".to_string(),
-            other => format!("\"{other}\" is no version"),
-        };
-        return Err(InputError::new(path, "asset.version", problem, "write \"2.0\", or export the scene as glTF 2.0"));
-    }
+fn check_version(members: &Map<String, Value>, path: &Path) -> Result<(), InputError> {
+    // The types of the crate find other faults of the asset.
+    let Some(asset) = members.get("asset") else { return Ok(()) };
+    let Some(version) = asset.get("version").and_then(Value::as_str) else { return Ok(()) };
     if version.split('.').next() != Some("2") {
         return Err(old_version(path, "asset.version", version));
     }
@@ -211,7 +201,7 @@ pub(super) fn old_version(path: &Path, place: &str, version: &str) -> InputError
     InputError::new(
         path,
         place,
-        format!("this is glTF version {version}, but only 2.0 is read"),
+        format!("this is glTF version \"{version}\", but only 2.0 is read"),
         "export the scene as glTF 2.0",
     )
 }

@@ -17,8 +17,8 @@ use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::path::PathBuf;
 
 /// Converts a light of KHR_lights_punctual: candela to W/sr and lux to W/m^2, both by [`LUMENS_PER_WATT`]. `None`, after
-/// a warning, for one that cannot be used. `code` is its type as the file has it, if the extension has no such type.
-pub(super) fn light(source: &Light, code: &str, place: &str, warnings: &mut Warnings) -> Option<PunctualKind> {
+/// a warning, for one that cannot be used.
+pub(super) fn light(source: &Light, place: &str, warnings: &mut Warnings) -> Option<PunctualKind> {
     let color = Rgb::from_array(source.color);
     let strength = color * source.intensity * (1.0 / LUMENS_PER_WATT);
     if !strength.is_finite() || strength.to_array().iter().any(|v| *v < 0.0) {
@@ -36,8 +36,7 @@ pub(super) fn light(source: &Light, code: &str, place: &str, warnings: &mut Warn
             Some(PunctualKind::Spot { intensity: strength, inner, outer })
         }
         Checked::Invalid => {
-            let kind = if code.is_empty() { "(none)" } else { code };
-            warnings.push(place, format!("the light type {kind} does not exist; the light is left out"));
+            warnings.push(place, "its type does not exist; the light is left out");
             None
         }
     }

@@ -1,6 +1,5 @@
 //! glTF materials: metallic-roughness and the KHR_materials extensions.
 
-use super::complete::ALPHA_MODE;
 use super::document::Document;
 use super::extensions::{OfMaterial, OfNormalTexture};
 use super::reader::Reader;
@@ -26,7 +25,6 @@ pub(super) struct Source<'a> {
     extensions: Option<&'a typed::Material>,
     untyped: &'a OfMaterial,
     normal: &'a OfNormalTexture,
-    alpha_mode: &'a str,
 }
 
 impl<'a> Source<'a> {
@@ -40,7 +38,6 @@ impl<'a> Source<'a> {
             extensions: material.extensions.as_ref(),
             untyped: document.materials.get(index)?,
             normal: document.normal_textures.get(index)?,
-            alpha_mode: document.unknown.get(ALPHA_MODE, &[index]),
         })
     }
 
@@ -63,7 +60,7 @@ pub(super) fn convert(source: &Source<'_>, unit: EmissiveUnit, r: &mut Reader<'_
         }
         Checked::Valid(JsonAlphaMode::Blend) => AlphaMode::Blend,
         Checked::Invalid => {
-            r.warn(format!("the alpha mode \"{}\" does not exist; the material is opaque", source.alpha_mode));
+            r.warn("its alpha mode does not exist; the material is opaque");
             AlphaMode::Opaque
         }
     };

@@ -1,6 +1,6 @@
 //! glTF 2.0 (.gltf and .glb): from the JSON and its buffers to a [`SceneBuilder`].
 //!
-//! The crate `gltf` reads the container and parses the JSON. The JSON is relaxed before (`lenient`, `complete`).
+//! The crate `gltf` reads the container and types the JSON: a file that it refuses is refused, with line and column.
 //! `extensions` reads the data without types in the crate. Every offset, count and index is checked before its use, so
 //! that a hostile file causes an error and not a panic. Data that a viewer could still show is used, with a warning.
 //!
@@ -10,13 +10,11 @@
 mod accessor;
 mod animation;
 mod animation_source;
-mod complete;
 mod container;
 mod deform;
 mod document;
 mod extensions;
 mod hints;
-mod lenient;
 mod light;
 mod material;
 mod nodes;
@@ -33,7 +31,6 @@ use crate::import::warnings::Warnings;
 use crate::loader::AssetLoader;
 use accessor::{Accessors, Stored};
 use animation::Channels;
-use complete::{LIGHT_TYPE, PRIMITIVE_MODE};
 use container::Asset;
 use deform::{Deformation, Pose};
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, RigidMotion};
@@ -41,7 +38,6 @@ use dunkelfeld_scene::{Camera, Instance, MeshPart, PunctualKind, PunctualLight, 
 use extensions::{Instancing, ProfileReference};
 use gltf::json::Index;
 use gltf::json::extensions::scene::khr_lights_punctual::Light;
-use lenient::ABSENT;
 use nodes::{Hierarchy, is_invertible, node_place};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -198,7 +194,6 @@ impl Importer<'_> {
         let place = node_place(document, index);
         let transform = to_world[index];
         let light = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()).map(|l| l.light.value());
-        let light = light.filter(|l| *l != ABSENT as usize);
         let profile = document.nodes.get(index).and_then(|n| n.profile.as_ref());
         let placeable = transform.is_finite();
         if !placeable && (node.mesh.is_some() || node.camera.is_some() || light.is_some() || profile.is_some()) {
@@ -245,8 +240,7 @@ impl Importer<'_> {
             return self.warnings.push(place, "its scale is 0; the light is left out");
         }
         let place = format!("light {index} \"{name}\"");
-        let code = document.unknown.get(LIGHT_TYPE, &[index]);
-        if let Some(kind) = light::light(source, code, &place, &mut self.warnings) {
+        if let Some(kind) = light::light(source, &place, &mut self.warnings) {
             self.scene.lights.push(PunctualLight { name, to_world, kind });
         }
     }
@@ -398,9 +392,7 @@ impl Importer<'_> {
             let material = self.material(primitive.material.map(|m| m.value()), &place);
             let pose = skin.and_then(|s| self.poses.get(&s)).and_then(Option::as_ref);
             let deformation = Deformation { weights, skin: pose };
-            let code = document.unknown.get(PRIMITIVE_MODE, &[index, i]);
-            let read =
-                primitive::read_primitive(self.accessors, primitive, code, &deformation, &place, &mut self.warnings);
+            let read = primitive::read_primitive(self.accessors, primitive, &deformation, &place, &mut self.warnings);
             let mut mesh = match read {
                 Ok(Some(mesh)) => mesh,
                 Ok(None) => continue,

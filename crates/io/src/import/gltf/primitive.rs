@@ -10,17 +10,15 @@ use gltf::json::validation::Checked;
 use std::cell::Cell;
 
 /// Reads a primitive in its default pose. `Ok(None)` means that there is nothing to render (points, lines). An error
-/// gives the reason why the data cannot be used. `code` is the primitive's mode as the file has it, if the format has
-/// no such mode.
+/// gives the reason why the data cannot be used.
 pub(super) fn read_primitive(
     accessors: &Accessors<'_>,
     primitive: &Primitive,
-    code: &str,
     deformation: &Deformation<'_>,
     place: &str,
     warnings: &mut Warnings,
 ) -> Result<Option<Mesh>, String> {
-    let Checked::Valid(mode) = primitive.mode else { return Err(format!("the primitive mode {code} does not exist")) };
+    let Checked::Valid(mode) = primitive.mode else { return Err("its mode does not exist".into()) };
     if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
         let what = if mode == Mode::Points { "points" } else { "lines" };
         warnings.push(place, format!("{what} have no surface and are left out"));

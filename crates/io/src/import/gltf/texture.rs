@@ -1,9 +1,7 @@
 //! Texture references: sampler, encoding, coordinates; images of the same content are decoded once.
 
 use super::accessor::Accessors;
-use super::complete::{WRAP_S, WRAP_T};
 use super::container::Asset;
-use super::lenient::ABSENT;
 use crate::import::image_store::{Content, ImageStore};
 use crate::import::warnings::Warnings;
 use crate::input::Role;
@@ -61,9 +59,6 @@ impl<'a> Textures<'a> {
         warnings: &mut Warnings,
     ) -> Result<Option<Texture>, String> {
         let document = &self.asset.document;
-        if info.index.value() == ABSENT as usize {
-            return Err("it has no index".into());
-        }
         let texture = document.root.get(info.index).ok_or_else(|| format!("texture {} does not exist", info.index))?;
         let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
         let uv_set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
@@ -79,13 +74,12 @@ impl<'a> Textures<'a> {
                 Sampler::default()
             }),
         };
-        let mut wrap = |mode: Checked<WrappingMode>, kind| match mode {
+        let mut wrap = |mode: Checked<WrappingMode>| match mode {
             Checked::Valid(WrappingMode::Repeat) => Wrap::Repeat,
             Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
             Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
             Checked::Invalid => {
-                let code = texture.sampler.map_or("", |s| document.unknown.get(kind, &[s.value()]));
-                warnings.push(place, format!("wrap mode {code} does not exist; the texture repeats"));
+                warnings.push(place, "the wrap mode of a texture does not exist; the texture repeats");
                 Wrap::Repeat
             }
         };
@@ -93,7 +87,7 @@ impl<'a> Textures<'a> {
         Ok(Some(Texture {
             image,
             encoding,
-            wrap: [wrap(sampler.wrap_s, WRAP_S), wrap(sampler.wrap_t, WRAP_T)],
+            wrap: [wrap(sampler.wrap_s), wrap(sampler.wrap_t)],
             filter: if is_nearest { Filter::Nearest } else { Filter::Linear },
             uv_set,
             transform: transform.map_or_else(TextureTransform::default, convert_transform),
@@ -104,7 +98,8 @@ impl<'a> Textures<'a> {
     fn source(&mut self, index: usize, warnings: &mut Warnings) -> Result<Option<ImageId>, String> {
         let document = &self.asset.document;
         let texture = document.root.textures.get(index);
-        let plain = texture.map(|t| t.source).filter(|s| s.value() != ABSENT as usize);
+        // The crate's value for a texture without a source.
+        let plain = texture.map(|t| t.source).filter(|s| s.value() != u32::MAX as usize);
         let candidates = [plain, document.textures.get(index).and_then(|t| t.webp.source)];
         let extensions = texture.and_then(|t| t.extensions.as_ref());
         let has_basisu = extensions.is_some_and(|e| e.others.contains_key("KHR_texture_basisu"));

@@ -7,12 +7,12 @@ use super::text;
 use std::collections::HashMap;
 
 /// The names of a file and the present ones.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Groups {
     /// Names of objects and groups; the first is that of faces before any name.
-    pub objects: Vec<String>,
-    /// Material names in order of first use, as written; the first, empty one is "none".
-    pub materials: Vec<String>,
+    pub objects: Names,
+    /// Material names in order of first use; the first, empty one is "none".
+    pub materials: Names,
     /// Material libraries and their lines, as written.
     pub libraries: Vec<(u32, String)>,
     /// Index into `objects`.
@@ -21,30 +21,36 @@ pub(super) struct Groups {
     pub material: u32,
     /// Smoothing group; 0 is off.
     pub smoothing: u32,
-    object_ids: HashMap<String, u32>,
-    material_ids: HashMap<String, u32>,
     o: String,
     g: String,
 }
 
-impl Groups {
-    /// The state before the first statement.
-    pub(super) fn new() -> Self {
-        let unnamed = || HashMap::from([(String::new(), 0)]);
-        Self {
-            objects: vec![String::new()],
-            materials: vec![String::new()],
-            libraries: Vec::new(),
-            object: 0,
-            material: 0,
-            smoothing: 0,
-            object_ids: unnamed(),
-            material_ids: unnamed(),
-            o: String::new(),
-            g: String::new(),
-        }
-    }
+/// Names in order of first use. The first one is empty.
+#[derive(Debug)]
+pub(super) struct Names {
+    pub list: Vec<String>,
+    ids: HashMap<String, u32>,
+}
 
+impl Default for Names {
+    fn default() -> Self {
+        Self { list: vec![String::new()], ids: HashMap::from([(String::new(), 0)]) }
+    }
+}
+
+impl Names {
+    fn id(&mut self, name: &str) -> u32 {
+        if let Some(id) = self.ids.get(name) {
+            return *id;
+        }
+        let id = self.list.len() as u32;
+        self.list.push(name.to_string());
+        self.ids.insert(name.to_string(), id);
+        id
+    }
+}
+
+impl Groups {
     /// Executes a statement. `false` if it does not set a name.
     pub(super) fn statement(&mut self, line: u32, key: &str, rest: &str) -> bool {
         let data = text::without_comment(rest);
@@ -58,10 +64,12 @@ impl Groups {
                 self.g = data.split_whitespace().collect::<Vec<_>>().join(" ");
                 self.name_object();
             }
-            "s" => self.smoothing = smoothing_group(data),
-            // Names may contain spaces and even '#'. The search for the name handles these.
-            "usemtl" => self.material = intern(&mut self.material_ids, &mut self.materials, rest),
-            "mtllib" => self.libraries.push((line, rest.to_string())),
+            // `off` is 0.
+            "s" if data == "on" => self.smoothing = 1,
+            "s" => self.smoothing = data.parse().unwrap_or(0),
+            // Names may contain spaces and `#`.
+            "usemtl" => self.material = self.materials.id(rest),
+            "mtllib" => self.libraries.push((line, data.to_string())),
             _ => return false,
         }
         true
@@ -69,29 +77,11 @@ impl Groups {
 
     /// `o` begins an object. A `g` in it with another name is a separate object.
     fn name_object(&mut self) {
-        let name = match (self.o.as_str(), self.g.as_str()) {
-            (o, "" | "default") => o.to_string(),
-            ("", g) => g.to_string(),
-            (o, g) if o == g => g.to_string(),
-            (o, g) => format!("{o}/{g}"),
+        self.object = match (self.o.as_str(), self.g.as_str()) {
+            (o, "" | "default") => self.objects.id(o),
+            ("", g) => self.objects.id(g),
+            (o, g) if o == g => self.objects.id(g),
+            (o, g) => self.objects.id(&format!("{o}/{g}")),
         };
-        self.object = intern(&mut self.object_ids, &mut self.objects, &name);
     }
-}
-
-fn smoothing_group(data: &str) -> u32 {
-    match data.split_whitespace().next().unwrap_or("off") {
-        "on" => 1,
-        word => word.parse().unwrap_or(0),
-    }
-}
-
-fn intern(ids: &mut HashMap<String, u32>, names: &mut Vec<String>, name: &str) -> u32 {
-    if let Some(id) = ids.get(name) {
-        return *id;
-    }
-    let id = names.len() as u32;
-    names.push(name.to_string());
-    ids.insert(name.to_string(), id);
-    id
 }

@@ -1,37 +1,37 @@
-//! Reads the cleaned text with `tobj`, and converts its arrays and the separately stored names to plain lists.
+//! Reads an OBJ file with `tobj`.
+//!
+//! `tobj` gets the vertices, texture coordinates, normals and faces, in one model. Its errors contain no line, and it
+//! misreads some statements without an error. So each line is checked before.
 
-use super::clean::{Cleaner, Found, REGISTER_LINE, with_none};
-use super::plain::Counts;
+use super::groups::Groups;
 use super::tally::Tally;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use super::text;
 use tobj::LoadOptions;
 
 /// Means "no texture coordinate" and "no normal".
 pub(super) const NONE: u32 = u32::MAX;
+/// Larger coordinates count as damaged: their squares exceed the range of f32.
+const FARTHEST: f64 = 1e15;
+/// Colour of a vertex without one in a file where others have one. It becomes white.
+const NO_COLOR: &str = " inf inf inf";
 
 /// The content of an OBJ file, with indices resolved and checked.
 #[derive(Debug, Default)]
 pub(super) struct Parsed {
-    /// Positions; not finite where those of the file were unusable.
+    /// Positions that faces use; not finite where those of the file cannot be used.
     pub positions: Vec<[f64; 3]>,
     /// Vertex colours, if any vertex has one; white where a vertex has none.
     pub colors: Vec<[f32; 3]>,
     /// Texture coordinates, v up.
     pub texcoords: Vec<[f32; 2]>,
-    /// Normals, of unit length; the zero vector where unusable.
+    /// Normals, of unit length; the zero vector where they cannot be used.
     pub normals: Vec<[f32; 3]>,
     /// Corners of all faces.
     pub corners: Vec<Corner>,
     /// The faces.
     pub faces: Vec<Face>,
-    /// Faces that cannot be used and are not in the list.
-    pub dropped_faces: usize,
-    /// Names of objects and groups; the first is that of faces before any name.
-    pub objects: Vec<String>,
-    /// Material names in order of first use, as written; the first, empty one is "none".
-    pub materials: Vec<String>,
-    /// Material libraries and their lines, as written.
-    pub libraries: Vec<(u32, String)>,
+    /// Objects, materials and libraries.
+    pub groups: Groups,
 }
 
 /// One corner of a face: indices into positions, texture coordinates and normals ([`NONE`] where absent).
@@ -53,133 +53,206 @@ pub(super) struct Face {
     pub line: u32,
     /// Smoothing group; 0 is off.
     pub smoothing: u32,
-    /// Index into `objects`.
+    /// Index into the objects.
     pub object: u32,
-    /// Index into `materials`.
+    /// Index into the materials.
     pub material: u32,
+    /// Have its corners texture coordinates and normals?
+    has: [bool; 2],
 }
 
-/// The reason why a text cannot be read.
+/// The reason for refusing a file.
 #[derive(Debug)]
 pub(super) enum Refused {
     /// Its meshes need more memory than allowed.
     TooLarge,
-    /// `tobj` does not accept this line: this is the reason.
+    /// This line cannot be read, for this reason.
     Line(u32, String),
 }
 
 /// Reads a text shorter than 4 GiB; `most_bytes` bounds the meshes that are made of it.
-pub(super) fn read(source: &str, most_bytes: u64, tally: &mut Tally) -> Result<Parsed, Refused> {
-    let mut cleaner = Cleaner::new(source, most_bytes, tally);
-    // Polygons are not divided, and lists keep their own indices. `assemble` makes the triangles and vertices.
-    let options = LoadOptions::default();
-    let libraries = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
-    let outcome = catch_unwind(AssertUnwindSafe(|| tobj::load_obj_buf(&mut cleaner, &options, libraries)));
-    let found = cleaner.finish();
-    if found.too_large {
+pub(super) fn read(source: String, most_bytes: u64, tally: &mut Tally) -> Result<Parsed, Refused> {
+    let colored = source.lines().any(has_color);
+    let mut scan = Scan { text: String::with_capacity(source.len()), ..Scan::default() };
+    for (line, content) in (1..).zip(source.lines()) {
+        let refused = |reason: &str| Refused::Line(line, reason.to_owned());
+        scan.statement(line, content, colored, tally).map_err(refused)?;
+        scan.text.push('\n');
+    }
+    drop(source);
+    let [positions, _, _] = scan.counts.map(u64::from);
+    let triangles = u64::from(scan.corners) - 2 * scan.faces.len() as u64;
+    if positions * if colored { 28 } else { 12 } + triangles * 12 > most_bytes {
         return Err(Refused::TooLarge);
     }
-    let line = found.line;
-    let reason = match outcome {
-        Ok(Ok((models, _))) => {
-            let mesh = models.into_iter().next().map(|model| model.mesh).unwrap_or_default();
-            match from_mesh(&mesh, found) {
-                Some(mut parsed) => {
-                    scale_colors(&mut parsed.colors, tally);
-                    return Ok(parsed);
-                }
-                None => "vertices or faces were lost while it was read".into(),
-            }
+    for (list, (count, (index, line))) in scan.counts.into_iter().zip(scan.largest).enumerate() {
+        // `tobj` ignores indices of texture coordinates and normals in a file without any.
+        if index > i64::from(count) && (list == 0 || count > 0) {
+            return Err(Refused::Line(line, OUT_OF_RANGE.into()));
         }
-        Ok(Err(e)) => e.to_string(),
-        Err(_) => "the reader broke down".into(),
+    }
+    let Scan { text, groups, faces, corners: count, .. } = scan;
+    // Polygons are not divided, and lists keep their own indices. `assemble` makes the triangles and vertices.
+    let load = |text: &str| {
+        let libraries = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
+        tobj::load_obj_buf(&mut text.as_bytes(), &LoadOptions::default(), libraries)
     };
-    Err(Refused::Line(line, reason))
-}
-
-/// `None` if the arrays differ from the content of the cleaned text.
-fn from_mesh(mesh: &tobj::Mesh, found: Found) -> Option<Parsed> {
-    let Found { total, groups, mut faces, dropped_faces, .. } = found;
-    let lists = with_none(&total).map(|n| n as usize);
-    let [positions, texcoords, normals] = lists;
-    // The register contains each entry before any face does, so the arrays are those of the file. Without a vertex
-    // there is neither register nor face.
-    let is_complete = mesh.positions.len() == 3 * positions
-        && mesh.texcoords.len() == 2 * texcoords
-        && mesh.normals.len() == 3 * normals
-        && [0, 3 * positions].contains(&mesh.vertex_color.len());
-    if positions > 0 && !is_complete {
-        return None;
+    let (models, _) = load(&text).map_err(|e| {
+        let line = text::first_refused(&text, |line| line.starts_with('v') && load(line).is_err());
+        Refused::Line(line, e.to_string())
+    })?;
+    let mesh = models.into_iter().next().map(|model| model.mesh).unwrap_or_default();
+    let is_whole = mesh.indices.len() == count as usize && [0, mesh.positions.len()].contains(&mesh.vertex_color.len());
+    if !is_whole {
+        return Err(Refused::Line(0, "vertices or faces were lost while the file was read".into()));
     }
-    let registered = if positions > 0 { positions.max(texcoords).max(normals) } else { 0 };
-    set_corners(&mut faces, &mesh.face_arities, registered)?;
-    let corners = corners(mesh, registered, &total)?;
-    if faces.last().is_some_and(|f| (f.first + f.count) as usize != corners.len()) {
-        return None;
-    }
-    Some(Parsed {
-        positions: mesh.positions.as_chunks().0.to_vec(),
-        colors: mesh.vertex_color.as_chunks().0.iter().map(|rgb: &[f64; 3]| rgb.map(color)).collect(),
-        texcoords: mesh.texcoords.as_chunks().0.iter().map(|uv: &[f64; 2]| uv.map(|v| v as f32)).collect(),
+    Ok(Parsed {
+        positions: mesh.positions.as_chunks().0.iter().map(position).collect(),
+        colors: colors(mesh.vertex_color.as_chunks().0),
+        texcoords: mesh.texcoords.as_chunks().0.iter().map(texcoord).collect(),
         normals: mesh.normals.as_chunks().0.iter().map(unit).collect(),
-        corners,
+        corners: corners(&mesh, &faces),
         faces,
-        dropped_faces,
-        objects: groups.objects,
-        materials: groups.materials,
-        libraries: groups.libraries,
+        groups,
     })
 }
 
-/// Assigns ranges of corners to the faces. `tobj` returns no numbers of corners if all faces, including those of the
-/// register, are triangles.
-fn set_corners(faces: &mut [Face], arities: &[u32], registered: usize) -> Option<()> {
-    let register_lines = registered.div_ceil(REGISTER_LINE as usize);
-    if !arities.is_empty() && arities.len() != register_lines + faces.len() {
-        return None;
-    }
-    let mut first = 0_u32;
-    for (i, face) in faces.iter_mut().enumerate() {
-        (face.first, face.count) = (first, arities.get(register_lines + i).copied().unwrap_or(3));
-        first = first.checked_add(face.count)?;
-    }
-    Some(())
+const OUT_OF_RANGE: &str = "the face has an index that the file does not define";
+
+/// The lines of a file before `tobj` reads them.
+#[derive(Default)]
+struct Scan {
+    /// The lines for `tobj`; the others are empty.
+    text: String,
+    /// Numbers of positions, texture coordinates and normals.
+    counts: [u32; 3],
+    /// The largest index of each list, and its line.
+    largest: [(i64, u32); 3],
+    corners: u32,
+    faces: Vec<Face>,
+    groups: Groups,
 }
 
-/// The corners after the register's.
-fn corners(mesh: &tobj::Mesh, registered: usize, total: &Counts) -> Option<Vec<Corner>> {
-    // The entry after the last means none.
-    let optional = |list: &[u32], i: usize, count: u32| list.get(i).copied().filter(|n| *n < count).unwrap_or(NONE);
-    let corner = |(i, position): (usize, &u32)| Corner {
-        position: *position,
-        texcoord: optional(&mesh.texcoord_indices, i, total[1]),
-        normal: optional(&mesh.normal_indices, i, total[2]),
+impl Scan {
+    fn statement(&mut self, line: u32, content: &str, colored: bool, tally: &mut Tally) -> Result<(), &'static str> {
+        let (key, rest) = text::keyword(content);
+        let data = text::without_comment(rest);
+        match key {
+            "v" => self.counts[0] += 1,
+            "vt" => self.counts[1] += 1,
+            "vn" => self.counts[2] += 1,
+            "f" => self.face(line, data)?,
+            "" => return Ok(()),
+            _ => {
+                if !key.starts_with('#') && !self.groups.statement(line, key, rest) {
+                    tally_unread(line, key, tally);
+                }
+                return Ok(());
+            }
+        }
+        self.text.extend([key, " ", data]);
+        if key == "v" {
+            let mut words = data.split_whitespace().skip(3).map(str::parse::<f64>);
+            match [words.next(), words.next(), words.next()] {
+                [None, ..] if colored => self.text.push_str(NO_COLOR),
+                // `tobj` divides by the weight of a vertex.
+                [Some(weight), None, _] if colored || weight != Ok(1.0) => {
+                    return Err("the vertex has a fourth number, a weight, which polygon meshes have not");
+                }
+                [Some(r), Some(g), Some(b)] if [&r, &g, &b].iter().any(|v| v.is_err()) => {
+                    return Err("the colour of the vertex is not three numbers");
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks the indices of a face. In `tobj`, a wrong one is an error without a line, and a corner without a texture
+    /// coordinate or normal gets that of the corner before.
+    fn face(&mut self, line: u32, data: &str) -> Result<(), &'static str> {
+        let (mut has, mut count) = (None, 0);
+        for corner in data.split_whitespace() {
+            let mut given = [false; 3];
+            for (list, field) in corner.split('/').enumerate().filter(|(_, field)| !field.is_empty()) {
+                let index = field.parse::<i64>().map_err(|_| "an index of the face is not a whole number")?;
+                let seen = *self.counts.get(list).ok_or("a corner of the face has more than three indices")?;
+                if index == 0 || index < -i64::from(seen) {
+                    return Err(OUT_OF_RANGE);
+                }
+                if index > self.largest[list].0 {
+                    self.largest[list] = (index, line);
+                }
+                given[list] = true;
+            }
+            if !given[0] || has.is_some_and(|has| has != given) {
+                return Err("the corners of the face have different kinds of indices");
+            }
+            has = Some(given);
+            count += 1;
+        }
+        let Some([_, texcoord, normal]) = has.filter(|_| count >= 3) else {
+            return Err("the face has fewer than three corners");
+        };
+        let Groups { smoothing, object, material, .. } = self.groups;
+        let has = [texcoord, normal];
+        self.faces.push(Face { first: self.corners, count, line, smoothing, object, material, has });
+        self.corners += count;
+        Ok(())
+    }
+}
+
+/// Records a statement without effect on images, if a user may expect one.
+fn tally_unread(line: u32, key: &str, tally: &mut Tally) {
+    match key {
+        "p" | "l" => tally.add(line, "points and lines have no surface and are left out"),
+        "vp" | "cstype" | "deg" | "bmat" | "step" | "curv" | "curv2" | "surf" | "parm" | "trim" | "hole" | "scrv"
+        | "sp" | "end" | "con" => tally.add(line, "free-form curves and surfaces are not read; export polygons"),
+        // Display hints.
+        "mg" | "bevel" | "c_interp" | "d_interp" | "lod" | "shadow_obj" | "trace_obj" => {}
+        _ => tally.add(line, "an unknown statement is skipped"),
+    }
+}
+
+/// Is it a vertex of six numbers or more?
+fn has_color(line: &str) -> bool {
+    let (key, rest) = text::keyword(line);
+    key == "v" && text::without_comment(rest).split_whitespace().nth(5).is_some()
+}
+
+fn corners(mesh: &tobj::Mesh, faces: &[Face]) -> Vec<Corner> {
+    let optional = |has: bool, list: &[u32], i: usize| list.get(i).copied().filter(|_| has).unwrap_or(NONE);
+    let corner = |face: &Face, i: usize| Corner {
+        position: mesh.indices[i],
+        texcoord: optional(face.has[0], &mesh.texcoord_indices, i),
+        normal: optional(face.has[1], &mesh.normal_indices, i),
     };
-    let corners: Vec<Corner> = mesh.indices.iter().enumerate().skip(registered).map(corner).collect();
-    corners.iter().all(|c| c.position < total[0]).then_some(corners)
+    let range = |face: &Face| face.first as usize..(face.first + face.count) as usize;
+    faces.iter().flat_map(|face| range(face).map(move |i| corner(face, i))).collect()
 }
 
-/// A channel of a vertex colour. A negative value, or one that is no number, becomes black.
-fn color(v: f64) -> f32 {
-    if v >= 0.0 { v as f32 } else { 0.0 }
+fn position(p: &[f64; 3]) -> [f64; 3] {
+    if p.iter().all(|v| v.abs() <= FARTHEST) { *p } else { [f64::NAN; 3] }
+}
+
+/// Zero where it cannot be used.
+fn texcoord(uv: &[f64; 2]) -> [f32; 2] {
+    if uv.iter().all(|v| v.abs() <= 1e6) { uv.map(|v| v as f32) } else { [0.0; 2] }
 }
 
 fn unit(normal: &[f64; 3]) -> [f32; 3] {
     let length = normal.iter().map(|v| v * v).sum::<f64>().sqrt();
-    if length > 0.0 { normal.map(|v| (v / length) as f32) } else { [0.0; 3] }
+    if length.is_finite() && length > 1e-30 { normal.map(|v| (v / length) as f32) } else { [0.0; 3] }
 }
 
-/// Clamps colours to the range from 0 to 1. White where there is none.
-fn scale_colors(colors: &mut [[f32; 3]], tally: &mut Tally) {
-    let largest = colors.iter().flatten().copied().filter(|v| v.is_finite()).fold(0.0, f32::max);
-    // A value slightly above one is a rounding error or a bright light. Bytes are far above it.
+/// Colours from 0 to 1: values above 2 mean that all are bytes. White where there is none.
+fn colors(colors: &[[f64; 3]]) -> Vec<[f32; 3]> {
+    // Negative values, and those that are no numbers, are black.
+    let channel = |v: f64| if v >= 0.0 { v as f32 } else { 0.0 };
+    let largest = colors.iter().flatten().map(|v| channel(*v)).filter(|v| v.is_finite()).fold(0.0, f32::max);
     let scale = if largest > 2.0 { 1.0 / 255.0 } else { 1.0 };
-    if largest > 2.0 {
-        tally.note("vertex colours exceed 2 and are taken to run from 0 to 255");
-    }
-    for color in colors {
-        *color = color.map(|v| if v.is_finite() { (v * scale).min(1.0) } else { 1.0 });
-    }
+    let scaled = |v: f64| if channel(v).is_finite() { (channel(v) * scale).min(1.0) } else { 1.0 };
+    colors.iter().map(|color| color.map(scaled)).collect()
 }
 
 #[cfg(test)]
@@ -187,29 +260,32 @@ mod tests {
     use super::*;
 
     fn parsed(source: &str) -> Parsed {
-        read(source, u64::MAX, &mut Tally::default()).unwrap_or_else(|e| panic!("{e:?}\n{source}"))
+        read(source.into(), u64::MAX, &mut Tally::default()).unwrap_or_else(|e| panic!("{e:?}\n{source}"))
+    }
+
+    /// Corners without a texture coordinate or normal keep none, although `tobj` repeats those of the corner before.
+    #[test]
+    fn faces_with_and_without_texture_coordinates_may_follow_each_other() {
+        let p = parsed(
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 7 7\nvt 1 0.5\nvn 0 0 2\nvn 0 3 0\nf 1 2 3\nf -3/2/2 2/1/1 3/1/1\nf 1//2 2//1 3//2",
+        );
+        let value = |c: &Corner| {
+            let texcoord = p.texcoords.get(c.texcoord as usize).map(|uv| uv[0]);
+            (p.positions[c.position as usize][0], texcoord, p.normals.get(c.normal as usize).map(|n| n[1]))
+        };
+        let values: Vec<_> = p.corners.iter().map(value).collect();
+        let (one, seven) = (Some(1.0), Some(7.0));
+        assert_eq!(values[..3], [(0.0, None, None), (1.0, None, None), (0.0, None, None)]);
+        assert_eq!(values[3..6], [(0.0, one, one), (1.0, seven, Some(0.0)), (0.0, seven, Some(0.0))]);
+        assert_eq!(values[6..], [(0.0, None, one), (1.0, None, Some(0.0)), (0.0, None, one)]);
     }
 
     #[test]
-    fn indices_are_those_of_the_file_and_unused_entries_stay() {
-        let p = parsed("v 9 9 9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 7 7\nvt 1 0.5\nvn 0 0 2\nvn 0 3 0\nf 4/2/2 2 3//1\n");
-        assert_eq!((p.positions.len(), p.positions[0]), (4, [9.0; 3]));
-        assert_eq!((p.texcoords[1], p.normals[1]), ([1.0, 0.5], [0.0, 1.0, 0.0]));
-        let corners: Vec<[u32; 3]> = p.corners.iter().map(|c| [c.position, c.texcoord, c.normal]).collect();
-        assert_eq!(corners, [[3, 1, 1], [1, NONE, NONE], [2, NONE, 0]]);
-    }
-
-    /// More entries than one line of the register holds, and fewer than a polygon's corners.
-    #[test]
-    fn polygons_stay_whole_beside_registers_of_any_length() {
-        for n in [1, 2, 3, 4, 255, 256, 257, 259, 600] {
-            let vertices: String = (0..n).map(|i| format!("v {i} 0 0\n")).collect();
-            let p = parsed(&format!("{vertices}f 1 1 1 1 1\nf {n} 1 {n}\nf -1 -1 -1 -1\n"));
-            let ranges: Vec<(u32, u32)> = p.faces.iter().map(|f| (f.first, f.count)).collect();
-            assert_eq!(ranges, [(0, 5), (5, 3), (8, 4)], "{n} vertices");
-            assert_eq!((p.positions.len(), p.corners.len()), (n, 12));
-            assert_eq!(p.corners[5].position as usize, n - 1);
-        }
+    fn polygons_stay_whole() {
+        let p = parsed("v 0 0 0\nv 1 0 0\nf 1 1 1 1 1\nf 2 1 2\nf -1 -1 -1 -1\n");
+        let ranges: Vec<(u32, u32)> = p.faces.iter().map(|f| (f.first, f.count)).collect();
+        assert_eq!((ranges, p.corners.len()), (vec![(0, 5), (5, 3), (8, 4)], 12));
+        assert_eq!(p.positions[p.corners[5].position as usize], [1.0, 0.0, 0.0]);
     }
 
     #[test]
@@ -219,9 +295,37 @@ mod tests {
     }
 
     #[test]
-    fn a_text_without_vertices_has_no_faces() {
-        let p = parsed("vt 0 0\nvn 0 0 1\nf 1 2 3\no a\n");
-        assert!(p.faces.is_empty() && p.positions.is_empty());
-        assert_eq!((p.dropped_faces, p.objects.len()), (1, 2));
+    fn lines_that_tobj_refuses_or_misreads_are_refused_with_their_number() {
+        let start = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\n# six\n";
+        for line in [
+            "f 1 2 4",
+            "f 0 1 2",
+            "f 1 2 -4",
+            "f -9223372036854775808 1 2",
+            "f 1/2 2/1 3/1",
+            "f 1/-9223372036854775807 2/1 3/1",
+            "f 1//0 2//1 3//1",
+            "f 1/1/1/1 2 3",
+            "f 1/1 2 3",
+            "f /1 /1 /1",
+            "f 1 2",
+            "f",
+            "f a b c",
+            "v 1,5 0 0",
+            "v 1.#QNAN 0 0",
+            "v 1 2",
+            "v 1 2 3 0.5",
+            "v 1 2 3 4 5",
+            "v 1 2 3 4 5 x",
+            "v 1 2 3 4 5 6 7",
+            "vt",
+            "vt 1",
+            "vn 1 2",
+        ] {
+            match read(format!("{start}{line}\nf 1 2 3\n"), u64::MAX, &mut Tally::default()) {
+                Err(Refused::Line(7, reason)) => assert!(!reason.is_empty()),
+                other => panic!("{line}: {other:?}"),
+            }
+        }
     }
 }

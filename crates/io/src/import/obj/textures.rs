@@ -122,12 +122,7 @@ impl<'a> Textures<'a> {
     fn load(&mut self, map: &Map, folder: &str, variant: Variant, warnings: &mut Warnings) -> Option<ImageId> {
         let place = format!("image \"{}\"", map.file);
         let bytes = match load_beside(self.loader, folder, &map.file, Role::Texture) {
-            Ok(found) => {
-                if let Some(instead) = found.instead {
-                    warnings.push(&place, format!("is not at the given place; \"{instead}\" is used"));
-                }
-                found.bytes
-            }
+            Ok(bytes) => bytes,
             Err(problem) => {
                 warnings.push(&place, format!("{problem}; the map is left out"));
                 return None;
@@ -215,40 +210,16 @@ fn channel(map: &Map) -> Option<u8> {
     }
 }
 
-/// A file that was found.
-pub(super) struct Found {
-    pub bytes: Vec<u8>,
-    /// Its path, if that is not the requested one.
-    pub instead: Option<String>,
-}
-
-/// Reads a file that a file in `folder` refers to: from there, otherwise from the scene's own folder. If the name
-/// contains folders that do not exist here (`C:\maps\a.png`), the bare file name is tried in both. All are inside the
-/// scene's folder.
+/// Reads a file that a file in `folder` refers to: from there, otherwise from the scene's own folder.
 ///
 /// # Errors
 /// The fault of the first of these.
-pub(super) fn load_beside(loader: &AssetLoader, folder: &str, name: &str, role: Role) -> Result<Found, String> {
+pub(super) fn load_beside(loader: &AssetLoader, folder: &str, name: &str, role: Role) -> Result<Vec<u8>, String> {
     let first = join(folder, name);
-    let problem = match loader.load_relative(&first, role) {
-        Ok(bytes) => return Ok(Found { bytes, instead: None }),
-        Err(e) => e.problem,
-    };
-    // Both folders, its own and the scene's, are usual. So the second needs no remark.
-    if first != name
-        && let Ok(bytes) = loader.load_relative(name, role)
-    {
-        return Ok(Found { bytes, instead: None });
-    }
-    let bare = name.rsplit(['/', '\\']).next().unwrap_or(name);
-    if bare != name {
-        for candidate in [join(folder, bare), bare.to_string()] {
-            if let Ok(bytes) = loader.load_relative(&candidate, role) {
-                return Ok(Found { bytes, instead: Some(candidate) });
-            }
-        }
-    }
-    Err(problem)
+    loader.load_relative(&first, role).or_else(|e| match first != name {
+        true => loader.load_relative(name, role).map_err(|_| e.problem),
+        false => Err(e.problem),
+    })
 }
 
 fn join(folder: &str, name: &str) -> String {
