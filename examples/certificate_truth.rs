@@ -20,7 +20,7 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example talks to its reader")]
 
-use dunkelfeld::{Budget, Error, Project, SensorChoice, Session, certify, develop, render};
+use dunkelfeld::{Budget, Error, Project, SensorChoice, Session, develop_film, render};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -135,8 +135,7 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
     for seed in 0..options.seeds {
         settings.seed = seed;
         let rendering = render(&project.scene, &settings, &Session::new(settings.threads)?)?;
-        let mut frame = develop(&rendering.film.sums.mean(), &settings)?;
-        certify(&mut frame, &rendering.film, options.budget.noise);
+        let frame = develop_film(&rendering.film, &settings)?;
         samples += rendering.film.sums.total_samples();
         if let Some(foretold) = rendering.forecast.as_ref().and_then(|f| f.target()).and_then(|l| l.samples) {
             forecasts.push(foretold / rendering.film.sums.total_samples() as f64);

@@ -11,7 +11,7 @@ use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
     Budget, DenoiseStats, HeavySample, MemoryAccount, MemoryItem, MemoryStats, PartStats, RenderSettings,
-    STATS_VERSION, SensorChoice, Session, Stage, Stats, certify, develop, find_sensor, render,
+    STATS_VERSION, SensorChoice, Session, Stage, Stats, develop_film, find_sensor, render,
 };
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::job::Job;
@@ -359,8 +359,7 @@ fn lamp() -> Scene {
 fn stats(settings: &RenderSettings) -> Value {
     let rendering =
         render(&lamp(), settings, &Session::new(settings.threads).expect("threads")).expect("valid settings");
-    let mut frame = develop(&rendering.film.sums.mean(), settings).expect("a frame");
-    certify(&mut frame, &rendering.film, settings.budget.noise);
+    let frame = develop_film(&rendering.film, settings).expect("a frame");
     let mut stats = Stats::new(&rendering, &frame, settings);
     for stage in [
         Stage::Load,

@@ -10,8 +10,8 @@ use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
 use dunkelfeld::scene::Scene;
 use dunkelfeld::sensor::{Device, Exposure, ExposureNoise, FrameKey, Optics};
 use dunkelfeld::{
-    Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, certify, develop, develop_film,
-    encode_layers, find_sensor, render,
+    Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, develop, develop_film, encode_layers,
+    find_sensor, render,
 };
 use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::layers::Single;
@@ -312,10 +312,6 @@ fn matched_frames_depend_on_the_film_alone_and_state_where_they_hold() {
     assert_eq!(with.channels.iter().filter(|(name, _)| name != "matched.Y").collect::<Vec<_>>(), {
         without.channels.iter().collect::<Vec<_>>()
     });
-    // And as one that is certified by itself.
-    let mut alone = develop(&rendering.film.sums.mean(), &plain(&settings)).expect("a frame");
-    certify(&mut alone, &rendering.film, None);
-    assert_eq!((values(&alone), &alone.sensor.as_ref().expect("a sensor").certified), (values(&other), &b.certified));
 }
 
 /// Pixels without samples, with one sample, and with so many that they have variances of their own.

@@ -15,7 +15,7 @@ use dunkelfeld::scene::{Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
     Budget, Forecast, Frame, Progress, ProgressState, Project, RenderSettings, Rendering, SensorChoice, Session,
-    certify, develop, develop_film, find_sensor, render,
+    develop, develop_film, find_sensor, render,
 };
 use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_testkit::{ImageEstimate, ImageTest, SampleMoments};
@@ -67,8 +67,7 @@ fn rendered(scene: &Scene, settings: &RenderSettings) -> Rendering {
 }
 
 fn certified(rendering: &Rendering, settings: &RenderSettings) -> (Frame, Certificate) {
-    let mut frame = develop(&rendering.film.sums.mean(), settings).expect("a frame");
-    certify(&mut frame, &rendering.film, settings.budget.noise);
+    let frame = develop_film(&rendering.film, settings).expect("a frame");
     let certificate = frame.sensor.as_ref().and_then(|s| s.certified.as_ref()).expect("behind a sensor").certificate;
     (frame, certificate)
 }

@@ -223,7 +223,7 @@ fn camera(project: &Project, noise: ExposureNoise) -> ExposeSettings {
 fn exposer(films: &[(&RenderedFilm, f64)], settings: &ExposeSettings) -> Exposer {
     let means: Vec<MeanImage> = films.iter().map(|(film, _)| mean_image(&film.sums)).collect();
     let means: Vec<_> = means.iter().zip(films).map(|(mean, (_, factor))| (mean, *factor)).collect();
-    Exposer::of_films_and_mean(films, &sum_of_means(&means).expect("one size"), settings).expect("valid")
+    Exposer::of_films(films, &sum_of_means(&means).expect("one size"), None, settings).expect("valid")
 }
 
 /// Variances of the electrons \[e^-2\], as certified.
@@ -400,7 +400,7 @@ fn an_exr_has_the_sum_and_a_layer_for_each_light() {
     let weighted: Vec<FilmOfLight<'_>> =
         lights.iter().zip(factors).map(|((name, film), factor)| FilmOfLight { name, film, factor }).collect();
     let settings = project.fitted().expect("a valid job");
-    let frame = develop_films(&weighted, &settings).expect("a frame");
+    let frame = develop_films(&weighted, None, &settings).expect("a frame");
     let layers = encode_light_layers(&weighted, &frame, &settings).expect("layers");
     let red = channel(&layers, "R");
     let of_lights: Vec<(Vec<f32>, f64)> =
@@ -432,7 +432,7 @@ fn an_exr_has_the_sum_and_a_layer_for_each_light() {
     for (name, values) in &plain.channels {
         assert!(sum.channel(name) == Some(values), "{name}");
     }
-    assert!(encode_light_layers(&[], &frame, &settings).is_err() && develop_films(&[], &settings).is_err());
+    assert!(encode_light_layers(&[], &frame, &settings).is_err() && develop_films(&[], None, &settings).is_err());
 }
 
 /// With covers of clear plastic, whose light the connection through covers samples.
@@ -476,7 +476,7 @@ fn matched_noise_of_a_sum_has_the_variance_of_the_camera() {
         });
         let films = films.each_ref().map(|(film, factor)| FilmOfLight { name: "", film, factor: *factor });
         for (frames, settings) in frames.iter_mut().zip(&settings) {
-            let frame = develop_films(&films, &settings.clone().with_frame(number)).expect("a frame");
+            let frame = develop_films(&films, None, &settings.clone().with_frame(number)).expect("a frame");
             let sensor = frame.sensor.expect("a sensor");
             let means = electrons.iter_mut().zip(sensor.electrons.data());
             means.for_each(|(sum, &e)| *sum += 0.5 * f64::from(e) / f64::from(FRAMES));

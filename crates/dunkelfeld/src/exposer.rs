@@ -49,52 +49,19 @@ impl Exposer {
     /// # Errors
     /// Settings outside their range, or outside the ranges of the sensor.
     pub fn of_film(film: &RenderedFilm, settings: &ExposeSettings) -> Result<Self, Error> {
-        Self::of_film_and_mean(film, &mean_image(&film.sums), settings)
-    }
-
-    /// [`Self::of_film`] with the mean of the film, [`mean_image`]: for several cameras of one film.
-    ///
-    /// # Errors
-    /// As [`Self::of_film`].
-    pub fn of_film_and_mean(film: &RenderedFilm, mean: &MeanImage, settings: &ExposeSettings) -> Result<Self, Error> {
-        Self::of_films_and_mean(&[(film, 1.0)], mean, settings)
+        Self::of_films(&[(film, 1.0)], &mean_image(&film.sums), None, settings)
     }
 
     /// [`Self::of_film`] for the sum of independent films of one camera, each multiplied by a factor of zero or more, such as
     /// those of single lights ([`Project::only_light`](crate::Project::only_light)). The variance of the sum is that of the
     /// films times the squares of the factors. `mean` is the sum of their means, [`sum_of_means`](crate::sum_of_means).
     ///
-    /// # Errors
-    /// As [`Self::of_film`], and films of different sizes.
-    pub fn of_films_and_mean(
-        films: &[(&RenderedFilm, f64)],
-        mean: &MeanImage,
-        settings: &ExposeSettings,
-    ) -> Result<Self, Error> {
-        Self::of_films(films, mean, None, settings)
-    }
-
-    /// [`Self::of_films_and_mean`] behind a lens with another transmission than that of the films. `transmission` is the
-    /// ratio of both in each pixel, above zero. `mean` is the sum of the means times the transmission
-    /// ([`through_lens`]). The variances get its square.
+    /// Behind a lens with another transmission than that of the films, `transmission` is the ratio of both in each pixel, above
+    /// zero. `mean` is then the sum of the means times the transmission ([`through_lens`]). The variances get its square.
     ///
     /// # Errors
-    /// As [`Self::of_films_and_mean`], and a transmission of another size or out of range.
-    pub fn behind_lens(
-        films: &[(&RenderedFilm, f64)],
-        mean: &MeanImage,
-        transmission: Arc<Plane<f32>>,
-        settings: &ExposeSettings,
-    ) -> Result<Self, Error> {
-        let is_same_size = [transmission.width(), transmission.height()] == mean.size();
-        if !is_same_size || !transmission.data().iter().all(|t| t.is_finite() && *t > 0.0) {
-            let problem = "is not above zero in each pixel of the films";
-            return Err(Error::setting("transmission", problem, "pass a plane of the size of the films"));
-        }
-        Self::of_films(films, mean, Some(transmission), settings)
-    }
-
-    fn of_films(
+    /// As [`Self::of_film`], films of different sizes, and a transmission of another size or out of range.
+    pub fn of_films(
         films: &[(&RenderedFilm, f64)],
         mean: &MeanImage,
         transmission: Option<Arc<Plane<f32>>>,
@@ -102,6 +69,13 @@ impl Exposer {
     ) -> Result<Self, Error> {
         check(settings)?;
         let size = mean.size();
+        if let Some(transmission) = &transmission
+            && ([transmission.width(), transmission.height()] != size
+                || !transmission.data().iter().all(|t| t.is_finite() && *t > 0.0))
+        {
+            let problem = "is not above zero in each pixel of the films";
+            return Err(Error::setting("transmission", problem, "pass a plane of the size of the films"));
+        }
         check_films(size, films.iter().map(|(film, factor)| ([film.sums.width(), film.sums.height()], *factor)))?;
         if settings.vignetting.is_some() {
             let problem = "the lens of a render darkens its corners during the render";
@@ -121,7 +95,7 @@ impl Exposer {
     /// the threads of the current pool.
     ///
     /// # Errors
-    /// As [`Self::of_films_and_mean`].
+    /// As [`Self::of_films`].
     pub fn image_noise(&self, films: &[(&RenderedFilm, f64)]) -> Result<ImageNoise, Error> {
         let of = |film: &RenderedFilm| [film.sums.width(), film.sums.height()];
         check_films(self.size(), films.iter().map(|(film, factor)| (of(film), *factor)))?;
@@ -142,7 +116,7 @@ impl Exposer {
     ///
     /// The variance of a mean is proportional to the square of the signal of a grey pixel and to the inverse of its number of
     /// samples; without a number, the number is that of the analysis. Rare samples are those of the analysis. For the films
-    /// and the camera of the analysis, the result is that of [`Self::of_films_and_mean`] to the last bit.
+    /// and the camera of the analysis, the result is that of [`Self::of_films`] to the last bit.
     ///
     /// # Errors
     /// Another number of films, films of another size, factors out of range.
@@ -156,7 +130,7 @@ impl Exposer {
         Self { invalid_variances, ..self }
     }
 
-    /// Matched exposure with the noise of the films in front of the lens of [`Self::behind_lens`].
+    /// Matched exposure with the noise of the films in front of the lens of [`Self::of_films`].
     ///
     /// # Errors
     /// As [`CompensationInputs::behind`].
@@ -263,7 +237,7 @@ impl Exposer {
     /// The certificate at `k` of the film that is exposed, for this camera. Runs on the threads of the current pool.
     pub fn certify(&self, film: &RenderedFilm, k: f64) -> Option<Certified> {
         match self.transmission {
-            None => self.noise_of(film, self.response, self.exposure).certify(k),
+            None => self.noise(film).certify(k),
             Some(_) => self.certify_sum(&[(&self.film_variances(film), 1.0)], k).ok(),
         }
     }
@@ -277,6 +251,11 @@ impl Exposer {
         let response = self.response.scaled(exposure.time().0 / self.exposure.time().0);
         let variance = self.noise_of(film, response, exposure).variances_of_mean();
         FilmVariances { seconds: exposure.time().0, variance }
+    }
+
+    /// The noise of the film that is exposed.
+    pub(crate) fn noise<'a>(&self, film: &'a RenderedFilm) -> FilmNoise<'a> {
+        self.noise_of(film, self.response, self.exposure)
     }
 
     /// The noise of a film behind this lens.
@@ -298,7 +277,7 @@ impl Exposer {
         self.exposure.time().0.log2().floor() as i32
     }
 
-    /// The certificate at `k` of the sum of independent films ([`Self::of_films_and_mean`]), for this camera. A variance that
+    /// The certificate at `k` of the sum of independent films ([`Self::of_films`]), for this camera. A variance that
     /// is unknown in one film is unknown in the sum, unless the factor is zero.
     ///
     /// # Errors
@@ -357,13 +336,11 @@ impl Exposer {
     ) -> Result<Frame, Error> {
         let values = self.frame(number)?;
         let (exposure, model) = (self.exposure, self.model().clone());
-        let matched = self
-            .known
-            .as_ref()
-            .map(|known| Matched::of_known(known, (&self.electrons, &self.electrons), &model, exposure));
+        let matched = self.known.as_ref().map(|known| Matched::new(known, &self.electrons, &model, exposure));
         let (picture, saturated) = (Picture::from_values(&values, &model), self.saturated());
         let Self { electrons, response, no_light, optics, behind, .. } = self;
-        let radiance = behind.map(|image| image.radiance.clone());
+        let radiance = behind
+            .map(|image| Arc::try_unwrap(image).map_or_else(|image| image.radiance.clone(), |image| image.radiance));
         let sensor = SensorFrame {
             electrons,
             values,

@@ -1,20 +1,16 @@
 //! From the film to a frame: radiance, electrons, grey values, a picture for display.
 
+use crate::commands::expose::ExposeSettings;
 use crate::denoising::Denoised;
+use crate::exposer::Exposer;
 use crate::noise_compensation::{CompensationInputs, Matched};
 use dunkelfeld_adaptive::required_samples::DEFAULT_TARGET;
 use dunkelfeld_film::{MeanImage, Plane};
-use dunkelfeld_render::Error;
-use dunkelfeld_render::RenderedFilm;
-use dunkelfeld_render::film_noise::{Certified, FilmNoise};
-use dunkelfeld_render::lens_image::LensImage;
+use dunkelfeld_render::film_noise::Certified;
 use dunkelfeld_render::parallel::mean_image;
-use dunkelfeld_render::{RenderSettings, SensorChoice};
+use dunkelfeld_render::{Error, RenderSettings, RenderedFilm, SensorChoice};
 use dunkelfeld_scene::Effect;
-use dunkelfeld_sensor::{
-    Device, Exposure, ExposureNoise, FrameKey, ImageExposure, Optics, Response, SensorModel, display,
-};
-use rayon::prelude::*;
+use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Response, SensorModel, display};
 
 /// An 8-bit picture, gamma 2.2, clipped at saturation.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,8 +51,8 @@ pub struct SensorFrame {
     pub optics: Optics,
     /// The radiance behind a lens that blurs [W/(m^2 sr)].
     pub radiance: Option<Plane<[f32; 3]>>,
-    /// The certificate: the ratio of the render's noise to the sensor's. `None` until [`crate::certify`] computes it
-    /// from the film.
+    /// The certificate: the ratio of the render's noise to the sensor's. `None` without a
+    /// film.
     pub certified: Option<Certified>,
     /// The pixels where noise-matched exposure holds; `None` if all of the camera's noise was drawn on purpose.
     pub matched: Option<Matched>,
@@ -111,7 +107,7 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
 }
 
 /// [`develop`] of a rendered film, with the noise of [`RenderSettings::exposure_noise`], and certified
-/// ([`crate::certify`]) at the level of the budget. Pixels without samples are filled from their neighbours.
+/// at the level of the budget: with the ratio of its noise to that of the sensor. Pixels without samples are filled from their neighbours.
 ///
 /// # Errors
 /// As [`develop`].
@@ -120,70 +116,31 @@ pub fn develop_film(film: &RenderedFilm, settings: &RenderSettings) -> Result<Fr
 }
 
 fn expose(mean: MeanImage, settings: &RenderSettings, film: Option<&RenderedFilm>) -> Result<Frame, Error> {
-    let SensorChoice::Emva { model, optics, exposure } = &settings.sensor else {
+    let Some(camera) = ExposeSettings::of_render(settings)? else {
         let picture = Picture::Rgb(display::linear_to_8bit(&mean.radiance));
         return Ok(Frame { picture, sensor: None, no_light: false, without: settings.without.clone(), denoised: None });
     };
-    let image = LensImage::behind(mean, model, optics);
-    let ImageExposure { exposure, no_light } = ImageExposure::new(*exposure, &image.radiance, model, optics)?;
-    let response = Response::new(model, optics, exposure);
-    let electrons = dunkelfeld_sensor::electrons(&image.radiance, &response).plane;
-    let (width, height) = (electrons.width(), electrons.height());
-    let device = Device::with_readout((**model).clone(), settings.seed, [width, height], settings.readout);
-    let key = FrameKey { seed: settings.seed, frame: settings.frame };
+    let mut exposer = Exposer::new(mean, &camera, (&camera.model, &camera.optics, camera.readout))?;
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
-    let measured = film.map(|film| FilmNoise::exposed(response, model, exposure, film).behind(&image));
-
-    let k = settings.budget.noise.unwrap_or(DEFAULT_TARGET);
-    let (noise, mut certified) = match &measured {
-        None => (None, None),
-        Some(measured) if is_matched => {
-            let variances = measured.pixel_variances();
-            let certified = measured.certify_by(&variances.map(|pixel| (pixel.noise, pixel.moments)).into(), k);
-            let known = CompensationInputs::from_variances(&variances).behind(&image, model, &response)?;
-            (Some(known), certified)
-        }
-        Some(measured) => (None, measured.certify(k)),
-    };
+    let mut certified = None;
+    if let Some(film) = film {
+        let k = settings.budget.noise.unwrap_or(DEFAULT_TARGET);
+        let noise = exposer.noise(film);
+        certified = if is_matched {
+            // Once for both.
+            let variances = noise.pixel_variances();
+            exposer = exposer.with_inputs(CompensationInputs::from_variances(&variances))?;
+            noise.certify_by(&variances.map(|pixel| (pixel.noise, pixel.moments)).into(), k)
+        } else {
+            noise.certify(k)
+        };
+    } else if is_matched {
+        let unknown = Plane::new(exposer.size()[0], exposer.size()[1], f32::INFINITY);
+        let is_rare = unknown.map(|_| false);
+        exposer = exposer.with_inputs(CompensationInputs::new(unknown, is_rare))?;
+    }
     if let Some(certified) = &mut certified {
         certified.certificate.share = settings.budget.hidden_share();
     }
-    let radiance = image.blur.is_some().then_some(image.radiance);
-    let drawn = noise.as_ref().map(|noise| noise.electrons(&electrons, &device, key));
-    let mut values = Plane::new(width, height, 0u16);
-    values.data_mut().par_chunks_mut(width as usize).enumerate().try_for_each(|(y, row)| {
-        let rows = y as u32..y as u32 + 1;
-        match (&noise, &drawn) {
-            (Some(noise), Some(drawn)) => device.expose_rows_matched(drawn, &noise.variance, exposure, key, rows, row),
-            _ => device.expose_rows(&electrons, exposure, key, rows, row),
-        }
-    })?;
-    let matched = is_matched.then(|| match (&measured, &noise) {
-        (Some(measured), Some(noise)) => Matched::new(measured, noise, &electrons, model, exposure),
-        _ => Matched::nowhere(width, height),
-    });
-    drop((device, drawn, noise, measured));
-    // The expected electrons decide. A full well may be below the largest grey value, so that a grey value reaches it
-    // or not by its noise.
-    let full = (model.saturation().0 - model.dark_electrons(exposure.time()).0) as f32;
-    let saturated =
-        electrons.data().iter().filter(|&&e| e >= full).count() as f64 / electrons.data().len().max(1) as f64;
-    let picture = Picture::from_values(&values, model);
-    let (model, optics, without) = ((**model).clone(), optics.clone(), settings.without.clone());
-    let sensor =
-        SensorFrame { electrons, values, exposure, model, saturated, response, optics, radiance, certified, matched };
-    Ok(Frame { picture, sensor: Some(sensor), no_light, without, denoised: None })
-}
-
-/// Certifies a frame: computes the ratio of the noise of its film to the sensor's noise, at `k` or, if that is `None`,
-/// at [`DEFAULT_TARGET`]. It does nothing without a sensor. Runs on the threads of the current pool.
-pub fn certify(frame: &mut Frame, film: &RenderedFilm, k: Option<f64>) {
-    if let Some(sensor) = &mut frame.sensor {
-        sensor.certified = certified(sensor, film, k.unwrap_or(DEFAULT_TARGET));
-    }
-}
-
-fn certified(frame: &SensorFrame, film: &RenderedFilm, k: f64) -> Option<Certified> {
-    let image = LensImage::behind(mean_image(&film.sums), &frame.model, &frame.optics);
-    FilmNoise::exposed(frame.response, &frame.model, frame.exposure, film).behind(&image).certify(k)
+    exposer.into_frame(settings.frame, certified, &settings.without)
 }

@@ -62,13 +62,13 @@ pub use expose_options::{ImageOptions, expose_image, expose_radiance};
 pub use exposer::{Exposer, FilmVariances, through_lens};
 pub use exr_image::{ExrImage, LensSource};
 pub use film_files::{save_film, save_film_files};
-pub use frame::{Frame, Picture, SensorFrame, certify, develop, develop_film, show_denoised};
+pub use frame::{Frame, Picture, SensorFrame, develop, develop_film, show_denoised};
 pub use guard::DefaultPath;
 pub use image_noise::ImageNoise;
 pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, ObjectEntry, inspect,
 };
-pub use light_films::{FilmOfLight, develop_behind_lens, develop_films, encode_light_layers, sum_of_means};
+pub use light_films::{FilmOfLight, develop_films, encode_light_layers, sum_of_means};
 pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats, check_image_memory};
 pub use noise_compensation::Matched;
 pub use options::{

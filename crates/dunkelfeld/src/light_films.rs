@@ -60,21 +60,12 @@ pub fn sum_of_means(means: &[(&MeanImage, f64)]) -> Result<MeanImage, Error> {
     })
 }
 
-/// [`develop_film`](crate::develop_film) of the sum of independent films, each times its factor. Runs on the threads of the
-/// current pool.
+/// [`develop_film`](crate::develop_film) of the sum of independent films, each times its factor, behind a lens with another
+/// transmission than that of the films if one is given ([`Exposer::of_films`]). Runs on the threads of the current pool.
 ///
 /// # Errors
-/// As [`sum_of_means`], and an exposure outside the ranges of the sensor.
-pub fn develop_films(films: &[FilmOfLight<'_>], settings: &RenderSettings) -> Result<Frame, Error> {
-    develop_behind_lens(films, None, settings)
-}
-
-/// [`develop_films`] behind a lens with another transmission than that of the films ([`Exposer::behind_lens`]), if one is
-/// given.
-///
-/// # Errors
-/// As [`develop_films`] and [`Exposer::behind_lens`].
-pub fn develop_behind_lens(
+/// As [`sum_of_means`] and [`Exposer::of_films`].
+pub fn develop_films(
     films: &[FilmOfLight<'_>],
     transmission: Option<Arc<Plane<f32>>>,
     settings: &RenderSettings,
@@ -88,10 +79,7 @@ pub fn develop_behind_lens(
     };
     let Some(camera) = ExposeSettings::of_render(settings)? else { return develop(&mean.radiance, settings) };
     let weighted: Vec<(&RenderedFilm, f64)> = films.iter().map(|light| (light.film, light.factor)).collect();
-    let exposer = match transmission {
-        None => Exposer::of_films_and_mean(&weighted, &mean, &camera)?,
-        Some(transmission) => Exposer::behind_lens(&weighted, &mean, transmission, &camera)?,
-    };
+    let exposer = Exposer::of_films(&weighted, &mean, transmission, &camera)?;
     let lit = films.iter().filter(|light| light.factor > 0.0);
     let variances: Vec<_> = lit.map(|light| (exposer.film_variances(light.film), light.factor)).collect();
     let k = settings.budget.noise.unwrap_or(dunkelfeld_adaptive::required_samples::DEFAULT_TARGET);

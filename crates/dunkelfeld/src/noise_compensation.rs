@@ -2,7 +2,7 @@
 
 use dunkelfeld_film::Plane;
 use dunkelfeld_render::Error;
-use dunkelfeld_render::film_noise::{FilmNoise, PixelVariance, sensor_noise, shares};
+use dunkelfeld_render::film_noise::{PixelVariance, sensor_noise, shares};
 use dunkelfeld_render::lens_image::LensImage;
 use dunkelfeld_sensor::{Device, Exposure, FrameKey, LensBlur, Response, SensorModel, matched_where};
 use std::borrow::Cow;
@@ -25,39 +25,19 @@ pub struct Matched {
 impl Matched {
     /// Checks the pixels of an exposure by their mean electrons and the known part of their noise.
     pub(crate) fn new(
-        measured: &FilmNoise<'_>,
         known: &CompensationInputs,
         electrons: &Plane<f32>,
-        model: &SensorModel,
-        exposure: Exposure,
-    ) -> Self {
-        match measured.sensor {
-            Some(_) => Self::of_known(known, (electrons, &measured.mean), model, exposure),
-            None => Self::nowhere(electrons.width(), electrons.height()),
-        }
-    }
-
-    /// [`Self::new`] for electrons with the mean signal of their film.
-    pub(crate) fn of_known(
-        known: &CompensationInputs,
-        (electrons, mean): (&Plane<f32>, &Plane<f32>),
         model: &SensorModel,
         exposure: Exposure,
     ) -> Self {
         let sensor = sensor_noise(model, exposure);
         let held = known.held(electrons, model, exposure);
         let mut pixels = known.variance.data().iter().zip(known.is_rare.data());
-        let ratios = mean.map(|&mean| match pixels.next() {
+        let ratios = electrons.map(|&mean| match pixels.next() {
             Some((v, false)) => v / sensor.variance(f64::from(mean)) as f32,
             _ => f32::INFINITY,
         });
         Self { share: share(&held), held, ratios }
-    }
-
-    /// For an image with unknown noise.
-    pub(crate) fn nowhere(width: u32, height: u32) -> Self {
-        let ratios = Plane::new(width, height, f32::INFINITY);
-        Self { held: Plane::new(width, height, false), share: 0.0, ratios }
     }
 }
 

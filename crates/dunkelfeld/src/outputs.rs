@@ -244,7 +244,7 @@ pub(crate) fn save_values(
 /// All layers of a render as the contents of an EXR: `R G B`, `variance.*`, `covariance.*`, `spp.Y`, `first_light.*`,
 /// `moment.x.*` and `moment.y.*` ([`MeanImage`](dunkelfeld_film::MeanImage)) and `lens.*`, the radiance behind the lens, for a lens that blurs,
 /// `albedo.*`, `normal.*`, `depth.Z` and their variances, `scatter.*`, `id.object`, `id.material` ([`NO_ID`] where there is no
-/// surface). With a sensor it contains `electrons.Y`, `hidden.Y` once the frame is [certified](crate::certify), and
+/// surface). With a sensor it contains `electrons.Y`, `hidden.Y` if the frame is certified, and
 /// `matched.Y` (1 or 0) if its noise was to be matched. It contains `denoised.*` if the [picture shows
 /// it](crate::show_denoised). For a film without all layers ([`FilmLayers::Image`]), first light, albedo, depth and the
 /// variances of auxiliary layers are left out.

@@ -265,11 +265,7 @@ impl Developed {
     }
 
     fn exposer_of(&self, mean: &MeanImage, settings: &ExposeSettings) -> Result<Exposer, Fault> {
-        let films = self.weighted();
-        Ok(match &self.transmission {
-            None => Exposer::of_films_and_mean(&films, mean, settings)?,
-            Some(transmission) => Exposer::behind_lens(&films, mean, transmission.clone(), settings)?,
-        })
+        Ok(Exposer::of_films(&self.weighted(), mean, self.transmission.clone(), settings)?)
     }
 
     /// [`Prepared::count`] before it was computed.

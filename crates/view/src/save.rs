@@ -9,8 +9,8 @@ use dunkelfeld::io::Factor;
 use dunkelfeld::radiometry::{Number, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
-    Error, ExposeSettings, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_behind_lens,
-    develop_film, encode_layers, encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
+    Error, ExposeSettings, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_film,
+    develop_films, encode_layers, encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -119,7 +119,7 @@ fn frame_of(
     let frame = match &snapshot.content {
         Content::Film(film) if transmission.is_none() => shared.session.install(|| develop_film(film, settings))?,
         Content::Film(_) | Content::Lights(_) => {
-            shared.session.install(|| develop_behind_lens(films, transmission, settings))?
+            shared.session.install(|| develop_films(films, transmission, settings))?
         }
         // An EXR has its own lens and pixels.
         Content::Exr(image) => {
