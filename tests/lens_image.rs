@@ -148,6 +148,25 @@ fn an_exr_behind_a_lens_has_the_values_of_the_render() {
     );
 }
 
+/// The film of a sharp lens has no moments, and neither has its EXR when glare comes later.
+#[test]
+fn glare_behind_a_sharp_lens_is_that_of_the_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.exr");
+    let (rendering, _) = rendered(&shadow(), &exposed(Psf::None, 16.0, 1.0));
+    let mut settings = exposed(Psf::None, 16.0, 1.0);
+    if let SensorChoice::Emva { optics, .. } = &mut settings.sensor {
+        *optics = optics.clone().with_glare(0.2).expect("in range");
+    }
+    let frame = develop_film(&rendering.film, &settings).expect("a frame");
+    let layers = dunkelfeld::encode_layers(&rendering.film, &frame, &settings);
+    assert!(!layers.channels.iter().any(|(name, _)| name.starts_with("moment")));
+    dunkelfeld::save_exr(&path, layers).expect("written");
+    let settings = ExposeSettings::of_render(&settings).expect("valid").expect("a sensor");
+    let values = dunkelfeld::Exposer::open(&path, &settings).expect("exposed").frame(0).expect("a frame");
+    assert_eq!(values.data(), frame.sensor.as_ref().expect("a sensor").values.data());
+}
+
 /// Even light stays even behind a lens, with any number of samples.
 #[test]
 fn a_flat_field_has_no_noise_behind_a_lens() {

@@ -249,14 +249,14 @@ impl Shared<'_> {
         self.progress.update(&RunState { finished, count: self.total, elapsed, remaining });
     }
 
-    /// The budget of the next image, if the run has a time: its share less the mean time of an image beyond its budget, for
-    /// the change of the scene, labels and files.
-    fn budget(&self) -> Option<f64> {
+    /// The budget of the image at a position, if the run has a time: its share less the mean time of an image beyond its budget,
+    /// for the change of the scene, labels and files. Before that is known, it is a tenth of the share.
+    fn budget(&self, position: usize) -> Option<f64> {
         let left = self.seconds? - self.began.elapsed().as_secs_f64();
         let (sum, count) = self.excess.lock().map(|excess| *excess).unwrap_or_default();
-        let position = self.next.load(Ordering::Relaxed).saturating_sub(1);
         let share = share(left, position, self.wanted.len(), self.jobs);
-        Some((share - sum / count.max(1) as f64).max(LEAST))
+        let beyond = if count == 0 { 0.1 * share } else { sum / count as f64 };
+        Some((share - beyond).max(LEAST))
     }
 
     /// The position of the next image: those of other processes come last.
@@ -292,7 +292,7 @@ impl Shared<'_> {
                 }
                 continue;
             };
-            let (began, budget) = (Instant::now(), self.budget());
+            let (began, budget) = (Instant::now(), self.budget(position));
             let image = match worker.make(index, budget, self.cancel) {
                 Ok(Some(image)) => image,
                 Ok(None) => return Ok(false),

@@ -141,7 +141,8 @@ fn layers_of_sum(films: &[FilmOfLight<'_>], names: &[String], frame: &Frame, row
         })
         .collect();
     let Some(FilmOfLight { film: first, .. }) = films.first() else { return ExrLayers::new(0, 0) };
-    let mut out = layers_of_band(first.sums.layers(), &merged, &first.ids, frame, rows.clone());
+    let mut out =
+        layers_of_band((first.sums.layers(), first.sums.has_moments()), &merged, &first.ids, frame, rows.clone());
     let of_radiance = |name: &str| {
         let is_layer = |layer: &str| name.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.'));
         ["R", "G", "B"].contains(&name)

@@ -291,6 +291,7 @@ fn no_plan_of_part(first: u32) -> (String, &'static str) {
 /// The layers of some rows of pixels, without attributes. The names of the channels are the same for all rows. Runs on
 /// the threads of the current pool.
 fn layers_of_rows(film: &RenderedFilm, frame: &Frame, rows: Range<u32>) -> ExrLayers {
+    let stored = (film.sums.layers(), film.sums.has_moments());
     let bands = rows.clone().step_by(Film::TILE as usize).map(|y| y..(y + Film::TILE).min(rows.end));
     let bands: Vec<ExrLayers> = bands
         .collect::<Vec<_>>()
@@ -301,7 +302,7 @@ fn layers_of_rows(film: &RenderedFilm, frame: &Frame, rows: Range<u32>) -> ExrLa
                 // The sums of a row stay in the cache of the processor.
                 sums.clear();
                 film.sums.read_rows(y..y + 1, &mut sums);
-                layers_of_band(film.sums.layers(), &sums, &film.ids, frame, y..y + 1)
+                layers_of_band(stored, &sums, &film.ids, frame, y..y + 1)
             }))
         })
         .collect();
@@ -317,7 +318,7 @@ fn joined(mut parts: impl Iterator<Item = ExrLayers>) -> ExrLayers {
 
 /// The same for a few rows of pixels with these sums.
 pub(crate) fn layers_of_band(
-    layers: FilmLayers,
+    (layers, has_moments): (FilmLayers, bool),
     sums: &[PixelSums],
     labels: &Plane<Option<PixelIds>>,
     frame: &Frame,
@@ -356,7 +357,8 @@ pub(crate) fn layers_of_band(
         out.push_triples(Triple::NormalVariance, &triples(&PixelSums::variance_of_normal));
         out.push_floats(Single::DepthVariance, floats(&PixelSums::variance_of_depth));
     }
-    if frame.sensor.as_ref().is_some_and(|sensor| sensor.radiance.is_some()) {
+    // A film of a sharp lens has none, also if its image is blurred later.
+    if has_moments && frame.sensor.as_ref().is_some_and(|sensor| sensor.radiance.is_some()) {
         for (axis, layer) in [Triple::MomentX, Triple::MomentY].into_iter().enumerate() {
             out.push_triples(layer, &triples(&|sums| sums.mean_moments()[axis]));
         }

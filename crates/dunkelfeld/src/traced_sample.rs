@@ -85,7 +85,9 @@ impl Project {
     /// # Errors
     /// Those of [`Project::fitted`], and a pixel outside of the film.
     pub fn trace_sample(&self, at: PixelSample) -> Result<TracedSample, Error> {
-        let settings = self.fitted()?;
+        let mut settings = self.fitted()?;
+        // A time limit decides whether a render has training.
+        settings.budget.seconds = None;
         if at.x >= settings.width || at.y >= settings.height {
             let problem = format!("pixel {},{} is outside {} x {}", at.x, at.y, settings.width, settings.height);
             return Err(Error::setting("sample", problem, "name a pixel of the image; the first is 0,0"));

@@ -264,15 +264,15 @@ impl From<Plane<(PixelNoise, f32)>> for PixelNoises {
 /// Light and place of a sample are two sequences that are shuffled independently, within aligned runs of samples (Burley
 /// 2020). The moment is a sum of the products of their differences over each run with random signs, so its variance is
 /// `sum_l e_l h_l n / N_l` times that of independent samples, for shares `e` and `h` of the variances of light and place in
-/// the `N_l` runs of level l. The place has 3/4 in runs of two samples, 3/16 in runs of four, and so on. Light that varies
-/// linearly has the same shares, which gives 9/7; light that no run resolves has 1/2, 1/4, and so on, which gives 1. Between
-/// them the factor follows the share of the variance that quasi-random samples leave in the mean.
+/// the `N_l` runs of level l. The place has 3/4 in runs of two samples, 3/16 in runs of four, and so on. So the factor is at
+/// most 3/2, for light with all of its variance in runs of two. Light that no run resolves has 1/2, 1/4, and so on, which gives
+/// 1. Between them the factor follows the share of the variance that quasi-random samples leave in the mean.
 fn moments(evidence: &NoiseInputs, pixel: usize, noise: &PixelNoise) -> f32 {
     let of_mean = noise.of_mean(evidence.counts.data()[pixel]);
     evidence.scatter.data()[pixel].map_or(of_mean, |scatter| {
         let independent = scatter.all as f32;
         let gain = independent - of_mean;
-        if gain > 0.0 { independent + 2.0 / 7.0 * gain } else { independent }
+        if gain > 0.0 { independent + 0.5 * gain } else { independent }
     })
 }
 

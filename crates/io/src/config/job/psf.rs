@@ -32,7 +32,9 @@ impl PsfSettings {
             "none" => Ok(Self::Given(Psf::None)),
             "diffraction" => Ok(Self::Given(Psf::Diffraction)),
             _ if word.to_ascii_lowercase().ends_with(".csv") => Ok(Self::File(word.into())),
-            _ => Err(format!("\"{word}\" is no point spread function; write \"none\", \"diffraction\" or a CSV file")),
+            _ => Err(format!(
+                "\"{word}\" is no point spread function; write \"none\", \"diffraction\" or a CSV file; a job may also have {{ sigma = \"1.5um\" }} or {{ mtf50 = 80 }}"
+            )),
         }
     }
 
