@@ -221,7 +221,7 @@ fn camera(project: &Project, noise: ExposureNoise) -> ExposeSettings {
 }
 
 fn exposer(films: &[(&RenderedFilm, f64)], settings: &ExposeSettings) -> Exposer {
-    let means: Vec<MeanImage> = films.iter().map(|(film, _)| mean_image(&film.sums)).collect();
+    let means: Vec<MeanImage> = films.iter().map(|(film, _)| mean_image(&film.sums, film.is_spread)).collect();
     let means: Vec<_> = means.iter().zip(films).map(|(mean, (_, factor))| (mean, *factor)).collect();
     Exposer::of_films(films, &sum_of_means(&means).expect("one size"), None, settings).expect("valid")
 }

@@ -211,7 +211,7 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
             b.cameras[0].lens.aperture = Some(Aperture { opening, focus_distance: 2.5, blades: None });
         }
         Effect::Distortion => b.cameras[0].lens.distortion.radial[0] = 1e-9,
-        Effect::LensBlur => b.cameras[0].lens.blurs = true,
+        Effect::LensBlur => b.cameras[0].lens.spread = Some(0.55),
         Effect::Motion => {
             b.instances[4 + BOXES * BOXES / 2].motion = RigidMotion::linear(DVec3::X * 1e-6);
             b.shutter = Some(Shutter::Frame { exposure: 1e-3 });

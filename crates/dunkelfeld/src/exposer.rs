@@ -49,7 +49,7 @@ impl Exposer {
     /// # Errors
     /// Settings outside their range, or outside the ranges of the sensor.
     pub fn of_film(film: &RenderedFilm, settings: &ExposeSettings) -> Result<Self, Error> {
-        Self::of_films(&[(film, 1.0)], &mean_image(&film.sums), None, settings)
+        Self::of_films(&[(film, 1.0)], &mean_image(&film.sums, film.is_spread), None, settings)
     }
 
     /// [`Self::of_film`] for the sum of independent films of one camera, each multiplied by a factor of zero or more, such as

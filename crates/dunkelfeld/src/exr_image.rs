@@ -6,7 +6,7 @@ use crate::exposer::{Exposer, lens_share, through_lens};
 use crate::image_noise::{FilmPart, ImageNoise};
 use crate::memory::expose_account;
 use crate::noise_compensation::CompensationInputs;
-use crate::outputs::{FilmOfSensor, VIGNETTING, attributes};
+use crate::outputs::{FilmOfSensor, SPREAD, VIGNETTING, attributes};
 use crate::shutter::TimedExposure;
 use dunkelfeld_adaptive::required_samples::SensorNoise;
 use dunkelfeld_adaptive::variance::inputs::{PixelFeatures, pixel_features};
@@ -76,7 +76,7 @@ impl ExrImage {
             // As in the frame of the render.
             radiance = fill_gaps(&radiance, &counts.map(|n| *n > 0));
         }
-        let is_spread = layers.triples(Triple::MomentX).is_some();
+        let is_spread = attributes(&layers).get(SPREAD).is_some_and(|spread| *spread == true);
         let mean = match (&settings.layer, layers.triples(Triple::MomentX), layers.triples(Triple::MomentY)) {
             (None, Some(right), Some(down)) => MeanImage { radiance, moments: Some([right, down]), is_spread },
             // The radiance behind the lens is an image without one.

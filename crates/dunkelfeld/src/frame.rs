@@ -103,7 +103,7 @@ pub fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSet
 /// An exposure outside the ranges of the sensor.
 pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Frame, Error> {
     // The mean of a film with these settings, or its denoised mean.
-    expose(MeanImage::without_moments(mean.clone(), settings.is_blurred()), settings, None)
+    expose(MeanImage::without_moments(mean.clone(), settings.is_spread()), settings, None)
 }
 
 /// [`develop`] of a rendered film, with the noise of [`RenderSettings::exposure_noise`], and certified
@@ -112,7 +112,7 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
 /// # Errors
 /// As [`develop`].
 pub fn develop_film(film: &RenderedFilm, settings: &RenderSettings) -> Result<Frame, Error> {
-    expose(mean_image(&film.sums), settings, Some(film))
+    expose(mean_image(&film.sums, film.is_spread), settings, Some(film))
 }
 
 fn expose(mean: MeanImage, settings: &RenderSettings, film: Option<&RenderedFilm>) -> Result<Frame, Error> {

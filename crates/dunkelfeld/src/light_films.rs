@@ -70,7 +70,8 @@ pub fn develop_films(
     transmission: Option<Arc<Plane<f32>>>,
     settings: &RenderSettings,
 ) -> Result<Frame, Error> {
-    let means: Vec<(MeanImage, f64)> = films.iter().map(|light| (mean_image(&light.film.sums), light.factor)).collect();
+    let means: Vec<(MeanImage, f64)> =
+        films.iter().map(|light| (mean_image(&light.film.sums, light.film.is_spread), light.factor)).collect();
     let mean = sum_of_means(&means.iter().map(|(mean, factor)| (mean, *factor)).collect::<Vec<_>>())?;
     drop(means);
     let mean = match &transmission {

@@ -269,6 +269,7 @@ pub(crate) fn layer_attributes(frame: &Frame, settings: &RenderSettings, film: &
         "objects": film.object_names,
         "materials": film.material_names,
         "without": settings.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
+        SPREAD: film.is_spread,
     });
     add_first_sample(&mut all, settings);
     all
@@ -432,6 +433,9 @@ impl FilmOfSensor {
         })
     }
 }
+
+/// The attribute that states whether the samples of a pixel are spread over its neighbours.
+pub(crate) const SPREAD: &str = "spread";
 
 /// The attribute of images with vignetting.
 pub(crate) const VIGNETTING: &str = "vignetting";

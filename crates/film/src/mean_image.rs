@@ -10,7 +10,7 @@ pub struct MeanImage {
     /// First moments of the radiance in the pixels, to the right and down
     /// ([`PixelSums::mean_moments`](crate::PixelSums::mean_moments)), if they are known.
     pub moments: Option<[Plane<[f32; 3]>; 2]>,
-    /// Are the samples of a pixel spread over its neighbours ([`Self::SPREAD`])? With moments they are.
+    /// Are the samples of a pixel spread over its neighbours ([`Self::SPREAD`])?
     pub is_spread: bool,
 }
 
@@ -21,7 +21,8 @@ impl From<Plane<[f32; 3]>> for MeanImage {
 }
 
 impl MeanImage {
-    /// Width \[pixels\] of the box over which the samples of a pixel are spread beyond it, for films with moments.
+    /// Width \[pixels\] of the box over which the samples of a pixel are spread beyond it, for a lens that is not much sharper than
+    /// the pixels.
     ///
     /// The place of a sample is uniform in its pixel plus uniform in this box. The radiance and its first moments then determine the
     /// image of a lens within 1 % up to the Nyquist frequency, and within 5 % above, where the means of pixels alone cannot tell the

@@ -123,6 +123,7 @@ pub fn render_with_dry_run(
         let ids = pixel_id_plane(scene, &camera, settings.width, settings.height);
         let film = RenderedFilm {
             sums,
+            is_spread: settings.is_spread(),
             ids,
             object_names: scene.object_names().to_vec(),
             material_names: material_names(scene),

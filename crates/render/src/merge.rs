@@ -146,6 +146,7 @@ impl JoinedParts {
             stages: state.stages,
             film: RenderedFilm {
                 sums: film,
+                is_spread: recipe.is_spread,
                 ids: labels_of(&objects, &materials),
                 object_names: recipe.object_names,
                 material_names: recipe.material_names,

@@ -63,10 +63,10 @@ pub fn mean_without_gaps(film: &Film) -> Plane<[f32; 3]> {
     if has_gaps.into_inner() { fill_gaps(&mean, &film.sample_counts().map(|&n| n > 0)) } else { mean }
 }
 
-/// [`mean_without_gaps`], with the moments of a film whose samples had places. Without samples a pixel has none.
-pub fn mean_image(film: &Film) -> MeanImage {
-    let is_spread = film.has_moments();
-    let moments = is_spread.then(|| map_film_at(film, Needed::Image, |_, _, p| p.mean_moments()));
+/// [`mean_without_gaps`], with the moments of a film whose samples had places. Without samples a pixel has none. `is_spread`: are
+/// the samples of a pixel spread over its neighbours ([`RenderedFilm::is_spread`](crate::RenderedFilm::is_spread))?
+pub fn mean_image(film: &Film, is_spread: bool) -> MeanImage {
+    let moments = film.has_moments().then(|| map_film_at(film, Needed::Image, |_, _, p| p.mean_moments()));
     MeanImage { radiance: mean_without_gaps(film), moments, is_spread }
 }
 

@@ -9,6 +9,8 @@ use dunkelfeld_scene::Scene;
 pub struct RenderedFilm {
     /// Sums of radiance and of auxiliary layers.
     pub sums: Film,
+    /// Are the samples of a pixel spread over its neighbours ([`MeanImage::SPREAD`](dunkelfeld_film::MeanImage::SPREAD))?
+    pub is_spread: bool,
     /// Object and material at the centre of each pixel; `None` where no surface is hit.
     pub ids: Plane<Option<PixelIds>>,
     /// Names of the objects, by id.
@@ -21,7 +23,7 @@ impl RenderedFilm {
     /// A film without objects in its pixels.
     pub fn without_ids(sums: Film) -> Self {
         let ids = Plane::new(sums.width(), sums.height(), None);
-        Self { sums, ids, object_names: Vec::new(), material_names: Vec::new() }
+        Self { sums, is_spread: false, ids, object_names: Vec::new(), material_names: Vec::new() }
     }
 
     /// A copy of some rows of tiles.
@@ -32,6 +34,7 @@ impl RenderedFilm {
         Self {
             ids: Plane::of_pixels(sums.width(), sums.height(), ids),
             sums,
+            is_spread: self.is_spread,
             object_names: self.object_names.clone(),
             material_names: self.material_names.clone(),
         }

@@ -49,7 +49,8 @@ impl SavedFilm {
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), Error> {
         let Self { film, settings, is_vignetted } = self;
-        let saved_film = ExposureRecipe::new(settings, *is_vignetted, [&film.object_names, &film.material_names]);
+        let saved_film =
+            ExposureRecipe::new(settings, [*is_vignetted, film.is_spread], [&film.object_names, &film.material_names]);
         let [objects, materials] = numbers_of(&film.ids);
         let stored = serde_json::to_string(&Description {
             saved_film,
@@ -100,7 +101,8 @@ impl SavedFilm {
         settings.samples = samples;
         settings.denoise.method = denoise;
         let is_vignetted = saved_film.is_vignetted;
-        let ExposureRecipe { object_names, material_names, .. } = saved_film;
-        Ok(Self { film: RenderedFilm { sums, ids, object_names, material_names }, settings, is_vignetted })
+        let ExposureRecipe { is_spread, object_names, material_names, .. } = saved_film;
+        let film = RenderedFilm { sums, is_spread, ids, object_names, material_names };
+        Ok(Self { film, settings, is_vignetted })
     }
 }

@@ -312,6 +312,11 @@ impl RenderSettings {
         matches!(&self.sensor, SensorChoice::Emva { optics, .. } if optics.blurs())
     }
 
+    /// Are the samples of a pixel spread over its neighbours, for the blur of the lens ([`Optics::needs_spread`])?
+    pub fn is_spread(&self) -> bool {
+        matches!(&self.sensor, SensorChoice::Emva { optics, model, .. } if optics.needs_spread(model.spec().pixel_pitch))
+    }
+
     /// Is there a sensor?
     pub fn has_sensor(&self) -> bool {
         matches!(self.sensor, SensorChoice::Emva { .. })

@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::settings::RenderSettings;
+use dunkelfeld_film::MeanImage;
 use dunkelfeld_scene::{Camera, RayGenerator, Scene};
 
 /// Binds the camera of the settings to the film: their own view, or the camera that they name.
@@ -13,7 +14,8 @@ pub fn camera(scene: &Scene, settings: &RenderSettings) -> Result<RayGenerator, 
         Some(view) => view.clone(),
         None => find_camera(scene, settings)?,
     };
-    camera.lens.blurs = settings.is_blurred();
+    let spread = || if settings.is_spread() { MeanImage::SPREAD } else { 0.0 };
+    camera.lens.spread = settings.is_blurred().then(spread);
     Ok(scene.ray_generator(&camera, settings.width, settings.height)?)
 }
 

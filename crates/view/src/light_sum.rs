@@ -34,7 +34,7 @@ impl LightFilm {
 
     /// Mean radiance [W/(m² sr)], without gaps.
     fn mean(&self) -> &Mean {
-        self.mean.get_or_init(|| mean_image(&self.film.sums))
+        self.mean.get_or_init(|| mean_image(&self.film.sums, self.film.is_spread))
     }
 
     /// The variances of the mean behind a camera.
@@ -60,7 +60,7 @@ impl LightFilm {
 /// Computes the means of all films, once. Not for threads of the session.
 pub(crate) fn find_means(films: &[LightFilm], session: &Session<'_>) {
     for light in films {
-        light.mean.get_or_init(|| session.install(|| mean_image(&light.film.sums)));
+        light.mean.get_or_init(|| session.install(|| mean_image(&light.film.sums, light.film.is_spread)));
     }
 }
 

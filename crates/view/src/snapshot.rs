@@ -255,7 +255,7 @@ impl Snapshot {
 
     fn read_mean(&self) -> MeanImage {
         let empty = || Plane::new(self.counts.width(), self.counts.height(), [0.0; 3]).into();
-        self.films().next().map_or_else(empty, |film| mean_image(&film.sums))
+        self.films().next().map_or_else(empty, |film| mean_image(&film.sums, film.is_spread))
     }
 }
 

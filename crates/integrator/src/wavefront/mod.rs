@@ -30,7 +30,7 @@ use crate::path::{PathState, PathStates};
 use crate::ray_state::{EnclosingSolids, RayState};
 use attempts::Attempts;
 use dunkelfeld_bvh::Hit;
-use dunkelfeld_film::{MeanImage, Sample};
+use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::Ray;
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, dispatch};
 use dunkelfeld_radiometry::Rgb;
@@ -320,11 +320,11 @@ impl<'a> Wavefront<'a> {
             (time, y) = (F::load(token, &times), F::load(token, &row));
         }
         let mut places = [[0.0; MAX_WIDTH]; 2];
-        if camera.blurs() {
+        if let Some(spread) = camera.spread() {
             let middle = F::splat(token, 0.5);
             let [right, down] = numbers.last_two().map(
                 #[inline(always)]
-                |u| (u - middle) * MeanImage::SPREAD,
+                |u| (u - middle) * spread,
             );
             (x, y) = (x + right, y + down);
             (dx - middle).store(&mut places[0]);

@@ -19,7 +19,7 @@ use std::path::Path;
 use twox_hash::XxHash3_64;
 
 /// Version of the format.
-pub const CHECKPOINT_VERSION: u32 = 8;
+pub const CHECKPOINT_VERSION: u32 = 9;
 /// The first bytes: no text, and changed by programs that convert line ends, as in PNG.
 const MAGIC: [u8; 8] = *b"\x89DFC\r\n\x1a\n";
 /// Magic, version, width, height, length of the text, flags.

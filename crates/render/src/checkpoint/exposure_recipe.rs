@@ -23,6 +23,8 @@ pub(crate) struct ExposureRecipe {
     without: Vec<String>,
     /// Does the lens darken the image towards its corners?
     pub(crate) is_vignetted: bool,
+    /// Are the samples of a pixel spread over its neighbours?
+    pub(crate) is_spread: bool,
     pub(crate) object_names: Vec<String>,
     #[serde(default)]
     pub(crate) material_names: Vec<String>,
@@ -34,7 +36,7 @@ pub(crate) struct ExposureRecipe {
 
 impl ExposureRecipe {
     /// The settings of a render, and the names of objects and materials.
-    pub(crate) fn new(settings: &RenderSettings, is_vignetted: bool, names: [&[String]; 2]) -> Self {
+    pub(crate) fn new(settings: &RenderSettings, [is_vignetted, is_spread]: [bool; 2], names: [&[String]; 2]) -> Self {
         Self {
             seed: settings.seed,
             frame: settings.frame,
@@ -44,6 +46,7 @@ impl ExposureRecipe {
             exposure_noise: settings.exposure_noise,
             without: settings.without.iter().map(|e| e.name().to_string()).collect(),
             is_vignetted,
+            is_spread,
             object_names: names[0].to_vec(),
             material_names: names[1].to_vec(),
             training_paths: settings.training_paths(),
@@ -154,8 +157,8 @@ mod tests {
             let readout = Readout { binning: 2, line_scan_stages: 4 };
             let settings =
                 RenderSettings { sensor, readout, seed, frame, training_paths, ..RenderSettings::without_sensor() };
-            let text =
-                serde_json::to_string(&ExposureRecipe::new(&settings, true, [&["a".into()], &[]])).expect("plain data");
+            let text = serde_json::to_string(&ExposureRecipe::new(&settings, [true, false], [&["a".into()], &[]]))
+                .expect("plain data");
             let recipe: ExposureRecipe = serde_json::from_str(&text).expect("the text that was written");
             let back = recipe.settings(settings.width, settings.height);
             assert_eq!(format!("{back:?}"), format!("{settings:?}"));

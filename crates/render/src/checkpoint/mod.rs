@@ -196,7 +196,7 @@ impl CheckpointWriter {
             samples: render.samples.clone(),
             recipe: ExposureRecipe::new(
                 render,
-                camera.has_vignetting(),
+                [camera.has_vignetting(), render.is_spread()],
                 [scene.object_names(), &material_names(scene)],
             ),
             numbers: numbers_of(labels),

@@ -118,7 +118,7 @@ impl<'a> Planner<'a> {
 
     /// The unit of noise at the exposure of the image so far, and the image behind the lens.
     fn exposed(&self, film: &Film) -> Result<(SignalModel, LensImage), Error> {
-        let image = LensImage::new(mean_image(film), &self.settings.sensor);
+        let image = LensImage::new(mean_image(film, self.settings.is_spread()), &self.settings.sensor);
         Ok((SignalModel::new(&image.radiance, &self.settings.sensor)?, image))
     }
 

@@ -40,7 +40,7 @@ impl SceneBuilder {
             Effect::EnergyCompensation => self.energy_compensation = false,
             Effect::FiniteAperture => self.cameras.iter_mut().for_each(|c| c.lens.aperture = None),
             Effect::Distortion => self.cameras.iter_mut().for_each(|c| c.lens.distortion = Default::default()),
-            Effect::LensBlur => self.cameras.iter_mut().for_each(|c| c.lens.blurs = false),
+            Effect::LensBlur => self.cameras.iter_mut().for_each(|c| c.lens.spread = None),
             Effect::Motion => self.instances.iter_mut().for_each(|i| i.motion = RigidMotion::default()),
             Effect::LineScan => {
                 if let Some(Shutter::Lines(lines)) = self.shutter {
@@ -201,7 +201,7 @@ mod tests {
         camera.lens.aperture =
             Some(crate::Aperture { opening: crate::Opening::Radius(0.01), focus_distance: 1.0, blades: None });
         camera.lens.distortion = crate::Distortion { radial: [0.1, 0.0, 0.0, 0.0, 0.0, 0.0], ..Default::default() };
-        camera.lens.blurs = true;
+        camera.lens.spread = Some(0.5);
         scene.cameras.push(camera);
         scene.instances[0].motion = RigidMotion::linear(dunkelfeld_geometry::DVec3::X);
         scene.shutter = Some(Shutter::Lines(crate::LineScan {

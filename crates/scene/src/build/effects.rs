@@ -222,7 +222,7 @@ impl Effects {
             if !camera.lens.distortion.is_none() {
                 effects.add(Effect::Distortion, place());
             }
-            if camera.lens.blurs {
+            if camera.lens.spread.is_some() {
                 effects.add(Effect::LensBlur, place());
             }
         }

@@ -19,9 +19,9 @@ pub struct Lens {
     pub vignetting: Vignetting,
     /// Width of a pixel over its height: OpenCV's fy / fx. 1 for square pixels.
     pub pixel_aspect: f64,
-    /// Does the lens blur the image? Then the samples of a pixel are spread over its neighbours, and a film keeps their places,
-    /// so that any blur can be applied to it (`dunkelfeld_film::MeanImage`).
-    pub blurs: bool,
+    /// A lens that blurs: a film keeps the places of samples, so that any blur can be applied to it, and they are spread by a box of
+    /// this width \[pixels\] beyond their pixel (`dunkelfeld_film::MeanImage`).
+    pub spread: Option<f32>,
 }
 
 impl Default for Lens {
@@ -32,7 +32,7 @@ impl Default for Lens {
             principal_point: [0.0; 2],
             vignetting: Vignetting::None,
             pixel_aspect: 1.0,
-            blurs: false,
+            spread: None,
         }
     }
 }

@@ -95,7 +95,7 @@ pub struct RayGenerator {
     darkens: bool,
     aperture: Option<Aperture>,
     undistorter: Option<Box<Undistorter>>,
-    blurs: bool,
+    spread: Option<f32>,
     world_origin: DVec3,
     clearance: f64,
 }
@@ -147,7 +147,7 @@ impl RayGenerator {
             darkens: camera.lens.vignetting == Vignetting::CosineFourth && !parallel,
             aperture: camera.lens.aperture,
             undistorter: None,
-            blurs: camera.lens.blurs,
+            spread: camera.lens.spread,
             world_origin,
             clearance: CLEARANCE * f64::from(radius),
         };
@@ -190,10 +190,10 @@ impl RayGenerator {
         self.aperture.is_some()
     }
 
-    /// True if the samples of a pixel are spread over its neighbours ([`Lens::blurs`](lens::Lens)).
+    /// The box of the samples of a pixel beyond it \[pixels\], in front of a lens that blurs ([`Lens::spread`](lens::Lens)).
     #[inline]
-    pub fn blurs(&self) -> bool {
-        self.blurs
+    pub fn spread(&self) -> Option<f32> {
+        self.spread
     }
 
     /// True if rays have different weights.

@@ -295,7 +295,8 @@ impl Bench<'_> {
         if rendering.interrupted {
             return Ok(None);
         }
-        let image = session.install(|| LensImage::new(mean_image(&rendering.film.sums), &settings.sensor));
+        let image = session
+            .install(|| LensImage::new(mean_image(&rendering.film.sums, rendering.film.is_spread), &settings.sensor));
         let total_seconds = began.elapsed().as_secs_f64();
         let mut seconds = BTreeMap::new();
         for (stage, s) in &rendering.stages {

@@ -177,7 +177,8 @@ impl Work<'_> {
         if rendering.interrupted {
             return Ok(None);
         }
-        let image = session.install(|| LensImage::new(mean_image(&rendering.film.sums), &settings.sensor));
+        let image = session
+            .install(|| LensImage::new(mean_image(&rendering.film.sums, rendering.film.is_spread), &settings.sensor));
         if view.is_none() {
             *view = Some(View::new(&self.fitted.sensor, &image.radiance)?);
         }

@@ -58,7 +58,7 @@ impl View {
 
     /// The signal of the denoised mean of a film with these settings.
     pub(crate) fn denoised(&self, mean: Plane<[f32; 3]>, settings: &RenderSettings) -> Plane<f32> {
-        let mean = MeanImage::without_moments(mean, settings.is_blurred());
+        let mean = MeanImage::without_moments(mean, settings.is_spread());
         self.signal(&LensImage::new(mean, &settings.sensor).radiance)
     }
 
