@@ -19,8 +19,9 @@ fn main() -> Result<(), Error> {
         let began = Instant::now();
         let mut sum = 0.0;
         for seed in 0..renders {
-            let options = RenderOptions::default().with_width(side).with_height(side).with_spp(f64::from(spp));
-            let result = project.render_options(options.with_seed(seed), &Silent, &Cancel::new())?;
+            let keys = format!("film = {{ width = {side}, height = {side} }}\nbudget.spp = {spp}\nseed = {seed}");
+            let options = RenderOptions::default().with_keys(keys);
+            let result = project.render_options(options, &Silent, &Cancel::new())?;
             sum += f64::from(result.rendering.film.sums.mean().at(0, 0)[0]);
         }
         println!("round {round}: {:.4} s, sum {sum:.6}", began.elapsed().as_secs_f64());

@@ -2,11 +2,9 @@
 //! Replay: `cargo test --workspace --test project NAME`.
 
 use dunkelfeld::film::Film;
-use dunkelfeld::scene::Vignetting;
 use dunkelfeld::{
-    Cancel, ExposeOptions, ExposureOption, InputFiles, OutputPaths, Project, ProjectOptions, RenderOptions,
-    ReplayOption, SavedFilm, SavedPlan, SensorChoice, SensorOption, Silent, expose_film, picture_of_film,
-    save_film_files,
+    Cancel, ExposeOptions, GivenSensor, InputFiles, OutputPaths, Project, ProjectOptions, RenderOptions, ReplayOption,
+    SavedFilm, SavedPlan, SensorChoice, Silent, expose_film, picture_of_film, save_film_files,
 };
 use std::fmt::Write as _;
 use std::fs;
@@ -136,17 +134,14 @@ fn overrides_that_fail_leave_the_project_as_it_was() {
 }
 
 #[test]
-fn a_scene_file_without_a_job_takes_overrides_and_keeps_adjusted_settings() {
+fn a_scene_file_without_a_job_takes_overrides() {
     let folder = TempDir::new().expect("a temporary folder");
     write_scene(folder.path(), 4);
     let mut project = Project::open(folder.path().join("scene.obj")).expect("a scene");
-    (project.settings.width, project.settings.budget.spp) = (20, Some(2.0));
-    let overrides = "film = { width = 99, height = 15 }\nenvironment = { radiance = 1 }\n";
+    let overrides = "film = { width = 20, height = 15 }\nenvironment = { radiance = 1 }\nbudget.spp = 2\n";
     project.set_overrides(overrides).expect("overrides");
-    assert_eq!((project.settings.width, project.settings.height), (20, 15), "the width was adjusted by the program");
-    let text = "scene = \"scene.obj\"\nfilm = { width = 20, height = 15 }\nenvironment = { radiance = 1 }\n";
-    let mut loaded = open(&folder, "fresh.toml", text);
-    loaded.settings.budget.spp = Some(2.0);
+    let text = format!("scene = \"scene.obj\"\n{overrides}");
+    let loaded = open(&folder, "fresh.toml", &text);
     assert!(film(&project) == film(&loaded));
     // Another scene file.
     fs::write(folder.path().join("other.obj"), "v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\n").expect("writable");
@@ -185,17 +180,18 @@ fn gain_temperature_and_black_level_of_a_job_change_its_sensor() {
 }
 
 #[test]
-fn a_sensor_that_the_program_selected_has_the_lens_of_the_overrides() {
+fn a_given_sensor_has_the_lens_and_the_exposure_of_the_job() {
     let folder = TempDir::new().expect("a temporary folder");
     write_scene(folder.path(), 4);
     let mut project = open(&folder, "job.toml", JOB);
-    let model = Box::new(dunkelfeld::find_sensor("imx174").expect("a preset"));
-    project.settings.sensor = SensorChoice::Emva { model, optics: project.optics.clone(), exposure: None };
-    project.set_overrides("lens = { f_number = 8 }\n").expect("overrides");
-    let SensorChoice::Emva { model, optics, .. } = project.fitted().expect("a lens").sensor else {
+    let sensor = GivenSensor { model: dunkelfeld::find_sensor("imx174").expect("a preset"), file: None };
+    let keys = "lens.f_number = 8\nsensor.exposure = '3ms'";
+    project.apply_options(RenderOptions::default().with_sensor(sensor).with_keys(keys)).expect("options");
+    let SensorChoice::Emva { model, optics, exposure } = project.fitted().expect("a lens").sensor else {
         panic!("no sensor")
     };
     assert!(model.spec().name.contains("IMX174") && optics.f_number() == 8.0, "{optics:?}");
+    assert_eq!(exposure.map(|time| time.time().0), Some(3e-3));
 }
 
 /// A render begins its clock itself: the time between `open` and `render` does not count.
@@ -243,8 +239,8 @@ fn options_belong_to_one_render() {
     write_scene(folder.path(), 4);
     let mut project = open(&folder, "job.toml", JOB);
     let before = format!("{:?}", project.settings);
-    let options =
-        RenderOptions::default().with_width(20u32).with_spp(3.0).with_seed(9u64).with_sensor(SensorOption::None);
+    let keys = "film.width = 20\nbudget.spp = 3\nseed = 9\nsensor.model = 'none'\n";
+    let options = RenderOptions::default().with_keys(keys);
     let saved = render(&mut project, options.clone());
     assert_eq!(format!("{:?}", project.settings), before);
     let mut set = open(&folder, "job.toml", JOB);
@@ -253,9 +249,10 @@ fn options_belong_to_one_render() {
     assert!(saved.film.sums == film(&set) && !saved.settings.has_sensor());
     for (bad, says) in [
         (options.clone().with_camera("nobody"), "nobody"),
-        (options.clone().with_exposure(ExposureOption::Auto), "exposure"),
-        (options.clone().with_sensor(SensorOption::Named("no-such-sensor".into())), "no-such-sensor"),
-        (options.with_spp(f64::NAN), "spp"),
+        (RenderOptions::default().with_keys(format!("{keys}sensor.exposure = 'auto'")), "exposure"),
+        (RenderOptions::default().with_keys("sensor.model = 'no-such-sensor'"), "no-such-sensor"),
+        (RenderOptions::default().with_keys("budget.spp = nan"), "spp"),
+        (RenderOptions::default().with_keys("environment.radiance = 3"), "environment"),
     ] {
         let error = project.render_options(bad, &Silent, &Cancel::new()).expect_err(says).to_string();
         assert!(error.contains(says), "{error}");
@@ -271,17 +268,18 @@ fn a_replay_belongs_to_one_render_and_applied_options_stay() {
     write_scene(folder.path(), 4);
     let mut project = open(&folder, "job.toml", JOB);
     let whole = film(&project);
-    let options = RenderOptions::default().with_spp(7.0).with_seed(5u64);
-    let saved = render(&mut project, options.clone().with_vignetting(Vignetting::CosineFourth));
-    assert!(saved.is_vignetted && project.vignetting.is_none());
+    let options = RenderOptions::default().with_keys("budget.spp = 7\nseed = 5\n");
+    let vignetted = |keys: &str| RenderOptions::default().with_keys(format!("{keys}lens.vignetting = 'cos4'\n"));
+    let saved = render(&mut project, vignetted(&options.keys));
+    assert!(saved.is_vignetted && project.lens.vignetting.is_none());
     let plan = folder.path().join("plan.exr");
     let files = OutputPaths::default().with_plan(plan.clone());
     save_film_files(&saved, None, &files, &InputFiles::new()).expect("saved");
     let known = project.inputs.iter().count();
     for replay in [ReplayOption::File(plan), ReplayOption::Plan(SavedPlan::of_film(&saved).expect("a whole film"))] {
-        let replay = RenderOptions::default().with_replay(replay).with_vignetting(Vignetting::CosineFourth);
-        assert!(render(&mut project, replay.clone()).film.sums == saved.film.sums);
-        let error = project.apply_options(replay.with_noise(1.0)).expect_err("a limit").to_string();
+        assert!(render(&mut project, vignetted("").with_replay(replay.clone())).film.sums == saved.film.sums);
+        let limited = vignetted("budget.noise = 1\n").with_replay(replay);
+        let error = project.apply_options(limited).expect_err("a limit").to_string();
         assert!(error.contains("replay") && error.contains("help"), "{error}");
         assert!(film(&project) == whole && project.inputs.iter().count() == known);
     }
@@ -291,7 +289,7 @@ fn a_replay_belongs_to_one_render_and_applied_options_stay() {
     // A seed beside the plan replaces that of its file.
     let plan = SavedPlan::of_film(&saved).expect("a whole film");
     project
-        .apply_options(RenderOptions::default().with_replay(ReplayOption::Plan(plan)).with_seed(6u64))
+        .apply_options(RenderOptions::default().with_replay(ReplayOption::Plan(plan)).with_keys("seed = 6"))
         .expect("applied");
     assert_eq!((project.settings.seed, project.settings.budget.spp), (6, None));
     assert!(film(&project) != saved.film.sums);
@@ -311,8 +309,7 @@ fn a_sensor_of_the_options_resizes_a_full_film() {
     let job =
         JOB.replace("film = { width = 24, height = 20 }", "film = { full = true }\nsensor = { model = \"a.toml\" }");
     let mut project = open(&folder, "job.toml", &job);
-    let other = folder.path().join("b.toml").display().to_string();
-    let saved = render(&mut project, RenderOptions::default().with_sensor(SensorOption::Named(other)));
+    let saved = render(&mut project, RenderOptions::default().with_keys("sensor.model = 'b.toml'"));
     assert_eq!((saved.film.sums.width(), saved.film.sums.height()), (10, 12));
     let again = render(&mut project, RenderOptions::default());
     assert_eq!((again.film.sums.width(), again.film.sums.height()), (24, 16));
@@ -325,7 +322,7 @@ fn a_film_is_exposed_with_options() {
     let mut project = open(&folder, "job.toml", JOB);
     let saved = render(&mut project, RenderOptions::default());
     let frames = expose_film(&saved, &ExposeOptions::default(), 2, &Cancel::new()).expect("frames");
-    let later = expose_film(&saved, &ExposeOptions::default().with_frame(1u32), 1, &Cancel::new()).expect("a frame");
+    let later = expose_film(&saved, &ExposeOptions::default().with_keys("frame = 1"), 1, &Cancel::new()).expect("a frame");
     assert!(frames[0] != frames[1] && frames[1] == later[0]);
     // So many frames would not fit: an error before any of them is allocated.
     let error = expose_film(&saved, &ExposeOptions::default(), u32::MAX, &Cancel::new());
@@ -334,7 +331,7 @@ fn a_film_is_exposed_with_options() {
     let cancelled = Cancel::new();
     cancelled.cancel();
     assert_eq!(expose_film(&saved, &ExposeOptions::default(), 2, &cancelled).expect("no frame").len(), 0);
-    let plain = picture_of_film(&saved, &ExposeOptions::default().with_sensor(SensorOption::None)).expect("a picture");
+    let plain = picture_of_film(&saved, &ExposeOptions::default().with_keys("sensor.model = 'none'")).expect("a picture");
     assert!(matches!(plain, dunkelfeld::Picture::Rgb(_)));
 }
 

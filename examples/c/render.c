@@ -55,7 +55,9 @@ int main(int argc, char **argv) {
     if (dunkelfeld_scene_open(argv[1], &scene) != DUNKELFELD_STATUS_OK) return fail();
 
     DunkelfeldRenderOptions options = dunkelfeld_render_options();
-    options.spp = argc > 3 ? atof(argv[3]) : 16.0;
+    char keys[64];
+    snprintf(keys, sizeof keys, "budget.spp = %.17g", argc > 3 ? atof(argv[3]) : 16.0);
+    options.keys = keys;
     options.progress = on_progress;
     DunkelfeldFilm *film = NULL;
     const DunkelfeldStatus status = dunkelfeld_scene_render(scene, &options, &film);

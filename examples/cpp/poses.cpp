@@ -19,7 +19,7 @@ int main(int argc, char **argv) {
         dunkelfeld::Scene scene(argv[1]);
         const int poses = argc > 3 ? std::atoi(argv[3]) : 4;
         dunkelfeld::RenderOptions options;
-        options.spp = 8;
+        options.keys = "budget.spp = 8";
         for (int pose = 0; pose < poses; ++pose) {
             const std::string degrees = std::to_string(360 * pose / poses);
             scene.set_overrides("[[object]]\nname = '" + std::string(argv[2]) + "'\npivot = 'center'\nrotate = [0, '" +

@@ -125,34 +125,17 @@ private:
     std::unique_ptr<DunkelfeldCancel, detail::CloseCancel> handle_;
 };
 
-/** Options of one render; those without a value are the settings of the scene. */
+/** Options of one render; what they leave out is that of the scene. */
 struct RenderOptions {
-    std::optional<std::uint32_t> width, height;
-    std::optional<std::string> camera;
-    /** Limits: seconds, mean samples per pixel, the k of the certificate, and the share of the pixels [%] that it needs. */
-    std::optional<double> time, spp, noise, share;
-    std::optional<std::uint64_t> seed;
-    std::optional<std::uint32_t> frame, threads;
+    /** Keys of a job that do not change the scene, as lines of TOML: "budget.spp = 64". */
+    std::string keys;
+    std::optional<std::string> camera, checkpoint;
+    std::optional<std::uint32_t> threads;
     /** First sample and end of the samples of a part, which merge() joins with others. */
     std::optional<std::pair<std::uint32_t, std::uint32_t>> samples;
-    std::optional<std::string> strategy, sensor;
-    /** Exposure time [s]; negative for the automatic one. */
-    std::optional<double> exposure;
-    std::optional<std::string> checkpoint;
     /** Is called about ten times a second. The value `false` cancels the render; an exception cancels it and is thrown on. */
     std::function<bool(const DunkelfeldProgress &)> progress;
     const Cancel *cancel = nullptr;
-};
-
-/** Options of an exposure; those without a value are the settings of the render. */
-struct ExposeOptions {
-    std::optional<std::string> sensor;
-    /** Exposure time [s]; negative for the automatic one. */
-    std::optional<double> exposure;
-    std::optional<std::uint64_t> seed;
-    /** Number of the first frame. */
-    std::optional<std::uint32_t> frame;
-    std::optional<std::string> exposure_noise;
 };
 
 /** Files of a film; those without a path are not written. */
@@ -210,12 +193,13 @@ public:
         return detail::take(name);
     }
 
-    /** Grey values [DN] of `frames` frames. */
-    std::vector<Image<std::uint16_t>> expose(const ExposeOptions &options = {}, std::uint32_t frames = 1) const {
+    /** Grey values [DN] of `frames` frames. `keys` are those of [sensor], "seed" and "frame" of a job, as lines of TOML. */
+    std::vector<Image<std::uint16_t>> expose(const std::string &keys = "", std::uint32_t frames = 1) const {
         const auto [width, height] = size();
         const std::size_t pixels = std::size_t(width) * height;
         std::vector<std::uint16_t> values(pixels * frames);
-        const DunkelfeldExposeOptions c = to_c(options);
+        DunkelfeldExposeOptions c = dunkelfeld_expose_options();
+        c.keys = keys.c_str();
         check(dunkelfeld_film_expose(get(), &c, frames, values.data(), values.size()));
         std::vector<Image<std::uint16_t>> images;
         for (std::size_t f = 0; f < frames; ++f) {
@@ -226,10 +210,11 @@ public:
     }
 
     /** The 8-bit picture of one frame, gamma 2.2, of 1 or 3 channels. */
-    Image<std::uint8_t> picture(const ExposeOptions &options = {}) const {
+    Image<std::uint8_t> picture(const std::string &keys = "") const {
         const auto [width, height] = size();
         Image<std::uint8_t> image{width, height, 3, std::vector<std::uint8_t>(std::size_t(width) * height * 3)};
-        const DunkelfeldExposeOptions c = to_c(options);
+        DunkelfeldExposeOptions c = dunkelfeld_expose_options();
+        c.keys = keys.c_str();
         check(dunkelfeld_film_picture(get(), &c, image.data.data(), image.data.size(), 0, &image.channels));
         image.data.resize(std::size_t(width) * height * image.channels);
         return image;
@@ -266,13 +251,6 @@ public:
     DunkelfeldFilm *get() const noexcept { return handle_.get(); }
 
 private:
-    static DunkelfeldExposeOptions to_c(const ExposeOptions &options) {
-        DunkelfeldExposeOptions c = dunkelfeld_expose_options();
-        detail::set_shared(c, options);
-        c.exposure_noise = detail::text(options.exposure_noise);
-        return c;
-    }
-
     Image<float> layer(DunkelfeldLayer layer, std::uint32_t channels) const {
         const auto [width, height] = size();
         Image<float> image{width, height, channels, std::vector<float>(std::size_t(width) * height * channels)};
@@ -328,18 +306,11 @@ public:
     Film render(const RenderOptions &options = {}) {
         Progress progress{options.progress, nullptr};
         DunkelfeldRenderOptions c = dunkelfeld_render_options();
-        c.width = detail::size(options.width);
-        c.height = detail::size(options.height);
+        c.keys = options.keys.c_str();
         c.camera = detail::text(options.camera);
-        c.time = detail::number(options.time);
-        c.spp = detail::number(options.spp);
-        c.noise = detail::number(options.noise);
-        c.share = detail::number(options.share);
-        detail::set_shared(c, options);
+        c.checkpoint = detail::text(options.checkpoint);
         c.threads = options.threads.value_or(0);
         if (options.samples) std::tie(c.samples_from, c.samples_to) = *options.samples;
-        c.strategy = detail::text(options.strategy);
-        c.checkpoint = detail::text(options.checkpoint);
         c.progress = options.progress ? &Progress::call : nullptr;
         c.user = &progress;
         c.cancel = options.cancel ? options.cancel->get() : nullptr;

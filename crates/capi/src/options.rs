@@ -2,10 +2,8 @@
 
 use crate::cancel::Cancel;
 use crate::pointers::{Text, Versioned};
-use crate::status::{Failure, Status};
-use dunkelfeld::radiometry::Seconds;
-use dunkelfeld::sensor::{Exposure, ExposureNoise};
-use dunkelfeld::{Error, ExposeOptions as Expose, ExposureOption, RenderOptions as Render, SensorOption};
+use crate::status::Failure;
+use dunkelfeld::{ExposeOptions as Expose, RenderOptions as Render};
 use std::ffi::{c_char, c_int, c_void};
 
 /// The progress of a render.
@@ -36,38 +34,11 @@ pub type ProgressFunction = Option<extern "C" fn(user: *mut c_void, progress: *c
 pub struct RenderOptions {
     /// sizeof(DunkelfeldRenderOptions).
     pub struct_size: usize,
-    /// Width of the film [pixels].
-    pub width: u32,
-    /// Height of the film [pixels].
-    pub height: u32,
+    /// Keys of a job that do not change the scene, as lines of TOML: "budget.spp = 64". They replace those of the scene for
+    /// this render.
+    pub keys: *const c_char,
     /// Name of the camera.
     pub camera: *const c_char,
-    /// Limit of the wall-clock time [s]. A limit here replaces all limits of the scene.
-    pub time: f64,
-    /// Limit of the mean samples per pixel.
-    pub spp: f64,
-    /// The k of the certificate at which the render ends.
-    pub noise: f64,
-    /// Seed of samples, noise and device, if has_seed is not zero.
-    pub seed: u64,
-    /// Is the seed set?
-    pub has_seed: i32,
-    /// Is the frame set?
-    pub has_frame: i32,
-    /// Number of the frame, if has_frame is not zero.
-    pub frame: u32,
-    /// Number of threads, at most 1024; 0 stands for the number of the scene.
-    pub threads: u32,
-    /// First sample of a part of a render.
-    pub samples_from: u32,
-    /// End of the samples of a part, which dunkelfeld_merge() joins with others; 0 for a whole render.
-    pub samples_to: u32,
-    /// Allocation of the samples: "uniform", "sobel" or "sensor".
-    pub strategy: *const c_char,
-    /// Preset, sensor file, or "none".
-    pub sensor: *const c_char,
-    /// Exposure time [s]; negative for the automatic one.
-    pub exposure: f64,
     /// Path of the checkpoint. If the file exists, the render continues from it.
     pub checkpoint: *const c_char,
     /// A function for the progress.
@@ -76,8 +47,14 @@ pub struct RenderOptions {
     pub user: *mut c_void,
     /// A switch that cancels the render.
     pub cancel: *mut Cancel,
-    /// The share of the pixels that must be hidden at the k of `noise`, in per cent.
-    pub share: f64,
+    /// Number of threads, at most 1024; 0 stands for the number of the scene.
+    pub threads: u32,
+    /// First sample of a part of a render.
+    pub samples_from: u32,
+    /// End of the samples of a part, which dunkelfeld_merge() joins with others; 0 for a whole render.
+    pub samples_to: u32,
+    /// Always zero.
+    pub reserved: u32,
 }
 
 /// Options of an exposure. Fields that are zero or NULL are those of the render. Initialise it by dunkelfeld_expose_options().
@@ -86,20 +63,9 @@ pub struct RenderOptions {
 pub struct ExposeOptions {
     /// sizeof(DunkelfeldExposeOptions).
     pub struct_size: usize,
-    /// Preset or sensor file, behind the lens of the render; "none" for a picture of the radiance.
-    pub sensor: *const c_char,
-    /// Exposure time [s]; negative for the automatic one.
-    pub exposure: f64,
-    /// Seed of noise and device, if has_seed is not zero.
-    pub seed: u64,
-    /// Is the seed set?
-    pub has_seed: i32,
-    /// Is the frame set?
-    pub has_frame: i32,
-    /// Number of the first frame, if has_frame is not zero.
-    pub frame: u32,
-    /// Noise of the sensor: "plain" or "matched".
-    pub exposure_noise: *const c_char,
+    /// Keys of a job as lines of TOML: those of [sensor], "seed" and "frame" (the number of the first frame), such as
+    /// "sensor.exposure = '2ms'".
+    pub keys: *const c_char,
 }
 
 /// The certificate of a film. Initialise it by dunkelfeld_certificate().
@@ -144,47 +110,20 @@ fn set<T: PartialEq + Default>(value: T) -> Option<T> {
     (value != T::default()).then_some(value)
 }
 
-fn exposure(seconds: f64) -> Result<Option<ExposureOption>, Failure> {
-    Ok(match set(seconds) {
-        None => None,
-        Some(automatic) if automatic < 0.0 => Some(ExposureOption::Auto),
-        Some(time) => Some(ExposureOption::Time(Exposure::new(Seconds(time)).map_err(Error::from)?)),
-    })
-}
-
 /// A text of a structure that [`In`](crate::pointers::In) has read.
 fn text(pointer: *const c_char) -> Text {
     // SAFETY: whoever passes a structure promises of its texts what holds for the others.
     unsafe { Text::of(pointer) }
 }
 
-fn sensor(name: *const c_char) -> Result<Option<SensorOption>, Failure> {
-    Ok(text(name).get("sensor")?.map(|name| match name {
-        "none" => SensorOption::None,
-        name => SensorOption::Named(name.into()),
-    }))
-}
-
 impl RenderOptions {
     pub(crate) fn to_options(self) -> Result<Render, Failure> {
-        let strategy = text(self.strategy).get("strategy")?.map(str::parse).transpose();
-        let unknown = |e: dunkelfeld::adaptive::UnknownStrategy| {
-            Failure::new(Status::Setting, "strategy", e.to_string(), "uniform, sobel, variance or sensor")
-        };
-        let mut options = Render::default();
-        (options.width, options.height) = (set(self.width), set(self.height));
+        let mut options = Render::default().with_keys(text(self.keys).get("keys")?.unwrap_or_default());
         options.camera = text(self.camera).get("camera")?.map(Into::into);
-        (options.time, options.spp) = (set(self.time), set(self.spp));
-        (options.noise, options.share) = (set(self.noise), set(self.share));
-        options.seed = (self.has_seed != 0).then_some(self.seed);
-        options.frame = (self.has_frame != 0).then_some(self.frame);
         options.threads = set(self.threads).map(|n| n as usize);
-        options.strategy = strategy.map_err(unknown)?;
         if self.samples_from > 0 || self.samples_to > 0 {
             options.samples = Some(self.samples_from..self.samples_to);
         }
-        options.sensor = sensor(self.sensor)?;
-        options.exposure = exposure(self.exposure)?;
         options.checkpoint = text(self.checkpoint).get("checkpoint")?.map(Into::into);
         Ok(options)
     }
@@ -192,21 +131,6 @@ impl RenderOptions {
 
 impl ExposeOptions {
     pub(crate) fn to_options(self) -> Result<Expose, Failure> {
-        let noise = match text(self.exposure_noise).get("exposure_noise")? {
-            None => None,
-            Some("plain") => Some(ExposureNoise::Plain),
-            Some("matched") => Some(ExposureNoise::Matched),
-            Some(other) => {
-                let problem = format!("unknown value \"{other}\"");
-                return Err(Failure::new(Status::Setting, "exposure_noise", problem, "plain or matched"));
-            }
-        };
-        let mut options = Expose::default();
-        options.sensor = sensor(self.sensor)?;
-        options.exposure = exposure(self.exposure)?;
-        options.seed = (self.has_seed != 0).then_some(self.seed);
-        options.frame = (self.has_frame != 0).then_some(self.frame);
-        options.exposure_noise = noise;
-        Ok(options)
+        Ok(Expose::default().with_keys(text(self.keys).get("keys")?.unwrap_or_default()))
     }
 }

@@ -94,29 +94,20 @@ int main(int argc, char **argv) {
 
     /* Options. */
     DunkelfeldRenderOptions options = dunkelfeld_render_options();
-    options.strategy = "best";
+    static const char *const refused[] = {
+        "allocate.strategy = 'best'", "budget.spp = nan", "budget.spp = -1", "sensor.model = 'no-such-sensor'",
+        "sensor = { model = 'none', exposure = '1ms' }", "sensor.exposure = inf", "film.width = 2147483648", "no TOML", "no.key = 1",
+    };
+    for (size_t i = 0; i < sizeof refused / sizeof *refused; i++) {
+        options.keys = refused[i];
+        EXPECT(INPUT, dunkelfeld_scene_render(scene, &options, &film));
+    }
+    options.keys = "light = [{ name = 'lamp', enabled = false }]";
     EXPECT(SETTING, dunkelfeld_scene_render(scene, &options, &film));
-    options.strategy = NULL;
-    options.spp = NAN;
-    EXPECT(SETTING, dunkelfeld_scene_render(scene, &options, &film));
-    options.spp = -1.0;
-    EXPECT(SETTING, dunkelfeld_scene_render(scene, &options, &film));
-    options.spp = 4.0;
+    options.keys = "budget.spp = 4";
     options.camera = "nobody";
     EXPECT(SETTING, dunkelfeld_scene_render(scene, &options, &film));
     options.camera = NULL;
-    options.sensor = "no-such-sensor";
-    EXPECT(INPUT, dunkelfeld_scene_render(scene, &options, &film));
-    options.sensor = "none";
-    options.exposure = 1e-3;
-    EXPECT(SETTING, dunkelfeld_scene_render(scene, &options, &film));
-    options.sensor = NULL;
-    options.exposure = INFINITY;
-    EXPECT(SENSOR, dunkelfeld_scene_render(scene, &options, &film));
-    options.exposure = 0.0;
-    options.width = 1u << 31;
-    EXPECT(SETTING, dunkelfeld_scene_render(scene, &options, &film));
-    options.width = 0;
     options.threads = 20000;
     EXPECT(SETTING, dunkelfeld_scene_render(scene, &options, &film));
     options.threads = 0;
@@ -136,15 +127,15 @@ int main(int argc, char **argv) {
     EXPECT(ARGUMENT, dunkelfeld_scene_render(NULL, NULL, &film));
     CHECK(film == NULL);
     /* A program with an older header: the fields beyond its size are not read. */
-    options.struct_size = offsetof(DunkelfeldRenderOptions, time);
-    options.spp = -5.0;
+    options.struct_size = offsetof(DunkelfeldRenderOptions, checkpoint);
+    options.checkpoint = "\xff";
     EXPECT(OK, dunkelfeld_scene_render(scene, &options, &film));
     EXPECT(OK, dunkelfeld_film_close(film));
     options = dunkelfeld_render_options();
 
     /* A render that its progress function cancels, one that a switch cancelled before, and one that is used by itself. */
     int calls = 0;
-    options.time = 60.0;
+    options.keys = "budget.time = 60";
     options.progress = stop;
     options.user = &calls;
     CHECK(dunkelfeld_scene_render(scene, &options, &film) == DUNKELFELD_STATUS_INTERRUPTED);
@@ -161,7 +152,7 @@ int main(int argc, char **argv) {
     EXPECT(OK, dunkelfeld_cancel_close(cancel));
     EXPECT(ARGUMENT, dunkelfeld_cancel_close(cancel));
     options.cancel = NULL;
-    options.time = 0.0;
+    options.keys = NULL;
     int meddled = -1;
     options.progress = meddle;
     options.user = &meddled;
@@ -170,7 +161,7 @@ int main(int argc, char **argv) {
 
     options.progress = read_another;
     options.user = film;
-    options.spp = few ? 40.0 : 4000.0;
+    options.keys = few ? "budget.spp = 40" : "budget.spp = 4000";
     for (uint32_t threads = 2; threads <= (few ? 2 : 32); threads *= 4) {
         options.threads = threads;
         EXPECT(OK, dunkelfeld_scene_render(scene, &options, &other));
@@ -214,19 +205,18 @@ int main(int argc, char **argv) {
     EXPECT(ARGUMENT, dunkelfeld_film_expose(film, &exposure, 3, frames, 3 * 24 * 16 - 1));
     EXPECT(ARGUMENT, dunkelfeld_film_expose(film, &exposure, UINT32_MAX, frames, 3 * 24 * 16));
     EXPECT(SETTING, dunkelfeld_film_expose(film, &exposure, 0, frames, 3 * 24 * 16));
-    exposure.exposure_noise = "matched";
+    exposure.keys = "sensor.exposure_noise = 'matched'";
     EXPECT(SETTING, dunkelfeld_film_expose(film, &exposure, 2, frames, 3 * 24 * 16));
-    exposure.exposure_noise = "some";
+    exposure.keys = "sensor.exposure_noise = 'some'";
+    EXPECT(INPUT, dunkelfeld_film_expose(film, &exposure, 1, frames, 3 * 24 * 16));
+    exposure.keys = "sensor.exposure = nan";
+    EXPECT(INPUT, dunkelfeld_film_expose(film, &exposure, 1, frames, 3 * 24 * 16));
+    exposure.keys = "budget.spp = 4";
     EXPECT(SETTING, dunkelfeld_film_expose(film, &exposure, 1, frames, 3 * 24 * 16));
-    exposure.exposure_noise = NULL;
-    exposure.exposure = NAN;
-    EXPECT(SENSOR, dunkelfeld_film_expose(film, &exposure, 1, frames, 3 * 24 * 16));
-    exposure.exposure = -1.0;
-    exposure.sensor = "imx174";
+    exposure.keys = "sensor = { model = 'imx174', exposure = 'auto' }";
     EXPECT(OK, dunkelfeld_film_expose(film, &exposure, 1, frames, 3 * 24 * 16));
     static uint8_t picture[3 * 24 * 16];
-    exposure.sensor = "none";
-    exposure.exposure = 0.0;
+    exposure.keys = "sensor.model = 'none'";
     EXPECT(OK, dunkelfeld_film_picture(film, &exposure, NULL, 0, 0, &channels));
     CHECK(channels == 3);
     EXPECT(ARGUMENT, dunkelfeld_film_picture(film, &exposure, picture, 24 * 16, 0, &channels));

@@ -161,44 +161,10 @@ fn job_keys() -> BTreeSet<String> {
 #[test]
 fn the_keys_of_jobs_exist() {
     let keys = job_keys();
-    let settings = rows("Settings");
-    let named =
-        rows("Tasks").into_iter().map(|row| row[4].clone()).chain(settings.into_iter().map(|row| row[1].clone()));
+    let named = rows("Tasks").into_iter().map(|row| row[4].clone());
     for cell in named {
         for name in names(&cell).filter(|name| !name.starts_with("--") && !name.starts_with("dunkelfeld ")) {
             assert!(keys.contains(name), "`{name}` is no key of docs/job-file.md");
         }
     }
-}
-
-/// The names between `{` and `}` after this text, before a colon or a semicolon.
-fn fields(text: &str, of: &str, end: char) -> BTreeSet<String> {
-    let from = text.find(of).unwrap_or_else(|| panic!("{of} is missing"));
-    let body = text[from..].split('}').next().expect("a body");
-    let lines = body.lines().map(str::trim).filter(|line| !line.starts_with(['/', '*', '#']));
-    let name = |line: &str| {
-        let before = line.split_once(end)?.0.trim_end_matches([':', ' ']);
-        before.rsplit([' ', '*']).next().map(String::from)
-    };
-    lines.filter_map(name).collect()
-}
-
-#[test]
-fn settings_have_one_name() {
-    let listed: BTreeSet<String> =
-        rows("Settings").iter().map(|row| names(&row[0]).next().expect("a name").to_owned()).collect();
-    let rust = fields(&page("crates/dunkelfeld/src/options.rs"), "pub struct RenderOptions {", ':');
-    assert_eq!(rust, listed, "the fields of RenderOptions, and the settings of docs/library.md");
-    // C has flags for values that may be zero, a callback, and a switch.
-    let c = fields(&page("crates/capi/src/options.rs"), "pub struct RenderOptions {", ':');
-    let more = ["struct_size", "has_seed", "has_frame", "progress", "user", "cancel", "samples_from", "samples_to"];
-    let more = more.map(String::from);
-    let in_c = rows("Settings").into_iter().filter(|row| !row[0].contains("(not in C)"));
-    let listed: BTreeSet<String> = in_c.map(|row| names(&row[0]).next().expect("a name").to_owned()).collect();
-    let listed: BTreeSet<String> = listed.into_iter().filter(|name| name != "samples").collect();
-    assert_eq!(c, listed.union(&BTreeSet::from(more)).cloned().collect(), "the fields of DunkelfeldRenderOptions");
-    let exposure = fields(&page("crates/dunkelfeld/src/options.rs"), "pub struct ExposeOptions {", ':');
-    let c = fields(&page("crates/capi/src/options.rs"), "pub struct ExposeOptions {", ':');
-    let more = ["struct_size", "has_seed", "has_frame"].map(String::from);
-    assert_eq!(c, exposure.union(&BTreeSet::from(more)).cloned().collect(), "the fields of DunkelfeldExposeOptions");
 }

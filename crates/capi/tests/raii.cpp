@@ -41,7 +41,7 @@ int main(int, char **argv) {
     dunkelfeld::Scene scene(argv[1]);
     CHECK(scene.inspect().find("floor") != std::string::npos);
     dunkelfeld::RenderOptions options;
-    options.seed = 7;
+    options.keys = "seed = 7";
     const dunkelfeld::Film film = scene.render(options);
     const auto mean = film.mean();
     CHECK(mean.width == 24 && mean.height == 16 && mean.channels == 3 && mean.data.size() == 24 * 16 * 3);
@@ -53,11 +53,9 @@ int main(int, char **argv) {
     thrown<std::out_of_range>([&] { mean.at(24, 0); });
 
     // Two sensors and two frames of one film.
-    dunkelfeld::ExposeOptions exposure;
-    const auto frames = film.expose(exposure, 2);
+    const auto frames = film.expose("", 2);
     CHECK(frames.size() == 2 && frames[0].data != frames[1].data);
-    exposure.sensor = "imx174";
-    CHECK(film.expose(exposure)[0].data != frames[0].data && film.picture().channels == 1);
+    CHECK(film.expose("sensor.model = 'imx174'")[0].data != frames[0].data && film.picture().channels == 1);
     CHECK(film.certificate(0.5).k == 0.5 && film.stats().find("samples") != std::string::npos);
 
     film.save("copy.film");
@@ -78,7 +76,7 @@ int main(int, char **argv) {
     CHECK(scene.render(options).mean().data == mean.data);
 
     // A progress function that ends the render once each pixel has samples, and one that throws.
-    options.time = 60.0;
+    options.keys = "budget.time = 60";
     options.progress = [](const DunkelfeldProgress &progress) { return progress.samples < 10 * 24 * 16; };
     const auto interrupted = thrown<dunkelfeld::Interrupted>([&] { scene.render(options); });
     CHECK(interrupted.film.spp().at(0, 0) > 0);

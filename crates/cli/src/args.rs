@@ -1,21 +1,19 @@
 //! The flags. Doc comments are the help texts; values are checked here, before any file is opened.
 
-use crate::choices::{alignments, denoisers, exposure_noises, strategies, vignettings};
+use crate::choices::denoisers;
+#[cfg(feature = "view")]
+use crate::key_flags::OfLens;
+use crate::key_flags::{KeyFlags, OfExpose, OfMerge, OfRender};
 use crate::run_args::{MemoryArgs, RunArgs};
 #[cfg(feature = "studies")]
 use crate::studies::{BenchArgs, DatasetArgs, EmvaArgs, PtcArgs};
 #[cfg(feature = "view")]
 use crate::values::socket_address;
-use crate::values::{
-    ExposureChoice, effect, exposure, length, noise_level, pause, pixel_sample, sample_range, samples_per_pixel, share,
-    time_limit, whole, within,
-};
+use crate::values::{effect, pause, pixel_sample, sample_range, within};
 use clap::{ArgGroup, Args, Parser, Subcommand};
-use dunkelfeld::adaptive::Strategy;
-use dunkelfeld::scene::{Effect, Vignetting};
-use dunkelfeld::sensor::ExposureNoise;
+use dunkelfeld::scene::Effect;
 use dunkelfeld::trace::PixelSample;
-use dunkelfeld::{Align, DenoiseMethod, Error, ImageOptions};
+use dunkelfeld::DenoiseMethod;
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -74,55 +72,13 @@ pub(crate) struct RenderArgs {
     #[arg(value_name = "SCENE|JOB.toml")]
     pub(crate) input: PathBuf,
 
-    /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation [default: the input's name with .png, in this folder,
-    /// or with .render.png where that is an input].
-    #[arg(short = 'o', long = "output", value_name = "FILE.png")]
-    pub(crate) image: Option<PathBuf>,
-    /// Linear grey values, 16 bit, .png or .tif (with a sensor).
-    #[arg(long, value_name = "FILE")]
-    pub(crate) linear: Option<PathBuf>,
-    /// Place of the bits of the grey values in the 16 of --linear [default: right].
-    #[arg(long, value_parser = alignments())]
-    pub(crate) align: Option<Align>,
-    /// All layers: mean radiance, its variance, samples per pixel, albedo, normal, depth, ids, electrons, the
-    /// ratio of the noise to that of the sensor, and the pixels with matched exposure.
-    #[arg(long, value_name = "FILE.exr")]
-    pub(crate) exr: Option<PathBuf>,
-    /// Statistics of the render.
-    #[arg(long, value_name = "FILE.json")]
-    pub(crate) stats: Option<PathBuf>,
-    /// The sample plan that was rendered, for --replay.
-    #[arg(long, value_name = "FILE.exr")]
-    pub(crate) plan: Option<PathBuf>,
-
-    /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
-    pub(crate) width: Option<u32>,
-    /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
-    pub(crate) height: Option<u32>,
+    #[command(flatten)]
+    pub(crate) keys: KeyFlags<OfRender>,
     /// Camera by name, of the job or of the scene [default: all that the job defines, each with its name in the files; otherwise
     /// the first of the scene, or a framing of the whole scene].
     #[arg(long, value_name = "NAME")]
     pub(crate) camera: Option<String>,
 
-    /// Stop after this wall-clock time, start and writing included, as in 20s or 5min.
-    #[arg(long, value_name = "TIME", value_parser = time_limit)]
-    pub(crate) time: Option<f64>,
-    /// Stop after this many samples per pixel, on average [default: 64 if there is no other limit].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = samples_per_pixel)]
-    pub(crate) spp: Option<f64>,
-    /// Stop when the noise of the sensor hides that of the render: in 99 % of the unsaturated pixels its standard deviation
-    /// is at most K times the sensor's, K from 0.001 to 1000. 0.7 makes the noise of both 22 % larger than the sensor's, 0.5
-    /// 12 %, 0.25 3 %.
-    #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = noise_level)]
-    pub(crate) noise: Option<f64>,
-    /// The share of the unsaturated pixels at which --noise stops, in per cent, from 1 to 100 [default: 99].
-    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_parser = share)]
-    pub(crate) share: Option<f64>,
-    /// Distribution of the samples [default: sensor; uniform without a sensor].
-    #[arg(long, value_parser = strategies())]
-    pub(crate) allocate: Option<Strategy>,
     /// Render exactly the samples of an earlier render: an EXR that --exr or --plan wrote. Size, seed and frame are those
     /// of the file, unless they are given.
     #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["time", "spp", "noise", "share", "allocate"])]
@@ -144,35 +100,6 @@ pub(crate) struct RenderArgs {
           conflicts_with_all = ["time", "spp", "noise", "share", "allocate", "plan"])]
     pub(crate) samples: Option<Range<u32>>,
 
-    /// Sensor preset, a sensor file (.toml), or none for a plain image where radiance 1 is white [default: imx250].
-    #[arg(long, value_name = "NAME|FILE|none")]
-    pub(crate) sensor: Option<String>,
-    /// Exposure time as in 5ms, or auto: the 99.5 % quantile comes to 90 % of saturation [default: auto].
-    #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
-    pub(crate) exposure: Option<ExposureChoice>,
-    /// Noise that the exposure adds to that of the render [default: plain].
-    #[arg(long, value_parser = exposure_noises())]
-    pub(crate) exposure_noise: Option<ExposureNoise>,
-
-    /// Vignetting of the lens [default: the job's; none].
-    #[arg(long, value_parser = vignettings())]
-    pub(crate) vignetting: Option<Vignetting>,
-
-    /// Denoiser of the picture [default: off]. No measurement uses the denoised image. The EXR contains it as layer
-    /// denoised beside the unbiased mean, and the metadata of the picture name the denoiser.
-    #[arg(long, value_parser = denoisers())]
-    pub(crate) denoise: Option<DenoiseMethod>,
-    /// Intel Open Image Denoise 1.4 or 2: the library or its folder [default: DUNKELFELD_OIDN, then the usual places of the system].
-    /// Without --denoise it means --denoise oidn.
-    #[arg(long, value_name = "PATH")]
-    pub(crate) oidn: Option<PathBuf>,
-
-    /// Seed of all random numbers [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
-    pub(crate) seed: Option<u64>,
-    /// Frame number: frames of one seed are independent, and come from the same device [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u32>)]
-    pub(crate) frame: Option<u32>,
     /// Number of frames of one device, each with samples and noise of its own, from --frame on. Of several frames each
     /// file gets its number, as in out-0007.png. An automatic exposure is that of the first frame [default: 1].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=10_000u32),
@@ -184,8 +111,6 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "EFFECT", value_delimiter = ',', value_parser = effect)]
     pub(crate) without: Vec<Effect>,
     #[command(flatten)]
-    pub(crate) memory: MemoryArgs,
-    #[command(flatten)]
     pub(crate) run: RunArgs,
     /// End with exit code 1 if the command took longer than the time budget by more than 2 % and 0.2 s. Without the flag
     /// that is a warning, and the exit code is 0.
@@ -194,33 +119,20 @@ pub(crate) struct RenderArgs {
     /// Trace one sample instead of rendering, and print its path vertex by vertex. Nothing is written, so flags for outputs
     /// and budgets are refused.
     #[arg(long, value_name = "X,Y,SAMPLE", value_parser = pixel_sample,
-          conflicts_with_all = ["image", "linear", "exr", "stats", "plan", "time", "spp", "allocate"])]
+          conflicts_with_all = ["output", "linear", "exr", "stats", "plan", "time", "spp", "allocate"])]
     pub(crate) debug_sample: Option<PixelSample>,
 }
 
 /// Flags of `merge`.
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("result").required(true).multiple(true).args(["image", "linear", "exr", "stats", "checkpoint"])))]
+#[command(group(ArgGroup::new("result").required(true).multiple(true).args(["output", "linear", "exr", "stats", "checkpoint"])))]
 pub(crate) struct MergeArgs {
     /// The parts, in any order: they must be of one render and follow each other without overlaps and gaps. They contain
     /// all data, so neither scene nor job is needed.
     #[arg(value_name = "PART", required = true)]
     pub(crate) parts: Vec<PathBuf>,
-    /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation.
-    #[arg(short = 'o', long = "output", value_name = "FILE.png")]
-    pub(crate) image: Option<PathBuf>,
-    /// Linear grey values, 16 bit, .png or .tif (with a sensor).
-    #[arg(long, value_name = "FILE")]
-    pub(crate) linear: Option<PathBuf>,
-    /// Place of the bits of the grey values in the 16 of --linear [default: right].
-    #[arg(long, value_parser = alignments(), requires = "linear")]
-    pub(crate) align: Option<Align>,
-    /// All layers, as those of `render`.
-    #[arg(long, value_name = "FILE.exr")]
-    pub(crate) exr: Option<PathBuf>,
-    /// Statistics of the whole, and of its parts.
-    #[arg(long, value_name = "FILE.json")]
-    pub(crate) stats: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) files: KeyFlags<OfMerge>,
     /// The whole as a part again: for another merge, or for `render --samples A..B --checkpoint FILE` with other outputs.
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
@@ -267,89 +179,16 @@ pub(crate) struct ExposeArgs {
     /// The image to expose.
     #[arg(value_name = "IN.exr")]
     pub(crate) input: PathBuf,
-    /// The picture: PNG, 8 bit, gamma 2.2, clipped at saturation; in colours behind a colour filter. Of several frames each
-    /// gets its number, as in out-0007.png [default: the input's name with .png, in this folder, unless --linear is given].
-    #[arg(short = 'o', long = "output", value_name = "FILE.png")]
-    pub(crate) image: Option<PathBuf>,
-    /// Linear grey values, 16 bit, .png or .tif; behind a colour filter the raw mosaic. Numbered like the picture.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) linear: Option<PathBuf>,
-    /// Place of the bits of the grey values in the 16 of --linear [default: right].
-    #[arg(long, value_parser = alignments(), requires = "linear")]
-    pub(crate) align: Option<Align>,
-    /// Sensor preset, or a sensor file (.toml) [default: that of the render, if the file contains it; imx250].
-    #[arg(long, value_name = "NAME|FILE")]
-    pub(crate) sensor: Option<String>,
-    /// Exposure time as in 5ms, or auto: the 99.5 % quantile comes to 90 % of saturation [default: auto].
-    #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
-    pub(crate) exposure: Option<ExposureChoice>,
-    /// Noise that the exposure adds to that of the image [default: plain]. Matched needs a layer `variance`, and is for one frame.
-    #[arg(long, value_parser = exposure_noises())]
-    pub(crate) exposure_noise: Option<ExposureNoise>,
     #[command(flatten)]
-    pub(crate) lens: LensArgs,
-    /// Vignetting of the lens [default: none]. cos4 needs --focal-length, and is not for images that were
-    /// rendered with it.
-    #[arg(long, value_parser = vignettings())]
-    pub(crate) vignetting: Option<Vignetting>,
-    /// Focal length of the lens, as in 12mm: with the sensor's pixel pitch it gives the field angle of each pixel.
-    #[arg(long, value_name = "LENGTH", value_parser = length, requires = "vignetting")]
-    pub(crate) focal_length: Option<f64>,
+    pub(crate) keys: KeyFlags<OfExpose>,
     /// The layer that contains radiance, as in ViewLayer.Combined [default: the first with a standard name].
     #[arg(long, value_name = "NAME")]
     pub(crate) layer: Option<String>,
     /// Number of frames.
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = within(1..=u32::MAX))]
     pub(crate) frames: u32,
-    /// Seed of noise and device.
-    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = whole::<u64>)]
-    pub(crate) seed: u64,
-    /// Number of the first frame.
-    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = whole::<u32>)]
-    pub(crate) frame: u32,
-    #[command(flatten)]
-    pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-}
-
-/// The lens in front of an EXR.
-#[derive(Debug, Args)]
-pub(crate) struct LensArgs {
-    /// f-number of the lens, 0.5 to 1000 [default: that of the render, if the file contains it; 4].
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    pub(crate) f_number: Option<f64>,
-    /// Share of the light that passes the lens, above 0 and at most 1 [default: that of the render; 0.9].
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
-    pub(crate) transmission: Option<f64>,
-    /// Image size over object size, 0 (far away) to 100 [default: that of the render; 0].
-    #[arg(long, value_name = "M", allow_negative_numbers = true)]
-    pub(crate) magnification: Option<f64>,
-    /// Blur of the lens: none, diffraction, or a CSV file with its MTF [default: that of the render; none].
-    #[arg(long, value_name = "PSF")]
-    pub(crate) psf: Option<String>,
-    /// Share of the light in the veiling glare, 0 to 0.5; real lenses have 0.01 to 0.03 [default: that of the render; 0].
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
-    pub(crate) glare: Option<f64>,
-}
-
-impl LensArgs {
-    /// Sets the lens of an image.
-    pub(crate) fn set(&self, options: &mut ImageOptions) {
-        (options.f_number, options.transmission) = (self.f_number, self.transmission);
-        options.magnification = self.magnification;
-        (options.psf, options.glare) = (self.psf.clone(), self.glare);
-    }
-}
-
-/// An error about a setting, whose name is that of a flag.
-pub(crate) fn of_flag(error: Error) -> Error {
-    match error {
-        Error::Setting { what, problem, help } => {
-            Error::setting(format!("--{}", what.replace('_', "-")), problem, help)
-        }
-        other => other,
-    }
 }
 
 /// Flags of `view`.
@@ -382,7 +221,7 @@ pub(crate) struct ViewArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(0..=dunkelfeld::MAX_NICE))]
     pub(crate) nice: Option<u8>,
     #[command(flatten, next_help_heading = "Lens of an EXR")]
-    pub(crate) lens: LensArgs,
+    pub(crate) lens: KeyFlags<OfLens>,
 }
 
 /// Flags of `init`.

@@ -8,6 +8,7 @@ mod bar;
 mod choices;
 mod commands;
 mod interrupt;
+mod key_flags;
 mod outcome;
 mod run_args;
 #[cfg(feature = "studies")]

@@ -1,6 +1,8 @@
 //! Flags that several commands share.
 
-use crate::values::{ExposureChoice, exposure, whole, within};
+#[cfg(feature = "studies")]
+use crate::key_flags::{KeyFlags, OfStudy};
+use crate::values::within;
 use clap::{Args, ValueEnum};
 use dunkelfeld::io::{Memory, QuantityError};
 
@@ -37,28 +39,14 @@ impl RunArgs {
 }
 
 /// View and seed of a scene, for a command that renders it many times.
+#[cfg(feature = "studies")]
 #[derive(Debug, Args)]
 pub(crate) struct ViewArgs {
-    /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
-    pub(crate) width: Option<u32>,
-    /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
-    pub(crate) height: Option<u32>,
+    #[command(flatten)]
+    pub(crate) keys: KeyFlags<OfStudy>,
     /// Camera by name [default: the first; a framing of the whole scene if there is none].
     #[arg(long, value_name = "NAME")]
     pub(crate) camera: Option<String>,
-    /// Sensor preset, a sensor file (.toml), or none [default: imx250].
-    #[arg(long, value_name = "NAME|FILE|none")]
-    pub(crate) sensor: Option<String>,
-    /// Exposure time as in 5ms, or auto: that of the render with the most samples, for all of them [default: auto].
-    #[arg(long, value_name = "TIME|auto", value_parser = exposure)]
-    pub(crate) exposure: Option<ExposureChoice>,
-    /// Seed from which all others are derived [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
-    pub(crate) seed: Option<u64>,
-    #[command(flatten)]
-    pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
 }

@@ -1,53 +1,11 @@
 //! The values of flags: read from their text, and checked before any file is opened. An error contains the correct
 //! form.
 
-use dunkelfeld::ExposureOption;
-use dunkelfeld::adaptive::{MAX_MEAN_SPP, NOISE_LEVELS, SHARES};
-use dunkelfeld::io::{Length, Time};
-use dunkelfeld::radiometry::{Number, Seconds};
+use dunkelfeld::io::Time;
 use dunkelfeld::scene::Effect;
-use dunkelfeld::sensor::Exposure;
 use dunkelfeld::trace::PixelSample;
 use std::fmt::Display;
 use std::ops::{Range, RangeInclusive};
-
-/// An exposure on the command line.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum ExposureChoice {
-    Auto,
-    For {
-        /// The exposure time.
-        time: Exposure,
-        /// Is the time written with a unit?
-        has_unit: bool,
-    },
-}
-
-impl ExposureChoice {
-    /// The exposure as an option of the library.
-    pub(crate) fn option(self) -> ExposureOption {
-        match self {
-            Self::Auto => ExposureOption::Auto,
-            Self::For { time, .. } => ExposureOption::Time(time),
-        }
-    }
-
-    /// The note for a time without a unit.
-    pub(crate) fn note(self) -> Option<String> {
-        match self {
-            Self::For { time, has_unit: false } => {
-                let number = Number(time.time().0);
-                Some(format!("note: --exposure {number} is {number} s; write {number}ms for milliseconds"))
-            }
-            _ => None,
-        }
-    }
-}
-
-/// A length such as `12mm`, in metres.
-pub(crate) fn length(text: &str) -> Result<f64, String> {
-    text.parse::<Length>().map(f64::from).map_err(|e| e.to_string())
-}
 
 /// A time such as `5ms`, in seconds.
 pub(crate) fn time(text: &str) -> Result<f64, String> {
@@ -101,35 +59,6 @@ pub(crate) fn effect(name: &str) -> Result<Effect, String> {
         let names: Vec<&str> = dunkelfeld::removable_effects().iter().map(|e| e.name()).collect();
         format!("write one of {}", names.join(", "))
     })
-}
-
-pub(crate) fn samples_per_pixel(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(n) if n > 0.0 && n <= MAX_MEAN_SPP => Ok(n),
-        _ => Err("write a number above zero and up to 1e9, such as 64".into()),
-    }
-}
-
-pub(crate) fn noise_level(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(k) if NOISE_LEVELS.contains(&k) => Ok(k),
-        _ => Err("write a number from 0.001 to 1000, such as 0.7".into()),
-    }
-}
-
-pub(crate) fn share(text: &str) -> Result<f64, String> {
-    match text.trim_end_matches('%').parse::<f64>() {
-        Ok(share) if SHARES.contains(&share) => Ok(share),
-        _ => Err("write a number from 1 to 100, such as 90".into()),
-    }
-}
-
-pub(crate) fn exposure(text: &str) -> Result<ExposureChoice, String> {
-    if text == "auto" {
-        return Ok(ExposureChoice::Auto);
-    }
-    let exposure = Exposure::new(Seconds(time(text)?)).map_err(|e| e.to_string())?;
-    Ok(ExposureChoice::For { time: exposure, has_unit: text.parse::<f64>().is_err() })
 }
 
 pub(crate) fn sample_range(text: &str) -> Result<Range<u32>, String> {
@@ -194,14 +123,6 @@ mod tests {
         for bad in ["0", "32769", "-3", "1.0", "", "99999999999999999999"] {
             assert_eq!(side(bad), Err("write a whole number from 1 to 32768".into()), "{bad}");
         }
-        assert_eq!(samples_per_pixel("0.5"), Ok(0.5));
-        for bad in ["0", "-1", "nan", "inf", "1e10", "many", ""] {
-            assert!(samples_per_pixel(bad).is_err(), "{bad}");
-        }
-        assert_eq!(noise_level("0.7"), Ok(0.7));
-        for bad in ["0", "-1", "nan", "inf", "1e9", "low", ""] {
-            assert!(noise_level(bad).is_err(), "{bad}");
-        }
         assert_eq!(pixel_sample("12, 40,7"), Ok(PixelSample { x: 12, y: 40, index: 7 }));
         for bad in ["12,40", "12,40,7,1", "a,b,c", "-1,0,0", ""] {
             assert!(pixel_sample(bad).is_err(), "{bad}");
@@ -209,13 +130,6 @@ mod tests {
         assert_eq!(sample_range("64..128"), Ok(64..128));
         for bad in ["64", "64..", "..64", "64..64", "5..4", "-1..4", "a..b", "0..4294967296", "0..1e3", "0...4", ""] {
             assert!(sample_range(bad).is_err(), "{bad}");
-        }
-        assert_eq!(exposure("auto"), Ok(ExposureChoice::Auto));
-        let note = |text: &str| exposure(text).expect("a time").note();
-        assert_eq!([note("auto"), note("5ms"), note("5s")], [None, None, None]);
-        assert_eq!(note("5").as_deref(), Some("note: --exposure 5 is 5 s; write 5ms for milliseconds"));
-        for bad in ["0ms", "-5ms", "5x", "long", ""] {
-            assert!(exposure(bad).is_err(), "{bad}");
         }
     }
 }

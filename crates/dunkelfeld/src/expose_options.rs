@@ -1,103 +1,120 @@
-//! Options of the exposure of an image of any renderer: an EXR, or an array of radiance. Names are those of the flags of
-//! `dunkelfeld expose`.
+//! Options of the exposure of a film, of an EXR of any renderer, and of an array of radiance.
 
 use crate::commands::expose::{ExposeSettings, OfImage, check};
 use crate::exposer::Exposer;
-use crate::options::{ExposureOption, SensorOption, check_frames, frames_of};
-use crate::project::find_sensor_recorded;
+use crate::options::{check_frames, frames_of};
+use crate::project::{GivenSensor, exposure_of, sensor_of};
 use derive_setters::Setters;
 use dunkelfeld_film::Plane;
-use dunkelfeld_io::input::{InputFiles, Role};
-use dunkelfeld_io::job::{DEFAULT_SENSOR, PsfSettings};
-use dunkelfeld_radiometry::Number;
-use dunkelfeld_render::{Cancel, Error};
+use dunkelfeld_io::input::InputFiles;
+use dunkelfeld_io::job::{self, Job};
+use dunkelfeld_render::{Cancel, Error, SavedFilm, SensorChoice};
 use dunkelfeld_scene::Vignetting;
-use dunkelfeld_sensor::{ExposureNoise, Optics, SensorError};
+use dunkelfeld_sensor::Optics;
 use std::path::Path;
 
-/// An exposure of an image. `None` selects the defaults of [`ExposeSettings::new`].
+/// An exposure. What it does not set is that of the render of the film or file, or a default of [`ExposeSettings::new`].
 #[derive(Clone, Debug, Default, PartialEq, Setters)]
 #[setters(prefix = "with_", strip_option, into)]
 #[non_exhaustive]
-pub struct ImageOptions {
-    /// The sensor; by default that of the render of the image, or [`DEFAULT_SENSOR`].
-    pub sensor: Option<SensorOption>,
-    /// The exposure time; by default automatic, or that for which the samples of the image were made.
-    pub exposure: Option<ExposureOption>,
-    /// The noise that the sensor adds. Matched noise needs a layer `variance`, and is for one frame.
-    pub exposure_noise: Option<ExposureNoise>,
-    /// f-number of the lens, 0.5 to 1000; by default that of the render of the image, as the other values of the lens.
-    pub f_number: Option<f64>,
-    /// Share of the light that passes the lens, above 0 and at most 1.
-    pub transmission: Option<f64>,
-    /// Image size over object size, 0 (far away) to 100.
-    pub magnification: Option<f64>,
-    /// Point spread function of the lens: `none`, `diffraction`, or a CSV file with an MTF
-    /// ([`load_mtf`](dunkelfeld_io::job::load_mtf)); by default that of the render of the image, or none.
-    pub psf: Option<String>,
-    /// Share of the light in the veiling glare, 0 to 0.5; by default that of the render of the image, or 0.
-    pub glare: Option<f64>,
-    /// Vignetting of the lens. It needs the focal length, and is not for images that contain it.
-    pub vignetting: Option<Vignetting>,
-    /// Focal length \[m\].
-    pub focal_length: Option<f64>,
-    /// The layer that contains radiance, as in `ViewLayer.Combined`.
+pub struct ExposeOptions {
+    /// Keys of a job as lines of TOML: those of `[sensor]`, `seed`, `frame`, `budget.memory`, and for images those of the lens
+    /// that act on a finished image: `f_number`, `transmission`, `magnification`, `psf`, `glare`, and `vignetting` with
+    /// `focal_length`.
+    pub keys: String,
+    /// A sensor in place of that of the keys.
+    pub sensor: Option<GivenSensor>,
+    /// The layer of an EXR that contains radiance, as in `ViewLayer.Combined`.
     pub layer: Option<String>,
     /// Number of frames; by default 1.
     pub frames: Option<u32>,
-    /// Seed of noise and device; by default 0.
-    pub seed: Option<u64>,
-    /// Number of the first frame; by default 0.
-    pub frame: Option<u32>,
     /// Number of threads; 0 means one per core.
     pub threads: Option<usize>,
-    /// Limit of memory \[bytes\].
-    pub memory: Option<u64>,
 }
 
-impl ImageOptions {
-    /// The settings of these options. A sensor file is one of their inputs.
+/// Keys of the lens that act on a finished image.
+const LENS: [&str; 7] =
+    ["f_number", "transmission", "magnification", "psf", "glare", "vignetting", "focal_length"];
+
+impl ExposeOptions {
+    /// The keys as a job.
+    fn job(&self, lens: &[&str]) -> Result<Job, Error> {
+        let job = Job::from_text("the keys", format!("scene = \"none\"\n{}", self.keys))?;
+        let unused = job.keys().into_iter().find(|path| match path.as_slice() {
+            ["scene" | "seed" | "frame" | "sensor", ..] | ["budget", "memory"] => false,
+            ["lens", key] => !lens.contains(key),
+            _ => true,
+        });
+        match unused {
+            None => Ok(job),
+            Some(path) => Err(Error::setting(path.join("."), "an exposure does not use this key", "leave it out")),
+        }
+    }
+
+    /// Is the picture that of the radiance, because there is no sensor?
+    pub(crate) fn is_plain(&self, saved: &SavedFilm) -> Result<bool, Error> {
+        let job = self.job(&[])?;
+        let is_other = self.sensor.is_some() || job.sets(&["sensor", "model"]);
+        Ok(if is_other { self.sensor.is_none() && job.sensor.model == job::SensorChoice::None } else { !saved.settings.has_sensor() })
+    }
+
+    /// The settings that expose a film, without the number of frames.
+    ///
+    /// # Errors
+    /// A sensor that does not exist, or none; keys that an exposure of a film does not use.
+    pub fn settings_of(&self, saved: &SavedFilm) -> Result<ExposeSettings, Error> {
+        let job = self.job(&[])?;
+        let is_other = self.sensor.is_some() || job.sets(&["sensor", "model"]);
+        let mut inputs = InputFiles::new();
+        let choice = sensor_of(&job.sensor, self.sensor.clone(), Optics::new(1.0, 1.0, 0.0)?, &mut inputs)?;
+        let mut settings = match (choice, ExposeSettings::of_render(&saved.settings)?) {
+            (_, Some(settings)) if !is_other => settings,
+            (SensorChoice::Emva { model, .. }, Some(settings)) if is_other => {
+                // All but the sensor is that of the render.
+                let model = model.binned(settings.readout.binning)?;
+                settings.with_model(model)
+            }
+            (SensorChoice::Emva { model, .. }, None) if is_other => ExposeSettings::new(*model)?,
+            _ => return Err(no_sensor()),
+        };
+        if job.sets(&["sensor", "exposure"]) {
+            settings.exposure = exposure_of(&job.sensor)?;
+        }
+        if job.sets(&["sensor", "exposure_noise"]) {
+            settings.exposure_noise = job.sensor.exposure_noise;
+        }
+        settings.seed = if job.sets(&["seed"]) { job.seed } else { settings.seed };
+        settings.first_frame = if job.sets(&["frame"]) { job.frame } else { settings.first_frame };
+        settings.threads = saved.settings.threads;
+        settings.inputs.extend(&inputs);
+        Ok(settings)
+    }
+
+    /// The settings that expose an image. A sensor file is one of their inputs.
     ///
     /// # Errors
     /// A sensor that does not exist, or none; a lens out of range; a focal length without vignetting, and vignetting without
-    /// a focal length.
-    pub fn settings(self) -> Result<ExposeSettings, Error> {
+    /// a focal length; keys that an exposure does not use.
+    pub fn settings(&self) -> Result<ExposeSettings, Error> {
+        let job = self.job(&LENS)?;
+        let is_given = |key: &str| job.sets(&["lens", key]);
         let mut inputs = InputFiles::new();
-        let lens = [self.f_number, self.transmission, self.magnification].map(|value| value.is_none());
-        let of_image =
-            OfImage { sensor: self.sensor.is_none(), lens, blur: [self.psf.is_none(), self.glare.is_none()] };
-        let model = match self.sensor {
-            None => find_sensor_recorded(DEFAULT_SENSOR, &mut inputs)?,
-            Some(SensorOption::Named(name)) => find_sensor_recorded(&name, &mut inputs)?,
-            Some(SensorOption::Model { model, file }) => {
-                file.iter().for_each(|file| inputs.add(file, Role::Sensor));
-                *model
-            }
-            Some(SensorOption::None) => {
-                return Err(Error::setting("sensor", "there is no sensor to expose", "name a sensor, such as imx250"));
-            }
-        };
-        let defaults = ExposeSettings::new(model)?;
-        let lens = defaults.optics.clone();
+        let lens = &job.lens;
         let optics = Optics::new(
-            self.f_number.unwrap_or(lens.f_number()),
-            self.transmission.unwrap_or(lens.transmission()),
-            self.magnification.unwrap_or(lens.magnification()),
-        );
-        let psf = self.psf.map(|word| {
-            let help = "write none, diffraction, or the path of a CSV file";
-            let psf = PsfSettings::from_word(&word).map_err(|problem| Error::setting("psf", problem, help))?;
-            Ok::<_, Error>(psf.load(&mut inputs)?)
-        });
-        let psf = psf.transpose()?.unwrap_or_default();
-        let optics = optics.and_then(|optics| optics.with_psf(psf).with_glare(self.glare.unwrap_or(0.0)));
-        let optics = optics.map_err(|e| match e {
-            SensorError::OutOfRange { field, value, allowed } => {
-                Error::setting(field, format!("{} is out of range", Number(value)), format!("write a number {allowed}"))
-            }
-            other => other.into(),
-        })?;
-        let vignetting = match (self.vignetting, self.focal_length) {
+            lens.f_number.unwrap_or(dunkelfeld_render::DEFAULT_F_NUMBER),
+            lens.transmission,
+            lens.magnification.unwrap_or(0.0),
+        )?;
+        let psf = if is_given("psf") { lens.psf(&mut inputs)? } else { Default::default() };
+        let optics = optics.with_psf(psf).with_glare(lens.glare.unwrap_or(0.0))?;
+        let of_image = OfImage {
+            sensor: self.sensor.is_none() && !job.sets(&["sensor", "model"]),
+            lens: ["f_number", "transmission", "magnification"].map(|key| !is_given(key)),
+            blur: ["psf", "glare"].map(|key| !is_given(key)),
+        };
+        let choice = sensor_of(&job.sensor, self.sensor.clone(), optics.clone(), &mut inputs)?;
+        let SensorChoice::Emva { model, exposure, .. } = choice else { return Err(no_sensor()) };
+        let vignetting = match (lens.vignetting, lens.focal_length) {
             (None, Some(_)) => {
                 let problem = "only vignetting needs it, and there is none";
                 return Err(Error::setting("focal_length", problem, "add vignetting, or leave it out"));
@@ -109,23 +126,24 @@ impl ImageOptions {
                 return Err(Error::setting("vignetting", problem, "add the focal length, such as 12 mm"));
             }
         };
-        Ok(defaults
+        Ok(ExposeSettings::new(*model)?
             .with_optics(optics)
             .with_of_image(of_image)
             .with_vignetting(vignetting)
-            .with_exposure(match self.exposure {
-                None | Some(ExposureOption::Auto) => None,
-                Some(ExposureOption::Time(time)) => Some(time),
-            })
-            .with_exposure_noise(self.exposure_noise.unwrap_or_default())
-            .with_seed(self.seed.unwrap_or(0))
-            .with_first_frame(self.frame.unwrap_or(0))
+            .with_exposure(exposure)
+            .with_exposure_noise(job.sensor.exposure_noise)
+            .with_seed(job.seed)
+            .with_first_frame(job.frame)
             .with_frames(self.frames.unwrap_or(1))
-            .with_layer(self.layer)
+            .with_layer(self.layer.clone())
             .with_threads(self.threads.unwrap_or(0))
-            .with_memory_limit(self.memory)
+            .with_memory_limit(job.budget.memory)
             .with_inputs(inputs))
     }
+}
+
+pub(crate) fn no_sensor() -> Error {
+    Error::setting("sensor", "there is no sensor to expose", "name a sensor, such as imx250")
 }
 
 /// Grey values \[DN\] of the frames of an EXR of any renderer: those that [`expose_exr`](crate::expose_exr) writes. `cancel` ends

@@ -70,7 +70,7 @@
 //! # fn main() -> Result<(), dunkelfeld::Error> {
 #![doc = include_str!("guide/job.md")]
 //! let mut project = Project::from_text("ball.toml", JOB)?;
-//! let options = RenderOptions::default().with_spp(8.0).with_seed(3u64);
+//! let options = RenderOptions::default().with_keys("budget.spp = 8\nseed = 3");
 //! let film = project.render_options(options, &Silent, &Cancel::new())?.into_saved_film();
 //! // Size, seed and frame belong to the plan.
 //! let replay = RenderOptions::default().with_replay(ReplayOption::Plan(SavedPlan::of_film(&film)?));

@@ -58,7 +58,7 @@ pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, OfImage, 
 pub use commands::init::{init, init_text};
 pub use commands::merge::{MergeSettings, Merged, merge};
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser, select_denoiser, why_builtin};
-pub use expose_options::{ImageOptions, expose_image, expose_radiance};
+pub use expose_options::{ExposeOptions, expose_image, expose_radiance};
 pub use exposer::{Exposer, FilmVariances, through_lens};
 pub use exr_image::{ExrImage, LensSource};
 pub use film_files::{save_film, save_film_files};
@@ -72,8 +72,8 @@ pub use light_films::{FilmOfLight, develop_films, encode_light_layers, sum_of_me
 pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats, check_image_memory};
 pub use noise_compensation::Matched;
 pub use options::{
-    ExposeOptions, ExposureOption, RenderOptions, ReplayOption, SensorOption, certify_film, denoise_saved, expose_film,
-    picture_of_film, select_sensor,
+    RenderOptions, ReplayOption, certify_film, denoise_saved, expose_film,
+    picture_of_film,
 };
 pub use outliers::HeavySample;
 pub use outputs::{
@@ -81,7 +81,7 @@ pub use outputs::{
     save_new, save_picture, save_plan, save_text,
 };
 pub use project::{
-    LightFilmsMemory, Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene,
+    GivenSensor, LightFilmsMemory, Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene,
     removable_effects,
 };
 pub use sensor_sheet::sensor_sheet;
@@ -129,6 +129,7 @@ pub mod geometry {
 pub mod io {
     pub use dunkelfeld_io::job::{literal_pattern, matches};
     pub use dunkelfeld_io::private_file::PrivateFile;
+    pub use dunkelfeld_io::keys::{KEYS, Key, Kind, OF_FILM, OF_IMAGE, OF_LENS, OF_MERGE, OF_RENDER, OF_STUDY};
     pub use dunkelfeld_io::quantity::{Factor, Length, Memory, QuantityError, Time};
     pub use dunkelfeld_io::sensor_file;
     pub use dunkelfeld_io::toml_file::toml_text;

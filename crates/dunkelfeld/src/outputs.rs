@@ -9,6 +9,7 @@ use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr_recorded, write_exr, write_exr_rows};
 use dunkelfeld_io::input::{InputFiles, Role};
 pub use dunkelfeld_io::job::Align;
+use dunkelfeld_io::job::{self, Job};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_io::png::png_bytes;
@@ -48,6 +49,19 @@ pub struct OutputPaths {
 }
 
 impl OutputPaths {
+    /// The files that keys of a job name, as lines of TOML: `output.image = "a.png"`.
+    ///
+    /// # Errors
+    /// Keys and values that a job may not have.
+    pub fn of_keys(keys: &str) -> Result<Self, Error> {
+        Ok(Self::of_job(&Job::from_text("the keys", format!("scene = \"none\"\n{keys}"))?))
+    }
+
+    pub(crate) fn of_job(job: &Job) -> Self {
+        let job::OutputSettings { image, linear, exr, stats, plan, align } = job.output.clone();
+        Self { image, linear, exr, stats, plan, align }
+    }
+
     fn all(&self) -> impl Iterator<Item = &PathBuf> {
         [&self.image, &self.linear, &self.exr, &self.stats, &self.plan].into_iter().flatten()
     }

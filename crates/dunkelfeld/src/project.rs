@@ -7,8 +7,9 @@ mod overrides;
 mod rendering;
 
 pub use one_light::LightFilmsMemory;
-pub use open::{ProjectOptions, removable_effects};
-use open::{film_part, pitch_of, whole_film};
+pub use open::{GivenSensor, ProjectOptions, removable_effects};
+pub(crate) use open::{Setup, exposure_of, sensor_of};
+use open::{pitch_of, resolve, whole_film};
 use overrides::{Description, kept_description};
 
 use crate::camera_fit::{FilmSize, Fitted, Misfit, fit};
@@ -18,7 +19,7 @@ use crate::guard::check_outputs;
 use crate::inspect::{Inspection, camera_entry, inspect_lines};
 use crate::memory::{KeptFilms, MemoryAccount, RenderNeeds, render_account};
 use crate::outputs::{self, OutputPaths, Written};
-use crate::shutter::{TimedExposure, check_shutter, splitter_of, timed_exposure};
+use crate::shutter::{TimedExposure, check_shutter, expose_for, splitter_of, timed_exposure};
 use crate::stats::Stats;
 use dunkelfeld_film::FilmLayers;
 use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
@@ -30,7 +31,7 @@ use dunkelfeld_render::{
     thread_count, validate,
 };
 use dunkelfeld_scene::{
-    BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, Vignetting, framing_camera,
+    BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, framing_camera,
 };
 use dunkelfeld_sensor::{Optics, SensorModel};
 use std::path::Path;
@@ -65,10 +66,9 @@ pub struct Project {
     /// The files that were read for it, or were to be read. An output must not replace one of them. Record files that
     /// are read later.
     pub inputs: InputFiles,
-    /// Vignetting of all lenses, instead of their own.
-    pub vignetting: Option<Vignetting>,
-    /// For later errors.
-    pub(crate) job: Option<Box<Job>>,
+    /// The job as it is now; that of a scene file contains no more than its path.
+    pub(crate) job: Box<Job>,
+    has_job_file: bool,
     /// The part of a larger film that is rendered, if the job describes one.
     part: Option<FilmPart>,
     /// Pixel pitch [m] of the job's own sensor. The lens keeps it when another command leaves the sensor out.
@@ -89,10 +89,6 @@ pub(crate) struct CommandClock {
     pub(crate) load_seconds: f64,
     pub(crate) build_seconds: f64,
 }
-
-/// The part of a larger film that a project renders, to restore it.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct FilmRegion(Option<FilmPart>);
 
 /// A rendered project.
 #[derive(Debug)]
@@ -115,7 +111,7 @@ pub struct ProjectResult {
 impl Project {
     /// The content of the scene, and its hazards.
     pub fn inspect(&self) -> Inspection {
-        let lines = self.job.as_ref().and_then(|job| job.lines().ok()).unwrap_or_default();
+        let lines = self.job.lines().unwrap_or_default();
         let mut inspection = inspect_lines(&self.scene, &self.findings(), lines);
         let film = self.film_size();
         let fitted = |camera: &Camera| {
@@ -151,7 +147,7 @@ impl Project {
     /// The exposure time for which the samples of the scene are made. `None` if a film of it can be exposed for any time:
     /// nothing moves, no rows are scanned, and no lamp has a strobe.
     pub fn timed_exposure(&self) -> Option<TimedExposure> {
-        timed_exposure(&self.scene, self.job.as_deref())
+        timed_exposure(&self.scene, &self.job)
     }
 
     /// The settings of a render with the lens combined with its camera: with [`RenderSettings::view`] set, and with the
@@ -169,13 +165,13 @@ impl Project {
 
     fn fit_settings(&self, mut settings: RenderSettings) -> Result<RenderSettings, Error> {
         validate(&settings)?;
-        check_shutter(&self.scene, &settings, self.job.as_deref())?;
+        check_shutter(&self.scene, &settings, &self.job)?;
         settings.is_timed = self.timed_exposure().is_some();
         if settings.view.is_some() {
             return Ok(settings);
         }
         if settings.camera.is_none() {
-            settings.camera = self.job.as_ref().and_then(|job| job.first_enabled()).map(str::to_owned);
+            settings.camera = self.job.first_enabled().map(str::to_owned);
         }
         let camera = find_camera(&self.scene, &settings)?;
         let (lens, film) = (self.lens_of(&camera.name), self.film_size());
@@ -195,11 +191,10 @@ impl Project {
             view.lens.distortion = Distortion::default();
         }
         if let Err(e) = self.scene.ray_generator(&view, settings.width, settings.height) {
-            return Err(match &self.job {
-                Some(job) if matches!(e, CameraError::NotInvertible { .. }) && lens.distortion.is_some() => {
-                    job.lens_error(&camera.name, "distortion", e.to_string(), camera_help(&e)).into()
-                }
-                _ => e.into(),
+            let is_of_lens = matches!(e, CameraError::NotInvertible { .. }) && lens.distortion.is_some();
+            return Err(match is_of_lens {
+                true => self.job.lens_error(&camera.name, "distortion", e.to_string(), camera_help(&e)).into(),
+                false => e.into(),
             });
         }
         settings.view = Some(view);
@@ -207,10 +202,8 @@ impl Project {
             && *optics == self.optics
         {
             // Files of the image contain the bands, so that another exposure has the beam splitter too.
-            let bands = match &self.job {
-                Some(job) => job.bands_behind(&lens)?.behind_splitter(splitter_of(job, &self.scene, &camera.name)),
-                None => optics.bands(),
-            };
+            let splitter = splitter_of(&self.job, &self.scene, &camera.name);
+            let bands = self.job.bands_behind(&lens)?.behind_splitter(splitter);
             *optics = Optics::new(f_number, lens.transmission, magnification)?.with_bands(bands);
             if !settings.without.contains(&Effect::LensBlur) {
                 let psf = lens.psf(&mut InputFiles::new())?;
@@ -246,32 +239,22 @@ impl Project {
 
     /// The lens of a camera: its own in the job, or that of the project.
     fn lens_of(&self, camera: &str) -> LensSettings {
-        let defined = self.job.as_ref().and_then(|job| job.camera_settings(camera));
-        let mut lens = defined.map_or_else(|| self.lens.clone(), |camera| camera.lens_or(&self.lens));
-        lens.vignetting = self.vignetting.or(lens.vignetting);
-        lens
+        let defined = self.job.camera_settings(camera);
+        defined.map_or_else(|| self.lens.clone(), |camera| camera.lens_or(&self.lens))
     }
 
     /// `K` refers to the film of the job. On a film with another number of rows the field of view stays, so that the
     /// principal point moves with the size of a pixel.
     fn scale_intrinsics(&self, view: &mut Camera, film: FilmSize) {
-        let Some(job) = &self.job else { return };
-        if job.camera_settings(&view.name).is_some_and(|camera| camera.intrinsics.is_some()) {
-            let scale = f64::from(film.height) / f64::from(whole_film(job, self.part)[1]);
+        if self.job.camera_settings(&view.name).is_some_and(|camera| camera.intrinsics.is_some()) {
+            let scale = f64::from(film.height) / f64::from(whole_film(&self.job, self.part)[1]);
             view.lens.principal_point = view.lens.principal_point.map(|offset| offset * scale);
         }
     }
 
     /// The text of the job as it is now, with its overrides. `None` for a scene without a job.
     pub fn job_text(&self) -> Option<&str> {
-        self.job.as_ref().map(|job| job.text())
-    }
-
-    /// Leaves sums out of the film that neither the outputs nor the denoiser need ([`RenderSettings::layers`]). Call it
-    /// after both are set, and only if no other data of the film is needed.
-    pub fn keep_needed_layers(&mut self) {
-        let are_needed = self.outputs.exr.is_some() || self.settings.denoise.method != DenoiseMethod::Off;
-        self.settings.layers = if are_needed { FilmLayers::All } else { FilmLayers::Image };
+        self.has_job_file.then(|| self.job.text())
     }
 
     /// Changes the number of pixels for the same field of view: pixels become larger as their number decreases.
@@ -284,41 +267,56 @@ impl Project {
         (self.settings.width, self.settings.height) = (width, height);
     }
 
-    /// Gives the film the resolution of the present sensor, if the job sets `full`. Call it after another sensor is
-    /// selected.
-    ///
-    /// # Errors
-    /// A sensor without a resolution, or one that is smaller than the region of the job.
-    pub fn refit_film(&mut self) -> Result<(), Error> {
-        let Some(job) = self.job.as_ref().filter(|job| job.film.full && self.settings.has_sensor()) else {
-            return Ok(());
-        };
-        self.part = film_part(job, &self.settings.sensor)?;
-        if let Some(part) = self.part {
-            [self.settings.width, self.settings.height] = part.size();
+    /// The settings with the keys of a job in place of those of the project. Settings that the program has adjusted and
+    /// that are no keys stay.
+    pub(crate) fn setup_with(&self, keys: &[&str], sensor: Option<GivenSensor>) -> Result<Setup, Error> {
+        let mut job = (*self.job).clone();
+        for keys in keys.iter().filter(|keys| !keys.is_empty()) {
+            job = job.with_overrides(keys)?;
         }
-        Ok(())
+        if let Some(section) = self.job.difference_of_scenes(&job) {
+            let problem = format!("`{section}` is a part of the scene, which a render does not change");
+            return Err(Error::setting("keys", problem, "change the scene before, by its overrides"));
+        }
+        let mut setup = resolve(&job, sensor, self.inputs.clone())?;
+        expose_for(&mut setup.settings, self.scene.shutter(), &job)?;
+        check_shutter(&self.scene, &setup.settings, &self.job)?;
+        let RenderSettings { threads, camera, view, max_pilot_spp, training_paths, replay, samples, .. } = &self.settings;
+        let RenderSettings { checkpoint, layers, without, .. } = &self.settings;
+        let s = &mut setup.settings;
+        (s.threads, s.camera, s.view) = (*threads, camera.clone(), view.clone());
+        (s.max_pilot_spp, s.training_paths) = (*max_pilot_spp, *training_paths);
+        (s.replay, s.samples, s.checkpoint) = (replay.clone(), samples.clone(), checkpoint.clone());
+        (s.layers, s.without) = (*layers, without.clone());
+        setup.inputs.extend(&self.inputs);
+        setup.warnings.clone_from(&self.warnings);
+        Ok(setup)
     }
 
-    /// The part of a larger film that is rendered.
-    pub(crate) fn region(&self) -> FilmRegion {
-        FilmRegion(self.part)
+    /// The settings as they are.
+    pub(crate) fn setup(&self) -> Setup {
+        let Self { job, settings, outputs, optics, lens, film, part, own_pitch, inputs, warnings, .. } = self;
+        let (part, own_pitch) = (*part, *own_pitch);
+        let (job, settings, outputs) = (job.clone(), settings.clone(), outputs.clone());
+        let (optics, lens, film) = (optics.clone(), lens.clone(), film.clone());
+        let (inputs, warnings) = (inputs.clone(), warnings.clone());
+        Setup { job, settings, outputs, optics, lens, film, part, own_pitch, inputs, warnings }
     }
 
-    /// Renders that part again.
-    pub(crate) fn restore_region(&mut self, FilmRegion(part): FilmRegion) {
-        self.part = part;
+    /// Replaces the settings.
+    pub(crate) fn set_up(&mut self, setup: Setup) {
+        let Setup { job, settings, outputs, optics, lens, film, part, own_pitch, inputs, warnings } = setup;
+        (self.job, self.settings, self.outputs) = (job, settings, outputs);
+        (self.optics, self.lens, self.film) = (optics, lens, film);
+        (self.part, self.own_pitch) = (part, own_pitch);
+        (self.inputs, self.warnings) = (inputs, warnings);
     }
 
     /// Takes all settings, but not the scene, from another project.
     pub fn take_settings_of(&mut self, other: &Self) {
-        self.settings = other.settings.clone();
-        self.lens = other.lens.clone();
-        self.film = other.film.clone();
-        self.optics = other.optics.clone();
-        self.own_pitch = other.own_pitch;
-        self.part = other.part;
-        self.vignetting = other.vignetting;
+        let inputs = self.inputs.clone();
+        self.set_up(other.setup());
+        self.inputs.extend(&inputs);
     }
 
     /// The memory account of a render with the present settings, as a command that writes the outputs of the project.
@@ -332,6 +330,7 @@ impl Project {
         outputs: Option<&OutputPaths>,
         kept: KeptFilms,
     ) -> (u64, MemoryAccount) {
+        let settings = &needed_layers(settings.clone(), outputs);
         let (threads, none) = (thread_count(settings.threads), OutputPaths::default());
         let outputs = outputs.unwrap_or(&none);
         let description = self.description.as_ref().map_or(0, |description| description.bytes());
@@ -368,11 +367,17 @@ impl Project {
     }
 
     fn misfit(&self, camera: &str, misfit: Misfit) -> Error {
-        match &self.job {
-            Some(job) => job.lens_error(camera, misfit.key, misfit.problem, misfit.help).into(),
-            None => Error::setting(format!("lens {}", misfit.key), misfit.problem, misfit.help),
-        }
+        self.job.lens_error(camera, misfit.key, misfit.problem, misfit.help).into()
     }
+}
+
+/// The settings of a command that writes `outputs`: sums that neither these nor the denoiser need are left out of the film
+/// ([`RenderSettings::layers`]).
+fn needed_layers(mut settings: RenderSettings, outputs: Option<&OutputPaths>) -> RenderSettings {
+    if outputs.is_some_and(|outputs| outputs.exr.is_none()) && settings.denoise.method == DenoiseMethod::Off {
+        settings.layers = FilmLayers::Image;
+    }
+    settings
 }
 
 impl ProjectResult {

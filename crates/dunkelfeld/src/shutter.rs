@@ -7,25 +7,22 @@ use dunkelfeld_render::{Error, RenderSettings, SensorChoice};
 use dunkelfeld_scene::{BuildReport, Finding, Scene, Severity, Shutter};
 use dunkelfeld_sensor::Exposure;
 
-/// The settings with the exposure time of a pixel: that of all stages of a line scan together. A strobe does not shorten
-/// it: the lamp is dark for the rest of it.
-pub(crate) fn expose_for(
-    mut settings: RenderSettings,
-    shutter: Option<&Shutter>,
-    job: &Job,
-) -> Result<RenderSettings, Error> {
+/// Sets the exposure time of a pixel, that of all stages of a line scan together, where the samples are those of this
+/// time. A strobe does not shorten it: the lamp is dark for the rest of it.
+pub(crate) fn expose_for(settings: &mut RenderSettings, shutter: Option<&Shutter>, job: &Job) -> Result<(), Error> {
+    let Some(shutter) = shutter else { return Ok(()) };
     if let (SensorChoice::Emva { exposure, .. }, Some(seconds)) = (&mut settings.sensor, job.total_exposure()) {
         *exposure = Some(Exposure::new(Seconds(seconds))?);
     }
-    if let Some(Shutter::Lines(lines)) = shutter {
+    if let Shutter::Lines(lines) = shutter {
         settings.readout.line_scan_stages = lines.stages;
     }
-    Ok(settings)
+    Ok(())
 }
 
 /// Refuses a film or an exposure that is not the one for which the scene was built: a line scan has a time for each row,
 /// objects move for the time of the exposure, and the strobe of a lamp is a share of it.
-pub(crate) fn check_shutter(scene: &Scene, settings: &RenderSettings, job: Option<&Job>) -> Result<(), Error> {
+pub(crate) fn check_shutter(scene: &Scene, settings: &RenderSettings, job: &Job) -> Result<(), Error> {
     let shutter = scene.shutter();
     if let Some(Shutter::Lines(lines)) = shutter
         && lines.rows != settings.height
@@ -53,15 +50,15 @@ pub struct TimedExposure {
 }
 
 /// See [`Project::timed_exposure`](crate::Project::timed_exposure).
-pub(crate) fn timed_exposure(scene: &Scene, job: Option<&Job>) -> Option<TimedExposure> {
+pub(crate) fn timed_exposure(scene: &Scene, job: &Job) -> Option<TimedExposure> {
     let shutter = scene.shutter();
-    let has_strobe = job.is_some_and(|job| job.first_strobe().is_some());
+    let has_strobe = job.first_strobe().is_some();
     let reason = match shutter {
         Some(_) => "objects move, or rows are scanned,",
         None if has_strobe => "the strobe of a lamp is timed",
         None => return None,
     };
-    let built = job.and_then(Job::total_exposure).or(shutter.map(Shutter::exposure));
+    let built = job.total_exposure().or(shutter.map(Shutter::exposure));
     built.map(|built| TimedExposure { time: Seconds(built), reason })
 }
 

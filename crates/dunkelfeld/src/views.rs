@@ -12,13 +12,11 @@ impl Project {
     /// Names of the cameras that the job defines and enables, in its order; none if the settings name a camera. Each of them gets
     /// a render of its own.
     pub fn defined_cameras(&self) -> Vec<String> {
-        match (&self.settings.camera, &self.job) {
-            (None, Some(job)) => {
-                let enabled = job.camera.defined.iter().filter(|camera| camera.is_enabled());
-                enabled.map(|camera| camera.name.clone()).collect()
-            }
-            _ => Vec::new(),
+        if self.settings.camera.is_some() {
+            return Vec::new();
         }
+        let enabled = self.job.camera.defined.iter().filter(|camera| camera.is_enabled());
+        enabled.map(|camera| camera.name.clone()).collect()
     }
 
     /// Gives later renders clocks of their own: the time of loading belongs to the first one.

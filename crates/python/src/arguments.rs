@@ -5,8 +5,7 @@ use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::io::{Length, Memory, QuantityError};
 use dunkelfeld::removable_effects;
-use dunkelfeld::scene::{Effect, Vignetting};
-use dunkelfeld::sensor::ExposureNoise;
+use dunkelfeld::scene::Effect;
 use pyo3::exceptions::{PyOverflowError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PyBool;
@@ -44,16 +43,6 @@ pub(crate) fn effect_of(name: &str) -> Result<Effect, Failure> {
 pub(crate) fn effect_left_out(name: &str) -> Result<Effect, Failure> {
     let all: Vec<(&str, Effect)> = removable_effects().into_iter().map(|e| (e.name(), e)).collect();
     named("without", name, &all)
-}
-
-/// The noise of an exposure by its name.
-pub(crate) fn exposure_noise_of(name: &str) -> Result<ExposureNoise, Failure> {
-    named("exposure_noise", name, &[ExposureNoise::Plain, ExposureNoise::Matched].map(|n| (n.name(), n)))
-}
-
-/// The vignetting of a lens by its name.
-pub(crate) fn vignetting_of(name: &str) -> Result<Vignetting, Failure> {
-    named("vignetting", name, &[Vignetting::None, Vignetting::CosineFourth].map(|v| (v.name(), v)))
 }
 
 /// A number of threads; 0 means one per core.

@@ -1,15 +1,15 @@
 //! Films: sums of samples per pixel, as arrays of numpy, and their exposure.
 
-use crate::arguments::exposure_noise_of;
 use crate::arrays::{gray, rgb, stack};
 use crate::errors::{Failure, setting};
 use crate::inputs::{input_names, inputs_of};
+use crate::keywords::Keywords;
 use crate::noise_map::NoiseMap;
-use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::{with_cancellable_pool, with_pool};
 use dunkelfeld::film::PixelSums;
+use dunkelfeld::io::OF_FILM;
 use dunkelfeld::{
-    DenoiseMethod, DenoiseSettings, ExposeOptions, InputFiles, NO_ID, OutputPaths, Picture, RenderSettings, SavedFilm,
+    DenoiseMethod, DenoiseSettings, InputFiles, NO_ID, OutputPaths, Picture, RenderSettings, SavedFilm,
     certify_film, denoise_saved, develop_film, expose_film, picture_of_film, save_film, save_film_files,
 };
 use dunkelfeld_io::input::Role;
@@ -51,22 +51,6 @@ impl Film {
 
 /// See `Film._extras`.
 type Extras = (String, bool, Vec<(PathBuf, String)>, Option<PathBuf>, Option<u64>);
-
-/// The options of an exposure, from the keywords of Python.
-fn expose_options(
-    sensor: Option<SensorArgument>,
-    exposure: Option<ExposureArgument>,
-    frame: Option<u32>,
-    seed: Option<u64>,
-    exposure_noise: Option<&str>,
-) -> Result<ExposeOptions, Failure> {
-    let mut options = ExposeOptions::default();
-    options.sensor = sensor.map(SensorArgument::option);
-    options.exposure = exposure.map(ExposureArgument::option).transpose()?;
-    (options.frame, options.seed) = (frame, seed);
-    options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
-    Ok(options)
-}
 
 #[pymethods]
 impl Film {
@@ -179,36 +163,31 @@ impl Film {
     /// Exposes the film: linear grey values of `frames` frames, uint16 of shape (frames, height, width) [DN]. Frames of one
     /// seed come from the same device. Arguments that are left out are those of the render. `exposure` is a time [s] or
     /// "auto", `frame` is the number of the first frame, `exposure_noise` is "plain" or "matched". Ctrl-C ends it after a frame.
-    #[pyo3(signature = (sensor=None, exposure=None, frames=1, *, frame=None, seed=None, exposure_noise=None))]
-    #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+    #[pyo3(signature = (sensor=None, exposure=None, frames=1, **keys))]
     fn expose<'py>(
         &self,
         py: Python<'py>,
-        sensor: Option<SensorArgument>,
-        exposure: Option<ExposureArgument>,
+        sensor: Option<&Bound<'py, PyAny>>,
+        exposure: Option<&Bound<'py, PyAny>>,
         frames: u32,
-        frame: Option<u32>,
-        seed: Option<u64>,
-        exposure_noise: Option<&str>,
+        keys: Option<&Bound<'py, PyDict>>,
     ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
-        let options = expose_options(sensor, exposure, frame, seed, exposure_noise)?;
+        let options = Keywords::of_exposure("expose", (sensor, exposure), keys, OF_FILM)?.exposure();
         let (saved, threads) = (&*self.saved, self.settings().threads);
         stack(py, with_cancellable_pool(py, threads, |cancel| expose_film(saved, &options, frames, cancel))??)
     }
 
     /// The 8-bit picture of one frame, gamma 2.2: uint8 of shape (height, width) or, of a colour sensor or none, (height,
     /// width, 3). It shows the unbiased mean, also after `render(denoise=...)`.
-    #[pyo3(signature = (sensor=None, exposure=None, *, frame=None, seed=None, exposure_noise=None))]
+    #[pyo3(signature = (sensor=None, exposure=None, **keys))]
     fn picture<'py>(
         &self,
         py: Python<'py>,
-        sensor: Option<SensorArgument>,
-        exposure: Option<ExposureArgument>,
-        frame: Option<u32>,
-        seed: Option<u64>,
-        exposure_noise: Option<&str>,
+        sensor: Option<&Bound<'py, PyAny>>,
+        exposure: Option<&Bound<'py, PyAny>>,
+        keys: Option<&Bound<'py, PyDict>>,
     ) -> Result<Bound<'py, PyAny>, Failure> {
-        let options = expose_options(sensor, exposure, frame, seed, exposure_noise)?;
+        let options = Keywords::of_exposure("picture", (sensor, exposure), keys, OF_FILM)?.exposure();
         Ok(match self.compute(py, move |s| picture_of_film(s, &options))?? {
             Picture::Gray(plane) => gray(py, plane)?.into_any(),
             Picture::Rgb(plane) => rgb(py, plane)?.into_any(),

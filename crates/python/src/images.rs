@@ -1,13 +1,14 @@
 //! Images of any renderer: exposed and denoised, from EXR files or arrays.
 
-use crate::arguments::{MemoryArgument, checked_threads, exposure_noise_of, method_of, some_threads_of, vignetting_of};
+use crate::arguments::{MemoryArgument, checked_threads, method_of, some_threads_of};
 use crate::arrays::{ImageArray, rgb, stack};
 use crate::errors::{Failure, setting};
+use crate::keywords::Keywords;
 use crate::progress::{completed, supervised};
-use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::with_cancellable_pool;
+use dunkelfeld::io::OF_IMAGE;
 use dunkelfeld::{
-    Cancel, DenoiseMethod, DenoisePlanes, DenoiseSettings, ExposeOutputs, ExposeSettings, ImageOptions, Session,
+    Cancel, DenoiseMethod, DenoisePlanes, DenoiseSettings, ExposeOutputs, ExposeSettings, Session,
     check_denoise_output, select_denoiser,
 };
 use numpy::PyArray3;
@@ -15,29 +16,16 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
 
-/// The options of an exposure, from the keywords of Python.
-#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+/// The settings of an exposure, from the arguments of Python.
 fn settings_of(
-    sensor: Option<SensorArgument>,
-    exposure: Option<ExposureArgument>,
-    frames: u32,
-    frame: Option<u32>,
-    seed: Option<u64>,
-    (lens, psf): ([Option<f64>; 5], Option<String>),
-    vignetting: Option<&str>,
-    memory: Option<MemoryArgument>,
-    threads: Option<usize>,
-) -> Result<ImageOptions, Failure> {
-    let mut options = ImageOptions::default().with_frames(frames);
-    options.sensor = sensor.map(SensorArgument::option);
-    options.exposure = exposure.map(ExposureArgument::option).transpose()?;
-    (options.frame, options.seed) = (frame, seed);
-    [options.f_number, options.transmission, options.magnification, options.focal_length, options.glare] = lens;
-    options.psf = psf;
-    options.vignetting = vignetting.map(vignetting_of).transpose()?;
-    options.memory = memory.map(MemoryArgument::bytes).transpose()?;
-    options.threads = checked_threads(threads)?;
-    Ok(options)
+    function: &str,
+    first: (Option<&Bound<'_, PyAny>>, Option<&Bound<'_, PyAny>>),
+    keys: Option<&Bound<'_, PyDict>>,
+    (frames, layer, threads): (u32, Option<String>, Option<usize>),
+) -> Result<ExposeSettings, Failure> {
+    let mut options = Keywords::of_exposure(function, first, keys, OF_IMAGE)?.exposure().with_frames(frames);
+    (options.layer, options.threads) = (layer, checked_threads(threads)?);
+    Ok(options.settings()?)
 }
 
 /// Exposes an EXR of this or another renderer, as `dunkelfeld expose`: linear grey values, uint16 of shape (frames, height,
@@ -50,34 +38,19 @@ fn settings_of(
 ///
 /// Radiance that is negative or not a number counts as black, infinite radiance saturates.
 #[pyfunction]
-#[pyo3(signature = (path, sensor=None, exposure=None, frames=1, *, frame=None, seed=None, exposure_noise=None, f_number=None,
-    transmission=None, magnification=None, psf=None, glare=None, vignetting=None, focal_length=None, layer=None, memory=None, threads=None))]
+#[pyo3(signature = (path, sensor=None, exposure=None, frames=1, *, layer=None, threads=None, **keys))]
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn expose_exr<'py>(
     py: Python<'py>,
     path: PathBuf,
-    sensor: Option<SensorArgument>,
-    exposure: Option<ExposureArgument>,
+    sensor: Option<&Bound<'py, PyAny>>,
+    exposure: Option<&Bound<'py, PyAny>>,
     frames: u32,
-    frame: Option<u32>,
-    seed: Option<u64>,
-    exposure_noise: Option<&str>,
-    f_number: Option<f64>,
-    transmission: Option<f64>,
-    magnification: Option<f64>,
-    psf: Option<String>,
-    glare: Option<f64>,
-    vignetting: Option<&str>,
-    focal_length: Option<f64>,
     layer: Option<String>,
-    memory: Option<MemoryArgument>,
     #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
+    keys: Option<&Bound<'py, PyDict>>,
 ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
-    let lens = ([f_number, transmission, magnification, focal_length, glare], psf);
-    let mut options = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?;
-    options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
-    options.layer = layer;
-    let settings = options.settings()?;
+    let settings = settings_of("expose_exr", (sensor, exposure), keys, (frames, layer, threads))?;
     stack(
         py,
         with_cancellable_pool(py, settings.threads, |cancel| dunkelfeld::expose_image(&path, &settings, cancel))??,
@@ -92,38 +65,23 @@ pub(crate) fn expose_exr<'py>(
 /// automatic exposure?), `saturated` and `matched` (shares of the pixels; `matched` is None for plain noise), `invalid` and
 /// `invalid_variances` (numbers of pixels). Ctrl-C ends it; the finished frames remain.
 #[pyfunction]
-#[pyo3(signature = (path, image=None, linear=None, *, sensor=None, exposure=None, frames=1, frame=None, seed=None,
-    exposure_noise=None, f_number=None, transmission=None, magnification=None, psf=None, glare=None, vignetting=None, focal_length=None, layer=None,
-    memory=None, threads=None, progress=None))]
+#[pyo3(signature = (path, image=None, linear=None, *, sensor=None, exposure=None, frames=1, layer=None, threads=None,
+    progress=None, **keys))]
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn expose_exr_files<'py>(
     py: Python<'py>,
     path: PathBuf,
     image: Option<PathBuf>,
     linear: Option<PathBuf>,
-    sensor: Option<SensorArgument>,
-    exposure: Option<ExposureArgument>,
+    sensor: Option<&Bound<'py, PyAny>>,
+    exposure: Option<&Bound<'py, PyAny>>,
     frames: u32,
-    frame: Option<u32>,
-    seed: Option<u64>,
-    exposure_noise: Option<&str>,
-    f_number: Option<f64>,
-    transmission: Option<f64>,
-    magnification: Option<f64>,
-    psf: Option<String>,
-    glare: Option<f64>,
-    vignetting: Option<&str>,
-    focal_length: Option<f64>,
     layer: Option<String>,
-    memory: Option<MemoryArgument>,
     #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
+    keys: Option<&Bound<'py, PyDict>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
-    let lens = ([f_number, transmission, magnification, focal_length, glare], psf);
-    let mut options = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?;
-    options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
-    options.layer = layer;
-    let settings: ExposeSettings = options.settings()?;
+    let settings = settings_of("expose_exr_files", (sensor, exposure), keys, (frames, layer, threads))?;
     let outputs = ExposeOutputs::default().with_image(image).with_linear(linear);
     let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
         let session = Session::new(settings.threads)?.with_progress(sink).with_cancel(cancel);
@@ -146,29 +104,18 @@ pub(crate) fn expose_exr_files<'py>(
 /// linear Rec. 709, row 0 at the top; it is converted to float32. All of the noise of the sensor is added, because that of
 /// the array is unknown.
 #[pyfunction]
-#[pyo3(signature = (radiance, sensor=None, exposure=None, frames=1, *, frame=None, seed=None, f_number=None,
-    transmission=None, magnification=None, psf=None, glare=None, vignetting=None, focal_length=None, memory=None, threads=None))]
+#[pyo3(signature = (radiance, sensor=None, exposure=None, frames=1, *, threads=None, **keys))]
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn expose_radiance<'py>(
     py: Python<'py>,
     radiance: ImageArray<'py>,
-    sensor: Option<SensorArgument>,
-    exposure: Option<ExposureArgument>,
+    sensor: Option<&Bound<'py, PyAny>>,
+    exposure: Option<&Bound<'py, PyAny>>,
     frames: u32,
-    frame: Option<u32>,
-    seed: Option<u64>,
-    f_number: Option<f64>,
-    transmission: Option<f64>,
-    magnification: Option<f64>,
-    psf: Option<String>,
-    glare: Option<f64>,
-    vignetting: Option<&str>,
-    focal_length: Option<f64>,
-    memory: Option<MemoryArgument>,
     #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
+    keys: Option<&Bound<'py, PyDict>>,
 ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
-    let lens = ([f_number, transmission, magnification, focal_length, glare], psf);
-    let settings = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?.settings()?;
+    let settings = settings_of("expose_radiance", (sensor, exposure), keys, (frames, None, threads))?;
     let radiance = radiance.rgb("radiance", settings.memory_limit)?;
     let expose = |cancel: &Cancel| dunkelfeld::expose_radiance(radiance, &settings, cancel);
     stack(py, with_cancellable_pool(py, settings.threads, expose)??)

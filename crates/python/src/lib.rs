@@ -13,6 +13,7 @@ mod inputs;
 mod job;
 mod json;
 mod keys;
+mod keywords;
 mod noise_map;
 mod progress;
 mod scene;

@@ -1,21 +1,19 @@
 //! Scenes: opened, changed and rendered.
 
-use crate::arguments::{
-    MemoryArgument, NamesArgument, checked_threads, effect_left_out, exposure_noise_of, method_of, some_threads_of,
-    strategy_of, threads_of, vignetting_of,
-};
+use crate::arguments::{NamesArgument, checked_threads, effect_left_out, some_threads_of, threads_of};
 use crate::arrays::CountsArray;
 use crate::errors::{Failure, Interrupted, setting};
 use crate::film::Film;
 use crate::inputs::{absolute, names_of};
 use crate::job::{job_text, overrides_text};
 use crate::json::loaded;
+use crate::keywords::Keywords;
 use crate::progress::{is_reporting, lock, lock_unless, reports_about, supervised_by};
-use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::SIGNALS;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::trace::PixelSample;
-use dunkelfeld::{Cancel, Progress, Project, ProjectOptions, RenderOptions, ReplayOption, SavedPlan};
+use dunkelfeld::io::OF_RENDER;
+use dunkelfeld::{Cancel, Progress, Project, ProjectOptions, ReplayOption, SavedPlan};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -222,66 +220,43 @@ impl Scene {
         Ok(())
     }
 
-    /// Renders the scene. The defaults of all arguments are the settings of the job. `time` [s], `spp` and `noise` (k) limit
-    /// the render; one of them replaces all limits of the job. `sensor` is a `Sensor`, the name of a preset or file, or
-    /// "none"; `exposure` is a time [s] or "auto", `exposure_noise` is "plain" or "matched", `vignetting` is "none" or "cos4".
-    /// `denoise` is "off", "auto", "oidn" or "builtin", for the picture and a layer of the files that the film writes; its
-    /// arrays stay those of the unbiased mean. `oidn` is the path of Open Image Denoise. `samples` are the first sample and
-    /// the end of a part, for `merge`. `memory` limits the memory: bytes, or a text such as "6GB". `checkpoint_every` [s] is
-    /// the pause between two checkpoints. `progress` is called with (stage, fraction, elapsed [s], remaining [s] or None).
+    /// Renders the scene. The defaults of all arguments are the settings of the job.
+    ///
+    /// Keywords beside those of the signature are keys of the job, listed in `RenderKeys`: `spp`, `time` [s], `noise` (k) and
+    /// `share` [%] limit the render, and one of them replaces all limits of the job; `width`, `height`, `seed`, `frame`,
+    /// `strategy`, `sensor` (a `Sensor`, a preset, a file, or "none"), `exposure` ([s] or "auto"), `exposure_noise`,
+    /// `vignetting`, `denoise`, `oidn`, `memory` (bytes, or a text such as "6GB"). A denoised picture is a layer of the files
+    /// that the film writes; its arrays stay those of the unbiased mean.
+    ///
+    /// `samples` are the first sample and the end of a part, for `merge`. `checkpoint_every` [s] is the pause between two
+    /// checkpoints. `progress` is called with (stage, fraction, elapsed [s], remaining [s] or None).
     ///
     /// `replay` renders the samples of an earlier render instead of a limit: a film, or the path of an EXR that `save_exr`,
     /// `save_plan` or the program wrote. Size, seed and frame are those of that render, unless they are
     /// given. An array of samples per pixel (uint32 or int64 of shape (height, width)) gives the size alone.
     ///
     /// Ctrl-C ends the render and raises `Interrupted`, whose `film` has the samples until then.
-    #[pyo3(signature = (*, spp=None, time=None, noise=None, share=None, width=None, height=None, camera=None, seed=None,
-        frame=None, threads=None, samples=None, strategy=None, sensor=None, exposure=None, exposure_noise=None, vignetting=None,
-        denoise=None, oidn=None, replay=None, memory=None, checkpoint=None, checkpoint_every=None, progress=None))]
+    #[pyo3(signature = (*, camera=None, threads=None, samples=None, replay=None, checkpoint=None, checkpoint_every=None,
+        progress=None, **keys))]
     #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn render(
         &self,
         py: Python<'_>,
-        spp: Option<f64>,
-        time: Option<f64>,
-        noise: Option<f64>,
-        share: Option<f64>,
-        width: Option<u32>,
-        height: Option<u32>,
         camera: Option<String>,
-        seed: Option<u64>,
-        frame: Option<u32>,
         #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
         samples: Option<(u32, u32)>,
-        strategy: Option<&str>,
-        sensor: Option<SensorArgument>,
-        exposure: Option<ExposureArgument>,
-        exposure_noise: Option<&str>,
-        vignetting: Option<&str>,
-        denoise: Option<&str>,
-        oidn: Option<PathBuf>,
         replay: Option<&Bound<'_, PyAny>>,
-        memory: Option<MemoryArgument>,
         checkpoint: Option<PathBuf>,
         checkpoint_every: Option<f64>,
         progress: Option<Py<PyAny>>,
+        keys: Option<&Bound<'_, PyDict>>,
     ) -> Result<Film, Failure> {
         self.check_idle()?;
-        let strategy = strategy.map(|name| strategy_of("strategy", name)).transpose()?;
-        let threads = checked_threads(threads)?;
-        let mut options = RenderOptions::default();
-        (options.width, options.height, options.camera) = (width, height, camera);
-        (options.time, options.spp, options.noise, options.share) = (time, spp, noise, share);
-        (options.seed, options.frame, options.threads, options.strategy) = (seed, frame, threads, strategy);
+        let mut options = Keywords::new("render", keys, OF_RENDER)?.options();
+        (options.camera, options.threads) = (camera, checked_threads(threads)?);
         options.samples = samples.map(|(from, to)| from..to);
-        options.sensor = sensor.map(SensorArgument::option);
-        options.exposure = exposure.map(ExposureArgument::option).transpose()?;
-        options.exposure_noise = exposure_noise.map(exposure_noise_of).transpose()?;
-        options.vignetting = vignetting.map(vignetting_of).transpose()?;
-        (options.denoise, options.oidn) = (denoise.map(method_of).transpose()?, oidn);
         options.replay = replay.map(replay_of).transpose()?;
         let replayed = replay.and_then(|plan| Some(plan.cast::<Film>().ok()?.get().inputs.clone()));
-        options.memory = memory.map(MemoryArgument::bytes).transpose()?;
         (options.checkpoint, options.checkpoint_every) = (checkpoint, checkpoint_every);
         let cancel = Arc::new(Cancel::new());
         let mut held = Held::new();
@@ -336,25 +311,18 @@ impl Scene {
     /// `position` [m] (None where the ray left the scene), `left_toward`, `in_medium`, `throughput`, `emitted`, `direct`
     /// [W/(m² sr)], `connections` through covers, and `scattered` (`direction`, `lobe`, `pdf` [1/sr], `weight`; None where the
     /// path ended).
-    #[pyo3(signature = (x, y, sample, *, width=None, height=None, camera=None, seed=None, frame=None, vignetting=None))]
-    #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
+    #[pyo3(signature = (x, y, sample, *, camera=None, **keys))]
     fn trace_sample<'py>(
         &self,
         py: Python<'py>,
         x: u32,
         y: u32,
         sample: u32,
-        width: Option<u32>,
-        height: Option<u32>,
         camera: Option<String>,
-        seed: Option<u64>,
-        frame: Option<u32>,
-        vignetting: Option<&str>,
+        keys: Option<&Bound<'_, PyDict>>,
     ) -> Result<Bound<'py, PyAny>, Failure> {
-        let mut options = RenderOptions::default();
-        (options.width, options.height, options.camera) = (width, height, camera);
-        (options.seed, options.frame) = (seed, frame);
-        options.vignetting = vignetting.map(vignetting_of).transpose()?;
+        let mut options = Keywords::new("trace_sample", keys, OF_RENDER)?.options();
+        options.camera = camera;
         let at = PixelSample { x, y, index: sample };
         let traced = self.with(py, move |project| project.trace_options(options, at))??;
         loaded(py, &traced)

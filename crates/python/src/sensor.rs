@@ -1,11 +1,10 @@
 //! Sensors of EMVA 1288 as Python objects.
 
-use crate::errors::{Failure, setting};
+use crate::errors::Failure;
 use crate::json::loaded;
-use dunkelfeld::io::{QuantityError, Time, sensor_file};
-use dunkelfeld::radiometry::Seconds;
-use dunkelfeld::sensor::{Exposure, SensorModel};
-use dunkelfeld::{ExposureOption, SensorOption, sensor_sheet};
+use dunkelfeld::io::sensor_file;
+use dunkelfeld::sensor::SensorModel;
+use dunkelfeld::{GivenSensor, sensor_sheet};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
@@ -92,6 +91,13 @@ pub(crate) fn sensors() -> Vec<&'static str> {
     sensor_file::preset_names().collect()
 }
 
+/// A sensor object in place of that of a job.
+pub(crate) fn given_sensor(sensor: &Sensor) -> GivenSensor {
+    let is_preset = sensor_file::preset_names().any(|preset| preset == sensor.origin);
+    let file = (!is_preset).then(|| PathBuf::from(&sensor.origin));
+    GivenSensor { model: sensor.model.clone(), file }
+}
+
 /// A sensor from Python: an object, or the name of a preset or file.
 #[derive(FromPyObject)]
 #[allow(clippy::large_enum_variant, reason = "one exists for the time of a call")]
@@ -99,43 +105,4 @@ pub(crate) enum SensorArgument {
     Sensor(Sensor),
     Name(String),
     Path(PathBuf),
-}
-
-impl SensorArgument {
-    pub(crate) fn option(self) -> SensorOption {
-        match self {
-            Self::Sensor(Sensor { origin, model }) => {
-                let is_preset = sensor_file::preset_names().any(|preset| preset == origin);
-                let file = if is_preset { None } else { Some(PathBuf::from(origin)) };
-                SensorOption::Model { model: Box::new(model), file }
-            }
-            Self::Name(name) if name == "none" => SensorOption::None,
-            Self::Name(name) => SensorOption::Named(name),
-            Self::Path(path) => SensorOption::Named(path.display().to_string()),
-        }
-    }
-}
-
-/// An exposure time from Python: seconds, "auto", or a text such as "5ms".
-#[derive(FromPyObject)]
-pub(crate) enum ExposureArgument {
-    Seconds(f64),
-    Name(String),
-}
-
-impl ExposureArgument {
-    pub(crate) fn option(self) -> Result<ExposureOption, Failure> {
-        match self {
-            Self::Seconds(time) => {
-                Ok(ExposureOption::Time(Exposure::new(Seconds(time)).map_err(dunkelfeld::Error::from)?))
-            }
-            Self::Name(name) if name == "auto" => Ok(ExposureOption::Auto),
-            Self::Name(text) => {
-                let fault = |e: QuantityError| {
-                    setting("exposure", e.to_string(), "pass seconds, \"auto\", or a text such as \"5ms\"")
-                };
-                Self::Seconds(text.parse::<Time>().map_err(fault)?.0).option()
-            }
-        }
-    }
 }

@@ -1,19 +1,20 @@
 //! The studies of a scene: `bench` and `ptc`.
 
 use crate::arguments::{
-    MemoryArgument, NamesArgument, PathsArgument, checked_threads, effect_of, method_of, some_threads_of, strategy_of,
+    NamesArgument, PathsArgument, checked_threads, effect_of, method_of, some_threads_of, strategy_of,
 };
 use crate::errors::{Failure, setting};
 use crate::json::loaded;
+use crate::keywords::Keywords;
 use crate::progress::{completed, supervised};
 use crate::scene::Scene;
-use crate::sensor::{ExposureArgument, SensorArgument};
+use dunkelfeld::io::OF_STUDY;
 use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
 use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, default_folder};
 use dunkelfeld_studies::photon_transfer::{
     PtcOptions, PtcSettings, StackSettings, is_frame, ptc_folder, ptc_of_frames,
 };
-use dunkelfeld_studies::{Figures, ViewOptions};
+use dunkelfeld_studies::Figures;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::{Path, PathBuf};
@@ -76,27 +77,11 @@ impl StackArgument {
     }
 }
 
-/// The options of a view, from the keywords of Python.
-#[allow(clippy::too_many_arguments, reason = "keywords of Python")]
-fn view_options(
-    width: Option<u32>,
-    height: Option<u32>,
+/// What the renders of a study have in place of their job's.
+struct View {
+    keywords: Keywords,
     camera: Option<String>,
-    sensor: Option<SensorArgument>,
-    exposure: Option<ExposureArgument>,
-    seed: Option<u64>,
-    memory: Option<MemoryArgument>,
-    threads: Option<usize>,
-) -> Result<ViewOptions, Failure> {
-    Ok(ViewOptions::default()
-        .with_width(width)
-        .with_height(height)
-        .with_camera(camera)
-        .with_sensor(sensor.map(SensorArgument::option))
-        .with_exposure(exposure.map(ExposureArgument::option).transpose()?)
-        .with_seed(seed)
-        .with_memory(memory.map(MemoryArgument::bytes).transpose()?)
-        .with_threads(checked_threads(threads)?))
+    threads: usize,
 }
 
 /// A list of values; an empty one stands for the defaults.
@@ -109,13 +94,18 @@ fn given<T>(name: &str, values: Option<Vec<T>>) -> Result<Vec<T>, Failure> {
     }
 }
 
-/// The project of a scene or job, with a view.
-fn open(input: &Path, view: &ViewOptions, sink: &dyn Progress) -> Result<Project, Error> {
-    sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let options = ProjectOptions::default().with_can_change(false).with_threads(view.threads.unwrap_or(0));
-    let mut project = Project::open_with(input, options)?;
-    view.apply(&mut project)?;
-    Ok(project)
+impl View {
+    /// The project of a scene or job, with this view.
+    fn open(self, input: &Path, sink: &dyn Progress) -> Result<Project, Error> {
+        sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
+        let keys = self.keywords.keys.clone();
+        let options = ProjectOptions::default().with_can_change(false).with_threads(self.threads).with_keys(keys);
+        let mut project = Project::open_with(input, options)?;
+        let mut options = self.keywords.options();
+        options.camera = self.camera;
+        project.apply_options(options)?;
+        Ok(project)
+    }
 }
 
 /// Renders a scene or job many times with different seeds, and writes noise against time of each strategy and denoiser,
@@ -130,8 +120,8 @@ fn open(input: &Path, view: &ViewOptions, sink: &dyn Progress) -> Result<Project
 /// Ctrl-C and an exception of `progress` end it; the same call continues with the missing renders.
 #[pyfunction]
 #[pyo3(signature = (input, output=None, *, quick=false, restart=false, spp=None, seeds=None, strategies=None, noise=None,
-    effects=None, denoise=None, oidn=None, effect_spp=None, reference_spp=None, width=None, height=None, camera=None,
-    sensor=None, exposure=None, seed=None, memory=None, threads=None, progress=None))]
+    effects=None, denoise=None, oidn=None, effect_spp=None, reference_spp=None, camera=None, threads=None, progress=None,
+    **keys))]
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn bench<'py>(
     py: Python<'py>,
@@ -148,16 +138,13 @@ pub(crate) fn bench<'py>(
     oidn: Option<PathBuf>,
     effect_spp: Option<u32>,
     reference_spp: Option<u32>,
-    width: Option<u32>,
-    height: Option<u32>,
     camera: Option<String>,
-    sensor: Option<SensorArgument>,
-    exposure: Option<ExposureArgument>,
-    seed: Option<u64>,
-    memory: Option<MemoryArgument>,
     #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
+    keys: Option<&Bound<'_, PyDict>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
+    let keywords = Keywords::new("bench", keys, OF_STUDY)?;
+    let has_size = ["film.width", "film.height"].iter().any(|key| keywords.keys.contains(key));
     let input = input.path()?;
     let strategies = strategies.map(|names| names.each(|name| strategy_of("strategies", name))).transpose()?;
     let options = BenchOptions::default()
@@ -173,12 +160,11 @@ pub(crate) fn bench<'py>(
         .with_reference_spp(reference_spp);
     let settings = BenchSettings::from(options);
     settings.check()?;
-    let view = view_options(width, height, camera, sensor, exposure, seed, memory, threads)?;
+    let view = View { keywords, camera, threads: checked_threads(threads)?.unwrap_or(0) };
     let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
-        let project = open(&input, &view, sink)?;
+        let project = view.open(&input, sink)?;
         let folder = output.unwrap_or_else(|| default_folder(&input, &project.inputs).path);
         let session = Session::new(project.settings.threads)?.with_progress(sink).with_cancel(cancel);
-        let has_size = view.has_size();
         let o = dunkelfeld_studies::bench::bench(project, &input, &settings, &folder, has_size, restart, &session)?;
         let numbers = [o.finished[0] as u64, o.finished[1] as u64, o.invalid_samples];
         Ok(Study { folder, files: o.files, findings: o.findings, figures: o.figures, numbers })
@@ -198,8 +184,7 @@ pub(crate) fn bench<'py>(
 /// Ctrl-C and an exception of `progress` end it; the same call continues with the missing renders.
 #[pyfunction]
 #[pyo3(signature = (input, output=None, *, restart=false, frames=None, spp=None, denoise=None, oidn=None, edges=None,
-    pictures_only=false, dark=None, saturation=None, width=None, height=None, camera=None, sensor=None, exposure=None,
-    seed=None, memory=None, threads=None, progress=None))]
+    pictures_only=false, dark=None, saturation=None, camera=None, threads=None, progress=None, **keys))]
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn ptc<'py>(
     py: Python<'py>,
@@ -214,16 +199,12 @@ pub(crate) fn ptc<'py>(
     pictures_only: bool,
     dark: Option<f64>,
     saturation: Option<f64>,
-    width: Option<u32>,
-    height: Option<u32>,
     camera: Option<String>,
-    sensor: Option<SensorArgument>,
-    exposure: Option<ExposureArgument>,
-    seed: Option<u64>,
-    memory: Option<MemoryArgument>,
     #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
+    keys: Option<&Bound<'_, PyDict>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
+    let keywords = Keywords::new("ptc", keys, OF_STUDY)?;
     let inputs = input.list()?;
     if !inputs.is_empty() && inputs.iter().all(|path| is_frame(path)) {
         let of_render = [
@@ -231,13 +212,9 @@ pub(crate) fn ptc<'py>(
             ("spp", spp.is_some()),
             ("denoise", denoise.is_some() || oidn.is_some()),
             ("pictures_only", pictures_only),
-            ("sensor", sensor.is_some()),
-            ("exposure", exposure.is_some()),
-            ("width or height", width.is_some() || height.is_some()),
+            ("width, height, sensor, exposure, seed or memory", !keywords.is_empty()),
             ("camera", camera.is_some()),
-            ("seed", seed.is_some()),
             ("restart", restart),
-            ("memory", memory.is_some()),
             ("threads", threads.is_some()),
         ];
         if let Some((name, _)) = of_render.iter().find(|(_, given)| *given) {
@@ -270,9 +247,9 @@ pub(crate) fn ptc<'py>(
         .with_pictures_only(pictures_only);
     let settings = PtcSettings::from(options);
     settings.check()?;
-    let view = view_options(width, height, camera, sensor, exposure, seed, memory, threads)?;
+    let view = View { keywords, camera, threads: checked_threads(threads)?.unwrap_or(0) };
     let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
-        let project = open(input, &view, sink)?;
+        let project = view.open(input, sink)?;
         let folder = output.unwrap_or_else(|| ptc_folder(input, &project.inputs).path);
         let session = Session::new(project.settings.threads)?.with_progress(sink).with_cancel(cancel);
         let o = dunkelfeld_studies::photon_transfer::ptc(project, input, &settings, &folder, restart, &session)?;

@@ -204,43 +204,6 @@ impl RenderSettings {
         }
     }
 
-    /// Replaces the settings that are still those of `before` by those of `after`: a program may have adjusted the others.
-    pub fn update(&mut self, before: &Self, after: &Self) {
-        macro_rules! update {
-            ($($field:ident),+) => {
-                // No `..`, so that the compiler demands each new field.
-                let Self { $($field),+ } = self;
-                $(if *$field == before.$field { $field.clone_from(&after.$field); })+
-            };
-        }
-        update!(
-            width,
-            height,
-            camera,
-            view,
-            budget,
-            strategy,
-            pilot_spp,
-            max_pilot_spp,
-            training_paths,
-            sobel_floor,
-            seed,
-            frame,
-            threads,
-            sensor,
-            readout,
-            is_timed,
-            exposure_noise,
-            denoise,
-            replay,
-            samples,
-            memory_limit,
-            checkpoint,
-            layers,
-            without
-        );
-    }
-
     /// The strategy of the render.
     pub fn strategy(&self) -> Strategy {
         match self.samples {

@@ -12,9 +12,7 @@ mod noise_map;
 pub mod photon_transfer;
 mod report;
 mod series;
-mod view;
 
 pub use dunkelfeld_emva1288 as emva1288;
 pub use noise_map::NoiseMap;
 pub use report::table::Figures;
-pub use view::ViewOptions;

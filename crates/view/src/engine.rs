@@ -14,7 +14,7 @@ use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeSettings, ExrImage, Forecast, ImageOptions, InputFiles,
+    Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeSettings, ExrImage, Forecast, ExposeOptions, InputFiles,
     KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm, SavedFilm,
     SensorChoice, find_denoiser, find_sensor, program_seconds,
 };
@@ -478,12 +478,12 @@ pub(crate) fn open_exr(path: &Path) -> Result<ExrImage, Error> {
 }
 
 /// Shows an EXR of any renderer.
-pub(crate) fn show_exr(shared: &Arc<Shared>, image: ExrImage, options: &ImageOptions) -> Result<(), Error> {
+pub(crate) fn show_exr(shared: &Arc<Shared>, image: ExrImage, options: &ExposeOptions) -> Result<(), Error> {
     let mean = image.radiance();
     let mut settings = RenderSettings::default();
     (settings.width, settings.height) = (mean.width(), mean.height());
     let model = Box::new(image.sensor().cloned().map_or_else(|| find_sensor(DEFAULT_SENSOR), Ok)?);
-    let (optics, sources) = image.lens(&options.clone().settings()?);
+    let (optics, sources) = image.lens(&options.settings()?);
     let mut notes = Vec::new();
     if sources.contains(&LensSource::Default) {
         let text = format!(

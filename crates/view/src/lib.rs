@@ -40,7 +40,7 @@ pub use crate::address::PageAddress;
 use crate::protocol::SourceKind;
 use crate::server::{Guard, router};
 use crate::shared::{Shared, Subject, lock};
-use dunkelfeld::{Cancel, Error, ExrImage, ImageOptions, Project, SavedFilm, Session};
+use dunkelfeld::{Cancel, Error, ExrImage, ExposeOptions, Project, SavedFilm, Session};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -63,7 +63,7 @@ pub struct ViewOptions {
     pub nice: u8,
     /// The lens behind which an EXR is exposed; by default that of its render, or of
     /// [`dunkelfeld::ExposeSettings::new`].
-    pub image: ImageOptions,
+    pub image: ExposeOptions,
 }
 
 /// Receives the events of a view that a terminal shows.
@@ -79,7 +79,7 @@ impl Default for ViewOptions {
     /// A free port of the loopback interface, and the current folder.
     fn default() -> Self {
         let listen = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
-        Self { listen, output: PathBuf::from("."), threads: 0, nice: 10, image: ImageOptions::default() }
+        Self { listen, output: PathBuf::from("."), threads: 0, nice: 10, image: ExposeOptions::default() }
     }
 }
 
@@ -110,7 +110,7 @@ pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, events: &mut d
         }
         Stored::Scene
     };
-    if options.image != ImageOptions::default() && !matches!(stored, Stored::Exr(_)) {
+    if options.image != ExposeOptions::default() && !matches!(stored, Stored::Exr(_)) {
         let problem = "f-number, transmission and magnification are for an EXR";
         return Err(Error::setting("the lens", problem, "write them in `[lens]` of the job"));
     }

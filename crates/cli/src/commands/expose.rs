@@ -1,30 +1,29 @@
 //! `dunkelfeld expose`: reads an EXR, and writes frames of a camera.
 
-use crate::args::{ExposeArgs, of_flag};
+use crate::args::ExposeArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
-use crate::values::ExposureChoice;
 use crate::words::{counted, exposure_time, flagged_variances, seconds, three_digits};
 use dunkelfeld::radiometry::Number;
-use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::Psf;
 use dunkelfeld::{
-    Error, ExposeOutputs, ExposeSettings, ExposedFile, ImageOptions, LensSource, SensorOption, Session, expose_exr,
+    Error, ExposeOptions, ExposeOutputs, ExposedFile, LensSource, OutputPaths, Session, expose_exr,
 };
 use std::fmt::Write;
 
 pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
     let sink = Sink::new(args.run.progress);
-    let settings = settings(args)?;
-    if let Some(note) = args.exposure.and_then(ExposureChoice::note) {
-        say(&note);
-    }
-    let mut outputs = ExposeOutputs::default().with_image(args.image.clone()).with_linear(args.linear.clone());
-    outputs.align = args.align.unwrap_or_default();
-    if args.image.is_none()
-        && args.linear.is_none()
-        && let Some(reason) = outputs.set_default_image(&args.input, &settings).reason
+    let [files, keys] = args.keys.files_and_others();
+    let mut options = ExposeOptions::default().with_keys(keys).with_frames(args.frames);
+    options.layer.clone_from(&args.layer);
+    options.threads = Some(args.run.thread_count());
+    let settings = options.settings()?;
+    let OutputPaths { image, linear, align, .. } = OutputPaths::of_keys(&files)?;
+    let is_named = image.is_some() || linear.is_some();
+    let mut outputs = ExposeOutputs::default().with_image(image).with_linear(linear);
+    outputs.align = align;
+    if !is_named && let Some(reason) = outputs.set_default_image(&args.input, &settings).reason
     {
         say(&format!("note: {reason}"));
     }
@@ -50,23 +49,6 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
         say(&flagged_variances(exposed.invalid_variances));
     }
     Ok(if exposed.invalid + exposed.invalid_variances > 0 { Outcome::Flagged } else { Outcome::Done })
-}
-
-fn settings(args: &ExposeArgs) -> Result<ExposeSettings, Error> {
-    if args.vignetting == Some(Vignetting::CosineFourth) && args.focal_length.is_none() {
-        let problem = "field angles follow from a focal length, and there is none";
-        return Err(Error::setting("--vignetting", problem, "add --focal-length 12mm"));
-    }
-    let mut options = ImageOptions::default().with_frames(args.frames).with_seed(args.seed).with_frame(args.frame);
-    options.sensor = args.sensor.clone().map(SensorOption::Named);
-    options.exposure = args.exposure.map(ExposureChoice::option);
-    options.exposure_noise = args.exposure_noise;
-    args.lens.set(&mut options);
-    (options.vignetting, options.focal_length) = (args.vignetting, args.focal_length);
-    options.layer.clone_from(&args.layer);
-    options.threads = Some(args.run.thread_count());
-    options.memory = args.memory.memory;
-    options.settings().map_err(of_flag)
 }
 
 /// The lens, each value with its source.

@@ -8,8 +8,7 @@ use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, ObjectEntry, Projec
 use std::fmt::Write;
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Outcome, Error> {
-    let mut project = Project::open_with(&args.input, ProjectOptions::default().with_can_change(false))?;
-    project.keep_needed_layers();
+    let project = Project::open_with(&args.input, ProjectOptions::default().with_can_change(false))?;
     let inspection = project.inspect();
     if args.json {
         // Plain data with string keys: serialisation cannot fail.

@@ -9,12 +9,7 @@ use std::fmt::Write;
 use std::time::Instant;
 
 pub(crate) fn run(args: &MergeArgs, started: Instant) -> Result<Outcome, Error> {
-    let outputs = OutputPaths::default()
-        .with_image(args.image.clone())
-        .with_linear(args.linear.clone())
-        .with_exr(args.exr.clone())
-        .with_stats(args.stats.clone())
-        .with_align(args.align.unwrap_or_default());
+    let outputs = OutputPaths::of_keys(&args.files.keys())?;
     let settings = MergeSettings::default()
         .with_parts(args.parts.clone())
         .with_outputs(outputs)

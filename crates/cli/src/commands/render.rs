@@ -8,11 +8,10 @@ use crate::args::RenderArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
-use crate::values::ExposureChoice;
 use dunkelfeld::sensor::Exposure;
 use dunkelfeld::{
-    Cancel, CheckpointSettings, DefaultPath, Error, ExposureOption, Progress, ProgressState, Project, ProjectOptions,
-    RenderOptions, ReplayOption, SensorOption, Stage,
+    Cancel, CheckpointSettings, DefaultPath, Error, Progress, ProgressState, Project, ProjectOptions, RenderOptions,
+    ReplayOption, Stage,
 };
 pub(crate) use report::{as_seen, say_flaws};
 use std::path::Path;
@@ -34,11 +33,16 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
         .with_started(started)
         .with_without(args.without.clone())
         .with_threads(args.run.threads.map_or(0, usize::from))
-        .with_can_change(false);
+        .with_can_change(false)
+        .with_keys(args.keys.keys());
     let mut project = Project::open_with(&args.input, options)?;
+    let mut options = RenderOptions::default().with_keys(args.keys.keys());
+    options.camera.clone_from(&args.camera);
+    options.samples.clone_from(&args.samples);
+    options.replay = args.replay.clone().map(ReplayOption::File);
+    project.apply_options(options)?;
     project.settings.checkpoint = checkpoint;
-    apply(args, &mut project)?;
-    for line in notices(args, &project) {
+    for line in notices(&project) {
         sink.say(&line);
     }
     let cancel = cancel_on_interrupt();
@@ -93,73 +97,12 @@ fn checkpoint(args: &RenderArgs, path: &Path) -> Result<CheckpointSettings, Erro
     Ok(checkpoint)
 }
 
-/// Flags override the project's file.
-fn apply(args: &RenderArgs, project: &mut Project) -> Result<(), Error> {
-    project.apply_options(options(args, project.settings.has_sensor())?)?;
-    let o = &mut project.outputs;
-    for (to, from) in [
-        (&mut o.image, &args.image),
-        (&mut o.linear, &args.linear),
-        (&mut o.exr, &args.exr),
-        (&mut o.stats, &args.stats),
-        (&mut o.plan, &args.plan),
-    ] {
-        if from.is_some() {
-            to.clone_from(from);
-        }
-    }
-    o.align = args.align.unwrap_or(o.align);
-    project.keep_needed_layers();
-    Ok(())
-}
-
-/// The flags as options. The checkpoint is not among them: it is locked before the scene is loaded.
-fn options(args: &RenderArgs, has_sensor: bool) -> Result<RenderOptions, Error> {
-    let (sensor, exposure) = sensor_options(args.sensor.as_deref(), args.exposure, has_sensor)?;
-    let has_sensor = sensor.as_ref().map_or(has_sensor, |sensor| *sensor != SensorOption::None);
-    if args.exposure_noise.is_some() && !has_sensor {
-        let problem = "there is no sensor that adds noise";
-        return Err(Error::setting("--exposure-noise", problem, "add --sensor NAME, or leave it out"));
-    }
-    let mut options = RenderOptions::default();
-    (options.width, options.height, options.camera) = (args.width, args.height, args.camera.clone());
-    (options.time, options.spp, options.noise, options.share) = (args.time, args.spp, args.noise, args.share);
-    (options.seed, options.frame, options.strategy) = (args.seed, args.frame, args.allocate);
-    options.replay = args.replay.clone().map(ReplayOption::File);
-    options.samples.clone_from(&args.samples);
-    (options.sensor, options.exposure, options.exposure_noise) = (sensor, exposure, args.exposure_noise);
-    options.vignetting = args.vignetting;
-    (options.denoise, options.oidn) = (args.denoise, args.oidn.clone());
-    options.memory = args.memory.memory;
-    options.threads = args.run.threads.map(usize::from);
-    Ok(options)
-}
-
-/// Another sensor or exposure, from the flags of any command. `has_sensor` is that of the job.
-pub(crate) fn sensor_options(
-    sensor: Option<&str>,
-    exposure: Option<ExposureChoice>,
-    has_sensor: bool,
-) -> Result<(Option<SensorOption>, Option<ExposureOption>), Error> {
-    let has_sensor = sensor.map_or(has_sensor, |name| name != "none");
-    if exposure.is_some() && !has_sensor {
-        let problem = "there is no sensor to expose";
-        return Err(Error::setting("--exposure", problem, "add --sensor NAME, or leave it out"));
-    }
-    let sensor = sensor.map(|name| match name {
-        "none" => SensorOption::None,
-        name => SensorOption::Named(name.into()),
-    });
-    Ok((sensor, exposure.map(ExposureChoice::option)))
-}
-
-/// Findings of import and scene builder, up to a maximum number of lines, and notes about flags.
-fn notices(args: &RenderArgs, project: &Project) -> Vec<String> {
+/// Findings of import and scene builder, up to a maximum number of lines.
+fn notices(project: &Project) -> Vec<String> {
     let warnings = project.warnings.iter().map(|w| format!("warning: {w}"));
     let report = project.findings();
     let hazards = report.hazards().map(|f| format!("hazard: {}: {}", f.place, f.message));
-    let findings = [warnings.collect::<Vec<_>>(), hazards.collect()].into_iter().flat_map(shortened);
-    findings.chain(args.exposure.and_then(ExposureChoice::note)).collect()
+    [warnings.collect::<Vec<_>>(), hazards.collect()].into_iter().flat_map(shortened).collect()
 }
 
 fn shortened(mut lines: Vec<String>) -> Vec<String> {

@@ -1,6 +1,6 @@
 //! `dunkelfeld view`: a render in the browser.
 
-use crate::args::{ViewArgs, of_flag};
+use crate::args::ViewArgs;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use dunkelfeld::Error;
@@ -20,8 +20,8 @@ pub(crate) fn run(args: &ViewArgs) -> Result<Outcome, Error> {
     }
     options.threads = args.threads.map_or(0, usize::from);
     options.nice = args.nice.unwrap_or(options.nice);
-    args.lens.set(&mut options.image);
-    options.image.clone().settings().map_err(of_flag)?;
+    options.image.keys = args.lens.keys();
+    options.image.settings()?;
     let cancel = cancel_on_interrupt();
     // The page that leads to the address stays until the end: a browser may be slow.
     let mut terminal = Terminal { opens: !args.no_open, redirect: None };

@@ -1,11 +1,11 @@
 //! `dunkelfeld ptc`: applies flags to a project and a measurement, then prints the findings and the path of the report.
 
 use super::photon_transfer_args::PtcArgs;
-use super::series::{apply_view, conclude, noted, report};
+use super::series::{conclude, noted, open, report};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, say};
-use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
+use dunkelfeld::{Error, Progress, ProgressState, Session, Stage};
 use dunkelfeld_studies::photon_transfer::{
     PtcOptions, PtcSettings, StackSettings, is_frame, ptc, ptc_folder, ptc_of_frames,
 };
@@ -29,11 +29,11 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
         ("--spp", !args.spp.is_empty()),
         ("--denoise", args.denoise.is_some() || args.oidn.is_some()),
         ("--pictures-only", args.pictures_only),
-        ("--sensor", args.view.sensor.is_some()),
-        ("--exposure", args.view.exposure.is_some()),
-        ("--width or --height", args.view.width.is_some() || args.view.height.is_some()),
+        ("--sensor", args.view.keys.value("sensor").is_some()),
+        ("--exposure", args.view.keys.value("exposure").is_some()),
+        ("--width or --height", ["width", "height"].iter().any(|flag| args.view.keys.value(flag).is_some())),
         ("--camera", args.view.camera.is_some()),
-        ("--seed", args.view.seed.is_some()),
+        ("--seed", args.view.keys.value("seed").is_some()),
         ("--restart", args.restart),
         ("--threads", args.view.run.threads.is_some()),
     ];
@@ -74,10 +74,7 @@ fn of_scene(args: &PtcArgs, input: &Path) -> Result<Outcome, Error> {
     settings.check()?;
     let sink = Sink::new(args.view.run.progress);
     sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let options =
-        ProjectOptions::default().with_can_change(false).with_threads(args.view.run.threads.map_or(0, usize::from));
-    let mut project = Project::open_with(input, options)?;
-    apply_view(&args.view, &mut project)?;
+    let project = open(input, &args.view)?;
     let folder = args.output.clone().unwrap_or_else(|| noted(ptc_folder(input, &project.inputs)));
     let cancel = cancel_on_interrupt();
     let session = Session::new(project.settings.threads)?.with_progress(&sink).with_cancel(&cancel);

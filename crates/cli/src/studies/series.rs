@@ -1,30 +1,21 @@
 //! Flags and output of commands that render a scene many times and keep the finished renders.
 
-use crate::commands::render::sensor_options;
 use crate::outcome::{Outcome, print, say};
 use crate::run_args::ViewArgs;
-use crate::values::ExposureChoice;
-use dunkelfeld::{DefaultPath, Error, Project};
-use dunkelfeld_studies::ViewOptions;
-use std::path::PathBuf;
+use dunkelfeld::{DefaultPath, Error, Project, ProjectOptions};
+use std::path::{Path, PathBuf};
 
-/// Applies the flags of commands that render a scene many times to its project.
-pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), Error> {
-    if let Some(note) = args.exposure.and_then(ExposureChoice::note) {
-        say(&note);
+/// Opens the project of a command that renders a scene many times, with its flags.
+pub(crate) fn open(input: &Path, args: &ViewArgs) -> Result<Project, Error> {
+    let options = ProjectOptions::default()
+        .with_can_change(false)
+        .with_threads(args.run.threads.map_or(0, usize::from))
+        .with_keys(args.keys.keys());
+    let mut project = Project::open_with(input, options)?;
+    if args.camera.is_some() {
+        project.settings.camera.clone_from(&args.camera);
     }
-    let has_sensor = project.settings.has_sensor();
-    let (sensor, exposure) = sensor_options(args.sensor.as_deref(), args.exposure, has_sensor)?;
-    let options = ViewOptions::default()
-        .with_width(args.width)
-        .with_height(args.height)
-        .with_camera(args.camera.clone())
-        .with_sensor(sensor)
-        .with_exposure(exposure)
-        .with_seed(args.seed)
-        .with_memory(args.memory.memory)
-        .with_threads(args.run.threads.map(usize::from));
-    options.apply(project)
+    Ok(project)
 }
 
 /// Prints the findings and the path of the report.

@@ -51,7 +51,7 @@ impl Project {
         if are_all_known {
             self.scene.report_averted_lights(&cameras, &mut report);
         }
-        if self.scene.cameras().is_empty() && self.job.as_ref().is_some_and(|job| job.has_lamps()) {
+        if self.scene.cameras().is_empty() && self.job.has_lamps() {
             report.findings.push(Finding {
                 severity: Severity::Hazard,
                 place: "camera".into(),
@@ -67,7 +67,7 @@ impl Project {
 
     /// The hazard of a beam splitter in front of a camera whose image has no sensor.
     fn splitter_without_lens(&self, camera: &str) -> Option<Finding> {
-        let share = splitter_of(self.job.as_ref()?, &self.scene, camera);
+        let share = splitter_of(&self.job, &self.scene, camera);
         (share < 1.0 && !self.settings.has_sensor()).then(|| Finding {
             severity: Severity::Hazard,
             place: "beam splitter".into(),

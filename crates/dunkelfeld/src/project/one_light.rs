@@ -1,6 +1,6 @@
 //! Scenes of single lights: one film for each light of a scene, from which the image with any factors follows.
 
-use super::open::{Compiled, compile_and};
+use super::open::{Compiled, Setup, compile_and};
 use super::{Project, kept_description};
 use crate::memory::{LightFilmsNeeds, MemoryAccount, light_films_account};
 use dunkelfeld_render::{Error, RenderSettings, thread_count};
@@ -26,29 +26,29 @@ impl Project {
     /// A project that was opened without [`ProjectOptions::can_change`](super::ProjectOptions::can_change).
     pub fn only_light(&mut self, name: &str) -> Result<Self, Error> {
         let description = kept_description(self.description.as_deref_mut())?;
-        let job = description.job.as_ref().unwrap_or(&description.base);
         let keep = |scene: &mut dunkelfeld_scene::SceneBuilder| {
             scene.keep_light(name);
             Ok(())
         };
         let (source, cache) = (description.imported.clone(), &mut description.cache);
         let options = (description.without.as_slice(), self.settings.threads);
-        let compiled = compile_and(job.scene_path(), Some(job), source, options, Some(cache), keep)?;
-        let Compiled { scene, report, warnings, inputs, .. } = compiled;
+        let Compiled { scene, report, setup, .. } = compile_and(&self.job, source, options, Some(cache), keep)?;
+        let Setup { job, settings, outputs, optics, lens, film, part, own_pitch, inputs, warnings } =
+            Setup { settings: self.settings.clone(), ..setup };
         Ok(Self {
             scene,
-            settings: self.settings.clone(),
-            outputs: self.outputs.clone(),
+            settings,
+            outputs,
             warnings,
             report,
-            optics: self.optics.clone(),
-            lens: self.lens.clone(),
-            film: self.film.clone(),
+            optics,
+            lens,
+            film,
             inputs,
-            vignetting: self.vignetting,
-            job: self.job.clone(),
-            part: self.part,
-            own_pitch: self.own_pitch,
+            job,
+            has_job_file: self.has_job_file,
+            part,
+            own_pitch,
             command: None,
             description: None,
             has_all_findings: false,

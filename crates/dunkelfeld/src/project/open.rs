@@ -6,15 +6,16 @@ use crate::film_part::FilmPart;
 use crate::outputs::OutputPaths;
 use crate::shutter::{expose_for, report_strobes};
 use derive_setters::Setters;
-use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
+use dunkelfeld_io::import::Imported;
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Seconds};
 use dunkelfeld_render::{Budget, DEFAULT_F_NUMBER, Error, RenderSettings, SensorChoice, check_threads};
+use dunkelfeld_adaptive::Strategy;
 use dunkelfeld_scene::{BuildCache, BuildError, BuildReport, Effect, Scene, SceneBuilder};
-use dunkelfeld_sensor::{Exposure, Optics, Published, SensorModel};
-use std::path::Path;
+use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Published, SensorModel};
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// How a project is opened.
@@ -35,34 +36,48 @@ pub struct ProjectOptions {
     /// Number of threads that build the scene, and that render it unless
     /// [`RenderSettings::threads`] is changed; 0 means one per core, the default.
     pub threads: usize,
+    /// Keys of a job that replace those of the file, as in [`Project::set_overrides`].
+    #[setters(into)]
+    pub keys: String,
 }
 
 impl Default for ProjectOptions {
     fn default() -> Self {
-        Self { started: None, without: Vec::new(), can_change: true, threads: 0 }
+        Self { started: None, without: Vec::new(), can_change: true, threads: 0, keys: String::new() }
     }
 }
 
-/// A compiled job: the scene, and the settings of a render.
+/// A compiled job.
 #[derive(Debug)]
 pub(super) struct Compiled {
     pub(super) scene: Scene,
     pub(super) report: BuildReport,
-    pub(super) warnings: Vec<ImportWarning>,
-    pub(super) inputs: InputFiles,
-    pub(super) part: Option<FilmPart>,
-    pub(super) given: GivenSettings,
+    pub(super) setup: Setup,
     pub(super) build_seconds: f64,
 }
 
-/// The settings of a job, which a program may adjust.
+/// A sensor that a program has made, or read from a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GivenSensor {
+    /// The model.
+    pub model: SensorModel,
+    /// The file that it was read from, which no output may replace.
+    pub file: Option<PathBuf>,
+}
+
+/// What a job says of its render beside the scene.
 #[derive(Clone, Debug)]
-pub(super) struct GivenSettings {
-    pub(super) settings: RenderSettings,
-    pub(super) outputs: OutputPaths,
-    pub(super) optics: Optics,
-    pub(super) lens: LensSettings,
-    pub(super) film: FilmSettings,
+pub(crate) struct Setup {
+    pub(crate) job: Box<Job>,
+    pub(crate) settings: RenderSettings,
+    pub(crate) outputs: OutputPaths,
+    pub(crate) optics: Optics,
+    pub(crate) lens: LensSettings,
+    pub(crate) film: FilmSettings,
+    pub(crate) part: Option<FilmPart>,
+    pub(crate) own_pitch: Option<f64>,
+    pub(crate) inputs: InputFiles,
+    pub(crate) warnings: Vec<ImportWarning>,
 }
 
 impl Project {
@@ -96,11 +111,9 @@ impl Project {
         let began = Instant::now();
         let is_job = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         inputs.add(path, if is_job { Role::Job } else { Role::Scene });
-        let job = if is_job { Some(Job::from_file(path)?) } else { None };
-        if let Some(job) = &job {
-            inputs.extend(job.inputs());
-        }
-        let opened = Self::of_job(path, job, began, options, inputs);
+        let job = if is_job { Job::from_file(path)? } else { Job::of_scene(path)? };
+        inputs.extend(job.inputs());
+        let opened = Self::of_job(job, is_job, began, options, inputs);
         if let Ok(project) = &opened {
             inputs.extend(&project.inputs);
         }
@@ -133,46 +146,39 @@ impl Project {
     pub fn from_text_with(path: impl AsRef<Path>, text: &str, options: ProjectOptions) -> Result<Self, Error> {
         let began = Instant::now();
         let job = Job::from_text(path.as_ref(), text)?;
-        Self::of_job(path.as_ref(), Some(job), began, options, &mut InputFiles::new())
+        Self::of_job(job, true, began, options, &mut InputFiles::new())
     }
 
     fn of_job(
-        path: &Path,
-        job: Option<Job>,
+        job: Job,
+        has_job_file: bool,
         began: Instant,
         options: ProjectOptions,
         read: &mut InputFiles,
     ) -> Result<Self, Error> {
-        let ProjectOptions { started, without, can_change, threads } = options;
+        let ProjectOptions { started, without, can_change, threads, keys } = options;
         check_threads(threads)?;
-        let imported = match &job {
-            Some(job) => job.load_scene(),
-            None => load_scene(path, &ImportOptions::default()),
-        };
-        let imported = imported.inspect_err(|e| e.read_files().for_each(|path| read.add(path, Role::Scene)))?;
+        let job = if keys.is_empty() { job } else { job.with_overrides(&keys)? };
+        read.extend(job.inputs());
+        let imported = job.load_scene().inspect_err(|e| e.read_files().for_each(|path| read.add(path, Role::Scene)))?;
         read.extend(&imported.inputs);
         let mut description = None;
         let compiled = if can_change {
             let mut cache = BuildCache::default();
-            let mut compiled = compile(path, job.as_ref(), imported.clone(), (&without, threads), Some(&mut cache))?;
+            let mut compiled = compile(&job, imported.clone(), (&without, threads), Some(&mut cache))?;
             compiled.scene.report_hazards(&mut compiled.report);
-            // The name of a scene that is not UTF-8 cannot stand in a job.
-            let base = job.clone().map_or_else(|| Job::of_scene(path), Ok);
-            let given = compiled.given.clone();
-            description =
-                base.ok().map(|base| Box::new(Description { base, job: None, imported, without, given, cache }));
+            description = Some(Box::new(Description { base: job.clone(), imported, without, cache }));
             compiled
         } else {
-            compile(path, job.as_ref(), imported, (&without, threads), None)?
+            compile(&job, imported, (&without, threads), None)?
         };
-        let Compiled { scene, report, warnings, inputs, part, given, build_seconds } = compiled;
+        let Compiled { scene, report, setup, build_seconds } = compiled;
         let load_seconds = began.elapsed().as_secs_f64() - build_seconds;
-        let GivenSettings { settings, outputs, optics, lens, film } = given;
+        let Setup { job, settings, outputs, optics, lens, film, part, own_pitch, inputs, warnings } = setup;
         Ok(Self {
             scene,
-            own_pitch: pitch_of(&settings.sensor),
+            own_pitch,
             part,
-            vignetting: None,
             settings,
             outputs,
             warnings,
@@ -181,7 +187,8 @@ impl Project {
             lens,
             film,
             inputs,
-            job: job.map(Box::new),
+            job,
+            has_job_file,
             command: started.map(|started| CommandClock { started, load_seconds, build_seconds }),
             description,
             has_all_findings: true,
@@ -195,119 +202,100 @@ pub fn removable_effects() -> Vec<Effect> {
     Effect::ALL.into_iter().filter(|&effect| SceneBuilder::default().leave_out(effect)).collect()
 }
 
-/// Compiles an imported scene with the changes of a job, if there is one, without some effects and on so many threads. `path`
-/// is the file that was opened.
+/// Compiles an imported scene with the changes of its job, without some effects and on so many threads.
 pub(super) fn compile(
-    path: &Path,
-    job: Option<&Job>,
+    job: &Job,
     imported: Imported,
     options: (&[Effect], usize),
     cache: Option<&mut BuildCache>,
 ) -> Result<Compiled, Error> {
-    compile_and(path, job, imported, options, cache, |_| Ok(()))
+    compile_and(job, imported, options, cache, |_| Ok(()))
 }
 
 /// [`compile`] with a change of the description after those of the job.
 pub(super) fn compile_and(
-    path: &Path,
-    job: Option<&Job>,
+    job: &Job,
     mut imported: Imported,
     (without, threads): (&[Effect], usize),
     cache: Option<&mut BuildCache>,
     edit: impl FnOnce(&mut SceneBuilder) -> Result<(), Error>,
 ) -> Result<Compiled, Error> {
-    let lens = job.map(|job| job.lens.clone()).unwrap_or_default();
-    let f_number = lens.f_number.unwrap_or(DEFAULT_F_NUMBER);
-    let bands = job.map(Job::bands).transpose()?.unwrap_or_default();
-    let optics = Optics::new(f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?.with_bands(bands);
-    let mut inputs = job.map(|job| job.inputs().clone()).unwrap_or_default();
-    let (mut settings, outputs) = match job {
-        Some(job) => apply_job(job, &mut imported, optics.clone(), &mut inputs)?,
-        None => (RenderSettings::default(), OutputPaths::default()),
-    };
-    inputs.extend(&imported.inputs);
-    settings.threads = threads;
-    edit(&mut imported.scene)?;
-    imported.scene.threads = threads;
+    let mut setup = resolve(job, None, job.inputs().clone())?;
+    let scene = &mut imported.scene;
+    setup.warnings = imported.warnings;
+    setup.warnings.extend(job.apply_overrides(scene)?);
+    job.apply_intrinsics(scene, whole_film(job, setup.part));
+    job.camera_index(scene)?;
+    scene.shutter = job.shutter(scene, setup.settings.height)?;
+    expose_for(&mut setup.settings, scene.shutter.as_ref(), job)?;
+    setup.inputs.extend(&imported.inputs);
+    setup.settings.threads = threads;
+    edit(scene)?;
+    scene.threads = threads;
     for &effect in without {
         // An effect that is given twice is left out once.
-        if settings.without.contains(&effect) {
+        if setup.settings.without.contains(&effect) {
             continue;
         }
-        settings.without.push(effect);
-        if !imported.scene.leave_out(effect) {
+        setup.settings.without.push(effect);
+        if !scene.leave_out(effect) {
             let problem =
                 format!("{} cannot be left out: it is not a part of the scene that can be taken away", effect.name());
             let help = "leave out another effect; `dunkelfeld inspect` lists those that the scene uses";
             return Err(Error::setting("without", problem, help));
         }
     }
-    let file = job.map_or(path, Job::scene_path);
-    let strobes = job.and_then(|job| job.strobe_hazard(&imported.scene));
+    let strobes = job.strobe_hazard(scene);
     let began = Instant::now();
     let built = match cache {
         Some(cache) => imported.scene.build_with(cache),
         None => imported.scene.build(),
     };
-    let (scene, mut report) = built.map_err(|e| build_error(e, file))?;
+    let (scene, mut report) = built.map_err(|e| build_error(e, job.scene_path()))?;
     report_strobes(strobes, &mut report);
-    let part = job.map(|job| film_part(job, &settings.sensor)).transpose()?.flatten();
-    let film = job.map(|job| job.film.clone()).unwrap_or_default();
-    let given = GivenSettings { settings, outputs, optics, lens, film };
-    let build_seconds = began.elapsed().as_secs_f64();
-    Ok(Compiled { scene, report, warnings: imported.warnings, inputs, part, given, build_seconds })
+    Ok(Compiled { scene, report, setup, build_seconds: began.elapsed().as_secs_f64() })
 }
 
-/// Applies a job to its imported scene, and gives the settings of the render.
-fn apply_job(
-    job: &Job,
-    imported: &mut Imported,
-    optics: Optics,
-    inputs: &mut InputFiles,
-) -> Result<(RenderSettings, OutputPaths), Error> {
-    let sensor = sensor_of(&job.sensor, optics, inputs).map_err(|e| match e {
+/// The settings of a job: a function of the job, of a sensor in place of that of the job, and of the files of both. They
+/// are added to `inputs`.
+pub(super) fn resolve(job: &Job, given: Option<GivenSensor>, mut inputs: InputFiles) -> Result<Setup, Error> {
+    let lens = job.lens.clone();
+    let f_number = lens.f_number.unwrap_or(DEFAULT_F_NUMBER);
+    let optics = Optics::new(f_number, lens.transmission, lens.magnification.unwrap_or(0.0))?.with_bands(job.bands()?);
+    let is_given = given.is_some();
+    let own = sensor_of(&job.sensor, given, optics.clone(), &mut inputs).map_err(|e| match e {
         Error::Input(e) => job.sensor_error(e).into(),
         e => e,
     })?;
-    let part = film_part(job, &sensor)?;
-    imported.warnings.extend(job.apply_overrides(&mut imported.scene)?);
-    job.apply_intrinsics(&mut imported.scene, whole_film(job, part));
-    job.camera_index(&imported.scene)?;
+    let own_pitch = pitch_of(&own);
+    let part = film_part(job, &own)?;
+    let sensor = if job.sensor.expose || is_given { own } else { SensorChoice::None };
+    let has_sensor = sensor != SensorChoice::None;
     let [width, height] = part.map_or_else(|| whole_film(job, part), |part| part.size());
     let budget = Budget::default()
         .with_seconds(job.budget.time.map(|t| t.as_secs_f64()))
         .with_spp(job.budget.spp)
         .with_noise(job.budget.noise)
         .with_share(job.budget.share);
+    // The data of this strategy are those of a sensor.
+    let strategy = job.allocate.strategy.filter(|s| has_sensor || job.sensor.expose || *s != Strategy::Sensor);
     let settings = RenderSettings::default()
-        .with_width(width)
-        .with_height(height)
+        .with_width(job.size[0].unwrap_or(width))
+        .with_height(job.size[1].unwrap_or(height))
         .with_camera(job.camera.selected.clone())
         .with_budget(budget)
         .with_memory_limit(job.budget.memory)
-        .with_strategy(job.allocate.strategy)
+        .with_strategy(strategy)
         .with_pilot_spp(job.allocate.pilot_spp)
         .with_sobel_floor(job.allocate.floor as f32)
         .with_seed(job.seed)
         .with_frame(job.frame)
         .with_sensor(sensor)
-        .with_exposure_noise(job.sensor.exposure_noise)
+        .with_exposure_noise(if has_sensor { job.sensor.exposure_noise } else { ExposureNoise::Plain })
         .with_denoise(job.denoise.clone());
-    imported.scene.shutter = job.shutter(&imported.scene, settings.height)?;
-    let settings = match imported.scene.shutter {
-        Some(_) => expose_for(settings, imported.scene.shutter.as_ref(), job)?,
-        None => settings,
-    };
-    let o = &job.output;
-    let outputs = OutputPaths {
-        image: o.image.clone(),
-        linear: o.linear.clone(),
-        exr: o.exr.clone(),
-        stats: o.stats.clone(),
-        plan: o.plan.clone(),
-        align: o.align,
-    };
-    Ok((settings, outputs))
+    let outputs = OutputPaths::of_job(job);
+    let (job, film, warnings) = (Box::new(job.clone()), job.film.clone(), Vec::new());
+    Ok(Setup { job, settings, outputs, optics, lens, film, part, own_pitch, inputs, warnings })
 }
 
 /// The part of a larger film that a job describes.
@@ -327,18 +315,33 @@ pub(super) fn whole_film(job: &Job, part: Option<FilmPart>) -> [u32; 2] {
     part.map_or(given, |part| part.whole)
 }
 
-fn sensor_of(sensor: &job::SensorSettings, optics: Optics, inputs: &mut InputFiles) -> Result<SensorChoice, Error> {
-    let model = match &sensor.model {
-        job::SensorChoice::None => return Ok(SensorChoice::None),
-        job::SensorChoice::Preset(name) => dunkelfeld_io::sensor_file::preset(name)?,
-        job::SensorChoice::File(path) => dunkelfeld_io::sensor_file::load_sensor_recorded(path, inputs)?,
+/// The sensor of a job, or another one. Its files are added to `inputs`.
+pub(crate) fn sensor_of(
+    sensor: &job::SensorSettings,
+    given: Option<GivenSensor>,
+    optics: Optics,
+    inputs: &mut InputFiles,
+) -> Result<SensorChoice, Error> {
+    let model = match (given, &sensor.model) {
+        (Some(given), _) => {
+            given.file.iter().for_each(|file| inputs.add(file, Role::Sensor));
+            given.model
+        }
+        (None, job::SensorChoice::None) => return Ok(SensorChoice::None),
+        (None, job::SensorChoice::Preset(name)) => adjusted(dunkelfeld_io::sensor_file::preset(name)?, sensor)?,
+        (None, job::SensorChoice::File(path)) => {
+            adjusted(dunkelfeld_io::sensor_file::load_sensor_recorded(path, inputs)?, sensor)?
+        }
     };
-    let model = adjusted(model, sensor)?;
-    let exposure = match sensor.exposure {
-        job::Exposure::Auto => None,
-        job::Exposure::Seconds(s) => Some(Exposure::new(Seconds(s))?),
-    };
-    Ok(SensorChoice::Emva { model: Box::new(model), optics, exposure })
+    Ok(SensorChoice::Emva { model: Box::new(model), optics, exposure: exposure_of(sensor)? })
+}
+
+/// The exposure time of a job; `None` is the automatic one.
+pub(crate) fn exposure_of(sensor: &job::SensorSettings) -> Result<Option<Exposure>, Error> {
+    match sensor.exposure {
+        job::Exposure::Auto => Ok(None),
+        job::Exposure::Seconds(s) => Ok(Some(Exposure::new(Seconds(s))?)),
+    }
 }
 
 /// A sensor with the gain, the temperature and the black level of a job.

@@ -1,11 +1,11 @@
 //! Changes of an opened project by keys of a job: only the parts of the scene that change are built again.
 
 use super::Project;
-use super::open::{Compiled, GivenSettings, compile_and, film_part};
+use super::open::{Compiled, compile_and};
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_io::import::Imported;
 use dunkelfeld_io::job::Job;
-use dunkelfeld_render::{Error, SensorChoice};
+use dunkelfeld_render::Error;
 use dunkelfeld_scene::{BuildCache, Effect, Material, SceneBuilder};
 
 /// The description of an opened project.
@@ -13,13 +13,9 @@ use dunkelfeld_scene::{BuildCache, Effect, Material, SceneBuilder};
 pub(super) struct Description {
     /// The job that was opened, or one that contains the scene file alone.
     pub(super) base: Job,
-    /// The job with the present overrides; `None` before there were any.
-    pub(super) job: Option<Job>,
     /// The scene files before any change.
     pub(super) imported: Imported,
     pub(super) without: Vec<Effect>,
-    /// The settings of the job, as the project had them before its program adjusted them.
-    pub(super) given: GivenSettings,
     pub(super) cache: BuildCache,
 }
 
@@ -38,7 +34,7 @@ impl Project {
     ///
     /// Meshes and trees of scene files that do not change are used again; objects that the job makes (`kind`) are made
     /// again. Files are read again only if the keys name others. The scene has the bits of a job file with these keys.
-    /// Settings that the program has adjusted since stay as they are. Lines in errors are those of the merged text.
+    /// The settings are then those of the job with these keys. Lines in errors are those of the merged text.
     ///
     /// ```no_run
     /// let mut project = dunkelfeld::Project::open("station.toml")?;
@@ -83,8 +79,7 @@ impl Project {
     /// [`ProjectOptions::can_change`](super::ProjectOptions::can_change).
     pub fn object_names_of(&self, job: &Job) -> Result<Vec<String>, Error> {
         let description = kept(self.description.as_deref())?;
-        let current = description.job.as_ref().unwrap_or(&description.base);
-        let mut scene = if job.has_scene_of(current) { description.imported.clone() } else { job.load_scene()? }.scene;
+        let mut scene = if job.has_scene_of(&self.job) { description.imported.clone() } else { job.load_scene()? }.scene;
         // Its image takes time to read, and contains no object.
         let mut job = job.clone();
         job.environment = None;
@@ -101,7 +96,7 @@ impl Project {
         let description = kept(self.description.as_deref())?;
         let mut scene = description.imported.scene.clone();
         // Its image takes time to read, and is no material.
-        let mut job = description.job.as_ref().unwrap_or(&description.base).clone();
+        let mut job = (*self.job).clone();
         job.environment = None;
         job.apply_overrides(&mut scene)?;
         Ok(scene.materials)
@@ -132,40 +127,18 @@ impl Project {
         edit: impl FnOnce(&mut SceneBuilder) -> Result<(), Error>,
     ) -> Result<(), Error> {
         let description = kept_description(self.description.as_deref_mut())?;
-        let Description { base, job, imported, without, given, cache } = description;
-        let read = if changed.has_scene_of(job.as_ref().unwrap_or(base)) { None } else { Some(changed.load_scene()?) };
+        let Description { imported, without, cache, .. } = description;
+        let read = if changed.has_scene_of(&self.job) { None } else { Some(changed.load_scene()?) };
         let source = read.as_ref().unwrap_or(imported).clone();
         let options = (without.as_slice(), self.settings.threads);
-        let compiled = compile_and(changed.scene_path(), Some(&changed), source, options, Some(cache), edit)?;
-        let Compiled { scene, report, warnings, inputs, given: new, .. } = compiled;
-        let mut settings = self.settings.clone();
-        settings.update(&given.settings, &new.settings);
-        // The film on the sensor that the render will have.
-        let part = film_part(&changed, &settings.sensor)?;
+        let Compiled { scene, report, mut setup, .. } = compile_and(&changed, source, options, Some(cache), edit)?;
         if let Some(read) = read {
             *imported = read;
         }
-        self.inputs.extend(&inputs);
-        (self.scene, self.report, self.warnings) = (scene, report, warnings);
+        setup.inputs.extend(&self.inputs);
+        (self.scene, self.report) = (scene, report);
         self.has_all_findings = false;
-        self.part = part;
-        self.own_pitch = super::open::pitch_of(&new.settings.sensor);
-        macro_rules! take_unless_adjusted {
-            ($($field:ident),+; $of:expr, $before:expr, $after:expr) => {
-                $(if $of.$field == $before.$field { $of.$field = $after.$field.clone(); })+
-            };
-        }
-        let old_optics = self.optics.clone();
-        take_unless_adjusted!(outputs, optics, lens, film; self, given, new);
-        // A sensor that the program selected has the lens of the project.
-        if let SensorChoice::Emva { optics, .. } = &mut settings.sensor
-            && *optics == old_optics
-        {
-            *optics = self.optics.clone();
-        }
-        self.settings = settings;
-        self.job = Some(Box::new(changed.clone()));
-        (*job, *given) = (Some(changed), new);
+        self.set_up(setup);
         Ok(())
     }
 }

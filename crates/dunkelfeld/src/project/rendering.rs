@@ -1,6 +1,6 @@
 //! Renders a project: to a result in memory, or as a command that writes files.
 
-use super::{CommandClock, Project, ProjectResult};
+use super::{CommandClock, Project, ProjectResult, needed_layers};
 use crate::denoising::{denoise_frame, find_denoiser};
 use crate::frame::{Frame, develop_film};
 use crate::memory::{KeptFilms, MemoryStats};
@@ -106,7 +106,7 @@ impl Project {
             let checkpoint = self.settings.checkpoint.as_ref().map(|keep| keep.path.as_path());
             outputs.check_beside(self.settings.has_sensor(), checkpoint, &inputs)?;
         }
-        let mut settings = self.fitted()?;
+        let mut settings = needed_layers(self.fitted()?, outputs);
         let denoiser = find_denoiser(&settings.denoise)?;
         if denoiser.as_ref().is_some_and(|d| d.name() == Builtin.name()) {
             // The time reserved for it is less.

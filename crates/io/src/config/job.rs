@@ -42,6 +42,7 @@ mod materials;
 mod motion;
 mod move_objects;
 mod objects;
+mod overlay;
 mod overrides;
 mod patterns;
 pub(crate) mod place;
@@ -80,6 +81,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+/// The problem of an exposure without a sensor.
+const NO_SENSOR: &str = "there is no sensor to expose";
+
 /// A job. Input paths in it are resolved (relative ones against the job file's folder); output paths are as written, so
 /// relative to the current folder.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -91,10 +95,10 @@ pub struct Job {
     #[serde(default)]
     pub camera: Cameras,
     /// Seed of all random numbers; the same seed gives the same image. Default 0.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "check::seed")]
     pub seed: u64,
     /// Number of the frame; frames of one seed have independent noise. Default 0.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "check::frame")]
     pub frame: u32,
     /// Settings of the import of the scene file.
     #[serde(default)]
@@ -141,6 +145,17 @@ pub struct Job {
     source: TomlFile,
     #[serde(skip)]
     inputs: InputFiles,
+    /// Width and height of the render \[pixels\] that overrides set. The film of the job, with its region and with the pixels
+    /// to which the intrinsics of cameras refer, stays as it is.
+    #[serde(skip)]
+    pub size: [Option<u32>; 2],
+}
+
+/// The film of a text that has other keys too.
+#[derive(Deserialize)]
+struct FilmSection {
+    #[serde(default)]
+    film: FilmSettings,
 }
 
 /// `[import]`
@@ -426,22 +441,59 @@ impl Job {
     }
 
     /// This job with the keys of another TOML text, as if they were at its end: tables are merged key by key, lists of
-    /// tables (`[[object]]`) are extended, and every other value is replaced.
+    /// tables (`[[object]]`) are extended, and every other value is replaced. Keys that belong together are replaced
+    /// together: the limits of the budget, and a sensor with its gain. Width and height of the film are the size of the
+    /// render ([`Self::size`]).
     ///
     /// # Errors
     /// A text that is not TOML, or keys and values that a job may not have. Lines in messages are those of the combined
     /// text.
     pub fn with_overrides(&self, overrides: &str) -> Result<Self, InputError> {
-        let mut job = Self::from_toml(self.source.with_overrides("the overrides", overrides)?)?;
+        let above = TomlFile::from_text("the overrides", overrides);
+        let is_without = above.text_at(&["sensor", "model"]) == Some("\"none\"");
+        for key in ["exposure", "exposure_noise"].map(|key| ["sensor", key]) {
+            if is_without && above.has_key(&key) {
+                return Err(above.error_at_key(&key, NO_SENSOR, "name a sensor, or leave this out"));
+            }
+        }
+        let mut job = Self::from_toml(self.source.with_overrides(&above, overlay::replace_together)?)?;
+        let film = above.parse::<FilmSection>()?.film;
+        job.size = [film.width.or(self.size[0]), film.height.or(self.size[1])];
         let mut inputs = self.inputs.clone();
         inputs.extend(&job.inputs);
         job.inputs = inputs;
         Ok(job)
     }
 
+    /// The first section in which another job describes another scene, so that its scene must be built anew.
+    pub fn difference_of_scenes(&self, other: &Self) -> Option<&'static str> {
+        let same = [
+            ("scene", self.scene == other.scene),
+            ("import", self.import == other.import),
+            ("camera", self.camera == other.camera),
+            ("line_scan", self.line_scan == other.line_scan),
+            ("render", self.render == other.render),
+            ("environment", self.environment == other.environment),
+            ("object", self.objects == other.objects),
+            ("material", self.materials == other.materials),
+            ("light", self.lights == other.lights),
+        ];
+        same.into_iter().find_map(|(section, is_same)| (!is_same).then_some(section))
+    }
+
     /// The file of the job, for messages; relative paths in the job are relative to its folder.
     pub fn path(&self) -> &Path {
         self.source.path()
+    }
+
+    /// The paths of all keys with values that the text sets.
+    pub fn keys(&self) -> Vec<Vec<&str>> {
+        self.source.keys()
+    }
+
+    /// Does the text set this key?
+    pub fn sets(&self, key: &[&str]) -> bool {
+        self.source.has_key(key)
     }
 
     /// The text of the job.
@@ -469,8 +521,7 @@ impl Job {
         job.camera.complete(&file, &job.lens, &job.film, &job.sensor.model)?;
         for key in ["exposure", "exposure_noise", "gain", "temperature", "black_level"].map(|key| ["sensor", key]) {
             if job.sensor.model == SensorChoice::None && file.has_key(&key) {
-                let problem = "there is no sensor to expose";
-                return Err(file.error_at_key(&key, problem, "name a [sensor] model, or remove this"));
+                return Err(file.error_at_key(&key, NO_SENSOR, "name a [sensor] model, or remove this"));
             }
         }
         if let Some(environment) = &mut job.environment {
@@ -489,9 +540,8 @@ impl Job {
             }
             environment.image = environment.image.as_ref().map(|path| file.resolve(path));
         }
-        if job.denoise.oidn.is_some() && matches!(job.denoise.method, DenoiseMethod::Off | DenoiseMethod::Builtin) {
-            let problem = "the library is not used by this method";
-            return Err(file.error_at_key(&["denoise", "oidn"], problem, "write `method = \"oidn\"`, or remove this"));
+        if file.has_key(&["denoise", "oidn"]) && !file.has_key(&["denoise", "method"]) {
+            job.denoise.method = DenoiseMethod::Oidn;
         }
         job.denoise.oidn = job.denoise.oidn.as_ref().map(|path| file.resolve(path));
         for light in &mut job.lights {

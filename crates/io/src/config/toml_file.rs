@@ -77,15 +77,22 @@ impl TomlFile {
     }
 
     /// The text with the keys of another one: tables are merged key by key, lists of tables (`[[light]]`) are extended,
-    /// and every other value is replaced. Paths remain relative to the folder of this file.
+    /// and every other value is replaced. Paths remain relative to the folder of this file. `prepare` may change both
+    /// before.
     ///
     /// # Errors
     /// One of the texts is not TOML. Errors about the other one have its name as their file.
-    pub fn with_overrides(&self, name: &str, overrides: &str) -> Result<Self, InputError> {
-        let mut root: Table = self.parse()?;
-        merge(&mut root, Self::from_text(name, overrides).parse()?);
+    pub fn with_overrides(
+        &self,
+        overrides: &Self,
+        prepare: impl FnOnce(&mut Table, &mut Table),
+    ) -> Result<Self, InputError> {
+        let (mut root, mut above): (Table, Table) = (self.parse()?, overrides.parse()?);
+        prepare(&mut root, &mut above);
+        merge(&mut root, above);
         let text = toml::to_string(&root).map_err(|e| {
-            InputError::new(&self.path, "the file", format!("cannot be combined with {name}: {e}"), "check both texts")
+            let problem = format!("cannot be combined with {}: {e}", overrides.path.display());
+            InputError::new(&self.path, "the file", problem, "check both texts")
         })?;
         Ok(Self::from_text(&self.path, text))
     }
@@ -161,8 +168,22 @@ impl TomlFile {
         self.text.get(self.span_of(path)?)
     }
 
+    /// The paths of all values that are no tables.
+    pub fn keys(&self) -> Vec<Vec<&str>> {
+        let spans = self.spans();
+        let is_leaf = |path: &&String| {
+            let below = format!("{path}{BELOW}");
+            !spans.range(below.clone()..).next().is_some_and(|(next, _)| next.starts_with(&below))
+        };
+        spans.keys().filter(is_leaf).map(|path| path.split(BELOW).collect()).collect()
+    }
+
     fn span_of(&self, path: &[&str]) -> Option<Range<usize>> {
-        let spans = self.spans.get_or_init(|| {
+        self.spans().get(&path.join(BELOW)).cloned()
+    }
+
+    fn spans(&self) -> &BTreeMap<String, Range<usize>> {
+        self.spans.get_or_init(|| {
             let mut spans = BTreeMap::new();
             if let Ok(root) = DeTable::parse(&self.text) {
                 for (key, value) in root.get_ref() {
@@ -170,8 +191,7 @@ impl TomlFile {
                 }
             }
             spans
-        });
-        spans.get(&path.join(BELOW)).cloned()
+        })
     }
 
     /// Returns `value` if it lies in `range`. NaN never does.

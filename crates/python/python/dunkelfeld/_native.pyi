@@ -7,7 +7,9 @@ from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Unpack
 
+from ._keys import FilmKeys, ImageKeys, RenderKeys, StudyKeys
 from ._results import EmvaAnalysis, EmvaDataset, ExposedFiles, SetSummary, TracedSample, Verified
 from ._results import Study as _StudyResult
 from ._steps import RenderSteps
@@ -96,19 +98,13 @@ class Film:
         sensor: Sensor | _Path | None = None,
         exposure: float | str | None = None,
         frames: int = 1,
-        *,
-        frame: int | None = None,
-        seed: int | None = None,
-        exposure_noise: str | None = None,
+        **keys: Unpack[FilmKeys],
     ) -> NDArray[np.uint16]: ...
     def picture(
         self,
         sensor: Sensor | _Path | None = None,
         exposure: float | str | None = None,
-        *,
-        frame: int | None = None,
-        seed: int | None = None,
-        exposure_noise: str | None = None,
+        **keys: Unpack[FilmKeys],
     ) -> NDArray[np.uint8]: ...
     def certificate(self, k: float = 1.0) -> dict[str, Any]: ...
     def noise_map(self, k: float = 1.0) -> NoiseMap: ...
@@ -165,68 +161,28 @@ class Scene:
     def render(
         self,
         *,
-        spp: float | None = None,
-        time: float | None = None,
-        noise: float | None = None,
-        share: float | None = None,
-        width: int | None = None,
-        height: int | None = None,
         camera: str | None = None,
-        seed: int | None = None,
-        frame: int | None = None,
         threads: int | None = None,
         samples: tuple[int, int] | None = None,
-        strategy: _Strategy | None = None,
-        sensor: Sensor | _Path | None = None,
-        exposure: float | str | None = None,
-        exposure_noise: str | None = None,
-        vignetting: _Vignetting | None = None,
-        denoise: _Denoiser | None = None,
-        oidn: _Path | None = None,
         replay: Film | _Path | NDArray[np.uint32] | NDArray[np.int64] | None = None,
-        memory: int | str | None = None,
         checkpoint: _Path | None = None,
         checkpoint_every: float | None = None,
         progress: _Progress | None = None,
+        **keys: Unpack[RenderKeys],
     ) -> Film: ...
     def render_steps(
         self,
         *,
-        spp: float | None = None,
-        time: float | None = None,
-        noise: float | None = None,
-        share: float | None = None,
-        width: int | None = None,
-        height: int | None = None,
         camera: str | None = None,
-        seed: int | None = None,
-        frame: int | None = None,
         threads: int | None = None,
         samples: tuple[int, int] | None = None,
-        strategy: _Strategy | None = None,
-        sensor: Sensor | _Path | None = None,
-        exposure: float | str | None = None,
-        exposure_noise: str | None = None,
-        vignetting: _Vignetting | None = None,
-        denoise: _Denoiser | None = None,
-        oidn: _Path | None = None,
         replay: Film | _Path | NDArray[np.uint32] | NDArray[np.int64] | None = None,
-        memory: int | str | None = None,
         checkpoint: _Path | None = None,
         checkpoint_every: float | None = None,
+        **keys: Unpack[RenderKeys],
     ) -> RenderSteps: ...
     def trace_sample(
-        self,
-        x: int,
-        y: int,
-        sample: int,
-        *,
-        width: int | None = None,
-        height: int | None = None,
-        camera: str | None = None,
-        seed: int | None = None,
-        frame: int | None = None,
-        vignetting: _Vignetting | None = None,
+        self, x: int, y: int, sample: int, *, camera: str | None = None, **keys: Unpack[RenderKeys]
     ) -> TracedSample: ...
     def inspect(self) -> dict[str, Any]: ...
     @property
@@ -323,19 +279,9 @@ def expose_exr(
     exposure: float | str | None = None,
     frames: int = 1,
     *,
-    frame: int | None = None,
-    seed: int | None = None,
-    exposure_noise: str | None = None,
-    f_number: float | None = None,
-    transmission: float | None = None,
-    magnification: float | None = None,
-    psf: str | None = None,
-    glare: float | None = None,
-    vignetting: _Vignetting | None = None,
-    focal_length: float | None = None,
     layer: str | None = None,
-    memory: int | str | None = None,
     threads: int | None = None,
+    **keys: Unpack[ImageKeys],
 ) -> NDArray[np.uint16]: ...
 def expose_exr_files(
     path: _Path,
@@ -345,20 +291,10 @@ def expose_exr_files(
     sensor: Sensor | _Path | None = None,
     exposure: float | str | None = None,
     frames: int = 1,
-    frame: int | None = None,
-    seed: int | None = None,
-    exposure_noise: str | None = None,
-    f_number: float | None = None,
-    transmission: float | None = None,
-    magnification: float | None = None,
-    psf: str | None = None,
-    glare: float | None = None,
-    vignetting: _Vignetting | None = None,
-    focal_length: float | None = None,
     layer: str | None = None,
-    memory: int | str | None = None,
     threads: int | None = None,
     progress: _Progress | None = None,
+    **keys: Unpack[ImageKeys],
 ) -> ExposedFiles: ...
 def expose_radiance(
     radiance: ArrayLike,
@@ -366,17 +302,8 @@ def expose_radiance(
     exposure: float | str | None = None,
     frames: int = 1,
     *,
-    frame: int | None = None,
-    seed: int | None = None,
-    f_number: float | None = None,
-    transmission: float | None = None,
-    magnification: float | None = None,
-    psf: str | None = None,
-    glare: float | None = None,
-    vignetting: _Vignetting | None = None,
-    focal_length: float | None = None,
-    memory: int | str | None = None,
     threads: int | None = None,
+    **keys: Unpack[ImageKeys],
 ) -> NDArray[np.uint16]: ...
 def denoise_exr(
     path: _Path,
@@ -420,15 +347,10 @@ def bench(
     oidn: _Path | None = None,
     effect_spp: int | None = None,
     reference_spp: int | None = None,
-    width: int | None = None,
-    height: int | None = None,
     camera: str | None = None,
-    sensor: Sensor | _Path | None = None,
-    exposure: float | str | None = None,
-    seed: int | None = None,
-    memory: int | str | None = None,
     threads: int | None = None,
     progress: _Progress | None = None,
+    **keys: Unpack[StudyKeys],
 ) -> _StudyResult: ...
 def ptc(
     input: Scene | _Path | Sequence[_Path],
@@ -443,15 +365,10 @@ def ptc(
     pictures_only: bool = False,
     dark: float | None = None,
     saturation: float | None = None,
-    width: int | None = None,
-    height: int | None = None,
     camera: str | None = None,
-    sensor: Sensor | _Path | None = None,
-    exposure: float | str | None = None,
-    seed: int | None = None,
-    memory: int | str | None = None,
     threads: int | None = None,
     progress: _Progress | None = None,
+    **keys: Unpack[StudyKeys],
 ) -> _StudyResult: ...
 def emva_dataset(
     sensor: Sensor | _Path,

@@ -260,11 +260,10 @@ fn replay_command(args: &RenderArgs, camera: Option<&str>, s: &Stats, sample: &s
         flag("--camera", camera.into());
     }
     // The field of view of a focal length is that of the sensor's film.
-    if let Some(sensor) = &args.sensor {
-        flag("--sensor", sensor.clone());
-    }
-    if let Some(vignetting) = args.vignetting {
-        flag("--vignetting", vignetting.name().into());
+    for name in ["sensor", "vignetting"] {
+        if let Some(value) = args.keys.value(name) {
+            flag(&format!("--{name}"), value.into());
+        }
     }
     flag("--seed", s.seed.to_string());
     flag("--frame", s.frame.to_string());

@@ -62,6 +62,29 @@ pub(super) fn black_level<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>
     real(d, 0.0, 65_535.0).map(Some)
 }
 
+/// A seed. TOML has no whole numbers from 2^63 on, so it may be a text of digits.
+pub(super) fn seed<'de, D: Deserializer<'de>>(d: D) -> Result<u64, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Written {
+        Number(u64),
+        Text(String),
+        Other(toml::Value),
+    }
+    let (seed, text) = match Written::deserialize(d)? {
+        Written::Number(seed) => return Ok(seed),
+        Written::Text(text) => (text.parse().ok(), text),
+        Written::Other(value) => (None, value.to_string()),
+    };
+    seed.ok_or_else(|| D::Error::custom(format!("{text} is no seed; write a whole number from 0 to {}", u64::MAX)))
+}
+
+/// The number of a frame.
+pub(super) fn frame<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {
+    let number = d.deserialize_any(Whole { least: 0, most: u32::MAX.into() })?;
+    u32::try_from(number).map_err(D::Error::custom)
+}
+
 pub(super) fn pilot_spp<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {
     whole(d, 1, 65_536)
 }

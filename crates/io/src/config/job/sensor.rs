@@ -10,7 +10,7 @@ use std::path::PathBuf;
 pub const DEFAULT_SENSOR: &str = "imx250";
 
 /// `[sensor]`
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorSettings {
     /// Name of a preset (default [`DEFAULT_SENSOR`]), path of a sensor file (`"mine.toml"`, relative to the job file), or
@@ -31,6 +31,23 @@ pub struct SensorSettings {
     /// model.
     #[serde(deserialize_with = "super::check::black_level")]
     pub black_level: Option<f64>,
+    /// `false`: radiance 1 is white, as without a sensor. Size and pixels of the film stay those of the sensor. Overrides
+    /// with `model = "none"` set it. Default true.
+    pub expose: bool,
+}
+
+impl Default for SensorSettings {
+    fn default() -> Self {
+        Self {
+            model: SensorChoice::default(),
+            exposure: Exposure::Auto,
+            exposure_noise: ExposureNoise::default(),
+            gain: None,
+            temperature: None,
+            black_level: None,
+            expose: true,
+        }
+    }
 }
 
 /// The choice of a sensor.

@@ -1,0 +1,50 @@
+//! Keys that overrides replace together, before two texts are merged key by key.
+
+use toml::{Table, Value};
+
+/// Settings of the model of a sensor, which another model does not have.
+const OF_MODEL: [&str; 3] = ["gain", "temperature", "black_level"];
+
+/// Prepares the keys of a job and those that override it.
+///
+/// - A limit (`time`, `spp`, `noise`) replaces all limits of the job.
+/// - A sensor replaces the gain, the temperature and the black level that the job sets for its own. Without one
+///   (`"none"`) the image is not exposed; film and lens stay those of the job's sensor.
+/// - The path of a denoiser replaces the method of the job.
+/// - The size of the film is that of the render ([`Job::size`](super::Job::size)), so it is not merged.
+pub(super) fn replace_together(job: &mut Table, overrides: &mut Table) {
+    if let Some(film) = section(overrides, "film") {
+        film.remove("width");
+        film.remove("height");
+    }
+    let limits = ["time", "spp", "noise"];
+    let sets_limit = section(overrides, "budget").is_some_and(|budget| limits.iter().any(|key| budget.contains_key(*key)));
+    if let Some(budget) = section(job, "budget").filter(|_| sets_limit) {
+        limits.iter().for_each(|key| drop(budget.remove(*key)));
+    }
+    let sets_library = section(overrides, "denoise").is_some_and(|denoise| denoise.contains_key("oidn"));
+    if let Some(denoise) = section(job, "denoise").filter(|_| sets_library) {
+        denoise.remove("method");
+    }
+    let model = section(overrides, "sensor").and_then(|sensor| Some(sensor.get("model")?.as_str()?.to_owned()));
+    let own = section(job, "sensor");
+    match model.as_deref() {
+        None => {}
+        Some("none") if own.as_ref().is_some_and(|own| own.get("model").and_then(Value::as_str) == Some("none")) => {}
+        Some("none") => {
+            let sensor = section(overrides, "sensor").into_iter();
+            sensor.for_each(|sensor| {
+                sensor.remove("model");
+                sensor.insert("expose".into(), false.into());
+            });
+        }
+        Some(_) => own.into_iter().for_each(|own| {
+            OF_MODEL.iter().for_each(|key| drop(own.remove(*key)));
+            own.remove("expose");
+        }),
+    }
+}
+
+fn section<'a>(table: &'a mut Table, key: &str) -> Option<&'a mut Table> {
+    table.get_mut(key)?.as_table_mut()
+}
