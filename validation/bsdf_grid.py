@@ -1,8 +1,8 @@
-"""Writes the table of Mitsuba's BSDF values that `cargo test -p dunkelfeld-bsdf --test mitsuba` holds ours to.
+"""Writes the table of Mitsuba's BSDF values that `cargo test -p dunkelfeld-bsdf --test it mitsuba` holds ours to.
 
-    python bsdf_grid.py > ../crates/bsdf/tests/mitsuba/table.txt      # the table that is kept
+    python bsdf_grid.py > ../crates/bsdf/tests/it/mitsuba/table.txt      # the table that is kept
     python bsdf_grid.py --mixes 3000 --seed 7 > big.txt               # a thorough one:
-    DUNKELFELD_MITSUBA_TABLE=$PWD/big.txt cargo test -p dunkelfeld-bsdf --test mitsuba
+    DUNKELFELD_MITSUBA_TABLE=$PWD/big.txt cargo test -p dunkelfeld-bsdf --test it mitsuba
 
 Every parameter of `principled` is swept alone, on plastic, metal or glass as it has an effect there; then come random mixes
 of all parameters, `roughdielectric` over index and slope, what smooth `dielectric` and `thindielectric` reflect, and rough

@@ -4,7 +4,7 @@
 //! numbers that shared code computes for effects without a test (such as the factor of refraction in roulette), nor
 //! library code that is inlined into these lines, because it has lines of its own.
 
-use crate::callgrind::Lines;
+use super::callgrind::Lines;
 
 /// Code for effects only: files, folders, and functions in shared files (none: all).
 pub(crate) const EFFECTS: [(&str, &[&str]); 36] = [

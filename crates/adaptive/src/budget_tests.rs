@@ -1,4 +1,4 @@
-//! Tests of the schedule. Those with a time limit, on simulated machines, are in `tests/simulated_render.rs`.
+//! Tests of the schedule. Those with a time limit, on simulated machines, are in `tests/it/simulated_render.rs`.
 
 use super::*;
 

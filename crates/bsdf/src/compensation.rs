@@ -13,7 +13,7 @@
 //!
 //! Directional albedos come from tables, which are computed on first use by cubature of the same lobes. They are upper
 //! bounds, so that a factor does not create light. For cosines of the view above 0.03 a factor is at most 0.3 % too
-//! small for isotropic facets that reflect everything, and 2 % for anisotropic or clear ones (`tests/furnace.rs`
+//! small for isotropic facets that reflect everything, and 2 % for anisotropic or clear ones (`tests/it/furnace.rs`
 //! integrates the lobes independently). The mean is 0.03 % and 0.3 %. An anisotropic clear boundary is compensated in
 //! part.
 

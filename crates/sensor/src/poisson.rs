@@ -181,7 +181,7 @@ fn unit(word: u64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The distribution is tested in `tests/poisson.rs`. There the correction terms are too small to be detected.
+    /// The distribution is tested in `tests/it/poisson.rs`. There the correction terms are too small to be detected.
     #[test]
     fn the_factorial_is_exact_on_both_sides_of_its_series() {
         let mut sum = 0.0;

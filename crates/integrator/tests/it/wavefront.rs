@@ -1,0 +1,172 @@
+//! Samples of the wavefront: the same bits with all lanes, in all batches. Single samples in one lane are the reference.
+//!
+//! Replay: `cargo test -p dunkelfeld-integrator --test it wavefront::NAME`.
+
+use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
+use dunkelfeld_integrator::{ConnectionTally, Estimator, LearnedRoulette, PixelSample, Wavefront};
+use dunkelfeld_lanes::InstructionSet;
+use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
+use dunkelfeld_scene::{
+    AlphaMode, Environment, EnvironmentSource, Image, ImageId, Material, PunctualKind, PunctualLight, Scene,
+    SceneBuilder, Surface, Texels, Volume,
+};
+
+const SIZE: u32 = 24;
+
+/// Compares all samples of a scene. Returns the number of paths that samples are split into.
+fn compare(b: SceneBuilder, what: &str) -> u32 {
+    let scene: Scene = b.build().expect("the scene is valid").0;
+    let camera = scene.ray_generator(&scene.cameras()[0], SIZE, SIZE).expect("a camera");
+    let learned = LearnedRoulette::train(&scene, &camera, [SIZE; 2], 3000, |range, batch| range.map(batch).collect());
+    let at: Vec<_> =
+        (0..SIZE * SIZE * 6).map(|k| PixelSample { x: k / 6 % SIZE, y: k / 6 / SIZE, index: 3 * (k % 6) }).collect();
+    for roulette in [None, learned.as_ref()] {
+        let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed: 7, frame: 1, roulette };
+        let (mut reference, mut one) = (Wavefront::new(&estimator, InstructionSet::Scalar), Vec::new());
+        let mut expected_tally = ConnectionTally::default();
+        let single = |at: &PixelSample| {
+            reference.samples(&[*at], &mut expected_tally, &mut one);
+            one[0]
+        };
+        let expected: Vec<_> = at.iter().map(single).collect();
+        assert!(expected.iter().any(|s| !s.radiance.is_black()), "{what} is dark");
+        for set in InstructionSet::all() {
+            let mut wavefront = Wavefront::new(&estimator, set);
+            let (mut found, mut tally) = (Vec::new(), ConnectionTally::default());
+            wavefront.samples(&at, &mut tally, &mut found);
+            assert_eq!(tally, expected_tally, "{what} with {set:?}");
+            for ((at, found), expected) in at.iter().zip(&found).zip(&expected) {
+                assert_eq!(found, expected, "{what}, {at:?}, {set:?}, learned: {}", roulette.is_some());
+            }
+            // Another order and other batches.
+            let some: Vec<_> = at.iter().rev().step_by(5).copied().collect();
+            let of_some: Vec<_> = expected.iter().rev().step_by(5).copied().collect();
+            wavefront.samples(&some, &mut tally, &mut found);
+            assert_eq!(found, of_some, "{what}, a part of the samples, {set:?}");
+        }
+    }
+    learned.map_or(1, |learned| learned.children())
+}
+
+/// A floor of plastic, a smooth ball and a box of metal under a panel.
+fn station() -> SceneBuilder {
+    let mut b = SceneBuilder::default();
+    let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.5, 0.3), roughness: 0.4, ..Material::default() });
+    b.add_object("floor", rectangle(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), floor);
+    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, anisotropy: 0.5, ..Material::default() });
+    b.add_object("box", cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), metal);
+    let coated = b.add_material(Material { clearcoat: 1.0, sheen_color: Rgb::splat(0.5), ..Material::default() });
+    b.add_object("ball", sphere(Vec3::new(0.3, 0.1, 0.3), 0.25, 8, true), coated);
+    panel(&mut b, -0.3, 8.0);
+    b.add_camera("camera", DVec3::new(0.3, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
+    b
+}
+
+fn panel(b: &mut SceneBuilder, x: f32, radiance: f32) {
+    let light = b.add_material(Material { emission: Rgb::splat(radiance), ..Material::default() });
+    b.add_object("light", rectangle(Vec3::new(x, 0.3, 1.0), Vec3::X * 0.6, Vec3::NEG_Y * 0.2), light);
+}
+
+fn sky(b: &mut SceneBuilder) {
+    b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.1)), rotation: 0.0 });
+}
+
+#[test]
+fn opaque_surfaces() {
+    let children = compare(station(), "one light");
+    assert!(children > 1, "samples of plain surfaces are split");
+    let mut b = station();
+    for k in 0..5 {
+        panel(&mut b, -2.0 + 0.7 * k as f32, 3.0);
+    }
+    compare(b, "six lights");
+}
+
+#[test]
+fn lights_of_all_kinds() {
+    let mut b = station();
+    sky(&mut b);
+    for kind in [
+        PunctualKind::Point { intensity: Rgb::splat(0.5) },
+        PunctualKind::Spot { intensity: Rgb::splat(0.5), inner: 0.2, outer: 0.6 },
+        PunctualKind::Sun { irradiance: Rgb::splat(0.5), half_angle: 0.05 },
+        PunctualKind::Directional { irradiance: Rgb::splat(0.5) },
+    ] {
+        let to_world = DAffine3::from_translation(DVec3::new(-0.4, -0.5, 0.6));
+        b.lights.push(PunctualLight { name: "lamp".into(), to_world, kind });
+    }
+    let mut under_an_image = b.clone();
+    compare(b, "lights of all kinds");
+    let texels = (0..32).map(|i| [0.1 * (i % 7) as f32; 3]).collect();
+    under_an_image.images.push(Image {
+        name: "sky".into(),
+        width: 8,
+        height: 4,
+        texels: Texels::RgbF32(texels).into(),
+    });
+    let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
+    under_an_image.environment = Some(Environment { source, rotation: 0.4 });
+    under_an_image.lights.truncate(1);
+    compare(under_an_image, "a point and an image");
+}
+
+#[test]
+fn a_choice_among_many_lights() {
+    let mut b = station();
+    for k in 0..12 {
+        panel(&mut b, -2.0 + 0.3 * k as f32, 1.0 + k as f32);
+    }
+    compare(b, "thirteen lights");
+}
+
+#[test]
+fn glass_and_veils() {
+    let mut b = station();
+    sky(&mut b);
+    let volume = Volume { attenuation_color: Rgb::new(0.9, 0.5, 0.2), attenuation_distance: 0.2, ..Volume::default() };
+    for (x, roughness) in [(0.0, 0.0), (0.6, 0.3)] {
+        let surface = Surface::Solid(volume);
+        let glass = b.add_material(Material { roughness, transmission: 1.0, surface, ..Material::default() });
+        b.add_object("glass", sphere(Vec3::new(x, -0.3, 0.2), 0.15, 8, true), glass);
+    }
+    let sheet = b.add_material(Material { transmission: 0.6, roughness: 0.0, ..Material::default() });
+    b.add_object("sheet", rectangle(Vec3::new(-0.9, -0.8, 0.0), Vec3::X * 0.7, Vec3::Z * 0.5), sheet);
+    let paper = b.add_material(Material { diffuse_transmission: 0.5, ..Material::default() });
+    b.add_object("paper", rectangle(Vec3::new(-0.9, 0.5, 0.0), Vec3::X * 0.7, Vec3::Z * 0.7), paper);
+    compare(b.clone(), "glass");
+    let veil = b.add_material(Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..Material::default() });
+    b.add_object("veil", rectangle(Vec3::new(-2.0, -0.9, 0.0), Vec3::X * 4.0, Vec3::Z * 2.0), veil);
+    compare(b, "a veil");
+}
+
+#[test]
+fn media_and_nested_solids() {
+    let mut b = station();
+    sky(&mut b);
+    let milk = Volume {
+        scattering: Rgb::new(20.0, 30.0, 40.0),
+        absorption: Rgb::new(1.0, 0.5, 2.0),
+        scattering_anisotropy: 0.6,
+        ..Volume::default()
+    };
+    let (outer, inner) = (Surface::Solid(milk), Surface::Solid(Volume { scattering_anisotropy: -0.3, ..milk }));
+    let wax = b.add_material(Material { roughness: 0.2, transmission: 1.0, surface: outer, ..Material::default() });
+    b.add_object("wax", sphere(Vec3::new(0.0, -0.3, 0.25), 0.22, 8, true), wax);
+    let core = b.add_material(Material { ior: 1.3, transmission: 1.0, surface: inner, ..Material::default() });
+    b.add_object("core", cuboid(Vec3::new(-0.1, -0.4, 0.2), Vec3::new(0.1, -0.2, 0.3)), core);
+    compare(b.clone(), "media");
+    for k in 0..12 {
+        panel(&mut b, -2.0 + 0.3 * k as f32, 1.0 + k as f32);
+    }
+    compare(b, "media and many lights");
+}
+
+#[test]
+fn light_through_a_cover() {
+    let mut b = station();
+    let surface = Surface::Solid(Volume::default());
+    let glass = b.add_material(Material { roughness: 0.0, transmission: 1.0, surface, ..Material::default() });
+    b.add_object("plate", cuboid(Vec3::new(-0.9, -0.9, 0.6), Vec3::new(0.9, 0.9, 0.65)), glass);
+    compare(b, "a cover");
+}

@@ -1,0 +1,14 @@
+//! The tests of the crate from outside, in one program: `cargo test -p dunkelfeld-io --test it MODULE::NAME`.
+
+mod checkpoint;
+mod corpus;
+mod gltf;
+mod job;
+mod job_cameras;
+mod job_objects;
+mod meshes;
+mod obj;
+mod obj_corpus;
+mod output_exr;
+mod output_pictures;
+mod sensor_files;

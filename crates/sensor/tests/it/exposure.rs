@@ -1,0 +1,190 @@
+//! Tests of frames against the EMVA 1288 noise model: mean, variance, independence, fixed pattern, clipping,
+//! determinism.
+//!
+//! Seeds are fixed. The stated rates are the probabilities that a correct implementation fails with a random seed.
+
+use crate::support::spec;
+use dunkelfeld_film::Plane;
+use dunkelfeld_radiometry::{DigitalNumber, Electrons, Seconds};
+use dunkelfeld_sensor::{DarkCurrent, Device, Exposure, FixedPattern, FrameKey, SensorError, SensorModel, SensorSpec};
+
+const SIZE: u32 = 256;
+const PIXELS: f64 = (SIZE * SIZE) as f64;
+
+fn device(spec: SensorSpec, seed: u64) -> Device {
+    Device::new(SensorModel::new(spec).expect("valid"), seed, SIZE, SIZE)
+}
+
+fn exposure() -> Exposure {
+    Exposure::new(Seconds(0.02)).expect("valid")
+}
+
+fn flat(electrons: f32) -> Plane<f32> {
+    Plane::new(SIZE, SIZE, electrons)
+}
+
+fn frame(device: &Device, electrons: f32, seed: u64, number: u32) -> Vec<f64> {
+    let key = FrameKey { seed, frame: number };
+    let frame = device.expose(&flat(electrons), exposure(), key).expect("sizes agree");
+    frame.into_vec().into_iter().map(f64::from).collect()
+}
+
+fn moments(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    (mean, values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0))
+}
+
+/// Z-tests at 7 sigma (2.6e-12 each, 1e-10 together). The noise is at least 1 DN, so that rounding adds 1/12 to better
+/// than 1e-8 (Sheppard).
+#[test]
+fn mean_and_variance_follow_the_model() {
+    let device = device(spec(), 1);
+    let model = device.model().clone();
+    let spec = model.spec();
+    for (i, mu) in [0.0f32, 0.5, 3.0, 20.0, 100.0, 700.0, 4000.0, 12_000.0].into_iter().enumerate() {
+        let (mean, variance) = moments(&frame(&device, mu, 11, i as u32));
+        let dark = 2.0; // 100 e-/s for 20 ms
+        let expected_mean = spec.system_gain * (f64::from(mu) + dark) + spec.offset.0;
+        let expected = spec.system_gain.powi(2) * model.temporal_variance(Electrons(f64::from(mu)), exposure().time());
+        // A second computation, so that the test does not depend on that of the model.
+        let by_hand = 0.0625 * (f64::from(mu) + dark + 16.0) + 1.0 / 12.0;
+        assert!((expected / by_hand - 1.0).abs() < 1e-12);
+        let z_mean = (mean - expected_mean) / (expected / PIXELS).sqrt();
+        // Fourth moment of a Poisson number plus normal noise: 3 sigma^4 + K^4 mean.
+        let fourth = 2.0 * expected * expected + 0.25f64.powi(4) * (f64::from(mu) + dark);
+        let z_variance = (variance - expected) / (fourth / PIXELS).sqrt();
+        assert!(z_mean.abs() < 7.0, "{mu} e-: mean {mean}, expected {expected_mean}, z = {z_mean:.2}");
+        assert!(z_variance.abs() < 7.0, "{mu} e-: variance {variance}, expected {expected}, z = {z_variance:.2}");
+    }
+}
+
+/// Sample correlations of 65 536 pairs have a standard deviation of 1/256; 7 sigma is 2.6e-12 for each of the five.
+#[test]
+fn pixels_frames_and_devices_are_independent() {
+    let one = device(spec(), 1);
+    let a = frame(&one, 500.0, 5, 0);
+    let same_key_other_device = frame(&device(spec(), 2), 500.0, 5, 0);
+    let side = SIZE as usize;
+    let cases = [
+        ("right neighbour", correlation(&a, &shifted(&a, 1))),
+        ("lower neighbour", correlation(&a, &shifted(&a, side))),
+        ("next frame", correlation(&a, &frame(&one, 500.0, 5, 1))),
+        ("next seed", correlation(&a, &frame(&one, 500.0, 6, 0))),
+        ("other device", correlation(&a, &same_key_other_device)),
+    ];
+    for (what, r) in cases {
+        assert!(r.abs() < 7.0 / PIXELS.sqrt(), "{what}: correlation {r:.4}");
+    }
+}
+
+fn shifted(values: &[f64], by: usize) -> Vec<f64> {
+    values.iter().cycle().skip(by).take(values.len()).copied().collect()
+}
+
+fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let ((ma, va), (mb, vb)) = (moments(a), moments(b));
+    let covariance = a.iter().zip(b).map(|(x, y)| (x - ma) * (y - mb)).sum::<f64>() / a.len() as f64;
+    covariance / (va * vb).sqrt()
+}
+
+/// DSNU and PRNU from the mean of frames. The spread over 65 536 pixels has a standard error of 0.3 %. The bounds are 7
+/// sigma, and the remaining temporal noise is subtracted.
+#[test]
+fn the_fixed_pattern_has_the_requested_spread_and_stays() {
+    let pattern = FixedPattern { dsnu: Electrons(6.0), prnu: 0.02, ..FixedPattern::default() };
+    let patterned = || device(SensorSpec { fixed_pattern: pattern, ..spec() }, 7);
+    let device = patterned();
+    const FRAMES: u32 = 16;
+    let spatial = |electrons: f32| {
+        let mut sum = vec![0.0; PIXELS as usize];
+        for k in 0..FRAMES {
+            for (s, y) in sum.iter_mut().zip(frame(&device, electrons, 8, k)) {
+                *s += y / f64::from(FRAMES);
+            }
+        }
+        let temporal = 0.0625 * (f64::from(electrons) + 18.0) + 1.0 / 12.0;
+        let (_, variance) = moments(&sum);
+        let tolerance = 7.0 * (2.0 / PIXELS).sqrt() * variance;
+        (variance - temporal / f64::from(FRAMES), tolerance)
+    };
+    let (dark, tolerance) = spatial(0.0);
+    let expected = 0.0625 * 36.0;
+    assert!((dark - expected).abs() < tolerance, "DSNU variance {dark} DN^2, expected {expected}");
+    let (bright, tolerance) = spatial(5000.0);
+    let expected = 0.0625 * (36.0 + (0.02f64 * 5000.0).powi(2));
+    assert!((bright - expected).abs() < tolerance, "PRNU variance {bright} DN^2, expected {expected}");
+    assert_eq!(frame(&device, 500.0, 1, 0), frame(&patterned(), 500.0, 1, 0), "the device seed fixes the pattern");
+}
+
+#[test]
+fn rows_exposed_one_by_one_are_those_of_the_frame() {
+    let device = device(
+        SensorSpec {
+            fixed_pattern: FixedPattern { dsnu: Electrons(2.0), prnu: 0.01, ..FixedPattern::default() },
+            ..spec()
+        },
+        3,
+    );
+    let electrons = Plane::from_fn(SIZE, SIZE, |x, y| (x * y) as f32 * 0.1);
+    let key = FrameKey { seed: 9, frame: 4 };
+    let whole = device.expose(&electrons, exposure(), key).expect("sizes agree");
+    let mut parts = Vec::new();
+    let cuts = [0, 1, 97, 97, 255, 256];
+    for rows in cuts.windows(2) {
+        let mut out = vec![0; ((rows[1] - rows[0]) * SIZE) as usize];
+        device.expose_rows(&electrons, exposure(), key, rows[0]..rows[1], &mut out).expect("sizes agree");
+        parts.extend(out);
+    }
+    assert_eq!(whole.data(), parts);
+}
+
+#[test]
+fn signals_are_clipped_at_the_well_at_the_converter_and_at_zero() {
+    let well = device(SensorSpec { full_well: Electrons(8000.0), ..spec() }, 1);
+    let huge = [20_000.0, 1e9, 1e30, f32::MAX];
+    for electrons in huge {
+        assert!(frame(&well, electrons, 1, 0).iter().all(|y| *y == 2040.0), "{electrons} e-");
+    }
+    let converter = device(SensorSpec { system_gain: 0.5, ..spec() }, 1);
+    assert!(frame(&converter, 1e6, 1, 0).iter().all(|y| *y == 4095.0));
+    let no_offset = device(SensorSpec { offset: DigitalNumber(0.0), ..spec() }, 1);
+    let dark = frame(&no_offset, 0.0, 1, 0);
+    assert!(dark.contains(&0.0) && dark.iter().all(|y| *y < 20.0));
+}
+
+#[test]
+fn without_noise_a_grey_value_is_the_rounded_signal() {
+    let quiet = SensorSpec {
+        dark_noise: Electrons(0.0),
+        dark_current: DarkCurrent { rate: 0.0, ..spec().dark_current },
+        offset: DigitalNumber(12.5),
+        ..spec()
+    };
+    // Without photons there is no noise: 12.5 is rounded once, upwards.
+    assert!(frame(&device(quiet, 1), 0.0, 1, 0).iter().all(|y| *y == 13.0));
+}
+
+#[test]
+fn every_bit_depth_uses_its_range() {
+    for bits in 8..=16 {
+        let top = f64::from((1u32 << bits) - 1);
+        let spec = SensorSpec { bit_depth: bits, system_gain: top / 10_000.0, ..spec() };
+        let values = frame(&device(SensorSpec { offset: DigitalNumber(0.0), ..spec }, 1), 15_000.0, 1, 0);
+        assert!(values.iter().all(|y| *y == top), "{bits} bits");
+    }
+}
+
+#[test]
+fn planes_and_buffers_of_the_wrong_size_are_refused() {
+    let device = device(spec(), 1);
+    let key = FrameKey { seed: 0, frame: 0 };
+    let small = Plane::new(3, 3, 1.0);
+    assert_eq!(device.expose(&small, exposure(), key), Err(SensorError::Size(SIZE, SIZE, 3, 3)));
+    for (rows, length) in [(0..2, 1), (250..260, 2560), (std::ops::Range { start: 5, end: 3 }, 0)] {
+        let got = device.expose_rows(&flat(1.0), exposure(), key, rows.clone(), &mut vec![0; length]);
+        assert!(matches!(got, Err(SensorError::Rows { .. })), "{rows:?}: {got:?}");
+    }
+    let empty = Device::new(SensorModel::new(spec()).expect("valid"), 1, 0, 0);
+    assert!(empty.expose(&Plane::new(0, 0, 0.0), exposure(), key).is_ok());
+}

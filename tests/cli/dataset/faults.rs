@@ -1,0 +1,228 @@
+//! Faults of a study and of a folder that are found before they cost images.
+
+use super::bench::{Bench, STUDY};
+use dunkelfeld::Cancel;
+use dunkelfeld_dataset::{Study, Worker};
+use std::fs;
+use std::sync::Arc;
+
+/// The study with smaller images, and with changes.
+fn changed(changes: &[(&str, &str)]) -> String {
+    let small =
+        STUDY.replace("width = 64", "width = 24").replace("height = 48", "height = 18").replace("spp = 8", "spp = 2");
+    changes.iter().fold(small, |text, (from, to)| {
+        assert!(text.contains(from), "{from}");
+        text.replacen(from, to, 1)
+    })
+}
+
+/// Standard error of a command with an exit code.
+fn message(bench: &Bench, line: &str, code: i32) -> String {
+    let assert = bench.command(line).assert().code(code);
+    String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+}
+
+const SCRATCH: &str = "[[study.defect]]\nkind = \"scratch\"";
+
+#[test]
+fn a_run_that_fails_leaves_the_set_of_another_one() {
+    let size = "size = [{ sequence = [\"20mm\", \"90mm\"], repeat = 2 }, 0, \"90mm\"]";
+    let bench = Bench::new(&changed(&[("size = [\"90mm\", 0, \"90mm\"]", size)]));
+    let study = Arc::new(Study::open(bench.path("study.toml")).expect("a study"));
+    let mut worker = Worker::open(&study, 1).expect("a worker");
+    let failing = "dataset study.toml -o a --count 4 --index 0,1";
+    assert!(message(&bench, failing, 2).contains("finds no place") && !bench.path("a").exists());
+    let set = worker.open_set(&bench.path("a"), Some(4)).expect("a set");
+    // The folder is new for both of them.
+    let second = worker.open_set(&bench.path("a"), Some(4)).expect("a set");
+    second.discard();
+    let claim = set.claim(2).expect("a folder").expect("a claim");
+    let image = worker.make(2, None, &Cancel::new()).expect("an image").expect("whole");
+    set.commit(claim, image).expect("written");
+    set.discard();
+    assert!(bench.path("a/records/000002.json").is_file());
+    // A set in use takes no other study.
+    let held = worker.open_set(&bench.path("b"), Some(4)).expect("a set");
+    fs::write(bench.path("other.toml"), changed(&[("seed = 3", "seed = 4")])).expect("writable");
+    assert!(message(&bench, "dataset other.toml -o b --count 1", 2).contains("in use for another study"));
+    drop(held);
+    bench.run("dataset other.toml -o b --count 1");
+}
+
+#[test]
+fn a_sensor_with_the_name_of_the_study_is_an_input() {
+    let sensor = include_str!("../../../crates/sensor/presets/imx250.toml");
+    let text = changed(&[
+        ("name = \"blocks\"", "name = \"blocks\"\nfolder = \"..\""),
+        ("[sensor]", "[sensor]\nmodel = \"cam.toml\""),
+    ]);
+    let (head, rest) = text.split_once("[study]").expect("a table");
+    let (own, job) = rest.split_once("[camera]").expect("a camera");
+    // Without draws in the job.
+    let job = format!("{head}[camera]{job}")
+        .replace("{ uniform = [\"-5mm\", \"5mm\"] }", "0")
+        .replace("{ log_uniform = [\"6mm\", \"12mm\"] }", "\"8mm\"")
+        .replace("{ expression = \"1.5 * supply\", unit = \"W\" }", "\"1W\"");
+    let of_job = format!("[study]{own}").replace("folder = \"..\"", "folder = \"..\"\njob = \"job.toml\"");
+    for (study, inputs) in [(&text, vec!["cam.toml", "cam.toml"]), (&of_job, vec!["cam.toml", "cam.toml", "job.toml"])]
+    {
+        let bench = Bench::new("");
+        fs::create_dir(bench.path("studies")).expect("free");
+        fs::write(bench.path("job.toml"), &job).expect("writable");
+        fs::write(bench.path("cam.toml"), sensor).expect("writable");
+        fs::write(bench.path("studies/cam.toml"), study).expect("writable");
+        bench.run("dataset studies/cam.toml -o a --count 2 --index 0");
+        let set = bench.json("a/set.json");
+        let found: Vec<&str> =
+            set["inputs"].as_array().expect("a list").iter().map(|i| i["path"].as_str().expect("a path")).collect();
+        assert_eq!(found, inputs);
+        // The study is known by its keys, and the sensor by its content.
+        fs::write(bench.path("studies/cam.toml"), format!("# a comment\n{study}")).expect("writable");
+        fs::write(bench.path("cam.toml"), format!("{sensor}\n# changed\n")).expect("writable");
+        let refused = message(&bench, "dataset studies/cam.toml -o a --count 2", 2);
+        assert!(refused.contains("another \"cam.toml\""), "{refused}");
+        fs::write(bench.path("cam.toml"), sensor).expect("writable");
+        bench.run("dataset studies/cam.toml -o a --count 2");
+    }
+}
+
+#[test]
+fn the_first_camera_that_is_enabled_may_be_telecentric() {
+    let (before, rest) = STUDY.split_once("[camera]").expect("a camera");
+    let (_, after) = rest.split_once("[film]").expect("a film");
+    let camera = |name: &str, rest: &str| {
+        format!("[[camera]]\nname = \"{name}\"\nposition = [0, \"300mm\", \"1mm\"]\nlook_at = [0, 0, 0]\n{rest}\n")
+    };
+    let (own, parallel) =
+        ("vertical_fov = \"25deg\"", "lens = { projection = \"telecentric\", field_height = \"100mm\" }");
+    for (off, on, is_named) in [(parallel, own, false), (own, parallel, true)] {
+        let cameras = camera("a", &format!("{off}\nenabled = false")) + &camera("b", on);
+        let bench = Bench::new(&format!("{before}{cameras}[film]{after}").replace("width = 64", "width = 16"));
+        let warned = message(&bench, "dataset study.toml -o a --count 1", 0);
+        assert_eq!(warned.contains("no entry for images of \"b\""), is_named, "{warned}");
+        assert_eq!(warned.contains("telecentric"), is_named, "{warned}");
+    }
+}
+
+#[test]
+fn each_name_of_a_list_is_that_of_an_object() {
+    let bench = Bench::new("");
+    for (from, to, words) in [
+        ("on = \"plate\"", "on = [\"plate\", \"plat\"]", "no object is called \"plat\""),
+        ("on = \"plate\"", "on = [\"\", \"plate\"]", "no object is called \"\""),
+        ("on = \"plate\"", "on = { choice = [\"plate\", [\"ball\", \"bal\"]] }", "no object is called \"bal\""),
+        ("objects = \"block *\"\ncenter", "objects = [\"block *\", \"bal\"]\ncenter", "no object is called \"bal\""),
+        (
+            "objects = \"block *\"\ncenter",
+            "objects = { sequence = [\"block *\", \"bal\"] }\ncenter",
+            "no object is called \"bal\"",
+        ),
+    ] {
+        fs::write(bench.path("study.toml"), changed(&[(from, to)])).expect("writable");
+        let refused = message(&bench, "dataset study.toml -o a --count 1", 2);
+        let key = if from.starts_with("on") { "[[study.defect]] 1, on" } else { "[[study.place]] 1, objects" };
+        assert!(refused.contains(words) && refused.contains(key), "{to}: {refused}");
+    }
+    fs::write(bench.path("study.toml"), changed(&[("on = \"plate\"", "on = [\"plate\", \"bal*\"]")]))
+        .expect("writable");
+    bench.run("dataset study.toml -o a --count 1");
+}
+
+#[test]
+fn a_missing_file_of_costs_and_files_of_a_killed_run() {
+    let bench = Bench::new(&changed(&[]));
+    bench.run("dataset study.toml -o a --count 2");
+    fs::remove_file(bench.path("a/costs/000001.json")).expect("there");
+    assert!(message(&bench, "dataset --verify a", 1).contains("costs/000001.json does not exist"));
+    // A run that is killed between the files and the record of its first image, and a study that is corrected.
+    bench.run("dataset study.toml -o b --count 6 --index 5");
+    fs::remove_file(bench.path("b/records/000005.json")).expect("there");
+    fs::write(bench.path("b/notes.txt"), "of the user").expect("writable");
+    let jpeg = changed(&[("linear = \"tiff\"\nraw = true", "picture = \"jpeg\""), ("normals = true\n", "")]);
+    fs::write(bench.path("study.toml"), jpeg).expect("writable");
+    bench.run("dataset study.toml -o b --count 6");
+    bench.run("dataset --verify b");
+    assert!(bench.path("b/notes.txt").is_file() && !bench.path("b/images/000005.png").exists());
+    // A set that was empty may shrink.
+    bench.run("dataset study.toml -o c --count 6 --index 5");
+    fs::remove_file(bench.path("c/records/000005.json")).expect("there");
+    bench.run("dataset study.toml -o c --count 1");
+    bench.run("dataset --verify c");
+}
+
+#[test]
+fn an_image_that_the_set_does_not_have_does_not_count() {
+    let bench = Bench::new(&changed(&[("spp = 2", "spp = { sequence = [2, 2, 2, -1] }")]));
+    bench.run("dataset study.toml -o a --count 2");
+    let refused = message(&bench, "dataset study.toml -o a --count 4", 2);
+    assert!(refused.contains("image 3") && refused.contains("-1"), "{refused}");
+}
+
+#[test]
+fn constants_of_defects_are_checked_before_the_first_image() {
+    let bench = Bench::new("");
+    let at = |count: &str, from: &str, to: &str| {
+        changed(&[("count = { integer = [0, 2] }", &format!("count = {count}")), (from, to)])
+    };
+    for (from, to, key) in [
+        ("width = \"2mm\"", "width = \"-2mm\"", "width"),
+        ("depth = \"100um\"", "depth = \"3mm\"", "depth"),
+        ("depth = \"100um\"", "depth = \"100um\"\nroughness = 1.9", "roughness"),
+        ("depth = \"100um\"", "depth = \"100um\"\ncolor = [0, 2, 0]", "color"),
+        ("facing = [0, 1, 0]", "facing = [0, 0, 0]", "facing"),
+    ] {
+        fs::write(bench.path("study.toml"), at("{ sequence = [0, 0, 1] }", from, to)).expect("writable");
+        let refused = message(&bench, "dataset study.toml -o a --count 1", 2);
+        assert!(refused.contains(&format!("[[study.defect]] 1, {key}")), "{to}: {refused}");
+        assert!(!bench.path("a").exists(), "{to}");
+    }
+    // A drawn value may fit the constant ones.
+    fs::write(bench.path("study.toml"), at("{ sequence = [0, 1] }", "width = \"2mm\"", "width = \"20mm\""))
+        .expect("writable");
+    bench.run("dataset study.toml -o a --count 1");
+    // The name of an entry may be that which another one gets.
+    let dust = "[[study.defect]]\nkind = \"dust\"\non = \"plate\"\nlength = \"2mm\"\n";
+    let twice = format!("{dust}{}{dust}", dust.replace("kind", "name = \"dust #3\"\nkind"));
+    let text = changed(&[(SCRATCH, &format!("{twice}{SCRATCH}"))]);
+    fs::write(bench.path("study.toml"), text).expect("writable");
+    let refused = message(&bench, "dataset study.toml -o b --count 1", 2);
+    assert!(refused.contains("the name of this entry is \"dust #3\", as that of entry 2"), "{refused}");
+}
+
+#[test]
+fn an_image_without_a_sensor_has_no_grey_values() {
+    let bench = Bench::new(&changed(&[(
+        "[sensor]\nexposure = \"20ms\"",
+        "[sensor]\nmodel = { sequence = [\"imx250\", \"none\"] }",
+    )]));
+    let named = message(&bench, "dataset study.toml -o a --count 2", 1);
+    assert!(named.contains("study.toml: [study.images] raw: image 1: there is no sensor"), "{named}");
+    assert!(bench.path("a/records/000000.json").is_file() && !bench.path("a/records/000001.json").exists());
+}
+
+/// A link in the folder of a set leads to a file and to a folder of the user: nothing is written there, and a check finds both.
+#[cfg(unix)]
+#[test]
+fn links_in_a_set_are_not_followed() {
+    use std::os::unix::fs::symlink;
+    let bench = Bench::new(&changed(&[]));
+    bench.run("dataset study.toml -o a --count 2");
+    let mine = bench.path("mine");
+    for name in ["images/000001.png", "records/000001.json", "labels", "coco.json"] {
+        let path = bench.path("a").join(name);
+        fs::rename(&path, &mine).expect("moved");
+        symlink(&mine, &path).expect("a link");
+        let before = mine.is_file().then(|| fs::read(&mine).expect("readable"));
+        let found = message(&bench, "dataset --verify a", 1);
+        let is_record = name.starts_with("records");
+        assert!(found.contains(if is_record { "1 of 2 images" } else { "is a symbolic link" }), "{name}: {found}");
+        if !name.starts_with("images") {
+            let refused = message(&bench, "dataset study.toml -o a --count 2", 2);
+            assert!(refused.contains(name) && refused.contains("is a symbolic link"), "{name}: {refused}");
+        }
+        assert_eq!(before, mine.is_file().then(|| fs::read(&mine).expect("readable")));
+        fs::remove_file(&path).expect("a link");
+        fs::rename(&mine, &path).expect("moved back");
+    }
+    bench.run("dataset --verify a");
+}

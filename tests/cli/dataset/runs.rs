@@ -1,0 +1,364 @@
+//! Runs: repeated, grown, killed, shared, refused.
+
+use super::bench::{Bench, PROGRAM, STUDY, assert_same, files};
+use serde_json::Value;
+use std::fs;
+use std::process::{Command as Process, Stdio};
+use std::time::Duration;
+
+#[test]
+fn a_set_has_its_files_and_is_the_same_with_any_number_of_jobs() {
+    let bench = Bench::new(STUDY);
+    bench.run("dataset study.toml -o a --jobs 1 --threads 1");
+    bench.run("dataset study.toml -o b --jobs 3 --threads 2");
+    assert_same(&bench.path("a"), &bench.path("b"));
+    bench.command("dataset --verify a").assert().success();
+
+    let all = files(&bench.path("a"));
+    for name in [
+        "set.json",
+        "study.toml",
+        "coco.json",
+        "records.jsonl",
+        "scene_camera.json",
+        "scene_gt.json",
+        "data.yaml",
+        "images/000005.png",
+        "linear/000005.tif",
+        "raw/000005.raw",
+        "masks/000005.png",
+        "semantic/000005.png",
+        "depth/000005.png",
+        "normals/000005.png",
+        "labels/000005.json",
+        "labels/000005.txt",
+        "records/000005.json",
+    ] {
+        assert!(all.contains_key(name), "{name}");
+    }
+    assert!(!all.keys().any(|name| name.contains("000006") || name.ends_with(".lock")), "{:?}", all.keys());
+    assert_eq!(all["raw/000000.raw"].len(), 64 * 48 * 2);
+
+    // Two images in a row are of one device, and each image has its own frame.
+    let records: Vec<Value> = (0..6).map(|i| bench.json(&format!("a/records/{i:06}.json"))).collect();
+    assert_eq!(records[0]["seed"], records[1]["seed"]);
+    assert_ne!(records[1]["seed"], records[2]["seed"]);
+    assert_eq!(records[4]["frame"], 4);
+    for record in &records {
+        let drawn = record["drawn"].as_object().expect("draws");
+        for name in [
+            "camera.position[0]",
+            "draw.supply",
+            "draw.twice",
+            "light[panel].power",
+            "object[ball].diameter",
+            "defect[scratch].count",
+            "place[block 1].turn",
+        ] {
+            assert!(drawn.contains_key(name), "{name} in {:?}", drawn.keys());
+        }
+        let number = |name: &str| drawn[name].as_f64().expect("a number");
+        assert!((number("draw.twice") - 2.0 * number("draw.supply")).abs() < 1e-12);
+        assert!(record["matched"].as_f64().is_some_and(|share| (0.0..=1.0).contains(&share)));
+        assert_eq!(record["samples"], 8 * 64 * 48);
+    }
+    // Categories are those of the set, whatever an image shows, and instances are counted in each image.
+    let set = bench.json("a/set.json");
+    let names: Vec<&str> =
+        (set["categories"].as_array().expect("a list").iter()).map(|c| c["name"].as_str().expect("a name")).collect();
+    assert_eq!(names, ["block", "ball", "scratch"]);
+    for record in &records {
+        let instances = record["instances"].as_array().expect("instances");
+        for (k, instance) in instances.iter().enumerate() {
+            assert_eq!(instance["id"], k + 1);
+            let category = instance["category"].as_u64().expect("an id") as usize;
+            assert!(instance["name"].as_str().expect("a name").starts_with(names[category - 1]), "{instance}");
+        }
+    }
+}
+
+#[test]
+fn one_image_is_the_same_alone() {
+    let bench = Bench::new(STUDY);
+    bench.run("dataset study.toml -o a");
+    bench.run("dataset study.toml -o b --index 4,1");
+    let (a, b) = (files(&bench.path("a")), files(&bench.path("b")));
+    let of_images: Vec<&String> = b.keys().filter(|name| name.contains('/')).collect();
+    assert!(of_images.iter().all(|name| name.contains("000001") || name.contains("000004")), "{of_images:?}");
+    for name in of_images {
+        assert!(a[name] == b[name], "{name} differs");
+    }
+    // The same command without the index goes on, and the set is that of one run.
+    bench.run("dataset study.toml -o b");
+    assert_same(&bench.path("a"), &bench.path("b"));
+}
+
+#[test]
+fn a_set_grows_and_refuses_another_study() {
+    let bench = Bench::new(STUDY);
+    bench.run("dataset study.toml -o grown --count 2");
+    bench.run("dataset study.toml -o grown --count 4");
+    bench.run("dataset study.toml -o at-once --count 4");
+    assert_same(&bench.path("grown"), &bench.path("at-once"));
+    fs::write(bench.path("other.toml"), STUDY.replace("seed = 3", "seed = 4")).expect("writable");
+    let message = bench.refused("dataset other.toml -o grown --count 4");
+    assert!(message.contains("another study") && message.contains("help:"), "{message}");
+}
+
+#[test]
+fn a_time_for_the_whole_set_replaces_the_budget_of_the_job() {
+    let bench = Bench::new(&STUDY.replace("count = 6", "count = 16"));
+    bench.run("dataset study.toml -o a --time 8s --jobs 2");
+    let samples: Vec<u64> =
+        (0..16).map(|i| bench.json(&format!("a/records/{i:06}.json"))["samples"].as_u64().expect("a number")).collect();
+    // With the budget of the job each image would have as many samples. How many a time gives is up to the machine.
+    assert!(samples.iter().any(|n| *n != 8 * 64 * 48), "{samples:?}");
+    // A time in which not even the scenes are loaded.
+    let assert = bench.command("dataset study.toml -o b --count 6 --time 10ms --jobs 1").assert().success();
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(message.contains("warning: the time budget of 0.0 s was missed by"), "{message}");
+}
+
+#[test]
+fn an_image_whose_draws_do_not_fit_does_not_end_the_set() {
+    let wide = "size = [{ sequence = [\"90mm\", \"90mm\", \"12mm\"] }, 0, \"90mm\"]";
+    let bench = Bench::new(&STUDY.replace("size = [\"90mm\", 0, \"90mm\"]", wide));
+    let assert = bench.command("dataset study.toml -o a --jobs 1").assert().code(1);
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    for words in ["image 2", "image 5", "finds no place", "help:"] {
+        assert!(message.contains(words), "{words} in {message}");
+    }
+    let finished = (0..6).filter(|i| bench.path(&format!("a/records/{i:06}.json")).is_file()).collect::<Vec<_>>();
+    assert_eq!(finished, [0, 1, 3, 4]);
+    // The images that can be made are a set of their own, also after another run.
+    bench.command("dataset study.toml -o a --jobs 1").assert().code(1);
+    assert_eq!(bench.json("a/coco.json")["images"].as_array().map(Vec::len), Some(4));
+    bench.command("dataset --verify a").assert().code(1);
+}
+
+#[test]
+fn images_that_do_not_fit_have_the_same_effect_with_any_number_of_jobs() {
+    let sizes = |sizes: &str| {
+        STUDY.replace("size = [\"90mm\", 0, \"90mm\"]", &format!("size = [{{ sequence = {sizes} }}, 0, \"90mm\"]"))
+    };
+    let bench = Bench::new(&sizes("[\"90mm\", \"12mm\", \"12mm\"]"));
+    for (set, jobs) in [("a", 1), ("b", 4)] {
+        let assert = bench.command(&format!("dataset study.toml -o {set} --jobs {jobs}")).assert().code(1);
+        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        let flagged: Vec<bool> = (0..6).map(|i| message.contains(&format!("image {i}: "))).collect();
+        assert_eq!(flagged, [false, true, true, false, true, true], "{message}");
+    }
+    assert_same(&bench.path("a"), &bench.path("b"));
+    // The first image of an empty set has no room; the others have it.
+    fs::write(bench.path("study.toml"), sizes("[\"12mm\", \"90mm\", \"90mm\"]")).expect("writable");
+    for jobs in [1, 4] {
+        let message = bench.refused(&format!("dataset study.toml -o c --jobs {jobs}"));
+        assert!(message.contains("image 0: ") && !message.contains("image 3: "), "{message}");
+        assert!(!bench.path("c").exists(), "{jobs}");
+    }
+    // An index may be there twice.
+    let assert = bench.command("dataset study.toml -o c --index 1,3,3 --jobs 4").assert().code(1);
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert_eq!(message.matches("image 3: ").count(), 1, "{message}");
+}
+
+#[test]
+fn a_study_that_made_nothing_can_be_corrected() {
+    let small = STUDY.replace("size = [\"90mm\", 0, \"90mm\"]", "size = [\"20mm\", 0, \"20mm\"]");
+    let bench = Bench::new(&small);
+    assert!(bench.refused("dataset study.toml -o a --count 1").contains("finds no place"));
+    assert!(!bench.path("a").exists(), "nothing was made, and nothing was there before");
+    fs::create_dir(bench.path("a")).expect("free");
+    assert!(bench.refused("dataset study.toml -o a --count 1").contains("finds no place"));
+    assert!(bench.path("a/set.json").is_file(), "the folder was there before");
+    fs::write(bench.path("study.toml"), STUDY).expect("writable");
+    bench.run("dataset study.toml -o a --count 1");
+    let written = fs::read_to_string(bench.path("a/study.toml")).expect("a study");
+    assert_eq!(written, format!("# The study of study.toml.\n{STUDY}"));
+    // A set that was edited by hand is refused, and ends.
+    let text = fs::read_to_string(bench.path("a/set.json")).expect("a set");
+    fs::write(bench.path("a/set.json"), text.replace("\"count\":1,", "\"count\":18446744073709551615,"))
+        .expect("writable");
+    assert!(bench.refused("dataset --verify a").contains("count"));
+    assert!(bench.refused("dataset study.toml -o a").contains("count"));
+}
+
+#[test]
+fn sensors_and_their_noise_may_vary() {
+    let drawn = "[sensor]\nexposure = { sequence = [\"20ms\", \"10ms\"] }\nexposure_noise = { sequence = [\"matched\", \"plain\"] }\n\
+        gain = { uniform = [0.5, 2] }\nmodel = { choice = [\"imx250\", \"imx174\"] }";
+    let bench = Bench::new(&STUDY.replace("[sensor]\nexposure = \"20ms\"", drawn));
+    bench.run("dataset study.toml -o a --count 4 --jobs 1");
+    let matched: Vec<bool> =
+        (0..4).map(|i| bench.json(&format!("a/records/{i:06}.json"))["matched"].is_number()).collect();
+    assert_eq!(matched, [true, false, true, false]);
+    bench.run("dataset study.toml -o b --count 4 --index 3,1 --jobs 1");
+    for name in ["images/000001.png", "raw/000003.raw", "records/000003.json"] {
+        assert!(fs::read(bench.path("a").join(name)).ok() == fs::read(bench.path("b").join(name)).ok(), "{name}");
+    }
+}
+
+/// The kill comes at another moment in each run; the result must not depend on it.
+#[test]
+fn a_killed_run_goes_on_and_two_processes_share_a_set() {
+    let bench = Bench::new(&STUDY.replace("count = 6", "count = 12"));
+    bench.run("dataset study.toml -o alone");
+    let start = || {
+        Process::new(PROGRAM)
+            .current_dir(bench.folder.path())
+            .args(["dataset", "study.toml", "-o", "shared", "--jobs", "2", "--progress", "none"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the program starts")
+    };
+    for wait in [150, 400] {
+        let mut child = start();
+        std::thread::sleep(Duration::from_millis(wait));
+        child.kill().expect("it can be killed");
+        child.wait().expect("it ends");
+    }
+    let (mut a, mut b) = (start(), start());
+    assert!(a.wait().expect("it ends").success());
+    assert!(b.wait().expect("it ends").success());
+    assert_same(&bench.path("alone"), &bench.path("shared"));
+    bench.command("dataset --verify shared").assert().success();
+    // One of two dies: the other one makes its images.
+    fs::remove_dir_all(bench.path("shared")).expect("there");
+    let (mut a, mut b) = (start(), start());
+    std::thread::sleep(Duration::from_millis(400));
+    a.kill().expect("it can be killed");
+    a.wait().expect("it ends");
+    assert!(b.wait().expect("it ends").success());
+    assert_same(&bench.path("alone"), &bench.path("shared"));
+}
+
+#[test]
+fn a_check_finds_what_was_changed() {
+    let bench = Bench::new(STUDY);
+    bench.run("dataset study.toml -o a --count 2");
+    let check = || {
+        let assert = bench.command("dataset --verify a").assert().code(1);
+        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+    };
+    let image = bench.path("a/images/000001.png");
+    let before = fs::read(&image).expect("there");
+    fs::write(&image, b"no image").expect("writable");
+    assert!(check().contains("images/000001.png differs from its hash"));
+    fs::remove_file(&image).expect("there");
+    assert!(check().contains("images/000001.png does not exist"));
+    fs::write(&image, before).expect("writable");
+    bench.command("dataset --verify a").assert().success();
+
+    // The annotations against the mask: the record with the hash is changed as well. A mask of another size is not decoded.
+    let mut labels = bench.json("a/labels/000000.json");
+    labels["annotations"][1]["segmentation"]["size"] = serde_json::json!([65_535, 65_537]);
+    let annotation = &mut labels["annotations"][0];
+    annotation["instance"] = Value::from(annotation["instance"].as_u64().expect("an id") + 1);
+    fs::write(bench.path("a/labels/000000.json"), labels.to_string()).expect("writable");
+    let message = check();
+    assert!(message.contains("labels/000000.json differs from its hash"), "{message}");
+    assert_eq!(message.matches("differs from the annotation").count(), 2, "{message}");
+    fs::remove_file(bench.path("a/records/000001.json")).expect("there");
+    assert!(check().contains("flagged: 1 of 2 images are not finished; help:"));
+    // A set of another version: its images are checked, and not compared with what this version makes of them.
+    let text = fs::read_to_string(bench.path("a/set.json")).expect("a set");
+    let program = concat!("dunkelfeld ", env!("CARGO_PKG_VERSION"));
+    fs::write(bench.path("a/set.json"), text.replace(program, "dunkelfeld 0.0.1")).expect("writable");
+    let message = check();
+    assert!(message.contains(&format!("holds a set of dunkelfeld 0.0.1, and this is {program}")), "{message}");
+    assert!(!message.contains("coco.json") && message.contains("labels/000000.json differs"), "{message}");
+    fs::write(bench.path("a/set.json"), text).expect("writable");
+    bench.refused("dataset --verify no-such-folder");
+    fs::write(bench.path("a/set.json"), "{}").expect("writable");
+    assert!(bench.refused("dataset --verify a").contains("set.json"));
+}
+
+#[test]
+fn bad_studies_are_refused_before_anything_is_written() {
+    let bench = Bench::new(STUDY);
+    for (from, to, words) in [
+        ("count = 6", "count = 0", "out of range"),
+        ("seed = 3", "sead = 3", "sead"),
+        ("device = 2", "device = 0", "each"),
+        ("spp = 8", "spp = { uniform = [8, 4] }", "above the upper end"),
+        ("spp = 8", "spp = { draw = \"none\" }", "no draw `none`"),
+        ("spp = 8", "sp = { uniform = [4, 8] }", "unknown key"),
+        ("\"2 * supply\"", "\"2 * twice\"", "depends on itself"),
+        ("\"2 * supply\"", "\"1 / (supply - supply)\"", "inf"),
+        ("[film]", "[output]\nimage = \"a.png\"\n\n[film]", "not for the images of a set"),
+        ("objects = [\"ball\"]", "objects = [\"bal\"]", "no object is called \"bal\""),
+        ("on = \"plate\"", "on = \"plat\"", "no object is called \"plat\""),
+        ("kind = \"scratch\"", "kind = \"scrath\"", "[[study.defect]] 1, kind"),
+        ("kind = \"scratch\"", "kind = \"scrath\"", "did you mean \"scratch\"? The kinds are scratch, dent,"),
+        ("width = \"2mm\"\n", "", "`kind = \"scratch\"` needs the key `width`"),
+        ("on = \"plate\"\n", "", "needs the key `on`"),
+        ("{ uniform = [0.8, 1.2] }", "{ unifrm = [0.8, 1.2] }", "unknown distribution `unifrm`"),
+        ("{ log_uniform = [\"6mm\"", "{ loguniform = [\"6mm\"", "did you mean `log_uniform`?"),
+        ("size = [\"90mm\", 0, \"90mm\"]", "size = [\"20mm\", 0, \"20mm\"]", "finds no place"),
+        ("count = { integer = [0, 2] }", "count = { uniform = [0, 2] }", "not known"),
+        ("count = { integer = [0, 2] }", "count = { draw = \"supply\" }", "in the draw `supply`"),
+        ("count = { integer = [0, 2] }", "count = { expression = \"supply / 9\" }", "number of defects \"scratch\""),
+        ("depth = \"100um\"", "strength = 0.5", "[[study.defect]] 1, strength"),
+        ("{ uniform = [0.8, 1.2] }", "{ uniform = [1.2, 0.8] }", "[study.draw] supply"),
+        ("power = { expression", "pawer = { expression", "pawer"),
+        ("name = \"blocks\"", "name = \"../blocks\"", "not the name of a set"),
+        ("center = [0, 0, 0]", "center = [nan, 0, 0]", "finite"),
+        ("linear = \"tiff\"", "picture = \"none\"\nlinear = \"tiff\"", "[study.labels] yolo"),
+        (
+            "diameter = { log_uniform = [\"6mm\", \"12mm\"] }",
+            "diameter = { log_uniform = [\"6ms\", \"12ms\"] }",
+            "diameter",
+        ),
+    ] {
+        let changed = STUDY.replacen(from, to, 1);
+        assert_ne!(changed, STUDY, "{from}");
+        fs::write(bench.path("bad.toml"), changed).expect("writable");
+        let message = bench.refused("dataset bad.toml -o bad");
+        assert!(
+            message.contains("bad.toml") && message.contains(words) && message.contains("help:"),
+            "{to}: {message}"
+        );
+        let written = bench.path("bad").join("records");
+        let images = fs::read_dir(written).map_or(0, |entries| entries.count());
+        assert_eq!(images, 0, "{to}");
+        let _ = fs::remove_dir_all(bench.path("bad"));
+    }
+    assert!(bench.refused("dataset study.toml -o x --index 6").contains("no image 6"));
+    assert!(bench.refused("dataset study.toml -o x --index -1").contains("write a whole number from 0 to 999999"));
+    assert!(bench.refused("dataset no.toml -o x").contains("no.toml"));
+    fs::create_dir(bench.path("mine")).expect("free");
+    fs::write(bench.path("mine/letter.txt"), "dear").expect("writable");
+    assert!(bench.refused("dataset study.toml -o mine").contains("not empty"));
+    assert!(bench.refused("dataset study.toml -o .").contains("holds"));
+    assert!(bench.refused("dataset study.toml -o study.toml").contains("study.toml"));
+}
+
+/// A long exposure: the run and the page have the share.
+#[test]
+fn a_set_with_saturated_pixels_says_so() {
+    for (exposure, is_bright) in [("1ms", false), ("20ms", true)] {
+        let bench = Bench::new(&STUDY.replace("exposure = \"20ms\"", &format!("exposure = \"{exposure}\"")));
+        let assert = bench.command("dataset study.toml -o a --count 1").assert().success();
+        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        let page = fs::read_to_string(bench.path("a/report.html")).expect("a page");
+        assert_eq!(message.contains("% of the pixels of these images are saturated"), is_bright, "{message}");
+        assert_eq!(page.contains("of the pixels are saturated"), is_bright);
+    }
+}
+
+#[test]
+fn a_run_warns_if_the_noise_of_few_pixels_is_matched() {
+    for (spp, is_low) in [(2, true), (4096, false)] {
+        let small = STUDY.replace("spp = 8", &format!("spp = {spp}")).replace("width = 64", "width = 16");
+        let bench = Bench::new(&small.replace("height = 48", "height = 12"));
+        let assert = bench.command("dataset study.toml -o a --count 1").assert().success();
+        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        let share = bench.json("a/records/000000.json")["matched"].as_f64().expect("a share");
+        assert_eq!(
+            (share < 0.9, message.contains("warning: noise-matched exposure holds for only")),
+            (is_low, is_low),
+            "{share}: {message}"
+        );
+    }
+}

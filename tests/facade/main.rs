@@ -1,0 +1,24 @@
+//! The tests of the engine through its facade, in one program: `cargo test -p dunkelfeld --test it MODULE::NAME`.
+
+mod checkpoints;
+mod covers;
+mod denoising;
+mod docs;
+mod expose;
+mod exposure_noise;
+mod hard_cases;
+mod hidden;
+mod invariants;
+mod job_cameras;
+mod keys;
+mod lens;
+mod lens_image;
+mod light_films;
+mod media;
+mod motion;
+mod outputs;
+mod project;
+mod references;
+mod support;
+mod surfaces;
+mod transport;
