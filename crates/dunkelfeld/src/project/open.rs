@@ -223,7 +223,7 @@ pub(super) fn compile_and(
     let mut inputs = job.map(|job| job.inputs().clone()).unwrap_or_default();
     let (mut settings, outputs) = match job {
         Some(job) => apply_job(job, &mut imported, optics.clone(), &mut inputs)?,
-        None => (RenderSettings::default(), OutputPaths::default()),
+        None => (crate::default_settings(), OutputPaths::default()),
     };
     inputs.extend(&imported.inputs);
     settings.threads = threads;
@@ -279,7 +279,7 @@ fn apply_job(
         .with_spp(job.budget.spp)
         .with_noise(job.budget.noise)
         .with_share(job.budget.share);
-    let settings = RenderSettings::default()
+    let settings = RenderSettings::without_sensor()
         .with_width(width)
         .with_height(height)
         .with_camera(job.camera.selected.clone())
@@ -322,7 +322,7 @@ pub(super) fn film_part(job: &Job, sensor: &SensorChoice) -> Result<Option<FilmP
 
 /// Width and height of the whole film of a job \[pixels\].
 pub(super) fn whole_film(job: &Job, part: Option<FilmPart>) -> [u32; 2] {
-    let defaults = RenderSettings::default();
+    let defaults = RenderSettings::without_sensor();
     let given = [job.film.width.unwrap_or(defaults.width), job.film.height.unwrap_or(defaults.height)];
     part.map_or(given, |part| part.whole)
 }
