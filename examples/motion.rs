@@ -6,7 +6,7 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{
     Camera, Environment, EnvironmentSource, LineScan, Material, Projection, SceneBuilder, Shutter, look_at, shapes,
 };
-use dunkelfeld::{Budget, RenderSettings, SensorChoice, Session, develop_film, render, save_picture};
+use dunkelfeld::{Budget, SensorChoice, Session, default_settings, develop_film, render, save_picture};
 
 /// Film: 256 x 256 pixels of 0.1 mm on the object.
 const SIZE: u32 = 256;
@@ -47,7 +47,7 @@ fn save(shutter: Shutter, path: &str) -> Result<(), dunkelfeld::Error> {
         ..Camera::default()
     });
     let (scene, _) = builder.build()?;
-    let settings = RenderSettings::default()
+    let settings = default_settings()
         .with_width(SIZE)
         .with_height(SIZE)
         .with_sensor(SensorChoice::None)

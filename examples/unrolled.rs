@@ -8,7 +8,7 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Material, SceneBuilder, Surface, Volume, shapes};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
-    Budget, Cancel, Progress, ProgressState, RenderSettings, SensorChoice, Session, develop_film, render,
+    Budget, Cancel, Progress, ProgressState, SensorChoice, Session, default_settings, develop_film, render,
 };
 use std::time::Instant;
 
@@ -67,7 +67,7 @@ fn main() -> Result<(), dunkelfeld::Error> {
 
     // Two seconds; samples go to the pixels in which a real sensor behind an f/8 lens does not hide the noise.
     let sensor = dunkelfeld_io::sensor_file::preset("imx250")?;
-    let settings = RenderSettings::default()
+    let settings = default_settings()
         .with_width(256)
         .with_height(256)
         .with_budget(Budget::default().with_seconds(2.0))

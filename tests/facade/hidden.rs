@@ -44,7 +44,7 @@ fn still_life() -> Scene {
 const SEEDS: u64 = 24;
 
 fn settings(width: u32, height: u32, budget: Budget, seed: u64) -> RenderSettings {
-    RenderSettings::default()
+    dunkelfeld::default_settings()
         .with_width(width)
         .with_height(height)
         .with_budget(budget)

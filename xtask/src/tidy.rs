@@ -3,6 +3,7 @@
 //! The rules are pure functions of texts. This file reads the tracked files and prints the faults.
 
 mod citations;
+mod layers;
 mod paths;
 mod sources;
 
@@ -18,7 +19,10 @@ const MAX_BYTES: u64 = 2 * 1024 * 1024;
 /// A list of all violations, one per line.
 pub(crate) fn run() -> Result<(), String> {
     let root = PathBuf::from(output(Command::new("git").args(["rev-parse", "--show-toplevel"]))?.trim_end());
-    let mut faults = paths::check(&read(&root, "ARCHITECTURE.md")?, |path| root.join(path).exists());
+    let page = read(&root, "ARCHITECTURE.md")?;
+    let mut faults = paths::check(&page, |path| root.join(path).exists());
+    let metadata = ["metadata", "--no-deps", "--format-version", "1"];
+    faults.extend(layers::check(&page, &output(Command::new("cargo").current_dir(&root).args(metadata))?)?);
     let bibliography = read(&root, citations::BIBLIOGRAPHY)?;
     let tracked = output(Command::new("git").arg("-C").arg(&root).args(["ls-files", "-z"]))?;
     let mut files = 0;

@@ -35,7 +35,7 @@ impl FilmPart {
                 ("full", problem, help.to_string())
             })?,
             _ => {
-                let usual = RenderSettings::default();
+                let usual = RenderSettings::without_sensor();
                 [film.width.unwrap_or(usual.width), film.height.unwrap_or(usual.height)]
             }
         };

@@ -109,7 +109,7 @@
 //! use dunkelfeld::geometry::{DAffine3, DVec3, Vec3};
 //! use dunkelfeld::radiometry::Rgb;
 //! use dunkelfeld::scene::{BuildCache, Material, SceneBuilder, shapes};
-//! use dunkelfeld::{Budget, RenderSettings, Session, develop_film, render};
+//! use dunkelfeld::{Budget, Session, default_settings, develop_film, render};
 //! # fn main() -> Result<(), dunkelfeld::Error> {
 //! let mut scene = SceneBuilder::default();
 //! let white = scene.add_material(Material::default());
@@ -117,7 +117,7 @@
 //! let part = scene.add_object("part", shapes::cuboid(Vec3::splat(-0.05), Vec3::splat(0.05)), white);
 //! scene.add_object("lamp", shapes::rectangle(Vec3::new(-0.5, 1.0, -0.5), Vec3::X, Vec3::Z), lamp);
 //! scene.add_camera("above", DVec3::new(0.1, 0.5, 0.3), DVec3::ZERO, 0.5);
-//! let settings = RenderSettings::default().with_width(16).with_height(16).with_budget(Budget::default().with_spp(4.0));
+//! let settings = default_settings().with_width(16).with_height(16).with_budget(Budget::default().with_spp(4.0));
 //! let session = Session::new(settings.threads)?;
 //! // The cache keeps what does not change from build to build.
 //! let mut cache = BuildCache::default();

@@ -25,6 +25,7 @@
 mod black_image;
 mod camera_fit;
 mod commands;
+mod default_settings;
 mod denoising;
 mod expose_options;
 mod exposer;
@@ -57,6 +58,7 @@ pub use commands::denoise::{DenoisePlanes, DenoisedFile, check_denoise_output, d
 pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, OfImage, expose_exr};
 pub use commands::init::{init, init_text};
 pub use commands::merge::{MergeSettings, Merged, merge};
+pub use default_settings::default_settings;
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser, select_denoiser, why_builtin};
 pub use expose_options::{ExposeOptions, expose_image, expose_radiance};
 pub use exposer::{Exposer, FilmVariances, through_lens};

@@ -1,25 +1,24 @@
-//! Reading and writing of files: the only crate that opens files.
+//! Formats of files: scenes, images, jobs and sensors. `dunkelfeld-files` opens and writes the files themselves.
 //!
 //! | folder | contents |
 //! |---|---|
 //! | [`import`] | scenes: glTF, OBJ and MTL, STL, PLY, IES profiles, textures |
-//! | [`formats`] | EXR, PNG, TIFF, JPEG, layers, checkpoints, EMVA 1288 descriptors |
+//! | [`formats`] | EXR, PNG, TIFF, JPEG, layers, EMVA 1288 descriptors |
 //! | [`config`] | jobs and sensors in TOML, quantities with units |
-//! | [`files`] | opening with limits, atomic writing, locks, folders of results |
 
 #![forbid(unsafe_code)]
 
 pub mod config;
-pub mod error;
-pub mod files;
 pub mod formats;
 pub mod import;
-pub mod visible;
+pub mod names;
 
 pub use config::{job, keys, quantity, sensor_file, toml_file};
-pub use error::{ImportWarning, InputError, SourceSpan};
-pub use files::{atomic, input, lock, names, new_folder, private_file, process, results};
-pub use formats::{checkpoint, emva_descriptor, exr, gray, jpeg, layers, picture, png, tiff};
+pub use dunkelfeld_files::{ImportWarning, InputError, SourceSpan};
+pub use dunkelfeld_files::{
+    atomic, checkpoint, error, input, lock, new_folder, private_file, process, results, visible,
+};
+pub use formats::{emva_descriptor, exr, gray, jpeg, layers, picture, png, tiff};
 #[cfg(feature = "gltf")]
 pub use import::gltf;
 #[cfg(feature = "obj")]

@@ -1,7 +1,7 @@
 //! Errors between a scene file and a finished frame.
 
-use dunkelfeld_io::InputError;
-use dunkelfeld_io::visible::visible_line;
+use dunkelfeld_files::InputError;
+use dunkelfeld_files::visible::visible_line;
 use dunkelfeld_scene::{BuildError, CameraError};
 use dunkelfeld_sensor::{SensorError, time_in_words};
 use std::borrow::Cow;

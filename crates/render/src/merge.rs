@@ -9,10 +9,10 @@ use crate::settings::RenderSettings;
 use crate::stage::Stage;
 use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_adaptive::{plan, weights};
+use dunkelfeld_files::InputError;
+use dunkelfeld_files::checkpoint::{CheckpointHead, write_checkpoint};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::LaneUse;
-use dunkelfeld_io::InputError;
-use dunkelfeld_io::checkpoint::{CheckpointHead, write_checkpoint};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 

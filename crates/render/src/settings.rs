@@ -10,7 +10,6 @@ use derive_setters::Setters;
 use dunkelfeld_adaptive::required_samples::HIDDEN_SHARE;
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_film::{FilmLayers, Plane};
-use dunkelfeld_io::job::{DEFAULT_SENSOR, LensSettings};
 use dunkelfeld_scene::{Camera, Effect};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Readout, SensorModel};
 use serde::{Deserialize, Serialize};
@@ -160,21 +159,9 @@ pub struct RenderSettings {
     pub without: Vec<Effect>,
 }
 
-impl Default for SensorChoice {
-    /// The sensor [`DEFAULT_SENSOR`](dunkelfeld_io::job::DEFAULT_SENSOR) behind the default lens, with automatic exposure.
-    fn default() -> Self {
-        let model = dunkelfeld_io::sensor_file::preset(DEFAULT_SENSOR);
-        let optics = Optics::new(DEFAULT_F_NUMBER, LensSettings::default().transmission, 0.0);
-        match (model, optics) {
-            (Ok(model), Ok(optics)) => Self::Emva { model: Box::new(model), optics, exposure: None },
-            // A test excludes it.
-            _ => Self::None,
-        }
-    }
-}
-
 impl RenderSettings {
-    /// The default settings without a sensor.
+    /// The settings of a scene file that is opened without a job, but without its sensor: 512 x 512 pixels, [`DEFAULT_SPP`]
+    /// samples.
     pub fn without_sensor() -> Self {
         Self {
             width: 512,
@@ -286,14 +273,6 @@ impl RenderSettings {
     }
 }
 
-impl Default for RenderSettings {
-    /// 512 x 512 pixels, [`DEFAULT_SPP`] samples, the default sensor: the settings of a scene file that is opened without a
-    /// job.
-    fn default() -> Self {
-        Self { sensor: SensorChoice::default(), ..Self::without_sensor() }
-    }
-}
-
 fn mean_of(plan: &Plane<u32>) -> f64 {
     plan.data().iter().map(|&n| f64::from(n)).sum::<f64>() / plan.data().len().max(1) as f64
 }
@@ -303,17 +282,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_default_has_the_default_sensor() {
-        let SensorChoice::Emva { model, exposure, .. } = RenderSettings::default().sensor else { panic!("no sensor") };
-        assert!(model.spec().name.contains("IMX250"), "{}", model.spec().name);
-        assert_eq!(exposure, None);
-        assert!(!RenderSettings::without_sensor().has_sensor());
-    }
-
-    #[test]
     fn the_number_of_training_paths_follows_from_the_size_of_the_film() {
         let of = |side: u32, change: fn(RenderSettings) -> RenderSettings| {
-            change(RenderSettings { width: side, height: side, ..RenderSettings::default() }).training_paths()
+            change(RenderSettings { width: side, height: side, ..RenderSettings::without_sensor() }).training_paths()
         };
         assert_eq!([127, 128, 256, 512, MAX_SIDE].map(|side| of(side, |s| s)), [0, 1024, 4096, 8192, 8192]);
         fn limit(s: RenderSettings, seconds: f64) -> RenderSettings {
@@ -334,7 +305,7 @@ mod tests {
     #[test]
     fn samples_are_those_of_the_budget_or_of_the_plan() {
         let spp = |change: fn(&mut RenderSettings)| {
-            let mut settings = RenderSettings { width: 2, height: 1, ..RenderSettings::default() };
+            let mut settings = RenderSettings { width: 2, height: 1, ..RenderSettings::without_sensor() };
             change(&mut settings);
             settings.expected_spp()
         };

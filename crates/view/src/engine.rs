@@ -480,7 +480,7 @@ pub(crate) fn open_exr(path: &Path) -> Result<ExrImage, Error> {
 /// Shows an EXR of any renderer.
 pub(crate) fn show_exr(shared: &Arc<Shared>, image: ExrImage, options: &ExposeOptions) -> Result<(), Error> {
     let mean = image.radiance();
-    let mut settings = RenderSettings::default();
+    let mut settings = dunkelfeld::default_settings();
     (settings.width, settings.height) = (mean.width(), mean.height());
     let model = Box::new(image.sensor().cloned().map_or_else(|| find_sensor(DEFAULT_SENSOR), Ok)?);
     let (optics, sources) = image.lens(&options.settings()?);

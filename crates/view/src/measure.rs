@@ -275,7 +275,7 @@ mod tests {
     use dunkelfeld::sensor::{
         BayerPattern, ColorFilter, DarkCurrent, Efficiency, QuantumEfficiency, SensorModel, SensorSpec,
     };
-    use dunkelfeld::{ExposeSettings, RenderSettings, RenderedFilm, SensorChoice, Session, find_sensor};
+    use dunkelfeld::{ExposeSettings, RenderedFilm, SensorChoice, Session, find_sensor};
     use std::sync::Arc;
 
     const SIZE: [u32; 2] = [256, 400];
@@ -309,7 +309,7 @@ mod tests {
         film.add_rows(0, &sums).expect("memory");
         let optics = ExposeSettings::new(model.clone()).expect("a sensor").optics;
         let sensor = SensorChoice::Emva { model: Box::new(model), optics, exposure: None };
-        let mut settings = RenderSettings::default();
+        let mut settings = dunkelfeld::default_settings();
         (settings.width, settings.height, settings.sensor) = (width, height, sensor);
         let scene = PictureScene { sensors: Sensors::new(&settings.sensor), ..PictureScene::default() };
         let film = RenderedFilm::without_ids(film);

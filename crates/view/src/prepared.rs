@@ -145,13 +145,13 @@ mod tests {
     use super::*;
     use crate::protocol::Noise;
     use crate::snapshot::{Content, PictureScene};
+    use dunkelfeld::RenderedFilm;
     use dunkelfeld::film::Film;
-    use dunkelfeld::{RenderSettings, RenderedFilm};
 
     fn picture(scene: u64, film: u64) -> Snapshot {
         let content = Content::Film(RenderedFilm::without_ids(Film::new(2, 1)));
         let scene = Arc::new(PictureScene { number: scene, ..PictureScene::default() });
-        Snapshot::new(film, content, (RenderSettings::default(), false), scene, 0.0, None)
+        Snapshot::new(film, content, (dunkelfeld::default_settings(), false), scene, 0.0, None)
     }
 
     fn means(value: f32) -> Arc<Means> {

@@ -91,7 +91,7 @@ mod tests {
     use crate::snapshot::{Content, PictureScene};
     use dunkelfeld::film::{Accumulate, Film, PixelSums, Sample};
     use dunkelfeld::radiometry::Rgb;
-    use dunkelfeld::{ExposeSettings, RenderSettings, RenderedFilm, SensorChoice, find_sensor};
+    use dunkelfeld::{ExposeSettings, RenderedFilm, SensorChoice, find_sensor};
 
     const SIZE: [u32; 2] = [64, 48];
 
@@ -109,7 +109,7 @@ mod tests {
         let model = find_sensor("imx250").expect("a preset");
         let optics = ExposeSettings::new(model.clone()).expect("a sensor").optics;
         let sensor = SensorChoice::Emva { model: Box::new(model), optics, exposure: None };
-        let mut settings = RenderSettings::default();
+        let mut settings = dunkelfeld::default_settings();
         (settings.width, settings.height, settings.sensor) = (SIZE[0], SIZE[1], sensor);
         let scene = PictureScene { sensors: Sensors::new(&settings.sensor), ..PictureScene::default() };
         let content = Content::Film(RenderedFilm::without_ids(film));

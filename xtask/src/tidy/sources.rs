@@ -2,8 +2,7 @@
 
 /// The modules that open files: the door for those that are read; the writer, which opens folders to sync them and leftovers
 /// to lock them; the lock files.
-const MAY_OPEN: [&str; 3] =
-    ["crates/io/src/files/input.rs", "crates/io/src/files/partial.rs", "crates/io/src/files/lock.rs"];
+const MAY_OPEN: [&str; 3] = ["crates/files/src/input.rs", "crates/files/src/partial.rs", "crates/files/src/lock.rs"];
 
 /// The calls that open a file to read it.
 const OPENERS: [&str; 6] =
@@ -60,8 +59,7 @@ mod tests {
         assert_eq!(check("crates/io/src/formats/exr.rs", bare).len(), 1);
         assert_eq!(check("crates/dunkelfeld/src/a.rs", "//! X.\nuse std::fs::{read, write};\n").len(), 1);
         assert_eq!(check("crates/io/src/a.rs", "//! X.\nfn f() { fs::File::open(p); fs::read_dir(p); }\n").len(), 1);
-        for elsewhere in
-            ["crates/io/src/files/input.rs", "crates/io/tests/a.rs", "tests/a.rs", "crates/testkit/src/a.rs"]
+        for elsewhere in ["crates/files/src/input.rs", "crates/io/tests/a.rs", "tests/a.rs", "crates/testkit/src/a.rs"]
         {
             assert!(check(elsewhere, bare).is_empty(), "{elsewhere}");
         }

@@ -1,5 +1,6 @@
 //! `expose`: converts an EXR of ours or of another renderer to frames of a camera.
 
+use crate::default_settings::default_optics;
 use crate::exposer::Exposer;
 use crate::exr_image::{ExrImage, LensSource};
 use crate::frame::Picture;
@@ -10,8 +11,7 @@ use crate::views::with_number;
 use derive_setters::Setters;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::input::{InputFiles, Role, files_in};
-use dunkelfeld_io::job::LensSettings;
-use dunkelfeld_render::{DEFAULT_F_NUMBER, Error, RenderSettings, SensorChoice, Session, Stage, written};
+use dunkelfeld_render::{Error, RenderSettings, SensorChoice, Session, Stage, written};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Readout, SensorModel};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -212,7 +212,7 @@ impl ExposeSettings {
     pub fn new(model: SensorModel) -> Result<Self, Error> {
         Ok(Self {
             model,
-            optics: Optics::new(DEFAULT_F_NUMBER, LensSettings::default().transmission, 0.0)?,
+            optics: default_optics()?,
             of_image: OfImage { sensor: false, lens: [true; 3], blur: [true; 2] },
             vignetting: None,
             readout: Readout::default(),

@@ -346,7 +346,7 @@ mod tests {
     #[test]
     fn kept_films_are_added() {
         let scene = SceneSummary::default();
-        let settings = RenderSettings::default();
+        let settings = crate::default_settings();
         let outputs = OutputPaths::default();
         let kept = |kept: KeptFilms| {
             let needs =

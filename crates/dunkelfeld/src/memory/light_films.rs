@@ -67,7 +67,7 @@ mod tests {
     fn the_memory_grows_by_a_film_with_its_copies_for_each_light() {
         let scene =
             SceneSummary { memory_bytes: 1 << 30, texture_bytes: 1 << 20, own_bytes: 1000, ..Default::default() };
-        let settings = RenderSettings::default().with_width(1000).with_height(1000);
+        let settings = crate::default_settings().with_width(1000).with_height(1000);
         let peak = |lights| {
             let needs = LightFilmsNeeds { scene: &scene, description: 500, settings: &settings, lights, threads: 2 };
             let (held, account) = light_films_account(needs);

@@ -279,7 +279,7 @@ pub(super) fn resolve(job: &Job, given: Option<GivenSensor>, mut inputs: InputFi
         .with_share(job.budget.share);
     // The data of this strategy are those of a sensor.
     let strategy = job.allocate.strategy.filter(|s| has_sensor || job.sensor.expose || *s != Strategy::Sensor);
-    let settings = RenderSettings::default()
+    let settings = RenderSettings::without_sensor()
         .with_width(job.size[0].unwrap_or(width))
         .with_height(job.size[1].unwrap_or(height))
         .with_camera(job.camera.selected.clone())
@@ -310,7 +310,7 @@ pub(super) fn film_part(job: &Job, sensor: &SensorChoice) -> Result<Option<FilmP
 
 /// Width and height of the whole film of a job \[pixels\].
 pub(super) fn whole_film(job: &Job, part: Option<FilmPart>) -> [u32; 2] {
-    let defaults = RenderSettings::default();
+    let defaults = RenderSettings::without_sensor();
     let given = [job.film.width.unwrap_or(defaults.width), job.film.height.unwrap_or(defaults.height)];
     part.map_or(given, |part| part.whole)
 }

@@ -1,6 +1,5 @@
-//! File formats of images, layers, checkpoints and data sets.
+//! File formats of images, layers and data sets.
 
-pub mod checkpoint;
 pub mod emva_descriptor;
 pub mod exr;
 pub mod gray;

@@ -1,7 +1,7 @@
 //! The tests of the crate from outside, in one program: `cargo test -p dunkelfeld-io --test it MODULE::NAME`.
 
-mod checkpoint;
 mod corpus;
+mod faults;
 mod gltf;
 mod job;
 mod job_cameras;

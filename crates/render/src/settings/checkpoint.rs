@@ -2,7 +2,7 @@
 
 use crate::error::{Error, written};
 use derive_setters::Setters;
-use dunkelfeld_io::lock::TargetLock;
+use dunkelfeld_files::lock::TargetLock;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ pub struct CheckpointSettings {
 /// # Errors
 /// Another process holds it, or the file cannot be written.
 pub fn lock(path: &Path) -> Result<TargetLock, Error> {
-    written(path, dunkelfeld_io::atomic::check_writable(path))?;
+    written(path, dunkelfeld_files::atomic::check_writable(path))?;
     Ok(TargetLock::acquire(path)?)
 }
 

@@ -6,7 +6,7 @@ use dunkelfeld::RenderSettings;
 use dunkelfeld::written;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::InputError;
-use dunkelfeld_io::exr::{Channel, ExrLayers};
+use dunkelfeld_io::exr::{Channel, ExrLayers, read_exr, write_exr};
 use dunkelfeld_io::results::ResultsFolder;
 use dunkelfeld_render::RenderKey;
 use dunkelfeld_sampling::hash_u64;
@@ -110,7 +110,7 @@ impl Kept {
     /// Stores a finished render: the image first, then the record, which marks it as finished.
     pub(crate) fn keep<R: Serialize>(&self, name: &str, record: &R, layers: ExrLayers) -> Result<(), Error> {
         let image = format!("{name}.exr");
-        written(&self.folder.file(&image), self.folder.write_layers(&image, layers))?;
+        written(&self.folder.file(&image), write_exr(&self.folder.file(&image), layers))?;
         self.write_json(&format!("{name}.json"), record)
     }
 
@@ -131,7 +131,7 @@ impl Kept {
     pub(crate) fn layers(&self, name: &str) -> Result<ExrLayers, Error> {
         let image = format!("{name}.exr");
         let damaged = |e: InputError| InputError { help: DAMAGED.into(), ..e };
-        let layers = self.folder.read_layers(&image).map_err(damaged)?;
+        let layers = read_exr(&self.folder.file(&image)).map_err(damaged)?;
         match self.size.get() {
             Some(&[width, height]) if (layers.width, layers.height) != (width, height) => {
                 let problem = format!(

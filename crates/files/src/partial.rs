@@ -4,7 +4,7 @@
 //! random digits for the process and eight random characters for the write. No two writes share one. A file is locked
 //! as long as its process writes it, so that a partial file without a lock is a leftover.
 
-use crate::files::faults::{Operation, retry};
+use crate::faults::{Operation, retry};
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, OpenOptions};
 use std::io;

@@ -8,9 +8,9 @@ use tempfile::TempDir;
 
 use crate::atomic::{cause, write_atomically};
 use crate::error::InputError;
-use crate::files::faults::{Operation, retry};
-use crate::files::partial::{folder_of, new_folder, sync_folder};
+use crate::faults::{Operation, retry};
 use crate::lock::TargetLock;
+use crate::partial::{folder_of, new_folder, sync_folder};
 
 /// A folder during writing. If it is dropped before the end, no file remains. Its target is locked meanwhile.
 #[derive(Debug)]

@@ -1,17 +1,17 @@
-//! Tests every writer of this crate on a disk that fails, operation by operation. The target is the complete old file
+//! Tests every writer of files on a disk that fails, operation by operation. The target is the complete old file
 //! or the complete new one. No other file remains. The error contains file, cause and help.
 
-use crate::checkpoint::{CheckpointHead, write_checkpoint};
-use crate::emva_descriptor::{EmvaDescriptor, FrameBlock, write_descriptor};
-use crate::exr::{Channel, ExrLayers, write_exr};
-use crate::files::faults::{Fault, Operation, with_fault};
-use crate::new_folder::NewFolder;
-use crate::picture::Picture;
-use crate::png::write_png;
-use crate::results::ResultsFolder;
-use crate::tiff::write_tiff;
-use crate::{atomic, error::InputError};
+use dunkelfeld_files::faults::{Fault, Operation, with_fault};
 use dunkelfeld_film::{Accumulate, PixelSums, Plane, Sample};
+use dunkelfeld_io::checkpoint::{CheckpointHead, write_checkpoint};
+use dunkelfeld_io::emva_descriptor::{EmvaDescriptor, FrameBlock, write_descriptor};
+use dunkelfeld_io::exr::{Channel, ExrLayers, write_exr};
+use dunkelfeld_io::new_folder::NewFolder;
+use dunkelfeld_io::picture::Picture;
+use dunkelfeld_io::png::write_png;
+use dunkelfeld_io::results::ResultsFolder;
+use dunkelfeld_io::tiff::write_tiff;
+use dunkelfeld_io::{InputError, atomic};
 use dunkelfeld_radiometry::Rgb;
 use std::collections::BTreeMap;
 use std::fs;
@@ -223,7 +223,7 @@ fn a_folder_of_results_has_whole_files_only_whatever_fails() {
         let results = ResultsFolder::open(&folder.join("units")).map_err(|e| e.to_string())?;
         let channels = vec![("R".into(), Channel::F32(vec![0.5; 4]))];
         let layers = ExrLayers { width: 2, height: 2, channels, attributes: String::new(), frame: None };
-        results.write_layers("1.exr", layers).map_err(|e| e.to_string())?;
+        write_exr(&results.file("1.exr"), layers).map_err(|e| e.to_string())?;
         results.write_text("1.json", "{\"seed\": 1}").map_err(|e| e.to_string())
     };
     let whole = home();

@@ -9,8 +9,8 @@
 
 use crate::atomic::cause;
 use crate::error::InputError;
-use crate::files::faults::{Operation, retry};
-use crate::files::partial::{folder_of, is_at, resolved};
+use crate::faults::{Operation, retry};
+use crate::partial::{folder_of, is_at, resolved};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -287,7 +287,7 @@ fn host() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::faults::{Fault, with_fault};
+    use crate::faults::{Fault, with_fault};
 
     fn home() -> (tempfile::TempDir, PathBuf) {
         let home = tempfile::tempdir().expect("a temporary folder");

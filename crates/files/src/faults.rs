@@ -7,7 +7,7 @@ use std::io;
 
 /// An operation of the file system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Operation {
+pub enum Operation {
     /// Creation of a file or folder under the partial name.
     Create,
     /// The advisory lock of a file.
@@ -32,21 +32,23 @@ pub(crate) fn retry<T>(operation: Operation, mut run: impl FnMut() -> io::Result
     }
 }
 
-#[cfg(not(test))]
+#[cfg(not(any(test, feature = "faults")))]
 fn before(_: Operation) -> io::Result<()> {
     Ok(())
 }
 
 /// Number of bytes that a write of `bytes` bytes writes at a time.
-#[cfg(not(test))]
+#[cfg(not(any(test, feature = "faults")))]
 pub(crate) fn most(bytes: usize) -> usize {
     bytes
 }
 
-#[cfg(test)]
-pub(crate) use plan::{Fault, before, most, with_fault};
+#[cfg(any(test, feature = "faults"))]
+pub use plan::{Fault, with_fault};
+#[cfg(any(test, feature = "faults"))]
+pub(crate) use plan::{before, most};
 
-#[cfg(test)]
+#[cfg(any(test, feature = "faults"))]
 mod plan {
     use super::Operation;
     use std::cell::RefCell;
@@ -54,7 +56,7 @@ mod plan {
 
     /// The fault of an operation.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    pub(crate) enum Fault {
+    pub enum Fault {
         /// This operating-system error, once.
         Once(i32),
         /// This error for this and every later operation of the same kind, as on a full disk.
@@ -81,7 +83,7 @@ mod plan {
     }
 
     /// Runs `work` on this thread with a fault at operation number `at` of these kinds. Did the fault occur?
-    pub(crate) fn with_fault<T>(
+    pub fn with_fault<T>(
         fault: Fault,
         kinds: &[Operation],
         at: usize,

@@ -1,12 +1,12 @@
 //! Checkpoint files: a written file is read again with the same bits, and a cut or changed file is refused with a message.
 //!
-//! Replay: `cargo test -p dunkelfeld-io --test it checkpoint::NAME`.
+//! Replay: `cargo test -p dunkelfeld-files --test checkpoint NAME`.
 
-use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane, Sample};
-use dunkelfeld_io::InputError;
-use dunkelfeld_io::checkpoint::{
+use dunkelfeld_files::InputError;
+use dunkelfeld_files::checkpoint::{
     CHECKPOINT_VERSION, Checkpoint, CheckpointHead, PIXEL_BYTES, read_checkpoint, write_checkpoint,
 };
+use dunkelfeld_film::{Accumulate, Film, PixelSums, Plane, Sample};
 use dunkelfeld_radiometry::Rgb;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,4 @@
-//! A folder of results that grows during a long measurement: texts and images. Each file is written completely or not
-//! at all.
+//! A folder of results that grows during a long measurement. Each file is written completely or not at all.
 
 use std::fs;
 use std::io::{self, ErrorKind, Write};
@@ -7,11 +6,10 @@ use std::path::{Path, PathBuf};
 
 use crate::atomic::{cause, write_atomically};
 use crate::error::InputError;
-use crate::exr::{ExrLayers, read_exr, write_exr};
-use crate::files::faults::{Operation, retry};
-use crate::files::partial::{folder_of, is_partial, remove_leftovers_in};
+use crate::faults::{Operation, retry};
 use crate::input::{InputFiles, ReadFault, Role};
 use crate::lock::TargetLock;
+use crate::partial::{folder_of, is_partial, remove_leftovers_in};
 
 /// The longest text of a result \[bytes\].
 const MAX_TEXT: u64 = 256 << 20;
@@ -82,22 +80,6 @@ impl ResultsFolder {
     /// Those of the file system.
     pub fn write_text(&self, name: &str, text: &str) -> io::Result<()> {
         write_atomically(&self.file(name), |w| w.write_all(text.as_bytes()))
-    }
-
-    /// The layers of an image file.
-    ///
-    /// # Errors
-    /// The file is not there or is no EXR.
-    pub fn read_layers(&self, name: &str) -> Result<ExrLayers, InputError> {
-        read_exr(&self.file(name))
-    }
-
-    /// Writes an image file.
-    ///
-    /// # Errors
-    /// Those of the file system, or of the limits of EXR.
-    pub fn write_layers(&self, name: &str, layers: ExrLayers) -> io::Result<()> {
-        write_exr(&self.file(name), layers)
     }
 
     /// Removes the folder with its content, and opens it again, empty.

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use tempfile::{NamedTempFile, TempPath};
 
-use crate::files::faults::{self, Operation, retry};
-use crate::files::partial::{folder_of, new_file, new_folder, resolved, sync_folder};
+use crate::faults::{self, Operation, retry};
+use crate::partial::{folder_of, new_file, new_folder, resolved, sync_folder};
 
 /// Writes a file. Readers read either the complete old contents or the complete new ones, also after a crash.
 ///

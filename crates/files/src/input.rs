@@ -6,8 +6,8 @@
 //! replaces it later.
 
 use crate::error::InputError;
-use crate::files::partial::resolved;
-pub use crate::files::role::Role;
+use crate::partial::resolved;
+pub use crate::role::Role;
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -367,7 +367,7 @@ fn regular(metadata: &Metadata) -> Result<(), ReadFault> {
 }
 
 /// The kind of a file that is not regular. `None` for regular ones.
-pub(crate) fn other_kind(metadata: &Metadata) -> Option<&'static str> {
+pub fn other_kind(metadata: &Metadata) -> Option<&'static str> {
     if metadata.is_file() {
         return None;
     }
