@@ -111,7 +111,7 @@ fn progress_as_json_leaves_nothing_else_on_standard_error() {
     assert!(lines.iter().filter(|e| e["event"] == "progress").all(|e| e["stage"].is_string()));
     let names: Vec<Value> = with(&lines, "camera").into_iter().map(|e| e["name"].clone()).collect();
     assert_eq!(names, ["left", "right"]);
-    let note = with(&lines, "note")[0]["message"].to_string();
+    let note = with(&lines, "warning")[0]["message"].to_string();
     assert!(note.contains("5 is 5 s") && note.contains("5ms"), "{note}");
     let error = &with(&of("render bad.toml", 2), "error")[0];
     assert!(error["message"].as_str().is_some_and(|m| m.contains("lacks a unit")), "{error}");
@@ -138,7 +138,7 @@ fn the_summary_leads_with_the_image_and_the_next_step() {
     let advice = lines[2].contains("to hide it: more time") && lines[2].contains("--denoise auto");
     assert!(hidden != advice, "{lines:?}");
     let run = bench.run("render scene.gltf --width 4 --height 4 --spp 1 --exposure 5 -o b.png").code(0);
-    assert!(stderr(&run).contains("note: --exposure 5 is 5 s; write 5ms"), "{}", stderr(&run));
+    assert!(stderr(&run).contains("exposure: 5 is 5 s; write"), "{}", stderr(&run));
     let run = bench.run("render scene.gltf --sensor none --width 4 --height 4 --spp 1 -o c.png").code(0);
     assert!(stdout(&run).starts_with("c.png: no sensor"), "{}", stdout(&run));
 }

@@ -289,7 +289,7 @@ fn images_that_cannot_be_exposed_are_refused_without_output() {
         ("nowhere.exr", &["nowhere.exr", "help:"]),
         ("text.exr", &["text.exr", "help:"]),
         ("ramp.exr --sensor imx999", &["imx999", "imx250"]),
-        ("ramp.exr --sensor none", &["none", "imx250"]),
+        ("ramp.exr --sensor none", &["no sensor", "imx250"]),
         ("ramp.exr --exposure 0s", &["--exposure"]),
         ("ramp.exr --f-number 0.1", &["--f-number", "0.1", "from 0.5 to 1000", "help:"]),
         ("ramp.exr --transmission -1", &["--transmission", "-1", "help:"]),

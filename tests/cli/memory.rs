@@ -75,8 +75,8 @@ fn a_render_beyond_its_limit_does_not_begin() {
     }
     for (line, part) in [
         ("render scene.gltf --memory 6", "lacks a unit"),
-        ("render scene.gltf --memory 0GB", "above zero"),
-        ("render scene.gltf --memory=-1GB", "above zero"),
+        ("render scene.gltf --memory 0GB", "out of range"),
+        ("render scene.gltf --memory=-1GB", "out of range"),
         ("render scene.gltf --memory 6parsecs", "unknown unit"),
         ("render bad.toml", "[budget] memory"),
         ("render none.toml", "[budget] memory"),

@@ -163,7 +163,7 @@ fn messages_name_the_cause_and_what_helps() {
     let cases: [(&str, &[&str]); 21] = [
         ("render scene.gltf --width 32768 --height 32768", &["film", "make it smaller", "has all of its pixels"]),
         ("render short.toml", &["short.toml", "[sensor] exposure", "1e-308 s is out of range", "3 | exposure", "5ms"]),
-        ("render scene.gltf --exposure 1e-308s", &["--exposure", "exposure is 1e-308"]),
+        ("render scene.gltf --exposure 1e-308s", &["--exposure", "1e-308 s is out of range"]),
         ("render gone.toml", &["gone.toml", "scene", "nowhere.glb", "2 | scene = \"nowhere.glb\"", "^^^", "help:"]),
         ("render model.toml", &["model.toml", "[sensor] model", "imx251", "no preset", "3 | model = ", "^^^", "help:"]),
         ("render file.toml", &["file.toml", "[sensor] model", "no-sensor.toml", "3 | model = ", "help:"]),

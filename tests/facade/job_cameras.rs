@@ -4,7 +4,7 @@
 
 use dunkelfeld::geometry::DVec3;
 use dunkelfeld::scene::RayGenerator;
-use dunkelfeld::{Error, Project, RenderSettings, SensorChoice, find_sensor};
+use dunkelfeld::{Error, Project, RenderOptions, RenderSettings, SensorChoice};
 use std::fs;
 use tempfile::TempDir;
 
@@ -124,9 +124,8 @@ fn a_full_film_has_the_resolution_of_its_sensor() {
     let bench = Bench::new();
     let mut project = bench.open("[film]\nfull = true\n");
     assert_eq!((project.settings.width, project.settings.height), (2448, 2048));
-    let SensorChoice::Emva { model, .. } = &mut project.settings.sensor else { panic!("no sensor") };
-    **model = find_sensor("imx174").expect("a preset");
-    project.refit_film().expect("a known resolution");
+    let options = RenderOptions::default().with_keys("sensor.model = 'imx174'");
+    project.apply_options(options).expect("a known resolution");
     assert_eq!((project.settings.width, project.settings.height), (1920, 1200));
     for (name, _) in dunkelfeld::sensor::PRESETS {
         assert!(bench.try_open(&format!("[film]\nfull = true\n[sensor]\nmodel = \"{name}\"")).is_ok(), "{name}");

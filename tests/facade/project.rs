@@ -322,7 +322,8 @@ fn a_film_is_exposed_with_options() {
     let mut project = open(&folder, "job.toml", JOB);
     let saved = render(&mut project, RenderOptions::default());
     let frames = expose_film(&saved, &ExposeOptions::default(), 2, &Cancel::new()).expect("frames");
-    let later = expose_film(&saved, &ExposeOptions::default().with_keys("frame = 1"), 1, &Cancel::new()).expect("a frame");
+    let later =
+        expose_film(&saved, &ExposeOptions::default().with_keys("frame = 1"), 1, &Cancel::new()).expect("a frame");
     assert!(frames[0] != frames[1] && frames[1] == later[0]);
     // So many frames would not fit: an error before any of them is allocated.
     let error = expose_film(&saved, &ExposeOptions::default(), u32::MAX, &Cancel::new());
@@ -331,7 +332,8 @@ fn a_film_is_exposed_with_options() {
     let cancelled = Cancel::new();
     cancelled.cancel();
     assert_eq!(expose_film(&saved, &ExposeOptions::default(), 2, &cancelled).expect("no frame").len(), 0);
-    let plain = picture_of_film(&saved, &ExposeOptions::default().with_keys("sensor.model = 'none'")).expect("a picture");
+    let plain =
+        picture_of_film(&saved, &ExposeOptions::default().with_keys("sensor.model = 'none'")).expect("a picture");
     assert!(matches!(plain, dunkelfeld::Picture::Rgb(_)));
 }
 

@@ -72,19 +72,6 @@ inline const char *text(const std::optional<std::string> &value) {
 inline double number(const std::optional<double> &value) {
     return !value ? 0.0 : *value == 0.0 ? std::numeric_limits<double>::quiet_NaN() : *value;
 }
-inline std::uint32_t size(const std::optional<std::uint32_t> &value) {
-    return !value ? 0 : *value == 0 ? std::numeric_limits<std::uint32_t>::max() : *value;
-}
-
-/** The options that renders and exposures share. */
-template <class C, class Options> void set_shared(C &c, const Options &options) {
-    c.sensor = text(options.sensor);
-    c.exposure = number(options.exposure);
-    c.seed = options.seed.value_or(0);
-    c.has_seed = options.seed.has_value();
-    c.frame = options.frame.value_or(0);
-    c.has_frame = options.frame.has_value();
-}
 
 struct CloseScene {
     void operator()(DunkelfeldScene *scene) const noexcept { dunkelfeld_scene_close(scene); }

@@ -94,21 +94,17 @@ int main(int, char **argv) {
     thrown<dunkelfeld::Interrupted>([&] { scene.render(options); });
     other.join();
 
-    // Zeros that are set, and texts with a zero byte.
+    // Keys out of range, and texts with a zero byte.
     dunkelfeld::RenderOptions zero;
-    zero.spp = 0.0;
-    CHECK(thrown<dunkelfeld::Error>([&] { scene.render(zero); }).status() == DUNKELFELD_STATUS_SETTING);
-    zero.spp.reset();
-    zero.width = 0;
-    CHECK(thrown<dunkelfeld::Error>([&] { scene.render(zero); }).status() == DUNKELFELD_STATUS_SETTING);
-    zero.width.reset();
+    zero.keys = "budget.spp = 0";
+    CHECK(thrown<dunkelfeld::Error>([&] { scene.render(zero); }).status() == DUNKELFELD_STATUS_INPUT);
+    zero.keys.clear();
     zero.camera = std::string("a\0b", 3);
     thrown<std::invalid_argument>([&] { scene.render(zero); });
 
     // Parts of a render, merged: the film of one render.
     dunkelfeld::RenderOptions part;
-    part.seed = 7;
-    part.strategy = "uniform";
+    part.keys = "seed = 7\nallocate.strategy = 'uniform'";
     for (const std::uint32_t from : {0u, 2u}) {
         part.samples = {from, from + 2};
         part.checkpoint = "part-" + std::to_string(from);

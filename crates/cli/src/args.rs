@@ -11,9 +11,9 @@ use crate::studies::{BenchArgs, DatasetArgs, EmvaArgs, PtcArgs};
 use crate::values::socket_address;
 use crate::values::{effect, pause, pixel_sample, sample_range, within};
 use clap::{ArgGroup, Args, Parser, Subcommand};
+use dunkelfeld::DenoiseMethod;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::trace::PixelSample;
-use dunkelfeld::DenoiseMethod;
 use std::ops::Range;
 use std::path::PathBuf;
 

@@ -99,12 +99,11 @@ impl<S: FlagSet> FromArgMatches for KeyFlags<S> {
 fn arg(key: &'static Key) -> Arg {
     let arg = Arg::new(key.flag)
         .long(key.flag)
+        .value_name(key.value)
         .help(key.help.trim_end_matches('.'))
         .allow_negative_numbers(matches!(key.kind, Kind::Whole | Kind::Real))
         .value_parser(parser(key));
-    let arg = if key.flag == "output" { arg.short('o') } else { arg };
-    // The help of names lists them.
-    if matches!(key.kind, Kind::Name(_)) { arg } else { arg.value_name(key.value) }
+    if key.flag == "output" { arg.short('o') } else { arg }
 }
 
 /// Checks a value before any file is opened.

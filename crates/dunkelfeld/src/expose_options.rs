@@ -33,8 +33,7 @@ pub struct ExposeOptions {
 }
 
 /// Keys of the lens that act on a finished image.
-const LENS: [&str; 7] =
-    ["f_number", "transmission", "magnification", "psf", "glare", "vignetting", "focal_length"];
+const LENS: [&str; 7] = ["f_number", "transmission", "magnification", "psf", "glare", "vignetting", "focal_length"];
 
 impl ExposeOptions {
     /// The keys as a job.
@@ -55,7 +54,11 @@ impl ExposeOptions {
     pub(crate) fn is_plain(&self, saved: &SavedFilm) -> Result<bool, Error> {
         let job = self.job(&[])?;
         let is_other = self.sensor.is_some() || job.sets(&["sensor", "model"]);
-        Ok(if is_other { self.sensor.is_none() && job.sensor.model == job::SensorChoice::None } else { !saved.settings.has_sensor() })
+        Ok(if is_other {
+            self.sensor.is_none() && job.sensor.model == job::SensorChoice::None
+        } else {
+            !saved.settings.has_sensor()
+        })
     }
 
     /// The settings that expose a film, without the number of frames.

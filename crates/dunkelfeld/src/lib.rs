@@ -73,18 +73,15 @@ pub use inspect::{
 pub use light_films::{FilmOfLight, develop_films, encode_light_layers, sum_of_means};
 pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats, check_image_memory};
 pub use noise_compensation::Matched;
-pub use options::{
-    RenderOptions, ReplayOption, certify_film, denoise_saved, expose_film,
-    picture_of_film,
-};
+pub use options::{RenderOptions, ReplayOption, certify_film, denoise_saved, expose_film, picture_of_film};
 pub use outliers::HeavySample;
 pub use outputs::{
     Align, OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear,
     save_new, save_picture, save_plan, save_text,
 };
 pub use project::{
-    GivenSensor, LightFilmsMemory, Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene,
-    removable_effects,
+    GivenSensor, LightFilmsMemory, Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded,
+    read_scene, removable_effects,
 };
 pub use sensor_sheet::sensor_sheet;
 pub use shutter::TimedExposure;
@@ -130,8 +127,8 @@ pub mod geometry {
 /// Files of sensors, quantities with units, and text that a terminal can print.
 pub mod io {
     pub use dunkelfeld_io::job::{literal_pattern, matches};
-    pub use dunkelfeld_io::private_file::PrivateFile;
     pub use dunkelfeld_io::keys::{KEYS, Key, Kind, OF_FILM, OF_IMAGE, OF_LENS, OF_MERGE, OF_RENDER, OF_STUDY};
+    pub use dunkelfeld_io::private_file::PrivateFile;
     pub use dunkelfeld_io::quantity::{Factor, Length, Memory, QuantityError, Time};
     pub use dunkelfeld_io::sensor_file;
     pub use dunkelfeld_io::toml_file::toml_text;

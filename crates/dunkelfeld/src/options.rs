@@ -1,8 +1,8 @@
 //! Options of one render and of one exposure. Rust, Python and C give them the same names.
 
 use crate::commands::expose::ExposeSettings;
-use crate::expose_options::{ExposeOptions, no_sensor};
 use crate::denoising::{Denoised, denoise_film, find_denoiser};
+use crate::expose_options::{ExposeOptions, no_sensor};
 use crate::exposer::Exposer;
 use crate::frame::{Picture, develop_film};
 use crate::memory::expose_account;
@@ -17,7 +17,8 @@ use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::toml_file::TomlFile;
 use dunkelfeld_render::film_noise::Certified;
 use dunkelfeld_render::{
-    Budget, Cancel, CheckpointSettings, DenoiseSettings, Error, Progress, SavedFilm, SensorChoice, Session, thread_count,
+    Budget, Cancel, CheckpointSettings, DenoiseSettings, Error, Progress, SavedFilm, SensorChoice, Session,
+    thread_count,
 };
 use dunkelfeld_sensor::ExposureNoise;
 use std::ops::Range;

@@ -30,9 +30,7 @@ use dunkelfeld_render::{
     DenoiseMethod, Error, RenderSettings, Rendering, SavedFilm, SensorChoice, Session, Stage, camera_help, find_camera,
     thread_count, validate,
 };
-use dunkelfeld_scene::{
-    BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, framing_camera,
-};
+use dunkelfeld_scene::{BuildReport, Camera, CameraError, Distortion, Effect, Projection, Scene, framing_camera};
 use dunkelfeld_sensor::{Optics, SensorModel};
 use std::path::Path;
 use std::time::Instant;
@@ -281,7 +279,8 @@ impl Project {
         let mut setup = resolve(&job, sensor, self.inputs.clone())?;
         expose_for(&mut setup.settings, self.scene.shutter(), &job)?;
         check_shutter(&self.scene, &setup.settings, &self.job)?;
-        let RenderSettings { threads, camera, view, max_pilot_spp, training_paths, replay, samples, .. } = &self.settings;
+        let RenderSettings { threads, camera, view, max_pilot_spp, training_paths, replay, samples, .. } =
+            &self.settings;
         let RenderSettings { checkpoint, layers, without, .. } = &self.settings;
         let s = &mut setup.settings;
         (s.threads, s.camera, s.view) = (*threads, camera.clone(), view.clone());

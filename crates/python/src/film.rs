@@ -9,8 +9,8 @@ use crate::work::{with_cancellable_pool, with_pool};
 use dunkelfeld::film::PixelSums;
 use dunkelfeld::io::OF_FILM;
 use dunkelfeld::{
-    DenoiseMethod, DenoiseSettings, InputFiles, NO_ID, OutputPaths, Picture, RenderSettings, SavedFilm,
-    certify_film, denoise_saved, develop_film, expose_film, picture_of_film, save_film, save_film_files,
+    DenoiseMethod, DenoiseSettings, InputFiles, NO_ID, OutputPaths, Picture, RenderSettings, SavedFilm, certify_film,
+    denoise_saved, develop_film, expose_film, picture_of_film, save_film, save_film_files,
 };
 use dunkelfeld_io::input::Role;
 use dunkelfeld_studies::NoiseMap as Map;

@@ -48,13 +48,7 @@ impl Keywords {
         Ok(keywords)
     }
 
-    fn add(
-        &mut self,
-        function: &str,
-        name: &str,
-        value: &Bound<'_, PyAny>,
-        flags: &[&str],
-    ) -> PyResult<()> {
+    fn add(&mut self, function: &str, name: &str, value: &Bound<'_, PyAny>, flags: &[&str]) -> PyResult<()> {
         let Some(key) = Key::of_keyword(name, flags) else {
             return Err(PyTypeError::new_err(format!("{function}() has no keyword \"{name}\"")));
         };

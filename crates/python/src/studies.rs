@@ -10,11 +10,11 @@ use crate::progress::{completed, supervised};
 use crate::scene::Scene;
 use dunkelfeld::io::OF_STUDY;
 use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
+use dunkelfeld_studies::Figures;
 use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, default_folder};
 use dunkelfeld_studies::photon_transfer::{
     PtcOptions, PtcSettings, StackSettings, is_frame, ptc_folder, ptc_of_frames,
 };
-use dunkelfeld_studies::Figures;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::{Path, PathBuf};

@@ -14,9 +14,9 @@ use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeSettings, ExrImage, Forecast, ExposeOptions, InputFiles,
-    KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm, SavedFilm,
-    SensorChoice, find_denoiser, find_sensor, program_seconds,
+    Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeOptions, ExposeSettings, ExrImage, Forecast,
+    InputFiles, KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm,
+    SavedFilm, SensorChoice, find_denoiser, find_sensor, program_seconds,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -40,7 +40,7 @@ pub use crate::address::PageAddress;
 use crate::protocol::SourceKind;
 use crate::server::{Guard, router};
 use crate::shared::{Shared, Subject, lock};
-use dunkelfeld::{Cancel, Error, ExrImage, ExposeOptions, Project, SavedFilm, Session};
+use dunkelfeld::{Cancel, Error, ExposeOptions, ExrImage, Project, SavedFilm, Session};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

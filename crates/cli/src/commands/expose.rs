@@ -7,9 +7,7 @@ use crate::outcome::{Outcome, print, say};
 use crate::words::{counted, exposure_time, flagged_variances, seconds, three_digits};
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::sensor::Psf;
-use dunkelfeld::{
-    Error, ExposeOptions, ExposeOutputs, ExposedFile, LensSource, OutputPaths, Session, expose_exr,
-};
+use dunkelfeld::{Error, ExposeOptions, ExposeOutputs, ExposedFile, LensSource, OutputPaths, Session, expose_exr};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
@@ -23,8 +21,7 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
     let is_named = image.is_some() || linear.is_some();
     let mut outputs = ExposeOutputs::default().with_image(image).with_linear(linear);
     outputs.align = align;
-    if !is_named && let Some(reason) = outputs.set_default_image(&args.input, &settings).reason
-    {
+    if !is_named && let Some(reason) = outputs.set_default_image(&args.input, &settings).reason {
         say(&format!("note: {reason}"));
     }
     let cancel = cancel_on_interrupt();

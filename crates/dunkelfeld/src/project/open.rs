@@ -6,13 +6,13 @@ use crate::film_part::FilmPart;
 use crate::outputs::OutputPaths;
 use crate::shutter::{expose_for, report_strobes};
 use derive_setters::Setters;
-use dunkelfeld_io::import::Imported;
+use dunkelfeld_adaptive::Strategy;
+use dunkelfeld_io::import::{Imported, load_scene};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::job::{self, FilmSettings, Job, LensSettings};
 use dunkelfeld_io::{ImportWarning, InputError};
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Seconds};
 use dunkelfeld_render::{Budget, DEFAULT_F_NUMBER, Error, RenderSettings, SensorChoice, check_threads};
-use dunkelfeld_adaptive::Strategy;
 use dunkelfeld_scene::{BuildCache, BuildError, BuildReport, Effect, Scene, SceneBuilder};
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Published, SensorModel};
 use std::path::{Path, PathBuf};
@@ -160,7 +160,12 @@ impl Project {
         check_threads(threads)?;
         let job = if keys.is_empty() { job } else { job.with_overrides(&keys)? };
         read.extend(job.inputs());
-        let imported = job.load_scene().inspect_err(|e| e.read_files().for_each(|path| read.add(path, Role::Scene)))?;
+        let imported = match has_job_file {
+            true => job.load_scene(),
+            // Errors about the file that the caller has named show no text of a job.
+            false => load_scene(job.scene_path(), &job.import_options()),
+        };
+        let imported = imported.inspect_err(|e| e.read_files().for_each(|path| read.add(path, Role::Scene)))?;
         read.extend(&imported.inputs);
         let mut description = None;
         let compiled = if can_change {

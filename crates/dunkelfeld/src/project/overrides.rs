@@ -79,7 +79,8 @@ impl Project {
     /// [`ProjectOptions::can_change`](super::ProjectOptions::can_change).
     pub fn object_names_of(&self, job: &Job) -> Result<Vec<String>, Error> {
         let description = kept(self.description.as_deref())?;
-        let mut scene = if job.has_scene_of(&self.job) { description.imported.clone() } else { job.load_scene()? }.scene;
+        let mut scene =
+            if job.has_scene_of(&self.job) { description.imported.clone() } else { job.load_scene()? }.scene;
         // Its image takes time to read, and contains no object.
         let mut job = job.clone();
         job.environment = None;

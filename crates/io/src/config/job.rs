@@ -450,7 +450,8 @@ impl Job {
     /// text.
     pub fn with_overrides(&self, overrides: &str) -> Result<Self, InputError> {
         let above = TomlFile::from_text("the overrides", overrides);
-        let is_without = above.text_at(&["sensor", "model"]) == Some("\"none\"");
+        let model = above.text_at(&["sensor", "model"]).unwrap_or_default();
+        let is_without = model.trim_matches(['"', '\'']) == "none";
         for key in ["exposure", "exposure_noise"].map(|key| ["sensor", key]) {
             if is_without && above.has_key(&key) {
                 return Err(above.error_at_key(&key, NO_SENSOR, "name a sensor, or leave this out"));

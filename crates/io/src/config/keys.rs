@@ -7,7 +7,6 @@
 use super::job::Job;
 use crate::error::InputError;
 use crate::toml_file::TomlFile;
-use std::path::Path;
 
 /// What a value is, and so how it is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -316,15 +315,49 @@ pub const KEYS: &[Key] = &[
 
 /// Flags of a render.
 pub const OF_RENDER: &[&str] = &[
-    "output", "linear", "align", "exr", "stats", "plan", "width", "height", "time", "spp", "noise", "share", "memory",
-    "allocate", "sensor", "exposure", "exposure-noise", "vignetting", "denoise", "oidn", "seed", "frame",
+    "output",
+    "linear",
+    "align",
+    "exr",
+    "stats",
+    "plan",
+    "width",
+    "height",
+    "time",
+    "spp",
+    "noise",
+    "share",
+    "memory",
+    "allocate",
+    "sensor",
+    "exposure",
+    "exposure-noise",
+    "vignetting",
+    "denoise",
+    "oidn",
+    "seed",
+    "frame",
 ];
 /// Flags of a study, which renders a scene many times.
 pub const OF_STUDY: &[&str] = &["width", "height", "memory", "sensor", "exposure", "seed"];
 /// Flags of the exposure of an image.
 pub const OF_IMAGE: &[&str] = &[
-    "output", "linear", "align", "memory", "sensor", "exposure", "exposure-noise", "f-number", "transmission",
-    "magnification", "psf", "glare", "vignetting", "focal-length", "seed", "frame",
+    "output",
+    "linear",
+    "align",
+    "memory",
+    "sensor",
+    "exposure",
+    "exposure-noise",
+    "f-number",
+    "transmission",
+    "magnification",
+    "psf",
+    "glare",
+    "vignetting",
+    "focal-length",
+    "seed",
+    "frame",
 ];
 /// Flags of the lens of an image.
 pub const OF_LENS: &[&str] = &["f-number", "transmission", "magnification", "psf", "glare"];
@@ -350,6 +383,9 @@ impl Key {
     /// A value that the job may not have.
     pub fn line(&self, value: &str) -> Result<String, InputError> {
         let line = format!("{} = {}\n", self.path, self.literal(value));
+        if self.kind == Kind::Sensor && value != "none" && !is_toml(value) {
+            crate::sensor_file::preset(value)?;
+        }
         // One row is read alone, so its value is checked before any file is opened.
         TomlFile::from_text(format!("--{}", self.flag), format!("scene = \"none\"\n{line}")).parse::<Job>()?;
         Ok(line)
@@ -361,21 +397,26 @@ impl Key {
             Ok(path) => path.to_str().map_or_else(|| value.to_owned(), str::to_owned),
             Err(_) => value.to_owned(),
         };
-        let ends_in = |ending: &str| Path::new(value).extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
         let text = match self.kind {
             // TOML has no whole numbers from 2^63 on.
-            Kind::Whole if value.parse::<i64>().is_ok_and(|v| v >= 0) => return value.trim_start_matches('+').to_owned(),
+            Kind::Whole if value.parse::<i64>().is_ok_and(|v| v >= 0) => {
+                return value.trim_start_matches('+').to_owned();
+            }
             Kind::Real => match value.parse::<f64>() {
                 Ok(number) => return toml::Value::Float(number).to_string(),
                 Err(_) => value.to_owned(),
             },
             Kind::Input => absolute(value),
-            Kind::Sensor if ends_in("toml") => absolute(value),
-            Kind::Psf if ends_in("csv") => absolute(value),
+            Kind::Sensor if is_toml(value) => absolute(value),
+            Kind::Psf if value.to_ascii_lowercase().ends_with(".csv") => absolute(value),
             _ => value.to_owned(),
         };
         toml::Value::String(text).to_string()
     }
+}
+
+fn is_toml(name: &str) -> bool {
+    name.to_ascii_lowercase().ends_with(".toml")
 }
 
 #[cfg(test)]

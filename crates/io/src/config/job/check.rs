@@ -76,7 +76,7 @@ pub(super) fn seed<'de, D: Deserializer<'de>>(d: D) -> Result<u64, D::Error> {
         Written::Text(text) => (text.parse().ok(), text),
         Written::Other(value) => (None, value.to_string()),
     };
-    seed.ok_or_else(|| D::Error::custom(format!("{text} is no seed; write a whole number from 0 to {}", u64::MAX)))
+    seed.ok_or_else(|| D::Error::custom(format!("{text} is out of range; write a whole number from 0 to {}", u64::MAX)))
 }
 
 /// The number of a frame.

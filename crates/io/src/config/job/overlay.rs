@@ -10,7 +10,7 @@ const OF_MODEL: [&str; 3] = ["gain", "temperature", "black_level"];
 /// - A limit (`time`, `spp`, `noise`) replaces all limits of the job.
 /// - A sensor replaces the gain, the temperature and the black level that the job sets for its own. Without one
 ///   (`"none"`) the image is not exposed; film and lens stay those of the job's sensor.
-/// - The path of a denoiser replaces the method of the job.
+/// - A denoiser and its library are replaced together.
 /// - The size of the film is that of the render ([`Job::size`](super::Job::size)), so it is not merged.
 pub(super) fn replace_together(job: &mut Table, overrides: &mut Table) {
     if let Some(film) = section(overrides, "film") {
@@ -18,13 +18,21 @@ pub(super) fn replace_together(job: &mut Table, overrides: &mut Table) {
         film.remove("height");
     }
     let limits = ["time", "spp", "noise"];
-    let sets_limit = section(overrides, "budget").is_some_and(|budget| limits.iter().any(|key| budget.contains_key(*key)));
+    let sets_limit =
+        section(overrides, "budget").is_some_and(|budget| limits.iter().any(|key| budget.contains_key(*key)));
     if let Some(budget) = section(job, "budget").filter(|_| sets_limit) {
         limits.iter().for_each(|key| drop(budget.remove(*key)));
     }
-    let sets_library = section(overrides, "denoise").is_some_and(|denoise| denoise.contains_key("oidn"));
-    if let Some(denoise) = section(job, "denoise").filter(|_| sets_library) {
-        denoise.remove("method");
+    // A library belongs to its method, and selects it.
+    if section(overrides, "denoise")
+        .is_some_and(|denoise| ["method", "oidn"].iter().any(|key| denoise.contains_key(*key)))
+    {
+        let keeps = section(overrides, "denoise").and_then(|denoise| denoise.get("method")?.as_str());
+        let keeps = keeps.is_some_and(|method| method == "auto" || method == "oidn");
+        if let Some(denoise) = section(job, "denoise") {
+            denoise.remove("method");
+            denoise.retain(|key, _| keeps || key != "oidn");
+        }
     }
     let model = section(overrides, "sensor").and_then(|sensor| Some(sensor.get("model")?.as_str()?.to_owned()));
     let own = section(job, "sensor");
