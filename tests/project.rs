@@ -1,12 +1,12 @@
 //! A project renders as often as asked, and changes by overrides: the result has the bits of a fresh load.
 //! Replay: `cargo test --workspace --test project NAME`.
 
-use dunkelfeld::film::Film;
+use dunkelfeld::film::{Film, expose_film, picture_of_film};
+use dunkelfeld::outputs::{SavedPlan, save_film_files};
 use dunkelfeld::scene::Vignetting;
 use dunkelfeld::{
     Cancel, ExposeOptions, ExposureOption, InputFiles, OutputPaths, Project, ProjectOptions, RenderOptions,
-    ReplayOption, SavedFilm, SavedPlan, SensorChoice, SensorOption, Silent, expose_film, picture_of_film,
-    save_film_files,
+    ReplayOption, SavedFilm, SensorChoice, SensorOption, Silent,
 };
 use std::fmt::Write as _;
 use std::fs;
@@ -354,7 +354,7 @@ fn files_of_a_coaxial_station_have_its_beam_splitter() {
     let model = dunkelfeld::find_sensor("imx250").expect("a preset");
     let SensorChoice::Emva { exposure, .. } = &result.settings().sensor else { panic!("a sensor") };
     let settings = dunkelfeld::ExposeSettings::new(model).expect("defaults").with_exposure(*exposure);
-    let exposed = dunkelfeld::expose_image(&exr, &settings, &Cancel::new()).expect("exposed");
+    let exposed = dunkelfeld::commands::expose_image(&exr, &settings, &Cancel::new()).expect("exposed");
     assert!(exposed[0] == values, "{:?} instead of {:?}", &exposed[0].data()[..8], &values.data()[..8]);
     let black = values.data().iter().filter(|v| **v < 60).count();
     assert!(black < values.data().len() / 2, "the lamp lights the image");
@@ -376,7 +376,7 @@ fn resolved(name: &str, project: &Project) -> String {
 fn jobs_resolve_to_the_same_scenes_and_settings() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut text = String::new();
-    for station in dunkelfeld::STATIONS {
+    for station in dunkelfeld::commands::STATIONS {
         let project = Project::from_text("station.toml", &station.job()).unwrap_or_else(|e| panic!("{e}"));
         text += &resolved(station.name, &project);
     }

@@ -12,10 +12,11 @@ use crate::values::{
 };
 use clap::{ArgGroup, Args, Parser, Subcommand};
 use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::outputs::Align;
 use dunkelfeld::scene::{Effect, Vignetting};
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::trace::PixelSample;
-use dunkelfeld::{Align, DenoiseMethod, Error, ImageOptions};
+use dunkelfeld::{DenoiseMethod, Error, ImageOptions};
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -96,10 +97,10 @@ pub(crate) struct RenderArgs {
     pub(crate) plan: Option<PathBuf>,
 
     /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::limits::MAX_SIDE))]
     pub(crate) width: Option<u32>,
     /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::limits::MAX_SIDE))]
     pub(crate) height: Option<u32>,
     /// Camera by name, of the job or of the scene [default: all that the job defines, each with its name in the files; otherwise
     /// the first of the scene, or a framing of the whole scene].
@@ -379,7 +380,7 @@ pub(crate) struct ViewArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
     pub(crate) threads: Option<u16>,
     /// Nice value of the threads of the render, 0 to 19: with a larger one, other programs get more time [default: 10].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(0..=dunkelfeld::MAX_NICE))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(0..=dunkelfeld::limits::MAX_NICE))]
     pub(crate) nice: Option<u8>,
     #[command(flatten, next_help_heading = "Lens of an EXR")]
     pub(crate) lens: LensArgs,

@@ -1,10 +1,11 @@
 //! Flags with a closed set of values: each value with its name and its help.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::outputs::Align;
 use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::ExposureNoise;
-use dunkelfeld::{Align, DenoiseMethod};
 
 /// Reads one of the values by its name. Clap has refused every other text before `default` could be the result.
 fn one_of<T>(all: Vec<(&'static str, T, &'static str)>, default: T) -> impl TypedValueParser<Value = T>

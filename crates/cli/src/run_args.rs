@@ -40,10 +40,10 @@ impl RunArgs {
 #[derive(Debug, Args)]
 pub(crate) struct ViewArgs {
     /// Width of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::limits::MAX_SIDE))]
     pub(crate) width: Option<u32>,
     /// Height of the image [default: 512].
-    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::MAX_SIDE))]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = within(1..=dunkelfeld::limits::MAX_SIDE))]
     pub(crate) height: Option<u32>,
     /// Camera by name [default: the first; a framing of the whole scene if there is none].
     #[arg(long, value_name = "NAME")]

@@ -87,7 +87,7 @@ pub struct RenderOptions {
     pub frame: Option<u32>,
     /// Number of threads; 0 means one per core.
     pub threads: Option<usize>,
-    /// Range of the sample indices of a part of a render, which [`crate::merge`] joins with others. It replaces budget and
+    /// Range of the sample indices of a part of a render, which [`merge`](crate::commands::merge()) joins with others. It replaces budget and
     /// strategy.
     pub samples: Option<Range<u32>>,
     /// Allocation of the samples.

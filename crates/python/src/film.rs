@@ -7,10 +7,11 @@ use crate::inputs::{input_names, inputs_of};
 use crate::noise_map::NoiseMap;
 use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::{with_cancellable_pool, with_pool};
-use dunkelfeld::film::PixelSums;
+use dunkelfeld::film::{NO_ID, PixelSums, certify_film, denoise_saved, expose_film, picture_of_film};
+use dunkelfeld::outputs::{save_film, save_film_files};
 use dunkelfeld::{
-    DenoiseMethod, DenoiseSettings, ExposeOptions, InputFiles, NO_ID, OutputPaths, Picture, RenderSettings, SavedFilm,
-    certify_film, denoise_saved, develop_film, expose_film, picture_of_film, save_film, save_film_files,
+    DenoiseMethod, DenoiseSettings, ExposeOptions, InputFiles, OutputPaths, Picture, RenderSettings, SavedFilm,
+    develop_film,
 };
 use dunkelfeld_io::input::Role;
 use dunkelfeld_studies::NoiseMap as Map;
@@ -351,7 +352,7 @@ impl Film {
     /// The picture as PNG, for notebooks.
     fn _repr_png_<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyBytes>, Failure> {
         let frame = self.compute(py, |s| develop_film(&s.film, &s.settings))??;
-        let bytes = py.detach(|| dunkelfeld::encode_picture(&frame.picture))?;
+        let bytes = py.detach(|| dunkelfeld::outputs::encode_picture(&frame.picture))?;
         Ok(PyBytes::new(py, &bytes))
     }
 }

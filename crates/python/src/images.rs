@@ -6,10 +6,9 @@ use crate::errors::{Failure, setting};
 use crate::progress::{completed, supervised};
 use crate::sensor::{ExposureArgument, SensorArgument};
 use crate::work::with_cancellable_pool;
-use dunkelfeld::{
-    Cancel, DenoiseMethod, DenoisePlanes, DenoiseSettings, ExposeOutputs, ExposeSettings, ImageOptions, Session,
-    check_denoise_output, select_denoiser,
-};
+use dunkelfeld::commands::{DenoisePlanes, ExposeOutputs, check_denoise_output};
+use dunkelfeld::denoising::select_denoiser;
+use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, ExposeSettings, ImageOptions, Session};
 use numpy::PyArray3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -80,7 +79,9 @@ pub(crate) fn expose_exr<'py>(
     let settings = options.settings()?;
     stack(
         py,
-        with_cancellable_pool(py, settings.threads, |cancel| dunkelfeld::expose_image(&path, &settings, cancel))??,
+        with_cancellable_pool(py, settings.threads, |cancel| {
+            dunkelfeld::commands::expose_image(&path, &settings, cancel)
+        })??,
     )
 }
 
@@ -127,7 +128,7 @@ pub(crate) fn expose_exr_files<'py>(
     let outputs = ExposeOutputs::default().with_image(image).with_linear(linear);
     let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
         let session = Session::new(settings.threads)?.with_progress(sink).with_cancel(cancel);
-        dunkelfeld::expose_exr(&path, &settings, &outputs, &session)
+        dunkelfeld::commands::expose_exr(&path, &settings, &outputs, &session)
     })?;
     let exposed = completed(done)?;
     let entries = PyDict::new(py);
@@ -170,7 +171,7 @@ pub(crate) fn expose_radiance<'py>(
     let lens = ([f_number, transmission, magnification, focal_length, glare], psf);
     let settings = settings_of(sensor, exposure, frames, frame, seed, lens, vignetting, memory, threads)?.settings()?;
     let radiance = radiance.rgb("radiance", settings.memory_limit)?;
-    let expose = |cancel: &Cancel| dunkelfeld::expose_radiance(radiance, &settings, cancel);
+    let expose = |cancel: &Cancel| dunkelfeld::commands::expose_radiance(radiance, &settings, cancel);
     stack(py, with_cancellable_pool(py, settings.threads, expose)??)
 }
 
@@ -212,7 +213,9 @@ pub(crate) fn denoise_exr<'py>(
             check_denoise_output(&path, output, &settings)?;
         }
         let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
-        let Some(file) = dunkelfeld::denoise_exr(&path, &settings, memory, &session)? else { return Ok(None) };
+        let Some(file) = dunkelfeld::commands::denoise_exr(&path, &settings, memory, &session)? else {
+            return Ok(None);
+        };
         let mean = file.denoised.mean.clone();
         if let Some(output) = &output {
             file.save(output)?;
@@ -255,7 +258,7 @@ pub(crate) fn denoise_radiance<'py>(
         .with_depth(depth.map(|array| array.gray("depth", memory)).transpose()?);
     let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
         let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
-        dunkelfeld::denoise_planes(&planes, &settings, memory, &session)
+        dunkelfeld::commands::denoise_planes(&planes, &settings, memory, &session)
     })?;
     rgb(py, completed(done)?.ok_or_else(cancelled)?.mean)
 }

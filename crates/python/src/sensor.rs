@@ -2,10 +2,11 @@
 
 use crate::errors::{Failure, setting};
 use crate::json::loaded;
+use dunkelfeld::commands::sensor_sheet;
 use dunkelfeld::io::{QuantityError, Time, sensor_file};
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::sensor::{Exposure, SensorModel};
-use dunkelfeld::{ExposureOption, SensorOption, sensor_sheet};
+use dunkelfeld::{ExposureOption, SensorOption};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 

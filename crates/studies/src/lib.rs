@@ -15,6 +15,8 @@ mod series;
 mod view;
 
 pub use dunkelfeld_emva1288 as emva1288;
+pub use folder::default_folder;
 pub use noise_map::NoiseMap;
 pub use report::table::Figures;
+pub use series::StudyOutcome;
 pub use view::ViewOptions;

@@ -1,7 +1,8 @@
 //! Options of all studies that render a scene many times.
 
 use derive_setters::Setters;
-use dunkelfeld::{Error, ExposureOption, Project, SensorOption, select_sensor};
+use dunkelfeld::sensor::select_sensor;
+use dunkelfeld::{Error, ExposureOption, Project, SensorOption};
 
 /// View, sensor and seed of a study, in place of those of its project. `None` leaves a setting as it is.
 #[derive(Clone, Debug, Default, PartialEq, Setters)]

@@ -6,12 +6,12 @@ use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::values::ExposureChoice;
 use crate::words::{counted, exposure_time, flagged_variances, seconds, three_digits};
+use dunkelfeld::commands::{ExposeOutputs, ExposedFile, expose_exr};
+use dunkelfeld::outputs::LensSource;
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Vignetting;
 use dunkelfeld::sensor::Psf;
-use dunkelfeld::{
-    Error, ExposeOutputs, ExposeSettings, ExposedFile, ImageOptions, LensSource, SensorOption, Session, expose_exr,
-};
+use dunkelfeld::{Error, ExposeSettings, ImageOptions, SensorOption, Session};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {

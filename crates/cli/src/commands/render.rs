@@ -9,10 +9,12 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
 use crate::values::ExposureChoice;
+use dunkelfeld::film::CheckpointSettings;
+use dunkelfeld::guard::DefaultPath;
 use dunkelfeld::sensor::Exposure;
 use dunkelfeld::{
-    Cancel, CheckpointSettings, DefaultPath, Error, ExposureOption, Progress, ProgressState, Project, ProjectOptions,
-    RenderOptions, ReplayOption, SensorOption, Stage,
+    Cancel, Error, ExposureOption, Progress, ProgressState, Project, ProjectOptions, RenderOptions, ReplayOption,
+    SensorOption, Stage,
 };
 pub(crate) use report::{as_seen, say_flaws};
 use std::path::Path;

@@ -2,30 +2,18 @@
 //! report.
 
 use super::bench_args::BenchArgs;
-use super::series::{apply_view, conclude, noted, report};
-use crate::bar::Sink;
-use crate::interrupt::cancel_on_interrupt;
+use super::series::run_study;
 use crate::outcome::Outcome;
-use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
-use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, bench, default_folder};
+use dunkelfeld::Error;
+use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, bench};
 
 pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {
     let settings = settings(args);
     settings.check()?;
-    let sink = Sink::new(args.view.run.progress);
-    sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let options =
-        ProjectOptions::default().with_can_change(false).with_threads(args.view.run.threads.map_or(0, usize::from));
-    let mut project = Project::open_with(&args.input, options)?;
-    apply_view(&args.view, &mut project)?;
-    let folder = args.output.clone().unwrap_or_else(|| noted(default_folder(&args.input, &project.inputs)));
     let own_size = args.view.width.is_some() || args.view.height.is_some();
-    let cancel = cancel_on_interrupt();
-    let session = Session::new(project.settings.threads)?.with_progress(&sink).with_cancel(&cancel);
-    let outcome = bench(project, &args.input, &settings, &folder, own_size, args.restart, &session)?;
-    drop(sink);
-    report(&outcome.findings, &outcome.files);
-    Ok(conclude(outcome.invalid_samples, outcome.finished, outcome.interrupted))
+    run_study(&args.input, args.output.as_deref(), "bench", &args.view, |project, folder, session| {
+        bench(project, &args.input, &settings, folder, own_size, args.restart, session)
+    })
 }
 
 fn settings(args: &BenchArgs) -> BenchSettings {

@@ -1,15 +1,42 @@
 //! Flags and output of commands that render a scene many times and keep the finished renders.
 
+use crate::bar::Sink;
 use crate::commands::render::sensor_options;
+use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::run_args::ViewArgs;
 use crate::values::ExposureChoice;
-use dunkelfeld::{DefaultPath, Error, Project};
-use dunkelfeld_studies::ViewOptions;
-use std::path::PathBuf;
+use dunkelfeld::guard::DefaultPath;
+use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
+use dunkelfeld_studies::{StudyOutcome, ViewOptions, default_folder};
+use std::path::{Path, PathBuf};
+
+/// Opens the input of a study, applies the flags, and runs the study in a folder: by default the one of its name. Prints the
+/// findings and the path of the report.
+pub(crate) fn run_study(
+    input: &Path,
+    output: Option<&Path>,
+    name: &str,
+    view: &ViewArgs,
+    study: impl FnOnce(Project, &Path, &Session<'_>) -> Result<StudyOutcome, Error>,
+) -> Result<Outcome, Error> {
+    let sink = Sink::new(view.run.progress);
+    sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
+    let options =
+        ProjectOptions::default().with_can_change(false).with_threads(view.run.threads.map_or(0, usize::from));
+    let mut project = Project::open_with(input, options)?;
+    apply_view(view, &mut project)?;
+    let folder = output.map_or_else(|| noted(default_folder(input, name, &project.inputs)), Path::to_path_buf);
+    let cancel = cancel_on_interrupt();
+    let session = Session::new(project.settings.threads)?.with_progress(&sink).with_cancel(&cancel);
+    let outcome = study(project, &folder, &session)?;
+    drop(sink);
+    report(&outcome.findings, &outcome.files);
+    Ok(conclude(outcome.invalid_samples, outcome.finished, outcome.interrupted))
+}
 
 /// Applies the flags of commands that render a scene many times to its project.
-pub(crate) fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), Error> {
+fn apply_view(args: &ViewArgs, project: &mut Project) -> Result<(), Error> {
     if let Some(note) = args.exposure.and_then(ExposureChoice::note) {
         say(&note);
     }
@@ -45,7 +72,7 @@ pub(crate) fn noted(folder: DefaultPath) -> PathBuf {
 }
 
 /// Prints the invalid samples, and how many of all renders are kept if the work was interrupted.
-pub(crate) fn conclude(invalid_samples: u64, [done, all]: [usize; 2], interrupted: bool) -> Outcome {
+fn conclude(invalid_samples: u64, [done, all]: [usize; 2], interrupted: bool) -> Outcome {
     if invalid_samples > 0 {
         say(&format!(
             "flagged: {invalid_samples} samples were not finite, negative or out of range; they count as black"
