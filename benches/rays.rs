@@ -10,7 +10,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use dunkelfeld::{Project, Station};
+use dunkelfeld::Project;
+use dunkelfeld::commands::Station;
 use dunkelfeld_bvh::{HitBatch, NO_HIT, RayBatch};
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec3};
 use dunkelfeld_integrator::Wavefront;

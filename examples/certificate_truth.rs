@@ -112,7 +112,7 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
     let mut project = Project::open(job)?;
     if !project.settings.has_sensor() {
         project.settings.sensor = SensorChoice::Emva {
-            model: Box::new(dunkelfeld::find_sensor(dunkelfeld::DEFAULT_SENSOR)?),
+            model: Box::new(dunkelfeld::find_sensor(dunkelfeld::limits::DEFAULT_SENSOR)?),
             optics: project.optics.clone(),
             exposure: None,
         };

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 static SCRATCH: LazyLock<Scratch> = LazyLock::new(Scratch::new);
 
 target!(|data| {
-    match dunkelfeld::load_plan(&SCRATCH.write("plan.exr", data)) {
+    match dunkelfeld::outputs::load_plan(&SCRATCH.write("plan.exr", data)) {
         Ok(plan) => {
             let samples = plan.samples;
             assert_eq!(samples.data().len() as u64, u64::from(samples.width()) * u64::from(samples.height()));

@@ -58,9 +58,9 @@ fn a_render_writes_all_outputs_well_formed() {
     assert!(bench.floats("a.exr", "R").iter().any(|&v| v > 0.0), "the lamp lights the floor");
     assert!(bench.floats("a.exr", "variance.G").iter().all(|&v| v >= 0.0 && v.is_finite()));
 
-    let plan = dunkelfeld::load_plan(&bench.path("plan.exr")).expect("a plan");
+    let plan = dunkelfeld::outputs::load_plan(&bench.path("plan.exr")).expect("a plan");
     assert_eq!((plan.seed, plan.frame), (Some(7), Some(0)));
-    assert_eq!(plan, dunkelfeld::load_plan(&bench.path("a.exr")).expect("the same plan"));
+    assert_eq!(plan, dunkelfeld::outputs::load_plan(&bench.path("a.exr")).expect("the same plan"));
     let samples: u64 = plan.samples.data().iter().map(|&n| u64::from(n)).sum();
     assert_eq!(samples, 20 * 24 * 16, "--spp is the mean");
 
@@ -261,7 +261,7 @@ fn pixels_without_samples_show_their_neighbours_and_are_reported() {
     let bench = Bench::new();
     let render = "render scene.gltf --width 96 --height 64 --allocate uniform";
     let check = |name: &str| {
-        let plan = dunkelfeld::load_plan(&bench.path(&format!("{name}.exr"))).expect("a plan");
+        let plan = dunkelfeld::outputs::load_plan(&bench.path(&format!("{name}.exr"))).expect("a plan");
         let gaps = plan.samples.data().iter().filter(|&&n| n == 0).count();
         assert_eq!(gaps, 96 * 64 * 15 / 16, "one sample for sixteen pixels");
         assert_eq!(bench.json(&format!("{name}.json"))["pixels_without_samples"].as_u64(), Some(gaps as u64));

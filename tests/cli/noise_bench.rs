@@ -7,7 +7,8 @@ use crate::markup::as_xml;
 use dunkelfeld::adaptive::Strategy;
 use dunkelfeld::{Cancel, Progress, Project, Session, Silent};
 use dunkelfeld_io::exr::{Channel, read_exr, write_exr};
-use dunkelfeld_studies::bench::{BenchOutcome, BenchSettings, bench};
+use dunkelfeld_studies::StudyOutcome;
+use dunkelfeld_studies::bench::{BenchSettings, bench};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -35,7 +36,7 @@ fn lab() -> Lab {
 }
 
 /// The tiny bench through the library.
-fn call(lab: &Lab, folder: &Path, progress: &dyn Progress, cancel: &Cancel) -> BenchOutcome {
+fn call(lab: &Lab, folder: &Path, progress: &dyn Progress, cancel: &Cancel) -> StudyOutcome {
     let input = lab.path("<scene>.obj");
     let mut project = Project::open(&input).expect("a scene");
     (project.settings.width, project.settings.height) = (20, 14);

@@ -5,7 +5,8 @@
 use crate::lab::{CutAt, Lab, complaint, lit_floor, same_numbers, square, stands_alone};
 use crate::markup::as_xml;
 use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, Progress, Project, Session, Silent};
-use dunkelfeld_studies::photon_transfer::{PtcOutcome, PtcSettings, ptc};
+use dunkelfeld_studies::StudyOutcome;
+use dunkelfeld_studies::photon_transfer::{PtcSettings, ptc};
 use std::fs;
 use std::path::Path;
 
@@ -21,7 +22,7 @@ fn lab() -> Lab {
 }
 
 /// The tiny measurement through the library.
-fn call(lab: &Lab, folder: &Path, frames: u32, progress: &dyn Progress, cancel: &Cancel) -> PtcOutcome {
+fn call(lab: &Lab, folder: &Path, frames: u32, progress: &dyn Progress, cancel: &Cancel) -> StudyOutcome {
     let input = lab.path("<scene>.obj");
     let mut project = Project::open(&input).expect("a scene");
     (project.settings.width, project.settings.height) = (24, 16);

@@ -5,15 +5,16 @@
 //! The program itself is killed in `tests/cli/killed.rs`. Replay: `cargo test --workspace --test it checkpoints::NAME`.
 
 use crate::support::{build, emitter, settings, square};
-use dunkelfeld::film::{Film, Plane};
+use dunkelfeld::commands::{MergeSettings, Merged};
+use dunkelfeld::film::{CheckpointSettings, Film, Plane};
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::{Rgb, Seconds};
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::{Exposure, Optics};
 use dunkelfeld::{
-    Budget, Cancel, CheckpointSettings, Error, MergeSettings, Merged, OutputPaths, Progress, ProgressState,
-    RenderSettings, Rendering, SavedFilm, SensorChoice, Session, find_sensor, render,
+    Budget, Cancel, Error, OutputPaths, Progress, ProgressState, RenderSettings, Rendering, SavedFilm, SensorChoice,
+    Session, find_sensor, render,
 };
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_io::checkpoint::{CheckpointHead, read_checkpoint, write_checkpoint};
@@ -62,7 +63,7 @@ fn only(settings: &RenderSettings, samples: std::ops::Range<u32>) -> RenderSetti
 /// Joins parts into a checkpoint.
 fn merge(parts: &[PathBuf], out: &Path) -> Result<Merged, Error> {
     let settings = MergeSettings::default().with_parts(parts.to_vec()).with_checkpoint(Some(out.into()));
-    dunkelfeld::merge(&settings, Instant::now())
+    dunkelfeld::commands::merge(&settings, Instant::now())
 }
 
 /// Stores a checkpoint as often as it can.
@@ -467,7 +468,7 @@ fn parts_that_do_not_belong_together_are_refused() {
     for (exr, says) in [(&a, "does not fit"), (&image, "is a part that this run reads as")] {
         let outputs = OutputPaths::default().with_exr(exr.clone());
         let over = MergeSettings::default().with_parts(vec![a.clone(), b.clone()]).with_outputs(outputs);
-        refused(dunkelfeld::merge(&over, Instant::now()), &[&exr.display().to_string(), says]);
+        refused(dunkelfeld::commands::merge(&over, Instant::now()), &[&exr.display().to_string(), says]);
     }
 
     // A whole render, an unfinished part, one that contains more samples than its range.

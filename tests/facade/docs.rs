@@ -5,13 +5,12 @@
 
 use crate::support::{build, emitter, settings, spot_camera, square};
 use dunkelfeld::geometry::DVec3;
+use dunkelfeld::memory::{MemoryAccount, MemoryItem, MemoryStats};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
-use dunkelfeld::{
-    Budget, DenoiseStats, HeavySample, MemoryAccount, MemoryItem, MemoryStats, PartStats, RenderSettings,
-    STATS_VERSION, SensorChoice, Session, Stage, Stats, develop_film, find_sensor, render,
-};
+use dunkelfeld::stats::{DenoiseStats, HeavySample, PartStats, STATS_VERSION};
+use dunkelfeld::{Budget, RenderSettings, SensorChoice, Session, Stage, Stats, develop_film, find_sensor, render};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::job::Job;
 use dunkelfeld_io::sensor_file::parse_sensor;
@@ -314,7 +313,7 @@ fn the_stations_page_shows_each_preset_station_with_its_keys() {
     let lamps = text.split("## Lamps\n").nth(1).expect("docs/stations.md has a section about lamps");
     let example = format!("scene = \"none\"\n{}", blocks(lamps, "toml")[0]);
     (JOB.read)(&example).unwrap_or_else(|e| panic!("{e}\n{example}"));
-    for station in dunkelfeld::STATIONS {
+    for station in dunkelfeld::commands::STATIONS {
         let section = text.split(&format!("### {}\n", station.name)).nth(1);
         let section = section.unwrap_or_else(|| panic!("docs/stations.md has no section {}", station.name));
         assert!(section.contains(station.summary()) && section.contains(&format!(" {} lines.", station.lines())));

@@ -3,13 +3,15 @@
 //! Replay: `cargo test -p dunkelfeld --test it expose::NAME`.
 
 use crate::support::{build, emitter, settings, square};
+use dunkelfeld::commands::{ExposeOutputs, expose_exr};
 use dunkelfeld::film::Plane;
 use dunkelfeld::geometry::DVec3;
+use dunkelfeld::outputs::ExrImage;
 use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
 use dunkelfeld::sensor::{BayerPattern, Exposure, ExposureNoise, Optics, SensorModel};
 use dunkelfeld::{
-    Cancel, ExposeOutputs, ExposeSettings, Exposer, ExrImage, Frame, Picture, RenderSettings, SensorChoice, Session,
-    develop_film, expose_exr, find_sensor, render,
+    Cancel, ExposeSettings, Exposer, Frame, Picture, RenderSettings, SensorChoice, Session, develop_film, find_sensor,
+    render,
 };
 use dunkelfeld_io::exr::{Channel, ExrLayers, write_exr};
 use dunkelfeld_io::layers::{Single, Triple};
@@ -288,7 +290,7 @@ fn matched_behind_a_mosaic() -> (Frame, ExrLayers, ExposeSettings) {
     let exposure_noise = ExposureNoise::Matched;
     let (rendering, settings) = lit_floor(colour(BayerPattern::Rggb), exposure_noise);
     let frame = developed(&rendering, &settings);
-    let layers = dunkelfeld::encode_layers(&rendering.film, &frame, &settings);
+    let layers = dunkelfeld::outputs::encode_layers(&rendering.film, &frame, &settings);
     let SensorChoice::Emva { model, optics, exposure } = settings.sensor else { panic!("a sensor") };
     let defaults = ExposeSettings::new(*model).expect("defaults");
     (

@@ -5,12 +5,12 @@
 
 use crate::support::{settings, shadow};
 use dunkelfeld::film::{Accumulate, Film, PixelSums, Plane, Sample};
+use dunkelfeld::outputs::encode_layers;
 use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
 use dunkelfeld::scene::Scene;
 use dunkelfeld::sensor::{Device, Exposure, ExposureNoise, FrameKey, Optics};
 use dunkelfeld::{
-    Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, develop, develop_film, encode_layers,
-    find_sensor, render,
+    Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, develop, develop_film, find_sensor, render,
 };
 use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::layers::Single;

@@ -5,7 +5,8 @@
 //! by `examples/certificate_truth.rs`.
 
 use crate::support::{RATE, build, emitter, square};
-use dunkelfeld::adaptive::{Certificate, Strategy};
+
+use dunkelfeld::adaptive::{Certificate, Forecast, Strategy};
 use dunkelfeld::film::{Film, Plane};
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
@@ -13,8 +14,8 @@ use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
-    Budget, Forecast, Frame, Progress, ProgressState, Project, RenderSettings, Rendering, SensorChoice, Session,
-    develop, develop_film, find_sensor, render,
+    Budget, Frame, Progress, ProgressState, Project, RenderSettings, Rendering, SensorChoice, Session, develop,
+    develop_film, find_sensor, render,
 };
 use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_testkit::{ImageEstimate, ImageTest, SampleMoments};

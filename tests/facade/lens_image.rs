@@ -126,15 +126,15 @@ fn an_exr_behind_a_lens_has_the_values_of_the_render() {
     let scene = shadow();
     let settings = exposed(Psf::Diffraction, 16.0, 1.0);
     let (rendering, frame) = rendered(&scene, &settings);
-    let layers = dunkelfeld::encode_layers(&rendering.film, &frame, &settings);
-    dunkelfeld::save_exr(&path, layers).expect("written");
+    let layers = dunkelfeld::outputs::encode_layers(&rendering.film, &frame, &settings);
+    dunkelfeld::outputs::save_exr(&path, layers).expect("written");
     let of_render = ExposeSettings::of_render(&settings).expect("valid").expect("a sensor");
     let exposer = dunkelfeld::Exposer::open(&path, &of_render).expect("exposed");
     let values = exposer.frame(0).expect("a frame");
     assert_eq!(values.data(), frame.sensor.as_ref().expect("a sensor").values.data());
     // The lens of the file is used if none is given.
     let mut open = of_render.clone();
-    open.of_image = dunkelfeld::OfImage { sensor: true, lens: [true; 3], blur: [true; 2] };
+    open.of_image = dunkelfeld::commands::OfImage { sensor: true, lens: [true; 3], blur: [true; 2] };
     assert_eq!(
         dunkelfeld::Exposer::open(&path, &open).expect("exposed").frame(0).expect("a frame").data(),
         values.data()
@@ -157,9 +157,9 @@ fn glare_behind_a_sharp_lens_is_that_of_the_file() {
         *optics = optics.clone().with_glare(0.2).expect("in range");
     }
     let frame = develop_film(&rendering.film, &settings).expect("a frame");
-    let layers = dunkelfeld::encode_layers(&rendering.film, &frame, &settings);
+    let layers = dunkelfeld::outputs::encode_layers(&rendering.film, &frame, &settings);
     assert!(!layers.channels.iter().any(|(name, _)| name.starts_with("moment")));
-    dunkelfeld::save_exr(&path, layers).expect("written");
+    dunkelfeld::outputs::save_exr(&path, layers).expect("written");
     let settings = ExposeSettings::of_render(&settings).expect("valid").expect("a sensor");
     let values = dunkelfeld::Exposer::open(&path, &settings).expect("exposed").frame(0).expect("a frame");
     assert_eq!(values.data(), frame.sensor.as_ref().expect("a sensor").values.data());

@@ -2,12 +2,11 @@
 //! renders have. Replay: `cargo test --workspace --test it light_films::NAME`.
 
 use crate::support::RATE;
-use dunkelfeld::film::{FilmLayers, MeanImage, Plane};
+use dunkelfeld::film::{FilmLayers, MeanImage, Plane, mean_image};
+use dunkelfeld::light_films::{FilmOfLight, develop_films, encode_light_layers, sum_of_means};
+use dunkelfeld::outputs::encode_layers;
 use dunkelfeld::sensor::ExposureNoise;
-use dunkelfeld::{
-    Budget, ExposeSettings, Exposer, FilmOfLight, Project, RenderedFilm, develop_film, develop_films, encode_layers,
-    encode_light_layers, mean_image, sum_of_means,
-};
+use dunkelfeld::{Budget, ExposeSettings, Exposer, Project, RenderedFilm, develop_film};
 use dunkelfeld_io::exr::ExrLayers;
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_testkit::{SampleMoments, student_t_test, z_test};

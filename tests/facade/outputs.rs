@@ -4,14 +4,16 @@
 //! Replay: `cargo test -p dunkelfeld --test it outputs::NAME`.
 
 use crate::support::{build, emitter, settings, spot_camera, square};
-use dunkelfeld::film::Plane;
+use dunkelfeld::film::{NO_ID, Plane};
 use dunkelfeld::geometry::{DVec3, Vec3};
+use dunkelfeld::limits::DEFAULT_SENSOR;
+use dunkelfeld::outputs::{encode_layers, load_plan, save_plan};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::cuboid;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, NO_ID, OutputPaths, Picture, Progress, ProgressState, Project, RenderSettings,
-    SensorChoice, Session, develop, encode_layers, load_plan, render, save_plan,
+    Budget, Cancel, OutputPaths, Picture, Progress, ProgressState, Project, RenderSettings, SensorChoice, Session,
+    develop, render,
 };
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_io::exr::Channel;

@@ -2,9 +2,11 @@
 //! Replay: `cargo test --workspace --test it project::NAME`.
 
 use dunkelfeld::film::Film;
+use dunkelfeld::film::{expose_film, picture_of_film};
+use dunkelfeld::outputs::{SavedPlan, save_film_files};
 use dunkelfeld::{
     Cancel, ExposeOptions, GivenSensor, InputFiles, OutputPaths, Project, ProjectOptions, RenderOptions, ReplayOption,
-    SavedFilm, SavedPlan, SensorChoice, Silent, expose_film, picture_of_film, save_film_files,
+    SavedFilm, SensorChoice, Silent,
 };
 use std::fmt::Write as _;
 use std::fs;
@@ -353,7 +355,7 @@ fn files_of_a_coaxial_station_have_its_beam_splitter() {
     let model = dunkelfeld::find_sensor("imx250").expect("a preset");
     let SensorChoice::Emva { exposure, .. } = &result.settings().sensor else { panic!("a sensor") };
     let settings = dunkelfeld::ExposeSettings::new(model).expect("defaults").with_exposure(*exposure);
-    let exposed = dunkelfeld::expose_image(&exr, &settings, &Cancel::new()).expect("exposed");
+    let exposed = dunkelfeld::commands::expose_image(&exr, &settings, &Cancel::new()).expect("exposed");
     assert!(exposed[0] == values, "{:?} instead of {:?}", &exposed[0].data()[..8], &values.data()[..8]);
     let black = values.data().iter().filter(|v| **v < 60).count();
     assert!(black < values.data().len() / 2, "the lamp lights the image");
@@ -375,7 +377,7 @@ fn resolved(name: &str, project: &Project) -> String {
 fn jobs_resolve_to_the_same_scenes_and_settings() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut text = String::new();
-    for station in dunkelfeld::STATIONS {
+    for station in dunkelfeld::commands::STATIONS {
         let project = Project::from_text("station.toml", &station.job()).unwrap_or_else(|e| panic!("{e}"));
         text += &resolved(station.name, &project);
     }

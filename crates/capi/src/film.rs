@@ -4,11 +4,10 @@ use crate::film_data::{FILMS, FilmData};
 use crate::options::{Certificate, ExposeOptions};
 use crate::pointers::{Elements, In, Out, Text};
 use crate::status::{Failure, Status, call};
-use dunkelfeld::film::Plane;
-use dunkelfeld::{
-    Cancel, DenoiseMethod, DenoiseSettings, Error, MergeSettings, OutputPaths, Picture, SavedFilm, certify_film,
-    denoise_saved, expose_film, picture_of_film, save_film, save_film_files,
-};
+use dunkelfeld::commands::MergeSettings;
+use dunkelfeld::film::{Plane, certify_film, denoise_saved, expose_film, picture_of_film};
+use dunkelfeld::outputs::{save_film, save_film_files};
+use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, Error, OutputPaths, Picture, SavedFilm};
 use std::ffi::c_char;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -49,7 +48,7 @@ pub enum IdLayer {
 
 /// The id of pixels without an object.
 pub const NO_ID: u32 = 0xffff_ffff;
-const _: () = assert!(NO_ID == dunkelfeld::NO_ID, "the header names the id of the library");
+const _: () = assert!(NO_ID == dunkelfeld::film::NO_ID, "the header names the id of the library");
 
 fn unknown_layer(layer: i32) -> Failure {
     Failure::new(Status::Argument, "layer", format!("there is no layer {layer}"), "pass a constant of the header")
@@ -401,7 +400,7 @@ pub unsafe extern "C" fn dunkelfeld_merge(
             return Err(Error::setting("paths", "there are no parts", "name at least one checkpoint").into());
         }
         let settings = MergeSettings::default().with_parts(paths.clone()).with_threads(threads as usize);
-        let merged = dunkelfeld::merge(&settings, Instant::now())?;
+        let merged = dunkelfeld::commands::merge(&settings, Instant::now())?;
         let stats = merged.stats.to_json();
         let saved =
             SavedFilm { film: merged.rendering.film, settings: merged.settings, is_vignetted: merged.is_vignetted };

@@ -1,7 +1,8 @@
 //! The content of a film handle.
 
 use crate::handles::Handles;
-use dunkelfeld::{InputFiles, InputRole, ProjectResult, SavedFilm, Session};
+use dunkelfeld::io::InputRole;
+use dunkelfeld::{InputFiles, ProjectResult, SavedFilm, Session};
 use std::path::PathBuf;
 
 /// A rendered film. Nothing changes it.

@@ -218,7 +218,7 @@ pub(crate) struct ViewArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1..=1024u16))]
     pub(crate) threads: Option<u16>,
     /// Nice value of the threads of the render, 0 to 19: with a larger one, other programs get more time [default: 10].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(0..=dunkelfeld::MAX_NICE))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(0..=dunkelfeld::limits::MAX_NICE))]
     pub(crate) nice: Option<u8>,
     #[command(flatten, next_help_heading = "Lens of an EXR")]
     pub(crate) lens: KeyFlags<OfLens>,

@@ -3,7 +3,8 @@
 use crate::outcome::{say, say_json, say_object};
 use crate::run_args::ProgressKind;
 use crate::words::{about, count, remaining};
-use dunkelfeld::{Forecast, Progress, ProgressState, Stage};
+use dunkelfeld::adaptive::Forecast;
+use dunkelfeld::{Progress, ProgressState, Stage};
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// Steps of the bar.
@@ -151,7 +152,7 @@ fn expectation(forecast: &Forecast) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld::{ForecastCourse, ForecastLevel};
+    use dunkelfeld::adaptive::{ForecastCourse, ForecastLevel};
 
     #[test]
     fn the_expectation_names_its_own_level_first() {

@@ -56,7 +56,7 @@ pub(crate) fn time_limit(text: &str) -> Result<f64, String> {
 
 pub(crate) fn effect(name: &str) -> Result<Effect, String> {
     Effect::ALL.into_iter().find(|e| e.name() == name).ok_or_else(|| {
-        let names: Vec<&str> = dunkelfeld::removable_effects().iter().map(|e| e.name()).collect();
+        let names: Vec<&str> = dunkelfeld::commands::removable_effects().iter().map(|e| e.name()).collect();
         format!("write one of {}", names.join(", "))
     })
 }

@@ -1,4 +1,4 @@
-//! Denoising: the input and output of every denoiser, and the denoiser that changes nothing.
+//! Denoising: the input and output of every denoiser.
 //!
 //! A denoised image is cosmetic. It is an addition to the unbiased mean and never replaces it. Statistics, certificates
 //! and measured grey values never use it.
@@ -8,14 +8,12 @@
 
 mod builtin;
 mod denoiser;
-mod off;
 #[cfg(feature = "oidn")]
 pub mod oidn;
 mod settings;
 
 pub use builtin::Builtin;
 pub use denoiser::{Control, DenoiseError, DenoiseInput, Denoiser, Executor, Serial, Triples};
-pub use off::Off;
 #[cfg(feature = "oidn")]
 pub use oidn::Oidn;
 pub use settings::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE};

@@ -5,7 +5,7 @@ use dunkelfeld_io::sensor_file::preset;
 use dunkelfeld_render::{DEFAULT_F_NUMBER, RenderSettings, SensorChoice};
 use dunkelfeld_sensor::Optics;
 
-/// 512 x 512 pixels, [`DEFAULT_SPP`](crate::DEFAULT_SPP) samples, the sensor [`DEFAULT_SENSOR`] behind the lens of
+/// 512 x 512 pixels, [`DEFAULT_SPP`](crate::limits::DEFAULT_SPP) samples, the sensor [`DEFAULT_SENSOR`] behind the lens of
 /// [`default_optics`] with automatic exposure.
 pub fn default_settings() -> RenderSettings {
     let sensor = match (preset(DEFAULT_SENSOR), default_optics()) {

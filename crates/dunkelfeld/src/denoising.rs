@@ -4,16 +4,19 @@
 use crate::frame::{Frame, show_denoised};
 use crate::oidn_library;
 use crate::stats::DenoiseStats;
-use dunkelfeld_denoise::{Builtin, Control, DenoiseError, DenoiseInput, Denoiser, Executor};
+use dunkelfeld_denoise::{Builtin, Control, DenoiseInput, Executor};
 use dunkelfeld_film::{Film, FilmLayers, Plane};
 use dunkelfeld_render::Error;
 use dunkelfeld_render::parallel::{map_film, map_film_to, mean_without_gaps};
-use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, OIDN_VARIABLE, RenderSettings};
+use dunkelfeld_render::{DenoiseMethod, DenoiseSettings, RenderSettings};
 use dunkelfeld_render::{ProgressState, Session, Stage};
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
+
+pub use dunkelfeld_denoise::{DenoiseError, Denoiser};
+pub use dunkelfeld_render::OIDN_VARIABLE;
 
 /// A denoised image, for display.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,7 +87,7 @@ pub fn select_denoiser(method: Option<DenoiseMethod>, oidn: Option<&Path>, setti
 
 /// The threads of the current pool.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct PoolExecutor;
+pub(crate) struct PoolExecutor;
 
 impl Executor for PoolExecutor {
     fn threads(&self) -> usize {

@@ -54,7 +54,7 @@ impl Exposer {
 
     /// [`Self::of_film`] for the sum of independent films of one camera, each multiplied by a factor of zero or more, such as
     /// those of single lights ([`Project::only_light`](crate::Project::only_light)). The variance of the sum is that of the
-    /// films times the squares of the factors. `mean` is the sum of their means, [`sum_of_means`](crate::sum_of_means).
+    /// films times the squares of the factors. `mean` is the sum of their means, [`sum_of_means`](crate::light_films::sum_of_means).
     ///
     /// Behind a lens with another transmission than that of the films, `transmission` is the ratio of both in each pixel, above
     /// zero. `mean` is then the sum of the means times the transmission ([`through_lens`]). The variances get its square.

@@ -79,7 +79,7 @@ pub struct Frame {
 ///
 /// # Errors
 /// As [`develop`].
-pub fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSettings) -> Result<(), Error> {
+pub(crate) fn show_denoised(frame: &mut Frame, denoised: Denoised, settings: &RenderSettings) -> Result<(), Error> {
     let mut settings = settings.clone();
     if let (SensorChoice::Emva { exposure, .. }, Some(sensor)) = (&mut settings.sensor, &frame.sensor) {
         *exposure = Some(sensor.exposure);

@@ -62,11 +62,12 @@
 //!
 //! # The same samples again, and one of them vertex by vertex
 //!
-//! [`save_film_files`](crate::save_film_files) writes the files of the program, and with them the plan for `--replay`.
+//! [`save_film_files`](crate::outputs::save_film_files) writes the files of the program, and with them the plan for `--replay`.
 //!
 //! ```
 //! use dunkelfeld::trace::PixelSample;
-//! use dunkelfeld::{Cancel, Project, RenderOptions, ReplayOption, SavedPlan, Silent};
+//! use dunkelfeld::outputs::SavedPlan;
+//! use dunkelfeld::{Cancel, Project, RenderOptions, ReplayOption, Silent};
 //! # fn main() -> Result<(), dunkelfeld::Error> {
 #![doc = include_str!("guide/job.md")]
 //! let mut project = Project::from_text("ball.toml", JOB)?;

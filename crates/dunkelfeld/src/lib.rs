@@ -14,8 +14,17 @@
 //! as often as needed, with other settings and with changes of its scene.
 //!
 //! The stages can also be called one by one ([`render()`], [`develop_film()`]), with a scene built in code, a progress
-//! sink and a cancellation switch: see `examples/unrolled.rs`. The modules below re-export the types that such a
-//! program needs. The engine itself is in the crates `dunkelfeld-*`.
+//! sink and a cancellation switch: see `examples/unrolled.rs`. The root of the crate has the names of the usual way
+//! from a scene to an image. The modules have the rest, by subject:
+//!
+//! | modules | contents |
+//! |---|---|
+//! | [`scene`], [`geometry`], [`inspect`] | scenes and their parts |
+//! | [`film`], [`adaptive`], [`trace`], [`light_films`] | sums of samples, plans, single samples, films of single lights |
+//! | [`sensor`], [`denoising`] | the way from radiance to an image |
+//! | [`outputs`], [`stats`], [`io`], [`guard`] | files, statistics, texts |
+//! | [`commands`] | the commands of the program on files |
+//! | [`radiometry`], [`limits`], [`memory`] | units, limits of settings, memory |
 //!
 //! Features, all on by default: `gltf` and `obj` read scenes of these formats, `oidn` loads the denoiser Intel Open
 //! Image Denoise. A program without one of them refuses such a scene or denoiser with an error that names the feature.
@@ -24,9 +33,9 @@
 
 mod black_image;
 mod camera_fit;
-mod commands;
+pub mod commands;
 mod default_settings;
-mod denoising;
+pub mod denoising;
 mod expose_options;
 mod exposer;
 mod exr_image;
@@ -36,84 +45,58 @@ mod frame;
 pub mod guard;
 pub mod guide;
 mod image_noise;
-mod inspect;
-mod light_films;
-mod memory;
+pub mod inspect;
+pub mod light_films;
+pub mod memory;
 mod noise_compensation;
 mod oidn_library;
 mod options;
 mod outliers;
-mod outputs;
+pub mod outputs;
 mod project;
 mod sensor_hazards;
 mod sensor_sheet;
 mod shutter;
 mod stations;
-mod stats;
+pub mod stats;
 mod traced_sample;
 mod views;
 
-pub use black_image::black_image;
-pub use commands::denoise::{DenoisePlanes, DenoisedFile, check_denoise_output, denoise_exr, denoise_planes};
-pub use commands::expose::{ExposeOutputs, ExposeSettings, ExposedFile, OfImage, expose_exr};
-pub use commands::init::{init, init_text};
-pub use commands::merge::{MergeSettings, Merged, merge};
+pub use commands::expose::ExposeSettings;
 pub use default_settings::default_settings;
-pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser, select_denoiser, why_builtin};
-pub use expose_options::{ExposeOptions, expose_image, expose_radiance};
-pub use exposer::{Exposer, FilmVariances, through_lens};
-pub use exr_image::{ExrImage, LensSource};
-pub use film_files::{save_film, save_film_files};
-pub use frame::{Frame, Picture, SensorFrame, develop, develop_film, show_denoised};
-pub use guard::DefaultPath;
-pub use image_noise::ImageNoise;
-pub use inspect::{
-    CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, ObjectEntry, inspect,
-};
-pub use light_films::{FilmOfLight, develop_films, encode_light_layers, sum_of_means};
-pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats, check_image_memory};
-pub use noise_compensation::Matched;
-pub use options::{RenderOptions, ReplayOption, certify_film, denoise_saved, expose_film, picture_of_film};
-pub use outliers::HeavySample;
-pub use outputs::{
-    Align, OutputPaths, SavedPlan, encode_layers, encode_picture, load_plan, load_plan_recorded, save_exr, save_linear,
-    save_new, save_picture, save_plan, save_text,
-};
-pub use project::{
-    GivenSensor, LightFilmsMemory, Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded,
-    read_scene, removable_effects,
-};
-pub use sensor_sheet::sensor_sheet;
-pub use shutter::TimedExposure;
-pub use stations::{STATIONS, Station};
-pub use stats::{CertificateStats, DenoiseStats, PartStats, STATS_VERSION, SensorStats, Stats};
-
-pub use dunkelfeld_denoise::{DenoiseError, Denoiser};
-pub use dunkelfeld_film::NO_ID;
-pub use dunkelfeld_io::job::DEFAULT_SENSOR;
-pub use dunkelfeld_render::film_noise::Certified;
-pub use dunkelfeld_render::parallel::{mean_image, mean_without_gaps};
-pub use dunkelfeld_render::{
-    Budget, Cancel, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_F_NUMBER, DEFAULT_PILOT_SPP, DEFAULT_SPP,
-    DenoiseMethod, DenoiseSettings, Error, FORECAST_LEVELS, Forecast, ForecastCourse, ForecastLevel, MAX_NICE,
-    MAX_PIXELS, MAX_SIDE, MAX_THREADS, OIDN_VARIABLE, Progress, ProgressState, RenderSettings, RenderedFilm, Rendering,
-    ResumedWork, SavedFilm, SensorChoice, Session, Silent, Stage, camera, program_seconds, render, written,
-};
+pub use expose_options::ExposeOptions;
+pub use exposer::Exposer;
+pub use frame::{Frame, Picture, develop, develop_film};
+pub use inspect::Inspection;
+pub use options::{RenderOptions, ReplayOption};
+pub use outputs::{OutputPaths, save_picture};
+pub use project::{GivenSensor, Project, ProjectOptions, ProjectResult, find_sensor};
+pub use stats::Stats;
 
 pub use dunkelfeld_io::InputError;
-pub use dunkelfeld_io::import::{EmissiveUnit, ImportOptions};
-pub use dunkelfeld_io::input::{InputFiles, Role as InputRole};
+pub use dunkelfeld_io::input::InputFiles;
+pub use dunkelfeld_render::{
+    Budget, Cancel, DenoiseMethod, DenoiseSettings, Error, Progress, ProgressState, RenderSettings, RenderedFilm,
+    Rendering, SavedFilm, SensorChoice, Session, Silent, Stage, camera, render,
+};
 
-/// Allocation of samples, and the certificate of a render.
+/// Allocation of samples, forecasts, and the certificate of a render.
 pub mod adaptive {
     pub use dunkelfeld_adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS, SHARES};
     pub use dunkelfeld_adaptive::plan::MAX_SPP;
+    pub use dunkelfeld_adaptive::sobel;
     pub use dunkelfeld_adaptive::{Certificate, StopReason, Strategy, UnknownStrategy};
+    pub use dunkelfeld_render::{FORECAST_LEVELS, Forecast, ForecastCourse, ForecastLevel};
 }
 
-/// Sums of samples per pixel, and images.
+/// Sums of samples per pixel, images, checkpoints, and the steps after a saved film.
 pub mod film {
-    pub use dunkelfeld_film::{Accumulate, Film, FilmError, FilmLayers, MeanImage, PixelSums, Plane, Sample};
+    pub use crate::options::{certify_film, denoise_saved, expose_film, picture_of_film};
+    pub use dunkelfeld_film::{Accumulate, Film, FilmError, FilmLayers, MeanImage, NO_ID, PixelSums, Plane, Sample};
+    pub use dunkelfeld_render::film_noise::{Certified, FilmNoise, SignalModel};
+    pub use dunkelfeld_render::lens_image::LensImage;
+    pub use dunkelfeld_render::parallel::mean_image;
+    pub use dunkelfeld_render::{CheckpointSettings, RenderKey, ResumedWork};
 }
 
 /// Meshes, and the vectors and transforms of `glam`.
@@ -124,8 +107,19 @@ pub mod geometry {
     };
 }
 
-/// Files of sensors, quantities with units, and text that a terminal can print.
+/// Defaults and limits of settings.
+pub mod limits {
+    pub use dunkelfeld_io::job::DEFAULT_SENSOR;
+    pub use dunkelfeld_render::{
+        DEFAULT_CHECKPOINT_SECONDS, DEFAULT_F_NUMBER, DEFAULT_PILOT_SPP, DEFAULT_SPP, MAX_NICE, MAX_PIXELS, MAX_SIDE,
+        MAX_THREADS,
+    };
+}
+
+/// Files of scenes and sensors, quantities with units, and text that a terminal can print.
 pub mod io {
+    pub use dunkelfeld_io::import::{EmissiveUnit, ImportOptions};
+    pub use dunkelfeld_io::input::Role as InputRole;
     pub use dunkelfeld_io::job::{literal_pattern, matches};
     pub use dunkelfeld_io::keys::{KEYS, Key, Kind, OF_FILM, OF_IMAGE, OF_LENS, OF_MERGE, OF_RENDER, OF_STUDY};
     pub use dunkelfeld_io::private_file::PrivateFile;
@@ -133,6 +127,7 @@ pub mod io {
     pub use dunkelfeld_io::sensor_file;
     pub use dunkelfeld_io::toml_file::toml_text;
     pub use dunkelfeld_io::visible::{visible, visible_json, visible_line};
+    pub use dunkelfeld_render::program_seconds;
 }
 
 /// Units of light and of the sensor.
@@ -156,10 +151,16 @@ pub mod scene {
 
 /// EMVA 1288 sensors, lenses and exposures.
 pub mod sensor {
+    pub use crate::exposer::{FilmVariances, through_lens};
+    pub use crate::frame::SensorFrame;
+    pub use crate::image_noise::ImageNoise;
+    pub use crate::noise_compensation::Matched;
+    pub use crate::shutter::TimedExposure;
     pub use dunkelfeld_sensor::{
         BayerPattern, ChannelSheet, ColorFilter, DarkCurrent, DataSheet, Device, Efficiency, Exposure, ExposureNoise,
         Figure, FilterColor, FrameKey, ImageExposure, LensBlur, MtfCurve, MtfTable, Optics, PRESETS, Psf, Published,
-        QuantumEfficiency, Readout, SensorError, SensorModel, SensorSpec, auto_exposure, data_sheet, display,
+        QuantumEfficiency, Readout, Response, SensorError, SensorModel, SensorSpec, auto_exposure, data_sheet, display,
+        electrons,
     };
 }
 

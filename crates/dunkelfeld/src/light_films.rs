@@ -15,6 +15,8 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 
+pub use crate::project::LightFilmsMemory;
+
 /// A film with the name of its light, and the factor of its radiance.
 #[derive(Clone, Copy, Debug)]
 pub struct FilmOfLight<'a> {
@@ -90,7 +92,7 @@ pub fn develop_films(
     exposer.into_frame(settings.frame, Some(certified), &settings.without)
 }
 
-/// The layers of [`encode_layers`](crate::encode_layers) for the sum of independent films of single lights, each times its
+/// The layers of [`encode_layers`](crate::outputs::encode_layers) for the sum of independent films of single lights, each times its
 /// factor, and the mean radiance of each light at factor 1 as `light.NAME.R`, `.G` and `.B`. The attribute `lights` contains
 /// names, layers and factors. Samples are those of all films together. There is no seed: the samples of the sum cannot be
 /// rendered again by a plan.

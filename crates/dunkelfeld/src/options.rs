@@ -50,7 +50,7 @@ pub struct RenderOptions {
     pub camera: Option<String>,
     /// Number of threads; 0 means one per core.
     pub threads: Option<usize>,
-    /// Range of the sample indices of a part of a render, which [`crate::merge`] joins with others. It replaces budget and
+    /// Range of the sample indices of a part of a render, which [`merge`](crate::commands::merge()) joins with others. It replaces budget and
     /// strategy.
     pub samples: Option<Range<u32>>,
     /// A plan that is rendered instead of budget and strategy.

@@ -8,13 +8,12 @@ use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{ExrHead, ExrLayers, read_exr_recorded, write_exr, write_exr_rows};
 use dunkelfeld_io::input::{InputFiles, Role};
-pub use dunkelfeld_io::job::Align;
 use dunkelfeld_io::job::{self, Job};
 use dunkelfeld_io::layers::{Single, Triple};
 use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_io::png::png_bytes;
 use dunkelfeld_radiometry::Number;
-use dunkelfeld_render::{Error, written};
+use dunkelfeld_render::Error;
 use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_render::{RenderedFilm, SavedFilm};
 use dunkelfeld_scene::Effect;
@@ -23,6 +22,11 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+
+pub use crate::exr_image::{ExrImage, LensSource};
+pub use crate::film_files::{save_film, save_film_files};
+pub use dunkelfeld_io::job::Align;
+pub use dunkelfeld_render::written;
 
 /// The files to write. A file without a path is not written.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Setters)]
@@ -259,8 +263,8 @@ pub(crate) fn save_values(
 /// `moment.x.*` and `moment.y.*` ([`MeanImage`](dunkelfeld_film::MeanImage)) and `lens.*`, the radiance behind the lens, for a lens that blurs,
 /// `albedo.*`, `normal.*`, `depth.Z` and their variances, `scatter.*`, `id.object`, `id.material` ([`NO_ID`] where there is no
 /// surface). With a sensor it contains `electrons.Y`, `hidden.Y` if the frame is certified, and
-/// `matched.Y` (1 or 0) if its noise was to be matched. It contains `denoised.*` if the [picture shows
-/// it](crate::show_denoised). For a film without all layers ([`FilmLayers::Image`]), first light, albedo, depth and the
+/// `matched.Y` (1 or 0) if its noise was to be matched. It contains `denoised.*` if the picture shows
+/// it. For a film without all layers ([`FilmLayers::Image`]), first light, albedo, depth and the
 /// variances of auxiliary layers are left out.
 pub fn encode_layers(film: &RenderedFilm, frame: &Frame, settings: &RenderSettings) -> ExrLayers {
     let mut layers = layers_of_rows(film, frame, 0..film.sums.height());
@@ -596,7 +600,7 @@ pub fn load_plan(path: &Path) -> Result<SavedPlan, Error> {
 ///
 /// # Errors
 /// As [`load_plan`].
-pub fn load_plan_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SavedPlan, Error> {
+pub(crate) fn load_plan_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SavedPlan, Error> {
     /// The part of the channels that a replay needs.
     #[derive(Default, serde::Deserialize)]
     struct Attributes {

@@ -22,10 +22,9 @@ use crate::outputs::{self, OutputPaths, Written};
 use crate::shutter::{TimedExposure, check_shutter, expose_for, splitter_of, timed_exposure};
 use crate::stats::Stats;
 use dunkelfeld_film::FilmLayers;
-use dunkelfeld_io::import::{ImportOptions, Imported, load_scene};
+use dunkelfeld_io::ImportWarning;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::job::{FilmSettings, Job, LensSettings};
-use dunkelfeld_io::{ImportWarning, InputError};
 use dunkelfeld_render::{
     DenoiseMethod, Error, RenderSettings, Rendering, SavedFilm, SensorChoice, Session, Stage, camera_help, find_camera,
     thread_count, validate,
@@ -445,20 +444,4 @@ impl ProjectResult {
 /// Neither a preset nor a file has this name, or the file is not a sensor.
 pub fn find_sensor(name_or_path: &str) -> Result<SensorModel, Error> {
     Ok(dunkelfeld_io::sensor_file::find_sensor(name_or_path)?)
-}
-
-/// [`find_sensor`], and records the file as an input of a run.
-///
-/// # Errors
-/// As [`find_sensor`].
-pub fn find_sensor_recorded(name_or_path: &str, inputs: &mut InputFiles) -> Result<SensorModel, Error> {
-    Ok(dunkelfeld_io::sensor_file::find_sensor_recorded(name_or_path, inputs)?)
-}
-
-/// Reads a scene file without building it, for programs that change it first.
-///
-/// # Errors
-/// A file that cannot be used.
-pub fn read_scene(path: impl AsRef<Path>) -> Result<Imported, InputError> {
-    load_scene(path.as_ref(), &ImportOptions::default())
 }

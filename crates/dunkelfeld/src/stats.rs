@@ -1,8 +1,7 @@
 //! The statistics of a render, as data: the `--stats` file.
 
 use crate::frame::Frame;
-use crate::memory::MemoryStats;
-use crate::outliers::{HeavyPiece, HeavySample, heaviest};
+use crate::outliers::{HeavyPiece, heaviest};
 use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_adaptive::certificate::Certificate;
 use dunkelfeld_film::PixelSums;
@@ -14,6 +13,9 @@ use dunkelfeld_render::parallel::fold_tile_rows;
 use dunkelfeld_render::{RenderSettings, SensorChoice};
 use serde::Serialize;
 use std::collections::BTreeMap;
+
+pub use crate::memory::MemoryStats;
+pub use crate::outliers::HeavySample;
 
 /// Version of the schema. It increases with every change that a reader must handle; new fields alone do not count.
 pub const STATS_VERSION: u32 = 3;

@@ -11,7 +11,6 @@ use crate::atomic::cause;
 use crate::error::InputError;
 use crate::faults::{Operation, retry};
 use crate::partial::{folder_of, is_at, resolved};
-use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
@@ -26,26 +25,6 @@ const ATTEMPTS: u32 = 50;
 const PAUSE: Duration = Duration::from_millis(4);
 /// The first line of each lock file.
 const TITLE: &str = "lock file of dunkelfeld\n";
-
-/// The holder of a lock: the content of a lock file.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct LockHolder {
-    /// Process id.
-    pub process: u32,
-    /// Name of the host that the process runs on.
-    pub host: String,
-    /// Time at which it took the lock, as in `2026-11-23T16:20:42Z`.
-    pub since: String,
-    /// Program and version.
-    pub program: String,
-}
-
-impl std::fmt::Display for LockHolder {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { process, host, since, program } = self;
-        write!(f, "process {process} on host {host:?} ({program}) has held it since {since}")
-    }
-}
 
 /// The lock of a file or folder, until it is dropped.
 #[derive(Debug)]
@@ -68,8 +47,8 @@ enum Attempt {
     Held(File),
     /// The file was removed while it was opened.
     Again,
-    /// The holder, if it can be read yet.
-    Busy(Option<LockHolder>),
+    /// The holder in words, if they can be read yet.
+    Busy(Option<String>),
 }
 
 impl TargetLock {
@@ -168,7 +147,7 @@ pub fn lock_path(target: &Path) -> PathBuf {
     folder_of(target).join(name)
 }
 
-fn refusal(target: &Path, path: &Path, holder: Option<&LockHolder>) -> InputError {
+fn refusal(target: &Path, path: &Path, holder: Option<&str>) -> InputError {
     let lock = path.display();
     let (problem, help) = match holder {
         Some(holder) => (format!("is in use: {holder}"), "wait until it ends, end it, or use another name".into()),
@@ -228,7 +207,7 @@ fn attempt_at(path: &Path) -> Result<Attempt, InputError> {
             Err(e) => return Err(cannot(e)),
         }
     }
-    if let Err(e) = write(&mut file, &own()) {
+    if let Err(e) = write(&mut file) {
         let _ = fs::remove_file(path);
         return Err(cannot(e));
     }
@@ -243,24 +222,21 @@ fn locked(file: &File) -> Result<(), TryLockError> {
     result.unwrap_or_else(|e| Err(TryLockError::Error(e)))
 }
 
-/// The holder of the lock. `None` if the file is empty: its process is about to write it, or was killed before it
-/// could.
-fn read(file: &mut File) -> io::Result<Option<LockHolder>> {
+/// The holder of the lock in words. `None` if the file is incomplete: its process is about to write it, or was killed before
+/// it could.
+fn read(file: &mut File) -> io::Result<Option<String>> {
     let mut text = String::new();
     file.seek(SeekFrom::Start(0))?;
     file.take(MAX_BYTES + 1).read_to_string(&mut text)?;
-    if text.is_empty() {
-        return Ok(None);
+    match text.strip_prefix(TITLE) {
+        Some(holder) => Ok(holder.strip_suffix('\n').map(str::to_owned)),
+        None if TITLE.starts_with(&text) => Ok(None),
+        None => Err(ErrorKind::InvalidData.into()),
     }
-    // The incomplete content from a killed process has no meaning, but the file is a lock file of this program.
-    let Some(rest) = text.strip_prefix(TITLE) else {
-        return if TITLE.starts_with(&text) { Ok(None) } else { Err(ErrorKind::InvalidData.into()) };
-    };
-    Ok(serde_json::from_str(rest).ok())
 }
 
-fn write(file: &mut File, holder: &LockHolder) -> io::Result<()> {
-    let text = format!("{TITLE}{}\n", serde_json::to_string(holder).map_err(io::Error::other)?);
+fn write(file: &mut File) -> io::Result<()> {
+    let text = format!("{TITLE}{}\n", own());
     retry(Operation::Write, || {
         file.set_len(0)?;
         file.seek(SeekFrom::Start(0))?;
@@ -268,13 +244,11 @@ fn write(file: &mut File, holder: &LockHolder) -> io::Result<()> {
     })
 }
 
-fn own() -> LockHolder {
-    LockHolder {
-        process: std::process::id(),
-        host: host(),
-        since: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
-        program: concat!("dunkelfeld ", env!("CARGO_PKG_VERSION")).into(),
-    }
+/// The content of a lock file of this process.
+fn own() -> String {
+    let (process, since) = (std::process::id(), humantime::format_rfc3339_seconds(SystemTime::now()));
+    let program = concat!("dunkelfeld ", env!("CARGO_PKG_VERSION"));
+    format!("process {process} on host {:?} ({program}) has held it since {since}", host())
 }
 
 fn host() -> String {
@@ -331,8 +305,7 @@ mod tests {
     #[test]
     fn files_of_a_killed_process_are_no_obstacle() {
         let (home, target) = home();
-        let dead = LockHolder { process: 1, ..own() };
-        for left in ["", "lock file of", TITLE, &format!("{TITLE}{}\n", serde_json::to_string(&dead).expect("JSON"))] {
+        for left in ["", "lock file of", TITLE, &format!("{TITLE}process 1"), &format!("{TITLE}{}\n", own())] {
             fs::write(lock_path(&target), left).expect("writable");
             drop(TargetLock::acquire(&target).expect("it is free"));
             assert!(is_empty(&home));

@@ -28,12 +28,6 @@ impl LocalDir {
         self.0.z.abs()
     }
 
-    /// Squared sine of the angle to the normal, never negative.
-    #[inline]
-    pub fn sin2_theta(self) -> f32 {
-        self.0.x * self.0.x + self.0.y * self.0.y
-    }
-
     /// True if both directions lie on the same side of the surface.
     #[inline]
     pub fn same_side(self, other: Self) -> bool {

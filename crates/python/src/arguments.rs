@@ -3,8 +3,8 @@
 use crate::errors::{Failure, setting};
 use dunkelfeld::DenoiseMethod;
 use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::commands::removable_effects;
 use dunkelfeld::io::{Length, Memory, QuantityError};
-use dunkelfeld::removable_effects;
 use dunkelfeld::scene::Effect;
 use pyo3::exceptions::{PyOverflowError, PyTypeError};
 use pyo3::prelude::*;
@@ -12,7 +12,7 @@ use pyo3::types::PyBool;
 use std::path::PathBuf;
 
 /// Largest number of threads.
-const MOST_THREADS: usize = dunkelfeld::MAX_THREADS;
+const MOST_THREADS: usize = dunkelfeld::limits::MAX_THREADS;
 
 /// The value with a name.
 pub(crate) fn named<T: Copy>(what: &str, name: &str, all: &[(&str, T)]) -> Result<T, Failure> {

@@ -3,7 +3,8 @@
 use crate::errors::{Failure, setting};
 use bytemuck::Pod;
 use dunkelfeld::film::Plane;
-use dunkelfeld::{MAX_PIXELS, MAX_SIDE, check_image_memory};
+use dunkelfeld::limits::{MAX_PIXELS, MAX_SIDE};
+use dunkelfeld::memory::check_image_memory;
 use numpy::{
     AllowTypeChange, Element, PyArray1, PyArray2, PyArray3, PyArrayDescrMethods, PyArrayLike2, PyArrayLike3,
     PyArrayMethods, PyReadonlyArray2, PyUntypedArray, PyUntypedArrayMethods,

@@ -4,7 +4,8 @@ use crate::arguments::{MemoryArgument, checked_threads, threads_of};
 use crate::errors::{Failure, setting};
 use crate::film::Film;
 use crate::inputs::absolute;
-use dunkelfeld::{InputFiles, MergeSettings, STATIONS, SavedFilm, Station};
+use dunkelfeld::commands::{MergeSettings, STATIONS, Station};
+use dunkelfeld::{InputFiles, SavedFilm};
 use dunkelfeld_io::input::Role;
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -34,7 +35,7 @@ pub(crate) fn merge(
     let merged = py.detach(|| {
         let settings = MergeSettings::default().with_parts(paths).with_threads(threads).with_checkpoint(checkpoint);
         let settings = settings.with_memory_limit(memory);
-        dunkelfeld::merge(&settings, Instant::now())
+        dunkelfeld::commands::merge(&settings, Instant::now())
     })?;
     let stats = merged.stats.to_json();
     let saved = SavedFilm { film: merged.rendering.film, settings: merged.settings, is_vignetted: merged.is_vignetted };
@@ -55,7 +56,7 @@ pub(crate) fn init_job(
 ) -> Result<String, Failure> {
     let station = station.map(Station::named).transpose()?;
     let job = folder.unwrap_or_default().join("job.toml");
-    Ok(py.detach(|| dunkelfeld::init_text(&path, station, &job))?)
+    Ok(py.detach(|| dunkelfeld::commands::init_text(&path, station, &job))?)
 }
 
 /// Names of the preset stations: camera, lens, film and lights of inspection cells.

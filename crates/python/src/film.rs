@@ -7,10 +7,11 @@ use crate::keywords::Keywords;
 use crate::noise_map::NoiseMap;
 use crate::work::{with_cancellable_pool, with_pool};
 use dunkelfeld::film::PixelSums;
+use dunkelfeld::film::{NO_ID, certify_film, denoise_saved, expose_film, picture_of_film};
 use dunkelfeld::io::OF_FILM;
+use dunkelfeld::outputs::{save_film, save_film_files};
 use dunkelfeld::{
-    DenoiseMethod, DenoiseSettings, InputFiles, NO_ID, OutputPaths, Picture, RenderSettings, SavedFilm, certify_film,
-    denoise_saved, develop_film, expose_film, picture_of_film, save_film, save_film_files,
+    DenoiseMethod, DenoiseSettings, InputFiles, OutputPaths, Picture, RenderSettings, SavedFilm, develop_film,
 };
 use dunkelfeld_io::input::Role;
 use dunkelfeld_studies::NoiseMap as Map;
@@ -330,7 +331,7 @@ impl Film {
     /// The picture as PNG, for notebooks.
     fn _repr_png_<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyBytes>, Failure> {
         let frame = self.compute(py, |s| develop_film(&s.film, &s.settings))??;
-        let bytes = py.detach(|| dunkelfeld::encode_picture(&frame.picture))?;
+        let bytes = py.detach(|| dunkelfeld::outputs::encode_picture(&frame.picture))?;
         Ok(PyBytes::new(py, &bytes))
     }
 }

@@ -6,11 +6,10 @@ use crate::errors::{Failure, setting};
 use crate::keywords::Keywords;
 use crate::progress::{completed, supervised};
 use crate::work::with_cancellable_pool;
+use dunkelfeld::commands::{DenoisePlanes, ExposeOutputs, check_denoise_output};
+use dunkelfeld::denoising::select_denoiser;
 use dunkelfeld::io::OF_IMAGE;
-use dunkelfeld::{
-    Cancel, DenoiseMethod, DenoisePlanes, DenoiseSettings, ExposeOutputs, ExposeSettings, Session,
-    check_denoise_output, select_denoiser,
-};
+use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, ExposeSettings, Session};
 use numpy::PyArray3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -53,7 +52,9 @@ pub(crate) fn expose_exr<'py>(
     let settings = settings_of("expose_exr", (sensor, exposure), keys, (frames, layer, threads))?;
     stack(
         py,
-        with_cancellable_pool(py, settings.threads, |cancel| dunkelfeld::expose_image(&path, &settings, cancel))??,
+        with_cancellable_pool(py, settings.threads, |cancel| {
+            dunkelfeld::commands::expose_image(&path, &settings, cancel)
+        })??,
     )
 }
 
@@ -85,7 +86,7 @@ pub(crate) fn expose_exr_files<'py>(
     let outputs = ExposeOutputs::default().with_image(image).with_linear(linear);
     let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
         let session = Session::new(settings.threads)?.with_progress(sink).with_cancel(cancel);
-        dunkelfeld::expose_exr(&path, &settings, &outputs, &session)
+        dunkelfeld::commands::expose_exr(&path, &settings, &outputs, &session)
     })?;
     let exposed = completed(done)?;
     let entries = PyDict::new(py);
@@ -117,7 +118,7 @@ pub(crate) fn expose_radiance<'py>(
 ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
     let settings = settings_of("expose_radiance", (sensor, exposure), keys, (frames, None, threads))?;
     let radiance = radiance.rgb("radiance", settings.memory_limit)?;
-    let expose = |cancel: &Cancel| dunkelfeld::expose_radiance(radiance, &settings, cancel);
+    let expose = |cancel: &Cancel| dunkelfeld::commands::expose_radiance(radiance, &settings, cancel);
     stack(py, with_cancellable_pool(py, settings.threads, expose)??)
 }
 
@@ -159,7 +160,9 @@ pub(crate) fn denoise_exr<'py>(
             check_denoise_output(&path, output, &settings)?;
         }
         let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
-        let Some(file) = dunkelfeld::denoise_exr(&path, &settings, memory, &session)? else { return Ok(None) };
+        let Some(file) = dunkelfeld::commands::denoise_exr(&path, &settings, memory, &session)? else {
+            return Ok(None);
+        };
         let mean = file.denoised.mean.clone();
         if let Some(output) = &output {
             file.save(output)?;
@@ -202,7 +205,7 @@ pub(crate) fn denoise_radiance<'py>(
         .with_depth(depth.map(|array| array.gray("depth", memory)).transpose()?);
     let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
         let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
-        dunkelfeld::denoise_planes(&planes, &settings, memory, &session)
+        dunkelfeld::commands::denoise_planes(&planes, &settings, memory, &session)
     })?;
     rgb(py, completed(done)?.ok_or_else(cancelled)?.mean)
 }

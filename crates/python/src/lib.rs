@@ -31,7 +31,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.py().import("numpy")?;
     drop(numpy::PyArray1::<u8>::zeros(module.py(), 0, false));
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    module.add("NO_ID", dunkelfeld::NO_ID)?;
+    module.add("NO_ID", dunkelfeld::film::NO_ID)?;
     module.add_class::<scene::Scene>()?;
     module.add_class::<film::Film>()?;
     module.add_class::<noise_map::NoiseMap>()?;

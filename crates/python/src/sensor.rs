@@ -2,9 +2,10 @@
 
 use crate::errors::Failure;
 use crate::json::loaded;
+use dunkelfeld::GivenSensor;
+use dunkelfeld::commands::sensor_sheet;
 use dunkelfeld::io::sensor_file;
 use dunkelfeld::sensor::SensorModel;
-use dunkelfeld::{GivenSensor, sensor_sheet};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 

@@ -9,12 +9,10 @@ use crate::keywords::Keywords;
 use crate::progress::{completed, supervised};
 use crate::scene::Scene;
 use dunkelfeld::io::OF_STUDY;
-use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
-use dunkelfeld_studies::Figures;
-use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, default_folder};
-use dunkelfeld_studies::photon_transfer::{
-    PtcOptions, PtcSettings, StackSettings, is_frame, ptc_folder, ptc_of_frames,
-};
+use dunkelfeld::{Error, ProgressState, Project, ProjectOptions, Session, Stage};
+use dunkelfeld_studies::bench::{BenchOptions, BenchSettings};
+use dunkelfeld_studies::photon_transfer::{PtcOptions, PtcSettings, StackSettings, is_frame, ptc_of_frames};
+use dunkelfeld_studies::{Figures, StudyOutcome, default_folder};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::{Path, PathBuf};
@@ -94,18 +92,29 @@ fn given<T>(name: &str, values: Option<Vec<T>>) -> Result<Vec<T>, Failure> {
     }
 }
 
-impl View {
-    /// The project of a scene or job, with this view.
-    fn open(self, input: &Path, sink: &dyn Progress) -> Result<Project, Error> {
+/// Opens an input with the options of a study, and runs the study in a folder: by default the one of its name.
+fn study<'py>(
+    py: Python<'py>,
+    progress: Option<&Py<PyAny>>,
+    (input, view): (&Path, View),
+    (output, name): (Option<PathBuf>, &str),
+    run: impl FnOnce(Project, &Path, &Session<'_>) -> Result<StudyOutcome, Error> + Send,
+) -> Result<Bound<'py, PyDict>, Failure> {
+    let done = supervised(py, progress, 0, |sink, cancel| {
         sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-        let keys = self.keywords.keys.clone();
-        let options = ProjectOptions::default().with_can_change(false).with_threads(self.threads).with_keys(keys);
+        let keys = view.keywords.keys.clone();
+        let options = ProjectOptions::default().with_can_change(false).with_threads(view.threads).with_keys(keys);
         let mut project = Project::open_with(input, options)?;
-        let mut options = self.keywords.options();
-        options.camera = self.camera;
+        let mut options = view.keywords.options();
+        options.camera = view.camera;
         project.apply_options(options)?;
-        Ok(project)
-    }
+        let folder = output.unwrap_or_else(|| default_folder(input, name, &project.inputs).path);
+        let session = Session::new(project.settings.threads)?.with_progress(sink).with_cancel(cancel);
+        let o = run(project, &folder, &session)?;
+        let numbers = [o.finished[0] as u64, o.finished[1] as u64, o.invalid_samples];
+        Ok(Study { folder, files: o.files, findings: o.findings, figures: o.figures, numbers })
+    })?;
+    completed(done)?.entries(py)
 }
 
 /// Renders a scene or job many times with different seeds, and writes noise against time of each strategy and denoiser,
@@ -161,15 +170,10 @@ pub(crate) fn bench<'py>(
     let settings = BenchSettings::from(options);
     settings.check()?;
     let view = View { keywords, camera, threads: checked_threads(threads)?.unwrap_or(0) };
-    let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
-        let project = view.open(&input, sink)?;
-        let folder = output.unwrap_or_else(|| default_folder(&input, &project.inputs).path);
-        let session = Session::new(project.settings.threads)?.with_progress(sink).with_cancel(cancel);
-        let o = dunkelfeld_studies::bench::bench(project, &input, &settings, &folder, has_size, restart, &session)?;
-        let numbers = [o.finished[0] as u64, o.finished[1] as u64, o.invalid_samples];
-        Ok(Study { folder, files: o.files, findings: o.findings, figures: o.figures, numbers })
-    })?;
-    completed(done)?.entries(py)
+    let input = &input;
+    study(py, progress.as_ref(), (input, view), (output, "bench"), |project, folder, session| {
+        dunkelfeld_studies::bench::bench(project, input, &settings, folder, has_size, restart, session)
+    })
 }
 
 /// Measures the photon transfer of a scene or job, as Kludt et al., or that of frames from files (.png, .tif, .bmp), and
@@ -248,15 +252,9 @@ pub(crate) fn ptc<'py>(
     let settings = PtcSettings::from(options);
     settings.check()?;
     let view = View { keywords, camera, threads: checked_threads(threads)?.unwrap_or(0) };
-    let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
-        let project = view.open(input, sink)?;
-        let folder = output.unwrap_or_else(|| ptc_folder(input, &project.inputs).path);
-        let session = Session::new(project.settings.threads)?.with_progress(sink).with_cancel(cancel);
-        let o = dunkelfeld_studies::photon_transfer::ptc(project, input, &settings, &folder, restart, &session)?;
-        let numbers = [o.finished[0] as u64, o.finished[1] as u64, o.invalid_samples];
-        Ok(Study { folder, files: o.files, findings: o.findings, figures: o.figures, numbers })
-    })?;
-    completed(done)?.entries(py)
+    study(py, progress.as_ref(), (input, view), (output, "ptc"), |project, folder, session| {
+        dunkelfeld_studies::photon_transfer::ptc(project, input, &settings, folder, restart, session)
+    })
 }
 
 /// The photon transfer of files.
@@ -271,7 +269,7 @@ fn ptc_frames<'py>(
         let session = Session::new(1)?.with_progress(sink).with_cancel(cancel);
         let Some(stack) = ptc_of_frames(inputs, settings, &session)? else { return Ok(None) };
         let first = inputs.first().map_or(Path::new(""), PathBuf::as_path);
-        let folder = output.unwrap_or_else(|| ptc_folder(first, &stack.inputs).path);
+        let folder = output.unwrap_or_else(|| default_folder(first, "ptc", &stack.inputs).path);
         let files = stack.write(&folder)?;
         let numbers = [inputs.len() as u64, inputs.len() as u64, 0];
         Ok(Some(Study { folder, files, findings: stack.findings(), figures: stack.figures(), numbers }))

@@ -203,8 +203,7 @@ def test_a_stalled_process_holds_an_image_until_it_is_written_by_force(study: St
     assert not worker.is_timed
     # The lock of a process that writes, and does not go on.
     lock = tmp_path / "set/records/000001.json.lock"
-    holder = {"process": 1, "host": "h", "since": "2026-11-23T16:20:42Z", "program": "dunkelfeld"}
-    lock.write_text("lock file of dunkelfeld\n" + json.dumps(holder))
+    lock.write_text("lock file of dunkelfeld\nprocess 1 has held it\n")
     with lock.open() as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         assert not data.commit(made) and data.missing() == [0, 1]

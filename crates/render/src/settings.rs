@@ -142,7 +142,7 @@ pub struct RenderSettings {
     /// pixel gets all samples of the range. Neither budget nor strategy may be set then.
     #[setters(into)]
     pub samples: Option<Range<u32>>,
-    /// Limit of memory \[bytes\] of the run. A render whose account (`dunkelfeld::MemoryAccount`) exceeds it does not
+    /// Limit of memory \[bytes\] of the run. A render whose account (`dunkelfeld::memory::MemoryAccount`) exceeds it does not
     /// begin.
     #[setters(into)]
     pub memory_limit: Option<u64>,

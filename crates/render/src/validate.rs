@@ -8,6 +8,28 @@ use dunkelfeld_sensor::ExposureNoise;
 
 /// Refuses settings that cannot be rendered, with help.
 pub fn validate(s: &RenderSettings) -> Result<(), Error> {
+    check_size(s)?;
+    check_budget(s)?;
+    if let Some(paths) = s.training_paths.filter(|&paths| paths > MAX_TRAINING_PATHS) {
+        let problem = format!("{paths} are more than {MAX_TRAINING_PATHS}");
+        return Err(Error::setting("training paths", problem, "render the plan again"));
+    }
+    if let SensorChoice::Emva { model, exposure: Some(exposure), .. } = &s.sensor {
+        model.check_exposure(*exposure)?;
+    }
+    if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
+        let problem = "the allocation `sensor` needs the noise of a sensor, and there is no sensor";
+        return Err(Error::setting("allocation", problem, "choose a sensor, or the allocation `uniform`"));
+    }
+    if s.exposure_noise == ExposureNoise::Matched && !s.has_sensor() {
+        let problem = "matched exposure noise needs the noise of a sensor, and there is no sensor";
+        return Err(Error::setting("exposure noise", problem, "choose a sensor, or the exposure noise `plain`"));
+    }
+    check_samples(s)?;
+    check_replay(s)
+}
+
+fn check_size(s: &RenderSettings) -> Result<(), Error> {
     let range = format!("1 to {MAX_SIDE}");
     for (name, v) in [("width", s.width), ("height", s.height)] {
         if !(1..=MAX_SIDE).contains(&v) {
@@ -23,14 +45,17 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
             "make it smaller: every part of a render (`--samples`) has all of its pixels, too",
         ));
     }
+    Ok(())
+}
+
+fn check_budget(s: &RenderSettings) -> Result<(), Error> {
     for (name, v) in [("time", s.budget.seconds), ("spp", s.budget.spp)] {
         if v.is_some_and(|v| !(v.is_finite() && v > 0.0)) {
             return Err(Error::setting(name, "the budget must be a positive number", "use 20s or 64"));
         }
     }
-    if let Some(paths) = s.training_paths.filter(|&paths| paths > MAX_TRAINING_PATHS) {
-        let problem = format!("{paths} are more than {MAX_TRAINING_PATHS}");
-        return Err(Error::setting("training paths", problem, "render the plan again"));
+    if s.budget.spp.is_some_and(|v| v > budget::MAX_MEAN_SPP) {
+        return Err(Error::setting("spp", "more samples per pixel than can be counted", "use at most 1e9"));
     }
     if let Some(k) = s.budget.noise {
         if !budget::NOISE_LEVELS.contains(&k) {
@@ -41,9 +66,6 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting("noise", problem, "choose a sensor, or another budget"));
         }
     }
-    if let SensorChoice::Emva { model, exposure: Some(exposure), .. } = &s.sensor {
-        model.check_exposure(*exposure)?;
-    }
     if let Some(share) = s.budget.share {
         if !budget::SHARES.contains(&share) {
             return Err(Error::setting("share", "it must be a number from 1 to 100 per cent", "use 90"));
@@ -53,14 +75,10 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting("share", problem, "add a level, as in --noise 0.7"));
         }
     }
-    if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
-        let problem = "the allocation `sensor` needs the noise of a sensor, and there is no sensor";
-        return Err(Error::setting("allocation", problem, "choose a sensor, or the allocation `uniform`"));
-    }
-    if s.exposure_noise == ExposureNoise::Matched && !s.has_sensor() {
-        let problem = "matched exposure noise needs the noise of a sensor, and there is no sensor";
-        return Err(Error::setting("exposure noise", problem, "choose a sensor, or the exposure noise `plain`"));
-    }
+    Ok(())
+}
+
+fn check_samples(s: &RenderSettings) -> Result<(), Error> {
     if let Some(samples) = &s.samples {
         if samples.is_empty() || samples.end > plan::MAX_SPP {
             let problem = format!("the range {}..{} contains no valid samples", samples.start, samples.end);
@@ -71,9 +89,10 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting("samples", problem, "leave budget and allocation out, or the samples"));
         }
     }
-    if s.budget.spp.is_some_and(|v| v > budget::MAX_MEAN_SPP) {
-        return Err(Error::setting("spp", "more samples per pixel than can be counted", "use at most 1e9"));
-    }
+    Ok(())
+}
+
+fn check_replay(s: &RenderSettings) -> Result<(), Error> {
     if let Some(p) = &s.replay
         && (p.width(), p.height()) != (s.width, s.height)
     {

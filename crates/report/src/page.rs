@@ -12,23 +12,14 @@ const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inlin
 const GENERATOR: &str = "dunkelfeld ";
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Style sheet and script of one kind of report, after those of all reports. Both are parts of the program: they are not
-/// escaped.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Extra {
-    /// Rules of CSS. They replace earlier rules of the same specificity.
-    pub style: &'static str,
-    /// A script.
-    pub script: &'static str,
-}
-
 /// Does a file begin with the mark of a page of this program? `head` is its first part.
 pub fn is_page(head: &str) -> bool {
     head.contains(&format!("<meta name=\"generator\" content=\"{GENERATOR}"))
 }
 
-/// A page of sections, as HTML.
-pub fn page(title: &str, extra: Extra, sections: &[Markup]) -> String {
+/// A page of sections, as HTML. `style` has the rules of CSS of one kind of report, which replace earlier rules of the same
+/// specificity. It is a part of the program and not escaped.
+pub fn page(title: &str, style: &'static str, sections: &[Markup]) -> String {
     finished(html! {
         (DOCTYPE)
         html lang="en" {
@@ -38,11 +29,11 @@ pub fn page(title: &str, extra: Extra, sections: &[Markup]) -> String {
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta http-equiv="Content-Security-Policy" content=(POLICY);
                 title { (title) }
-                style { (PreEscaped(PALETTE)) (PreEscaped(CSS)) (PreEscaped(STYLE)) (PreEscaped(extra.style)) }
+                style { (PreEscaped(PALETTE)) (PreEscaped(CSS)) (PreEscaped(STYLE)) (PreEscaped(style)) }
             }
             body {
                 @for section in sections { (section) }
-                script { (PreEscaped(JS)) (PreEscaped(extra.script)) }
+                script { (PreEscaped(JS)) }
             }
         }
     })
@@ -73,10 +64,10 @@ pub fn facts(facts: &[(&str, String)]) -> Markup {
 }
 
 /// A picture with its size \[px\] and its caption. `uri` is the address of an image, which contains its data.
-pub fn picture(id: Option<&str>, uri: &str, [width, height]: [u32; 2], caption: &str) -> Markup {
+pub fn picture(uri: &str, [width, height]: [u32; 2], caption: &str) -> Markup {
     html! {
         figure {
-            img id=[id] src=(uri) alt=(caption) width=(width) height=(height);
+            img src=(uri) alt=(caption) width=(width) height=(height);
             figcaption { (caption) }
         }
     }
@@ -132,14 +123,14 @@ mod tests {
 
     #[test]
     fn pages_have_the_mark_of_the_program_and_their_own_style_last() {
-        let extra = Extra { style: ".own { color: red; }", script: "own();" };
-        let text = page("a <b>\u{fffe}", extra, &[head("h & h", "facts")]);
+        let style = ".own { color: red; }";
+        let text = page("a <b>\u{fffe}", style, &[head("h & h", "facts")]);
         assert!(is_page(&text) && !is_page("<meta name=\"generator\" content=\"another program\">"));
         assert!(text.contains("<title>a &lt;b&gt;</title>") && text.contains(POLICY) && text.contains("h &amp; h"));
         // Rules of the report replace those of all reports.
-        assert!(text.contains(&format!("{STYLE}{}</style>", extra.style)));
+        assert!(text.contains(&format!("{STYLE}{style}</style>")));
         assert_eq!(text.matches("<script").count(), 1);
-        assert!(text.contains(&format!("{JS}{}</script>", extra.script)));
+        assert!(text.contains(&format!("{JS}</script>")));
     }
 
     #[test]

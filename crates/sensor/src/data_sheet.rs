@@ -177,8 +177,21 @@ mod tests {
 
     #[test]
     fn every_published_figure_is_listed_with_that_of_the_model() {
-        let numbers = std::array::from_fn(|i| Some(1.0 + i as f64));
-        let spec = SensorSpec { published: Published::from_figures(numbers), ..example() };
+        let published = Published {
+            quantum_efficiency_percent: Some(1.0),
+            dark_noise_e: Some(2.0),
+            gain_e_per_dn: Some(3.0),
+            threshold_e: Some(4.0),
+            threshold_p: Some(5.0),
+            saturation_e: Some(6.0),
+            saturation_p: Some(7.0),
+            dynamic_range_db: Some(8.0),
+            snr_max_db: Some(9.0),
+            dsnu_e: Some(10.0),
+            prnu_percent: Some(11.0),
+        };
+        let numbers = published.figures().map(|(_, figure)| figure);
+        let spec = SensorSpec { published, ..example() };
         let figures = data_sheet(&SensorModel::new(spec).expect("valid")).figures();
         let mut shown: Vec<f64> = figures.iter().filter_map(|f| f.published).collect();
         shown.sort_by(f64::total_cmp);

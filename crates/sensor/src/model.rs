@@ -47,25 +47,6 @@ pub struct Published {
 }
 
 impl Published {
-    /// The figures in the order of [`Self::figures`].
-    pub const fn from_figures(figures: [Option<f64>; 11]) -> Self {
-        let [qe, dark, gain, threshold_e, threshold_p, saturation_e, saturation_p, range, snr, dsnu_e, prnu_percent] =
-            figures;
-        Self {
-            quantum_efficiency_percent: qe,
-            dark_noise_e: dark,
-            gain_e_per_dn: gain,
-            threshold_e,
-            threshold_p,
-            saturation_e,
-            saturation_p,
-            dynamic_range_db: range,
-            snr_max_db: snr,
-            dsnu_e,
-            prnu_percent,
-        }
-    }
-
     /// Every figure with the name of its field.
     pub fn figures(&self) -> [(&'static str, Option<f64>); 11] {
         [

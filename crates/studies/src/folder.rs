@@ -57,14 +57,17 @@ fn found_in<'a>(folder: &Path, inputs: &'a InputFiles) -> Option<&'a InputFile> 
     named.or_else(|| inputs.find_within(folder)).or_else(|| inputs.find_within(&folder.join(UNITS)))
 }
 
-/// The usual name of a folder of results, or the next one that contains no input: `a-bench`, `a-bench-2`.
-pub(crate) fn free_folder(usual: PathBuf, inputs: &InputFiles) -> DefaultPath {
+/// The default folder of a study of an input: `a-bench` or `a-ptc` in the current folder, or the next one that contains no
+/// input: `a-bench-2`.
+pub fn default_folder(input: &Path, study: &str, inputs: &InputFiles) -> DefaultPath {
+    let mut name = input.file_stem().unwrap_or_else(|| "scene".as_ref()).to_os_string();
+    name.push(format!("-{study}"));
     let other = |number: u32| {
-        let mut name = usual.clone().into_os_string();
+        let mut name = name.clone();
         name.push(format!("-{}", number + 1));
         PathBuf::from(name)
     };
-    first_free(usual.clone(), other, |folder| check_folder(folder, inputs))
+    first_free(PathBuf::from(name.clone()), other, |folder| check_folder(folder, inputs))
 }
 
 #[cfg(test)]
@@ -89,7 +92,7 @@ mod tests {
             let message = check(foreign).expect_err("a page of somebody else").to_string();
             assert!(message.contains(REPORT) && message.contains("help:"), "{message}");
         }
-        let chosen = free_folder(home.join("no-such-folder"), &inputs);
-        assert_eq!((chosen.path, chosen.reason), (home.join("no-such-folder"), None));
+        let chosen = default_folder(&home.join("no-such-scene.gltf"), "ptc", &inputs);
+        assert_eq!((chosen.path, chosen.reason), ("no-such-scene-ptc".into(), None));
     }
 }

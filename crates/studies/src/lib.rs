@@ -14,5 +14,7 @@ mod report;
 mod series;
 
 pub use dunkelfeld_emva1288 as emva1288;
+pub use folder::default_folder;
 pub use noise_map::NoiseMap;
 pub use report::table::Figures;
+pub use series::StudyOutcome;

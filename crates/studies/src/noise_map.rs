@@ -1,8 +1,9 @@
 //! The noise map of a film: for each pixel, the noise of the render over that of the camera.
 
 use crate::report::maps::{SIGNED, color, gradient};
-use dunkelfeld::{Certified, Error, Picture, encode_picture};
-use dunkelfeld_film::Plane;
+use dunkelfeld::film::{Certified, Plane};
+use dunkelfeld::outputs::encode_picture;
+use dunkelfeld::{Error, Picture};
 use dunkelfeld_io::png::data_uri;
 use dunkelfeld_report::words::rounded;
 use maud::html;

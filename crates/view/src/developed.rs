@@ -4,13 +4,16 @@ use crate::light_sum;
 use crate::prepared::{Found, Means, Prepared};
 use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Ranges, Readiness, Tone};
 use crate::snapshot::{Content, Snapshot};
-use dunkelfeld::film::{MeanImage, Plane};
+use dunkelfeld::denoising::{Denoiser, OIDN_VARIABLE, denoise_film, find_denoiser};
+use dunkelfeld::film::{Certified, MeanImage, Plane};
 use dunkelfeld::io::sensor_file::find_sensor;
 use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Number, Rgb, Seconds};
-use dunkelfeld::sensor::{Exposure, ExposureNoise, Optics, PRESETS, Psf, SensorModel, display};
+use dunkelfeld::sensor::{
+    Exposure, ExposureNoise, ImageNoise, Optics, PRESETS, Psf, SensorModel, TimedExposure, display, through_lens,
+};
 use dunkelfeld::{
-    Certified, DenoiseMethod, DenoiseSettings, Denoiser, ExposeSettings, Exposer, ImageNoise, OIDN_VARIABLE, Picture,
-    RenderSettings, RenderedFilm, SensorChoice, Session, TimedExposure, denoise_film, find_denoiser, through_lens,
+    DenoiseMethod, DenoiseSettings, ExposeSettings, Exposer, Picture, RenderSettings, RenderedFilm, SensorChoice,
+    Session,
 };
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;

@@ -9,14 +9,19 @@ use crate::scene_change::{SceneChange, SceneParts};
 use crate::scenes::{LightScene, Scenes};
 use crate::shared::{Control, Shared, Stamp, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
+use dunkelfeld::adaptive::Forecast;
+use dunkelfeld::denoising::find_denoiser;
 use dunkelfeld::film::FilmLayers;
+use dunkelfeld::io::program_seconds;
+use dunkelfeld::limits::DEFAULT_SENSOR;
+use dunkelfeld::memory::KeptFilms;
+use dunkelfeld::outputs::{ExrImage, LensSource};
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{
-    Budget, Cancel, DEFAULT_SENSOR, DenoiseMethod, Error, ExposeOptions, ExposeSettings, ExrImage, Forecast,
-    InputFiles, KeptFilms, LensSource, Progress, ProgressState, Project, ProjectOptions, RenderSettings, RenderedFilm,
-    SavedFilm, SensorChoice, find_denoiser, find_sensor, program_seconds,
+    Budget, Cancel, DenoiseMethod, Error, ExposeOptions, ExposeSettings, InputFiles, Progress, ProgressState, Project,
+    ProjectOptions, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, find_sensor,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

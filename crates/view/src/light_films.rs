@@ -7,7 +7,8 @@ use crate::light_sum::LightFilm;
 use crate::scenes::LightScene;
 use crate::shared::{Shared, lock};
 use crate::snapshot::Content;
-use dunkelfeld::{Cancel, Error, KeptFilms, Progress, ProgressState, Project, RenderedFilm};
+use dunkelfeld::memory::KeptFilms;
+use dunkelfeld::{Cancel, Error, Progress, ProgressState, Project, RenderedFilm};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 

@@ -4,8 +4,10 @@
 //! variance the sum of their variances times the squares of the factors.
 
 use crate::protocol::{Camera, Fault};
-use dunkelfeld::film::MeanImage;
-use dunkelfeld::{Certified, Exposer, FilmVariances, RenderedFilm, Session, mean_image, sum_of_means};
+use dunkelfeld::film::{Certified, MeanImage, mean_image};
+use dunkelfeld::light_films::sum_of_means;
+use dunkelfeld::sensor::FilmVariances;
+use dunkelfeld::{Exposer, RenderedFilm, Session};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 

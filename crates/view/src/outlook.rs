@@ -1,7 +1,7 @@
 //! The expected noise of a render: for the camera of the job from its plan, for others from the measured points.
 
 use crate::protocol::{CurvePoint, ForecastPoint};
-use dunkelfeld::ForecastLevel;
+use dunkelfeld::adaptive::ForecastLevel;
 
 /// The most samples per pixel of a view.
 pub(crate) const MAX_SPP: f64 = 65_536.0;

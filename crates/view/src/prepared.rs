@@ -4,8 +4,8 @@
 use crate::locks::lock;
 use crate::protocol::{Camera, Denoise, Fault, Readiness};
 use crate::snapshot::Snapshot;
-use dunkelfeld::ImageNoise;
 use dunkelfeld::film::MeanImage;
+use dunkelfeld::sensor::ImageNoise;
 use std::sync::{Arc, Mutex};
 
 /// Results of each kind that are kept: those of two cameras that are compared.

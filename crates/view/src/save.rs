@@ -6,11 +6,12 @@ use crate::saved_job::{self, change_lens, describe_lens, select_camera};
 use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::io::Factor;
+use dunkelfeld::light_films::{FilmOfLight, develop_films, encode_light_layers};
+use dunkelfeld::outputs::{encode_layers, save_exr, save_linear, save_new, save_text};
 use dunkelfeld::radiometry::{Number, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
-    Error, ExposeSettings, FilmOfLight, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_film,
-    develop_films, encode_layers, encode_light_layers, save_exr, save_linear, save_new, save_picture, save_text,
+    Error, ExposeSettings, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_film, save_picture,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

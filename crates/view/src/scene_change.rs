@@ -1,9 +1,10 @@
 //! The changes of the scene that the page asked for, as keys of a job.
 
 use crate::protocol::{Fault, LightChange, MaterialChange, MaterialState, SceneRequest};
+use dunkelfeld::Inspection;
+use dunkelfeld::commands::removable_effects;
 use dunkelfeld::io::literal_pattern;
 use dunkelfeld::scene::{Effect, Material};
-use dunkelfeld::{Inspection, removable_effects};
 use std::collections::BTreeMap;
 use toml::{Table, Value};
 

@@ -4,10 +4,12 @@ use crate::developed::Sensors;
 use crate::light_sum::{self, LightFilm};
 use crate::protocol::Fault;
 use crate::scene_change::{SceneChange, SceneParts};
-use dunkelfeld::film::{MeanImage, PixelSums, Plane};
+use dunkelfeld::film::{MeanImage, PixelSums, Plane, mean_image};
+use dunkelfeld::outputs::ExrImage;
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::RayGenerator;
-use dunkelfeld::{Exposer, ExrImage, ImageNoise, RenderSettings, RenderedFilm, Session, TimedExposure, mean_image};
+use dunkelfeld::sensor::{ImageNoise, TimedExposure};
+use dunkelfeld::{Exposer, RenderSettings, RenderedFilm, Session};
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 

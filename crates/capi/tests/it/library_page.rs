@@ -59,13 +59,13 @@ macro_rules! functions {
 
 #[test]
 fn the_functions_of_rust_exist() {
-    use dunkelfeld::film::{Film, PixelSums};
-    use dunkelfeld::trace::PixelIds;
-    use dunkelfeld::{
-        Cancel, Error, Progress, Project, ProjectOptions, ReplayOption, SavedFilm, SavedPlan, Station, Stats,
-        certify_film, denoise_exr, denoise_planes, denoise_saved, expose_exr, expose_film, expose_image,
-        expose_radiance, find_sensor, init_text, merge, picture_of_film, save_film, save_film_files, sensor_sheet,
+    use dunkelfeld::commands::{
+        Station, denoise_exr, denoise_planes, expose_exr, expose_image, expose_radiance, init_text, merge, sensor_sheet,
     };
+    use dunkelfeld::film::{Film, PixelSums, certify_film, denoise_saved, expose_film, picture_of_film};
+    use dunkelfeld::outputs::{SavedPlan, save_film, save_film_files};
+    use dunkelfeld::trace::PixelIds;
+    use dunkelfeld::{Cancel, Error, Progress, Project, ProjectOptions, ReplayOption, SavedFilm, Stats, find_sensor};
     // Their arguments are generic, so that they have no type alone.
     let _ = |path: &Path| Project::open(path);
     let _ = |path: &Path, text: &str| Project::from_text(path, text);

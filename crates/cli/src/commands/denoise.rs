@@ -5,9 +5,9 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::words::{counted, flagged_variances, seconds};
-use dunkelfeld::{
-    DenoiseMethod, DenoiseSettings, Error, Session, check_denoise_output, denoise_exr, select_denoiser, why_builtin,
-};
+use dunkelfeld::commands::{check_denoise_output, denoise_exr};
+use dunkelfeld::denoising::{select_denoiser, why_builtin};
+use dunkelfeld::{DenoiseMethod, DenoiseSettings, Error, Session};
 
 pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
     let mut settings = DenoiseSettings::default();

@@ -5,9 +5,11 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::words::{counted, exposure_time, flagged_variances, seconds, three_digits};
+use dunkelfeld::commands::{ExposeOutputs, ExposedFile, expose_exr};
+use dunkelfeld::outputs::LensSource;
 use dunkelfeld::radiometry::Number;
 use dunkelfeld::sensor::Psf;
-use dunkelfeld::{Error, ExposeOptions, ExposeOutputs, ExposedFile, LensSource, OutputPaths, Session, expose_exr};
+use dunkelfeld::{Error, ExposeOptions, OutputPaths, Session};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {

@@ -3,7 +3,8 @@
 use crate::args::InitArgs;
 use crate::outcome::{Outcome, print};
 use crate::words::shell;
-use dunkelfeld::{Error, STATIONS, Station, init};
+use dunkelfeld::Error;
+use dunkelfeld::commands::{STATIONS, Station, init};
 
 pub(crate) fn run(args: &InitArgs) -> Result<Outcome, Error> {
     if args.input.is_none() && args.station.is_none() {

@@ -3,8 +3,9 @@
 use crate::args::InspectArgs;
 use crate::outcome::{Outcome, print};
 use crate::words::{counted, power, three_digits};
+use dunkelfeld::inspect::{CoverEntry, EffectEntry, ObjectEntry};
 use dunkelfeld::io::{visible_json, visible_line};
-use dunkelfeld::{CoverEntry, EffectEntry, Error, Inspection, ObjectEntry, Project, ProjectOptions};
+use dunkelfeld::{Error, Inspection, Project, ProjectOptions};
 use std::fmt::Write;
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Outcome, Error> {

@@ -4,7 +4,8 @@ use crate::args::MergeArgs;
 use crate::commands::render::{as_seen, say_flaws};
 use crate::outcome::{Outcome, print};
 use crate::words::count;
-use dunkelfeld::{Error, MergeSettings, OutputPaths};
+use dunkelfeld::commands::MergeSettings;
+use dunkelfeld::{Error, OutputPaths};
 use std::fmt::Write;
 use std::time::Instant;
 
@@ -16,7 +17,7 @@ pub(crate) fn run(args: &MergeArgs, started: Instant) -> Result<Outcome, Error> 
         .with_checkpoint(args.checkpoint.clone())
         .with_threads(args.threads.map_or(0, usize::from))
         .with_memory_limit(args.memory.memory);
-    let merged = dunkelfeld::merge(&settings, started)?;
+    let merged = dunkelfeld::commands::merge(&settings, started)?;
     let (range, parts) = (&merged.samples, args.parts.len());
     let words = if parts == 1 { "1 part".into() } else { format!("{parts} parts") };
     let total = count(merged.stats.samples);

@@ -8,11 +8,10 @@ use crate::args::RenderArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::Outcome;
+use dunkelfeld::film::CheckpointSettings;
+use dunkelfeld::guard::DefaultPath;
 use dunkelfeld::sensor::Exposure;
-use dunkelfeld::{
-    Cancel, CheckpointSettings, DefaultPath, Error, Progress, ProgressState, Project, ProjectOptions, RenderOptions,
-    ReplayOption, Stage,
-};
+use dunkelfeld::{Cancel, Error, Progress, ProgressState, Project, ProjectOptions, RenderOptions, ReplayOption, Stage};
 pub(crate) use report::{as_seen, say_flaws};
 use std::path::Path;
 use std::time::Instant;

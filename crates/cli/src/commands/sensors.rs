@@ -3,9 +3,10 @@
 use crate::args::SensorsArgs;
 use crate::outcome::{Outcome, print};
 use crate::words::exposure_time;
+use dunkelfeld::Error;
+use dunkelfeld::commands::sensor_sheet;
 use dunkelfeld::io::sensor_file;
 use dunkelfeld::sensor::{DataSheet, Figure, SensorModel, data_sheet};
-use dunkelfeld::{Error, sensor_sheet};
 use serde_json::Value;
 use std::fmt::Write;
 

@@ -2,27 +2,18 @@
 //! report.
 
 use super::bench_args::BenchArgs;
-use super::series::{conclude, noted, open, report};
-use crate::bar::Sink;
-use crate::interrupt::cancel_on_interrupt;
+use super::series::run_study;
 use crate::outcome::Outcome;
-use dunkelfeld::{Error, Progress, ProgressState, Session, Stage};
-use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, bench, default_folder};
+use dunkelfeld::Error;
+use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, bench};
 
 pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {
     let settings = settings(args);
     settings.check()?;
-    let sink = Sink::new(args.view.run.progress);
-    sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let project = open(&args.input, &args.view)?;
-    let folder = args.output.clone().unwrap_or_else(|| noted(default_folder(&args.input, &project.inputs)));
     let own_size = ["width", "height"].iter().any(|flag| args.view.keys.value(flag).is_some());
-    let cancel = cancel_on_interrupt();
-    let session = Session::new(project.settings.threads)?.with_progress(&sink).with_cancel(&cancel);
-    let outcome = bench(project, &args.input, &settings, &folder, own_size, args.restart, &session)?;
-    drop(sink);
-    report(&outcome.findings, &outcome.files);
-    Ok(conclude(outcome.invalid_samples, outcome.finished, outcome.interrupted))
+    run_study(&args.input, args.output.as_deref(), "bench", &args.view, |project, folder, session| {
+        bench(project, &args.input, &settings, folder, own_size, args.restart, session)
+    })
 }
 
 fn settings(args: &BenchArgs) -> BenchSettings {

@@ -148,8 +148,8 @@ impl From<ColorChoice> for FilterColor {
 fn size(text: &str) -> Result<[u32; 2], String> {
     let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     sides
-        .filter(|sides| sides.iter().all(|s| (16..=dunkelfeld::MAX_SIDE).contains(s)))
-        .ok_or_else(|| format!("write width and height, 16 to {}, as in 640x480", dunkelfeld::MAX_SIDE))
+        .filter(|sides| sides.iter().all(|s| (16..=dunkelfeld::limits::MAX_SIDE).contains(s)))
+        .ok_or_else(|| format!("write width and height, 16 to {}, as in 640x480", dunkelfeld::limits::MAX_SIDE))
 }
 
 fn wavelength(text: &str) -> Result<f64, String> {

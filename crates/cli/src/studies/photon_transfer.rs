@@ -1,14 +1,13 @@
 //! `dunkelfeld ptc`: applies flags to a project and a measurement, then prints the findings and the path of the report.
 
 use super::photon_transfer_args::PtcArgs;
-use super::series::{conclude, noted, open, report};
+use super::series::{noted, report, run_study};
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, say};
-use dunkelfeld::{Error, Progress, ProgressState, Session, Stage};
-use dunkelfeld_studies::photon_transfer::{
-    PtcOptions, PtcSettings, StackSettings, is_frame, ptc, ptc_folder, ptc_of_frames,
-};
+use dunkelfeld::{Error, Session};
+use dunkelfeld_studies::default_folder;
+use dunkelfeld_studies::photon_transfer::{PtcOptions, PtcSettings, StackSettings, is_frame, ptc, ptc_of_frames};
 use std::path::{Path, PathBuf};
 
 pub(crate) fn run(args: &PtcArgs) -> Result<Outcome, Error> {
@@ -56,7 +55,7 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
         return Ok(Outcome::Interrupted);
     };
     let first = args.inputs.first().map_or_else(PathBuf::new, Clone::clone);
-    let folder = args.output.clone().unwrap_or_else(|| noted(ptc_folder(&first, &stack.inputs)));
+    let folder = args.output.clone().unwrap_or_else(|| noted(default_folder(&first, "ptc", &stack.inputs)));
     let files = stack.write(&folder)?;
     report(&stack.findings(), &files);
     Ok(Outcome::Done)
@@ -72,16 +71,9 @@ fn of_scene(args: &PtcArgs, input: &Path) -> Result<Outcome, Error> {
     }
     let settings = settings(args);
     settings.check()?;
-    let sink = Sink::new(args.view.run.progress);
-    sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
-    let project = open(input, &args.view)?;
-    let folder = args.output.clone().unwrap_or_else(|| noted(ptc_folder(input, &project.inputs)));
-    let cancel = cancel_on_interrupt();
-    let session = Session::new(project.settings.threads)?.with_progress(&sink).with_cancel(&cancel);
-    let outcome = ptc(project, input, &settings, &folder, args.restart, &session)?;
-    drop(sink);
-    report(&outcome.findings, &outcome.files);
-    Ok(conclude(outcome.invalid_samples, outcome.finished, outcome.interrupted))
+    run_study(input, args.output.as_deref(), "ptc", &args.view, |project, folder, session| {
+        ptc(project, input, &settings, folder, args.restart, session)
+    })
 }
 
 fn settings(args: &PtcArgs) -> PtcSettings {

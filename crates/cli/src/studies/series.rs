@@ -1,21 +1,40 @@
 //! Flags and output of commands that render a scene many times and keep the finished renders.
 
+use crate::bar::Sink;
+use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::run_args::ViewArgs;
-use dunkelfeld::{DefaultPath, Error, Project, ProjectOptions};
+use dunkelfeld::guard::DefaultPath;
+use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
+use dunkelfeld_studies::{StudyOutcome, default_folder};
 use std::path::{Path, PathBuf};
 
-/// Opens the project of a command that renders a scene many times, with its flags.
-pub(crate) fn open(input: &Path, args: &ViewArgs) -> Result<Project, Error> {
+/// Opens the input of a study, applies the flags, and runs the study in a folder: by default the one of its name. Prints the
+/// findings and the path of the report.
+pub(crate) fn run_study(
+    input: &Path,
+    output: Option<&Path>,
+    name: &str,
+    view: &ViewArgs,
+    study: impl FnOnce(Project, &Path, &Session<'_>) -> Result<StudyOutcome, Error>,
+) -> Result<Outcome, Error> {
+    let sink = Sink::new(view.run.progress);
+    sink.update(&ProgressState { stage: Stage::Load, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 });
     let options = ProjectOptions::default()
         .with_can_change(false)
-        .with_threads(args.run.threads.map_or(0, usize::from))
-        .with_keys(args.keys.keys());
+        .with_threads(view.run.threads.map_or(0, usize::from))
+        .with_keys(view.keys.keys());
     let mut project = Project::open_with(input, options)?;
-    if args.camera.is_some() {
-        project.settings.camera.clone_from(&args.camera);
+    if view.camera.is_some() {
+        project.settings.camera.clone_from(&view.camera);
     }
-    Ok(project)
+    let folder = output.map_or_else(|| noted(default_folder(input, name, &project.inputs)), Path::to_path_buf);
+    let cancel = cancel_on_interrupt();
+    let session = Session::new(project.settings.threads)?.with_progress(&sink).with_cancel(&cancel);
+    let outcome = study(project, &folder, &session)?;
+    drop(sink);
+    report(&outcome.findings, &outcome.files);
+    Ok(conclude(outcome.invalid_samples, outcome.finished, outcome.interrupted))
 }
 
 /// Prints the findings and the path of the report.
@@ -36,7 +55,7 @@ pub(crate) fn noted(folder: DefaultPath) -> PathBuf {
 }
 
 /// Prints the invalid samples, and how many of all renders are kept if the work was interrupted.
-pub(crate) fn conclude(invalid_samples: u64, [done, all]: [usize; 2], interrupted: bool) -> Outcome {
+fn conclude(invalid_samples: u64, [done, all]: [usize; 2], interrupted: bool) -> Outcome {
     if invalid_samples > 0 {
         say(&format!(
             "flagged: {invalid_samples} samples were not finite, negative or out of range; they count as black"

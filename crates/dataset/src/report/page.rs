@@ -12,13 +12,13 @@ use crate::set::read_bytes;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::picture::Picture;
 use dunkelfeld_io::png::data_uri;
-use dunkelfeld_report::page::{self as frame, Extra, head, tiles};
+use dunkelfeld_report::page::{self as frame, head, tiles};
 use dunkelfeld_report::words::{bytes, counted, duration, percent, shortened};
 use image::DynamicImage;
 use maud::{Markup, html};
 
 /// Images with their labels, the key of the categories, and narrow tables.
-const EXTRA: Extra = Extra { style: include_str!("style.css"), script: "" };
+const STYLE: &str = include_str!("style.css");
 /// Maximum number of images in the page.
 const IMAGES: usize = 24;
 /// The longest side of an image in the page [px].
@@ -31,7 +31,7 @@ pub(crate) fn page(set: &SetView) -> Result<String, ReportError> {
     let name = if set.head.study.is_empty() { "without a name" } else { &set.head.study };
     let sections =
         [top(set, name), images(set)?, label_section(set), draw_section(set), noise_section(set), cost_section(set)];
-    Ok(frame::page(&format!("{name} \u{b7} data set"), EXTRA, &sections))
+    Ok(frame::page(&format!("{name} \u{b7} data set"), STYLE, &sections))
 }
 
 fn top(set: &SetView, name: &str) -> Markup {

@@ -278,7 +278,7 @@ mod tests {
     fn stations_are_made_for_a_stand_in_and_for_a_scene() {
         let folder = folder();
         let at = |name: &str| folder.path().join(name);
-        for station in crate::STATIONS {
+        for station in crate::stations::STATIONS {
             for (scene, name) in [(None, "stand-in.toml"), (Some(at("a.obj")), "scene.toml")] {
                 let job = at(&format!("{}-{name}", station.name));
                 let path = init(scene.as_deref(), Some(station), Some(&job)).expect("a job");

@@ -7,7 +7,7 @@ use crate::light::{Light, NO_LIGHT};
 use crate::material::Material;
 use crate::material::texture::Image;
 use crate::query::surface::{CompiledMaterial, mean_emission};
-use dunkelfeld_geometry::shape::{RectangleSampler, rectangle_from_triangles};
+use dunkelfeld_geometry::shape::{Rectangle, RectangleSampler, rectangle_from_triangles};
 use dunkelfeld_geometry::{Vec3, geometric_normal, triangle_area};
 
 impl PlacedScene {
@@ -58,21 +58,10 @@ impl PlacedScene {
                 let next = (t + 1 < mesh.triangles.len()).then(|| corners(t + 1));
                 let n = normal(t);
                 let pair = next
-                    .and_then(|next| rectangle_from_triangles(here, next).map(|r| (r, next)))
+                    .and_then(|next| rectangle_from_triangles(here, next).map(|rectangle| (rectangle, next)))
                     .filter(|_| normal(t + 1).dot(n) > 0.0);
-                let (shape, center, area, second) = match pair {
-                    Some((rectangle, next)) => {
-                        let area = triangle_area(&here) + triangle_area(&next);
-                        let center = rectangle.corner + 0.5 * (rectangle.edge_u + rectangle.edge_v);
-                        (AreaShape::Rectangle(RectangleSampler::new(&rectangle)), center, area, t as u32 + 1)
-                    }
-                    None => {
-                        let center = (here[0] + here[1] + here[2]) / 3.0;
-                        (AreaShape::Triangle(here), center, triangle_area(&here), u32::MAX)
-                    }
-                };
-                let reach = |c: &[Vec3; 3]| c.iter().map(|v| v.distance(center)).fold(0.0, f32::max);
-                let radius = next.filter(|_| second != u32::MAX).map_or(0.0, |next| reach(&next)).max(reach(&here));
+                let second = if pair.is_some() { t as u32 + 1 } else { u32::MAX };
+                let (shape, center, area, radius) = placed_shape(here, pair);
                 part.lights[t] = lights.len() as u32;
                 if second != u32::MAX {
                     part.lights[t + 1] = lights.len() as u32;
@@ -93,5 +82,22 @@ impl PlacedScene {
             }
         }
         (lights, mesh_lights)
+    }
+}
+
+/// Shape, centre, area and radius of a triangle, or of the rectangle that it forms with the next one.
+fn placed_shape(here: [Vec3; 3], pair: Option<(Rectangle, [Vec3; 3])>) -> (AreaShape, Vec3, f32, f32) {
+    let reach = |center: Vec3, c: &[Vec3; 3]| c.iter().map(|v| v.distance(center)).fold(0.0, f32::max);
+    match pair {
+        Some((rectangle, next)) => {
+            let center = rectangle.corner + 0.5 * (rectangle.edge_u + rectangle.edge_v);
+            let area = triangle_area(&here) + triangle_area(&next);
+            let radius = reach(center, &next).max(reach(center, &here));
+            (AreaShape::Rectangle(RectangleSampler::new(&rectangle)), center, area, radius)
+        }
+        None => {
+            let center = (here[0] + here[1] + here[2]) / 3.0;
+            (AreaShape::Triangle(here), center, triangle_area(&here), reach(center, &here))
+        }
     }
 }

@@ -20,7 +20,7 @@ use dunkelfeld_geometry::{Aabb, DAffine3, DVec3, Mesh, Threads, Transform, Vec3}
 use std::sync::Arc;
 
 /// Beyond this radius [m] the square of a distance, and with it the irradiance, may leave the range of f32.
-const LARGEST_RADIUS: f32 = 1e18;
+const LARGEST_RADIUS: f64 = 1e18;
 
 impl SceneBuilder {
     /// Compiles the scene.
@@ -63,43 +63,24 @@ impl SceneBuilder {
         let times = self.shutter.map(|shutter| shutter.times());
         let baking = Baking::new(&placed, &self.meshes, times.is_some());
         let bounds = world_bounds(&placed, &self.meshes, &mut builds);
-        let extent =
-            times.and_then(|times| moving_bounds(bounds, &placed, &self.meshes, times, &mut builds)).or(bounds);
         if bounds.is_none() && had_triangles && !self.has_background() {
             return Err(BuildError::NothingLeft { lost: losses(&report) });
         }
+        let extent =
+            times.and_then(|times| moving_bounds(bounds, &placed, &self.meshes, times, &mut builds)).or(bounds);
         let Space { world_origin, radius } = Space::new(extent, baking.has_own_trees());
-        if radius > f64::from(LARGEST_RADIUS) {
-            return Err(BuildError::TooLarge {
-                place: farthest(&placed, &self.meshes),
-                radius: format!("{radius:.1e} m"),
-            });
+        if radius > LARGEST_RADIUS {
+            let place = farthest(&placed, &self.meshes);
+            return Err(BuildError::TooLarge { place, radius: format!("{radius:.1e} m") });
         }
         let radius = radius as f32;
         let to_render = DAffine3::from_translation(-world_origin);
         let mut geometry = PlacedScene::new(&placed, &self.meshes, (&baking, times), world_origin, &mut builds)?;
         drop(std::mem::take(&mut self.meshes));
 
-        let mut is_painted = vec![false; self.materials.len()];
-        for part in &geometry.parts {
-            is_painted[part.material as usize] |= !geometry.meshes[part.mesh as usize].colors.is_empty();
-        }
-        let options = SurfaceOptions { energy_compensation: self.energy_compensation, principled: self.principled };
-        let compiled: Vec<CompiledMaterial> = self
-            .materials
-            .iter()
-            .zip(is_painted)
-            .map(|(m, is_painted)| CompiledMaterial::new(m, is_painted, options))
-            .collect();
+        let compiled = self.compiled_materials(&geometry);
         let solids = geometry.solids(&self.materials, &compiled, &closed);
-        geometry.check_density(&solids.list, &closed).map_err(|(part, problem)| {
-            let (object, material) = (&self.instances[part.object as usize], &self.materials[part.material as usize]);
-            BuildError::TooDense {
-                place: format!("object \"{}\" of material \"{}\"", object.name, material.name),
-                problem,
-                help: "make it an opaque white surface (leave out `solid` and `transmission`), lower its scattering, or give it absorption",
-            }
-        })?;
+        geometry.check_density(&solids.list, &closed).map_err(|(part, problem)| self.too_dense(part, problem))?;
         let (mut lights, mesh_lights) = geometry.area_lights(&self.materials, &compiled, &self.images);
         lights.extend(self.lights.iter().map(|light| DeltaLight::light(light, &to_render)));
         let environment = self.environment.as_ref().map(|e| EnvironmentLight::new(e, &self.images));
@@ -126,18 +107,8 @@ impl SceneBuilder {
         let has_open_faces =
             geometry.parts.iter().any(|p| is_open(&compiled[p.material as usize]) && solids.is_open(p.solid));
         let scatters = solids.list.iter().any(|s| s.medium.scatters());
-        if solids.has_nesting {
-            effects.add(Effect::Nesting, "solids that touch or overlap".into());
-        }
-        if lights.has_tree() {
-            effects.add(Effect::ManyLights, format!("{} lights", lights.lights.len()));
-        }
-        if lights.samples_each() {
-            effects.add(Effect::EveryLight, format!("{} lights", lights.lights.len()));
-        }
-        if self.techniques.learned_roulette && !geometry.parts.is_empty() {
-            effects.add(Effect::LearnedRoulette, "paths between surfaces".into());
-        }
+        let learns = self.techniques.learned_roulette && !geometry.parts.is_empty();
+        add_compiled_effects(&mut effects, solids.has_nesting, &lights, learns);
         let covers_partly = |part: &Part| {
             let compiled = &compiled[part.material as usize];
             compiled.has_coverage || (has_open_faces && is_open(compiled))
@@ -176,6 +147,26 @@ impl SceneBuilder {
         }
         builds.finish();
         Ok((scene, report))
+    }
+
+    /// The materials in the form that paths use.
+    fn compiled_materials(&self, geometry: &PlacedScene) -> Vec<CompiledMaterial> {
+        let mut is_painted = vec![false; self.materials.len()];
+        for part in &geometry.parts {
+            is_painted[part.material as usize] |= !geometry.meshes[part.mesh as usize].colors.is_empty();
+        }
+        let options = SurfaceOptions { energy_compensation: self.energy_compensation, principled: self.principled };
+        let materials = self.materials.iter().zip(is_painted);
+        materials.map(|(m, is_painted)| CompiledMaterial::new(m, is_painted, options)).collect()
+    }
+
+    fn too_dense(&self, part: &Part, problem: String) -> BuildError {
+        let (object, material) = (&self.instances[part.object as usize], &self.materials[part.material as usize]);
+        BuildError::TooDense {
+            place: format!("object \"{}\" of material \"{}\"", object.name, material.name),
+            problem,
+            help: "make it an opaque white surface (leave out `solid` and `transmission`), lower its scattering, or give it absorption",
+        }
     }
 
     /// True if any object has triangles.
@@ -282,6 +273,22 @@ impl SceneBuilder {
             }
         }
         valid
+    }
+}
+
+/// Adds the effects that follow from compiled solids and lights.
+fn add_compiled_effects(effects: &mut Effects, has_nesting: bool, lights: &LightTable, learns: bool) {
+    if has_nesting {
+        effects.add(Effect::Nesting, "solids that touch or overlap".into());
+    }
+    if lights.has_tree() {
+        effects.add(Effect::ManyLights, format!("{} lights", lights.lights.len()));
+    }
+    if lights.samples_each() {
+        effects.add(Effect::EveryLight, format!("{} lights", lights.lights.len()));
+    }
+    if learns {
+        effects.add(Effect::LearnedRoulette, "paths between surfaces".into());
     }
 }
 

@@ -53,92 +53,90 @@ pub struct PartInfo {
 impl Scene {
     /// The lights. Punctual lights have the names of the builder.
     pub fn light_inventory(&self) -> Vec<LightInfo> {
-        let mut list: Vec<LightInfo> = Vec::new();
-        for part in &self.parts {
-            let mut seen = NO_LIGHT;
-            let (mut power, mut rectangles, mut triangles, mut single) = (Rgb::BLACK, 0, 0, None);
-            for &index in part.lights.iter().filter(|&&l| l != NO_LIGHT) {
-                if index == seen {
-                    continue;
-                }
-                seen = index;
-                match self.lights.lights.get(index as usize) {
-                    Some(Light::Area(a)) => {
-                        power += a.power();
-                        if a.triangles[1] == u32::MAX { triangles += 1 } else { rectangles += 1 }
-                    }
-                    Some(light @ Light::Mesh(m)) => {
-                        power += self.lights.power(light, self.radius);
-                        single = self.lights.mesh_lights.get(*m as usize).map(MeshLight::len);
-                    }
-                    _ => {}
-                }
-            }
-            if rectangles + triangles > 0 || single.is_some() {
-                let counted = |n: i32, what: &str| match n {
-                    0 => None,
-                    1 => Some(format!("1 {what}")),
-                    n => Some(format!("{n} {what}s")),
-                };
-                let shapes: Vec<String> =
-                    [counted(rectangles, "rectangle"), counted(triangles, "triangle")].into_iter().flatten().collect();
-                let name = self.object_names.get(part.object as usize).cloned().unwrap_or_default();
-                let radiance =
-                    crate::query::surface::mean_emission(&self.materials[part.material as usize], &self.images);
-                list.push(LightInfo {
-                    name,
-                    kind: match single {
-                        Some(n) => format!("area (1 light of {n} triangles)"),
-                        None => format!("area ({})", shapes.join(", ")),
-                    },
-                    power,
-                    radiance: Some(radiance),
-                    bounds: self.part_bounds(part),
-                });
-            }
-        }
+        let mut list: Vec<LightInfo> = self.parts.iter().filter_map(|part| self.area_light_info(part)).collect();
         let mut names = self.punctual_names.iter();
         for light in &self.lights.lights {
+            let power = || self.lights.power(light, self.radius);
             match light {
                 Light::Area(_) | Light::Mesh(_) => {}
-                Light::Sun(sun) => {
-                    let name = names.next().cloned().unwrap_or_default();
-                    let power = self.lights.power(light, self.radius);
-                    let radiance = Some(sun.disc_radiance());
-                    list.push(LightInfo { name, kind: "sun".into(), power, radiance, bounds: None });
-                }
+                Light::Sun(sun) => list.push(LightInfo {
+                    name: names.next().cloned().unwrap_or_default(),
+                    kind: "sun".into(),
+                    power: power(),
+                    radiance: Some(sun.disc_radiance()),
+                    bounds: None,
+                }),
                 Light::Delta(d) => {
-                    let kind = match d {
-                        DeltaLight::Point { .. } => "point".into(),
-                        DeltaLight::Spot { .. } => "spot".into(),
-                        DeltaLight::Directional { .. } => "directional".into(),
-                        DeltaLight::Profile { profile, .. } => {
+                    let (kind, position) = match d {
+                        DeltaLight::Point { position, .. } => ("point".into(), Some(position)),
+                        DeltaLight::Spot { position, .. } => ("spot".into(), Some(position)),
+                        DeltaLight::Directional { .. } => ("directional".into(), None),
+                        DeltaLight::Profile { profile, position, .. } => {
                             let name = self.lights.profiles.get(*profile as usize).map_or("", |p| p.name());
-                            format!("profile {name}")
+                            (format!("profile {name}"), Some(position))
                         }
                     };
-                    let name = names.next().cloned().unwrap_or_default();
-                    let power = self.lights.power(light, self.radius);
-                    let position = match d {
-                        DeltaLight::Directional { .. } => None,
-                        DeltaLight::Point { position, .. }
-                        | DeltaLight::Spot { position, .. }
-                        | DeltaLight::Profile { position, .. } => Some(position.as_dvec3() + self.world_origin),
-                    };
-                    list.push(LightInfo { name, kind, power, radiance: None, bounds: position.map(|p| [p; 2]) });
-                }
-                Light::Environment => {
                     list.push(LightInfo {
-                        name: ENVIRONMENT.into(),
-                        kind: ENVIRONMENT.into(),
-                        power: self.lights.power(light, self.radius),
-                        radiance: self.lights.environment.as_ref().map(|e| e.mean),
-                        bounds: None,
+                        name: names.next().cloned().unwrap_or_default(),
+                        kind,
+                        power: power(),
+                        radiance: None,
+                        bounds: position.map(|p| [p.as_dvec3() + self.world_origin; 2]),
                     });
                 }
+                Light::Environment => list.push(LightInfo {
+                    name: ENVIRONMENT.into(),
+                    kind: ENVIRONMENT.into(),
+                    power: power(),
+                    radiance: self.lights.environment.as_ref().map(|e| e.mean),
+                    bounds: None,
+                }),
             }
         }
         list
+    }
+
+    /// The light of a part; `None` if it emits nothing.
+    fn area_light_info(&self, part: &Part) -> Option<LightInfo> {
+        let (mut power, mut rectangles, mut triangles, mut single) = (Rgb::BLACK, 0, 0, None);
+        let mut seen = NO_LIGHT;
+        for &index in part.lights.iter().filter(|&&l| l != NO_LIGHT) {
+            if index == seen {
+                continue;
+            }
+            seen = index;
+            match self.lights.lights.get(index as usize) {
+                Some(Light::Area(a)) => {
+                    power += a.power();
+                    if a.triangles[1] == u32::MAX { triangles += 1 } else { rectangles += 1 }
+                }
+                Some(light @ Light::Mesh(m)) => {
+                    power += self.lights.power(light, self.radius);
+                    single = self.lights.mesh_lights.get(*m as usize).map(MeshLight::len);
+                }
+                _ => {}
+            }
+        }
+        let counted = |n: i32, what: &str| match n {
+            0 => None,
+            1 => Some(format!("1 {what}")),
+            n => Some(format!("{n} {what}s")),
+        };
+        let shapes: Vec<String> =
+            [counted(rectangles, "rectangle"), counted(triangles, "triangle")].into_iter().flatten().collect();
+        let kind = match single {
+            Some(n) => format!("area (1 light of {n} triangles)"),
+            None if shapes.is_empty() => return None,
+            None => format!("area ({})", shapes.join(", ")),
+        };
+        let radiance = crate::query::surface::mean_emission(&self.materials[part.material as usize], &self.images);
+        Some(LightInfo {
+            name: self.object_names.get(part.object as usize).cloned().unwrap_or_default(),
+            kind,
+            power,
+            radiance: Some(radiance),
+            bounds: self.part_bounds(part),
+        })
     }
 
     /// The light sampling technique in words: the number of lights, each emitting triangle or rectangle counted, and

@@ -2,7 +2,7 @@
 
 use crate::report::estimate::{Estimate, mean};
 use crate::series::statistics::quantile;
-use dunkelfeld_film::Plane;
+use dunkelfeld::film::Plane;
 
 /// Share of pixels for the quantiles of the bias.
 const SHARE: f64 = 0.99;

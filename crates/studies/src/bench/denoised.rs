@@ -4,11 +4,9 @@ use super::settings::BenchSettings;
 use super::statistics::mean_plane;
 use crate::report::estimate::{Estimate, mean};
 use crate::series::View;
-use dunkelfeld::Error;
-use dunkelfeld::{DenoiseMethod, DenoiseSettings, denoise_film, find_denoiser};
-use dunkelfeld::{RenderSettings, Session, Silent};
-use dunkelfeld_denoise::Denoiser;
-use dunkelfeld_film::{Film, Plane};
+use dunkelfeld::denoising::{Denoiser, find_denoiser};
+use dunkelfeld::film::{Film, Plane};
+use dunkelfeld::{DenoiseMethod, DenoiseSettings, Error, RenderSettings, Session};
 
 /// A denoiser under its name in files and tables, `builtin` or `oidn`.
 pub(super) struct Filter {
@@ -51,7 +49,7 @@ impl Filter {
         self.denoiser.name()
     }
 
-    /// Denoises a film on the threads of the current pool; `None` if it was cancelled.
+    /// The denoised signal of a film; `None` if it was cancelled.
     ///
     /// # Errors
     /// Those of the denoiser, as a setting that cannot be used.
@@ -62,17 +60,8 @@ impl Filter {
         view: &View,
         session: &Session<'_>,
     ) -> Result<Option<Filtered>, Error> {
-        match denoise_film(film, &*self.denoiser, &session.clone().with_progress(&Silent)) {
-            Ok(done) => {
-                let signal = view.denoised(done.mean, settings);
-                Ok(Some(Filtered { key: self.key, signal, seconds: done.seconds }))
-            }
-            Err(_) if session.is_cancelled() => Ok(None),
-            Err(e) => {
-                let help = "leave it out with --denoise; the renders that are finished are kept";
-                Err(Error::setting("denoise", format!("{}: {e}", self.name()), help))
-            }
-        }
+        let done = view.denoised(film, &*self.denoiser, settings, session)?;
+        Ok(done.map(|(signal, seconds)| Filtered { key: self.key, signal, seconds }))
     }
 }
 

@@ -7,7 +7,7 @@
 use super::statistics::{Deviations, pooled};
 use crate::report::estimate::Estimate;
 use crate::series::statistics::quantile;
-use dunkelfeld_film::Plane;
+use dunkelfeld::film::Plane;
 use dunkelfeld_report::words::{coarse, coarse_duration};
 
 /// Share of the unsaturated pixels that must be hidden.

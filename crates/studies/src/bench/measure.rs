@@ -7,26 +7,19 @@ use super::runs::{Purpose, Unit, units};
 use super::settings::{BenchSettings, can_be_left_out};
 use super::store::{Manifest, Record, Store, VERSION, layers};
 use super::tables::tables;
-use crate::folder::{check_folder, free_folder};
-use crate::report::table::{Figures, figures};
-use crate::series::{Meter, View, study_key};
-use dunkelfeld::DefaultPath;
-use dunkelfeld::Error;
-use dunkelfeld::develop_film;
-use dunkelfeld::save_picture;
-use dunkelfeld::{Budget, RenderSettings, SensorChoice};
-use dunkelfeld::{Progress, ProgressState, Stage};
-use dunkelfeld::{Project, ProjectOptions};
-use dunkelfeld::{Rendering, Session, camera, render};
-use dunkelfeld_adaptive::weights::Strategy;
-use dunkelfeld_film::Plane;
-use dunkelfeld_io::input::InputFiles;
-use dunkelfeld_render::lens_image::LensImage;
-use dunkelfeld_render::parallel::mean_image;
-use dunkelfeld_scene::{Effect, Scene};
-use dunkelfeld_sensor::ExposureNoise;
+use crate::folder::check_folder;
+use crate::report::table::figures;
+use crate::series::{Made, StudyOutcome, View, render_missing, study_key};
+use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::film::{LensImage, Plane, mean_image};
+use dunkelfeld::scene::{Effect, Scene};
+use dunkelfeld::sensor::ExposureNoise;
+use dunkelfeld::{
+    Budget, Error, Project, ProjectOptions, RenderSettings, Rendering, SensorChoice, Session, Stage, camera,
+    develop_film, render, save_picture,
+};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 /// Approximate duration of the renders of a quick bench \[s\]. Reading, writing and the report are additional.
@@ -35,32 +28,6 @@ const QUICK_SECONDS: f64 = 30.0;
 const QUICK_SIDES: [u32; 2] = [32, 256];
 /// Long side of the film, and samples per pixel, of the render that measures the speed for a quick bench.
 const TRIAL: (u32, u32) = (64, 8);
-
-/// The result of a bench.
-#[derive(Clone, Debug)]
-pub struct BenchOutcome {
-    /// The files of the report, the page first.
-    pub files: Vec<PathBuf>,
-    /// The findings as a few lines of text.
-    pub findings: Vec<String>,
-    /// The figures of the report: the rows of its tables, by the name of the table. Unknown numbers are null. Empty without
-    /// a report.
-    pub figures: Figures,
-    /// Number of finished renders, and of all.
-    pub finished: [usize; 2],
-    /// Was it cancelled from outside? Finished renders are kept. The same call continues with the missing ones.
-    pub interrupted: bool,
-    /// Samples that were not finite, negative or out of range, in all renders.
-    pub invalid_samples: u64,
-}
-
-/// The default folder of a bench: the name of the input with `-bench`, in the current folder. It has an additional
-/// number if an input is in that folder.
-pub fn default_folder(input: &Path, inputs: &InputFiles) -> DefaultPath {
-    let mut name = input.file_stem().unwrap_or_else(|| "scene".as_ref()).to_os_string();
-    name.push("-bench");
-    free_folder(PathBuf::from(name), inputs)
-}
 
 /// Measures the cost of accuracy in time, and writes the report into `folder`.
 ///
@@ -79,7 +46,7 @@ pub fn bench(
     own_size: bool,
     restart: bool,
     session: &Session<'_>,
-) -> Result<BenchOutcome, Error> {
+) -> Result<StudyOutcome, Error> {
     settings.check()?;
     check_folder(folder, &project.inputs)?;
     // The bench measures the noise of the renders. No processing of the picture may hide it.
@@ -116,9 +83,8 @@ pub fn bench(
         reference,
         top: top(settings),
     };
-    let invalid_samples = bench.make(&all, session)?;
+    let Made { finished, invalid_samples } = bench.make(&all, session)?;
     session.begin(Stage::Write, 1.0, 0);
-    let finished = [count_finished(&store, &all, fitted.seed)?, all.len()];
     let about = About {
         name: input.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         threads,
@@ -132,7 +98,7 @@ pub fn bench(
         Some(results) => (page::write(folder, &results)?, results.findings(), figures(&tables(&results))),
         None => Default::default(),
     };
-    Ok(BenchOutcome { files, findings, figures, finished, interrupted: session.is_cancelled(), invalid_samples })
+    Ok(StudyOutcome { files, findings, figures, finished, interrupted: session.is_cancelled(), invalid_samples })
 }
 
 /// Without a sensor there is no data for the strategy `sensor`. The list of all strategies leaves it out. If it is
@@ -147,14 +113,6 @@ fn for_sensor(settings: &BenchSettings, has_sensor: bool) -> Result<BenchSetting
         return Err(Error::setting("strategies", problem, "choose a sensor, or leave out the strategy `sensor`"));
     }
     Ok(settings)
-}
-
-fn count_finished(store: &Store, all: &[Unit], base_seed: u64) -> Result<usize, Error> {
-    let mut n = 0;
-    for unit in all {
-        n += usize::from(store.record(unit, base_seed)?.is_some());
-    }
-    Ok(n)
 }
 
 fn top(settings: &BenchSettings) -> u32 {
@@ -212,48 +170,33 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Renders the missing units. Returns the number of invalid samples of all renders.
-    fn make(&self, all: &[Unit], session: &Session<'_>) -> Result<u64, Error> {
-        let base = self.fitted.seed;
-        let mut invalid = 0;
-        let mut missing = Vec::new();
-        let mut done = 0;
-        for unit in all {
-            match self.store.record(unit, base)? {
-                Some(record) => {
-                    invalid += record.invalid_samples;
-                    done += self.samples(unit);
-                }
-                None => missing.push(*unit),
-            }
-        }
-        let total: u64 = all.iter().map(|u| self.samples(u)).sum();
-        let meter = Meter::new(session.progress(), total, done);
-        let metered = session.clone().with_progress(&meter);
+    /// Renders the missing units.
+    fn make(&self, all: &[Unit], session: &Session<'_>) -> Result<Made, Error> {
+        let finished =
+            |unit: &Unit| Ok(self.store.record(unit, self.fitted.seed)?.map(|record| record.invalid_samples));
         let mut view = None;
         let mut other: Option<(Effect, Scene, RenderSettings)> = None;
-        for unit in missing {
-            // A unit that ends before the first progress report also appears.
-            let begun = ProgressState { stage: Stage::Pilot, fraction: 0.0, elapsed: 0.0, remaining: None, samples: 0 };
-            meter.update(&begun);
-            if session.is_cancelled() {
-                break;
-            }
-            let (scene, settings) = match unit.without() {
-                None => (&self.project.scene, self.fitted),
-                Some(effect) => {
-                    if other.as_ref().is_none_or(|(e, ..)| *e != effect) {
-                        let (scene, settings) = self.without(effect)?;
-                        other = Some((effect, scene, settings));
+        render_missing(
+            all,
+            |unit| self.samples(unit),
+            finished,
+            session,
+            |unit, session| {
+                let (scene, settings) = match unit.without() {
+                    None => (&self.project.scene, self.fitted),
+                    Some(effect) => {
+                        if other.as_ref().is_none_or(|(e, ..)| *e != effect) {
+                            let (scene, settings) = self.without(effect)?;
+                            other = Some((effect, scene, settings));
+                        }
+                        other
+                            .as_ref()
+                            .map_or((&self.project.scene, self.fitted), |(_, scene, settings)| (scene, settings))
                     }
-                    other.as_ref().map_or((&self.project.scene, self.fitted), |(_, scene, settings)| (scene, settings))
-                }
-            };
-            let Some(record) = self.render(&unit, scene, settings, &mut view, &metered)? else { break };
-            invalid += record.invalid_samples;
-            meter.finish(self.samples(&unit));
-        }
-        Ok(invalid)
+                };
+                self.render(unit, scene, settings, &mut view, session)
+            },
+        )
     }
 
     fn samples(&self, unit: &Unit) -> u64 {
@@ -275,7 +218,7 @@ impl Bench<'_> {
         Ok((other.scene, settings))
     }
 
-    /// Renders one unit and stores it. `None` if it was interrupted.
+    /// Renders one unit and stores it. Returns its invalid samples; `None` if it was interrupted.
     fn render(
         &self,
         unit: &Unit,
@@ -283,7 +226,7 @@ impl Bench<'_> {
         settings: &RenderSettings,
         view: &mut Option<(View, Vec<bool>)>,
         session: &Session<'_>,
-    ) -> Result<Option<Record>, Error> {
+    ) -> Result<Option<u64>, Error> {
         let settings = settings
             .clone()
             .with_budget(Budget::default().with_spp(f64::from(unit.spp)))
@@ -314,7 +257,7 @@ impl Bench<'_> {
         let is_point = matches!(unit.purpose, Purpose::Point(_));
         let mut denoised = Vec::new();
         for filter in self.filters.iter().filter(|_| is_point) {
-            let done = session.install(|| filter.apply(&rendering.film.sums, &settings, view, session))?;
+            let done = filter.apply(&rendering.film.sums, &settings, view, session)?;
             let Some(done) = done else { return Ok(None) };
             denoised.push(done);
         }
@@ -335,7 +278,7 @@ impl Bench<'_> {
         let keeps_counts = is_point && unit.index == 0;
         let (signal, counts) = (view.signal(&image.radiance), keeps_counts.then(|| rendering.plan()));
         self.store.keep(&record, layers(signal, denoised, counts, is_reference.then_some(&image.radiance)))?;
-        Ok(Some(record))
+        Ok(Some(record.invalid_samples))
     }
 
     /// The camera view of all units, and the unsaturated pixels. Both follow from the reference, which is the first

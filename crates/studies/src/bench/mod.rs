@@ -21,6 +21,6 @@ mod statistics;
 mod store;
 mod tables;
 
-pub use measure::{BenchOutcome, bench, default_folder};
+pub use measure::bench;
 pub use options::BenchOptions;
 pub use settings::BenchSettings;

@@ -3,8 +3,8 @@
 use super::settings::BenchSettings;
 use derive_setters::Setters;
 use dunkelfeld::DenoiseMethod;
-use dunkelfeld_adaptive::weights::Strategy;
-use dunkelfeld_scene::Effect;
+use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::scene::Effect;
 use std::path::PathBuf;
 
 /// Options of a bench. An empty list and `None` mean the default of [`BenchSettings`].

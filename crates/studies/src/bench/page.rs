@@ -7,11 +7,10 @@ use super::results::{OFF, Results};
 use super::statistics::POOL;
 use super::tables::tables;
 use crate::report::maps::{Map, grey};
-use crate::report::page::{maps, page, with_file};
+use crate::report::page::{maps, page, with_file, write as write_report};
 use crate::report::table::Table;
 use dunkelfeld::Error;
-use dunkelfeld::save_text;
-use dunkelfeld_adaptive::weights::Strategy;
+use dunkelfeld::adaptive::Strategy;
 use dunkelfeld_report::chart::Chart;
 use dunkelfeld_report::page::{charts, facts, head, picture, tiles};
 use dunkelfeld_report::words::rounded;
@@ -21,29 +20,12 @@ use std::path::{Path, PathBuf};
 /// Writes the page, the tables and the charts into a folder. Returns the files, the page first.
 pub(super) fn write(folder: &Path, results: &Results) -> Result<Vec<PathBuf>, Error> {
     let report = Report::new(results)?;
-    let mut files = Vec::new();
-    let mut save = |name: String, text: &str| -> Result<(), Error> {
-        let path = folder.join(name);
-        save_text(&path, text)?;
-        files.push(path);
-        Ok(())
-    };
-    save("report.html".into(), &report.html())?;
-    for table in report.tables.iter().filter(|t| !t.rows.is_empty()) {
-        save(format!("{}.csv", table.name), &table.csv())?;
-    }
-    for chart in report.charts() {
-        save(format!("{}.svg", chart.name), &chart.file())?;
-    }
-    Ok(files)
+    let tables = report.tables.iter().filter(|t| !t.rows.is_empty()).map(|t| (t.name, t.csv()));
+    write_report(folder, &report.html(), tables, report.charts())
 }
 
-/// A picture to compare: its name and its image.
-struct Shown {
-    name: String,
-    uri: String,
-    size: [u32; 2],
-}
+/// A picture: its name, its address and its size.
+type Shown = (String, String, [u32; 2]);
 
 /// The content of the page.
 struct Report<'a> {
@@ -307,51 +289,17 @@ impl<'a> Report<'a> {
     }
 
     fn pictures_section(&self) -> Markup {
-        let (Some(first), Some(last)) = (self.pictures.first(), self.pictures.last()) else { return Markup::default() };
-        let select = |label: &str, shows: &str, chosen: &str| {
-            html! {
-                label {
-                    small { (label) } " "
-                    select data-shows=(shows) {
-                        @for (i, p) in self.pictures.iter().enumerate() {
-                            option value={ "picture-" (i) } selected=[(p.name == chosen).then_some("selected")] { (p.name) }
-                        }
-                    }
-                }
-            }
-        };
-        let [width, height] = first.size;
-        let blank = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA=";
         html! {
             section {
-                h2 { "Comparison of pictures" }
+                h2 { "Pictures" }
                 p {
-                    "Drag the edge to compare two pictures. Pictures have 8 bits and gamma 2.2. White is saturation."
+                    "Pictures have 8 bits and gamma 2.2. White is saturation."
                     @if self.r.view.has_sensor() {
                         " Pictures \u{201c}as exposed\u{201d} also contain the noise of the sensor. They cannot be \
                          distinguished where the noise of the render is hidden."
                     }
                 }
-                div.slider {
-                    div.stage {
-                        img id="shown-right" src=(blank) alt="" width=(width) height=(height);
-                        div.over { img id="shown-left" src=(blank) alt="" width=(width) height=(height); }
-                        div.edge {}
-                        input type="range" min="0" max="100" value="50" step="0.5" aria-label="edge between the pictures";
-                    }
-                    div.picks {
-                        (select("left", "shown-left", &first.name))
-                        (select("right", "shown-right", &last.name))
-                    }
-                }
-                details {
-                    summary { "All pictures" }
-                    div.maps {
-                        @for (i, p) in self.pictures.iter().enumerate() {
-                            (picture(Some(&format!("picture-{i}")), &p.uri, p.size, &p.name))
-                        }
-                    }
-                }
+                div.maps { @for (name, uri, size) in &self.pictures { (picture(uri, *size, name)) } }
             }
         }
     }
@@ -422,7 +370,7 @@ impl<'a> Report<'a> {
     }
 }
 
-/// The pictures to compare: pilot, the strategies with the most samples, reference; with and without the sensor's
+/// The pictures: pilot, the strategies with the most samples, reference; with and without the sensor's
 /// noise.
 fn pictures(r: &Results) -> Result<Vec<Shown>, Error> {
     let mut signals = Vec::new();
@@ -440,22 +388,16 @@ fn pictures(r: &Results) -> Result<Vec<Shown>, Error> {
     }
     signals.push((format!("reference, {} samples per pixel", r.settings.reference_spp), &r.reference));
     let mut shown = Vec::new();
+    for (name, signal) in &signals {
+        let (uri, size) = grey(&r.view.picture(signal))?;
+        shown.push((name.clone(), uri, size));
+    }
     // One seed for all: two pictures differ only in the render, not in the noise of the sensor.
     for (name, signal) in &signals {
         if let Some(picture) = r.view.exposed(signal, r.seed) {
             let (uri, size) = grey(&picture)?;
-            shown.push(Shown { name: format!("{name}, as exposed"), uri, size });
+            shown.push((format!("{name}, as exposed"), uri, size));
         }
     }
-    for (name, signal) in &signals {
-        let (uri, size) = grey(&r.view.picture(signal))?;
-        shown.push(Shown { name: name.clone(), uri, size });
-    }
-    // The plain pilot is first and the plain reference last, so that the page opens with the widest comparison.
-    let exposed = shown.len() - signals.len();
-    shown.rotate_left(exposed);
-    let plain = signals.len();
-    let reference = shown.remove(plain - 1);
-    shown.push(reference);
     Ok(shown)
 }

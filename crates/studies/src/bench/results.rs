@@ -10,12 +10,11 @@ use super::store::{Record, Store};
 use crate::report::estimate::{Estimate, mean};
 use crate::series::statistics::rank_correlation;
 use crate::series::{View, exposure_words};
-use dunkelfeld::Error;
-use dunkelfeld::RenderSettings;
-use dunkelfeld_adaptive::weights::Strategy;
-use dunkelfeld_film::Plane;
+use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::film::Plane;
+use dunkelfeld::scene::Effect;
+use dunkelfeld::{Error, RenderSettings};
 use dunkelfeld_report::words::rounded;
-use dunkelfeld_scene::Effect;
 use std::collections::BTreeMap;
 
 /// Data of a bench except its settings and units.

@@ -2,9 +2,9 @@
 
 use super::settings::BenchSettings;
 use crate::series::hash_text;
-use dunkelfeld_adaptive::weights::Strategy;
+use dunkelfeld::adaptive::Strategy;
+use dunkelfeld::scene::Effect;
 use dunkelfeld_sampling::hash_u64;
-use dunkelfeld_scene::Effect;
 
 /// The purpose of a render.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

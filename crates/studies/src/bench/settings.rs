@@ -1,11 +1,9 @@
 //! Settings of a bench.
 
 use derive_setters::Setters;
-use dunkelfeld::DenoiseMethod;
-use dunkelfeld::Error;
-use dunkelfeld_adaptive::plan::MAX_SPP;
-use dunkelfeld_adaptive::weights::Strategy;
-use dunkelfeld_scene::{Effect, SceneBuilder};
+use dunkelfeld::adaptive::{MAX_SPP, Strategy};
+use dunkelfeld::scene::{Effect, SceneBuilder};
+use dunkelfeld::{DenoiseMethod, Error};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 

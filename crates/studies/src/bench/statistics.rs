@@ -1,7 +1,7 @@
 //! Statistics of renders with different seeds: variance per pixel, its means over the image, and their standard errors.
 
 use crate::report::estimate::Estimate;
-use dunkelfeld_film::Plane;
+use dunkelfeld::film::Plane;
 
 /// The mean of planes of one size, pixel by pixel.
 pub(super) fn mean_plane(planes: &[Plane<f32>]) -> Option<Plane<f64>> {

@@ -4,12 +4,11 @@
 use super::denoised::Filtered;
 use super::runs::Unit;
 use super::settings::SettingsSummary;
-use crate::series::{Kept, plane_of, push_plane};
+use crate::series::{Kept, push_plane};
 use dunkelfeld::Error;
-use dunkelfeld_film::Plane;
+use dunkelfeld::film::{Plane, RenderKey};
 use dunkelfeld_io::exr::ExrLayers;
 use dunkelfeld_io::layers::{Single, Triple};
-use dunkelfeld_render::RenderKey;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -104,23 +103,17 @@ impl Store {
 
     /// The linear signal of a finished unit.
     pub(super) fn signal(&self, unit: &Unit) -> Result<Plane<f32>, Error> {
-        self.plane(unit, SIGNAL)
+        self.0.plane(&unit.name(), SIGNAL)
     }
 
     /// The same after a denoiser.
     pub(super) fn denoised(&self, unit: &Unit, key: &str) -> Result<Plane<f32>, Error> {
-        self.plane(unit, &denoised_layer(key))
-    }
-
-    fn plane(&self, unit: &Unit, name: &str) -> Result<Plane<f32>, Error> {
-        let layers = self.0.layers(&unit.name())?;
-        plane_of(&layers, name).ok_or_else(|| self.0.lacks(&unit.name(), name))
+        self.0.plane(&unit.name(), &denoised_layer(key))
     }
 
     /// The mean radiance of the reference behind the lens.
     pub(super) fn radiance(&self, unit: &Unit) -> Result<Plane<[f32; 3]>, Error> {
-        let name = unit.name();
-        self.0.layers(&name)?.triples(Triple::Mean).ok_or_else(|| self.0.lacks(&name, "R G B"))
+        self.0.radiance(&unit.name())
     }
 
     /// The samples per pixel of a unit that stores them.

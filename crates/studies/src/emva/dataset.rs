@@ -3,10 +3,8 @@
 
 use super::plan::{DatasetPlan, Shot};
 use super::truth::Truth;
-use dunkelfeld::Error;
-use dunkelfeld::Session;
-use dunkelfeld::Stage;
-use dunkelfeld_film::Plane;
+use dunkelfeld::film::Plane;
+use dunkelfeld::{Error, Session, Stage};
 use dunkelfeld_io::emva_descriptor::{EmvaDescriptor, FrameBlock, FrameFormat, write_descriptor};
 use dunkelfeld_io::new_folder::NewFolder;
 use dunkelfeld_io::picture::Picture;

@@ -99,30 +99,35 @@ pub(super) fn sensitivity(a: &Analysis) -> Vec<Figure> {
             ),
         ),
     ];
-    if a.darks.len() > 1 {
-        let longest = a.darks.iter().map(|d| d.exposure).fold(0.0, f64::max);
-        let dark = |name: &str, y: &str, of: fn(&dunkelfeld_emva1288::DarkPoint) -> f64, [start, slope]: [f64; 2]| {
-            let points = a.darks.iter().map(|d| [1e3 * d.exposure, of(d)]).collect();
-            let mut traces = vec![trace(0, "dark", Style::Points, points)];
-            // Without enough exposure times there is no dark current to draw.
-            if slope.is_finite() {
-                let line = [0.0, longest].map(|t| [1e3 * t, start + slope * t]).to_vec();
-                traces.push(trace(1, "dark current", Style::Line, line));
-            }
-            draw(name, name, [linear("exposure time [ms]"), free(y)], &traces)
-        };
-        let mean_line = [a.value("mu_y.dark"), gain * a.value("mu_I.mean")];
-        let variance_line = [a.value("sigma_y.dark").powi(2), gain * gain * a.value("mu_I.var")];
-        figures.push(figure(
-            dark("dark-mean", "\u{3bc}y.dark [DN]", |d| d.mean[0], mean_line),
-            "Dark current: the dark grey value over the exposure time.",
-        ));
-        figures.push(figure(
-            dark("dark-variance", "\u{3c3}y.dark\u{b2} [DN\u{b2}]", |d| d.variance[0], variance_line),
-            "Dark noise: its variance over the exposure time.",
-        ));
-    }
+    figures.extend(dark_current(a));
     figures
+}
+
+/// Mean and variance of dark frames over the exposure time; none with a single time.
+fn dark_current(a: &Analysis) -> Vec<Figure> {
+    if a.darks.len() < 2 {
+        return Vec::new();
+    }
+    let gain = a.value("K");
+    let longest = a.darks.iter().map(|d| d.exposure).fold(0.0, f64::max);
+    let dark = |name: &str, y: &str, of: fn(&dunkelfeld_emva1288::DarkPoint) -> f64, [start, slope]: [f64; 2]| {
+        let points = a.darks.iter().map(|d| [1e3 * d.exposure, of(d)]).collect();
+        let mut traces = vec![trace(0, "dark", Style::Points, points)];
+        // Without enough exposure times there is no dark current to draw.
+        if slope.is_finite() {
+            let line = [0.0, longest].map(|t| [1e3 * t, start + slope * t]).to_vec();
+            traces.push(trace(1, "dark current", Style::Line, line));
+        }
+        draw(name, name, [linear("exposure time [ms]"), free(y)], &traces)
+    };
+    let mean_line = [a.value("mu_y.dark"), gain * a.value("mu_I.mean")];
+    let variance_line = [a.value("sigma_y.dark").powi(2), gain * gain * a.value("mu_I.var")];
+    let mean = dark("dark-mean", "\u{3bc}y.dark [DN]", |d| d.mean[0], mean_line);
+    let variance = dark("dark-variance", "\u{3c3}y.dark\u{b2} [DN\u{b2}]", |d| d.variance[0], variance_line);
+    vec![
+        figure(mean, "Dark current: the dark grey value over the exposure time."),
+        figure(variance, "Dark noise: its variance over the exposure time."),
+    ]
 }
 
 /// Spectrograms, profiles, histograms.

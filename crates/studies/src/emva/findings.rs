@@ -4,7 +4,7 @@ use super::measurement::ReadMeasurement;
 use super::page;
 use dunkelfeld::Error;
 use dunkelfeld::guard::{Output, check_outputs};
-use dunkelfeld::written;
+use dunkelfeld::outputs::written;
 use dunkelfeld_emva1288::{Analysis, AnalysisSettings, Bound, GeneralAnalysis, Quantity, analyse, analyse_general};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::emva_descriptor::read_descriptor;
@@ -132,7 +132,7 @@ impl Findings {
     /// # Errors
     /// Those of the file system.
     pub fn save_json(&self, path: &Path) -> Result<(), Error> {
-        dunkelfeld::save_text(path, &self.json())
+        dunkelfeld::outputs::save_text(path, &self.json())
     }
 
     /// Writes [`Findings::html`].
@@ -140,6 +140,6 @@ impl Findings {
     /// # Errors
     /// Those of the file system.
     pub fn save_html(&self, read: &ReadMeasurement, path: &Path) -> Result<(), Error> {
-        dunkelfeld::save_text(path, &self.html(read))
+        dunkelfeld::outputs::save_text(path, &self.html(read))
     }
 }

@@ -1,10 +1,8 @@
 //! Reads a data set frame by frame. The statistics of a frame are kept, the frame is not.
 
-use dunkelfeld::Error;
-use dunkelfeld::Session;
-use dunkelfeld::Stage;
+use dunkelfeld::film::Plane;
+use dunkelfeld::{Error, Session, Stage};
 use dunkelfeld_emva1288::{AnalysisError, Frame, FramePair, Level, Measurement, StackAccumulator, StackLevel};
-use dunkelfeld_film::Plane;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::emva_descriptor::{EmvaDescriptor, FrameBlock, read_descriptor};
 use dunkelfeld_io::gray::read_gray;

@@ -5,9 +5,9 @@ use super::measurement::ReadMeasurement;
 use super::plan::{DatasetSettings, Vary};
 use derive_setters::Setters;
 use dunkelfeld::Error;
+use dunkelfeld::radiometry::{Nanometres, Seconds};
+use dunkelfeld::sensor::FilterColor;
 use dunkelfeld_emva1288::{AnalysisSettings, Release};
-use dunkelfeld_radiometry::{Nanometres, Seconds};
-use dunkelfeld_sensor::FilterColor;
 use std::ops::RangeInclusive;
 
 /// Distances of pixels \[um\] that an analysis accepts.

@@ -4,10 +4,10 @@
 use super::truth::{Edge, Light, Truth, dark_at, truth};
 use derive_setters::Setters;
 use dunkelfeld::Error;
+use dunkelfeld::film::Plane;
+use dunkelfeld::radiometry::{Irradiance, Nanometres, Seconds, photon};
+use dunkelfeld::sensor::{Device, Efficiency, Exposure, FilterColor, FrameKey, SensorModel};
 use dunkelfeld_emva1288::{Frame, FramePair, Level, Measurement, StackAccumulator, StackLevel};
-use dunkelfeld_film::Plane;
-use dunkelfeld_radiometry::{Irradiance, Nanometres, Seconds, photon};
-use dunkelfeld_sensor::{Device, Efficiency, Exposure, FilterColor, FrameKey, SensorModel};
 use serde::Serialize;
 use std::ops::RangeInclusive;
 
@@ -111,10 +111,10 @@ impl DatasetPlan {
         };
         within("levels", s.levels, 10, 1000)?;
         within("frames of a stack", s.stack, 3, 1000)?;
-        within("width", s.width, 16, dunkelfeld::MAX_SIDE)?;
-        within("height", s.height, 16, dunkelfeld::MAX_SIDE)?;
-        if u64::from(s.width) * u64::from(s.height) > dunkelfeld::MAX_PIXELS {
-            let problem = format!("{} x {} pixels are more than {}", s.width, s.height, dunkelfeld::MAX_PIXELS);
+        within("width", s.width, 16, dunkelfeld::limits::MAX_SIDE)?;
+        within("height", s.height, 16, dunkelfeld::limits::MAX_SIDE)?;
+        if u64::from(s.width) * u64::from(s.height) > dunkelfeld::limits::MAX_PIXELS {
+            let problem = format!("{} x {} pixels are more than {}", s.width, s.height, dunkelfeld::limits::MAX_PIXELS);
             return Err(Error::setting("size", problem, "use smaller frames"));
         }
         if !EXPOSURES.contains(&s.exposure.0) {

@@ -1,8 +1,8 @@
 //! The expected result of an analysis of a simulated data set: the figures that follow from the model.
 
 use super::plan::{DatasetSettings, Vary};
-use dunkelfeld_radiometry::{Irradiance, Nanometres, Seconds};
-use dunkelfeld_sensor::SensorModel;
+use dunkelfeld::radiometry::{Irradiance, Nanometres, Seconds};
+use dunkelfeld::sensor::SensorModel;
 use serde::Serialize;
 use std::collections::BTreeMap;
 

@@ -6,15 +6,14 @@ use super::runs::{Series, Unit, reference};
 use super::settings::PtcSettings;
 use crate::series::statistics::{correlation, quantile, rank_correlation};
 use crate::series::{View, exposure_words};
-use dunkelfeld::Error;
-use dunkelfeld::RenderSettings;
+use dunkelfeld::film::Plane;
+use dunkelfeld::sensor::{Device, Exposure, FrameKey, SensorModel};
+use dunkelfeld::{Error, RenderSettings};
 use dunkelfeld_emva1288::{
     AnalysisError, Frame, FramePair, LineFit, PhotonTransfer, Quantity, TemporalAccumulator, TemporalStatistics,
     TransferPoint,
 };
-use dunkelfeld_film::Plane;
 use dunkelfeld_report::words::rounded;
-use dunkelfeld_sensor::{Device, Exposure, FrameKey, SensorModel};
 
 /// Levels of uniform light, and the side of the frames, for the photon transfer curve of the camera.
 const LEVELS: u32 = 50;
@@ -181,6 +180,40 @@ impl Results {
     }
 }
 
+/// The gradient of the first frame, and the pixels without strong edges.
+pub(super) struct Gradient {
+    pub(super) sobel: Plane<f32>,
+    magnitudes: Vec<f64>,
+    /// The pixels below the steepest ones.
+    pub(super) flat: Vec<bool>,
+}
+
+impl Gradient {
+    /// `edges` is the share of the pixels that count as strong edges.
+    pub(super) fn new(first: &Plane<u8>, edges: f64) -> Self {
+        let sobel = dunkelfeld::adaptive::sobel::magnitude(first);
+        let magnitudes: Vec<f64> = sobel.data().iter().map(|&v| f64::from(v)).collect();
+        let limit = quantile(magnitudes.clone(), 1.0 - edges);
+        let flat = magnitudes.iter().map(|s| *s <= limit).collect();
+        Self { sobel, magnitudes, flat }
+    }
+
+    /// Its correlation with the variance of the other frames: Pearson's, Spearman's.
+    pub(super) fn correlations(&self, variance: &[f64]) -> [f64; 2] {
+        [correlation(&self.magnitudes, variance), rank_correlation(&self.magnitudes, variance)]
+    }
+
+    /// Mean variance of all pixels, of those at strong edges, of the others.
+    pub(super) fn mean_variance(&self, variance: &[f64]) -> [f64; 3] {
+        let mean = |wanted: &dyn Fn(bool) -> bool| {
+            let chosen = variance.iter().zip(&self.flat).filter(|(_, flat)| wanted(**flat)).map(|(v, _)| *v);
+            let (sum, n) = chosen.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
+            sum / n
+        };
+        [mean(&|_| true), mean(&|flat| !flat), mean(&|flat| flat)]
+    }
+}
+
 /// An error of the analyser for simulated frames is a fault of the frames, not of the user.
 pub(super) fn fault(e: AnalysisError) -> Error {
     Error::setting("frames", e.to_string(), e.help())
@@ -254,15 +287,7 @@ impl Reader<'_> {
         let as_frame = |unit: &Unit| Ok(self.view.picture(&signal(unit)?).map(|&v| u16::from(v)));
         let stack = stack_of(units.iter().map(as_frame), size)?;
         let rest = stack_of(others.iter().map(as_frame), size)?;
-        let sobel = dunkelfeld_adaptive::sobel::magnitude(&picture);
-        let steep: Vec<f64> = sobel.data().iter().map(|&v| f64::from(v)).collect();
-        let limit = quantile(steep.clone(), 1.0 - self.settings.edges);
-        let keep: Vec<bool> = steep.iter().map(|s| *s <= limit).collect();
-        let mean_where = |wanted: &dyn Fn(bool) -> bool| {
-            let chosen: Vec<f64> =
-                stack.variance.iter().zip(&keep).filter(|(_, k)| wanted(**k)).map(|(v, _)| *v).collect();
-            chosen.iter().sum::<f64>() / chosen.len() as f64
-        };
+        let gradient = Gradient::new(&picture, self.settings.edges);
         let mut seconds = 0.0;
         for unit in &units {
             let record = self.renders.record(unit)?;
@@ -276,13 +301,13 @@ impl Reader<'_> {
             is_denoised,
             frames: stack.frames,
             seconds,
-            sobel,
             variance,
             curve: picture_curve(&stack, PICTURE, None)?,
-            filtered: picture_curve(&stack, PICTURE, Some(&keep))?,
-            correlations: [correlation(&steep, &rest.variance), rank_correlation(&steep, &rest.variance)],
-            mean_variance: [mean_where(&|_| true), mean_where(&|k| !k), mean_where(&|k| k)],
+            filtered: picture_curve(&stack, PICTURE, Some(&gradient.flat))?,
+            correlations: gradient.correlations(&rest.variance),
+            mean_variance: gradient.mean_variance(&stack.variance),
             linear: self.linear(&units, is_denoised, size)?,
+            sobel: gradient.sobel,
             picture,
         }))
     }

@@ -17,7 +17,7 @@ mod runs;
 mod settings;
 mod stack;
 
-pub use measure::{PtcOutcome, ptc, ptc_folder};
+pub use measure::ptc;
 pub use options::PtcOptions;
 pub use settings::PtcSettings;
 pub use stack::{FrameStack, StackSettings, is_frame, ptc_of_frames};

@@ -6,10 +6,9 @@ use super::figures;
 use super::findings::{Verdict, name};
 use crate::report::estimate::Estimate;
 use crate::report::maps::{Map, grey};
-use crate::report::page::{maps, page, with_file};
+use crate::report::page::{maps, page, with_file, write as write_report};
 use crate::report::table::{self, Cell, Figures, Table, column, estimate};
 use dunkelfeld::Error;
-use dunkelfeld::save_text;
 use dunkelfeld_emva1288::LineFit;
 use dunkelfeld_report::chart::Chart;
 use dunkelfeld_report::page::{self as frame, Heading, charts, facts, head, picture, tiles};
@@ -20,22 +19,10 @@ use std::path::{Path, PathBuf};
 /// Writes the page, the tables and the charts into a folder. Returns the files, the page first.
 pub(super) fn write(folder: &Path, results: &Results) -> Result<Vec<PathBuf>, Error> {
     let report = Report::new(results)?;
-    let mut files = Vec::new();
-    let mut save = |name: String, text: &str| -> Result<(), Error> {
-        let path = folder.join(name);
-        save_text(&path, text)?;
-        files.push(path);
-        Ok(())
-    };
-    save("report.html".into(), &report.html()?)?;
-    for table in [&report.series, &report.lines, &report.curves].into_iter().filter(|t| !t.rows.is_empty()) {
-        save(format!("{}.csv", table.name), &table.csv())?;
-    }
+    let tables = [&report.series, &report.lines, &report.curves].into_iter().filter(|t| !t.rows.is_empty());
     let pairs = report.transfer.iter().flatten();
-    for chart in report.sensor.iter().chain(pairs).chain(&report.linear).chain(&report.cameras) {
-        save(format!("{}.svg", chart.name), &chart.file())?;
-    }
-    Ok(files)
+    let charts = report.sensor.iter().chain(pairs).chain(&report.linear).chain(&report.cameras);
+    write_report(folder, &report.html()?, tables.map(|t| (t.name, t.csv())), charts)
 }
 
 /// The figures of the tables.
@@ -156,7 +143,7 @@ impl<'a> Report<'a> {
             section.pairs {
                 h2 { "Figure 3: pictures" }
                 p { "Each picture is the first frame of a series." }
-                div.maps { @for ((uri, size), caption) in &all { (picture(None, uri, *size, caption)) } }
+                div.maps { @for ((uri, size), caption) in &all { (picture(uri, *size, caption)) } }
             }
         })
     }

@@ -1,10 +1,9 @@
 //! The finished renders of a photon transfer study.
 
 use super::runs::Unit;
-use crate::series::{Kept, plane_of};
+use crate::series::Kept;
 use dunkelfeld::Error;
-use dunkelfeld_film::Plane;
-use dunkelfeld_io::layers::Triple;
+use dunkelfeld::film::Plane;
 use serde::{Deserialize, Serialize};
 
 /// Version of the files in the folder.
@@ -64,12 +63,10 @@ impl Renders {
 
     /// Mean radiance of the reference behind the lens.
     pub(super) fn radiance(&self, unit: &Unit) -> Result<Plane<[f32; 3]>, Error> {
-        let name = unit.name();
-        self.store.layers(&name)?.triples(Triple::Mean).ok_or_else(|| self.store.lacks(&name, "R G B"))
+        self.store.radiance(&unit.name())
     }
 
     fn plane(&self, unit: &Unit, layer: &str) -> Result<Plane<f32>, Error> {
-        let name = unit.name();
-        plane_of(&self.store.layers(&name)?, layer).ok_or_else(|| self.store.lacks(&name, layer))
+        self.store.plane(&unit.name(), layer)
     }
 }

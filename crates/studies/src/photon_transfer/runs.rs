@@ -2,7 +2,7 @@
 
 use super::settings::PtcSettings;
 use crate::series::hash_text;
-use dunkelfeld_adaptive::weights::Strategy;
+use dunkelfeld::adaptive::Strategy;
 use dunkelfeld_sampling::hash_u64;
 
 /// The series of a render.

@@ -1,9 +1,8 @@
 //! Settings of the photon transfer of a scene.
 
 use derive_setters::Setters;
-use dunkelfeld::Error;
-use dunkelfeld::{DenoiseMethod, DenoiseSettings};
-use dunkelfeld_adaptive::plan::MAX_SPP;
+use dunkelfeld::adaptive::MAX_SPP;
+use dunkelfeld::{DenoiseMethod, DenoiseSettings, Error};
 
 /// Frames of the paper, and the samples per pixel of its two series.
 const PAPER_FRAMES: u32 = 50;

@@ -1,20 +1,17 @@
 //! Photon transfer of frames from files: of a camera with a fixed scene, or of another renderer.
 
-use super::analysis::{Curve, fault, linear_curve, picture_curve};
+use super::analysis::{Curve, Gradient, fault, linear_curve, picture_curve};
 use super::figures::{LINEAR_AXES, chart};
 use crate::folder::check_folder;
 use crate::report::estimate::Estimate;
 use crate::report::maps;
-use crate::report::page::{maps, page};
+use crate::report::page::{maps, page, write};
 use crate::report::table::{self, Cell, Figures, Table, column, estimate};
 use crate::series::Kept;
-use crate::series::statistics::{correlation, quantile, rank_correlation};
 use derive_setters::Setters;
-use dunkelfeld::Error;
-use dunkelfeld::save_text;
-use dunkelfeld::{Session, Stage};
+use dunkelfeld::film::Plane;
+use dunkelfeld::{Error, Session, Stage};
 use dunkelfeld_emva1288::{Frame, LineFit, TemporalAccumulator, TemporalStatistics, TransferPoint};
-use dunkelfeld_film::Plane;
 use dunkelfeld_io::gray::{GrayFrame, read_gray};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::loader::Limits;
@@ -149,28 +146,20 @@ pub fn ptc_of_frames(
     // The gradient is scaled to 8 bits over the range.
     let scale = 255.0 / (range[1] - range[0]);
     let eight = first.map(|&y| ((f64::from(y) - range[0]) * scale).clamp(0.0, 255.0).round() as u8);
-    let sobel = dunkelfeld_adaptive::sobel::magnitude(&eight);
-    let steep: Vec<f64> = sobel.data().iter().map(|&v| f64::from(v)).collect();
-    let limit = quantile(steep.clone(), 1.0 - settings.edges);
-    let keep: Vec<bool> = steep.iter().map(|s| *s <= limit).collect();
+    let gradient = Gradient::new(&eight, settings.edges);
     let curve = |keep: Option<&[bool]>| -> Result<Curve, Error> {
         if bits == 8 { picture_curve(&statistics, range, keep) } else { linear_curve(&statistics, range, keep) }
     };
-    let (whole, flat) = (curve(None)?, curve(Some(&keep))?);
-    let mean = |wanted: &dyn Fn(bool) -> bool| {
-        let chosen = statistics.variance.iter().zip(&keep).filter(|(_, k)| wanted(**k)).map(|(v, _)| *v);
-        let (sum, n) = chosen.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
-        sum / n
-    };
+    let (whole, flat) = (curve(None)?, curve(Some(&gradient.flat))?);
     Ok(Some(FrameStack {
-        mean_variance: [mean(&|_| true), mean(&|k| !k), mean(&|k| k)],
-        correlations: [correlation(&steep, &others.variance), rank_correlation(&steep, &others.variance)],
+        mean_variance: gradient.mean_variance(&statistics.variance),
+        correlations: gradient.correlations(&others.variance),
         curves: [whole.points, flat.points],
         lines: [whole.fit, flat.fit],
         range,
         inputs,
         edges: settings.edges,
-        sobel,
+        sobel: gradient.sobel,
         statistics,
     }))
 }
@@ -293,14 +282,6 @@ impl FrameStack {
             return Err(Error::Output { file: folder.into(), problem, help: "name another folder with -o".into() });
         }
         let _locked = ResultsFolder::open(folder)?;
-        let mut files = Vec::new();
-        let mut save = |name: String, text: &str| -> Result<(), Error> {
-            let path = folder.join(name);
-            save_text(&path, text)?;
-            files.push(path);
-            Ok(())
-        };
-        save("report.html".into(), &page("photon transfer of frames", &sections))?;
         let mut csv = String::from("pixels_of,mean,mean_error,variance,variance_error,pixels\r\n");
         for (what, curve) in PIXELS_OF.iter().zip(&self.curves) {
             for p in curve {
@@ -308,11 +289,7 @@ impl FrameStack {
                     &format!("{what},{},{},{},{},{}\r\n", p.mean, p.mean_error, p.variance, p.variance_error, p.pixels);
             }
         }
-        save("curves.csv".into(), &csv)?;
-        for chart in &drawn {
-            save(format!("{}.svg", chart.name), &chart.file())?;
-        }
-        Ok(files)
+        write(folder, &page("photon transfer of frames", &sections), [("curves", csv)], &drawn)
     }
 
     fn charts(&self) -> [Chart; 2] {

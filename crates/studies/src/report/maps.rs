@@ -2,7 +2,7 @@
 //! scale.
 
 use dunkelfeld::Error;
-use dunkelfeld_film::Plane;
+use dunkelfeld::film::Plane;
 use dunkelfeld_io::picture::Picture;
 use dunkelfeld_io::png::data_uri;
 use dunkelfeld_report::words::rounded;

@@ -2,15 +2,38 @@
 
 use super::maps::Map;
 use super::table::Table;
-use dunkelfeld_report::page::Extra;
+use dunkelfeld::Error;
+use dunkelfeld::outputs::save_text;
+use dunkelfeld_report::chart::Chart;
 use maud::{Markup, html};
+use std::path::{Path, PathBuf};
 
-/// Pairs of charts, maps, and the comparison of pictures.
-const EXTRA: Extra = Extra { style: include_str!("style.css"), script: include_str!("slider.js") };
+/// Pairs of charts, and maps.
+const STYLE: &str = include_str!("style.css");
 
 /// A page of sections.
 pub(crate) fn page(title: &str, sections: &[Markup]) -> String {
-    dunkelfeld_report::page::page(title, EXTRA, sections)
+    dunkelfeld_report::page::page(title, STYLE, sections)
+}
+
+/// Writes a page, tables as CSV and charts into a folder. Returns the files, the page first. Tables and charts are named
+/// without ending.
+pub(crate) fn write<'a>(
+    folder: &Path,
+    page: &str,
+    tables: impl IntoIterator<Item = (&'static str, String)>,
+    charts: impl IntoIterator<Item = &'a Chart>,
+) -> Result<Vec<PathBuf>, Error> {
+    let page = std::iter::once(("report.html".to_string(), page.to_string()));
+    let tables = tables.into_iter().map(|(name, csv)| (format!("{name}.csv"), csv));
+    let charts = charts.into_iter().map(|chart| (format!("{}.svg", chart.name), chart.file()));
+    let mut files = Vec::new();
+    for (name, text) in page.chain(tables).chain(charts) {
+        let path = folder.join(name);
+        save_text(&path, &text)?;
+        files.push(path);
+    }
+    Ok(files)
 }
 
 /// Maps side by side.

@@ -1,16 +1,14 @@
 //! The camera view of renders: one exposure for all.
 
 use super::statistics::quantile;
-use dunkelfeld::{Error, RenderSettings, SensorChoice};
-use dunkelfeld_adaptive::sobel::{gamma_image, magnitude};
-use dunkelfeld_film::{MeanImage, Plane};
-use dunkelfeld_radiometry::{Electrons, Rgb};
-use dunkelfeld_render::RenderedFilm;
-use dunkelfeld_render::film_noise::{FilmNoise, SignalModel};
-use dunkelfeld_render::lens_image::LensImage;
-use dunkelfeld_sensor::{
+use dunkelfeld::adaptive::sobel::{gamma_image, magnitude};
+use dunkelfeld::denoising::{Denoiser, denoise_film};
+use dunkelfeld::film::{Film, FilmNoise, LensImage, MeanImage, Plane, SignalModel};
+use dunkelfeld::radiometry::{Electrons, Rgb};
+use dunkelfeld::sensor::{
     Device, Exposure, FrameKey, ImageExposure, Optics, Response, SensorError, SensorModel, display,
 };
+use dunkelfeld::{Error, RenderSettings, RenderedFilm, SensorChoice, Session, Silent};
 
 /// The camera with its exposure; without one, luminance with white at 1 W/(m^2 sr).
 #[derive(Clone, Debug)]
@@ -46,7 +44,7 @@ impl View {
             Some((model, optics, exposure)) => {
                 let response = Response::new(model, optics, *exposure);
                 if response.kinds().len() == 1 {
-                    return dunkelfeld_sensor::electrons(mean, &response).plane;
+                    return dunkelfeld::sensor::electrons(mean, &response).plane;
                 }
                 let average = response.average();
                 let valid = |v: f32| if v > 0.0 { v.min(f32::MAX) } else { 0.0 };
@@ -56,10 +54,28 @@ impl View {
         }
     }
 
-    /// The signal of the denoised mean of a film with these settings.
-    pub(crate) fn denoised(&self, mean: Plane<[f32; 3]>, settings: &RenderSettings) -> Plane<f32> {
-        let mean = MeanImage::without_moments(mean, settings.is_spread());
-        self.signal(&LensImage::new(mean, &settings.sensor).radiance)
+    /// The signal of a film after a denoiser, and the seconds that the denoiser took; `None` if it was cancelled.
+    ///
+    /// # Errors
+    /// Those of the denoiser, as a setting that cannot be used.
+    pub(crate) fn denoised(
+        &self,
+        film: &Film,
+        denoiser: &dyn Denoiser,
+        settings: &RenderSettings,
+        session: &Session<'_>,
+    ) -> Result<Option<(Plane<f32>, f64)>, Error> {
+        session.install(|| match denoise_film(film, denoiser, &session.clone().with_progress(&Silent)) {
+            Ok(done) => {
+                let mean = MeanImage::without_moments(done.mean, settings.is_spread());
+                Ok(Some((self.signal(&LensImage::new(mean, &settings.sensor).radiance), done.seconds)))
+            }
+            Err(_) if session.is_cancelled() => Ok(None),
+            Err(e) => {
+                let help = "choose another denoiser with --denoise; the renders that are finished are kept";
+                Err(Error::setting("denoise", format!("{}: {e}", denoiser.name()), help))
+            }
+        })
     }
 
     /// The variance of the signal that a render estimates from its own samples, as its certificate uses it.

@@ -1,16 +1,15 @@
 //! The stored results of a long computation: a folder with a small record and an image for each finished render, and
 //! the key of the renders.
 
-use dunkelfeld::Error;
-use dunkelfeld::RenderSettings;
-use dunkelfeld::written;
-use dunkelfeld_film::Plane;
+use dunkelfeld::film::{Plane, RenderKey};
+use dunkelfeld::outputs::written;
+use dunkelfeld::scene::{RayGenerator, Scene};
+use dunkelfeld::{Error, RenderSettings};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::exr::{Channel, ExrLayers, read_exr, write_exr};
+use dunkelfeld_io::layers::Triple;
 use dunkelfeld_io::results::ResultsFolder;
-use dunkelfeld_render::RenderKey;
 use dunkelfeld_sampling::hash_u64;
-use dunkelfeld_scene::{RayGenerator, Scene};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -144,6 +143,21 @@ impl Kept {
         }
     }
 
+    /// A plane of a finished render.
+    pub(crate) fn plane(&self, name: &str, layer: &str) -> Result<Plane<f32>, Error> {
+        let layers = self.layers(name)?;
+        let plane = match layers.channel(layer) {
+            Some(Channel::F32(data)) => Plane::from_vec(layers.width, layers.height, data.clone()),
+            _ => None,
+        };
+        plane.ok_or_else(|| self.lacks(name, layer))
+    }
+
+    /// The mean radiance of the reference behind the lens.
+    pub(crate) fn radiance(&self, name: &str) -> Result<Plane<[f32; 3]>, Error> {
+        self.layers(name)?.triples(Triple::Mean).ok_or_else(|| self.lacks(name, "R G B"))
+    }
+
     /// The error of a finished render without a required layer.
     pub(crate) fn lacks(&self, name: &str, layer: &str) -> Error {
         let file = self.folder.file(&format!("{name}.exr"));
@@ -170,12 +184,4 @@ impl Kept {
 /// Adds a plane under its own name.
 pub(crate) fn push_plane(layers: &mut ExrLayers, name: &str, plane: Plane<f32>) {
     layers.channels.push((name.into(), Channel::F32(plane.into_vec())));
-}
-
-/// The plane with a name, if it exists.
-pub(crate) fn plane_of(layers: &ExrLayers, name: &str) -> Option<Plane<f32>> {
-    match layers.channel(name) {
-        Some(Channel::F32(data)) => Plane::from_vec(layers.width, layers.height, data.clone()),
-        _ => None,
-    }
 }

@@ -3,8 +3,10 @@
 use crate::args::RenderArgs;
 use crate::outcome::{print, say};
 use crate::words::{about, count, exposure_time, seconds, shell};
+use dunkelfeld::denoising::why_builtin;
 use dunkelfeld::scene::Effect;
-use dunkelfeld::{CertificateStats, Project, ProjectResult, SensorChoice, Stats, why_builtin};
+use dunkelfeld::stats::CertificateStats;
+use dunkelfeld::{Project, ProjectResult, SensorChoice, Stats};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -48,7 +50,7 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
     let s = &result.stats;
     print(&summary(project, s));
     say_flaws(s);
-    if let Some(reason) = dunkelfeld::black_image(&project.scene, result) {
+    if let Some(reason) = dunkelfeld::commands::black_image(&project.scene, result) {
         say(&format!("warning: {reason}"));
     }
     if let Some(warning) = exposure_warning(project, s) {
