@@ -16,7 +16,7 @@ pub mod formats;
 pub mod import;
 pub mod visible;
 
-pub use config::{job, quantity, sensor_file, toml_file};
+pub use config::{job, quantity, sensor_file, toml_file, toml_keys};
 pub use error::{ImportWarning, InputError, SourceSpan};
 pub use files::{atomic, input, lock, names, new_folder, private_file, process, results};
 pub use formats::{checkpoint, emva_descriptor, exr, gray, jpeg, layers, picture, png, tiff};

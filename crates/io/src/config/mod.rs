@@ -4,3 +4,4 @@ pub mod job;
 pub mod quantity;
 pub mod sensor_file;
 pub mod toml_file;
+pub mod toml_keys;
