@@ -12,7 +12,7 @@ use dunkelfeld::sensor::Optics;
 use dunkelfeld::stats::{DenoiseStats, HeavySample, PartStats, STATS_VERSION};
 use dunkelfeld::{Budget, RenderSettings, SensorChoice, Session, Stage, Stats, develop_film, find_sensor, render};
 use dunkelfeld_io::InputError;
-use dunkelfeld_io::job::Job;
+use dunkelfeld_io::job::{Job, light_keys, object_keys};
 use dunkelfeld_io::sensor_file::parse_sensor;
 use dunkelfeld_io::toml_file::TomlFile;
 use serde_json::Value;
@@ -202,6 +202,11 @@ impl Reference {
 
     /// Keys that the code reads in a table, from its message about an unknown key.
     fn known_keys(&self, table: &str) -> BTreeSet<String> {
+        match table {
+            "[[light]]" => return light_keys().into_iter().map(str::to_owned).collect(),
+            "[[object]]" => return object_keys().into_iter().map(str::to_owned).collect(),
+            _ => {}
+        }
         let error = self.try_value(table, "qqqqqqqqqqqq", "1").expect_err("an unknown key");
         let list = error.help.split("known keys: ").nth(1).unwrap_or_else(|| panic!("{table}: {error}"));
         list.split(", ").map(str::to_owned).collect()

@@ -13,7 +13,7 @@ pub mod formats;
 pub mod import;
 pub mod names;
 
-pub use config::{job, keys, quantity, sensor_file, toml_file};
+pub use config::{job, keys, quantity, sensor_file, toml_file, toml_keys};
 pub use dunkelfeld_files::{ImportWarning, InputError, SourceSpan};
 pub use dunkelfeld_files::{
     atomic, checkpoint, error, input, lock, new_folder, private_file, process, results, visible,

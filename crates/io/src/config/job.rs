@@ -31,11 +31,11 @@ mod cameras;
 mod change_materials;
 mod change_objects;
 pub(crate) mod check;
-mod check_lamps;
 mod film;
 mod lamp_values;
 mod lamps;
 mod lens;
+mod light;
 mod lights;
 mod load_scene;
 mod materials;
@@ -55,14 +55,14 @@ mod strobes;
 
 pub use cameras::{CameraSettings, Cameras};
 pub use film::FilmSettings;
-pub use lamp_values::{LampKind, LedCount, Wavelength};
+pub use lamp_values::{LedCount, Wavelength};
 pub use lens::{FilterSettings, LensProjection, LensSettings};
+pub use light::{Lamp, LampKind, Light, LightChange, Strength, light_keys};
 pub use materials::{AlphaKind, MaterialOverride};
 pub use motion::{LineScanSettings, RotationSettings};
-pub use objects::{Grid, ObjectOverride, Pivot, Placement};
+pub use objects::{Grid, ObjectOverride, Pivot, Placement, object_keys};
 pub use patterns::{literal_pattern, matches};
 pub use place::Place;
-pub use primitives::PrimitiveKind;
 pub use psf::{PsfSettings, load_mtf};
 pub use scene_files::{SceneFile, SceneFiles};
 pub use sensor::{DEFAULT_SENSOR, Exposure, SensorChoice, SensorSettings};
@@ -71,9 +71,9 @@ use crate::error::InputError;
 use crate::import::options::{EmissiveUnit, UpAxis};
 use crate::input::{InputFiles, Role};
 use crate::toml_file::TomlFile;
+use crate::toml_keys::read_later;
 use dunkelfeld_adaptive::Strategy;
 use dunkelfeld_denoise::{DenoiseMethod, DenoiseSettings};
-use dunkelfeld_geometry::DVec3;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::PrincipledModel;
 use serde::Deserialize;
@@ -132,14 +132,14 @@ pub struct Job {
     /// Light from all directions. It replaces the environment of the scene.
     pub environment: Option<EnvironmentSettings>,
     /// `[[object]]`: changes to objects and new ones, applied in order, before those to materials.
-    #[serde(default, rename = "object")]
+    #[serde(default, rename = "object", deserialize_with = "read_later")]
     pub objects: Vec<ObjectOverride>,
     /// `[[material]]`: changes to materials, applied in order.
     #[serde(default, rename = "material")]
     pub materials: Vec<MaterialOverride>,
     /// `[[light]]`: changes to lights, applied in order, after those to materials.
-    #[serde(default, rename = "light")]
-    pub lights: Vec<LightSettings>,
+    #[serde(default, rename = "light", deserialize_with = "read_later")]
+    pub lights: Vec<Light>,
     /// The text of the job, for later errors.
     #[serde(skip)]
     source: TomlFile,
@@ -282,129 +282,6 @@ pub struct EnvironmentSettings {
     pub rotation: Option<f32>,
 }
 
-/// `[[light]]`: a new lamp if it has a `kind`, otherwise a change of lights of the scene. At most one of `radiance`,
-/// `power`, `intensity` and `irradiance`.
-///
-/// Without a `kind`, the name is searched among lights without extent, then among objects (nodes) with an emissive material, then among
-/// emissive materials, then among all objects and all materials. The first kind with a match is used. An object that
-/// shares its mesh or material with others gets its own copy.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LightSettings {
-    /// Name of the new lamp (default: its kind), or name or pattern with `*` and `?` of lights of the scene.
-    #[serde(default)]
-    pub name: String,
-    /// The kind of a new lamp.
-    pub kind: Option<LampKind>,
-    /// `false` switches it off. Its body goes as well: an object with an emitting part, or all parts of an emitting
-    /// material. Default true.
-    #[serde(default = "check::yes")]
-    pub enabled: bool,
-    /// An IES file (ANSI/IES LM-63, type C), relative to the job file. It replaces the distribution and strength of a
-    /// point or spot light, whose hue remains. The nadir of the file is the light's -z, its zero plane contains +x.
-    pub ies: Option<PathBuf>,
-    /// Emitted radiance [W/(m^2 sr)] of a surface.
-    #[serde(default, deserialize_with = "check::light")]
-    pub radiance: Option<Rgb>,
-    /// Radiant power \[W\] of each light that the name selects, as the mean of the channels. The colour remains as it
-    /// is (white if it was black). Not for distant light.
-    #[serde(default, deserialize_with = "check::power")]
-    pub power: Option<f64>,
-    /// Radiant intensity \[W/sr\] of a point light, of a spot light on its axis, or of an IES profile in its brightest
-    /// direction.
-    #[serde(default, deserialize_with = "check::light")]
-    pub intensity: Option<Rgb>,
-    /// Irradiance [W/m^2] of distant light on a surface perpendicular to it; of a lamp on its axis at the working
-    /// distance.
-    #[serde(default, deserialize_with = "check::light")]
-    pub irradiance: Option<Rgb>,
-    /// Factor of the strength of each light of the scene that the name selects. Default 1.
-    #[serde(default, deserialize_with = "check::light_scale")]
-    pub scale: Option<f64>,
-    /// Wavelength of the light; the quantum efficiency of the sensor is that at it.
-    pub wavelength: Option<Wavelength>,
-    /// Duration \[s\] of the pulse of the lamp in the middle of each exposure, at most the exposure time.
-    #[serde(default, deserialize_with = "check::pulse")]
-    pub strobe: Option<f64>,
-    /// Distance \[m\] of `irradiance` from the lamp. Default: that of the target.
-    #[serde(default, deserialize_with = "check::positive_length")]
-    pub working_distance: Option<f64>,
-    /// Diameter \[m\] of a ring (outer), dome, round panel, spot or point.
-    #[serde(default, deserialize_with = "check::positive_length")]
-    pub diameter: Option<f64>,
-    /// Inner diameter \[m\] of a ring.
-    #[serde(default, deserialize_with = "check::positive_length")]
-    pub inner_diameter: Option<f64>,
-    /// Width \[m\] of a bar or a panel.
-    #[serde(default, deserialize_with = "check::positive_length")]
-    pub width: Option<f64>,
-    /// Height \[m\] of a bar or a panel.
-    #[serde(default, deserialize_with = "check::positive_length")]
-    pub height: Option<f64>,
-    /// Diameter \[m\] of the opening at the apex of a dome.
-    #[serde(default, deserialize_with = "check::length_or_zero")]
-    pub opening: Option<f64>,
-    /// Angle \[rad\] by which the normals of a ring are tilted toward its axis.
-    #[serde(default, deserialize_with = "check::quarter_turn")]
-    pub tilt: Option<f64>,
-    /// Number of LEDs in a row, or `[columns, rows]`.
-    pub leds: Option<LedCount>,
-    /// Diameter \[m\] of the emitting disc of an LED.
-    #[serde(default, deserialize_with = "check::positive_length")]
-    pub led_diameter: Option<f64>,
-    /// Does a diffuser cover the LEDs, so that the whole surface emits?
-    pub diffuser: Option<bool>,
-    /// Full angle \[rad\] at half of the intensity, up to that of a Lambertian surface (120 degrees).
-    #[serde(default, deserialize_with = "check::lens_angle")]
-    pub lens_angle: Option<f64>,
-    /// Full angle \[rad\] beyond which a louver lets nothing pass.
-    #[serde(default, deserialize_with = "check::open_angle")]
-    pub spread: Option<f64>,
-    /// Share of the light that the beam splitter of a coaxial lamp reflects toward the part.
-    #[serde(default, deserialize_with = "check::inner_share")]
-    pub splitter: Option<f64>,
-    /// Full angle \[rad\] of the cone of a spot.
-    #[serde(default, deserialize_with = "check::open_angle")]
-    pub cone_angle: Option<f64>,
-    /// Share of the cone of a spot that is its soft edge.
-    #[serde(default, deserialize_with = "check::unit")]
-    pub blend: Option<f32>,
-    /// Angular diameter \[rad\] of a sun.
-    #[serde(default, deserialize_with = "check::sun_angle")]
-    pub angle: Option<f64>,
-    /// `false`: the lamp is invisible and transparent from behind.
-    pub body: Option<bool>,
-    /// Name of the camera that the place of the lamp refers to. Default: the camera that the job selects, or its first
-    /// one. The beam splitter of a coaxial lamp is in front of this camera.
-    pub camera: Option<String>,
-    /// Centre of the lamp \[m\] in the world.
-    #[serde(default, deserialize_with = "place::optional_point")]
-    pub position: Option<DVec3>,
-    /// Direction in which the lamp shines.
-    #[serde(default, deserialize_with = "place::direction")]
-    pub aim: Option<DVec3>,
-    /// Point that the lamp faces. Default: the point of the camera's axis nearest to the middle of the scene.
-    pub target: Option<Place>,
-    /// Distance \[m\] from the target.
-    #[serde(default, deserialize_with = "check::length_or_zero")]
-    pub distance: Option<f64>,
-    /// Direction from the target to the lamp. Default: to the camera.
-    #[serde(default, deserialize_with = "place::direction")]
-    pub direction: Option<DVec3>,
-    /// Angle \[rad\] of that direction above the plane through the target that is perpendicular to the axis of the camera.
-    #[serde(default, deserialize_with = "check::angle")]
-    pub elevation: Option<f32>,
-    /// Angle \[rad\] around the axis of the camera, from its right toward up.
-    #[serde(default, deserialize_with = "check::angle")]
-    pub azimuth: Option<f32>,
-    /// Direction of the height of the lamp.
-    #[serde(default, deserialize_with = "place::direction")]
-    pub up: Option<DVec3>,
-    /// Number of such lamps, evenly around the axis of the camera.
-    #[serde(default, deserialize_with = "check::count")]
-    pub count: Option<u32>,
-}
-
 impl Job {
     /// Reads a job file.
     ///
@@ -545,12 +422,11 @@ impl Job {
             job.denoise.method = DenoiseMethod::Oidn;
         }
         job.denoise.oidn = job.denoise.oidn.as_ref().map(|path| file.resolve(path));
-        for light in &mut job.lights {
-            light.ies = light.ies.as_ref().map(|path| file.resolve(path));
-        }
+        job.objects = ObjectOverride::read_all(&file)?;
+        job.lights = Light::read_all(&job, &file)?;
         job.inputs = job.named_inputs();
         job.source = file;
-        job.check_overrides()?;
+        job.check_materials()?;
         Ok(job)
     }
 
@@ -574,7 +450,7 @@ impl Job {
         if let Some(path) = self.environment.as_ref().and_then(|e| e.image.as_ref()) {
             inputs.add(path, Role::Environment);
         }
-        self.lights.iter().flat_map(|light| &light.ies).for_each(|path| inputs.add(path, Role::LightProfile));
+        self.lights.iter().filter_map(Light::profile).for_each(|path| inputs.add(path, Role::LightProfile));
         inputs
     }
 

@@ -5,3 +5,4 @@ pub mod keys;
 pub mod quantity;
 pub mod sensor_file;
 pub mod toml_file;
+pub mod toml_keys;

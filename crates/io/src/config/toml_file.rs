@@ -120,26 +120,28 @@ impl TomlFile {
     /// # Errors
     /// Bad TOML, unknown or missing keys, values of the wrong kind.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, InputError> {
-        toml::from_str(&self.text).map_err(|e| {
-            let message = Message::from_serde(e.message());
-            // An empty span means the whole file: the root table has no header.
-            let span = e.span().filter(|range| !range.is_empty() || message.missing.is_none());
-            let error = span.map(|range| self.error_at(range, &message.problem, &message.help));
-            match (error, message.missing) {
-                (Some(error), None) => error,
-                // Only a key that is missing from a table has a header for the caret.
-                (Some(mut error), Some(key)) if !error.place.starts_with("line ") => {
-                    error.place = join_place(&error.place, &key);
-                    error
-                }
-                (_, missing) => InputError::new(
-                    &self.path,
-                    missing.unwrap_or_else(|| "the file".into()),
-                    message.problem,
-                    message.help,
-                ),
+        toml::from_str(&self.text).map_err(|e| self.refusal(&e, &[], ""))
+    }
+
+    /// An error of serde with its place. For an unknown key, `more` are keys that are known beside those in the message,
+    /// and `of` describes the table.
+    pub(crate) fn refusal(&self, e: &toml::de::Error, more: &[&str], of: &str) -> InputError {
+        let message = Message::from_serde(e.message(), more, of);
+        // An empty span means the whole file: the root table has no header.
+        let span = e.span().filter(|range| !range.is_empty() || message.missing.is_none());
+        let error = span.map(|range| self.error_at(range, &message.problem, &message.help));
+        match (error, message.missing) {
+            (Some(error), None) => error,
+            // Only a key that is missing from a table has a header for the caret.
+            (Some(mut error), Some(key)) if !error.place.starts_with("line ") => {
+                error.place = join_place(&error.place, &key);
+                error
             }
-        })
+            (_, missing) => {
+                let place = missing.unwrap_or_else(|| "the file".into());
+                InputError::new(&self.path, place, message.problem, message.help)
+            }
+        }
     }
 
     /// An error about the part of the text at `range` (from [`Spanned::span`]); the place is the path of the key.
@@ -150,9 +152,9 @@ impl TomlFile {
     }
 
     /// An error about the value of a key: its path, with positions in arrays as numbers from 0 (`["light", "2", "name"]`).
-    /// A path that does not exist gives an error without a caret.
+    /// If there is no such key, it is about the table that lacks it.
     pub fn error_at_key(&self, path: &[&str], problem: impl Into<String>, help: impl Into<String>) -> InputError {
-        match self.span_of(path) {
+        match (0..path.len()).rev().find_map(|last| self.span_of(&path[..=last])) {
             Some(range) => self.error_at(range, problem, help),
             None => InputError::new(&self.path, path.join(", "), problem, help),
         }
@@ -366,21 +368,24 @@ fn join_place(table: &str, key: &str) -> String {
 }
 
 /// The errors of serde and toml, as a problem and help.
-struct Message {
-    problem: String,
-    help: String,
+pub(crate) struct Message {
+    pub(crate) problem: String,
+    pub(crate) help: String,
     /// The key that is missing, if one is.
     missing: Option<String>,
 }
 
 impl Message {
-    fn from_serde(message: &str) -> Self {
+    fn from_serde(message: &str, more: &[&str], of: &str) -> Self {
         let message = message.trim_end().replace('\n', "; ");
-        if let Some(rest) = message.strip_prefix("unknown field ") {
-            return Self::unknown("key", rest);
-        }
-        if let Some(rest) = message.strip_prefix("unknown variant ") {
-            return Self::unknown("value", rest);
+        for (start, what, more, of) in [("unknown field ", "key", more, of), ("unknown variant ", "value", &[], "")] {
+            if let Some(rest) = message.strip_prefix(start) {
+                // "`name`, expected `a` or `b`", "`name`, expected one of `a`, `b`" or "`name`, there are no fields".
+                let mut ticked = rest.split('`').skip(1).step_by(2);
+                let name = ticked.next().unwrap_or_default();
+                let unknown = Self::unknown(what, name, &ticked.chain(more.iter().copied()).collect::<Vec<_>>());
+                return Self { problem: unknown.problem + of, ..unknown };
+            }
         }
         if let Some(key) = message.strip_prefix("missing field ").map(|k| k.trim_matches('`').to_string()) {
             return Self {
@@ -431,11 +436,8 @@ impl Message {
         Self { problem: message, help: "correct the TOML there".into(), missing: None }
     }
 
-    /// From "`name`, expected `a` or `b`", "`name`, expected one of `a`, `b`" and "`name`, there are no fields".
-    fn unknown(what: &str, rest: &str) -> Self {
-        let mut ticked = rest.split('`').skip(1).step_by(2);
-        let name = ticked.next().unwrap_or_default();
-        let known: Vec<&str> = ticked.collect();
+    /// A name that is none of the known ones.
+    pub(crate) fn unknown(what: &str, name: &str, known: &[&str]) -> Self {
         let list = if known.is_empty() { "none".to_string() } else { known.join(", ") };
         let help = match nearest_names(name, known.iter().copied()).first() {
             Some(near) => format!("did you mean `{near}`? known {what}s: {list}"),

@@ -11,4 +11,5 @@ mod obj;
 mod obj_corpus;
 mod output_exr;
 mod output_pictures;
+mod refusals;
 mod sensor_files;

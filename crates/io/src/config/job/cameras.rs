@@ -395,9 +395,6 @@ impl Cameras {
         let index = index.to_string();
         let mut path = if self.is_list { vec!["camera", &index] } else { vec!["camera"] };
         path.extend(key);
-        while path.len() > 1 && !file.has_key(&path) {
-            path.pop();
-        }
         file.error_at_key(&path, problem, help)
     }
 }

@@ -5,10 +5,12 @@ use super::move_objects::{OwnMotion, OwnMotions};
 use super::objects::{MOST_OBJECTS, Placement, about};
 use super::patterns::{matches, unique};
 use super::place::no_object;
-use super::primitives::{PrimitiveKind, primitive};
+use super::primitives::Primitive;
 use super::{Job, ObjectOverride, Pivot};
 use crate::error::InputError;
 use crate::names::suggestion;
+use crate::toml_file::TomlFile;
+use crate::toml_keys::TableKeys;
 use dunkelfeld_geometry::{DAffine3, DVec3, Transform};
 use dunkelfeld_scene::{Instance, SceneBuilder};
 use std::collections::HashMap;
@@ -16,64 +18,59 @@ use std::collections::HashMap;
 /// Most emitting triangles that copies add. Each is a light of its own, also if its mesh is shared.
 const MOST_EMITTERS: u64 = 4_000_000;
 
-impl Job {
-    /// Checks without a scene: keys of `[[object]]` that exclude each other.
-    pub(super) fn check_objects(&self) -> Result<(), InputError> {
-        for (i, o) in self.objects.iter().enumerate() {
-            let moves =
-                [("translate", o.translate.is_some()), ("rotate", o.rotate.is_some()), ("scale", o.scale.is_some())];
-            let copies = [("instances", !o.instances.is_empty()), ("grid", o.grid.is_some())];
-            let shape =
-                [("size", o.size.is_some()), ("diameter", o.diameter.is_some()), ("height", o.height.is_some())];
-            let matrix = ("matrix", o.matrix.is_some());
-            let others = [
-                ("material", o.material.is_some()),
-                ("kind", o.kind.is_some()),
-                ("velocity", o.velocity.is_some()),
-                ("rotation", o.rotation.is_some()),
-            ];
-            let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
-            let all = [&moves[..], &copies[..], &[matrix][..], &others[..]].concat();
-            // A new object keeps its keys: a study removes it in some of its images.
-            if let (false, None, Some(key)) = (o.visible, o.kind, given(&all)) {
-                let problem = format!("`{key}` has no effect on an object that `visible = false` removes");
-                return Err(self.object_error(i, key, problem, "remove one of them"));
-            }
-            if let (true, Some(key)) = (matrix.1, given(&moves)) {
-                let problem = format!("`{key}` and `matrix` exclude each other");
-                return Err(self.object_error(i, key, problem, "write the whole placement into one of them"));
-            }
-            if copies.iter().all(|(_, given)| *given) {
-                let problem = "`instances` and `grid` exclude each other";
-                return Err(self.object_error(i, "grid", problem, "keep one of them"));
-            }
-            if self.source.has_key(&["object", &i.to_string(), "instances"]) && o.instances.is_empty() {
-                let help =
-                    "list placements such as { translate = [0.1, 0, 0] }, or remove the object by `visible = false`";
-                return Err(self.object_error(i, "instances", "the list of copies is empty", help));
-            }
-            let turns = o.placement().has_fixed_point() || o.instances.iter().any(Placement::has_fixed_point);
-            if o.pivot != Pivot::Origin && !turns && !matrix.1 {
-                let problem = "a pivot has no effect without a rotation or a scale";
-                return Err(self.object_error(i, "pivot", problem, "add `rotate` or `scale`, or remove it"));
-            }
-            if o.name.is_empty() {
-                return Err(self.object_error(i, "name", "the name is empty", "write the name of an object"));
-            }
-            match o.kind {
-                Some(kind) => kind.check(o).map_err(|(key, problem, help)| self.object_error(i, key, problem, help))?,
-                None => {
-                    if let Some(key) = given(&shape) {
-                        let problem = format!("`{key}` belongs to a new object, and this entry has no `kind`");
-                        let help = "add `kind = \"box\"`, \"plane\", \"cylinder\" or \"sphere\", or change the size of an object of the scene by `scale`";
-                        return Err(self.object_error(i, key, problem, help));
-                    }
-                }
-            }
+impl ObjectOverride {
+    /// Reads the entries of a job.
+    pub(super) fn read_all(file: &TomlFile) -> Result<Vec<Self>, InputError> {
+        let read = |mut keys: TableKeys<'_>| {
+            let shape = Primitive::read(&mut keys)?;
+            let object = Self { shape, ..keys.rest()? };
+            object.check(&keys).map(|()| object)
+        };
+        TableKeys::of_list(file, "object").into_iter().map(read).collect()
+    }
+
+    /// Checks that no keys exclude each other.
+    fn check(&self, keys: &TableKeys<'_>) -> Result<(), InputError> {
+        let moves = [
+            ("translate", self.translate.is_some()),
+            ("rotate", self.rotate.is_some()),
+            ("scale", self.scale.is_some()),
+        ];
+        let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
+        // A new object keeps its keys: a study removes it in some of its images.
+        let removed = Self { name: self.name.clone(), visible: false, ..Self::default() };
+        if !self.visible && self.shape.is_none() && *self != removed {
+            let problem = "an object that `visible = false` removes has no other keys than its name";
+            return Err(keys.error("visible", problem, "remove this, or the other keys"));
+        }
+        if let (Some(_), Some(key)) = (self.matrix, given(&moves)) {
+            let problem = format!("`{key}` and `matrix` exclude each other");
+            return Err(keys.error(key, problem, "write the whole placement into one of them"));
+        }
+        if self.grid.is_some() && self.instances.is_some() {
+            return Err(keys.error("grid", "`instances` and `grid` exclude each other", "keep one of them"));
+        }
+        if self.instances.as_ref().is_some_and(Vec::is_empty) {
+            let help = "list placements such as { translate = [0.1, 0, 0] }, or remove the object by `visible = false`";
+            return Err(keys.error("instances", "the list of copies is empty", help));
+        }
+        let turns = self.placement().has_fixed_point() || self.instances().iter().any(Placement::has_fixed_point);
+        if self.pivot != Pivot::Origin && !turns && self.matrix.is_none() {
+            let problem = "a pivot has no effect without a rotation or a scale";
+            return Err(keys.error("pivot", problem, "add `rotate` or `scale`, or remove it"));
+        }
+        if self.name.is_empty() {
+            return Err(keys.error("name", "the name is empty", "write the name of an object"));
+        }
+        if self.shape.is_some() && self.name.contains(['*', '?']) {
+            let problem = "a new object cannot have a pattern as its name";
+            return Err(keys.error("name", problem, "write a name without `*` and `?`"));
         }
         Ok(())
     }
+}
 
+impl Job {
     /// Applies all `[[object]]` entries to a scene, in order. Returns the motions that they contain, by object.
     pub(super) fn change_all_objects(&self, scene: &mut SceneBuilder) -> Result<OwnMotions, InputError> {
         let mut own = OwnMotions::default();
@@ -92,8 +89,8 @@ impl Job {
         scene: &mut SceneBuilder,
         own: &mut OwnMotions,
     ) -> Result<Vec<usize>, InputError> {
-        if let Some(kind) = change.kind {
-            self.add_primitive(i, kind, change, scene)?;
+        if let Some(shape) = &change.shape {
+            self.add_primitive(i, shape, change, scene)?;
         }
         own.0.resize(scene.instances.len(), OwnMotion::default());
         let selected: Vec<usize> = (0..scene.instances.len())
@@ -189,7 +186,7 @@ impl Job {
     fn add_primitive(
         &self,
         i: usize,
-        kind: PrimitiveKind,
+        shape: &Primitive,
         change: &ObjectOverride,
         scene: &mut SceneBuilder,
     ) -> Result<(), InputError> {
@@ -203,7 +200,7 @@ impl Job {
             Some(_) => 0,
             None => scene.add_material(new_material(&change.name)),
         };
-        scene.add_object(&change.name, primitive(kind, change), material);
+        scene.add_object(&change.name, shape.mesh(), material);
         Ok(())
     }
 

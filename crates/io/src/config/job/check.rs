@@ -151,11 +151,16 @@ pub(super) fn focus_distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f
     Err(D::Error::custom(format!("{} m is out of range; write a distance such as \"300mm\", or \"inf\"", Number(v))))
 }
 
-/// A size on a sensor, or the size of a field [m].
+/// As [`length`], for a key that may be absent.
 pub(super) fn positive_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+    length(d).map(Some)
+}
+
+/// A size on a sensor, of a field, or of a lamp [m].
+pub(super) fn length<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
     let Length(v) = Length::deserialize(d)?;
     if (1e-9..=1000.0).contains(&v) {
-        return Ok(Some(v));
+        return Ok(v);
     }
     Err(D::Error::custom(format!(
         "{} m is out of range; write a length from 1nm to 1km, such as \"3.45um\" or \"40mm\"",

@@ -1,97 +1,9 @@
-//! Values of new lamps in a job: kinds, wavelengths, numbers of LEDs.
+//! Values of lamps in a job: wavelengths, numbers of LEDs.
 
 use crate::quantity::Length;
 use dunkelfeld_radiometry::{Nanometres, Number, Rgb};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error};
-
-/// Largest number of LEDs of all lamps of a job together.
-pub(super) const MAX_LEDS: u32 = 20_000;
-
-/// Kinds of lamps that a job can add.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum LampKind {
-    /// A ring around the axis.
-    Ring,
-    /// A long rectangle.
-    Bar,
-    /// The inside of a hemisphere.
-    Dome,
-    /// A panel whose image in a beam splitter lies on the axis of the camera.
-    Coaxial,
-    /// A panel behind the part.
-    Back,
-    /// A rectangle or a disc.
-    Panel,
-    /// A cone of light.
-    Spot,
-    /// Light in all directions, from a point or a sphere.
-    Point,
-    /// Light from infinitely far away.
-    Sun,
-    /// The same radiance from all directions.
-    Environment,
-}
-
-impl LampKind {
-    /// Its name in a job.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ring => "ring",
-            Self::Bar => "bar",
-            Self::Dome => "dome",
-            Self::Coaxial => "coaxial",
-            Self::Back => "back",
-            Self::Panel => "panel",
-            Self::Spot => "spot",
-            Self::Point => "point",
-            Self::Sun => "sun",
-            Self::Environment => "environment",
-        }
-    }
-
-    /// The keys that describe this kind of lamp, beside those of its strength, colour and pose.
-    pub(super) fn geometry_keys(self) -> &'static [&'static str] {
-        match self {
-            Self::Ring => &["diameter", "inner_diameter", "tilt", "leds", "led_diameter", "diffuser", "lens_angle"],
-            Self::Bar => &["width", "height", "leds", "led_diameter", "diffuser", "lens_angle", "spread", "body"],
-            Self::Back | Self::Panel => {
-                &["width", "height", "diameter", "leds", "led_diameter", "diffuser", "lens_angle", "spread", "body"]
-            }
-            Self::Coaxial => &["width", "height", "diameter", "splitter", "lens_angle", "spread"],
-            Self::Dome => &["diameter", "opening"],
-            Self::Spot => &["diameter", "cone_angle", "blend"],
-            Self::Point => &["diameter"],
-            Self::Sun => &["angle"],
-            Self::Environment => &[],
-        }
-    }
-
-    pub(super) fn strength_keys(self) -> &'static [&'static str] {
-        match self {
-            Self::Spot | Self::Point => &["power", "intensity", "irradiance", "working_distance"],
-            Self::Sun => &["irradiance"],
-            Self::Environment => &["radiance"],
-            _ => &["power", "radiance", "irradiance", "working_distance"],
-        }
-    }
-
-    pub(super) fn pose_keys(self) -> &'static [&'static str] {
-        match self {
-            Self::Environment => &[],
-            Self::Sun => &["camera", "aim", "direction", "elevation", "azimuth"],
-            Self::Point => &["camera", "position", "target", "distance", "direction", "elevation", "azimuth", "count"],
-            // Copies around the axis would need a beam splitter each.
-            Self::Coaxial => {
-                &["camera", "position", "aim", "target", "distance", "direction", "elevation", "azimuth", "up"]
-            }
-            _ => {
-                &["camera", "position", "aim", "target", "distance", "direction", "elevation", "azimuth", "up", "count"]
-            }
-        }
-    }
-}
 
 /// The wavelength of a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,6 +80,11 @@ pub struct LedCount {
     pub rows: u32,
 }
 
+impl LedCount {
+    /// Largest number of LEDs of all lamps of a job together.
+    pub(super) const MOST: u32 = 20_000;
+}
+
 impl<'de> Deserialize<'de> for LedCount {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
         #[derive(Deserialize)]
@@ -182,9 +99,10 @@ impl<'de> Deserialize<'de> for LedCount {
         };
         let fits = |n: i64| u32::try_from(n).ok().filter(|n| (1..=10_000).contains(n));
         match (fits(columns), fits(rows)) {
-            (Some(columns), Some(rows)) if columns * rows <= MAX_LEDS => Ok(Self { columns, rows }),
+            (Some(columns), Some(rows)) if columns * rows <= Self::MOST => Ok(Self { columns, rows }),
             _ => Err(D::Error::custom(format!(
-                "{columns} x {rows} LEDs are out of range; write from 1 to 10000 in a row, and at most {MAX_LEDS} in all"
+                "{columns} x {rows} LEDs are out of range; write from 1 to 10000 in a row, and at most {} in all",
+                Self::MOST
             ))),
         }
     }

@@ -1,6 +1,7 @@
 //! `[[light]]` with a `kind`: new lamps, described as in a catalogue.
 
-use super::{CameraSettings, Job, LampKind, LensSettings, LightSettings};
+use super::light::{At, FromTarget, Lamp, LampKind, PanelSize, Pose, Spot, Strength, Sun};
+use super::{CameraSettings, Job, LensSettings, Wavelength};
 use crate::error::{ImportWarning, InputError};
 use crate::names::suggestion;
 use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3, Mesh};
@@ -22,7 +23,7 @@ const DOME_HOLE: f64 = 0.25;
 const BAR_HEIGHT: f64 = 0.1;
 /// Share of the light that the beam splitter of a coaxial lamp reflects toward the part, if it is not given.
 const SPLITTER: f64 = 0.5;
-/// Angular diameter of the sun \[rad\].
+/// Angular diameter \[rad\] of a sun, if it is not given.
 const SUN: f64 = 0.0093;
 /// Full angle \[rad\] at half of the intensity of a Lambertian surface.
 const LAMBERTIAN: f64 = 2.0 * PI / 3.0;
@@ -31,8 +32,8 @@ const PARALLEL: f64 = 1e-6;
 /// Reflectance of housings and plates.
 const BLACK: f32 = 0.04;
 
-/// An entry of `[[light]]` that is a new lamp: its position in the job, its keys, its kind.
-pub(super) type Entry<'a> = (usize, &'a LightSettings, LampKind);
+/// An entry of `[[light]]` that is a new lamp: its position in the job, and its keys.
+pub(super) type Entry<'a> = (usize, &'a Lamp);
 
 /// The poses of the lamps of an entry.
 struct Poses {
@@ -51,34 +52,32 @@ impl Job {
         scene: &mut SceneBuilder,
         warnings: &mut Vec<ImportWarning>,
     ) -> Result<(), InputError> {
-        let (i, light, kind) = entry;
-        if !light.enabled {
+        let (i, lamp) = entry;
+        if !lamp.common.enabled {
             return Ok(());
         }
-        let duty = self.duty(light);
-        if kind == LampKind::Environment {
-            let radiance = light.radiance.unwrap_or(Rgb::WHITE) * (duty as f32);
-            scene.environment =
-                Some(Environment { source: EnvironmentSource::Constant(in_band(light, radiance)), rotation: 0.0 });
+        let duty = self.duty(lamp);
+        if let LampKind::Environment(_) = lamp.kind {
+            let radiance = if let Some(Strength::Radiance(radiance)) = lamp.strength { radiance } else { Rgb::WHITE };
+            let radiance = lamp.in_band(radiance * (duty as f32));
+            scene.environment = Some(Environment { source: EnvironmentSource::Constant(radiance), rotation: 0.0 });
             return Ok(());
         }
         let Poses { to_world, distance } = self.poses(entry, targets, scene)?;
-        let lamps = light.lamp_names(kind).into_iter().zip(to_world);
-        match kind {
-            LampKind::Sun => scene.lights.extend(lamps.map(|(name, pose)| sun(light, name, pose, duty))),
-            LampKind::Point | LampKind::Spot if !light.has_surface(kind) => {
-                let distance = light.working_distance.unwrap_or(distance);
-                if light.irradiance.is_some() && distance <= 0.0 {
-                    return Err(self.no_irradiance(i, distance));
-                }
-                scene.lights.extend(lamps.map(|(name, pose)| punctual((light, kind), name, pose, (duty, distance))));
+        let lamps = lamp.names().into_iter().zip(to_world);
+        if let Some(shape) = lamp.surface() {
+            let made = self.mesh_lamp(entry, shape, duty, distance)?;
+            lamps.for_each(|(name, pose)| made.add(name, pose, scene));
+        } else {
+            let distance = lamp.working_distance.unwrap_or(distance);
+            let is_lit = !matches!(lamp.kind, LampKind::Sun(_));
+            if is_lit && matches!(lamp.strength, Some(Strength::Irradiance(_))) && distance <= 0.0 {
+                return Err(self.no_irradiance(i, distance));
             }
-            _ => {
-                let lamp = self.mesh_lamp(entry, duty, distance)?;
-                lamps.for_each(|(name, pose)| lamp.add(name, pose, scene));
-            }
+            let kind = lamp.without_surface(duty, distance);
+            scene.lights.extend(lamps.map(|(name, to_world)| PunctualLight { name, to_world, kind }));
         }
-        if kind == LampKind::Coaxial && scene.cameras.is_empty() {
+        if matches!(lamp.kind, LampKind::Coaxial(..)) && scene.cameras.is_empty() {
             warnings.push(ImportWarning {
                 place: format!("[[light]] {}", i + 1),
                 message:
@@ -90,12 +89,10 @@ impl Job {
     }
 
     /// The camera to which a lamp belongs; `None` in a scene without cameras.
-    fn lamp_camera<'a>(
-        &self,
-        (i, light, _): Entry<'_>,
-        scene: &'a SceneBuilder,
-    ) -> Result<Option<&'a Camera>, InputError> {
-        let Some(name) = &light.camera else { return Ok(scene.cameras.get(self.camera_index(scene)?.unwrap_or(0))) };
+    fn lamp_camera<'a>(&self, (i, lamp): Entry<'_>, scene: &'a SceneBuilder) -> Result<Option<&'a Camera>, InputError> {
+        let Some(name) = &lamp.common.camera else {
+            return Ok(scene.cameras.get(self.camera_index(scene)?.unwrap_or(0)));
+        };
         let found = scene.cameras.iter().find(|camera| camera.name == *name);
         found.map(Some).ok_or_else(|| {
             let known: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
@@ -112,7 +109,7 @@ impl Job {
     }
 
     fn poses(&self, entry: Entry<'_>, targets: &[(&str, DVec3)], scene: &SceneBuilder) -> Result<Poses, InputError> {
-        let (i, light, kind) = entry;
+        let (i, lamp) = entry;
         let camera = self.lamp_camera(entry, scene)?;
         let center = scene_center(scene).unwrap_or(DVec3::ZERO);
         // The axis points from the target to the camera.
@@ -126,7 +123,9 @@ impl Job {
             }
             None => (DVec3::Y, DVec3::NEG_Z, center),
         };
-        let target = match &light.target {
+        let (Pose::At(At { target, up: lamp_up, .. }) | Pose::From(FromTarget { target, up: lamp_up, .. })) =
+            &lamp.pose;
+        let target = match target {
             Some(place) => {
                 place.resolve(scene).map_err(|(problem, help)| self.light_error(i, "target", problem, help))?
             }
@@ -137,35 +136,40 @@ impl Job {
         };
         let right = up.cross(axis).try_normalize().unwrap_or(axis.any_orthonormal_vector());
         let up = axis.cross(right);
-        let by_angles = light.elevation.map(|elevation| {
-            let azimuth = f64::from(light.azimuth.unwrap_or(0.0));
-            let flat = right * azimuth.cos() + up * azimuth.sin();
-            flat * f64::from(elevation).cos() + axis * f64::from(elevation).sin()
-        });
-        let default_direction = if kind == LampKind::Back { -axis } else { axis };
-        let direction = light.direction.or(by_angles).unwrap_or(default_direction);
-        let position = light.position.unwrap_or(target + direction * light.distance.unwrap_or(0.0));
         // The lamp's +z points against the direction in which it shines.
-        let back = match light.aim {
-            Some(aim) => -aim,
-            None if light.position.is_some() => (position - target).try_normalize().ok_or_else(|| {
-                self.light_error(i, "position", "the lamp is at its target", "move it, or write `aim`")
-            })?,
-            None => direction,
+        let (position, back) = match &lamp.pose {
+            Pose::At(At { position, aim: Some(aim), .. }) => (*position, -aim),
+            Pose::At(At { position, .. }) => {
+                let back = (position - target).try_normalize().ok_or_else(|| {
+                    self.light_error(i, "position", "the lamp is at its target", "move it, or write `aim`")
+                })?;
+                (*position, back)
+            }
+            Pose::From(from) => {
+                let by_angles = from.elevation.map(|elevation| {
+                    let azimuth = f64::from(from.azimuth.unwrap_or(0.0));
+                    let flat = right * azimuth.cos() + up * azimuth.sin();
+                    flat * f64::from(elevation).cos() + axis * f64::from(elevation).sin()
+                });
+                let is_behind = matches!(lamp.kind, LampKind::Back(_));
+                let direction = from.direction.or(by_angles).unwrap_or(if is_behind { -axis } else { axis });
+                (target + direction * from.distance.unwrap_or(0.0), direction)
+            }
         };
-        let lamp_up = match light.up {
+        let is_bar = matches!(lamp.kind, LampKind::Bar(_));
+        let lamp_up = match lamp_up {
             Some(up) if up.cross(back).length() < PARALLEL => {
                 let problem = "`up` is parallel to the direction in which the lamp shines";
                 return Err(self.light_error(i, "up", problem, "write a direction across it"));
             }
-            Some(up) => up,
+            Some(up) => *up,
             // The long side of a bar is perpendicular to the axis.
-            None if back.cross(axis).length() > PARALLEL && kind == LampKind::Bar => axis,
+            None if back.cross(axis).length() > PARALLEL && is_bar => axis,
             None => up,
         };
         let x = lamp_up.cross(back).try_normalize().unwrap_or(back.any_orthonormal_vector());
         let frame = DAffine3 { matrix3: DMat3::from_cols(x, back.cross(x), back), translation: position };
-        let count = light.count.unwrap_or(1);
+        let count = lamp.count();
         let around = |k: u32| {
             let turn = DQuat::from_axis_angle(axis, std::f64::consts::TAU * f64::from(k) / f64::from(count));
             DAffine3::from_translation(target) * DAffine3::from_quat(turn) * DAffine3::from_translation(-target)
@@ -175,12 +179,17 @@ impl Job {
     }
 
     /// The lamp of an entry with a surface, in its own frame. `distance` \[m\] is that of its target.
-    fn mesh_lamp(&self, (i, light, kind): Entry<'_>, duty: f64, distance: f64) -> Result<MeshLamp, InputError> {
-        let shape = shape(light, kind);
-        let leds = light.leds.filter(|_| light.diffuser != Some(true)).map(|leds| Leds {
+    fn mesh_lamp(
+        &self,
+        (i, lamp): Entry<'_>,
+        shape: LampShape,
+        duty: f64,
+        distance: f64,
+    ) -> Result<MeshLamp, InputError> {
+        let leds = lamp.leds().map(|leds| Leds {
             columns: leds.columns,
             rows: leds.rows,
-            diameter: light.led_diameter,
+            diameter: lamp.housing.led_diameter,
         });
         if let Some((leds, diameter)) = leds.and_then(|leds| Some((leds, leds.diameter?))) {
             let space = shape.led_space(leds.columns, leds.rows);
@@ -189,17 +198,17 @@ impl Job {
                 return Err(self.light_error(i, "led_diameter", problem, "write a smaller one, or fewer LEDs"));
             }
         }
-        let profile = profile(light, kind);
+        let profile = lamp.profile();
         let meshes = shape.meshes(leds);
-        let distance = light.working_distance.unwrap_or(distance).max(1e-3 * light.extent());
-        let splitter = if kind == LampKind::Coaxial { light.splitter.unwrap_or(SPLITTER) } else { 1.0 };
-        let emission = strength(light, kind, &meshes.emitter, &profile, (splitter, distance))
+        let distance = lamp.working_distance.unwrap_or(distance).max(1e-3 * extent(shape));
+        let emission = lamp
+            .surface_radiance(&meshes.emitter, &profile, distance)
             .ok_or_else(|| self.no_irradiance(i, distance))?;
         Ok(MeshLamp {
             meshes,
             emission: emission * (duty as f32),
             profile,
-            has_body: kind != LampKind::Coaxial && light.body != Some(false),
+            has_body: !matches!(lamp.kind, LampKind::Coaxial(..)) && lamp.housing.body != Some(false),
             // Two triangles of a rectangle are sampled by solid angle, which is better.
             is_single_light: leds.is_some() || !matches!(shape, LampShape::Rectangle { .. }),
         })
@@ -214,8 +223,7 @@ impl Job {
 
     /// True if the job makes lamps with a place.
     pub fn has_lamps(&self) -> bool {
-        let distant = [LampKind::Sun, LampKind::Environment];
-        self.lights.iter().any(|light| light.enabled && light.kind.is_some_and(|kind| !distant.contains(&kind)))
+        self.lamps().any(|(_, lamp)| !matches!(lamp.kind, LampKind::Sun(_) | LampKind::Environment(_)))
     }
 
     /// The wavelengths of the channels of the render, from the lamps of the job, and the transmission of the lens at
@@ -249,8 +257,8 @@ impl Job {
     /// As [`Job::bands`].
     pub fn lines(&self) -> Result<[Option<Nanometres>; 3], InputError> {
         let mut users: [Option<(usize, Nanometres)>; 3] = [None; 3];
-        for (i, light) in self.lights.iter().enumerate().filter(|(_, light)| light.enabled) {
-            let Some(wavelength) = light.wavelength else { continue };
+        for (i, light) in self.lights.iter().enumerate().filter(|(_, light)| light.is_enabled()) {
+            let Some(wavelength) = light.wavelength() else { continue };
             let channel = wavelength.channel();
             match users[channel] {
                 Some((other, nm)) if nm != wavelength.0 => {
@@ -274,103 +282,147 @@ impl Job {
     /// first camera of the scene, to which lamps belong by default; `None` in a scene without cameras.
     pub fn splitter_transmission(&self, camera: &str, first: Option<&str>) -> f64 {
         let default = self.camera.selected.as_deref().or(first);
-        let is_in_front =
-            |light: &&LightSettings| light.camera.as_deref().or(default).is_none_or(|name| name == camera);
-        let coaxial = self.lights.iter().filter(|l| l.enabled && l.kind == Some(LampKind::Coaxial));
-        coaxial.filter(is_in_front).map(|l| 1.0 - l.splitter.unwrap_or(SPLITTER)).product()
+        let share = |lamp: &Lamp| match lamp.kind {
+            LampKind::Coaxial(..) if lamp.common.camera.as_deref().or(default).is_none_or(|name| name == camera) => {
+                1.0 - lamp.splitter()
+            }
+            _ => 1.0,
+        };
+        self.lamps().map(|(_, lamp)| share(lamp)).product()
     }
 }
 
-/// A strength of equal channels in the band of the light.
-fn in_band(light: &LightSettings, strength: Rgb) -> Rgb {
-    match light.wavelength {
-        Some(wavelength) => wavelength.triple(f64::from(strength.mean())),
-        None => strength,
+impl Lamp {
+    /// The emitting surface; `None` without extent.
+    pub(super) fn surface(&self) -> Option<LampShape> {
+        Some(match &self.kind {
+            LampKind::Ring(ring) => LampShape::Ring {
+                outer_diameter: ring.diameter,
+                inner_diameter: ring.inner_diameter.unwrap_or(RING_HOLE * ring.diameter),
+                tilt: ring.tilt.unwrap_or(0.0),
+            },
+            LampKind::Bar(bar) => {
+                LampShape::Rectangle { width: bar.width, height: bar.height.unwrap_or(BAR_HEIGHT * bar.width) }
+            }
+            LampKind::Dome(dome) => {
+                LampShape::Dome { diameter: dome.diameter, opening: dome.opening.unwrap_or(DOME_HOLE * dome.diameter) }
+            }
+            LampKind::Coaxial(size, _) | LampKind::Back(size) | LampKind::Panel(size) => panel(size),
+            LampKind::Spot(spot) => LampShape::Ellipse { width: spot.diameter?, height: spot.diameter? },
+            LampKind::Point(point) => LampShape::Sphere { diameter: point.diameter? },
+            LampKind::Sun(_) | LampKind::Environment(_) => return None,
+        })
+    }
+
+    /// A light without extent. `distance` \[m\] is that of its irradiance.
+    fn without_surface(&self, duty: f64, distance: f64) -> PunctualKind {
+        let cone = match &self.kind {
+            LampKind::Sun(sun) => return self.sun(sun, duty),
+            LampKind::Spot(spot) => Some(cone(spot).map(|angle| angle as f32)),
+            _ => None,
+        };
+        let solid_angle = cone.map_or(4.0 * PI, |[inner, outer]| super::lights::spot_solid_angle(inner, outer));
+        let intensity = match self.strength {
+            Some(Strength::Intensity(intensity)) => self.in_band(intensity),
+            // The inverse square of the distance, on the axis (Lambert 1760).
+            Some(Strength::Irradiance(irradiance)) => self.in_band(irradiance) * ((distance * distance) as f32),
+            _ => self.of_mean(self.power() / solid_angle),
+        } * (duty as f32);
+        match cone {
+            Some([inner, outer]) => PunctualKind::Spot { intensity, inner, outer },
+            None => PunctualKind::Point { intensity },
+        }
+    }
+
+    fn sun(&self, sun: &Sun, duty: f64) -> PunctualKind {
+        let irradiance =
+            if let Some(Strength::Irradiance(irradiance)) = self.strength { irradiance } else { Rgb::WHITE };
+        let irradiance = self.in_band(irradiance) * (duty as f32);
+        let half_angle = (0.5 * sun.angle.unwrap_or(SUN)) as f32;
+        if half_angle > 0.0 {
+            PunctualKind::Sun { irradiance, half_angle }
+        } else {
+            PunctualKind::Directional { irradiance }
+        }
+    }
+
+    fn profile(&self) -> EmissionProfile {
+        match (&self.kind, self.beam.lens_angle, self.beam.spread) {
+            (LampKind::Spot(spot), ..) => {
+                let [inner, outer] = cone(spot).map(|angle| angle.cos() as f32);
+                EmissionProfile::Spot { cos_inner: inner, cos_outer: outer.max(0.0) }
+            }
+            (_, Some(angle), _) if angle < 0.999 * LAMBERTIAN => {
+                EmissionProfile::from_half_intensity_angle(0.5 * angle)
+            }
+            // A spread of 180 degrees restricts nothing.
+            (_, None, Some(angle)) if angle < 0.999 * PI => {
+                EmissionProfile::Louver { half_angle: (0.5 * angle) as f32 }
+            }
+            _ => EmissionProfile::Lambertian,
+        }
+    }
+
+    /// Radiance along the normal [W/(m^2 sr)]. `distance` \[m\] is that of the irradiance. `None` if the lamp gives no
+    /// irradiance there.
+    fn surface_radiance(&self, emitter: &Mesh, profile: &EmissionProfile, distance: f64) -> Option<Rgb> {
+        Some(match self.strength {
+            Some(Strength::Radiance(radiance)) => self.in_band(radiance) * (self.splitter() as f32),
+            Some(Strength::Irradiance(irradiance)) => {
+                let per_radiance = irradiance_on_axis(emitter, profile, distance);
+                return (per_radiance > 0.0).then(|| self.in_band(irradiance) * ((1.0 / per_radiance) as f32));
+            }
+            // A small disc of radius r with the profile of a spot has the intensity pi r^2 L on its axis.
+            Some(Strength::Intensity(intensity)) => {
+                let share = if matches!(self.kind, LampKind::Spot(_)) { 1.0 } else { 0.25 };
+                self.in_band(intensity) * ((1.0 / (share * area(emitter))) as f32)
+            }
+            _ => self.of_mean(self.splitter() * self.power() / (PI * area(emitter) * profile.exitance())),
+        })
+    }
+
+    fn power(&self) -> f64 {
+        if let Some(Strength::Power(power)) = self.strength { power } else { DEFAULT_POWER }
+    }
+
+    /// Share of the light that goes toward the part.
+    fn splitter(&self) -> f64 {
+        if let LampKind::Coaxial(_, splitter) = &self.kind { splitter.splitter.unwrap_or(SPLITTER) } else { 1.0 }
+    }
+
+    /// A strength of equal channels in the band of the light.
+    fn in_band(&self, strength: Rgb) -> Rgb {
+        self.common.wavelength.map_or(strength, |wavelength: Wavelength| wavelength.triple(f64::from(strength.mean())))
+    }
+
+    /// A strength of a mean over the channels, white or in the band of the light.
+    fn of_mean(&self, mean: f64) -> Rgb {
+        self.in_band(Rgb::splat(mean as f32))
     }
 }
 
-/// A strength of a mean over the channels, white or in the band of the light.
-fn of_mean(light: &LightSettings, mean: f64) -> Rgb {
-    in_band(light, Rgb::splat(mean as f32))
-}
-
-fn sun(light: &LightSettings, name: String, to_world: DAffine3, duty: f64) -> PunctualLight {
-    let irradiance = in_band(light, light.irradiance.unwrap_or(Rgb::WHITE)) * (duty as f32);
-    let half_angle = (0.5 * light.angle.unwrap_or(SUN)) as f32;
-    let kind = if half_angle > 0.0 {
-        PunctualKind::Sun { irradiance, half_angle }
-    } else {
-        PunctualKind::Directional { irradiance }
-    };
-    PunctualLight { name, to_world, kind }
+fn panel(size: &PanelSize) -> LampShape {
+    match (size.diameter, size.width.unwrap_or(0.0)) {
+        (Some(diameter), _) => LampShape::Ellipse { width: diameter, height: size.height.unwrap_or(diameter) },
+        (None, width) => LampShape::Rectangle { width, height: size.height.unwrap_or(width) },
+    }
 }
 
 /// Half-angles of the full cone and of the edge of a spot \[rad\].
-fn cone(light: &LightSettings) -> [f64; 2] {
-    let outer = 0.5 * light.cone_angle.unwrap_or(PI / 4.0);
+fn cone(spot: &Spot) -> [f64; 2] {
+    let outer = 0.5 * spot.cone_angle.unwrap_or(PI / 4.0);
     // The share `blend` of the cone, counted in cosines, is the edge.
-    let inner = 1.0 - (1.0 - outer.cos()) * (1.0 - f64::from(light.blend.unwrap_or(0.15)));
+    let inner = 1.0 - (1.0 - outer.cos()) * (1.0 - f64::from(spot.blend.unwrap_or(0.15)));
     [inner.clamp(-1.0, 1.0).acos(), outer]
 }
 
-/// A light without extent. `distance` \[m\] is that of its irradiance.
-fn punctual(
-    (light, kind): (&LightSettings, LampKind),
-    name: String,
-    to_world: DAffine3,
-    (duty, distance): (f64, f64),
-) -> PunctualLight {
-    let [inner, outer] = cone(light);
-    let solid_angle = match kind {
-        LampKind::Spot => super::lights::spot_solid_angle(inner as f32, outer as f32),
-        _ => 4.0 * PI,
-    };
-    let intensity = match (light.intensity, light.irradiance) {
-        (Some(intensity), _) => in_band(light, intensity),
-        // The inverse square of the distance, on the axis (Lambert 1760).
-        (None, Some(irradiance)) => in_band(light, irradiance) * ((distance * distance) as f32),
-        _ => of_mean(light, light.power.unwrap_or(DEFAULT_POWER) / solid_angle),
-    } * (duty as f32);
-    let kind = match kind {
-        LampKind::Spot => PunctualKind::Spot { intensity, inner: inner as f32, outer: outer as f32 },
-        _ => PunctualKind::Point { intensity },
-    };
-    PunctualLight { name, to_world, kind }
-}
-
-fn shape(light: &LightSettings, kind: LampKind) -> LampShape {
-    let diameter = light.diameter.unwrap_or(0.0);
-    let panel = |ratio: f64| match (light.diameter, light.width) {
-        (Some(diameter), _) => LampShape::Ellipse { width: diameter, height: light.height.unwrap_or(diameter) },
-        (None, width) => {
-            let width = width.unwrap_or(0.0);
-            LampShape::Rectangle { width, height: light.height.unwrap_or(ratio * width) }
-        }
-    };
-    match kind {
-        LampKind::Ring => LampShape::Ring {
-            outer_diameter: diameter,
-            inner_diameter: light.inner_diameter.unwrap_or(RING_HOLE * diameter),
-            tilt: light.tilt.unwrap_or(0.0),
-        },
-        LampKind::Bar => panel(BAR_HEIGHT),
-        LampKind::Dome => LampShape::Dome { diameter, opening: light.opening.unwrap_or(DOME_HOLE * diameter) },
-        LampKind::Point => LampShape::Sphere { diameter },
-        LampKind::Spot => LampShape::Ellipse { width: diameter, height: diameter },
-        _ => panel(1.0),
-    }
-}
-
-fn profile(light: &LightSettings, kind: LampKind) -> EmissionProfile {
-    match (kind, light.lens_angle, light.spread) {
-        (LampKind::Spot, ..) => {
-            let [inner, outer] = cone(light).map(|angle| angle.cos() as f32);
-            EmissionProfile::Spot { cos_inner: inner, cos_outer: outer.max(0.0) }
-        }
-        (_, Some(angle), _) if angle < 0.999 * LAMBERTIAN => EmissionProfile::from_half_intensity_angle(0.5 * angle),
-        // A spread of 180 degrees restricts nothing.
-        (_, None, Some(angle)) if angle < 0.999 * PI => EmissionProfile::Louver { half_angle: (0.5 * angle) as f32 },
-        _ => EmissionProfile::Lambertian,
+/// The largest extent of a lamp \[m\].
+fn extent(shape: LampShape) -> f64 {
+    match shape {
+        LampShape::Rectangle { width, height } | LampShape::Ellipse { width, height } => width.max(height),
+        LampShape::Ring { outer_diameter: diameter, .. }
+        | LampShape::Dome { diameter, .. }
+        | LampShape::Sphere { diameter } => diameter,
     }
 }
 
@@ -419,47 +471,6 @@ impl MeshLamp {
         let meshes = (first..first + parts.len()).collect();
         scene.meshes.extend(parts);
         scene.instances.push(Instance { name, meshes, to_world, motion: Default::default() });
-    }
-}
-
-/// Radiance along the normal [W/(m^2 sr)]. `distance` \[m\] is that of the irradiance. `None` if the lamp gives no
-/// irradiance there.
-fn strength(
-    light: &LightSettings,
-    kind: LampKind,
-    emitter: &Mesh,
-    profile: &EmissionProfile,
-    (splitter, distance): (f64, f64),
-) -> Option<Rgb> {
-    if let Some(radiance) = light.radiance {
-        return Some(in_band(light, radiance) * (splitter as f32));
-    }
-    if let Some(irradiance) = light.irradiance {
-        let per_radiance = irradiance_on_axis(emitter, profile, distance);
-        return (per_radiance > 0.0).then(|| in_band(light, irradiance) * ((1.0 / per_radiance) as f32));
-    }
-    // A small disc of radius r with the profile of a spot has the intensity pi r^2 L on its axis.
-    if let (LampKind::Spot | LampKind::Point, Some(intensity)) = (kind, light.intensity) {
-        let area = if kind == LampKind::Spot { area(emitter) } else { 0.25 * area(emitter) };
-        return Some(in_band(light, intensity) * ((1.0 / area) as f32));
-    }
-    let exitance = PI * area(emitter) * profile.exitance();
-    Some(of_mean(light, splitter * light.power.unwrap_or(DEFAULT_POWER) / exitance))
-}
-
-impl LightSettings {
-    /// Has a lamp of this kind an emitting surface?
-    pub(super) fn has_surface(&self, kind: LampKind) -> bool {
-        match kind {
-            LampKind::Sun | LampKind::Environment => false,
-            LampKind::Point | LampKind::Spot => self.diameter.is_some(),
-            _ => true,
-        }
-    }
-
-    /// The largest extent of the lamp \[m\].
-    fn extent(&self) -> f64 {
-        self.diameter.or(self.width).unwrap_or(0.0).max(self.height.unwrap_or(0.0))
     }
 }
 

@@ -1,7 +1,8 @@
 //! Applies the `[[light]]` entries of a job to a scene: strengths by name, and measured distributions.
 
+use super::Job;
+use super::light::{LightChange, Strength};
 use super::patterns::{matches, unique};
-use super::{Job, LightSettings};
 use crate::error::{ImportWarning, InputError};
 use crate::ies::load_ies;
 use crate::names::suggestion;
@@ -16,7 +17,7 @@ impl Job {
     pub(super) fn change_lights(
         &self,
         i: usize,
-        change: &LightSettings,
+        change: &LightChange,
         scene: &mut SceneBuilder,
         warnings: &mut Vec<ImportWarning>,
     ) -> Result<(), InputError> {
@@ -41,16 +42,15 @@ impl Job {
             }
             return Ok(());
         }
-        for (key, given, help) in [
-            ("ies", change.ies.is_some(), "name a point or spot light"),
-            ("intensity", change.intensity.is_some(), "give `radiance` or `power`"),
-            ("irradiance", change.irradiance.is_some(), "give `radiance` or `power`"),
-        ] {
-            if given {
-                let what = if key == "ies" { "profile" } else { key };
-                let problem = format!("\"{}\" is not a light without extent, so it has no {what}", change.name);
-                return Err(self.light_error(i, key, problem, help));
-            }
+        if change.ies.is_some() || matches!(change.strength, Some(Strength::Intensity(_) | Strength::Irradiance(_))) {
+            let (key, what, help) = match &change.strength {
+                Some(strength) if change.ies.is_none() => {
+                    (strength.key(), strength.key(), "give `radiance` or `power`")
+                }
+                _ => ("ies", "profile", "name a point or spot light"),
+            };
+            let problem = format!("\"{}\" is not a light without extent, so it has no {what}", change.name);
+            return Err(self.light_error(i, key, problem, help));
         }
         let surfaces = emitting_surfaces(&change.name, scene).ok_or_else(|| {
             let names = scene.lights.iter().map(|l| l.name.as_str());
@@ -71,7 +71,7 @@ impl Job {
                     material.emission = emission.map_or(material.emission, |e| e.of(material.emission));
                     let keys = [("wavelength", change.wavelength.is_some()), ("scale", change.scale.is_some())];
                     if let Some((key, _)) = keys.iter().find(|(_, given)| *given) {
-                        let is_unset = change.enabled && change.radiance.is_none() && change.power.is_none();
+                        let is_unset = change.enabled && change.strength.is_none();
                         if is_unset && material.emission.is_black() {
                             let problem = format!("\"{}\" does not emit, so that it has no {key}", light.name);
                             let help = "give `radiance` or `power` as well, or remove this";
@@ -90,7 +90,7 @@ impl Job {
         &self,
         i: usize,
         path: &Path,
-        change: &LightSettings,
+        change: &LightChange,
         scene: &mut SceneBuilder,
         warnings: &mut Vec<ImportWarning>,
     ) -> Result<(), InputError> {
@@ -117,66 +117,55 @@ impl Job {
     fn changed_kind(
         &self,
         i: usize,
-        change: &LightSettings,
+        change: &LightChange,
         name: &str,
         kind: PunctualKind,
         profiles: &[LightProfile],
     ) -> Result<PunctualKind, InputError> {
-        let unfit = |key: &str, fit: &str| {
-            let what = match kind {
-                PunctualKind::Point { .. } => "a point light",
-                PunctualKind::Spot { .. } => "a spot light",
-                PunctualKind::Directional { .. } | PunctualKind::Sun { .. } => "distant light",
-                PunctualKind::Profile { .. } => "a light with an IES profile",
-            };
-            Err(self.light_error(i, key, format!("\"{name}\" is {what}, which has no {key}"), format!("give {fit}")))
-        };
-        let is_distant = matches!(kind, PunctualKind::Directional { .. } | PunctualKind::Sun { .. });
-        if change.irradiance.is_some() && !is_distant {
-            return unfit("irradiance", "`intensity` or `power`");
-        }
-        if change.radiance.is_some() {
-            let fit = if is_distant { "`irradiance`" } else { "`intensity` or `power`" };
-            return unfit("radiance", fit);
-        }
-        Ok(match kind {
-            PunctualKind::Point { intensity } => {
-                let scaled = change.power.map(|power| with_mean(intensity, power / (4.0 * PI)));
-                PunctualKind::Point { intensity: change.intensity.or(scaled).unwrap_or(intensity) }
+        let Some(strength) = change.strength else { return Ok(kind) };
+        Ok(match (kind, strength) {
+            (PunctualKind::Point { .. }, Strength::Intensity(intensity)) => PunctualKind::Point { intensity },
+            (PunctualKind::Point { intensity }, Strength::Power(power)) => {
+                PunctualKind::Point { intensity: with_mean(intensity, power / (4.0 * PI)) }
             }
-            PunctualKind::Spot { intensity, inner, outer } => {
-                let scaled = change.power.map(|power| with_mean(intensity, power / spot_solid_angle(inner, outer)));
-                PunctualKind::Spot { intensity: change.intensity.or(scaled).unwrap_or(intensity), inner, outer }
+            (PunctualKind::Spot { inner, outer, .. }, Strength::Intensity(intensity)) => {
+                PunctualKind::Spot { intensity, inner, outer }
             }
-            PunctualKind::Profile { profile, scale } => {
+            (PunctualKind::Spot { intensity, inner, outer }, Strength::Power(power)) => {
+                let intensity = with_mean(intensity, power / spot_solid_angle(inner, outer));
+                PunctualKind::Spot { intensity, inner, outer }
+            }
+            (PunctualKind::Profile { profile, scale }, Strength::Intensity(_) | Strength::Power(_)) => {
                 // Strengths apply to the whole profile. A black profile cannot be scaled to a strength.
                 let (peak, all) = profiles.get(profile).map_or((0.0, 0.0), |p| (p.peak(), f64::from(p.power())));
-                let dark = peak <= 0.0;
-                if let Some((key, _)) = [("power", change.power.is_some()), ("intensity", change.intensity.is_some())]
-                    .into_iter()
-                    .find(|(_, given)| *given && dark)
-                {
+                if peak <= 0.0 {
                     let problem = format!("the profile of \"{name}\" is dark in all directions");
-                    return Err(self.light_error(i, key, problem, "remove the key, or use another profile"));
+                    let help = "remove the key, or use another profile";
+                    return Err(self.light_error(i, strength.key(), problem, help));
                 }
-                let by_peak = change.intensity.map(|wanted| wanted * (1.0 / peak));
-                let by_power = change.power.map(|power| with_mean(scale, power / all));
-                PunctualKind::Profile { profile, scale: by_peak.or(by_power).unwrap_or(scale) }
+                let scale = match strength {
+                    Strength::Power(power) => with_mean(scale, power / all),
+                    Strength::Intensity(wanted) => wanted * (1.0 / peak),
+                    _ => scale,
+                };
+                PunctualKind::Profile { profile, scale }
             }
-            PunctualKind::Directional { .. } | PunctualKind::Sun { .. } => {
-                if let Some((key, _)) = [("power", change.power.is_some()), ("intensity", change.intensity.is_some())]
-                    .into_iter()
-                    .find(|(_, given)| *given)
-                {
-                    return unfit(key, "`irradiance`");
-                }
-                match (kind, change.irradiance) {
-                    (PunctualKind::Directional { .. }, Some(irradiance)) => PunctualKind::Directional { irradiance },
-                    (PunctualKind::Sun { half_angle, .. }, Some(irradiance)) => {
-                        PunctualKind::Sun { irradiance, half_angle }
-                    }
-                    _ => kind,
-                }
+            (PunctualKind::Directional { .. }, Strength::Irradiance(irradiance)) => {
+                PunctualKind::Directional { irradiance }
+            }
+            (PunctualKind::Sun { half_angle, .. }, Strength::Irradiance(irradiance)) => {
+                PunctualKind::Sun { irradiance, half_angle }
+            }
+            _ => {
+                let (what, fit) = match kind {
+                    PunctualKind::Point { .. } => ("a point light", "`intensity` or `power`"),
+                    PunctualKind::Spot { .. } => ("a spot light", "`intensity` or `power`"),
+                    PunctualKind::Profile { .. } => ("a light with an IES profile", "`intensity` or `power`"),
+                    PunctualKind::Directional { .. } | PunctualKind::Sun { .. } => ("distant light", "`irradiance`"),
+                };
+                let key = strength.key();
+                let problem = format!("\"{name}\" is {what}, which has no {key}");
+                return Err(self.light_error(i, key, problem, format!("give {fit}")));
             }
         })
     }
@@ -184,7 +173,7 @@ impl Job {
     fn changed_emission(
         &self,
         i: usize,
-        change: &LightSettings,
+        change: &LightChange,
         light: &SurfaceLight,
         scene: &SceneBuilder,
         warnings: &mut Vec<ImportWarning>,
@@ -192,10 +181,11 @@ impl Job {
         if !change.enabled {
             return Ok(Some(Emission::Set(Rgb::BLACK)));
         }
-        if let Some(radiance) = change.radiance {
-            return Ok(Some(Emission::Set(radiance)));
-        }
-        let Some(power) = change.power else { return Ok(None) };
+        let power = match change.strength {
+            Some(Strength::Radiance(radiance)) => return Ok(Some(Emission::Set(radiance))),
+            Some(Strength::Power(power)) => power,
+            _ => return Ok(None),
+        };
         let used: Vec<&Material> = light.materials.iter().filter_map(|m| scene.materials.get(*m)).collect();
         if used.iter().any(|m| m.emission_texture.is_some()) {
             warnings.push(ImportWarning {
@@ -233,7 +223,7 @@ impl Job {
 }
 
 /// A strength with the wavelength and the factor of a change.
-fn scaled_line(change: &LightSettings, strength: Rgb) -> Rgb {
+fn scaled_line(change: &LightChange, strength: Rgb) -> Rgb {
     let strength = change.wavelength.map_or(strength, |line| line.triple(f64::from(strength.mean())));
     change.scale.map_or(strength, |scale| strength.map(|v| (f64::from(v) * scale) as f32))
 }

@@ -3,7 +3,8 @@
 use super::check::{self, yes};
 use super::motion::{self, RotationSettings};
 use super::place::{self, Place};
-use super::primitives::PrimitiveKind;
+use super::primitives::Primitive;
+use crate::toml_keys::keys_of;
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error};
@@ -19,16 +20,8 @@ pub struct ObjectOverride {
     /// Name of objects of the scene, or a pattern with `*` and `?`. With `kind`: the name of the new object.
     pub name: String,
     /// Makes a new object of this shape around the origin.
-    pub kind: Option<PrimitiveKind>,
-    /// Edges \[m\] along x, y and z of a box, or along x and z of a plane.
-    #[serde(default, deserialize_with = "place::sizes")]
-    pub size: Option<Vec<f64>>,
-    /// Diameter \[m\] of a sphere or cylinder.
-    #[serde(default, deserialize_with = "check::positive_length")]
-    pub diameter: Option<f64>,
-    /// Height \[m\] of a cylinder, along y.
-    #[serde(default, deserialize_with = "check::positive_length")]
-    pub height: Option<f64>,
+    #[serde(skip)]
+    pub shape: Option<Primitive>,
     /// `false` removes the objects, from the labels too; with `kind` the object is not made. Default true.
     #[serde(default = "yes")]
     pub visible: bool,
@@ -51,8 +44,7 @@ pub struct ObjectOverride {
     /// Name of a material of the scene or of a `[[material]]` with `new = true`, for all parts of the objects.
     pub material: Option<String>,
     /// Copies, each moved from the place of the object. They replace it.
-    #[serde(default)]
-    pub instances: Vec<Placement>,
+    pub instances: Option<Vec<Placement>>,
     /// Copies on a grid whose first point is the place of the object. They replace it.
     pub grid: Option<Grid>,
     /// Velocity \[m/s\] in the world; written as `["200mm/s", 0, 0]`.
@@ -140,7 +132,18 @@ pub(super) fn about(map: DAffine3, pivot: DVec3, translate: DVec3) -> DAffine3 {
     DAffine3::from_translation(pivot + translate) * map * DAffine3::from_translation(-pivot)
 }
 
+/// The keys of `[[object]]`, of all kinds.
+pub fn object_keys() -> Vec<&'static str> {
+    let mut keys = Primitive::keys().concat();
+    keys.extend(keys_of::<ObjectOverride>());
+    keys
+}
+
 impl ObjectOverride {
+    pub(super) fn instances(&self) -> &[Placement] {
+        self.instances.as_deref().unwrap_or_default()
+    }
+
     pub(super) fn placement(&self) -> Placement {
         Placement { translate: self.translate, rotate: self.rotate, scale: self.scale }
     }
@@ -149,15 +152,14 @@ impl ObjectOverride {
     pub(super) fn copies(&self) -> Option<u64> {
         match self.grid {
             Some(grid) => Some(grid.count.iter().map(|c| u64::from(*c)).product()),
-            None if self.instances.is_empty() => None,
-            None => Some(self.instances.len() as u64),
+            None => self.instances.as_ref().map(|copies| copies.len() as u64),
         }
     }
 
     /// The maps of all copies, from the place of the object.
     pub(super) fn copy_maps(&self, pivot: DVec3) -> Vec<DAffine3> {
         let Some(Grid { count: [nx, ny, nz], step }) = self.grid else {
-            return self.instances.iter().map(|copy| copy.about(pivot)).collect();
+            return self.instances().iter().map(|copy| copy.about(pivot)).collect();
         };
         let at = |x: u32, y: u32, z: u32| step * DVec3::new(f64::from(x), f64::from(y), f64::from(z));
         let points = (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| at(x, y, z))));

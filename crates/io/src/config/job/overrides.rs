@@ -1,49 +1,12 @@
 //! Applies the changes of a job to an imported scene: its environment, and by other modules objects, materials and lights.
 
-use super::check_lamps::lamp_key;
-use super::{EnvironmentSettings, Job};
+use super::{EnvironmentSettings, Job, Light};
 use crate::error::{ImportWarning, InputError};
 use crate::images::load_environment;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Environment, EnvironmentSource, ImageId, SceneBuilder};
 
 impl Job {
-    /// Checks without a scene: overrides that contradict each other.
-    pub(super) fn check_overrides(&self) -> Result<(), InputError> {
-        self.check_objects()?;
-        self.check_all_lights()?;
-        for (i, light) in self.lights.iter().enumerate() {
-            let given = [
-                ("radiance", light.radiance.is_some()),
-                ("power", light.power.is_some()),
-                ("intensity", light.intensity.is_some()),
-                ("irradiance", light.irradiance.is_some()),
-            ];
-            let mut keys = given.iter().filter(|(_, given)| *given).map(|(key, _)| *key);
-            if let (Some(first), Some(second)) = (keys.next(), keys.next()) {
-                let problem = format!("`{first}` and `{second}` both set the light's strength");
-                return Err(self.light_error(i, second, problem, "keep one of them"));
-            }
-            self.check_color(i, light)?;
-            if let Some(kind) = light.kind {
-                self.check_lamp(i, light, kind)?;
-                continue;
-            }
-            let item = i.to_string();
-            if light.name.is_empty() {
-                let problem = "a change of a light needs its name";
-                let help = "write the name of a light of the scene, or a `kind` such as \"ring\" for a new lamp";
-                return Err(self.source.error_at_key(&["light", &item], problem, help));
-            }
-            if let Some(key) = lamp_key(|key| self.source.has_key(&["light", &item, key])) {
-                let problem = format!("`{key}` belongs to a new lamp");
-                let help = "write its `kind` as well, such as \"ring\", or remove this";
-                return Err(self.light_error(i, key, problem, help));
-            }
-        }
-        self.check_materials()
-    }
-
     /// Changes the scene by `[environment]`, `[[object]]`, `[[material]]`, `[camera]` and `[[light]]`, in this order. New
     /// materials exist before the objects are changed.
     ///
@@ -65,10 +28,10 @@ impl Job {
         // Lights may be placed on the axis of a camera.
         self.add_cameras(scene)?;
         let targets = self.camera_targets(scene);
-        for (i, change) in self.lights.iter().enumerate() {
-            match change.kind {
-                Some(kind) => self.add_lamp((i, change, kind), &targets, scene, &mut warnings)?,
-                None => self.change_lights(i, change, scene, &mut warnings)?,
+        for (i, light) in self.lights.iter().enumerate() {
+            match light {
+                Light::Lamp(lamp) => self.add_lamp((i, lamp), &targets, scene, &mut warnings)?,
+                Light::Change(change) => self.change_lights(i, change, scene, &mut warnings)?,
             }
         }
         self.rest_emitters(&moved, scene, &mut warnings)?;

@@ -102,15 +102,17 @@ fn in_space<E: Error>(values: [f64; 3]) -> Result<DVec3, E> {
     }
 }
 
-/// Two or three edges \[m\], each above zero.
-pub(super) fn sizes<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Vec<f64>>, D::Error> {
-    let sizes: Vec<f64> = Vec::<Length>::deserialize(d)?.into_iter().map(f64::from).collect();
-    if !(2..=3).contains(&sizes.len()) {
-        return Err(D::Error::custom("a size has two or three edges; write [x, y, z] of a box, or [x, z] of a plane"));
-    }
-    match sizes.iter().find(|v| !(1e-9..=FARTHEST).contains(*v)) {
+/// Edges \[m\], each above zero.
+pub(super) fn edges<'de, D: Deserializer<'de>, const N: usize>(d: D) -> Result<[f64; N], D::Error> {
+    let edges: Vec<f64> = Vec::<Length>::deserialize(d)?.into_iter().map(f64::from).collect();
+    let count = edges.len();
+    let edges = <[f64; N]>::try_from(edges).map_err(|_| {
+        let form = if N == 2 { "[x, z]" } else { "[x, y, z]" };
+        D::Error::custom(format!("this shape has {N} edges, and {count} are given; write {form}"))
+    })?;
+    match edges.iter().find(|v| !(1e-9..=FARTHEST).contains(*v)) {
         Some(v) => Err(D::Error::custom(format!("{} m is not a size; write lengths above zero", Number(*v)))),
-        None => Ok(Some(sizes)),
+        None => Ok(edges),
     }
 }
 
@@ -279,8 +281,8 @@ mod tests {
         direction: Option<DVec3>,
         #[serde(default, deserialize_with = "scale")]
         scale: Option<DVec3>,
-        #[serde(default, deserialize_with = "sizes")]
-        size: Option<Vec<f64>>,
+        #[serde(default, deserialize_with = "edges")]
+        size: [f64; 3],
         #[serde(default, deserialize_with = "matrix")]
         matrix: Option<DAffine3>,
         #[serde(default, deserialize_with = "rotation")]
@@ -299,7 +301,7 @@ mod tests {
         assert_eq!(keys("direction = [0, -3, 0]").direction, Some(DVec3::NEG_Y));
         assert_eq!(keys("scale = 2").scale, Some(DVec3::splat(2.0)));
         assert_eq!(keys("scale = [1, 2.5, 3]").scale, Some(DVec3::new(1.0, 2.5, 3.0)));
-        assert_eq!(keys("size = [\"1mm\", 2, 3]").size, Some(vec![0.001, 2.0, 3.0]));
+        assert_eq!(keys("size = [\"1mm\", 2, 3]").size, [0.001, 2.0, 3.0]);
         let matrix = keys("matrix = [0,-1,0,5, 1,0,0,6, 0,0,1,7, 0,0,0,1]").matrix.expect("a matrix");
         assert_eq!(matrix.transform_point3(DVec3::X), DVec3::new(5.0, 7.0, 7.0));
         // About x first, then about y: +z goes to -y, which the second rotation keeps; the other order differs.
@@ -325,7 +327,7 @@ mod tests {
             ("scale = [1, -1, 1]", "mirror"),
             ("scale = nan", "not a factor"),
             ("size = [1, 0, 1]", "not a size"),
-            ("size = [1]", "two or three"),
+            ("size = [1]", "3 edges"),
             ("matrix = [1, 2]", "16 numbers"),
             ("matrix = [1,0,0,0, 0,1,0,0, 0,0,0,0, 0,0,0,1]", "singular"),
             ("matrix = [1,0,0,0, 0,1,0,0, 0,0,1,0, 1,2,3,1]", "fourth column"),

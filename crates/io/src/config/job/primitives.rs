@@ -1,6 +1,9 @@
 //! New objects of a job: box, plane, cylinder and sphere, as stand-ins for parts, plates and belts.
 
-use super::objects::ObjectOverride;
+use super::check;
+use super::place::edges;
+use crate::error::InputError;
+use crate::toml_keys::{TableKeys, keys_of};
 use dunkelfeld_geometry::{Mesh, Vec3};
 use dunkelfeld_scene::shapes;
 use serde::Deserialize;
@@ -12,68 +15,91 @@ const SIDES: u32 = 256;
 const RINGS: u32 = 96;
 
 /// Shape of a new object. It lies around the origin, its axis is y.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum PrimitiveKind {
-    /// A closed box with the edges `size = [x, y, z]`.
-    Box,
-    /// A rectangle without thickness with the edges `size = [x, z]`. Its front is +y.
-    Plane,
-    /// A closed cylinder around the y axis with `diameter` and `height`.
-    Cylinder,
-    /// A closed sphere with `diameter`.
-    Sphere,
+#[derive(Clone, Debug, PartialEq)]
+pub enum Primitive {
+    /// A closed box.
+    Box(Cuboid),
+    /// A rectangle without thickness. Its front is +y.
+    Plane(Plane),
+    /// A closed cylinder around the y axis.
+    Cylinder(Cylinder),
+    /// A closed sphere.
+    Sphere(Sphere),
 }
 
-impl PrimitiveKind {
-    /// Are the sizes of the kind given, and no others?
-    ///
-    /// # Errors
-    /// Key, problem and help.
-    pub(super) fn check(self, o: &ObjectOverride) -> Result<(), (&'static str, String, &'static str)> {
-        let (name, keys, help): (_, &[&str], _) = match self {
-            Self::Box => ("a box", &["size"], "give `size = [x, y, z]`"),
-            Self::Plane => ("a plane", &["size"], "give `size = [x, z]`"),
-            Self::Cylinder => ("a cylinder", &["diameter", "height"], "give `diameter` and `height`"),
-            Self::Sphere => ("a sphere", &["diameter"], "give `diameter`"),
+/// The names of the shapes.
+const KINDS: &[&str] = &["box", "plane", "cylinder", "sphere"];
+
+/// Keys of a box.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Cuboid {
+    /// Edges \[m\] along x, y and z.
+    #[serde(deserialize_with = "edges")]
+    pub size: [f64; 3],
+}
+
+/// Keys of a plane.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Plane {
+    /// Edges \[m\] along x and z.
+    #[serde(deserialize_with = "edges")]
+    pub size: [f64; 2],
+}
+
+/// Keys of a cylinder.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Cylinder {
+    /// Diameter \[m\].
+    #[serde(deserialize_with = "check::length")]
+    pub diameter: f64,
+    /// Height \[m\] along y.
+    #[serde(deserialize_with = "check::length")]
+    pub height: f64,
+}
+
+/// Keys of a sphere.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Sphere {
+    /// Diameter \[m\].
+    #[serde(deserialize_with = "check::length")]
+    pub diameter: f64,
+}
+
+impl Primitive {
+    /// The shape of an entry of `[[object]]`; `None` without a `kind`.
+    pub(super) fn read(keys: &mut TableKeys<'_>) -> Result<Option<Self>, InputError> {
+        let Some(kind) = keys.kind(KINDS)? else {
+            keys.describe(" of an object without a `kind`");
+            return Ok(None);
         };
-        let given = [("size", o.size.is_some()), ("diameter", o.diameter.is_some()), ("height", o.height.is_some())];
-        for (key, given) in given {
-            match (keys.contains(&key), given) {
-                (true, false) => return Err(("kind", format!("{name} needs `{key}`"), help)),
-                (false, true) => return Err((key, format!("{name} has no `{key}`"), help)),
-                _ => {}
-            }
-        }
-        let edges = if self == Self::Box { 3 } else { 2 };
-        match &o.size {
-            Some(size) if size.len() != edges => {
-                Err(("size", format!("{name} has {edges} edges, and this has {}", size.len()), help))
-            }
-            _ if o.name.contains(['*', '?']) => {
-                let problem = "a new object cannot have a pattern as its name".into();
-                Err(("name", problem, "write a name without `*` and `?`"))
-            }
-            _ => Ok(()),
-        }
+        keys.describe(format!(" of an object of kind \"{kind}\""));
+        Ok(Some(match kind {
+            "box" => Self::Box(keys.take(&[])?),
+            "plane" => Self::Plane(keys.take(&[])?),
+            "cylinder" => Self::Cylinder(keys.take(&[])?),
+            _ => Self::Sphere(keys.take(&[])?),
+        }))
     }
-}
 
-/// The mesh of a new object whose keys were checked.
-pub(super) fn primitive(kind: PrimitiveKind, o: &ObjectOverride) -> Mesh {
-    let edge = |k: usize| o.size.as_ref().and_then(|size| size.get(k)).map_or(1.0, |v| *v as f32);
-    let radius = 0.5 * o.diameter.unwrap_or(1.0) as f32;
-    match kind {
-        PrimitiveKind::Box => {
-            let half = 0.5 * Vec3::new(edge(0), edge(1), edge(2));
-            shapes::cuboid(-half, half)
+    /// The keys of all shapes.
+    pub(super) fn keys() -> [&'static [&'static str]; 3] {
+        [&["kind"], keys_of::<Cuboid>(), keys_of::<Cylinder>()]
+    }
+
+    /// The mesh.
+    pub(super) fn mesh(&self) -> Mesh {
+        match self {
+            Self::Box(Cuboid { size }) => {
+                let half = 0.5 * Vec3::from_array(size.map(|v| v as f32));
+                shapes::cuboid(-half, half)
+            }
+            Self::Plane(Plane { size }) => {
+                let [x, z] = size.map(|v| v as f32);
+                shapes::rectangle(Vec3::new(-0.5 * x, 0.0, 0.5 * z), Vec3::X * x, Vec3::NEG_Z * z)
+            }
+            Self::Cylinder(c) => cylinder(0.5 * c.diameter as f32, c.height as f32),
+            Self::Sphere(s) => shapes::sphere(Vec3::ZERO, 0.5 * s.diameter as f32, RINGS, true),
         }
-        PrimitiveKind::Plane => {
-            let (x, z) = (edge(0), edge(1));
-            shapes::rectangle(Vec3::new(-0.5 * x, 0.0, 0.5 * z), Vec3::X * x, Vec3::NEG_Z * z)
-        }
-        PrimitiveKind::Cylinder => cylinder(radius, o.height.unwrap_or(1.0) as f32),
-        PrimitiveKind::Sphere => shapes::sphere(Vec3::ZERO, radius, RINGS, true),
     }
 }
 
@@ -118,29 +144,22 @@ mod tests {
 
     #[test]
     fn primitives_have_their_sizes_and_point_outward() {
-        let of = |kind, size: &[f64]| {
-            let o = ObjectOverride {
-                size: Some(size.to_vec()),
-                diameter: Some(2.0),
-                height: Some(3.0),
-                ..ObjectOverride::default()
-            };
-            primitive(kind, &o)
-        };
         let pi = std::f64::consts::PI;
-        for (kind, volume) in
-            [(PrimitiveKind::Box, 6.0), (PrimitiveKind::Cylinder, 3.0 * pi), (PrimitiveKind::Sphere, 4.0 / 3.0 * pi)]
-        {
-            let mut mesh = of(kind, &[1.0, 2.0, 3.0]);
-            assert_eq!(clean(&mut mesh, Threads::ONE).total(), 0, "{kind:?}");
+        for (shape, volume) in [
+            (Primitive::Box(Cuboid { size: [1.0, 2.0, 3.0] }), 6.0),
+            (Primitive::Cylinder(Cylinder { diameter: 2.0, height: 3.0 }), 3.0 * pi),
+            (Primitive::Sphere(Sphere { diameter: 2.0 }), 4.0 / 3.0 * pi),
+        ] {
+            let mut mesh = shape.mesh();
+            assert_eq!(clean(&mut mesh, Threads::ONE).total(), 0, "{shape:?}");
             let health = MeshHealth::from_mesh(&mesh);
-            assert!(health.is_closed() && (health.signed_volume / volume - 1.0).abs() < 2e-3, "{kind:?} {health:?}");
+            assert!(health.is_closed() && (health.signed_volume / volume - 1.0).abs() < 2e-3, "{shape:?} {health:?}");
             for (t, corners) in mesh.triangles.iter().enumerate().filter(|_| !mesh.normals.is_empty()) {
                 let normal = geometric_normal(&mesh.corners(t));
-                assert!(corners.iter().all(|i| mesh.normals[*i as usize].dot(normal) > 0.99), "{kind:?}");
+                assert!(corners.iter().all(|i| mesh.normals[*i as usize].dot(normal) > 0.99), "{shape:?}");
             }
         }
-        let plane = of(PrimitiveKind::Plane, &[4.0, 6.0]);
+        let plane = Primitive::Plane(Plane { size: [4.0, 6.0] }).mesh();
         assert_eq!(geometric_normal(&plane.corners(0)), Vec3::Y);
         assert_eq!(plane.positions.iter().copied().reduce(Vec3::max), Some(Vec3::new(2.0, 0.0, 3.0)));
     }

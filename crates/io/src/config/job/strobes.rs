@@ -1,6 +1,7 @@
 //! Strobes of the lamps of a job, and the exposure time to which they belong.
 
-use super::{Exposure, Job, LampKind, LightSettings};
+use super::light::{Lamp, LampKind};
+use super::{Exposure, Job, Light};
 use crate::error::ImportWarning;
 use dunkelfeld_radiometry::Number;
 use dunkelfeld_scene::{EnvironmentSource, Instance, PunctualKind, PunctualLight, SceneBuilder};
@@ -20,12 +21,20 @@ impl Job {
 
     /// The first lamp with a strobe: its position in [`Job::lights`].
     pub fn first_strobe(&self) -> Option<usize> {
-        self.lights.iter().position(|light| light.enabled && light.strobe.is_some())
+        self.lamps().find(|(_, lamp)| lamp.common.strobe.is_some()).map(|(i, _)| i)
+    }
+
+    /// The new lamps that are on, and their positions in [`Job::lights`].
+    pub(super) fn lamps(&self) -> impl Iterator<Item = (usize, &Lamp)> {
+        self.lights.iter().enumerate().filter_map(|(i, light)| match light {
+            Light::Lamp(lamp) if lamp.common.enabled => Some((i, lamp.as_ref())),
+            _ => None,
+        })
     }
 
     /// The share of the exposure for which the lamp is on.
-    pub(super) fn duty(&self, light: &LightSettings) -> f64 {
-        match (light.strobe, self.sensor.exposure) {
+    pub(super) fn duty(&self, lamp: &Lamp) -> f64 {
+        match (lamp.common.strobe, self.sensor.exposure) {
             (Some(strobe), Exposure::Seconds(exposure)) => (strobe / exposure).min(1.0),
             _ => 1.0,
         }
@@ -33,18 +42,13 @@ impl Job {
 
     /// The time \[s\] of each exposure in which the scene has light, if that is the same strobe of all of its lights.
     pub fn common_strobe(&self, scene: &SceneBuilder) -> Option<f64> {
-        let strobe = self.lights.get(self.first_strobe()?)?.strobe?;
-        let lamps = || self.lights.iter().filter(|light| light.enabled);
-        let mut names = Vec::new();
-        for light in lamps() {
-            let Some(kind) = light.kind else { continue };
-            if light.strobe != Some(strobe) {
-                return None;
-            }
-            if kind != LampKind::Environment {
-                names.extend(light.lamp_names(kind));
-            }
+        let lamps = || self.lamps().map(|(_, lamp)| lamp);
+        let strobe = lamps().find_map(|lamp| lamp.common.strobe)?;
+        if lamps().any(|lamp| lamp.common.strobe != Some(strobe)) {
+            return None;
         }
+        let is_sky = |lamp: &&Lamp| matches!(lamp.kind, LampKind::Environment(_));
+        let mut names: Vec<String> = lamps().filter(|lamp| !is_sky(lamp)).flat_map(Lamp::names).collect();
         // Each light of the scene must be one of these lamps.
         let mut is_lamp = |name: &str| match names.iter().position(|lamp| lamp == name) {
             Some(i) => {
@@ -59,7 +63,7 @@ impl Job {
             EnvironmentSource::Constant(radiance) => !radiance.is_black(),
             EnvironmentSource::Image { .. } => true,
         });
-        let is_own = !has_environment || lamps().any(|light| light.kind == Some(LampKind::Environment));
+        let is_own = !has_environment || lamps().any(|lamp| is_sky(&lamp));
         (is_own && lights.chain(objects).all(&mut is_lamp)).then_some(strobe)
     }
 
@@ -87,17 +91,6 @@ impl Job {
         let number = Number(exposure);
         let message = format!("{text} is {number} s; write \"{number}ms\" for milliseconds, or \"{number}s\"");
         Some(ImportWarning { place: "[sensor] exposure".into(), message })
-    }
-}
-
-impl LightSettings {
-    /// The names of the lamps of the entry in the scene.
-    pub(super) fn lamp_names(&self, kind: LampKind) -> Vec<String> {
-        let name = if self.name.is_empty() { kind.name() } else { &self.name };
-        match self.count.unwrap_or(1) {
-            1 => vec![name.to_string()],
-            count => (1..=count).map(|k| format!("{name} {k}")).collect(),
-        }
     }
 }
 

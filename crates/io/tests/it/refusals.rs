@@ -1,5 +1,5 @@
 //! Refusals of jobs as a reader sees them. `refusals.txt` has keys of a job, and under them the message, each line of which
-//! begins with `>`. After an intended change of messages, `UPDATE_REFUSALS=1 cargo test -p dunkelfeld-io --test refusals`
+//! begins with `>`. After an intended change of messages, `UPDATE_REFUSALS=1 cargo test -p dunkelfeld-io --test it refusals::`
 //! writes the file again.
 #![allow(clippy::expect_used, clippy::unwrap_used)]
 
@@ -48,7 +48,7 @@ fn refusal(keys: &str) -> String {
 
 #[test]
 fn refusals_are_as_they_are_written_down() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/refusals.txt");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/it/refusals.txt");
     let written = std::fs::read_to_string(path).expect("the list of refusals");
     let cases = written.split("\n\n").map(|case| {
         let keys: Vec<&str> = case.trim().lines().filter(|line| !line.starts_with('>')).collect();
