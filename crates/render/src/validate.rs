@@ -80,6 +80,10 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
         let problem = format!("the plan is {} x {} pixels, the film {} x {}", p.width(), p.height(), s.width, s.height);
         return Err(Error::setting("replay", problem, "render at the size of the plan"));
     }
+    if !s.light_groups.is_empty() && s.checkpoint.is_some() {
+        let problem = "a checkpoint has no films of groups of lights";
+        return Err(Error::setting("light groups", problem, "leave the checkpoint out, or the groups"));
+    }
     if s.replay.as_ref().is_some_and(|p| plan::total(p) == 0) {
         return Err(Error::setting("replay", "the plan has no samples", "use a plan of a render that took some"));
     }
