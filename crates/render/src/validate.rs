@@ -4,6 +4,7 @@ use crate::error::Error;
 use crate::settings::{Budget, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, RenderSettings, SensorChoice};
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_adaptive::{budget, plan};
+use dunkelfeld_film::Plane;
 use dunkelfeld_sensor::ExposureNoise;
 
 /// Refuses settings that cannot be rendered, with help.
@@ -74,20 +75,23 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
     if s.budget.spp.is_some_and(|v| v > budget::MAX_MEAN_SPP) {
         return Err(Error::setting("spp", "more samples per pixel than can be counted", "use at most 1e9"));
     }
-    if let Some(p) = &s.replay
-        && (p.width(), p.height()) != (s.width, s.height)
-    {
-        let problem = format!("the plan is {} x {} pixels, the film {} x {}", p.width(), p.height(), s.width, s.height);
-        return Err(Error::setting("replay", problem, "render at the size of the plan"));
-    }
     if !s.light_groups.is_empty() && s.checkpoint.is_some() {
         let problem = "a checkpoint has no films of groups of lights";
         return Err(Error::setting("light groups", problem, "leave the checkpoint out, or the groups"));
     }
-    if s.replay.as_ref().is_some_and(|p| plan::total(p) == 0) {
+    s.replay.as_ref().map_or(Ok(()), |plan| validate_replay(plan, s))
+}
+
+/// Refuses a plan that cannot be replayed.
+fn validate_replay(p: &Plane<u32>, s: &RenderSettings) -> Result<(), Error> {
+    if (p.width(), p.height()) != (s.width, s.height) {
+        let problem = format!("the plan is {} x {} pixels, the film {} x {}", p.width(), p.height(), s.width, s.height);
+        return Err(Error::setting("replay", problem, "render at the size of the plan"));
+    }
+    if plan::total(p) == 0 {
         return Err(Error::setting("replay", "the plan has no samples", "use a plan of a render that took some"));
     }
-    if let Some(most) = s.replay.as_ref().and_then(|p| p.data().iter().copied().max())
+    if let Some(most) = p.data().iter().copied().max()
         && most > plan::MAX_SPP
     {
         let problem = format!("the plan has {most} samples in one pixel, more than {}", plan::MAX_SPP);

@@ -215,6 +215,59 @@ impl<'a> TileWriter<'a> {
     }
 }
 
+/// The films during a round, and for each tile the levels that are not in them.
+struct Canvases<'a> {
+    films: Vec<TileWriter<'a>>,
+    pending: Vec<Mutex<PendingTile>>,
+}
+
+impl Canvases<'_> {
+    /// Adds finished units with their numbers of samples, their connections, and for each film their sums, which are those of the
+    /// same pixels. Returns the samples and connections of the levels that have reached the films.
+    fn add_units(
+        &self,
+        (units, samples): (&[WorkUnit], &[u64]),
+        mut connections: ConnectionTally,
+        sums: &[Vec<TileSum>],
+    ) -> Result<PartialLevel, CanvasFault> {
+        let mut added = PartialLevel::default();
+        let mut of_units = sums[0].chunk_by(|a, b| a.0 / PIXELS == b.0 / PIXELS).peekable();
+        let mut first = 0;
+        for ((number, unit), &samples) in (0..).zip(units).zip(samples) {
+            let mut tile = self.pending[unit.tile].lock().map_err(|_| CanvasFault::Poisoned)?;
+            let index = unit.number - tile.first;
+            let known = tile.levels.len().max(index + 1);
+            tile.levels.resize_with(known, PartialLevel::default);
+            let level = &mut tile.levels[index];
+            level.missing = Some(level.missing.unwrap_or(unit.parts) - 1);
+            let of_unit = of_units.next_if(|sums| sums[0].0 / PIXELS == number).unwrap_or_default();
+            let mut range = first..first + of_unit.len();
+            first = range.end;
+            // A level that is complete needs no copy.
+            if index > 0 || level.missing != Some(0) {
+                level.sums.resize_with(sums.len(), Vec::new);
+                for (kept, sums) in level.sums.iter_mut().zip(sums) {
+                    kept.extend_from_slice(&sums[range.clone()]);
+                }
+                range = 0..0;
+            }
+            level.samples += samples;
+            level.connections.add(&std::mem::take(&mut connections));
+            while let Some(level) = tile.levels.pop_front_if(|level| level.missing == Some(0)) {
+                for (film, sums) in sums.iter().enumerate() {
+                    let of_level = level.sums.get(film).into_iter().flatten();
+                    self.films[film].add(unit.tile, of_level.chain(&sums[range.clone()]))?;
+                }
+                range = 0..0;
+                tile.first += 1;
+                added.samples += level.samples;
+                added.connections.add(&level.connections);
+            }
+        }
+        Ok(added)
+    }
+}
+
 /// Takes units from the queue and adds them to the films, on the threads of the current pool. The first film is that of all
 /// lights. The others are those of the groups of lights.
 pub(crate) fn run<'a>(
@@ -224,13 +277,15 @@ pub(crate) fn run<'a>(
     reporter: &ProgressReporter<'_>,
 ) -> RoundResult {
     let (grid, begun) = (queue.costs().grid(), queue.begun());
-    let canvases: Vec<TileWriter<'_>> = films.map(|film| TileWriter::new(film, grid)).collect();
     let pending = |_| Mutex::new(PendingTile { first: begun, levels: VecDeque::new() });
-    let pending: Vec<Mutex<PendingTile>> = (0..grid.len()).map(pending).collect();
+    let canvases = Canvases {
+        films: films.map(|film| TileWriter::new(film, grid)).collect(),
+        pending: (0..grid.len()).map(pending).collect(),
+    };
     let (desk, invalid) = (Mutex::new((queue, RoundResult::default())), Mutex::new(Vec::new()));
     let out_of_memory = AtomicBool::new(false);
     (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
-        let (mut units, mut sums, mut batch) = (Vec::new(), vec![Vec::new(); canvases.len()], Batch::new(work));
+        let (mut units, mut sums, mut batch) = (Vec::new(), vec![Vec::new(); canvases.films.len()], Batch::new(work));
         let next = |units: &mut Vec<WorkUnit>| {
             let is_over = work.cancel.is_cancelled() || out_of_memory.load(Ordering::Relaxed);
             let Ok(mut desk) = desk.lock() else { return false };
@@ -243,52 +298,20 @@ pub(crate) fn run<'a>(
         };
         while next(&mut units) {
             let began = Instant::now();
-            let Some(mut connections) = render_units(work, &units, grid, &mut batch, reporter, &invalid, &mut sums)
-            else {
+            let Some(connections) = render_units(work, &units, grid, &mut batch, reporter, &invalid, &mut sums) else {
                 // Its level is incomplete.
                 if let Ok(mut desk) = desk.lock() {
                     desk.1.end = Some(End::Stop);
                 }
                 break;
             };
-            let mut added = PartialLevel::default();
-            // The sums of all films have the same pixels.
-            let mut of_units = sums[0].chunk_by(|a, b| a.0 / PIXELS == b.0 / PIXELS).peekable();
-            let mut first = 0;
-            for ((number, unit), &samples) in (0..).zip(&units).zip(&batch.samples) {
-                let Ok(mut tile) = pending[unit.tile].lock() else { return };
-                let index = unit.number - tile.first;
-                let known = tile.levels.len().max(index + 1);
-                tile.levels.resize_with(known, PartialLevel::default);
-                let level = &mut tile.levels[index];
-                level.missing = Some(level.missing.unwrap_or(unit.parts) - 1);
-                let of_unit = of_units.next_if(|sums| sums[0].0 / PIXELS == number).unwrap_or_default();
-                let mut range = first..first + of_unit.len();
-                first = range.end;
-                // A level that is complete needs no copy.
-                if index > 0 || level.missing != Some(0) {
-                    level.sums.resize_with(sums.len(), Vec::new);
-                    for (kept, sums) in level.sums.iter_mut().zip(&sums) {
-                        kept.extend_from_slice(&sums[range.clone()]);
-                    }
-                    range = 0..0;
+            let added = match canvases.add_units((&units, &batch.samples), connections, &sums) {
+                Ok(added) => added,
+                Err(fault) => {
+                    out_of_memory.fetch_or(fault == CanvasFault::OutOfMemory, Ordering::Relaxed);
+                    return;
                 }
-                level.samples += samples;
-                level.connections.add(&std::mem::take(&mut connections));
-                while let Some(level) = tile.levels.pop_front_if(|level| level.missing == Some(0)) {
-                    for (film, canvas) in canvases.iter().enumerate() {
-                        let of_level = level.sums.get(film).into_iter().flatten().chain(&sums[film][range.clone()]);
-                        if let Err(fault) = canvas.add(unit.tile, of_level) {
-                            out_of_memory.fetch_or(fault == CanvasFault::OutOfMemory, Ordering::Relaxed);
-                            return;
-                        }
-                    }
-                    range = 0..0;
-                    tile.first += 1;
-                    added.samples += level.samples;
-                    added.connections.add(&level.connections);
-                }
-            }
+            };
             let Ok(mut desk) = desk.lock() else { break };
             let per_sample =
                 (began.elapsed() - batch.reports).as_secs_f64() / batch.samples.iter().sum::<u64>().max(1) as f64;
@@ -300,7 +323,7 @@ pub(crate) fn run<'a>(
             drop(desk);
             // Only a finished tile changes the film.
             if let Some((writer, snapshot)) = work.writer.filter(|_| added.samples > 0) {
-                let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| canvases[0].copy(rows, out);
+                let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| canvases.films[0].copy(rows, out);
                 writer.keep_if_due(snapshot, work.clock.map(|clock| clock.deadline), &mut rows);
             }
         }
