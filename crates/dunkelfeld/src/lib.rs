@@ -36,7 +36,7 @@ pub mod guard;
 pub mod guide;
 mod image_noise;
 mod inspect;
-mod light_films;
+mod light_layers;
 mod memory;
 mod noise_compensation;
 mod oidn_library;
@@ -59,16 +59,16 @@ pub use commands::init::{init, init_text};
 pub use commands::merge::{MergeSettings, Merged, merge};
 pub use denoising::{Denoised, PoolExecutor, denoise_film, find_denoiser, select_denoiser, why_builtin};
 pub use expose_options::{ImageOptions, expose_image, expose_radiance};
-pub use exposer::{Exposer, FilmVariances, through_lens};
+pub use exposer::{Exposer, through_lens};
 pub use exr_image::{ExrImage, LensSource};
 pub use film_files::{save_film, save_film_files};
-pub use frame::{Frame, Picture, SensorFrame, develop, develop_film, show_denoised};
+pub use frame::{Frame, Picture, SensorFrame, develop, develop_behind_lens, develop_film, show_denoised};
 pub use guard::DefaultPath;
 pub use image_noise::ImageNoise;
 pub use inspect::{
     CameraEntry, CoverEntry, CoverLayerEntry, EffectEntry, Inspection, LightEntry, MaterialEntry, ObjectEntry, inspect,
 };
-pub use light_films::{FilmOfLight, develop_films, encode_light_layers, sum_of_means};
+pub use light_layers::{add_light_layers, sum_of_means};
 pub use memory::{KeptFilms, MemoryAccount, MemoryItem, MemoryStats, check_image_memory};
 pub use noise_compensation::Matched;
 pub use options::{
@@ -81,8 +81,7 @@ pub use outputs::{
     save_new, save_picture, save_plan, save_text,
 };
 pub use project::{
-    LightFilmsMemory, Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene,
-    removable_effects,
+    Project, ProjectOptions, ProjectResult, find_sensor, find_sensor_recorded, read_scene, removable_effects,
 };
 pub use sensor_sheet::sensor_sheet;
 pub use shutter::TimedExposure;

@@ -1,7 +1,7 @@
 //! Groups of lights, whose light a render also sums group by group.
 
-use crate::build::one_light::ENVIRONMENT;
 use crate::light::Light;
+use crate::light::summary::ENVIRONMENT;
 use crate::scene::Scene;
 
 /// The group of each light of a scene.
