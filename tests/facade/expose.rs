@@ -403,7 +403,7 @@ fn layers_of_a_render_are_matched_as_the_render_was() {
     }
     let noise = image.image_noise(&with(ExposureNoise::Plain)).expect("variances");
     let plain = image.expose(&with(ExposureNoise::Plain)).expect("a camera");
-    let frame = plain.with_noise(&noise, &[(None, 1.0)]).expect("one film").frame(0).expect("a frame");
+    let frame = plain.with_noise(&noise, None).expect("one film").frame(0).expect("a frame");
     assert!(frame == expose(ExposureNoise::Matched));
     let unread = ExrImage::open(&path, &with(ExposureNoise::Plain)).expect("an image");
     let error = unread.expose(&with(ExposureNoise::Matched)).expect_err("no noise").to_string();

@@ -13,7 +13,7 @@ mod job_cameras;
 mod keys;
 mod lens;
 mod lens_image;
-mod light_films;
+mod light_groups;
 mod media;
 mod motion;
 mod outputs;

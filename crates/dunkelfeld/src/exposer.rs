@@ -4,10 +4,9 @@ use crate::black_image::black_share;
 use crate::commands::expose::{ExposeSettings, check};
 use crate::exr_image::ExrImage;
 use crate::frame::{Frame, Picture, SensorFrame};
-use crate::image_noise::{FilmPart, ImageNoise, check_films};
+use crate::image_noise::ImageNoise;
 use crate::noise_compensation::{CompensationInputs, Matched};
 use dunkelfeld_film::{MeanImage, Plane};
-use dunkelfeld_radiometry::Seconds;
 use dunkelfeld_render::film_noise::{Certified, FilmNoise, certify_variances, sensor_noise};
 use dunkelfeld_render::lens_image::LensImage;
 use dunkelfeld_render::parallel::mean_image;
@@ -32,7 +31,7 @@ pub struct Exposer {
     /// The lens, and the image behind it if it blurs.
     optics: Optics,
     behind: Option<Arc<LensImage>>,
-    /// The transmission of another lens than that of the films. `None` if they have the same.
+    /// The transmission of another lens than that of the film. `None` if they have the same.
     transmission: Option<Arc<Plane<f32>>>,
     /// The noise of the electrons, as far as the file contains it. `None` if all of the camera's noise is drawn.
     known: Option<CompensationInputs>,
@@ -49,20 +48,18 @@ impl Exposer {
     /// # Errors
     /// Settings outside their range, or outside the ranges of the sensor.
     pub fn of_film(film: &RenderedFilm, settings: &ExposeSettings) -> Result<Self, Error> {
-        Self::of_films(&[(film, 1.0)], &mean_image(&film.sums, film.is_spread), None, settings)
+        Self::of_film_and_mean(film, &mean_image(&film.sums, film.is_spread), None, settings)
     }
 
-    /// [`Self::of_film`] for the sum of independent films of one camera, each multiplied by a factor of zero or more, such as
-    /// those of single lights ([`Project::only_light`](crate::Project::only_light)). The variance of the sum is that of the
-    /// films times the squares of the factors. `mean` is the sum of their means, [`sum_of_means`](crate::light_films::sum_of_means).
+    /// [`Self::of_film`], given the mean of the film, or its denoised mean.
     ///
-    /// Behind a lens with another transmission than that of the films, `transmission` is the ratio of both in each pixel, above
-    /// zero. `mean` is then the sum of the means times the transmission ([`through_lens`]). The variances get its square.
+    /// Behind a lens with another transmission than that of the film, `transmission` is the ratio of both in each pixel, above
+    /// zero. `mean` is then the mean times the transmission ([`through_lens`]). The variances get its square.
     ///
     /// # Errors
-    /// As [`Self::of_film`], films of different sizes, and a transmission of another size or out of range.
-    pub fn of_films(
-        films: &[(&RenderedFilm, f64)],
+    /// As [`Self::of_film`], a mean of another size, and a transmission of another size or out of range.
+    pub fn of_film_and_mean(
+        film: &RenderedFilm,
         mean: &MeanImage,
         transmission: Option<Arc<Plane<f32>>>,
         settings: &ExposeSettings,
@@ -73,10 +70,13 @@ impl Exposer {
             && ([transmission.width(), transmission.height()] != size
                 || !transmission.data().iter().all(|t| t.is_finite() && *t > 0.0))
         {
-            let problem = "is not above zero in each pixel of the films";
-            return Err(Error::setting("transmission", problem, "pass a plane of the size of the films"));
+            let problem = "is not above zero in each pixel of the film";
+            return Err(Error::setting("transmission", problem, "pass a plane of the size of the film"));
         }
-        check_films(size, films.iter().map(|(film, factor)| ([film.sums.width(), film.sums.height()], *factor)))?;
+        if [film.sums.width(), film.sums.height()] != size {
+            let problem = format!("it has {size:?} pixels, and the film has another number");
+            return Err(Error::setting("mean", problem, "pass the mean of the film"));
+        }
         if settings.vignetting.is_some() {
             let problem = "the lens of a render darkens its corners during the render";
             return Err(Error::setting("vignetting", problem, "set it in the lens of the render"));
@@ -86,42 +86,29 @@ impl Exposer {
         if settings.exposure_noise == ExposureNoise::Plain {
             return Ok(exposer);
         }
-        let lit = films.iter().filter(|(_, factor)| *factor > 0.0);
-        let inputs = CompensationInputs::sum(lit.map(|&(film, factor)| exposer.film_part(film, factor).inputs));
-        exposer.with_inputs(inputs.unwrap_or_else(|| CompensationInputs::none(size)))
+        let noise = exposer.image_noise(film);
+        exposer.with_inputs(noise.inputs)
     }
 
-    /// Analyses the noise of films that are added, for matched exposure with this camera: see [`Self::with_noise`]. Runs on
-    /// the threads of the current pool.
-    ///
-    /// # Errors
-    /// As [`Self::of_films`].
-    pub fn image_noise(&self, films: &[(&RenderedFilm, f64)]) -> Result<ImageNoise, Error> {
-        let of = |film: &RenderedFilm| [film.sums.width(), film.sums.height()];
-        check_films(self.size(), films.iter().map(|(film, factor)| (of(film), *factor)))?;
-        Ok(ImageNoise::new(films.iter().map(|&(film, factor)| self.film_part(film, factor)).collect()))
-    }
-
-    /// The noise of a film with this factor. That of a film whose factor is 0 is analysed at the factor 1.
-    fn film_part(&self, film: &RenderedFilm, factor: f64) -> FilmPart {
-        // A sample can be rare with one factor and hidden in the noise of the camera with another one.
-        let response = self.response.scaled(if factor > 0.0 { factor } else { 1.0 });
-        let noise = FilmNoise::exposed(response, self.model(), self.exposure, film);
+    /// Analyses the noise of a film for matched exposure with this camera: see [`Self::with_noise`]. Runs on the threads of the
+    /// current pool.
+    pub fn image_noise(&self, film: &RenderedFilm) -> ImageNoise {
+        let noise = FilmNoise::exposed(self.response, self.model(), self.exposure, film);
         let inputs = CompensationInputs::from_variances(&noise.pixel_variances());
-        FilmPart { response, counts: Some(noise.counts), inputs }
+        ImageNoise { response: self.response, counts: Some(noise.counts), inputs }
     }
 
-    /// Matched exposure of this image, whose films have these numbers of samples per pixel and factors, with noise that was
-    /// analysed before: for these films and this camera, for another camera, or for the same films with fewer or more samples.
+    /// Matched exposure of this image, whose film has these numbers of samples per pixel, with noise that was analysed before:
+    /// for this film and this camera, for another camera, or for the same film with fewer or more samples.
     ///
     /// The variance of a mean is proportional to the square of the signal of a grey pixel and to the inverse of its number of
-    /// samples; without a number, the number is that of the analysis. Rare samples are those of the analysis. For the films
-    /// and the camera of the analysis, the result is that of [`Self::of_films`] to the last bit.
+    /// samples; without a number, the number is that of the analysis. Rare samples are those of the analysis. For the film
+    /// and the camera of the analysis, the result is that of [`Self::of_film`] to the last bit.
     ///
     /// # Errors
-    /// Another number of films, films of another size, factors out of range.
-    pub fn with_noise(self, noise: &ImageNoise, films: &[(Option<&Plane<u32>>, f64)]) -> Result<Self, Error> {
-        let inputs = noise.converted(self.size(), &self.response, films)?;
+    /// Noise or numbers of another size.
+    pub fn with_noise(self, noise: &ImageNoise, counts: Option<&Plane<u32>>) -> Result<Self, Error> {
+        let inputs = noise.converted(self.size(), &self.response, counts)?;
         self.with_inputs(inputs)
     }
 
@@ -130,7 +117,7 @@ impl Exposer {
         Self { invalid_variances, ..self }
     }
 
-    /// Matched exposure with the noise of the films in front of the lens of [`Self::of_films`].
+    /// Matched exposure with the noise of the film in front of the lens of [`Self::of_film_and_mean`].
     ///
     /// # Errors
     /// As [`CompensationInputs::behind`].
@@ -236,31 +223,20 @@ impl Exposer {
 
     /// The certificate at `k` of the film that is exposed, for this camera. Runs on the threads of the current pool.
     pub fn certify(&self, film: &RenderedFilm, k: f64) -> Option<Certified> {
-        match self.transmission {
-            None => self.noise(film).certify(k),
-            Some(_) => self.certify_sum(&[(&self.film_variances(film), 1.0)], k).ok(),
-        }
+        let noise = self.noise(film);
+        let Some(transmission) = &self.transmission else { return noise.certify(k) };
+        let variances = noise.variances_of_mean();
+        let behind = variances
+            .data()
+            .iter()
+            .zip(transmission.data())
+            .map(|(v, t)| (f64::from(*v) * f64::from(*t).powi(2)) as f32);
+        Some(certify_variances(&self.electrons, sensor_noise(self.model(), self.exposure), behind, k))
     }
 
-    /// The variances of the means of a film behind this camera, for [`Self::certify_sum`]. They hold for cameras of the same
-    /// model and optics whose [`Self::exposure_octave`] is the same. Runs on the threads of the current pool.
-    pub fn film_variances(&self, film: &RenderedFilm) -> FilmVariances {
-        let time = Seconds(f64::from(self.exposure_octave()).exp2());
-        // The shortest exposure may be within its octave.
-        let exposure = Exposure::new(time).unwrap_or(self.exposure);
-        let response = self.response.scaled(exposure.time().0 / self.exposure.time().0);
-        let variance = self.noise_of(film, response, exposure).variances_of_mean();
-        FilmVariances { seconds: exposure.time().0, variance }
-    }
-
-    /// The noise of the film that is exposed.
+    /// The noise of the film that is exposed, behind this lens.
     pub(crate) fn noise<'a>(&self, film: &'a RenderedFilm) -> FilmNoise<'a> {
-        self.noise_of(film, self.response, self.exposure)
-    }
-
-    /// The noise of a film behind this lens.
-    fn noise_of<'a>(&self, film: &'a RenderedFilm, response: Response, exposure: Exposure) -> FilmNoise<'a> {
-        let noise = FilmNoise::exposed(response, self.model(), exposure, film);
+        let noise = FilmNoise::exposed(self.response, self.model(), self.exposure, film);
         match &self.behind {
             Some(image) => noise.behind(image),
             None => noise,
@@ -270,33 +246,6 @@ impl Exposer {
     /// The image behind a lens that blurs.
     pub(crate) fn behind(&self) -> Option<&LensImage> {
         self.behind.as_deref()
-    }
-
-    /// The largest whole number n for which the exposure time is at least 2^n s.
-    pub fn exposure_octave(&self) -> i32 {
-        self.exposure.time().0.log2().floor() as i32
-    }
-
-    /// The certificate at `k` of the sum of independent films ([`Self::of_films`]), for this camera. A variance that
-    /// is unknown in one film is unknown in the sum, unless the factor is zero.
-    ///
-    /// # Errors
-    /// Films of another size, and factors below zero.
-    pub fn certify_sum(&self, films: &[(&FilmVariances, f64)], k: f64) -> Result<Certified, Error> {
-        let of = |film: &FilmVariances| [film.variance.width(), film.variance.height()];
-        check_films(self.size(), films.iter().map(|(film, factor)| (of(film), *factor)))?;
-        let time = self.exposure.time().0;
-        let scaled: Vec<(&[f32], f64)> = (films.iter().filter(|(_, factor)| *factor > 0.0))
-            .map(|(film, factor)| (film.variance.data(), (factor * time / film.seconds).powi(2)))
-            .collect();
-        let squared =
-            |pixel: usize| self.transmission.as_ref().map_or(1.0, |plane| f64::from(plane.data()[pixel]).powi(2));
-        let variances = (0..self.electrons.data().len())
-            .map(|pixel| {
-                (pixel, scaled.iter().map(|(variance, scale)| f64::from(variance[pixel]) * scale).sum::<f64>())
-            })
-            .map(|(pixel, sum)| (sum * squared(pixel)) as f32);
-        Ok(certify_variances(&self.electrons, sensor_noise(self.model(), self.exposure), variances, k))
     }
 
     /// Grey values \[DN\] of the frame with this number. They are a function of image, settings, seed and number. Runs
@@ -397,16 +346,6 @@ impl Exposer {
         let electrons = self.electrons.data();
         electrons.iter().filter(|&&e| e >= full).count() as f64 / electrons.len().max(1) as f64
     }
-}
-
-/// The variances of the means of a film [e^-2], as the certificate uses them, for some exposure time. They are proportional to
-/// its square.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FilmVariances {
-    /// The exposure time \[s\].
-    seconds: f64,
-    /// Infinite where it is unknown.
-    variance: Plane<f32>,
 }
 
 /// Transmission of a thin lens in each pixel, relative to its axis.

@@ -3,7 +3,7 @@
 use crate::commands::denoise::{invalid_variances_of, radiance_of};
 use crate::commands::expose::{ExposeSettings, check};
 use crate::exposer::{Exposer, lens_share, through_lens};
-use crate::image_noise::{FilmPart, ImageNoise};
+use crate::image_noise::ImageNoise;
 use crate::memory::expose_account;
 use crate::noise_compensation::CompensationInputs;
 use crate::outputs::{FilmOfSensor, SPREAD, VIGNETTING, attributes};
@@ -149,19 +149,18 @@ impl ExrImage {
         if settings.exposure_noise == ExposureNoise::Plain {
             return Ok(exposer);
         }
-        let (part, invalid_variances) = self.part(&image, &exposer)?;
-        Ok(exposer.with_inputs(part.inputs)?.with_invalid_variances(invalid_variances))
+        let (noise, invalid_variances) = self.noise_behind(&image, &exposer)?;
+        Ok(exposer.with_inputs(noise.inputs)?.with_invalid_variances(invalid_variances))
     }
 
-    /// Analyses the noise of the image for matched exposure with a camera: for [`Exposer::with_noise`], where the image counts
-    /// as one film without numbers of samples. Runs on the threads of the current pool.
+    /// Analyses the noise of the image for matched exposure with a camera: for [`Exposer::with_noise`] without
+    /// numbers of samples. Runs on the threads of the current pool.
     ///
     /// # Errors
     /// As [`Self::expose`] with matched noise.
     pub fn image_noise(&self, settings: &ExposeSettings) -> Result<ImageNoise, Error> {
         let image = self.behind_lens(settings)?;
-        let (part, _) = self.part(&image, &self.plain(&image.mean, settings)?)?;
-        Ok(ImageNoise::new(vec![part]))
+        Ok(self.noise_behind(&image, &self.plain(&image.mean, settings)?)?.0)
     }
 
     /// The image behind the lens of the settings.
@@ -241,7 +240,7 @@ impl ExrImage {
     }
 
     /// The noise of the image behind a camera, and the number of its variances that are no variances.
-    fn part(&self, image: &Image<'_>, exposer: &Exposer) -> Result<(FilmPart, u64), Error> {
+    fn noise_behind(&self, image: &Image<'_>, exposer: &Exposer) -> Result<(ImageNoise, u64), Error> {
         let Some(noise) = &image.noise else {
             let problem = match self.is_read_for_matched {
                 true => "is missing, so the noise of the render is unknown",
@@ -251,8 +250,8 @@ impl ExrImage {
             return Err(InputError::new(&self.path, "the layer `variance`", problem, help).into());
         };
         let sensor = sensor_noise(exposer.model(), exposer.exposure());
-        let part = noise.part(*exposer.response(), sensor, &image.mean.radiance);
-        Ok((part, invalid_variances_of(&noise.variance)))
+        let behind = noise.behind(*exposer.response(), sensor, &image.mean.radiance);
+        Ok((behind, invalid_variances_of(&noise.variance)))
     }
 }
 
@@ -338,14 +337,14 @@ impl NoiseLayers {
 
     /// The noise of the electrons of a sensor: as in a render if the file contains the ids of the surfaces in the
     /// pixels, otherwise from each pixel's own variance.
-    fn part(&self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> FilmPart {
+    fn behind(&self, response: Response, sensor: SensorNoise, mean: &Plane<[f32; 3]>) -> ImageNoise {
         let (width, height) = (mean.width(), mean.height());
         let own = |x, y| response.at(x, y).variance(*self.variance.at(x, y), *self.covariance.at(x, y)) as f32;
         let inputs = match self.film_noise(response, sensor, mean) {
             Some(noise) => CompensationInputs::from_variances(&noise.pixel_variances()),
             None => CompensationInputs::new(Plane::from_fn(width, height, own), Plane::new(width, height, false)),
         };
-        FilmPart { response, counts: None, inputs }
+        ImageNoise { response, counts: None, inputs }
     }
 
     /// The noise of the electrons of a sensor, as in a render. `None` without samples and ids of the pixels.

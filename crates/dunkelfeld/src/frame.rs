@@ -2,7 +2,7 @@
 
 use crate::commands::expose::ExposeSettings;
 use crate::denoising::Denoised;
-use crate::exposer::Exposer;
+use crate::exposer::{Exposer, through_lens};
 use crate::noise_compensation::{CompensationInputs, Matched};
 use dunkelfeld_adaptive::required_samples::DEFAULT_TARGET;
 use dunkelfeld_film::{MeanImage, Plane};
@@ -11,6 +11,7 @@ use dunkelfeld_render::parallel::mean_image;
 use dunkelfeld_render::{Error, RenderSettings, RenderedFilm, SensorChoice};
 use dunkelfeld_scene::Effect;
 use dunkelfeld_sensor::{Exposure, ExposureNoise, Optics, Response, SensorModel, display};
+use std::sync::Arc;
 
 /// An 8-bit picture, gamma 2.2, clipped at saturation.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,6 +114,25 @@ pub fn develop(mean: &Plane<[f32; 3]>, settings: &RenderSettings) -> Result<Fram
 /// As [`develop`].
 pub fn develop_film(film: &RenderedFilm, settings: &RenderSettings) -> Result<Frame, Error> {
     expose(mean_image(&film.sums, film.is_spread), settings, Some(film))
+}
+
+/// [`develop_film`] behind a lens with another transmission than that of the film ([`Exposer::of_film_and_mean`]).
+///
+/// # Errors
+/// As [`Exposer::of_film_and_mean`].
+pub fn develop_behind_lens(
+    film: &RenderedFilm,
+    transmission: Arc<Plane<f32>>,
+    settings: &RenderSettings,
+) -> Result<Frame, Error> {
+    let mean = mean_image(&film.sums, film.is_spread).map(|plane| through_lens(plane, &transmission));
+    let Some(camera) = ExposeSettings::of_render(settings)? else { return develop(&mean.radiance, settings) };
+    let exposer = Exposer::of_film_and_mean(film, &mean, Some(transmission), &camera)?;
+    let mut certified = exposer.certify(film, settings.budget.noise.unwrap_or(DEFAULT_TARGET));
+    if let Some(certified) = &mut certified {
+        certified.certificate.share = settings.budget.hidden_share();
+    }
+    exposer.into_frame(settings.frame, certified, &settings.without)
 }
 
 fn expose(mean: MeanImage, settings: &RenderSettings, film: Option<&RenderedFilm>) -> Result<Frame, Error> {

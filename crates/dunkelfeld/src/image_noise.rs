@@ -6,16 +6,10 @@ use dunkelfeld_render::Error;
 use dunkelfeld_sensor::Response;
 use rayon::prelude::*;
 
-/// The noise of independent films that are added, for matched exposure ([`Exposer::with_noise`](crate::Exposer::with_noise)).
-#[derive(Clone, Debug, Default)]
-pub struct ImageNoise {
-    parts: Vec<FilmPart>,
-}
-
-/// The noise of a film.
+/// The noise of an image, for matched exposure ([`Exposer::with_noise`](crate::Exposer::with_noise)).
 #[derive(Clone, Debug)]
-pub(crate) struct FilmPart {
-    /// The response of the camera, times the factor of the film.
+pub struct ImageNoise {
+    /// The response of the camera.
     pub(crate) response: Response,
     /// Samples per pixel, if they are known.
     pub(crate) counts: Option<Plane<u32>>,
@@ -23,32 +17,20 @@ pub(crate) struct FilmPart {
 }
 
 impl ImageNoise {
-    pub(crate) fn new(parts: Vec<FilmPart>) -> Self {
-        Self { parts }
-    }
-
-    /// The noise behind a camera with this response, of films with these numbers of samples per pixel and factors.
+    /// The noise behind a camera with this response, of an image with these numbers of samples per pixel.
     pub(crate) fn converted(
         &self,
         size: [u32; 2],
         response: &Response,
-        films: &[(Option<&Plane<u32>>, f64)],
+        counts: Option<&Plane<u32>>,
     ) -> Result<CompensationInputs, Error> {
-        let sizes = films.iter().map(|(counts, factor)| (counts.map_or(size, size_of), *factor));
-        check_films(size, sizes.chain(self.parts.iter().map(|part| (size_of(&part.inputs.variance), 1.0))))?;
-        if films.len() != self.parts.len() {
-            let problem = format!("there are {} films, the noise is of {}", films.len(), self.parts.len());
-            return Err(Error::setting("films", problem, "use the noise of these films"));
-        }
-        let lit = self.parts.iter().zip(films).filter(|(_, (_, factor))| *factor > 0.0);
-        let parts = lit.map(|(part, &(counts, factor))| part.converted(&response.scaled(factor), counts));
-        Ok(CompensationInputs::sum(parts).unwrap_or_else(|| CompensationInputs::none(size)))
-    }
-}
-
-impl FilmPart {
-    fn converted(&self, response: &Response, counts: Option<&Plane<u32>>) -> CompensationInputs {
         let mut inputs = self.inputs.clone();
+        for of_image in [counts.map_or(size, size_of), size_of(&inputs.variance)] {
+            if of_image != size {
+                let problem = format!("the noise is that of {of_image:?} pixels, and the image has {size:?}");
+                return Err(Error::setting("noise", problem, "use the noise of this image"));
+            }
+        }
         let grey = |response: &Response, x: u32, y: u32| response.at(x, y).electrons([1.0; 3]).0;
         let counts = self.counts.as_ref().zip(counts);
         let width = inputs.variance.width() as usize;
@@ -62,22 +44,8 @@ impl FilmPart {
                 *variance = if scaled.is_nan() { f32::INFINITY } else { scaled };
             }
         });
-        inputs
+        Ok(inputs)
     }
-}
-
-/// Checks films that are added: sizes \[pixels\] and factors.
-pub(crate) fn check_films(size: [u32; 2], films: impl Iterator<Item = ([u32; 2], f64)>) -> Result<(), Error> {
-    for (of_film, factor) in films {
-        if of_film != size {
-            let problem = format!("a film has {of_film:?} pixels, another one {size:?}");
-            return Err(Error::setting("films", problem, "add films of one size"));
-        }
-        if !(factor.is_finite() && factor >= 0.0) {
-            return Err(Error::setting("films", format!("the factor {factor} is out of range"), "use 0 or more"));
-        }
-    }
-    Ok(())
 }
 
 fn size_of<T>(plane: &Plane<T>) -> [u32; 2] {
@@ -95,37 +63,32 @@ mod tests {
             Plane::of_pixels(2, 1, vec![false, true]),
         );
         let counts = counts.map(|counts| Plane::of_pixels(2, 1, counts.to_vec()));
-        ImageNoise::new(vec![FilmPart { response: Response::constant(Weights([weight; 3])), counts, inputs }])
+        ImageNoise { response: Response::constant(Weights([weight; 3])), counts, inputs }
     }
 
     /// The variance of a mean has the square of the unit, and the inverse of the number of samples.
     #[test]
     fn variances_follow_the_signal_and_the_samples() {
         let response = Response::constant(Weights([10.0, 20.0, 30.0]));
-        let converted = |noise: &ImageNoise, counts: Option<[u32; 2]>, factor: f64| {
+        let converted = |noise: &ImageNoise, counts: Option<[u32; 2]>| {
             let counts = counts.map(|counts| Plane::of_pixels(2, 1, counts.to_vec()));
-            let inputs = noise.converted([2, 1], &response, &[(counts.as_ref(), factor)]).expect("one size");
-            assert_eq!(inputs.is_rare.data(), if factor > 0.0 { [false, true] } else { [false, false] });
+            let inputs = noise.converted([2, 1], &response, counts.as_ref()).expect("one size");
+            assert_eq!(inputs.is_rare.data(), [false, true]);
             inputs.variance.data().to_vec()
         };
         // The weights have the sums 15 and 60.
-        assert_eq!(converted(&noise(5.0, None), None, 1.0), [48.0, f32::INFINITY]);
-        assert_eq!(converted(&noise(5.0, None), None, 0.5), [12.0, f32::INFINITY]);
-        assert_eq!(converted(&noise(5.0, Some([8, 8])), Some([16, 8]), 1.0), [24.0, f32::INFINITY]);
-        assert_eq!(converted(&noise(5.0, Some([8, 8])), None, 1.0), [48.0, f32::INFINITY]);
-        assert_eq!(converted(&noise(20.0, Some([7, 7])), Some([7, 7]), 1.0), [3.0, f32::INFINITY]);
-        // A dark film has no noise. A sensor that saw nothing says nothing.
-        assert_eq!(converted(&noise(5.0, None), None, 0.0), [0.0, 0.0]);
-        assert_eq!(converted(&noise(0.0, None), None, 1.0), [f32::INFINITY; 2]);
+        assert_eq!(converted(&noise(5.0, None), None), [48.0, f32::INFINITY]);
+        assert_eq!(converted(&noise(5.0, Some([8, 8])), Some([16, 8])), [24.0, f32::INFINITY]);
+        assert_eq!(converted(&noise(5.0, Some([8, 8])), None), [48.0, f32::INFINITY]);
+        assert_eq!(converted(&noise(20.0, Some([7, 7])), Some([7, 7])), [3.0, f32::INFINITY]);
+        // A sensor that saw nothing says nothing.
+        assert_eq!(converted(&noise(0.0, None), None), [f32::INFINITY; 2]);
     }
 
     #[test]
-    fn other_films_are_refused() {
+    fn other_images_are_refused() {
         let response = Response::constant(Weights([1.0; 3]));
-        let counts = Plane::new(3, 1, 1u32);
-        for films in [&[][..], &[(None, 1.0), (None, 1.0)], &[(Some(&counts), 1.0)], &[(None, -1.0)]] {
-            assert!(noise(1.0, None).converted([2, 1], &response, films).is_err());
-        }
-        assert!(noise(1.0, None).converted([2, 2], &response, &[(None, 1.0)]).is_err());
+        assert!(noise(1.0, None).converted([2, 1], &response, Some(&Plane::new(3, 1, 1))).is_err());
+        assert!(noise(1.0, None).converted([2, 2], &response, None).is_err());
     }
 }

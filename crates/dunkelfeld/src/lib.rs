@@ -20,7 +20,7 @@
 //! | modules | contents |
 //! |---|---|
 //! | [`scene`], [`geometry`], [`inspect`] | scenes and their parts |
-//! | [`film`], [`adaptive`], [`trace`], [`light_films`] | sums of samples, plans, single samples, films of single lights |
+//! | [`film`], [`adaptive`], [`trace`], [`light_layers`] | sums of samples, plans, single samples, groups of lights |
 //! | [`sensor`], [`denoising`] | the way from radiance to an image |
 //! | [`outputs`], [`stats`], [`io`], [`guard`] | files, statistics, texts |
 //! | [`commands`] | the commands of the program on files |
@@ -46,7 +46,7 @@ pub mod guard;
 pub mod guide;
 mod image_noise;
 pub mod inspect;
-pub mod light_films;
+pub mod light_layers;
 pub mod memory;
 mod noise_compensation;
 mod oidn_library;
@@ -66,7 +66,7 @@ pub use commands::expose::ExposeSettings;
 pub use default_settings::default_settings;
 pub use expose_options::ExposeOptions;
 pub use exposer::Exposer;
-pub use frame::{Frame, Picture, develop, develop_film};
+pub use frame::{Frame, Picture, develop, develop_behind_lens, develop_film};
 pub use inspect::Inspection;
 pub use options::{RenderOptions, ReplayOption};
 pub use outputs::{OutputPaths, save_picture};
@@ -151,7 +151,7 @@ pub mod scene {
 
 /// EMVA 1288 sensors, lenses and exposures.
 pub mod sensor {
-    pub use crate::exposer::{FilmVariances, through_lens};
+    pub use crate::exposer::through_lens;
     pub use crate::frame::SensorFrame;
     pub use crate::image_noise::ImageNoise;
     pub use crate::noise_compensation::Matched;

@@ -2,11 +2,9 @@
 //! memory.
 
 pub(crate) mod estimate;
-mod light_films;
 
 pub use estimate::KeptFilms;
 pub(crate) use estimate::{RenderNeeds, denoise_account, expose_account, merge_account, render_account};
-pub(crate) use light_films::{LightFilmsNeeds, light_films_account};
 
 use dunkelfeld_film::Film;
 use dunkelfeld_io::process::{can_reserve, peak_memory};

@@ -102,20 +102,6 @@ impl CompensationInputs {
         Self::new(variances.map(|pixel| pixel.variance), variances.map(|pixel| pixel.is_rare))
     }
 
-    /// An image without light, which has no noise.
-    pub(crate) fn none([width, height]: [u32; 2]) -> Self {
-        Self::new(Plane::new(width, height, 0.0), Plane::new(width, height, false))
-    }
-
-    /// The noise of the sum of independent means. A rare sample in one of them is one in the sum.
-    pub(crate) fn sum(parts: impl Iterator<Item = Self>) -> Option<Self> {
-        parts.reduce(|mut sum, part| {
-            sum.variance.data_mut().iter_mut().zip(part.variance.data()).for_each(|(sum, v)| *sum += v);
-            sum.is_rare.data_mut().iter_mut().zip(part.is_rare.data()).for_each(|(sum, rare)| *sum |= rare);
-            sum
-        })
-    }
-
     /// The pixels where the method holds, for a sensor with these mean electrons.
     pub(crate) fn held(&self, electrons: &Plane<f32>, model: &SensorModel, exposure: Exposure) -> Plane<bool> {
         let mut held = matched_where(model, exposure, electrons, &self.variance);

@@ -1,16 +1,14 @@
 //! A scene or job file with its settings: it can be opened, adjusted, rendered and saved.
 
 mod findings;
-mod one_light;
 mod open;
 mod overrides;
 mod rendering;
 
-pub use one_light::LightFilmsMemory;
 pub use open::{GivenSensor, ProjectOptions, removable_effects};
 pub(crate) use open::{Setup, exposure_of, sensor_of};
 use open::{pitch_of, resolve, whole_film};
-use overrides::{Description, kept_description};
+use overrides::Description;
 
 use crate::camera_fit::{FilmSize, Fitted, Misfit, fit};
 use crate::film_part::FilmPart;

@@ -258,7 +258,7 @@ impl PixelSums {
 
 /// See [`PixelSums::heaviest_key`].
 #[inline]
-fn heaviest_key(index: u32, luminance: f32) -> u64 {
+pub(crate) fn heaviest_key(index: u32, luminance: f32) -> u64 {
     u64::from(luminance.to_bits()) << 32 | u64::from(!index)
 }
 

@@ -344,6 +344,27 @@ impl TileRow {
         self.tiles[tile].add(&mut self.pages, self.layers, sums)
     }
 
+    /// Adds the sums of the samples of `whole` with factors on the light of some groups: an image with other lights. The groups
+    /// are given by their own rows, which have the same samples. Mean and variance are those of a render with these factors.
+    ///
+    /// # Errors
+    /// There is not enough memory.
+    ///
+    /// # Panics
+    /// If the rows differ in size.
+    pub fn add_weighted(&mut self, whole: &Self, groups: &[(&Self, f64)]) -> Result<(), OutOfMemory> {
+        let columns = self.layers.columns();
+        for (number, tile) in self.tiles.iter_mut().enumerate().filter(|(i, _)| !whole.tiles[*i].is_empty()) {
+            let unpacked = |row: &Self| row.tiles[number].unpacked(&row.pages, columns.min(row.layers.columns()));
+            let of_groups: Vec<_> = groups.iter().map(|(row, factor)| (unpacked(row), *factor)).collect();
+            let weighted: Vec<PixelSums> = (unpacked(whole).iter().enumerate())
+                .map(|(slot, sums)| sums.weighted(of_groups.iter().map(|(of, factor)| (&of[slot], *factor))))
+                .collect();
+            tile.add(&mut self.pages, self.layers, weighted.iter().enumerate())?;
+        }
+        Ok(())
+    }
+
     /// Calls `f` with column, row (counted from its first) and sums of each pixel, tile by tile. Numbers that are not needed may
     /// be zero.
     pub fn visit(&self, needed: Needed, mut f: impl FnMut(u32, u32, &PixelSums)) {

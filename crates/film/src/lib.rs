@@ -13,6 +13,7 @@ mod packed;
 mod plane;
 mod square_sum;
 pub mod units;
+mod weighted;
 
 /// Value of an id layer in pixels without an object or material.
 pub const NO_ID: u32 = u32::MAX;

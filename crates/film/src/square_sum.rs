@@ -37,6 +37,14 @@ impl SquareSum {
         self.0 = [lower, self.0[1].saturating_add(other.0[1]).saturating_add(u128::from(carry))];
     }
 
+    /// The sum nearest to a number that is finite and not negative [(W/(m^2 sr))^2].
+    pub(crate) fn from_f64(sum: f64) -> Self {
+        let (units, upper_unit) = (sum * f64::from(SQUARE_BITS).exp2(), 128f64.exp2());
+        // `as` saturates.
+        let upper = (units / upper_unit) as u128;
+        Self([(units - upper as f64 * upper_unit) as u128, upper])
+    }
+
     /// The sum as a floating-point number [(W/(m^2 sr))^2].
     pub fn to_f64(self) -> f64 {
         let unit = (-f64::from(SQUARE_BITS)).exp2();
@@ -77,6 +85,10 @@ mod tests {
             assert!((back - square).abs() <= 1e-15 * square + (-80f64).exp2(), "{v}: {back}");
         }
         assert_eq!(square(1.0).0, [1 << 80, 0]);
+        for v in [0.0, 0.1, 7e14, 2.8e14, 2.9e14, 3.7e40] {
+            let back = SquareSum::from_f64(v).to_f64();
+            assert!((back - v).abs() <= 1e-15 * v, "{v}: {back}");
+        }
         assert_eq!(square(f32::MIN_POSITIVE).0, [0, 0]);
         // A carry goes from the lower half to the upper half.
         let mut sum = SquareSum([u128::MAX, 7]);

@@ -51,12 +51,12 @@ impl Estimator<'_> {
 
     /// One sample with a record of its path, vertex by vertex.
     pub fn trace(&self, at: PixelSample) -> (Sample, PathTrace) {
-        let (mut found, mut trace) = (Vec::new(), PathTrace::default());
+        let (mut found, mut trace) = ([Vec::new()], PathTrace::default());
         let watch = Watch { tally: &mut ConnectionTally::default(), observer: Some(&mut trace) };
         let weight = Wavefront::new(self, InstructionSet::best()).observed(&[at], watch, &mut found);
         // The lens scales the radiance, for example by vignetting.
         trace.scale(weight);
-        (found[0], trace)
+        (found[0][0], trace)
     }
 
     /// The source of all random numbers of a sample.

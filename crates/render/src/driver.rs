@@ -21,7 +21,7 @@ use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::{
     ConnectionTally, Estimator, LaneUse, LearnedRoulette, PixelIds, PixelSample, pixel_ids_of_row,
 };
-use dunkelfeld_scene::{RayGenerator, Scene};
+use dunkelfeld_scene::{LightGroups, RayGenerator, Scene};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
@@ -121,7 +121,9 @@ pub fn render_with_dry_run(
         let began = Instant::now();
         let sums = Film::with_layers(settings.width, settings.height, settings.film_layers());
         let ids = pixel_id_plane(scene, &camera, settings.width, settings.height);
+        let light_groups = light_groups(scene, settings)?;
         let film = RenderedFilm {
+            groups: vec![sums.clone(); light_groups.as_ref().map_or(0, LightGroups::len)],
             sums,
             is_spread: settings.is_spread(),
             ids,
@@ -148,6 +150,7 @@ pub fn render_with_dry_run(
         };
         let mut renderer = Renderer::new(scene, &camera, settings, session, film);
         renderer.roulette = roulette;
+        renderer.light_groups = light_groups;
         renderer.writer = writer;
         if let Some(saved) = saved {
             renderer.restore(saved);
@@ -167,6 +170,7 @@ struct Renderer<'a> {
     settings: &'a RenderSettings,
     /// Learned survival probabilities, if the render has training paths.
     roulette: Option<LearnedRoulette>,
+    light_groups: Option<LightGroups>,
     session: &'a Session<'a>,
     /// The start of the clock, moved back by the time of earlier processes.
     started: Instant,
@@ -212,6 +216,7 @@ impl<'a> Renderer<'a> {
             camera,
             settings,
             roulette: None,
+            light_groups: None,
             session,
             started: session.started(),
             film,
@@ -493,6 +498,7 @@ impl<'a> Renderer<'a> {
         let first = if is_open { (self.pixels() / PREVIEW).max(1) } else { self.pixels() };
         let work = RoundWork {
             estimator: &estimator,
+            light_groups: self.light_groups.as_ref(),
             counts: &self.counts,
             target,
             levels: Levels { first, most, pixels: self.pixels() },
@@ -503,7 +509,8 @@ impl<'a> Renderer<'a> {
             stage,
             writer: self.writer.as_ref().map(|writer| (writer, snapshot)),
         };
-        let result = run(&mut self.film.sums, &mut self.queue, &work, reporter);
+        let films = std::iter::once(&mut self.film.sums).chain(&mut self.film.groups);
+        let result = run(films, &mut self.queue, &work, reporter);
         self.taken += result.samples;
         self.connections.add(&result.connections);
         self.lane_use.add(&result.lane_use);
@@ -528,6 +535,23 @@ impl<'a> Renderer<'a> {
             _ => self.stages.push((stage, seconds)),
         }
     }
+}
+
+/// The groups of lights of the settings. `None` without groups.
+fn light_groups(scene: &Scene, settings: &RenderSettings) -> Result<Option<LightGroups>, Error> {
+    if settings.light_groups.is_empty() {
+        return Ok(None);
+    }
+    let groups: Vec<&[String]> = settings.light_groups.iter().map(Vec::as_slice).collect();
+    scene.light_groups(&groups).map(Some).map_err(|unknown| match unknown {
+        Some(name) => {
+            Error::setting("light groups", format!("the scene has no light {name:?}"), "use names of `inspect`")
+        }
+        None => {
+            let problem = format!("there are {} groups of lights", groups.len());
+            Error::setting("light groups", problem, format!("use at most {}", LightGroups::MAX - 1))
+        }
+    })
 }
 
 fn pixel_id_plane(scene: &Scene, camera: &RayGenerator, width: u32, height: u32) -> Plane<Option<PixelIds>> {

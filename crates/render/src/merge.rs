@@ -145,11 +145,11 @@ impl JoinedParts {
             checkpoint_fault: None,
             stages: state.stages,
             film: RenderedFilm {
-                sums: film,
                 is_spread: recipe.is_spread,
                 ids: labels_of(&objects, &materials),
                 object_names: recipe.object_names,
                 material_names: recipe.material_names,
+                ..RenderedFilm::without_ids(film)
             },
         }
     }

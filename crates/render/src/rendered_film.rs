@@ -1,14 +1,21 @@
 //! A rendered film together with the object and material ids of its pixels.
 
+use crate::error::Error;
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_scene::Scene;
+use rayon::prelude::*;
 
 /// Exact sums per pixel, and the surface at the centre of each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderedFilm {
     /// Sums of radiance and of auxiliary layers.
     pub sums: Film,
+    /// The light of each group of lights in the same samples ([`RenderSettings::light_groups`](crate::RenderSettings)), and then
+    /// that of the lights of no group, if there are any. Albedo, normal and depth are zero. Empty without groups.
+    ///
+    /// The sums of these films add up to `sums`, to the rounding of each sample in single precision.
+    pub groups: Vec<Film>,
     /// Are the samples of a pixel spread over its neighbours ([`MeanImage::SPREAD`](dunkelfeld_film::MeanImage::SPREAD))?
     pub is_spread: bool,
     /// Object and material at the centre of each pixel; `None` where no surface is hit.
@@ -23,7 +30,46 @@ impl RenderedFilm {
     /// A film without objects in its pixels.
     pub fn without_ids(sums: Film) -> Self {
         let ids = Plane::new(sums.width(), sums.height(), None);
-        Self { sums, is_spread: false, ids, object_names: Vec::new(), material_names: Vec::new() }
+        Self { sums, groups: Vec::new(), is_spread: false, ids, object_names: Vec::new(), material_names: Vec::new() }
+    }
+
+    /// The film of the same samples with a factor on the light of each group, and without groups: a render with other lights.
+    /// Mean and variance are those of a render with these factors. Where all factors are 1, it is this film. Runs on the
+    /// threads of the current pool.
+    ///
+    /// # Errors
+    /// Another number of factors than of [`Self::groups`], a factor that is not finite or below zero, too little memory.
+    pub fn weighted(&self, factors: &[f64]) -> Result<Self, Error> {
+        if factors.len() != self.groups.len() {
+            let problem = format!("there are {} groups of lights, and {} factors", self.groups.len(), factors.len());
+            return Err(Error::setting("light groups", problem, "pass a factor for each group"));
+        }
+        if let Some(factor) = factors.iter().find(|factor| !(factor.is_finite() && **factor >= 0.0)) {
+            return Err(Error::setting(
+                "light groups",
+                format!("the factor {factor} is out of range"),
+                "use 0 or more",
+            ));
+        }
+        let (ids, object_names, material_names) =
+            (self.ids.clone(), self.object_names.clone(), self.material_names.clone());
+        let sums = match factors.iter().all(|factor| *factor == 1.0) {
+            true => self.sums.clone(),
+            false => self.weighted_sums(factors)?,
+        };
+        Ok(Self { sums, groups: Vec::new(), is_spread: self.is_spread, ids, object_names, material_names })
+    }
+
+    fn weighted_sums(&self, factors: &[f64]) -> Result<Film, Error> {
+        let mut sums = Film::with_layers(self.sums.width(), self.sums.height(), self.sums.layers());
+        let rows = sums.tile_rows_mut().par_iter_mut().zip(self.sums.tile_rows()).enumerate();
+        rows.try_for_each(|(number, (row, whole))| {
+            let groups: Vec<_> =
+                self.groups.iter().map(|film| &film.tile_rows()[number]).zip(factors.iter().copied()).collect();
+            row.add_weighted(whole, &groups)
+        })
+        .map_err(|_| Error::film_memory())?;
+        Ok(sums)
     }
 
     /// A copy of some rows of tiles.
@@ -34,6 +80,7 @@ impl RenderedFilm {
         Self {
             ids: Plane::of_pixels(sums.width(), sums.height(), ids),
             sums,
+            groups: Vec::new(),
             is_spread: self.is_spread,
             object_names: self.object_names.clone(),
             material_names: self.material_names.clone(),

@@ -102,7 +102,7 @@ impl SavedFilm {
         settings.denoise.method = denoise;
         let is_vignetted = saved_film.is_vignetted;
         let ExposureRecipe { is_spread, object_names, material_names, .. } = saved_film;
-        let film = RenderedFilm { sums, is_spread, ids, object_names, material_names };
+        let film = RenderedFilm { is_spread, ids, object_names, material_names, ..RenderedFilm::without_ids(sums) };
         Ok(Self { film, settings, is_vignetted })
     }
 }

@@ -154,6 +154,10 @@ pub struct RenderSettings {
     /// layers in an EXR nor denoisers that use them. A render with a checkpoint stores all layers, because a later
     /// command may need them.
     pub layers: FilmLayers,
+    /// Groups of lights by the names of their lights: each gets a film of its own beside that of all lights
+    /// ([`RenderedFilm::groups`](crate::RenderedFilm::groups)). It changes no sample. A checkpoint does not contain these films.
+    #[serde(skip)]
+    pub light_groups: Vec<Vec<String>>,
     /// Effects that were left out on purpose. They mark the outputs. The scene must have been built without them
     /// (`dunkelfeld::ProjectOptions::without`).
     pub without: Vec<Effect>,
@@ -187,6 +191,7 @@ impl RenderSettings {
             memory_limit: None,
             checkpoint: None,
             layers: FilmLayers::default(),
+            light_groups: Vec::new(),
             without: Vec::new(),
         }
     }

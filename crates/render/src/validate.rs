@@ -89,20 +89,23 @@ fn check_samples(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting("samples", problem, "leave budget and allocation out, or the samples"));
         }
     }
+    if !s.light_groups.is_empty() && s.checkpoint.is_some() {
+        let problem = "a checkpoint has no films of groups of lights";
+        return Err(Error::setting("light groups", problem, "leave the checkpoint out, or the groups"));
+    }
     Ok(())
 }
 
 fn check_replay(s: &RenderSettings) -> Result<(), Error> {
-    if let Some(p) = &s.replay
-        && (p.width(), p.height()) != (s.width, s.height)
-    {
+    let Some(p) = &s.replay else { return Ok(()) };
+    if (p.width(), p.height()) != (s.width, s.height) {
         let problem = format!("the plan is {} x {} pixels, the film {} x {}", p.width(), p.height(), s.width, s.height);
         return Err(Error::setting("replay", problem, "render at the size of the plan"));
     }
-    if s.replay.as_ref().is_some_and(|p| plan::total(p) == 0) {
+    if plan::total(p) == 0 {
         return Err(Error::setting("replay", "the plan has no samples", "use a plan of a render that took some"));
     }
-    if let Some(most) = s.replay.as_ref().and_then(|p| p.data().iter().copied().max())
+    if let Some(most) = p.data().iter().copied().max()
         && most > plan::MAX_SPP
     {
         let problem = format!("the plan has {most} samples in one pixel, more than {}", plan::MAX_SPP);

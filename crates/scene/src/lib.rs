@@ -40,6 +40,7 @@ pub use geometry::normal_differential::NormalDifferentials;
 pub use lamps::{LampMeshes, LampShape, Leds};
 pub use light::LightChoice;
 pub use light::emission_profile::EmissionProfile;
+pub use light::groups::LightGroups;
 pub use light::luminaire::{LightProfile, ProfileError};
 pub use light::sample::{LightSamples, Receivers};
 pub use light::summary::{LightInfo, ObjectInfo, PartInfo};

@@ -123,8 +123,6 @@ pub struct SceneSummary {
     pub memory_bytes: u64,
     /// Memory of images, which is part of it \[bytes\].
     pub texture_bytes: u64,
-    /// Memory of data that builds with one [`BuildCache`](crate::BuildCache) do not share, which is part of it \[bytes\].
-    pub own_bytes: u64,
     /// Lowest and highest corner in world space \[m\].
     pub bounds: Option<[[f64; 3]; 2]>,
 }
@@ -248,10 +246,6 @@ impl Scene {
         let own: HashMap<u32, usize> = own.map(|(facets, mesh)| (mesh, facets.bytes())).collect();
         let facets = self.facets.bytes() + own.values().sum::<usize>();
         let meshes: usize = self.meshes.iter().map(|m| m.bytes()).sum();
-        let baked = self.parts.iter().filter(|p| p.facets.is_none()).map(|p| self.meshes[p.mesh as usize].bytes());
-        let is_joined = self.placements.iter().any(|placement| matches!(placement, Placement::Joined));
-        let joined = if is_joined { self.bvh.memory_bytes() } else { 0 };
-        let own_bytes = self.facets.bytes() + baked.sum::<usize>() + joined;
         SceneSummary {
             placed_triangles: self.parts.iter().map(|p| self.meshes[p.mesh as usize].triangles.len() as u64).sum(),
             stored_triangles: self.meshes.iter().map(|m| m.triangles.len() as u64).sum(),
@@ -259,7 +253,6 @@ impl Scene {
             instanced_parts: self.parts.iter().filter(|p| p.transform.is_some()).count(),
             memory_bytes: (self.bvh.memory_bytes() + meshes + image_bytes + facets) as u64,
             texture_bytes: image_bytes as u64,
-            own_bytes: own_bytes as u64,
             bounds: self.bounds.map(|b| b.map(|v| v.to_array())),
         }
     }

@@ -20,9 +20,6 @@ function refusal(kind, state) {
   if (state?.source === "exr" && kind !== "png" && kind !== "tiff") return "An EXR has no samples and no scene";
   if (kind === "film" && state?.source === "film") return "Nothing renders here: the file that is shown has all samples";
   if (kind === "job" && state?.source === "film") return "A saved film has no scene, so there is no job";
-  if (kind === "film" && state?.scene?.per_light.on) {
-    return "A file has one film, and each light has its own. An EXR has a layer for each light";
-  }
   return null;
 }
 

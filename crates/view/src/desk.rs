@@ -2,7 +2,6 @@
 
 use crate::analysis;
 use crate::developed::{Accept, Developed};
-use crate::light_films::check_number;
 use crate::measure;
 use crate::panics::caught;
 use crate::path::trace_path;
@@ -11,9 +10,9 @@ use crate::protocol::{
     PathAnswer, PathRequest, PhotonTransfer, PhotonTransferRequest, Probe, ProbeRequest, Regions, RegionsRequest,
     RenderRequest, SceneRequest, SourceKind, TargetRequest,
 };
-use crate::scenes::Scenes;
 use crate::shared::{Job, Shared, lock};
 use crate::snapshot::Snapshot;
+use dunkelfeld::Project;
 use dunkelfeld::trace::PixelSample;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -27,7 +26,11 @@ const PATIENCE: Duration = Duration::from_secs(20);
 
 fn developed(shared: &Shared, camera: &Camera) -> Result<Arc<Developed>, Fault> {
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
-    shared.store.get(&snapshot, camera, &shared.session).map_err(|fault| until_change(shared, &snapshot, camera, fault))
+    developed_of(shared, &snapshot, camera)
+}
+
+fn developed_of(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) -> Result<Arc<Developed>, Fault> {
+    shared.store.get(snapshot, camera, &shared.session).map_err(|fault| until_change(shared, snapshot, camera, fault))
 }
 
 /// A fault of the picture before a change of the scene: the next picture may have the sensor and the exposure that this one has
@@ -69,6 +72,9 @@ pub(crate) fn map(shared: &Shared, request: &MapRequest) -> Result<(MapHeader, V
     if is_noise {
         developed.certify(&shared.session);
     }
+    if request.map == MapKind::FirstLight {
+        developed.find_film(&shared.session);
+    }
     shared.session.install(|| developed.map(request.map))
 }
 
@@ -76,13 +82,10 @@ pub(crate) fn map(shared: &Shared, request: &MapRequest) -> Result<(MapHeader, V
 pub(crate) fn probe(shared: &Shared, request: &ProbeRequest) -> Result<Probe, Fault> {
     // Both are of one picture.
     let snapshot = shared.snapshot().ok_or_else(Fault::no_picture)?;
-    let of_camera = |camera: &Camera| {
-        let found = shared.store.get(&snapshot, camera, &shared.session);
-        found.map_err(|fault| until_change(shared, &snapshot, camera, fault))
-    };
-    let unbiased = of_camera(&request.camera.without_noise())?;
+    let unbiased = developed_of(shared, &snapshot, &request.camera.without_noise())?;
     unbiased.certify(&shared.session);
-    let developed = of_camera(&request.camera)?;
+    unbiased.find_film(&shared.session);
+    let developed = developed_of(shared, &snapshot, &request.camera)?;
     shared.session.install(|| measure::probe(&developed, &unbiased, request.frame, [request.x, request.y]))
 }
 
@@ -111,9 +114,8 @@ pub(crate) fn scene(shared: &Shared, request: SceneRequest) -> Result<(), Fault>
         // A change that waits or is being made is not lost.
         let waiting = control.change.clone().or_else(|| control.in_progress.clone());
         let live = lock(&shared.live);
-        if let (Some(true), Some((lights, memory))) = (request.per_light, &live.light_films) {
-            check_number(*lights)?;
-            memory.check()?;
+        if let (Some(true), Some(films)) = (request.per_light, &live.light_films) {
+            films.fits.clone()?;
         }
         let mut change = waiting.unwrap_or_else(|| live.change.clone());
         change.add(request, &live.parts)?;
@@ -132,30 +134,28 @@ pub(crate) fn path(shared: &Arc<Shared>, request: &PathRequest) -> Result<PathAn
     if request.x >= width || request.y >= height {
         return Err(Fault::new("the pixel is outside the image", "choose a pixel of the image"));
     }
-    // Of several films, the sample is that of the one with the heaviest sample.
-    let factors = snapshot.factors(request.camera.lights.as_ref())?;
-    let heaviest = snapshot.heaviest(&factors, request.x, request.y);
+    let developed = developed_of(shared, &snapshot, &request.camera)?;
+    developed.find_film(&shared.session);
+    let heaviest = developed.heaviest(request.x, request.y);
     let none = || Fault::new("no sample of the pixel has light", "choose a brighter pixel, or a number of a sample");
     let index = request.index.or(heaviest.map(|heaviest| heaviest.index)).ok_or_else(none)?;
-    let light = snapshot.light(heaviest.map_or(0, |heaviest| heaviest.film)).map(str::to_owned);
     let at = PixelSample { x: request.x, y: request.y, index };
     let (number, state) = (snapshot.scene.number, shared.clone());
-    at_render(shared, move |scenes| {
-        let is_same = lock(&state.live).scene_number == number;
-        let project = scenes.of_film(light.as_deref()).filter(|_| is_same).ok_or_else(Fault::earlier_scene)?;
-        trace_path(project, at)
+    at_render(shared, move |project| match lock(&state.live).scene_number == number {
+        true => trace_path(project, at),
+        false => Err(Fault::earlier_scene()),
     })?
 }
 
 /// Runs work on the thread that renders, between two passes.
 fn at_render<T: Send + 'static>(
     shared: &Shared,
-    work: impl FnOnce(Scenes<'_>) -> T + Send + 'static,
+    work: impl FnOnce(&Project) -> T + Send + 'static,
 ) -> Result<T, Fault> {
     let (answer, waiting) = channel();
-    let job: Job = Box::new(move |scenes| {
+    let job: Job = Box::new(move |project| {
         // A fault of the program ends the answer, and not the render.
-        drop(answer.send(caught("work beside the render", "ask again", || work(scenes))));
+        drop(answer.send(caught("work beside the render", "ask again", || work(project))));
     });
     shared.control(|control| control.jobs.push(job));
     waiting.recv_timeout(PATIENCE).map_err(|_| Fault::new("the render is busy", "ask again when it runs"))?
@@ -215,7 +215,7 @@ mod tests {
     use crate::protocol::Tone;
     use crate::shared::Subject;
     use crate::snapshot::{Content, PictureScene};
-    use dunkelfeld::{Cancel, Project, Session, Silent};
+    use dunkelfeld::{Cancel, Session, Silent};
 
     const JOB: &str = "scene = 'none'\nfilm = { width = 16, height = 16 }\nbudget = { spp = 2 }\n\
         camera = { look_at = [0, 0, 0], position = [0, 0.3, 0.4] }\n\
@@ -232,8 +232,7 @@ mod tests {
         let subject = Subject { path: "ball.toml".into(), kind: SourceKind::Render, output: ".".into(), nice: 0 };
         let session = Session::new(1).expect("a thread");
         let shared = Arc::new(Shared::new(subject, session.clone(), session));
-        *lock(&shared.snapshot) = Some(Arc::new(snapshot));
-        lock(&shared.live).scene_number = 3;
+        shared.update(|live| (live.snapshot, live.scene_number) = (Some(Arc::new(snapshot)), 3));
         (shared, project)
     }
 
@@ -245,7 +244,7 @@ mod tests {
             loop {
                 let jobs = shared.control(|control| std::mem::take(&mut control.jobs));
                 if !jobs.is_empty() {
-                    jobs.into_iter().for_each(|job| job(Scenes { whole: project, lights: &[] }));
+                    jobs.into_iter().for_each(|job| job(project));
                     break;
                 }
                 std::thread::yield_now();
@@ -260,7 +259,7 @@ mod tests {
         let (shared, project) = view();
         let path = path_of(&shared, &project).expect("the scene of the picture");
         let film = shared.snapshot().expect("a picture");
-        let film = film.films().next().expect("a film");
+        let film = film.film().expect("a film");
         assert!(path.vertices.len() > 1);
         // The largest sample of the pixel has the luminance that the film has of it.
         let (index, luminance) = film.sums.pixel(8, 8).heaviest().expect("light");

@@ -1,12 +1,13 @@
 //! A film behind a camera: frames, maps and certificates.
 
-use crate::light_sum;
 use crate::prepared::{Found, Means, Prepared};
 use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Ranges, Readiness, Tone};
-use crate::snapshot::{Content, Snapshot};
+use crate::snapshot::{Content, Heaviest, Snapshot};
 use dunkelfeld::denoising::{Denoiser, OIDN_VARIABLE, denoise_film, find_denoiser};
-use dunkelfeld::film::{Certified, MeanImage, Plane};
+use dunkelfeld::film::Certified;
+use dunkelfeld::film::{MeanImage, PixelSums, Plane};
 use dunkelfeld::io::sensor_file::find_sensor;
+use dunkelfeld::light_layers::sum_of_means;
 use dunkelfeld::radiometry::{Celsius, DigitalNumber, Electrons, Number, Rgb, Seconds};
 use dunkelfeld::sensor::{
     Exposure, ExposureNoise, ImageNoise, Optics, PRESETS, Psf, SensorModel, TimedExposure, display, through_lens,
@@ -111,18 +112,19 @@ fn within(knob: &str, value: f64, [low, high]: [f64; 2]) -> Result<(), Fault> {
     Err(Fault::new(format!("the {knob} {value} is out of range"), format!("use {low} to {high}")))
 }
 
-/// A film behind a camera, or those of the lights.
+/// A film behind a camera.
 #[derive(Debug)]
 pub(crate) struct Developed {
     pub(crate) snapshot: Arc<Snapshot>,
     camera: Camera,
     /// `None` without a sensor.
     pub(crate) exposer: Option<Exposer>,
-    /// The factor of each film.
-    pub(crate) factors: Vec<f64>,
+    /// The factors of the lights ([`Snapshot::factors`]), and the film with these.
+    factors: Vec<f64>,
+    weighted: OnceLock<Result<Option<RenderedFilm>, Fault>>,
     /// The transmission of the lens, if it is another one than that of the film.
-    pub(crate) transmission: Option<Arc<Plane<f32>>>,
-    /// The unbiased mean of the films of the lights, or behind another lens.
+    transmission: Option<Arc<Plane<f32>>>,
+    /// The unbiased mean with factors of the lights, or behind another lens.
     sum: Option<MeanImage>,
     /// The mean that is shown, if it is denoised.
     denoised: Option<MeanImage>,
@@ -170,11 +172,8 @@ impl Developed {
                 usable(found, accept, || denoised_means(&snapshot, method, prepared, session))?
             }
         };
-        let denoised = means.map(|means| light_sum::sum(&means, &factors)).transpose()?;
-        let sum = match &snapshot.content {
-            Content::Lights(films) => Some(light_sum::mean(films, &factors)?),
-            Content::Film(_) | Content::Exr(_) => None,
-        };
+        let denoised = means.map(|means| sum(&means, &factors)).transpose()?;
+        let sum = if factors.is_empty() { None } else { Some(snapshot.weighted_mean(&factors)?) };
         let (sum, denoised) = match &transmission {
             None => (sum, denoised),
             Some(transmission) => {
@@ -189,6 +188,7 @@ impl Developed {
             camera: camera.clone(),
             exposer: None,
             factors,
+            weighted: OnceLock::new(),
             transmission,
             sum,
             denoised,
@@ -207,7 +207,10 @@ impl Developed {
             developed.readiness = readiness;
             developed.exposer = Some(match noise {
                 None => exposer,
-                Some(noise) => developed.snapshot.matched(exposer, &noise, &developed.factors)?,
+                Some(noise) => {
+                    let counts = developed.snapshot.film().map(|_| &developed.snapshot.counts);
+                    exposer.with_noise(&noise, counts)?
+                }
             });
         }
         // Without an exact result, the reason may be known.
@@ -215,7 +218,7 @@ impl Developed {
         failure.map_or(Ok(developed), Err)
     }
 
-    /// Analyses the noise of the films behind this camera.
+    /// Analyses the noise of the film behind this camera.
     fn noise(&self, model: SensorModel, exposer: &Exposer, prepared: &Prepared) -> Result<Arc<ImageNoise>, Fault> {
         let noise = match &self.snapshot.content {
             Content::Exr(image) => {
@@ -224,16 +227,37 @@ impl Developed {
                 settings.exposure = Some(exposer.exposure());
                 image.image_noise(&settings).map_err(without_options)?
             }
-            Content::Film(_) | Content::Lights(_) => exposer.image_noise(&self.weighted())?,
+            Content::Film(_) => exposer.image_noise(self.film()?),
         };
         let noise = Arc::new(noise);
         prepared.add_noise(&self.snapshot, &self.camera, noise.clone());
         Ok(noise)
     }
 
-    /// The films with their factors.
-    fn weighted(&self) -> Vec<(&RenderedFilm, f64)> {
-        self.snapshot.films().zip(self.factors.iter().copied()).collect()
+    /// Computes the film with the factors of the lights, once. Not for threads of the session: while such a thread waits for
+    /// others it takes up other work, which could wait for this result.
+    pub(crate) fn find_film(&self, session: &Session<'_>) {
+        self.weighted.get_or_init(|| session.install(|| self.snapshot.weighted(&self.factors)));
+    }
+
+    /// The film with the factors of the lights, after [`Self::find_film`], or on the thread that makes this picture.
+    ///
+    /// # Errors
+    /// An EXR, and too little memory.
+    fn film(&self) -> Result<&RenderedFilm, Fault> {
+        let weighted = self.weighted.get_or_init(|| self.snapshot.weighted(&self.factors));
+        let film = weighted.as_ref().map_err(Clone::clone)?.as_ref().or(self.snapshot.film());
+        film.ok_or_else(|| Fault::new("an EXR has no samples", "open the saved film of the render"))
+    }
+
+    /// The sample with the largest share of the light of a pixel. `None` for a black pixel and for an EXR. After
+    /// [`Self::find_film`].
+    pub(crate) fn heaviest(&self, x: u32, y: u32) -> Option<Heaviest> {
+        let sums = self.film().ok()?.sums.pixel(x, y);
+        let [r, g, b] = sums.mean().map(|v| v as f32);
+        let total = f64::from(Rgb::new(r, g, b).luminance()) * f64::from(sums.count());
+        let (index, luminance) = sums.heaviest().filter(|_| total > 0.0)?;
+        Some(Heaviest { index, share: (f64::from(luminance) / total).min(1.0) })
     }
 
     /// The settings of this camera, for plain exposure.
@@ -268,7 +292,9 @@ impl Developed {
     }
 
     fn exposer_of(&self, mean: &MeanImage, settings: &ExposeSettings) -> Result<Exposer, Fault> {
-        Ok(Exposer::of_films(&self.weighted(), mean, self.transmission.clone(), settings)?)
+        let film = self.snapshot.film().ok_or_else(|| Fault::new("an EXR has no film", "expose its image"))?;
+        // Plain exposure needs the mean alone.
+        Ok(Exposer::of_film_and_mean(film, mean, self.transmission.clone(), settings)?)
     }
 
     /// [`Prepared::count`] before it was computed.
@@ -308,10 +334,10 @@ impl Developed {
     /// other work, which could wait for this result.
     pub(crate) fn certify(&self, session: &Session<'_>) {
         let certify = || match (self.exposer.as_ref()?, &self.snapshot.content) {
-            (exposer, Content::Film(film)) => exposer.certify(film, 1.0),
-            (exposer, Content::Lights(films)) => light_sum::certify(films, &self.factors, (exposer, &self.camera), 1.0),
+            (exposer, Content::Film(_)) => exposer.certify(self.film().ok()?, 1.0),
             (exposer, Content::Exr(image)) => image.certify(exposer, 1.0),
         };
+        self.find_film(session);
         self.certified.get_or_init(|| session.install(certify));
     }
 
@@ -399,16 +425,10 @@ impl Developed {
     }
 
     /// The share of first light in the luminance of each pixel \[%\]. NaN for a black pixel.
-    fn first_light(&self) -> Vec<f32> {
-        let [width, height] = self.snapshot.size();
-        let mut parts = Plane::new(width, height, [0.0; 2]);
-        for (film, factor) in self.weighted() {
-            let luminance = |[r, g, b]: [f32; 3]| factor as f32 * Rgb::new(r, g, b).luminance();
-            let of_film = film.sums.map(|p| [p.mean_first_light(), p.mean().map(|v| v as f32)].map(luminance));
-            let sums = parts.data_mut().as_flattened_mut().iter_mut();
-            sums.zip(of_film.data().as_flattened()).for_each(|(sum, v)| *sum += v);
-        }
-        parts.data().iter().map(|[first, all]| 100.0 * first / all).collect()
+    fn first_light(&self) -> Result<Vec<f32>, Fault> {
+        let luminance = |[r, g, b]: [f32; 3]| Rgb::new(r, g, b).luminance();
+        let share = |p: &PixelSums| 100.0 * luminance(p.mean_first_light()) / luminance(p.mean().map(|v| v as f32));
+        Ok(self.film()?.sums.map(share).into_vec())
     }
 
     /// A map of the film. Unknown values are NaN.
@@ -435,7 +455,7 @@ impl Developed {
                 let help = "open the saved film of the render";
                 return Err(Fault::new("the EXR is shown without the parts of its light", help));
             }
-            MapKind::FirstLight => ("%", self.first_light()),
+            MapKind::FirstLight => ("%", self.first_light()?),
             MapKind::Ratio => {
                 let certified = self.certified().ok_or_else(without)?;
                 let pixels = certified.ratios.data().iter().zip(certified.saturated.data());
@@ -546,7 +566,13 @@ fn denoiser(snapshot: &Snapshot, method: Denoise) -> Result<(Box<dyn Denoiser>, 
     Ok((denoiser, if is_builtin { Denoise::Builtin } else { Denoise::Oidn }))
 }
 
-/// Denoises the films of a picture, each on its own.
+/// The denoised mean of a picture with factors of its lights: from its own, or from those of the lights.
+fn sum(means: &[MeanImage], factors: &[f64]) -> Result<MeanImage, Fault> {
+    let factor = |light: usize| factors.get(light).copied().unwrap_or(1.0);
+    Ok(sum_of_means(&means.iter().enumerate().map(|(light, mean)| (mean, factor(light))).collect::<Vec<_>>())?)
+}
+
+/// Denoises a picture, or each of its lights that have films of their own.
 fn denoised_means(
     snapshot: &Snapshot,
     method: Denoise,
@@ -554,12 +580,22 @@ fn denoised_means(
     session: &Session<'_>,
 ) -> Result<Arc<Means>, Fault> {
     let (denoiser, chosen) = denoiser(snapshot, method)?;
-    let means = snapshot.films().map(|film| {
+    let denoised = |film: &RenderedFilm| {
         let denoised = denoise_film(&film.sums, &*denoiser, session);
         let mean = denoised.map_err(|e| Fault::new(e.to_string(), "choose the denoiser `builtin`"))?.mean;
-        Ok(MeanImage::without_moments(mean, film.sums.has_moments()))
-    });
-    let means = Arc::new(means.collect::<Result<Means, Fault>>()?);
+        Ok::<_, Fault>(MeanImage::without_moments(mean, film.sums.has_moments()))
+    };
+    let means = match snapshot.film() {
+        None => Means::new(),
+        Some(film) if film.groups.is_empty() => vec![denoised(film)?],
+        Some(film) => {
+            let lights = 0..film.groups.len();
+            // Each has the auxiliary layers of the picture.
+            let only = |light| lights.clone().map(|other| f64::from(u8::from(other == light))).collect::<Vec<f64>>();
+            lights.clone().map(|light| denoised(&film.weighted(&only(light))?)).collect::<Result<_, Fault>>()?
+        }
+    };
+    let means = Arc::new(means);
     prepared.add_denoised(snapshot, vec![method, chosen], means.clone());
     Ok(means)
 }

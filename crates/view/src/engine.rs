@@ -1,13 +1,11 @@
 //! The thread that renders. It begins again when the scene changes, and publishes its film.
 
 use crate::developed::Sensors;
-use crate::light_films;
 use crate::outlook::{MAX_SPP, PILOT_SPP, of_plan};
 use crate::panics::caught;
 use crate::protocol::{Activity, Fault, Note};
 use crate::scene_change::{SceneChange, SceneParts};
-use crate::scenes::{LightScene, Scenes};
-use crate::shared::{Control, Shared, Stamp, lock};
+use crate::shared::{Control, LightFilms, Shared, Stamp, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::adaptive::Forecast;
 use dunkelfeld::denoising::find_denoiser;
@@ -26,7 +24,7 @@ use dunkelfeld::{
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The processor time of the program is measured over so many seconds of a render.
@@ -60,7 +58,6 @@ const KEPT: KeptFilms = KeptFilms {
 /// Renders until the view ends.
 pub(crate) fn run(shared: &Arc<Shared>) {
     let mut project: Option<Project> = None;
-    let mut lights: Vec<LightScene> = Vec::new();
     let mut opened_without = Vec::new();
     loop {
         let (change, is_reloaded, cancel) = {
@@ -78,14 +75,8 @@ pub(crate) fn run(shared: &Arc<Shared>) {
         if is_reloaded || project.is_none() || opened_without != change.without {
             project = None;
         }
-        // Those before are of another scene.
-        lights.clear();
-        let result = caught("the load of the scene", AFTER_PANIC, || {
-            prepare(shared, &mut project, &change, &cancel)?;
-            lights = light_films::open(shared, project.as_mut(), &cancel)?;
-            Ok::<(), Error>(())
-        })
-        .and_then(|result| result.map_err(Fault::from));
+        let load = || prepare(shared, &mut project, &change, &cancel);
+        let result = caught("the load of the scene", AFTER_PANIC, load).and_then(|result| result.map_err(Fault::from));
         opened_without.clone_from(&change.without);
         if result.is_err() {
             // The change is made as soon as the files allow it.
@@ -99,9 +90,8 @@ pub(crate) fn run(shared: &Arc<Shared>) {
                 .filter(|change| result.is_ok() && cancel.is_cancelled() && lock(&shared.live).change != *change);
             control.change = control.change.take().or(unfinished);
         }
-        let scenes = project.as_ref().map(|whole| Scenes { whole, lights: &lights });
-        let rendered = result.and_then(|()| match scenes {
-            Some(scenes) => caught("the render", AFTER_PANIC, || render(shared, scenes, &cancel))
+        let rendered = result.and_then(|()| match &project {
+            Some(project) => caught("the render", AFTER_PANIC, || render(shared, project, &cancel))
                 .and_then(|result| result.map_err(Fault::from)),
             None => Ok(()),
         });
@@ -123,9 +113,9 @@ pub(crate) fn run(shared: &Arc<Shared>) {
         }
         while !(control.quit || control.change.is_some() || control.reload) {
             let jobs = std::mem::take(&mut control.jobs);
-            if let (false, Some(scenes)) = (jobs.is_empty(), scenes) {
+            if let (false, Some(project)) = (jobs.is_empty(), &project) {
                 drop(control);
-                jobs.into_iter().for_each(|job| job(scenes));
+                jobs.into_iter().for_each(|job| job(project));
                 control = lock(&shared.control);
                 continue;
             }
@@ -163,12 +153,15 @@ fn prepare(
     opened.settings.budget = Budget::default().with_spp(MAX_SPP);
     opened.settings.max_pilot_spp = Some(PILOT_SPP);
     opened.settings.layers = FilmLayers::All;
+    let of_lights: Vec<Vec<String>> = opened.scene.light_names().into_iter().map(|name| vec![name]).collect();
+    let lights = of_lights.len();
+    opened.settings.light_groups = if change.per_light { of_lights.clone() } else { Vec::new() };
     let mut settings = opened.fitted()?;
+    let (bytes, fits) = opened.memory_beside(&settings.clone().with_light_groups(of_lights), KEPT);
+    let light_films = Some(LightFilms { lights, bytes, fits: fits.map_err(Fault::from) });
     let is_vignetted = dunkelfeld::camera(&opened.scene, &settings)?.has_vignetting();
     let no_denoiser = without_missing_denoiser(&mut settings);
     let timed = opened.timed_exposure();
-    let lights = opened.light_names().len();
-    let light_films = Some((lights, opened.memory_of_light_films(&settings, lights)));
     let note = |text: String| Note { level: "warning", text, help: None };
     let findings = opened.findings();
     let notes = opened.warnings.iter().map(|w| note(w.to_string()));
@@ -248,11 +241,10 @@ fn without_missing_denoiser(settings: &mut RenderSettings) -> Option<Note> {
 }
 
 /// Renders a project until it is cancelled. Its last film, which has the most samples, stays until then.
-fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Result<(), Error> {
+fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Result<(), Error> {
     if cancel.is_cancelled() {
         return Ok(());
     }
-    let project = scenes.whole;
     let settings = project.fitted()?;
     let camera = dunkelfeld::camera(&project.scene, &settings)?;
     let is_vignetted = camera.has_vignetting();
@@ -271,6 +263,7 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
         }
     };
     shared.update(|live| {
+        live.times = Times::now();
         live.statistics.curve.clear();
         live.plan.clear();
         live.render.state = Activity::Running;
@@ -280,27 +273,24 @@ fn render(shared: &Arc<Shared>, scenes: Scenes<'_>, cancel: &Arc<Cancel>) -> Res
     });
     let watcher = Watcher {
         shared,
-        scenes,
+        project,
         settings: (settings, is_vignetted),
         scene: Arc::new(scene),
         cancel,
         is_restart,
-        time: Mutex::new(Times { began: Instant::now(), paused: 0.0, next: 0.0, is_published: false, load: None }),
         next_note: AtomicU64::new(0),
     };
-    let content = match scenes.lights {
-        [] => Content::Film(project.render_film_beside(shared.subject.nice, KEPT, &watcher, cancel)?.0.film),
-        lights => light_films::render(&watcher, lights, cancel)?,
-    };
+    let (rendering, ..) = project.render_film_beside(shared.subject.nice, KEPT, &watcher, cancel)?;
     if !cancel.is_cancelled() {
-        watcher.publish(content);
+        watcher.publish(Content::Film(rendering.film));
         watcher.finish();
     }
     Ok(())
 }
 
 /// The times of a render \[s\].
-struct Times {
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Times {
     began: Instant,
     paused: f64,
     /// When the next film is due, and whether one of this render is shown.
@@ -310,63 +300,61 @@ struct Times {
     load: Option<[f64; 2]>,
 }
 
+impl Times {
+    /// Those of a render that begins now.
+    pub(crate) fn now() -> Self {
+        Self { began: Instant::now(), paused: 0.0, next: 0.0, is_published: false, load: None }
+    }
+}
+
 /// Receives progress and films of a render.
-pub(crate) struct Watcher<'a> {
+struct Watcher<'a> {
     shared: &'a Arc<Shared>,
-    scenes: Scenes<'a>,
+    project: &'a Project,
     settings: (RenderSettings, bool),
     scene: Arc<PictureScene>,
     cancel: &'a Cancel,
     is_restart: bool,
-    time: Mutex<Times>,
     /// Milliseconds of the clock after which the pages are told of progress.
     next_note: AtomicU64,
 }
 
 impl Watcher<'_> {
-    /// Seconds of the render, without pauses.
-    pub(crate) fn seconds(&self) -> f64 {
-        let time = lock(&self.time);
-        time.began.elapsed().as_secs_f64() - time.paused
+    /// Reads or changes the times of the render. `f` may lock nothing.
+    fn times<T>(&self, f: impl FnOnce(&mut Times) -> T) -> T {
+        f(&mut lock(&self.shared.live).times)
     }
 
-    /// Nice value of the threads of the render.
-    pub(crate) fn nice(&self) -> u8 {
-        self.shared.subject.nice
+    /// Seconds of the render, without pauses.
+    fn seconds(&self) -> f64 {
+        self.times(|times| times.began.elapsed().as_secs_f64() - times.paused)
     }
 
     /// Processor time of the program over that of all of its threads, at the end of some seconds of a render.
     fn processor_share(&self, seconds: f64) -> Option<f64> {
-        let mut time = lock(&self.time);
-        if time.load.is_some_and(|[began, _]| seconds < began + LOAD_SECONDS) {
+        if self.times(|times| times.load).is_some_and(|[began, _]| seconds < began + LOAD_SECONDS) {
             return None;
         }
         let used = program_seconds()?;
-        let [began, before] = time.load.replace([seconds, used])?;
+        let [began, before] = self.times(|times| times.load.replace([seconds, used]))?;
         Some((used - before) / ((seconds - began) * self.shared.background.threads() as f64))
     }
 
     /// Is the next film due?
-    pub(crate) fn is_due(&self) -> bool {
-        self.seconds() >= lock(&self.time).next && !self.cancel.is_cancelled()
+    fn is_due(&self) -> bool {
+        self.seconds() >= self.times(|times| times.next) && !self.cancel.is_cancelled()
     }
 
     /// After a restart the earlier picture stays until each pixel has a sample.
-    pub(crate) fn needs_all_pixels(&self) -> bool {
-        self.is_restart && !lock(&self.time).is_published
+    fn needs_all_pixels(&self) -> bool {
+        self.is_restart && !self.times(|times| times.is_published)
     }
 
-    /// Postpones the next film after one that was due at `began` and took `copy` to publish \[s\], so that copies take this
-    /// share of the time.
-    pub(crate) fn copied(&self, began: f64, copy: f64, share: f64) {
-        lock(&self.time).next = began + copy / share;
-    }
-
-    pub(crate) fn publish(&self, content: Content) {
+    fn publish(&self, content: Content) {
         let seconds = self.seconds();
         let before = self.shared.snapshot();
         let id = before.as_ref().map_or(1, |before| before.id + 1);
-        let is_first = !std::mem::replace(&mut lock(&self.time).is_published, true);
+        let is_first = !self.times(|times| std::mem::replace(&mut times.is_published, true));
         let earlier = before.as_deref().filter(|_| !is_first);
         let mut snapshot = Snapshot::new(id, content, self.settings.clone(), self.scene.clone(), seconds, earlier);
         snapshot.restarted = lock(&self.shared.live).render.restarted;
@@ -378,14 +366,16 @@ impl Watcher<'_> {
 
     /// Publishes a film that has other samples than the picture, as soon as it may be shown.
     fn publish_newest(&self, film: &RenderedFilm) {
-        let is_shown = lock(&self.time).is_published
+        let is_shown = self.times(|times| times.is_published)
             && self.shared.snapshot().is_some_and(|shown| shown.samples == film.sums.total_samples());
         if is_shown || (self.needs_all_pixels() && !film.sums.has_all_pixels()) {
             return;
         }
         let began = self.seconds();
         self.publish(Content::Film(film.clone()));
-        self.copied(began, self.seconds() - began, COPY_SHARE);
+        // So copies take this share of the time.
+        let next = began + (self.seconds() - began) / COPY_SHARE;
+        self.times(|times| times.next = next);
     }
 
     /// States that the render has its last sample.
@@ -398,7 +388,7 @@ impl Watcher<'_> {
     }
 
     /// Does the work that waits for the scene, and holds the render while it is paused.
-    pub(crate) fn hold(&self, present: Option<&RenderedFilm>) {
+    fn hold(&self, present: &RenderedFilm) {
         let began = Instant::now();
         let mut control = lock(&self.shared.control);
         let mut is_paused = false;
@@ -406,7 +396,7 @@ impl Watcher<'_> {
             let jobs = std::mem::take(&mut control.jobs);
             if !jobs.is_empty() {
                 drop(control);
-                jobs.into_iter().for_each(|job| job(self.scenes));
+                jobs.into_iter().for_each(|job| job(self.project));
                 control = lock(&self.shared.control);
                 continue;
             }
@@ -417,9 +407,7 @@ impl Watcher<'_> {
                 is_paused = true;
                 drop(control);
                 // The picture of a pause is the newest film.
-                if let Some(present) = present {
-                    self.publish_newest(present);
-                }
+                self.publish_newest(present);
                 self.shared.update(|live| live.render.state = Activity::Paused);
                 control = lock(&self.shared.control);
                 continue;
@@ -428,8 +416,7 @@ impl Watcher<'_> {
         }
         drop(control);
         if is_paused {
-            lock(&self.time).load = None;
-            lock(&self.time).paused += began.elapsed().as_secs_f64();
+            self.times(|times| (times.load, times.paused) = (None, times.paused + began.elapsed().as_secs_f64()));
             self.shared.update(|live| live.render.state = Activity::Running);
         }
     }
@@ -455,7 +442,7 @@ impl Progress for Watcher<'_> {
 
     fn forecast(&self, forecast: &Forecast) {
         let pixels = f64::from(self.settings.0.width) * f64::from(self.settings.0.height);
-        let plan = of_plan(&forecast.levels, pixels, lock(&self.time).paused);
+        let plan = of_plan(&forecast.levels, pixels, self.times(|times| times.paused));
         self.shared.update(|live| live.plan = plan);
     }
 
@@ -467,7 +454,7 @@ impl Progress for Watcher<'_> {
         if self.is_due() {
             self.publish_newest(film);
         }
-        self.hold(Some(film));
+        self.hold(film);
     }
 }
 
@@ -511,8 +498,9 @@ pub(crate) fn show_exr(shared: &Arc<Shared>, image: ExrImage, options: &ExposeOp
     }
     settings.sensor = SensorChoice::Emva { model, optics, exposure: None };
     let scene = scene_of_file(&settings);
-    *lock(&shared.snapshot) = Some(Arc::new(Snapshot::of_exr(image, settings.clone(), scene.clone())));
+    let snapshot = Snapshot::of_exr(image, settings.clone(), scene.clone());
     shared.update(|live| {
+        live.snapshot = Some(Arc::new(snapshot));
         live.sensors = scene.sensors.clone();
         live.settings = Some(settings);
         live.render.state = Activity::None;
@@ -529,8 +517,8 @@ pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
     let scene = scene_of_file(&settings);
     let content = Content::Film(film);
     let snapshot = Snapshot::new(1, content, (settings.clone(), is_vignetted), scene.clone(), 0.0, None);
-    *lock(&shared.snapshot) = Some(Arc::new(snapshot));
     shared.update(|live| {
+        live.snapshot = Some(Arc::new(snapshot));
         live.sensors = scene.sensors.clone();
         live.settings = Some(settings);
         live.notes.extend(no_denoiser);

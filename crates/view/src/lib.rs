@@ -15,8 +15,6 @@ mod desk;
 mod developed;
 mod engine;
 mod fault;
-mod light_films;
-mod light_sum;
 mod locks;
 mod measure;
 mod outlook;
@@ -28,7 +26,6 @@ mod protocol_measurements;
 mod save;
 mod saved_job;
 mod scene_change;
-mod scenes;
 mod server;
 mod shared;
 mod snapshot;
@@ -90,27 +87,7 @@ impl Default for ViewOptions {
 /// An address that cannot be listened on, a film that cannot be read, a file that is no scene, a lens for another file than
 /// an EXR. Faults of a scene appear on the page, which shows the scene when they are mended.
 pub fn serve(path: &Path, options: &ViewOptions, cancel: &Cancel, events: &mut dyn ViewEvents) -> Result<(), Error> {
-    let ends_in = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
-    let stored = if ends_in("film") {
-        Stored::Film(Box::new(SavedFilm::read(path)?))
-    } else if ends_in("exr") {
-        Stored::Exr(Box::new(engine::open_exr(path)?))
-    } else {
-        // A file that does not exist or is no scene is a fault of the command, and no page could mend it.
-        let refused = |problem: String| {
-            let help = "name a scene, a job, a film or an EXR";
-            Error::setting("the scene", format!("{} {problem}", path.display()), help)
-        };
-        let metadata = std::fs::metadata(path).map_err(|e| refused(format!("cannot be read: {e}")))?;
-        if metadata.is_dir() {
-            return Err(refused("is a folder".to_owned()));
-        }
-        if !SCENES.into_iter().any(ends_in) {
-            // The error names the format, and a program that converts it.
-            Project::open(path)?;
-        }
-        Stored::Scene
-    };
+    let stored = open_stored(path)?;
     if options.image != ExposeOptions::default() && !matches!(stored, Stored::Exr(_)) {
         let problem = "f-number, transmission and magnification are for an EXR";
         return Err(Error::setting("the lens", problem, "write them in `[lens]` of the job"));
@@ -200,4 +177,29 @@ fn random_token() -> Result<String, Error> {
     getrandom::fill(&mut bytes)
         .map_err(|e| Error::setting("listen", format!("there are no random numbers: {e}"), "listen on 127.0.0.1"))?;
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Reads a film or an EXR, and checks that another file can be opened as a scene.
+fn open_stored(path: &Path) -> Result<Stored, Error> {
+    let ends_in = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+    Ok(if ends_in("film") {
+        Stored::Film(Box::new(SavedFilm::read(path)?))
+    } else if ends_in("exr") {
+        Stored::Exr(Box::new(engine::open_exr(path)?))
+    } else {
+        // A file that does not exist or is no scene is a fault of the command, and no page could mend it.
+        let refused = |problem: String| {
+            let help = "name a scene, a job, a film or an EXR";
+            Error::setting("the scene", format!("{} {problem}", path.display()), help)
+        };
+        let metadata = std::fs::metadata(path).map_err(|e| refused(format!("cannot be read: {e}")))?;
+        if metadata.is_dir() {
+            return Err(refused("is a folder".to_owned()));
+        }
+        if !SCENES.into_iter().any(ends_in) {
+            // The error names the format, and a program that converts it.
+            Project::open(path)?;
+        }
+        Stored::Scene
+    })
 }

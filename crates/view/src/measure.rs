@@ -30,8 +30,8 @@ pub(crate) fn probe(developed: &Developed, unbiased: &Developed, frame: u32, [x,
         let problem = format!("the pixel {x}, {y} is outside {width} x {height}");
         return Err(Fault::new(problem, "choose a pixel of the image"));
     }
-    let film = snapshot.films().next();
-    let sums = snapshot.sums_at(x, y);
+    let film = snapshot.film();
+    let sums = film.map(|film| film.sums.pixel(x, y)).unwrap_or_default();
     let values = developed.values(frame)?;
     let electrons = developed.exposer.as_ref().map(|exposer| *exposer.electrons().at(x, y));
     let of_film = unbiased.exposer.as_ref();
@@ -47,7 +47,7 @@ pub(crate) fn probe(developed: &Developed, unbiased: &Developed, frame: u32, [x,
         (None, None) => [None, None],
     };
     let of_exr = |count: u32| (snapshot.samples > 0).then_some(count);
-    let heaviest = snapshot.heaviest(&developed.factors, x, y);
+    let heaviest = unbiased.heaviest(x, y);
     let depth = sums.mean_depth();
     Ok(Probe {
         x,

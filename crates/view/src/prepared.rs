@@ -1,6 +1,7 @@
 //! Results of films that take longer than an answer may: the noise for matched exposure, and denoised means. They are
 //! kept, so that other cameras and newer films of the same scene can use them until theirs are ready.
 
+use crate::developed::Developed;
 use crate::locks::lock;
 use crate::protocol::{Camera, Denoise, Fault, Readiness};
 use crate::snapshot::Snapshot;
@@ -26,7 +27,7 @@ impl Origin {
     }
 }
 
-/// Denoised means [W/(m² sr)], one for each film of a picture.
+/// Denoised means [W/(m² sr)]: that of a picture, or those of its lights.
 pub(crate) type Means = Vec<MeanImage>;
 
 /// Results with their films and keys.
@@ -58,6 +59,8 @@ struct Results {
     /// The last analysis that failed, by the number of its scene and its camera.
     failed: Option<(u64, Camera, Fault)>,
     count: u64,
+    /// Pictures behind cameras that use the results, the newest one last.
+    pictures: Vec<Arc<Developed>>,
 }
 
 /// The results, for all threads.
@@ -68,6 +71,11 @@ impl Prepared {
     /// Counts the results that have been added, and the analyses that failed.
     pub(crate) fn count(&self) -> u64 {
         lock(&self.0).count
+    }
+
+    /// Changes the pictures that are kept.
+    pub(crate) fn pictures<T>(&self, change: impl FnOnce(&mut Vec<Arc<Developed>>) -> T) -> T {
+        change(&mut lock(&self.0).pictures)
     }
 
     /// The noise of a picture behind a camera, or the newest one of the same scene.
@@ -145,8 +153,8 @@ mod tests {
     use super::*;
     use crate::protocol::Noise;
     use crate::snapshot::{Content, PictureScene};
-    use dunkelfeld::RenderedFilm;
     use dunkelfeld::film::Film;
+    use dunkelfeld::{ExposeSettings, Exposer, RenderedFilm, find_sensor};
 
     fn picture(scene: u64, film: u64) -> Snapshot {
         let content = Content::Film(RenderedFilm::without_ids(Film::new(2, 1)));
@@ -193,7 +201,9 @@ mod tests {
             device,
             ..Camera::plain(None)
         };
-        let noise = || Arc::new(ImageNoise::default());
+        let empty = RenderedFilm::without_ids(Film::new(2, 1));
+        let sensor = ExposeSettings::new(find_sensor("imx250").expect("a preset")).expect("a sensor");
+        let noise = || Arc::new(Exposer::of_film(&empty, &sensor).expect("a camera").image_noise(&empty));
         let prepared = Prepared::default();
         let (one, two) = (noise(), noise());
         prepared.add_noise(&picture(1, 1), &film(1.0, 0, Noise::Matched), one.clone());

@@ -6,12 +6,13 @@ use crate::saved_job::{self, change_lens, describe_lens, select_camera};
 use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::io::Factor;
-use dunkelfeld::light_films::{FilmOfLight, develop_films, encode_light_layers};
+use dunkelfeld::light_layers::add_light_layers;
 use dunkelfeld::outputs::{encode_layers, save_exr, save_linear, save_new, save_text};
 use dunkelfeld::radiometry::{Number, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
-    Error, ExposeSettings, Frame, RenderSettings, SavedFilm, SensorChoice, develop, develop_film, save_picture,
+    Error, ExposeSettings, Frame, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, develop, develop_behind_lens,
+    develop_film, save_picture,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -32,7 +33,9 @@ pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved,
     check_new(&files)?;
     check_kinds(&snapshot, request)?;
     let settings = settings_of(shared, &snapshot, &request.camera, request.frame)?;
-    let films = films_with_factors(&snapshot, &request.camera)?;
+    let factors = snapshot.factors(request.camera.lights.as_ref())?;
+    let weighted = shared.session.install(|| snapshot.weighted(&factors))?;
+    let film = weighted.as_ref().or(snapshot.film());
     let mut notes = Vec::new();
     // What is refused is refused before the first file.
     let job = match files.iter().find(|(kind, _)| *kind == SaveKind::Job) {
@@ -50,9 +53,9 @@ pub(crate) fn save(shared: &Arc<Shared>, request: &SaveRequest) -> Result<Saved,
     if is_earlier {
         notes.push("The picture is that of the scene before its change.".to_owned());
     }
-    let frame = frame_of(shared, (&snapshot, &films), request, &settings)?;
+    let frame = frame_of(shared, (&snapshot, film), request, &settings)?;
     write_all(&files, |kind, file| {
-        let write = |path: &Path| write(kind, path, (&snapshot, &films), &settings, frame.as_ref(), &job);
+        let write = |path: &Path| write(kind, path, (&snapshot, film, &factors), &settings, frame.as_ref(), &job);
         // A file that has appeared meanwhile is not replaced either.
         shared.session.install(|| save_new(file, write))?;
         Ok(())
@@ -85,11 +88,11 @@ fn check_kinds(snapshot: &Snapshot, SaveRequest { what, camera, .. }: &SaveReque
         Content::Exr(_) if what.iter().any(|kind| !matches!(kind, SaveKind::Png | SaveKind::Tiff)) => {
             return Err(Fault::new("an EXR has no samples and no scene", "save a PNG or a TIFF of its frame"));
         }
-        Content::Lights(_) if what.contains(&SaveKind::Film) => {
-            let help = "save an EXR, which has a layer for each light, or use one film for all lights";
-            return Err(Fault::new("a file has one film, and each light has its own", help));
+        Content::Film(_) if what.contains(&SaveKind::Film) && !snapshot.factors(camera.lights.as_ref())?.is_empty() => {
+            let help = "save an EXR, which has a layer for each light, or set the factors to 1";
+            return Err(Fault::new("a film has the light of its scene, without factors", help));
         }
-        Content::Lights(_) | Content::Film(_) | Content::Exr(_) => {}
+        Content::Film(_) | Content::Exr(_) => {}
     }
     if what.iter().copied().any(has_frame) && (camera.noise == Noise::None || camera.denoise != Denoise::Off) {
         return Err(Fault::new(
@@ -107,7 +110,7 @@ fn check_kinds(snapshot: &Snapshot, SaveRequest { what, camera, .. }: &SaveReque
 /// The frame of the files that have one.
 fn frame_of(
     shared: &Shared,
-    (snapshot, films): (&Arc<Snapshot>, &[FilmOfLight<'_>]),
+    (snapshot, film): (&Arc<Snapshot>, Option<&RenderedFilm>),
     request: &SaveRequest,
     settings: &RenderSettings,
 ) -> Result<Option<Frame>, Fault> {
@@ -117,13 +120,12 @@ fn frame_of(
     let camera = &request.camera;
     let is_other_lens = camera.vignetting != snapshot.is_vignetted;
     let transmission = if is_other_lens { Some(snapshot.other_transmission()?) } else { None };
-    let frame = match &snapshot.content {
-        Content::Film(film) if transmission.is_none() => shared.session.install(|| develop_film(film, settings))?,
-        Content::Film(_) | Content::Lights(_) => {
-            shared.session.install(|| develop_films(films, transmission, settings))?
-        }
+    let frame = match (&snapshot.content, film, transmission) {
+        (_, Some(film), None) => shared.session.install(|| develop_film(film, settings))?,
+        (_, Some(film), Some(lens)) => shared.session.install(|| develop_behind_lens(film, lens, settings))?,
+        (Content::Film(_), None, _) => return Ok(None),
         // An EXR has its own lens and pixels.
-        Content::Exr(image) => {
+        (Content::Exr(image), None, _) => {
             let developed = shared.store.find(snapshot, camera, Accept::Exact, &shared.session)?;
             shared.session.install(|| match &developed.exposer {
                 Some(exposer) => exposer.develop(request.frame),
@@ -132,13 +134,6 @@ fn frame_of(
         }
     };
     Ok(Some(frame))
-}
-
-/// The films of a picture, with the names and factors of their lights.
-fn films_with_factors<'a>(snapshot: &'a Snapshot, camera: &Camera) -> Result<Vec<FilmOfLight<'a>>, Fault> {
-    let factors = snapshot.factors(camera.lights.as_ref())?;
-    let of_film = |(i, (film, factor))| FilmOfLight { name: snapshot.light(i).unwrap_or_default(), film, factor };
-    Ok(snapshot.films().zip(factors).enumerate().map(of_film).collect())
 }
 
 /// Writes new files: all of them, or none.
@@ -210,7 +205,7 @@ fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32
 fn write(
     kind: SaveKind,
     file: &Path,
-    (snapshot, films): (&Snapshot, &[FilmOfLight<'_>]),
+    (snapshot, film, factors): (&Snapshot, Option<&RenderedFilm>, &[f64]),
     settings: &RenderSettings,
     frame: Option<&Frame>,
     job: &str,
@@ -224,10 +219,14 @@ fn write(
             // depend on the device.
             let mut settings = settings.clone();
             (settings.seed, settings.frame) = (snapshot.settings.seed, snapshot.settings.frame);
-            match &snapshot.content {
-                Content::Film(film) => save_exr(file, encode_layers(film, frame()?, &settings))?,
-                Content::Lights(_) => save_exr(file, encode_light_layers(films, frame()?, &settings)?)?,
-                Content::Exr(_) => {}
+            if let Some(film) = film {
+                let mut layers = encode_layers(film, frame()?, &settings);
+                let factors = factors.iter().copied().chain(std::iter::repeat(1.0));
+                let lights: Vec<(&str, f64)> = snapshot.lights().zip(factors).collect();
+                if let Some(of_lights) = snapshot.film().filter(|_| !lights.is_empty()) {
+                    add_light_layers(&mut layers, of_lights, &lights);
+                }
+                save_exr(file, layers)?;
             }
         }
         SaveKind::Film => {

@@ -199,8 +199,6 @@ impl SceneChange {
     /// # Errors
     /// A name that the scene does not have, and a number out of range.
     pub(crate) fn add(&mut self, request: SceneRequest, parts: &SceneParts) -> Result<(), Fault> {
-        let unknown =
-            |what: &str, name: &str| Fault::new(format!("the scene has no {what} {name:?}"), "reload the page");
         let mut next = self.clone();
         next.per_light = request.per_light.unwrap_or(next.per_light);
         if let Some(camera) = request.camera {
@@ -209,62 +207,11 @@ impl SceneChange {
             }
             next.camera = Some(camera);
         }
-        if let Some(lights) = request.lights {
-            for (name, change) in lights {
-                let Some(change) = change else {
-                    next.lights.remove(&name);
-                    continue;
-                };
-                let Some((_, kind, _)) = parts.lights.iter().find(|(light, ..)| *light == name) else {
-                    return Err(unknown("light", &name));
-                };
-                if !(change.factor.is_finite() && (0.0..=1e6).contains(&change.factor)) {
-                    return Err(Fault::new(
-                        format!("the factor {} of a light is out of range", change.factor),
-                        "use 0 to 1000000",
-                    ));
-                }
-                parts.check_light(&name, kind, change)?;
-                // A light as in the scene is no change.
-                if change == LightChange::NONE {
-                    next.lights.remove(&name);
-                } else {
-                    next.lights.insert(name, change);
-                }
-            }
+        for (name, change) in request.lights.into_iter().flatten() {
+            next.add_light(name, change, parts)?;
         }
-        if let Some(materials) = request.materials {
-            for (name, change) in materials {
-                let Some(change) = change else {
-                    next.materials.remove(&name);
-                    continue;
-                };
-                let Some(base) = parts.materials.iter().find(|material| material.name == name) else {
-                    return Err(unknown("material", &name));
-                };
-                let mut values = change.roughness.iter().chain(&change.metallic).chain(change.color.iter().flatten());
-                if let Some(value) = values.find(|value| !(0.0..=1.0).contains(*value)) {
-                    return Err(Fault::new(
-                        format!("the value {value} of the material {name:?} is out of range"),
-                        "use 0 to 1",
-                    ));
-                }
-                if change.without_textured(base) != change {
-                    let problem = format!("a texture multiplies a value of the material {name:?}");
-                    return Err(Fault::new(problem, "leave out the values that are null in the state"));
-                }
-                // Values of the scene are no changes: they follow its files.
-                let before = next.materials.remove(&name).unwrap_or_default();
-                let own = MaterialChange {
-                    roughness: change.roughness.or(before.roughness),
-                    metallic: change.metallic.or(before.metallic),
-                    color: change.color.or(before.color),
-                }
-                .other_than(base);
-                if own != MaterialChange::default() {
-                    next.materials.insert(name, own);
-                }
-            }
+        for (name, change) in request.materials.into_iter().flatten() {
+            next.add_material(name, change, parts)?;
         }
         if let Some(effects) = request.effects {
             let removable = removable_effects();
@@ -285,6 +232,61 @@ impl SceneChange {
             return Err(Fault::new("no light is on, and each light has a film", help));
         }
         *self = next;
+        Ok(())
+    }
+
+    /// Adds a change of a light; `None` for a light as in the job.
+    fn add_light(&mut self, name: String, change: Option<LightChange>, parts: &SceneParts) -> Result<(), Fault> {
+        let Some(change) = change else {
+            self.lights.remove(&name);
+            return Ok(());
+        };
+        let Some((_, kind, _)) = parts.lights.iter().find(|(light, ..)| *light == name) else {
+            return Err(unknown("light", &name));
+        };
+        if !(change.factor.is_finite() && (0.0..=1e6).contains(&change.factor)) {
+            let problem = format!("the factor {} of a light is out of range", change.factor);
+            return Err(Fault::new(problem, "use 0 to 1000000"));
+        }
+        parts.check_light(&name, kind, change)?;
+        // A light as in the scene is no change.
+        if change == LightChange::NONE {
+            self.lights.remove(&name);
+        } else {
+            self.lights.insert(name, change);
+        }
+        Ok(())
+    }
+
+    /// Adds a change of a material; `None` for a material as in the job.
+    fn add_material(&mut self, name: String, change: Option<MaterialChange>, parts: &SceneParts) -> Result<(), Fault> {
+        let Some(change) = change else {
+            self.materials.remove(&name);
+            return Ok(());
+        };
+        let Some(base) = parts.materials.iter().find(|material| material.name == name) else {
+            return Err(unknown("material", &name));
+        };
+        let mut values = change.roughness.iter().chain(&change.metallic).chain(change.color.iter().flatten());
+        if let Some(value) = values.find(|value| !(0.0..=1.0).contains(*value)) {
+            let problem = format!("the value {value} of the material {name:?} is out of range");
+            return Err(Fault::new(problem, "use 0 to 1"));
+        }
+        if change.without_textured(base) != change {
+            let problem = format!("a texture multiplies a value of the material {name:?}");
+            return Err(Fault::new(problem, "leave out the values that are null in the state"));
+        }
+        // Values of the scene are no changes: they follow its files.
+        let before = self.materials.remove(&name).unwrap_or_default();
+        let own = MaterialChange {
+            roughness: change.roughness.or(before.roughness),
+            metallic: change.metallic.or(before.metallic),
+            color: change.color.or(before.color),
+        }
+        .other_than(base);
+        if own != MaterialChange::default() {
+            self.materials.insert(name, own);
+        }
         Ok(())
     }
 
@@ -354,6 +356,10 @@ impl SceneChange {
         }
         table
     }
+}
+
+fn unknown(what: &str, name: &str) -> Fault {
+    Fault::new(format!("the scene has no {what} {name:?}"), "reload the page")
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The state that the render, the analysis and the server share.
 
 use crate::developed::{OWN_SENSOR, Sensors, fixed_f_number};
+use crate::engine::Times;
 pub(crate) use crate::locks::lock;
 use crate::outlook::{MAX_SPP, from_measured, progress_at, seconds_at, within_view};
 use crate::protocol::{
@@ -8,14 +9,13 @@ use crate::protocol::{
     MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
 };
 use crate::scene_change::{SceneChange, SceneParts, has_power, has_switch};
-use crate::scenes::Scenes;
 use crate::snapshot::Snapshot;
 use crate::statistics::Statistics;
 use crate::store::Store;
-use dunkelfeld::light_films::LightFilmsMemory;
 use dunkelfeld::limits::DEFAULT_F_NUMBER;
-use dunkelfeld::sensor::{ExposureNoise, TimedExposure};
-use dunkelfeld::{Cancel, RenderSettings, SensorChoice, Session};
+use dunkelfeld::sensor::ExposureNoise;
+use dunkelfeld::sensor::TimedExposure;
+use dunkelfeld::{Cancel, Project, RenderSettings, SensorChoice, Session};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex};
@@ -36,8 +36,8 @@ pub(crate) struct Subject {
     pub(crate) nice: u8,
 }
 
-/// Work for the thread that renders, which has the scenes.
-pub(crate) type Job = Box<dyn FnOnce(Scenes<'_>) + Send>;
+/// Work for the thread that renders, which has the scene.
+pub(crate) type Job = Box<dyn FnOnce(&Project) + Send>;
 
 /// The requests to the thread that renders.
 #[derive(Default)]
@@ -59,13 +59,27 @@ pub(crate) struct Control {
     pub(crate) cancel: Arc<Cancel>,
 }
 
+/// A film for each light that is on.
+#[derive(Debug)]
+pub(crate) struct LightFilms {
+    pub(crate) lights: usize,
+    /// Memory of the render with these films \[bytes\].
+    pub(crate) bytes: u64,
+    /// The reason why there is less.
+    pub(crate) fits: Result<(), Fault>,
+}
+
 /// Time of the last change of a file, and its length \[bytes\]. `None` without a file.
 pub(crate) type Stamp = Option<(SystemTime, u64)>;
 
 /// The data of the page that change during the view.
 #[derive(Debug)]
 pub(crate) struct Live {
+    /// The picture.
+    pub(crate) snapshot: Option<Arc<Snapshot>>,
     pub(crate) render: RenderState,
+    /// The times of the render that runs.
+    pub(crate) times: Times,
     pub(crate) error: Option<Fault>,
     pub(crate) notes: Vec<Note>,
     pub(crate) statistics: Statistics,
@@ -81,8 +95,7 @@ pub(crate) struct Live {
     /// Counts the scenes of the thread that renders.
     pub(crate) scene_number: u64,
     pub(crate) change: SceneChange,
-    /// The number of lights that are on, and the memory of a film for each.
-    pub(crate) light_films: Option<(usize, LightFilmsMemory)>,
+    pub(crate) light_films: Option<LightFilms>,
     pub(crate) saved: Vec<String>,
     pub(crate) sensors: Sensors,
     /// The files of the scene, as they were when they were read.
@@ -95,7 +108,6 @@ pub(crate) struct Live {
 pub(crate) struct Shared {
     pub(crate) subject: Subject,
     pub(crate) live: Mutex<Live>,
-    pub(crate) snapshot: Mutex<Option<Arc<Snapshot>>>,
     pub(crate) control: Mutex<Control>,
     pub(crate) wake: Condvar,
     pub(crate) store: Store,
@@ -123,7 +135,9 @@ impl Shared {
             processor_share: None,
         };
         let live = Live {
+            snapshot: None,
             render,
+            times: Times::now(),
             error: None,
             notes: Vec::new(),
             statistics: Statistics::default(),
@@ -144,7 +158,6 @@ impl Shared {
         Self {
             subject,
             live: Mutex::new(live),
-            snapshot: Mutex::new(None),
             control: Mutex::new(Control::default()),
             wake: Condvar::new(),
             store: Store::default(),
@@ -195,14 +208,13 @@ impl Shared {
     }
 
     pub(crate) fn snapshot(&self) -> Option<Arc<Snapshot>> {
-        lock(&self.snapshot).clone()
+        lock(&self.live).snapshot.clone()
     }
 
     /// Shows a picture.
     pub(crate) fn publish(&self, snapshot: Snapshot) -> Arc<Snapshot> {
         let snapshot = Arc::new(snapshot);
-        *lock(&self.snapshot) = Some(snapshot.clone());
-        self.notify();
+        self.update(|live| live.snapshot = Some(snapshot.clone()));
         self.wake();
         snapshot
     }
@@ -415,8 +427,8 @@ impl Live {
                 .collect(),
             per_light: PerLight {
                 on: change.per_light,
-                bytes: self.light_films.as_ref().map_or(0, |(_, memory)| memory.bytes()),
-                lights: self.light_films.as_ref().map_or(0, |(lights, _)| *lights),
+                bytes: self.light_films.as_ref().map_or(0, |films| films.bytes),
+                lights: self.light_films.as_ref().map_or(0, |films| films.lights),
             },
         }
     }

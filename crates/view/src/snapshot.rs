@@ -1,24 +1,25 @@
-//! The film, or the films of the lights, at some moment of a render.
+//! The film at some moment of a render.
 
 use crate::developed::Sensors;
-use crate::light_sum::{self, LightFilm};
 use crate::protocol::Fault;
 use crate::scene_change::{SceneChange, SceneParts};
-use dunkelfeld::film::{MeanImage, PixelSums, Plane, mean_image};
+use dunkelfeld::film::mean_image;
+use dunkelfeld::film::{MeanImage, Plane};
+use dunkelfeld::light_layers::sum_of_means;
 use dunkelfeld::outputs::ExrImage;
-use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::RayGenerator;
-use dunkelfeld::sensor::{ImageNoise, TimedExposure};
-use dunkelfeld::{Exposer, RenderSettings, RenderedFilm, Session};
+use dunkelfeld::sensor::TimedExposure;
+use dunkelfeld::{RenderSettings, RenderedFilm, Session};
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
+
+/// The largest factor of a light.
+const MAX_FACTOR: f64 = 1e6;
 
 /// The origin of the pixels of a snapshot.
 #[derive(Debug)]
 pub(crate) enum Content {
     Film(RenderedFilm),
-    /// A film for each light.
-    Lights(Vec<LightFilm>),
     /// An EXR of any renderer.
     Exr(Box<ExrImage>),
 }
@@ -58,15 +59,13 @@ impl PictureScene {
 /// The heaviest sample of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Heaviest {
-    /// The number of its film.
-    pub(crate) film: usize,
     /// The number of the sample.
     pub(crate) index: u32,
     /// Its share of the light of the pixel, in \[0, 1\].
     pub(crate) share: f64,
 }
 
-/// Films that no longer change, with the settings that expose it.
+/// A film that no longer changes, with the settings that expose it.
 #[derive(Debug)]
 pub(crate) struct Snapshot {
     /// A number that grows with each content.
@@ -79,7 +78,7 @@ pub(crate) struct Snapshot {
     pub(crate) counts: Plane<u32>,
     pub(crate) recent: Option<Plane<u32>>,
     pub(crate) samples: u64,
-    /// Are there pixels without samples in a film?
+    /// Are there pixels without samples?
     pub(crate) has_gaps: bool,
     /// Seconds of the render, without pauses.
     pub(crate) seconds: f64,
@@ -87,10 +86,12 @@ pub(crate) struct Snapshot {
     pub(crate) restarted: u32,
     pub(crate) scene: Arc<PictureScene>,
     mean: OnceLock<MeanImage>,
+    /// The means of the lights that have films of their own.
+    means_of_lights: OnceLock<Vec<MeanImage>>,
 }
 
 impl Snapshot {
-    /// Takes films of a scene. `before` is the snapshot before, if it is of the same render.
+    /// Takes a film of a scene. `before` is the snapshot before, if it is of the same render.
     pub(crate) fn new(
         id: u64,
         content: Content,
@@ -99,22 +100,26 @@ impl Snapshot {
         seconds: f64,
         before: Option<&Self>,
     ) -> Self {
-        let mut has_gaps = false;
-        let size = films_of(&content).next().map(|film| [film.sums.width(), film.sums.height()]);
-        let [width, height] = size.unwrap_or_default();
-        let mut counts = Plane::new(width, height, 0);
-        for film in films_of(&content) {
-            let of_film = film.sums.sample_counts();
-            has_gaps |= of_film.data().contains(&0);
-            counts.data_mut().iter_mut().zip(of_film.data()).for_each(|(sum, n)| *sum += n);
-        }
-        let samples = counts.data().iter().map(|&n| u64::from(n)).sum();
+        let counts = film_of(&content).map_or_else(|| Plane::new(0, 0, 0), |film| film.sums.sample_counts());
         let recent = before.map(|before| {
             let mut earlier = before.counts.data().iter();
             counts.map(|&n| n.saturating_sub(earlier.next().copied().unwrap_or(0)))
         });
-        let (mean, restarted) = (OnceLock::new(), 0);
-        Self { id, content, settings, is_vignetted, counts, recent, samples, has_gaps, seconds, restarted, scene, mean }
+        Self {
+            id,
+            content,
+            settings,
+            is_vignetted,
+            samples: counts.data().iter().map(|&n| u64::from(n)).sum(),
+            has_gaps: counts.data().contains(&0),
+            counts,
+            recent,
+            seconds,
+            restarted: 0,
+            scene,
+            mean: OnceLock::new(),
+            means_of_lights: OnceLock::new(),
+        }
     }
 
     /// An EXR.
@@ -133,6 +138,7 @@ impl Snapshot {
             restarted: 0,
             scene,
             mean: OnceLock::new(),
+            means_of_lights: OnceLock::new(),
         }
     }
 
@@ -141,57 +147,43 @@ impl Snapshot {
         if let Content::Exr(image) = &self.content { Some(image) } else { None }
     }
 
-    /// The films: one, one for each light, or none of an EXR.
-    pub(crate) fn films(&self) -> impl Iterator<Item = &RenderedFilm> {
-        films_of(&self.content)
+    /// The film; `None` for an EXR.
+    pub(crate) fn film(&self) -> Option<&RenderedFilm> {
+        film_of(&self.content)
     }
 
-    /// The factor of each film, from factors by the names of lights.
+    /// The lights that have films of their own.
+    pub(crate) fn lights(&self) -> impl Iterator<Item = &str> {
+        self.settings.light_groups.iter().flatten().map(String::as_str)
+    }
+
+    /// The factor of each light with a film of its own, from factors by the names of lights. A light that the list leaves out
+    /// has the factor 1. A name without a film is that of a light that is off, or of an earlier scene. Empty if all factors are 1.
     ///
     /// # Errors
     /// A factor out of range, and factors where all lights have one film.
     pub(crate) fn factors(&self, lights: Option<&BTreeMap<String, f64>>) -> Result<Vec<f64>, Fault> {
-        if let Content::Lights(films) = &self.content {
-            return light_sum::factors(films, lights);
+        let Some(lights) = lights else { return Ok(Vec::new()) };
+        if let Some((name, factor)) = lights.iter().find(|(_, factor)| !(0.0..=MAX_FACTOR).contains(*factor)) {
+            let problem = format!("the factor {factor} of the light {name:?} is out of range");
+            return Err(Fault::new(problem, "use 0 to 1000000"));
         }
-        if lights.is_some_and(|lights| lights.values().any(|factor| *factor != 1.0)) {
+        let is_one_film = self.film().is_none_or(|film| film.groups.is_empty());
+        if is_one_film && lights.values().any(|factor| *factor != 1.0) {
             let help = "switch the film for each light on and wait for its picture, or change the power of the lights";
             return Err(Fault::new("there is one film for all lights", help));
         }
-        Ok(self.films().map(|_| 1.0).collect())
+        let factors: Vec<f64> = self.lights().map(|name| lights.get(name).copied().unwrap_or(1.0)).collect();
+        Ok(if factors.iter().all(|factor| *factor == 1.0) { Vec::new() } else { factors })
     }
 
-    /// The sums of the samples of a pixel in all films.
-    pub(crate) fn sums_at(&self, x: u32, y: u32) -> PixelSums {
-        let mut sums = PixelSums::default();
-        self.films().for_each(|film| sums.merge(&film.sums.pixel(x, y)));
-        sums
-    }
-
-    /// The sample with the largest share of the light of a pixel, for films with these factors. `None` for a black pixel.
-    pub(crate) fn heaviest(&self, factors: &[f64], x: u32, y: u32) -> Option<Heaviest> {
-        let mut total = 0.0;
-        let mut heaviest: Option<(usize, u32, f64)> = None;
-        for (film, (rendered, &factor)) in self.films().zip(factors).enumerate() {
-            let sums = rendered.sums.pixel(x, y);
-            let [r, g, b] = sums.mean().map(|v| v as f32);
-            total += factor * f64::from(Rgb::new(r, g, b).luminance());
-            let Some((index, luminance)) = sums.heaviest().filter(|_| factor > 0.0) else { continue };
-            let part = factor * f64::from(luminance) / f64::from(sums.count().max(1));
-            if heaviest.is_none_or(|(.., largest)| part > largest) {
-                heaviest = Some((film, index, part));
-            }
-        }
-        let (film, index, part) = heaviest.filter(|_| total > 0.0)?;
-        Some(Heaviest { film, index, share: (part / total).min(1.0) })
-    }
-
-    /// The name of the light of a film, if each has one.
-    pub(crate) fn light(&self, film: usize) -> Option<&str> {
-        match &self.content {
-            Content::Lights(films) => films.get(film).map(|light| &light.name[..]),
-            Content::Film(_) | Content::Exr(_) => None,
-        }
+    /// The film with these factors of its lights. `None` without factors, and for an EXR. Runs on the threads of the current pool.
+    ///
+    /// # Errors
+    /// Too little memory.
+    pub(crate) fn weighted(&self, factors: &[f64]) -> Result<Option<RenderedFilm>, Fault> {
+        let film = self.film().filter(|_| !factors.is_empty());
+        Ok(film.map(|film| film.weighted(factors)).transpose()?)
     }
 
     /// The transmission of a lens with the other choice of vignetting, relative to that of the film.
@@ -219,53 +211,65 @@ impl Snapshot {
     /// Computes [`Self::mean`], once. Not for threads of the session: while such a thread waits for others it takes up other
     /// work, which could wait for this result.
     pub(crate) fn find_mean(&self, session: &Session<'_>) {
-        match &self.content {
-            Content::Lights(films) => light_sum::find_means(films, session),
-            Content::Exr(_) => {}
-            Content::Film(_) => {
-                self.mean.get_or_init(|| session.install(|| self.read_mean()));
-            }
+        if self.film().is_some() {
+            self.mean.get_or_init(|| session.install(|| self.read_mean()));
         }
     }
 
-    /// The mean in front of the lens, without gaps, after [`Self::find_mean`]. Each film of a light has its own.
+    /// Computes the means of [`Self::weighted_mean`], as [`Self::find_mean`].
+    pub(crate) fn find_means_of_lights(&self, session: &Session<'_>) {
+        self.means_of_lights.get_or_init(|| session.install(|| self.read_means_of_lights()));
+    }
+
+    /// The mean with these factors of the lights, after [`Self::find_means_of_lights`].
+    pub(crate) fn weighted_mean(&self, factors: &[f64]) -> Result<MeanImage, Fault> {
+        let means = self.means_of_lights.get_or_init(|| self.read_means_of_lights());
+        Ok(sum_of_means(&means.iter().zip(factors.iter().copied()).collect::<Vec<_>>())?)
+    }
+
+    /// The mean in front of the lens, without gaps, after [`Self::find_mean`].
     pub(crate) fn mean(&self) -> &MeanImage {
         match &self.content {
             Content::Exr(image) => image.mean(),
-            Content::Film(_) | Content::Lights(_) => self.mean.get_or_init(|| self.read_mean()),
+            Content::Film(_) => self.mean.get_or_init(|| self.read_mean()),
         }
-    }
-
-    /// Matched exposure of the films with these factors, with the noise of these or of other films of their scene.
-    ///
-    /// # Errors
-    /// The noise of another number of films.
-    pub(crate) fn matched(&self, exposer: Exposer, noise: &ImageNoise, factors: &[f64]) -> Result<Exposer, Fault> {
-        Ok(match &self.content {
-            Content::Exr(_) => exposer.with_noise(noise, &[(None, 1.0)])?,
-            Content::Film(_) => {
-                let films: Vec<_> = factors.iter().map(|&factor| (Some(&self.counts), factor)).collect();
-                exposer.with_noise(noise, &films)?
-            }
-            Content::Lights(films) => {
-                let counts: Vec<_> = films.iter().map(|light| light.film.sums.sample_counts()).collect();
-                let films: Vec<_> = counts.iter().map(Some).zip(factors.iter().copied()).collect();
-                exposer.with_noise(noise, &films)?
-            }
-        })
     }
 
     fn read_mean(&self) -> MeanImage {
         let empty = || Plane::new(self.counts.width(), self.counts.height(), [0.0; 3]).into();
-        self.films().next().map_or_else(empty, |film| mean_image(&film.sums, film.is_spread))
+        self.film().map_or_else(empty, |film| mean_image(&film.sums, film.is_spread))
+    }
+
+    fn read_means_of_lights(&self) -> Vec<MeanImage> {
+        self.film().map_or_else(Vec::new, |film| film.groups.iter().map(|of| mean_image(of, film.is_spread)).collect())
     }
 }
 
-fn films_of(content: &Content) -> impl Iterator<Item = &RenderedFilm> {
-    let (one, lights): (_, &[LightFilm]) = match content {
-        Content::Film(film) => (Some(film), &[]),
-        Content::Lights(films) => (None, films),
-        Content::Exr(_) => (None, &[]),
-    };
-    one.into_iter().chain(lights.iter().map(|light| &*light.film))
+fn film_of(content: &Content) -> Option<&RenderedFilm> {
+    match content {
+        Content::Film(film) => Some(film),
+        Content::Exr(_) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld::film::Film;
+
+    #[test]
+    fn lights_have_the_factors_of_their_names() {
+        let lights = [vec!["left".to_owned()], vec!["right".to_owned()]];
+        let mut film = RenderedFilm::without_ids(Film::new(2, 1));
+        film.groups = vec![film.sums.clone(), film.sums.clone()];
+        let settings = RenderSettings::without_sensor().with_light_groups(lights.to_vec());
+        let picture = Snapshot::new(1, Content::Film(film), (settings, false), Arc::default(), 0.0, None);
+        assert_eq!(picture.factors(None), Ok(vec![]));
+        let factors = |name: &str, factor: f64| picture.factors(Some(&BTreeMap::from([(name.to_owned(), factor)])));
+        assert_eq!(factors("right", 0.5), Ok(vec![1.0, 0.5]));
+        assert_eq!((factors("right", 1.0), factors("gone", 3.0)), (Ok(vec![]), Ok(vec![])));
+        for wrong in [-1.0, 2e6, f64::NAN, f64::INFINITY] {
+            assert!(factors("right", wrong).is_err(), "{wrong}");
+        }
+    }
 }

@@ -1,12 +1,11 @@
 //! The films behind cameras that pages have asked for last.
 
 use crate::developed::{Accept, Developed};
-use crate::locks::lock;
 use crate::prepared::Prepared;
 use crate::protocol::{Camera, Denoise, Fault, Readiness};
 use crate::snapshot::Snapshot;
 use dunkelfeld::Session;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 /// Films behind cameras that are kept: two states that are compared, and one that changes.
 pub(crate) const KEPT: usize = 4;
@@ -14,7 +13,6 @@ pub(crate) const KEPT: usize = 4;
 /// The last films behind cameras, and the results that they use.
 #[derive(Debug, Default)]
 pub(crate) struct Store {
-    kept: Mutex<Vec<Arc<Developed>>>,
     prepared: Prepared,
 }
 
@@ -39,26 +37,30 @@ impl Store {
         session: &Session<'_>,
     ) -> Result<Arc<Developed>, Fault> {
         let is_it = |d: &Arc<Developed>| d.snapshot.id == snapshot.id && d.camera() == camera;
-        let is_usable =
-            |d: &Developed| d.is_exact() || (accept == Accept::Provisional && d.prepared() == self.prepared.count());
-        {
-            let mut kept = lock(&self.kept);
+        let count = self.prepared.count();
+        let is_usable = |d: &Developed| d.is_exact() || (accept == Accept::Provisional && d.prepared() == count);
+        let found = self.prepared.pictures(|kept| {
             // Films of an earlier moment are not shown again, except in a comparison, which asks for the present one.
             kept.retain(|d| d.snapshot.id == snapshot.id && (!is_it(d) || is_usable(d)));
-            if let Some(place) = kept.iter().position(is_it) {
-                let found = kept.remove(place);
-                kept.push(found.clone());
-                return Ok(found);
-            }
+            let found = kept.remove(kept.iter().position(is_it)?);
+            kept.push(found.clone());
+            Some(found)
+        });
+        if let Some(found) = found {
+            return Ok(found);
         }
         snapshot.find_mean(session);
+        if camera.lights.is_some() {
+            snapshot.find_means_of_lights(session);
+        }
         let prepared = (&self.prepared, accept);
         let made = Arc::new(session.install(|| Developed::new(snapshot.clone(), camera, prepared, session))?);
-        let mut kept = lock(&self.kept);
-        if kept.len() >= KEPT {
-            kept.remove(0);
-        }
-        kept.push(made.clone());
+        self.prepared.pictures(|kept| {
+            if kept.len() >= KEPT {
+                kept.remove(0);
+            }
+            kept.push(made.clone());
+        });
         Ok(made)
     }
 

@@ -14,11 +14,11 @@ use dunkelfeld_sensor::ExposureNoise;
 pub(crate) const MAX_WAITING: usize = 16;
 
 /// The program, its libraries and small objects.
-pub(super) const PROGRAM: u64 = 24_000_000;
+const PROGRAM: u64 = 24_000_000;
 /// A training path: its vertices, and its share of the learned statistics.
-pub(super) const TRAINING_PATH: u64 = 1000;
+const TRAINING_PATH: u64 = 1000;
 /// A thread: the used part of its stack, and the memory that its allocator keeps.
-pub(super) const THREAD: u64 = 2 << 20;
+const THREAD: u64 = 2 << 20;
 /// Pixels of a tile; a thread has two tiles in work.
 const TILE_PIXELS: u64 = (dunkelfeld_render::TILE * dunkelfeld_render::TILE) as u64;
 /// A strip of an EXR, its blocks before they are written, and their sources: the maximum in bytes.
@@ -32,35 +32,37 @@ const NOISE_ROWS: u64 = 96;
 const NOISE_SHARED: u64 = 40;
 const NOISE_ESTIMATES: u64 = 120;
 /// Kinds of pixels of a sensor behind a colour filter array.
-pub(super) const MAX_KINDS: u64 = 3;
+const MAX_KINDS: u64 = 3;
 const SUMS: u64 = size_of::<PixelSums>() as u64;
 
 /// Bytes per pixel of planes, one constant for each group.
-pub(super) mod per_pixel {
+mod per_pixel {
     /// Ids at each pixel's centre (8), samples so far (4), weights (4).
-    pub(in crate::memory) const KEPT: u64 = 16;
+    pub(super) const KEPT: u64 = 16;
     /// The plan of a round and its increments (8), work units (1).
-    pub(in crate::memory) const ROUND: u64 = 9;
+    pub(super) const ROUND: u64 = 9;
     /// A plan that is replayed: as read, in the settings of the render, and limited to its samples.
     pub(super) const REPLAY: u64 = 12;
     /// The additional data of a checkpoint: object and material numbers (8).
     pub(super) const CHECKPOINT: u64 = 8;
     /// The mean (12), the mask of pixels with samples (1), and a copy for filling gaps (12).
     pub(super) const MEAN: u64 = 25;
+    /// The mean (12) and the denoised mean (12) of a light with a film of its own.
+    pub(super) const MEANS_OF_LIGHT: u64 = 24;
     /// The image of a lens that blurs: mean and moments (36), the image behind it (12), and of one channel its spectrum (24) and its
     /// moments (8).
     pub(super) const LENS: u64 = 80;
     /// Signal and counts (8), each pixel's noise from its own samples (12).
-    pub(in crate::memory) const NOISE: u64 = 20;
+    pub(super) const NOISE: u64 = 20;
     /// The image in the channels of the sensor (4), the noise of a sample (4), its sums over rows of neighbours (16). The
     /// forecast needs less.
-    pub(in crate::memory) const PLAN: u64 = 24;
+    pub(super) const PLAN: u64 = 24;
     /// Weights without measured noise: luminance and gradients.
     pub(super) const SOBEL: u64 = 28;
     /// Ratios (4) and saturated pixels (1).
     pub(super) const CERTIFIED: u64 = 5;
     /// These, and quantiles (4).
-    pub(in crate::memory) const CERTIFICATE: u64 = CERTIFIED + 4;
+    pub(super) const CERTIFICATE: u64 = CERTIFIED + 4;
     /// Rare samples and matched variances, during their computation.
     pub(super) const MATCHED: u64 = 13;
     /// Object and material of each pixel of a film.
@@ -69,9 +71,9 @@ pub(super) mod per_pixel {
     /// quantiles (9).
     pub(super) const EXPOSURE: u64 = 38;
     /// Electrons (4) and grey values (2), the picture (3).
-    pub(in crate::memory) const FRAME: u64 = 9;
+    pub(super) const FRAME: u64 = 9;
     /// Defects and fixed pattern of the device.
-    pub(in crate::memory) const DEVICE: u64 = 8;
+    pub(super) const DEVICE: u64 = 8;
     /// The film's inputs of a denoiser: mean, albedo, normal with variances (72), depth with variance (8), first light
     /// (12).
     pub(super) const FEATURES: u64 = 92;
@@ -143,16 +145,13 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     account.add("scene", &always(geometry));
     account.add("textures", &always(scene.texture_bytes));
     account.add("description", &always(description));
-    account.add(
-        "film",
-        &always(Film::expected_bytes(
-            width,
-            height,
-            settings.film_layers(),
-            settings.is_blurred(),
-            settings.expected_spp(),
-        )),
-    );
+    let film =
+        Film::expected_bytes(width, height, settings.film_layers(), settings.is_blurred(), settings.expected_spp());
+    // One for each group of lights, and one for the lights of no group.
+    let groups = settings.light_groups.len() as u64;
+    let of_groups = film.saturating_mul(groups + groups.min(1));
+    account.add("film", &always(film));
+    account.add("films of lights", &always(of_groups));
     account.add("planes", &always(planes(per_pixel::KEPT)));
     if settings.replay.is_some() || settings.samples.is_some() {
         account.add("plan", &always(planes(per_pixel::REPLAY)));
@@ -170,14 +169,7 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     };
     let bands = noise_bands(width, height, kinds, threads);
     if kept != KeptFilms::default() {
-        let film =
-            Film::expected_bytes(width, height, settings.film_layers(), settings.is_blurred(), settings.expected_spp());
-        let films = film.saturating_add(planes(per_pixel::IDS)).saturating_mul(kept.films);
-        let exposures = planes(per_pixel::EXPOSURE).saturating_mul(kept.exposures);
-        let analyses = planes(per_pixel::NOISE).saturating_add(bands).saturating_mul(kept.analyses);
-        let others = planes(kept.bytes_per_pixel);
-        let bytes = films.saturating_add(exposures).saturating_add(analyses).saturating_add(others);
-        account.add("kept films", &always(bytes));
+        account.add("kept films", &always(kept_bytes(kept, px, (film, groups), bands)));
     }
     if plans {
         let noise = if has_sensor {
@@ -209,6 +201,20 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     account.add("files", &[0, 0, 0, 0, planes(per_pixel::PICTURE).saturating_add(exr)]);
     account.add("threads", &always(THREAD * threads as u64));
     (PROGRAM + scene.memory_bytes + description, account)
+}
+
+/// The memory of kept films of so many pixels: of a film and of the number of its groups of lights, and of the estimates of a
+/// noise analysis.
+fn kept_bytes(kept: KeptFilms, px: u64, (film, groups): (u64, u64), bands: u64) -> u64 {
+    let planes = |bytes: u64| px.saturating_mul(bytes);
+    let of_groups =
+        film.saturating_mul(groups + groups.min(1)).saturating_add(planes(per_pixel::MEANS_OF_LIGHT * groups));
+    let films = film.saturating_add(of_groups).saturating_add(planes(per_pixel::IDS)).saturating_mul(kept.films);
+    // An exposure with factors on the lights has a film of its own.
+    let weighted = film.saturating_mul(groups.min(1));
+    let exposures = planes(per_pixel::EXPOSURE).saturating_add(weighted).saturating_mul(kept.exposures);
+    let analyses = planes(per_pixel::NOISE).saturating_add(bands).saturating_mul(kept.analyses);
+    [exposures, analyses, planes(kept.bytes_per_pixel)].into_iter().fold(films, u64::saturating_add)
 }
 
 /// The account of a merge of parts of that size.
@@ -287,7 +293,7 @@ fn denoiser_bytes(px: u64, method: DenoiseMethod) -> u64 {
 }
 
 /// Rows whose noise is estimated at a time.
-pub(super) fn noise_bands(width: u32, height: u32, kinds: u64, threads: usize) -> u64 {
+fn noise_bands(width: u32, height: u32, kinds: u64, threads: usize) -> u64 {
     let rows = u64::from(height).min(NOISE_ROWS.saturating_mul(threads as u64));
     let sums = u64::from(Film::TILE) * SUMS * threads as u64;
     u64::from(width) * (rows * (NOISE_SHARED + kinds * NOISE_ESTIMATES) + sums)

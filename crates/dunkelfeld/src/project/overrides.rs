@@ -144,7 +144,7 @@ impl Project {
     }
 }
 
-pub(super) fn kept_description(description: Option<&mut Description>) -> Result<&mut Description, Error> {
+fn kept_description(description: Option<&mut Description>) -> Result<&mut Description, Error> {
     description.ok_or_else(not_kept)
 }
 

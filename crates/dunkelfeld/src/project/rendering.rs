@@ -73,6 +73,14 @@ impl Project {
         self.film_of(Session::in_background(self.settings.threads, nice)?, kept, progress, cancel)
     }
 
+    /// The memory of [`Self::render_film_beside`] with these settings beside the program and its scene \[bytes\], and an error
+    /// if there is less.
+    pub fn memory_beside(&self, settings: &RenderSettings, kept: KeptFilms) -> (u64, Result<(), Error>) {
+        let (held, account) = self.account(settings, None, kept);
+        let help = "use one film for all lights, or render fewer pixels";
+        (account.peak_bytes.saturating_sub(held), account.check(settings.memory_limit, held, help))
+    }
+
     fn film_of(
         &self,
         session: Session<'_>,

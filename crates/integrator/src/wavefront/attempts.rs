@@ -42,6 +42,8 @@ pub(super) struct Connection {
     /// Index of the light sample, and number of the path.
     pub(super) light: u32,
     pub(super) path: u32,
+    /// The group of the light, if the light of groups is found.
+    pub(super) group: u8,
 }
 
 impl Attempts {
@@ -52,7 +54,7 @@ impl Attempts {
         lanes: F::Mask,
         (chosen, light): (&CandidateChains<F>, u32),
         entry: &Entry<'_, F>,
-        paths: &[u32; MAX_WIDTH],
+        (paths, groups): (&[u32; MAX_WIDTH], Option<&[u8; MAX_WIDTH]>),
     ) {
         let Entry { ends, chain, probability, light: Rgb { r, g, b }, pdf, at } = entry;
         let (Frame { tangent, bitangent, normal }, one) = (at.frames.frame, pdf.constant(1.0));
@@ -83,8 +85,8 @@ impl Attempts {
                 }
                 last = Some(own);
                 let (bsdf, enclosing) = (self.bsdfs.len() as u32 - 1, ends.enclosing[lane]);
-                let (chain, path) = (chain[lane], paths[lane]);
-                self.connections.push(Connection { numbers, chain, enclosing, bsdf, light, path });
+                let (chain, path, group) = (chain[lane], paths[lane], groups.map_or(0, |groups| groups[lane]));
+                self.connections.push(Connection { numbers, chain, enclosing, bsdf, light, path, group });
             },
         );
         V3::store_records(

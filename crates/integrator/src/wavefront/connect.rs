@@ -68,7 +68,8 @@ impl Wavefront<'_> {
                     let CandidateChains { chain, probability, .. } = *chosen;
                     let (pdf, at) = (draw.light.pdf, group.at);
                     let entry = Entry { ends, chain, probability, light, pdf, at };
-                    self.attempts.append(lanes, (chosen, index), &entry, &group.paths);
+                    let groups = self.group_light.sampled.get(index as usize);
+                    self.attempts.append(lanes, (chosen, index), &entry, (&group.paths, groups));
                 }
             }
         });
@@ -177,15 +178,21 @@ impl Wavefront<'_> {
         let (origin, light) = (traced.origin, unoccluded * (mis_weight / density));
         let mut rays = Queued { lanes: arriving, origin, direction, t_max, light };
         self.dim_by_solids(&mut rays, ends.time, &traced.enclosing);
-        let (mut paths, mut lights, mut left) = ([0; MAX_WIDTH], [0; MAX_WIDTH], arriving);
+        let (mut paths, mut lights, mut groups) = ([0; MAX_WIDTH], [0; MAX_WIDTH], [0; MAX_WIDTH]);
         for lane in arriving.lanes() {
-            (paths[lane], lights[lane]) = (queue.connection(numbers[lane]).path, queue.connection(numbers[lane]).light);
+            let Connection { path, light, group, .. } = *queue.connection(numbers[lane]);
+            (paths[lane], lights[lane], groups[lane]) = (path, light, group);
         }
+        let mut left = arriving;
         // The rays of each light sample, which is one in general.
         while let Some(first) = left.lanes().next() {
             let (index, of_lanes) = (lights[first], F::load_word(at.token, &lights));
             rays.lanes = left & F::word_eq(of_lanes, F::splat_word(at.token, index));
-            self.shadow[index as usize][1].append(&rays, ends.time, &paths);
+            let shadow = &mut self.shadow[index as usize][1];
+            shadow.append(&rays, ends.time, &paths);
+            if self.group_light.groups.is_some() {
+                shadow.append_groups::<F>(rays.lanes, &groups);
+            }
             left = left & !rays.lanes;
         }
         (arriving, mis_weight.only(arriving))

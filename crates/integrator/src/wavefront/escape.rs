@@ -29,6 +29,7 @@ impl Wavefront<'_> {
                 );
                 let (direction, none) = (self.rays.directions::<F>(token, &rays), V3::splat(token, Vec3::ZERO));
                 let (last, chosen, end) = (&state.last, state.last_choice_is_one, (false, [direction, none]));
+                let (groups, mut of_groups) = (self.group_light.groups, Vec::new());
                 let mut light = state.contributions(
                     scene,
                     scene.environment_radiance(direction),
@@ -37,8 +38,9 @@ impl Wavefront<'_> {
                     #[inline(always)]
                     || scene.environment_pdf(last, chosen, direction),
                 );
+                of_groups.extend(groups.map(|groups| (groups.of_environment(), light)));
                 for sun in scene.suns() {
-                    light += state.contributions(
+                    let of_sun = state.contributions(
                         scene,
                         scene.sun_radiance(sun, direction),
                         end,
@@ -46,6 +48,8 @@ impl Wavefront<'_> {
                         #[inline(always)]
                         || scene.sun_pdf(last, chosen, sun, direction),
                     );
+                    light += of_sun;
+                    of_groups.extend(groups.map(|groups| (groups.of_light(sun), of_sun)));
                 }
                 let (directions, throughputs) = (direction.to_lanes(), state.throughput.to_lanes());
                 for (lane, light) in light.to_lanes().into_iter().enumerate().take(group.len()) {
@@ -58,6 +62,11 @@ impl Wavefront<'_> {
                     });
                     watch.event(paths[lane], || Event::Emitted(light));
                     self.paths[paths[lane] as usize].add_radiance(light);
+                }
+                for (of_group, light) in of_groups {
+                    for (path, light) in paths[..group.len()].iter().zip(light.to_lanes()) {
+                        self.group_light.add(*path, of_group, light);
+                    }
                 }
             }
         });

@@ -225,6 +225,12 @@ impl<'a> Wavefront<'a> {
                     self.paths[number as usize].add_radiance(light);
                 }
             }
+            if let Some(groups) = self.group_light.groups.filter(|_| emits) {
+                let parts = F::word_to_array(points.part);
+                for (lane, (&number, light)) in paths.iter().zip(light.to_lanes()).enumerate() {
+                    self.group_light.add(number, groups.of_part(parts[lane]), light);
+                }
+            }
         });
     }
 }

@@ -18,6 +18,7 @@ mod attempts;
 mod connect;
 mod escape;
 mod group;
+mod light_groups;
 mod media;
 pub(crate) mod rays;
 mod scatter;
@@ -35,7 +36,8 @@ use dunkelfeld_geometry::Ray;
 use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, dispatch};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
-use dunkelfeld_scene::{CameraRays, Interface, LightChoice, Moment, SurfacePoint};
+use dunkelfeld_scene::{CameraRays, Interface, LightChoice, LightGroups, Moment, SurfacePoint};
+use light_groups::GroupLight;
 use rays::{Hits, Rays, ShadowRays};
 use std::time::Instant;
 
@@ -57,6 +59,7 @@ pub struct Wavefront<'a> {
     estimator: Estimator<'a>,
     set: InstructionSet,
     paths: Vec<PathState>,
+    group_light: GroupLight<'a>,
     /// For each path behind those of the samples, the sample that it belongs to. Such a path is the rest behind the first
     /// light of a sample, or one of several.
     owners: Vec<u32>,
@@ -190,6 +193,7 @@ impl<'a> Wavefront<'a> {
             estimator: *estimator,
             set,
             paths: Vec::new(),
+            group_light: GroupLight::default(),
             owners: Vec::new(),
             camera: Vec::new(),
             samples: Vec::new(),
@@ -212,6 +216,11 @@ impl<'a> Wavefront<'a> {
         }
     }
 
+    /// Also finds the light of groups of lights.
+    pub fn with_light_groups(self, groups: Option<&'a LightGroups>) -> Self {
+        Self { group_light: GroupLight::new(groups), ..self }
+    }
+
     /// Use of the lanes since it was made.
     pub fn lane_use(&self) -> LaneUse {
         self.lane_use
@@ -227,19 +236,31 @@ impl<'a> Wavefront<'a> {
     /// of the mean over the area of the pixel. It is finite and not negative unless values of the scene exceed the range of
     /// floating-point numbers. Such an invalid sample is returned unchanged, and the film counts it.
     pub fn samples(&mut self, at: &[PixelSample], tally: &mut ConnectionTally, found: &mut Vec<Sample>) {
-        found.clear();
+        self.samples_by_group(at, tally, std::slice::from_mut(found));
+    }
+
+    /// [`Self::samples`] into the first list, and into one more list for each group of lights the light of its lights, with the
+    /// places of the samples and without auxiliary layers.
+    ///
+    /// The light of all groups adds up to that of a sample, to the rounding of the sums in single precision. A sample that is
+    /// invalid is so in each group.
+    ///
+    /// # Panics
+    /// With fewer lists.
+    pub fn samples_by_group(&mut self, at: &[PixelSample], tally: &mut ConnectionTally, found: &mut [Vec<Sample>]) {
+        found.iter_mut().for_each(Vec::clear);
         for at in at.chunks(BATCH) {
-            let complete = found.len();
+            let complete = found[0].len();
             self.observed(at, Watch { tally, observer: None }, found);
             if tally.is_abandoned {
-                found.truncate(complete);
+                found.iter_mut().for_each(|found| found.truncate(complete));
                 return;
             }
         }
     }
 
     /// Appends the samples of a batch, with the events of their paths. Returns the weight of the first camera ray.
-    pub(crate) fn observed(&mut self, at: &[PixelSample], watch: Watch<'_>, found: &mut Vec<Sample>) -> f32 {
+    pub(crate) fn observed(&mut self, at: &[PixelSample], watch: Watch<'_>, found: &mut [Vec<Sample>]) -> f32 {
         self.begin();
         let set = self.set;
         dispatch!(set, F, token => {
@@ -248,14 +269,27 @@ impl<'a> Wavefront<'a> {
             }
         });
         self.follow(watch);
+        let complete = found[0].len();
+        self.collect(|path| self.paths[path].radiance(), |path| self.samples[path], &mut found[0]);
+        for group in 0..self.group_light.len() {
+            let (whole, of_group) = found.split_at_mut(1 + group);
+            self.collect(|path| self.group_light.of(path, group), |_| Sample::MISS, &mut of_group[0]);
+            let invalid = whole[0].iter().zip(&mut of_group[0]).skip(complete).filter(|(whole, _)| !whole.is_valid());
+            invalid.for_each(|(whole, of_group)| of_group.radiance = whole.radiance);
+        }
+        self.camera.first().map_or(1.0, |(weight, ..)| *weight)
+    }
+
+    /// Appends the samples of the paths, from the light on each path and the auxiliary layers of each sample.
+    fn collect(&self, light: impl Fn(usize) -> Rgb, layers: impl Fn(usize) -> Sample, found: &mut Vec<Sample>) {
         let (samples, complete) = (self.samples.len(), found.len());
-        found.extend(self.paths.iter().zip(&self.samples).map(|(path, sample)| {
-            let light = path.radiance();
-            Sample { radiance: light, first_light: light, ..*sample }
+        found.extend((0..samples).map(|path| {
+            let light = light(path);
+            Sample { radiance: light, first_light: light, ..layers(path) }
         }));
         let found = &mut found[complete..];
-        for (rest, &owner) in self.paths[samples..].iter().zip(&self.owners) {
-            found[owner as usize].radiance += rest.radiance();
+        for (rest, &owner) in (samples..self.paths.len()).zip(&self.owners) {
+            found[owner as usize].radiance += light(rest);
         }
         for (sample, &(weight, start, place)) in found.iter_mut().zip(&self.camera) {
             // The lens scales the radiance, for example by vignetting.
@@ -264,7 +298,6 @@ impl<'a> Wavefront<'a> {
             sample.place = place;
             sample.depth += if sample.hit { start } else { 0.0 };
         }
-        self.camera.first().map_or(1.0, |(weight, ..)| *weight)
     }
 
     /// Begins a batch.
@@ -358,6 +391,8 @@ impl<'a> Wavefront<'a> {
         self.samples.resize(self.paths.len(), Sample::MISS);
         self.layers.clear();
         self.layers.resize(self.paths.len(), Layers::Unset);
+        self.group_light.clear();
+        self.group_light.resize(self.paths.len());
         let mut unchecked = 0;
         for vertex in 0.. {
             self.wave(vertex, &mut watch);
@@ -524,6 +559,9 @@ impl<'a> Wavefront<'a> {
                         self.observed_light.push(([index, kind], path, light));
                     } else if !light.is_black() {
                         self.paths[path as usize].add_radiance(light);
+                        if let Some(&group) = queue.groups.get(i) {
+                            self.group_light.add(path, group, light);
+                        }
                     }
                     watch.event(path, || match queue.connections.get(i) {
                         Some(of) => {

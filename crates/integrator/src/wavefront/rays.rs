@@ -171,6 +171,8 @@ pub(super) struct ShadowRays {
     pub(super) rays: Rays,
     /// Radiance of the pixel if the ray is not occluded [W/(m^2 sr)], by channel.
     pub(super) light: [Vec<f32>; 3],
+    /// The groups of the lights, if the light of groups is found.
+    pub(super) groups: Vec<u8>,
     /// The connections of rays behind covers, where they are observed.
     pub(super) connections: Vec<TraceConnection>,
 }
@@ -179,6 +181,7 @@ impl ShadowRays {
     pub(super) fn clear(&mut self) {
         self.rays.clear();
         self.connections.clear();
+        self.groups.clear();
         self.light.iter_mut().for_each(Vec::clear);
     }
 
@@ -190,6 +193,14 @@ impl ShadowRays {
         q.light.r.append(q.lanes, r);
         q.light.g.append(q.lanes, g);
         q.light.b.append(q.lanes, b);
+    }
+
+    /// Stores the groups of the lights of rays that were appended in some lanes.
+    #[inline(always)]
+    pub(super) fn append_groups<F: Lanes>(&mut self, lanes: F::Mask, of_lanes: &[u8; MAX_WIDTH]) {
+        for lane in lanes.lanes() {
+            self.groups.push(of_lanes[lane]);
+        }
     }
 
     /// The light of a ray.

@@ -69,6 +69,9 @@ impl Wavefront<'_> {
         let mut draws = SmallVec::new();
         if group.lit.any() {
             self.draw_lights(&group, &mut draws);
+            if self.group_light.groups.is_some() {
+                self.find_groups(&group);
+            }
         }
         let mut directions = Directions::<F>::new();
         for draw in &draws {
@@ -161,7 +164,11 @@ impl Wavefront<'_> {
                     let enclosing = self.enclosing_beyond(group, direction);
                     self.dim_by_solids(&mut rays, group.points.time, &enclosing);
                 }
-                self.shadow[index as usize][0].append(&rays, group.points.time, &group.paths);
+                let queue = &mut self.shadow[index as usize][0];
+                queue.append(&rays, group.points.time, &group.paths);
+                if let Some(of_lanes) = self.group_light.sampled.get(index as usize) {
+                    queue.append_groups::<F>(traced, of_lanes);
+                }
             }
         });
     }
@@ -275,6 +282,7 @@ impl Wavefront<'_> {
             let parent = paths[lane];
             paths[lane] = self.paths.len() as u32;
             self.paths.push(self.paths[parent as usize]);
+            self.group_light.resize(self.paths.len());
             self.owners.push(self.owner(parent));
             watch.event(paths[lane], || Event::Split { parent });
             self.layers.push(if number == 0 { self.layers[parent as usize] } else { Layers::Set });

@@ -2,6 +2,7 @@
 //!
 //! Replay: `cargo test -p dunkelfeld-integrator --test it wavefront::NAME`.
 
+use dunkelfeld_film::Sample;
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, LearnedRoulette, PixelSample, Wavefront};
 use dunkelfeld_lanes::InstructionSet;
@@ -45,8 +46,43 @@ fn compare(b: SceneBuilder, what: &str) -> u32 {
             wavefront.samples(&some, &mut tally, &mut found);
             assert_eq!(found, of_some, "{what}, a part of the samples, {set:?}");
         }
+        compare_groups(&estimator, &at, &expected, what);
     }
     learned.map_or(1, |learned| learned.children())
+}
+
+/// Compares the light of groups of lights in all lanes with that of single samples in one lane. The samples are those without
+/// groups, and the groups add up to them.
+fn compare_groups(estimator: &Estimator<'_>, at: &[PixelSample], expected: &[Sample], what: &str) {
+    let mut names: Vec<String> = estimator.scene.light_inventory().into_iter().map(|light| light.name).collect();
+    names.dedup();
+    // The others are in the last group.
+    let groups: Vec<_> = names.iter().step_by(2).map(std::slice::from_ref).collect();
+    let groups = estimator.scene.light_groups(&groups).expect("names of lights");
+    let wavefront = |set| Wavefront::new(estimator, set).with_light_groups(Some(&groups));
+    let lists = || vec![Vec::new(); 1 + groups.len()];
+    let (mut reference, mut one, mut singles) = (wavefront(InstructionSet::Scalar), lists(), lists());
+    for at in at {
+        reference.samples_by_group(&[*at], &mut ConnectionTally::default(), &mut one);
+        singles.iter_mut().zip(&one).for_each(|(all, one)| all.extend(one));
+    }
+    assert_eq!(singles[0], expected, "{what} with groups");
+    for (sample, whole) in expected.iter().enumerate() {
+        for first in [false, true] {
+            let light = |sample: &Sample| if first { sample.first_light } else { sample.radiance };
+            let sum = singles[1..].iter().fold(Rgb::BLACK, |sum, group| sum + light(&group[sample]));
+            let error = (sum + light(whole) * -1.0).to_array().map(f32::abs);
+            let most = light(whole).max_channel() * 1e-5;
+            assert!(error.iter().all(|e| *e <= most), "{what}, {:?}: {sum:?}, {whole:?}", at[sample]);
+        }
+    }
+    let is_dark = |group: &Vec<Sample>| group.iter().all(|sample| sample.radiance.is_black());
+    assert!(!singles.iter().any(is_dark), "{what}: a group is dark");
+    for set in InstructionSet::all() {
+        let mut found = lists();
+        wavefront(set).samples_by_group(at, &mut ConnectionTally::default(), &mut found);
+        assert_eq!(found, singles, "{what} with groups and {set:?}");
+    }
 }
 
 /// A floor of plastic, a smooth ball and a box of metal under a panel.
@@ -65,7 +101,7 @@ fn station() -> SceneBuilder {
 
 fn panel(b: &mut SceneBuilder, x: f32, radiance: f32) {
     let light = b.add_material(Material { emission: Rgb::splat(radiance), ..Material::default() });
-    b.add_object("light", rectangle(Vec3::new(x, 0.3, 1.0), Vec3::X * 0.6, Vec3::NEG_Y * 0.2), light);
+    b.add_object(&format!("light at {x}"), rectangle(Vec3::new(x, 0.3, 1.0), Vec3::X * 0.6, Vec3::NEG_Y * 0.2), light);
 }
 
 fn sky(b: &mut SceneBuilder) {
@@ -94,7 +130,7 @@ fn lights_of_all_kinds() {
         PunctualKind::Directional { irradiance: Rgb::splat(0.5) },
     ] {
         let to_world = DAffine3::from_translation(DVec3::new(-0.4, -0.5, 0.6));
-        b.lights.push(PunctualLight { name: "lamp".into(), to_world, kind });
+        b.lights.push(PunctualLight { name: format!("{kind:?}"), to_world, kind });
     }
     let mut under_an_image = b.clone();
     compare(b, "lights of all kinds");

@@ -16,6 +16,7 @@ use dunkelfeld_adaptive::{Affordable, Levels, WorkQueue, WorkUnit};
 use dunkelfeld_film::{Film, PixelSums, Plane, Sample, TileRow};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, LaneUse, PixelSample, Wavefront};
 use dunkelfeld_lanes::{InstructionSet, dispatch};
+use dunkelfeld_scene::LightGroups;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -93,6 +94,8 @@ impl<'a> ProgressReporter<'a> {
 /// The inputs of a pass: of a round, or of its levels up to a pause.
 pub(crate) struct RoundWork<'a> {
     pub(crate) estimator: &'a Estimator<'a>,
+    /// The groups of lights with films of their own.
+    pub(crate) light_groups: Option<&'a LightGroups>,
     /// Samples of each pixel before the round, and its target.
     pub(crate) counts: &'a Plane<u32>,
     pub(crate) target: &'a Plane<u32>,
@@ -157,8 +160,8 @@ struct PendingTile {
 /// The finished parts of a level of a tile.
 #[derive(Default)]
 struct PartialLevel {
-    /// Sums of the pixels with new samples. A pixel occurs once for each part.
-    sums: Vec<TileSum>,
+    /// For each film, sums of the pixels with new samples. A pixel occurs once for each part.
+    sums: Vec<Vec<TileSum>>,
     /// Parts that are not finished; `None` before the first.
     missing: Option<u32>,
     samples: u64,
@@ -212,21 +215,77 @@ impl<'a> TileWriter<'a> {
     }
 }
 
-/// Takes units from the queue and adds them to the film, on the threads of the current pool.
-pub(crate) fn run(
-    film: &mut Film,
+/// The films during a round, and for each tile the levels that are not in them.
+struct Canvases<'a> {
+    films: Vec<TileWriter<'a>>,
+    pending: Vec<Mutex<PendingTile>>,
+}
+
+impl Canvases<'_> {
+    /// Adds finished units with their numbers of samples, their connections, and for each film their sums, which are those of the
+    /// same pixels. Returns the samples and connections of the levels that have reached the films.
+    fn add_units(
+        &self,
+        (units, samples): (&[WorkUnit], &[u64]),
+        mut connections: ConnectionTally,
+        sums: &[Vec<TileSum>],
+    ) -> Result<PartialLevel, CanvasFault> {
+        let mut added = PartialLevel::default();
+        let mut of_units = sums[0].chunk_by(|a, b| a.0 / PIXELS == b.0 / PIXELS).peekable();
+        let mut first = 0;
+        for ((number, unit), &samples) in (0..).zip(units).zip(samples) {
+            let mut tile = self.pending[unit.tile].lock().map_err(|_| CanvasFault::Poisoned)?;
+            let index = unit.number - tile.first;
+            let known = tile.levels.len().max(index + 1);
+            tile.levels.resize_with(known, PartialLevel::default);
+            let level = &mut tile.levels[index];
+            level.missing = Some(level.missing.unwrap_or(unit.parts) - 1);
+            let of_unit = of_units.next_if(|sums| sums[0].0 / PIXELS == number).unwrap_or_default();
+            let mut range = first..first + of_unit.len();
+            first = range.end;
+            // A level that is complete needs no copy.
+            if index > 0 || level.missing != Some(0) {
+                level.sums.resize_with(sums.len(), Vec::new);
+                for (kept, sums) in level.sums.iter_mut().zip(sums) {
+                    kept.extend_from_slice(&sums[range.clone()]);
+                }
+                range = 0..0;
+            }
+            level.samples += samples;
+            level.connections.add(&std::mem::take(&mut connections));
+            while let Some(level) = tile.levels.pop_front_if(|level| level.missing == Some(0)) {
+                for (film, sums) in sums.iter().enumerate() {
+                    let of_level = level.sums.get(film).into_iter().flatten();
+                    self.films[film].add(unit.tile, of_level.chain(&sums[range.clone()]))?;
+                }
+                range = 0..0;
+                tile.first += 1;
+                added.samples += level.samples;
+                added.connections.add(&level.connections);
+            }
+        }
+        Ok(added)
+    }
+}
+
+/// Takes units from the queue and adds them to the films, on the threads of the current pool. The first film is that of all
+/// lights. The others are those of the groups of lights.
+pub(crate) fn run<'a>(
+    films: impl Iterator<Item = &'a mut Film>,
     queue: &mut WorkQueue,
     work: &RoundWork<'_>,
     reporter: &ProgressReporter<'_>,
 ) -> RoundResult {
     let (grid, begun) = (queue.costs().grid(), queue.begun());
-    let canvas = TileWriter::new(film, grid);
     let pending = |_| Mutex::new(PendingTile { first: begun, levels: VecDeque::new() });
-    let pending: Vec<Mutex<PendingTile>> = (0..grid.len()).map(pending).collect();
+    let canvases = Canvases {
+        films: films.map(|film| TileWriter::new(film, grid)).collect(),
+        pending: (0..grid.len()).map(pending).collect(),
+    };
     let (desk, invalid) = (Mutex::new((queue, RoundResult::default())), Mutex::new(Vec::new()));
     let out_of_memory = AtomicBool::new(false);
     (0..rayon::current_num_threads()).into_par_iter().for_each(|_| {
-        let (mut units, mut sums, mut batch) = (Vec::new(), Vec::new(), Batch::new(work.estimator));
+        let (mut units, mut sums, mut batch) = (Vec::new(), vec![Vec::new(); canvases.films.len()], Batch::new(work));
         let next = |units: &mut Vec<WorkUnit>| {
             let is_over = work.cancel.is_cancelled() || out_of_memory.load(Ordering::Relaxed);
             let Ok(mut desk) = desk.lock() else { return false };
@@ -239,41 +298,20 @@ pub(crate) fn run(
         };
         while next(&mut units) {
             let began = Instant::now();
-            let Some(mut connections) = render_units(work, &units, grid, &mut batch, reporter, &invalid, &mut sums)
-            else {
+            let Some(connections) = render_units(work, &units, grid, &mut batch, reporter, &invalid, &mut sums) else {
                 // Its level is incomplete.
                 if let Ok(mut desk) = desk.lock() {
                     desk.1.end = Some(End::Stop);
                 }
                 break;
             };
-            let mut added = PartialLevel::default();
-            let mut sums = sums.chunk_by(|a, b| a.0 / PIXELS == b.0 / PIXELS).peekable();
-            for ((number, unit), &samples) in (0..).zip(&units).zip(&batch.samples) {
-                let Ok(mut tile) = pending[unit.tile].lock() else { return };
-                let index = unit.number - tile.first;
-                let known = tile.levels.len().max(index + 1);
-                tile.levels.resize_with(known, PartialLevel::default);
-                let level = &mut tile.levels[index];
-                level.missing = Some(level.missing.unwrap_or(unit.parts) - 1);
-                let mut of_unit = sums.next_if(|sums| sums[0].0 / PIXELS == number).unwrap_or_default();
-                // A level that is complete needs no copy.
-                if index > 0 || level.missing != Some(0) {
-                    level.sums.extend_from_slice(of_unit);
-                    of_unit = &[];
+            let added = match canvases.add_units((&units, &batch.samples), connections, &sums) {
+                Ok(added) => added,
+                Err(fault) => {
+                    out_of_memory.fetch_or(fault == CanvasFault::OutOfMemory, Ordering::Relaxed);
+                    return;
                 }
-                level.samples += samples;
-                level.connections.add(&std::mem::take(&mut connections));
-                while let Some(level) = tile.levels.pop_front_if(|level| level.missing == Some(0)) {
-                    if let Err(fault) = canvas.add(unit.tile, level.sums.iter().chain(std::mem::take(&mut of_unit))) {
-                        out_of_memory.fetch_or(fault == CanvasFault::OutOfMemory, Ordering::Relaxed);
-                        return;
-                    }
-                    tile.first += 1;
-                    added.samples += level.samples;
-                    added.connections.add(&level.connections);
-                }
-            }
+            };
             let Ok(mut desk) = desk.lock() else { break };
             let per_sample =
                 (began.elapsed() - batch.reports).as_secs_f64() / batch.samples.iter().sum::<u64>().max(1) as f64;
@@ -285,7 +323,7 @@ pub(crate) fn run(
             drop(desk);
             // Only a finished tile changes the film.
             if let Some((writer, snapshot)) = work.writer.filter(|_| added.samples > 0) {
-                let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| canvas.copy(rows, out);
+                let mut rows = |rows: Range<u32>, out: &mut Vec<PixelSums>| canvases.films[0].copy(rows, out);
                 writer.keep_if_due(snapshot, work.clock.map(|clock| clock.deadline), &mut rows);
             }
         }
@@ -339,15 +377,16 @@ struct Batch<'a> {
     samples: Vec<u64>,
     /// Time of the reports of progress during the units. It is not that of samples.
     reports: Duration,
-    found: Vec<Sample>,
+    /// The samples for each film.
+    found: Vec<Vec<Sample>>,
     /// Number of samples after which the clock and the switch are checked.
     size: usize,
 }
 
 impl<'a> Batch<'a> {
-    fn new(estimator: &Estimator<'a>) -> Self {
+    fn new(work: &RoundWork<'a>) -> Self {
         let set = InstructionSet::best();
-        let wavefront = Wavefront::new(estimator, set);
+        let wavefront = Wavefront::new(work.estimator, set).with_light_groups(work.light_groups);
         Self {
             set,
             wavefront,
@@ -355,12 +394,12 @@ impl<'a> Batch<'a> {
             pixels: Vec::new(),
             samples: Vec::new(),
             reports: Duration::ZERO,
-            found: Vec::new(),
+            found: vec![Vec::new(); 1 + work.light_groups.map_or(0, LightGroups::len)],
             size: FIRST_BATCH,
         }
     }
 
-    /// Computes the samples and adds them to the sums of their pixels, which are in ascending order. False if the unit was
+    /// Computes the samples and adds them to the sums of their pixels in each film, which are in ascending order. False if the unit was
     /// abandoned.
     fn run(
         &mut self,
@@ -368,15 +407,19 @@ impl<'a> Batch<'a> {
         reporter: &ProgressReporter<'_>,
         connections: &mut ConnectionTally,
         invalid: &Mutex<Vec<PixelSample>>,
-        sums: &mut Vec<TileSum>,
+        sums: &mut [Vec<TileSum>],
     ) -> bool {
         let began = Instant::now();
-        self.wavefront.samples(&self.at, connections, &mut self.found);
+        self.wavefront.samples_by_group(&self.at, connections, &mut self.found);
         if connections.is_abandoned {
             return false;
         }
         let set = self.set;
-        dispatch!(set, _F, _token => self.add(invalid, sums));
+        for (film, sums) in sums.iter_mut().enumerate() {
+            let found = &self.found[film];
+            let invalid = (film == 0).then_some(invalid);
+            dispatch!(set, _F, _token => self.add(found, invalid, sums));
+        }
         let computed = Instant::now();
         reporter.add(work.stage, self.at.len() as u64);
         let now = Instant::now();
@@ -389,12 +432,12 @@ impl<'a> Batch<'a> {
         !work.cancel.is_cancelled() && work.clock.is_none_or(|clock| now <= clock.abort_at)
     }
 
-    /// Adds the samples to the sums of their pixels.
+    /// Adds the samples of a film to the sums of their pixels.
     #[inline(always)]
-    fn add(&self, invalid: &Mutex<Vec<PixelSample>>, sums: &mut Vec<TileSum>) {
+    fn add(&self, found: &[Sample], invalid: Option<&Mutex<Vec<PixelSample>>>, sums: &mut Vec<TileSum>) {
         let mut first = 0;
         for &(slot, count) in &self.pixels {
-            let (at, samples) = (&self.at[first..first + count], &self.found[first..first + count]);
+            let (at, samples) = (&self.at[first..first + count], &found[first..first + count]);
             first += count;
             if sums.last().is_none_or(|(last, _)| *last != slot) {
                 sums.extend_from_slice(&EMPTY);
@@ -403,7 +446,7 @@ impl<'a> Batch<'a> {
             *of_slot = slot;
             let before = pixel.invalid;
             pixel.add_range(first.index, samples);
-            if pixel.invalid != before {
+            if let Some(invalid) = invalid.filter(|_| pixel.invalid != before) {
                 name_invalid(invalid, at, samples);
             }
         }
@@ -415,7 +458,7 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// Renders units into `sums`, whose content is replaced: the number of a pixel is that in its tile, plus [`PIXELS`] times that
+/// Renders units into the `sums` of each film, whose content is replaced: the number of a pixel is that in its tile, plus [`PIXELS`] times that
 /// of the unit. Returns the attempted connections. `None` if the units were abandoned.
 fn render_units(
     work: &RoundWork<'_>,
@@ -424,9 +467,9 @@ fn render_units(
     batch: &mut Batch<'_>,
     reporter: &ProgressReporter<'_>,
     invalid: &Mutex<Vec<PixelSample>>,
-    sums: &mut Vec<TileSum>,
+    sums: &mut [Vec<TileSum>],
 ) -> Option<ConnectionTally> {
-    sums.clear();
+    sums.iter_mut().for_each(Vec::clear);
     batch.clear();
     batch.samples.clear();
     batch.reports = Duration::ZERO;

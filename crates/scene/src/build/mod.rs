@@ -11,7 +11,6 @@ pub mod effects;
 pub mod error;
 pub mod fingerprint;
 pub mod lints;
-pub(crate) mod one_light;
 mod placed;
 pub mod report;
 mod validate;

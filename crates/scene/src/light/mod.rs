@@ -8,6 +8,7 @@ pub(crate) mod area;
 pub(crate) mod delta;
 pub mod emission_profile;
 pub(crate) mod environment;
+pub mod groups;
 pub mod luminaire;
 pub(crate) mod mesh_light;
 mod queries;

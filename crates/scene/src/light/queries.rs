@@ -53,6 +53,18 @@ impl Scene {
         }
     }
 
+    /// The index of the light that [`Self::sample_lights`] chooses in each lane. Lanes without a choice have any.
+    #[inline(always)]
+    pub fn chosen_lights<F: Lanes>(
+        &self,
+        token: F::Token,
+        receivers: &Receivers<F>,
+        u_choice: F,
+        active: F::Mask,
+    ) -> [u32; MAX_WIDTH] {
+        self.lights.choose(token, receivers, u_choice, active).0
+    }
+
     /// Samples of the light of each lane, which was chosen with the given probability.
     #[inline(always)]
     fn sample_each<F: Lanes>(

@@ -1,12 +1,14 @@
 //! Summary of a scene for reports: lights and their power, parts and their numbers of triangles.
 
-use crate::build::one_light::ENVIRONMENT;
 use crate::light::delta::DeltaLight;
 use crate::light::mesh_light::MeshLight;
 use crate::light::{Light, NO_LIGHT};
 use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::{Aabb, DVec3};
 use dunkelfeld_radiometry::Rgb;
+
+/// The name of the environment among the lights.
+pub(crate) const ENVIRONMENT: &str = "environment";
 
 /// A light in reports: all emitting triangles of an object together.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,6 +96,17 @@ impl Scene {
             }
         }
         list
+    }
+
+    /// The names of the lights, each once, in the order of [`Self::light_inventory`].
+    pub fn light_names(&self) -> Vec<String> {
+        let mut names: Vec<String> = Vec::new();
+        for light in self.light_inventory() {
+            if !names.contains(&light.name) {
+                names.push(light.name);
+            }
+        }
+        names
     }
 
     /// The light of a part; `None` if it emits nothing.
