@@ -3,7 +3,7 @@
 //! Source: Lin et al. 2014 (Microsoft COCO), with the field names of the cocoapi. The fields `instance`, `name`,
 //! `visible_fraction`, `cnr` and `size_mm` are additions, which readers of COCO ignore.
 
-use crate::rle::{Rle, RleError};
+use crate::rle::Rle;
 use serde::{Deserialize, Serialize};
 
 /// A whole label file.
@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 pub(crate) struct Coco {
     /// The origin of the data set.
     pub(crate) info: Info,
-    /// Always empty in written files. Readers of COCO expect the field.
-    pub(crate) licenses: Vec<License>,
+    /// Always empty. Readers of COCO expect the field.
+    pub(crate) licenses: [(); 0],
     /// The classes of objects.
     pub(crate) categories: Vec<Category>,
     /// The images.
@@ -34,25 +34,7 @@ pub(crate) struct Info {
     pub(crate) version: String,
     /// The program or person that made it.
     pub(crate) contributor: String,
-    /// The address of its page, or empty.
-    pub(crate) url: String,
-    /// The date of its making, or nothing: then two runs give the same file.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) date_created: Option<String>,
-    /// The year of its making.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) year: Option<u32>,
-}
-
-/// A licence of images.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub(crate) struct License {
-    /// The number of the licence.
-    pub(crate) id: u64,
-    /// Its name.
-    pub(crate) name: String,
-    /// The address of its text.
+    /// Always empty, as above.
     pub(crate) url: String,
 }
 
@@ -154,11 +136,8 @@ impl From<&Rle> for CompressedRle {
 }
 
 impl CompressedRle {
-    /// The mask.
-    ///
-    /// # Errors
-    /// If the string is damaged or does not fit the size.
-    pub(crate) fn mask(&self) -> Result<Rle, RleError> {
+    /// The mask; `None` if the string is damaged or does not fit the size.
+    pub(crate) fn mask(&self) -> Option<Rle> {
         Rle::from_string(self.size, &self.counts)
     }
 }
@@ -188,7 +167,7 @@ mod tests {
 
     #[test]
     fn files_survive_writing_and_reading() {
-        let mask = Rle::from_fn(4, 2, |x, _| x == 1 || x == 2).unwrap();
+        let mask = Rle::new([2, 4], vec![2, 4, 2]).unwrap();
         let square = vec![vec![1.0, 0.0, 3.0, 0.0, 3.0, 2.0, 1.0, 2.0]];
         let full = Annotation {
             cnr: Some(2.5),
@@ -198,8 +177,8 @@ mod tests {
             ..annotation(Segmentation::Polygons(square))
         };
         let file = Coco {
-            info: Info { description: "a set".to_owned(), year: Some(2024), ..Info::default() },
-            licenses: Vec::new(),
+            info: Info { description: "a set".to_owned(), ..Info::default() },
+            licenses: [],
             categories: vec![
                 Category { id: 3, name: "screw".to_owned(), ..Category::default() },
                 Category {
@@ -217,12 +196,12 @@ mod tests {
         assert_eq!(serde_json::from_str::<Coco>(&text).unwrap(), file);
         assert!(!text.contains("null"));
         let Segmentation::Rle(stored) = &file.annotations[0].segmentation else { panic!("no run lengths") };
-        assert_eq!(stored.mask(), Ok(mask));
+        assert_eq!(stored.mask(), Some(mask));
     }
 
     #[test]
     fn the_fields_have_the_names_of_coco() {
-        let mask = Rle::from_fn(4, 2, |x, _| x == 1 || x == 2).unwrap();
+        let mask = Rle::new([2, 4], vec![2, 4, 2]).unwrap();
         let json = serde_json::to_value(annotation(Segmentation::Rle((&mask).into()))).unwrap();
         assert_eq!(json["segmentation"], serde_json::json!({"size": [2, 4], "counts": "242"}));
         assert_eq!(json["iscrowd"], 0);
@@ -239,7 +218,7 @@ mod tests {
     #[test]
     fn damaged_files_are_errors() {
         let counts = CompressedRle { size: [2, 4], counts: "24P".to_owned() };
-        assert_eq!(counts.mask(), Err(RleError::Truncated));
+        assert_eq!(counts.mask(), None);
         for text in ["", "{}", r#"{"info":{},"licenses":[],"categories":[],"images":[{"id":-1}],"annotations":[]}"#] {
             assert!(serde_json::from_str::<Coco>(text).is_err());
         }

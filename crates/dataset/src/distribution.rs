@@ -2,10 +2,11 @@
 
 use crate::draws::Draws;
 use crate::expression::Formula;
+use crate::label_entry::texts;
 use crate::quantity::Quantity;
 use dunkelfeld_io::InputError;
-use dunkelfeld_io::names::nearest_names;
 use dunkelfeld_io::toml_file::TomlFile;
+use serde::de::DeserializeOwned;
 use statrs::distribution::{ContinuousCDF, Normal};
 use std::collections::BTreeMap;
 use toml::{Table, Value};
@@ -98,19 +99,13 @@ pub(crate) trait Named {
     }
 }
 
-/// The fault of a table whose only key looks like a distribution.
-fn misspelt(table: &Table) -> Option<Fault> {
-    // Keys of distributions stand beside parameters alone.
-    const PARAMETERS: [&str; 5] = ["min", "max", "weights", "repeat", "unit"];
-    let mut keys = table.iter().filter(|(key, _)| !PARAMETERS.contains(&key.as_str()));
-    let (key, value) = keys.next().filter(|_| keys.next().is_none())?;
-    // A short key may be one of the job, as `raw` or `drag`.
-    let is_long = key.len() >= 5 && matches!(value, Value::Array(_) | Value::String(_));
-    let near = *nearest_names(key, KINDS).first().filter(|_| is_long)?;
-    // A part of the name is not near: `normal_map` is no distribution.
-    (key.len().abs_diff(near.len()) <= 2 && !key.contains(near)).then(|| {
-        let help = format!("did you mean `{near}`? known distributions: {}", KINDS.join(", "));
-        Fault::new(format!("unknown distribution `{key}`"), help).below(key)
+/// Reads a table with all values drawn. A fault is at the key of its value.
+pub(crate) fn read<T: DeserializeOwned>(keys: &Table) -> Result<T, Fault> {
+    let text = toml::to_string(keys).map_err(|e| Fault::new(e.to_string(), "check its values"))?;
+    let file = TomlFile::from_text("", text);
+    file.parse().map_err(|e| {
+        let path = e.source_span.and_then(|span| file.path_at(&span.range)).unwrap_or_default();
+        Fault { path, problem: e.problem, help: e.help }
     })
 }
 
@@ -129,9 +124,6 @@ impl Template {
             Value::Table(table) => match table.keys().find(|key| KINDS.contains(&key.as_str())).cloned() {
                 Some(kind) => Distribution::parse(&kind, table).map(Self::Drawn),
                 None => {
-                    if let Some(fault) = misspelt(&table) {
-                        return Err(fault);
-                    }
                     let entries = table.into_iter();
                     let map: BTreeMap<String, Self> = entries
                         .map(|(key, value)| Ok((key.clone(), Self::parse(value).map_err(|e| e.below(key))?)))
@@ -144,77 +136,15 @@ impl Template {
         }
     }
 
-    /// One of the alternatives of the value: of choices and sequences the one at the position `k`, counted round; of whole
-    /// numbers the largest one. Named draws are in `draws`. `None` for other distributions, and for draws that depend on
-    /// themselves.
-    pub(crate) fn alternative(&self, k: usize, draws: &BTreeMap<String, Self>, depth: usize) -> Option<Value> {
-        /// Named draws that refer to others.
-        const DEEPEST: usize = 64;
+    /// The texts that the value may have, as far as they are known without a draw.
+    pub(crate) fn texts(&self) -> Vec<String> {
         match self {
-            Self::Fixed(value) => Some(value.clone()),
-            Self::List(items) => {
-                items.iter().map(|item| item.alternative(k, draws, depth)).collect::<Option<_>>().map(Value::Array)
+            Self::Fixed(value) => texts(value),
+            Self::List(items)
+            | Self::Drawn(Distribution::Choice { values: items, .. } | Distribution::Sequence { values: items, .. }) => {
+                items.iter().flat_map(Self::texts).collect()
             }
-            Self::Table(entries) => {
-                let entries = entries.iter().map(|(key, item)| Some((key.clone(), item.alternative(k, draws, depth)?)));
-                entries.collect::<Option<_>>().map(Value::Table)
-            }
-            Self::Drawn(Distribution::Integer { high, .. }) => Some(Value::Integer(*high)),
-            Self::Drawn(Distribution::Choice { values, .. } | Distribution::Sequence { values, .. }) => {
-                values[k % values.len()].alternative(k / values.len(), draws, depth)
-            }
-            Self::Drawn(Distribution::Named(name)) if depth < DEEPEST => {
-                draws.get(name)?.alternative(k, draws, depth + 1)
-            }
-            Self::Drawn(_) => None,
-        }
-    }
-
-    /// The number of alternatives, of values that are drawn independently the largest one. `known` has the numbers of the
-    /// named draws so far.
-    pub(crate) fn alternatives<'a>(
-        &'a self,
-        draws: &'a BTreeMap<String, Self>,
-        known: &mut BTreeMap<&'a str, usize>,
-    ) -> usize {
-        let most = |items: &mut dyn Iterator<Item = &'a Self>, known: &mut BTreeMap<&'a str, usize>| {
-            items.map(|item| item.alternatives(draws, known)).max().unwrap_or(1)
-        };
-        match self {
-            Self::List(items) => most(&mut items.iter(), known),
-            Self::Table(entries) => most(&mut entries.values(), known),
-            Self::Drawn(Distribution::Choice { values, .. } | Distribution::Sequence { values, .. }) => {
-                values.len().saturating_mul(most(&mut values.iter(), known))
-            }
-            Self::Drawn(Distribution::Named(name)) => {
-                if let Some(count) = known.get(name.as_str()) {
-                    return *count;
-                }
-                // For draws that depend on themselves, which are refused elsewhere.
-                known.insert(name, 1);
-                let count = draws.get(name).map_or(1, |draw| draw.alternatives(draws, known));
-                known.insert(name, count);
-                count
-            }
-            _ => 1,
-        }
-    }
-
-    /// Checks the formulas of the value. A fault is at its formula.
-    pub(crate) fn check_formulas(&self, check: &dyn Fn(&Formula) -> Result<(), Fault>) -> Result<(), Fault> {
-        let list = |items: &[Self]| {
-            let mut items = items.iter().enumerate();
-            items.try_for_each(|(i, item)| item.check_formulas(check).map_err(|e| e.below(i.to_string())))
-        };
-        match self {
-            Self::List(items) => list(items),
-            Self::Table(entries) => {
-                entries.iter().try_for_each(|(key, item)| item.check_formulas(check).map_err(|e| e.below(key)))
-            }
-            Self::Drawn(Distribution::Choice { values, .. }) => list(values).map_err(|e| e.below("choice")),
-            Self::Drawn(Distribution::Sequence { values, .. }) => list(values).map_err(|e| e.below("sequence")),
-            Self::Drawn(Distribution::Expression { formula, .. }) => check(formula).map_err(|e| e.below("expression")),
-            _ => Ok(()),
+            Self::Table(_) | Self::Drawn(_) => Vec::new(),
         }
     }
 
@@ -294,82 +224,14 @@ impl Distribution {
             };
             return Err(Fault::new(format!("unknown key `{other}` of a distribution"), help).below(other));
         }
-        let pair = || pair(&main, kind).map_err(|e| e.below(kind));
-        Ok(match kind {
-            "uniform" => {
-                let [low, high, unit] = pair()?;
-                ordered(low.clone(), high.clone(), kind)?;
-                Self::Uniform { low: low.number, high: high.number, unit: unit.unit }
-            }
-            "integer" => {
-                let [low, high, _] = pair()?;
-                ordered(low.clone(), high.clone(), kind)?;
-                let whole = |q: &Quantity| {
-                    let fits = q.number.fract() == 0.0 && q.number.abs() < 9e15 && q.unit.is_empty();
-                    fits.then_some(q.number as i64)
-                };
-                let (Some(low), Some(high)) = (whole(&low), whole(&high)) else {
-                    return Err(Fault::new("the ends are no whole numbers", "write two whole numbers").below(kind));
-                };
-                Self::Integer { low, high }
-            }
-            "log_uniform" => {
-                let [low, high, unit] = pair()?;
-                ordered(low.clone(), high.clone(), kind)?;
-                above_zero(&low, kind)?;
-                Self::LogUniform { low: low.number, high: high.number, unit: unit.unit }
-            }
-            "normal" => {
-                let [mean, deviation, unit] = pair()?;
-                above_zero(&deviation, kind)?;
-                let (min, max) = limits(&table, &unit.unit)?;
-                check_mass(mean.number, deviation.number, min, max)?;
-                Self::Normal { mean: mean.number, deviation: deviation.number, min, max, unit: unit.unit }
-            }
-            "log_normal" => {
-                finite(&main).map_err(|e| e.below(kind))?;
-                let items = main.as_array().filter(|items| items.len() == 2);
-                let quantities = items.and_then(|items| Some((Quantity::of(&items[0])?, Quantity::of(&items[1])?)));
-                let Some((median, factor)) =
-                    quantities.filter(|(m, f)| m.number > 0.0 && f.number > 1.0 && f.unit.is_empty())
-                else {
-                    let help = "write [median, factor]: 68 % of the values are within this factor of the median, as in [\"2mm\", 1.5]";
-                    return Err(Fault::new("not a median above zero and a factor above 1", help).below(kind));
-                };
-                let (min, max) = limits(&table, &median.unit)?;
-                check_mass(median.number.ln(), factor.number.ln(), min.max(0.0).ln(), max.ln())?;
-                Self::LogNormal { median: median.number, factor: factor.number, min, max, unit: median.unit }
-            }
-            "choice" | "sequence" => {
-                let Value::Array(items) = main else {
-                    return Err(Fault::new("not a list of values", "write the values in brackets").below(kind));
-                };
-                if items.is_empty() {
-                    return Err(Fault::new("the list is empty", "write at least one value").below(kind));
-                }
-                let values: Vec<Template> = (items.into_iter().enumerate())
-                    .map(|(i, item)| Template::parse(item).map_err(|e| e.below(i.to_string()).below(kind)))
-                    .collect::<Result<_, _>>()?;
-                if kind == "choice" {
-                    let weights = weights(table.remove("weights"), values.len()).map_err(|e| e.below("weights"))?;
-                    Self::Choice { values, weights }
-                } else {
-                    let repeat = match table.remove("repeat") {
-                        None => 1,
-                        Some(Value::Integer(n)) if n > 0 => n as u64,
-                        Some(_) => {
-                            return Err(Fault::new("not a whole number from 1", "write `repeat = 10`").below("repeat"));
-                        }
-                    };
-                    Self::Sequence { values, repeat }
-                }
-            }
+        match kind {
+            "uniform" | "integer" | "log_uniform" => Self::range(kind, &main).map_err(|e| e.below(kind)),
+            "normal" | "log_normal" => Self::bell(kind, &main, &table),
+            "choice" | "sequence" => Self::list(kind, main, table),
             "draw" => match main {
-                Value::String(name) => Self::Named(name),
+                Value::String(name) => Ok(Self::Named(name)),
                 _ => {
-                    return Err(
-                        Fault::new("not the name of a draw", "write the name of an entry of [study.draw]").below(kind)
-                    );
+                    Err(Fault::new("not the name of a draw", "write the name of an entry of [study.draw]").below(kind))
                 }
             },
             _ => {
@@ -381,9 +243,81 @@ impl Distribution {
                     Some(Value::String(unit)) => unit,
                     Some(_) => return Err(Fault::new("not a unit", "write it in quotes, as in \"mm\"").below("unit")),
                 };
-                Self::Expression { formula: Formula::new(text), unit }
+                Ok(Self::Expression { formula: Formula::new(text).map_err(|e| e.below(kind))?, unit })
             }
-        })
+        }
+    }
+
+    /// A distribution between two ends.
+    fn range(kind: &str, main: &Value) -> Result<Self, Fault> {
+        let [low, high] = pair(main, kind)?;
+        let (low, high, unit) = (low.number, high.number, low.unit);
+        if !(high - low).is_finite() {
+            return Err(Fault::new("the range is wider than numbers reach", "write smaller numbers"));
+        }
+        if low > high {
+            let problem = format!("the lower end {low} is above the upper end {high}");
+            return Err(Fault::new(problem, "write the lower end first"));
+        }
+        let is_whole = |number: f64| number.fract() == 0.0 && number.abs() < 9e15;
+        match kind {
+            "uniform" => Ok(Self::Uniform { low, high, unit }),
+            "integer" if unit.is_empty() && is_whole(low) && is_whole(high) => {
+                Ok(Self::Integer { low: low as i64, high: high as i64 })
+            }
+            "integer" => Err(Fault::new("the ends are no whole numbers", "write two whole numbers")),
+            _ if low > 0.0 => Ok(Self::LogUniform { low, high, unit }),
+            _ => Err(Fault::new(format!("the lower end {low} is not above zero"), "write a number above zero")),
+        }
+    }
+
+    /// A distribution about a mean or median.
+    fn bell(kind: &str, main: &Value, table: &Table) -> Result<Self, Fault> {
+        if kind == "normal" {
+            let [mean, deviation] = pair(main, kind).map_err(|e| e.below(kind))?;
+            let (mean, deviation, unit) = (mean.number, deviation.number, mean.unit);
+            if deviation <= 0.0 {
+                let problem = format!("the standard deviation {deviation} is not above zero");
+                return Err(Fault::new(problem, "write a number above zero").below(kind));
+            }
+            let (min, max) = limits(table, &unit)?;
+            check_mass(mean, deviation, min, max)?;
+            return Ok(Self::Normal { mean, deviation, min, max, unit });
+        }
+        let items = main.as_array().filter(|items| items.len() == 2);
+        let quantities = items.and_then(|items| Some((Quantity::of(&items[0])?, Quantity::of(&items[1])?)));
+        let is_fit = |(m, f): &(Quantity, Quantity)| m.number > 0.0 && f.number > 1.0 && f.unit.is_empty();
+        let Some((Quantity { number: median, unit }, factor)) = quantities.filter(is_fit) else {
+            let help =
+                "write [median, factor]: 68 % of the values are within this factor of the median, as in [\"2mm\", 1.5]";
+            return Err(Fault::new("not a median above zero and a factor above 1", help).below(kind));
+        };
+        let factor = factor.number;
+        let (min, max) = limits(table, &unit)?;
+        check_mass(median.ln(), factor.ln(), min.max(0.0).ln(), max.ln())?;
+        Ok(Self::LogNormal { median, factor, min, max, unit })
+    }
+
+    /// A distribution over a list of values.
+    fn list(kind: &str, main: Value, mut table: Table) -> Result<Self, Fault> {
+        let Value::Array(items) = main else {
+            return Err(Fault::new("not a list of values", "write the values in brackets").below(kind));
+        };
+        if items.is_empty() {
+            return Err(Fault::new("the list is empty", "write at least one value").below(kind));
+        }
+        let values: Vec<Template> = (items.into_iter().enumerate())
+            .map(|(i, item)| Template::parse(item).map_err(|e| e.below(i.to_string()).below(kind)))
+            .collect::<Result<_, _>>()?;
+        if kind == "choice" {
+            let weights = weights(table.remove("weights"), values.len()).map_err(|e| e.below("weights"))?;
+            return Ok(Self::Choice { values, weights });
+        }
+        match table.remove("repeat") {
+            None => Ok(Self::Sequence { values, repeat: 1 }),
+            Some(Value::Integer(n)) if n > 0 => Ok(Self::Sequence { values, repeat: n as u64 }),
+            Some(_) => Err(Fault::new("not a whole number from 1", "write `repeat = 10`").below("repeat")),
+        }
     }
 
     fn draw(
@@ -463,64 +397,28 @@ fn truncated(u: f64, low: f64, high: f64) -> f64 {
     normal.inverse_cdf((a + (b - a) * u).clamp(f64::MIN_POSITIVE, 1.0 - f64::EPSILON)).clamp(low, high)
 }
 
-/// Two quantities of a list, of one kind, in one unit; the third value has that unit.
-fn pair(value: &Value, kind: &str) -> Result<[Quantity; 3], Fault> {
+/// Two quantities of a list, of one kind, in one unit.
+fn pair(value: &Value, kind: &str) -> Result<[Quantity; 2], Fault> {
     let help = format!("write two values of one kind, as in {{ {kind} = [\"1mm\", \"5mm\"] }}");
-    finite(value)?;
     let items = value.as_array().filter(|items| items.len() == 2);
     let Some((a, b)) = items.and_then(|items| Some((Quantity::of(&items[0])?, Quantity::of(&items[1])?))) else {
-        return Err(Fault::new("not a list of two numbers or quantities", help));
+        return Err(Fault::new("not a list of two finite numbers or quantities", help));
     };
     // A plain zero takes the unit of the other value.
-    let unit = if a.unit.is_empty() && a.number == 0.0 { &b.unit } else { &a.unit }.clone();
-    let (Some(low), Some(high)) = (a.number_in(&unit), b.number_in(&unit)) else {
-        return Err(Fault::new(format!("the units \"{}\" and \"{}\" differ", a.unit, b.unit), help));
-    };
-    let of = |number| Quantity { number, unit: unit.clone() };
-    Ok([of(low), of(high), of(0.0)])
-}
-
-/// Refuses `nan` and `inf`, which no distribution has.
-fn finite(value: &Value) -> Result<(), Fault> {
-    match value {
-        Value::Array(items) => items.iter().try_for_each(finite),
-        Value::Float(number) if !number.is_finite() => {
-            Err(Fault::new(format!("{number} is no finite number"), "write finite numbers"))
-        }
-        _ => Ok(()),
+    let unit = if a.unit.is_empty() && a.number == 0.0 { &b.unit } else { &a.unit };
+    match (a.number_in(unit), b.number_in(unit)) {
+        (Some(low), Some(high)) => Ok([low, high].map(|number| Quantity { number, unit: unit.clone() })),
+        _ => Err(Fault::new(format!("the units \"{}\" and \"{}\" differ", a.unit, b.unit), help)),
     }
-}
-
-fn ordered(low: Quantity, high: Quantity, kind: &str) -> Result<(), Fault> {
-    if !(high.number - low.number).is_finite() {
-        return Err(Fault::new("the range is wider than numbers reach", "write smaller numbers").below(kind));
-    }
-    if low.number <= high.number {
-        return Ok(());
-    }
-    let problem = format!("the lower end {} is above the upper end {}", low.number, high.number);
-    Err(Fault::new(problem, "write the lower end first").below(kind))
-}
-
-fn above_zero(quantity: &Quantity, kind: &str) -> Result<(), Fault> {
-    if quantity.number > 0.0 {
-        return Ok(());
-    }
-    let what = if kind == "normal" { "the standard deviation" } else { "the lower end" };
-    Err(Fault::new(format!("{what} {} is not above zero", quantity.number), "write a number above zero").below(kind))
 }
 
 /// The limits of a truncated distribution, in its unit.
 fn limits(table: &Table, unit: &str) -> Result<(f64, f64), Fault> {
     let limit = |key: &str, none: f64| match table.get(key) {
         None => Ok(none),
-        Some(value) if finite(value).is_err() => {
-            Err(Fault::new(format!("{value} is no finite number"), "leave the limit out").below(key))
-        }
-        Some(value) => match Quantity::of(value).and_then(|q| q.number_in(unit)) {
-            Some(number) => Ok(number),
-            None => Err(Fault::new(format!("not a quantity in \"{unit}\""), "use a unit of the same kind").below(key)),
-        },
+        Some(value) => Quantity::of(value).and_then(|q| q.number_in(unit)).ok_or_else(|| {
+            Fault::new(format!("not a finite quantity in \"{unit}\""), "use a unit of the same kind").below(key)
+        }),
     };
     let (min, max) = (limit("min", f64::NEG_INFINITY)?, limit("max", f64::INFINITY)?);
     if min < max {

@@ -57,10 +57,7 @@ pub(crate) fn images(files: &mut Files, name: &str, settings: &ImageSettings, fr
                 Picture::Gray(plane) => File::Gray8(plane),
                 Picture::Rgb(plane) => File::Rgb8(plane),
             };
-            files.push((
-                format!("images/{name}.jpg"),
-                encoded("picture", jpeg_bytes(picture, settings.quality.unwrap_or(95)))?,
-            ));
+            files.push((format!("images/{name}.jpg"), encoded("picture", jpeg_bytes(picture, settings.quality))?));
         }
     }
     if settings.linear == LinearFormat::None && !settings.raw {

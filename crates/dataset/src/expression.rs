@@ -3,11 +3,11 @@
 use crate::distribution::{Distribution, Fault, Template};
 use crate::quantity::Quantity;
 use exmex::{Express, FlatEx, FloatOpsFactory, MatchLiteral};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The parts of a formula.
-const HELP: &str = "use + - * / ^, functions such as sin, sqrt and exp, and names of [study.draw]; a name with other characters than letters, digits and _ stands in braces, as in \"2 * {my-draw}\"";
+const HELP: &str = "use + - * / ^, functions such as sin, sqrt and exp, and names of [study.draw]";
 
 /// Longer formulas are refused.
 const LONGEST: usize = 1000;
@@ -43,8 +43,7 @@ type Parsed = FlatEx<f64, FloatOpsFactory<f64>, Decimal>;
 #[derive(Clone, Debug)]
 pub(crate) struct Formula {
     text: String,
-    /// The formula, or why the text is none.
-    parsed: Arc<Result<Parsed, String>>,
+    parsed: Arc<Parsed>,
 }
 
 impl PartialEq for Formula {
@@ -53,33 +52,25 @@ impl PartialEq for Formula {
     }
 }
 
-fn parse(text: &str) -> Result<Parsed, String> {
-    if text.len() > LONGEST {
-        return Err(format!("the formula has more than {LONGEST} characters"));
-    }
-    Parsed::parse(text).map_err(|e| format!("not a formula: {e}"))
-}
-
 impl Formula {
-    /// A text that shall be a formula.
-    pub(crate) fn new(text: String) -> Self {
-        let parsed = Arc::new(parse(&text));
-        Self { text, parsed }
-    }
-
-    fn parsed(&self) -> Result<&Parsed, Fault> {
-        self.parsed.as_ref().as_ref().map_err(|problem| Fault::new(problem, HELP))
+    /// # Errors
+    /// A text that is no formula.
+    pub(crate) fn new(text: String) -> Result<Self, Fault> {
+        if text.len() > LONGEST {
+            return Err(Fault::new(format!("the formula has more than {LONGEST} characters"), "divide it by draws"));
+        }
+        let parsed = Parsed::parse(&text).map_err(|e| Fault::new(format!("not a formula: {e}"), HELP))?;
+        Ok(Self { text, parsed: Arc::new(parsed) })
     }
 
     /// The value of the formula.
     ///
     /// # Errors
-    /// A text that is no formula, a variable without a value, and a value that is not finite.
+    /// A variable without a value, and a value that is not finite.
     pub(crate) fn evaluate(&self, mut value: impl FnMut(&str) -> Result<f64, Fault>) -> Result<f64, Fault> {
-        let Self { text, .. } = self;
-        let formula = self.parsed()?;
-        let values: Vec<f64> = formula.var_names().iter().map(|name| value(name)).collect::<Result<_, _>>()?;
-        match formula.eval(&values) {
+        let Self { text, parsed } = self;
+        let values: Vec<f64> = parsed.var_names().iter().map(|name| value(name)).collect::<Result<_, _>>()?;
+        match parsed.eval(&values) {
             Ok(number) if number.is_finite() => Ok(number),
             Ok(number) => Err(Fault::new(format!("`{text}` is {number}"), "let it be finite for all draws")),
             Err(e) => Err(Fault::new(format!("`{text}` has no value: {e}"), HELP)),
@@ -87,124 +78,40 @@ impl Formula {
     }
 }
 
-/// The names of draws that formulas read in another way without braces.
-pub(crate) fn names_in_braces(draws: &BTreeMap<String, Template>) -> Vec<&str> {
-    draws.keys().map(String::as_str).filter(|name| !is_plain(name)).collect()
-}
-
-/// Checks a formula against the draws of its study, with [`names_in_braces`]: the name of a draw outside of braces is read as that draw, and each draw
-/// of the formula has one unit.
-///
 /// # Errors
-/// A text that is no formula, the name of a draw that the formula reads in another way, such as `e` or `my-draw`, and a draw whose values are of
-/// different kinds.
-pub(crate) fn check(formula: &Formula, draws: &BTreeMap<String, Template>, in_braces: &[&str]) -> Result<(), Fault> {
-    if let Some(name) = in_braces.iter().find(|name| has_word(&formula.text, name)) {
-        let reading = match parse(name) {
-            Ok(formula) if formula.var_names().is_empty() => "is a constant in a formula",
-            _ => "is not read as one name in a formula",
-        };
-        let problem = format!("`{name}` {reading}, and [study.draw] has a draw of this name");
-        let help = format!(
-            "write {{{name}}} for the draw, or rename it; names of letters, digits and _ that are no function and no constant need no braces"
-        );
-        return Err(Fault::new(problem, help));
+/// The name of a draw that a formula reads in another way, as `e`, which is a constant, or `my-draw`, a difference.
+pub(crate) fn check_name(name: &str) -> Result<(), Fault> {
+    let is_name = Parsed::parse(name).is_ok_and(|formula| formula.var_names() == [name]);
+    if is_name && !name.contains(['{', '}', ' ']) {
+        return Ok(());
     }
-    for name in formula.parsed()?.var_names() {
-        if let Some(template) = draws.get(name) {
-            unit_of(name, template, draws)?;
-        }
-    }
-    Ok(())
-}
-
-/// Is a name read as a variable of this name?
-fn is_plain(name: &str) -> bool {
-    !name.contains(['{', '}', ' ']) && parse(name).is_ok_and(|formula| formula.var_names() == [name])
-}
-
-/// Has a formula a name outside of braces, not as a part of a longer one? A name before a parenthesis is a function, and one
-/// of operators alone is an operator.
-fn has_word(text: &str, name: &str) -> bool {
-    let is_part = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == '.');
-    if !name.contains(char::is_alphanumeric) && !name.contains('_') {
-        return false;
-    }
-    let is_function = |rest: &str| rest.trim_start().starts_with('(');
-    // Texts between braces are whole names.
-    let outside = text.split('{').enumerate().map(|(i, part)| match part.split_once('}') {
-        Some((_, rest)) if i > 0 => rest,
-        _ => part,
-    });
-    outside.into_iter().any(|part| {
-        part.match_indices(name).any(|(at, _)| {
-            let rest = &part[at + name.len()..];
-            !is_part(part[..at].chars().next_back()) && !is_part(rest.chars().next()) && !is_function(rest)
-        })
-    })
+    let help = "use letters, digits and _, and no name of a function or a constant, such as `e`, `PI` or `max`";
+    Err(Fault::new(format!("a formula does not read `{name}` as the name of a draw"), help))
 }
 
 /// The unit in which a draw counts in formulas: that of its first value. A plain zero has any unit.
-///
-/// # Errors
-/// A draw whose values are of different kinds, as `"1mm"` and `"1s"`.
-pub(crate) fn unit_of(name: &str, template: &Template, draws: &BTreeMap<String, Template>) -> Result<String, Fault> {
-    let mut units = Vec::new();
-    collect_units(template, draws, &mut BTreeSet::new(), &mut units);
-    let first = units.first().cloned().unwrap_or_default();
-    let one = |unit: &str| Quantity { number: 1.0, unit: unit.to_owned() };
-    match units.iter().find(|unit| one(unit).number_in(&first).is_none()) {
-        None => Ok(first),
-        Some(other) => {
-            let words = |unit: &str| if unit.is_empty() { "without a unit".into() } else { format!("in \"{unit}\"") };
-            let problem = format!(
-                "the draw `{name}` has values {} and {}, and a formula counts it in one unit",
-                words(&first),
-                words(other)
-            );
-            Err(Fault::new(problem, "write all values of the draw in units of one kind"))
-        }
-    }
-}
-
-/// The units of all values that a template may have, but those of plain zeros. `seen` are the named draws whose units are
-/// among them.
-fn collect_units<'a>(
-    template: &'a Template,
-    draws: &'a BTreeMap<String, Template>,
-    seen: &mut BTreeSet<&'a str>,
-    units: &mut Vec<String>,
-) {
-    let mut add = |unit: &str| {
-        if !units.iter().any(|known| known == unit) {
-            units.push(unit.to_owned());
-        }
-    };
+pub(crate) fn unit_of(template: &Template, draws: &BTreeMap<String, Template>, depth: usize) -> Option<String> {
+    /// Draws that refer to others.
+    const DEEPEST: usize = 64;
     match template {
         // Words such as the name of a material have no unit.
-        Template::Fixed(value) => match Quantity::of(value) {
-            Some(Quantity { number, unit }) if number != 0.0 || !unit.is_empty() => add(&unit),
-            _ => {}
-        },
+        Template::Fixed(value) => Quantity::of(value).filter(|q| q.number != 0.0 || !q.unit.is_empty()).map(|q| q.unit),
         Template::Drawn(distribution) => match distribution {
-            Distribution::Uniform { low, high, unit } if unit.is_empty() && (*low, *high) == (0.0, 0.0) => {}
             Distribution::Uniform { unit, .. }
             | Distribution::LogUniform { unit, .. }
             | Distribution::Normal { unit, .. }
             | Distribution::LogNormal { unit, .. }
-            | Distribution::Expression { unit, .. } => add(unit),
-            Distribution::Integer { low: 0, high: 0 } => {}
-            Distribution::Integer { .. } => add(""),
+            | Distribution::Expression { unit, .. } => Some(unit.clone()),
+            Distribution::Integer { .. } => Some(String::new()),
             Distribution::Choice { values, .. } | Distribution::Sequence { values, .. } => {
-                values.iter().for_each(|value| collect_units(value, draws, seen, units));
+                values.iter().find_map(|value| unit_of(value, draws, depth))
             }
-            Distribution::Named(name) => {
-                if let Some(template) = draws.get(name).filter(|_| seen.insert(name)) {
-                    collect_units(template, draws, seen, units);
-                }
+            Distribution::Named(name) if depth < DEEPEST => {
+                draws.get(name).and_then(|template| unit_of(template, draws, depth + 1))
             }
+            Distribution::Named(_) => None,
         },
-        Template::List(_) | Template::Table(_) => {}
+        Template::List(_) | Template::Table(_) => None,
     }
 }
 

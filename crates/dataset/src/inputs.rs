@@ -93,7 +93,7 @@ fn name_of(path: &Path, study: &Study) -> String {
 }
 
 /// The hash of the content of a file; `None` if it cannot be read.
-fn hash_of(path: &Path) -> Option<String> {
+pub(crate) fn hash_of(path: &Path) -> Option<String> {
     let hash = || -> Result<u128, ReadFault> {
         let mut file = InputFiles::new().open(path, Role::Result, MAX_STREAMED)?;
         let (mut hash, mut buffer) = (XxHash3_128::new(), vec![0; 1 << 16]);

@@ -19,11 +19,6 @@ pub(crate) enum LabelSight {
     Behind,
 }
 
-/// Most key points of an object, and most entries of a study.
-const MOST: usize = 1000;
-/// Most names in a list.
-const MOST_NAMES: usize = 10_000;
-
 /// `[[study.label]]`: objects that are labelled.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -54,17 +49,7 @@ impl Names {
         if self.patterns().is_empty() {
             return Err(Fault::new("the list is empty", "write names or patterns of objects").below(key));
         }
-        if self.patterns().len() > MOST_NAMES {
-            let problem = format!("{} names are more than {MOST_NAMES}", self.patterns().len());
-            return Err(Fault::new(problem, "write patterns, as in \"screw*\"").below(key));
-        }
         Ok(())
-    }
-
-    /// A name that is there twice.
-    pub(crate) fn repeated(&self) -> Option<&str> {
-        let names = self.patterns();
-        names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)).map(|(_, name)| name.as_str())
     }
 
     pub(crate) fn patterns(&self) -> &[String] {
@@ -116,18 +101,11 @@ impl LabelEntry {
             return Err(Fault::new("a category has no name", "write `category`").below("category"));
         }
         self.objects.check("objects")?;
-        if self.keypoints.len() > MOST {
-            let problem = format!("{} key points are more than {MOST}", self.keypoints.len());
-            return Err(Fault::new(problem, format!("write at most {MOST}")).below("keypoints"));
-        }
         for (i, point) in self.keypoints.iter().enumerate() {
-            let at = |fault: Fault| fault.below(i.to_string()).below("keypoints");
             if point.name.is_empty() || self.names().take(i).any(|name| name == point.name) {
                 let problem = format!("the name \"{}\" of the key point is empty, or is there twice", point.name);
-                return Err(at(Fault::new(problem, "give each key point of a category its own name")));
-            }
-            if !point.position().is_finite() {
-                return Err(at(Fault::new("the position is not finite", "write three lengths").below("at")));
+                let fault = Fault::new(problem, "give each key point of a category its own name");
+                return Err(fault.below(i.to_string()).below("keypoints"));
             }
         }
         let count = self.keypoints.len() as u32;
@@ -145,10 +123,6 @@ impl LabelEntry {
 /// Checks the entries of a study: the number of the entry with a fault, and the fault. The entries of a category have the
 /// same names of key points and the same lines between them; positions may differ.
 pub(crate) fn check(entries: &[LabelEntry]) -> Result<(), (usize, Fault)> {
-    if entries.len() > MOST {
-        let problem = format!("{} entries of [[study.label]] are more than {MOST}", entries.len());
-        return Err((MOST, Fault::new(problem, "write one entry for the objects of a category")));
-    }
     for (i, entry) in entries.iter().enumerate() {
         entry.check().map_err(|fault| (i, fault))?;
         let Some(first) = entries[..i].iter().find(|other| other.category == entry.category) else { continue };

@@ -5,9 +5,9 @@ use crate::coco::Annotation;
 use crate::defect::{AddedDefect, DefectEntry, add_defects, entries};
 use crate::defects::PlacedDefect;
 use crate::distribution::Fault;
-use crate::encode;
+use crate::encode::{self, Files};
 use crate::ids::{Ids, ObjectLabel};
-use crate::inputs::input_records;
+use crate::inputs::{InputRecord, input_records};
 use crate::keypoints::{InstancePoints, PointObject, film_points};
 use crate::labels::{LabelCamera, LabelLayers, LabelObjects, LabelPlanes, PixelBox, trace_labels};
 use crate::names::ObjectNames;
@@ -16,7 +16,7 @@ use crate::placement::Placement;
 use crate::pose::{poses, shape};
 use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, PlaceRecord, Record};
 use crate::set::Set;
-use crate::study::{DrawnJob, LinearFormat, MAX_COUNT, PictureFormat, Study};
+use crate::study::{DrawnJob, LinearFormat, MAX_COUNT, Study};
 use crate::surface_path::Surfaces;
 use crate::visibility::{Bounds, Exposed, Visibility, visibility};
 use dunkelfeld::film::FilmLayers;
@@ -26,7 +26,7 @@ use dunkelfeld::{
 };
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
 use dunkelfeld_io::input::InputFiles;
-use dunkelfeld_scene::{Instance, RayGenerator};
+use dunkelfeld_scene::{Camera, Instance, RayGenerator, SceneBuilder};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 use std::sync::Arc;
@@ -66,7 +66,18 @@ impl Made {
     }
 }
 
+/// The images that a run makes.
+pub struct Start {
+    /// The set, which is open for them.
+    pub set: Set,
+    /// Number of images that the run shall make or find.
+    pub wanted: u64,
+    /// Those that are not finished, in ascending order.
+    pub missing: Vec<u64>,
+}
+
 /// The parts of the scene that the labels of an image need.
+#[derive(Default)]
 struct SceneParts {
     defects: Vec<AddedDefect>,
     /// The bounds of each defect in the world.
@@ -79,6 +90,44 @@ struct SceneParts {
     shapes: Vec<u64>,
     /// The diagonal of the bounds of each object with key points, by its index.
     pointed: BTreeMap<usize, f64>,
+}
+
+impl SceneParts {
+    fn new(scene: &SceneBuilder, ids: &Ids, defects: Vec<AddedDefect>, has_models: bool) -> Self {
+        let names: Vec<String> = scene.instances.iter().map(|i| i.name.clone()).collect();
+        let labels = ids.label(&names, &defects).unwrap_or_default();
+        let is_defect = |name: &String| defects.iter().any(|defect| defect.placed.object == *name);
+        let mut parts = Self::default();
+        for (i, object) in scene.instances.iter().enumerate() {
+            let label = labels.get(i).copied().flatten();
+            let (bounds, is_defect) = (scene.bounds_of(object), is_defect(&object.name));
+            parts.poses.push((object.to_world, object.motion));
+            parts.boxes.extend(bounds.filter(|_| is_defect));
+            parts.labelled.extend(bounds.filter(|_| label.is_some()));
+            if has_models {
+                let meshes = |i: &Instance| shape(i.meshes.iter().filter_map(|m| Some(&*scene.meshes.get(*m)?.mesh)));
+                parts.shapes.push(label.map_or(0, |_| meshes(object)));
+            }
+            if let Some([low, high]) = bounds
+                && label.is_some()
+                && !is_defect
+                && !ids.keypoints(&object.name).is_empty()
+            {
+                parts.pointed.insert(i, low.distance(high));
+            }
+        }
+        Self { defects, ..parts }
+    }
+}
+
+/// The labels of an image.
+struct Labelled {
+    camera: Camera,
+    /// By the index of the object.
+    objects: Vec<Option<ObjectLabel>>,
+    planes: LabelPlanes,
+    instances: Vec<InstanceRecord>,
+    points: Vec<InstancePoints>,
 }
 
 impl Worker {
@@ -100,27 +149,8 @@ impl Worker {
             .map_err(|(number, fault)| study.error(fault, &["study", "place", &number.to_string()]))?;
         let ids = Ids::new(study, &mut names, &entries)
             .map_err(|(number, fault)| study.error(fault, &["study", "label", &number.to_string()]))?;
-        if study.labels.semantic && ids.categories.len() > usize::from(u8::MAX) {
-            let problem = format!("{} categories do not fit into 8 bits", ids.categories.len());
-            let fault = Fault::new(problem, "use at most 255 categories, or only `masks`");
-            return Err(study.error(fault, &["study", "labels", "semantic"]).into());
-        }
-        if study.labels.yolo && study.images.picture == PictureFormat::None {
-            let problem = "YOLO needs the pictures in `images/`, which `picture = \"none\"` leaves out";
-            let fault = Fault::new(problem, "write `picture = \"png\"` in [study.images], or `yolo = false`");
-            return Err(study.error(fault, &["study", "labels", "yolo"]).into());
-        }
-        let counts: BTreeSet<usize> = ids.categories.iter().map(|category| category.keypoints.len()).collect();
-        // Rows of categories without key points, as those of defects, are filled with zeros.
-        if study.labels.yolo && counts.iter().filter(|count| **count > 0).count() > 1 {
-            let fault = Fault::new(
-                "YOLO has one number of key points in all rows, and those of the categories differ",
-                "give all categories with key points the same number, or write `yolo = false`",
-            );
-            return Err(study.error(fault, &["study", "labels", "yolo"]).into());
-        }
-        check(study, &project, &names)?;
-        let warnings = warnings(study, &project, &entries, &names);
+        check(study, &project, &names, &ids)?;
+        let warnings = warnings(study, &project);
         let session = Session::new(threads)?;
         Ok(Self { study: study.clone(), project, ids, entries, session, threads, warnings })
     }
@@ -128,11 +158,6 @@ impl Worker {
     /// Settings of the study that have no effect, in sentences.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
-    }
-
-    /// The categories of the set.
-    fn ids(&self) -> &Ids {
-        &self.ids
     }
 
     /// Opens the folder of a set of the study for its images, and creates it with its parents if there is none. A set may
@@ -143,12 +168,40 @@ impl Worker {
     /// files, or files that the images are made from; a folder that cannot be written to.
     pub fn open_set(&self, folder: &Path, count: Option<u64>) -> Result<Set, Error> {
         let count = checked_count(&self.study, count)?;
+        Set::start(folder, &self.study, &self.ids, self.inputs_of(folder)?, count)
+    }
+
+    /// Opens the folder of a set, as [`Self::open_set`], to make the images `indices`, by default all. If the set has no image
+    /// yet, the draws of the first one are checked before the folder is made.
+    ///
+    /// # Errors
+    /// As [`Self::open_set`] and [`Self::make`], and an index that the set does not have.
+    pub fn start(&mut self, folder: &Path, count: Option<u64>, indices: Option<&[u64]>) -> Result<Start, Error> {
+        let count = checked_count(&self.study, count)?;
+        let wanted: BTreeSet<u64> = indices.map_or_else(|| (0..count).collect(), |all| all.iter().copied().collect());
+        if let Some(index) = wanted.last().filter(|index| **index >= count) {
+            let problem = format!("there is no image {index}: the set has {count}, counted from 0");
+            return Err(Error::setting("index", problem, "use a smaller index, or a larger count"));
+        }
+        // The scene of the first image may read other files.
+        let inputs = self.inputs_of(folder)?;
+        let is_empty = Set::read(folder).map_or(true, |set| set.finished().is_empty());
+        if let Some(first) = wanted.first().filter(|_| is_empty) {
+            self.enter(*first)?;
+            self.project.fitted().map_err(|e| in_study(&self.study, e, *first))?;
+        }
+        let set = Set::start(folder, &self.study, &self.ids, inputs, count)?;
+        let done: BTreeSet<u64> = set.finished().into_iter().collect();
+        Ok(Start { set, wanted: wanted.len() as u64, missing: wanted.difference(&done).copied().collect() })
+    }
+
+    /// The input files of a set, which are not in its folder.
+    fn inputs_of(&self, folder: &Path) -> Result<Vec<InputRecord>, Error> {
         let mut inputs = self.project.inputs.clone();
         inputs.extend(self.study.inputs());
         check_outputs(&[("the set", folder)], &inputs)?;
         check_folder(folder, &inputs)?;
-        let records = input_records(&self.study, &self.project.inputs);
-        Set::start(folder, &self.study, self.ids(), records, count)
+        Ok(input_records(&self.study, &self.project.inputs))
     }
 
     /// The files that the images are made from.
@@ -175,30 +228,19 @@ impl Worker {
             return Ok(None);
         }
         // The sum of no stage is a positive zero.
-        let stage = |stages: &[Stage]| -> f64 {
-            result
-                .rendering
-                .stages
-                .iter()
-                .filter(|(stage, _)| stages.contains(stage))
-                .map(|(_, s)| s)
-                .fold(0.0, |sum, s| sum + s)
+        let stage = |all: &[Stage]| -> f64 {
+            let seconds = result.rendering.stages.iter().filter(|(stage, _)| all.contains(stage)).map(|(_, s)| s);
+            seconds.fold(0.0, |sum, s| sum + s)
         };
         let render = stage(&[Stage::Training, Stage::Pilot, Stage::Refine]);
         let plan = stage(&[Stage::Plan]);
         let expose = began.elapsed().as_secs_f64() - change - render - plan;
-        let made = self.label_and_encode(index, job, &parts, &result)?;
-        let cost = Cost { change, render, plan, expose, total: began.elapsed().as_secs_f64(), ..made.cost };
-        Ok(Some(Made { cost, ..made }))
-    }
-
-    /// Checks that the draws of an image fit, without a render.
-    ///
-    /// # Errors
-    /// As [`Self::make`], without those of the render.
-    pub fn check(&mut self, index: u64) -> Result<(), Error> {
-        self.enter(index)?;
-        self.project.fitted().map(drop).map_err(|e| in_study(&self.study, e, index))
+        let labelled = self.label(index, &parts, &result)?;
+        let label = began.elapsed().as_secs_f64() - change - render - plan - expose;
+        let (record, files) = self.encode(index, job, &parts, &result, labelled)?;
+        let total = began.elapsed().as_secs_f64();
+        let write = total - change - render - plan - expose - label;
+        Ok(Some(Made { record, files, cost: Cost { change, render, plan, expose, label, write, total } }))
     }
 
     /// Draws the job of an image, and changes the scene to it.
@@ -214,62 +256,23 @@ impl Worker {
         let (study, entries, ids) = (&self.study, &self.entries, &self.ids);
         let draws = study.draws(index);
         let drawn = &mut job.drawn;
-        let mut parts = SceneParts {
-            defects: Vec::new(),
-            boxes: Vec::new(),
-            labelled: Vec::new(),
-            poses: Vec::new(),
-            shapes: Vec::new(),
-            pointed: BTreeMap::new(),
-        };
+        let mut parts = SceneParts::default();
         let changed = self.project.set_job(&job.text, |scene| {
-            for (number, template) in study.place.iter().enumerate() {
-                let at = |fault: Fault| {
-                    let fault = Fault { problem: format!("image {index}: {}", fault.problem), ..fault };
-                    study.error(fault, &["study", "place", &number.to_string()])
-                };
+            for number in 0..study.place.len() {
+                let at = |fault| study.image_error(index, "place", number, fault);
                 let mut record = BTreeMap::new();
-                let name = format!("place[{number}]");
-                let value = template
-                    .draw(draws, &name, &mut study.named(draws), &mut |n, v| {
-                        drop(record.insert(n.to_owned(), v.clone()))
-                    })
-                    .map_err(at)?;
-                Placement::parse(value).and_then(|p| p.apply(scene, draws, &mut record)).map_err(at)?;
+                let placement = Placement::drawn(study, number, index, &mut record).map_err(at)?;
+                placement.apply(scene, draws, &mut record).map_err(at)?;
                 drawn.append(&mut record);
             }
-            parts.defects = add_defects(entries, study, scene, draws, drawn).map_err(|(number, fault)| {
-                let fault = Fault { problem: format!("image {index}: {}", fault.problem), ..fault };
-                study.error(fault, &["study", "defect", &number.to_string()])
-            })?;
-            let is_defect = |name: &String| parts.defects.iter().any(|defect| defect.placed.object == *name);
-            let boxes = scene.instances.iter().filter(|i| is_defect(&i.name)).filter_map(|i| scene.bounds_of(i));
-            parts.boxes = boxes.collect();
-            let names: Vec<String> = scene.instances.iter().map(|i| i.name.clone()).collect();
-            let labels = ids.label(&names, &parts.defects).unwrap_or_default();
-            let labelled = scene.instances.iter().zip(&labels).filter(|(_, label)| label.is_some());
-            parts.labelled = labelled.filter_map(|(instance, _)| scene.bounds_of(instance)).collect();
-            parts.poses = scene.instances.iter().map(|instance| (instance.to_world, instance.motion)).collect();
-            if study.labels.bop {
-                let meshes = |i: &Instance| shape(i.meshes.iter().filter_map(|m| Some(&*scene.meshes.get(*m)?.mesh)));
-                let shapes = scene.instances.iter().zip(&labels).map(|(i, label)| label.map_or(0, |_| meshes(i)));
-                parts.shapes = shapes.collect();
-            }
-            let pointed = scene.instances.iter().enumerate().filter(|(i, object)| {
-                let has_label = labels.get(*i).is_some_and(Option::is_some) && !is_defect(&object.name);
-                has_label && !ids.keypoints(&object.name).is_empty()
-            });
-            let diagonals = pointed.filter_map(|(i, object)| Some((i, scene.bounds_of(object)?)));
-            parts.pointed = diagonals.map(|(i, [low, high])| (i, low.distance(high))).collect();
+            let defects = add_defects(entries, study, scene, draws, drawn)
+                .map_err(|(number, fault)| study.image_error(index, "defect", number, fault))?;
+            parts = SceneParts::new(scene, ids, defects, study.labels.bop);
             Ok(())
         });
         changed.map_err(|e| in_study(study, e, index))?;
-        let cameras = self.project.scene.cameras();
-        if let Some(name) = job.camera.as_ref().filter(|name| !cameras.iter().any(|camera| camera.name == **name)) {
-            let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
-            let problem = format!("image {index}: there is no camera \"{name}\"");
-            let fault = Fault::new(problem, format!("the cameras are {}", names.join(", ")));
-            return Err(study.error(fault, study.camera_key()).into());
+        if let Some(name) = &job.camera {
+            study.check_camera(name, &self.project, &format!("image {index}: "))?;
         }
         self.project.settings.camera.clone_from(&job.camera);
         Ok(parts)
@@ -298,14 +301,7 @@ impl Worker {
         }
     }
 
-    fn label_and_encode(
-        &self,
-        index: u64,
-        job: DrawnJob,
-        parts: &SceneParts,
-        result: &ProjectResult,
-    ) -> Result<Made, Error> {
-        let began = Instant::now();
+    fn label(&self, index: u64, parts: &SceneParts, result: &ProjectResult) -> Result<Labelled, Error> {
         let (study, scene, settings) = (&self.study, &self.project.scene, result.settings());
         let size @ [width, height] = [settings.width, settings.height];
         let objects = self.ids.label(scene.object_names(), &parts.defects).map_err(|problem| {
@@ -314,63 +310,64 @@ impl Worker {
         })?;
         let camera = settings.view.clone().ok_or_else(|| Error::setting("camera", "there is none", "name a camera"))?;
         let rays = scene.ray_generator(&camera, width, height)?;
-        let wanted = &study.labels;
         let surfaces = result.frame.sensor.is_some() && !parts.defects.is_empty();
-        let below = surfaces && parts.defects.iter().any(AddedDefect::is_change);
-        let (samples, depth, normals) = (wanted.coverage, wanted.depth, wanted.normals);
-        let layers = LabelLayers { samples, depth, normals, surfaces, below };
-        let refined: Vec<PixelBox> = parts
-            .boxes
-            .iter()
-            .map(|bounds| image_box(&camera, scene.shutter(), size, *bounds).unwrap_or([0, 0, width, height]))
-            .collect();
+        let layers = LabelLayers {
+            samples: study.labels.coverage,
+            depth: study.labels.depth,
+            normals: study.labels.normals,
+            surfaces,
+            below: surfaces && parts.defects.iter().any(AddedDefect::is_change),
+        };
+        let box_of = |bounds| image_box(&camera, scene.shutter(), size, bounds).unwrap_or([0, 0, width, height]);
+        let refined: Vec<PixelBox> = parts.boxes.iter().copied().map(box_of).collect();
         let labelled = LabelCamera { rays: &rays, pose: camera.to_world, size };
         let on_film = LabelObjects { labels: &objects, bounds: &parts.labelled, refined: &refined };
         let planes = self.session.install(|| trace_labels(scene, labelled, on_film, layers));
-        let mut instances = self.instances(&planes, parts, &objects, result);
+        let instances = self.instances(&planes, parts, &objects, result);
         let points = self.keypoints(parts, &objects, &rays, size);
-        let label = began.elapsed().as_secs_f64();
+        Ok(Labelled { camera, objects, planes, instances, points })
+    }
 
-        let began = Instant::now();
+    /// The record and the files of an image.
+    fn encode(
+        &self,
+        index: u64,
+        job: DrawnJob,
+        parts: &SceneParts,
+        result: &ProjectResult,
+        labelled: Labelled,
+    ) -> Result<(Record, Files), Error> {
+        let Labelled { camera, objects, planes, mut instances, points } = labelled;
+        let (study, wanted) = (&self.study, &self.study.labels);
+        let size @ [width, height] = [result.settings().width, result.settings().height];
         let mut files = Vec::new();
         let name = format!("{index:06}");
-        let exposed = result.frame.sensor.as_ref();
         encode::images(&mut files, &name, &study.images, &result.frame)?;
         let categories: BTreeMap<u16, u16> = instances.iter().map(|i| (i.id, i.category)).collect();
         encode::labels(&mut files, &name, wanted, &planes, &categories)?;
         let mut annotations: Vec<Annotation> =
             encode::annotations(index, wanted, &planes, &instances, &points, &self.ids);
-        let file_name = files.iter().find(|(n, _)| n.starts_with("images/") || n.starts_with("linear/"));
-        let file_name = file_name.map(|(n, _)| n.clone()).unwrap_or_default();
-        let pinhole = Pinhole::new(&camera, scene.shutter(), size);
-        let poses = poses(camera.to_world, &parts.poses, &objects, &parts.shapes, &mut instances);
         annotations.sort_by_key(|a| a.instance);
         let yolo = wanted.yolo.then(|| encode::yolo(&instances, &points, self.ids.most_keypoints(), size));
+        let file_name = files.iter().find(|(n, _)| n.starts_with("images/") || n.starts_with("linear/"));
         let labels = encode::ImageLabels {
             index,
-            file_name,
+            file_name: file_name.map(|(n, _)| n.clone()).unwrap_or_default(),
             width,
             height,
             annotations,
-            camera: pinhole,
-            poses,
+            camera: Pinhole::new(&camera, self.project.scene.shutter(), size),
+            poses: poses(camera.to_world, &parts.poses, &objects, &parts.shapes, &mut instances),
             keypoints: points,
         };
         files.push((format!("labels/{name}.json"), encode::json(&labels)));
-        if let Some(yolo) = yolo {
-            files.push((format!("labels/{name}.txt"), yolo.into_bytes()));
-        }
+        files.extend(yolo.map(|yolo| (format!("labels/{name}.txt"), yolo.into_bytes())));
+        let exposed = result.frame.sensor.as_ref();
         let certificate = exposed.and_then(|s| s.certified.as_ref()).map(|certified| {
             let c = &certified.certificate;
             let finite = |v: f64| v.is_finite().then_some(v);
-            let pixels = f64::from(width) * f64::from(height);
-            CertificateRecord {
-                k: c.k,
-                hidden: c.hidden,
-                median: finite(c.median),
-                p99: finite(c.p99),
-                saturated: c.saturated as f64 / pixels,
-            }
+            let saturated = c.saturated as f64 / (f64::from(width) * f64::from(height));
+            CertificateRecord { k: c.k, hidden: c.hidden, median: finite(c.median), p99: finite(c.p99), saturated }
         });
         let record = Record {
             index,
@@ -387,8 +384,7 @@ impl Worker {
             instances,
             files: files.iter().map(|(name, content)| (name.clone(), FileRecord::of(content))).collect(),
         };
-        let cost = Cost { label, write: began.elapsed().as_secs_f64(), ..Cost::default() };
-        Ok(Made { record, files, cost })
+        Ok((record, files))
     }
 
     /// The key points of the objects of an image, by instance. Of objects with one name the first counts.
@@ -487,7 +483,7 @@ impl Worker {
                     contrast_error: seen.and_then(|v| v.error),
                     cnr: known.and_then(|v| v.cnr),
                     size_mm: defect.map(|d| d.placed.extent * 1e3),
-                    defect: defect.map(AddedDefect::kind),
+                    defect: defect.map(|d| d.kind.clone()),
                     matrix: None,
                 })
             })

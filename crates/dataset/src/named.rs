@@ -59,11 +59,12 @@ impl Named for NamedDraws<'_> {
     fn number(&mut self, name: &str) -> Result<f64, Fault> {
         let value = self.value(name)?;
         let quantity = Quantity::of(&value).ok_or_else(|| no_number(name, &value))?;
-        let unit = match self.templates.get(name) {
-            Some(template) => unit_of(name, template, self.templates)?,
-            None => String::new(),
-        };
-        quantity.number_in(&unit).ok_or_else(|| no_number(name, &value))
+        let template = self.templates.get(name);
+        let unit = template.and_then(|template| unit_of(template, self.templates, 0)).unwrap_or_default();
+        quantity.number_in(&unit).ok_or_else(|| {
+            let problem = format!("the draw `{name}` is {value}, and a formula counts it in \"{unit}\"");
+            Fault::new(problem, "write all values of the draw in units of one kind")
+        })
     }
 }
 

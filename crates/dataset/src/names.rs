@@ -5,7 +5,6 @@ use crate::study::Study;
 use dunkelfeld::Project;
 use dunkelfeld_io::job::{Job, matches};
 use std::collections::BTreeSet;
-use toml::Value;
 
 /// Images that are searched for a name before it counts as missing.
 const SEARCHED: u64 = 64;
@@ -31,11 +30,6 @@ impl<'a> ObjectNames<'a> {
     /// The names that are known.
     pub(crate) fn listed(&self) -> &[String] {
         &self.names
-    }
-
-    /// Is this the name of an object, as far as the names are known?
-    pub(crate) fn has(&self, name: &str) -> bool {
-        self.known.contains(name)
     }
 
     /// Has one of the images an object for each of these patterns? The name of an object of the study counts, also if the
@@ -79,8 +73,7 @@ impl<'a> ObjectNames<'a> {
             Template::Table(entry) => entry.get("name"),
             _ => None,
         });
-        let is_it = |name: Value| name.as_str().is_some_and(|name| matches(pattern, name));
-        names.flat_map(|name| self.study.alternatives_of(name)).any(is_it)
+        names.flat_map(Template::texts).any(|name| matches(pattern, &name))
     }
 
     fn extend(&mut self, names: Vec<String>) {

@@ -1,8 +1,8 @@
 //! `[[study.place]]`: objects at drawn places that keep apart.
 
-use crate::distribution::{Fault, Template};
+use crate::distribution::{Fault, Template, read};
 use crate::draws::{Draws, uniform};
-use crate::label_entry::{Names, texts};
+use crate::label_entry::Names;
 use crate::names::ObjectNames;
 use crate::study::Study;
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3};
@@ -53,40 +53,32 @@ struct Occupied {
 
 impl Placement {
     pub(crate) fn parse(value: Value) -> Result<Self, Fault> {
-        let placement: Self =
-            value.try_into().map_err(|e: toml::de::Error| Fault::new(e.message(), "see docs/datasets.md"))?;
+        let placement: Self = read(&value.as_table().cloned().unwrap_or_default())?;
         placement.objects.check("objects")?;
-        let edges = placement.size.map(|l| l.0);
-        let numbers =
-            placement.center.iter().chain(&placement.size).map(|l| l.0).chain(placement.clearance.map(|c| c.0));
-        if numbers.chain(placement.turn.map(|t| t.0)).any(|v| !v.is_finite()) {
+        let finite = placement.center.iter().map(|l| l.0).chain(placement.turn.map(|t| t.0));
+        if !finite.into_iter().all(f64::is_finite) {
             return Err(Fault::new("a number of the placement is not finite", "write lengths and angles"));
         }
-        if edges.iter().any(|edge| *edge < 0.0) {
-            return Err(Fault::new("an edge of the region is below zero", "write lengths from 0 up").below("size"));
-        }
-        if placement.clearance.is_some_and(|c| c.0 < 0.0) {
-            return Err(Fault::new("the distance is below zero", "write a length from 0 up").below("clearance"));
+        for (key, lengths) in [("size", placement.size.to_vec()), ("clearance", Vec::from_iter(placement.clearance))] {
+            if lengths.iter().any(|length| !(0.0..f64::INFINITY).contains(&length.0)) {
+                return Err(Fault::new("a length is below zero, or not finite", "write lengths from 0 up").below(key));
+            }
         }
         Ok(placement)
     }
 
-    /// An entry of a study, drawn for an image.
-    pub(crate) fn drawn(study: &Study, number: usize, index: u64) -> Result<Self, Fault> {
+    /// An entry of a study, drawn for an image. `drawn` receives the draws.
+    pub(crate) fn drawn(
+        study: &Study,
+        number: usize,
+        index: u64,
+        drawn: &mut BTreeMap<String, Value>,
+    ) -> Result<Self, Fault> {
         let draws = study.draws(index);
-        let drawn =
-            study.place[number].draw(draws, &format!("place[{number}]"), &mut study.named(draws), &mut |_, _| {});
-        drawn.and_then(Self::parse)
-    }
-
-    /// A name that is there twice.
-    pub(crate) fn repeated(&self) -> Option<&str> {
-        self.objects.repeated()
-    }
-
-    /// Does the entry place an object of this name?
-    pub(crate) fn has_object(&self, name: &str) -> bool {
-        self.objects.match_name(name)
+        let mut record = |name: &str, value: &Value| drop(drawn.insert(name.to_owned(), value.clone()));
+        let value =
+            study.place[number].draw(draws, &format!("place[{number}]"), &mut study.named(draws), &mut record)?;
+        Self::parse(value)
     }
 
     /// Checks the entries of a study before the first image: their keys, and that an image has their objects.
@@ -96,12 +88,12 @@ impl Placement {
     pub(crate) fn check(study: &Study, names: &mut ObjectNames<'_>) -> Result<(), (usize, Fault)> {
         for number in 0..study.place.len() {
             let at = |fault: Fault| (number, fault);
-            let placement = Self::drawn(study, number, 0).map_err(at)?;
+            let placement = Self::drawn(study, number, 0, &mut BTreeMap::new()).map_err(at)?;
             let own = match &study.place[number] {
-                Template::Table(keys) => keys.get("objects").map(|value| study.alternatives_of(value)),
+                Template::Table(keys) => keys.get("objects").map(Template::texts),
                 _ => None,
             };
-            let patterns = own.iter().flatten().flat_map(texts).chain(placement.objects.patterns().to_vec());
+            let patterns = own.into_iter().flatten().chain(placement.objects.patterns().to_vec());
             names.check(patterns).map_err(|fault| at(fault.below("objects")))?;
         }
         Ok(())

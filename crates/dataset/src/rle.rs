@@ -18,133 +18,40 @@ pub(crate) struct Rle {
     counts: Vec<u32>,
 }
 
-/// The reason why data is no run-length encoding of a mask.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum RleError {
-    /// `height * width` exceeds `u32::MAX`.
-    TooLarge {
-        /// Height and width [px].
-        size: [u32; 2],
-    },
-    /// The slice of pixels has not `height * width` values.
-    WrongLength {
-        /// Height and width [px].
-        size: [u32; 2],
-        /// The number of values.
-        found: usize,
-    },
-    /// A byte of the string is outside `0` to `o` (48 to 111).
-    Byte {
-        /// The place of the byte in the string, from 0.
-        at: usize,
-        /// The byte.
-        byte: u8,
-    },
-    /// The string ends inside a number.
-    Truncated,
-    /// A run is negative or exceeds `u32::MAX`.
-    Count {
-        /// The index of the run, from 0.
-        run: usize,
-    },
-    /// The sum of the runs differs from `height * width`.
-    Sum {
-        /// Height and width [px].
-        size: [u32; 2],
-        /// The sum of the runs [px].
-        found: u64,
-    },
-}
-
-impl fmt::Display for RleError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::TooLarge { size: [h, w] } => write!(f, "a mask of {w} x {h} pixels exceeds 2^32 - 1 pixels"),
-            Self::WrongLength { size: [h, w], found } => {
-                write!(f, "an image of {w} x {h} pixels cannot have {found} values")
-            }
-            Self::Byte { at, byte } => write!(f, "byte {byte} at place {at} is not part of an RLE string"),
-            Self::Truncated => write!(f, "the RLE string ends inside a number"),
-            Self::Count { run } => write!(f, "run {run} of the RLE string is negative or too large"),
-            Self::Sum { size: [h, w], found } => {
-                write!(f, "the runs cover {found} pixels, but the mask has {w} x {h} pixels")
-            }
-        }
-    }
-}
-
-impl std::error::Error for RleError {}
-
 impl Rle {
-    /// A mask from its size (height, width) and its runs.
-    ///
-    /// # Errors
-    /// If the size is too large, or if the sum of the runs is not `height * width`.
-    pub(crate) fn new(size: [u32; 2], counts: Vec<u32>) -> Result<Self, RleError> {
+    /// A mask from its size (height, width) and its runs; `None` if the sum of the runs is not `height * width`.
+    pub(crate) fn new(size: [u32; 2], counts: Vec<u32>) -> Option<Self> {
         let pixels = pixels_of(size)?;
         let found = counts.iter().fold(0_u64, |sum, &count| sum.saturating_add(u64::from(count)));
-        if found == u64::from(pixels) { Ok(Self { size, counts }) } else { Err(RleError::Sum { size, found }) }
+        (found == u64::from(pixels)).then_some(Self { size, counts })
     }
 
-    /// A mask from a function of (x, y), with x in `0..width` and y in `0..height`.
-    ///
-    /// It calls the function once for each pixel, column by column. For all masks of a label image,
-    /// [`runs_of_labels`] is faster.
-    ///
-    /// # Errors
-    /// If `width * height` exceeds `u32::MAX`.
-    #[cfg(test)]
-    pub(crate) fn from_fn(width: u32, height: u32, inside: impl Fn(usize, usize) -> bool) -> Result<Self, RleError> {
-        let size = [height, width];
-        pixels_of(size)?;
-        let mut counts = Vec::new();
-        let (mut run, mut value) = (0_u32, false);
-        for x in 0..width as usize {
-            for y in 0..height as usize {
-                if inside(x, y) != value {
-                    counts.push(run);
-                    (run, value) = (0, !value);
-                }
-                run += 1;
-            }
-        }
-        counts.push(run);
-        Ok(Self { size, counts })
-    }
-
-    /// A mask from its size (height, width) and its compressed string.
+    /// A mask from its size (height, width) and its compressed string; `None` if the string is damaged or does not fit the
+    /// size.
     ///
     /// Its memory is proportional to the length of the string, not to the size.
-    ///
-    /// # Errors
-    /// If the size is too large, the string is damaged, or the sum of the runs is not `height * width`.
-    pub(crate) fn from_string(size: [u32; 2], text: &str) -> Result<Self, RleError> {
-        pixels_of(size)?;
+    pub(crate) fn from_string(size: [u32; 2], text: &str) -> Option<Self> {
         let mut counts: Vec<u32> = Vec::new();
-        let (mut number, mut shift, mut open) = (0_i64, 0_u32, false);
-        for (at, byte) in text.bytes().enumerate() {
-            let group = match byte {
-                48..=111 => i64::from(byte - 48),
-                _ => return Err(RleError::Byte { at, byte }),
-            };
+        let (mut number, mut shift) = (0_i64, 0_u32);
+        for byte in text.bytes() {
+            let group = i64::from(byte.checked_sub(48).filter(|group| *group < 64)?);
             // A difference of two u32 has 33 bits and a sign: seven groups of five bits.
             if shift > 30 {
-                return Err(RleError::Count { run: counts.len() });
+                return None;
             }
             number |= (group & 0x1f) << shift;
             shift += 5;
-            open = group & 0x20 != 0;
-            if open {
+            if group & 0x20 != 0 {
                 continue;
             }
             if group & 0x10 != 0 {
                 number |= -1 << shift;
             }
-            let count = u32::try_from(number + reference(&counts, counts.len()));
-            counts.push(count.map_err(|_| RleError::Count { run: counts.len() })?);
+            counts.push(u32::try_from(number + reference(&counts, counts.len())).ok()?);
             (number, shift) = (0, 0);
         }
-        if open { Err(RleError::Truncated) } else { Self::new(size, counts) }
+        // The end is not inside of a number.
+        if shift == 0 { Self::new(size, counts) } else { None }
     }
 
     /// Height and width [px].
@@ -152,35 +59,9 @@ impl Rle {
         self.size
     }
 
-    /// The lengths of the runs [px], zeros first.
-    #[cfg(test)]
-    pub(crate) fn counts(&self) -> &[u32] {
-        &self.counts
-    }
-
     /// The number of pixels of the mask.
     pub(crate) fn area(&self) -> u32 {
         self.counts.iter().skip(1).step_by(2).sum()
-    }
-
-    /// The smallest box [x, y, width, height] that contains the mask [px], all zeros for an empty mask.
-    ///
-    /// The box contains whole pixels: a mask of the single pixel (x, y) has the box [x, y, 1, 1].
-    #[cfg(test)]
-    pub(crate) fn bbox(&self) -> [u32; 4] {
-        let height = self.size[0];
-        let (mut low, mut high) = ([u32::MAX; 2], [0_u32; 2]);
-        for (start, end) in self.runs() {
-            // A run of ones has at least one pixel, so the height is not 0.
-            let (first, last) = (start / height, (end - 1) / height);
-            let (top, bottom) = if first == last { (start % height, (end - 1) % height) } else { (0, height - 1) };
-            low = [low[0].min(first), low[1].min(top)];
-            high = [high[0].max(last), high[1].max(bottom)];
-        }
-        if low[0] > high[0] {
-            return [0; 4];
-        }
-        [low[0], low[1], high[0] - low[0] + 1, high[1] - low[1] + 1]
     }
 
     /// The pixels of the mask, `height * width` values, row by row from the top left.
@@ -247,18 +128,17 @@ impl fmt::Display for Rle {
 /// `labels` has `width * height` values, row by row from the top left. The result has one mask for each non-zero value
 /// that occurs. The time depends on the number of pixels and of runs, not on the number of labels.
 ///
-/// # Errors
-/// If `labels` has another number of values, or if `width * height` exceeds `u32::MAX`.
-pub(crate) fn runs_of_labels(labels: &[u16], width: u32, height: u32) -> Result<BTreeMap<u16, Rle>, RleError> {
+/// `None` if `labels` has another number of values, or if `width * height` exceeds `u32::MAX`.
+pub(crate) fn runs_of_labels(labels: &[u16], width: u32, height: u32) -> Option<BTreeMap<u16, Rle>> {
     // 32 columns of u16 are one cache line of each row.
     const BLOCK: usize = 32;
     let size = [height, width];
     let pixels = pixels_of(size)?;
     if labels.len() != pixels as usize {
-        return Err(RleError::WrongLength { size, found: labels.len() });
+        return None;
     }
     if pixels == 0 {
-        return Ok(BTreeMap::new());
+        return Some(BTreeMap::new());
     }
     let mut runs = LabelRuns::default();
     let (width, height) = (width as usize, height as usize);
@@ -276,7 +156,7 @@ pub(crate) fn runs_of_labels(labels: &[u16], width: u32, height: u32) -> Result<
             runs.append(column.get(..height).unwrap_or_default());
         }
     }
-    Ok(runs.finish(size, pixels))
+    Some(runs.finish(size, pixels))
 }
 
 /// The runs of each label of a sequence of pixels.
@@ -338,8 +218,8 @@ fn equal_prefix(pixels: &[u16], label: u16) -> usize {
 }
 
 /// The number of pixels of a mask of a size (height, width).
-fn pixels_of(size: [u32; 2]) -> Result<u32, RleError> {
-    size[0].checked_mul(size[1]).ok_or(RleError::TooLarge { size })
+fn pixels_of(size: [u32; 2]) -> Option<u32> {
+    size[0].checked_mul(size[1])
 }
 
 /// The number that the compressed string subtracts from a run: the run two places before, from the fourth run on.
@@ -383,23 +263,35 @@ mod tests {
         all
     }
 
+    /// A mask from a function of (x, y).
+    fn mask_from(width: u32, height: u32, inside: impl Fn(usize, usize) -> bool) -> Rle {
+        let mut counts = Vec::new();
+        let (mut run, mut value) = (0_u32, false);
+        for x in 0..width as usize {
+            for y in 0..height as usize {
+                if inside(x, y) != value {
+                    counts.push(run);
+                    (run, value) = (0, !value);
+                }
+                run += 1;
+            }
+        }
+        counts.push(run);
+        Rle::new([height, width], counts).unwrap()
+    }
+
     fn mask_of(labels: &[u16], width: u32, height: u32, label: u16) -> Rle {
-        Rle::from_fn(width, height, |x, y| labels[y * width as usize + x] == label).unwrap()
+        mask_from(width, height, |x, y| labels[y * width as usize + x] == label)
     }
 
     #[test]
     fn masks_survive_the_string_and_the_pixels() {
         for (width, height, labels) in images() {
             let mask = mask_of(&labels, width, height, labels[0]);
-            assert_eq!(Rle::from_string([height, width], &mask.to_string()), Ok(mask.clone()));
+            assert_eq!(Rle::from_string([height, width], &mask.to_string()), Some(mask.clone()));
             let pixels = mask.decode();
             assert!(pixels.iter().zip(&labels).all(|(&pixel, &label)| pixel == (label == labels[0])));
             assert_eq!(mask.area() as usize, pixels.iter().filter(|&&pixel| pixel).count());
-            let at = |i: usize| [i % width as usize, i / width as usize];
-            let ones: Vec<_> = (0..pixels.len()).filter(|&i| pixels[i]).map(at).collect();
-            let [x, y] = [0, 1].map(|axis| ones.iter().map(|p| p[axis]).min().unwrap());
-            let [right, bottom] = [0, 1].map(|axis| ones.iter().map(|p| p[axis]).max().unwrap() + 1);
-            assert_eq!(mask.bbox().map(|side| side as usize), [x, y, right - x, bottom - y]);
         }
     }
 
@@ -416,9 +308,9 @@ mod tests {
                 assert_eq!(*mask, mask_of(&labels, width, height, label));
             }
         }
-        assert_eq!(runs_of_labels(&[1; 5], 2, 3), Err(RleError::WrongLength { size: [3, 2], found: 5 }));
-        assert_eq!(runs_of_labels(&[], 0, 3), Ok(BTreeMap::new()));
-        assert!(matches!(runs_of_labels(&[], u32::MAX, 2), Err(RleError::TooLarge { .. })));
+        assert_eq!(runs_of_labels(&[1; 5], 2, 3), None);
+        assert_eq!(runs_of_labels(&[], 0, 3), Some(BTreeMap::new()));
+        assert_eq!(runs_of_labels(&[], u32::MAX, 2), None);
     }
 
     #[test]
@@ -434,59 +326,61 @@ mod tests {
         ] {
             let mask = Rle::new(size, counts).unwrap();
             assert_eq!(mask.to_string(), text);
-            assert_eq!(Rle::from_string(size, text), Ok(mask));
+            assert_eq!(Rle::from_string(size, text), Some(mask));
         }
     }
 
     #[test]
     fn the_size_of_masks_has_its_limits() {
-        let empty = Rle::from_fn(0, 5, |_, _| true).unwrap();
-        assert_eq!((empty.counts(), empty.area(), empty.bbox()), (&[0][..], 0, [0; 4]));
-        assert!(empty.decode().is_empty());
-        assert_eq!(Rle::from_string([5, 0], &empty.to_string()), Ok(empty));
+        let empty = mask_from(0, 5, |_, _| true);
+        assert_eq!((empty.area(), empty.decode().len()), (0, 0));
+        assert_eq!(Rle::from_string([5, 0], &empty.to_string()), Some(empty));
         assert_eq!(Rle::from_string([0, 0], ""), Rle::new([0, 0], vec![]));
-        assert!(matches!(Rle::from_fn(1 << 16, 1 << 16, |_, _| true), Err(RleError::TooLarge { .. })));
+        assert_eq!(Rle::new([1 << 16, 1 << 16], vec![]), None);
         let full = Rle::new([u32::MAX, 1], vec![0, u32::MAX]).unwrap();
-        assert_eq!((full.area(), full.bbox()), (u32::MAX, [0, 0, 1, u32::MAX]));
-        assert_eq!(Rle::from_string([u32::MAX, 1], &full.to_string()), Ok(full));
+        assert_eq!(full.area(), u32::MAX);
+        assert_eq!(Rle::from_string([u32::MAX, 1], &full.to_string()), Some(full));
         // The largest differences of both signs.
         for counts in [vec![0, u32::MAX, 0, 0], vec![0, 0, 0, u32::MAX]] {
             let mask = Rle::new([u32::MAX, 1], counts).unwrap();
-            assert_eq!(Rle::from_string([u32::MAX, 1], &mask.to_string()), Ok(mask));
+            assert_eq!(Rle::from_string([u32::MAX, 1], &mask.to_string()), Some(mask));
         }
     }
 
     #[test]
     fn runs_of_length_zero_are_legal() {
         let mask = Rle::new([4, 2], vec![1, 0, 2, 1, 0, 1, 3, 0]).unwrap();
-        assert_eq!((mask.area(), mask.bbox()), (2, [0, 0, 2, 4]));
-        assert_eq!(Rle::from_string([4, 2], &mask.to_string()), Ok(mask));
+        assert_eq!(mask.area(), 2);
+        assert_eq!(Rle::from_string([4, 2], &mask.to_string()), Some(mask));
     }
 
     #[test]
     fn hostile_strings_are_errors() {
-        let parse = |text: &str| Rle::from_string([3, 4], text);
-        assert_eq!(parse(""), Err(RleError::Sum { size: [3, 4], found: 0 }));
-        assert_eq!(parse(";"), Err(RleError::Sum { size: [3, 4], found: 11 }));
-        assert_eq!(parse("5/"), Err(RleError::Byte { at: 1, byte: b'/' }));
-        assert_eq!(parse("p"), Err(RleError::Byte { at: 0, byte: b'p' }));
-        assert!(matches!(parse("5\u{e4}"), Err(RleError::Byte { at: 1, .. })));
-        assert_eq!(parse("5P"), Err(RleError::Truncated));
-        assert_eq!(parse("O"), Err(RleError::Count { run: 0 }));
-        assert_eq!(parse("000O"), Err(RleError::Count { run: 3 }));
-        assert_eq!(parse("oooooooo0"), Err(RleError::Count { run: 0 }));
-        assert_eq!(parse(&"P".repeat(1000)), Err(RleError::Count { run: 0 }));
-        assert_eq!(parse("ooooooo0"), Err(RleError::Count { run: 0 }));
-        // 2^32 - 1 three times: the sum does not wrap.
-        assert_eq!(parse("oooooo3oooooo3oooooo3"), Err(RleError::Sum { size: [3, 4], found: 3 * 0xffff_ffff }));
+        // A wrong sum, a wrong byte, an open number, and runs that are negative or too large. Sums of 2^32 - 1 do not wrap.
+        for text in [
+            "",
+            ";",
+            "5/",
+            "p",
+            "5\u{e4}",
+            "5P",
+            "O",
+            "000O",
+            "oooooooo0",
+            &"P".repeat(1000),
+            "ooooooo0",
+            "oooooo3oooooo3oooooo3",
+        ] {
+            assert_eq!(Rle::from_string([3, 4], text), None, "{text}");
+        }
         // All short strings of bytes of interest, and random longer ones: no panic, and accepted strings are sound.
         let mut next = random(3);
         for _ in 0..20_000 {
             let text: String = (0..next() % 12).map(|_| char::from((46 + next() % 67) as u8)).collect();
             for size in [[3, 4], [1, 1], [0, 3]] {
-                if let Ok(mask) = Rle::from_string(size, &text) {
+                if let Some(mask) = Rle::from_string(size, &text) {
                     assert_eq!(mask.decode().iter().filter(|&&pixel| pixel).count(), mask.area() as usize);
-                    assert_eq!(Rle::from_string(size, &mask.to_string()), Ok(mask));
+                    assert_eq!(Rle::from_string(size, &mask.to_string()), Some(mask));
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! Makes the images of a set: several at a time, next to other processes that do the same.
 
-use crate::make::{Worker, checked_count};
+use crate::make::{Start, Worker, checked_count};
 use crate::record::Record;
 use crate::set::Set;
 use crate::study::Study;
@@ -9,8 +9,7 @@ use dunkelfeld::{Cancel, Error};
 use dunkelfeld_report::words::shortened;
 use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The longest time of a run: 10000 days \[s\].
@@ -92,7 +91,7 @@ pub struct RunSummary {
 /// # Errors
 /// Errors of the study, of its scene and of the folder. An image that cannot be made, because its draws do not fit, is in the
 /// summary, and the other images are made. But if the set has no image yet, and the draws of the first image of the run do not
-/// fit, the run ends with this error, and a new folder is removed.
+/// fit, the run ends with this error before a folder is made.
 pub fn run(
     study: &Arc<Study>,
     folder: &Path,
@@ -102,10 +101,6 @@ pub fn run(
 ) -> Result<RunSummary, Error> {
     let began = Instant::now();
     let count = checked_count(study, options.count)?;
-    if let Some(index) = options.indices.iter().flatten().find(|index| **index >= count) {
-        let problem = format!("there is no image {index}: the set has {count}, counted from 0");
-        return Err(Error::setting("index", problem, "write a smaller index, or a larger --count"));
-    }
     if let Some(seconds) = options.seconds.filter(|seconds| !(0.0..=MAX_SECONDS).contains(seconds)) {
         let problem = format!("a run of {seconds} s is out of range");
         return Err(Error::setting("time", problem, "write a time up to 10000 days, or leave it out"));
@@ -114,66 +109,24 @@ pub fn run(
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = options.jobs.unwrap_or(cores).clamp(1, usize::try_from(count).unwrap_or(usize::MAX));
     let threads = options.threads.unwrap_or(if jobs > 1 { 1 } else { 0 });
-
     let mut first = Worker::open(study, threads)?;
-    let is_new = !folder.exists();
-    let set = first.open_set(folder, Some(count))?;
+    let Start { set, wanted, missing } = first.start(folder, options.count, options.indices.as_deref())?;
     first.warnings().iter().for_each(|warning| progress.warning(warning));
-    let mut wanted: Vec<u64> = match &options.indices {
-        Some(indices) => indices.clone(),
-        None => (0..count).collect(),
-    };
-    // An index may be there twice.
-    wanted.sort_unstable();
-    wanted.dedup();
-    let total = wanted.len() as u64;
-    let before = set.finished();
-    wanted.retain(|index| before.binary_search(index).is_err());
-    if let (true, Some(index)) = (before.is_empty(), wanted.first()) {
-        first.check(*index).inspect_err(|_| {
-            if is_new {
-                set.discard();
-            }
-        })?;
-    }
-    let already = total - wanted.len() as u64;
-    let jobs = jobs.min(wanted.len()).max(1);
-    let shared = Shared {
-        set: &set,
-        wanted: &wanted,
-        next: AtomicUsize::new(0),
-        elsewhere: Mutex::default(),
-        made: AtomicU64::new(0),
-        total,
-        already,
-        began,
-        jobs,
-        seconds: options.seconds,
-        excess: Mutex::default(),
-        progress,
-        cancel,
-        failed: Mutex::new(None),
-        unmade: Mutex::new(Vec::new()),
-        seen: Mutex::default(),
-        stop: AtomicBool::new(false),
-    };
-    shared.report();
+    let jobs = jobs.min(missing.len()).max(1);
+    let (seconds, state) = (options.seconds, Mutex::new(State::default()));
+    let run = Run { set: &set, missing: &missing, wanted, began, jobs, seconds, progress, cancel, state };
+    run.report(0);
     std::thread::scope(|scope| {
-        let shared = &shared;
+        let run = &run;
         for _ in 1..jobs {
-            scope.spawn(move || shared.work(Worker::open(study, threads)));
+            scope.spawn(move || run.work(Worker::open(study, threads)));
         }
-        shared.work(Ok(first));
+        run.work(Ok(first));
     });
-    let Shared { made, failed, unmade, seen, .. } = shared;
-    let mut unmade = unmade.into_inner().unwrap_or_default();
+    let state = run.state.into_inner().unwrap_or_else(PoisonError::into_inner);
+    state.failed.map_or(Ok(()), Err)?;
+    let mut unmade = state.unmade;
     unmade.sort_by_key(|(index, _)| *index);
-    if let Some(e) = failed.into_inner().ok().flatten() {
-        if is_new && made.load(Ordering::Relaxed) == 0 {
-            set.discard();
-        }
-        return Err(e);
-    }
     let interrupted = cancel.is_cancelled();
     let done = set.finished();
     let finished = done.len() as u64;
@@ -181,22 +134,20 @@ pub fn run(
     if finished + unmade.len() as u64 >= set.count() && !interrupted {
         set.assemble()?;
     }
-    let seen = seen.into_inner().unwrap_or_default();
-    seen.findings().iter().filter(|_| !interrupted).for_each(|finding| progress.warning(finding));
-    let open = wanted.iter().filter(|index| done.binary_search(index).is_err()).count();
-    let elsewhere = open.saturating_sub(unmade.len()) as u64;
+    state.seen.findings().iter().filter(|_| !interrupted).for_each(|finding| progress.warning(finding));
+    let open = missing.iter().filter(|index| done.binary_search(index).is_err()).count();
     let seconds = began.elapsed().as_secs_f64();
     let is_missed = |limit: &f64| seconds > limit + (0.02 * limit).max(0.2) && !interrupted;
     Ok(RunSummary {
-        made: made.into_inner(),
+        made: state.made,
         finished,
         count: set.count(),
         seconds,
         missed: options.seconds.filter(is_missed),
         interrupted,
+        elsewhere: open.saturating_sub(unmade.len()) as u64,
         failed: unmade.into_iter().map(|(index, e)| (index, e.to_string())).collect(),
-        elsewhere,
-        matched: mean(&seen.matched),
+        matched: mean(&state.seen.matched),
     })
 }
 
@@ -210,59 +161,72 @@ fn share(left: f64, position: usize, images: usize, jobs: usize) -> f64 {
     left / rounds as f64
 }
 
-/// The parts of a run that its threads share.
-struct Shared<'a> {
+/// A run, which its threads share.
+struct Run<'a> {
     set: &'a Set,
-    wanted: &'a [u64],
-    next: AtomicUsize,
-    /// Positions of images that another process makes.
-    elsewhere: Mutex<VecDeque<usize>>,
-    made: AtomicU64,
-    total: u64,
-    already: u64,
+    /// The images to make.
+    missing: &'a [u64],
+    /// Number of images that the run shall make or find.
+    wanted: u64,
     began: Instant,
     jobs: usize,
     /// The time of the run, if it has one.
     seconds: Option<f64>,
-    /// Seconds of the finished images beyond their budgets, and the number of these images.
-    excess: Mutex<(f64, u64)>,
     progress: &'a dyn RunProgress,
     cancel: &'a Cancel,
-    failed: Mutex<Option<Error>>,
-    /// Images that could not be made.
-    unmade: Mutex<Vec<(u64, Error)>>,
-    seen: Mutex<Seen>,
-    stop: AtomicBool,
+    state: Mutex<State>,
 }
 
-impl Shared<'_> {
-    /// Does the run end before its last image?
-    fn is_over(&self) -> bool {
-        self.stop.load(Ordering::Relaxed) || self.cancel.is_cancelled()
+/// What a run has done so far.
+#[derive(Default)]
+struct State {
+    /// Position of the next image.
+    next: usize,
+    /// Positions of images that another process makes.
+    elsewhere: VecDeque<usize>,
+    made: u64,
+    /// Seconds of the finished images beyond their budgets, and the number of these images.
+    excess: (f64, u64),
+    /// Images that could not be made.
+    unmade: Vec<(u64, Error)>,
+    seen: Seen,
+    /// The error that ends the run.
+    failed: Option<Error>,
+    /// Has a thread ended by an error or a panic?
+    is_stopped: bool,
+}
+
+impl Run<'_> {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn report(&self) {
-        let (made, elapsed) = (self.made.load(Ordering::Relaxed), self.began.elapsed().as_secs_f64());
-        let finished = (self.already + made).min(self.total);
-        let left = (self.total - finished) as f64;
-        let remaining = (made > 0).then(|| elapsed / made as f64 * left);
-        self.progress.update(&RunState { finished, count: self.total, elapsed, remaining });
+    fn report(&self, made: u64) {
+        let elapsed = self.began.elapsed().as_secs_f64();
+        let already = self.wanted - self.missing.len() as u64;
+        let finished = (already + made).min(self.wanted);
+        let remaining = (made > 0).then(|| elapsed / made as f64 * (self.wanted - finished) as f64);
+        self.progress.update(&RunState { finished, count: self.wanted, elapsed, remaining });
     }
 
     /// The budget of the image at a position, if the run has a time: its share less the mean time of an image beyond its budget,
     /// for the change of the scene, labels and files. Before that is known, it is a tenth of the share.
     fn budget(&self, position: usize) -> Option<f64> {
         let left = self.seconds? - self.began.elapsed().as_secs_f64();
-        let (sum, count) = self.excess.lock().map(|excess| *excess).unwrap_or_default();
-        let share = share(left, position, self.wanted.len(), self.jobs);
+        let (sum, count) = self.state().excess;
+        let share = share(left, position, self.missing.len(), self.jobs);
         let beyond = if count == 0 { 0.1 * share } else { sum / count as f64 };
         Some((share - beyond).max(LEAST))
     }
 
-    /// The position of the next image: those of other processes come last.
+    /// The position of the next image: those of other processes come last. `None` at the end.
     fn next_position(&self) -> Option<usize> {
-        let position = self.next.fetch_add(1, Ordering::Relaxed);
-        if position < self.wanted.len() { Some(position) } else { self.elsewhere.lock().ok()?.pop_front() }
+        let mut state = self.state();
+        if state.is_stopped || self.cancel.is_cancelled() {
+            return None;
+        }
+        state.next += 1;
+        if state.next <= self.missing.len() { Some(state.next - 1) } else { state.elsewhere.pop_front() }
     }
 
     /// Another process makes the image at a position: this one comes back to it, until its time is over.
@@ -270,22 +234,18 @@ impl Shared<'_> {
         const PAUSE: Duration = Duration::from_millis(50);
         let is_late = self.seconds.is_some_and(|seconds| self.began.elapsed().as_secs_f64() > seconds);
         // The images that nobody makes come first.
-        if self.next.load(Ordering::Relaxed) >= self.wanted.len() {
+        if self.state().next >= self.missing.len() {
             std::thread::sleep(PAUSE);
         }
-        if let (false, Ok(mut elsewhere)) = (is_late, self.elsewhere.lock()) {
-            elsewhere.push_back(position);
+        if !is_late {
+            self.state().elsewhere.push_back(position);
         }
     }
 
-    /// Makes the next image that nobody else makes. False at the end.
-    fn next_image(&self, worker: &mut Worker) -> Result<bool, Error> {
-        loop {
-            if self.is_over() {
-                return Ok(false);
-            }
-            let Some(position) = self.next_position() else { return Ok(false) };
-            let Some(&index) = self.wanted.get(position) else { return Ok(false) };
+    /// Makes images that nobody else makes, to the end of the run.
+    fn make(&self, worker: &mut Worker) -> Result<(), Error> {
+        while let Some(position) = self.next_position() {
+            let index = self.missing[position];
             let Some(claim) = self.set.claim(index)? else {
                 if !self.set.is_finished(index) {
                     self.leave(position);
@@ -295,39 +255,45 @@ impl Shared<'_> {
             let (began, budget) = (Instant::now(), self.budget(position));
             let image = match worker.make(index, budget, self.cancel) {
                 Ok(Some(image)) => image,
-                Ok(None) => return Ok(false),
+                Ok(None) => return Ok(()),
                 Err(e @ Error::Input(_)) => {
-                    if let Ok(mut unmade) = self.unmade.lock() {
-                        unmade.push((index, e));
-                    }
+                    self.state().unmade.push((index, e));
                     continue;
                 }
                 Err(e) => return Err(e),
             };
             let (record, _) = self.set.commit(claim, image)?;
-            if let (Some(budget), Ok(mut excess)) = (budget, self.excess.lock()) {
-                *excess = (excess.0 + began.elapsed().as_secs_f64() - budget, excess.1 + 1);
+            let mut state = self.state();
+            if let Some(budget) = budget {
+                state.excess = (state.excess.0 + began.elapsed().as_secs_f64() - budget, state.excess.1 + 1);
             }
-            if let Ok(mut seen) = self.seen.lock() {
-                seen.add(&record);
-            }
-            self.made.fetch_add(1, Ordering::Relaxed);
-            self.report();
-            return Ok(true);
+            state.seen.add(&record);
+            state.made += 1;
+            let made = state.made;
+            drop(state);
+            self.report(made);
         }
+        Ok(())
     }
 
     fn work(&self, worker: Result<Worker, Error>) {
-        let _guard = StopOnPanic(&self.stop);
-        let result = worker.and_then(|mut worker| {
-            while self.next_image(&mut worker)? {}
-            Ok(())
-        });
-        if let Err(e) = result {
-            self.stop.store(true, Ordering::Relaxed);
-            if let Ok(mut failed) = self.failed.lock() {
-                failed.get_or_insert(e);
-            }
+        let stop = StopOnPanic(self);
+        if let Err(e) = worker.and_then(|mut worker| self.make(&mut worker)) {
+            let mut state = self.state();
+            state.is_stopped = true;
+            state.failed.get_or_insert(e);
+        }
+        drop(stop);
+    }
+}
+
+/// Ends the other threads of a run if this one panics.
+struct StopOnPanic<'a>(&'a Run<'a>);
+
+impl Drop for StopOnPanic<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.state().is_stopped = true;
         }
     }
 }
@@ -375,17 +341,6 @@ impl Seen {
 /// The mean; `None` without a value.
 fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-}
-
-/// Ends a run if a thread of it panics, so that no other one waits for its image.
-struct StopOnPanic<'a>(&'a AtomicBool);
-
-impl Drop for StopOnPanic<'_> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            self.0.store(true, Ordering::Relaxed);
-        }
-    }
 }
 
 #[cfg(test)]

@@ -6,10 +6,10 @@ use crate::ids::{Category, Ids, most_keypoints};
 use crate::inputs::{InputRecord, changed_input};
 use crate::make::Made;
 use crate::pose::Pose;
-use crate::record::{Cost, FORMAT, FileRecord, Record};
-use crate::report::{ReportError, SetView, page};
+use crate::record::{Cost, FORMAT, Record};
+use crate::report::{SetView, page};
 use crate::resolved::resolved_study;
-use crate::set_folder::{enter, own_path, remove_empty, remove_stale};
+use crate::set_folder::{enter, own_path};
 use crate::stable_text::text_hash;
 use crate::study::{MAX_COUNT, PictureFormat, Segmentation, Study};
 use dunkelfeld::Error;
@@ -17,14 +17,13 @@ use dunkelfeld::outputs::written;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::atomic::write_atomically;
 use dunkelfeld_io::input::{InputFiles, ReadFault, Role};
-use dunkelfeld_io::lock::{FolderMark, TargetLock, is_marked};
+use dunkelfeld_io::lock::TargetLock;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 
 /// The page of a set, which contains times.
@@ -49,20 +48,6 @@ pub(crate) struct Manifest {
     pub(crate) files: Vec<String>,
     pub(crate) count: u64,
     pub(crate) categories: Vec<Category>,
-    /// XXH3 of this description with an empty `hash`.
-    pub(crate) hash: String,
-}
-
-impl Manifest {
-    /// The hash of the description.
-    fn own_hash(&self) -> String {
-        FileRecord::of(&json(&Self { hash: String::new(), ..self.clone() })).hash
-    }
-
-    /// The description with its hash.
-    fn sealed(self) -> Self {
-        Self { hash: self.own_hash(), ..self }
-    }
 }
 
 /// The part of `set.json` that all formats have.
@@ -71,16 +56,11 @@ struct Head {
     format: u32,
 }
 
-/// Writes the content of a file.
-pub(crate) type Content<'a> = dyn Fn(&mut dyn Write) -> std::io::Result<()> + 'a;
-
 /// The folder of a set.
 #[derive(Clone, Debug)]
 pub struct Set {
     path: PathBuf,
     manifest: Manifest,
-    /// The mark of a set that is open for its images.
-    mark: Option<Arc<FolderMark>>,
 }
 
 fn program() -> String {
@@ -111,10 +91,9 @@ impl Set {
         inputs: Vec<InputRecord>,
         count: u64,
     ) -> Result<Self, Error> {
-        let fault = |problem: String, help: &str| Error::Output { file: path.into(), problem, help: help.into() };
         // Two processes may start the same set.
         let _lock = enter(path)?;
-        let mut manifest = Manifest {
+        let manifest = Manifest {
             format: FORMAT,
             program: program(),
             study: study.name.clone(),
@@ -124,73 +103,71 @@ impl Set {
             files: files_of(study),
             count,
             categories: ids.categories.clone(),
-            hash: String::new(),
-        }
-        .sealed();
+        };
+        let mut set = Self { path: path.into(), manifest };
         match Self::read(path) {
-            Ok(set) => {
-                let before = set.manifest;
-                let is_same = before.study_hash == manifest.study_hash;
-                let is_empty = finished_in(path, before.count).is_empty();
-                let is_open = is_empty.then(|| is_marked(&path.join("records"))).flatten();
-                if is_empty && is_open != Some(true) {
-                    // Nothing was made: the study may have been corrected. Images without a record may have other names.
-                    if is_open.is_some() && (!is_same || manifest.count < before.count) {
-                        remove_stale(path);
-                    }
-                    put(path, "set.json", &json(&manifest))?;
-                } else {
-                    if before.program != manifest.program {
-                        let problem = other_program(&before.program);
-                        return Err(fault(problem, "name another folder, or use that version"));
-                    }
-                    if !is_same && is_empty {
-                        let problem =
-                            format!("is in use for another study, or for \"{}\" before a change", before.study);
-                        return Err(fault(problem, "wait until the other run ends, or name another folder"));
-                    }
-                    if !is_same {
-                        let problem =
-                            format!("holds a set of another study, or of \"{}\" before a change", before.study);
-                        return Err(fault(problem, "name another folder for the changed study"));
-                    }
-                    if let Some(change) = changed_input(&before.inputs, &manifest.inputs) {
-                        let problem = format!("holds images that were made from {change}");
-                        return Err(fault(problem, "restore the file, or name another folder for the new images"));
-                    }
-                    manifest.count = manifest.count.max(before.count);
-                    manifest = manifest.sealed();
-                    if manifest != before {
-                        put(path, "set.json", &json(&manifest))?;
-                    }
-                }
-            }
-            Err(Error::Input(e)) if e.problem == MISSING => {
-                let is_foreign = |entry: &fs::DirEntry| {
-                    let name = entry.file_name();
-                    !name.to_string_lossy().starts_with("set.json") && !name.to_string_lossy().starts_with('.')
-                };
-                let entries = fs::read_dir(path).map_err(|e| fault(e.to_string(), "name another folder"))?;
-                if entries.flatten().any(|entry| is_foreign(&entry)) {
-                    return Err(fault("is not empty, and holds no set".into(), "name a new folder"));
-                }
-                put(path, "set.json", &json(&manifest))?;
-            }
+            // Nothing was made: the study may have been corrected.
+            Ok(before) if before.is_idle() => {}
+            Ok(before) => set.continues(&before)?,
+            Err(Error::Input(e)) if e.problem == MISSING => set.check_new()?,
             Err(e) => return Err(e),
         }
-        let text = resolved_study(study, path, manifest.inputs.len() > 1);
+        put(path, "set.json", &json(&set.manifest))?;
+        let text = resolved_study(study, path, set.manifest.inputs.len() > 1);
         put(path, "study.toml", text.as_bytes())?;
         for folder in ["records", "costs", "labels"] {
             let folder = own_path(path, folder)?;
             written(&folder, fs::create_dir_all(&folder))?;
         }
-        let mark = FolderMark::new(&path.join("records")).map(Arc::new);
-        Ok(Self { path: path.into(), manifest, mark })
+        Ok(set)
     }
 
-    /// Removes the folder of a set without images that no other program has open. A folder that contains any other file is left.
-    pub fn discard(&self) {
-        remove_empty(&self.path, self.mark.as_deref());
+    fn refusal(&self, problem: impl Into<String>, help: &str) -> Error {
+        Error::Output { file: self.path.clone(), problem: problem.into(), help: help.into() }
+    }
+
+    /// Has the set no image, and does no process make one?
+    fn is_idle(&self) -> bool {
+        let files = fs::read_dir(self.path.join("records")).into_iter().flatten().flatten();
+        let is_claimed = |file: fs::DirEntry| {
+            let path = file.path();
+            let is_lock = path.extension().is_some_and(|ending| ending == "lock");
+            is_lock && matches!(TargetLock::try_acquire(&path.with_extension("")), Ok(None))
+        };
+        self.finished().is_empty() && !files.into_iter().any(is_claimed)
+    }
+
+    /// Takes the number of images of the set that was there before, if that is larger.
+    ///
+    /// # Errors
+    /// The images of that set are not those of this one.
+    fn continues(&mut self, before: &Self) -> Result<(), Error> {
+        let (before, now) = (&before.manifest, &self.manifest);
+        if before.program != now.program {
+            let problem = other_program(&before.program);
+            return Err(self.refusal(problem, "name another folder, or use that version"));
+        }
+        if before.study_hash != now.study_hash {
+            let problem = format!("holds a set of another study, or of \"{}\" before a change", before.study);
+            return Err(self.refusal(problem, "name another folder for the changed study"));
+        }
+        if let Some(change) = changed_input(&before.inputs, &now.inputs) {
+            let problem = format!("holds images that were made from {change}");
+            return Err(self.refusal(problem, "restore the file, or name another folder for the new images"));
+        }
+        self.manifest.count = now.count.max(before.count);
+        Ok(())
+    }
+
+    /// # Errors
+    /// The folder contains files that are not of a set.
+    fn check_new(&self) -> Result<(), Error> {
+        let entries = fs::read_dir(&self.path).map_err(|e| self.refusal(e.to_string(), "name another folder"))?;
+        let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+        if names.into_iter().any(|name| !name.starts_with("set.json") && !name.starts_with('.')) {
+            return Err(self.refusal("is not empty, and holds no set", "name a new folder"));
+        }
+        Ok(())
     }
 
     /// Opens a set that exists.
@@ -213,7 +190,7 @@ impl Set {
         if !(1..=MAX_COUNT).contains(&manifest.count) {
             return Err(fault(format!("has a count of {}, which no set has", manifest.count)).into());
         }
-        Ok(Self { path: path.into(), manifest, mark: None })
+        Ok(Self { path: path.into(), manifest })
     }
 
     /// The folder.
@@ -258,8 +235,7 @@ impl Set {
     /// whole. So this is for images that are the same from each process: those without a budget by time.
     ///
     /// # Errors
-    /// An image of another study, an index outside of the set, and those of the file system: then the files of the image are
-    /// removed.
+    /// An image of another study, an index outside of the set, and those of the file system.
     pub fn write(&self, made: Made) -> Result<(Record, Cost), Error> {
         let (index, count) = (made.record.index, self.count());
         if let Some(problem) = self.foreign(&made.record) {
@@ -269,20 +245,8 @@ impl Set {
             let problem = format!("there is no image {index}: the set has {count}, counted from 0");
             return Err(Error::setting("index", problem, "open the set with a larger count"));
         }
-        let names: Vec<String> = made.files.iter().map(|(name, _)| name.clone()).collect();
-        self.put_image(made).inspect_err(|_| {
-            // Files without a record are of no use, and take the room of a full disk. A file that stays is replaced by the
-            // next attempt.
-            for name in names.into_iter().chain([cost_name(index)]).filter(|_| !self.is_finished(index)) {
-                let _ = own_path(&self.path, &name).map(fs::remove_file);
-            }
-        })
-    }
-
-    fn put_image(&self, made: Made) -> Result<(Record, Cost), Error> {
         let began = Instant::now();
         let Made { record, files, mut cost } = made;
-        let index = record.index;
         for (name, content) in &files {
             put(&self.path, name, content)?;
         }
@@ -329,40 +293,18 @@ impl Set {
     /// # Errors
     /// Records that are broken, and those of the file system.
     pub fn assemble(&self) -> Result<(), Error> {
-        self.each_file(&mut |name, content| {
-            write_own(&self.path, name, |path| write_atomically(path, |file| content(file)))
-        })?;
+        self.each_file(&mut |name, content| put(&self.path, name, &content))?;
         if self.has_file(REPORT) {
-            let view = SetView::read(&self.path).map_err(report_error)?;
-            put(&self.path, REPORT, page(&view).map_err(report_error)?.as_bytes())?;
+            put(&self.path, REPORT, page(&SetView::new(self)?)?.as_bytes())?;
         }
         Ok(())
     }
 
-    /// Has the description changed since the program wrote it? In a sentence.
-    pub(crate) fn changed_description(&self) -> Option<String> {
-        if self.manifest.own_hash() != self.manifest.hash {
-            return Some("set.json differs from its hash: it was changed".into());
-        }
-        self.changed_bytes("set.json", &self.manifest)
-    }
-
-    /// Has a file other bytes than those that this version writes for its content? In a sentence. Other versions may write
-    /// other ones.
-    pub(crate) fn changed_bytes(&self, name: &str, content: &impl Serialize) -> Option<String> {
-        let is_changed = || read_bytes(&self.path, name).is_ok_and(|bytes| bytes != json(content));
-        let is_own = self.other_version().is_none();
-        (is_own && is_changed()).then(|| format!("{name} has other spaces or line breaks: it was changed"))
-    }
-
     /// Has `study.toml` changed since the program wrote it, other than by its place? In a sentence.
     pub(crate) fn changed_study(&self) -> Option<String> {
-        let text = match read_text(&self.path, "study.toml") {
-            Ok(text) => text,
-            Err(e) => return Some(e.to_string().replace("\n  help:", "; help:")),
-        };
-        let changed = text_hash(&text, &self.manifest.study) != self.manifest.study_text;
-        changed.then(|| "study.toml differs from the study of the set: it was changed".into())
+        let text = read_text(&self.path, "study.toml");
+        let is_same = text.is_ok_and(|text| text_hash(&text, &self.manifest.study) == self.manifest.study_text);
+        (!is_same).then(|| "study.toml is missing, or was changed: it differs from the study of the set".into())
     }
 
     /// The problem of a record of another study.
@@ -371,12 +313,13 @@ impl Set {
         is_foreign.then(|| format!("image {} is of another study than \"{}\"", record.index, self.manifest.study))
     }
 
-    /// The names of the files of the whole set.
-    pub(crate) fn files(&self) -> &[String] {
-        &self.manifest.files
+    /// The description.
+    pub(crate) fn manifest(&self) -> &Manifest {
+        &self.manifest
     }
 
-    fn has_file(&self, name: &str) -> bool {
+    /// Has the whole set a file of this name?
+    pub(crate) fn has_file(&self, name: &str) -> bool {
         self.manifest.files.iter().any(|file| file == name)
     }
 
@@ -385,32 +328,26 @@ impl Set {
     ///
     /// # Errors
     /// Records, labels and images that are broken, and those of `visit`.
-    pub(crate) fn each_file(
-        &self,
-        visit: &mut dyn FnMut(&str, &Content<'_>) -> Result<(), Error>,
-    ) -> Result<(), Error> {
+    pub(crate) fn each_file(&self, visit: &mut dyn FnMut(&str, Vec<u8>) -> Result<(), Error>) -> Result<(), Error> {
         let finished = self.finished();
-        visit("records.jsonl", &|out| {
-            finished
-                .iter()
-                .try_for_each(|index| out.write_all(&json(&self.record(*index).map_err(std::io::Error::other)?)))
-        })?;
-        if ["coco.json", "scene_camera.json", "scene_gt.json"].iter().any(|name| self.has_file(name)) {
+        let mut records = Vec::new();
+        for index in &finished {
+            records.extend(json(&self.record(*index)?));
+        }
+        visit("records.jsonl", records)?;
+        if ["coco.json", "scene_gt.json"].iter().any(|name| self.has_file(name)) {
             let Annotations { coco, cameras, poses } = self.annotations(&finished)?;
-            let contents: [(&str, &dyn Fn() -> Vec<u8>); 3] = [
-                ("coco.json", &|| json(&coco)),
-                ("scene_camera.json", &|| json(&cameras)),
-                ("scene_gt.json", &|| json(&poses)),
-            ];
-            for (name, content) in contents.iter().filter(|(name, _)| self.has_file(name)) {
-                visit(name, &|out| out.write_all(&content()))?;
+            let files =
+                [("coco.json", json(&coco)), ("scene_camera.json", json(&cameras)), ("scene_gt.json", json(&poses))];
+            for (name, content) in files.into_iter().filter(|(name, _)| self.has_file(name)) {
+                visit(name, content)?;
             }
         }
         if self.has_file("data.yaml") {
             let names = self.manifest.categories.iter().map(|c| c.name.as_str());
             let keypoints = most_keypoints(&self.manifest.categories);
             let text = crate::yolo::data_yaml(names, keypoints);
-            visit("data.yaml", &|out| out.write_all(text.as_bytes()))?;
+            visit("data.yaml", text.into_bytes())?;
         }
         Ok(())
     }
@@ -537,20 +474,9 @@ pub(crate) fn read_bytes(folder: &Path, name: &str) -> Result<Vec<u8>, InputErro
     })
 }
 
+/// Writes a file of a set, and follows no link.
 fn put(folder: &Path, name: &str, content: &[u8]) -> Result<(), Error> {
-    write_own(folder, name, |path| {
-        path.parent().map_or(Ok(()), fs::create_dir_all)?;
-        write_atomically(path, |file| file.write_all(content))
-    })
-}
-
-/// Writes a file or folder of a set, and follows no link.
-fn write_own(folder: &Path, name: &str, write: impl FnOnce(&Path) -> std::io::Result<()>) -> Result<(), Error> {
     let path = own_path(folder, name)?;
-    written(&path, write(&path))
-}
-
-fn report_error(error: ReportError) -> Error {
-    let ReportError { file, problem, help } = error;
-    InputError::new(file, "the file", problem, help).into()
+    let parent = path.parent().map_or(Ok(()), fs::create_dir_all);
+    written(&path, parent.and_then(|()| write_atomically(&path, |file| file.write_all(content))))
 }

@@ -1,29 +1,25 @@
-//! The folder of a set among several processes: its start and its removal, one at a time, and a mark that it is open.
+//! The paths of the folder of a set, and its lock.
 
 use dunkelfeld::{Error, InputError};
-use dunkelfeld_io::lock::{FolderMark, TargetLock};
+use dunkelfeld_io::lock::TargetLock;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Creates the folder of a set, and waits for another process that starts, finishes or removes the same set, which takes
-/// milliseconds.
+/// Creates the folder of a set, and waits for another process that starts the same set, which takes milliseconds.
 pub(crate) fn enter(path: &Path) -> Result<TargetLock, Error> {
     const PAUSES: u32 = 500;
-    /// Another process may have removed the folder.
-    const TRIES: u32 = 10;
+    fs::create_dir_all(path).map_err(|e| Error::Output {
+        file: path.into(),
+        problem: format!("cannot be made: {e}"),
+        help: "name a folder on a disk with room".into(),
+    })?;
     let file = own_path(path, "set.json")?;
-    for pause in 0..PAUSES {
-        fs::create_dir_all(path).map_err(|e| Error::Output {
-            file: path.into(),
-            problem: format!("cannot be made: {e}"),
-            help: "name a folder on a disk with room".into(),
-        })?;
-        match TargetLock::try_acquire(&file) {
-            Ok(Some(lock)) => return Ok(lock),
-            Err(e) if pause >= TRIES => return Err(e.into()),
-            Ok(None) | Err(_) => std::thread::sleep(Duration::from_millis(20)),
+    for _ in 0..PAUSES {
+        if let Some(lock) = TargetLock::try_acquire(&file)? {
+            return Ok(lock);
         }
+        std::thread::sleep(Duration::from_millis(20));
     }
     Ok(TargetLock::acquire(&file)?)
 }
@@ -47,93 +43,3 @@ pub(crate) fn own_path(folder: &Path, name: &str) -> Result<PathBuf, InputError>
 /// The folders of the files of images.
 pub(crate) const FOLDERS: [&str; 11] =
     ["costs", "coverage", "depth", "images", "labels", "linear", "masks", "normals", "raw", "records", "semantic"];
-
-/// Removes the files of images in the folder of a set in which no image is finished, and that no program has open.
-pub(crate) fn remove_stale(path: &Path) {
-    for folder in FOLDERS {
-        let Ok(folder) = own_path(path, folder) else { continue };
-        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            let is_index = |(index, _): (&str, &str)| index.parse::<u64>().is_ok();
-            if name.split_once('.').is_some_and(is_index) {
-                // A file that stays is found by a check.
-                let _ = fs::remove_file(entry.path());
-            }
-        }
-    }
-}
-
-/// Removes the folder of a set without images that no other program has open. A folder that contains any other file is left.
-pub(crate) fn remove_empty(path: &Path, mark: Option<&FolderMark>) {
-    let Ok(lock) = enter(path) else { return };
-    if !mark.is_some_and(FolderMark::end) {
-        return;
-    }
-    let folders = fs::read_dir(path).into_iter().flatten().flatten().filter(|entry| entry.path().is_dir());
-    if folders.map(|entry| fs::remove_dir(entry.path())).any(|removed| removed.is_err()) {
-        return;
-    }
-    for name in ["study.toml", "set.json"] {
-        // A file that stays is in a folder that stays.
-        let _ = fs::remove_file(path.join(name));
-    }
-    drop(lock);
-    // Another process that starts the set has its lock in the folder.
-    let _ = fs::remove_dir(path);
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use dunkelfeld_io::lock::is_marked;
-
-    fn start(path: &Path) -> Option<FolderMark> {
-        let _lock = enter(path).expect("a folder");
-        for name in ["records", "labels"] {
-            fs::create_dir_all(path.join(name)).expect("a folder");
-        }
-        fs::write(path.join("set.json"), "{}").expect("written");
-        FolderMark::new(&path.join("records"))
-    }
-
-    #[test]
-    fn the_last_one_removes_an_empty_set() {
-        let home = tempfile::tempdir().expect("a folder");
-        let path = home.path().join("a/set");
-        let [first, second] = [(); 2].map(|()| start(&path));
-        assert!(first.is_some() && second.is_some());
-        remove_empty(&path, None);
-        remove_empty(&path, first.as_ref());
-        assert!(path.join("records").is_dir() && path.join("labels").is_dir() && path.join("set.json").is_file());
-        // The first one has given up its mark, although it is still there.
-        assert_eq!(is_marked(&path.join("records")), Some(true));
-        remove_empty(&path, second.as_ref());
-        assert!(!path.exists() && is_marked(&path.join("records")) == Some(false));
-        // A file of an image keeps the folder.
-        let mark = start(&path);
-        fs::write(path.join("records/000000.json"), "{}").expect("written");
-        remove_empty(&path, mark.as_ref());
-        assert!(path.join("set.json").is_file());
-    }
-
-    /// Two threads start and remove one set many times: each of them finds the folder of its records until its end.
-    #[test]
-    fn starts_and_removals_do_not_fight() {
-        let home = tempfile::tempdir().expect("a folder");
-        let path = home.path().join("set");
-        std::thread::scope(|scope| {
-            for _ in 0..3 {
-                scope.spawn(|| {
-                    for _ in 0..40 {
-                        let mark = start(&path);
-                        assert!(path.join("records").is_dir() && path.join("set.json").is_file());
-                        std::thread::yield_now();
-                        assert!(path.join("records").is_dir() && path.join("set.json").is_file());
-                        remove_empty(&path, mark.as_ref());
-                    }
-                });
-            }
-        });
-        assert!(!path.exists());
-    }
-}

@@ -4,11 +4,11 @@ use crate::cameras::change_cameras;
 use crate::defect::entries;
 use crate::distribution::{Fault, Named, Template};
 use crate::draws::Draws;
-use crate::expression::{check as check_formula, names_in_braces};
+use crate::expression::check_name;
 use crate::label_entry::{LabelEntry, check};
 use crate::named::NamedDraws;
 use crate::stable_text::stable_text;
-use dunkelfeld::Error;
+use dunkelfeld::{Error, Project};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::job::Job;
@@ -105,7 +105,7 @@ pub(crate) struct ImageSettings {
     /// The 8-bit picture, gamma 2.2. Default `"png"`.
     pub(crate) picture: PictureFormat,
     /// Quality of a JPEG, 1 to 100. Default 95.
-    pub(crate) quality: Option<u8>,
+    pub(crate) quality: u8,
     /// Linear grey values, 16 bit; a Bayer sensor gives its mosaic. Default `"none"`.
     pub(crate) linear: LinearFormat,
     /// Linear grey values without a header: rows from the top, little-endian, 16 bit. Default false.
@@ -114,14 +114,7 @@ pub(crate) struct ImageSettings {
 
 impl Default for ImageSettings {
     fn default() -> Self {
-        Self { picture: PictureFormat::Png, quality: None, linear: LinearFormat::None, raw: false }
-    }
-}
-
-impl ImageSettings {
-    /// Has the set no images?
-    fn is_none(&self) -> bool {
-        self.picture == PictureFormat::None && self.linear == LinearFormat::None && !self.raw
+        Self { picture: PictureFormat::Png, quality: 95, linear: LinearFormat::None, raw: false }
     }
 }
 
@@ -178,14 +171,6 @@ impl Default for LabelSettings {
             yolo: false,
             bop: false,
         }
-    }
-}
-
-impl LabelSettings {
-    /// Are all layers off?
-    fn is_none(&self) -> bool {
-        let layers = [self.masks, self.semantic, self.coverage > 1, self.depth, self.normals, self.yolo, self.bop];
-        layers.iter().all(|is_on| !is_on) && self.coco == Segmentation::None
     }
 }
 
@@ -288,8 +273,8 @@ impl Study {
         let template = Template::parse(Value::Table(rest)).map_err(|e| at(e, &[]))?;
         let mut draw = BTreeMap::new();
         for (name, value) in study.draw {
-            let parsed = Template::parse(value).map_err(|e| at(e, &["study", "draw", &name]))?;
-            draw.insert(name, parsed);
+            let parsed = check_name(&name).and_then(|()| Template::parse(value));
+            draw.insert(name.clone(), parsed.map_err(|e| at(e, &["study", "draw", &name]))?);
         }
         let camera = study.camera.map(Template::parse).transpose().map_err(|e| at(e, &["study", "camera"]))?;
         let list = |key: &str, tables: Vec<Table>| -> Result<Vec<Template>, InputError> {
@@ -300,56 +285,25 @@ impl Study {
                 .collect()
         };
         let (place, defect) = (list("place", study.place)?, list("defect", study.defect)?);
+        check(&study.label).map_err(|(i, fault)| at(fault, &["study", "label", &i.to_string()]))?;
         let count = study.count.unwrap_or(100);
-        if !(1..=MAX_COUNT).contains(&count) {
-            let problem = format!("{count} is out of range");
-            return Err(source.error_at_key(
-                &["study", "count"],
-                problem,
-                "write a number of images from 1 to 1000000",
-            ));
-        }
-        if !(1..=16).contains(&study.labels.coverage) {
-            let problem = format!("{} is out of range", study.labels.coverage);
-            let help = "write the number of samples on each side of a pixel, 1 to 16";
-            return Err(source.error_at_key(&["study", "labels", "coverage"], problem, help));
-        }
-        if let Some(quality) = study.images.quality {
-            let at = |problem: String, help| source.error_at_key(&["study", "images", "quality"], problem, help);
-            if !(1..=100).contains(&quality) {
-                return Err(at(format!("{quality} is out of range"), "write 1 to 100"));
+        for (path, value, most) in [
+            (&["study", "count"][..], count, MAX_COUNT),
+            (&["study", "labels", "coverage"], u64::from(study.labels.coverage), 16),
+            (&["study", "images", "quality"], u64::from(study.images.quality), 100),
+        ] {
+            if !(1..=most).contains(&value) {
+                let problem = format!("{value} is out of range");
+                return Err(source.error_at_key(path, problem, format!("write a whole number from 1 to {most}")));
             }
-            if study.images.picture != PictureFormat::Jpeg {
-                let problem = "`quality` has no effect: only a JPEG has one".into();
-                return Err(at(problem, "write `picture = \"jpeg\"`, or remove `quality`"));
-            }
-        }
-        if study.images.is_none() && study.labels.is_none() {
-            let help = "choose a layer in [study.images] or [study.labels], such as `masks = true`";
-            return Err(source.error_at_key(&["study"], "the study has neither images nor labels", help));
         }
         let own = source.path().parent().unwrap_or(Path::new(""));
         let folder = study.folder.as_ref().map_or(own.to_path_buf(), |folder| own.join(folder));
         let (base, job_path) = match &study.job {
             None => (Table::new(), folder.join(source.path().file_name().unwrap_or_default())),
-            Some(job) => {
-                let path = folder.join(job);
-                let file = TomlFile::read(&path, Role::Job, &mut inputs).map_err(|e| {
-                    let problem = format!("{}: {}", path.display(), e.problem);
-                    source.error_at_key(&["study", "job"], problem, "name a job file")
-                })?;
-                let mut table: Table = file.parse()?;
-                OWN_KEYS.iter().for_each(|(key, _)| drop(table.remove(*key)));
-                (table, path)
-            }
+            Some(job) => (base_of(&source, &folder.join(job), &mut inputs)?, folder.join(job)),
         };
-        let stem = source.path().file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-        let name = study.name.unwrap_or(stem);
-        let is_name = |name: &str| !name.is_empty() && !name.contains(['/', '\\', '\0']) && name != "." && name != "..";
-        if !is_name(&name) {
-            let help = "write a name without slashes, which can be the name of a folder";
-            return Err(source.error_at_key(&["study", "name"], format!("{name:?} is not the name of a set"), help));
-        }
+        let name = name_of(&source, study.name)?;
         let own = stable_text(source.text(), &name);
         let text = format!("{name}\n{}\n{own}", toml::to_string(&base).unwrap_or_default());
         let study = Self {
@@ -372,33 +326,9 @@ impl Study {
             job_path,
             inputs,
         };
-        study.check_names()?;
+        // Names of draws that do not exist are found before the first image.
+        study.job(0)?;
         Ok(study)
-    }
-
-    /// Names of draws that do not exist are found before the first image.
-    fn check_names(&self) -> Result<(), InputError> {
-        check(&self.label).map_err(|(i, fault)| self.error(fault, &["study", "label", &i.to_string()]))?;
-        self.check_formulas()?;
-        self.job(0).map(drop)?;
-        Ok(())
-    }
-
-    /// Formulas of draws whose names they read in another way, or whose units differ from image to image.
-    fn check_formulas(&self) -> Result<(), InputError> {
-        let in_braces = names_in_braces(&self.draw);
-        let checked = |template: &Template, path: &[&str]| {
-            let faults = template.check_formulas(&|formula| check_formula(formula, &self.draw, &in_braces));
-            faults.map_err(|fault| self.error(fault, path))
-        };
-        checked(&self.template, &[])?;
-        self.draw.iter().try_for_each(|(name, draw)| checked(draw, &["study", "draw", name]))?;
-        self.camera.iter().try_for_each(|camera| checked(camera, &["study", "camera"]))?;
-        for (list, templates) in [("place", &self.place), ("defect", &self.defect)] {
-            let mut templates = templates.iter().enumerate();
-            templates.try_for_each(|(i, template)| checked(template, &["study", list, &i.to_string()]))?;
-        }
-        Ok(())
     }
 
     /// The job of an image, with all values drawn.
@@ -467,9 +397,15 @@ impl Study {
         Ok(DrawnJob { text, drawn, seed, frame, camera: selected })
     }
 
-    /// The key that selects the camera.
-    pub(crate) fn camera_key(&self) -> &[&str] {
-        if self.camera.is_some() { &["study", "camera"] } else { &["camera"] }
+    /// Is there a camera of a name? `image` is the begin of the message.
+    pub(crate) fn check_camera(&self, name: &str, project: &Project, image: &str) -> Result<(), InputError> {
+        let names: Vec<&str> = project.scene.cameras().iter().map(|camera| camera.name.as_str()).collect();
+        if names.contains(&name) {
+            return Ok(());
+        }
+        let problem = format!("{image}there is no camera \"{name}\"");
+        let key: &[&str] = if self.camera.is_some() { &["study", "camera"] } else { &["camera"] };
+        Err(self.error(Fault::new(problem, format!("the cameras are {}", names.join(", "))), key))
     }
 
     pub(crate) fn draws(&self, index: u64) -> Draws {
@@ -479,13 +415,6 @@ impl Study {
     /// The named draws of an image, computed when they are needed.
     pub(crate) fn named(&self, draws: Draws) -> NamedDraws<'_> {
         NamedDraws::new(&self.draw, draws)
-    }
-
-    /// The alternatives of a value, at most 4096 of them, as far as they are known without a draw.
-    pub(crate) fn alternatives_of(&self, value: &Template) -> Vec<Value> {
-        const MOST: usize = 4096;
-        let count = value.alternatives(&self.draw, &mut BTreeMap::new()).min(MOST);
-        (0..count).filter_map(|k| value.alternative(k, &self.draw, 0)).collect()
     }
 
     /// The value that selects the camera of an image, if it may be a name.
@@ -508,14 +437,15 @@ impl Study {
         self.device != Device::One
     }
 
-    /// The distribution of a named draw.
-    pub(crate) fn named_template(&self, name: &str) -> Option<&Template> {
-        self.draw.get(name)
-    }
-
     /// An error about a value of the study.
     pub(crate) fn error(&self, fault: Fault, path: &[&str]) -> InputError {
         fault.in_file(&self.source, path)
+    }
+
+    /// An error about an image in an entry of a list of the study.
+    pub(crate) fn image_error(&self, index: u64, list: &str, number: usize, fault: Fault) -> InputError {
+        let fault = Fault { problem: format!("image {index}: {}", fault.problem), ..fault };
+        self.error(fault, &["study", list, &number.to_string()])
     }
 
     /// Hash of all texts of the study, without what depends on its place: sets of the same hash have the same images.
@@ -574,6 +504,28 @@ impl Study {
         }
         Ok(())
     }
+}
+
+/// The keys of the job of a study.
+fn base_of(source: &TomlFile, path: &Path, inputs: &mut InputFiles) -> Result<Table, InputError> {
+    let file = TomlFile::read(path, Role::Job, inputs).map_err(|e| {
+        let problem = format!("{}: {}", path.display(), e.problem);
+        source.error_at_key(&["study", "job"], problem, "name a job file")
+    })?;
+    let mut table: Table = file.parse()?;
+    OWN_KEYS.iter().for_each(|(key, _)| drop(table.remove(*key)));
+    Ok(table)
+}
+
+/// The name of a study, by default that of its file.
+fn name_of(source: &TomlFile, name: Option<String>) -> Result<String, InputError> {
+    let stem = || source.path().file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = name.unwrap_or_else(stem);
+    if name.is_empty() || name.contains(['/', '\\', '\0']) || name == "." || name == ".." {
+        let help = "write a name without slashes, which can be the name of a folder";
+        return Err(source.error_at_key(&["study", "name"], format!("{name:?} is not the name of a set"), help));
+    }
+    Ok(name)
 }
 
 fn no_camera_name() -> Fault {

@@ -2,17 +2,16 @@
 
 use crate::coco::Segmentation;
 use crate::encode::ImageLabels;
+use crate::inputs::hash_of;
 use crate::record::{FileRecord, Record};
-use crate::set::{Content, MISSING, REPORT, Set, cost_name, read_bytes, record_name};
+use crate::set::{MISSING, REPORT, Set, cost_name, read_bytes, record_name};
 use crate::set_folder::{FOLDERS, own_path};
 use dunkelfeld::{Error, InputError};
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::gray::read_gray;
-use dunkelfeld_io::input::{InputFiles, MAX_STREAMED, OpenFile, ReadFault, Role};
 use dunkelfeld_io::loader::Limits;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
 /// Findings of one kind that are listed; the others are counted.
@@ -50,17 +49,17 @@ impl Verified {
     }
 }
 
-/// Checks a set: the description and the study by their hashes, the record of each image, the size and the hash of each file, the masks against the
-/// records and the annotations, and the files of the whole set byte by byte against those that the finished images give. A
-/// file that belongs to no image is a fault in the folders of images, such as `images/`.
-/// The latter only if this version of the program made the set. `report.html` contains times and must only exist. An unfinished set may have no files of the whole set.
+/// Checks a set: the study by its hash, the record of each image, the size and the hash of each file, the masks against the
+/// records and the annotations, and the files of the whole set byte by byte against those that the finished images give, if
+/// this version of the program made the set. A file that belongs to no image is a fault in the folders of images, such as
+/// `images/`. `report.html` contains times and must only exist. An unfinished set may have no files of the whole set.
 ///
 /// # Errors
 /// A folder without a set.
 pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Error> {
     let set = Set::read(folder)?;
     let mut found = Verified { count: set.count(), ..Verified::default() };
-    set.changed_description().into_iter().chain(set.changed_study()).for_each(|problem| found.fault(problem));
+    set.changed_study().into_iter().for_each(|problem| found.fault(problem));
     let other = set.other_version();
     if let Some(problem) = &other {
         // The images may have other files, also if nothing changed since they were made.
@@ -79,10 +78,8 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
         found.finished += 1;
         match set.record(index) {
             Ok(record) if record.index == index => {
-                let changed = set.changed_bytes(&record_name(index), &record);
-                let problems = set.foreign(&record).into_iter().chain(changed);
                 known.names.extend(record.files.keys().cloned());
-                problems.for_each(|problem| found.fault(problem));
+                set.foreign(&record).into_iter().for_each(|problem| found.fault(problem));
                 annotations += check_image(&set, &record, &mut found);
             }
             Ok(record) => {
@@ -138,16 +135,16 @@ impl KnownFiles {
 fn check_whole(set: &Set, found: &mut Verified) {
     let is_there = |name: &str| own_path(set.path(), name).is_ok_and(|path| path.exists());
     let is_finished = found.finished == found.count;
-    if is_finished && set.files().iter().any(|file| file == REPORT) && !is_there(REPORT) {
+    if is_finished && set.has_file(REPORT) && !is_there(REPORT) {
         found.fault(format!("{REPORT} does not exist"));
     }
-    if !is_finished && !set.files().iter().any(|name| is_there(name)) {
+    if !is_finished && !set.manifest().files.iter().any(|name| is_there(name)) {
         return;
     }
     let compared = set.each_file(&mut |name, content| {
         if is_finished || is_there(name) {
             found.files += 1;
-            if let Some(problem) = difference(set.path(), name, content) {
+            if let Some(problem) = difference(set.path(), name, &content) {
                 found.fault(format!("{name} {problem}"));
             }
         }
@@ -159,41 +156,12 @@ fn check_whole(set: &Set, found: &mut Verified) {
 }
 
 /// The difference of a file from its content, as the continuation of its name. `None` if there is none.
-fn difference(set: &Path, name: &str, content: &Content<'_>) -> Option<String> {
-    let path = match own_path(set, name) {
-        Ok(path) => path,
-        Err(e) => return Some(e.problem),
-    };
-    let file = match InputFiles::new().open(&path, Role::Result, MAX_STREAMED) {
-        Ok(file) => file,
-        Err(ReadFault::Missing) => return Some("does not exist".into()),
-        Err(fault) => return Some(fault.problem()),
-    };
-    let mut comparison = Comparison { file: BufReader::new(file), is_same: true };
-    if let Err(e) = content(&mut comparison) {
-        return Some(format!("cannot be compared: {}", e.to_string().replace("\n  help:", "; help:")));
-    }
-    let is_longer = comparison.file.read(&mut [0]).map_or(true, |count| count > 0);
-    (is_longer || !comparison.is_same).then(|| "differs from the file that the finished images give".into())
-}
-
-/// Compares with a file all that is written.
-struct Comparison {
-    file: BufReader<OpenFile>,
-    is_same: bool,
-}
-
-impl Write for Comparison {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        if self.is_same {
-            let mut there = vec![0; bytes.len()];
-            self.is_same = self.file.read_exact(&mut there).is_ok() && there == bytes;
-        }
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
+fn difference(set: &Path, name: &str, content: &[u8]) -> Option<String> {
+    match own_path(set, name) {
+        Err(e) => Some(e.problem),
+        Ok(path) if !path.exists() => Some(MISSING.into()),
+        Ok(path) if hash_of(&path) == Some(FileRecord::of(content).hash) => None,
+        Ok(_) => Some("differs from the file that the finished images give".into()),
     }
 }
 
@@ -264,7 +232,7 @@ fn check_mask(record: &Record, labels: &ImageLabels, name: &str, plane: &Plane<u
         let Segmentation::Rle(runs) = &annotation.segmentation else { continue };
         // A mask is decoded only if it has the size of the image: an annotation may state any size.
         let is_whole = runs.size == [plane.height(), plane.width()];
-        let decoded = is_whole.then(|| runs.mask().ok()).flatten().map(|rle| rle.decode());
+        let decoded = is_whole.then(|| runs.mask()).flatten().map(|rle| rle.decode());
         let is_same = decoded.is_some_and(|inside| {
             inside.iter().zip(pixels).all(|(inside, id)| *inside == (u64::from(*id) == annotation.instance))
         });

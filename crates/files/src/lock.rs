@@ -107,39 +107,6 @@ impl Drop for TargetLock {
     }
 }
 
-/// The mark of a program that uses a folder beside others, until it is dropped: a shared lock of the operating system on the
-/// folder itself. It ends with the process, and leaves no file.
-#[derive(Debug)]
-pub struct FolderMark(File);
-
-impl FolderMark {
-    /// Marks a folder. `None` where the file system has no locks of folders, and for the moment in which another program ends its
-    /// mark.
-    pub fn new(folder: &Path) -> Option<Self> {
-        let folder = File::open(folder).ok()?;
-        folder.try_lock_shared().ok()?;
-        Some(Self(folder))
-    }
-
-    /// Ends the mark: was it the only one of the folder? Another program may mark the folder again.
-    pub fn end(&self) -> bool {
-        let is_last = self.0.try_lock().is_ok();
-        let _ = self.0.unlock();
-        is_last
-    }
-}
-
-/// Has a program marked a folder? A folder that does not exist has no mark. `None` where the file system has no locks of
-/// folders.
-pub fn is_marked(folder: &Path) -> Option<bool> {
-    match File::open(folder).map(|folder| folder.try_lock()) {
-        Ok(Ok(())) => Some(false),
-        Ok(Err(TryLockError::WouldBlock)) => Some(true),
-        Ok(Err(TryLockError::Error(_))) => None,
-        Err(e) => (e.kind() == ErrorKind::NotFound).then_some(false),
-    }
-}
-
 /// The lock file of a target.
 pub fn lock_path(target: &Path) -> PathBuf {
     let mut name = target.file_name().map_or_else(OsString::new, OsString::from);
@@ -349,22 +316,6 @@ mod tests {
         assert_eq!(met, Some(Operation::Lock));
         let message = result.expect_err("no locks").to_string();
         assert!(message.contains("a.film.lock") && message.contains("advisory locks"), "{message}");
-        assert!(is_empty(&home));
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn the_last_mark_of_a_folder_finds_itself_alone() {
-        let (home, _) = home();
-        let path = home.path();
-        assert_eq!(is_marked(path), Some(false));
-        let [first, second] = [(); 2].map(|()| FolderMark::new(path).expect("a mark"));
-        assert_eq!(is_marked(path), Some(true));
-        assert!(!first.end(), "there is another one");
-        assert_eq!(is_marked(path), Some(true));
-        assert!(second.end(), "the first one has given up its mark");
-        assert_eq!(is_marked(path), Some(false));
-        assert_eq!(is_marked(&path.join("none")), Some(false));
         assert!(is_empty(&home));
     }
 

@@ -221,9 +221,17 @@ impl StudyWorker {
         made.map(Made).ok_or_else(|| internal("an image was cancelled"))
     }
 
-    /// Raises the error of an image whose draws do not fit, without a render.
-    fn _check(&self, py: Python<'_>, #[pyo3(from_py_with = index_of)] index: u64) -> Result<(), Failure> {
-        Ok(self.with(py, |worker| worker.check(index))??)
+    /// Opens the folder of a set for images of a run: the set, the number of images, and those that are not finished.
+    fn _start(
+        &self,
+        py: Python<'_>,
+        folder: PathBuf,
+        count: Option<u64>,
+        #[pyo3(from_py_with = indices_of)] indices: Option<Vec<u64>>,
+    ) -> Result<(DataSet, u64, Vec<u64>), Failure> {
+        let folder = std::path::absolute(&folder).unwrap_or(folder);
+        let start = self.with(py, |worker| worker.start(&folder, count, indices.as_deref()))??;
+        Ok((DataSet(start.set), start.wanted, start.missing))
     }
 
     /// Opens the folder of a set, as `Study.open`, without a second load of the scene.
@@ -385,11 +393,6 @@ impl DataSet {
     /// so on.
     fn assemble(&self, py: Python<'_>) -> Result<(), Failure> {
         Ok(py.detach(|| self.0.assemble())?)
-    }
-
-    /// Removes the folder of a set without images that no other object or process has open.
-    fn _discard(&self, py: Python<'_>) {
-        py.detach(|| self.0.discard());
     }
 
     /// Checks the set as `dunkelfeld dataset --verify`: the size and the hash of each file, labels against masks, and the files

@@ -186,7 +186,7 @@ def test_damaged_copies_are_refused(study: Study, tmp_path: Path) -> None:
             data.commit(kind(record, other, cost))
         assert caught.value.help
     outside = record.replace(name, "../outside.png")
-    with pytest.raises(df.SettingError, match="differ from its record"):
+    with pytest.raises(df.InputError, match="leads out of the set"):
         data.commit(kind(outside, {n.replace(name, "../outside.png"): c for n, c in contents.items()}, cost))
     with pytest.raises(df.SettingError, match="broken"):
         kind("{}", contents, cost)

@@ -4,7 +4,8 @@ use super::draw;
 use super::host::refuse_emitters;
 use super::material;
 use super::site::largest_distance;
-use super::spec::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
+use super::spec::{Defect, DefectSpec, Faded, PlacedDefect, Shifted};
+use crate::distribution::Fault;
 use dunkelfeld_geometry::{DVec3, Mesh};
 use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::{AlphaMode, Instance, Material, MeshPart, SceneBuilder};
@@ -14,16 +15,12 @@ use std::sync::Arc;
 ///
 /// # Errors
 /// If a candidate emits light, is a solid that shall fade, or has no extent.
-pub(super) fn change(
-    scene: &mut SceneBuilder,
-    spec: &DefectSpec,
-    stream: &mut Pcg,
-) -> Result<PlacedDefect, DefectProblem> {
+pub(super) fn change(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &mut Pcg) -> Result<PlacedDefect, Fault> {
     refuse_emitters(scene, &spec.on)?;
     let index = spec.on[draw::index(stream, spec.on.len())];
     let Some((normal, tangents)) = largest_side(scene, &scene.instances[index]) else {
         let problem = format!("the object \"{}\" has no extent", scene.instances[index].name);
-        return Err(DefectProblem::new(problem, "name an object with triangles").at("on"));
+        return Err(Fault::new(problem, "name an object with triangles").below("on"));
     };
     let mut angle = None;
     let is_clear = {
@@ -31,15 +28,15 @@ pub(super) fn change(
         let of = |part: &usize| scene.meshes.get(*part).and_then(|m| scene.materials.get(m.material));
         parts.iter().all(|part| of(part).is_some_and(material::is_clear))
     };
-    match spec.kind {
-        DefectKind::Missing => with_materials(scene, index, |m| material::absent(m, &spec.name)),
-        DefectKind::Faded => fade(scene, index, spec)?,
-        _ => {
-            let direction = spec.angle.unwrap_or_else(|| draw::angle(stream));
+    match &spec.defect {
+        Defect::Faded(Faded { strength }) => fade(scene, index, &spec.name, strength.map_or(1.0, |s| s.0))?,
+        Defect::Shifted(Shifted { length, angle: given }) => {
+            let direction = given.map_or_else(|| draw::angle(stream), |angle| angle.0);
             angle = Some(direction);
             let (sin, cos) = direction.sin_cos();
-            scene.instances[index].to_world.translation += (tangents[0] * cos + tangents[1] * sin) * spec.length;
+            scene.instances[index].to_world.translation += (tangents[0] * cos + tangents[1] * sin) * length.0;
         }
+        _ => with_materials(scene, index, |m| material::absent(m, &spec.name)),
     }
     let on = scene.instances[index].name.clone();
     let [low, high] = scene.bounds_of(&scene.instances[index]).unwrap_or_default();
@@ -84,16 +81,16 @@ fn largest_side(scene: &SceneBuilder, instance: &Instance) -> Option<(DVec3, [DV
     (edges[first] > 0.0 || edges[second] > 0.0).then(|| (normal, [u, normal.cross(u)]))
 }
 
-fn fade(scene: &mut SceneBuilder, index: usize, spec: &DefectSpec) -> Result<(), DefectProblem> {
+fn fade(scene: &mut SceneBuilder, index: usize, name: &str, strength: f64) -> Result<(), Fault> {
     let instance = &scene.instances[index];
     let of = |part: &usize| scene.meshes.get(*part).and_then(|m| scene.materials.get(m.material));
     if instance.meshes.iter().filter_map(of).any(|m| material::clear_volume(m).is_some()) {
         let problem = format!("the object \"{}\" is a clear solid, which cannot fade", instance.name);
-        return Err(DefectProblem::new(problem, "name a print, a label or an opaque object").at("on"));
+        return Err(Fault::new(problem, "name a print, a label or an opaque object").below("on"));
     }
     let is_opaque = |m: &Material| m.alpha_mode == AlphaMode::Opaque;
     let opaque: Vec<bool> = instance.meshes.iter().map(|part| of(part).is_some_and(is_opaque)).collect();
-    with_materials(scene, index, |m| material::faded(m, &spec.name, spec.strength));
+    with_materials(scene, index, |m| material::faded(m, name, strength));
     // An opaque surface ignores the alpha of its vertex colours. From now on it counts.
     for (part, _) in scene.instances[index].meshes.clone().into_iter().zip(opaque).filter(|(_, opaque)| *opaque) {
         let Some(m) = scene.meshes.get_mut(part) else { continue };
@@ -110,7 +107,8 @@ fn with_materials(scene: &mut SceneBuilder, index: usize, change: impl Fn(&Mater
     for k in 0..scene.instances[index].meshes.len() {
         let part = scene.instances[index].meshes[k];
         let Some(old) = scene.meshes.get(part).and_then(|m| scene.materials.get(m.material)) else { continue };
-        let new = material::add(scene, change(old));
+        let new = change(old);
+        let new = scene.add_material(new);
         own_part(scene, index, part).material = new;
     }
 }

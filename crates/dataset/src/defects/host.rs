@@ -2,8 +2,9 @@
 
 use super::draw;
 use super::material::{emits, is_absent};
-use super::spec::{DefectProblem, DefectSpec};
+use super::spec::DefectSpec;
 use super::surface::{corners_of, oriented_area};
+use crate::distribution::Fault;
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::SceneBuilder;
@@ -37,9 +38,9 @@ impl AreaTable {
     ///
     /// # Errors
     /// If a candidate emits light, or if no triangle is left.
-    pub(super) fn new(scene: &SceneBuilder, spec: &DefectSpec) -> Result<Self, DefectProblem> {
+    pub(super) fn new(scene: &SceneBuilder, spec: &DefectSpec) -> Result<Self, Fault> {
         refuse_emitters(scene, &spec.on)?;
-        let facing = spec.facing.and_then(DVec3::try_normalize);
+        let facing = spec.defect.facing();
         let (mut faces, mut cumulative, mut sum, mut seen) = (Vec::new(), Vec::new(), 0.0, false);
         for &index in &spec.on {
             let Some(instance) = scene.instances.get(index) else { continue };
@@ -67,13 +68,13 @@ impl AreaTable {
         }
         match (faces.is_empty(), seen) {
             (false, _) => Ok(Self { faces, cumulative }),
-            (true, true) => Err(DefectProblem::new(
+            (true, true) => Err(Fault::new(
                 "no surface of the candidates faces the direction",
                 "turn the objects, name other ones, or leave the direction out",
             )
-            .at("facing")),
+            .below("facing")),
             (true, false) => {
-                Err(DefectProblem::new("the candidates have no surface", "name objects with triangles").at("on"))
+                Err(Fault::new("the candidates have no surface", "name objects with triangles").below("on"))
             }
         }
     }
@@ -103,12 +104,12 @@ pub(crate) fn has_surface(scene: &SceneBuilder, index: usize) -> bool {
 
 /// # Errors
 /// If a candidate emits light.
-pub(super) fn refuse_emitters(scene: &SceneBuilder, on: &[usize]) -> Result<(), DefectProblem> {
+pub(super) fn refuse_emitters(scene: &SceneBuilder, on: &[usize]) -> Result<(), Fault> {
     for instance in on.iter().filter_map(|i| scene.instances.get(*i)) {
         let material = |part: &usize| scene.materials.get(scene.meshes.get(*part)?.material);
         if instance.meshes.iter().filter_map(material).any(emits) {
             let problem = format!("the object \"{}\" emits light", instance.name);
-            return Err(DefectProblem::new(problem, "name only objects that emit no light").at("on"));
+            return Err(Fault::new(problem, "name only objects that emit no light").below("on"));
         }
     }
     Ok(())

@@ -1,11 +1,11 @@
 //! The materials of defects.
 
-use super::spec::DefectSpec;
+use super::spec::Finish;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{AlphaMode, Material, SceneBuilder, Surface, Volume};
+use dunkelfeld_scene::{AlphaMode, Material, Surface, Volume};
 
 /// Roughness of the walls of a scratch.
-const SCRATCH_ROUGHNESS: f32 = 0.3;
+pub(super) const SCRATCH_ROUGHNESS: f32 = 0.3;
 /// A material is smooth below this roughness, as in `dunkelfeld-scene`.
 const SMOOTH_ROUGHNESS: f32 = 0.01;
 
@@ -39,10 +39,11 @@ pub(super) fn clear_volume(m: &Material) -> Option<Volume> {
 }
 
 /// Gas in a clear solid: index 1, above the solid in priority, so that it displaces the solid (Schmidt and Budge 2002).
-pub(super) fn gas(name: &str, host: &Volume, roughness: f32) -> Material {
+/// `roughness` is that of a defect without its own.
+pub(super) fn gas(finish: &Finish<'_>, host: &Volume, roughness: f32) -> Material {
     Material {
-        name: name.into(),
-        roughness,
+        name: finish.name.into(),
+        roughness: finish.roughness.unwrap_or(roughness),
         transmission: 1.0,
         ior: 1.0,
         surface: Surface::Solid(Volume { priority: host.priority.saturating_add(1), ..Volume::default() }),
@@ -52,51 +53,41 @@ pub(super) fn gas(name: &str, host: &Volume, roughness: f32) -> Material {
 
 /// The surface below with the changes of the defect. `has_uvs` is false if the patch has no texture coordinates; then
 /// all textures are dropped.
-pub(super) fn like_surface(host: &Material, spec: &DefectSpec, has_uvs: bool) -> Material {
-    let mut m = Material { name: spec.name.clone(), surface: Surface::Thin, ..host.clone() };
+pub(super) fn like_surface(host: &Material, finish: &Finish<'_>, has_uvs: bool) -> Material {
+    let mut m = Material { name: finish.name.into(), surface: Surface::Thin, ..host.clone() };
     if !has_uvs {
         drop_textures(&mut m);
     }
-    override_with(&mut m, spec);
+    override_with(&mut m, finish);
     m
 }
 
 /// The walls of a scratch in an opaque surface: as [`like_surface`], without normal map and coat, with the roughness of
 /// a cut.
-pub(super) fn cut(host: &Material, spec: &DefectSpec, has_uvs: bool) -> Material {
-    let mut m = like_surface(host, spec, has_uvs);
+pub(super) fn cut(host: &Material, finish: &Finish<'_>, has_uvs: bool) -> Material {
+    let mut m = like_surface(host, finish, has_uvs);
     (m.normal_texture, m.anisotropy, m.anisotropy_texture, m.clearcoat) = (None, 0.0, None, 0.0);
     m.roughness_texture = None;
-    m.roughness = roughness_or(spec, SCRATCH_ROUGHNESS);
+    m.roughness = finish.roughness.unwrap_or(SCRATCH_ROUGHNESS);
     m
-}
-
-/// Roughness of a scratch in a clear solid.
-pub(super) fn cut_roughness(spec: &DefectSpec) -> f32 {
-    roughness_or(spec, SCRATCH_ROUGHNESS)
 }
 
 /// An opaque material of its own: a default colour and roughness, with the changes of the defect.
-pub(super) fn own(spec: &DefectSpec, color: Rgb, roughness: f32) -> Material {
-    let mut m = Material { name: spec.name.clone(), base_color: color, roughness, ..Material::default() };
-    override_with(&mut m, spec);
+pub(super) fn own(finish: &Finish<'_>, color: Rgb, roughness: f32) -> Material {
+    let mut m = Material { name: finish.name.into(), base_color: color, roughness, ..Material::default() };
+    override_with(&mut m, finish);
     m
 }
 
-/// The roughness of the defect, or a default value.
-pub(super) fn roughness_or(spec: &DefectSpec, default: f32) -> f32 {
-    spec.roughness.map_or(default, |r| r as f32)
-}
-
-fn override_with(m: &mut Material, spec: &DefectSpec) {
-    if let Some(roughness) = spec.roughness {
-        (m.roughness, m.roughness_texture) = (roughness as f32, None);
+fn override_with(m: &mut Material, finish: &Finish<'_>) {
+    if let Some(roughness) = finish.roughness {
+        (m.roughness, m.roughness_texture) = (roughness, None);
     }
-    if let Some(color) = spec.color {
+    if let Some(color) = finish.color {
         (m.base_color, m.base_color_texture) = (color, None);
     }
-    if let Some(metallic) = spec.metallic {
-        (m.metallic, m.metallic_texture) = (metallic as f32, None);
+    if let Some(metallic) = finish.metallic {
+        (m.metallic, m.metallic_texture) = (metallic, None);
     }
 }
 
@@ -143,11 +134,6 @@ pub(super) fn faded(host: &Material, name: &str, strength: f64) -> Material {
     m.alpha *= (1.0 - strength) as f32;
     m.alpha_mode = AlphaMode::Blend;
     m
-}
-
-/// Index of a material that is added to the scene.
-pub(super) fn add(scene: &mut SceneBuilder, material: Material) -> usize {
-    scene.add_material(material)
 }
 
 /// The material with the alpha of the vertex colours as its coverage.

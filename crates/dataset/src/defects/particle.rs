@@ -3,6 +3,7 @@
 use super::draw::{self, Harmonics};
 use super::material;
 use super::site::{Made, Site};
+use super::spec::{Dust, Fibre};
 use super::walk::Course;
 use dunkelfeld_geometry::{DMat3, DVec3, Mesh};
 use dunkelfeld_radiometry::Rgb;
@@ -87,27 +88,27 @@ pub(super) fn particle(extent: f64, up: DVec3, stream: &mut Pcg) -> Mesh {
 }
 
 /// A particle that rests on the surface.
-pub(super) fn dust(site: &Site<'_>, stream: &mut Pcg) -> Made {
-    let (spec, foot) = (site.spec, &site.foot);
-    let mut mesh = particle(spec.length, foot.normal, stream);
+pub(super) fn dust(site: &Site<'_>, dust: &Dust, stream: &mut Pcg) -> Made {
+    let (length, foot) = (dust.length.0, &site.foot);
+    let mut mesh = particle(length, foot.normal, stream);
     let heights = mesh.positions.iter().map(|p| p.as_dvec3().dot(foot.normal));
     let lowest = heights.fold(f64::INFINITY, f64::min);
-    let shift = (foot.point - foot.normal * (lowest + SINK * spec.length)).as_vec3();
+    let shift = (foot.point - foot.normal * (lowest + SINK * length)).as_vec3();
     mesh.positions.iter_mut().for_each(|p| *p += shift);
-    Made::new(mesh, None, material::own(spec, DUST_COLOR, DUST_ROUGHNESS))
+    Made::new(mesh, None, material::own(&site.finish, DUST_COLOR, DUST_ROUGHNESS))
 }
 
 /// A closed tube along a curve on the surface. Its middle line rises and falls by at most three thicknesses.
-pub(super) fn fibre(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
-    let spec = site.spec;
+pub(super) fn fibre(site: &Site<'_>, fibre: &Fibre, stream: &mut Pcg) -> Option<Made> {
+    let (length, width, curvature) = (fibre.length.0, fibre.width.0, fibre.curvature.map_or(0.0, |turn| turn.0));
     let wander = Harmonics::draw(stream, 1, 5, 0.25);
     let heave = Harmonics::draw(stream, 1, 5, 0.4);
-    let angle = spec.angle.unwrap_or_else(|| draw::angle(stream));
-    let steps = (0.5 * spec.length / spec.width).clamp(24.0, 120.0) as usize;
-    let course = Course { length: spec.length, steps, angle, curvature: spec.curvature, wander: &wander };
+    let angle = fibre.angle.map_or_else(|| draw::angle(stream), |angle| angle.0);
+    let steps = (0.5 * length / width).clamp(24.0, 120.0) as usize;
+    let course = Course { length, steps, angle, curvature, wander: &wander };
     let curve = course.on(&site.surface, site.foot)?;
-    let radius = 0.5 * spec.width;
-    let rise = (3.0 * spec.width).min(0.05 * spec.length);
+    let radius = 0.5 * width;
+    let rise = (3.0 * width).min(0.05 * length);
     let last = curve.len() - 1;
     let center = |i: usize| {
         let foot = &curve[i].hit;
@@ -143,5 +144,5 @@ pub(super) fn fibre(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
             mesh.triangles.push(if i == 0 { [tip, at(i, k + 1), at(i, k)] } else { [tip, at(i, k), at(i, k + 1)] });
         }
     }
-    Some(Made::new(mesh, Some(angle), material::own(spec, FIBRE_COLOR, FIBRE_ROUGHNESS)))
+    Some(Made::new(mesh, Some(angle), material::own(&site.finish, FIBRE_COLOR, FIBRE_ROUGHNESS)))
 }

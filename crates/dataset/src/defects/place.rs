@@ -4,9 +4,10 @@ use super::change::own_part;
 use super::host::{Anchor, AreaTable};
 use super::material::{clear_volume, is_absent};
 use super::site::{Made, Site, extent_of, insert, rounding};
-use super::spec::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
+use super::spec::{Defect, DefectSpec, Dent, Dust, Fibre, PlacedDefect, Scratch, Stain};
 use super::surface::LocalSurface;
 use super::{particle, round, scratch};
+use crate::distribution::Fault;
 use dunkelfeld_geometry::{DAffine3, DVec3};
 use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::SceneBuilder;
@@ -29,11 +30,7 @@ const LEAST_STEPS: f64 = 8.0;
 ///
 /// # Errors
 /// If no surface fits, or if no place of 256 has enough room.
-pub(super) fn on_surface(
-    scene: &mut SceneBuilder,
-    spec: &DefectSpec,
-    stream: &mut Pcg,
-) -> Result<PlacedDefect, DefectProblem> {
+pub(super) fn on_surface(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &mut Pcg) -> Result<PlacedDefect, Fault> {
     let table = AreaTable::new(scene, spec)?;
     let rounding = rounding(scene);
     for _ in 0..TRIES {
@@ -64,24 +61,30 @@ pub(super) fn on_surface(
             replaces,
         });
     }
-    Err(DefectProblem::new(
+    Err(Fault::new(
         format!("the defect \"{}\" finds no room on the surface: no place of {TRIES} fits", spec.name),
         "make it smaller, or name larger or smoother objects; a defect does not extend over sharp edges, and a \
          steep dent needs free space in and below its body",
     )
-    .at("length"))
+    .below("length"))
 }
 
 fn attempt(scene: &SceneBuilder, spec: &DefectSpec, anchor: &Anchor, rounding: f64, stream: &mut Pcg) -> Option<Made> {
     let instance = scene.instances.get(anchor.instance)?;
     let part = scene.meshes.get(anchor.part)?;
     let host = scene.materials.get(part.material)?;
-    let is_curve = matches!(spec.kind, DefectKind::Scratch | DefectKind::Fibre);
-    let size = if is_curve { spec.width } else { spec.length };
+    // A defect extends by half of its length. The rest is room for steps over steep triangles.
+    let (size, radius) = match &spec.defect {
+        Defect::Scratch(Scratch { length, width, .. }) | Defect::Fibre(Fibre { length, width, .. }) => {
+            (width.0, length.0 + width.0)
+        }
+        Defect::Dent(Dent { length, .. }) | Defect::Stain(Stain { length, .. }) | Defect::Dust(Dust { length, .. }) => {
+            (length.0, length.0)
+        }
+        _ => return None,
+    };
     let safe = (SAFE_STEPS * rounding).min(SAFE_OF_SIZE * size);
     let lift = LIFT.min(LIFT_OF_SIZE * size).max(safe).max(LEAST_STEPS * rounding);
-    // A defect extends by half of its length. The rest is room for steps over steep triangles.
-    let radius = spec.length + if is_curve { spec.width } else { 0.0 };
     let is_present = |part: &&usize| {
         let material = scene.meshes.get(**part).and_then(|m| scene.materials.get(m.material));
         material.is_some_and(|m| !is_absent(m))
@@ -90,12 +93,14 @@ fn attempt(scene: &SceneBuilder, spec: &DefectSpec, anchor: &Anchor, rounding: f
     let surface = LocalSurface::collect(scene, instance, &parts, anchor.point, radius);
     let foot = surface.project(DVec3::ZERO, anchor.normal, lift)?;
     let volume = clear_volume(host);
-    let site = Site { spec, scene, anchor, surface, foot, below: (anchor.part, &part.mesh), host, volume, lift };
-    match spec.kind {
-        DefectKind::Scratch => scratch::scratch(&site, stream),
-        DefectKind::Dent => round::dent(&site),
-        DefectKind::Stain => round::stain(&site, stream),
-        DefectKind::Fibre => particle::fibre(&site, stream),
-        _ => Some(particle::dust(&site, stream)),
+    let (finish, below) = (spec.defect.finish(&spec.name), (anchor.part, &*part.mesh));
+    let site = Site { finish, scene, anchor, surface, foot, below, host, volume, lift };
+    match &spec.defect {
+        Defect::Scratch(scratch) => scratch::scratch(&site, scratch, stream),
+        Defect::Dent(dent) => round::dent(&site, dent),
+        Defect::Stain(stain) => round::stain(&site, stain, stream),
+        Defect::Fibre(fibre) => particle::fibre(&site, fibre, stream),
+        Defect::Dust(dust) => Some(particle::dust(&site, dust, stream)),
+        _ => None,
     }
 }

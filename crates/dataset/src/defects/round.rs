@@ -6,7 +6,7 @@ use super::material;
 use super::patch::Patch;
 use super::shell;
 use super::site::{Made, Site};
-use super::spec::DefectSpec;
+use super::spec::{Dent, Stain};
 use super::surface::{LocalSurface, SurfaceHit};
 use super::walk::{Footing, tangent_at};
 use dunkelfeld_geometry::{DVec3, Mesh, Vec3};
@@ -75,8 +75,8 @@ fn share(i: usize) -> f64 {
 }
 
 /// The largest slope of a dent.
-fn steepest(spec: &DefectSpec) -> f64 {
-    PI * spec.depth / spec.length
+fn steepest(dent: &Dent) -> f64 {
+    PI * dent.depth.0 / dent.length.0
 }
 
 /// The unit normal at a point of a dent with this largest slope.
@@ -87,38 +87,37 @@ fn tilted(patch: &Patch, outward: &[DVec3], i: usize, steepest: f64) -> DVec3 {
 }
 
 /// A dent with the depth `d (1 + cos(pi r / R)) / 2` at the distance r from its middle.
-pub(super) fn dent(site: &Site<'_>) -> Option<Made> {
-    let (spec, surface) = (site.spec, &site.surface);
-    let radius = 0.5 * spec.length;
+pub(super) fn dent(site: &Site<'_>, dent: &Dent) -> Option<Made> {
+    let (surface, depth) = (&site.surface, dent.depth.0);
+    let radius = 0.5 * dent.length.0;
     let (patch, outward) = rings(surface, site.foot, |_| radius)?;
-    if site.volume.is_none() && steepest(spec) > LARGEST_SHADED_SLOPE {
-        return carved(site, patch, &outward);
+    if site.volume.is_none() && steepest(dent) > LARGEST_SHADED_SLOPE {
+        return carved(site, dent, patch, &outward);
     }
-    let normal = |i: usize| tilted(&patch, &outward, i, steepest(spec));
-    let rise = patch.rise(surface).filter(|rise| *rise <= LARGEST_RISE * spec.length)?;
+    let normal = |i: usize| tilted(&patch, &outward, i, steepest(dent));
+    let rise = patch.rise(surface).filter(|rise| *rise <= LARGEST_RISE * dent.length.0)?;
     let offset = site.lift + rise;
     let is_rim = |i: usize| i + SPOKES >= patch.feet.len();
     if let Some(volume) = &site.volume {
         let bottom = |i: usize| {
-            let depth = 0.5 * (spec.depth + offset) * (1.0 + (PI * share(i)).cos());
+            let depth = 0.5 * (depth + offset) * (1.0 + (PI * share(i)).cos());
             if is_rim(i) { offset } else { offset - depth }
         };
         let mesh = shell::closed(&patch, surface, |_| offset, bottom, normal);
-        let roughness = material::roughness_or(spec, site.host.roughness);
-        return Some(Made::new(mesh, None, material::gas(&spec.name, volume, roughness)));
+        return Some(Made::new(mesh, None, material::gas(&site.finish, volume, site.host.roughness)));
     }
     // The rim is below the surface, so that no gap is visible at grazing angles.
     let height = |i: usize| if is_rim(i) { -site.lift } else { offset };
     let (mesh, has_uvs) = patch.mesh(surface, Some(site.below), height, normal);
-    Some(Made::new(mesh, None, material::like_surface(site.host, spec, has_uvs)))
+    Some(Made::new(mesh, None, material::like_surface(site.host, &site.finish, has_uvs)))
 }
 
 /// A dent in an opaque body: its mesh gets a hole, which the dent fills. In a body that is thinner than the dent is deep, the
 /// other side bulges in the same shape. `None` if another surface is near, or if the mesh cannot be cut.
-fn carved(site: &Site<'_>, patch: Patch, outward: &[DVec3]) -> Option<Made> {
-    let (depth, surface, (part, mesh)) = (site.spec.depth, &site.surface, site.below);
+fn carved(site: &Site<'_>, dent: &Dent, patch: Patch, outward: &[DVec3]) -> Option<Made> {
+    let (depth, surface, (part, mesh)) = (dent.depth.0, &site.surface, site.below);
     let below = |i: usize| bell(depth, i) + LEAST_WALL * depth;
-    if !site.has_room(&patch.feet, depth, below) {
+    if !site.has_room(&patch.feet, dent.length.0, depth, below) {
         return None;
     }
     let mut holes = Holes::new(surface, part, mesh);
@@ -127,14 +126,14 @@ fn carved(site: &Site<'_>, patch: Patch, outward: &[DVec3]) -> Option<Made> {
         let ends = |(i, f): (usize, &SurfaceHit)| [f.point, f.point - f.normal * below(i)];
         !feet.iter().enumerate().map(ends).any(|[from, to]| surface.is_met(from, to, |f| !holes.is_cut(f)))
     };
-    let (mesh, has_uvs) = filled(site, &mut holes, patch, outward, -depth)?;
+    let (mesh, has_uvs) = filled(site, &mut holes, (patch, outward), -depth, steepest(dent))?;
     let mut back = None;
     if !is_solid(&holes) {
         let opposite = surface.project(site.foot.point, -site.foot.normal, (1.0 + LEAST_WALL) * depth)?;
-        let (patch, outward) = rings(surface, opposite, |_| 0.5 * site.spec.length)?;
-        back = Some(filled(site, &mut holes, patch, &outward, depth)?.0);
+        let (patch, outward) = rings(surface, opposite, |_| 0.5 * dent.length.0)?;
+        back = Some(filled(site, &mut holes, (patch, &outward), depth, steepest(dent))?.0);
     }
-    let material = material::like_surface(site.host, site.spec, has_uvs);
+    let material = material::like_surface(site.host, &site.finish, has_uvs);
     is_solid(&holes).then(|| Made { back, hole: Some(holes.mesh()), ..Made::new(mesh, None, material) })
 }
 
@@ -148,9 +147,9 @@ fn bell(height: f64, i: usize) -> f64 {
 fn filled(
     site: &Site<'_>,
     holes: &mut Holes<'_>,
-    mut patch: Patch,
-    outward: &[DVec3],
+    (mut patch, outward): (Patch, &[DVec3]),
     height: f64,
+    steepest: f64,
 ) -> Option<(Mesh, bool)> {
     let (surface, middle, first) = (&site.surface, patch.feet[0], patch.feet.len() - SPOKES);
     let rim = holes.add(middle, &patch.feet[first..])?;
@@ -170,24 +169,24 @@ fn filled(
         patch.triangles[last] = [inner, from as u32, to as u32];
     }
     patch.frame = surface.to_mesh;
-    let slope = -height.signum() * steepest(site.spec);
+    let slope = -height.signum() * steepest;
     Some(patch.mesh(surface, Some(site.below), |i| bell(height, i), |i| tilted(&patch, outward, i, slope)))
 }
 
 /// A stain with an irregular outline.
-pub(super) fn stain(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
-    let (spec, surface) = (site.spec, &site.surface);
+pub(super) fn stain(site: &Site<'_>, stain: &Stain, stream: &mut Pcg) -> Option<Made> {
+    let (surface, length, strength) = (&site.surface, stain.length.0, stain.strength.map_or(1.0, |s| s.0));
     let outline = Harmonics::draw(stream, 2, 8, STAIN_WAVES);
-    let radius = |angle: f64| spec.length * STAIN_RADIUS * (1.0 + outline.at(angle / TAU)).max(0.3);
+    let radius = |angle: f64| length * STAIN_RADIUS * (1.0 + outline.at(angle / TAU)).max(0.3);
     let (patch, _) = rings(surface, site.foot, radius)?;
-    let rise = patch.rise(surface).filter(|rise| *rise <= LARGEST_RISE * spec.length)?;
+    let rise = patch.rise(surface).filter(|rise| *rise <= LARGEST_RISE * length)?;
     let (mut mesh, _) = patch.mesh(surface, None, |_| site.lift + rise, |i| patch.feet[i].normal);
     let coverage = |i: usize| {
         let r = share(i);
         let edge = ((1.0 - r) / SOFT).clamp(0.0, 1.0);
-        spec.strength * edge * edge * (3.0 - 2.0 * edge) * (MIDDLE + (1.0 - MIDDLE) * r * r)
+        strength * edge * edge * (3.0 - 2.0 * edge) * (MIDDLE + (1.0 - MIDDLE) * r * r)
     };
     mesh.colors = (0..patch.feet.len()).map(|i| Vec3::ONE.extend(coverage(i) as f32)).collect();
-    let own = material::own(spec, STAIN_COLOR, STAIN_ROUGHNESS);
+    let own = material::own(&site.finish, STAIN_COLOR, STAIN_ROUGHNESS);
     Some(Made::new(mesh, None, material::covering_by_colors(own)))
 }

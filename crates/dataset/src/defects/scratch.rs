@@ -5,6 +5,7 @@ use super::material;
 use super::patch::Patch;
 use super::shell;
 use super::site::{Made, Site};
+use super::spec::Scratch;
 use super::walk::Course;
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_sampling::Pcg;
@@ -37,14 +38,15 @@ fn groove(u: f64) -> f64 {
 }
 
 /// A scratch along a curve on the surface.
-pub(super) fn scratch(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
-    let (spec, surface) = (site.spec, &site.surface);
+pub(super) fn scratch(site: &Site<'_>, scratch: &Scratch, stream: &mut Pcg) -> Option<Made> {
+    let (surface, length, width, depth) = (&site.surface, scratch.length.0, scratch.width.0, scratch.depth.0);
+    let curvature = scratch.curvature.map_or(0.0, |turn| turn.0);
     let wander = Harmonics::draw(stream, 1, 4, 0.03);
     let breadth = Harmonics::draw(stream, 3, 12, 0.15);
-    let angle = spec.angle.unwrap_or_else(|| draw::angle(stream));
+    let angle = scratch.angle.map_or_else(|| draw::angle(stream), |angle| angle.0);
     // Steps of the width, unless the scratch is very long or very short.
-    let steps = (0.5 * spec.length / spec.width).clamp(24.0, 200.0) as usize;
-    let course = Course { length: spec.length, steps, angle, curvature: spec.curvature, wander: &wander };
+    let steps = (0.5 * length / width).clamp(24.0, 200.0) as usize;
+    let course = Course { length, steps, angle, curvature, wander: &wander };
     let curve = course.on(surface, site.foot)?;
     let last = (curve.len() - 1) as f64;
     let sizes = |row: usize| {
@@ -55,20 +57,20 @@ pub(super) fn scratch(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
     };
     let mut feet = Vec::with_capacity(curve.len() * ACROSS.len());
     for (row, foot) in curve.iter().enumerate() {
-        let half = 0.5 * spec.width * sizes(row).0;
+        let half = 0.5 * width * sizes(row).0;
         for u in ACROSS {
             feet.push(if u == 0.0 { foot.hit } else { foot.beside(surface, half * u)? });
         }
     }
     let columns = ACROSS.len();
     let patch = Patch::grid(feet, columns);
-    let rise = patch.rise(surface).filter(|rise| *rise <= LARGEST_RISE * spec.width)?;
+    let rise = patch.rise(surface).filter(|rise| *rise <= LARGEST_RISE * width)?;
     let offset = site.lift + rise;
     let is_edge = |i: usize| i.is_multiple_of(columns) || i % columns == columns - 1;
     // The slope across the scratch is that of the mesh: the mean of both sides, and half of the only side at an edge.
     let normal = |height: &dyn Fn(usize) -> f64, i: usize| -> DVec3 {
         let (row, column) = (i / columns, i % columns);
-        let half = 0.5 * spec.width * sizes(row).0;
+        let half = 0.5 * width * sizes(row).0;
         let slope = |from: usize| {
             let rise = height(row * columns + from + 1) - height(row * columns + from);
             rise / (half * (ACROSS[from + 1] - ACROSS[from]))
@@ -80,18 +82,18 @@ pub(super) fn scratch(site: &Site<'_>, stream: &mut Pcg) -> Option<Made> {
     };
     if let Some(volume) = &site.volume {
         let bottom = |i: usize| {
-            let depth = spec.depth * sizes(i / columns).1 + offset;
+            let depth = depth * sizes(i / columns).1 + offset;
             // The edges of both sheets are the same points.
             if is_edge(i) { offset } else { offset + depth * groove(ACROSS[i % columns]) }
         };
         let mesh = shell::closed(&patch, surface, |_| offset, bottom, |i| normal(&bottom, i));
-        return Some(Made::new(mesh, Some(angle), material::gas(&spec.name, volume, material::cut_roughness(spec))));
+        return Some(Made::new(mesh, Some(angle), material::gas(&site.finish, volume, material::SCRATCH_ROUGHNESS)));
     }
     // The edges are below the surface, so that no gap is visible at grazing angles.
     let height = |i: usize| {
-        let ridge = spec.depth * sizes(i / columns).1 * ridges(ACROSS[i % columns]);
+        let ridge = depth * sizes(i / columns).1 * ridges(ACROSS[i % columns]);
         if is_edge(i) { -site.lift } else { offset + ridge }
     };
     let (mesh, has_uvs) = patch.mesh(surface, Some(site.below), height, |i| normal(&height, i));
-    Some(Made::new(mesh, Some(angle), material::cut(site.host, spec, has_uvs)))
+    Some(Made::new(mesh, Some(angle), material::cut(site.host, &site.finish, has_uvs)))
 }

@@ -2,7 +2,7 @@
 
 use super::host::Anchor;
 use super::material;
-use super::spec::DefectSpec;
+use super::spec::Finish;
 use super::surface::{LocalSurface, SurfaceHit};
 use super::tree::distance_to_box;
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion};
@@ -10,8 +10,8 @@ use dunkelfeld_scene::{Instance, Material, MeshPart, SceneBuilder, Volume};
 
 /// A place for a defect.
 pub(super) struct Site<'a> {
-    /// The description of the defect.
-    pub(super) spec: &'a DefectSpec,
+    /// The material of the defect.
+    pub(super) finish: Finish<'a>,
     pub(super) scene: &'a SceneBuilder,
     /// The drawn point.
     pub(super) anchor: &'a Anchor,
@@ -30,10 +30,10 @@ pub(super) struct Site<'a> {
 }
 
 impl Site<'_> {
-    /// True if no other object has a surface near the points of a patch: at `above` \[m\] or less above them, and at
-    /// `below` \[m\] or less below them. Clear solids above do not count.
-    pub(super) fn has_room(&self, feet: &[SurfaceHit], above: f64, below: impl Fn(usize) -> f64) -> bool {
-        let (scene, at, reach) = (self.scene, self.anchor.point, self.spec.length);
+    /// True if no other object within `reach` \[m\] of the place has a surface near the points of a patch: at `above` \[m\] or
+    /// less above them, and at `below` \[m\] or less below them. Clear solids above do not count.
+    pub(super) fn has_room(&self, feet: &[SurfaceHit], reach: f64, above: f64, below: impl Fn(usize) -> f64) -> bool {
+        let (scene, at) = (self.scene, self.anchor.point);
         let is_near = |i: &Instance| scene.bounds_of(i).is_some_and(|[a, b]| distance_to_box(at, a, b) <= reach);
         let blocks = |instance: &Instance, part: &usize| {
             let material = scene.meshes.get(*part).and_then(|m| scene.materials.get(m.material));
@@ -77,7 +77,7 @@ pub(super) fn rounding(scene: &SceneBuilder) -> f64 {
 
 /// Adds a mesh in its place in the world as an object of its own.
 pub(super) fn insert(scene: &mut SceneBuilder, name: &str, made: Made, to_world: DAffine3, motion: RigidMotion) {
-    let material = material::add(scene, made.material);
+    let material = scene.add_material(made.material);
     let first = scene.meshes.len();
     let part = |mesh: Mesh| MeshPart { name: name.into(), mesh: mesh.into(), material, ..MeshPart::default() };
     scene.meshes.extend([made.mesh].into_iter().chain(made.back).map(part));

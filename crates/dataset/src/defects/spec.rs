@@ -1,113 +1,237 @@
-//! The description of a defect, its place, and the reason why it cannot be made.
+//! The description of a defect, and its place.
 
+use crate::distribution::{Fault, read};
 use dunkelfeld_geometry::DVec3;
+use dunkelfeld_io::names::nearest_names;
+use dunkelfeld_io::quantity::{Angle, Length};
 use dunkelfeld_radiometry::Rgb;
 use serde::Deserialize;
+use toml::Table;
 
-/// Kind of a defect.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum DefectKind {
-    /// A narrow groove.
-    Scratch,
-    /// A shallow round hollow.
-    Dent,
-    /// A coloured film with an irregular outline and a soft edge.
-    Stain,
-    /// An irregular particle on the surface.
-    Dust,
-    /// A thin curved fibre on the surface.
-    Fibre,
-    /// A sphere of gas inside a clear solid.
-    Bubble,
-    /// An irregular opaque particle inside a clear solid.
-    Inclusion,
-    /// The object is absent.
-    Missing,
-    /// The object covers only a part of the light, like a worn print.
-    Faded,
-    /// The object lies beside its place.
-    Shifted,
+/// A size \[m\] of at least 1 nm: smaller bodies lose their shape in f32.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(try_from = "Length")]
+pub(crate) struct Size(pub(crate) f64);
+
+impl TryFrom<Length> for Size {
+    type Error = String;
+
+    fn try_from(Length(size): Length) -> Result<Self, String> {
+        let is_size = (1e-9..f64::INFINITY).contains(&size);
+        is_size.then_some(Self(size)).ok_or_else(|| format!("{size} m is no size; give one above 0, at least 1 nm"))
+    }
 }
 
-impl DefectKind {
-    /// All kinds by their names in a study.
-    pub(crate) const NAMES: [&str; 10] =
-        ["scratch", "dent", "stain", "dust", "fibre", "bubble", "inclusion", "missing", "faded", "shifted"];
+/// A number from 0 to 1.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(try_from = "f64")]
+pub(crate) struct Share(pub(crate) f64);
 
-    /// True if the defect is a change of an object, and adds none.
-    pub(crate) fn is_change(self) -> bool {
-        matches!(self, Self::Missing | Self::Faded | Self::Shifted)
+impl TryFrom<f64> for Share {
+    type Error = String;
+
+    fn try_from(v: f64) -> Result<Self, String> {
+        (0.0..=1.0)
+            .contains(&v)
+            .then_some(Self(v))
+            .ok_or_else(|| format!("{v} is out of range; give a number from 0 to 1"))
     }
+}
 
-    /// The keys that the kind needs.
-    pub(crate) fn required(self) -> &'static [&'static str] {
-        match self {
-            Self::Scratch => &["length", "width", "depth"],
-            Self::Dent => &["length", "depth"],
-            Self::Fibre => &["length", "width"],
-            Self::Stain | Self::Dust | Self::Bubble | Self::Inclusion | Self::Shifted => &["length"],
-            Self::Missing | Self::Faded => &[],
+/// A colour, linear Rec. 709: three channels, or one number for all of them.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(untagged, expecting = "not a colour; write three numbers from 0 to 1, or one for all three")]
+pub(crate) enum Color {
+    Gray(Share),
+    Channels([Share; 3]),
+}
+
+impl Color {
+    fn rgb(self) -> Rgb {
+        let [r, g, b] = match self {
+            Self::Gray(value) => [value; 3],
+            Self::Channels(channels) => channels,
+        };
+        Rgb::new(r.0 as f32, g.0 as f32, b.0 as f32)
+    }
+}
+
+/// A unit direction in the world.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(try_from = "[f64; 3]")]
+pub(crate) struct Direction(DVec3);
+
+impl TryFrom<[f64; 3]> for Direction {
+    type Error = String;
+
+    fn try_from(vector: [f64; 3]) -> Result<Self, String> {
+        let unit = DVec3::from(vector).try_normalize().filter(|unit| unit.is_finite());
+        unit.map(Self).ok_or_else(|| "the direction has no length; give a vector other than 0".into())
+    }
+}
+
+/// Declares the kinds of defects, each with its own keys.
+///
+/// `length`, `width` and `depth` are those of the table of the module. `angle` is a direction in the tangent plane,
+/// counter-clockwise from outside; zero is the world's +x projected on this plane, or +z if the normal is within 18 degrees of
+/// the x axis. Without it the direction is drawn uniformly. `curvature` is the total turn over the length. `roughness`,
+/// `color` and `metallic` are by kind and by the surface below, unless they are given. With `facing`, only points count whose
+/// normal, by the winding of the triangle, is within 60 degrees of this direction.
+macro_rules! kinds {
+    ($($(#[$doc:meta])* $kind:ident $name:literal { $($key:ident: $type:ty),* })*) => {
+        $($(#[$doc])*
+        #[derive(Clone, Debug, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub(crate) struct $kind {
+            $(pub(crate) $key: $type,)*
+        })*
+
+        /// A defect with all its values drawn.
+        #[derive(Clone, Debug)]
+        pub(crate) enum Defect {
+            $($kind($kind),)*
         }
-    }
 
-    /// The keys of a study that this kind uses, beside those of all kinds.
-    pub(crate) fn keys(self) -> &'static [&'static str] {
-        match self {
-            Self::Scratch => {
-                &["length", "width", "depth", "angle", "curvature", "roughness", "color", "metallic", "facing"]
+        impl Defect {
+            /// Reads the keys of a kind.
+            ///
+            /// # Errors
+            /// A kind that does not exist, a key that the kind does not have or lacks, and a value out of its range.
+            pub(crate) fn read(kind: &str, keys: &Table) -> Result<Self, Fault> {
+                match kind {
+                    $($name => read(keys).map(Self::$kind),)*
+                    _ => Err(unknown(kind, &[$($name),*])),
+                }
             }
-            Self::Dent => &["length", "depth", "roughness", "color", "metallic", "facing"],
-            Self::Stain => &["length", "roughness", "color", "metallic", "strength", "facing"],
-            Self::Dust => &["length", "roughness", "color", "metallic", "facing"],
-            Self::Fibre => &["length", "width", "angle", "curvature", "roughness", "color", "metallic", "facing"],
-            Self::Bubble => &["length", "roughness"],
-            Self::Inclusion => &["length", "roughness", "color", "metallic"],
-            Self::Missing => &[],
-            Self::Faded => &["strength"],
-            Self::Shifted => &["length", "angle"],
         }
+    };
+}
+
+kinds! {
+    /// A narrow groove.
+    Scratch "scratch" {
+        length: Size, width: Size, depth: Size, angle: Option<Angle>, curvature: Option<Angle>,
+        roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
+    }
+    /// A shallow round hollow.
+    Dent "dent" {
+        length: Size, depth: Size,
+        roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
+    }
+    /// A coloured film with an irregular outline and a soft edge. `strength` is the largest coverage, by default 1.
+    Stain "stain" {
+        length: Size, strength: Option<Share>,
+        roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
+    }
+    /// An irregular particle on the surface.
+    Dust "dust" {
+        length: Size,
+        roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
+    }
+    /// A thin curved fibre on the surface.
+    Fibre "fibre" {
+        length: Size, width: Size, angle: Option<Angle>, curvature: Option<Angle>,
+        roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
+    }
+    /// A sphere of gas inside a clear solid.
+    Bubble "bubble" { length: Size, roughness: Option<Share> }
+    /// An irregular opaque particle inside a clear solid.
+    Inclusion "inclusion" { length: Size, roughness: Option<Share>, color: Option<Color>, metallic: Option<Share> }
+    /// The object is absent.
+    Missing "missing" {}
+    /// The object covers only a part of the light, like a worn print. `strength` is the missing part, by default 1.
+    Faded "faded" { strength: Option<Share> }
+    /// The object lies beside its place. Zero of `angle` is an edge of the largest side of the bounding box.
+    Shifted "shifted" { length: Size, angle: Option<Angle> }
+}
+
+fn unknown(kind: &str, known: &[&str]) -> Fault {
+    let list = known.join(", ");
+    let help = match nearest_names(kind, known.iter().copied()).first() {
+        Some(near) => format!("did you mean \"{near}\"? The kinds are {list}"),
+        None => format!("the kinds are {list}"),
+    };
+    Fault::new(format!("there is no kind \"{kind}\" of defects"), help).below("kind")
+}
+
+/// The changes of a material that a defect has.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Finish<'a> {
+    /// Name of the material.
+    pub(crate) name: &'a str,
+    pub(crate) roughness: Option<f32>,
+    pub(crate) color: Option<Rgb>,
+    /// 0 dielectric, 1 metal.
+    pub(crate) metallic: Option<f32>,
+}
+
+impl Defect {
+    /// The surfaces that it lies on.
+    pub(crate) fn facing(&self) -> Option<DVec3> {
+        match self {
+            Self::Scratch(Scratch { facing, .. })
+            | Self::Dent(Dent { facing, .. })
+            | Self::Stain(Stain { facing, .. })
+            | Self::Dust(Dust { facing, .. })
+            | Self::Fibre(Fibre { facing, .. }) => facing.map(|Direction(facing)| facing),
+            _ => None,
+        }
+    }
+
+    /// Its material, with the name of the defect.
+    pub(crate) fn finish<'a>(&self, name: &'a str) -> Finish<'a> {
+        let (roughness, color, metallic) = match self {
+            Self::Scratch(Scratch { roughness, color, metallic, .. })
+            | Self::Dent(Dent { roughness, color, metallic, .. })
+            | Self::Stain(Stain { roughness, color, metallic, .. })
+            | Self::Dust(Dust { roughness, color, metallic, .. })
+            | Self::Fibre(Fibre { roughness, color, metallic, .. })
+            | Self::Inclusion(Inclusion { roughness, color, metallic, .. }) => (*roughness, *color, *metallic),
+            Self::Bubble(Bubble { roughness, .. }) => (*roughness, None, None),
+            Self::Missing(_) | Self::Faded(_) | Self::Shifted(_) => (None, None, None),
+        };
+        let number = |share: Option<Share>| share.map(|Share(v)| v as f32);
+        Finish { name, roughness: number(roughness), color: color.map(Color::rgb), metallic: number(metallic) }
+    }
+
+    /// # Errors
+    /// Sizes that do not fit each other.
+    pub(crate) fn check(&self) -> Result<(), Fault> {
+        let too_wide = |length: &Size, width: &Size| {
+            (width.0 > length.0)
+                .then(|| Fault::new("the defect is wider than long", "exchange `length` and `width`").below("width"))
+        };
+        let too_deep =
+            |is_deep: bool, problem: &str, help: &str| is_deep.then(|| Fault::new(problem, help).below("depth"));
+        let fault = match self {
+            Self::Scratch(Scratch { length, width, depth, .. }) => too_wide(length, width).or_else(|| {
+                let help = "give at most half of the width, which is a slope of 69 degrees";
+                too_deep(depth.0 > 0.5 * width.0, "the scratch is too deep for its width", help)
+            }),
+            Self::Dent(Dent { length, depth, .. }) => {
+                let help = "give at most a quarter of the diameter, which is a slope of 38 degrees";
+                too_deep(depth.0 > 0.25 * length.0, "the dent is too deep for its diameter", help)
+            }
+            Self::Fibre(Fibre { length, width, .. }) => too_wide(length, width),
+            _ => None,
+        };
+        fault.map_or(Ok(()), Err)
     }
 }
 
-/// One defect with all its parameters drawn.
+/// A defect to add.
 #[derive(Clone, Debug)]
 pub(crate) struct DefectSpec {
     /// Name of the added object. For missing, faded and shifted: the name of the object that changes after all defects
     /// of the image are made.
     pub(crate) name: String,
-    /// Kind of the defect.
-    pub(crate) kind: DefectKind,
-    /// Indices into [`SceneBuilder::instances`](dunkelfeld_scene::SceneBuilder::instances): the candidates.
+    /// Indices into [`SceneBuilder::instances`](dunkelfeld_scene::SceneBuilder::instances): the candidates, at least one.
     ///
     /// A point of the surface is drawn uniformly by area in the world over all of them. For bubble and inclusion a
     /// point is drawn uniformly by volume over their clear solids, and drawn again if the defect has no room there. For
     /// missing, faded and shifted one object is drawn, each with the same probability.
     pub(crate) on: Vec<usize>,
-    /// Length \[m\]. The table of the module contains its meaning for each kind.
-    pub(crate) length: f64,
-    /// Width \[m\].
-    pub(crate) width: f64,
-    /// Depth \[m\].
-    pub(crate) depth: f64,
-    /// Direction in the tangent plane \[rad\], counter-clockwise from outside. Zero is the world's +x projected on this
-    /// plane, or +z if the normal is within 18 degrees of the x axis. For shifted, zero is an edge of the largest side
-    /// of the bounding box. `None`: drawn uniformly.
-    pub(crate) angle: Option<f64>,
-    /// Total turn \[rad\] of a scratch or a fibre over its length.
-    pub(crate) curvature: f64,
-    /// Perceptual roughness in \[0, 1\]. `None`: by kind and by the surface below.
-    pub(crate) roughness: Option<f64>,
-    /// Base colour, linear Rec. 709, in \[0, 1\]. `None`: by kind and by the surface below. A bubble, and a scratch or
-    /// a dent in a clear solid, have no colour.
-    pub(crate) color: Option<Rgb>,
-    /// 0 dielectric, 1 metal. `None`: by kind and by the surface below. The kinds without colour do not use it.
-    pub(crate) metallic: Option<f64>,
-    /// In \[0, 1\]. Stain: the largest coverage. Faded: the missing part of the coverage.
-    pub(crate) strength: f64,
-    /// Only points whose normal, by the winding of the triangle, has a cosine of at least 0.5 (60 degrees) with this
-    /// direction in the world. `None`: any.
-    pub(crate) facing: Option<DVec3>,
+    pub(crate) defect: Defect,
 }
 
 /// A defect in its place.
@@ -133,27 +257,4 @@ pub(crate) struct PlacedDefect {
     pub(crate) is_clear: bool,
     /// The material of the part of the host that has a hole, which the defect fills.
     pub(crate) replaces: Option<usize>,
-}
-
-/// The reason why a defect cannot be made.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{problem}; {help}")]
-pub(crate) struct DefectProblem {
-    /// The problem.
-    pub(crate) problem: String,
-    /// Advice.
-    pub(crate) help: &'static str,
-    /// The key of the study with the value at fault.
-    pub(crate) key: Option<&'static str>,
-}
-
-impl DefectProblem {
-    pub(super) fn new(problem: impl Into<String>, help: &'static str) -> Self {
-        Self { problem: problem.into(), help, key: None }
-    }
-
-    /// The same problem, at a key of the study.
-    pub(super) fn at(self, key: &'static str) -> Self {
-        Self { key: Some(key), ..self }
-    }
 }

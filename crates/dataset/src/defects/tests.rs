@@ -4,35 +4,47 @@ use super::*;
 use crate::defects::host::AreaTable;
 use dunkelfeld_geometry::health::MeshHealth;
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, RigidMotion, Vec2, Vec3, geometric_normal};
+use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::keyed_stream;
 use dunkelfeld_scene::{AlphaMode, Instance, Material, Surface, Volume, shapes};
 use std::sync::Arc;
+use toml::Table;
 
-const SURFACE: [DefectKind; 5] =
-    [DefectKind::Scratch, DefectKind::Dent, DefectKind::Stain, DefectKind::Dust, DefectKind::Fibre];
-const INSIDE: [DefectKind; 2] = [DefectKind::Bubble, DefectKind::Inclusion];
-const CHANGE: [DefectKind; 3] = [DefectKind::Missing, DefectKind::Faded, DefectKind::Shifted];
+const SURFACE: [&str; 5] = ["scratch", "dent", "stain", "dust", "fibre"];
+const INSIDE: [&str; 2] = ["bubble", "inclusion"];
+const CHANGE: [&str; 3] = ["missing", "faded", "shifted"];
 
 fn stream(seed: u64) -> Pcg {
     keyed_stream(seed, 0, 0, 1)
 }
 
-fn spec(kind: DefectKind, on: &[usize]) -> DefectSpec {
-    DefectSpec {
-        name: "defect".into(),
-        kind,
-        on: on.to_vec(),
-        length: 0.05,
-        width: 0.002,
-        depth: 0.0005,
-        angle: None,
-        curvature: 0.3,
-        roughness: None,
-        color: None,
-        metallic: None,
-        strength: 0.5,
-        facing: None,
+/// The values of a kind, with other values for the keys that it has.
+fn table(kind: &str, values: &str) -> Table {
+    let text = match kind {
+        "scratch" => "length = 0.05\nwidth = 0.002\ndepth = 0.0005\ncurvature = '0.3rad'",
+        "dent" => "length = 0.05\ndepth = 0.0005",
+        "stain" => "length = 0.05\nstrength = 0.5",
+        "fibre" => "length = 0.05\nwidth = 0.002\ncurvature = '0.3rad'",
+        "missing" => "",
+        "faded" => "strength = 0.5",
+        _ => "length = 0.05",
+    };
+    let mut keys: Table = text.parse().expect("TOML");
+    for (key, value) in values.parse::<Table>().expect("TOML") {
+        if keys.contains_key(&key) || ["angle", "facing", "roughness"].contains(&key.as_str()) {
+            keys.insert(key, value);
+        }
     }
+    keys
+}
+
+fn spec_with(kind: &str, on: &[usize], values: &str) -> DefectSpec {
+    let defect = Defect::read(kind, &table(kind, values)).expect("a defect");
+    DefectSpec { name: "defect".into(), on: on.to_vec(), defect }
+}
+
+fn spec(kind: &str, on: &[usize]) -> DefectSpec {
+    spec_with(kind, on, "")
 }
 
 fn clear() -> Material {
@@ -76,7 +88,7 @@ fn bound(k: f64) -> f64 {
 #[test]
 fn drawn_points_are_uniform_by_area() {
     let b = scene();
-    let table = AreaTable::new(&b, &spec(DefectKind::Dust, &[0, 2])).unwrap();
+    let table = AreaTable::new(&b, &spec("dust", &[0, 2])).unwrap();
     // 8 bands of equal area of the sphere (of area 3.14 but for the facets), 8 rectangles of the plane (2 m²).
     let sphere = MeshHealth::from_mesh(&b.meshes[0].mesh).area;
     let (n, mut counts, mut stream) = (100_000, [0u32; 16], stream(5));
@@ -102,14 +114,14 @@ fn drawn_points_are_uniform_by_area() {
 
 #[test]
 fn patches_follow_a_sphere() {
-    for kind in [DefectKind::Scratch, DefectKind::Dent, DefectKind::Stain] {
+    for kind in ["scratch", "dent", "stain"] {
         for seed in 0..8 {
             let mut b = scene();
-            let spec = DefectSpec { length: 0.4, width: 0.02, depth: 1e-3, ..spec(kind, &[0]) };
+            let spec = spec_with(kind, &[0], "length = 0.4\nwidth = 0.02\ndepth = 1e-3");
             let done = add_defect(&mut b, &spec, &mut stream(seed)).unwrap();
             let (points, mesh) = placed(&b);
             // The facets of the sphere are up to 0.5 (1 - cos(pi / 96)) = 2.7e-4 m below it. A ridge is 1e-3 m high.
-            let ridge = if kind == DefectKind::Scratch { 1e-3 } else { 0.0 };
+            let ridge = if kind == "scratch" { 1e-3 } else { 0.0 };
             for p in &points {
                 let height = (*p - CENTER).length() - 0.5;
                 assert!((-4e-4..ridge + 8e-4).contains(&height), "{kind:?} {seed}: {height}");
@@ -118,7 +130,7 @@ fn patches_follow_a_sphere() {
                 let middle = mesh.triangles[t].map(|i| points[i as usize]).iter().sum::<DVec3>() / 3.0;
                 let outward = (middle - CENTER).normalize();
                 let normal = geometric_normal(&mesh.corners(t)).as_dvec3();
-                let least = if kind == DefectKind::Scratch { 0.5 } else { 0.95 };
+                let least = if kind == "scratch" { 0.5 } else { 0.95 };
                 assert!(normal.dot(outward) > least, "{kind:?} winds inward: {normal} {outward}");
             }
             assert!(done.extent > 0.2 && done.extent < 0.5, "{kind:?}: {}", done.extent);
@@ -131,7 +143,7 @@ fn patches_follow_a_sphere() {
 #[test]
 fn the_normals_of_a_dent_are_those_of_its_bell() {
     let mut b = scene();
-    let spec = DefectSpec { length: 0.2, depth: 0.009, facing: Some(DVec3::Y), ..spec(DefectKind::Dent, &[2]) };
+    let spec = spec_with("dent", &[2], "length = 0.2\ndepth = 0.009\nfacing = [0, 1, 0]");
     let done = add_defect(&mut b, &spec, &mut stream(3)).unwrap();
     let (points, mesh) = placed(&b);
     for (p, n) in points.iter().zip(&mesh.normals) {
@@ -154,8 +166,7 @@ fn texture_coordinates_continue_and_seams_are_cut() {
     let mut b = SceneBuilder::default();
     b.add_material(Material::default());
     b.add_object("sheet", mesh, 0);
-    add_defect(&mut b, &DefectSpec { length: 0.8, depth: 0.01, ..spec(DefectKind::Dent, &[0]) }, &mut stream(1))
-        .unwrap();
+    add_defect(&mut b, &spec_with("dent", &[0], "length = 0.8\ndepth = 0.01"), &mut stream(1)).unwrap();
     let (points, mesh) = placed(&b);
     assert_eq!(mesh.uvs[0].len(), points.len());
     let mut sides = [0; 2];
@@ -174,9 +185,9 @@ fn texture_coordinates_continue_and_seams_are_cut() {
 
 #[test]
 fn hollows_in_clear_solids_are_closed_and_displace_the_solid() {
-    for kind in [DefectKind::Scratch, DefectKind::Dent] {
+    for kind in ["scratch", "dent"] {
         let mut b = scene();
-        let done = add_defect(&mut b, &DefectSpec { width: 0.01, ..spec(kind, &[1]) }, &mut stream(2)).unwrap();
+        let done = add_defect(&mut b, &spec_with(kind, &[1], "width = 0.01"), &mut stream(2)).unwrap();
         let part = b.meshes.last().unwrap();
         let health = MeshHealth::from_mesh(&part.mesh);
         assert!(health.is_closed() && health.signed_volume > 0.0, "{kind:?} {health:?}");
@@ -186,7 +197,7 @@ fn hollows_in_clear_solids_are_closed_and_displace_the_solid() {
         let offset = placed(&b).0.iter().map(height).fold(0.0, f64::max);
         assert!(offset < 5e-5, "{offset}");
         // The volume of the bell is depth * area * (1 / 2 - 2 / pi²). It starts above the surface.
-        if kind == DefectKind::Dent {
+        if kind == "dent" {
             let bell =
                 (5e-4 + offset) * std::f64::consts::PI * 0.025f64.powi(2) * (0.5 - 2.0 / std::f64::consts::PI.powi(2));
             assert!((health.signed_volume / bell - 1.0).abs() < 0.01, "{} {bell}", health.signed_volume);
@@ -221,7 +232,7 @@ fn a_deep_dent_fills_a_hole_in_its_body() {
         let twin = Instance { name: "twin".into(), to_world, ..b.instances[1].clone() };
         b.instances.push(twin);
         let before = b.clone();
-        let dent = DefectSpec { length: 0.1, depth: 0.01, ..spec(DefectKind::Dent, &[1]) };
+        let dent = spec_with("dent", &[1], "length = 0.1\ndepth = 0.01");
         let done = add_defect(&mut b, &dent, &mut stream(seed)).unwrap();
         let (whole, health) = (MeshHealth::from_mesh(&b.meshes[1].mesh), MeshHealth::from_mesh(&joined(&b, 1)));
         assert!(health.is_closed(), "{seed}: {health:?}");
@@ -255,7 +266,7 @@ fn a_deep_dent_fills_a_hole_in_its_body() {
     let mut b = SceneBuilder::default();
     b.add_material(Material { metallic: 1.0, ..Material::default() });
     b.add_object("plate", shapes::cuboid(Vec3::ZERO, Vec3::new(1.0, 0.02, 1.0)), 0);
-    let dent = DefectSpec { length: 0.3, depth: 0.05, facing: Some(DVec3::Y), ..spec(DefectKind::Dent, &[0]) };
+    let dent = spec_with("dent", &[0], "length = 0.3\ndepth = 0.05\nfacing = [0, 1, 0]");
     let mut over = b.clone();
     add_defect(&mut b, &dent, &mut stream(1)).unwrap();
     let health = MeshHealth::from_mesh(&joined(&b, 0));
@@ -263,7 +274,7 @@ fn a_deep_dent_fills_a_hole_in_its_body() {
     assert!((health.bounds.min.y + 0.05).abs() < 1e-6 && health.bounds.max.y == 0.02, "{:?}", health.bounds);
     // There is no room for it above a table.
     over.add_object("table", shapes::rectangle(Vec3::new(-1.0, -0.01, 2.0), Vec3::X * 3.0, Vec3::NEG_Z * 3.0), 0);
-    assert!(add_defect(&mut over, &dent, &mut stream(1)).unwrap_err().to_string().contains("no room"));
+    assert!(add_defect(&mut over, &dent, &mut stream(1)).unwrap_err().problem.contains("no room"));
 }
 
 /// A bar with chamfers at 45 degrees: dents and stains lie on its flat top as a whole.
@@ -277,11 +288,9 @@ fn round_defects_do_not_cross_bevels() {
     let mut bar = SceneBuilder::default();
     bar.add_material(Material::default());
     bar.add_object("bar", Mesh { positions, triangles, ..Mesh::default() }, 0);
-    for (kind, depth, radius) in
-        [(DefectKind::Dent, 0.03, 0.1), (DefectKind::Dent, 0.001, 0.1), (DefectKind::Stain, 0.0, 0.06)]
-    {
+    for (kind, depth, radius) in [("dent", 0.03, 0.1), ("dent", 0.001, 0.1), ("stain", 0.0, 0.06)] {
         for seed in 0..60 {
-            let dent = DefectSpec { length: 0.2, depth, facing: Some(DVec3::Y), ..spec(kind, &[0]) };
+            let dent = spec_with(kind, &[0], &format!("length = 0.2\ndepth = {depth}\nfacing = [0, 1, 0]"));
             let done = add_defect(&mut bar.clone(), &dent, &mut stream(seed)).unwrap();
             assert!((done.at.y - 0.5).abs() < 1e-9 && done.at.x.abs() <= 0.4 - radius + 1e-6, "{kind:?}: {}", done.at);
         }
@@ -290,16 +299,16 @@ fn round_defects_do_not_cross_bevels() {
 
 #[test]
 fn bodies_of_foreign_matter_are_closed_and_have_their_size() {
-    for kind in [DefectKind::Dust, DefectKind::Fibre, DefectKind::Bubble, DefectKind::Inclusion] {
+    for kind in ["dust", "fibre", "bubble", "inclusion"] {
         for seed in 0..10 {
             let mut b = scene();
             let on = if INSIDE.contains(&kind) { 1 } else { 0 };
             let done = add_defect(&mut b, &spec(kind, &[on]), &mut stream(seed)).unwrap();
             let health = MeshHealth::from_mesh(&b.meshes.last().unwrap().mesh);
             assert!(health.is_closed() && health.signed_volume > 0.0, "{kind:?} {health:?}");
-            let range = if kind == DefectKind::Fibre { 0.04..0.053 } else { 0.04..0.0501 };
+            let range = if kind == "fibre" { 0.04..0.053 } else { 0.04..0.0501 };
             assert!(range.contains(&done.extent), "{kind:?} {}", done.extent);
-            if kind == DefectKind::Dust {
+            if kind == "dust" {
                 let heights = placed(&b).0.into_iter().map(|p| (p - done.at).dot(done.normal));
                 let lowest = heights.fold(f64::INFINITY, f64::min);
                 assert!((-0.0025..0.0).contains(&lowest), "{lowest}");
@@ -314,7 +323,7 @@ fn bubbles_lie_inside_and_are_uniform() {
     let (n, mut counts, mut stream) = (4000, [0u32; 8], stream(9));
     for _ in 0..n {
         let mut b = b.clone();
-        let done = add_defect(&mut b, &spec(DefectKind::Bubble, &[1]), &mut stream).unwrap();
+        let done = add_defect(&mut b, &spec("bubble", &[1]), &mut stream).unwrap();
         let (low, high) = (DVec3::new(2.0, 0.0, 0.0), DVec3::new(3.0, 0.5, 0.3));
         let margin = (done.at - low).min(high - done.at).min_element();
         assert!(margin >= 0.025, "{margin}");
@@ -338,7 +347,7 @@ fn the_result_depends_on_the_stream_alone() {
             (done, format!("{:?}", b.instances), placed(&b).1)
         };
         assert_eq!(run(1), run(1), "{kind:?}");
-        if !matches!(kind, DefectKind::Missing | DefectKind::Faded) {
+        if !matches!(kind, "missing" | "faded") {
             assert_ne!(run(1), run(2), "{kind:?}");
         }
     }
@@ -354,7 +363,7 @@ fn every_defect_compiles_without_repairs_and_moves_with_its_body() {
     for kind in SURFACE.into_iter().chain(INSIDE) {
         for on in if INSIDE.contains(&kind) { 1..2 } else { 0..2 } {
             let seed = 10 + on as u64;
-            add_defect(&mut b, &DefectSpec { width: 0.004, ..spec(kind, &[on]) }, &mut stream(seed)).unwrap();
+            add_defect(&mut b, &spec_with(kind, &[on], "width = 0.004"), &mut stream(seed)).unwrap();
             assert_eq!(b.instances.last().unwrap().motion, motion, "{kind:?}");
         }
     }
@@ -372,7 +381,12 @@ fn changed_objects_have_copies_of_what_they_share() {
         twin.name = "twin".into();
         b.instances.push(twin);
         let before = b.clone();
-        let done = add_defect(&mut b, &DefectSpec { angle: Some(0.5), ..spec(kind, &[0]) }, &mut stream(4)).unwrap();
+        let done = add_defect(
+            &mut b,
+            &spec_with(kind, &[0], if kind == "shifted" { "angle = '0.5rad'" } else { "" }),
+            &mut stream(4),
+        )
+        .unwrap();
         assert_eq!((b.instances[0].name.as_str(), done.on.as_str(), done.host), ("ball", "ball", 0));
         let twin = b.instances.last().unwrap();
         assert_eq!((&twin.meshes, twin.to_world), (&before.instances[4].meshes, before.instances[4].to_world));
@@ -381,8 +395,8 @@ fn changed_objects_have_copies_of_what_they_share() {
         assert!(Arc::ptr_eq(&own.mesh, &before.meshes[0].mesh), "the triangles are not copied");
         let m = &b.materials[own.material];
         match kind {
-            DefectKind::Missing => assert!(m.alpha < 1.0 && m.alpha_mode == AlphaMode::Mask { cutoff: 1.0 }),
-            DefectKind::Faded => assert_eq!((m.alpha, m.alpha_mode), (0.5, AlphaMode::Blend)),
+            "missing" => assert!(m.alpha < 1.0 && m.alpha_mode == AlphaMode::Mask { cutoff: 1.0 }),
+            "faded" => assert_eq!((m.alpha, m.alpha_mode), (0.5, AlphaMode::Blend)),
             _ => {
                 let moved = b.instances[0].to_world.translation - before.instances[0].to_world.translation;
                 assert!((moved.length() - 0.05).abs() < 1e-12 && moved.dot(done.normal).abs() < 1e-12);
@@ -397,36 +411,40 @@ fn what_cannot_be_made_is_refused() {
         let mut b = scene();
         let before = format!("{:?}", b.instances);
         let error = add_defect(&mut b, &spec, &mut stream(1)).unwrap_err();
-        assert!(error.to_string().contains(word), "{error}");
+        assert!(error.problem.contains(word), "{error:?}");
         assert_eq!(before, format!("{:?}", b.instances));
     };
     for kind in SURFACE.into_iter().chain(INSIDE) {
         let on: &[usize] = if INSIDE.contains(&kind) { &[1] } else { &[0] };
-        for length in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            refused(DefectSpec { length, ..spec(kind, on) }, "size above 0");
+        for length in ["0.0", "-1.0", "nan", "inf"] {
+            let fault = Defect::read(kind, &table(kind, &format!("length = {length}"))).unwrap_err();
+            assert_eq!(
+                (fault.path, fault.help.contains("above 0")),
+                (vec!["length".to_owned()], true),
+                "{kind}: {length}"
+            );
         }
-        let depth = if kind == DefectKind::Scratch { 0.01 } else { 0.0005 };
-        let large = DefectSpec { length: 30.0, width: 0.1, depth, ..spec(kind, if on == [0] { &[2] } else { on }) };
-        if kind != DefectKind::Dust {
-            refused(large, "no room");
+        let large = if kind == "scratch" { "depth = 0.01" } else { "" };
+        let large = format!("length = 30.0\nwidth = 0.1\n{large}");
+        if kind != "dust" {
+            refused(spec_with(kind, if on == [0] { &[2] } else { on }, &large), "no room");
         }
         refused(spec(kind, &[3]), "emits light");
-        refused(spec(kind, &[]), "no candidates");
-        refused(spec(kind, &[99]), "no object");
-        refused(DefectSpec { roughness: Some(f64::NAN), ..spec(kind, on) }, "roughness");
-        refused(DefectSpec { facing: Some(DVec3::ZERO), ..spec(kind, on) }, "no length");
+        assert!(Defect::read(kind, &table(kind, "roughness = nan")).is_err());
     }
-    refused(DefectSpec { facing: Some(DVec3::NEG_Y), ..spec(DefectKind::Dust, &[2]) }, "faces the direction");
-    refused(DefectSpec { width: f64::NAN, ..spec(DefectKind::Scratch, &[0]) }, "width");
-    refused(DefectSpec { depth: f64::NAN, ..spec(DefectKind::Dent, &[0]) }, "depth");
-    refused(DefectSpec { depth: 0.002, ..spec(DefectKind::Scratch, &[0]) }, "too deep");
-    refused(DefectSpec { strength: 2.0, ..spec(DefectKind::Stain, &[0]) }, "strength");
-    refused(spec(DefectKind::Bubble, &[0]), "no candidate is a clear solid");
-    refused(spec(DefectKind::Faded, &[1]), "cannot fade");
+    refused(spec_with("dust", &[2], "facing = [0, -1, 0]"), "faces the direction");
+    refused(spec_with("scratch", &[0], "depth = 0.002"), "too deep");
+    for (kind, value) in
+        [("scratch", "width = nan"), ("dent", "depth = nan"), ("stain", "strength = 2"), ("dust", "facing = [0, 0, 0]")]
+    {
+        assert!(Defect::read(kind, &table(kind, value)).is_err(), "{value}");
+    }
+    refused(spec("bubble", &[0]), "no candidate is a clear solid");
+    refused(spec("faded", &[1]), "cannot fade");
     let mut b = scene();
     Arc::make_mut(&mut b.meshes[1].mesh).triangles.pop();
-    let error = add_defect(&mut b, &spec(DefectKind::Bubble, &[1]), &mut stream(1)).unwrap_err();
-    assert!(error.to_string().contains("not closed"), "{error}");
+    let error = add_defect(&mut b, &spec("bubble", &[1]), &mut stream(1)).unwrap_err();
+    assert!(error.problem.contains("not closed"), "{error:?}");
 }
 
 #[test]
@@ -440,7 +458,7 @@ fn rays_pass_a_missing_object_unchanged() {
         b.add_material(material);
         b.add_object("ball", shapes::sphere(Vec3::ZERO, 0.5, 16, true), 0);
         b.add_camera("camera", DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, 0.5);
-        add_defect(&mut b, &spec(DefectKind::Missing, &[0]), &mut stream(1)).unwrap();
+        add_defect(&mut b, &spec("missing", &[0]), &mut stream(1)).unwrap();
         let (scene, _) = b.build().unwrap();
         // The ray passes the middle of the scene, wherever its origin is.
         let ray = dunkelfeld_geometry::Ray::with_end(Vec3::new(0.03, 0.02, 2.0), Vec3::NEG_Z, 4.0);

@@ -5,8 +5,9 @@ use super::host::refuse_emitters;
 use super::material::{self, clear_volume};
 use super::particle::particle;
 use super::site::{Made, insert, rounding};
-use super::spec::{DefectKind, DefectProblem, DefectSpec, PlacedDefect};
+use super::spec::{Bubble, Defect, DefectSpec, Inclusion, PlacedDefect};
 use super::surface::LocalSurface;
+use crate::distribution::Fault;
 use dunkelfeld_geometry::health::MeshHealth;
 use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
 use dunkelfeld_radiometry::Rgb;
@@ -36,7 +37,7 @@ struct Solid {
 }
 
 /// The clear solids of the candidates, with the sums of their volumes [m³].
-fn solids(scene: &SceneBuilder, spec: &DefectSpec) -> Result<(Vec<Solid>, Vec<f64>), DefectProblem> {
+fn solids(scene: &SceneBuilder, spec: &DefectSpec) -> Result<(Vec<Solid>, Vec<f64>), Fault> {
     let (mut solids, mut cumulative, mut sum, mut open) = (Vec::new(), Vec::new(), 0.0, None);
     for &index in &spec.on {
         let Some(instance) = scene.instances.get(index) else { continue };
@@ -57,16 +58,15 @@ fn solids(scene: &SceneBuilder, spec: &DefectSpec) -> Result<(Vec<Solid>, Vec<f6
     }
     match (solids.is_empty(), open) {
         (false, _) => Ok((solids, cumulative)),
-        (true, Some(name)) => Err(DefectProblem::new(
-            format!("the object \"{name}\" is not closed"),
-            "repair its mesh: a solid needs an inside",
-        )
-        .at("on")),
-        (true, None) => Err(DefectProblem::new(
+        (true, Some(name)) => {
+            Err(Fault::new(format!("the object \"{name}\" is not closed"), "repair its mesh: a solid needs an inside")
+                .below("on"))
+        }
+        (true, None) => Err(Fault::new(
             "no candidate is a clear solid",
             "name an object whose material is solid and has a transmission above 0",
         )
-        .at("on")),
+        .below("on")),
     }
 }
 
@@ -74,32 +74,34 @@ fn solids(scene: &SceneBuilder, spec: &DefectSpec) -> Result<(Vec<Solid>, Vec<f6
 ///
 /// # Errors
 /// If no candidate is a closed clear solid, or if no point of 512 is far enough from the boundary.
-pub(super) fn inside(
-    scene: &mut SceneBuilder,
-    spec: &DefectSpec,
-    stream: &mut Pcg,
-) -> Result<PlacedDefect, DefectProblem> {
+pub(super) fn inside(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &mut Pcg) -> Result<PlacedDefect, Fault> {
     refuse_emitters(scene, &spec.on)?;
     let (solids, cumulative) = solids(scene, spec)?;
-    let mesh = match spec.kind {
-        DefectKind::Bubble => shapes::sphere(Vec3::ZERO, (0.5 * spec.length) as f32, RINGS, true),
-        _ => particle(spec.length, draw::direction(stream), stream),
+    let finish = spec.defect.finish(&spec.name);
+    let (length, is_gas) = match &spec.defect {
+        Defect::Bubble(Bubble { length, .. }) => (length.0, true),
+        Defect::Inclusion(Inclusion { length, .. }) => (length.0, false),
+        _ => return Err(Fault::new("the defect does not lie in a solid", "choose another kind")),
+    };
+    let mesh = match is_gas {
+        true => shapes::sphere(Vec3::ZERO, (0.5 * length) as f32, RINGS, true),
+        false => particle(length, draw::direction(stream), stream),
     };
     let radius = mesh.positions.iter().map(|p| p.as_dvec3().length()).fold(0.0, f64::max);
     let clearance = CLEARANCE * radius + 8.0 * rounding(scene);
     let Some((at, solid)) = find(scene, &solids, &cumulative, clearance, stream) else {
-        return Err(DefectProblem::new(
+        return Err(Fault::new(
             format!("the defect \"{}\" finds no room in the solid: no point of {TRIES} fits", spec.name),
             "make it smaller, or name larger objects",
         )
-        .at("length"));
+        .below("length"));
     };
     let host = solid.instance;
     let instance = &scene.instances[host];
     let (on, motion) = (instance.name.clone(), instance.motion);
-    let material = match spec.kind {
-        DefectKind::Bubble => material::gas(&spec.name, &solid.volume, material::roughness_or(spec, 0.0)),
-        _ => material::own(spec, INCLUSION_COLOR, INCLUSION_ROUGHNESS),
+    let material = match is_gas {
+        true => material::gas(&finish, &solid.volume, 0.0),
+        false => material::own(&finish, INCLUSION_COLOR, INCLUSION_ROUGHNESS),
     };
     insert(scene, &spec.name, Made::new(mesh, None, material), DAffine3::from_translation(at), motion);
     Ok(PlacedDefect {
@@ -108,7 +110,7 @@ pub(super) fn inside(
         normal: DVec3::Y,
         on,
         host,
-        extent: spec.length,
+        extent: length,
         replaces: None,
         angle: None,
         is_clear: false,

@@ -17,7 +17,7 @@ const ROWS: usize = 200;
 const BARS: usize = 12;
 
 /// The section of the drawn values.
-pub(crate) fn draw_section(set: &SetView) -> Markup {
+pub(crate) fn draw_section(set: &SetView<'_>) -> Markup {
     let (mut numbers, mut texts): (Vec<Chart>, Vec<Chart>) = (Vec::new(), Vec::new());
     let (mut constant, mut left_out): (Vec<(&str, String)>, usize) = (Vec::new(), 0);
     for (name, values) in set.draws.iter() {
@@ -36,7 +36,7 @@ pub(crate) fn draw_section(set: &SetView) -> Markup {
         }
     };
     html! {
-        @if set.draws.len() > 0 {
+        @if !set.draws.is_empty() {
             section {
                 h2 { "Drawn values" }
                 p { "The values that the study drew for each image." }
@@ -60,11 +60,10 @@ fn only_value(values: &Drawn) -> Option<String> {
             let text = format!("{} {}", label(*first), shortened(unit, 12));
             values.iter().all(|v| v == first).then(|| text.trim_end().into())
         }
-        Drawn::Texts { counts, others: 0 } => match counts.as_slice() {
+        Drawn::Texts(counts) => match counts.as_slice() {
             [(text, _)] => Some(text.clone()),
             _ => None,
         },
-        Drawn::Texts { .. } => None,
     }
 }
 
@@ -80,14 +79,12 @@ fn chart(name: &str, values: &Drawn) -> Chart {
             };
             histogram(name, &axis, "images", Fill::Series(0), &bins, &[])
         }
-        Drawn::Texts { counts, others } => {
+        Drawn::Texts(counts) => {
             let shown = if counts.len() <= BARS { counts.len() } else { BARS - 1 };
-            let mut rows = counts.get(..shown).unwrap_or_default().to_vec();
-            let rest: u64 = counts.iter().skip(shown).map(|c| c.1).sum::<u64>() + others;
-            if rest > 0 {
-                let names = counts.len() - shown;
-                let more = if *others > 0 { "other values".into() } else { format!("{names} other values") };
-                rows.push((more, rest));
+            let (shown, rest) = counts.split_at(shown);
+            let mut rows = shown.to_vec();
+            if !rest.is_empty() {
+                rows.push((format!("{} other values", rest.len()), rest.iter().map(|c| c.1).sum()));
             }
             bars(name, "images", 5, &rows)
         }
@@ -103,7 +100,7 @@ mod tests {
         let numbers = |values: &[f64]| Drawn::Numbers { values: values.to_vec(), unit: "mm".into() };
         assert_eq!(only_value(&numbers(&[0.31, 0.31])).as_deref(), Some("0.31 mm"));
         assert_eq!(only_value(&numbers(&[0.31, 0.32])), None);
-        let texts = |n: usize| Drawn::Texts { counts: (0..n).map(|i| (format!("n{i}"), 1)).collect(), others: 0 };
+        let texts = |n: usize| Drawn::Texts((0..n).map(|i| (format!("n{i}"), 1)).collect());
         assert_eq!(only_value(&texts(1)).as_deref(), Some("n0"));
         assert_eq!(only_value(&texts(2)), None);
     }
@@ -112,7 +109,7 @@ mod tests {
     fn rare_texts_share_a_bar() {
         use maud::Render;
         let counts = (0..30).map(|i| (format!("n{i:02}"), 30 - i)).collect();
-        let text = chart("x", &Drawn::Texts { counts, others: 0 }).render().into_string();
+        let text = chart("x", &Drawn::Texts(counts)).render().into_string();
         // 19 + 18 + ... + 1
         assert!(text.contains("19 other values: 190 images") && !text.contains("n11"), "{text}");
     }

@@ -20,28 +20,26 @@ const BINS: usize = 20;
 /// The lowest contrast-to-noise ratio of a histogram. Lower ones are counted as unseen.
 const LOWEST: f64 = 0.01;
 
-/// A category with its position, its name and its labels.
+/// A category with its position and its labels.
 struct Row<'a> {
-    position: Option<usize>,
-    name: String,
+    position: usize,
+    name: &'a str,
     is_defect: bool,
     labels: &'a Labels,
 }
 
-fn rows(set: &SetView) -> Vec<Row<'_>> {
-    let row = |(id, labels): (&u64, _)| {
-        let position = set.position(*id);
-        let category = position.and_then(|i| set.head.categories.get(i));
-        let name = category.map_or_else(|| format!("{id} (not in set.json)"), |c| c.name.clone());
-        Row { position, name, is_defect: category.is_some_and(|c| c.is_defect), labels }
-    };
-    let mut rows: Vec<Row<'_>> = set.labels.iter().map(row).collect();
-    rows.sort_by_key(|r| (!r.is_defect, r.position.unwrap_or(usize::MAX)));
+/// The categories, those of defects first.
+fn rows<'a>(set: &'a SetView<'_>) -> Vec<Row<'a>> {
+    let categories = set.set.manifest().categories.iter().zip(&set.labels).enumerate();
+    let mut rows: Vec<Row<'_>> = categories
+        .map(|(position, (c, labels))| Row { position, name: &c.name, is_defect: c.is_defect, labels })
+        .collect();
+    rows.sort_by_key(|r| !r.is_defect);
     rows
 }
 
 /// The share of the defects with a contrast-to-noise ratio above three. None if none is known.
-pub(crate) fn findable(set: &SetView) -> Option<f64> {
+pub(crate) fn findable(set: &SetView<'_>) -> Option<f64> {
     let rows = rows(set);
     let defects = rows.iter().filter(|r| r.is_defect).flat_map(|r| &r.labels.instances);
     share_above(defects, 3.0)
@@ -55,7 +53,7 @@ fn share_above<'a>(instances: impl Iterator<Item = &'a Instance>, level: f64) ->
 }
 
 /// The section of the labels.
-pub(crate) fn label_section(set: &SetView) -> Markup {
+pub(crate) fn label_section(set: &SetView<'_>) -> Markup {
     let rows = rows(set);
     let cnr = cnr_charts(&rows);
     let visible: Vec<Chart> = [("Defects", true, 1), ("Objects", false, 0)]
@@ -96,7 +94,7 @@ pub(crate) fn label_section(set: &SetView) -> Markup {
     }
 }
 
-fn categories(set: &SetView, rows: &[Row<'_>]) -> Markup {
+fn categories(set: &SetView<'_>, rows: &[Row<'_>]) -> Markup {
     let done = set.finished.len() as f64;
     let range = |values: Summary, text: fn(f64) -> String| {
         html! {
@@ -111,7 +109,7 @@ fn categories(set: &SetView, rows: &[Row<'_>]) -> Markup {
     let body = html! {
         @for row in rows {
             tr {
-                td.name { @if let Some(i) = row.position { (swatch(i)) } (shortened(&row.name, 80)) br;
+                td.name { (swatch(row.position)) (shortened(row.name, 80)) br;
                     small { @if row.is_defect { "defect" } @else { "object" } } }
                 td.n { (row.labels.instances.len()) }
                 td.n { (row.labels.images) br; small { (percent(row.labels.images as f64 / done)) } }
@@ -150,8 +148,8 @@ fn cnr_charts(rows: &[Row<'_>]) -> Vec<Chart> {
     let levels = [(1.0, "1"), (3.0, "3"), (5.0, "5")];
     let chart = |(row, values): &(&Row<'_>, Vec<f64>)| {
         let bins = Bins::within(values, low, high * 1.0001, BINS, true);
-        let heading = format!("{}, {}", shortened(&row.name, 32), counted(values.len() as u64, "instance"));
-        let fill = Fill::Category(row.position.unwrap_or(0));
+        let heading = format!("{}, {}", shortened(row.name, 32), counted(values.len() as u64, "instance"));
+        let fill = Fill::Category(row.position);
         histogram(&heading, "CNR, logarithmic", "instances", fill, &bins, &levels)
     };
     all.iter().take(CHARTS).map(chart).collect()
@@ -183,7 +181,7 @@ mod tests {
     #[test]
     fn charts_have_the_instances_that_they_can_show() {
         let labels = Labels { instances: [0.0, 0.2, 2.0, 9.0, f32::NAN].map(instance).into(), images: 1 };
-        let row = |is_defect| Row { position: Some(0), name: "a <b>".into(), is_defect, labels: &labels };
+        let row = |is_defect| Row { position: 0, name: "a <b>", is_defect, labels: &labels };
         let charts = cnr_charts(&[row(true), row(false)]);
         assert_eq!(charts.len(), 1);
         assert!(charts[0].title.contains("3 instances"), "{}", charts[0].title);

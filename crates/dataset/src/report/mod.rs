@@ -3,7 +3,6 @@
 mod cost_section;
 mod draw_section;
 mod draws;
-mod error;
 #[cfg(test)]
 mod fake;
 mod label_section;
@@ -15,6 +14,5 @@ mod table;
 mod tests;
 mod view;
 
-pub(crate) use error::ReportError;
 pub(crate) use page::page;
 pub(crate) use view::SetView;

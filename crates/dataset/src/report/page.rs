@@ -2,13 +2,13 @@
 
 use super::cost_section::{cost_section, image_seconds, noise_section};
 use super::draw_section::draw_section;
-use super::error::ReportError;
 use super::label_section::{findable, label_section};
 use super::overlay::{overlay, pen};
 use super::summary::Summary;
-use super::view::{HELP, SetView, image_ending};
+use super::view::SetView;
 use crate::run::MOST_SATURATED;
 use crate::set::read_bytes;
+use dunkelfeld::{Error, InputError};
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::picture::Picture;
 use dunkelfeld_io::png::data_uri;
@@ -27,25 +27,23 @@ const SIDE: u32 = 256;
 const SIZES: usize = 3;
 
 /// The page of a set as HTML.
-pub(crate) fn page(set: &SetView) -> Result<String, ReportError> {
-    let name = if set.head.study.is_empty() { "without a name" } else { &set.head.study };
+pub(crate) fn page(set: &SetView<'_>) -> Result<String, Error> {
     let sections =
-        [top(set, name), images(set)?, label_section(set), draw_section(set), noise_section(set), cost_section(set)];
-    Ok(frame::page(&format!("{name} \u{b7} data set"), STYLE, &sections))
+        [top(set), images(set)?, label_section(set), draw_section(set), noise_section(set), cost_section(set)];
+    Ok(frame::page(&format!("{} \u{b7} data set", set.set.manifest().study), STYLE, &sections))
 }
 
-fn top(set: &SetView, name: &str) -> Markup {
-    let (done, all) = (set.finished.len() as u64, set.head.count);
-    let mut sizes: Vec<(&[u64; 2], &u64)> = set.sizes.iter().collect();
+fn top(set: &SetView<'_>) -> Markup {
+    let (about, done) = (set.set.manifest(), set.finished.len() as u64);
+    let mut sizes: Vec<(&[u32; 2], &u64)> = set.sizes.iter().collect();
     sizes.sort_by_key(|(_, n)| std::cmp::Reverse(**n));
     let mut facts: Vec<String> = sizes.iter().take(SIZES).map(|([w, h], _)| format!("{w} \u{d7} {h} pixels")).collect();
     facts.extend((sizes.len() > SIZES).then(|| format!("{} other sizes", sizes.len() - SIZES)));
-    facts.extend((!set.head.study_hash.is_empty()).then(|| format!("study {}", shortened(&set.head.study_hash, 24))));
-    facts.extend((!set.head.program.is_empty()).then(|| shortened(&set.head.program, 40)));
+    facts.extend([format!("study {}", shortened(&about.study_hash, 24)), shortened(&about.program, 40)]);
     html! {
-        (head(&format!("Data set: {name}"), &facts.join(" \u{b7} ")))
-        @if done < all {
-            div.banner { "Not finished: " (done) " of " (counted(all, "image")) ". The same command continues the set. \
+        (head(&format!("Data set: {}", about.study), &facts.join(" \u{b7} ")))
+        @if done < about.count {
+            div.banner { "Not finished: " (done) " of " (counted(about.count, "image")) ". The same command continues the set. \
                 This page uses the finished images." }
         }
         (tiles(&figures(set)))
@@ -53,16 +51,16 @@ fn top(set: &SetView, name: &str) -> Markup {
 }
 
 /// The main figures of the set.
-fn figures(set: &SetView) -> Vec<(String, String)> {
-    let (done, all) = (set.finished.len() as u64, set.head.count);
-    let instances: usize = set.labels.values().map(|l| l.instances.len()).sum();
-    let used = set.labels.values().filter(|l| !l.instances.is_empty()).count() as u64;
+fn figures(set: &SetView<'_>) -> Vec<(String, String)> {
+    let (done, all) = (set.finished.len() as u64, set.set.count());
+    let instances: usize = set.labels.iter().map(|l| l.instances.len()).sum();
+    let used = set.labels.iter().filter(|l| !l.instances.is_empty()).count();
     let images = if done == all { done.to_string() } else { format!("{done} of {all}") };
     let mut tiles = vec![
         (images, if all == 1 { "image".into() } else { "images".into() }),
         (instances.to_string(), format!("labels in {used} of {} categories", set.labels.len())),
     ];
-    if set.head.categories.iter().any(|c| c.is_defect) && done > 0 {
+    if set.set.manifest().categories.iter().any(|c| c.is_defect) && done > 0 {
         tiles.push((percent(set.with_defects as f64 / done as f64), "of the images contain a defect".into()));
     }
     if let Some(share) = findable(set) {
@@ -72,7 +70,7 @@ fn figures(set: &SetView) -> Vec<(String, String)> {
     if saturated > MOST_SATURATED {
         tiles.push((percent(saturated), "of the pixels are saturated, and show no contrast".into()));
     }
-    if let Some(seconds) = image_seconds(set).filter(|s| *s > 0.0) {
+    if let Some(seconds) = image_seconds(set) {
         let rest = all.saturating_sub(done);
         let more = match rest {
             0 => format!("{} in all", duration(seconds * done as f64)),
@@ -87,28 +85,29 @@ fn figures(set: &SetView) -> Vec<(String, String)> {
     tiles
 }
 
-fn images(set: &SetView) -> Result<Markup, ReportError> {
+fn images(set: &SetView<'_>) -> Result<Markup, Error> {
     let mut thumbs = Vec::new();
-    let mut categories = std::collections::BTreeSet::new();
+    let mut positions = std::collections::BTreeSet::new();
     let mut shape = 1.0_f64;
     for index in set.evenly(IMAGES) {
-        let record = set.record(index)?;
+        let record = set.set.record(index)?;
+        let Some(file) = record.files.keys().find(|name| name.starts_with("images/")) else { continue };
         let labels = overlay(set, &record)?;
         if thumbs.is_empty() {
-            shape = (record.width as f64 / record.height.max(1) as f64).clamp(0.5, 3.0);
+            shape = (f64::from(record.width) / f64::from(record.height.max(1))).clamp(0.5, 3.0);
         }
-        categories.extend(record.instances.iter().filter_map(|label| set.position(label.category)));
-        let file = format!("images/{index:06}.{}", image_ending(&set.folder, index));
+        positions.extend(record.instances.iter().filter_map(|label| set.position(label.category)));
         thumbs.push(html! {
             figure {
                 a href=(file) {
-                    img src=(thumb(set, &file)?) alt={ "image " (index) };
+                    img src=(thumb(set, file)?) alt={ "image " (index) };
                     (labels)
                 }
                 figcaption { (index) " \u{b7} " (counted(record.instances.len() as u64, "label")) }
             }
         });
     }
+    let categories = &set.set.manifest().categories;
     let n = thumbs.len();
     Ok(html! {
         section {
@@ -120,9 +119,7 @@ fn images(set: &SetView) -> Result<Markup, ReportError> {
                     encloses a small instance, or the bounding box if there is no mask. Each image is a link to its \
                     file." }
                 ul.key {
-                    @for (i, category) in categories.iter().filter_map(|i| Some((*i, set.head.categories.get(*i)?))) {
-                        li { (swatch(i)) (shortened(&category.name, 80)) }
-                    }
+                    @for i in &positions { li { (swatch(*i)) (shortened(&categories[*i].name, 80)) } }
                 }
                 input.choice #with-labels type="radio" name="labels" checked;
                 label for="with-labels" { "with labels" }
@@ -135,9 +132,12 @@ fn images(set: &SetView) -> Result<Markup, ReportError> {
 }
 
 /// An image of the set as an address, scaled down.
-fn thumb(set: &SetView, name: &str) -> Result<String, ReportError> {
-    let failed = |problem: String| ReportError::new(&set.folder.join(name), problem, HELP);
-    let bytes = read_bytes(&set.folder, name).map_err(|e| failed(e.problem))?;
+fn thumb(set: &SetView<'_>, name: &str) -> Result<String, Error> {
+    let failed = |problem: String| {
+        let help = "delete the record of the image, and run the command again";
+        InputError::new(set.set.path().join(name), "the file", problem, help)
+    };
+    let bytes = read_bytes(set.set.path(), name)?;
     let image = image::load_from_memory(&bytes).map_err(|e| failed(format!("the image cannot be read: {e}")))?;
     let image = if image.width().max(image.height()) > SIDE { image.thumbnail(SIDE, SIDE) } else { image };
     let (width, height) = (image.width(), image.height());
@@ -150,7 +150,7 @@ fn thumb(set: &SetView, name: &str) -> Result<String, ReportError> {
             Plane::from_vec(width, height, pixels).map(|plane| data_uri(Picture::Rgb8(&plane)))
         }
     };
-    uri.and_then(Result::ok).ok_or_else(|| failed("the image has no pixels".into()))
+    Ok(uri.and_then(Result::ok).ok_or_else(|| failed("the image has no pixels".into()))?)
 }
 
 fn selection(n: usize, all: usize) -> String {

@@ -59,6 +59,29 @@ const MEMORY: &[Unit] = &[
     (&["TiB"], 1_099_511_627_776.0),
 ];
 
+const KINDS: [&[Unit]; 10] =
+    [DECIBELS, TIME, LENGTH, ANGLE, PER_LENGTH, POWER, SPEED, ANGULAR_SPEED, FREQUENCY, MEMORY];
+
+/// A number in one unit as the number in another one; `None` if the units are not known or not of one kind. A ratio of units
+/// that is a whole number is exact: 1 mm are 1000 um.
+pub fn converted(number: f64, from: &str, to: &str) -> Option<f64> {
+    let size = |units: &[Unit], unit: &str| Some(units.iter().find(|(names, _)| names.contains(&unit))?.1);
+    let (from, to) = KINDS.iter().find_map(|units| Some((size(units, from)?, size(units, to)?)))?;
+    let ratio = from.max(to) / from.min(to);
+    let ratio = if (ratio - ratio.round()).abs() < 1e-9 * ratio { ratio.round() } else { ratio };
+    Some(if from > to { number * ratio } else { number / ratio }).filter(|number| number.is_finite())
+}
+
+/// The number at the start of a text with the unit behind it, which may be empty or unknown: `2.5` and `mm` of `"2.5mm"`.
+/// `None` for a text that does not begin with a finite number.
+pub fn number_and_unit(text: &str) -> Option<(f64, &str)> {
+    let text = text.trim();
+    let sign = usize::from(text.starts_with(['+', '-']));
+    let (number, unit) = text.split_at(sign + number_length(&text[sign..]));
+    let number = number.parse().ok().filter(|number: &f64| number.is_finite())?;
+    Some((number, unit.trim()))
+}
+
 /// A quantity that cannot be read. The message contains the problem and the correct form.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
@@ -289,6 +312,35 @@ mod tests {
         }
         assert!("6".parse::<Memory>().expect_err("no unit").to_string().contains("lacks a unit"));
         assert_eq!("1.5kW".parse::<Power>().expect("a power").0, 1500.0);
+    }
+
+    #[test]
+    fn numbers_are_separated_from_units_and_converted() {
+        for (text, number, unit) in [
+            ("2.5mm", 2.5, "mm"),
+            ("-1e-3 deg", -1e-3, "deg"),
+            ("3e2W", 300.0, "W"),
+            ("5e", 5.0, "e"),
+            ("7", 7.0, ""),
+            ("0.5/mm", 0.5, "/mm"),
+            ("1.2.3", 1.2, ".3"),
+        ] {
+            assert_eq!(number_and_unit(text), Some((number, unit)), "{text}");
+        }
+        for text in ["", "mm", "inf", "NaN", "--1", "1e999", "steel 3"] {
+            assert_eq!(number_and_unit(text), None, "{text}");
+        }
+        for (number, from, to, expected) in [
+            (0.3, "mm", "um", Some(300.0)),
+            (50.0, "um", "mm", Some(0.05)),
+            (30.0, "\u{b5}s", "ms", Some(0.03)),
+            (90.0, "deg", "turn", Some(0.25)),
+            (1e308, "mm", "nm", None),
+            (1.0, "mm", "ms", None),
+            (1.0, "", "mm", None),
+        ] {
+            assert_eq!(converted(number, from, to), expected, "{number} {from} {to}");
+        }
     }
 
     #[test]

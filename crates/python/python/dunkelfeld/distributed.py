@@ -22,7 +22,6 @@ import time as clock
 import warnings
 from collections import Counter, deque
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -33,7 +32,7 @@ from ._native import Film, InputError, Made, Scene, Study, merge
 from ._tasks import file_of, make_image, merge_parts, render_part, shipped
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable
 
     from ._native import DataSet, Sensor
 
@@ -113,116 +112,80 @@ def make(
     `progress` is called with (finished images, all images, elapsed [s], remaining [s] or None).
 
     An image whose draws do not fit is left out, and is in `failed`. But if the set has no image yet, and it is the first image
-    of the call, its error is raised, and a new folder is removed.
+    of the call, its error is raised before a folder is made.
 
     Raises the errors of the study, `SettingError` if a worker has other files or another version of the package, and
     `DunkelfeldError` if an image fails too often or the scheduler is lost.
     """
-    return _SetMaker(study, folder, client, count, indices, threads, progress).run(
-        time, shared, ship, files, (patience, stall, retries)
-    )
+    chosen = None if indices is None else [whole_number("indices", index) for index in indices]
+    count = None if count is None else whole_number("count", count)
+    maker = _SetMaker(study, client, threads, progress)
+    with (
+        Cluster(client, patience, stall, retries, refused=(InputError,)) as cluster,
+        shipped(client, maker.study.path, maker.study.hash, maker.loaded.inputs, files, ship) as source,
+        ThreadPoolExecutor(WRITERS) as writers,
+    ):
+        maker.start(folder, count, chosen)
+        maker.run(cluster, writers, source, time, shared)
+        return maker.finish(cluster.repeated)
 
 
 class _SetMaker:
     """The images of a set, from their start to their files."""
 
-    def __init__(
-        self,
-        study: Study | _Path,
-        folder: _Path,
-        client: Any,
-        count: int | None,
-        indices: Iterable[int] | None,
-        threads: int,
-        progress: _Progress | None,
-    ) -> None:
+    def __init__(self, study: Study | _Path, client: Any, threads: int, progress: _Progress | None) -> None:
         self.began = clock.monotonic()
         self.client, self.threads, self.progress = client, whole_number("threads", threads), progress
-        # Wrong arguments leave no folder.
-        chosen = None if indices is None else sorted({whole_number("indices", index) for index in indices})
-        count = None if count is None else whole_number("count", count)
-        self.made = 0
         self.study = study if isinstance(study, Study) else Study(study)
         # The scene is loaded for the list of its files.
-        loaded = self.study.worker(threads=threads)
-        self.inputs = loaded.inputs
-        self.is_new = not Path(folder).exists()
-        self.set: DataSet = loaded.open(folder, count)
-        for warning in loaded.warnings:
-            warnings.warn(warning, UserWarning, stacklevel=3)
-        wanted = range(self.set.count) if chosen is None else chosen
-        wrong = next((index for index in wanted if not 0 <= index < self.set.count), None)
-        if wrong is not None:
-            with self._new_folder():
-                problem = f"there is no image {wrong}: the set has {self.set.count}, counted from 0"
-                raise setting("indices", problem, "pass smaller indices, or a larger count")
-        missing = set(self.set.missing())
-        self.pending = deque(index for index in wanted if index in missing)
-        self.total, self.finished, self.ended = len(wanted), len(wanted) - len(self.pending), 0
-        if self.pending and len(missing) == self.set.count:
-            with self._new_folder():
-                loaded._check(self.pending[0])
+        self.loaded = self.study.worker(threads=threads)
+        self.made, self.received = 0, 0
         # Images that another process has claimed: when they are looked at again, and until when. A worker may stall while
         # it writes.
         self.held: list[tuple[float, float, Attempt, Made | None]] = []
-        self.received = 0
         self.failed: list[tuple[int, InputError]] = []
         self.workers: Counter[str] = Counter()
 
-    @contextmanager
-    def _new_folder(self) -> Iterator[None]:
-        """Removes a new folder without images after a failure."""
-        try:
-            yield
-        except Exception:
-            if self.is_new and not self.made:
-                self.set._discard()
-            raise
+    def start(self, folder: _Path, count: int | None, indices: list[int] | None) -> None:
+        self.set: DataSet
+        self.set, self.total, missing = self.loaded._start(folder, count, indices)
+        for warning in self.loaded.warnings:
+            warnings.warn(warning, UserWarning, stacklevel=3)
+        self.pending = deque(missing)
+        self.finished, self.ended = self.total - len(missing), 0
 
-    def run(
-        self,
-        time: float | None,
-        shared: bool,
-        ship: bool,
-        files: Iterable[_Path],
-        limits: tuple[float, float, int],
-    ) -> MakeSummary:
+    def run(self, cluster: Cluster, writers: ThreadPoolExecutor, source: Any, time: float | None, shared: bool) -> None:
         target = str(self.set.path) if shared else None
-        with (
-            self._new_folder(),
-            Cluster(self.client, *limits, refused=(InputError,)) as cluster,
-            shipped(self.client, self.study.path, self.study.hash, self.inputs, files, ship) as source,
-            ThreadPoolExecutor(WRITERS) as writers,
-        ):
-            self._report()
-            while self.finished + len(self.failed) < self.total:
-                cluster.watch()
-                self._look_at_held(cluster, writers)
-                while self.pending and cluster.has_room():
-                    index = self.pending.popleft()
-                    if self.set.is_finished(index):
-                        self._end()
-                    else:
-                        cluster.start(str(index), "image", make_image, source, index, time, self.threads, target, False)
-                event = cluster.wait()
-                if event is None:
-                    continue
-                attempt, kind, value = event
-                if kind == "finished":
-                    cluster.fetch(attempt)
-                elif kind == "refused":
-                    # Its draws do not fit.
-                    cluster.drop(attempt.name)
-                    self.failed.append((int(attempt.name), value))
-                elif kind == "fetched":
-                    attempt.worker, result, size = value
-                    image = result if isinstance(result, Made) else None
-                    self.received += size if image is not None else 0
-                    wait = math.inf if attempt.call[-1] else HELD * cluster.patience
-                    self._write(cluster, writers, attempt, image, clock.monotonic() + wait)
+        self._report()
+        while self.finished + len(self.failed) < self.total:
+            cluster.watch()
+            self._look_at_held(cluster, writers)
+            while self.pending and cluster.has_room():
+                index = self.pending.popleft()
+                if self.set.is_finished(index):
+                    self._end()
                 else:
-                    self._written(cluster, attempt, *value)
-            repeated = cluster.repeated
+                    cluster.start(str(index), "image", make_image, source, index, time, self.threads, target, False)
+            event = cluster.wait()
+            if event is None:
+                continue
+            attempt, kind, value = event
+            if kind == "finished":
+                cluster.fetch(attempt)
+            elif kind == "refused":
+                # Its draws do not fit.
+                cluster.drop(attempt.name)
+                self.failed.append((int(attempt.name), value))
+            elif kind == "fetched":
+                attempt.worker, result, size = value
+                image = result if isinstance(result, Made) else None
+                self.received += size if image is not None else 0
+                wait = math.inf if attempt.call[-1] else HELD * cluster.patience
+                self._write(cluster, writers, attempt, image, clock.monotonic() + wait)
+            else:
+                self._written(cluster, attempt, *value)
+
+    def finish(self, repeated: int) -> MakeSummary:
         finished = self.set.count - len(self.set.missing())
         # Images that cannot be made do not keep the others from use.
         if finished + len(self.failed) >= self.set.count:
