@@ -321,61 +321,6 @@ fn one_film_has_the_exposure_and_the_certificate_of_its_render() {
     }
 }
 
-/// Noise that was analysed once gives the frames of matched exposure for its films and camera, for any device.
-#[test]
-fn noise_that_was_analysed_before_gives_the_same_frames() {
-    let mut project = opened(32.0);
-    let (panel, sun) = ["panel", "sun"].map(|light| film(&project.only_light(light).expect("a scene"))).into();
-    let counts = [&panel, &sun].map(|film| film.sums.sample_counts());
-    let (plain, matched) = [ExposureNoise::Plain, ExposureNoise::Matched].map(|noise| camera(&project, noise)).into();
-    for factor in [0.4, 0.0] {
-        let films = [(&panel, 1.0), (&sun, factor)];
-        let with_counts = [(Some(&counts[0]), 1.0), (Some(&counts[1]), factor)];
-        let noise = exposer(&films, &plain).image_noise(&films).expect("one size");
-        for seed in [1, 2] {
-            let [plain, matched] =
-                [&plain, &matched].map(|settings| exposer(&films, &settings.clone().with_seed(seed)));
-            let wanted = matched.frame(0).expect("a frame");
-            assert!(plain.frame(0).expect("a frame") != wanted);
-            let found = plain.with_noise(&noise, &with_counts).expect("these films");
-            assert_eq!(found.matched(), matched.matched());
-            assert!(found.frame(0).expect("a frame") == wanted, "{factor}");
-        }
-    }
-    // Behind twice the exposure, the share of pixels that can be matched is close to that of its own analysis.
-    let of_time = |settings: &ExposeSettings, seconds: f64| {
-        let time = dunkelfeld::sensor::Exposure::new(dunkelfeld::radiometry::Seconds(seconds)).expect("in range");
-        exposer(&[(&panel, 1.0)], &settings.clone().with_exposure(time))
-    };
-    let noise = of_time(&plain, 1e-3).image_noise(&[(&panel, 1.0)]).expect("one size");
-    let converted = of_time(&plain, 2e-3).with_noise(&noise, &[(Some(&counts[0]), 1.0)]).expect("this film");
-    let (found, wanted) = (converted.matched(), of_time(&matched, 2e-3).matched());
-    let (found, wanted) = (found.expect("matched"), wanted.expect("matched"));
-    assert!((found - wanted).abs() < 0.05, "{found} {wanted}");
-}
-
-/// A variance that is unknown in one film is unknown in the sum, unless the light is dark.
-#[test]
-fn unknown_variances_stay_unknown() {
-    let mut project = opened(16.0);
-    let known = film(&project.only_light("panel").expect("a scene"));
-    project.settings.budget = Budget::default().with_spp(1.0);
-    let unknown = film(&project.only_light("sun").expect("a scene"));
-    let settings = camera(&project, ExposureNoise::Matched);
-    let share = |factor: f64| {
-        let films = [(&known, 1.0), (&unknown, factor)];
-        let (exposer, variances) = certified_variances(&films, &settings);
-        let finite = variances.iter().filter(|v| v.is_finite()).count() as f64 / variances.len() as f64;
-        (finite, exposer.matched().expect("matched noise"))
-    };
-    assert_eq!(share(0.5), (0.0, 0.0));
-    let (finite, matched) = share(0.0);
-    assert!(finite > 0.99 && matched > 0.3, "{finite} {matched}");
-    // Without any light the noise is zero.
-    let (exposer, variances) = certified_variances(&[(&unknown, 0.0)], &settings);
-    assert!(variances.iter().all(|v| *v == 0.0) && exposer.matched() == Some(1.0), "{:?}", exposer.matched());
-}
-
 /// Values of a channel.
 fn channel(layers: &ExrLayers, name: &str) -> Vec<f32> {
     let triples =
@@ -431,24 +376,6 @@ fn an_exr_has_the_sum_and_a_layer_for_each_light() {
         assert!(sum.channel(name) == Some(values), "{name}");
     }
     assert!(encode_light_layers(&[], &frame, &settings).is_err() && develop_films(&[], None, &settings).is_err());
-}
-
-/// With covers of clear plastic, whose light the connection through covers samples.
-#[test]
-#[ignore = "long: .ci/run runs it"]
-fn films_of_lights_behind_covers_add_up() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes/inspection/inspection.toml");
-    let mut project = Project::open(path).expect("a shipped scene");
-    project.resize_keeping_view(WIDTH, HEIGHT);
-    project.settings.budget = Budget::default().with_spp(256.0);
-    let whole = regions(&[(&film(&project), 1.0)]);
-    let lights = films(&mut project, 400);
-    let weighted: Vec<(&RenderedFilm, f64)> = lights.iter().map(|(_, film)| (film, 1.0)).collect();
-    for (number, (whole, sum)) in whole.iter().zip(regions(&weighted)).enumerate() {
-        let error = (whole[1] + sum[1]).sqrt();
-        assert!(error < 0.08 * whole[0], "region {number} is too noisy: {error}");
-        z_test(sum[0] - whole[0], error, 0.0).assert(RATE, &format!("region and channel {number}"));
-    }
 }
 
 /// Frames of independent renders with matched noise scatter as frames of the camera do, also for a sum with factors.

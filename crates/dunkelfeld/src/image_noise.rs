@@ -118,14 +118,4 @@ mod tests {
         assert_eq!(converted(&noise(5.0, None), None, 0.0), [0.0, 0.0]);
         assert_eq!(converted(&noise(0.0, None), None, 1.0), [f32::INFINITY; 2]);
     }
-
-    #[test]
-    fn other_films_are_refused() {
-        let response = Response::constant(Weights([1.0; 3]));
-        let counts = Plane::new(3, 1, 1u32);
-        for films in [&[][..], &[(None, 1.0), (None, 1.0)], &[(Some(&counts), 1.0)], &[(None, -1.0)]] {
-            assert!(noise(1.0, None).converted([2, 1], &response, films).is_err());
-        }
-        assert!(noise(1.0, None).converted([2, 2], &response, &[(None, 1.0)]).is_err());
-    }
 }

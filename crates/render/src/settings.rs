@@ -340,14 +340,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_default_has_the_default_sensor() {
-        let SensorChoice::Emva { model, exposure, .. } = RenderSettings::default().sensor else { panic!("no sensor") };
-        assert!(model.spec().name.contains("IMX250"), "{}", model.spec().name);
-        assert_eq!(exposure, None);
-        assert!(!RenderSettings::without_sensor().has_sensor());
-    }
-
-    #[test]
     fn the_number_of_training_paths_follows_from_the_size_of_the_film() {
         let of = |side: u32, change: fn(RenderSettings) -> RenderSettings| {
             change(RenderSettings { width: side, height: side, ..RenderSettings::default() }).training_paths()

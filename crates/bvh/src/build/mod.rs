@@ -121,8 +121,6 @@ mod tests {
     use rand_core::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
 
-    use super::split::BinaryNode;
-    use super::subtrees::Subtrees;
     use super::*;
     use crate::simd8::levels;
 
@@ -140,20 +138,6 @@ mod tests {
                 Aabb { min: corner, max: corner + size * Vec3::from_array(std::array::from_fn(|_| unit(&mut random))) }
             })
             .collect()
-    }
-
-    /// The leaves of a tree with the number of nodes above each.
-    fn leaves(tree: &Tree) -> Vec<(u32, usize)> {
-        let mut found = Vec::new();
-        let mut work = vec![(tree.root, 0)];
-        while let Some((word, depth)) = work.pop() {
-            if word & LEAF == 0 {
-                work.extend(tree.nodes[word as usize].children.map(|child| (child, depth + 1)));
-            } else if word != NONE {
-                found.push((word & !LEAF, depth));
-            }
-        }
-        found
     }
 
     /// Bits of the nodes, and the boxes of the leaves.
@@ -193,23 +177,6 @@ mod tests {
     }
 
     #[test]
-    fn tasks_give_the_tree_of_a_recursion() {
-        // Below the size that has several threads by itself, and with few levels, so that sets are halved.
-        for (count, levels) in [(10_000, 96), (10_000, 14), (1, 96), (9, 1)] {
-            let boxes = random_boxes(count);
-            let splitter = Splitter { level: Level::new(), leaf_size: 8, threads: Threads::new(3) };
-            let (mut first, mut second) = (references(&boxes), references(&boxes));
-            let plain = Splitter { threads: Threads::ONE, ..splitter }.build(&mut first, levels);
-            let mut nodes = Vec::new();
-            let whole = splitter.extent(&second);
-            Subtrees::new(&splitter, &mut second, whole, levels).build(&mut nodes);
-            let bits = |n: &BinaryNode| (n.bounds, n.costs.map(f32::to_bits), n.count, n.children);
-            assert!(nodes.iter().map(bits).eq(plain.nodes.iter().map(bits)), "{count} boxes, {levels} levels");
-            assert!(first.iter().map(Reference::number).eq(second.iter().map(Reference::number)));
-        }
-    }
-
-    #[test]
     fn clusters_become_the_leaves_of_one_node() {
         // Eight clusters of eight unit cubes, far from each other: any other tree costs more. 5 is prime to 64.
         let boxes: Vec<Aabb> = (0..64)
@@ -226,30 +193,6 @@ mod tests {
         let clusters: BTreeSet<u32> = of_leaves.into_iter().flatten().collect();
         assert_eq!((tree.nodes.len(), leaves.len(), clusters.len()), (1, 8, 8));
         assert_eq!(tree.bounds, Aabb { min: Vec3::ZERO, max: Vec3::new(7001.0, 8.0, 1.0) });
-    }
-
-    #[test]
-    fn large_boxes_among_small_ones_are_near_the_root() {
-        // A room of six walls with a dense grid of small boxes in the middle, in which the walls have their centres.
-        let mut boxes: Vec<Aabb> = (0..17 * 17 * 17)
-            .map(|i| {
-                let corner = Vec3::new((i % 17) as f32, (i / 17 % 17) as f32, (i / 289) as f32) * 0.01 - 0.085;
-                Aabb { min: corner, max: corner + 0.01 }
-            })
-            .collect();
-        let first_wall = boxes.len() as u32;
-        for axis in 0..3 {
-            for side in [-1.0, 1.0] {
-                let mut wall = Aabb { min: Vec3::NEG_ONE, max: Vec3::ONE };
-                (wall.min[axis], wall.max[axis]) = (side, side);
-                boxes.push(wall);
-            }
-        }
-        let (tree, members) = build_tree(Threads::ONE, &boxes, 8, |leaf, _| leaf);
-        let has_wall = members.map(Threads::ONE, |_, leaf| leaf.iter().any(|&i| i >= first_wall));
-        let walls: Vec<usize> =
-            leaves(&tree).iter().filter(|(leaf, _)| has_wall[*leaf as usize]).map(|l| l.1).collect();
-        assert!(!walls.is_empty() && walls.iter().all(|&depth| depth == 1), "nodes above the walls: {walls:?}");
     }
 
     #[test]

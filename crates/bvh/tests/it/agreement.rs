@@ -90,17 +90,6 @@ fn both_kernels_give_the_same_bits() {
     }
 }
 
-#[test]
-fn a_build_is_repeatable() {
-    let shape = random_soup(3_000, 8);
-    let (a, b) = (shape.bvh(), shape.bvh());
-    let mut random = Random::new(9);
-    for _ in 0..5_000 {
-        let ray = ray_at(&shape, &mut random);
-        assert_eq!(a.closest_hit(&ray), b.closest_hit(&ray));
-    }
-}
-
 /// Joined trees have the hits of one tree of all triangles, also beside instances, and their marks.
 #[test]
 fn joined_trees_have_the_hits_of_one_tree() {

@@ -2,7 +2,7 @@
 //!
 //! Seeds are fixed. The stated rates are the probabilities that a correct analyser fails with a random seed.
 
-use dunkelfeld_emva1288::{Frame, FramePair, PhotonTransfer, Quantity, TemporalAccumulator};
+use dunkelfeld_emva1288::{Frame, PhotonTransfer, Quantity, TemporalAccumulator};
 use rand_distr::{Distribution, Normal, Poisson};
 use rand_pcg::Pcg64;
 
@@ -25,58 +25,8 @@ fn frame(electrons: impl Iterator<Item = f64>, rng: &mut Pcg64) -> Vec<u16> {
         .collect()
 }
 
-fn pair(mu: f64, side: u32, rng: &mut Pcg64) -> FramePair {
-    let n = (side * side) as usize;
-    let mut one = || frame(std::iter::repeat_n(mu, n), rng);
-    let (a, b) = (one(), one());
-    let view = |values| Frame::new(side, side, values).expect("square");
-    FramePair::from_frames(view(&a), view(&b)).expect("same size")
-}
-
-fn levels(count: u32, side: u32, rng: &mut Pcg64) -> PhotonTransfer {
-    let dark = pair(0.0, side, rng);
-    let levels: Vec<_> = (1..=count).map(|k| pair(FULL_WELL * f64::from(k) / f64::from(count), side, rng)).collect();
-    PhotonTransfer::by_levels(&dark, &levels)
-}
-
 fn z(q: &Quantity, truth: f64) -> f64 {
     (q.value - truth) / q.standard_error
-}
-
-/// Z-tests at 6.5 sigma, 8e-11 each. The errors must also be small enough to be meaningful.
-#[test]
-fn levels_give_the_gain_and_the_dark_noise() {
-    let mut rng = Pcg64::new(1, 1);
-    let curve = levels(50, 200, &mut rng);
-    let gain = curve.gain(SATURATION).expect("levels");
-    assert!(z(&gain, GAIN).abs() < 6.5, "{gain}, truth {GAIN}");
-    assert!(gain.standard_error < 0.002 * GAIN, "{gain}");
-    let line = curve.line(SATURATION).expect("levels");
-    assert!(z(&line.slope, GAIN).abs() < 6.5, "{}", line.slope);
-    assert!(z(&line.intercept, DARK_VARIANCE).abs() < 6.5, "{}, truth {DARK_VARIANCE}", line.intercept);
-    assert!(line.r_squared > 0.999, "{line:?}");
-}
-
-/// 400 small measurements: their z must have mean 0 +- 7/20 and variance 1 +- 7 sqrt(2/400), 7 sigma, 2.6e-12 each of
-/// four tests. Small samples have heavier tails than normal ones, which the width covers.
-#[test]
-fn the_standard_errors_are_the_scatter_of_repetitions() {
-    let mut rng = Pcg64::new(2, 2);
-    let mut slopes = [Vec::new(), Vec::new()];
-    for _ in 0..400 {
-        let curve = levels(12, 20, &mut rng);
-        slopes[0].push(z(&curve.gain(SATURATION).expect("levels"), GAIN));
-        slopes[1].push(z(&curve.line(SATURATION).expect("levels").slope, GAIN));
-    }
-    for (which, z) in ["through the origin", "line"].into_iter().zip(slopes) {
-        let n = z.len() as f64;
-        let mean = z.iter().sum::<f64>() / n;
-        let variance = z.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        assert!(mean.abs() < 7.0 / n.sqrt(), "{which}: mean z {mean:.3}");
-        let low = 1.0 - 7.0 * (2.0 / n).sqrt();
-        let high = 1.0 + 7.0 * (2.0 / n).sqrt();
-        assert!((low..high).contains(&variance), "{which}: variance of z {variance:.3}");
-    }
 }
 
 /// One scene with a gradient, 24 frames, bins one DN wide: Z-tests at 6.5 sigma.

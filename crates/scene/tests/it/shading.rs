@@ -108,18 +108,6 @@ fn a_normal_map_tilts_along_the_image() {
 }
 
 #[test]
-fn the_scale_of_a_normal_map_acts_on_its_slopes() {
-    // glTF: n = normalize((2 t - 1) * (s, s, 1)).
-    let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
-    mesh.tangents = vec![Vec4::new(1.0, 0.0, 0.0, 1.0); 4];
-    let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
-    let material = Material { normal_texture: Some(texture), normal_scale: 0.5, ..Material::default() };
-    let scene = placed(mesh, material, vec![flat_map(Vec3::new(0.6, 0.0, 0.8))], DAffine3::IDENTITY, false);
-    let n = shading_frame(&scene, &shade(&scene, 0.0, 0.1, true), Vec3::Z).normal;
-    assert!((n - Vec3::new(0.3, 0.0, 0.8).normalize()).length() < 1e-4, "{n}");
-}
-
-#[test]
 fn smooth_normals_are_continuous_over_an_edge_and_follow_uneven_scales() {
     // A ridge along y: two slopes that meet at x = 0, with vertex normals (-+0.6, 0, 0.8) outside and +z on the crest.
     // Along x the interpolated normal is (0.6 x, 0, 1 - 0.2 |x|), normalised; under the scale (2, 1, 1) the inverse
