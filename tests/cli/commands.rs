@@ -282,17 +282,6 @@ fn pixels_without_samples_show_their_neighbours_and_are_reported() {
 }
 
 #[test]
-fn the_first_limit_stops() {
-    let bench = Bench::new();
-    bench.run("render scene.gltf --width 8 --height 8 --time 1h --spp 2.5 --stats a.json").code(0);
-    let stats = bench.json("a.json");
-    assert_eq!(
-        (&stats["stop"], &stats["samples"], &stats["budget_seconds"]),
-        (&"samples".into(), &160.into(), &3600.0.into())
-    );
-}
-
-#[test]
 fn a_render_can_end_when_the_sensor_hides_its_noise() {
     let bench = Bench::new();
     // A lit floor under a lens so fast that every pixel has thousands of electrons.
@@ -361,16 +350,6 @@ fn a_job_is_obeyed_and_flags_win_over_it() {
     let ratio = exposed(8.0) / exposed(4.0);
     // Irradiance goes with 1 / N^2; dark electrons take a little of the well.
     assert!((ratio - 4.0).abs() < 0.1, "{ratio}");
-}
-
-#[test]
-fn films_of_any_shape_are_rendered() {
-    let bench = Bench::new();
-    for (width, height) in [(1, 1), (1, 37), (64, 1), (17, 16)] {
-        let line = format!("render scene.gltf --width {width} --height {height} --spp 18 -o a.png --exr a.exr");
-        bench.run(&line).code(0);
-        assert_eq!(header(&bench.read("a.png")), (width, height, 8, 0));
-    }
 }
 
 #[test]

@@ -1,5 +1,4 @@
-//! Samples shared out by measured noise: no bias against uniform ones, the same bits on any machine, and a certificate that
-//! is true.
+//! Samples shared out by measured noise: no bias against uniform ones, and a certificate that is true.
 //!
 //! Replay: `cargo test -p dunkelfeld --test it hidden::NAME`. Seeds are fixed. The truth of certificates at full size is measured
 //! by `examples/certificate_truth.rs`.

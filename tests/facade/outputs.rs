@@ -1,5 +1,4 @@
-//! The results of the facade: layers with the values of the film, plans that can be replayed, progress, and refusals
-//! before any work is done.
+//! The results of the facade: layers with the values of the film, plans that can be replayed, and progress.
 //!
 //! Replay: `cargo test -p dunkelfeld --test it outputs::NAME`.
 

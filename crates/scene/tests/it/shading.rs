@@ -210,25 +210,3 @@ fn emission_uses_its_own_coordinates_and_transform() {
     assert!((scene.emitted(&hit, Vec3::Z).r - 2.0 * 204.0 / 255.0).abs() < 1e-6);
     assert!(scene.emitted(&hit, Vec3::NEG_Z).is_black(), "one-sided");
 }
-
-#[test]
-fn energy_compensation_applies_to_constant_and_textured_surfaces() {
-    // A white texture changes only the code path: its material is evaluated at each place.
-    let white = Image { name: "white".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[255; 4]]).into() };
-    let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
-    for base_color_texture in [None, Some(texture)] {
-        let shade = |energy_compensation: bool| {
-            let mut b = SceneBuilder { images: vec![white.clone()], energy_compensation, ..SceneBuilder::default() };
-            let metal = Material { metallic: 1.0, roughness: 1.0, base_color_texture, ..Material::default() };
-            let m = b.add_material(metal);
-            let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
-            mesh.uvs[0] = mesh.positions.iter().map(|p| Vec2::new(p.x, p.y)).collect();
-            b.add_object("object", mesh, m);
-            let scene = build(b);
-            *scene.bsdf(&shade(&scene, 0.1, 0.2, true), 0.5, None, &mut None)
-        };
-        let (plain, compensated) = (shade(false), shade(true));
-        assert_eq!(compensated, plain.with_energy_compensation());
-        assert_ne!(compensated, plain);
-    }
-}
