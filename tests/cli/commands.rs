@@ -281,17 +281,6 @@ fn pixels_without_samples_show_their_neighbours_and_are_reported() {
 }
 
 #[test]
-fn the_first_limit_stops() {
-    let bench = Bench::new();
-    bench.run("render scene.gltf --width 8 --height 8 --time 1h --spp 2.5 --stats a.json").code(0);
-    let stats = bench.json("a.json");
-    assert_eq!(
-        (&stats["stop"], &stats["samples"], &stats["budget_seconds"]),
-        (&"samples".into(), &160.into(), &3600.0.into())
-    );
-}
-
-#[test]
 fn a_render_can_end_when_the_sensor_hides_its_noise() {
     let bench = Bench::new();
     // A lit floor under a lens so fast that every pixel has thousands of electrons.
@@ -362,34 +351,6 @@ fn a_job_is_obeyed_and_flags_win_over_it() {
     assert!((ratio - 4.0).abs() < 0.1, "{ratio}");
 }
 
-/// The field of view of a focal length depends on rows and pixel pitch. Flags for them have the effect of keys of the job.
-#[test]
-fn the_field_of_a_focal_length_follows_the_flags() {
-    let bench = Bench::new();
-    let job = |film: &str, sensor: &str| {
-        format!(
-            "scene = \"scene.gltf\"\n[film]\nwidth = 40\n{film}\n[lens]\nfocal_length = \"0.1mm\"\n[sensor]\nmodel = \"{sensor}\"\n"
-        )
-    };
-    bench.write("a.toml", &job("height = 20", "imx250"));
-    bench.write("b.toml", &job("height = 30", "imx174"));
-    bench.run("render a.toml --spp 4 --height 30 --sensor imx174 -o a.png --exr a.exr").code(0);
-    bench.run("render b.toml --spp 4 -o b.png --exr b.exr").code(0);
-    assert!(bench.read("a.exr") == bench.read("b.exr"), "flags and keys give other fields of view");
-    bench.run("render a.toml --spp 4 --height 30 -o c.png --exr c.exr").code(0);
-    assert!(bench.floats("c.exr", "depth.Z") != bench.floats("a.exr", "depth.Z"), "the sensor's pixels do not matter");
-}
-
-#[test]
-fn films_of_any_shape_are_rendered() {
-    let bench = Bench::new();
-    for (width, height) in [(1, 1), (1, 37), (64, 1), (17, 16)] {
-        let line = format!("render scene.gltf --width {width} --height {height} --spp 18 -o a.png --exr a.exr");
-        bench.run(&line).code(0);
-        assert_eq!(header(&bench.read("a.png")), (width, height, 8, 0));
-    }
-}
-
 #[test]
 fn a_sample_is_traced_to_the_radiance_that_the_image_has() {
     let bench = Bench::new();
@@ -411,103 +372,6 @@ fn a_sample_is_traced_to_the_radiance_that_the_image_has() {
         }
     }
     assert!(diffuse > 0, "no sample was scattered diffusely");
-}
-
-#[test]
-fn progress_is_one_json_object_a_line() {
-    let bench = Bench::new();
-    let run = bench.run("render scene.gltf --width 32 --height 32 --spp 64 --progress json").code(0);
-    let lines: Vec<Value> =
-        stderr(&run).lines().map(|l| serde_json::from_str(l).unwrap_or_else(|e| panic!("{l}: {e}"))).collect();
-    assert_eq!(lines.first().map(|l| &l["stage"]), Some(&"load".into()));
-    assert_eq!(lines.last().map(|l| &l["stage"]), Some(&"write".into()));
-    for line in &lines {
-        assert!(line["fraction"].as_f64().is_some_and(|f| (0.0..=1.0).contains(&f)), "{line}");
-        assert!(line["elapsed"].is_f64() && line["samples"].is_u64() && !line["stage"].is_null(), "{line}");
-    }
-    // The bar is for terminals only.
-    assert_eq!(stderr(&bench.run("render scene.gltf --width 8 --height 8 --spp 1").code(0)), "");
-}
-
-#[test]
-fn inspect_shows_people_and_machines_what_a_scene_holds() {
-    let bench = Bench::new();
-    let text = stdout(&bench.run("inspect scene.gltf").code(0));
-    for part in ["2 objects", "4 triangles", "front", "perspective", "lamp", " lm", "grey", "no hazards"] {
-        assert!(text.contains(part), "no `{part}` in\n{text}");
-    }
-    let machine: Value = serde_json::from_str(&stdout(&bench.run("inspect scene.gltf --json").code(0))).expect("JSON");
-    assert_eq!((&machine["objects"], &machine["placed_triangles"]), (&2.into(), &4.into()));
-    assert_eq!(machine["cameras"][1]["name"], "far");
-    let light = &machine["lights"][0];
-    // A lamp of 0.36 m^2 that emits 2000 cd/m^2 from its front: pi * 0.36 * 2000 lm.
-    let lumens = std::f64::consts::PI * 0.36 * 2000.0;
-    assert!(light["lumens"].as_f64().is_some_and(|l| (l / lumens - 1.0).abs() < 1e-3), "{light}");
-    let job: Value = serde_json::from_str(&stdout(&bench.run("inspect job.toml --json").code(0))).expect("JSON");
-    assert_eq!(job["materials"], machine["materials"]);
-}
-
-#[test]
-fn sensors_are_listed_and_described() {
-    let bench = Bench::new();
-    let list = stdout(&bench.run("sensors").code(0));
-    for name in dunkelfeld_io::sensor_file::preset_names() {
-        assert!(list.contains(name), "no {name} in\n{list}");
-        let sheet = stdout(&bench.run(&format!("sensors {name}")).code(0));
-        for part in
-            ["source:", "quantum efficiency", "system gain", "saturation capacity", "dynamic range", "largest SNR"]
-        {
-            assert!(sheet.contains(part), "no `{part}` in\n{sheet}");
-        }
-    }
-    // Model, published figure and their difference stand side by side, for people and for machines.
-    let sheet = stdout(&bench.run("sensors imx900-lcg").code(0));
-    let line = sheet.lines().find(|l| l.contains("dynamic range")).expect("a line");
-    assert_eq!(
-        line.split_whitespace().collect::<Vec<_>>(),
-        ["dynamic", "range", "DR", "63.77", "dB", "63.8", "-0.03", "dB"]
-    );
-    let json: Value = serde_json::from_str(&stdout(&bench.run("sensors imx900-lcg --json").code(0))).expect("JSON");
-    let figures = json["figures"].as_array().expect("a list");
-    let range = figures.iter().find(|f| f["key"] == "dynamic_range_db").expect("a dynamic range");
-    assert!(
-        range["published"] == 63.8 && range["model"].as_f64().is_some_and(|v| (v - 63.77).abs() < 0.005),
-        "{range}"
-    );
-    assert!(figures.iter().any(|f| f["published"].is_null() && f["difference"].is_null()), "{json}");
-    let all: Value = serde_json::from_str(&stdout(&bench.run("sensors --json").code(0))).expect("JSON");
-    assert_eq!(all.as_array().map(Vec::len), Some(dunkelfeld_io::sensor_file::preset_names().count()));
-    // Behind a filter every colour has its own figures.
-    let spec = "name = \"c\"\nsource = \"s\"\nbit_depth = 12\npixel_pitch_um = 3\nfull_well_e = 1e4\ndark_noise_e = 2\n\
-        gain_e_per_dn = 3\noffset_dn = 30\n[color_filter]\npattern = \"rggb\"\nred = [[610, 0.4]]\ngreen = [[530, 0.5]]\nblue = [[460, 0.45]]\n";
-    bench.write("colour.toml", spec);
-    let sheet = stdout(&bench.run("sensors colour.toml").code(0));
-    for part in ["filter rggb", "red: quantum efficiency 40 % at 610 nm", "blue: quantum efficiency 45 % at 460 nm"] {
-        assert!(sheet.contains(part), "no `{part}` in\n{sheet}");
-    }
-}
-
-#[test]
-fn help_and_version_go_to_standard_output() {
-    let bench = Bench::new();
-    let help = stdout(&bench.run("--help").code(0));
-    assert!(help.contains("render") && help.contains("Exit codes"), "{help}");
-    let help = stdout(&bench.run("render --help").code(0));
-    for flag in [
-        "--time",
-        "--spp",
-        "--noise",
-        "--allocate",
-        "--sensor",
-        "--exposure <",
-        "--exposure-noise",
-        "--replay",
-        "--debug-sample",
-        "--stats",
-    ] {
-        assert!(help.contains(flag), "no {flag} in\n{help}");
-    }
-    assert_eq!(stdout(&bench.run("--version").code(0)), format!("dunkelfeld {}\n", env!("CARGO_PKG_VERSION")));
 }
 
 /// Tests with signals and pipes.

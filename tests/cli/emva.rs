@@ -3,7 +3,7 @@
 //!
 //! Seeds are fixed. Replay: `cargo test -p dunkelfeld-cli --test it emva::NAME`.
 
-use dunkelfeld::radiometry::{Irradiance, Metres, Nanometres, Seconds, photon};
+use dunkelfeld::radiometry::{Nanometres, Seconds};
 use dunkelfeld::sensor::{FilterColor, SensorModel};
 use dunkelfeld::{Cancel, Session};
 use dunkelfeld_io::sensor_file::{parse_sensor, preset};
@@ -144,21 +144,6 @@ green = [[450, 0.1], [540, 0.5], [650, 0.1]]
 blue = [[450, 0.45], [600, 0.05]]
 "#;
 
-/// 50.34 photons: a square micrometre, a millisecond, a micrometre of wavelength, a microwatt per square centimetre
-/// (EMVA 1288). The light of a data set is in that scale.
-#[test]
-fn photons_are_those_of_the_standard() {
-    let anchor = photon::photons(Metres(1e-6), Irradiance(1e-2), Seconds(1e-3), Nanometres(1000.0));
-    assert!((anchor - 50.34).abs() < 0.005, "{anchor}");
-    let plan = DatasetPlan::new(&everything(), &small()).expect("a plan");
-    let truth = plan.truth();
-    for shot in plan.shots().iter().filter(|s| s.photons > 0.0) {
-        let [a, t, w] = [3.45 * 3.45, shot.exposure.time().0 * 1e3, truth.wavelength_nm * 1e-3];
-        let expected = 50.34117 * a * t * w * truth.irradiance_w_m2 * 1e2;
-        assert!((shot.photons / expected - 1.0).abs() < 1e-5, "{shot:?}, expected {expected}");
-    }
-}
-
 fn written(folder: &Path, settings: &DatasetSettings, threads: usize) -> Truth {
     let plan = DatasetPlan::new(&everything(), settings).expect("a plan");
     let written = write_dataset(&plan, folder, &Session::new(threads).expect("threads"))
@@ -237,52 +222,6 @@ fn a_cancelled_data_set_leaves_nothing_and_a_full_folder_is_not_touched() {
     let error = write_dataset(&plan, &folder, &Session::new(1).expect("threads")).expect_err("full");
     assert!(error.to_string().contains("not empty") && error.to_string().contains("help"), "{error}");
     assert_eq!(std::fs::read_dir(&folder).expect("there").count(), 1);
-}
-
-#[test]
-fn files_that_do_not_fit_are_named() {
-    let home = tempfile::tempdir().expect("a temporary folder");
-    let folder = home.path().join("set");
-    written(&folder, &small().with_width(32).with_height(32).with_levels(10).with_stack(3), 1);
-    let path = folder.join(DESCRIPTOR);
-    let whole = std::fs::read_to_string(&path).expect("there");
-    for (from, to, place, problem) in [
-        ("n 12 32 32", "n 12 33 32", ".png", "the data set 33 x 32"),
-        ("n 12 32 32", "n 9 32 32", ".png", "too large for 9 bits"),
-        ("n 12 32 32", "n 12 4000000000 4000000000", ".png", "the data set 4000000000 x 4000000000"),
-        ("images/b_001_0.png", "images/gone.png", "gone.png", ""),
-        ("images/b_001_0.png", "truth.json", "truth.json", "no PNG"),
-    ] {
-        std::fs::write(&path, whole.replace(from, to)).expect("written");
-        let error = read_measurement(&path, &Session::new(1).expect("threads")).expect_err(to).to_string();
-        assert!(error.contains(place) && error.contains(problem) && error.contains("help"), "{to}: {error}");
-    }
-    // Half of the levels: nothing saturates, and the message names the descriptor.
-    let half = whole.find("i images/b_013").expect("a level");
-    let block = whole[..half].rfind("b ").expect("its block");
-    std::fs::write(&path, &whole[..block]).expect("written");
-    let read = read_measurement(&path, &Session::new(1).expect("threads")).expect("readable").expect("not cancelled");
-    let error = Findings::linear(&read, &AnalysisSettings::default()).expect_err("too dark").to_string();
-    assert!(error.contains(DESCRIPTOR) && error.contains("not saturated") && error.contains("more light"), "{error}");
-}
-
-#[test]
-fn settings_out_of_range_are_refused() {
-    type Change = fn(&mut DatasetSettings);
-    let cases: [(Change, &str); 6] = [
-        (|s| s.levels = 9, "levels"),
-        (|s| s.stack = 2, "frames of a stack"),
-        (|s| s.width = 8, "width"),
-        (|s| s.wavelength = Some(Nanometres(50.0)), "wavelength"),
-        (|s| s.bit_depth = Some(17), "bit depth"),
-        (|s| s.color = Some(FilterColor::Blue), "color"),
-    ];
-    for (change, what) in cases {
-        let mut settings = small();
-        change(&mut settings);
-        let error = DatasetPlan::new(&everything(), &settings).expect_err(what).to_string();
-        assert!(error.contains(what) && error.contains("help"), "{what}: {error}");
-    }
 }
 
 /// The page names every figure that an analysis can have, and no other.

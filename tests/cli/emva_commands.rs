@@ -98,15 +98,3 @@ fn impossible_requests_end_with_code_2_help_and_no_output() {
     assert_eq!(bench.names(), before);
     assert_eq!((bench.read("set/emva.txt"), bench.read("set/images/b_001_0.png")), (whole.into_bytes(), frame));
 }
-
-/// Progress goes to standard error, a line each, and ends at the whole.
-#[test]
-fn progress_is_reported_to_machines() {
-    let bench = Bench::new();
-    let run =
-        bench.run("emva dataset --sensor imx250 -o set --size 32x32 --levels 10 --spatial 3 --progress json").code(0);
-    let lines: Vec<serde_json::Value> = stderr(&run).lines().map(|l| serde_json::from_str(l).expect("JSON")).collect();
-    assert_eq!(lines.len(), 46);
-    let fractions = lines.iter().filter_map(|l| l["fraction"].as_f64());
-    assert!((fractions.fold(0.0, f64::max) - 1.0).abs() < 1e-12);
-}

@@ -3,7 +3,7 @@
 //! Replay: `cargo test -p dunkelfeld-cli --test it expose::NAME`.
 
 use crate::bench::{Bench, stderr, stdout};
-use dunkelfeld_io::exr::{Channel, ExrLayers, read_exr, write_exr};
+use dunkelfeld_io::exr::{Channel, ExrLayers, write_exr};
 use dunkelfeld_io::gray::read_gray;
 use dunkelfeld_io::loader::Limits;
 use serde_json::Value;
@@ -120,29 +120,6 @@ fn frames_of_a_render_are_those_of_one_device() {
     }
 }
 
-/// Exposures that the camera of a preset does not have are refused, and no automatic one is shorter.
-#[test]
-fn exposures_are_those_of_the_camera() {
-    let bench = Bench::new();
-    ramp(&bench, "ramp.exr", 1e9);
-    let render = "render scene.gltf --width 8 --height 6 --spp 1 -o a.png";
-    for command in [render, "expose ramp.exr -o a.png"] {
-        for (exposure, code) in [("1.5us", 2), ("34us", 0)] {
-            let run = bench.run(&format!("{command} --sensor imx174 --exposure {exposure}")).code(code);
-            let said =
-                ["1.5 us is below the shortest", "34 us", "help:"].iter().all(|part| stderr(&run).contains(part));
-            assert_eq!(said, code == 2, "{}", stderr(&run));
-        }
-    }
-    bench.write("bright.toml", "scene = \"scene.gltf\"\n[environment]\nradiance = 1e6\n[sensor]\nmodel = \"imx174\"\n");
-    let run = bench.run("render bright.toml --width 8 --height 6 --spp 1 -o a.png").code(0);
-    assert!(
-        stdout(&run).contains("exposed for 34.00 us") && stderr(&run).contains("no shorter one"),
-        "{}",
-        stderr(&run)
-    );
-}
-
 /// The EXR of a render contains lens, binning, stages, wavelengths and the exposure time of its samples.
 #[test]
 fn a_line_scan_in_infrared_light_is_exposed_as_its_render_was() {
@@ -173,96 +150,6 @@ fn a_line_scan_in_infrared_light_is_exposed_as_its_render_was() {
     bench.run("render job.toml --samples 2..4 --seed 3 --checkpoint second.film").code(0);
     bench.run("merge first.film second.film --linear merged.tif").code(0);
     assert_eq!(bench.read("whole.tif"), bench.read("merged.tif"));
-}
-
-/// A number of stages or a wavelength that no render has is refused before memory is allocated for it.
-#[test]
-fn impossible_films_of_an_exr_are_refused() {
-    let bench = Bench::new();
-    bench.run("render scene.gltf --width 4 --height 2 --spp 1 -o own.png --exr own.exr").code(0);
-    let own: Value = serde_json::from_str(&read_exr(&bench.path("own.exr")).expect("an EXR").attributes).expect("JSON");
-    let film = |stages: u64, nm: f64| {
-        let mut all = own.clone();
-        all["film"]["readout"]["line_scan_stages"] = stages.into();
-        all["film"]["optics"]["bands"]["wavelengths"][0] = nm.into();
-        all.to_string()
-    };
-    for (attributes, code) in [(film(4, 610.0), 0), (film(4_000_000_000, 610.0), 2), (film(4, -610.0), 2)] {
-        let mut layers = ExrLayers::new(4, 2);
-        layers.channels = vec![("Y".into(), Channel::F32(vec![1.0; 8]))];
-        layers.attributes = attributes;
-        write_exr(&bench.path("a.exr"), layers).expect("written");
-        let run = bench.run("expose a.exr --sensor imx250 -o a.png").code(code);
-        assert_eq!(stderr(&run).contains("the attribute `film`"), code == 2, "{}", stderr(&run));
-    }
-}
-
-/// A render with cos^4, and `expose` on one without it, give the same picture, apart from the field angles (each sample
-/// of a pixel has its own, the centre has one).
-#[test]
-fn a_lens_that_vignettes_can_be_put_before_or_after_the_render() {
-    let bench = Bench::new();
-    // The scene's camera sees 0.9 rad over 60 rows of 3.45 um: v = 30 * 3.45 um / tan 0.45.
-    let focal_length = 30.0 * 3.45 / 0.45f64.tan();
-    let render = "render scene.gltf --width 80 --height 60 --spp 16 --allocate uniform --exposure 2ms";
-    bench.run(&format!("{render} -o a.png --exr a.exr --vignetting cos4")).code(0);
-    let twice = "expose a.exr --exposure 2ms --linear t.tif --vignetting cos4 --focal-length 12mm";
-    let said = stderr(&bench.run(twice).code(2));
-    assert!(said.contains("darkened") && said.contains("leave out --vignetting"), "{said}");
-    bench.run(&format!("{render} -o b.png --exr b.exr --vignetting none")).code(0);
-    bench.run(&format!("{render} -o c.png --exr c.exr")).code(0);
-    assert_eq!(bench.read("b.exr"), bench.read("c.exr"), "there is none by default");
-    let settings = |file: &str, vignetting| {
-        let model = dunkelfeld::find_sensor("imx250").expect("a preset");
-        let exposure = dunkelfeld::sensor::Exposure::new(dunkelfeld::radiometry::Seconds(2e-3)).expect("in range");
-        let defaults = dunkelfeld::ExposeSettings::new(model).expect("defaults");
-        let settings = defaults.with_vignetting(vignetting).with_exposure(exposure);
-        dunkelfeld::Exposer::open(&bench.path(file), &settings).expect("an image").electrons().clone()
-    };
-    let (before, after, plain) =
-        (settings("a.exr", None), settings("b.exr", Some(focal_length * 1e-6)), settings("b.exr", None));
-    let mut lit = 0;
-    for ((before, after), plain) in before.data().iter().zip(after.data()).zip(plain.data()) {
-        if *plain > 1.0 {
-            lit += 1;
-            assert!(
-                (before / after - 1.0).abs() < 0.02,
-                "{before} rendered with cos^4, {after} exposed with it, {plain} without"
-            );
-        }
-    }
-    assert!(lit > 300, "{lit} pixels are lit");
-    let darkest = after.data().iter().zip(plain.data()).map(|(a, p)| a / p).fold(1.0, f32::min);
-    assert!(darkest < 0.6, "{darkest}: hardly any vignetting");
-    // Grey values, too, with the flags of the program.
-    bench
-        .run(&format!("expose b.exr --exposure 2ms --linear d.tif --vignetting cos4 --focal-length {focal_length}um"))
-        .code(0);
-    bench.run("expose b.exr --exposure 2ms --linear e.tif").code(0);
-    assert_ne!(bench.read("d.tif"), bench.read("e.tif"));
-}
-
-#[test]
-fn frames_have_their_numbers_and_progress_is_reported() {
-    let bench = Bench::new();
-    ramp(&bench, "ramp.exr", 0.0);
-    let run = bench.run("expose ramp.exr --frames 3 --frame 7 --linear raw.png --progress json --threads 1").code(0);
-    let text = stdout(&run);
-    assert!(text.contains("3 frames, exposed in") && text.contains("raw-0009.png"), "{text}");
-    let reports: Vec<Value> = stderr(&run).lines().map(|l| serde_json::from_str(l).expect("JSON")).collect();
-    assert_eq!(reports.len(), 3, "{reports:?}");
-    assert!(
-        reports.iter().all(|t| t["stage"] == "expose") && reports[2]["fraction"].as_f64() > Some(0.6),
-        "{reports:?}"
-    );
-    let frames: Vec<String> = bench.names().into_iter().filter(|n| n.starts_with("raw")).collect();
-    assert_eq!(frames, ["raw-0007.png", "raw-0008.png", "raw-0009.png"]);
-    assert_ne!(bench.read("raw-0007.png"), bench.read("raw-0008.png"));
-    bench.run("expose ramp.exr --frame 8 --linear one.png").code(0);
-    assert_eq!(bench.read("raw-0008.png"), bench.read("one.png"), "a frame does not depend on its company");
-    // Without an output the picture is named after the image.
-    bench.run("expose ramp.exr").code(0);
-    assert!(bench.names().contains("ramp.png"));
 }
 
 #[test]

@@ -135,30 +135,3 @@ fn a_checkpoint_in_use_is_refused_and_states_who_has_it() {
     let names = lab.names(".");
     assert!(!names.iter().any(|n| n.ends_with(".lock") || n.contains(".partial")), "{names:?}");
 }
-
-/// Folders of results, too.
-#[test]
-fn a_measurement_in_use_is_refused() {
-    let lab = lab();
-    let line = "bench <scene>.obj --quick --width 64 --height 64 --spp 256,512 --seeds 8 --progress json -o out";
-    let mut first = Command::new(PROGRAM)
-        .current_dir(lab.path("."))
-        .args(line.split_whitespace())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("it starts");
-    while !lab.path("out/units.lock").exists() {
-        std::thread::sleep(std::time::Duration::from_millis(2));
-        assert!(first.try_wait().expect("it is ours").is_none(), "it ended too soon");
-    }
-    for line in [
-        "bench <scene>.obj --quick --width 20 --height 14 --progress none -o out",
-        "ptc <scene>.obj --width 20 --height 14 --progress none -o out",
-    ] {
-        let said = complaint(&lab.run(line).code(2));
-        assert!(said.contains("out/units") && said.contains("in use") && said.contains("help:"), "{line}: {said}");
-    }
-    first.kill().expect("it is ours");
-    first.wait().expect("it is ours");
-}

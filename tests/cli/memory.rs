@@ -108,29 +108,6 @@ fn the_statistics_hold_the_account_and_what_was_measured() {
     assert!(film > 0 && film <= most(&memory, "film") && film <= 192 * 700 * 500, "{memory}");
 }
 
-#[test]
-fn commands_that_read_images_are_held_to_the_limit_too() {
-    let bench = Bench::new();
-    bench.run("render scene.gltf --width 300 --height 200 --spp 2 --exr a.exr -o a.png").code(0);
-    bench.run("render scene.gltf --width 300 --height 200 --samples 0..2 --checkpoint part.film -o p.png").code(0);
-    let before = bench.names();
-    for line in [
-        "expose a.exr -o b.png --memory 10MB",
-        "denoise a.exr -o b.exr --denoise builtin --memory 10MB",
-        "merge part.film -o b.png --memory 10MB",
-    ] {
-        let said = stderr(&bench.run(line).code(2));
-        for part in ["more than the limit", "memory [MB]", "sum", "help:"] {
-            assert!(said.contains(part), "{line}: {part}: {said}");
-        }
-        assert_eq!(bench.names(), before, "{line}");
-        bench.run(&line.replace("10MB", "4GB")).code(0);
-        for name in bench.names().difference(&before) {
-            std::fs::remove_file(bench.path(name)).expect("it was just written");
-        }
-    }
-}
-
 /// Address space of the process is bounded, as on a system that has no more.
 #[cfg(target_os = "linux")]
 mod bounded {
@@ -155,31 +132,5 @@ mod bounded {
         }
         assert_eq!(bench.names(), before);
         run_within(&bench, 1_000_000, "render scene.gltf --width 64 --height 64 --spp 1 --threads 2 -o a.png").code(0);
-    }
-
-    #[test]
-    fn images_that_do_not_fit_are_refused_by_their_size() {
-        let bench = Bench::new();
-        let (width, height) = (4000, 3000);
-        let head = dunkelfeld_io::exr::ExrHead {
-            width,
-            height,
-            channels: ["B", "G", "R"].map(|name| (name.into(), dunkelfeld_io::exr::ChannelKind::F32)).into(),
-            attributes: String::new(),
-            frame: None,
-        };
-        dunkelfeld_io::exr::write_exr_rows(&bench.path("large.exr"), &head, &mut |rows| {
-            let samples = (width * (rows.end - rows.start)) as usize;
-            Ok(vec![dunkelfeld_io::exr::Channel::F32(vec![0.5; samples]); 3])
-        })
-        .expect("written");
-        for line in [
-            "expose large.exr -o b.png --threads 2",
-            "denoise large.exr -o b.exr --denoise builtin --threads 2",
-            "render scene.gltf --replay large.exr --threads 2",
-        ] {
-            let said = stderr(&run_within(&bench, 250_000, line).code(2));
-            assert!(said.contains("memory") && said.contains("help:"), "{line}: {said}");
-        }
     }
 }

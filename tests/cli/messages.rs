@@ -147,50 +147,6 @@ fn an_image_with_pixels_that_are_no_radiance_is_denoised_and_flagged() {
 }
 
 #[test]
-fn messages_name_the_cause_and_what_helps() {
-    let bench = Bench::new();
-    bench.write("short.toml", "scene = \"scene.gltf\"\n[sensor]\nexposure = 1e-308\n");
-    bench.write("gone.toml", "seed = 1\nscene = \"nowhere.glb\"\n");
-    fs::write(bench.path("image.glb"), b"\x89PNG\r\n\x1a\n").expect("writable");
-    bench.write("noending", "");
-    for (name, model) in [("model.toml", "imx251"), ("file.toml", "no-sensor.toml")] {
-        bench.write(name, &format!("scene = \"scene.gltf\"\n[sensor]\nmodel = \"{model}\"\n"));
-    }
-    let words = [0x4654_6c67u32, 2, 20, 0, 0x4e4f_534a].map(u32::to_le_bytes);
-    fs::write(bench.path("empty.glb"), words.concat()).expect("writable");
-    bench.write("kind.toml", "scene = \"scene.bin\"\n");
-    bench.write("far.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n");
-    let cases: [(&str, &[&str]); 21] = [
-        ("render scene.gltf --width 32768 --height 32768", &["film", "make it smaller", "has all of its pixels"]),
-        ("render short.toml", &["short.toml", "[sensor] exposure", "1e-308 s is out of range", "3 | exposure", "5ms"]),
-        ("render scene.gltf --exposure 1e-308s", &["--exposure", "1e-308 s is out of range"]),
-        ("render gone.toml", &["gone.toml", "scene", "nowhere.glb", "2 | scene = \"nowhere.glb\"", "^^^", "help:"]),
-        ("render model.toml", &["model.toml", "[sensor] model", "imx251", "no preset", "3 | model = ", "^^^", "help:"]),
-        ("render file.toml", &["file.toml", "[sensor] model", "no-sensor.toml", "3 | model = ", "help:"]),
-        ("render scene.gltf --checkpoint c --checkpoint-every=-1s", &["--checkpoint-every", "zero or more", "30s"]),
-        ("render empty.glb", &["empty.glb", "JSON, line 1", "EOF while parsing"]),
-        ("bench scene.gltf -o scene.gltf", &["scene.gltf", "is the scene that this run reads, not a folder"]),
-        ("inspect kind.toml", &["kind.toml", "scene.bin", "not a scene format", "1 | scene", "help:"]),
-        ("inspect far.obj", &["line 4", "the face has an index that the file does not define"]),
-        ("ptc scene.gltf --frames 1000000000", &["1000000000 frames are more than are measured"]),
-        ("ptc scene.gltf --frames 2", &["2 frames are too few to measure"]),
-        ("ptc scene.gltf --seed -1", &["--seed", "write a whole number from 0 to 18446744073709551615"]),
-        ("render scene.gltf --width 0", &["--width", "write a whole number from 1 to 32768"]),
-        ("bench scene.gltf --seeds 0", &["--seeds", "write a whole number from 1 to 4294967295"]),
-        ("render image.glb", &["image.glb", "GLB header", "begins with \"\\x89PNG\" instead of \"glTF\"", "help:"]),
-        ("render noending", &["noending", "has no ending that names a scene format"]),
-        ("render scene.gltf -o noending", &["noending", "has no ending that names a format", "end it in .png"]),
-        ("render scene.gltf --memory 1XB", &["--memory", "TB"]),
-        ("render scene.gltf --frame -1", &["--frame", "write a whole number from 0 to 4294967295"]),
-    ];
-    for (line, says) in cases {
-        refused(&bench, line, says);
-        let message = stderr(&bench.run(line));
-        assert!(!message.contains("00000000000000000") && !message.contains("in parts"), "{line}: {message}");
-    }
-}
-
-#[test]
 fn a_bench_of_a_black_scene_states_that_there_is_no_light() {
     let bench = Bench::new();
     floor_alone(&bench, "dark", [[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 0.0, -1.0]]);

@@ -2,7 +2,7 @@
 //! things do not belong together.
 //!
 //! A killed process leaves the checkpoint that it wrote last. Here copies of it are taken while a render runs.
-//! The program itself is killed in `tests/cli/killed.rs`. Replay: `cargo test --workspace --test it checkpoints::NAME`.
+//! The program itself is killed in `tests/cli/kills.rs`. Replay: `cargo test --workspace --test it checkpoints::NAME`.
 
 use crate::support::{build, emitter, settings, square};
 use dunkelfeld::commands::{MergeSettings, Merged};
@@ -20,7 +20,6 @@ use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_io::checkpoint::{CheckpointHead, read_checkpoint, write_checkpoint};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -91,39 +90,6 @@ fn a_second_ago() -> Instant {
     Instant::now().checked_sub(Duration::from_secs(1)).unwrap_or_else(Instant::now)
 }
 
-/// Copies the checkpoint at each progress report of the render.
-struct Witness {
-    checkpoint: PathBuf,
-    copies: Mutex<Vec<PathBuf>>,
-}
-
-impl Progress for Witness {
-    fn update(&self, _: &ProgressState) {
-        let mut copies = self.copies.lock().expect("not poisoned");
-        let copy = self.checkpoint.with_extension(format!("{}.copy", copies.len()));
-        if fs::copy(&self.checkpoint, &copy).is_ok() {
-            copies.push(copy);
-        }
-        drop(copies);
-        listen_slowly();
-    }
-}
-
-/// Rendered samples that the copies of the checkpoint hold, and the copies.
-fn witnessed(scene: &Scene, path: PathBuf, settings: &RenderSettings, threads: usize) -> Vec<(u64, PathBuf)> {
-    let witness = Witness { checkpoint: path.clone(), copies: Mutex::default() };
-    let settings = kept(&path, settings).with_threads(threads);
-    render(
-        scene,
-        &settings,
-        &Session::new(settings.threads).expect("threads").with_start(a_second_ago()).with_progress(&witness),
-    )
-    .expect("a render");
-    let copies = witness.copies.into_inner().expect("not poisoned");
-    let stored = |path: &PathBuf| read_checkpoint(path).expect("whole, whenever it is looked at").film.total_samples();
-    copies.into_iter().map(|path| (stored(&path), path)).collect()
-}
-
 /// A switch that is thrown once a render has taken so many samples.
 struct StopAt<'a>(u64, &'a Cancel);
 
@@ -133,46 +99,6 @@ impl Progress for StopAt<'_> {
             self.1.cancel();
         }
         listen_slowly();
-    }
-}
-
-#[test]
-#[ignore = "long: .ci/run runs it"]
-fn a_resumed_render_has_the_same_bits_for_any_interruption() {
-    let scene = room(8.0);
-    let folder = TempDir::new().expect("a folder");
-    let plan = Plane::from_fn(WIDTH, HEIGHT, |x, y| 3 + x * (y + 1) % 13);
-    let replayed = settings(WIDTH, HEIGHT, 1.0, 3).with_replay(plan);
-    let part = only(&settings(WIDTH, HEIGHT, 1.0, 3), 6..16);
-    let by_need = adaptive().with_strategy(Strategy::Sensor);
-    // More than its samples can do, so that it is judged until they are used up.
-    let budget = Budget::default().with_noise(0.4).with_spp(Some(32.0));
-    let judged = adaptive().with_strategy(None).with_budget(budget);
-    let all = [("sobel", adaptive()), ("sensor", by_need), ("judged", judged), ("replayed", replayed), ("part", part)];
-    let runs = all
-        .iter()
-        .flat_map(|(name, settings)| [1, 3].map(|threads| (format!("{name} on {threads}"), settings, threads)));
-    for (name, settings, threads) in runs {
-        let first = run(&scene, settings).expect("a render");
-        let whole = first.film;
-        let copies = witnessed(&scene, folder.path().join(&name), settings, threads);
-        let unfinished = copies.iter().filter(|(n, _)| (1..whole.sums.total_samples()).contains(n)).count();
-        // While one thread writes, others may do all that is left.
-        assert!(
-            threads > 1 || unfinished > 2,
-            "{name}: too few copies of {} samples: {copies:?}",
-            whole.sums.total_samples()
-        );
-        for (i, (samples, copy)) in copies.iter().enumerate() {
-            let threads = 1 + i % 3;
-            let checkpoint = Some(CheckpointSettings::new(copy));
-            let again = settings.clone().with_threads(threads).with_checkpoint(checkpoint);
-            let resumed = run(&scene, &again).expect("it goes on");
-            assert!(resumed.film.sums == whole.sums, "{name}: taken up at {samples} samples, on {threads} threads");
-            assert!(resumed.weights == first.weights && resumed.stop == first.stop, "{name}: at {samples} samples");
-            assert!(resumed.checkpoint_fault.is_none() && resumed.earlier.seconds > 0.0);
-            assert_eq!(resumed.earlier.samples, *samples, "{name}");
-        }
     }
 }
 
@@ -480,17 +406,4 @@ fn parts_that_do_not_belong_together_are_refused() {
     with_text(&a, "\"samples\":{\"start\":0,\"end\":8}", "\"samples\":{\"start\":0,\"end\":7}");
     refused(together(&[&a]), &["0-8.film", "8 samples in a pixel"]);
     assert!(!out.exists(), "nothing was written");
-}
-
-#[test]
-fn ranges_that_are_none_are_refused() {
-    let scene = room(8.0);
-    let base = settings(4, 4, 1.0, 0);
-    for samples in [4..4, 0..u32::MAX] {
-        refused(run(&scene, &only(&base, samples)), &["samples"]);
-    }
-    // A part has no budget, and no choice where its samples go.
-    refused(run(&scene, &base.clone().with_samples(0..4)), &["samples", "budget"]);
-    let sobel = only(&base, 0..4).with_strategy(Strategy::Sobel);
-    refused(run(&scene, &sobel), &["samples", "allocation"]);
 }

@@ -10,8 +10,6 @@ use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, Mesh, Vec2, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, rectangle, sheet, turned};
 use dunkelfeld::scene::{AlphaMode, Effect, Environment, EnvironmentSource, Material, SceneBuilder, Surface, Volume};
-use dunkelfeld_bsdf::Lobe;
-use dunkelfeld_integrator::{Estimator, PixelSample};
 use dunkelfeld_testkit::{SampleMoments, welch_test};
 
 /// Clear PMMA, or another plastic, that absorbs a little: half of the light is left after 30 mm.
@@ -283,33 +281,4 @@ fn a_scattering_thermoplastic_that_touches_the_cover() {
         let objects = vec![("body", body(), milky(roughness, ior)), ("cover", plate(0.001, 0.005), clear(1.49))];
         compare(&format!("thermoplastic {what}"), bench(objects), 1, 256.0, 0.25);
     }
-}
-
-/// A traced sample names its connections apart from straight direct light, and all of it adds up to the sample.
-#[test]
-fn a_trace_names_the_connections_through_a_cover() {
-    let scene =
-        build(bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", plate(0.002, 0.006), clear(1.49))]));
-    assert_eq!(scene.covers().len(), 1);
-    let camera = scene.ray_generator(&scene.cameras()[0], 8, 8).expect("a valid camera");
-    let estimator = Estimator { scene: &scene, camera: &camera, width: 8, seed: 3, frame: 0, roulette: None };
-    let (mut lit, mut passed) = (0, 0);
-    for index in 0..256 {
-        let at = PixelSample { x: index % 8, y: index / 8 % 8, index };
-        let (sample, trace) = estimator.trace(at);
-        assert_eq!(sample, estimator.sample(at), "tracing {at:?} changes it");
-        let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.contribution());
-        let (a, b) = (sum.to_array(), sample.radiance.to_array());
-        assert!((0..3).all(|c| (a[c] - b[c]).abs() <= 1e-5 * b[c].max(1e-6)), "{at:?}: {a:?} is not {b:?}");
-        for v in &trace.vertices {
-            passed += u32::from(v.scattered.is_some_and(|s| s.lobe == (Lobe::DELTA | Lobe::TRANSMISSION)));
-            for c in &v.connections {
-                assert!(c.cover == 0 && c.rays >= 1 && (2..=6).contains(&c.chain.events()), "{c:?}");
-                assert!(c.probability > 0.0 && c.probability <= 1.0 && (0.0..=1.0).contains(&c.mis_weight), "{c:?}");
-                assert!(c.contribution.is_black() || (c.has_converged && c.mis_weight > 0.0), "{c:?}");
-                lit += u32::from(!c.contribution.is_black());
-            }
-        }
-    }
-    assert!(lit > 100 && passed > 200, "{lit} connections brought light, {passed} refractions");
 }

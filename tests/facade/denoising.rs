@@ -3,12 +3,11 @@
 //! Replay: `cargo test -p dunkelfeld --test it denoising::NAME`.
 
 use crate::support::{build, emitter, film, settings, spot_camera, square};
-use dunkelfeld::denoising::denoise_film;
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume, shapes};
-use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, Progress, ProgressState, Project, Session, Stage};
+use dunkelfeld::{Cancel, DenoiseMethod, Progress, ProgressState, Project, Stage};
 
 /// A red floor with its normal along +z, behind a cover or in a mirror. The lamp is outside of the view.
 fn scene(camera: (DVec3, DVec3), add: impl FnOnce(&mut SceneBuilder)) -> Scene {
@@ -117,19 +116,4 @@ fn a_switch_thrown_while_denoising_ends_it_and_the_render_is_kept() {
 
     let calm = project.render().expect("rendered");
     assert!(calm.frame.denoised.is_some() && calm.stats.seconds["denoise"] >= 0.0);
-}
-
-#[test]
-fn a_film_is_denoised_the_same_on_any_number_of_threads() {
-    let scene = scene((DVec3::new(0.0, 0.0, 1.0), DVec3::ZERO), |_| ());
-    let film = film(&scene, &settings(50, 37, 4.0, 5));
-    let settings = DenoiseSettings::default().with_method(DenoiseMethod::Builtin);
-    let denoiser = dunkelfeld::denoising::find_denoiser(&settings).expect("always there").expect("a denoiser");
-    let on = |threads| {
-        let session = Session::new(threads).expect("threads");
-        session.install(|| denoise_film(&film, &*denoiser, &session)).expect("denoised").mean
-    };
-    let one = on(1);
-    assert_eq!(one, on(3));
-    assert_ne!(one, film.mean(), "it does something");
 }

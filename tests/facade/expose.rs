@@ -304,36 +304,6 @@ fn matched_behind_a_mosaic() -> (Frame, ExrLayers, ExposeSettings) {
     )
 }
 
-/// An invalid variance counts as unknown: matched exposure holds in no pixel that has one, whatever other data the file
-/// contains.
-#[test]
-fn variances_that_are_none_leave_nothing_out() {
-    let folder = folder();
-    let (_, layers, exposing) = matched_behind_a_mosaic();
-    let held = |name: &str, bad: Option<f32>, covariance: f32| {
-        let mut layers = layers.clone();
-        for (channel, values) in &mut layers.channels {
-            let Channel::F32(values) = values else { continue };
-            match (bad, channel.starts_with("variance."), channel.starts_with("covariance.")) {
-                (Some(bad), true, _) => values.fill(bad),
-                (Some(_), _, true) => values.fill(covariance),
-                _ => {}
-            }
-        }
-        let path = folder.path().join(name);
-        write_exr(&path, layers).expect("written");
-        let outputs = ExposeOutputs::default().with_image(None).with_linear(folder.path().join(format!("{name}.tif")));
-        let done = expose_exr(&path, &exposing, &outputs, &Session::new(0).expect("threads")).expect("exposed");
-        done.matched.expect("noise was to be matched")
-    };
-    assert!(held("whole.exr", None, 0.0) > 0.5, "elsewhere it holds");
-    for (i, bad) in [f32::NAN, -1.0, f32::INFINITY, f32::NEG_INFINITY].into_iter().enumerate() {
-        for covariance in [0.0, f32::NAN, f32::NEG_INFINITY] {
-            assert_eq!(held(&format!("{i}.exr"), Some(bad), covariance), 0.0, "{bad} {covariance}");
-        }
-    }
-}
-
 /// Behind a colour filter a budget of noise is met by the pixels of every colour, and samples do not follow the mosaic's edges.
 #[test]
 fn a_render_behind_a_filter_is_planned_and_certified() {

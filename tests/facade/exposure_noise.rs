@@ -226,42 +226,6 @@ fn a_rare_sample_is_not_compensated_by_its_neighbours() {
     assert!(without_the_rule < 0.96, "{without_the_rule}: neighbours do not matter here");
 }
 
-/// Light without any noise, of any colour, with bright dots among dark: nothing in it is rare, behind grey pixels and a
-/// mosaic.
-#[test]
-fn images_without_noise_contain_no_rare_sample() {
-    let folder = tempfile::TempDir::new().expect("a folder");
-    let path = folder.path().join("colour.toml");
-    let mosaic = "name = \"colour\"\nsource = \"made up\"\nbit_depth = 12\npixel_pitch_um = 3.45\nfull_well_e = 10000\n\
-        dark_noise_e = 2\ngain_e_per_dn = 2.5\noffset_dn = 32\n[color_filter]\npattern = \"rggb\"\n\
-        red = [[465, 0.04], [550, 0.06], [610, 0.45]]\ngreen = [[465, 0.15], [530, 0.58], [610, 0.1]]\n\
-        blue = [[465, 0.52], [550, 0.12], [610, 0.04]]\n";
-    std::fs::write(&path, mosaic).expect("written");
-    let mosaic = dunkelfeld_io::sensor_file::load_sensor(&path).expect("a sensor");
-    let ids = Plane::new(16, 16, Some(PixelIds::new(0, 0)));
-    for model in [find_sensor("imx250").expect("a preset"), mosaic] {
-        for [r, g, b] in [[1.0, 1.0, 1.0], [0.2, 0.6, 0.2], [0.0, 1.0, 0.0], [1.0, 0.0, 0.1], [0.0, 0.1, 1.0]] {
-            let mut sums = [PixelSums::default(); 256];
-            for (pixel, sums) in sums.iter_mut().enumerate() {
-                let level = if pixel % 7 == 0 { 2.0 } else { 0.1 };
-                let sample = Sample { radiance: Rgb::new(r, g, b) * level, hit: true, ..Sample::MISS };
-                (0..16).for_each(|index| sums.add(index, &sample));
-            }
-            let mut film = Film::new(16, 16);
-            film.add_rows(0, &sums).expect("memory");
-            let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
-            let exposure = Exposure::new(Seconds(2e-3)).expect("in range");
-            let sensor = SensorChoice::Emva { model: Box::new(model.clone()), optics, exposure: Some(exposure) };
-            let settings = small().with_width(16).with_height(16).with_sensor(sensor);
-            let frame = develop_film(&film_of(film, &ids), &settings).expect("a frame").sensor.expect("a sensor");
-            let matched = frame.matched.expect("matched");
-            let brightest = frame.electrons.data().iter().fold(0.0f32, |a, &b| a.max(b));
-            assert!(brightest > 300.0, "{r} {g} {b}: {brightest} electrons");
-            assert!(matched.share == 1.0, "{r} {g} {b}: it holds in {} of the pixels", matched.share);
-        }
-    }
-}
-
 /// A film that shows the objects of these ids.
 fn film_of(sums: Film, ids: &Plane<Option<PixelIds>>) -> RenderedFilm {
     RenderedFilm { ids: ids.clone(), ..RenderedFilm::without_ids(sums) }
@@ -346,14 +310,4 @@ fn a_pixel_whose_variance_is_not_known_is_exposed_as_ever_and_does_not_count() {
     assert_eq!(&vague.values, values(&other));
     let matched = vague.matched.expect("it was to be matched");
     assert_eq!((matched.share, matched.held), (0.0, Plane::new(40, 30, false)));
-}
-
-#[test]
-fn noise_cannot_be_matched_to_a_sensor_that_is_not_there() {
-    let settings = small().with_sensor(SensorChoice::None);
-    let refused =
-        render(&shadow(), &settings, &Session::new(settings.threads).expect("threads")).expect_err("no sensor");
-    let said = refused.to_string();
-    assert!(["exposure noise", "sensor", "help", "plain"].iter().all(|word| said.contains(word)), "{said}");
-    assert!(render(&shadow(), &plain(&settings), &Session::new(plain(&settings).threads).expect("threads")).is_ok());
 }

@@ -171,28 +171,3 @@ fn a_working_distance_and_a_focal_length_give_the_size_of_the_image() {
         assert_eq!(settings.view.expect("a view").lens.aperture, None, "everything is sharp");
     }
 }
-
-#[test]
-fn each_camera_has_its_lens_and_all_are_rendered() {
-    let bench = Bench::new();
-    let camera = |name: &str, lens: &str| {
-        format!("[[camera]]\nname = \"{name}\"\nlook_at = \"square\"\nworking_distance = 3\n{lens}\n")
-    };
-    let job = format!(
-        "[lens]\nvertical_fov = \"20deg\"\nf_number = 8\n{}{}",
-        camera("first", ""),
-        camera("second", "lens = { projection = \"telecentric\", field_height = \"30mm\" }")
-    );
-    let mut project = bench.open(&job);
-    assert_eq!(project.defined_cameras(), ["first", "second"]);
-    let names: Vec<String> = project.inspect().cameras.into_iter().map(|c| c.description).collect();
-    assert!(names[0].starts_with("perspective, 20.0 degrees") && names[1].starts_with("orthographic"), "{names:?}");
-    project.settings.camera = Some("second".into());
-    assert!(project.defined_cameras().is_empty(), "one is selected");
-    assert_eq!(film(&project).ray(0.5, 0.5).direction, film(&project).ray(99.5, 3.5).direction);
-    // A fault in the lens of a camera is shown there.
-    let bad = camera("bad", "vertical_fov = \"20deg\"\nlens = { focus_distance = \"40um\" }");
-    let error = bench.open(&bad).fitted().expect_err("a magnification above 100");
-    assert!(error.to_string().contains("[[camera]] 1, lens"), "{error}");
-    assert!(error.caret().contains("\"40um\""), "{}", error.caret());
-}

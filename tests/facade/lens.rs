@@ -9,7 +9,7 @@ use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::{Radiance, Rgb};
 use dunkelfeld::scene::shapes::rectangle;
 use dunkelfeld::scene::{
-    Aperture, Camera, Environment, EnvironmentSource, Lens, Opening, Projection, RayGenerator, SceneBuilder, Vignetting,
+    Aperture, Camera, Environment, EnvironmentSource, Lens, Opening, Projection, SceneBuilder, Vignetting,
 };
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{Error, Project, RenderSettings, SensorChoice, find_sensor};
@@ -173,54 +173,6 @@ fn a_telecentric_lens_agrees_with_its_sensor() {
     // The film is 512 pixels wide: the camera's larger extent, its width of 40 mm at aspect 0.512, sets the height.
     let m = m * 0.512;
     close(sine, m / (2.0 * 2.0 * (1.0 + m)));
-}
-
-#[test]
-fn faults_that_only_film_and_scene_show_have_a_line_and_a_caret() {
-    let bench = Bench::new();
-    let fault = |job: &str| {
-        let error = bench.open(job).fitted().map(|_| ()).expect_err(job);
-        assert!(error.caret().contains('^') && error.to_string().contains("help"), "{error}\n{}", error.caret());
-        error.to_string()
-    };
-    let folds = "[film]\nheight = 2000\nwidth = 3000\n[lens]\nfocal_length = \"8mm\"\ndistortion = [-0.9, 0.0, 0, 0]";
-    let text = fault(folds);
-    assert!(
-        text.contains("[lens] distortion") && text.contains("not invertible") && text.contains("pixel ("),
-        "{text}"
-    );
-    // With fewer pixels the field is smaller, and the hazard appears.
-    let mut project = bench.open(folds);
-    assert!(project.inspect().hazards.iter().any(|h| h.contains("not invertible")));
-    (project.settings.width, project.settings.height) = (300, 200);
-    assert!(project.fitted().is_ok() && project.inspect().hazards.iter().all(|h| !h.contains("not invertible")));
-    assert!(project.inspect().cameras[0].description.contains("distorted"));
-    let text = fault("[lens]\nprojection = \"telecentric\"");
-    assert!(text.contains("perspective") && text.contains("field_height"), "{text}");
-    let text = fault("camera = \"flat\"\n[lens]\nprojection = \"perspective\"");
-    assert!(text.contains("orthographic") && text.contains("vertical_fov"), "{text}");
-    let text = fault("[lens]\nfocal_length = \"50mm\"\nfocus_distance = \"50.1mm\"");
-    assert!(text.contains("magnification becomes"), "{text}");
-    let text = fault(
-        "[lens]\nprojection = \"telecentric\"\nmagnification = 0.1\nnumerical_aperture = 0.2\nfocus_distance = 0.1",
-    );
-    assert!(text.contains("numerical_aperture") && text.contains("f/0.5"), "{text}");
-}
-
-/// A scene without cameras is framed with the lens's own field.
-#[test]
-fn a_framing_holds_the_whole_scene_in_the_field_of_the_lens() {
-    let bench = Bench::new();
-    let open = |job: &str| bench.try_open("square.obj", job).unwrap_or_else(|e| panic!("{e}"));
-    for job in ["[lens]\nvertical_fov = \"10deg\"", "[lens]\nfocal_length = \"50mm\"", ""] {
-        let project = open(job);
-        let view = view(&project);
-        let film = RayGenerator::new(&view, 512, 512, DVec3::ZERO, 1.0).expect("valid");
-        for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-            let seen = film.project(DVec3::new(x, 0.0, z)).expect("in front");
-            assert!(seen.iter().all(|v| (0.0..=512.0).contains(v)), "{job}: {seen:?}");
-        }
-    }
 }
 
 /// Everything is white: a sample is what the lens leaves of it, and the mean over a pixel that of cos^4 over the pixel.

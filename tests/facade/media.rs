@@ -3,7 +3,7 @@
 //! Each scene shows the same radiance in every pixel, so the pixel means are independent samples of one number. The
 //! false-alarm rate of each check is at most `support::RATE`. Replay: `cargo test -p dunkelfeld --test it media::NAME`.
 
-use crate::support::{RATE, black, build, emitter, film, pixel_moments, settings, spot_camera, square};
+use crate::support::{RATE, black, build, emitter, film, settings, spot_camera, square};
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, Mesh, Vec3};
 use dunkelfeld::radiometry::Rgb;
@@ -11,7 +11,6 @@ use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{
     Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Surface, Volume,
 };
-use dunkelfeld_integrator::{Estimator, PixelSample};
 use dunkelfeld_testkit::{Claim, SampleMoments, z_test};
 use std::f64::consts::PI;
 
@@ -318,25 +317,6 @@ fn bodies_in_a_solid_use_its_index() {
 }
 
 #[test]
-fn touching_bodies_in_a_uniform_sky_are_invisible() {
-    // Lossless bodies that touch, overlap and hold each other, some scattering: in uniform radiance every path ends with 1.
-    let mut b = SceneBuilder::default();
-    let white = |density: f32| scattering(Rgb::BLACK, Rgb::splat(density), 0.4);
-    for (mesh, ior, volume) in [
-        (cuboid(Vec3::ZERO, Vec3::splat(0.1)), 1.5, Volume::default()),
-        (cuboid(Vec3::new(-0.1, 0.0, 0.0), Vec3::new(0.0, 0.1, 0.1)), 1.33, white(20.0)),
-        (cuboid(Vec3::new(-0.05, 0.02, 0.02), Vec3::new(0.06, 0.08, 0.08)), 1.7, Volume { priority: 1, ..white(5.0) }),
-        (sphere(Vec3::new(0.0, 0.1, 0.05), 0.04, 12, false), 1.4, Volume::default()),
-    ] {
-        let m = b.add_material(body(ior, volume));
-        b.add_object("body", mesh, m);
-    }
-    b.environment = constant_sky(1.0);
-    spot_camera(&mut b, DVec3::new(0.4, 0.3, 1.0), DVec3::new(0.0, 0.05, 0.05), 0.08);
-    check(b, 64.0, 1.0, "bodies");
-}
-
-#[test]
 fn a_camera_inside_a_solid_renders_through_its_medium() {
     // A matched body: exp(-sigma d) to its face at distance d. A body of index n, along the normal of its faces: of the sky
     // n^2 (1 - R) enters, and is reflected R between the faces, 2 h apart: n^2 (1-R) a / (1 - R A) with a = exp(-sigma h)
@@ -409,42 +389,4 @@ fn a_translucent_sheet_passes_its_share() {
     b.environment = constant_sky(1.0);
     spot_camera(&mut b, DVec3::new(0.5, 0.2, 1.0), DVec3::ZERO, 0.1);
     check(b, 64.0, 0.3, "uniform sky");
-}
-
-#[test]
-fn a_trace_names_vertices_in_media_and_adds_up() {
-    let mut b = SceneBuilder::default();
-    let fog =
-        Material { name: "fog".into(), ..body(1.0, scattering(Rgb::splat(1.0), Rgb::new(20.0, 30.0, 40.0), 0.5)) };
-    let m = b.add_material(fog);
-    b.add_object("cube", cube(0.1), m);
-    let floor = b.add_material(Material { name: "floor".into(), ..Material::default() });
-    b.add_object("floor", square(-0.1001, 2.0, false), floor);
-    let light = b.add_material(emitter(5.0));
-    b.add_object("light", square(0.5, 0.2, true), light);
-    let dark = b.add_material(black());
-    b.add_object("wall", square(-0.2, 3.0, false), dark);
-    b.environment = constant_sky(0.1);
-    spot_camera(&mut b, DVec3::new(0.3, 0.3, 1.0), DVec3::ZERO, 0.1);
-    let scene = build(b);
-    let camera = scene.ray_generator(&scene.cameras()[0], 8, 8).expect("a valid camera");
-    let estimator = Estimator { scene: &scene, camera: &camera, width: 8, seed: 1, frame: 0, roulette: None };
-    let mut inside = 0;
-    for k in 0..64 {
-        for index in 0..8 {
-            let at = PixelSample { x: k % 8, y: k / 8, index };
-            let (sample, trace) = estimator.trace(at);
-            assert_eq!(sample, estimator.sample(at), "tracing {at:?} changes it");
-            let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.contribution());
-            let (a, b) = (sum.to_array(), sample.radiance.to_array());
-            assert!((0..3).all(|c| (a[c] - b[c]).abs() <= 1e-5 * b[c].max(1e-6)), "{at:?}: {a:?} is not {b:?}");
-            for v in trace.vertices.iter().filter(|v| v.in_medium) {
-                assert_eq!(v.material.map(|m| scene.materials()[m as usize].name.as_str()), Some("fog"));
-                assert!(v.position.iter().all(|x| x.is_finite()));
-                inside += 1;
-            }
-        }
-    }
-    assert!(inside > 100, "{inside} vertices in the fog");
-    assert!(pixel_moments(&film(&scene, &settings(8, 8, 4.0, 1))).mean() > 0.0);
 }

@@ -296,36 +296,6 @@ fn stages_average_neighbouring_rows_of_an_object_at_rest() {
     }
 }
 
-/// The deviation of a line is one for all its pixels: the edge of a plate in step is displaced as a whole.
-#[test]
-fn jitter_displaces_whole_lines() {
-    let jitter = 2e-5;
-    let shutter = Shutter::Lines(LineScan { jitter, ..scan(1e-9, 1) });
-    let mut b = bright(18, 20);
-    // An edge along the diagonal: a displacement along y is one along x.
-    let mesh = Mesh {
-        positions: [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1]].map(|[x, y]| Vec3::new(x, y, 0.0)).to_vec(),
-        triangles: vec![[0, 1, 2]],
-        ..Mesh::default()
-    };
-    add_black(&mut b, "edge", mesh, linear(0.0, PIXEL / 1e-4));
-    b.shutter = Some(shutter);
-    let scene = build(b);
-    let film = film(&scene, &settings(18, 20, 256.0, 11));
-    for row in 0..20u32 {
-        let deviation = f64::from(shutter.moment(row, 0.5, 0.5, (11, 0)).time) - f64::from(shutter.middle(row).time);
-        // The uncovered part of a row ends where y = x. At time t it is displaced by v t.
-        let uncovered: f64 = (0..18).map(|x| film.sums().data()[(row * 18 + x) as usize].mean()[0]).sum();
-        let expected = 9.0 + 9.5 - f64::from(row) - deviation / 1e-4;
-        if (1.0..17.0).contains(&expected) {
-            // Two pixels are partly covered; each of 256 samples is 0 or 1.
-            let error = (2.0f64 * 0.25 / 256.0).sqrt();
-            assert!((uncovered - expected).abs() < 6.5 * error, "row {row}: {uncovered} and {expected}");
-        }
-    }
-    assert!(film == crate::support::film(&scene, &settings(18, 20, 256.0, 11)), "a function of seed, frame and row");
-}
-
 #[test]
 fn a_scene_at_rest_keeps_its_bits_with_a_shutter_and_without_motion() {
     let still = build(turning(DAffine3::IDENTITY, RigidMotion::default()));
@@ -514,37 +484,4 @@ fn a_job_moves_objects_and_scans_lines() {
     }
     let error = open(MOVING).expect_err("automatic exposure").to_string();
     assert!(error.contains("automatic") && error.contains("help"), "{error}");
-}
-
-#[test]
-fn motion_is_checked_in_the_image_of_each_camera() {
-    let camera = |name: &str, height: &str| {
-        format!(
-            "[[camera]]\nname = \"{name}\"\nlook_at = \"part\"\nworking_distance = 3\nlens = {{ projection = \"telecentric\", field_height = \"{height}\" }}\n"
-        )
-    };
-    let cameras = camera("wide", "2m") + &camera("close", "20mm") + &camera("closest", "10mm");
-    let mut project = open(&format!("[sensor]\nexposure = \"10ms\"\n{MOVING}{cameras}")).expect("a job");
-    let hazards = |project: &Project| -> Vec<String> {
-        project.findings().hazards().map(|h| format!("{}: {}", h.place, h.message)).collect()
-    };
-    let found = hazards(&project);
-    assert_eq!(found.len(), 2, "{found:?}");
-    assert!(found[0].starts_with("object \"part\", camera \"close\": moves by 5.0 times"), "{found:?}");
-    assert!(found[1].starts_with("object \"part\", camera \"closest\": moves by 10.0 times"), "{found:?}");
-    assert_eq!(project.inspect().hazards.len(), 2);
-    // The camera that is selected later, as by `--camera`.
-    project.settings.camera = Some("wide".into());
-    assert_eq!(hazards(&project), Vec::<String>::new());
-    project.settings.camera = Some("close".into());
-    assert_eq!(hazards(&project).len(), 1);
-}
-
-#[test]
-fn a_part_that_moves_across_the_rows_gives_help_instead_of_a_line_rate() {
-    let lines = "[sensor]\nexposure = 2e-5\n[line_scan]\nline_rate = \"10kHz\"\n";
-    let project =
-        open(&format!("{lines}{}", MOVING.replace("[0, 0, \"-10m/s\"]", "[\"10m/s\", 0, 0]"))).expect("a job");
-    let found: Vec<String> = project.findings().hazards().map(|h| h.message.clone()).collect();
-    assert!(found.len() == 1 && found[0].contains("across the rows"), "{found:?}");
 }

@@ -1,16 +1,14 @@
-//! The results of the facade: layers with the values of the film, plans that can be replayed, progress, and refusals
-//! before any work is done.
+//! The results of the facade: layers with the values of the film, plans that can be replayed, and progress.
 //!
 //! Replay: `cargo test -p dunkelfeld --test it outputs::NAME`.
 
 use crate::support::{build, emitter, settings, spot_camera, square};
 use dunkelfeld::film::{NO_ID, Plane};
-use dunkelfeld::geometry::{DVec3, Vec3};
+use dunkelfeld::geometry::DVec3;
 use dunkelfeld::limits::DEFAULT_SENSOR;
 use dunkelfeld::outputs::{encode_layers, load_plan, save_plan};
 use dunkelfeld::radiometry::Rgb;
-use dunkelfeld::scene::shapes::cuboid;
-use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
+use dunkelfeld::scene::{Material, Scene, SceneBuilder};
 use dunkelfeld::{
     Budget, Cancel, OutputPaths, Picture, Progress, ProgressState, Project, RenderSettings, SensorChoice, Session,
     develop, render,
@@ -32,39 +30,6 @@ fn floor_and_void() -> Scene {
     b.add_object("lamp", square(3.0, 1.0, true), lamp);
     spot_camera(&mut b, DVec3::new(0.5, 0.0, 2.0), DVec3::new(0.5, 0.0, 0.0), 0.25);
     build(b)
-}
-
-#[test]
-fn layers_and_pixel_ids_describe_the_surface_behind_smooth_glass() {
-    let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.4, 0.2), ..Material::default() });
-    b.add_object("floor", square(0.0, 1.0, false), floor);
-    let glass = Material {
-        transmission: 1.0,
-        roughness: 0.0,
-        ior: 1.49,
-        surface: Surface::Solid(Volume::default()),
-        ..Material::default()
-    };
-    let glass = b.add_material(glass);
-    b.add_object("pane", cuboid(Vec3::new(-0.9, -0.9, 0.5), Vec3::new(0.9, 0.9, 0.51)), glass);
-    spot_camera(&mut b, DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, 0.25);
-    let scene = build(b);
-    let s = settings(8, 8, 64.0, 3);
-    let rendering = render(&scene, &s, &Session::new(s.threads).expect("threads")).expect("valid");
-    let frame = develop(&rendering.film.sums.mean(), &s).expect("exposed");
-    let layers = encode_layers(&rendering.film, &frame, &s);
-    let names = scene.object_names();
-    for id in layers.integers(Single::ObjectId).expect("ids").data() {
-        assert_eq!(names[*id as usize], "floor");
-    }
-    // One sample in thirteen is reflected into the void and has met the glass alone.
-    let (albedo, depth) =
-        (layers.triples(Triple::Albedo).expect("albedo"), layers.single(Single::Depth).expect("depth"));
-    for (a, z) in albedo.data().iter().zip(depth.data()) {
-        assert!((a[1] - (0.4 + 0.6 * 0.077)).abs() < 0.05, "albedo {a:?}");
-        assert!((1.85..2.0).contains(z), "depth {z}");
-    }
 }
 
 fn with_sensor(settings: RenderSettings) -> RenderSettings {
@@ -145,38 +110,6 @@ fn a_plan_is_read_back_with_the_seed_and_frame_that_it_belongs_to() {
 }
 
 #[test]
-fn outputs_that_cannot_be_are_refused_before_the_render() {
-    let folder = TempDir::new().expect("a temporary folder");
-    let at = |name: &str| Some(folder.path().join(name));
-    let fine = OutputPaths::default()
-        .with_image(at("a.png"))
-        .with_linear(at("a.tif"))
-        .with_exr(at("a.exr"))
-        .with_stats(at("a.json"))
-        .with_plan(at("p.exr"));
-    fine.check(true).expect("all can be written");
-    assert_eq!(fs::read_dir(folder.path()).expect("readable").count(), 0, "a check leaves nothing behind");
-    for (paths, says) in [
-        (fine.clone().with_image(at("a.jpg")), ".png"),
-        (fine.clone().with_linear(at("a.exr")), "two outputs"),
-        (fine.clone().with_exr(at("a.png.exr.tif")), ".exr"),
-        (fine.clone().with_stats(at("a.txt")), ".json"),
-        (fine.clone().with_plan(at("missing/p.exr")), "folder"),
-        (
-            fine.clone().with_plan(at("../").and_then(|p| Some(p.join(folder.path().file_name()?).join("a.exr")))),
-            "two outputs",
-        ),
-        (fine.clone().with_image(Some(folder.path().into())), "is a folder"),
-        (fine.clone().with_image(Some("".into())), "file"),
-    ] {
-        let error = paths.check(true).expect_err(says).to_string();
-        assert!(error.contains(says) && error.contains("help:"), "{error}");
-    }
-    let error = fine.check(false).expect_err("no sensor, no grey values").to_string();
-    assert!(error.contains("sensor"), "{error}");
-}
-
-#[test]
 fn a_project_is_opened_adjusted_rendered_and_saved() {
     let folder = TempDir::new().expect("a temporary folder");
     let mut project = Project::open(scene_file(&folder)).expect("a scene");
@@ -203,18 +136,6 @@ fn a_project_is_opened_adjusted_rendered_and_saved() {
     // A replay by the library is the same film.
     project.settings.replay = Some(load_plan(&folder.path().join("a.exr")).expect("a plan").samples);
     assert!(project.render().expect("rendered").rendering.film == result.rendering.film);
-}
-
-#[test]
-fn a_job_without_sections_is_the_scene_with_its_defaults() {
-    let folder = TempDir::new().expect("a temporary folder");
-    let scene = Project::open(scene_file(&folder)).expect("a scene");
-    let path = folder.path().join("job.toml");
-    fs::write(&path, "scene = \"scene.obj\"\n").expect("writable");
-    let job = Project::open(path).expect("a job");
-    assert_eq!(format!("{:?}", job.settings), format!("{:?}", scene.settings));
-    assert_eq!(job.outputs, scene.outputs);
-    assert_eq!(job.optics, scene.optics);
 }
 
 /// Stores all reports, and cancels after so many samples.

@@ -324,35 +324,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn arguments_are_targets_and_options_in_any_order() {
-        let plan = parse(&["obj", "--seconds", "20", "gltf", "--asan"]).expect("a plan");
-        assert_eq!(plan.targets, ["obj", "gltf"]);
-        assert_eq!((plan.seconds, plan.jobs, plan.address_sanitizer, plan.minimise), (20, 2, true, false));
-        for wrong in [&["--seconds"][..], &["--seconds", "0"], &["--jobs", "x"], &["--fast"]] {
-            assert!(parse(wrong).is_err(), "{wrong:?}");
-        }
-    }
-
-    #[test]
-    fn figures_are_those_at_the_end_of_the_log() {
-        let log = "#2\tINITED cov: 9 ft: 9 corp: 1/1b\n#8\tNEW    cov: 931 ft: 2212 corp: 2/9b\n#9\tDONE   cov: 931 ft: 2213\n\
-                   stat::number_of_executed_units: 469300\nstat::average_exec_per_sec:     18050\n\
-                   stat::slowest_unit_time_sec:    1\nstat::peak_rss_mb:              45\n";
-        let expected = Report {
-            target: "obj".into(),
-            executions: 469_300,
-            per_second: 18_050,
-            coverage: 931,
-            features: 2213,
-            slowest: 1,
-            memory: 45,
-            finding: None,
-        };
-        assert_eq!(Report::read("obj", log), expected);
-        assert_eq!(Report::read("obj", "nothing"), Report { target: "obj".into(), ..Report::default() });
-    }
-
-    #[test]
     fn every_target_is_in_the_manifest() {
         let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz");
         let manifest = fs::read_to_string(fuzz.join("Cargo.toml")).expect("the manifest");

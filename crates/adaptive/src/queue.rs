@@ -264,33 +264,6 @@ mod tests {
         }
     }
 
-    /// Small levels of several tiles are computed together, once their costs are known.
-    #[test]
-    fn small_units_are_taken_together() {
-        let mut queue = WorkQueue::new(TileGrid::new(64, 64, 16));
-        queue.begin([&Plane::new(64, 64, 0), &Plane::new(64, 64, 1)], 0);
-        let mut units = Vec::new();
-        queue.raise(4096 / 4);
-        assert!(queue.take(&mut units) && units.len() == 1, "an unknown cost");
-        queue.record(units[0].tile, 64, 64e-6);
-        assert!(queue.take(&mut units) && units.len() == 15, "the rest of the level: 960 samples");
-        queue.record(0, 1_000_000, 1000.0);
-        queue.raise(4096);
-        assert!(queue.take(&mut units) && units.len() == 1, "20 ms");
-    }
-
-    /// Sixteen tiles in a row are neighbours, and the squares of sixteen are spread over the image.
-    #[test]
-    fn neighbouring_tiles_follow_one_another() {
-        let grid = TileGrid::new(512, 256, 16);
-        let place = |tile: &u32| [grid.rect(*tile as usize).x0 / BLOCK, grid.rect(*tile as usize).y0 / BLOCK];
-        let order = WorkQueue::new(grid).order;
-        let blocks: Vec<[u32; 2]> = order.chunks(16).map(|block| place(&block[0])).collect();
-        assert!(order.chunks(16).zip(&blocks).all(|(block, at)| block.iter().all(|tile| place(tile) == *at)));
-        let apart = blocks.windows(2).filter(|two| two[0][0].abs_diff(two[1][0]) + two[0][1].abs_diff(two[1][1]) > 1);
-        assert!(apart.count() > 20, "{blocks:?}");
-    }
-
     /// At each level a tile of equal pixels has the same number of samples as the others, and so have its quarters.
     #[test]
     fn fractions_of_a_sample_are_spread_evenly() {

@@ -53,22 +53,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gamma_clips_at_white_and_rounds_to_eight_bits() {
-        let linear = vec![0.0, 2.0, 1.0, 7.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
-        let plane = Plane::from_vec(8, 1, linear).expect("eight values");
-        // 255 * 0.5^(1/2.2) = 186.08: half of white in a gamma-2.2 encoding.
-        assert_eq!(gamma_image(&plane, 2.0).data(), [0, 255, 186, 255, 0, 0, 255, 0]);
-    }
-
-    #[test]
-    fn an_unusable_white_level_gives_a_black_image() {
-        let plane = Plane::new(3, 2, 1.0);
-        for white in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-            assert!(gamma_image(&plane, white).data().iter().all(|&v| v == 0), "white level {white}");
-        }
-    }
-
-    #[test]
     fn a_ramp_has_its_slope_as_magnitude() {
         for (slope_x, slope_y) in [(3, 0), (0, 5), (3, 4)] {
             let ramp = Plane::from_fn(9, 7, |x, y| (x * slope_x + y * slope_y) as u8);
@@ -83,16 +67,6 @@ mod tests {
         // At a border the difference spans one pixel instead of two.
         let ramp = Plane::from_fn(5, 5, |x, _| (x * 10) as u8);
         assert_eq!(*magnitude(&ramp).at(0, 2), 5.0);
-    }
-
-    #[test]
-    fn a_step_has_a_magnitude_on_both_sides_only() {
-        let step = Plane::from_fn(6, 4, |x, _| if x < 3 { 0 } else { 255 });
-        let sobel = magnitude(&step);
-        for y in 0..4 {
-            let row: Vec<f32> = (0..6).map(|x| *sobel.at(x, y)).collect();
-            assert_eq!(row, [0.0, 0.0, 127.5, 127.5, 0.0, 0.0]);
-        }
     }
 
     #[test]
@@ -124,17 +98,5 @@ mod tests {
                 assert!((sobel.at(x, y) - expected).abs() < 1e-5, "({x}, {y})");
             }
         }
-    }
-
-    #[test]
-    fn lines_points_and_constant_images_have_the_expected_magnitude() {
-        assert_eq!(magnitude(&Plane::new(1, 1, 200u8)).data(), [0.0]);
-        let line = vec![0u8, 0, 100, 100];
-        let row = Plane::from_vec(4, 1, line.clone()).expect("four values");
-        let column = Plane::from_vec(1, 4, line).expect("four values");
-        assert_eq!(magnitude(&row).data(), [50.0, 50.0, 50.0, 50.0]);
-        assert_eq!(magnitude(&column).data(), [50.0, 50.0, 50.0, 50.0]);
-        assert!(magnitude(&Plane::new(0, 0, 0u8)).data().is_empty());
-        assert!(magnitude(&Plane::new(0, 3, 0u8)).data().is_empty());
     }
 }

@@ -19,8 +19,6 @@
 //! # Ok::<(), dunkelfeld_bvh::BvhError>(())
 //! ```
 
-#![cfg_attr(test, allow(clippy::unwrap_used))]
-
 mod batch;
 mod build;
 mod packet;

@@ -66,8 +66,7 @@ pub(crate) fn separately<R>(f: impl FnOnce() -> R) -> R {
     f()
 }
 
-/// All levels that this machine can execute, for tests.
-#[cfg(test)]
+/// All levels that this machine can execute, plain Rust first.
 pub(crate) fn levels() -> Vec<fearless_simd::Level> {
     use fearless_simd::Level;
     #[allow(unused_mut)]

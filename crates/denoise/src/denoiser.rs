@@ -156,7 +156,6 @@ pub trait Denoiser: Send + Sync {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
     fn planes_of_another_size_are_named() {
@@ -169,14 +168,5 @@ mod tests {
         assert_eq!(error, "the normal plane has 3 x 4 pixels, the mean has 4 x 3");
         let wrong = DenoiseInput { depth: Some(&depth), ..fits };
         assert!(matches!(wrong.check(), Err(DenoiseError::SizeMismatch { plane: "depth", .. })));
-    }
-
-    #[test]
-    fn the_serial_executor_does_every_piece_once() {
-        let sum = AtomicUsize::new(0);
-        Serial.for_each(100, &|i| {
-            sum.fetch_add(1 << (i % 8), Ordering::Relaxed);
-        });
-        assert_eq!(sum.into_inner(), 12 * 255 + 0b1111);
     }
 }

@@ -204,7 +204,6 @@ impl Planes {
 mod tests {
     use super::*;
     use std::path::Path;
-    use std::sync::Mutex;
 
     /// Fails like a library without memory.
     struct Failing;
@@ -247,17 +246,6 @@ mod tests {
     }
 
     #[test]
-    fn off_is_none_and_a_library_that_is_not_used_is_an_error() {
-        assert!(find_denoiser(&named(DenoiseMethod::Off, None)).expect("nothing to find").is_none());
-        let builtin = find_denoiser(&named(DenoiseMethod::Builtin, None)).expect("always there").expect("a denoiser");
-        assert!(builtin.name().starts_with("builtin"));
-        for method in [DenoiseMethod::Off, DenoiseMethod::Builtin] {
-            let error = find_denoiser(&named(method, Some(Path::new("lib.so")))).err().expect("not used").to_string();
-            assert!(error.contains("lib.so") && error.contains(method.name()), "{error}");
-        }
-    }
-
-    #[test]
     fn a_library_that_is_named_and_cannot_be_loaded_is_an_error_also_for_auto() {
         let folder = std::env::temp_dir().join("dunkelfeld-no-such-folder");
         for method in [DenoiseMethod::Auto, DenoiseMethod::Oidn] {
@@ -267,12 +255,5 @@ mod tests {
                 assert!(error.contains("help: install") && error.contains(OIDN_VARIABLE), "{error}");
             }
         }
-    }
-
-    #[test]
-    fn the_pool_does_every_piece_once() {
-        let done = Mutex::new(vec![0; 100]);
-        PoolExecutor.for_each(100, &|i| done.lock().expect("not poisoned")[i] += 1);
-        assert_eq!(done.into_inner().expect("not poisoned"), [1; 100]);
     }
 }

@@ -84,11 +84,4 @@ mod tests {
         // A sensor that saw nothing says nothing.
         assert_eq!(converted(&noise(0.0, None), None), [f32::INFINITY; 2]);
     }
-
-    #[test]
-    fn other_images_are_refused() {
-        let response = Response::constant(Weights([1.0; 3]));
-        assert!(noise(1.0, None).converted([2, 1], &response, Some(&Plane::new(3, 1, 1))).is_err());
-        assert!(noise(1.0, None).converted([2, 2], &response, None).is_err());
-    }
 }

@@ -152,20 +152,6 @@ mod tests {
     }
 
     #[test]
-    fn the_peak_is_that_of_the_phase_that_needs_most() {
-        let account = account();
-        assert_eq!(account.sums(), [107_000_000, 105_500_000]);
-        assert_eq!(account.peak_bytes, 107_000_000);
-        let names: Vec<&str> = account.items.iter().map(|item| item.name.as_str()).collect();
-        assert_eq!(names, ["film", "plan", "files"]);
-        let table = account.table();
-        let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split_whitespace().collect()).collect();
-        assert_eq!(rows[0], ["memory", "[MB]", "render", "write"]);
-        assert_eq!((rows[1].as_slice(), rows[4].as_slice()), (&["film", "100", "100"][..], &["sum", "107", "106"][..]));
-        assert!(table.lines().all(|line| line.len() == table.lines().next().map_or(0, str::len)), "{table}");
-    }
-
-    #[test]
     fn a_run_above_its_limit_or_beyond_all_memory_is_refused_with_its_account() {
         let account = account();
         account.check(None, 0, "-").expect("every machine has that");

@@ -150,12 +150,6 @@ mod tests {
     }
 
     #[test]
-    fn an_even_image_has_no_heavy_samples() {
-        let found = heaviest_of(&film(&[]));
-        assert!(found.samples.is_empty() && found.dominated == 0);
-    }
-
-    #[test]
     fn outliers_are_sorted_and_have_share_and_lift() {
         let found = heaviest_of(&film(&[(5, 3, 201.0), (7, 15, 31.0), (0, 0, 9.0)]));
         let names: Vec<&str> = found.samples.iter().map(|s| s.sample.as_str()).collect();
@@ -166,40 +160,5 @@ mod tests {
         // of it.
         assert_eq!(found.samples.iter().map(|s| s.dominates).collect::<Vec<_>>(), [true, false, false]);
         assert_eq!(found.dominated, 1);
-    }
-
-    #[test]
-    fn eight_at_most_and_ties_go_to_the_first_pixels() {
-        let all: Vec<(usize, u32, f32)> = (0..12).rev().map(|p| (p, 2, 50.0)).collect();
-        let found = heaviest_of(&film(&all));
-        assert_eq!(found.samples.len(), 8);
-        assert_eq!(found.samples[7].sample, "3,1,2");
-    }
-
-    /// A film of several pieces: the result does not depend on the edges of the pieces or the number of threads.
-    #[test]
-    fn a_large_film_is_gone_through_in_pieces() {
-        let (width, height) = (160, 256);
-        let mut sums = vec![PixelSums::default(); (width * height) as usize];
-        let piece = (width * Film::TILE) as usize;
-        let heavy = [40_000, 3, piece, piece - 1, 2 * piece + 5];
-        for (pixel, sums) in sums.iter_mut().enumerate() {
-            for index in 0..8 {
-                let lift = heavy.iter().position(|&p| (p, 5) == (pixel, index)).map_or(0.0, |rank| 900.0 - rank as f32);
-                let value = 1.0 + (pixel % 7) as f32 + lift;
-                sums.add(index, &Sample { radiance: Rgb::splat(value), ..Sample::MISS });
-            }
-        }
-        let mut film = Film::new(width, height);
-        film.add_rows(0, &sums).expect("memory");
-        for threads in [1, 3] {
-            let pool = dunkelfeld_render::Session::new(threads).expect("threads");
-            let found = pool.install(|| heaviest_of(&film));
-            assert_eq!(found.dominated, heavy.len() as u64);
-            let first: Vec<String> = found.samples.iter().take(heavy.len()).map(|s| s.sample.clone()).collect();
-            // Each raises its pixel a little less than the one before.
-            let name = |p: usize| format!("{},{},5", p % width as usize, p / width as usize);
-            assert_eq!(first, heavy.map(name));
-        }
     }
 }

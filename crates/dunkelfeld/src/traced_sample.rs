@@ -147,15 +147,3 @@ fn lobe_name(lobe: Lobe) -> String {
     let words: Vec<&str> = words.iter().filter(|(l, _)| lobe.contains(*l)).map(|(_, word)| *word).collect();
     if words.is_empty() { "phase function".into() } else { words.join(" ") }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lobes_are_named_by_their_kind() {
-        assert_eq!(lobe_name(Lobe::DELTA | Lobe::TRANSMISSION), "delta transmission");
-        assert_eq!(lobe_name(Lobe::REFLECTION | Lobe::CLEARCOAT | Lobe::GLOSSY), "clearcoat glossy reflection");
-        assert_eq!(lobe_name(Lobe::default()), "phase function");
-    }
-}

@@ -131,27 +131,3 @@ pub(crate) fn with_number(path: &Path, number: u32, last: u32) -> PathBuf {
     let digits = last.to_string().len().max(4);
     with_suffix(path, &format!("{number:0digits$}"))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_that_differ_in_case_only_are_refused() {
-        let [a, b, c] = ["x/p-top.png", "x/p-Top.png", "x/p-top.exr"].map(Path::new);
-        check_cases(&[("the image", a), ("the EXR", c)]).expect("apart");
-        let error = check_cases(&[("the image", a), ("the EXR", c), ("the image", b)]).expect_err("the same");
-        assert!(error.to_string().contains("upper and lower case"), "{error}");
-    }
-
-    #[test]
-    fn the_name_of_the_camera_is_in_front_of_the_extension() {
-        let paths =
-            OutputPaths::default().with_image(PathBuf::from("out/panel.png")).with_stats(PathBuf::from("panel.json"));
-        let left = paths.for_camera("left/top 1");
-        assert_eq!(left.image.as_deref(), Some(Path::new("out/panel-left_top_1.png")));
-        assert_eq!((left.stats.as_deref(), left.exr), (Some(Path::new("panel-left_top_1.json")), None));
-        assert_eq!(with_camera(Path::new("a.b.png"), "ü.2"), Path::new("a.b-ü.2.png"));
-        assert_eq!(with_camera(Path::new("panel"), ".."), Path::new("panel-.."));
-    }
-}

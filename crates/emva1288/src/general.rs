@@ -224,11 +224,4 @@ mod tests {
         assert!((got[4] - 1000.0 / 1036f64.sqrt()).abs() < 1e-9, "{got:?}");
         assert!((got[6] - 6.0).abs() < 1e-9 && (got[2] - 1000.0 / got[0]).abs() < 1e-9, "{got:?}");
     }
-
-    /// Noise of 40 photons: the light equals its noise beyond the first level, mu^2 = 1600 + mu, 40.503.
-    #[test]
-    fn a_threshold_beyond_the_first_level_is_found() {
-        let got = figures(&camera(|x| 0.5 * x, |_| 0.5, 40.0));
-        assert!((got[0] - (0.5 + 1600.25f64.sqrt())).abs() < 1e-9, "{got:?}");
-    }
 }

@@ -30,23 +30,3 @@ impl std::fmt::Display for Quantity {
         write!(f, "{} = {:.digits$} +- {:.digits$} {}", self.symbol, self.value, self.standard_error, self.unit)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn as_many_digits_are_printed_as_the_error_supports() {
-        let mut q = Quantity {
-            symbol: "K",
-            name: "gain",
-            value: 0.249_178,
-            standard_error: 0.000_43,
-            unit: "DN/e-",
-            section: "",
-        };
-        assert_eq!(q.to_string(), "K = 0.24918 +- 0.00043 DN/e-");
-        (q.value, q.standard_error) = (1234.56, 78.9);
-        assert_eq!(q.to_string(), "K = 1235 +- 79 DN/e-");
-    }
-}

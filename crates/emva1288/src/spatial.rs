@@ -133,17 +133,6 @@ mod tests {
     use super::*;
     use crate::stack::tests::still;
 
-    /// Alternating columns of 10 and 14: the variance of the columns is 4, and nothing else varies. A regular pattern
-    /// has the same parts as a wave of that amplitude, except for terms of order 1 / N.
-    #[test]
-    fn pure_columns_are_columns() {
-        let v = Spatial::from_stacks(&still(40, 30, |x, _| 10 + 4 * (x as u16 % 2))).split();
-        let total = 4.0 * 1200.0 / 1199.0;
-        assert!((v.total - total).abs() < 1e-9, "{v:?}");
-        assert!((v.column - 4.0).abs() < 0.15, "{v:?}");
-        assert!(v.row.abs() < 1e-2 && v.pixel.abs() < 1e-2, "{v:?}");
-    }
-
     /// A calculation by hand: 3 x 3 pixels, s^2 = 1, cav = 0.5, rav = 0.25 and no noise. D = 3.
     #[test]
     fn the_split_by_hand() {

@@ -202,14 +202,4 @@ pub(crate) mod tests {
         let s = stack.finish().expect("frames");
         assert_eq!((s.mean, s.temporal_variance), (65_535.0, 0.0));
     }
-
-    #[test]
-    fn too_small_stacks_are_refused() {
-        assert!(StackAccumulator::new(3, 3).finish().is_err());
-        let mut line = StackAccumulator::new(4, 1);
-        for _ in 0..2 {
-            line.add(Frame::new(4, 1, &[1; 4]).expect("four")).expect("same size");
-        }
-        assert_eq!(line.finish(), Err(AnalysisError::Empty));
-    }
 }

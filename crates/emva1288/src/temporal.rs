@@ -316,25 +316,4 @@ mod tests {
         let pair = FramePair::from_frames(frame(&a), frame(&b)).expect("two frames");
         assert_eq!(pair.variance.value, 0.0);
     }
-
-    #[test]
-    fn the_largest_stack_does_not_overflow() {
-        let mut stack = TemporalAccumulator::new(1, 1);
-        for _ in 0..MAX_FRAMES {
-            stack.add(frame(&[u16::MAX])).expect("room for it");
-        }
-        let s = stack.finish().expect("enough");
-        assert_eq!((s.mean[0], s.variance[0]), (65_535.0, 0.0));
-        assert_eq!(stack.add(frame(&[0])), Err(AnalysisError::TooManyFrames(MAX_FRAMES)));
-    }
-
-    #[test]
-    fn unfit_frames_are_refused() {
-        assert!(matches!(Frame::new(2, 2, &[0; 3]), Err(AnalysisError::Length { got: 3, .. })));
-        let too_few = TemporalStatistics::from_frames(&[frame(&[1])]);
-        assert_eq!(too_few, Err(AnalysisError::TooFewFrames { got: 1, needed: 2 }));
-        let differ = FramePair::from_frames(frame(&[1]), frame(&[1, 2]));
-        assert_eq!(differ, Err(AnalysisError::SizeMismatch([1, 1, 2, 1])));
-        assert_eq!(FramePair::from_frames(frame(&[]), frame(&[])), Err(AnalysisError::Empty));
-    }
 }

@@ -209,12 +209,4 @@ mod tests {
             assert_eq!(image.first_light, RadianceSum::default());
         }
     }
-
-    #[test]
-    fn a_pixel_without_samples_is_zero_but_for_signs() {
-        for column in 0..COLUMNS {
-            let value = get(&PixelSums::default(), column);
-            assert!([0, u128::from(SIGN), SIGN_OF_SUM].contains(&value), "column {column}: {value}");
-        }
-    }
 }

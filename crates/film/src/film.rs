@@ -434,14 +434,6 @@ mod tests {
     use dunkelfeld_radiometry::Rgb;
 
     #[test]
-    fn films_of_different_sizes_or_layers_do_not_merge() {
-        let error = Film::new(4, 3).merge(&Film::new(3, 4)).expect_err("sizes differ");
-        assert_eq!(error, FilmError::SizeMismatch([4, 3, 3, 4]));
-        let error = Film::new(4, 3).merge(&Film::with_layers(4, 3, FilmLayers::Image)).expect_err("layers differ");
-        assert_eq!(error, FilmError::LayerMismatch);
-    }
-
-    #[test]
     fn long_and_tiny_films_work() {
         for (w, h) in [(1, 1), (16_384, 1), (1, 16_384), (17, 33)] {
             let mut film = Film::new(w, h);

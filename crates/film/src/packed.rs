@@ -526,15 +526,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn constant_columns_need_no_pages() {
-        let (mut tile, mut pages) = (Tile::default(), Pages::default());
-        let sums = pixel(7, 64);
-        tile.add(&mut pages, FilmLayers::All, (0..PIXELS).map(|slot| (slot, &sums))).expect("memory");
-        assert!(tile.pages.is_empty() && !tile.is_empty());
-        assert_eq!(tile.pixel(&pages, FilmLayers::All, 200), sums);
-    }
-
     /// Noise in red alone, in gray and in colours: green and blue take pages in tiles where they differ from red.
     #[test]
     fn gray_pixels_need_a_third_of_the_pages_of_coloured_ones() {
@@ -563,11 +554,5 @@ mod tests {
         assert_eq!(coloured, 12 * 6);
         assert_eq!(radiance_pages([red, Rgb::BLACK, Rgb::BLACK]), coloured / 3);
         assert_eq!(radiance_pages([Rgb::splat(1.0), Rgb::BLACK, Rgb::BLACK]), coloured / 3);
-    }
-
-    #[test]
-    fn numbers_need_as_many_bytes_as_they_have() {
-        let widths = [0, 1, 255, 256, u128::from(u64::MAX), 1 << 64, u128::MAX].map(bytes_of);
-        assert_eq!(widths, [0, 1, 1, 2, 8, 9, 16]);
     }
 }

@@ -105,15 +105,6 @@ mod tests {
     use std::sync::Barrier;
 
     #[test]
-    fn results_have_the_order_of_their_tasks() {
-        let squares: Vec<usize> = (0..1000).map(|i| i * i).collect();
-        for threads in [1, 2, 3, 8] {
-            assert_eq!(Threads::new(threads).map((0..1000).collect(), |i: usize| i * i), squares);
-        }
-        assert!(Threads::new(3).map(Vec::<u8>::new(), |i| i).is_empty());
-    }
-
-    #[test]
     fn large_tasks_have_all_threads_and_results_have_the_order_of_the_tasks() {
         const LARGE: usize = Threads::LARGE;
         let tasks = vec![3, LARGE / 2, 10 * LARGE, 7, LARGE];
@@ -134,13 +125,6 @@ mod tests {
         });
         assert_eq!(seen[0], std::thread::current().id());
         assert_eq!(seen.into_iter().collect::<HashSet<_>>().len(), 4);
-    }
-
-    #[test]
-    fn numbers_of_threads() {
-        assert_eq!(Threads::new(0).count(), available_parallelism().map_or(1, usize::from));
-        assert_eq!((Threads::new(5).count(), Threads::new(5).at_most(3).count()), (5, 3));
-        assert_eq!((Threads::new(5).at_most(0), Threads::new(2).at_most(9).count()), (Threads::ONE, 2));
     }
 
     #[test]

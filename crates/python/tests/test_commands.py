@@ -196,12 +196,6 @@ def test_a_replay_has_the_bits_of_its_render(path: Path, tmp_path: Path) -> None
     assert (scene.render().spp == 8).all()
 
 
-def test_a_plan_of_an_array_has_its_own_size(path: Path) -> None:
-    counts = np.arange(1, 7, dtype=np.uint32).reshape(2, 3)
-    film = df.Scene(path).render(replay=counts)
-    assert film.shape == (2, 3) and np.array_equal(film.plan, counts)
-
-
 BAD: list[tuple[dict[str, Any], type[BaseException], str]] = [
     ({"replay": "none.exr"}, df.InputError, "none.exr"),
     ({"replay": np.zeros((4, 4), np.uint32)}, df.SettingError, "no samples"),
@@ -453,15 +447,6 @@ def test_a_traced_sample_is_that_of_the_program(path: Path) -> None:
     assert len(lengths) > 1
 
 
-def test_samples_are_those_of_the_film(path: Path) -> None:
-    """The mean of the traced samples of a pixel is the pixel of the film."""
-    scene = df.Scene(path)
-    film = scene.render(strategy="uniform")
-    for x, y in [(12, 8), (3, 14)]:
-        samples = [scene.trace_sample(x, y, i)["radiance"] for i in range(8)]
-        assert np.allclose(np.mean(np.array(samples, float), axis=0), film.mean[y, x], rtol=1e-5)
-
-
 def test_a_study_takes_a_scene_of_a_file(path: Path, tmp_path: Path) -> None:
     options: dict[str, Any] = {"frames": 4, "spp": [2], "denoise": "off", "width": 16, "height": 12}
     of_path = df.ptc(path, tmp_path / "a", **options)
@@ -509,65 +494,6 @@ def test_data_sheets_are_those_of_the_program(name: str) -> None:
     sheet = df.Sensor(name).data_sheet()
     assert sheet == json.loads(run("sensors", name, "--json")) and sheet["figures"]
     assert np.isclose(sheet["pixel_pitch_um"], 1e6 * df.Sensor(name).pixel_pitch)
-
-
-def test_a_noise_map_can_be_copied(path: Path) -> None:
-    noise = df.Scene(path).render().noise_map(k=0.5)
-    for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1):
-        copy = pickle.loads(pickle.dumps(noise, protocol))
-        assert np.array_equal(copy.ratios, noise.ratios, equal_nan=True) and np.array_equal(copy.picture, noise.picture)
-        assert (copy.k, copy.hidden, copy.range) == (noise.k, noise.hidden, noise.range)
-        assert copy._repr_html_() == noise._repr_html_()
-
-
-def test_a_part_is_no_plan(path: Path, tmp_path: Path) -> None:
-    """A part that begins with a later sample has other samples than a replay of its numbers."""
-    scene = df.Scene(path)
-    first, part = scene.render(samples=(0, 4)), scene.render(samples=(4, 8), checkpoint=tmp_path / "part")
-    assert np.array_equal(scene.render(replay=first).mean, first.mean)
-    part.save_files(exr=tmp_path / "part.exr", plan=tmp_path / "plan.exr")
-    plans: list[Any] = [
-        part,
-        tmp_path / "part.exr",
-        tmp_path / "plan.exr",
-        df.Film.load(tmp_path / "part"),
-        df.merge([tmp_path / "part"]),
-    ]
-    for plan in plans:
-        with pytest.raises(df.DunkelfeldError, match="first sample is 4") as caught:
-            scene.render(replay=plan)
-        assert caught.value.help
-    command = [PROGRAM, "render", str(path), "--replay", str(tmp_path / "part.exr"), "-o", str(tmp_path / "a.png")]
-    assert subprocess.run(command, check=False, capture_output=True).returncode == 2
-
-
-def test_sensors_and_copies_keep_their_files(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No output replaces the file of a sensor object, of a replayed film, of a merge, or of a film after a change of folder."""
-    sheet = Path(__file__).parents[3] / "validation" / "rows_and_columns.toml"
-    (tmp_path / "sensor.toml").write_bytes(sheet.read_bytes())
-    monkeypatch.chdir(tmp_path)
-    scene = df.Scene("station.toml")
-    of_sensor = scene.render(sensor=df.Sensor("sensor.toml"))
-    of_sensor.save("whole.film")
-    scene.render(samples=(0, 4), checkpoint="a")
-    scene.render(samples=(4, 8), checkpoint="b")
-    merged = df.merge(["a", "b"], checkpoint="c")
-    of_film = scene.render(replay=df.Film.load("whole.film"))
-    of_sensor.save_plan("plan.exr")
-    of_plan = scene.render(replay="plan.exr")
-    (tmp_path / "sub").mkdir()
-    monkeypatch.chdir(tmp_path / "sub")
-    cases = [(of_sensor, "sensor.toml"), (merged, "c"), (merged, "a"), (of_film, "whole.film"), (of_plan, "plan.exr")]
-    for film, name in cases:
-        before = (tmp_path / name).read_bytes()
-        for made in (film, pickle.loads(pickle.dumps(film))):
-            with pytest.raises(df.OutputError):
-                made.save(f"../{name}")
-        assert (tmp_path / name).read_bytes() == before
-    exr = tmp_path / "of.exr"
-    of_plan.save_exr(exr)
-    with pytest.raises(df.OutputError):
-        df.expose_exr_files(exr, linear=tmp_path / "sensor.toml", sensor=df.Sensor(tmp_path / "sensor.toml"))
 
 
 SIGNALS = """

@@ -114,11 +114,6 @@ def test_a_sensor_file_is_a_path(tmp_path: Path, job: dict[str, Any]) -> None:
     assert error.file is None and error.help is None
 
 
-def test_one_sample_of_one_pixel_is_a_film(job: dict[str, Any]) -> None:
-    film = df.Scene.from_job(job).render(spp=1, width=1, height=1)
-    assert film.mean.shape == (1, 1, 3) and film.expose().shape == (1, 1, 1) and np.isinf(film.variance).all()
-
-
 def test_another_sensor_keeps_the_exposure(job: dict[str, Any]) -> None:
     scene = df.Scene.from_job(dict(job, sensor={"exposure": "40us"}))
     film = scene.render()
@@ -199,13 +194,6 @@ def test_bad_input_is_an_exception_with_help(make: Any, kind: type[df.Dunkelfeld
     assert caught.value.help and caught.value.problem
 
 
-def test_wrong_types_are_type_errors(job: dict[str, Any]) -> None:
-    scene = df.Scene.from_job(job)
-    for arguments in ({"spp": "many"}, {"width": 2.5}, {"width": -1}, {"seed": -1}, {"progress": 3}):
-        with pytest.raises((TypeError, OverflowError)):
-            scene.render(**cast(Any, arguments))
-
-
 def test_progress_is_reported_and_its_exception_ends_the_render(job: dict[str, Any]) -> None:
     scene, seen = df.Scene.from_job(job), []
     # Reports come ten times a second at most, so that a short render has none of its rounds.
@@ -233,15 +221,6 @@ def test_a_progress_function_cannot_wait_for_its_own_scene(job: dict[str, Any]) 
 
     scene.render(progress=use)
     assert len(caught) >= 4 and len(caught) % 4 == 0 and "progress function" in caught[0]
-
-
-def test_a_scene_is_read_while_another_thread_renders_it(job: dict[str, Any]) -> None:
-    scene, names = df.Scene.from_job(job), []
-    thread = threading.Thread(target=lambda: scene.render(time=1.0, progress=lambda *_: None))
-    thread.start()
-    while thread.is_alive():
-        names.append(scene.objects)
-    assert all(n == ["ball", "floor"] for n in names)
 
 
 def test_ctrl_c_keeps_the_film(job: dict[str, Any]) -> None:
@@ -315,26 +294,6 @@ def test_a_thousand_renders_keep_their_memory(job: dict[str, Any]) -> None:
     command = [sys.executable, "-c", MANY_RENDERS, json.dumps(job)]
     run = subprocess.run(command, env={**os.environ, **memory}, check=True, capture_output=True, text=True)
     assert int(run.stdout) < 6 << 20, run.stdout
-
-
-def test_two_progress_functions_that_wait_for_each_other_get_an_error(job: dict[str, Any]) -> None:
-    scenes = [df.Scene.from_job(job), df.Scene.from_job(job)]
-    faults: list[str] = []
-
-    def render(mine: df.Scene, other: df.Scene) -> None:
-        try:
-            mine.render(time=2, progress=lambda *_: other.cameras)
-        except df.SettingError as error:
-            faults.append(str(error))
-
-    pairs = [(scenes[0], scenes[1]), (scenes[1], scenes[0])]
-    threads = [threading.Thread(target=render, args=pair, daemon=True) for pair in pairs]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(60)
-    assert not any(thread.is_alive() for thread in threads)
-    assert all("render holds the scene" in fault for fault in faults)
 
 
 def test_a_progress_function_reads_another_film(job: dict[str, Any]) -> None:

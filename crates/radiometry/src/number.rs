@@ -32,15 +32,4 @@ mod tests {
         assert_eq!(shown.map(|v| Number(v).to_string()), ["100", "0.02", "0.00001", "1.04719755e39"]);
         assert_eq!(Number(4_294_967_297.0).to_string(), "4294967297");
     }
-
-    #[test]
-    fn extreme_numbers_are_short_and_usual_ones_are_plain() {
-        let shown = [0.0, 1.5, -0.001, 512.0, 1e15, 1e-308, -2.5e-7, 1e300, f64::NAN, f64::INFINITY];
-        let shown = shown.map(|v| Number(v).to_string());
-        assert_eq!(
-            shown,
-            ["0", "1.5", "-0.001", "512", "1000000000000000", "1e-308", "-2.5e-7", "1e300", "NaN", "inf"]
-        );
-        assert!([f64::MIN_POSITIVE, f64::MAX, 5e-324].iter().all(|v| Number(*v).to_string().len() < 25));
-    }
 }

@@ -114,21 +114,3 @@ impl Nanometres {
         Metres(self.0 * 1e-9)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_quantity_prints_its_unit_with_the_requested_precision() {
-        assert_eq!(format!("{:.1}", Electrons(6.83)), "6.8 e-");
-        assert_eq!(format!("{}", Radiance(2.5)), "2.5 W/(m^2 sr)");
-    }
-
-    #[test]
-    fn quotients_of_like_quantities_are_numbers() {
-        let ratio: f64 = Metres::from_micrometres(5.0) / Nanometres(500.0).metres();
-        assert!((ratio - 10.0).abs() < 1e-12);
-        assert_eq!((Seconds(3.0) - Seconds(1.0)) * 2.0 / 4.0 + Seconds(1.0), Seconds(2.0));
-    }
-}

@@ -69,31 +69,3 @@ pub fn mean_image(film: &Film, is_spread: bool) -> MeanImage {
     let moments = film.has_moments().then(|| map_film_at(film, Needed::Image, |_, _, p| p.mean_moments()));
     MeanImage { radiance: mean_without_gaps(film), moments, is_spread }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use dunkelfeld_film::{Accumulate, Sample};
-    use dunkelfeld_radiometry::Rgb;
-
-    #[test]
-    fn means_are_those_of_the_film() {
-        let mut sums = vec![PixelSums::default(); 37 * 41];
-        for (pixel, sums) in sums.iter_mut().enumerate().step_by(3) {
-            sums.add(0, &Sample { radiance: Rgb::splat(pixel as f32), ..Sample::MISS });
-        }
-        let mut film = Film::new(37, 41);
-        film.add_rows(0, &sums).expect("memory");
-        // The first pixel that is added, the number of pixels, and the sum of their red.
-        let sums_of_row = |row: &mut (Option<usize>, usize, f64), pixel: usize, sums: &PixelSums| {
-            row.0.get_or_insert(pixel);
-            row.1 += 1;
-            assert_eq!(sums.mean()[0], if pixel.is_multiple_of(3) { pixel as f64 } else { 0.0 });
-            row.2 += sums.mean()[0];
-        };
-        let red = |pixels: std::ops::Range<usize>| pixels.filter(|p| p.is_multiple_of(3)).sum::<usize>() as f64;
-        let wanted = [0..592, 592..1184, 1184..1517].map(|range| (Some(range.start), range.len(), red(range)));
-        assert_eq!(fold_tile_rows(&film, sums_of_row), wanted);
-        assert_eq!(mean_without_gaps(&film), film.mean_without_gaps());
-    }
-}

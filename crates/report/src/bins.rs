@@ -100,42 +100,4 @@ mod tests {
         assert_eq!(bins.counts, [2, 2, 3]);
         assert!((bins.edges(1)[0] - 10.0).abs() < 1e-9 && (bins.edges(1)[1] - 100.0).abs() < 1e-9);
     }
-
-    #[test]
-    fn edges_are_in_the_bin_above() {
-        let tenths: Vec<f64> = (0..=10).map(|i| f64::from(i) * 0.1).collect();
-        assert_eq!(Bins::within(&tenths, 0.0, 1.0, 10, false).counts, [1, 1, 1, 1, 1, 1, 1, 1, 1, 2]);
-    }
-
-    #[test]
-    fn whole_numbers_have_a_bin_each() {
-        let bins = Bins::of(&[2.0, 0.0, 0.0, 3.0]);
-        assert_eq!(
-            (bins.counts.as_slice(), bins.low, bins.high, bins.is_whole),
-            ([2, 0, 1, 1].as_slice(), -0.5, 3.5, true)
-        );
-        assert_eq!(Bins::of(&[7.0; 3]).counts, [3]);
-    }
-
-    #[test]
-    fn equal_numbers_and_no_numbers_have_an_axis() {
-        let bins = Bins::of(&[0.31; 4]);
-        assert!(bins.low < 0.31 && bins.high > 0.31 && bins.counts == [0, 0, 4, 0, 0], "{bins:?}");
-        assert_eq!(Bins::of(&[f64::NAN]).counts, [0]);
-        assert_eq!(Bins::of(&[-1e308, 1e308, 0.5]).counts.iter().sum::<u64>(), 3);
-    }
-
-    #[test]
-    fn numbers_over_decades_have_logarithmic_bins() {
-        let decades: Vec<f64> = (0..50).map(|i| 10f64.powf(f64::from(i) * 0.05)).collect();
-        assert!(Bins::of(&decades).is_log);
-        let even: Vec<f64> = (0..50).map(|i| 0.5 + f64::from(i)).collect();
-        assert!(!Bins::of(&even).is_log);
-    }
-
-    #[test]
-    fn quantiles_lie_between_numbers() {
-        assert_eq!([0.0, 0.5, 0.75, 1.0].map(|s| quantile(&[1.0, 2.0, 4.0], s)), [1.0, 2.0, 3.0, 4.0]);
-        assert!(quantile(&[], 0.5).is_nan());
-    }
 }

@@ -119,7 +119,6 @@ pub fn table<'a>(name: &str, headings: impl IntoIterator<Item = Heading<'a>>, ro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chart::plot::{Axis, draw};
 
     #[test]
     fn pages_have_the_mark_of_the_program_and_their_own_style_last() {
@@ -131,26 +130,5 @@ mod tests {
         assert!(text.contains(&format!("{STYLE}{style}</style>")));
         assert_eq!(text.matches("<script").count(), 1);
         assert!(text.contains(&format!("{JS}</script>")));
-    }
-
-    #[test]
-    fn groups_without_members_are_empty() {
-        assert_eq!(charts(&[]).into_string(), "");
-        assert_eq!(tiles(&[]).into_string(), "");
-        let axis = Axis { label: "x", is_log: false, has_zero: true };
-        let all = [draw("a", "a", [axis; 2], &[]), draw("b", "b", [axis; 2], &[])];
-        assert_eq!(charts(&all).into_string().matches("<figure>").count(), 2);
-        assert_eq!(facts(&[("a", "1".into()), ("b", String::new())]).into_string(), "<dl><dt>a</dt><dd>1</dd></dl>");
-    }
-
-    #[test]
-    fn headings_have_their_class_and_their_unit() {
-        let size = Heading { text: "size", unit: "mm", class: "n" };
-        let text = table("t", [Heading::of("a < b"), size], html! { tr { td { "x" } td.n { "1" } } }).into_string();
-        let document = roxmltree::Document::parse(&text).unwrap_or_else(|e| panic!("{e}: {text}"));
-        let headings = document.descendants().filter(|n| n.has_tag_name("th"));
-        let classes: Vec<_> = headings.map(|n| (n.attribute("class"), n.text())).collect();
-        assert_eq!(classes, [(None, Some("a < b")), (Some("n"), Some("size "))]);
-        assert!(text.contains("<small>mm</small>"), "{text}");
     }
 }

@@ -41,15 +41,6 @@ pub const fn hash_u64<const N: usize>(words: [u64; N]) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dunkelfeld_lanes::OneLong;
-
-    #[test]
-    fn one_lane_is_mixed_like_a_constant() {
-        for k in 0..1000 {
-            let x = mix64(k);
-            assert_eq!(mix_lanes(OneLong(x)).0, mix64(x));
-        }
-    }
 
     #[test]
     fn each_input_bit_flips_each_output_bit_half_the_time() {
@@ -69,12 +60,5 @@ mod tests {
                 assert!((f64::from(f) - 2048.0).abs() < 7.5 * 32.0, "input bit {bit}, output bit {o}: {f} of {TRIALS}");
             }
         }
-    }
-
-    #[test]
-    fn the_order_and_the_number_of_words_matter() {
-        assert_ne!(hash_u64([1, 2]), hash_u64([2, 1]));
-        assert_ne!(hash_u64([0]), hash_u64([0, 0]));
-        assert_ne!(hash_u64([0, 0]), 0);
     }
 }

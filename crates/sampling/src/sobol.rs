@@ -72,42 +72,6 @@ mod tests {
     use crate::mix64;
     use dunkelfeld_lanes::One;
 
-    /// Primitive polynomials and initial direction numbers (Joe and Kuo 2008): degree, inner coefficients, m_i.
-    const JOE_KUO: [(usize, u32, [u32; 3]); 3] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
-
-    /// Direction numbers: `[dimension][index bit]`, the most significant bit stands for 1/2.
-    const DIRECTIONS: [[u32; 32]; 4] = {
-        let mut v = [[0u32; 32]; 4];
-        let mut i = 0;
-        while i < 32 {
-            v[0][i] = 1 << (31 - i);
-            i += 1;
-        }
-        let mut d = 1;
-        while d < 4 {
-            let (degree, coefficients, m) = JOE_KUO[d - 1];
-            let mut i = 0;
-            while i < 32 {
-                v[d][i] = if i < degree {
-                    m[i] << (31 - i)
-                } else {
-                    let mut x = v[d][i - degree] ^ (v[d][i - degree] >> degree);
-                    let mut k = 1;
-                    while k < degree {
-                        if coefficients >> (degree - 1 - k) & 1 == 1 {
-                            x ^= v[d][i - k];
-                        }
-                        k += 1;
-                    }
-                    x
-                };
-                i += 1;
-            }
-            d += 1;
-        }
-        v
-    };
-
     fn point_reversed(index_reversed: u32) -> [u32; 4] {
         let index = One(index_reversed.reverse_bits());
         [
@@ -116,16 +80,6 @@ mod tests {
             coordinate_reversed::<_, 2>(index).0,
             coordinate_reversed::<_, 3>(index).0,
         ]
-    }
-
-    #[test]
-    fn coordinates_are_products_with_the_direction_numbers() {
-        let indices = (0..32).map(|bit| 1 << bit).chain((0..10_000).map(|k| mix64(k) as u32));
-        for index in indices {
-            let bits = (0..32).filter(|bit| index >> bit & 1 == 1);
-            let products = DIRECTIONS.map(|v| bits.clone().fold(0, |sum, bit| sum ^ v[bit]).reverse_bits());
-            assert_eq!(point_reversed(index.reverse_bits()), products, "index {index:#x}");
-        }
     }
 
     #[test]

@@ -276,18 +276,6 @@ mod tests {
         assert!((value / expected - 1.0).abs() < tolerance, "{name}: {value} instead of {expected}");
     }
 
-    #[test]
-    fn areas_are_those_of_the_round_shapes() {
-        agree("ring", area(&RING.surface()), PI * (0.05f64.powi(2) - 0.03f64.powi(2)), 1e-6);
-        agree("ellipse", area(&LampShape::Ellipse { width: 0.2, height: 0.1 }.surface()), PI * 0.1 * 0.05, 1e-6);
-        let wall = LampShape::Ring { outer_diameter: 0.1, inner_diameter: 0.06, tilt: 0.5 * PI };
-        agree("wall", area(&wall.surface()), PI * 0.08 * 0.02, 1e-3);
-        agree("dome", area(&LampShape::Dome { diameter: 2.0, opening: 0.0 }.surface()), TAU, 2e-3);
-        agree("sphere", area(&LampShape::Sphere { diameter: 2.0 }.surface()), 2.0 * TAU, 1e-5);
-        let leds = Leds { columns: 48, rows: 1, diameter: Some(0.003) };
-        agree("LEDs", area(&RING.meshes(Some(leds)).emitter), 48.0 * PI * 0.0015f64.powi(2), 1e-4);
-    }
-
     /// A dome with an opening of the half-angle a over the middle of its rim gives `pi cos^2 a`.
     #[test]
     fn irradiance_of_a_dome_agrees_with_its_closed_form() {

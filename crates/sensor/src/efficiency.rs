@@ -205,18 +205,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn patterns_have_the_colours_of_their_names() {
-        for pattern in BayerPattern::ALL {
-            let letters: String =
-                [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| &pattern.color_at(x, y).name()[..1]).concat();
-            assert_eq!(letters, pattern.name());
-            for (x, y) in [(0, 0), (5, 2), (4, 7), (9, 9)] {
-                assert_eq!(pattern.color_at(x, y), pattern.color_at(x + 2, y + 4));
-            }
-        }
-    }
-
-    #[test]
     fn white_balance_gains_compensate_the_filters_for_grey() {
         let nm = Nanometres;
         // Flat curves: the electrons are proportional to the efficiencies.

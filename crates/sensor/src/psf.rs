@@ -195,13 +195,6 @@ mod tests {
     }
 
     #[test]
-    fn mtf50_is_the_frequency_of_one_half() {
-        let psf = Psf::mtf50(80e3).expect("in range");
-        assert!((psf.mtf(80e3, 0, 4.0, GREEN) - 0.5).abs() < 1e-12);
-        assert!([0.0, 100.0, f64::NAN, -3.0].iter().all(|&f| Psf::mtf50(f).is_err()));
-    }
-
-    #[test]
     fn tables_are_linear_and_end_as_diffraction() {
         let curve = |height, points: &[[f64; 2]]| MtfCurve { height, points: points.to_vec() };
         let table = MtfTable::new(vec![curve(0.0, &[[50e3, 0.8], [100e3, 0.4]]), curve(4e-3, &[[50e3, 0.5]])]);

@@ -109,29 +109,3 @@ impl NoiseMap {
         Ok(figure.into_string())
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    /// A map of variances over those of the camera.
-    fn map(k: f64, variances: &[f32]) -> NoiseMap {
-        let ratios = Plane::from_fn(variances.len() as u32, 1, |x, _| variances[x as usize].sqrt());
-        NoiseMap { ratios, k, hidden: 0.5 }
-    }
-
-    #[test]
-    fn the_scale_is_symmetric_about_k() {
-        let k = 0.5;
-        let (k2, reach2) = ((k * k) as f32, (REACH * REACH) as f32);
-        let map = map(k, &[0.0, k2 / reach2, k2 / 2.0, k2, 2.0 * k2, k2 * reach2, 1e9, f32::INFINITY, f32::NAN]);
-        let picture = map.picture();
-        let at = |x: u32| *picture.at(x, 0);
-        assert_eq!([at(0), at(1), at(3), at(5), at(6)], [SIGNED[0], SIGNED[0], SIGNED[2], SIGNED[4], SIGNED[4]]);
-        assert_eq!([at(7), at(8)], [UNKNOWN; 2]);
-        let is_blue = |[r, _, b]: [u8; 3]| b > r;
-        assert!(is_blue(at(2)) && !is_blue(at(4)), "{:?} {:?}", at(2), at(4));
-        assert_eq!(map.range(), [0.0625, 4.0]);
-        let html = map.html().expect("a figure");
-        assert!(html.contains("0.500 = k") && html.contains("black: unknown"), "{html}");
-    }
-}

@@ -40,18 +40,3 @@ fn store(file: &str, bytes: &[u8]) -> String {
         Err(e) => format!("details could not be written to {}: {e}", path.display()),
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn files_are_written_and_named() {
-        let csv = write_csv("testkit self test", "a,b", [vec![1.0, 2.5], vec![-3.0, 0.0]]);
-        let path = csv.strip_prefix("details in ").expect("the message names the file");
-        assert_eq!(std::fs::read_to_string(path).unwrap(), "a,b\n1,2.5\n-3,0\n");
-        let pgm = write_pgm("testkit self test", 2, 2, &[0.0, 5.0, f64::NAN, 10.0]);
-        let bytes = std::fs::read(pgm.strip_prefix("details in ").unwrap()).unwrap();
-        assert_eq!(bytes, b"P5\n2 2\n255\n\x00\x80\x00\xff");
-    }
-}

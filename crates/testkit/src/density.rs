@@ -181,12 +181,4 @@ mod tests {
         assert!(test.run("self test shape", &mut draw, |[x, _]| 0.9 * (1.9 * x + 0.05)).p_value < 1e-6);
         assert!(test.run("self test excess", &mut draw, |[x, _]| 2.2 * x).p_value == 0.0);
     }
-
-    #[test]
-    fn directions_round_trip() {
-        for d in [[0.36f32, 0.48, 0.8], [-0.6, 0.0, -0.8], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]] {
-            let back = square_to_direction(direction_to_square(d));
-            assert!((0..3).all(|i| (back[i] - f64::from(d[i])).abs() < 1e-6), "{d:?} became {back:?}");
-        }
-    }
 }

@@ -201,16 +201,6 @@ mod tests {
     }
 
     #[test]
-    fn equal_images_pass_and_their_p_values_are_uniform_enough() {
-        // 60 pairs; the smallest p-value of 60 lies below 1e-4 with probability 6e-3 at most.
-        for k in 0..60 {
-            let (a, b) = (image(2 * k + 11, |_| 5.0), image(2 * k + 12, |_| 5.0));
-            let outcome = TEST.run("self test equal images", &a, &b);
-            assert!(outcome.passes(1e-4), "pair {k}: {}", outcome.message);
-        }
-    }
-
-    #[test]
     fn a_shift_of_all_pixels_that_no_pixel_shows_fails_by_the_mean() {
         // 0.14 standard deviations: half an error of a pixel's difference, 7 errors of the mean's.
         let outcome = TEST.run("self test shift", &image(3, |_| 5.0), &image(4, |_| 5.14));
@@ -242,21 +232,6 @@ mod tests {
     }
 
     #[test]
-    fn images_without_noise_may_differ_by_rounding_only() {
-        let flat = |level: f64| ImageEstimate {
-            width: 2,
-            height: 1,
-            mean: vec![[level; 3]; 2],
-            variance: vec![[0.0; 3]; 2],
-            freedom: 31.0,
-        };
-        assert_eq!(TEST.run("self test same", &flat(1.0), &flat(1.0)).p_value, 1.0);
-        assert!(TEST.run("self test rounding", &flat(1.0), &flat(1.00001)).passes(0.1));
-        assert!(!TEST.run("self test constant", &flat(1.0), &flat(1.001)).passes(1e-12));
-        assert!(!TEST.run("self test black", &flat(0.0), &flat(1e-9)).passes(1e-12));
-    }
-
-    #[test]
     fn missing_data_fails() {
         let good = image(9, |_| 1.0);
         let fails = |bad: &ImageEstimate| assert_eq!(TEST.run("self test missing", &good, bad).p_value, 0.0);
@@ -266,14 +241,5 @@ mod tests {
         fails(&ImageEstimate { variance: vec![[f64::INFINITY; 3]; 256], ..good.clone() });
         fails(&ImageEstimate { variance: vec![[-1.0; 3]; 256], ..good.clone() });
         fails(&ImageEstimate { freedom: 0.0, ..good.clone() });
-    }
-
-    #[test]
-    fn forgiving_none_is_sidak() {
-        let p = order_statistic(1e-5, 0, 1000);
-        assert!((p - (1.0 - (1.0 - 1e-5f64).powi(1000))).abs() < 1e-12, "{p}");
-        // Two or more of 100 below 0.01: 1 - 0.99^100 - 100 * 0.01 * 0.99^99.
-        let two = order_statistic(0.01, 1, 100);
-        assert!((two - (1.0 - 0.99f64.powi(100) - 0.99f64.powi(99))).abs() < 1e-12, "{two}");
     }
 }

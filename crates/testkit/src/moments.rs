@@ -59,33 +59,3 @@ impl FromIterator<f64> for SampleMoments {
         moments
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn known_sample() {
-        let m: SampleMoments = [2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0].into_iter().collect();
-        assert_eq!((m.count(), m.mean()), (8, 5.0));
-        assert!((m.variance() - 32.0 / 7.0).abs() < 1e-14);
-        assert!((m.standard_error() - (4.0f64 / 7.0).sqrt()).abs() < 1e-14);
-    }
-
-    #[test]
-    fn a_large_offset_does_not_eat_the_variance() {
-        let m: SampleMoments = (0..1000).map(|i| 1e9 + f64::from(i % 2)).collect();
-        assert!((m.variance() - 0.25 * 1000.0 / 999.0).abs() < 1e-6, "{}", m.variance());
-    }
-
-    #[test]
-    fn merged_parts_equal_the_whole() {
-        let value = |i: i32| f64::from(i * 37 % 101).sqrt();
-        let whole: SampleMoments = (0..300).map(value).collect();
-        let parts = [0..0, 0..7, 7..120, 120..300].map(|r| r.map(value).collect::<SampleMoments>());
-        let merged = parts.into_iter().fold(SampleMoments::default(), SampleMoments::merge);
-        assert_eq!(merged.count(), whole.count());
-        assert!((merged.mean() - whole.mean()).abs() < 1e-13);
-        assert!((merged.variance() - whole.variance()).abs() < 1e-12);
-    }
-}

@@ -42,22 +42,3 @@ pub fn sidak(rate: f64, count: usize) -> f64 {
     // 1 - (1 - rate)^(1/n), without the cancellation.
     -((-rate).ln_1p() / count.max(1) as f64).exp_m1()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sidak_keeps_the_family_rate() {
-        assert!((sidak(0.05, 2) - 0.025_320_565_519_1).abs() < 1e-12);
-        assert_eq!(sidak(1e-3, 1), 1e-3);
-        // For small rates it is nearly division by the count, and must not round to zero.
-        assert!((sidak(1e-9, 1_000_000) / 1e-15 - 1.0).abs() < 1e-8);
-    }
-
-    #[test]
-    #[should_panic(expected = "below the false-alarm rate")]
-    fn an_impossible_outcome_fails() {
-        Outcome::impossible("no data").assert(1e-300, "nothing");
-    }
-}

@@ -13,7 +13,6 @@
 
 mod support;
 
-mod accumulation;
 mod facets;
 mod furnaces;
 mod grazing;

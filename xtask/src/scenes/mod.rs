@@ -90,13 +90,6 @@ mod tests {
     }
 
     #[test]
-    fn files_stay_small() {
-        for (name, bytes, _) in files() {
-            assert!(bytes.len() < 1_000_000, "{name} has {} bytes", bytes.len());
-        }
-    }
-
-    #[test]
     fn bodies_are_closed_and_wind_outward() {
         let bodies = [
             ("base", part::base()),

@@ -77,34 +77,3 @@ fn quality(a: DVec2, b: DVec2, c: DVec2) -> f64 {
 fn inside(p: DVec2, a: DVec2, b: DVec2, c: DVec2) -> bool {
     (b - a).perp_dot(p - a) >= 0.0 && (c - b).perp_dot(p - b) >= 0.0 && (a - c).perp_dot(p - c) >= 0.0
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn triangles_fill_a_concave_polygon() {
-        let polygon = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (2.0, 1.0), (0.0, 4.0)].map(|(x, y)| DVec2::new(x, y));
-        let area: f64 = triangulate(&polygon)
-            .iter()
-            .map(|t| {
-                let [a, b, c] = t.map(|i| polygon[i as usize]);
-                0.5 * (b - a).perp_dot(c - a)
-            })
-            .sum();
-        // The square less the notch: 16 - 4 * 3 / 2.
-        assert!((area - 10.0).abs() < 1e-12, "area {area}, not 10");
-    }
-
-    #[test]
-    fn a_rounded_rectangle_keeps_its_extent_and_loses_its_corners() {
-        let points = rounded_rectangle(DVec2::new(3.0, 2.0), 0.5, 4);
-        assert_eq!(points.len(), 20);
-        let widest = points.iter().map(|p| p.x).fold(f64::MIN, f64::max);
-        let diagonal = DVec2::ONE.normalize();
-        let farthest = points.iter().map(|p| p.dot(diagonal)).fold(0.0, f64::max);
-        assert!((widest - 3.0).abs() < 1e-12);
-        // The corner's middle: centre (2.5, 1.5) plus 0.5 along the diagonal.
-        assert!((farthest - (4.0 / 2.0_f64.sqrt() + 0.5)).abs() < 1e-12);
-    }
-}

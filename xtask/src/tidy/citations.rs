@@ -75,30 +75,3 @@ fn without_accents(text: &str) -> String {
     }
     plain
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const PAGE: &str =
-        "# B\n- Walker 1977: *A*.\n- Duff, Burgess 2017: *B*.\n- Hörmann 1993: *C*.\n- Meister, Bittner 2018b: *D*.\n";
-
-    fn missing(name: &str, text: &str) -> Vec<String> {
-        check(name, &cited(name, text), PAGE)
-    }
-
-    #[test]
-    fn a_cited_work_needs_an_entry() {
-        let text = "//! Tables (Walker 1977; Vose\n//! 1991), frames by Duff et al. (2017), Hormann (1993).\n/// Meister and Bittner 2018b.\n";
-        assert_eq!(missing("a.rs", text), ["a.rs: docs/bibliography.md has no entry for Vose 1991"]);
-        assert_eq!(missing("a.md", "After Duff et al. 2018.").len(), 1);
-        assert_eq!(missing("a.md", "Walker's (1977) tables.").len(), 0);
-    }
-
-    #[test]
-    fn other_numbers_are_no_years() {
-        let text = "let a = \"Nobody 1999\"; // 2000 samples, SIGGRAPH 2019, In 1995, Size 1024\n";
-        assert!(missing("a.rs", text).is_empty());
-        assert!(missing(BIBLIOGRAPHY, "- Vose 1991: *E*.").is_empty());
-    }
-}

@@ -28,21 +28,3 @@ fn looks_like_a_path(text: &str) -> bool {
     let extension = text.rsplit('/').next().is_some_and(|last| last.contains('.'));
     clean && text.contains('/') && !text.starts_with('/') && (named || extension || text.ends_with('/'))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn missing_files_and_folders_are_named_and_other_words_are_not() {
-        let page = "`crates/film` and `crates/film/src/film.rs`, then `src/gone.rs` and `crates/gone` or `old/`.\n\
-                    Not paths: `W/(m^2 sr)`, `v_r/s`, `cargo test`, `crates/*/src`, `Cargo.toml`, `and/or`.\n\
-                    ```\n`src/in_a_fence.rs`\n```\n";
-        let exists = |p: &str| ["crates/film", "crates/film/src/film.rs"].contains(&p);
-        let expected = ["src/gone.rs", "crates/gone", "old/"];
-        assert_eq!(
-            check(page, exists),
-            expected.map(|p| format!("ARCHITECTURE.md: names `{p}`, which does not exist"))
-        );
-    }
-}

@@ -154,15 +154,6 @@ mod tests {
     }
 
     #[test]
-    fn pixels_without_surface_are_similar_and_invalid_normals_are_ignored() {
-        let normals = Plane::from_vec(3, 1, vec![[0.0; 3], [f32::NAN, 0.0, 0.0], [1e-9, 0.0, 0.0]]).expect("three");
-        let surface = pixel_features(&Plane::new(3, 1, 7), &normals);
-        assert!(surface.data().iter().all(|s| *s == PixelFeatures { object: 7, ..PixelFeatures::default() }));
-        assert!(surface.at(0, 0).is_like(surface.at(2, 0)));
-        assert!(pixel_features(&Plane::new(0, 0, 0), &Plane::new(0, 0, [0.0; 3])).data().is_empty());
-    }
-
-    #[test]
     fn levels_are_similar_up_to_a_factor_of_two() {
         let level = |least, most| SensorVarianceRange { least, most };
         let dark = level(10.0, 12.0);
@@ -177,12 +168,5 @@ mod tests {
                 && SensorVarianceRange::ANY.is_like(&full)
                 && full.is_like(&SensorVarianceRange::ANY)
         );
-    }
-
-    #[test]
-    fn neighbourhoods_end_at_the_image() {
-        assert_eq!(around(0, 0, 1, 3, 3).count(), 4);
-        assert_eq!(around(1, 1, 1, 3, 3).count(), 9);
-        assert_eq!(around(2, 0, 7, 3, 1).count(), 3);
     }
 }

@@ -407,13 +407,6 @@ mod tests {
     }
 
     #[test]
-    fn rounding_does_not_separate_equal_events() {
-        let own = pixel_noise(&events(16, 16, &[(0, 0, 1.0), (3, 3, 1.0 + 1e-7)]));
-        let (inside, outside) = (f64::from(own.at(1, 1).variance), own.at(4, 4).variance);
-        assert!((inside - 2.0).abs() < 1e-6 && outside == 0.0, "{inside} {outside}");
-    }
-
-    #[test]
     fn only_similar_pixels_share_events() {
         let mut evidence = events(16, 16, &[(2, 2, 1.0)]);
         evidence.surface =
@@ -448,36 +441,6 @@ mod tests {
         // The dark pixels have no variance of their own.
         let mean = sum / 20.0 / p;
         assert!((0.7..1.3).contains(&mean), "{mean}");
-    }
-
-    /// Certified over true variance if one sample in `lit` is lit. The mean over the even rows of an image and that
-    /// over the odd ones, which have their own numbers of samples.
-    fn certified_by_row(lit: u32, counts: [u32; 2]) -> [f64; 2] {
-        const SEEDS: u32 = 12;
-        let (p, mut sums) = (f64::from(lit).recip(), [0.0; 2]);
-        for seed in 0..SEEDS {
-            let film = film(|_, y| counts[y as usize % 2], seed.into(), |_, _, _, r| f64::from(u8::from(r.unit() < p)));
-            for (i, noise) in pixel_noise(&evidence_of(&film)).data().iter().enumerate() {
-                sums[i / WIDTH as usize % 2] += f64::from(noise.variance) / (p * (1.0 - p));
-            }
-        }
-        sums.map(|sum| sum / f64::from(SEEDS * WIDTH * WIDTH / 2))
-    }
-
-    #[test]
-    fn pixels_with_sixteen_times_as_many_samples_do_not_share() {
-        for ratio in certified_by_row(64, [16, 256]) {
-            assert!((0.9..1.1).contains(&ratio), "{ratio}");
-        }
-    }
-
-    /// Pixels with twice as many samples share events, and the mean of more samples has less noise.
-    #[test]
-    fn pixels_with_twice_as_many_samples_share_in_proportion() {
-        for ratio in certified_by_row(512, [32, 64]) {
-            // Some thousand events have a standard error of 3 %.
-            assert!((0.85..1.15).contains(&ratio), "{ratio}");
-        }
     }
 
     #[test]

@@ -127,20 +127,6 @@ mod tests {
     use crate::variance::inputs::{PixelFeatures, SensorVarianceRange};
     use dunkelfeld_film::Plane;
 
-    #[test]
-    fn cells_are_ranges_of_slots() {
-        for side in [4, 8, 16] {
-            for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))) {
-                let cell = cell(slot(x, y), side);
-                let (left, top) = (x / side * side, y / side * side);
-                let mut inside: Vec<usize> =
-                    (top..top + side).flat_map(|y| (left..left + side).map(move |x| slot(x, y))).collect();
-                inside.sort_unstable();
-                assert!(inside.into_iter().eq(cell), "{side} {x} {y}");
-            }
-        }
-    }
-
     /// Blocks of some surfaces with some brightnesses and numbers of samples, against the definitions of similarity.
     #[test]
     fn weights_follow_the_definitions_and_uniform_cells_are_uniform() {

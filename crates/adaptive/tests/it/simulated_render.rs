@@ -218,17 +218,6 @@ fn one_expensive_pixel_with_most_samples_does_not_delay_the_end() {
 }
 
 #[test]
-fn costs_that_follow_the_weights_are_predicted() {
-    // Edges are expensive and get the samples: the mean cost rises at the plan, and differs from tile to tile.
-    let steep = |x: u32, y: u32| (x / 8 + y / 16).is_multiple_of(3);
-    let costs = Plane::from_fn(SIDE, SIDE, |x, y| if steep(x, y) { 8e-6 } else { 0.5e-6 });
-    let weights = Plane::from_fn(SIDE, SIDE, |x, y| if steep(x, y) { 6.0 } else { 0.3 });
-    for budget in BUDGETS {
-        Machine { weights: weights.clone(), ..Machine::new(budget, &costs) }.check("dear edges");
-    }
-}
-
-#[test]
 fn a_heavy_tail_of_pixel_costs_is_no_trouble() {
     // Pareto-distributed with exponent 1.2: few pixels dominate the mean.
     let costs = Plane::from_fn(SIDE, SIDE, |x, y| {

@@ -2,7 +2,6 @@
 
 mod common;
 mod furnace;
-mod lanes;
 mod limits;
 mod mitsuba;
 mod phase;

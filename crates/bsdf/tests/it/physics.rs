@@ -1,36 +1,9 @@
 //! Reciprocity, Snell's law, and finite values for all inputs.
 
-use crate::common::{Uniform, direction, extreme_surface, facet_surfaces, principled, wide_surfaces};
-use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, PrincipledModel, PrincipledParams, ThinSheet};
+use crate::common::{Uniform, direction, extreme_surface, facet_surfaces, wide_surfaces};
+use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, ThinSheet};
 use dunkelfeld_geometry::LocalDir;
 use dunkelfeld_radiometry::Rgb;
-
-#[test]
-fn the_sheen_colour_multiplies_the_sheen_and_nothing_else() {
-    // The surface without sheen, plus the sheen of strength one times the colour, channel by channel; the base colour's
-    // hue tints on top of it.
-    let (wo, wi) = (direction(0.4, 0.3), direction(0.2, 2.9));
-    // Without layers: sheen takes nothing from what lies below it.
-    let model = PrincipledModel::Mitsuba;
-    let plain = PrincipledParams { base_color: Rgb::new(0.5, 0.2, 0.1), model, ..Default::default() };
-    let color = Rgb::new(0.9, 0.3, 0.0);
-    let eval = |p: PrincipledParams| principled(p).eval(wo, wi);
-    for sheen_tint in [0.0, 1.0] {
-        let without = eval(plain);
-        let white = eval(PrincipledParams { sheen: 1.0, sheen_tint, ..plain });
-        let colored = eval(PrincipledParams { sheen: 1.0, sheen_tint, sheen_color: color, ..plain });
-        for c in 0..3 {
-            let [without, white, colored, color] = [without, white, colored, color].map(|v| v.to_array()[c]);
-            assert!(white > without * 1.01, "the sheen shows");
-            let expected = without + color * (white - without);
-            assert!((colored - expected).abs() < 1e-6, "channel {c}: {colored}, expected {expected}");
-        }
-    }
-    // A black colour gives no sheen. Invalid numbers do no harm.
-    for none in [Rgb::BLACK, Rgb::splat(f32::NAN), Rgb::splat(-1.0)] {
-        assert_eq!(eval(PrincipledParams { sheen: 1.0, sheen_color: none, ..plain }), eval(plain));
-    }
-}
 
 #[test]
 fn refraction_obeys_snell_and_sheets_do_not_bend() {

@@ -3,7 +3,6 @@
 use crate::common::chart::{narrow, wide};
 use crate::common::{Uniform, direction, facet_surfaces, wide_surfaces};
 use dunkelfeld_bsdf::clearcoat;
-use dunkelfeld_bsdf::microfacet::Ggx;
 use dunkelfeld_bsdf::{Bsdf, Lobe};
 use dunkelfeld_geometry::{LocalDir, Vec3};
 use dunkelfeld_testkit::{DensityTest, direction_to_square, sidak, square_to_direction};
@@ -91,20 +90,6 @@ fn the_density_of_the_coat_is_the_derivative_of_its_distribution() {
             assert!((d / expected - 1.0).abs() < 1e-4, "gloss {gloss}, sin^2 {sin2}: {d}, expected {expected}");
         }
     }
-}
-
-#[test]
-fn bounded_normals_waste_fewer_samples() {
-    // At grazing angles plain visible normals reflect much of the light below the surface (Eto and Tokuyoshi 2023).
-    let ggx = Ggx::new(0.8, 0.8);
-    let wo = direction(0.2, 0.0);
-    let mut u = Uniform::new(400);
-    let lost = |sample: &mut dyn FnMut() -> Vec3| {
-        (0..20_000).filter(|_| dunkelfeld_bsdf::microfacet::reflect(wo.0.into(), sample().into()).z <= 0.0).count()
-    };
-    let plain = lost(&mut || ggx.sample_visible(wo.0.into(), u.pair()).into());
-    let bounded = lost(&mut || ggx.sample_bounded(wo.0.into(), u.pair()).into());
-    assert!(2 * bounded < plain, "lost {bounded} bounded, {plain} plain");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Diffuse transmission: samples follow the density, it is reciprocal, and its albedo is that of its parts.
+//! Diffuse transmission: samples follow the density, and its albedo is that of its parts.
 //!
 //! Replay: `cargo test -p dunkelfeld-bsdf --test it translucent`.
 
@@ -43,31 +43,6 @@ fn directions_follow_their_density_on_both_sides() {
             let what = format!("{name}, cos wo {cos}");
             let test = DensityTest { columns: 24, rows: 16, samples: 40_000 };
             test.run(&what, sample, density).assert(sidak(RATE, count), &what);
-        }
-    }
-}
-
-#[test]
-fn weights_of_samples_are_those_of_evaluation_in_both_directions() {
-    for (k, (name, bsdf)) in surfaces().into_iter().enumerate() {
-        let mut u = Uniform::new(950 + k as u64);
-        for _ in 0..4000 {
-            let wo = u.direction();
-            let Some(s) = bsdf.sample(wo, u.next(), u.pair()) else { continue };
-            let (value, pdf) = bsdf.eval_pdf(wo, s.wi);
-            assert!((s.pdf - pdf).abs() <= 1e-5 * pdf && pdf > 0.0, "{name}: {s:?} but pdf {pdf}");
-            for c in 0..3 {
-                assert!((s.weight[c] * s.pdf - value[c]).abs() <= 1e-5 * value[c], "{name}: {s:?} but {value:?}");
-            }
-            assert_eq!(s.lobe.contains(Lobe::TRANSMISSION), !wo.same_side(s.wi), "{name}: {s:?} from {wo:?}");
-            // f(wo, wi) = f(wi, wo), and the other side is the mirror image.
-            let back = bsdf.eval(s.wi, wo) * (s.wi.abs_cos_theta() / wo.abs_cos_theta());
-            let mirror = |w: LocalDir| LocalDir::new(w.0.x, w.0.y, -w.0.z);
-            let turned = bsdf.eval(mirror(wo), mirror(s.wi));
-            for c in 0..3 {
-                assert!((back[c] - value[c]).abs() <= 1e-3 * value[c].max(1e-3), "{name}: {value:?} but {back:?}");
-                assert!((turned[c] - value[c]).abs() <= 1e-5 * value[c], "{name}: {value:?} but {turned:?}");
-            }
         }
     }
 }

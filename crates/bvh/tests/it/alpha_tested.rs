@@ -36,8 +36,7 @@ fn a_shadow_ray_visits_each_alpha_tested_triangle_once_and_stops_at_the_others()
             },
         ];
         for count in [1, 2] {
-            for build in [Bvh::build, Bvh::build_portable] {
-                let mut bvh = build(&[mesh], &instances[..count]).expect("valid");
+            for mut bvh in Bvh::build_with_each_instruction_set(&[mesh], &instances[..count]).expect("valid") {
                 // Squares 10 to 29 are alpha-tested.
                 bvh.mark_alpha_tested(|mesh, _, triangle| mesh == 0 && (20..60).contains(&triangle));
                 bvh.validate().expect("marks change nothing");

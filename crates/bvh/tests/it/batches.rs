@@ -184,14 +184,3 @@ fn of_equal_hits_the_first_triangle_counts() {
         assert!(hits > 300, "{name}: only {hits} hits: the test does not test");
     }
 }
-
-#[test]
-fn an_empty_scene_and_an_empty_batch_are_valid() {
-    let ray = Ray::new(Vec3::new(0.2, 0.2, 1.0), -Vec3::Z);
-    for bvh in [Bvh::build(&[], &[]).unwrap(), Shape::default().bvh()] {
-        assert_bits_of_single_rays("empty", &bvh, &[ray; 40]);
-    }
-    for set in InstructionSet::all() {
-        assert!(traced(&coincident(1).bvh(), set, &[], 8).is_empty());
-    }
-}

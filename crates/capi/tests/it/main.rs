@@ -1,4 +1,3 @@
 //! The tests of the crate from outside, in one program: `cargo test -p dunkelfeld-capi --test it MODULE::NAME`.
 
 mod c_api;
-mod library_page;

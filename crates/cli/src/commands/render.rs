@@ -112,17 +112,3 @@ fn shortened(mut lines: Vec<String>) -> Vec<String> {
     }
     lines
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn long_lists_are_cut_with_a_note() {
-        let lines = |n: usize| (0..n).map(|i| i.to_string()).collect::<Vec<_>>();
-        assert_eq!(shortened(lines(MAX_NOTICES)), lines(MAX_NOTICES));
-        let cut = shortened(lines(MAX_NOTICES + 3));
-        assert_eq!(cut.len(), MAX_NOTICES + 1);
-        assert!(cut[MAX_NOTICES].contains("and 3 more"), "{cut:?}");
-    }
-}

@@ -106,17 +106,3 @@ fn digits(v: f64) -> String {
 fn pretty(value: &Value) -> String {
     format!("{value:#}\n")
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_have_four_digits_that_matter() {
-        for (v, text) in
-            [(0.0, "0"), (70.0, "70"), (10700.4, "10700"), (2.634, "2.634"), (0.379_66, "0.3797"), (40.294, "40.29")]
-        {
-            assert_eq!(digits(v), text);
-        }
-    }
-}

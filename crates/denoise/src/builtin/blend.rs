@@ -57,21 +57,3 @@ fn share(pixel: [f32; 2], region: [f32; 2]) -> f32 {
     let excess = |[square, noise]: [f32; 2], limit: f32| if noise > 0.0 { square / noise - limit } else { 0.0 };
     1.0 / (1.0 + excess(pixel, PIXEL_LIMIT).max(excess(region, REGION_LIMIT)).max(0.0))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn differences_within_the_noise_are_accepted() {
-        assert_eq!(share([PIXEL_LIMIT, 1.0], [20.0 * REGION_LIMIT, 20.0]), 1.0);
-        assert_eq!(share([0.0, 0.0], [0.0, 0.0]), 1.0);
-    }
-
-    #[test]
-    fn the_share_falls_with_the_fault_of_a_pixel_or_of_its_region() {
-        assert_eq!(share([PIXEL_LIMIT + 1.0, 1.0], [10.0, 25.0]), 0.5);
-        assert_eq!(share([1.0, 1.0], [25.0 * (REGION_LIMIT + 1.0), 25.0]), 0.5);
-        assert!(share([1e6, 1.0], [1e6, 25.0]) < 1e-4);
-    }
-}

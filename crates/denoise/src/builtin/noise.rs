@@ -270,16 +270,4 @@ mod tests {
         assert!(image_of(40, 1.0).0 > 0.98);
         assert_eq!(image_of(2, 1e4).0, 1.0);
     }
-
-    #[test]
-    fn similarity_weight_is_exponential() {
-        assert_eq!(
-            (similarity_weight(0.0), similarity_weight(8.0), similarity_weight(1e9), similarity_weight(f32::INFINITY)),
-            (1.0, 0.0, 0.0, 0.0)
-        );
-        for d in [0.1f32, 0.5, 1.0, 2.0, 4.0] {
-            let (near, exact) = (similarity_weight(d), (-d).exp());
-            assert!(near <= exact && near > exact - 0.05, "{near} for exp(-{d}) = {exact}");
-        }
-    }
 }

@@ -173,16 +173,4 @@ mod tests {
         let value = of_one_side(|across, _| 20.0 + 0.01 * across, 1e4);
         assert!((value - 20.04).abs() < 1e-3, "{value}, expected the mean, 20.04");
     }
-
-    #[test]
-    fn no_plane_falls_below_zero() {
-        let value = of_one_side(|across, _| 0.01 + across * across, 1e-6);
-        assert!(value >= 0.0, "{value}");
-    }
-
-    #[test]
-    fn pixels_without_correction_are_unchanged() {
-        let value = Moments::new(1, 1).value(0, 0, [(1.0, 0.1), (2.0, 0.1), (3.0, 0.1)]);
-        assert_eq!(value, [1.0, 2.0, 3.0]);
-    }
 }

@@ -68,31 +68,3 @@ pub(super) fn map_tiles<T: Clone + Default + Send + Sync>(
     }
     Ok(plane)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tiles_cover_an_image_exactly() {
-        for (width, height) in [(0, 0), (0, 5), (1, 1), (64, 64), (65, 1), (130, 67)] {
-            let plane = map_tiles((width, height), &Control::SILENT, (0.0, 1.0), |t| {
-                let pixel = |i: usize| (t.x + (i % t.width) as u32, t.y + (i / t.width) as u32);
-                (0..t.width * t.height).map(pixel).collect()
-            });
-            assert_eq!(plane, Ok(Plane::from_fn(width, height, |x, y| (x, y))));
-        }
-    }
-
-    #[test]
-    fn a_caller_that_cancels_gets_no_more_tiles() {
-        let worked = AtomicUsize::new(0);
-        let control = Control { progress: &|fraction| fraction < 0.5, ..Control::SILENT };
-        let result = map_tiles((10 * EDGE, EDGE), &control, (0.0, 1.0), |t| {
-            worked.fetch_add(1, Ordering::Relaxed);
-            vec![0u8; t.width * t.height]
-        });
-        assert_eq!(result, Err(DenoiseError::Cancelled));
-        assert_eq!(worked.into_inner(), 5);
-    }
-}

@@ -320,10 +320,4 @@ mod tests {
         assert_eq!(std::fs::read_to_string(at("job.toml")).expect("still there"), "mine");
         assert!(!at("new.toml").exists());
     }
-
-    #[test]
-    fn names_are_escaped() {
-        assert_eq!(quoted("a\"b\\\n\u{7f}"), r#""a\"b\\\n\u007f""#);
-        assert_eq!([length(0.0), length(123.456), length(-0.0123456)], [0.0, 123.5, -0.01235]);
-    }
 }

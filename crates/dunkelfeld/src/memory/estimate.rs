@@ -325,49 +325,6 @@ mod tests {
         account_of(&settings, &outputs)
     }
 
-    fn bytes(account: &MemoryAccount, name: &str) -> u64 {
-        account.items.iter().filter(|i| i.name == name).map(|i| i.bytes.iter().max().copied().unwrap_or(0)).sum()
-    }
-
-    #[test]
-    fn more_of_anything_needs_more() {
-        let plain = with(|_, _| {});
-        assert_eq!((bytes(&plain, "scene"), bytes(&plain, "textures")), (2_000_000, 3_000_000));
-        let larger = with(|s, _| s.width *= 2);
-        // Without the part that does not depend on pixels.
-        let fixed = PROGRAM + 5_000_000 + 2 * THREAD + bytes(&plain, "training");
-        assert!(larger.peak_bytes - fixed > (plain.peak_bytes - fixed) * 19 / 10, "{}", larger.table());
-        assert!(with(|s, _| s.denoise.method = DenoiseMethod::Builtin).peak_bytes > plain.peak_bytes);
-        assert!(
-            with(|s, _| s.denoise.method = DenoiseMethod::Oidn).peak_bytes
-                > with(|s, _| s.denoise.method = DenoiseMethod::Builtin).peak_bytes
-        );
-        let exr = with(|_, o| o.exr = Some(PathBuf::from("a.exr")));
-        assert!(bytes(&exr, "files") > bytes(&plain, "files"));
-        let part = with(|s, _| s.samples = Some(0..8));
-        assert!(bytes(&part, "plan") > 0 && bytes(&part, "noise and plan") == 0, "{}", part.table());
-    }
-
-    /// Each film, exposure and analysis that is kept adds its own bytes.
-    #[test]
-    fn kept_films_are_added() {
-        let scene = SceneSummary::default();
-        let settings = crate::default_settings();
-        let outputs = OutputPaths::default();
-        let kept = |kept: KeptFilms| {
-            let needs =
-                RenderNeeds { scene: &scene, description: 0, settings: &settings, outputs: &outputs, threads: 2, kept };
-            bytes(&render_account(needs).1, "kept films")
-        };
-        let none = KeptFilms::default();
-        let px = pixels(settings.width, settings.height);
-        assert_eq!(kept(none), 0);
-        assert_eq!(kept(KeptFilms { exposures: 3, bytes_per_pixel: 7, ..none }), px * (3 * 38 + 7));
-        let film = bytes(&account_of(&settings, &outputs), "film") + 8 * px;
-        assert_eq!(kept(KeptFilms { films: 2, ..none }), 2 * film);
-        assert!(kept(KeptFilms { analyses: 1, ..none }) > 20 * px);
-    }
-
     #[test]
     fn the_largest_film_is_accounted_for_without_overflow() {
         let vast = with(|s, o| {

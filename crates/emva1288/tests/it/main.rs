@@ -1,4 +1,3 @@
 //! The tests of the crate from outside, in one program: `cargo test -p dunkelfeld-emva1288 --test it MODULE::NAME`.
 
-mod synthetic_camera;
 mod whole_measurement;

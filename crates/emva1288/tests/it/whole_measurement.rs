@@ -326,27 +326,6 @@ fn the_general_module_accounts_for_rounding_and_clipping_at_zero() {
     assert!(whole.bounds.is_empty() && whole.notes.len() == 1, "{:?} {:?}", whole.bounds, whole.notes);
 }
 
-#[test]
-fn a_pitch_gives_figures_per_area() {
-    let mut rng = Pcg64::new(16, 1);
-    let measurement = measure(CAMERA, 20, 2, &mut rng);
-    assert!(linear(&measurement).get("mu_p.sat.area").is_none());
-    let settings = AnalysisSettings::default().with_pixel_pitch(2.0);
-    let found = analyse(&measurement, &settings).expect("levels");
-    assert!((4.0 * found.value("mu_p.sat.area") - found.value("mu_p.sat")).abs() < 1e-9);
-}
-
-/// The linear figures do not depend on the order of the frames.
-#[test]
-fn the_order_of_the_levels_does_not_matter() {
-    let mut rng = Pcg64::new(17, 1);
-    let mut measurement = measure(CAMERA, 12, 2, &mut rng);
-    let forwards = linear(&measurement);
-    measurement.levels.reverse();
-    measurement.stacks.reverse();
-    assert_eq!(linear(&measurement), forwards);
-}
-
 /// Values with a gamma curve: the general module finds the threshold and the range of the camera without the curve.
 #[test]
 fn the_general_module_is_correct_for_a_gamma_curve() {
@@ -407,20 +386,4 @@ fn data_that_cannot_be_analysed_are_errors_with_help() {
     let found = linear(&bare);
     assert!(found.get("DSNU1288").is_none() && found.nonuniformity.is_none());
     assert!(found.notes.iter().any(|n| n.contains("no stacks")), "{:?}", found.notes);
-}
-
-/// A stack needs the same memory for any number of frames: four bytes per pixel.
-#[test]
-fn memory_does_not_grow_with_the_number_of_frames() {
-    let size = |frames: usize| {
-        let mut stack = StackAccumulator::new(64, 48);
-        let values = [100u16; 64 * 48];
-        for _ in 0..frames {
-            stack.add(Frame::new(64, 48, &values).expect("size")).expect("same size");
-        }
-        let stack = stack.finish().expect("frames");
-        size_of_val(stack.sums()) + size_of_val(&stack)
-    };
-    assert_eq!(size(2), size(200));
-    assert!(size(2) < 64 * 48 * 4 + 200, "{}", size(2));
 }

@@ -401,36 +401,6 @@ mod tests {
         }
     }
 
-    /// Equal cells of (u1, u2) must cover equal probability: solid angle of the image of a cell times density.
-    #[test]
-    fn each_cell_of_random_numbers_covers_its_share_of_solid_angle() {
-        let r = rectangle();
-        const N: usize = 48;
-        // From 0.1 mm the far cells are long and curved; the bit-for-bit test covers that view.
-        for p in references().into_iter().filter(|&p| (p - r.corner).dot(r.normal()).abs() > 1e-3) {
-            let at = |i: usize, j: usize| {
-                let u = [i, j].map(|k| (k as f32 / N as f32).min(1.0 - f32::EPSILON / 2.0));
-                sample_rectangle(&r, p, u).map(|s| s.point)
-            };
-            let mut covered = 0.0;
-            for i in 0..N {
-                for j in 0..N {
-                    let [Some(a), Some(b), Some(c), Some(d)] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]
-                    else {
-                        panic!("no sample from {p}");
-                    };
-                    let centre = 0.25 * (a + b + c + d);
-                    let cell = triangle_solid_angle(&[a, b, c], p) + triangle_solid_angle(&[a, c, d], p);
-                    let share = cell * pdf_rectangle(&r, p, centre) * (N * N) as f32;
-                    // Cells at the far ends of a wide view are curved; the rest are flat to a few per cent.
-                    assert!((0.75..1.35).contains(&share), "cell {i},{j} from {p} has {share} of its share");
-                    covered += share / (N * N) as f32;
-                }
-            }
-            assert!((covered - 1.0).abs() < 5e-3, "cells cover {covered} of the rectangle from {p}");
-        }
-    }
-
     #[test]
     fn the_density_of_a_sample_is_that_of_pdf_to_the_bit() {
         let r = rectangle();

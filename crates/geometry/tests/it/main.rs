@@ -1,4 +1,3 @@
 //! The tests of the crate from outside, in one program: `cargo test -p dunkelfeld-geometry --test it MODULE::NAME`.
 
-mod lanes;
 mod samplers;

@@ -57,17 +57,6 @@ fn each_case_needs_its_effect() {
 }
 
 #[test]
-fn cases_have_names_of_their_own() {
-    let mut names: Vec<String> = Case::all().into_iter().map(Case::name).collect();
-    let count = names.len();
-    let techniques = Effect::ALL.into_iter().filter(|e| e.is_technique()).count();
-    assert_eq!(count, 1 + Effect::ALL.len() + techniques);
-    names.sort_unstable();
-    names.dedup();
-    assert_eq!(names.len(), count);
-}
-
-#[test]
 fn listed_code_exists() {
     let crates = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     for (path, functions) in EFFECTS {

@@ -5,8 +5,8 @@ use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelIds, PixelSample, p
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, Aperture, Blades, Environment, EnvironmentSource, Material, Opening, PunctualKind, PunctualLight,
-    RayGenerator, Scene, SceneBuilder, Surface, Vignetting, Volume,
+    AlphaMode, Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, RayGenerator, Scene,
+    SceneBuilder, Surface, Volume,
 };
 
 const SIZE: u32 = 12;
@@ -101,34 +101,6 @@ fn first_light_is_that_of_a_floor_without_a_wall() {
     }
 }
 
-/// The weight of the lens applies to the recorded path as to the sample, and depth is measured from the lens.
-#[test]
-fn a_trace_through_a_vignetting_lens_sums_to_its_sample() {
-    let (scene, _) = room();
-    let mut camera = scene.cameras()[0].clone();
-    let blades = Some(Blades { count: 5, rotation: 0.2 });
-    camera.lens.aperture = Some(Aperture { opening: Opening::Radius(0.03), focus_distance: 1.5, blades });
-    camera.lens.vignetting = Vignetting::CosineFourth;
-    let sharp = scene.ray_generator(&scene.cameras()[0], SIZE, SIZE).expect("a camera");
-    let lens = scene.ray_generator(&camera, SIZE, SIZE).expect("a camera");
-    let of = |camera| Estimator { scene: &scene, camera, width: SIZE, seed: 4, frame: 2, roulette: None };
-    let (mut lit, mut moved) = (0, 0);
-    for k in 0..SIZE * SIZE {
-        let at = PixelSample { x: k % SIZE, y: k / SIZE, index: k };
-        let (sample, trace) = of(&lens).trace(at);
-        assert_eq!(sample, of(&lens).sample(at), "tracing {at:?} changes it");
-        let sum = trace.vertices.iter().fold(Rgb::BLACK, |sum, v| sum + v.contribution());
-        let (a, b) = (sum.to_array(), sample.radiance.to_array());
-        assert!((0..3).all(|c| (a[c] - b[c]).abs() <= 1e-5 * b[c].max(1e-6)), "{at:?}: {a:?} is not {b:?}");
-        if let (true, Some(first)) = (sample.hit, trace.vertices.first()) {
-            assert!(first.throughput.max_channel() < 1.0 + 1e-6, "{at:?}");
-        }
-        lit += u32::from(!sample.radiance.is_black());
-        moved += u32::from(sample.depth != of(&sharp).sample(at).depth);
-    }
-    assert!(lit > 40 && moved > 100, "{lit} lit, {moved} moved by the lens");
-}
-
 #[test]
 fn pixel_ids_ignore_surfaces_that_cover_less_than_half() {
     // The veil stands between camera and room and covers 0.3 of it. No pixel has its ids.
@@ -145,26 +117,6 @@ fn pixel_ids_ignore_surfaces_that_cover_less_than_half() {
     assert_eq!(scene.object_names(), names);
     assert!(count(0) > 20 && count(1) > 5 && count(2) > 5 && count(3) == 0, "{labels:?}");
     assert!(labels.iter().flatten().all(|l| l.object() == l.material()), "each object has its own material");
-}
-
-#[test]
-fn samples_depend_on_all_coordinates_and_on_nothing_else() {
-    let (scene, camera) = room();
-    let of = |seed, frame, x, y, index| {
-        let estimator = Estimator { scene: &scene, camera: &camera, width: SIZE, seed, frame, roulette: None };
-        (0..16u32).map(|k| estimator.sample(PixelSample { x, y, index: index + 16 * k })).collect::<Vec<_>>()
-    };
-    let base = of(1, 0, 5, 7, 0);
-    assert_eq!(base, of(1, 0, 5, 7, 0));
-    for (what, other) in [
-        ("seed", of(2, 0, 5, 7, 0)),
-        ("frame", of(1, 1, 5, 7, 0)),
-        ("column", of(1, 0, 6, 7, 0)),
-        ("row", of(1, 0, 5, 8, 0)),
-        ("index", of(1, 0, 5, 7, 1)),
-    ] {
-        assert!(base.iter().zip(&other).all(|(a, b)| a.depth != b.depth || a.radiance != b.radiance), "{what}");
-    }
 }
 
 /// A plate that emits outward, with a body on it whose lower face is the upper one of the plate. Both are turned, so that

@@ -106,16 +106,6 @@ fn without_every_light_the_mean_is_equal_and_the_choice_differs() {
     }
 }
 
-/// With a single light there is no choice, and the image is the same to the last bit.
-#[test]
-fn a_single_light_does_not_use_every_light() {
-    let with = built(room(1));
-    let mut left_out = room(1);
-    assert!(left_out.leave_out(Effect::EveryLight));
-    assert!(!with.effects().has(Effect::EveryLight));
-    assert_eq!(moments(&with, 3), moments(&built(left_out), 3));
-}
-
 // --- Learned Russian roulette -------------------------------------------------------------------------------------------
 
 /// Frames of a comparison: few paths on the dark floor carry much light.
@@ -169,18 +159,6 @@ fn the_learned_roulette_changes_the_noise_and_not_the_mean() {
     }
 }
 
-/// A survivor that is not divided by its probability changes the mean by more than the comparison allows.
-#[test]
-fn the_comparison_of_means_detects_ten_per_cent() {
-    let scene = dark_room(4, false);
-    let trained = trained(&scene, false);
-    let (by_throughput, learned) =
-        (moments_with(&scene, None, 1, FRAMES), moments_with(&scene, Some(&trained), 2, FRAMES));
-    let z = (1.1 * learned.mean() - by_throughput.mean()).abs()
-        / learned.standard_error().hypot(by_throughput.standard_error());
-    assert!(z > 7.0, "ten per cent are only {z} standard errors");
-}
-
 #[test]
 fn training_does_not_depend_on_the_order_of_its_batches_in_time() {
     let scene = dark_room(3, true);
@@ -209,15 +187,4 @@ fn training_in_a_dense_medium_ends_early() {
     });
     // The limit, and the paths that are followed together.
     assert!((32.0 * 256.0..32.0 * 256.0 + 20_000.0).contains(&largest.get()), "{largest:?}");
-}
-
-#[test]
-fn training_without_a_surface_learns_nothing() {
-    let mut b = room(1);
-    b.instances.clear();
-    let scene = built(b);
-    let trained = LearnedRoulette::train(&scene, &camera(&scene), [SIDE, SIDE], 256, |batches, trace| {
-        batches.map(trace).collect()
-    });
-    assert!(trained.is_none());
 }

@@ -3,14 +3,16 @@
 //! Replay: `cargo test -p dunkelfeld-integrator --test it wavefront::NAME`.
 
 use dunkelfeld_film::Sample;
-use dunkelfeld_geometry::{DAffine3, DVec3, Vec3};
+use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion, Vec2, Vec3};
 use dunkelfeld_integrator::{ConnectionTally, Estimator, LearnedRoulette, PixelSample, Wavefront};
 use dunkelfeld_lanes::InstructionSet;
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_sampling::mix64;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, Environment, EnvironmentSource, Image, ImageId, Material, PunctualKind, PunctualLight, Scene,
-    SceneBuilder, Surface, Texels, Volume,
+    AlphaMode, ChannelTexture, ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Image, ImageId,
+    LampShape, Leds, LightProfile, Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Shutter, Surface,
+    Texels, Texture, Volume,
 };
 
 const SIZE: u32 = 24;
@@ -205,4 +207,62 @@ fn light_through_a_cover() {
     let glass = b.add_material(Material { roughness: 0.0, transmission: 1.0, surface, ..Material::default() });
     b.add_object("plate", cuboid(Vec3::new(-0.9, -0.9, 0.6), Vec3::new(0.9, 0.9, 0.65)), glass);
     compare(b, "a cover");
+}
+
+/// Lamps that are one light each, and points with a measured profile.
+#[test]
+fn lamps_and_light_profiles() {
+    let mut b = station();
+    for (columns, emission_profile, z) in [
+        (0, EmissionProfile::Lambertian, 1.2),
+        (24, EmissionProfile::CosinePower { exponent: 3.0 }, 1.3),
+        (150, EmissionProfile::Louver { half_angle: 1.3 }, 1.4),
+    ] {
+        let leds = (columns > 0).then_some(Leds { columns, rows: 1, diameter: Some(0.01) });
+        let m = b.add_material(Material { emission: Rgb::splat(2.0), emission_profile, ..Material::default() });
+        let shape = LampShape::Ring { outer_diameter: 0.9, inner_diameter: 0.5, tilt: 0.4 };
+        let lamp = b.add_object("lamp", shape.meshes(leds).emitter, m);
+        b.instances[lamp].to_world = DAffine3::from_translation(DVec3::Z * z);
+        b.meshes[lamp].is_single_light = true;
+    }
+    let vertical: Vec<f64> = (0..19).map(|i| f64::from(i) * 10.0).collect();
+    for (profile, horizontal) in [&[0.0][..], &[0.0, 90.0, 200.0, 360.0]].into_iter().enumerate() {
+        let intensity = (0..19 * horizontal.len()).map(|i| 20.0 - (i % 19) as f32 + (i / 19 % 3) as f32).collect();
+        b.profiles.push(LightProfile::new("p", &vertical, horizontal, intensity).expect("the angles ascend"));
+        let kind = PunctualKind::Profile { profile, scale: Rgb::splat(0.02) };
+        let to_world = DAffine3::from_translation(DVec3::new(0.4, -0.5, 0.6));
+        b.lights.push(PunctualLight { name: "point".into(), to_world, kind });
+    }
+    compare(b, "lamps and profiles");
+}
+
+/// Textures of several kinds on balls at rest, and on balls that move and turn.
+#[test]
+fn textured_and_moving_surfaces() {
+    let mut b = station();
+    let texels = (0..64).map(|i| [0, 1, 2, 3].map(|channel| (mix64(4 * i + channel) >> 48) as u16)).collect();
+    b.images.push(Image { name: "noise".into(), width: 8, height: 8, texels: Texels::Rgba16(texels).into() });
+    let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
+    let by_channel = Some(ChannelTexture { texture, channel: 1 });
+    let balls = [
+        Material { base_color_texture: Some(texture), ..Material::default() },
+        Material { normal_texture: Some(texture), normal_scale: 1.3, ..Material::default() },
+        Material { anisotropy: 0.5, anisotropy_texture: Some(texture), ..Material::default() },
+        Material { transmission: 0.6, transmission_texture: by_channel, ..Material::default() },
+    ];
+    for (k, material) in balls.into_iter().enumerate() {
+        let m = b.add_material(material);
+        let mut mesh = sphere(Vec3::ZERO, 0.15, 9, true);
+        mesh.uvs[0] = mesh.positions.iter().map(|p| Vec2::new(3.0 * p.x + p.z, 4.0 * p.y)).collect();
+        mesh.colors = mesh.positions.iter().map(|p| (Vec3::splat(0.5) + *p).extend(1.0)).collect();
+        let ball = b.add_object("ball", mesh, m);
+        b.instances[ball].to_world = DAffine3::from_translation(DVec3::new(0.3 * k as f64 - 0.5, -0.5, 0.2));
+    }
+    compare(b.clone(), "textures");
+    b.shutter = Some(Shutter::Frame { exposure: 0.5 });
+    for instance in b.instances.iter_mut().rev().take(4) {
+        let spin = RigidMotion::rotation(DVec3::Z, instance.to_world.translation, 0.5).expect("an axis");
+        instance.motion = RigidMotion { velocity: DVec3::new(0.1, 0.0, 0.05), ..spin };
+    }
+    compare(b, "balls that move");
 }

@@ -108,18 +108,4 @@ mod tests {
         assert_eq!(extrapolated_at(&ConvergenceFit::default(), 16, f32::INFINITY), f32::INFINITY);
         assert_eq!(extrapolated_at(&ConvergenceFit::default(), 64, 50.0), 50.0, "enough already");
     }
-
-    #[test]
-    fn no_prediction_is_below_the_present_samples() {
-        let targets = Plane::from_vec(2, 1, vec![1000.0, 40.0]).expect("two");
-        let counts = Plane::from_vec(2, 1, vec![10, 39]).expect("two");
-        assert_eq!(ConvergenceFit::default().extrapolate(targets, &counts).data()[1], 39.0);
-    }
-
-    #[test]
-    fn it_can_be_stored() {
-        let trend = after(&[(8.0, 1600.0), (16.0, 1300.5)]);
-        let text = serde_json::to_string(&trend).expect("numbers");
-        assert_eq!(serde_json::from_str::<ConvergenceFit>(&text).expect("the same"), trend);
-    }
 }

@@ -146,30 +146,6 @@ mod tests {
     }
 
     #[test]
-    fn the_last_label_is_within_the_chart_and_a_single_bar_is_visible() {
-        for most in [4e3, 3.9e3, 8e4, 1e-3, 0.25, 123_456.0] {
-            let t = Trace { color: 0, name: "t".into(), style: Style::Line, points: vec![[0.0, 0.0], [most, 1.0]] };
-            let text = draw("x", "", [axis("x", false), axis("y", false)], &[t]).file();
-            let document = roxmltree::Document::parse(&text).expect("well-formed");
-            let ticks = document.descendants().filter(|n| n.attribute("class") == Some("tick"));
-            for n in ticks {
-                let x: f64 = n.attribute("x").and_then(|v| v.parse().ok()).expect("a place");
-                let after = match n.attribute("text-anchor") {
-                    Some("end") => 0.0,
-                    _ => 0.5 * 7.6 * n.text().unwrap_or_default().chars().count() as f64,
-                };
-                assert!(x + after <= SIZE[0], "{most}: {:?} at {x}", n.text());
-            }
-        }
-        let bar = Trace { color: 0, name: "t".into(), style: Style::Line, points: vec![[0.0, 4096.0]] };
-        let text = draw("x", "", [Axis { has_zero: false, ..axis("x", false) }, axis("y", true)], &[bar]).file();
-        let document = roxmltree::Document::parse(&text).expect("well-formed");
-        let circle = document.descendants().find(|n| n.has_tag_name("circle")).expect("the bar");
-        let x: f64 = circle.attribute("cx").and_then(|v| v.parse().ok()).expect("a place");
-        assert!((x - 0.5 * (LEFT + RIGHT)).abs() < 0.2, "{x}");
-    }
-
-    #[test]
     fn points_lie_at_their_coordinates() {
         let points = vec![[0.0, 10.0], [50.0, 20.0], [100.0, 30.0]];
         let t = Trace { color: 0, name: "t".into(), style: Style::Points, points };

@@ -1,5 +1,4 @@
 //! The tests of the crate from outside, in one program: `cargo test -p dunkelfeld-sampling --test it MODULE::NAME`.
 
-mod lanes;
 mod sampler;
 mod warps;

@@ -4,7 +4,6 @@ use dunkelfeld_sampling::warp::*;
 use dunkelfeld_sampling::{Distribution1D, Distribution2D};
 use dunkelfeld_testkit::{SamplerCase, check_corners, check_densities, check_inverses, check_names};
 use glam::{Vec2, Vec3};
-use std::f64::consts::PI;
 
 /// False-alarm rate of the whole table.
 const RATE: f64 = 1e-9;
@@ -132,18 +131,6 @@ fn no_sampler_is_left_out() {
         ("lanes::sample_sphere", one_lane),
     ];
     check_names(concat!(env!("CARGO_MANIFEST_DIR"), "/src"), &all(), &exempt);
-}
-
-#[test]
-fn sine_and_cosine_of_a_turn() {
-    for i in -80_000..=80_000 {
-        let turn = i as f32 / 40_000.0;
-        let (s, c) = sin_cos_turn(turn);
-        let (es, ec) = (f64::from(turn) * 2.0 * PI).sin_cos();
-        let error = (f64::from(s) - es).abs().max((f64::from(c) - ec).abs());
-        assert!(error < 1.5e-7, "{turn} of a turn: {s}, {c}");
-        assert!((s * s + c * c - 1.0).abs() < 3e-7);
-    }
 }
 
 #[test]

@@ -508,19 +508,4 @@ mod tests {
         assert_eq!([0, 1, 2, 3].map(|i| shares_facets(&first, &third, i)), [true, false, true, true]);
         assert_eq!(cache.meshes.len(), 5, "four meshes, and one of another shape");
     }
-
-    #[test]
-    fn results_that_are_no_longer_used_are_dropped() {
-        let mut b = balls(12);
-        let mut cache = BuildCache::default();
-        b.clone().build_with(&mut cache).expect("a scene");
-        let known = cache.meshes.len();
-        b.instances.remove(3);
-        let removed = b.meshes.pop();
-        for _ in 0..=KEPT_BUILDS {
-            b.clone().build_with(&mut cache).expect("a scene");
-        }
-        assert_eq!(cache.meshes.len(), known - 1);
-        drop(removed);
-    }
 }

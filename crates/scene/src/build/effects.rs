@@ -318,14 +318,6 @@ mod tests {
     }
 
     #[test]
-    fn a_grey_matt_scene_requires_no_effect() {
-        let effects = Effects::from_scene(&scene(Material { name: "paint".into(), ..Material::default() }));
-        for effect in Effect::ALL {
-            assert!(!effects.has(effect), "{} is required by {:?}", effect.name(), effects.users(effect));
-        }
-    }
-
-    #[test]
     fn effects_of_a_material_are_listed_with_its_name() {
         let volume = Volume { scattering: Rgb::splat(100.0), absorption: Rgb::new(1.0, 2.0, 3.0), ..Volume::default() };
         let frosted = Material {
@@ -341,20 +333,5 @@ mod tests {
         let wanted = [Effect::Coverage, Effect::RoughRefraction, Effect::Absorption, Effect::Scattering, Effect::Color];
         assert_eq!(called, wanted);
         assert_eq!(effects.users(Effect::Scattering), ["material \"frosted\""]);
-    }
-
-    #[test]
-    fn an_unused_material_requires_no_effect() {
-        let mut scene = scene(Material::default());
-        scene.add_material(Material { transmission: 1.0, ..Material::default() });
-        assert_eq!(Effects::from_scene(&scene), Effects::default());
-    }
-
-    #[test]
-    fn materials_with_different_names_are_listed_separately() {
-        let mut names: Vec<&str> = Effect::ALL.iter().map(|e| e.name()).collect();
-        names.sort_unstable();
-        names.dedup();
-        assert_eq!(names.len(), Effect::ALL.len());
     }
 }

@@ -149,9 +149,8 @@ impl Write for Hash {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::shapes::{cuboid, sphere};
-    use crate::{Material, SceneBuilder, Texels};
+    use crate::{Material, SceneBuilder};
     use dunkelfeld_geometry::{DVec3, Vec3};
     use dunkelfeld_radiometry::Rgb;
     use std::sync::Arc;
@@ -190,31 +189,5 @@ mod tests {
         for (i, change) in changes.into_iter().enumerate() {
             assert_ne!(fingerprint(change), same, "change {i}");
         }
-    }
-
-    /// Grey is three equal channels, and alpha that is not stored is opaque. The hash depends on the values only.
-    #[test]
-    fn images_are_hashed_by_their_values() {
-        let with = |texels: Texels| {
-            fingerprint(|b| b.images.push(Image { name: "a".into(), width: 2, height: 1, texels: texels.into() }))
-        };
-        let stored = with(Texels::Rgba8(vec![[7, 7, 7, 255], [200, 200, 200, 255]]));
-        assert_eq!(with(Texels::Gray8(vec![[7], [200]])), stored);
-        assert_eq!(with(Texels::GrayAlpha8(vec![[7, 255], [200, 255]])), stored);
-        assert_eq!(with(Texels::Rgb8(vec![[7; 3], [200; 3]])), stored);
-        assert_ne!(with(Texels::Gray8(vec![[7], [201]])), stored);
-        assert_ne!(with(Texels::GrayAlpha8(vec![[7, 255], [200, 254]])), stored);
-        assert_ne!(with(Texels::Gray16(vec![[7], [200]])), stored);
-        let deep = with(Texels::Rgba16(vec![[7, 8, 9, 65535], [1, 2, 3, 65535]]));
-        assert_eq!(with(Texels::Rgb16(vec![[7, 8, 9], [1, 2, 3]])), deep);
-        let float = with(Texels::RgbF32(vec![[0.5; 3], [2.0; 3]]));
-        assert_eq!(with(Texels::GrayF32(vec![[0.5], [2.0]])), float);
-    }
-
-    #[test]
-    fn a_digest_is_the_hash_of_the_serialised_value() {
-        // A varint, the length of the text, the text.
-        assert_eq!(digest(&(1u32, "a")), XxHash3_128::oneshot(&[1, 1, b'a']));
-        assert_ne!(digest(&0.1f32), digest(&0.1f32.next_up()));
     }
 }

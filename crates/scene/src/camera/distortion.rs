@@ -253,37 +253,3 @@ impl Undistorter {
 fn length([x, y]: [f64; 2]) -> f64 {
     (x * x + y * y).sqrt()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Pure barrel distortion x' = x (1 - r^2 / 3) folds at r = 1, where its derivative 1 - r^2 vanishes, at 2/3.
-    #[test]
-    fn the_fold_of_a_cubic_is_found_where_its_derivative_vanishes() {
-        let cubic = Distortion { radial: [-1.0 / 3.0, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
-        let fold = Undistorter::new(cubic, 0.7).expect_err("beyond the fold");
-        assert!((fold.radius - 1.0).abs() < 0.01 && (fold.film_radius - 2.0 / 3.0).abs() < 1e-4, "{fold:?}");
-        assert!(Undistorter::new(cubic, 0.66).is_ok());
-        // x' = x / (1 + r^2) has its largest value 1/2 at r = 1; x' = x / (1 - r^2) a pole there, but covers any film.
-        let fraction = |k4: f64| Distortion { radial: [0.0, 0.0, 0.0, k4, 0.0, 0.0], tangential: [0.0; 2] };
-        assert!(Undistorter::new(fraction(1.0), 0.499).is_ok() && Undistorter::new(fraction(1.0), 0.501).is_err());
-        assert!(Undistorter::new(fraction(-1.0), 5.0).is_ok());
-    }
-
-    #[test]
-    fn coefficients_come_in_the_order_of_opencv() {
-        let eight = Distortion::from_opencv(&[1.0, 2.0, 7.0, 8.0, 3.0, 4.0, 5.0, 6.0]).expect("eight");
-        assert_eq!((eight.radial, eight.tangential), ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [7.0, 8.0]));
-        assert_eq!(Distortion::from_opencv(&[0.0; 5]), Some(Distortion::NONE));
-        for zeros in [5, 8, 12, 14] {
-            let list = [&[1.0, 2.0, 7.0, 8.0], &vec![0.0; zeros - 4][..]].concat();
-            let distortion = Distortion::from_opencv(&list).expect("zeros");
-            assert_eq!((distortion.radial[1], distortion.tangential), (2.0, [7.0, 8.0]), "{zeros}");
-        }
-        assert_eq!(Distortion::from_opencv(&[&[0.0; 11][..], &[1.0]].concat()), None, "a thin prism");
-        for wrong in [0, 3, 6, 7, 9, 13] {
-            assert_eq!(Distortion::from_opencv(&vec![0.0; wrong]), None, "{wrong}");
-        }
-    }
-}

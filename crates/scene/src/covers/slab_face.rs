@@ -237,10 +237,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn half_of_the_weight_lies_below_the_median() {
-        assert_eq!(median(vec![(3.0, 1.0), (1.0, 1.0), (2.0, 5.0)], 7.0), 2.0);
-        assert_eq!(median(vec![(1.0, 0.1), (2.0, 0.1), (9.0, 1.0)], 1.2), 9.0);
-    }
 }

@@ -319,30 +319,4 @@ mod tests {
         let share = f64::from(inner) / f64::from(n);
         assert!((share - 0.5).abs() < 0.01, "{share} of the samples lie in the inner half");
     }
-
-    #[test]
-    fn directions_and_coordinates_are_inverse() {
-        let rows: Vec<Row> = (0..64).map(|y| Row::new(y, 64)).collect();
-        for [u, v] in [[0.1, 0.203_125], [0.5, 0.5], [0.93, 0.781_25], [0.4, 0.0], [0.7, 1.0 - 1.0 / 64.0]] {
-            // On the edge between two rows the fraction of solid angle and that of the angle agree.
-            let row = (v * 64.0) as usize;
-            let back = map_coordinates(map_direction(u, rows[row].place(0.0), rows[row].side));
-            assert!((v == 0.0 || (back[0] - u).abs() < 1e-5) && (back[1] - v).abs() < 1e-5, "{back:?} for {u}, {v}");
-        }
-        assert!((map_direction(0.5, rows[32].place(0.0), rows[32].side) + V3::from(Vec3::Z)).length() < 1e-6);
-    }
-
-    #[test]
-    fn a_black_environment_is_sampled() {
-        let image = Image {
-            name: "night".into(),
-            width: 2,
-            height: 1,
-            texels: Texels::RgbF32(vec![[0.0; 3], [f32::NAN; 3]]).into(),
-        };
-        let source = EnvironmentSource::Image { image: ImageId(0), scale: Rgb::WHITE };
-        let light = EnvironmentLight::new(&Environment { source, rotation: 0.0 }, &[image]);
-        let (d, l, pdf) = light.sample::<f32>(&any(), [0.3, 0.6]);
-        assert!(Vec3::from(d).is_finite() && l.is_black() && pdf.is_finite() && pdf > 0.0);
-    }
 }

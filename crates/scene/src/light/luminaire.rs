@@ -231,23 +231,4 @@ mod tests {
         assert!((p.intensity(Vec3::new(1.0, 1.0, 0.0).normalize()) - 1.5).abs() < 1e-6);
         assert!((p.intensity(Vec3::new(1.0, -1.0, 0.0).normalize()) - 2.5).abs() < 1e-6);
     }
-
-    #[test]
-    fn the_cutoff_angle_is_the_end_of_the_emission() {
-        let p = LightProfile::new("r", &[0.0, 30.0, 60.0, 90.0], &[0.0], vec![1.0, 1.0, 0.0, 0.0]).unwrap();
-        assert!((p.cutoff_angle() - 60f32.to_radians()).abs() < 1e-6);
-        let hard = LightProfile::new("r", &[0.0, 30.0], &[0.0], vec![1.0, 1.0]).unwrap();
-        assert!((hard.cutoff_angle() - 30f32.to_radians()).abs() < 1e-6);
-    }
-
-    #[test]
-    fn invalid_grids_are_refused() {
-        let new = |v: &[f64], h: &[f64], n: usize| LightProfile::new("", v, h, vec![1.0; n]);
-        assert!(new(&[0.0, 90.0], &[0.0], 2).is_ok());
-        assert!(new(&[0.0], &[0.0], 1).is_err() && new(&[90.0, 0.0], &[0.0], 2).is_err());
-        assert!(new(&[0.0, 190.0], &[0.0], 2).is_err() && new(&[0.0, f64::NAN], &[0.0], 2).is_err());
-        assert!(new(&[0.0, 90.0], &[0.0, 90.0], 4).is_err() && new(&[0.0, 90.0], &[], 0).is_err());
-        assert!(matches!(new(&[0.0, 90.0], &[0.0], 3), Err(ProfileError::Count { wanted: 2, found: 3 })));
-        assert!(LightProfile::new("", &[0.0, 90.0], &[0.0], vec![1.0, -1.0]).is_err());
-    }
 }

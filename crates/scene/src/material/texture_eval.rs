@@ -162,7 +162,7 @@ fn wrap(coordinate: f32, size: u32, mode: Wrap) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::material::texture::{ImageId, Texels, TextureTransform};
+    use crate::material::texture::{ImageId, Texels};
 
     fn ramp() -> Vec<Image> {
         let texels = Texels::Rgba8(vec![[0, 10, 0, 255], [255, 20, 0, 255], [0, 30, 255, 0], [255, 40, 255, 0]]);
@@ -201,23 +201,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn srgb_is_decoded_and_alpha_is_not() {
-        let images =
-            vec![Image { name: "g".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[188, 0, 0, 188]]).into() }];
-        let v = Texture::new(ImageId(0), ColorEncoding::Srgb).eval(&images, Vec2::ZERO);
-        assert!((v[0] - 0.502_886).abs() < 1e-4 && (v[3] - 188.0 / 255.0).abs() < 1e-6);
-    }
-
-    #[test]
-    fn a_quarter_turn_maps_u_to_minus_v() {
-        // KHR_texture_transform: rotation is counter-clockwise with v pointing down.
-        let images = ramp();
-        let transform = TextureTransform { rotation: std::f32::consts::FRAC_PI_2, ..Default::default() };
-        let t = Texture { transform, filter: Filter::Nearest, ..texture() };
-        // (0.25, 0.75) -> (0.75, -0.25) = (0.75, 0.75) after wrapping.
-        assert_eq!(t.eval(&images, Vec2::new(0.25, 0.75))[1], 40.0 / 255.0);
     }
 }

@@ -88,19 +88,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn leaving_restores_the_previous_stack() {
-        let mut interior = Interior::OUTSIDE;
-        interior.leave(3);
-        assert_eq!(interior, Interior::OUTSIDE);
-        for solid in [4, 0, 4, 9] {
-            interior.enter(solid);
-        }
-        assert_eq!(interior.ranks(), [0, 4, 4, 9]);
-        for solid in [9, 4, 0, 4] {
-            interior.leave(solid);
-        }
-        assert_eq!(interior, Interior::OUTSIDE);
-    }
 }

@@ -1,12 +1,12 @@
 //! Invalid input of a builder is refused or repaired, and never causes a panic.
 
-use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, Ray, Vec2, Vec3, Vec4};
+use dunkelfeld_geometry::{DAffine3, DVec3, Ray, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
     BuildCache, BuildError, Camera, ColorEncoding, Environment, EnvironmentSource, Finding, Image, ImageId, Instance,
-    Material, MeshPart, Projection, PunctualKind, PunctualLight, Scene, SceneBuilder, Severity, Surface, SurfacePoint,
-    Texels, Texture, Volume,
+    Material, Projection, PunctualKind, PunctualLight, Scene, SceneBuilder, Severity, Surface, SurfacePoint, Texels,
+    Texture, Volume,
 };
 use std::sync::Arc;
 
@@ -23,38 +23,6 @@ fn square() -> SceneBuilder {
 
 fn camera(projection: Projection) -> Camera {
     Camera { name: "c".into(), to_world: DAffine3::IDENTITY, projection, ..Camera::default() }
-}
-
-#[test]
-fn an_empty_scene_is_dark_with_a_report() {
-    let (scene, report) = SceneBuilder::default().build().expect("nothing is wrong with nothing");
-    assert!(report.hazards().any(|f| f.message.contains("no light")), "{report:?}");
-    assert!(scene.bounds().is_none() && scene.radius() == 0.0 && scene.light_inventory().is_empty());
-    assert!(scene.intersect(&Ray::new(Vec3::ZERO, Vec3::Z)).is_none());
-    assert!(scene.environment_radiance::<f32>(Vec3::Z.into()).is_black());
-    let camera = scene.camera(None, 1.0).expect("a framing of nothing");
-    let ray = scene.ray_generator(&camera, 7, 5).expect("valid").ray(0.0, 0.0);
-    assert!(ray.origin.is_finite() && (ray.direction.length() - 1.0).abs() < 1e-6);
-    assert!(scene.camera(Some("none"), 1.0).is_none());
-}
-
-#[test]
-fn empty_objects_are_accepted() {
-    let mut b = square();
-    b.meshes.push(MeshPart { name: "empty".into(), mesh: Mesh::default().into(), material: 0, ..MeshPart::default() });
-    let points = Mesh { positions: vec![Vec3::ZERO; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
-    b.meshes.push(MeshPart { name: "point".into(), mesh: points.into(), material: 0, ..MeshPart::default() });
-    for meshes in [vec![], vec![1], vec![2], vec![1, 2, 1]] {
-        b.instances.push(Instance {
-            name: "i".into(),
-            meshes,
-            to_world: DAffine3::IDENTITY,
-            motion: Default::default(),
-        });
-    }
-    let (scene, report) = b.build().expect("valid");
-    assert_eq!(scene.summary().placed_triangles, 2);
-    assert!(report.findings.iter().any(|f| f.place == "mesh \"point\"" && f.message.contains("without area")));
 }
 
 #[test]

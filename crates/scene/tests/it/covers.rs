@@ -76,21 +76,6 @@ fn a_flat_cover_is_detected_and_listed_with_its_material() {
 }
 
 #[test]
-fn without_the_technique_no_cover_is_detected_and_the_scene_is_unchanged() {
-    let mut b = builder(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
-    let with = b.clone().build().expect("valid").0;
-    assert!(b.leave_out(Effect::CoverConnection));
-    let without = b.build().expect("valid").0;
-    assert!(without.covers().is_empty() && !without.effects().has(Effect::CoverConnection));
-    for effect in Effect::ALL.into_iter().filter(|&e| e != Effect::CoverConnection) {
-        assert_eq!(with.effects().users(effect), without.effects().users(effect));
-    }
-    let ray = Ray::new((DVec3::Z - with.world_origin()).as_vec3(), Vec3::NEG_Z);
-    let hit = without.intersect(&ray).expect("the plate");
-    assert_eq!(without.cover_of(&hit), None);
-}
-
-#[test]
 fn other_objects_are_not_detected_as_covers() {
     let pmma = || clear("pmma", 1.49);
     let rough = Material { roughness: 0.2, ..pmma() };
@@ -241,38 +226,6 @@ fn sheets_above_each_other_are_one_stack() {
     assert_eq!(layers(&narrow).0.len(), 5);
 }
 
-#[test]
-fn sheets_side_by_side_or_at_an_angle_are_stacks_of_their_own() {
-    let moved = |x: f32, z: f32| {
-        let mut mesh = plate(z, z + 0.004);
-        mesh.positions.iter_mut().for_each(|p| p.x += x);
-        mesh
-    };
-    let pmma = || clear("pmma", 1.49);
-    assert_eq!(scene(vec![(moved(-0.05, 0.001), pmma()), (moved(0.05, 0.001), pmma())]).covers().len(), 2);
-    assert_eq!(scene(vec![(moved(-0.05, 0.001), pmma()), (moved(0.05, 0.011), pmma())]).covers().len(), 2);
-    // One over two: it is in a stack with one of them only.
-    let mut wide = plate(0.02, 0.024);
-    wide.positions.iter_mut().for_each(|p| p.x *= 3.0);
-    let three = scene(vec![(moved(-0.05, 0.001), pmma()), (moved(0.05, 0.001), pmma()), (wide, pmma())]);
-    let mut sizes: Vec<usize> = three.covers().iter().map(|s| s.interfaces().len()).collect();
-    sizes.sort_unstable();
-    assert_eq!(sizes, [2, 4]);
-    let mut tilted = plate(0.02, 0.024);
-    let turn = dunkelfeld_geometry::Quat::from_rotation_y(0.2);
-    tilted.positions.iter_mut().for_each(|p| *p = turn * *p);
-    assert_eq!(scene(vec![(plate(0.001, 0.005), pmma()), (tilted, pmma())]).covers().len(), 2);
-}
-
-#[test]
-fn too_many_sheets_form_several_stacks() {
-    let sheets = (0..20).map(|k| (plate(0.001 * k as f32, 0.001 * k as f32 + 0.0005), clear("pmma", 1.49))).collect();
-    let scene = scene(sheets);
-    let interfaces: Vec<usize> = scene.covers().iter().map(|s| s.interfaces().len()).collect();
-    assert_eq!(interfaces.iter().sum::<usize>(), 40);
-    assert!(interfaces.iter().all(|&n| n <= dunkelfeld_scene::covers::MAX_INTERFACES));
-}
-
 /// The end of a connection on a light.
 #[derive(Clone, Copy)]
 enum Target {
@@ -402,16 +355,6 @@ fn seeds_of_flat_stacks_pass_through_the_real_mesh() {
 }
 
 #[test]
-fn seeds_from_inside_start_inside() {
-    let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
-    let reached = compare(&scene, 0.001, Some(0), false);
-    assert!(reached[0] > 100 && reached[1] == 0, "{reached:?}");
-    let x = (DVec3::new(0.0, 0.0, 0.001) - scene.world_origin()).as_vec3();
-    assert_eq!(words(&candidates(&scene, x, Some(0), Target::Point(Vec3::Z))), ["T"]);
-    assert!(candidates(&scene, x, Some(1), Target::Point(Vec3::Z)).is_empty(), "the floor is no part of the stack");
-}
-
-#[test]
 fn chains_may_start_in_a_scattering_solid_in_contact_with_the_stack() {
     let milky = |ior| {
         let volume = Volume { scattering: dunkelfeld_radiometry::Rgb::splat(100.0), ..Volume::default() };
@@ -456,23 +399,6 @@ fn chains_connect_the_layers_of_receiver_and_light() {
     assert_eq!(words(0.0, Target::Direction(Vec3::NEG_Z)), [""; 0], "away from the covers");
     assert_eq!(words(0.0, Target::Point(at(-0.2))), [""; 0], "on the same side");
     assert_eq!(stack.chains(0, 99), []);
-}
-
-#[test]
-fn light_from_infinity_is_found_behind_the_plate() {
-    let scene = scene(vec![(plate(0.001, 0.005), clear("pmma", 1.49))]);
-    let x = (DVec3::new(0.0, 0.0, -0.001) - scene.world_origin()).as_vec3();
-    let sun = Vec3::new(0.6, 0.0, 0.8);
-    let found = candidates(&scene, x, None, Target::Direction(sun));
-    assert_eq!(found.len(), 3, "the cover is in between");
-    for candidate in found {
-        assert!(candidate.1.distance(sun) < 1e-6, "parallel faces keep directions: {candidate:?}");
-        let far = x + sun * 1e3;
-        assert!(trace(&scene, x, &candidate, 1.0, far).is_some_and(|miss| miss < 0.02), "{candidate:?}");
-    }
-    // Past the rim.
-    let beside = (DVec3::new(0.2, 0.0, -0.001) - scene.world_origin()).as_vec3();
-    assert!(candidates(&scene, beside, None, Target::Direction(sun)).is_empty());
 }
 
 #[test]

@@ -8,7 +8,6 @@ use dunkelfeld_scene::{
     BuildReport, Camera, ColorEncoding, Image, ImageId, LineScan, Material, Projection, PunctualKind, PunctualLight,
     SceneBuilder, Shutter, Surface, Texels, Texture, Volume, look_at,
 };
-use std::f32::consts::{PI, TAU};
 
 fn opaque(name: &str) -> Material {
     Material { name: name.into(), ..Material::default() }
@@ -261,38 +260,6 @@ fn slips_of_modelling_name_their_cure() {
 }
 
 #[test]
-fn equal_shapes_in_one_place_are_copies() {
-    let twins = |b: &SceneBuilder| hazards(b.clone()).iter().filter(|h| h.contains("is a copy of")).count();
-    let block = || cuboid(Vec3::new(-0.1, -0.1, 0.1), Vec3::new(0.1, 0.1, 0.2));
-    let both = |mesh: Mesh, place: DAffine3| {
-        let mut b = with(opaque("lid"), block());
-        let second = b.add_object("second", mesh, 0);
-        b.instances[second].to_world = place;
-        b
-    };
-    // The same file twice: equal meshes, in another order and under another transform.
-    contains_message(both(block(), DAffine3::IDENTITY), "object \"second\"", &["copy of object \"thing\""]);
-    let mut turned = block();
-    turned.triangles.reverse();
-    turned.positions.iter_mut().for_each(|p| *p = (*p - Vec3::new(0.3, 0.1, -0.2)) * 1000.0);
-    let back = DAffine3::from_translation(DVec3::new(0.3, 0.1, -0.2)) * DAffine3::from_scale(DVec3::splat(1e-3));
-    assert_eq!(twins(&both(turned, back)), 1);
-    // Another place, another size, and the back of a sheet.
-    for (mesh, x) in [(block(), 0.001), (cuboid(Vec3::new(-0.1, -0.1, 0.1), Vec3::new(0.1, 0.1, 0.201)), 0.0)] {
-        assert_eq!(twins(&both(mesh, DAffine3::from_translation(DVec3::X * x))), 0);
-    }
-    let sheet = |flip: bool| {
-        let (u, v) = if flip { (Vec3::Y, Vec3::X) } else { (Vec3::X, Vec3::Y) };
-        rectangle(Vec3::new(-0.1, -0.1, 0.3), u * 0.2, v * 0.2)
-    };
-    for (flip, count) in [(false, 1), (true, 0)] {
-        let mut b = with(opaque("front"), sheet(false));
-        b.add_object("back", sheet(flip), 0);
-        assert_eq!(twins(&b), count);
-    }
-}
-
-#[test]
 fn lights_inside_bodies_are_hazards() {
     let block = || cuboid(Vec3::new(-0.2, -0.2, 0.1), Vec3::new(0.2, 0.2, 0.3));
     let inside = |material: Material, mesh: Mesh, z: f64| {
@@ -418,28 +385,6 @@ fn lights_that_face_away_from_everything_are_hazards() {
     assert_eq!(spot(DVec3::ZERO), Vec::<String>::new());
     let found = spot(DVec3::new(3.0, 0.0, 0.0));
     assert!(found.len() == 1 && found[0].starts_with("light \"spot\": no object is in its cone"), "{found:?}");
-}
-
-/// A sphere whose triangles are in columns from pole to pole. It lights the table below, as most other bodies do.
-#[test]
-fn a_lamp_that_shines_in_all_directions_does_not_face_away() {
-    let (rows, columns) = (23, 48);
-    let at = |row: usize, column: usize| {
-        let (theta, phi) = (PI * row as f32 / rows as f32, TAU * column as f32 / columns as f32);
-        Vec3::new(1.5 + 0.1 * theta.sin() * phi.cos(), 0.1 * theta.sin() * phi.sin(), 3.0 + 0.1 * theta.cos())
-    };
-    let mut mesh = Mesh::default();
-    for (column, row) in (0..columns).flat_map(|column| (0..rows).map(move |row| (column, row))) {
-        let [a, b, c, d] = [at(row, column), at(row + 1, column), at(row + 1, column + 1), at(row, column + 1)];
-        for triangle in [[a, b, c], [a, c, d]] {
-            let first = mesh.positions.len() as u32;
-            mesh.positions.extend(triangle);
-            mesh.triangles.push([first, first + 1, first + 2]);
-        }
-    }
-    let mut b = table();
-    b.add_object("bulb", mesh, 1);
-    assert_eq!(averted(b), Vec::<String>::new());
 }
 
 /// A camera above the table looks down, past a lamp that shines down.

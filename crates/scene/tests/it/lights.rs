@@ -161,45 +161,11 @@ fn mixture() -> SceneBuilder {
     b
 }
 
-fn sky() -> (Image, Environment) {
-    // 8 x 4 texels with a bright one, so that importance sampling has an effect.
-    let texels = (0..32).map(|i| [0.2 + (i % 5) as f32 * 0.1, 0.3, if i == 11 { 9.0 } else { 0.1 }]).collect();
-    let image = Image { name: "sky".into(), width: 8, height: 4, texels: Texels::RgbF32(texels).into() };
-    (
-        image,
-        Environment { source: EnvironmentSource::Image { image: ImageId(0), scale: Rgb::splat(1.5) }, rotation: 0.9 },
-    )
-}
-
 #[test]
 fn a_mixture_of_area_lights() {
     let scene = build(mixture());
     check("one side", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, false));
     check("both sides", &scene, &receiver(&scene, DVec3::new(0.05, 0.1, -0.02), Vec3::Z, true));
-}
-
-#[test]
-fn area_lights_under_a_sky() {
-    let mut b = mixture();
-    let (image, environment) = sky();
-    b.images.push(image);
-    b.environment = Some(environment);
-    let scene = build(b);
-    check("map", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, false));
-    let mut b = mixture();
-    b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.5)), rotation: 0.0 });
-    let scene = build(b);
-    check("constant", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, true));
-}
-
-#[test]
-fn an_empty_scene_under_a_map() {
-    let mut b = SceneBuilder::default();
-    let (image, environment) = sky();
-    b.images.push(image);
-    b.environment = Some(environment);
-    let scene = build(b);
-    check("map alone", &scene, &receiver(&scene, DVec3::ZERO, Vec3::Z, false));
 }
 
 #[test]

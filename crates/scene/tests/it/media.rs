@@ -2,10 +2,9 @@
 //!
 //! Replay: `cargo test -p dunkelfeld-scene --test it media`.
 
-use dunkelfeld_lanes::{InstructionSet, Lanes, MAX_WIDTH, Mask, dispatch};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::{Sampler, keyed_stream, mix64};
-use dunkelfeld_scene::{Medium, MediumEvents, MediumLanes, Volume};
+use dunkelfeld_scene::{Medium, MediumEvents, Volume};
 use dunkelfeld_testkit::{DensityTest, SampleMoments, sidak, z_test};
 use rand_core::Rng;
 
@@ -124,59 +123,6 @@ fn weights_are_unbiased_in_every_channel() {
 }
 
 #[test]
-fn a_grey_medium_without_absorption_has_weight_one() {
-    let mut u = Uniform::new(7);
-    for density in [1e-3, 1.0, 1e6] {
-        let medium = medium([0.0; 3], [density; 3]);
-        for _ in 0..1000 {
-            let (_, weight) = sample(&medium, Rgb::new(0.2, 0.5, 1.0), 1.0 / density, u.three());
-            assert!((0..3).all(|c| (weight[c] - 1.0).abs() < 1e-6), "density {density}: {weight:?}");
-        }
-    }
-}
-
-#[test]
-fn zero_density_is_clear_and_extremes_are_finite() {
-    let mut u = Uniform::new(8);
-    for _ in 0..1000 {
-        assert_eq!(sample(&Medium::clear(), Rgb::WHITE, f32::INFINITY, u.three()), (None, Rgb::WHITE));
-    }
-    assert_eq!(Medium::clear().transmittance(f32::INFINITY), Rgb::WHITE);
-    assert!(Medium::new(&Volume::default()).is_clear());
-    let values = [0.0, 1e-30, 1.0, 1e6, 1e30];
-    let ends = [0.0, 1e-30, 1e-6, 1.0, 1e20, f32::INFINITY];
-    for k in 0..50_000u32 {
-        let mut pick = |from: &[f32]| from[((u.next() * from.len() as f32) as usize).min(from.len() - 1)];
-        let three = |pick: &mut dyn FnMut(&[f32]) -> f32| [pick(&values), pick(&values), pick(&values)];
-        let medium = medium(three(&mut pick), three(&mut pick));
-        let throughput = Rgb::from_array(three(&mut pick));
-        let end = pick(&ends);
-        let numbers = if k % 3 == 0 { [0.999_999_94; 3] } else { u.three() };
-        let (_, weight) = sample(&medium, throughput, end, numbers);
-        assert!(weight.is_finite() && (0..3).all(|c| weight[c] >= 0.0), "{medium:?} {throughput:?} {end}: {weight:?}");
-    }
-}
-
-#[test]
-fn attenuation_and_coefficients_add_up() {
-    let volume = Volume {
-        attenuation_color: Rgb::new(0.5, 0.25, 1.0),
-        attenuation_distance: 0.01,
-        scattering_albedo: Rgb::new(0.75, 0.0, 1.0),
-        absorption: Rgb::splat(2.0),
-        scattering: Rgb::new(0.0, 3.0, 0.0),
-        ..Volume::default()
-    };
-    let medium = Medium::new(&volume);
-    let ln2 = 100.0 * std::f32::consts::LN_2;
-    let close = |a: Rgb, b: [f32; 3]| (0..3).all(|c| (a[c] - b[c]).abs() <= 1e-5 * b[c]);
-    assert!(close(medium.absorption, [2.0 + 0.25 * ln2, 2.0 + 2.0 * ln2, 2.0]), "{medium:?}");
-    assert!(close(medium.scattering, [0.75 * ln2, 3.0, 0.0]), "{medium:?}");
-    let clear = Volume { absorption: Rgb::BLACK, scattering: Rgb::BLACK, ..volume };
-    assert!(close(Medium::new(&clear).transmittance(0.01), [0.5, 0.25, 1.0]));
-}
-
-#[test]
 fn stratified_numbers_reach_beyond_sixteen_mean_free_paths() {
     // 2^-24 is exp(-16.6): without further digits nothing would pass 20 mean free paths. Here every batch of the
     // sampler holds the first number at its very end with the digits spread behind it.
@@ -191,47 +137,4 @@ fn stratified_numbers_reach_beyond_sixteen_mean_free_paths() {
         .count() as f64;
     let expected = f64::from(n) * (-20f64).exp() * f64::from(1 << 24);
     assert!((passed / expected - 1.0).abs() < 0.02, "{passed}, expected {expected}");
-}
-
-/// Events of the cases in lanes.
-#[inline(always)]
-fn events<F: Lanes>(token: F::Token, cases: &[(Medium, Rgb, f32)], u: &[[f32; 3]], out: &mut Vec<[u32; 5]>) {
-    for at in (0..cases.len()).step_by(F::WIDTH) {
-        let mut media = [MediumLanes::CLEAR; MAX_WIDTH];
-        let (mut throughput, mut end, mut numbers) = ([Rgb::BLACK; MAX_WIDTH], [0.0; MAX_WIDTH], [[0.0; MAX_WIDTH]; 3]);
-        for lane in 0..F::WIDTH.min(cases.len() - at) {
-            let case = &cases[at + lane];
-            (media[lane], throughput[lane], end[lane]) = (case.0.coefficients(), case.1, case.2);
-            for k in 0..3 {
-                numbers[k][lane] = u[at + lane][k];
-            }
-        }
-        let u = [F::load(token, &numbers[0]), F::load(token, &numbers[1]), F::load(token, &numbers[2])];
-        let (throughput, end) = (Rgb::from_lanes(token, &throughput), F::load(token, &end));
-        let found = MediumLanes::from_lanes(token, &media).sample(throughput, end, u);
-        let (distance, weight) = (found.distance.to_array(), found.weight.to_lanes());
-        for lane in 0..F::WIDTH.min(cases.len() - at) {
-            let [r, g, b] = weight[lane].to_array().map(f32::to_bits);
-            let is_scattered = found.is_scattered.bits() >> lane & 1;
-            out.push([is_scattered, is_scattered * distance[lane].to_bits(), r, g, b]);
-        }
-    }
-}
-
-#[test]
-fn all_widths_have_the_same_bits() {
-    let mut cases = cases();
-    cases.push((Medium::clear(), Rgb::WHITE, f32::INFINITY));
-    cases.push((medium([3.0, 0.0, 1e30], [0.0; 3]), Rgb::WHITE, 0.4));
-    let mut u = Uniform::new(9);
-    for _ in 0..500 {
-        let numbers: Vec<_> = cases.iter().map(|_| u.three()).collect();
-        let mut expected = Vec::new();
-        events::<f32>((), &cases, &numbers, &mut expected);
-        for set in InstructionSet::all() {
-            let mut found = Vec::new();
-            dispatch!(set, F, token => events::<F>(token, &cases, &numbers, &mut found));
-            assert_eq!(found, expected, "{set:?}");
-        }
-    }
 }

@@ -106,24 +106,6 @@ fn the_differential_is_the_derivative_of_the_shading_normal() {
 }
 
 #[test]
-fn flat_surfaces_have_none() {
-    let scene = ball(glass(), DAffine3::IDENTITY, false, false);
-    let p = hit(&scene, Vec3::new(0.1, 0.2, 4.0), Vec3::ZERO).expect("the ball");
-    let (normal, is_turned, found) = differential(&scene, &p, Vec3::Z);
-    assert!(normal == p.normal && !is_turned && found.is_none());
-    // Equal normals at the corners as well.
-    let mut b = SceneBuilder::default();
-    let m = b.add_material(glass());
-    let mesh = Mesh { normals: vec![Vec3::new(0.6, 0.0, 0.8); 4], ..rectangle(Vec3::ZERO, Vec3::X, Vec3::Y) };
-    b.add_object("sheet", mesh, m);
-    let scene = b.build().expect("valid").0;
-    let p = hit(&scene, Vec3::new(0.1, 0.2, 4.0), Vec3::new(0.1, 0.2, 0.0)).expect("the sheet");
-    let (normal, is_turned, found) = differential(&scene, &p, Vec3::Z);
-    assert!(!is_turned && normal.distance(Vec3::new(0.6, 0.0, 0.8)) < 1e-6);
-    assert!(found.is_some_and(|found| along(&found, Vec3::ONE) == DVec3::ZERO));
-}
-
-#[test]
 fn lanes_whose_normal_depends_on_the_viewer_are_told() {
     // Above the surface but below the interpolated normal: shading turns the normal toward the viewer.
     let mut b = SceneBuilder::default();

@@ -108,18 +108,6 @@ fn a_normal_map_tilts_along_the_image() {
 }
 
 #[test]
-fn the_scale_of_a_normal_map_acts_on_its_slopes() {
-    // glTF: n = normalize((2 t - 1) * (s, s, 1)).
-    let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
-    mesh.tangents = vec![Vec4::new(1.0, 0.0, 0.0, 1.0); 4];
-    let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
-    let material = Material { normal_texture: Some(texture), normal_scale: 0.5, ..Material::default() };
-    let scene = placed(mesh, material, vec![flat_map(Vec3::new(0.6, 0.0, 0.8))], DAffine3::IDENTITY, false);
-    let n = shading_frame(&scene, &shade(&scene, 0.0, 0.1, true), Vec3::Z).normal;
-    assert!((n - Vec3::new(0.3, 0.0, 0.8).normalize()).length() < 1e-4, "{n}");
-}
-
-#[test]
 fn smooth_normals_are_continuous_over_an_edge_and_follow_uneven_scales() {
     // A ridge along y: two slopes that meet at x = 0, with vertex normals (-+0.6, 0, 0.8) outside and +z on the crest.
     // Along x the interpolated normal is (0.6 x, 0, 1 - 0.2 |x|), normalised; under the scale (2, 1, 1) the inverse
@@ -221,26 +209,4 @@ fn emission_uses_its_own_coordinates_and_transform() {
     let hit = shade(&scene, -0.25, 0.25, true);
     assert!((scene.emitted(&hit, Vec3::Z).r - 2.0 * 204.0 / 255.0).abs() < 1e-6);
     assert!(scene.emitted(&hit, Vec3::NEG_Z).is_black(), "one-sided");
-}
-
-#[test]
-fn energy_compensation_applies_to_constant_and_textured_surfaces() {
-    // A white texture changes only the code path: its material is evaluated at each place.
-    let white = Image { name: "white".into(), width: 1, height: 1, texels: Texels::Rgba8(vec![[255; 4]]).into() };
-    let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
-    for base_color_texture in [None, Some(texture)] {
-        let shade = |energy_compensation: bool| {
-            let mut b = SceneBuilder { images: vec![white.clone()], energy_compensation, ..SceneBuilder::default() };
-            let metal = Material { metallic: 1.0, roughness: 1.0, base_color_texture, ..Material::default() };
-            let m = b.add_material(metal);
-            let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
-            mesh.uvs[0] = mesh.positions.iter().map(|p| Vec2::new(p.x, p.y)).collect();
-            b.add_object("object", mesh, m);
-            let scene = build(b);
-            *scene.bsdf(&shade(&scene, 0.1, 0.2, true), 0.5, None, &mut None)
-        };
-        let (plain, compensated) = (shade(false), shade(true));
-        assert_eq!(compensated, plain.with_energy_compensation());
-        assert_ne!(compensated, plain);
-    }
 }

@@ -7,9 +7,7 @@ use crate::support::spec;
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{Electrons, Seconds};
 use dunkelfeld_sampling::keyed_stream;
-use dunkelfeld_sensor::{
-    Device, Exposure, FixedPattern, FrameKey, SensorError, SensorModel, SensorSpec, matched_where,
-};
+use dunkelfeld_sensor::{Device, Exposure, FixedPattern, FrameKey, SensorModel, SensorSpec};
 use rand_distr::{Distribution, Gamma, Normal};
 
 const SIZE: u32 = 256;
@@ -136,27 +134,4 @@ fn without_known_render_noise_frames_equal_those_of_a_plain_exposure() {
     let mut row = vec![0; SIZE as usize];
     device.expose_rows_matched(&electrons, &variance, exposure(), key, 77..78, &mut row).expect("sizes agree");
     assert_eq!(row, whole[77 * SIZE as usize..78 * SIZE as usize]);
-}
-
-#[test]
-fn validity_is_reported_for_each_pixel() {
-    let model = SensorModel::new(spec()).expect("valid");
-    let mean = Plane::from_vec(6, 1, vec![1000.0, 1000.0, 1000.0, 0.0, 8.0, 8.0]).expect("six");
-    let variance = Plane::from_vec(6, 1, vec![400.0, 900.0, f32::INFINITY, 0.0, 9.0, 17.0]).expect("six");
-    let held = matched_where(&model, exposure(), &mean, &variance);
-    assert_eq!(held.data(), [true, false, false, true, true, false]);
-}
-
-#[test]
-fn planes_of_another_size_are_refused() {
-    let device = device(spec());
-    let (whole, small) = (Plane::new(SIZE, SIZE, 1.0), Plane::new(3, 3, 1.0));
-    let key = FrameKey { seed: 0, frame: 0 };
-    let mut out = vec![0; SIZE as usize];
-    for (mean, variance) in [(&whole, &small), (&small, &whole)] {
-        let got = device.expose_rows_matched(mean, variance, exposure(), key, 0..1, &mut out);
-        assert_eq!(got, Err(SensorError::Size(SIZE, SIZE, 3, 3)));
-    }
-    let short = device.expose_rows_matched(&whole, &whole, exposure(), key, 0..2, &mut out);
-    assert!(matches!(short, Err(SensorError::Rows { .. })), "{short:?}");
 }

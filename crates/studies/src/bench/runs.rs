@@ -89,33 +89,3 @@ pub(super) fn units(settings: &BenchSettings, effects: &[Effect], pilot_spp: u32
     }
     units
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::collections::BTreeSet;
-
-    #[test]
-    fn every_unit_has_its_own_name_and_only_effects_share_seeds() {
-        let settings = BenchSettings::default();
-        let effects = [Effect::Clearcoat, Effect::Scattering];
-        let all = units(&settings, &effects, 16);
-        let points = settings.ladder.len() * settings.strategies.len() * 8;
-        assert_eq!(all.len(), 2 + points + 3 * 8);
-        let names: BTreeSet<String> = all.iter().map(Unit::name).collect();
-        assert_eq!(names.len(), all.len());
-        let seeds: BTreeSet<u64> = all.iter().map(|u| u.seed(5)).collect();
-        assert_eq!(seeds.len(), 2 + points + 8);
-        assert!(seeds.iter().all(|s| *s < 1 << 53));
-        assert_ne!(all[0].seed(5), all[0].seed(6));
-    }
-
-    #[test]
-    fn the_first_units_show_every_point_once() {
-        let settings = BenchSettings::default();
-        let pass = settings.ladder.len() * settings.strategies.len();
-        let all = units(&settings, &[], 16);
-        assert!(all[2..2 + pass].iter().all(|u| u.index == 0));
-        assert_eq!(all.last().map(|u| u.index), Some(settings.seeds - 1));
-    }
-}

@@ -216,30 +216,3 @@ fn method(findings: &Findings) -> Markup {
     }
     html! { section { h2 { "How it was measured" } ul { @for rule in rules { li { (rule) } } } } }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn symbols_read_as_the_standard_prints_them() {
-        let text =
-            |s: &str| symbol(s).into_string().split_once('>').map_or(String::new(), |(_, t)| t.replace("</span>", ""));
-        assert_eq!(text("mu_p.sat"), "\u{3bc}<sub>p.sat</sub>");
-        assert_eq!(text("sigma_y.dark"), "\u{3c3}<sub>y.dark</sub>");
-        assert_eq!((text("eta"), text("K")), ("\u{3b7}".into(), "K".into()));
-        assert_eq!(text("SNR_max.dB"), "SNR<sub>max.dB</sub>");
-        assert_eq!(
-            (text("DSNU1288"), text("PRNU1288.row")),
-            ("DSNU<sub>1288</sub>".into(), "PRNU<sub>1288.row</sub>".into())
-        );
-    }
-
-    #[test]
-    fn values_have_the_digits_of_their_errors() {
-        let q =
-            |value, standard_error| Quantity { symbol: "K", name: "", value, standard_error, unit: "", section: "" };
-        assert_eq!(digits(&q(0.249_178, 0.000_43)), ("0.24918".into(), "0.00043".into()));
-        assert_eq!(digits(&q(0.0, 0.0)).1, "0");
-    }
-}

@@ -73,22 +73,3 @@ pub(super) fn units(settings: &PtcSettings, with_camera: bool) -> Vec<Unit> {
     units.retain(|u| *u != first || std::mem::replace(&mut is_first, false));
     units
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::collections::BTreeSet;
-
-    #[test]
-    fn every_render_is_made_once_and_has_random_numbers_of_its_own() {
-        let settings = PtcSettings { frames: 5, spp: vec![4, 16], ..PtcSettings::default() };
-        let all = units(&settings, true);
-        assert_eq!(all.len(), 5 * 2 * 2);
-        assert_eq!(all[0], reference(&settings));
-        assert_eq!(all.iter().map(Unit::name).collect::<BTreeSet<_>>().len(), all.len());
-        let keys: BTreeSet<_> = all.iter().map(|u| (u.seed(3), u.frame)).collect();
-        assert_eq!(keys.len(), all.len());
-        assert!(all.iter().all(|u| u.seed(3) < 1 << 53));
-        assert!(units(&settings, false).iter().all(|u| u.series == Series::Paper));
-    }
-}

@@ -141,37 +141,3 @@ fn shrunk(plane: &Plane<f64>) -> Plane<f64> {
         ys.flat_map(|y| xs.clone().map(move |x| (x, y))).map(|(x, y)| plane.at(x, y)).sum::<f64>() / n
     })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ends_of_a_scale_have_the_ends_of_the_colours() {
-        assert_eq!(color(&BRIGHTER, -1.0), BRIGHTER[0]);
-        assert_eq!(color(&BRIGHTER, f64::NAN), BRIGHTER[0]);
-        assert_eq!(color(&BRIGHTER, 7.0), BRIGHTER[8]);
-        assert_eq!(color(&SIGNED, 0.5), SIGNED[2]);
-        assert_eq!(color(&SIGNED, 0.125), [58, 123, 188]);
-    }
-
-    #[test]
-    fn averaging_keeps_the_mean_of_whole_blocks() {
-        let plane = Plane::from_fn(1280, 2, |x, _| f64::from(x));
-        let small = shrunk(&plane);
-        assert_eq!((small.width(), small.height()), (640, 1));
-        assert_eq!(*small.at(3, 0), 6.5);
-    }
-
-    #[test]
-    fn flat_and_empty_maps_have_a_scale() {
-        for value in [0.0, 3.0, f64::NAN] {
-            let plane = Plane::new(5, 4, value);
-            for map in [logarithmic(&plane, &plane, "u", "c".into()), linear(&plane, "u", "c".into())] {
-                let map = map.expect("a map");
-                assert!(map.uri.starts_with("data:image/png;base64,") && map.size == [5, 4]);
-                assert!(map.ends.iter().all(|e| !e.contains("NaN")), "{:?}", map.ends);
-            }
-        }
-    }
-}

@@ -176,30 +176,4 @@ mod tests {
         assert_eq!(sorted[0], sorted[1]);
         assert_eq!(shown.len(), 9);
     }
-
-    #[test]
-    fn records_have_the_keys_of_the_csv_and_all_digits() {
-        let table = table();
-        let records = table.records();
-        let header: Vec<String> = table.csv().lines().next().expect("a header").split(',').map(String::from).collect();
-        for record in records.as_array().expect("rows") {
-            let keys: Vec<&String> = record.as_object().expect("a record").keys().collect();
-            assert!(keys.len() == header.len() && header.iter().all(|key| keys.contains(&key)), "{keys:?}");
-        }
-        assert_eq!(records[0]["x"], 1.0 / 3.0);
-        assert_eq!(records[1], serde_json::json!({ "name": "plain", "x": null, "y": 1.5e-12, "y_error": null }));
-    }
-
-    #[test]
-    fn numbers_keep_six_digits_and_errors_two() {
-        assert_eq!(
-            [number(0.1), number(123_456.7), number(1e-9), number(f64::NAN)],
-            ["0.1", "123457", "0.000000001", ""]
-        );
-        assert_eq!(number(1.234_567_89e-15), "1.23457e-15");
-        let pair = |value, error| shown(Estimate { value, error });
-        assert_eq!(pair(123.4567, 0.0789), ("123.457".into(), "0.079".into()));
-        assert_eq!(pair(12345.6, 780.0).0, "12346");
-        assert_eq!(pair(2.0, f64::NAN), ("2.00".into(), "-".into()));
-    }
 }

@@ -43,26 +43,3 @@ fn ranks(values: &[f64]) -> Vec<f64> {
     }
     ranks
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_lie_between_order_statistics() {
-        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 0.5), 2.0);
-        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 1.0), 3.0);
-        assert!((quantile(vec![0.0, 10.0], 0.99) - 9.9).abs() < 1e-12);
-        assert!(quantile(vec![], 0.5).is_nan());
-    }
-
-    #[test]
-    fn rank_correlation_depends_on_the_order_only() {
-        assert_eq!(rank_correlation(&[1.0, 2.0, 3.0], &[1.0, 10.0, 1000.0]), 1.0);
-        assert_eq!(rank_correlation(&[1.0, 2.0, 3.0], &[0.3, 0.2, 0.1]), -1.0);
-        // By hand: ranks 0.5 0.5 2 3 and 0 1 2 3: 4.5 / sqrt(4.5 * 5).
-        let tied = rank_correlation(&[1.0, 1.0, 2.0, 3.0], &[1.0, 2.0, 3.0, 4.0]);
-        assert!((tied - 4.5 / (4.5f64 * 5.0).sqrt()).abs() < 1e-12);
-        assert!(rank_correlation(&[1.0, 1.0], &[1.0, 2.0]).is_nan());
-    }
-}

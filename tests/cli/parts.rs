@@ -1,8 +1,7 @@
-//! The program killed with SIGKILL at random moments, and taken up again: the files that it writes in the end are those of a
-//! run that was left alone, byte by byte. And `merge` as its users have it.
+//! A render that is interrupted leaves its checkpoint, and parts of several processes merge to the whole: the files are those
+//! of a run that was left alone, byte by byte.
 //!
-//! When a process is killed is up to the scheduler, so every run of this test tries other moments; the result must not
-//! depend on them. Replay: `cargo test --workspace --test it killed::NAME`.
+//! Replay: `cargo test -p dunkelfeld-cli --test it parts::NAME`.
 
 use assert_cmd::Command;
 use assert_cmd::assert::Assert;
@@ -60,16 +59,6 @@ impl Bench {
         let progress = BufReader::new(child.stderr.take().expect("a pipe"));
         (child, progress.lines())
     }
-
-    /// Runs the program, and kills it after so many lines of progress: true if it was faster than that.
-    fn kill_after(&self, line: &str, lines: usize) -> bool {
-        let (mut child, mut progress) = self.start(line);
-        let seen = progress.by_ref().take(lines).count();
-        // SIGKILL on Unix: nothing of the program runs after it.
-        child.kill().expect("it is ours");
-        let status = child.wait().expect("it is ours");
-        seen < lines && status.success()
-    }
 }
 
 fn stdout(assert: &Assert) -> String {
@@ -78,45 +67,6 @@ fn stdout(assert: &Assert) -> String {
 
 fn stderr(assert: &Assert) -> String {
     String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
-}
-
-/// Multiples of the golden ratio, as numbers of lines from 1 to 9 (Weyl 1916): early and late, the same in every run.
-fn moments() -> impl Iterator<Item = usize> {
-    (1u32..).map(|i| 1 + (i.wrapping_mul(0x9e37_79b9) >> 16) as usize * 9 / 65_536)
-}
-
-#[test]
-#[ignore = "long: .ci/run runs it"]
-fn a_render_that_is_killed_again_and_again_ends_with_the_same_files() {
-    const KILLS: usize = 12;
-    let bench = Bench::new();
-    for mode in ["--allocate sobel --spp 150", "--spp 150", "--samples 100..250"] {
-        let _ = fs::remove_file(bench.path("a.film"));
-        let name =
-            if mode.contains("samples") { "--exr b.exr -o b.png" } else { "--exr b.exr -o b.png --plan b-plan.exr" };
-        let base = format!("render scene.obj --width 128 --height 112 --seed 5 {mode}");
-        let keep = "--checkpoint a.film --checkpoint-every 0s";
-        let mut kills = 0;
-        for lines in moments().take(KILLS) {
-            // On one thread, so that there is something to be killed.
-            if bench.kill_after(&format!("{base} {keep} {name} --threads 1"), lines) {
-                break;
-            }
-            kills += 1;
-        }
-        assert!(kills > 1, "{mode}: the program was too quick to be killed more than {kills} times");
-        bench.run(&format!("{base} {keep} {name}")).code(0);
-        let whole = if mode.contains("samples") { format!("{base} --checkpoint whole.film") } else { base };
-        bench.run(&format!("{whole} {}", name.replace("b.", "a.").replace("b-", "a-"))).code(0);
-        for (a, b) in [("a.exr", "b.exr"), ("a.png", "b.png")] {
-            assert!(bench.read(a) == bench.read(b), "{mode}: {a} and {b} differ after {kills} kills");
-        }
-        if !mode.contains("samples") {
-            assert!(bench.read("a-plan.exr") == bench.read("b-plan.exr"), "{mode}: the plans differ");
-        }
-        assert!(!bench.path(".a.film.partial").exists(), "{mode}: what a killed process left was not cleared away");
-        let _ = fs::remove_file(bench.path("whole.film"));
-    }
 }
 
 /// Ctrl-C, as `kill -INT` sends it: no checkpoint was due by then.
@@ -136,27 +86,6 @@ fn an_interrupted_render_leaves_its_checkpoint_and_continues() {
     let said = bench.run(&format!("{kept} --stats b.json")).code(0);
     assert!(stdout(&said).contains("continued from a checkpoint"), "{}", stdout(&said));
     bench.run(&format!("{base} -o a.png --exr a.exr")).code(0);
-    assert!(bench.read("a.exr") == bench.read("b.exr") && bench.read("a.png") == bench.read("b.png"));
-}
-
-/// How long a machine takes is not tested here: a loaded one may miss the budget, which is a warning.
-#[test]
-fn a_timed_render_that_was_killed_counts_the_time_before_and_replays() {
-    let bench = Bench::new();
-    let base = "render scene.obj --width 64 --height 48 --seed 5";
-    let timed =
-        format!("{base} --time 3s --checkpoint a.film --checkpoint-every 0s -o a.png --exr a.exr --stats a.json");
-    assert!(!bench.kill_after(&timed, 8), "three seconds are over too soon");
-    let said = bench.run(&timed).code(0);
-    let stats: serde_json::Value = serde_json::from_slice(&bench.read("a.json")).expect("JSON");
-    let number = |key: &str| stats[key].as_f64().unwrap_or_else(|| panic!("{key} is no number"));
-    assert_eq!(stats["stop"], "time");
-    assert!(number("earlier_samples") > 0.0 && number("earlier_samples") <= number("samples"));
-    // At the eighth report, one each tenth of a second, three quarters of a second were over at least; a process that
-    // forgot them would report three seconds of its own in all.
-    assert!(number("earlier_seconds") > 0.3 && number("total_seconds") > number("earlier_seconds"));
-    assert!(stdout(&said).contains("continued from a checkpoint"), "{}", stdout(&said));
-    bench.run(&format!("{base} --replay a.exr -o b.png --exr b.exr")).code(0);
     assert!(bench.read("a.exr") == bench.read("b.exr") && bench.read("a.png") == bench.read("b.png"));
 }
 
