@@ -300,36 +300,31 @@ def tables(races: list[Race], arguments: argparse.Namespace, versions: dict[str,
         f"{names + '; ' if names else ''}{arguments.size} x {arguments.size} pixels, {arguments.renders} renders; {arguments.spp}"
         " samples per pixel of ours, the samples of the same processor time of the peers. Above 1 ours, or the plan, is cleaner.",
         "",
-        "v / s:",
+        "Geometric means over the scenes:",
         "",
-        f"| scene | {quantities} |",
+        f"| measure | {quantities} |",
         f"|---|{rule}",
     ]
-    middles = ["", "Geometric means over the scenes:", "", f"| measure | {quantities} |", f"|---|{rule}"]
     gains: list[Gain] = []
     panels: list[list[Panel]] = [[] for _ in pairs]
     for m, title in enumerate(MEASURES.values()):
         part = slice(4 * m, 4 * m + 4)
         for one in races:
-            cells = []
             for who, (label, _, _) in pairs.items():
                 value, error = (x[part] for x in found[one.name, who])
-                cells += [f"{v:.2f}" if v > 0.0 else "-" for v in value]
                 gains += [
                     Gain(title, one.name, label, quantile, f"{v:.2f}", f"{e:.2g}")
                     for quantile, v, e in zip(STATISTICS, value, error)
                     if v > 0.0
                 ]
-            if m == 0:
-                lines.append(f"| {one.name} | {' | '.join(cells)} |")
         middle = []
         for k, (who, (label, _, _)) in enumerate(pairs.items()):
             of_scenes = {one.name: found[one.name, who][0][part] for one in races}
             values = np.array(list(of_scenes.values()))
             middle += [f"{np.exp(np.log(v).mean()):.2f}" if (v > 0.0).all() else "-" for v in values.T]
             panels[k].append(Panel(f"{label}: {title}", "plan" if who == PLAN else "ours", of_scenes))
-        middles.append(f"| {title} | {' | '.join(middle)} |")
-    return "\n".join([*lines, *middles]) + "\n", gains, panels
+        lines.append(f"| {title} | {' | '.join(middle)} |")
+    return "\n".join(lines) + "\n", gains, panels
 
 
 def speeds(races: list[Race], peers: list[str]) -> str:

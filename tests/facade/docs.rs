@@ -10,7 +10,9 @@ use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::stats::{DenoiseStats, HeavySample, PartStats, STATS_VERSION};
-use dunkelfeld::{Budget, RenderSettings, SensorChoice, Session, Stage, Stats, develop_film, find_sensor, render};
+use dunkelfeld::{
+    Budget, Project, RenderSettings, SensorChoice, Session, Stage, Stats, develop_film, find_sensor, render,
+};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::job::{Job, light_keys, object_keys};
 use dunkelfeld_io::sensor_file::parse_sensor;
@@ -313,24 +315,53 @@ fn the_examples_of_the_pages_and_all_presets_are_read() {
 }
 
 #[test]
-fn the_stations_page_shows_each_preset_station_with_its_keys() {
+fn the_stations_page_shows_each_preset_station() {
     let text = page("docs/stations.md");
     let lamps = text.split("## Lamps\n").nth(1).expect("docs/stations.md has a section about lamps");
     let example = format!("scene = \"none\"\n{}", blocks(lamps, "toml")[0]);
     (JOB.read)(&example).unwrap_or_else(|e| panic!("{e}\n{example}"));
     for station in dunkelfeld::commands::STATIONS {
-        let section = text.split(&format!("### {}\n", station.name)).nth(1);
-        let section = section.unwrap_or_else(|| panic!("docs/stations.md has no section {}", station.name));
-        assert!(section.contains(station.summary()) && section.contains(&format!(" {} lines.", station.lines())));
-        let shown = &blocks(section, "toml")[0];
-        let job = station.job();
-        for line in shown.lines() {
-            assert!(job.lines().any(|l| l == line), "{}: the job has no line \"{line}\"", station.name);
+        let picture = format!("stations/{}.png", station.name);
+        assert!(text.contains(&format!("| `{}`: ", station.name)) && text.contains(&picture), "{}", station.name);
+        assert!(root().join("docs").join(&picture).is_file(), "{picture} is missing");
+    }
+}
+
+// --- Examples ----------------------------------------------------------------------------------------------------------
+
+/// Opens a job of `examples/jobs/` with this text.
+fn open_example(text: &str) {
+    let project = Project::from_text(root().join("examples/jobs/job.toml"), text);
+    project.and_then(|p| p.fitted().map(|_| ())).unwrap_or_else(|e| panic!("{e}\n{text}"));
+}
+
+#[test]
+fn the_examples_page_shows_each_job_with_its_picture() {
+    let text = page("docs/examples.md");
+    let shown = blocks(&text, "toml");
+    let files = std::fs::read_dir(root().join("examples/jobs")).expect("the folder of the jobs");
+    let paths = files.map(|file| file.expect("a file").path());
+    let jobs: Vec<PathBuf> =
+        paths.filter(|p| p.extension().is_some_and(|e| e == "toml") && !p.ends_with("recipes.toml")).collect();
+    assert_eq!(shown.len(), jobs.len(), "jobs on the page, and in the folder");
+    for path in jobs {
+        let (name, job) = (path.file_stem().expect("a name").to_string_lossy(), page(&path.to_string_lossy()));
+        assert!(shown.contains(&job), "docs/examples.md shows another text of {name}");
+        assert!(text.contains(&format!("](examples/{name}.png)")) && job.lines().count() <= 25, "{name}");
+        // A study has values that no job has; the crate of data sets reads it.
+        if !job.contains("[[study.defect]]") {
+            open_example(&job);
         }
-        let keys = shown.lines().filter(|l| !l.is_empty() && !l.starts_with('#')).count();
-        assert_eq!(keys, station.lines(), "{}", station.name);
-        let picture = root().join(format!("docs/stations/{}.png", station.name));
-        assert!(picture.is_file(), "{} is missing", picture.display());
+    }
+}
+
+#[test]
+fn the_recipes_fit_the_part_of_their_job() {
+    let base = page("examples/jobs/recipes.toml");
+    let recipes = blocks(&page("docs/recipes.md"), "toml");
+    assert!(recipes.len() >= 13, "recipes are missing");
+    for recipe in recipes {
+        open_example(&format!("{base}\n{recipe}"));
     }
 }
 
