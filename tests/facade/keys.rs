@@ -55,10 +55,10 @@ fn stubs(keys: &[Key]) -> String {
 
 /// The table of docs/library.md.
 fn table(keys: &[Key]) -> String {
-    let mut text = String::from("| key of the job | flag | Python | meaning |\n|---|---|---|---|\n");
+    let mut text = String::from("| key of the job | flag | Python |\n|---|---|---|\n");
     for key in keys {
         let keyword = if key.keyword.is_empty() { "none".into() } else { format!("`{}`", key.keyword) };
-        let _ = writeln!(text, "| `{}` | `--{}` | {keyword} | {} |", key.path, key.flag, key.help.replace('|', "\\|"));
+        let _ = writeln!(text, "| `{}` | `--{}` | {keyword} |", key.path, key.flag);
     }
     text
 }
