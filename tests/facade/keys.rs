@@ -53,14 +53,13 @@ fn stubs(keys: &[Key]) -> String {
     text
 }
 
-/// The table of docs/library.md.
-fn table(keys: &[Key]) -> String {
-    let mut text = String::from("| key of the job | flag | Python |\n|---|---|---|\n");
-    for key in keys {
-        let keyword = if key.keyword.is_empty() { "none".into() } else { format!("`{}`", key.keyword) };
-        let _ = writeln!(text, "| `{}` | `--{}` | {keyword} |", key.path, key.flag);
-    }
-    text
+/// The list of docs/library.md. A flag has the name of the last part of its key unless it is named.
+fn list(keys: &[Key]) -> String {
+    let row = |key: &Key| {
+        let last = key.path.rsplit('.').next().unwrap_or_default().replace('_', "-");
+        if last == key.flag { format!("`{}`", key.path) } else { format!("`{}` (`--{}`)", key.path, key.flag) }
+    };
+    format!("The keys: {}.\n", keys.iter().map(row).collect::<Vec<_>>().join(", "))
 }
 
 /// Compares a text with a part of a file, or writes it.
@@ -79,8 +78,8 @@ fn expect(file: &str, text: &str, part: impl Fn(&str) -> std::ops::Range<usize>)
 #[test]
 fn stubs_and_pages_have_all_rows() {
     expect("crates/python/python/dunkelfeld/_keys.py", &stubs(KEYS), |whole| 0..whole.len());
-    expect("docs/library.md", &table(KEYS), |whole| {
-        let from = whole.find("| key of the job |").expect("a table");
+    expect("docs/library.md", &list(KEYS), |whole| {
+        let from = whole.find("The keys: ").expect("a list");
         from..from + whole[from..].find("\n\n").expect("an end") + 1
     });
 }
@@ -90,7 +89,7 @@ fn a_new_row_is_in_stubs_and_pages() {
     let new = Key { flag: "sensor", keyword: "dummy", path: "dummy.key", kind: Kind::Length, ..KEYS[0] };
     let keys = [KEYS, &[new]].concat();
     assert!(stubs(&keys).contains("    dummy: float | str | None\n"));
-    assert!(table(&keys).contains("| `dummy.key` | `--sensor` | `dummy` |"));
+    assert!(list(&keys).contains("`dummy.key` (`--sensor`)"));
 }
 
 const JOB: &str = "scene = 'none'\ncamera = { look_at = [0, 0, 0], position = [0, 0.3, 0.4] }\n\
