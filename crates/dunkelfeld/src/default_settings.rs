@@ -5,8 +5,8 @@ use dunkelfeld_io::sensor_file::preset;
 use dunkelfeld_render::{DEFAULT_F_NUMBER, RenderSettings, SensorChoice};
 use dunkelfeld_sensor::Optics;
 
-/// 512 x 512 pixels, [`DEFAULT_SPP`](crate::limits::DEFAULT_SPP) samples, the sensor [`DEFAULT_SENSOR`] behind the lens of
-/// [`default_optics`] with automatic exposure.
+/// 512 x 512 pixels, [`DEFAULT_SPP`](crate::limits::DEFAULT_SPP) samples, the sensor [`DEFAULT_SENSOR`] behind a lens with
+/// f/4 and transmission 0.9, far from the object, with automatic exposure.
 pub fn default_settings() -> RenderSettings {
     let sensor = match (preset(DEFAULT_SENSOR), default_optics()) {
         (Ok(model), Ok(optics)) => SensorChoice::Emva { model: Box::new(model), optics, exposure: None },
@@ -16,7 +16,7 @@ pub fn default_settings() -> RenderSettings {
     RenderSettings::without_sensor().with_sensor(sensor)
 }
 
-/// f/4, transmission 0.9, far from the object.
+/// The lens of [`default_settings`].
 pub(crate) fn default_optics() -> Result<Optics, dunkelfeld_sensor::SensorError> {
     Optics::new(DEFAULT_F_NUMBER, LensSettings::default().transmission, 0.0)
 }

@@ -1,6 +1,6 @@
-//! Points where tests make operations of the file system fail. Other builds contain no such code.
+//! Points where tests make operations of the file system fail. Builds without the feature `faults` contain no such code.
 //!
-//! Every write calls these functions before each operation. [`before`] may return an error in its place, [`most`] may
+//! Every write calls these functions before each operation. `before` may return an error in its place, `most` may
 //! shorten a write.
 
 use std::io;

@@ -3,7 +3,7 @@
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Crates of the engine and of the camera. They read no text, and of them only `render` writes files: its checkpoints.
+/// Crates of the engine and of the camera, which parse no text. Of them only `render` opens files: its checkpoints.
 const BELOW_FILES: [&str; 13] = [
     "lanes",
     "geometry",
@@ -40,7 +40,7 @@ pub(crate) fn check(page: &str, metadata: &str) -> Result<Vec<String>, String> {
         let used = package["dependencies"].as_array().into_iter().flatten().filter(|d| d["kind"].is_null());
         for name in used.filter_map(|d| d["name"].as_str()) {
             if BELOW_FILES.contains(&folder) && READERS.contains(&name) {
-                faults.push(format!("crates/{folder} uses `{name}`; it contains no text and opens no file"));
+                faults.push(format!("crates/{folder} uses `{name}`; it parses no text and opens no file"));
             }
             let Some(other) = folder_of(name) else { continue };
             let is_lower = rows.get(other).is_some_and(|o| o.level < row.level);
