@@ -17,7 +17,7 @@ use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_io::exr::Channel;
 use dunkelfeld_io::layers::{Single, Triple};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 use tempfile::TempDir;
 
@@ -94,19 +94,6 @@ fn layers_hold_what_the_film_and_the_sensor_hold() {
     pairs.sort_unstable();
     assert!(pairs.windows(2).all(|w| w[0].1 <= w[1].1) && pairs[0].1 < pairs[191].1);
     assert_eq!(sensor.saturated, values.iter().filter(|v| **v == sensor.model.max_value()).count() as f64 / 192.0);
-}
-
-#[test]
-fn a_plan_is_read_back_with_the_seed_and_frame_that_it_belongs_to() {
-    let folder = TempDir::new().expect("a temporary folder");
-    let path = folder.path().join("plan.exr");
-    let plan = Plane::from_fn(7, 3, |x, y| x * 1000 + y + (u32::from(x == 6) << 30));
-    let s = settings(7, 3, 1.0, 0).with_seed(u64::MAX).with_frame(u32::MAX);
-    save_plan(&path, &plan, &s).expect("writable");
-    let read = load_plan(&path).expect("a plan");
-    assert_eq!((read.samples, read.seed, read.frame), (plan, Some(u64::MAX), Some(u32::MAX)));
-    let missing = load_plan(Path::new("no/such/plan.exr")).expect_err("there is none");
-    assert!(missing.to_string().contains("no/such/plan.exr"), "{missing}");
 }
 
 #[test]
