@@ -194,7 +194,7 @@ pub fn run(
         seconds,
         missed: options.seconds.filter(is_missed),
         interrupted,
-        failed: unmade.into_iter().map(|(index, e)| (index, e.to_string())).collect(),
+        failed: unmade.into_iter().map(|(index, e)| (index, e.in_one_line())).collect(),
         elsewhere,
         matched: mean(&seen.matched),
     })

@@ -358,7 +358,7 @@ impl Set {
     pub(crate) fn changed_study(&self) -> Option<String> {
         let text = match read_text(&self.path, "study.toml") {
             Ok(text) => text,
-            Err(e) => return Some(e.to_string().replace("\n  help:", "; help:")),
+            Err(e) => return Some(e.in_one_line()),
         };
         let changed = text_hash(&text, &self.manifest.study) != self.manifest.study_text;
         changed.then(|| "study.toml differs from the study of the set: it was changed".into())
@@ -390,9 +390,9 @@ impl Set {
     ) -> Result<(), Error> {
         let finished = self.finished();
         visit("records.jsonl", &|out| {
-            finished
-                .iter()
-                .try_for_each(|index| out.write_all(&json(&self.record(*index).map_err(std::io::Error::other)?)))
+            finished.iter().try_for_each(|index| {
+                out.write_all(&json(&self.record(*index).map_err(|e| std::io::Error::other(e.in_one_line()))?))
+            })
         })?;
         if ["coco.json", "scene_camera.json", "scene_gt.json"].iter().any(|name| self.has_file(name)) {
             let Annotations { coco, cameras, poses } = self.annotations(&finished)?;
@@ -531,8 +531,8 @@ fn read_text(folder: &Path, name: &str) -> Result<String, Error> {
 pub(crate) fn read_bytes(folder: &Path, name: &str) -> Result<Vec<u8>, InputError> {
     let path = own_path(folder, name)?;
     InputFiles::new().read(&path, Role::Result, MAX_TEXT).map_err(|fault| match fault {
-        ReadFault::Missing => InputError::new(&path, "the file", MISSING, "run `dunkelfeld dataset` with the study"),
-        other => InputError::new(&path, "the file", other.problem(), "check the permissions, or make the set again"),
+        ReadFault::Missing => InputError::of_file(&path, MISSING, "run `dunkelfeld dataset` with the study"),
+        other => InputError::of_file(&path, other.problem(), "check the permissions, or make the set again"),
     })
 }
 
@@ -551,5 +551,5 @@ fn write_own(folder: &Path, name: &str, write: impl FnOnce(&Path) -> std::io::Re
 
 fn report_error(error: ReportError) -> Error {
     let ReportError { file, problem, help } = error;
-    InputError::new(file, "the file", problem, help).into()
+    InputError::of_file(file, problem, help).into()
 }

@@ -91,7 +91,7 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
             }
             Err(e) => {
                 known.open.insert(index);
-                found.fault(one_line(&e));
+                found.fault(e.in_one_line());
             }
         }
     }
@@ -154,7 +154,7 @@ fn check_whole(set: &Set, found: &mut Verified) {
         Ok(())
     });
     if let Err(e) = compared {
-        found.fault(format!("the files of the whole set cannot be compared: {}", one_line(&e)));
+        found.fault(format!("the files of the whole set cannot be compared: {}", e.in_one_line()));
     }
 }
 
@@ -171,7 +171,7 @@ fn difference(set: &Path, name: &str, content: &Content<'_>) -> Option<String> {
     };
     let mut comparison = Comparison { file: BufReader::new(file), is_same: true };
     if let Err(e) = content(&mut comparison) {
-        return Some(format!("cannot be compared: {}", e.to_string().replace("\n  help:", "; help:")));
+        return Some(format!("cannot be compared: {e}"));
     }
     let is_longer = comparison.file.read(&mut [0]).map_or(true, |count| count > 0);
     (is_longer || !comparison.is_same).then(|| "differs from the file that the finished images give".into())
@@ -195,10 +195,6 @@ impl Write for Comparison {
     fn flush(&mut self) -> std::io::Result<()> {
         Ok(())
     }
-}
-
-fn one_line(error: &Error) -> String {
-    error.to_string().replace("\n  help:", "; help:")
 }
 
 /// Checks an image; gives the number of its annotations.
@@ -231,7 +227,7 @@ fn check_image(set: &Set, record: &Record, found: &mut Verified) -> u64 {
     let labels = match labels {
         Ok(labels) => labels,
         Err(e) => {
-            found.fault(one_line(&e));
+            found.fault(e.in_one_line());
             return 0;
         }
     };

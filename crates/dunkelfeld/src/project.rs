@@ -11,7 +11,7 @@ pub use open::{ProjectOptions, removable_effects};
 use open::{film_part, pitch_of, whole_film};
 use overrides::{Description, kept_description};
 
-use crate::camera_fit::{FilmSize, Fitted, Misfit, fit};
+use crate::camera_fit::{FilmSize, Fitted, fit};
 use crate::film_part::FilmPart;
 use crate::frame::Frame;
 use crate::guard::check_outputs;
@@ -140,7 +140,7 @@ impl Project {
                         }
                     }
                 }
-                Err(e) => inspection.hazards.push(e.to_string().replace("\n  help: ", "; ")),
+                Err(e) => inspection.hazards.push(e.in_one_line()),
             }
         }
         inspection.memory = Some(self.memory());
@@ -197,7 +197,8 @@ impl Project {
         if let Err(e) = self.scene.ray_generator(&view, settings.width, settings.height) {
             return Err(match &self.job {
                 Some(job) if matches!(e, CameraError::NotInvertible { .. }) && lens.distortion.is_some() => {
-                    job.lens_error(&camera.name, "distortion", e.to_string(), camera_help(&e)).into()
+                    let error = InputError::of_key("distortion", e.to_string(), camera_help(&e));
+                    job.lens_error(&camera.name, error).into()
                 }
                 _ => e.into(),
             });
@@ -224,10 +225,9 @@ impl Project {
         if let SensorChoice::Emva { model, optics, .. } = &settings.sensor {
             let (size, pitch) = (settings.width.min(settings.height), model.spec().pixel_pitch);
             if self.part.is_some() && optics.psf().heights().len() > 1 {
-                let problem =
-                    "an MTF over field heights is that of the whole film, and a part of it is rendered".into();
+                let problem = "an MTF over field heights is that of the whole film, and a part of it is rendered";
                 let help = "write one field height, or render the whole film without `roi` and `binning`";
-                return Err(self.misfit(&camera.name, Misfit { key: "psf", problem, help }));
+                return Err(self.misfit(&camera.name, InputError::of_key("psf", problem, help)));
             }
             if !optics.fits(size, pitch) {
                 let problem = format!("the lens blurs the image over more than the {size} pixels of the film");
@@ -237,8 +237,7 @@ impl Project {
                     (None, Some(_)) => "f_number",
                     (None, None) => "numerical_aperture",
                 };
-                let misfit = Misfit { key, problem, help };
-                return Err(self.misfit(&camera.name, misfit));
+                return Err(self.misfit(&camera.name, InputError::of_key(key, problem, help)));
             }
         }
         Ok(settings)
@@ -367,10 +366,10 @@ impl Project {
         FilmSize { width, height, pitch }
     }
 
-    fn misfit(&self, camera: &str, misfit: Misfit) -> Error {
+    fn misfit(&self, camera: &str, misfit: InputError) -> Error {
         match &self.job {
-            Some(job) => job.lens_error(camera, misfit.key, misfit.problem, misfit.help).into(),
-            None => Error::setting(format!("lens {}", misfit.key), misfit.problem, misfit.help),
+            Some(job) => job.lens_error(camera, misfit).into(),
+            None => Error::setting(format!("lens {}", misfit.place), misfit.problem, misfit.help),
         }
     }
 }

@@ -62,7 +62,7 @@ impl TomlFile {
         let bytes = inputs.read(path, role, LARGEST).map_err(|fault| fault.at(path))?;
         let text = String::from_utf8(bytes).map_err(|e| {
             let problem = format!("is not UTF-8 text (byte {})", e.utf8_error().valid_up_to());
-            InputError::new(path, "the file", problem, "save the file as UTF-8")
+            InputError::of_file(path, problem, "save the file as UTF-8")
         })?;
         Ok(Self::from_text(path, text))
     }
@@ -85,7 +85,7 @@ impl TomlFile {
         let mut root: Table = self.parse()?;
         merge(&mut root, Self::from_text(name, overrides).parse()?);
         let text = toml::to_string(&root).map_err(|e| {
-            InputError::new(&self.path, "the file", format!("cannot be combined with {name}: {e}"), "check both texts")
+            InputError::of_file(&self.path, format!("cannot be combined with {name}: {e}"), "check both texts")
         })?;
         Ok(Self::from_text(&self.path, text))
     }
