@@ -6,7 +6,7 @@ use crate::support::{build, emitter, settings, spot_camera, square};
 use dunkelfeld::film::{NO_ID, Plane};
 use dunkelfeld::geometry::DVec3;
 use dunkelfeld::limits::DEFAULT_SENSOR;
-use dunkelfeld::outputs::{encode_layers, load_plan, save_plan};
+use dunkelfeld::outputs::{encode_layers, load_plan};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder};
 use dunkelfeld::{

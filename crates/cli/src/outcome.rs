@@ -47,17 +47,13 @@ pub(crate) fn say_json() {
 
 /// Prints an error: the fault, the line of the file that contains it, and help.
 pub(crate) fn print_error(error: &dunkelfeld::Error) {
-    let text = format!("error: {error}");
+    let (statement, help, caret) = (error.statement(), error.help(), error.caret());
     if JSON.load(Ordering::Relaxed) {
-        let message = text.trim_start_matches("error: ");
-        let (problem, help) = message.split_once("\n  help: ").unwrap_or((message, ""));
-        let caret = error.caret();
-        let event = serde_json::json!({ "event": "error", "message": problem, "help": help, "place": caret });
+        let help = help.unwrap_or_default();
+        let event = serde_json::json!({ "event": "error", "message": statement, "help": help, "place": caret });
         return write_line(&visible_json(&event.to_string()));
     }
-    let (problem, help) = text.split_at(text.find("\n  help: ").unwrap_or(text.len()));
-    let caret = error.caret();
-    let lines = [problem, &caret, help.trim_start_matches('\n')];
+    let lines = [format!("error: {statement}"), caret, help.map_or(String::new(), |help| format!("  help: {help}"))];
     say(&lines.into_iter().filter(|line| !line.is_empty()).collect::<Vec<_>>().join("\n"));
 }
 

@@ -146,7 +146,7 @@ pub fn run(
         missed: options.seconds.filter(is_missed),
         interrupted,
         elsewhere: open.saturating_sub(unmade.len()) as u64,
-        failed: unmade.into_iter().map(|(index, e)| (index, e.to_string())).collect(),
+        failed: unmade.into_iter().map(|(index, e)| (index, e.in_one_line())).collect(),
         matched: mean(&state.seen.matched),
     })
 }

@@ -34,7 +34,7 @@ pub(crate) fn own_path(folder: &Path, name: &str) -> Result<PathBuf, InputError>
         path.push(part);
         if fs::symlink_metadata(&path).is_ok_and(|meta| meta.is_symlink()) {
             let help = "replace the link by the file or folder that it leads to";
-            return Err(InputError::new(path, "the file", "is a symbolic link, and a set follows none", help));
+            return Err(InputError::of_file(path, "is a symbolic link, and a set follows none", help));
         }
     }
     Ok(path)

@@ -88,7 +88,7 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
             }
             Err(e) => {
                 known.open.insert(index);
-                found.fault(one_line(&e));
+                found.fault(e.in_one_line());
             }
         }
     }
@@ -151,7 +151,7 @@ fn check_whole(set: &Set, found: &mut Verified) {
         Ok(())
     });
     if let Err(e) = compared {
-        found.fault(format!("the files of the whole set cannot be compared: {}", one_line(&e)));
+        found.fault(format!("the files of the whole set cannot be compared: {}", e.in_one_line()));
     }
 }
 
@@ -163,10 +163,6 @@ fn difference(set: &Path, name: &str, content: &[u8]) -> Option<String> {
         Ok(path) if hash_of(&path) == Some(FileRecord::of(content).hash) => None,
         Ok(_) => Some("differs from the file that the finished images give".into()),
     }
-}
-
-fn one_line(error: &Error) -> String {
-    error.to_string().replace("\n  help:", "; help:")
 }
 
 /// Checks an image; gives the number of its annotations.
@@ -199,7 +195,7 @@ fn check_image(set: &Set, record: &Record, found: &mut Verified) -> u64 {
     let labels = match labels {
         Ok(labels) => labels,
         Err(e) => {
-            found.fault(one_line(&e));
+            found.fault(e.in_one_line());
             return 0;
         }
     };

@@ -1,11 +1,9 @@
 //! The part of the sensor that a job reads: whole, region of interest, binning.
 
+use dunkelfeld_io::InputError;
 use dunkelfeld_io::job::FilmSettings;
 use dunkelfeld_render::{RenderSettings, SensorChoice};
 use dunkelfeld_scene::FilmWindow;
-
-/// A fault of a key of `[film]`: the key, the problem, the help.
-pub(crate) type Misfit = (&'static str, String, String);
 
 /// The whole film of a job, and the part of it that is rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,7 +21,7 @@ impl FilmPart {
     ///
     /// # Errors
     /// A sensor without a resolution, a region outside the film, pixels that do not fit a colour sensor.
-    pub(crate) fn new(film: &FilmSettings, sensor: &SensorChoice) -> Result<Self, Misfit> {
+    pub(crate) fn new(film: &FilmSettings, sensor: &SensorChoice) -> Result<Self, InputError> {
         let spec = match sensor {
             SensorChoice::Emva { model, .. } => Some(model.spec()),
             SensorChoice::None => None,
@@ -32,7 +30,7 @@ impl FilmPart {
             (true, Some(spec)) => spec.resolution.ok_or_else(|| {
                 let problem = format!("the resolution of the sensor \"{}\" is unknown", spec.name);
                 let help = "write `width` and `height` instead, or `resolution = [columns, rows]` in a sensor file";
-                ("full", problem, help.to_string())
+                InputError::of_key("full", problem, help)
             })?,
             _ => {
                 let usual = RenderSettings::without_sensor();
@@ -43,21 +41,21 @@ impl FilmPart {
         if left.saturating_add(width) > whole[0] || top.saturating_add(height) > whole[1] {
             let problem = format!("the region ends at {}, {}", left.saturating_add(width), top.saturating_add(height));
             let help = format!("the film has {} x {} pixels; write [left, top, width, height]", whole[0], whole[1]);
-            return Err(("roi", problem, help));
+            return Err(InputError::of_key("roi", problem, help));
         }
         let binning = film.binning.unwrap_or(1);
         if width < binning || height < binning {
             let problem = format!("the film of {width} x {height} pixels is smaller than a square of binned pixels");
-            return Err(("binning", problem, "write a smaller number, or a larger region".into()));
+            return Err(InputError::of_key("binning", problem, "write a smaller number, or a larger region"));
         }
         if spec.is_some_and(|s| s.quantum_efficiency.filter().is_some()) {
             if binning > 1 {
                 let problem = "the pixels of a colour sensor have different colours, and binning adds their charges";
-                return Err(("binning", problem.into(), "remove it, or choose a monochrome sensor".into()));
+                return Err(InputError::of_key("binning", problem, "remove it, or choose a monochrome sensor"));
             }
             if left % 2 == 1 || top % 2 == 1 {
                 let problem = "the region begins inside a square of the colour filter";
-                return Err(("roi", problem.into(), "write even numbers for its left and top edge".into()));
+                return Err(InputError::of_key("roi", problem, "write even numbers for its left and top edge"));
             }
         }
         Ok(Self { whole, region, binning })
@@ -93,7 +91,7 @@ impl FilmPart {
 mod tests {
     use super::*;
 
-    fn part(film: FilmSettings) -> Result<FilmPart, Misfit> {
+    fn part(film: FilmSettings) -> Result<FilmPart, InputError> {
         FilmPart::new(&film, &SensorChoice::None)
     }
 
@@ -123,7 +121,7 @@ mod tests {
             ("roi", FilmSettings { roi: Some([0, 480, 1, 1]), ..film() }),
             ("binning", FilmSettings { roi: Some([0, 0, 1, 9]), binning: Some(2), ..film() }),
         ] {
-            assert_eq!(part(change.clone()).expect_err("no such part").0, key, "{change:?}");
+            assert_eq!(part(change.clone()).expect_err("no such part").place, key, "{change:?}");
         }
     }
 }

@@ -10,7 +10,7 @@ pub(crate) use open::{Setup, exposure_of, sensor_of};
 use open::{pitch_of, resolve, whole_film};
 use overrides::Description;
 
-use crate::camera_fit::{FilmSize, Fitted, Misfit, fit};
+use crate::camera_fit::{FilmSize, Fitted, fit};
 use crate::film_part::FilmPart;
 use crate::frame::Frame;
 use crate::guard::check_outputs;
@@ -21,6 +21,7 @@ use crate::shutter::{TimedExposure, check_shutter, expose_for, splitter_of, time
 use crate::stats::Stats;
 use dunkelfeld_film::FilmLayers;
 use dunkelfeld_io::ImportWarning;
+use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_io::job::{FilmSettings, Job, LensSettings};
 use dunkelfeld_render::{
@@ -131,7 +132,7 @@ impl Project {
                         }
                     }
                 }
-                Err(e) => inspection.hazards.push(e.to_string().replace("\n  help: ", "; ")),
+                Err(e) => inspection.hazards.push(e.in_one_line()),
             }
         }
         inspection.memory = Some(self.memory());
@@ -187,8 +188,9 @@ impl Project {
         }
         if let Err(e) = self.scene.ray_generator(&view, settings.width, settings.height) {
             let is_of_lens = matches!(e, CameraError::NotInvertible { .. }) && lens.distortion.is_some();
+            let of_lens = || InputError::of_key("distortion", e.to_string(), camera_help(&e));
             return Err(match is_of_lens {
-                true => self.job.lens_error(&camera.name, "distortion", e.to_string(), camera_help(&e)).into(),
+                true => self.job.lens_error(&camera.name, of_lens()).into(),
                 false => e.into(),
             });
         }
@@ -212,10 +214,9 @@ impl Project {
         if let SensorChoice::Emva { model, optics, .. } = &settings.sensor {
             let (size, pitch) = (settings.width.min(settings.height), model.spec().pixel_pitch);
             if self.part.is_some() && optics.psf().heights().len() > 1 {
-                let problem =
-                    "an MTF over field heights is that of the whole film, and a part of it is rendered".into();
+                let problem = "an MTF over field heights is that of the whole film, and a part of it is rendered";
                 let help = "write one field height, or render the whole film without `roi` and `binning`";
-                return Err(self.misfit(&camera.name, Misfit { key: "psf", problem, help }));
+                return Err(self.misfit(&camera.name, InputError::of_key("psf", problem, help)));
             }
             if !optics.fits(size, pitch) {
                 let problem = format!("the lens blurs the image over more than the {size} pixels of the film");
@@ -225,8 +226,7 @@ impl Project {
                     (None, Some(_)) => "f_number",
                     (None, None) => "numerical_aperture",
                 };
-                let misfit = Misfit { key, problem, help };
-                return Err(self.misfit(&camera.name, misfit));
+                return Err(self.misfit(&camera.name, InputError::of_key(key, problem, help)));
             }
         }
         Ok(settings)
@@ -362,8 +362,8 @@ impl Project {
         FilmSize { width, height, pitch }
     }
 
-    fn misfit(&self, camera: &str, misfit: Misfit) -> Error {
-        self.job.lens_error(camera, misfit.key, misfit.problem, misfit.help).into()
+    fn misfit(&self, camera: &str, misfit: InputError) -> Error {
+        self.job.lens_error(camera, misfit).into()
     }
 }
 

@@ -13,17 +13,14 @@ pub struct SourceSpan {
     pub range: std::ops::Range<usize>,
 }
 
+/// The place of a fault of a file as a whole.
+const WHOLE: &str = "the file";
+
 /// Input that cannot be used: the file, the place in it, the fault, and the help.
 ///
 /// When displayed, terminal control characters are escaped.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "{}: {}: {}\n  help: {}",
-    visible_line(&file.to_string_lossy()),
-    visible_line(place),
-    visible_line(problem),
-    visible_line(help)
-)]
+#[error("{}\n  help: {}", self.statement(), visible_line(help))]
 pub struct InputError {
     /// The file.
     pub file: PathBuf,
@@ -59,6 +56,32 @@ impl InputError {
             source_span: None,
             read: None,
         }
+    }
+
+    /// An error about a file as a whole.
+    pub fn of_file(file: impl Into<PathBuf>, problem: impl Into<String>, help: impl Into<String>) -> Self {
+        Self::new(file, WHOLE, problem, help)
+    }
+
+    /// An error about a key of a table, as its place. The file and the table are not known yet.
+    pub fn of_key(key: &str, problem: impl Into<String>, help: impl Into<String>) -> Self {
+        Self::new("", key, problem, help)
+    }
+
+    /// Is it about a file as a whole, such as one that is missing?
+    pub fn is_of_file(&self) -> bool {
+        self.place == WHOLE
+    }
+
+    /// File, place and fault, without the help.
+    pub fn statement(&self) -> String {
+        let file = self.file.to_string_lossy();
+        format!("{}: {}: {}", visible_line(&file), visible_line(&self.place), visible_line(&self.problem))
+    }
+
+    /// The error in one line.
+    pub fn in_one_line(&self) -> String {
+        format!("{}; help: {}", self.statement(), visible_line(&self.help))
     }
 
     /// Adds files that were read or requested before.

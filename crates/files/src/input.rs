@@ -287,7 +287,7 @@ impl ReadFault {
 
     /// The fault as an error of `file` itself.
     pub fn at(&self, file: &Path) -> InputError {
-        InputError::new(file, "the file", self.problem(), self.help(file))
+        InputError::of_file(file, self.problem(), self.help(file))
     }
 }
 

@@ -5,7 +5,7 @@ use dunkelfeld_files::visible::visible_line;
 use dunkelfeld_scene::{BuildError, CameraError};
 use dunkelfeld_sensor::{SensorError, time_in_words};
 use std::borrow::Cow;
-use std::fmt::Display;
+use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
 
 /// All errors that end a render without an image. Names in the messages are escaped, so that a terminal does not
@@ -14,16 +14,12 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum Error {
     /// A file that cannot be used.
-    #[error(transparent)]
     Input(#[from] InputError),
     /// A scene that is not valid.
-    #[error("the scene cannot be built: {}", visible_line(&.0.to_string()))]
     Build(#[from] BuildError),
     /// A camera that has no rays for this film.
-    #[error("{0}\n  help: {help}", help = camera_help(.0))]
     Camera(#[from] CameraError),
     /// A setting outside its range.
-    #[error("{}: {}\n  help: {}", visible_line(what), visible_line(problem), visible_line(help))]
     Setting {
         /// Name of the setting.
         what: String,
@@ -33,15 +29,8 @@ pub enum Error {
         help: String,
     },
     /// A sensor that cannot be exposed with these settings.
-    #[error("the sensor cannot be used: {0}")]
     Sensor(SensorError),
     /// A file that could not be written.
-    #[error(
-        "{}: {}\n  help: {}",
-        visible_line(&file.to_string_lossy()),
-        visible_line(problem),
-        visible_line(help)
-    )]
     Output {
         /// The file.
         file: PathBuf,
@@ -51,7 +40,6 @@ pub enum Error {
         help: String,
     },
     /// There is not enough memory.
-    #[error("{what}: there is not enough memory\n  help: {help}")]
     Memory {
         /// The object that needs the memory.
         what: String,
@@ -59,7 +47,6 @@ pub enum Error {
         help: String,
     },
     /// A run that needs more memory than its limit, or than the machine has.
-    #[error("{problem}\n{account}\n  help: {help}")]
     MemoryNeeded {
         /// The required memory, and the limit that it exceeds.
         problem: String,
@@ -69,8 +56,14 @@ pub enum Error {
         help: String,
     },
     /// The threads could not be started.
-    #[error("the worker threads could not be started: {0}")]
     Threads(String),
+}
+
+impl Display for Error {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.statement())?;
+        self.help().map_or(Ok(()), |help| write!(f, "\n  help: {help}"))
+    }
 }
 
 impl Error {
@@ -83,6 +76,43 @@ impl Error {
     pub fn film_memory() -> Self {
         let help = "render fewer pixels, fewer layers (no --exr, no denoiser), or end other programs";
         Self::Memory { what: "the film".into(), help: help.into() }
+    }
+
+    /// The message without its help.
+    pub fn statement(&self) -> String {
+        match self {
+            Self::Input(e) => e.statement(),
+            Self::Build(e) => format!("the scene cannot be built: {}", visible_line(&e.to_string())),
+            Self::Camera(e) => e.to_string(),
+            Self::Setting { what, problem, .. } => format!("{}: {}", visible_line(what), visible_line(problem)),
+            Self::Sensor(e) => format!("the sensor cannot be used: {e}"),
+            Self::Output { file, problem, .. } => {
+                format!("{}: {}", visible_line(&file.to_string_lossy()), visible_line(problem))
+            }
+            Self::Memory { what, .. } => format!("{what}: there is not enough memory"),
+            Self::MemoryNeeded { problem, account, .. } => format!("{problem}\n{account}"),
+            Self::Threads(problem) => format!("the worker threads could not be started: {problem}"),
+        }
+    }
+
+    /// The help of the message, if it has one.
+    pub fn help(&self) -> Option<Cow<'_, str>> {
+        match self {
+            Self::Input(InputError { help, .. }) | Self::Setting { help, .. } | Self::Output { help, .. } => {
+                Some(visible_line(help))
+            }
+            Self::Memory { help, .. } | Self::MemoryNeeded { help, .. } => Some(help.into()),
+            Self::Camera(e) => Some(camera_help(e).into()),
+            Self::Build(_) | Self::Sensor(_) | Self::Threads(_) => None,
+        }
+    }
+
+    /// The message in one line.
+    pub fn in_one_line(&self) -> String {
+        match self.help() {
+            Some(help) => format!("{}; help: {help}", self.statement()),
+            None => self.statement(),
+        }
     }
 
     /// The texts of the error one by one.

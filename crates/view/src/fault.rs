@@ -3,6 +3,7 @@
 use dunkelfeld::Error;
 use dunkelfeld::io::visible_line;
 use serde::Serialize;
+use std::borrow::Cow;
 
 /// A refusal: the answer of a request that cannot be met.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -48,12 +49,9 @@ impl From<Error> for Fault {
     fn from(error: Error) -> Self {
         let parts = error.parts();
         let Some(file) = parts.file else {
-            // The whole text: that of too little memory has the account.
-            let text = error.to_string();
-            return match text.split_once("\n  help: ") {
-                Some((problem, help)) => Self::new(problem, help),
-                None => Self { problem: text, place: None, help: None, is_early: false },
-            };
+            // That of too little memory has the account.
+            let (problem, help) = (error.statement(), error.help().map(Cow::into_owned));
+            return Self { problem, place: None, help, is_early: false };
         };
         let caret = error.caret();
         let line = caret.lines().find_map(|line| {

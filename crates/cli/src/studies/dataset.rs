@@ -56,11 +56,7 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
         say(&format!("warning: the time budget of {} was missed by {over}; it took {all} in all", seconds(limit)));
     }
     // The message of an image has its own line with the help.
-    summary
-        .failed
-        .iter()
-        .take(LISTED)
-        .for_each(|(_, message)| say(&format!("flagged: {}", message.replace("\n  help:", "; help:"))));
+    summary.failed.iter().take(LISTED).for_each(|(_, message)| say(&format!("flagged: {message}")));
     if let Some(more) = summary.failed.len().checked_sub(LISTED).filter(|more| *more > 0) {
         say(&format!("flagged: {more} more images could not be made"));
     }

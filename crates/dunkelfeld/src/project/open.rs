@@ -310,7 +310,7 @@ pub(super) fn film_part(job: &Job, sensor: &SensorChoice) -> Result<Option<FilmP
         return Ok(None);
     }
     let part = FilmPart::new(film, sensor);
-    part.map(Some).map_err(|(key, problem, help)| job.film_error(key, problem, help).into())
+    part.map(Some).map_err(|e| job.film_error(e).into())
 }
 
 /// Width and height of the whole film of a job \[pixels\].

@@ -312,7 +312,7 @@ impl Job {
         let name = path
             .file_name()
             .and_then(|name| name.to_str())
-            .ok_or_else(|| InputError::new(path, "file name", "is not UTF-8", "rename the file"))?;
+            .ok_or_else(|| InputError::of_file(path, "is not UTF-8", "rename the file"))?;
         let text = toml::to_string(&BTreeMap::from([("scene", name)]));
         Self::from_toml(TomlFile::from_text(path, text.unwrap_or_default()))
     }
@@ -394,8 +394,9 @@ impl Job {
             std::iter::once(&mut job.lens).chain(job.camera.defined.iter_mut().flat_map(|camera| &mut camera.lens));
         lenses.filter_map(LensSettings::mtf_file).for_each(|path| *path = file.resolve(&path));
         lens::check_film(&job.film, &job.sensor.model)
-            .and_then(|()| lens::check_lens(&job.lens, &job.film, &job.sensor.model))
-            .map_err(|(key, problem, help)| file.error_at_key(&key, problem, help))?;
+            .map_err(|e| file.error_at_key(&["film", &e.place], e.problem, e.help))?;
+        lens::check_lens(&job.lens, &job.film, &job.sensor.model)
+            .map_err(|e| file.error_at_key(&["lens", &e.place], e.problem, e.help))?;
         job.camera.complete(&file, &job.lens, &job.film, &job.sensor.model)?;
         for key in ["exposure", "exposure_noise", "gain", "temperature", "black_level"].map(|key| ["sensor", key]) {
             if job.sensor.model == SensorChoice::None && file.has_key(&key) {
@@ -454,10 +455,9 @@ impl Job {
         inputs
     }
 
-    /// An error of reading the sensor of `[sensor] model`. If neither a preset nor a file of that name exists, the
-    /// error points at the line of the job.
+    /// An error of reading the sensor of `[sensor] model`. Without a line of a sensor file, it points at the line of the job.
     pub fn sensor_error(&self, error: InputError) -> InputError {
-        if !["file", "the file", "the sensor"].contains(&error.place.as_str()) {
+        if error.source_span.is_some() {
             return error;
         }
         let problem = format!("{}: {}", error.file.display(), error.problem);

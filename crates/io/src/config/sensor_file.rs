@@ -104,7 +104,7 @@ pub fn preset(name: &str) -> Result<SensorModel, InputError> {
         None => {
             let known: Vec<&str> = preset_names().collect();
             let help = format!("name a sensor file (*.toml) or one of {}", known.join(", "));
-            Err(InputError::new(name, "the sensor", "there is no preset of that name", help))
+            Err(InputError::of_file(name, "there is no preset of that name", help))
         }
     }
 }
@@ -174,7 +174,7 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
                 None => InputError::new(file.path(), *field, e.to_string(), help),
             }
         }
-        other => InputError::new(file.path(), "the sensor", other.to_string(), "see the format of sensor files"),
+        other => InputError::of_file(file.path(), other.to_string(), "see the format of sensor files"),
     })
 }
 
@@ -410,7 +410,7 @@ impl SensorToml {
             }
             (None, None) => {
                 let help = "add `gain_e_per_dn = ...` or `gain_dn_per_e = ...`";
-                Err(InputError::new(file.path(), "the sensor", "the gain is missing", help))
+                Err(InputError::of_file(file.path(), "the gain is missing", help))
             }
         }
     }

@@ -62,7 +62,7 @@ impl TomlFile {
         let bytes = inputs.read(path, role, LARGEST).map_err(|fault| fault.at(path))?;
         let text = String::from_utf8(bytes).map_err(|e| {
             let problem = format!("is not UTF-8 text (byte {})", e.utf8_error().valid_up_to());
-            InputError::new(path, "the file", problem, "save the file as UTF-8")
+            InputError::of_file(path, problem, "save the file as UTF-8")
         })?;
         Ok(Self::from_text(path, text))
     }
@@ -92,7 +92,7 @@ impl TomlFile {
         merge(&mut root, above);
         let text = toml::to_string(&root).map_err(|e| {
             let problem = format!("cannot be combined with {}: {e}", overrides.path.display());
-            InputError::new(&self.path, "the file", problem, "check both texts")
+            InputError::of_file(&self.path, problem, "check both texts")
         })?;
         Ok(Self::from_text(&self.path, text))
     }

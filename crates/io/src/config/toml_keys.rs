@@ -46,6 +46,11 @@ impl<'a> TableKeys<'a> {
         self.file
     }
 
+    /// Is the key given, and not taken yet?
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.table.contains_key(key)
+    }
+
     /// Adds to the description of the table in a message about an unknown key.
     pub(crate) fn describe(&mut self, of: impl AsRef<str>) {
         self.of += of.as_ref();

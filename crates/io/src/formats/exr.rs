@@ -157,7 +157,7 @@ pub fn read_exr_if<E: From<InputError>>(
 ) -> Result<ExrLayers, E> {
     let fault = |problem: String| {
         let help = "check that it is a complete OpenEXR image without deep data, with ZIP, PIZ or no compression";
-        InputError::new(path, "the file", problem, help)
+        InputError::of_file(path, problem, help)
     };
     let file = inputs.open(path, role, MAX_STREAMED).map_err(|fault| fault.at(path))?;
     let size = file.length();
@@ -182,7 +182,7 @@ pub fn read_exr_if<E: From<InputError>>(
     if !can_reserve(bytes.saturating_mul(2)) {
         let problem = format!("has samples of {} MB, for which there is not enough memory", bytes.div_ceil(1_000_000));
         let help = "use a smaller image or one with fewer channels, or end other programs";
-        return Err(InputError::new(path, "the file", problem, help).into());
+        return Err(InputError::of_file(path, problem, help).into());
     }
     let layers = read().no_deep_data().largest_resolution_level().all_channels().all_layers();
     let image = blocks::decode(file, &layers).map_err(|e| fault(describe(&e)))?;

@@ -64,5 +64,5 @@ pub(super) fn refusal(path: &Path, extension: &str) -> InputError {
         ),
         other => (format!("\".{other}\" is not a scene format that can be read"), format!("use {formats}")),
     };
-    InputError::new(path, "file name", problem, help)
+    InputError::of_file(path, problem, help)
 }

@@ -33,7 +33,7 @@ pub fn parse_ies(path: &Path, bytes: &[u8]) -> Result<(LightProfile, Vec<ImportW
     let mut warnings = Warnings::new(path);
     if bytes.len() as u64 > LARGEST {
         let problem = format!("it has {} bytes, more than 16 MiB", bytes.len());
-        return Err(InputError::new(path, "the file", problem, "check that this is the right file"));
+        return Err(InputError::of_file(path, problem, "check that this is the right file"));
     }
     // Keywords may be in any encoding. Only ASCII is used.
     let text = String::from_utf8_lossy(without_mark(bytes, path)?);
@@ -96,7 +96,7 @@ impl Reader<'_> {
             start = end;
         }
         let (problem, help) = ("there is no line that begins with TILT=", "name an IES file (ANSI/IES LM-63)");
-        Err(InputError::new(&self.path, "the file", problem, help))
+        Err(InputError::of_file(&self.path, problem, help))
     }
 
     /// The numbers after the tilt.
@@ -155,7 +155,7 @@ impl Reader<'_> {
         let (horizontal, intensity) = around.expand(&horizontal, &runs);
         let name = self.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         LightProfile::new(name, &vertical, &horizontal, intensity)
-            .map_err(|e| InputError::new(&self.path, "the file", e.to_string(), "correct the angles and values"))
+            .map_err(|e| InputError::of_file(&self.path, e.to_string(), "correct the angles and values"))
     }
 
     /// `count` angles \[degrees\], ascending within a range.

@@ -1,11 +1,11 @@
-//! The images of one scene during import: measured from their headers first, then decoded, each content once.
+//! The images of one scene during import, each content once, within the memory that is allowed.
 
 use crate::error::InputError;
 use crate::images::{ImageHeader, decode_image, image_header, repair_message};
 use crate::import::texel_budget::TexelBudget;
 use crate::import::warnings::Warnings;
 use crate::loader::Limits;
-use dunkelfeld_scene::{Image, ImageId, Texels};
+use dunkelfeld_scene::{Image, ImageId};
 use std::path::Path;
 use twox_hash::XxHash3_128;
 
@@ -26,35 +26,24 @@ impl Content {
     }
 }
 
+/// The fault of an image for which there is no memory left.
+const BEYOND: &str = "the images together exceed the memory allowed";
+
 /// Images in order of first use.
-///
-/// A scene is read twice. A measuring store reads headers only and returns images without texels. So the sum is known
-/// (see [`ImageStore::check`]) before a decoding store allocates memory.
 #[derive(Debug)]
 pub(crate) struct ImageStore {
     limits: Limits,
-    measures: bool,
     budget: TexelBudget,
     images: Vec<Image>,
 }
 
 impl ImageStore {
-    /// A store that reads headers only.
-    pub(crate) fn measuring(limits: &Limits) -> Self {
-        Self { measures: true, ..Self::decoding(limits) }
+    /// An empty store.
+    pub(crate) fn new(limits: &Limits) -> Self {
+        Self { limits: *limits, budget: TexelBudget::new(limits, &[]), images: Vec::new() }
     }
 
-    /// A store that decodes.
-    pub(crate) fn decoding(limits: &Limits) -> Self {
-        Self { limits: *limits, measures: false, budget: TexelBudget::new(limits, &[]), images: Vec::new() }
-    }
-
-    /// Does it measure only, so that its images have no texels?
-    pub(crate) fn measures(&self) -> bool {
-        self.measures
-    }
-
-    /// An image; without texels in a measuring store.
+    /// An image.
     pub(crate) fn image(&self, id: ImageId) -> Option<&Image> {
         self.images.get(id.0 as usize)
     }
@@ -63,7 +52,7 @@ impl ImageStore {
         self.images
     }
 
-    /// Checks whether all measured images fit.
+    /// Checks whether all images fitted.
     ///
     /// # Errors
     /// See [`TexelBudget::check`].
@@ -71,25 +60,21 @@ impl ImageStore {
         self.budget.check(file)
     }
 
-    /// The header of an encoded image. The texel budget checks its size in memory.
+    /// Decodes an image.
     ///
     /// # Errors
-    /// The fault of the image.
-    pub(crate) fn header(&self, bytes: &[u8], file_name: &str) -> Result<ImageHeader, String> {
-        image_header(bytes, file_name, &self.limits.of_header()).map_err(|fault| fault.problem)
-    }
-
-    /// Decodes an image without storing it.
-    ///
-    /// # Errors
-    /// The fault of the image.
+    /// If the bytes are no image, or if it does not fit, which its header tells.
     pub(crate) fn decode(
-        &self,
+        &mut self,
         bytes: &[u8],
         file_name: &str,
         place: &str,
         warnings: &mut Warnings,
     ) -> Result<Image, String> {
+        let header = image_header(bytes, file_name, &self.limits.of_header()).map_err(|fault| fault.problem)?;
+        if !self.budget.fits(place, &header) {
+            return Err(BEYOND.into());
+        }
         let decoded = decode_image(bytes, file_name, &self.limits).map_err(|fault| fault.problem)?;
         if decoded.repaired > 0 {
             warnings.push(place, repair_message(decoded.repaired));
@@ -97,29 +82,14 @@ impl ImageStore {
         Ok(decoded.image)
     }
 
-    /// Adds the place of an image that is only measured.
-    ///
-    /// # Errors
-    /// If the number of images is out of range.
-    pub(crate) fn add_measured(&mut self, header: &ImageHeader, place: &str) -> Result<ImageId, String> {
-        self.budget.add(place, header);
-        let ImageHeader { width, height, .. } = *header;
-        self.push(Image { name: String::new(), width, height, texels: Texels::Gray8(Vec::new()).into() })
-    }
-
     /// Adds an image.
     ///
     /// # Errors
-    /// If it does not fit, which the measurement should have detected.
+    /// If it does not fit.
     pub(crate) fn add(&mut self, image: Image, place: &str) -> Result<ImageId, String> {
-        let header = header_of(&image);
-        if !self.budget.add(place, &header) {
-            return Err("the images together exceed the memory allowed".into());
+        if !self.budget.add(place, &header_of(&image)) {
+            return Err(BEYOND.into());
         }
-        self.push(image)
-    }
-
-    fn push(&mut self, image: Image) -> Result<ImageId, String> {
         let id = u32::try_from(self.images.len()).map_err(|_| "there are too many images")?;
         self.images.push(image);
         Ok(ImageId(id))

@@ -101,7 +101,7 @@ impl AssetLoader {
     /// # Errors
     /// If it is missing, unreadable, not a regular file, or larger than the limits.
     pub fn read_scene(&self) -> Result<Vec<u8>, InputError> {
-        self.read(&self.scene_file, Role::Scene, "file", &self.scene_file.display().to_string())
+        self.read(&self.scene_file, Role::Scene, "the file", &self.scene_file.display().to_string())
     }
 
     /// The bytes of a file, named as in OBJ and MTL: a relative path, used literally except that a backslash separates

@@ -26,7 +26,7 @@ pub(crate) fn after_mark(bytes: &[u8]) -> Option<&[u8]> {
 /// [`after_mark`], or the error about UTF-16.
 pub(crate) fn without_mark<'a>(bytes: &'a [u8], path: &Path) -> Result<&'a [u8], InputError> {
     let help = "save it as UTF-8 or ASCII (PowerShell: `Set-Content -Encoding ascii`)";
-    after_mark(bytes).ok_or_else(|| InputError::new(path, "the file", "is a text in UTF-16, which is not read", help))
+    after_mark(bytes).ok_or_else(|| InputError::of_file(path, "is a text in UTF-16, which is not read", help))
 }
 
 /// A mesh with its name and the origin of its coordinates in the file.

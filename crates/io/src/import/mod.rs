@@ -59,7 +59,7 @@ pub fn load_scene(path: &Path, options: &ImportOptions) -> Result<Imported, Inpu
         format @ ("gltf" | "glb" | "obj" | "stl" | "ply") => {
             let feature = if format == "glb" { "gltf" } else { format };
             let problem = format!("is of a format that this program was built without: feature `{feature}`");
-            Err(InputError::new(path, "file name", problem, format!("build it with `--features {feature}`")))
+            Err(InputError::of_file(path, problem, format!("build it with `--features {feature}`")))
         }
         other => Err(foreign::refusal(path, other)),
     }?;

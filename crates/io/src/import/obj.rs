@@ -22,7 +22,6 @@ use crate::import::recorded::recorded;
 use crate::import::warnings::Warnings;
 use crate::input::Role;
 use crate::loader::AssetLoader;
-use assemble::Assembly;
 use convert::{Converted, convert, default_material};
 use dunkelfeld_geometry::{DAffine3, Mesh};
 use dunkelfeld_scene::{Instance, Material, MeshPart, SceneBuilder, Surface, Volume};
@@ -58,9 +57,9 @@ const RE_EXPORT: &str = "correct the line, or export the mesh again, as OBJ from
 /// | `aniso`, `anisor` | anisotropy; its rotation in turns |
 /// | `norm` | normal map, x and y scaled by `-bm` |
 /// | `map_Bump`, `bump` | normal map made from heights: at `-bm 1` white lies 1/100 of the image's width above black; an image that evidently holds normals is used as such |
-/// | `disp`, `refl`, `decal` and other keys, `-t`, `-cc`, `-type` | ignored with a warning |
+/// | `disp`, `refl`, `decal` and other keys, `-t`, `-mm`, `-cc`, `-type`, `-imfchan`, `-colorspace` | ignored with a warning |
 /// | `Ka`, `map_Ka`, `-boost`, `-blendu`, `-blendv`, `-texres` | ignored |
-/// | `-o`, `-s`, `-clamp`, `-mm`, `-imfchan`, `-colorspace` | honoured |
+/// | `-o`, `-s`, `-clamp` | honoured |
 ///
 /// # Errors
 /// If the file cannot be read, is no text, is beyond the limits, or contains no visible face.
@@ -73,7 +72,7 @@ pub fn load_obj(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
 /// [`load_obj`] without the list of the input files.
 fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<Imported, InputError> {
     let bytes = loader.read_scene()?;
-    let refuse = |problem: &str, help: &str| InputError::new(path, "the file", problem, help);
+    let refuse = |problem: &str, help: &str| InputError::of_file(path, problem, help);
     without_mark(&bytes, path)?;
     let Some(source) = text::decode(bytes) else {
         return Err(refuse("holds binary data and is no OBJ text", "export the scene as Wavefront OBJ or glTF"));
@@ -107,8 +106,7 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
     }
 
     let libraries = Libraries::load(&parsed, loader, &mut warnings)?;
-    measure_images(path, options, &parsed, &libraries, &assembly)?;
-    let store = ImageStore::decoding(&options.limits);
+    let store = ImageStore::new(&options.limits);
     let mut materials = Materials::new(&parsed, &libraries, Textures::new(loader, store));
     let mut scene = SceneBuilder {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
@@ -138,29 +136,11 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
         }
         last_object = Some(part.object);
     }
+    materials.textures.store.check(path)?;
     loader.take_remarks().into_iter().for_each(|(place, message)| warnings.push(place, message));
     scene.materials = materials.list;
     scene.images = materials.textures.store.into_images();
     Ok(Imported { scene, warnings: warnings.finish(), ..Imported::default() })
-}
-
-/// Sums the images of all materials in use from their headers, before decoding.
-fn measure_images(
-    path: &Path,
-    options: &ImportOptions,
-    parsed: &Parsed,
-    libraries: &Libraries,
-    assembly: &Assembly,
-) -> Result<(), InputError> {
-    // Files are read again when they are decoded, and their faults are reported then.
-    let loader = AssetLoader::new(path, options.limits);
-    let mut ignored = Warnings::new(path);
-    let textures = Textures::new(&loader, ImageStore::measuring(&options.limits));
-    let mut materials = Materials::new(parsed, libraries, textures);
-    for part in &assembly.parts {
-        materials.find(part.material, part.closed, &mut ignored);
-    }
-    materials.textures.store.check(path)
 }
 
 /// The error for a file without a usable face. It lists the first warnings as reasons.
@@ -173,7 +153,7 @@ fn nothing_to_see(path: &Path, parsed: &Parsed, warnings: Warnings) -> InputErro
     for warning in warnings.finish().iter().take(2) {
         problem.push_str(&format!("; {warning}"));
     }
-    InputError::new(path, "the file", problem, help)
+    InputError::of_file(path, problem, help)
 }
 
 fn mesh_bytes(mesh: &Mesh) -> u64 {

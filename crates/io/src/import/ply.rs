@@ -85,7 +85,7 @@ fn read(bytes: &[u8], path: &Path, most: u64, warnings: &mut Warnings) -> Result
                     [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
                 if !has(["x", "y", "z"]) {
                     let problem = "its vertices have no coordinates `x`, `y` and `z`";
-                    return Err(InputError::new(path, "the file", problem, "export the mesh again"));
+                    return Err(InputError::of_file(path, problem, "export the mesh again"));
                 }
                 parsed.has_normals = has(["nx", "ny", "nz"]);
                 parsed.has_colors = colors.into_iter().any(has);
@@ -243,7 +243,7 @@ fn assemble(parsed: Parsed, path: &Path, warnings: &mut Warnings) -> Result<Obje
             ),
             (_, n) => (format!("holds {n} faces, of which none can be used"), "export the mesh again"),
         };
-        return Err(InputError::new(path, "the file", problem, help));
+        return Err(InputError::of_file(path, problem, help));
     }
     // A vertex that no face uses may be no number.
     let finite = |p: DVec3| if p.is_finite() { (p - origin).as_vec3() } else { Vec3::ZERO };

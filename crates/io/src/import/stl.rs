@@ -44,7 +44,7 @@ pub fn load_stl(path: &Path, options: &ImportOptions) -> Result<Imported, InputE
         .map(|(name, mesh)| Object { name, mesh, origin: DVec3::ZERO })
         .collect();
     if objects.is_empty() {
-        return Err(InputError::new(path, "the file", "holds no triangles", "export the part again as a mesh"));
+        return Err(InputError::of_file(path, "holds no triangles", "export the part again as a mesh"));
     }
     Ok(scene_of_meshes(path, objects, false, warnings, loader))
 }
@@ -67,13 +67,13 @@ fn announced(bytes: &[u8]) -> Option<usize> {
 fn binary(bytes: &mut [u8], count: usize, path: &Path, most: u64, warnings: &mut Warnings) -> Result<Mesh, InputError> {
     let Some(rest) = bytes.len().checked_sub(HEADER) else {
         let problem = "is too short, and no STL file";
-        return Err(InputError::new(path, "the file", problem, "export the part again as STL or glTF"));
+        return Err(InputError::of_file(path, problem, "export the part again as STL or glTF"));
     };
     let complete = rest / TRIANGLE;
     if complete < count {
         let problem = format!("its header announces {count} triangles, but it ends after {complete}");
         let help = "copy or export the file again; if it is another format, give it the ending of that format";
-        return Err(InputError::new(path, "the file", problem, help));
+        return Err(InputError::of_file(path, problem, help));
     }
     if rest > count * TRIANGLE {
         let more = rest - count * TRIANGLE;
@@ -128,7 +128,7 @@ fn check_size(triangles: usize, path: &Path, most: u64) -> Result<(), InputError
         return Ok(());
     }
     let problem = format!("its {triangles} triangles may need more than {} MiB", most >> 20);
-    Err(InputError::new(path, "the file", problem, "reduce the mesh, or raise the import limits"))
+    Err(InputError::of_file(path, problem, "reduce the mesh, or raise the import limits"))
 }
 
 /// Reads all triangles. Vertices with equal coordinates become one.

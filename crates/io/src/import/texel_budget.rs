@@ -25,13 +25,22 @@ impl TexelBudget {
 
     /// Adds an image; `false` if it does not fit.
     pub(crate) fn add(&mut self, place: &str, header: &ImageHeader) -> bool {
-        self.images += 1;
-        self.bytes = self.bytes.saturating_add(header.bytes());
-        let fits = self.bytes <= self.most;
-        if !fits && self.beyond.is_none() {
-            self.beyond = Some((place.to_owned(), format!("{header}, {}", bytes_in_words(header.bytes()))));
+        let fits = self.fits(place, header);
+        if fits {
+            self.images += 1;
+            self.bytes = self.bytes.saturating_add(header.bytes());
         }
         fits
+    }
+
+    /// Is there room for an image, and was there for all before?
+    pub(crate) fn fits(&mut self, place: &str, header: &ImageHeader) -> bool {
+        if self.beyond.is_none() && self.bytes.saturating_add(header.bytes()) > self.most {
+            self.images += 1;
+            self.bytes = self.bytes.saturating_add(header.bytes());
+            self.beyond = Some((place.to_owned(), format!("{header}, {}", bytes_in_words(header.bytes()))));
+        }
+        self.beyond.is_none()
     }
 
     /// Checks whether all images fit.
@@ -46,13 +55,14 @@ impl TexelBudget {
                 format!("the image ({image}) needs {sum} of memory when decoded, but {most} are allowed for all images")
             }
             n => format!(
-                "the {n} images of the scene need {sum} of memory when decoded, but {most} are allowed; this one \
+                "{n} images of the scene need {sum} of memory when decoded, but {most} are allowed; this one \
                  ({image}) is the first that does not fit"
             ),
         };
-        let gib = self.bytes.div_ceil(1 << 30);
-        let help =
-            format!("make the images smaller, or allow more in a job: `texture_memory = \"{gib}GiB\"` in [import]");
+        let gib = self.bytes.saturating_mul(2).div_ceil(1 << 30);
+        let help = format!(
+            "make the images smaller, or allow more in a job, such as `texture_memory = \"{gib}GiB\"` in [import]"
+        );
         Err(InputError::new(file, place, problem, help))
     }
 }

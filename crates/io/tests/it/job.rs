@@ -173,7 +173,7 @@ fn faults_are_refused_with_place_help_and_caret() {
         ),
         ("[sensor]\nexposure = \"-5ms\"", "[sensor] exposure", "out of range", "\"auto\"", "\"-5ms\""),
         ("[import]\nemissive_unit = \"lux\"", "[import] emissive_unit", "unknown unit \"lux\"", "\"nit\"", "\"lux\""),
-        ("[environment]\nradiance = [1, 2]", "[environment] radiance", "three channels", "[r, g, b]", "[1, 2]"),
+        ("[environment]\nradiance = [1, 2]", "[environment] radiance", "three values", "[r, g, b]", "[1, 2]"),
         ("[environment]\nradiance = -1", "[environment] radiance", "out of range", "", "-1"),
         ("[environment]\nradiance = 1\nscale = 2", "[environment] scale", "has no effect", "remove it", "2"),
         (
@@ -411,7 +411,7 @@ fn media_that_contradict_themselves_are_refused() {
     for (keys, word) in [
         ("scattering = \"3 miles\"", "unknown unit"),
         ("scattering = -1", "out of range"),
-        ("scattering = [1, 2]", "three channels"),
+        ("scattering = [1, 2]", "three values"),
         ("scattering_anisotropy = 1", "out of range"),
         ("priority = 0.5", "does not belong here"),
         ("absorption = 1\nattenuation_color = 0.5", "both define"),

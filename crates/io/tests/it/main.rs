@@ -8,7 +8,6 @@ mod job_cameras;
 mod job_objects;
 mod meshes;
 mod obj;
-mod obj_corpus;
 mod output_exr;
 mod output_pictures;
 mod refusals;

@@ -275,7 +275,7 @@ fn other_formats_are_refused_with_the_way_to_gltf() {
     ] {
         let error = load_scene(Path::new(name), &ImportOptions::default()).expect_err(name);
         let way = ["glTF", "PLY"].iter().any(|format| error.help.contains(format));
-        assert!(error.place == "file name" && error.help.contains(part) && way, "{error}");
+        assert!(error.is_of_file() && error.help.contains(part) && way, "{error}");
     }
 }
 

@@ -89,7 +89,7 @@ pub struct PunctualLight {
     pub kind: PunctualKind,
 }
 
-/// Kinds of punctual lights (KHR_lights_punctual, EXT_lights_ies).
+/// Kinds of punctual lights (KHR_lights_punctual), and of those with a measured profile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PunctualKind {
     /// Emits equally in all directions.

@@ -8,7 +8,7 @@ use std::f64::consts::{PI, TAU};
 ///
 /// In the space of the light, the direction at the vertical angle t and the horizontal angle p is `(sin t cos p, sin t
 /// sin p, -cos t)`. t counts from the axis along which the light emits, p from +x over +y (type C photometry with the
-/// nadir along -z, as in EXT_lights_ies). Beyond the first and last vertical angle the intensity is zero.
+/// nadir along -z). Beyond the first and last vertical angle the intensity is zero.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LightProfile {
     name: String,

@@ -111,11 +111,8 @@ fn rows<'de, D: Deserializer<'de>>(d: D) -> Result<Option<[[f64; 3]; 3]>, D::Err
     }
 }
 
-/// A fault of a camera: its key, the problem, the help.
-pub(super) type Fault = (&'static str, String, String);
-
-fn fault<T>(key: &'static str, problem: impl Into<String>, help: impl Into<String>) -> Result<T, Fault> {
-    Err((key, problem.into(), help.into()))
+fn fault<T>(key: &str, problem: impl Into<String>, help: impl Into<String>) -> Result<T, InputError> {
+    Err(InputError::of_key(key, problem, help))
 }
 
 impl CameraSettings {
@@ -146,7 +143,7 @@ impl CameraSettings {
     }
 
     /// Is there one pose and one projection at most?
-    fn check(&self, of_job: &LensSettings) -> Result<(), Fault> {
+    fn check(&self, of_job: &LensSettings) -> Result<(), InputError> {
         self.check_pose()?;
         let lens = self.lens.as_ref().unwrap_or(of_job);
         if let (Some(f), Some(u), None) = (lens.focal_length, self.working_distance, lens.focus_distance)
@@ -181,7 +178,7 @@ impl CameraSettings {
         }
     }
 
-    fn check_pose(&self) -> Result<(), Fault> {
+    fn check_pose(&self) -> Result<(), InputError> {
         let looks = [
             ("position", self.position.is_some()),
             ("look_at", self.look_at.is_some()),
@@ -236,7 +233,7 @@ impl CameraSettings {
     }
 
     /// The transform from the camera to the world; `None` without a pose.
-    fn to_world(&self, scene: &SceneBuilder) -> Result<Option<DAffine3>, Fault> {
+    fn to_world(&self, scene: &SceneBuilder) -> Result<Option<DAffine3>, InputError> {
         if let (Some([right, down, forward]), Some(t)) = (self.rotation, self.t) {
             let [right, down, forward] = [right, down, forward].map(DVec3::from_array);
             let axes = DMat3::from_cols(right, -down, -forward);
@@ -244,7 +241,7 @@ impl CameraSettings {
             return Ok(Some(DAffine3 { matrix3: axes, translation: position }));
         }
         let Some(place) = &self.look_at else { return Ok(None) };
-        let target = place.resolve(scene).map_err(|(problem, help)| ("look_at", problem, help))?;
+        let target = place.resolve(scene).map_err(|e| InputError { place: "look_at".into(), ..e })?;
         let eye = match (self.position, self.working_distance) {
             (Some(position), _) => position,
             (None, Some(distance)) => target + distance * self.direction.unwrap_or(DVec3::Y),
@@ -266,7 +263,7 @@ impl CameraSettings {
     }
 
     /// The camera, from the camera of the scene with its name.
-    pub(super) fn camera(&self, scene: &SceneBuilder) -> Result<Camera, Fault> {
+    pub(super) fn camera(&self, scene: &SceneBuilder) -> Result<Camera, InputError> {
         let of_scene = scene.cameras.iter().find(|camera| camera.name == self.name);
         let mut camera = match of_scene {
             Some(camera) => camera.clone(),
@@ -303,7 +300,7 @@ impl CameraSettings {
 const MAX_PRINCIPAL_POINT: f64 = 5e5;
 
 /// Is this a camera matrix without skew?
-fn check_intrinsics([[fx, skew, cx], [zero, fy, cy], last]: &[[f64; 3]; 3]) -> Result<(), Fault> {
+fn check_intrinsics([[fx, skew, cx], [zero, fy, cy], last]: &[[f64; 3]; 3]) -> Result<(), InputError> {
     let form = "write [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]";
     if *last != [0.0, 0.0, 1.0] {
         return fault("K", "the last row of `K` is not 0, 0, 1", form);
@@ -331,7 +328,7 @@ fn check_intrinsics([[fx, skew, cx], [zero, fy, cy], last]: &[[f64; 3]; 3]) -> R
 }
 
 /// Is this a rotation?
-fn check_rotation(rows: &[[f64; 3]; 3]) -> Result<(), Fault> {
+fn check_rotation(rows: &[[f64; 3]; 3]) -> Result<(), InputError> {
     let r = DMat3::from_cols_array_2d(rows).transpose();
     let difference = r * r.transpose() - DMat3::IDENTITY;
     let largest = difference.to_cols_array().into_iter().fold(0.0, |most: f64, v| most.max(v.abs()));
@@ -374,11 +371,11 @@ impl Cameras {
             let Some(camera) = self.defined.get(i) else { break };
             if let Some(own) = &camera.lens {
                 lens::check_lens(own, film, sensor)
-                    .map_err(|([table, key], problem, help)| self.error(file, i, &[table, key], problem, help))?;
+                    .map_err(|e| self.error(file, i, &["lens", &e.place], e.problem, e.help))?;
             }
-            camera.check(of_job).map_err(|(key, problem, help)| self.error(file, i, &[key], problem, help))?;
+            camera.check(of_job).map_err(|e| self.error(file, i, &[&e.place], e.problem, e.help))?;
             lens::check_lens(&camera.lens_or(of_job), film, sensor)
-                .map_err(|(_, problem, help)| self.error(file, i, &["working_distance"], problem, help))?;
+                .map_err(|e| self.error(file, i, &["working_distance"], e.problem, e.help))?;
         }
         Ok(())
     }

@@ -20,19 +20,15 @@ impl Job {
             if m.new && (m.name.is_empty() || m.name.contains(['*', '?'])) {
                 let problem = "a new material cannot have a pattern as its name, or none";
                 let help = "write a name without `*` and `?`";
-                return Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help));
+                return Err(self.material_error(i, "name", problem, help));
             }
-            let by_color = [
-                ("attenuation_color", m.attenuation_color.is_some()),
-                ("attenuation_distance", m.attenuation_distance.is_some()),
-                ("scattering_albedo", m.scattering_albedo.is_some()),
-            ];
-            let outright = [("absorption", m.absorption.is_some()), ("scattering", m.scattering.is_some())];
+            let keys = medium_keys(m);
+            let (by_color, outright) = (&keys[..3], &keys[3..5]);
             let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
-            if let (Some(first), Some(second)) = (given(&by_color), given(&outright)) {
+            if let (Some(first), Some(second)) = (given(by_color), given(outright)) {
                 let problem = format!("`{first}` and `{second}` both define the light inside the solid");
                 let help = "describe the medium by `attenuation_color`, `attenuation_distance` and `scattering_albedo`, or by `absorption` and `scattering`";
-                return Err(self.source.error_at_key(&["material", &i.to_string(), second], problem, help));
+                return Err(self.material_error(i, second, problem, help));
             }
         }
         Ok(())
@@ -46,7 +42,7 @@ impl Job {
             if scene.materials.iter().any(|m| m.name == change.name) {
                 let problem = format!("there is already a material named \"{}\"", change.name);
                 let help = "write another name, or remove `new` to change the existing one";
-                return Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help));
+                return Err(self.material_error(i, "name", problem, help));
             }
             entries.insert(scene.add_material(new_material(&change.name)), i);
         }
@@ -70,12 +66,11 @@ impl Job {
             }
             found = true;
             apply(change, material);
-            if let Some(key) = medium_key(change).filter(|_| material.surface == Surface::Thin) {
-                return Err(self.source.error_at_key(
-                    &["material", &i.to_string(), key],
-                    format!("material \"{}\" is a thin sheet, which has no inside", material.name),
-                    "add `solid = true` if its meshes are closed, or tint `base_color`",
-                ));
+            let inside = medium_keys(change).into_iter().find(|(_, given)| *given);
+            if let Some((key, _)) = inside.filter(|_| material.surface == Surface::Thin) {
+                let problem = format!("material \"{}\" is a thin sheet, which has no inside", material.name);
+                let help = "add `solid = true` if its meshes are closed, or tint `base_color`";
+                return Err(self.material_error(i, key, problem, help));
             }
         }
         if found {
@@ -85,11 +80,15 @@ impl Job {
         if is_later {
             let problem = format!("\"{}\" is defined by a later entry with `new = true`", change.name);
             let help = "write this entry behind that one";
-            return Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help));
+            return Err(self.material_error(i, "name", problem, help));
         }
         let problem = format!("the scene has no material named \"{}\"", change.name);
         let help = suggestion(&change.name, "materials", &known);
-        Err(self.source.error_at_key(&["material", &i.to_string(), "name"], problem, help))
+        Err(self.material_error(i, "name", problem, help))
+    }
+
+    fn material_error(&self, i: usize, key: &str, problem: impl Into<String>, help: impl Into<String>) -> InputError {
+        self.source.error_at_key(&["material", &i.to_string(), key], problem, help)
     }
 }
 
@@ -159,9 +158,9 @@ fn apply(change: &MaterialOverride, m: &mut Material) {
     }
 }
 
-/// The first key about the interior of a solid.
-fn medium_key(change: &MaterialOverride) -> Option<&'static str> {
-    let keys = [
+/// The keys about the interior of a solid, and whether they are given: three by its colour, two coefficients, two others.
+fn medium_keys(change: &MaterialOverride) -> [(&'static str, bool); 7] {
+    [
         ("attenuation_color", change.attenuation_color.is_some()),
         ("attenuation_distance", change.attenuation_distance.is_some()),
         ("scattering_albedo", change.scattering_albedo.is_some()),
@@ -169,8 +168,7 @@ fn medium_key(change: &MaterialOverride) -> Option<&'static str> {
         ("scattering", change.scattering.is_some()),
         ("scattering_anisotropy", change.scattering_anisotropy.is_some()),
         ("priority", change.priority.is_some()),
-    ];
-    keys.into_iter().find(|(_, given)| *given).map(|(key, _)| key)
+    ]
 }
 
 fn drop_textures(m: &mut Material) {

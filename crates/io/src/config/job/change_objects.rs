@@ -97,7 +97,7 @@ impl Job {
             .filter(|k| scene.instances.get(*k).is_some_and(|n| matches(&change.name, &n.name)))
             .collect();
         if selected.is_empty() {
-            let (problem, mut help) = no_object(&change.name, scene);
+            let InputError { problem, mut help, .. } = no_object(&change.name, scene);
             if scene.lights.iter().any(|l| matches(&change.name, &l.name)) {
                 help = "this is the name of a light without a body; change it by [[light]]".into();
             } else if scene.cameras.iter().any(|c| matches(&change.name, &c.name)) {
@@ -117,7 +117,7 @@ impl Job {
         self.check_copies(i, change, &selected, scene)?;
         let common = match &change.pivot {
             Pivot::At(place) => {
-                Some(place.resolve(scene).map_err(|(problem, help)| self.object_error(i, "pivot", problem, help))?)
+                Some(place.resolve(scene).map_err(|e| self.object_error(i, "pivot", e.problem, e.help))?)
             }
             Pivot::Origin => Some(DVec3::ZERO),
             Pivot::Center => None,

@@ -1,6 +1,7 @@
 //! Readers for the fields of a job that refuse values out of range. The TOML layer adds line and caret to their
 //! messages.
 
+use super::place::one_or_three;
 use crate::import::options::EmissiveUnit;
 use crate::quantity::{Angle, Factor, Length, Memory, PerLength, Power, Time};
 use dunkelfeld_adaptive::budget::{MAX_MEAN_SPP, NOISE_LEVELS, SHARES};
@@ -8,7 +9,7 @@ use dunkelfeld_film::MAX_SIDE;
 use dunkelfeld_radiometry::{Number, Rgb};
 use dunkelfeld_scene::{Distortion, Vignetting};
 use serde::Deserialize;
-use serde::de::{Deserializer, Error, SeqAccess, Visitor};
+use serde::de::{Deserializer, Error, Visitor};
 use std::fmt;
 use std::time::Duration;
 
@@ -373,12 +374,8 @@ pub(super) fn positive_color<'de, D: Deserializer<'de>>(d: D) -> Result<Option<R
 
 /// A coefficient of absorption or scattering [1/m] per channel.
 pub(super) fn coefficient<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::Error> {
-    let values = d.deserialize_any(Coefficients)?;
-    let mut channels = [0.0; 3];
-    for (channel, v) in channels.iter_mut().zip(values) {
-        *channel = in_range::<D::Error>(v, 0.0, 1e9)? as f32;
-    }
-    Ok(Some(Rgb::from_array(channels)))
+    let what = "a coefficient per metre such as 500 or \"0.5/mm\", or three of them [r, g, b]";
+    channels(one_or_three::<PerLength, D>(d, what)?, 1e9).map(Some)
 }
 
 /// A mean cosine of scattering. At the ends of the range, light would only continue straight or return.
@@ -398,12 +395,12 @@ pub(super) fn light<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::E
 }
 
 fn triple<'de, D: Deserializer<'de>>(d: D, most: f64) -> Result<Rgb, D::Error> {
-    let values = d.deserialize_any(Triple)?;
-    let mut channels = [0.0; 3];
-    for (channel, v) in channels.iter_mut().zip(values) {
-        *channel = in_range::<D::Error>(v, 0.0, most)? as f32;
-    }
-    Ok(Rgb::from_array(channels))
+    channels(one_or_three::<Real, D>(d, "three numbers [r, g, b], or one for all three")?, most)
+}
+
+fn channels<E: Error>(values: [f64; 3], most: f64) -> Result<Rgb, E> {
+    let [r, g, b] = values.map(|v| in_range::<E>(v, 0.0, most).map(|v| v as f32));
+    Ok(Rgb::new(r?, g?, b?))
 }
 
 pub(super) fn emissive_unit<'de, D: Deserializer<'de>>(d: D) -> Result<EmissiveUnit, D::Error> {
@@ -525,74 +522,14 @@ impl Visitor<'_> for AnyNumber {
     }
 }
 
-/// `[r, g, b]`, or one number for all three.
-struct Triple;
-
-impl<'de> Visitor<'de> for Triple {
-    type Value = [f64; 3];
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("three numbers [r, g, b], or one for all three")
-    }
-
-    fn visit_f64<E: Error>(self, v: f64) -> Result<[f64; 3], E> {
-        Ok([v; 3])
-    }
-
-    fn visit_i64<E: Error>(self, v: i64) -> Result<[f64; 3], E> {
-        Ok([v as f64; 3])
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<[f64; 3], A::Error> {
-        let mut values = [0.0; 3];
-        let wrong = || A::Error::custom("a colour has three channels; write [r, g, b], or one number for all three");
-        for value in &mut values {
-            *value = seq.next_element::<Real>()?.ok_or_else(wrong)?.0;
-        }
-        if seq.next_element::<Real>()?.is_some() {
-            return Err(wrong());
-        }
-        Ok(values)
-    }
-}
-
-/// `[r, g, b]` or one value for all three, each a number per metre or a text with a unit.
-struct Coefficients;
-
-impl<'de> Visitor<'de> for Coefficients {
-    type Value = [f64; 3];
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a coefficient per metre such as 500 or \"0.5/mm\", or three of them [r, g, b]")
-    }
-
-    fn visit_f64<E: Error>(self, v: f64) -> Result<[f64; 3], E> {
-        Ok([v; 3])
-    }
-
-    fn visit_i64<E: Error>(self, v: i64) -> Result<[f64; 3], E> {
-        Ok([v as f64; 3])
-    }
-
-    fn visit_str<E: Error>(self, v: &str) -> Result<[f64; 3], E> {
-        v.parse::<PerLength>().map(|q| [q.0; 3]).map_err(E::custom)
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<[f64; 3], A::Error> {
-        let mut values = [0.0; 3];
-        let wrong = || A::Error::custom("there are three channels; write [r, g, b], or one coefficient for all three");
-        for value in &mut values {
-            *value = seq.next_element::<PerLength>()?.ok_or_else(wrong)?.0;
-        }
-        if seq.next_element::<PerLength>()?.is_some() {
-            return Err(wrong());
-        }
-        Ok(values)
-    }
-}
-
 /// A number, written with or without a decimal point.
 pub(super) struct Real(pub(super) f64);
+
+impl From<Real> for f64 {
+    fn from(Real(v): Real) -> Self {
+        v
+    }
+}
 
 impl<'de> Deserialize<'de> for Real {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {

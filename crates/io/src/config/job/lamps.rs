@@ -1,6 +1,6 @@
 //! `[[light]]` with a `kind`: new lamps, described as in a catalogue.
 
-use super::light::{At, FromTarget, Lamp, LampKind, PanelSize, Pose, Spot, Strength, Sun};
+use super::light::{Lamp, LampKind, PanelSize, Pose, Spot, Strength, Sun};
 use super::{CameraSettings, Job, LensSettings, Wavelength};
 use crate::error::{ImportWarning, InputError};
 use crate::names::suggestion;
@@ -123,12 +123,9 @@ impl Job {
             }
             None => (DVec3::Y, DVec3::NEG_Z, center),
         };
-        let (Pose::At(At { target, up: lamp_up, .. }) | Pose::From(FromTarget { target, up: lamp_up, .. })) =
-            &lamp.pose;
+        let Pose { position, aim, target, .. } = &lamp.pose;
         let target = match target {
-            Some(place) => {
-                place.resolve(scene).map_err(|(problem, help)| self.light_error(i, "target", problem, help))?
-            }
+            Some(place) => place.resolve(scene).map_err(|e| self.light_error(i, "target", e.problem, e.help))?,
             None => {
                 let looked_at = targets.iter().find(|(name, _)| camera.is_some_and(|camera| camera.name == *name));
                 looked_at.map_or(default_target, |(_, target)| *target)
@@ -136,28 +133,24 @@ impl Job {
         };
         let right = up.cross(axis).try_normalize().unwrap_or(axis.any_orthonormal_vector());
         let up = axis.cross(right);
+        let by_angles = lamp.pose.elevation.map(|elevation| {
+            let azimuth = f64::from(lamp.pose.azimuth.unwrap_or(0.0));
+            let flat = right * azimuth.cos() + up * azimuth.sin();
+            flat * f64::from(elevation).cos() + axis * f64::from(elevation).sin()
+        });
+        let default_direction = if matches!(lamp.kind, LampKind::Back(_)) { -axis } else { axis };
+        let direction = lamp.pose.direction.or(by_angles).unwrap_or(default_direction);
         // The lamp's +z points against the direction in which it shines.
-        let (position, back) = match &lamp.pose {
-            Pose::At(At { position, aim: Some(aim), .. }) => (*position, -aim),
-            Pose::At(At { position, .. }) => {
-                let back = (position - target).try_normalize().ok_or_else(|| {
-                    self.light_error(i, "position", "the lamp is at its target", "move it, or write `aim`")
-                })?;
-                (*position, back)
-            }
-            Pose::From(from) => {
-                let by_angles = from.elevation.map(|elevation| {
-                    let azimuth = f64::from(from.azimuth.unwrap_or(0.0));
-                    let flat = right * azimuth.cos() + up * azimuth.sin();
-                    flat * f64::from(elevation).cos() + axis * f64::from(elevation).sin()
-                });
-                let is_behind = matches!(lamp.kind, LampKind::Back(_));
-                let direction = from.direction.or(by_angles).unwrap_or(if is_behind { -axis } else { axis });
-                (target + direction * from.distance.unwrap_or(0.0), direction)
-            }
+        let back = match (aim, position) {
+            (Some(aim), _) => -aim,
+            (None, Some(position)) => (position - target).try_normalize().ok_or_else(|| {
+                self.light_error(i, "position", "the lamp is at its target", "move it, or write `aim`")
+            })?,
+            (None, None) => direction,
         };
+        let position = position.unwrap_or(target + direction * lamp.pose.distance.unwrap_or(0.0));
         let is_bar = matches!(lamp.kind, LampKind::Bar(_));
-        let lamp_up = match lamp_up {
+        let lamp_up = match &lamp.pose.up {
             Some(up) if up.cross(back).length() < PARALLEL => {
                 let problem = "`up` is parallel to the direction in which the lamp shines";
                 return Err(self.light_error(i, "up", problem, "write a direction across it"));
@@ -186,11 +179,8 @@ impl Job {
         duty: f64,
         distance: f64,
     ) -> Result<MeshLamp, InputError> {
-        let leds = lamp.leds().map(|leds| Leds {
-            columns: leds.columns,
-            rows: leds.rows,
-            diameter: lamp.housing.led_diameter,
-        });
+        let leds =
+            lamp.leds().map(|leds| Leds { columns: leds.columns, rows: leds.rows, diameter: lamp.front.led_diameter });
         if let Some((leds, diameter)) = leds.and_then(|leds| Some((leds, leds.diameter?))) {
             let space = shape.led_space(leds.columns, leds.rows);
             if diameter > space * (1.0 + 1e-9) {
@@ -208,7 +198,7 @@ impl Job {
             meshes,
             emission: emission * (duty as f32),
             profile,
-            has_body: !matches!(lamp.kind, LampKind::Coaxial(..)) && lamp.housing.body != Some(false),
+            has_body: !matches!(lamp.kind, LampKind::Coaxial(..)) && lamp.front.body != Some(false),
             // Two triangles of a rectangle are sampled by solid angle, which is better.
             is_single_light: leds.is_some() || !matches!(shape, LampShape::Rectangle { .. }),
         })
@@ -347,7 +337,7 @@ impl Lamp {
     }
 
     fn profile(&self) -> EmissionProfile {
-        match (&self.kind, self.beam.lens_angle, self.beam.spread) {
+        match (&self.kind, self.front.lens_angle, self.front.spread) {
             (LampKind::Spot(spot), ..) => {
                 let [inner, outer] = cone(spot).map(|angle| angle.cos() as f32);
                 EmissionProfile::Spot { cos_inner: inner, cos_outer: outer.max(0.0) }

@@ -144,21 +144,18 @@ pub enum LensProjection {
     Telecentric,
 }
 
-/// An impossible value in `[lens]` or `[film]` of a job: table and key, problem, help.
-pub(super) type Fault = ([&'static str; 2], &'static str, &'static str);
-
 /// Does a film contain its number of pixels, and its size on the sensor, at most once?
-pub(super) fn check_film(film: &FilmSettings, sensor: &SensorChoice) -> Result<(), Fault> {
+pub(super) fn check_film(film: &FilmSettings, sensor: &SensorChoice) -> Result<(), InputError> {
     if film.full {
         for (key, given) in [("width", film.width.is_some()), ("height", film.height.is_some())] {
             if given {
                 let problem = "the film has the resolution of the sensor, because of `full`";
-                return Err((["film", key], problem, "remove it, or write a `roi` for a part of the film"));
+                return Err(InputError::of_key(key, problem, "remove it, or write a `roi` for a part of the film"));
             }
         }
         if *sensor == SensorChoice::None {
             let problem = "there is no sensor whose resolution the film could have";
-            return Err((["film", "full"], problem, "name a [sensor] model, or write `width` and `height`"));
+            return Err(InputError::of_key("full", problem, "name a [sensor] model, or write `width` and `height`"));
         }
     }
     let sizes = [
@@ -167,8 +164,8 @@ pub(super) fn check_film(film: &FilmSettings, sensor: &SensorChoice) -> Result<(
         ("sensor_height", film.sensor_height.is_some()),
     ];
     match sizes.iter().filter(|(_, given)| *given).nth(1) {
-        Some((key, _)) => Err((
-            ["film", key],
+        Some((key, _)) => Err(InputError::of_key(
+            key,
             "only one of `pixel_pitch`, `sensor_width` and `sensor_height` can set the size of a pixel",
             "keep one of them",
         )),
@@ -177,8 +174,8 @@ pub(super) fn check_film(film: &FilmSettings, sensor: &SensorChoice) -> Result<(
 }
 
 /// Are the settings of a lens consistent? This checks only the ones that do not depend on the scene.
-pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &SensorChoice) -> Result<(), Fault> {
-    let fault = |key, problem, help| Err((["lens", key], problem, help));
+pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &SensorChoice) -> Result<(), InputError> {
+    let fault = |key: &str, problem: &str, help: &str| Err(InputError::of_key(key, problem, help));
     let has_size =
         *sensor != SensorChoice::None || film.pixel_pitch.or(film.sensor_width).or(film.sensor_height).is_some();
     let size_help = "name another [sensor] model than \"none\", or write [film] pixel_pitch = \"3.45um\"";

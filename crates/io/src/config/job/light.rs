@@ -60,10 +60,8 @@ pub struct Lamp {
     pub strength: Option<Strength>,
     /// Distance \[m\] of an irradiance from the lamp. Default: that of the target.
     pub working_distance: Option<f64>,
-    /// LEDs and housing.
-    pub housing: Housing,
-    /// The angular distribution.
-    pub beam: Beam,
+    /// LEDs, housing and angular distribution.
+    pub front: Front,
     /// Its place.
     pub pose: Pose,
 }
@@ -216,10 +214,10 @@ pub struct Sun {
 #[serde(deny_unknown_fields)]
 pub struct Sky {}
 
-/// LEDs and housing of a lamp.
+/// LEDs, housing and angular distribution of a lamp. Default: the whole surface is Lambertian.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default)]
-pub struct Housing {
+pub struct Front {
     /// Number of LEDs in a row, or `[columns, rows]`.
     pub leds: Option<LedCount>,
     /// Diameter \[m\] of the emitting disc of an LED.
@@ -229,12 +227,6 @@ pub struct Housing {
     pub diffuser: Option<bool>,
     /// `false`: the lamp is invisible and transparent from behind.
     pub body: Option<bool>,
-}
-
-/// The angular distribution of the light of a lamp. Default: Lambertian.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-#[serde(default)]
-pub struct Beam {
     /// Full angle \[rad\] at half of the intensity, up to that of a Lambertian surface (120 degrees).
     #[serde(deserialize_with = "check::lens_angle")]
     pub lens_angle: Option<f64>,
@@ -243,38 +235,16 @@ pub struct Beam {
     pub spread: Option<f64>,
 }
 
-/// The place of a lamp.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Pose {
-    /// At a position.
-    At(At),
-    /// Seen from its target.
-    From(FromTarget),
-}
-
-/// A lamp at a position.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct At {
-    /// Centre of the lamp \[m\] in the world.
-    #[serde(skip)]
-    pub position: DVec3,
-    /// Point that the lamp faces. Default: the point of the camera's axis nearest to the middle of the scene.
-    pub target: Option<Place>,
-    /// Direction in which the lamp shines, instead of a target.
-    #[serde(default, deserialize_with = "place::direction")]
-    pub aim: Option<DVec3>,
-    /// Direction of the height of the lamp.
-    #[serde(default, deserialize_with = "place::direction")]
-    pub up: Option<DVec3>,
-    /// Number of such lamps, evenly around the axis of the camera.
-    #[serde(default, deserialize_with = "check::count")]
-    pub count: Option<u32>,
-}
-
-/// A lamp in a direction from its target.
+/// The place of a lamp: a position with a target or an aim, or a target with a distance and a direction.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default)]
-pub struct FromTarget {
+pub struct Pose {
+    /// Centre of the lamp \[m\] in the world.
+    #[serde(deserialize_with = "place::optional_point")]
+    pub position: Option<DVec3>,
+    /// Direction in which the lamp shines, of a lamp at a position or a sun.
+    #[serde(deserialize_with = "place::direction")]
+    pub aim: Option<DVec3>,
     /// Point that the lamp faces. Default: the point of the camera's axis nearest to the middle of the scene.
     pub target: Option<Place>,
     /// Distance \[m\] from the target.
@@ -382,11 +352,8 @@ pub fn light_keys() -> Vec<&'static str> {
         keys_of::<LightChange>(),
         keys_of::<StrengthKeys>(),
         keys_of::<LampKeys>(),
-        keys_of::<Housing>(),
-        keys_of::<Beam>(),
-        keys_of::<At>(),
-        keys_of::<FromTarget>(),
-        keys_of::<Position>(),
+        keys_of::<Front>(),
+        keys_of::<Pose>(),
         keys_of::<Ring>(),
         keys_of::<Dome>(),
         keys_of::<PanelSize>(),
@@ -473,16 +440,15 @@ impl Lamp {
                 _ => &["intensity"],
             },
         )?;
-        let (mut housing, mut beam) = (Housing::default(), Beam::default());
-        if matches!(kind, "ring" | "bar" | "back" | "panel") {
-            housing = keys.take(if kind == "ring" { &["body"] } else { &[] })?;
-        }
-        if matches!(kind, "ring" | "bar" | "back" | "panel" | "coaxial") {
-            beam = keys.take(if kind == "ring" { &["spread"] } else { &[] })?;
-        }
+        let front = match kind {
+            "ring" => keys.take(&["body", "spread"])?,
+            "bar" | "back" | "panel" => keys.take(&[])?,
+            "coaxial" => keys.take(&["leds", "led_diameter", "diffuser", "body"])?,
+            _ => Front::default(),
+        };
         let pose = match kind {
-            "environment" => Pose::From(FromTarget::default()),
-            "sun" => Pose::of_sun(keys)?,
+            "environment" => Pose::default(),
+            "sun" => Pose::read(keys, &["position", "target", "distance", "up", "count"])?,
             "point" => Pose::read(keys, &["aim", "up"])?,
             // Copies around the axis would need a beam splitter each.
             "coaxial" => Pose::read(keys, &["count"])?,
@@ -500,14 +466,10 @@ impl Lamp {
             "sun" => LampKind::Sun(keys.rest()?),
             _ => LampKind::Environment(keys.rest()?),
         };
-        let lamp = Self { common, kind, strength, working_distance, housing, beam, pose };
+        let lamp = Self { common, kind, strength, working_distance, front, pose };
         strength.map_or(Ok(()), |strength| strength.check_color(lamp.common.wavelength, keys))?;
         lamp.kind.check(keys)?;
-        lamp.housing.check(keys)?;
-        if lamp.beam.lens_angle.is_some() && lamp.beam.spread.is_some() {
-            let problem = "`lens_angle` and `spread`: both set the angular distribution";
-            return Err(keys.error("spread", problem, "keep one of them"));
-        }
+        lamp.front.check(keys)?;
         let needs_distance = !(is_sun || is_sky || matches!(lamp.kind, LampKind::Dome(_)));
         lamp.check_place(keys, needs_distance)?;
         lamp.check_strobe(keys, exposure)?;
@@ -515,19 +477,17 @@ impl Lamp {
     }
 
     fn check_place(&self, keys: &TableKeys<'_>, needs_distance: bool) -> Result<(), InputError> {
-        match &self.pose {
-            Pose::From(FromTarget { distance: None, .. }) if needs_distance => {
-                let help = "write distance = \"200mm\" from the target, or a `position`";
-                Err(keys.error("kind", "the place of the lamp is missing", help))
-            }
-            Pose::At(At { aim: Some(_), .. })
-                if matches!(self.strength, Some(Strength::Irradiance(_))) && self.working_distance.is_none() =>
-            {
-                let problem = "a lamp with `aim` faces no target, so that the distance of its irradiance is missing";
-                Err(keys.error("irradiance", problem, "write `working_distance` as well"))
-            }
-            _ => Ok(()),
+        let Pose { position, aim, distance, .. } = &self.pose;
+        if needs_distance && position.is_none() && distance.is_none() {
+            let help = "write distance = \"200mm\" from the target, or a `position`";
+            return Err(keys.error("kind", "the place of the lamp is missing", help));
         }
+        let is_irradiance = matches!(self.strength, Some(Strength::Irradiance(_)));
+        if position.is_some() && aim.is_some() && is_irradiance && self.working_distance.is_none() {
+            let problem = "a lamp with `aim` faces no target, so that the distance of its irradiance is missing";
+            return Err(keys.error("irradiance", problem, "write `working_distance` as well"));
+        }
+        Ok(())
     }
 
     fn check_strobe(&self, keys: &TableKeys<'_>, exposure: Exposure) -> Result<(), InputError> {
@@ -547,13 +507,12 @@ impl Lamp {
 
     /// LEDs that are seen one by one.
     pub(super) fn leds(&self) -> Option<LedCount> {
-        self.housing.leds.filter(|_| self.housing.diffuser != Some(true))
+        self.front.leds.filter(|_| self.front.diffuser != Some(true))
     }
 
     /// Its number.
     pub(super) fn count(&self) -> u32 {
-        let (Pose::At(At { count, .. }) | Pose::From(FromTarget { count, .. })) = &self.pose;
-        count.unwrap_or(1)
+        self.pose.count.unwrap_or(1)
     }
 
     /// The names of the lamps of the entry in the scene.
@@ -599,7 +558,7 @@ impl PanelSize {
     }
 }
 
-impl Housing {
+impl Front {
     fn check(&self, keys: &TableKeys<'_>) -> Result<(), InputError> {
         let given = [("led_diameter", self.led_diameter.is_some()), ("diffuser", self.diffuser.is_some())];
         if let (None, Some((key, _))) = (self.leds, given.iter().find(|(_, given)| *given)) {
@@ -609,66 +568,47 @@ impl Housing {
             let help = "remove this, or write diffuser = false";
             return Err(keys.error("led_diameter", "the whole surface emits behind a diffuser", help));
         }
+        if self.lens_angle.is_some() && self.spread.is_some() {
+            let problem = "`lens_angle` and `spread`: both set the angular distribution";
+            return Err(keys.error("spread", problem, "keep one of them"));
+        }
         Ok(())
     }
 }
 
-#[derive(Deserialize)]
-struct Position {
-    #[serde(default, deserialize_with = "place::optional_point")]
-    position: Option<DVec3>,
-}
-
-/// The direction in which a sun shines.
-#[derive(Deserialize)]
-struct Aim {
-    #[serde(default, deserialize_with = "place::direction")]
-    aim: Option<DVec3>,
-}
-
 impl Pose {
-    /// The keys of a place, except those in `without`. A lamp at a position has no distance from a target.
+    /// The keys of a place, except those in `without`. A lamp at a position has no distance from a target; only such a lamp
+    /// and a sun have an aim.
     fn read(keys: &mut TableKeys<'_>, without: &[&str]) -> Result<Self, InputError> {
-        let Position { position: Some(position) } = keys.take(&[])? else {
-            return FromTarget::read(keys, without).map(Self::From);
+        let is_sun = without.contains(&"position");
+        let of_place: &[&str] = if keys.has("position") {
+            keys.describe(" with a `position`");
+            &["distance", "direction", "elevation", "azimuth"]
+        } else if is_sun {
+            &[]
+        } else {
+            &["aim"]
         };
-        keys.describe(" with a `position`");
-        let at: At = keys.take(without)?;
-        if at.aim.is_some() && at.target.is_some() {
-            let problem = "`aim` and `target`: both set the direction in which the lamp shines";
-            return Err(keys.error("target", problem, "keep one of them"));
+        let pose: Self = keys.take(&[without, of_place].concat())?;
+        let given = [
+            ("aim", pose.aim.is_some()),
+            ("direction", pose.direction.is_some()),
+            ("elevation", pose.elevation.is_some()),
+            ("target", pose.target.is_some() && pose.aim.is_some()),
+        ];
+        let mut given = given.iter().filter(|(_, given)| *given).map(|(key, _)| *key);
+        if let (Some(first), Some(second)) = (given.next(), given.next()) {
+            let problem = format!("`{first}` and `{second}` both set the direction of the lamp");
+            return Err(keys.error(second, problem, "keep one of them"));
         }
-        Ok(Self::At(At { position, ..at }))
-    }
-
-    /// A sun shines along `aim`, or comes from a direction.
-    fn of_sun(keys: &mut TableKeys<'_>) -> Result<Self, InputError> {
-        let Aim { aim } = keys.take(&[])?;
-        let from = FromTarget::read(keys, &["target", "distance", "up", "count"])?;
-        let given = [("direction", from.direction.is_some()), ("elevation", from.elevation.is_some())];
-        if let (Some(_), Some((key, _))) = (aim, given.iter().find(|(_, given)| *given)) {
-            let problem = format!("`aim` and `{key}`: both set the direction in which the lamp shines");
-            return Err(keys.error(key, problem, "keep one of them"));
-        }
-        Ok(Self::From(FromTarget { direction: aim.map(|aim| -aim).or(from.direction), ..from }))
-    }
-}
-
-impl FromTarget {
-    fn read(keys: &mut TableKeys<'_>, without: &[&str]) -> Result<Self, InputError> {
-        let from: Self = keys.take(without)?;
-        let both = |key: &str, problem: &str| Err(keys.error(key, problem, "keep one of them"));
-        if from.direction.is_some() && from.elevation.is_some() {
-            return both("elevation", "`direction` and `elevation`: both set the direction to the lamp");
-        }
-        if from.azimuth.is_some() && from.elevation.is_none() {
+        if pose.azimuth.is_some() && pose.elevation.is_none() {
             let help = "write `elevation` as well, or remove this";
             return Err(keys.error("azimuth", "an azimuth without an elevation gives no direction", help));
         }
-        if from.azimuth.is_some() && from.up.is_some() {
-            return both("up", "`azimuth` and `up`: `azimuth` turns the lamp already");
+        if pose.azimuth.is_some() && pose.up.is_some() {
+            return Err(keys.error("up", "`azimuth` turns the lamp already", "keep one of them"));
         }
-        Ok(from)
+        Ok(pose)
     }
 }
 

@@ -64,10 +64,10 @@ impl Job {
         Ok(all.unwrap_or_default())
     }
 
-    /// An error of reading a file of [`Job::scene`]. If the file does not exist, the error points at the line of the job.
+    /// An error of reading a file of [`Job::scene`]. If it is about the file as a whole, it points at the line of the job.
     pub fn scene_error(&self, error: InputError) -> InputError {
         let position = self.scene.files().iter().position(|file| file.path == error.file);
-        let Some(i) = position.filter(|_| ["file", "file name"].contains(&error.place.as_str())) else { return error };
+        let Some(i) = position.filter(|_| error.is_of_file()) else { return error };
         let name = error.file.display().to_string();
         let problem = if error.problem.contains(&name) { error.problem } else { format!("{name}: {}", error.problem) };
         let number = i.to_string();

@@ -68,10 +68,7 @@ impl Job {
             None => None,
             Some(origin) => {
                 let point = origin.resolve(scene);
-                let error = |(problem, help): (String, String)| {
-                    self.source.error_at_key(&["object", &i.to_string(), "rotation"], problem, help)
-                };
-                Some(point.map_err(error)?)
+                Some(point.map_err(|e| self.object_error(i, "rotation", e.problem, e.help))?)
             }
         };
         for &index in objects {

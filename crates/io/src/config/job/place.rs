@@ -2,6 +2,7 @@
 
 use super::check::Real;
 use super::patterns::{matches, unique};
+use crate::error::InputError;
 use crate::names::suggestion;
 use crate::quantity::{Angle, Length};
 use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3};
@@ -9,7 +10,7 @@ use dunkelfeld_radiometry::Number;
 use dunkelfeld_scene::{Instance, SceneBuilder};
 use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{Deserializer, Error, SeqAccess, Visitor};
+use serde::de::{Deserializer, Error, IntoDeserializer, SeqAccess, Visitor};
 use std::fmt;
 
 /// Largest coordinate \[m\]. Squared distances remain far inside the range of f32.
@@ -31,9 +32,8 @@ impl Place {
     /// The point \[m\] in the world.
     ///
     /// # Errors
-    /// If no object has the name, or the objects have no vertices: the problem and the help, for
-    /// [`crate::toml_file::TomlFile::error_at_key`].
-    pub fn resolve(&self, scene: &SceneBuilder) -> Result<DVec3, (String, String)> {
+    /// If no object has the name, or the objects have no vertices: an error without a place.
+    pub fn resolve(&self, scene: &SceneBuilder) -> Result<DVec3, InputError> {
         match self {
             Self::Point(point) => Ok(*point),
             Self::Object(name) => bounds_of_objects(name, scene).map(|[low, high]| 0.5 * (low + high)),
@@ -67,21 +67,22 @@ impl<'de> Deserialize<'de> for Place {
 ///
 /// # Errors
 /// As [`Place::resolve`].
-pub(super) fn bounds_of_objects(name: &str, scene: &SceneBuilder) -> Result<[DVec3; 2], (String, String)> {
+pub(super) fn bounds_of_objects(name: &str, scene: &SceneBuilder) -> Result<[DVec3; 2], InputError> {
     let named: Vec<&Instance> = scene.instances.iter().filter(|n| matches(name, &n.name)).collect();
     if named.is_empty() {
         return Err(no_object(name, scene));
     }
     let all = named.iter().filter_map(|instance| scene.bounds_of(instance));
     all.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]).ok_or_else(|| {
-        (format!("the object \"{name}\" has no vertices"), "name an object with a mesh, or write a point".into())
+        let problem = format!("the object \"{name}\" has no vertices");
+        InputError::of_key("", problem, "name an object with a mesh, or write a point")
     })
 }
 
-/// Problem and help for a name that no object has.
-pub(super) fn no_object(name: &str, scene: &SceneBuilder) -> (String, String) {
+/// The error of a name that no object has, without a place.
+pub(super) fn no_object(name: &str, scene: &SceneBuilder) -> InputError {
     let known = unique(scene.instances.iter().map(|n| n.name.as_str()));
-    (format!("the scene has no object named \"{name}\""), suggestion(name, "objects", &known))
+    InputError::of_key("", format!("the scene has no object named \"{name}\""), suggestion(name, "objects", &known))
 }
 
 /// Three lengths \[m\], each a number of metres or a text with a unit.
@@ -131,24 +132,7 @@ pub(super) fn direction<'de, D: Deserializer<'de>>(d: D) -> Result<Option<DVec3>
 /// Factors of a scale along x, y and z from three numbers or one. Zero and negative ones are refused: a flat object has
 /// no inverse, and a mirrored one is a different part. A `matrix` may mirror.
 pub(super) fn scale<'de, D: Deserializer<'de>>(d: D) -> Result<Option<DVec3>, D::Error> {
-    struct ScaleVisitor;
-    impl<'de> Visitor<'de> for ScaleVisitor {
-        type Value = [f64; 3];
-        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-            f.write_str("a factor above zero, or three of them [x, y, z]")
-        }
-        fn visit_f64<E: Error>(self, v: f64) -> Result<[f64; 3], E> {
-            Ok([v; 3])
-        }
-        fn visit_i64<E: Error>(self, v: i64) -> Result<[f64; 3], E> {
-            Ok([v as f64; 3])
-        }
-        fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<[f64; 3], A::Error> {
-            let what = "a factor above zero, or three of them [x, y, z]";
-            Ok(three::<Real, _>(SeqAccessDeserializer::new(seq), what)?.map(|Real(v)| v))
-        }
-    }
-    let values = d.deserialize_any(ScaleVisitor)?;
+    let values = one_or_three::<Real, D>(d, "a factor above zero, or three of them [x, y, z]")?;
     match values.into_iter().find(|v| !SCALES.contains(v)) {
         Some(v) => {
             let help = "write factors from 1e-12 to 1e12, or mirror the object by `matrix`";
@@ -267,6 +251,33 @@ pub(super) fn three<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
     d.deserialize_seq(Three(what, std::marker::PhantomData))
 }
 
+/// Three values, or one for all three.
+pub(super) fn one_or_three<'de, T: Deserialize<'de> + Into<f64>, D: Deserializer<'de>>(
+    d: D,
+    what: &'static str,
+) -> Result<[f64; 3], D::Error> {
+    struct OneOrThree<T>(&'static str, std::marker::PhantomData<T>);
+    impl<'de, T: Deserialize<'de> + Into<f64>> Visitor<'de> for OneOrThree<T> {
+        type Value = [f64; 3];
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str(self.0)
+        }
+        fn visit_i64<E: Error>(self, v: i64) -> Result<[f64; 3], E> {
+            T::deserialize(v.into_deserializer()).map(|v| [v.into(); 3])
+        }
+        fn visit_f64<E: Error>(self, v: f64) -> Result<[f64; 3], E> {
+            T::deserialize(v.into_deserializer()).map(|v| [v.into(); 3])
+        }
+        fn visit_str<E: Error>(self, v: &str) -> Result<[f64; 3], E> {
+            T::deserialize(v.into_deserializer()).map(|v| [v.into(); 3])
+        }
+        fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<[f64; 3], A::Error> {
+            three::<T, _>(SeqAccessDeserializer::new(seq), self.0).map(|values| values.map(Into::into))
+        }
+    }
+    d.deserialize_any(OneOrThree::<T>(what, std::marker::PhantomData))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -351,7 +362,8 @@ mod tests {
         let second = scene.add_object("lid 2", mesh, 0);
         scene.instances[second].to_world = DAffine3::from_translation(DVec3::new(0.0, 0.0, 4.0));
         assert_eq!(Place::Object("lid *".into()).resolve(&scene), Ok(DVec3::new(0.5, 0.5, 2.0)));
-        let (problem, help) = Place::Object("lit 1".into()).resolve(&scene).expect_err("no such object");
+        let InputError { problem, help, .. } =
+            Place::Object("lit 1".into()).resolve(&scene).expect_err("no such object");
         assert!(problem.contains("lit 1") && help.contains("\"lid 1\""), "{problem}; {help}");
     }
 }

@@ -14,9 +14,7 @@ impl Job {
     pub(super) fn add_cameras(&self, scene: &mut SceneBuilder) -> Result<(), InputError> {
         let cameras: Vec<Camera> = (self.camera.defined.iter().enumerate())
             .map(|(i, settings)| {
-                settings
-                    .camera(scene)
-                    .map_err(|(key, problem, help)| self.camera.error(&self.source, i, &[key], problem, help))
+                settings.camera(scene).map_err(|e| self.camera.error(&self.source, i, &[&e.place], e.problem, e.help))
             })
             .collect::<Result<_, _>>()?;
         scene.cameras.retain(|camera| cameras.iter().all(|defined| defined.name != camera.name));
@@ -47,17 +45,18 @@ impl Job {
     }
 
     /// An error about a key of the lens of a camera that depends on lens, film and scene together.
-    pub fn lens_error(&self, camera: &str, key: &str, problem: String, help: impl Into<String>) -> InputError {
+    pub fn lens_error(&self, camera: &str, error: InputError) -> InputError {
+        let InputError { place: key, problem, help, .. } = error;
         let own = self.camera.defined.iter().position(|c| c.name == camera && c.lens.is_some());
         match own {
-            Some(i) => self.camera.error(&self.source, i, &["lens", key], problem, help),
-            None => self.source.error_at_key(&["lens", key], problem, help),
+            Some(i) => self.camera.error(&self.source, i, &["lens", &key], problem, help),
+            None => self.source.error_at_key(&["lens", &key], problem, help),
         }
     }
 
     /// An error about a key of `[film]` that depends on film and sensor together.
-    pub fn film_error(&self, key: &str, problem: String, help: String) -> InputError {
-        self.source.error_at_key(&["film", key], problem, help)
+    pub fn film_error(&self, error: InputError) -> InputError {
+        self.source.error_at_key(&["film", &error.place], error.problem, error.help)
     }
 
     /// Index of the job's camera; `None` if the job selects none.

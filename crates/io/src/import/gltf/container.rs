@@ -7,16 +7,10 @@ use crate::import::warnings::Warnings;
 use crate::input::Role;
 use crate::loader::AssetLoader;
 use gltf::binary::Glb;
-use gltf::json::accessor::sparse::Sparse;
-use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::Path;
 
 const GLB_MAGIC: &[u8; 4] = b"glTF";
-/// In the `generator` of files that Blender wrote, which stands at the start of their JSON.
-const BLENDER: &[u8] = b"Khronos glTF Blender I/O";
-/// Bytes of the JSON that are searched for it.
-const GENERATOR_AT_MOST: usize = 4096;
 /// Header of the file.
 const FILE_HEADER: usize = 12;
 /// Header of a chunk: its length and its type.
@@ -24,7 +18,6 @@ const CHUNK_HEADER: usize = 8;
 
 /// Supported extensions.
 const SUPPORTED: &[&str] = &[
-    "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_lights_punctual",
@@ -53,8 +46,6 @@ const WITHOUT_EFFECT: &[&str] =
 pub(super) struct Asset {
     /// The JSON.
     pub(super) document: Document,
-    /// Was the file exported by Blender?
-    pub(super) from_blender: bool,
     file: Vec<u8>,
     buffers: Vec<BufferData>,
 }
@@ -75,11 +66,10 @@ impl Asset {
         let parts = guarded(path, "GLB header", || split(&file, path))?;
         let json = file.get(parts.json).unwrap_or_default();
         let objects = loader.limits().json_objects;
-        let from_blender = json.windows(BLENDER.len()).take(GENERATOR_AT_MOST).any(|w| w == BLENDER);
         let document = guarded(path, "JSON", || Document::read(json, path, objects))?;
         check_extensions(&document, path, warnings)?;
         let buffers = load_buffers(&document, parts.binary, loader, warnings)?;
-        Ok(Self { document, from_blender, file, buffers })
+        Ok(Self { document, file, buffers })
     }
 
     /// A buffer's bytes, or `None` if it does not exist or has no data.
@@ -114,7 +104,7 @@ fn damaged(path: &Path, place: impl Into<String>, problem: impl Into<String>) ->
 fn split(file: &[u8], path: &Path) -> Result<Parts, InputError> {
     let is_glb = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"));
     if file.is_empty() {
-        return Err(damaged(path, "file", "the file is empty"));
+        return Err(damaged(path, "the file", "is empty"));
     }
     if !file.starts_with(GLB_MAGIC) {
         let json = without_mark(file, 0..file.len());
@@ -186,20 +176,13 @@ fn load_buffers(
     loader: &AssetLoader,
     warnings: &mut Warnings,
 ) -> Result<Vec<BufferData>, InputError> {
-    let used = used_buffers(document);
     let mut buffers = Vec::with_capacity(document.root.buffers.len());
     for (i, buffer) in document.root.buffers.iter().enumerate() {
         let data = match &buffer.uri {
-            Some(uri) => match loader.load_uri(uri, Role::Buffer) {
-                Ok(bytes) => BufferData::Loaded(bytes),
-                Err(e) if !used.contains(&i) => {
-                    let message = format!("{}; nothing uses the buffer, which is left out", e.problem);
-                    warnings.push(format!("buffer {i}, {}", e.place), message);
-                    buffers.push(BufferData::Absent);
-                    continue;
-                }
-                Err(e) => return Err(InputError { place: format!("buffer {i}, {}", e.place), ..e }),
-            },
+            Some(uri) => {
+                let bytes = loader.load_uri(uri, Role::Buffer);
+                BufferData::Loaded(bytes.map_err(|e| InputError { place: format!("buffer {i}, {}", e.place), ..e })?)
+            }
             None => match binary.take().filter(|_| i == 0) {
                 Some(range) => BufferData::Embedded(range),
                 None => BufferData::Absent,
@@ -217,18 +200,4 @@ fn load_buffers(
         buffers.push(data);
     }
     Ok(buffers)
-}
-
-/// Buffers that an accessor, an image or a light profile reads.
-fn used_buffers(document: &Document) -> BTreeSet<usize> {
-    let root = &document.root;
-    let sparse = |s: &Sparse| [s.indices.buffer_view, s.values.buffer_view];
-    let of_accessors = root
-        .accessors
-        .iter()
-        .flat_map(|a| a.buffer_view.into_iter().chain(a.sparse.as_ref().map(sparse).into_iter().flatten()));
-    let of_images = root.images.iter().filter_map(|i| i.buffer_view);
-    let of_profiles = document.profiles.iter().filter_map(|p| p.buffer_view);
-    let views = of_accessors.chain(of_images).chain(of_profiles);
-    views.filter_map(|view| root.get(view)).map(|view| view.buffer.value()).collect()
 }

@@ -1,15 +1,12 @@
 //! The JSON of an asset with the types of `gltf::json`, and the data that these types do not contain.
 
 use super::animation_source::{self, Animation};
-use super::extensions::{OfDocument, OfMaterial, OfNode, OfNormalTexture, OfTexture, Profile, Transform};
-use crate::error::{InputError, SourceSpan};
+use super::extensions::{OfMaterial, OfNode, OfNormalTexture, OfTexture, Transform};
+use crate::error::InputError;
 use gltf::json;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use serde_json::value::RawValue;
 use serde_json::{Map, Value};
-use serde_path_to_error::Segment;
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Limit of the values in a JSON text per object: nodes with matrices have 16.
@@ -29,8 +26,6 @@ pub(super) struct Document {
     pub(super) normal_textures: Vec<OfNormalTexture>,
     /// Untyped extensions of the textures.
     pub(super) textures: Vec<OfTexture>,
-    /// Light profiles (EXT_lights_ies).
-    pub(super) profiles: Vec<Profile>,
     /// Animations.
     pub(super) animations: Vec<Animation>,
 }
@@ -39,7 +34,7 @@ impl Document {
     /// Parses a JSON text with at most `objects` objects.
     pub(super) fn read(json: &[u8], path: &Path, objects: usize) -> Result<Self, InputError> {
         check_size(json, path, objects)?;
-        let mut members: Map<String, Value> = serde_json::from_slice(json).map_err(|e| syntax_error(json, path, &e))?;
+        let mut members: Map<String, Value> = serde_json::from_slice(json).map_err(|e| syntax_error(path, &e))?;
         check_version(&members, path)?;
         // `gltf::json` refuses channels of KHR_animation_pointer, which have no node.
         let animations = animation_source::read(members.remove("animations"));
@@ -49,50 +44,30 @@ impl Document {
                 scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
             }
         }
-        let document = Self::from_members(members).map_err(|fault| fault.at(json, path))?;
+        let document = Self::from_members(members).map_err(|(place, problem)| json_error(path, &place, problem))?;
         Ok(Self { animations, ..document })
     }
 
-    fn from_members(members: Map<String, Value>) -> Result<Self, TypeFault> {
+    fn from_members(members: Map<String, Value>) -> Result<Self, (String, String)> {
         // Faults in transforms are also found by the types of the nodes.
         let transform = |node: &Value| Transform::deserialize(node).unwrap_or_default();
         let nodes = members.get("nodes").and_then(Value::as_array);
         let transforms = nodes.map(|nodes| nodes.iter().map(transform).collect()).unwrap_or_default();
-        let root: json::Root = typed(Value::Object(members), &[])?;
-        let of_document: OfDocument = untyped(root.extensions.as_ref().map(|e| &e.others), &[])?;
+        let root: json::Root = typed(Value::Object(members), "")?;
         let nodes = each("nodes", &root.nodes, |n| n.extensions.as_ref().map(|e| &e.others))?;
         let materials = each("materials", &root.materials, |m| m.extensions.as_ref().map(|e| &e.others))?;
         let textures = each("textures", &root.textures, |t| t.extensions.as_ref().map(|e| &e.others))?;
         let normal_textures = each("materials", &root.materials, |m| {
             m.normal_texture.as_ref().and_then(|t| t.extensions.as_ref()).map(|e| &e.others)
         })?;
-        let profiles = of_document.profiles.lights;
         let animations = Vec::new();
-        Ok(Self { root, transforms, nodes, materials, normal_textures, textures, profiles, animations })
+        Ok(Self { root, transforms, nodes, materials, normal_textures, textures, animations })
     }
 }
 
-/// A value of a wrong type.
-struct TypeFault {
-    steps: Vec<Step>,
-    problem: String,
-}
-
-#[derive(Clone)]
-enum Step {
-    Member(String),
-    Element(usize),
-}
-
-fn typed<T: DeserializeOwned>(value: Value, above: &[Step]) -> Result<T, TypeFault> {
-    serde_path_to_error::deserialize(value).map_err(|e| {
-        let below = e.path().iter().filter_map(|segment| match segment {
-            Segment::Seq { index } => Some(Step::Element(*index)),
-            Segment::Map { key } => Some(Step::Member(key.clone())),
-            Segment::Enum { .. } | Segment::Unknown => None,
-        });
-        TypeFault { steps: above.iter().cloned().chain(below).collect(), problem: plain(&e.inner().to_string()) }
-    })
+/// A value with its type; otherwise the place of the fault below `above`, and the problem.
+fn typed<T: DeserializeOwned>(value: Value, above: &str) -> Result<T, (String, String)> {
+    serde_path_to_error::deserialize(value).map_err(|e| (format!("{above}{}", e.path()), plain(&e.inner().to_string())))
 }
 
 /// Clear descriptions of expected values, where those of the types are hard to understand.
@@ -106,8 +81,8 @@ fn plain(problem: &str) -> String {
 
 fn untyped<T: DeserializeOwned + Default>(
     extensions: Option<&Map<String, Value>>,
-    above: &[Step],
-) -> Result<T, TypeFault> {
+    above: &str,
+) -> Result<T, (String, String)> {
     match extensions {
         Some(members) if !members.is_empty() => typed(Value::Object(members.clone()), above),
         _ => Ok(T::default()),
@@ -119,43 +94,9 @@ fn each<E, T: DeserializeOwned + Default>(
     list: &str,
     elements: &[E],
     extensions: impl Fn(&E) -> Option<&Map<String, Value>>,
-) -> Result<Vec<T>, TypeFault> {
-    let read = |(i, element): (usize, &E)| {
-        let above = [Step::Member(list.to_owned()), Step::Element(i), Step::Member("extensions".to_owned())];
-        untyped(extensions(element), &above)
-    };
+) -> Result<Vec<T>, (String, String)> {
+    let read = |(i, element): (usize, &E)| untyped(extensions(element), &format!("{list}[{i}].extensions."));
     elements.iter().enumerate().map(read).collect()
-}
-
-impl TypeFault {
-    /// The fault with line and column in the text.
-    fn at(self, json: &[u8], path: &Path) -> InputError {
-        let offset = locate(json, &self.steps);
-        let before = json.get(..offset).unwrap_or_default();
-        let line = before.iter().filter(|b| **b == b'\n').count() + 1;
-        let column = before.iter().rev().take_while(|b| **b != b'\n').count() + 1;
-        json_error(json, path, line, column, self.problem)
-    }
-}
-
-/// The byte offset of the value at the end of the path, or of the last existing one on the path.
-fn locate(json: &[u8], steps: &[Step]) -> usize {
-    let Ok(mut here) = serde_json::from_slice::<&RawValue>(json) else { return 0 };
-    for step in steps {
-        let below = match step {
-            Step::Member(name) => {
-                let members = serde_json::from_str::<BTreeMap<String, &RawValue>>(here.get());
-                members.ok().and_then(|members| members.get(name).copied())
-            }
-            Step::Element(index) => {
-                let elements = serde_json::from_str::<Vec<&RawValue>>(here.get());
-                elements.ok().and_then(|elements| elements.get(*index).copied())
-            }
-        };
-        let Some(below) = below else { break };
-        here = below;
-    }
-    (here.get().as_ptr() as usize).saturating_sub(json.as_ptr() as usize)
 }
 
 /// A parsed object needs some hundred bytes; "{}" in the file has three.
@@ -206,30 +147,12 @@ pub(super) fn old_version(path: &Path, place: &str, version: &str) -> InputError
     )
 }
 
-fn syntax_error(json: &[u8], path: &Path, e: &serde_json::Error) -> InputError {
+fn syntax_error(path: &Path, e: &serde_json::Error) -> InputError {
     let text = e.to_string();
     let problem = text.split(" at line ").next().unwrap_or(&text).to_owned();
-    json_error(json, path, e.line().max(1), e.column(), problem)
+    json_error(path, &format!("line {}, column {}", e.line().max(1), e.column()), problem)
 }
 
-/// An error with line, column and span; of a one-line file only the surroundings are kept.
-fn json_error(json: &[u8], path: &Path, line_number: usize, column: usize, problem: String) -> InputError {
-    let mut error = InputError::new(
-        path,
-        format!("JSON, line {line_number}, column {column}"),
-        problem,
-        "correct the JSON, or export the file again",
-    );
-    let line = json.split(|b| *b == b'\n').nth(line_number - 1).unwrap_or_default();
-    let column = column.saturating_sub(1).min(line.len());
-    // Long lines, of data URIs above all, would hide the message.
-    let (from, to) = (column.saturating_sub(60), (column + 60).min(line.len()));
-    let before = String::from_utf8_lossy(&line[from..column]).into_owned();
-    let after = String::from_utf8_lossy(&line[column..to]).into_owned();
-    // Empty lines in front give the caret the correct line number. Above a limit they are left out.
-    let padding = if line_number <= 100_000 { "\n".repeat(line_number - 1) } else { String::new() };
-    let start = padding.len() + before.len();
-    error.source_span =
-        Some(Box::new(SourceSpan { text: format!("{padding}{before}{after}"), range: start..start + 1 }));
-    error
+fn json_error(path: &Path, place: &str, problem: String) -> InputError {
+    InputError::new(path, format!("JSON, {place}"), problem, "correct the JSON, or export the file again")
 }

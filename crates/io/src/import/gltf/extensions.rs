@@ -1,7 +1,7 @@
 //! Extensions without types in `gltf::json`, read from its raw JSON, and node transforms in f64.
 
 use gltf::json::extensions::texture::TextureTransform;
-use gltf::json::{Accessor, Image, Index, buffer::View, texture::Info};
+use gltf::json::{Accessor, Image, Index, texture::Info};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -32,32 +32,11 @@ macro_rules! extensions {
 }
 
 extensions! {
-    struct OfDocument {
-        #[serde(rename = "EXT_lights_ies")]
-        profiles: Profiles = Profiles::default(),
-    }
-
-    struct Profiles { lights: Vec<Profile> = Vec::new(), }
-
-    struct Profile {
-        name: Option<String> = None,
-        uri: Option<String> = None,
-        buffer_view: Option<Index<View>> = None,
-    }
-
     struct OfNode {
-        #[serde(rename = "EXT_lights_ies")]
-        profile: Option<ProfileReference> = None,
         #[serde(rename = "EXT_mesh_gpu_instancing")]
         instancing: Option<Instancing> = None,
         #[serde(rename = "KHR_node_visibility")]
         visibility: Visibility = Visibility::default(),
-    }
-
-    struct ProfileReference {
-        light: Option<Index<Profile>> = None,
-        multiplier: f32 = 1.0,
-        color: [f32; 3] = [1.0; 3],
     }
 
     struct Instancing { attributes: BTreeMap<String, Index<Accessor>> = BTreeMap::new(), }

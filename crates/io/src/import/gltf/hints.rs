@@ -25,9 +25,8 @@ pub(super) fn lost_lights(document: &Document, hierarchy: &Hierarchy, warnings: 
         .filter_map(|i| {
             let node = document.root.nodes.get(*i)?;
             let has_light = node.extensions.as_ref().is_some_and(|e| e.khr_lights_punctual.is_some());
-            let has_profile = document.nodes.get(*i).is_some_and(|n| n.profile.is_some());
             let has_children = node.children.as_ref().is_some_and(|c| !c.is_empty());
-            let is_empty = node.mesh.is_none() && node.camera.is_none() && !has_light && !has_profile && !has_children;
+            let is_empty = node.mesh.is_none() && node.camera.is_none() && !has_light && !has_children;
             let name = node.name.as_deref().filter(|name| is_empty && is_name_of_light(name))?;
             Some((name, hierarchy.to_world.get(*i)?.translation))
         })
@@ -60,8 +59,9 @@ fn is_name_of_light(name: &str) -> bool {
 
 /// Warns of emissive materials in a file of Blender. Its export writes the strength of lamps with the factor 683 lm/W, and
 /// that of emissive materials without.
-pub(super) fn dark_emission(scene: &SceneBuilder, from_blender: bool, unit: EmissiveUnit, warnings: &mut Warnings) {
-    if !from_blender || unit != EmissiveUnit::Nit {
+pub(super) fn dark_emission(scene: &SceneBuilder, document: &Document, unit: EmissiveUnit, warnings: &mut Warnings) {
+    let generator = document.root.asset.generator.as_deref().unwrap_or_default();
+    if !generator.starts_with("Khronos glTF Blender I/O") || unit != EmissiveUnit::Nit {
         return;
     }
     let shines = |kind: &PunctualKind| match kind {

@@ -1,20 +1,13 @@
-//! Punctual lights, their profiles, and cameras of glTF.
+//! Punctual lights and cameras of glTF.
 
-use super::accessor::Accessors;
-use super::extensions;
-use crate::error::ImportWarning;
-use crate::ies::parse_ies;
 use crate::import::options::LUMENS_PER_WATT;
 use crate::import::warnings::Warnings;
-use crate::input::Role;
-use crate::loader::AssetLoader;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{LightProfile, Projection, PunctualKind};
+use dunkelfeld_scene::{Projection, PunctualKind};
 use gltf::json::camera::Type as CameraType;
 use gltf::json::extensions::scene::khr_lights_punctual::{Light, Spot, Type};
 use gltf::json::validation::Checked;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
-use std::path::PathBuf;
 
 /// Converts a light of KHR_lights_punctual: candela to W/sr and lux to W/m^2, both by [`LUMENS_PER_WATT`]. `None`, after
 /// a warning, for one that cannot be used.
@@ -40,45 +33,6 @@ pub(super) fn light(source: &Light, place: &str, warnings: &mut Warnings) -> Opt
             None
         }
     }
-}
-
-/// Reads a profile of EXT_lights_ies: a file beside the scene, or bytes of a buffer.
-///
-/// # Errors
-/// The reason why it cannot be used, as text.
-pub(super) fn profile(
-    source: &extensions::Profile,
-    index: usize,
-    accessors: &Accessors<'_>,
-    loader: &AssetLoader,
-) -> Result<(LightProfile, Vec<ImportWarning>), String> {
-    let loaded;
-    let bytes = match (&source.uri, source.buffer_view) {
-        (Some(uri), _) => {
-            loaded = loader.load_uri(uri, Role::LightProfile).map_err(|e| e.problem)?;
-            &loaded
-        }
-        (None, Some(view)) => accessors.view_bytes(view.value())?,
-        (None, None) => return Err("it has neither a URI nor a buffer view".into()),
-    };
-    let file = source.uri.as_deref().filter(|uri| !uri.starts_with("data:"));
-    let name = source.name.as_deref().filter(|n| !n.trim().is_empty()).or(file);
-    let path = name.map_or_else(|| PathBuf::from(format!("profile {index}")), PathBuf::from);
-    parse_ies(&path, bytes).map_err(|e| format!("{}: {}", e.place, e.problem))
-}
-
-/// The factor of a node for its profile. `None`, after a warning, if it cannot be used.
-pub(super) fn profile_scale(
-    source: &extensions::ProfileReference,
-    place: &str,
-    warnings: &mut Warnings,
-) -> Option<Rgb> {
-    let scale = Rgb::from_array(source.color) * source.multiplier;
-    let fits = scale.is_finite() && scale.to_array().iter().all(|v| *v >= 0.0);
-    if !fits {
-        warnings.push(place, "the colour or multiplier of its light profile is negative or not finite; it is left out");
-    }
-    fits.then_some(scale)
 }
 
 /// Inner and outer half-angle [rad], with 0 <= inner <= outer and 0 < outer <= pi/2.

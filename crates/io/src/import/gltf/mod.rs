@@ -21,7 +21,6 @@ mod nodes;
 mod primitive;
 mod reader;
 mod texture;
-mod validate;
 
 use crate::error::InputError;
 use crate::import::image_store::ImageStore;
@@ -34,12 +33,12 @@ use animation::Channels;
 use container::Asset;
 use deform::{Deformation, Pose};
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, Mesh, RigidMotion};
-use dunkelfeld_scene::{Camera, Instance, MeshPart, PunctualKind, PunctualLight, SceneBuilder};
-use extensions::{Instancing, ProfileReference};
+use dunkelfeld_scene::{Camera, Instance, MeshPart, PunctualLight, SceneBuilder};
+use extensions::Instancing;
 use gltf::json::Index;
 use gltf::json::extensions::scene::khr_lights_punctual::Light;
 use nodes::{Hierarchy, is_invertible, node_place};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 use texture::Textures;
 
@@ -65,13 +64,11 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
     let asset = Asset::load(loader, &mut warnings)?;
     let accessors = Accessors::new(&asset);
     let (hierarchy, motions) = hierarchy(path, options, &asset, &accessors, &mut warnings)?;
-    measure_images(path, options, &asset, &accessors, &hierarchy.shown)?;
     let mut importer = Importer {
         path,
         asset: &asset,
         accessors: &accessors,
-        textures: Textures::new(&asset, &accessors, loader, ImageStore::decoding(&options.limits)),
-        loader,
+        textures: Textures::new(&asset, &accessors, loader, ImageStore::new(&options.limits)),
         options,
         warnings,
         motions,
@@ -79,11 +76,11 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
         materials: BTreeMap::new(),
         meshes: BTreeMap::new(),
         poses: BTreeMap::new(),
-        profiles: BTreeMap::new(),
         geometry_bytes: 0,
         first_fault: None,
     };
     importer.run(&hierarchy)?;
+    importer.textures.store.check(path)?;
     loader.take_remarks().into_iter().for_each(|(place, message)| importer.warnings.push(place, message));
     let mut scene = importer.scene;
     scene.images = importer.textures.store.into_images();
@@ -117,30 +114,6 @@ fn hierarchy(
     Ok((now, motions))
 }
 
-/// Sums the images of all materials in use from their headers, before decoding.
-fn measure_images(
-    path: &Path,
-    options: &ImportOptions,
-    asset: &Asset,
-    accessors: &Accessors<'_>,
-    shown: &[usize],
-) -> Result<(), InputError> {
-    let (document, root) = (&asset.document, &asset.document.root);
-    // Files are read again when they are decoded, and their faults are reported then.
-    let loader = AssetLoader::new(path, options.limits);
-    let mut ignored = Warnings::new(path);
-    let mut textures = Textures::new(asset, accessors, &loader, ImageStore::measuring(&options.limits));
-    let meshes: BTreeSet<usize> =
-        shown.iter().filter_map(|n| root.nodes.get(*n)?.mesh.map(|mesh| mesh.value())).collect();
-    let primitives = meshes.iter().filter_map(|m| root.meshes.get(*m)).flat_map(|mesh| &mesh.primitives);
-    let materials: BTreeSet<usize> = primitives.filter_map(|p| p.material.map(|m| m.value())).collect();
-    for source in materials.into_iter().filter_map(|i| material::Source::new(document, i)) {
-        let mut reader = reader::Reader { place: source.place(), textures: &mut textures, warnings: &mut ignored };
-        material::convert(&source, options.emissive_unit, &mut reader);
-    }
-    textures.store.check(path)
-}
-
 /// The key of a baked mesh: mesh, skin, and the bits of the morph weights of the node.
 type MeshKey = (usize, Option<usize>, Option<Vec<u32>>);
 
@@ -149,7 +122,6 @@ struct Importer<'a> {
     asset: &'a Asset,
     accessors: &'a Accessors<'a>,
     textures: Textures<'a>,
-    loader: &'a AssetLoader,
     options: &'a ImportOptions,
     warnings: Warnings,
     /// Motions of the nodes; empty without an animation.
@@ -159,8 +131,6 @@ struct Importer<'a> {
     materials: BTreeMap<Option<usize>, usize>,
     meshes: BTreeMap<MeshKey, Vec<usize>>,
     poses: BTreeMap<usize, Option<Pose>>,
-    /// Light profiles: index in the file to index in the scene, `None` for one that cannot be used.
-    profiles: BTreeMap<usize, Option<usize>>,
     geometry_bytes: u64,
     /// The first primitive that could not be used.
     first_fault: Option<(String, String)>,
@@ -173,14 +143,11 @@ impl Importer<'_> {
             self.node(*index, &hierarchy.to_world)?;
         }
         hints::lost_lights(&self.asset.document, hierarchy, &mut self.warnings);
-        hints::dark_emission(&self.scene, self.asset.from_blender, self.options.emissive_unit, &mut self.warnings);
+        let unit = self.options.emissive_unit;
+        hints::dark_emission(&self.scene, &self.asset.document, unit, &mut self.warnings);
         if self.scene.instances.is_empty() {
             if let Some((place, fault)) = self.first_fault.take() {
-                let mut help = String::from("export the file again: its data does not fit its description");
-                let findings = validate::findings(&self.asset.document.root);
-                if !findings.is_empty() {
-                    help = format!("{help} ({})", findings.join("; "));
-                }
+                let help = "export the file again: its data does not fit its description";
                 return Err(InputError::new(self.path, place, format!("{fault}; no mesh is left to show"), help));
             }
             self.warnings.push("scene", "there is no mesh to show");
@@ -194,9 +161,8 @@ impl Importer<'_> {
         let place = node_place(document, index);
         let transform = to_world[index];
         let light = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()).map(|l| l.light.value());
-        let profile = document.nodes.get(index).and_then(|n| n.profile.as_ref());
         let placeable = transform.is_finite();
-        if !placeable && (node.mesh.is_some() || node.camera.is_some() || light.is_some() || profile.is_some()) {
+        if !placeable && (node.mesh.is_some() || node.camera.is_some() || light.is_some()) {
             self.warnings.push(&place, "its transform is not finite; what it carries is left out");
             return Ok(());
         }
@@ -208,9 +174,6 @@ impl Importer<'_> {
         }
         if let Some(light) = light {
             self.light(light, node.name.as_deref(), transform, &place);
-        }
-        if let Some(profile) = profile {
-            self.profile(profile, node.name.as_deref(), transform, &place);
         }
         Ok(())
     }
@@ -242,37 +205,6 @@ impl Importer<'_> {
         let place = format!("light {index} \"{name}\"");
         if let Some(kind) = light::light(source, &place, &mut self.warnings) {
             self.scene.lights.push(PunctualLight { name, to_world, kind });
-        }
-    }
-
-    /// A light with an IES profile (EXT_lights_ies).
-    fn profile(&mut self, reference: &ProfileReference, node_name: Option<&str>, to_world: DAffine3, place: &str) {
-        let profiles = &self.asset.document.profiles;
-        let index = reference.light.map(|l| l.value());
-        let Some((index, source)) = index.and_then(|i| Some((i, profiles.get(i)?))) else {
-            return self.warnings.push(place, "its light profile does not exist");
-        };
-        if to_world.transform_vector3(DVec3::Z).length_squared() == 0.0 {
-            return self.warnings.push(place, "its scale is 0; the light is left out");
-        }
-        if !self.profiles.contains_key(&index) {
-            let used = match light::profile(source, index, self.accessors, self.loader) {
-                Ok((profile, found)) => {
-                    found.into_iter().for_each(|w| self.warnings.push(w.place, w.message));
-                    self.scene.profiles.push(profile);
-                    Some(self.scene.profiles.len() - 1)
-                }
-                Err(fault) => {
-                    self.warnings.push(format!("light profile {index}"), format!("{fault}; its lights are left out"));
-                    None
-                }
-            };
-            self.profiles.insert(index, used);
-        }
-        let Some(Some(profile)) = self.profiles.get(&index).copied() else { return };
-        if let Some(scale) = light::profile_scale(reference, place, &mut self.warnings) {
-            let name = name(&[node_name, source.name.as_deref()], "light profile", index);
-            self.scene.lights.push(PunctualLight { name, to_world, kind: PunctualKind::Profile { profile, scale } });
         }
     }
 

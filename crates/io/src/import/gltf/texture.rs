@@ -154,7 +154,7 @@ impl<'a> Textures<'a> {
     }
 }
 
-/// Measures or decodes an image, depending on the store.
+/// Decodes an image.
 fn read(
     store: &mut ImageStore,
     bytes: &[u8],
@@ -163,10 +163,6 @@ fn read(
     place: &str,
     warnings: &mut Warnings,
 ) -> Result<ImageId, String> {
-    if store.measures() {
-        let header = store.header(bytes, file_name)?;
-        return store.add_measured(&header, place);
-    }
     let decoded = store.decode(bytes, file_name, place, warnings)?;
     store.add(Image { name: name.to_owned(), ..decoded }, place)
 }

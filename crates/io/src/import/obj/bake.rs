@@ -1,5 +1,4 @@
-//! Maps of OBJ without an equivalent in our materials, converted texel by texel: bumps, Phong exponents, adjusted
-//! values.
+//! Maps of OBJ without an equivalent in our materials, converted texel by texel: bumps and Phong exponents.
 
 use dunkelfeld_scene::{Image, Texels};
 
@@ -14,10 +13,9 @@ pub(super) fn roughness_of_exponent(exponent: f32) -> f32 {
     (2.0 / (exponent.max(0.0) + 2.0)).sqrt().sqrt()
 }
 
-/// A tangent-space normal map from the heights in `channel` (the mean of red, green and blue if `None`), by central
-/// differences on square texels. At the borders it repeats like the image, or uses the texels of the edge if `clamp` is
+/// A tangent-space normal map from heights, the mean of red, green and blue, by central differences on square texels. At the borders it repeats like the image, or uses the texels of the edge if `clamp` is
 /// set.
-pub(super) fn normals_of_heights(image: &Image, channel: Option<u8>, strength: f32, clamp: bool) -> Image {
+pub(super) fn normals_of_heights(image: &Image, strength: f32, clamp: bool) -> Image {
     let (width, height) = (image.width as usize, image.height as usize);
     let step = |i: usize, forward: bool, size: usize| match (forward, clamp) {
         (true, true) => (i + 1).min(size - 1),
@@ -26,14 +24,8 @@ pub(super) fn normals_of_heights(image: &Image, channel: Option<u8>, strength: f
         (false, false) => (i + size - 1) % size,
     };
     let at = |x: usize, y: usize| {
-        let [r, g, b, a] = texel(image, y * width + x);
-        match channel {
-            Some(0) => r,
-            Some(1) => g,
-            Some(2) => b,
-            Some(_) => a,
-            None => (r + g + b) / 3.0,
-        }
+        let [r, g, b, _] = texel(image, y * width + x);
+        (r + g + b) / 3.0
     };
     let relief = strength * RELIEF * width as f32;
     let texels = (0..width * height).map(|i| {
@@ -69,35 +61,23 @@ pub(super) fn looks_like_normals(image: &Image) -> bool {
     10 * unit >= 9 * seen && 2 * coloured >= seen
 }
 
-/// A roughness map, of one channel, from a map of exponents: `factor` is the exponent of white.
-pub(super) fn roughness_of_exponents(image: &Image, channel: u8, factor: f32) -> Image {
-    convert(image, "roughness", 1, |t| [roughness_of_exponent(factor * t[usize::from(channel.min(3))]); 4])
-}
-
-/// `base + gain * value` in red, green and blue.
-pub(super) fn adjusted(image: &Image, base: f32, gain: f32) -> Image {
-    let f = |[r, g, b, a]: [f32; 4]| [base + gain * r, base + gain * g, base + gain * b, a];
-    convert(image, "adjusted", image.texels.channels(), f)
+/// A roughness map, of one channel, from a map of exponents in the red channel: `factor` is the exponent of white.
+pub(super) fn roughness_of_exponents(image: &Image, factor: f32) -> Image {
+    let values =
+        (0..image.width as usize * image.height as usize).map(|i| roughness_of_exponent(factor * texel(image, i)[0]));
+    let texels = if image.texels.is_float() {
+        Texels::GrayF32(values.map(|v| [v]).collect())
+    } else {
+        Texels::Gray16(values.map(|v| [to_u16(v)]).collect())
+    };
+    let name = format!("{} (roughness)", image.name);
+    Image { name, width: image.width, height: image.height, texels: texels.into() }
 }
 
 /// Is the coverage of any texel below one?
 pub(super) fn has_alpha(image: &Image) -> bool {
     let covered = |i: usize| image.texels.get(i).is_none_or(|t| t[3] == 1.0);
     matches!(image.texels.channels(), 2 | 4) && !(0..image.texels.len()).all(covered)
-}
-
-/// An image of `channels` channels: of floating point if `image` is, else of 16 bits.
-fn convert(image: &Image, what: &str, channels: usize, f: impl Fn([f32; 4]) -> [f32; 4]) -> Image {
-    let values = (0..image.width as usize * image.height as usize).map(|i| f(texel(image, i)));
-    let texels = match (image.texels.is_float(), channels) {
-        (true, 1) => Texels::GrayF32(values.map(|[v, ..]| [v]).collect()),
-        (true, _) => Texels::RgbF32(values.map(|[r, g, b, _]| [r, g, b]).collect()),
-        (false, 1) => Texels::Gray16(values.map(|[v, ..]| [to_u16(v)]).collect()),
-        (false, 2) => Texels::GrayAlpha16(values.map(|[v, _, _, a]| [v, a].map(to_u16)).collect()),
-        (false, 3) => Texels::Rgb16(values.map(|[r, g, b, _]| [r, g, b].map(to_u16)).collect()),
-        (false, _) => Texels::Rgba16(values.map(|t| t.map(to_u16)).collect()),
-    };
-    Image { name: format!("{} ({what})", image.name), width: image.width, height: image.height, texels: texels.into() }
 }
 
 /// A texel as stored, integers scaled to \[0, 1\]; opaque white if the image has fewer texels than its size.
@@ -133,7 +113,7 @@ mod tests {
             (grey(64, 32, |_, y| 1.0 - y as f32 / 64.0), [0.0, -1.0]),
         ] {
             let strength = 50.0;
-            let normals = normals_of_heights(&ramp, None, strength, true);
+            let normals = normals_of_heights(&ramp, strength, true);
             let slope = strength * RELIEF;
             let length = (slope * slope + 1.0_f32).sqrt();
             let n = normal(&normals, 16 * 64 + 30);
@@ -148,10 +128,10 @@ mod tests {
     #[test]
     fn borders_repeat_or_hold() {
         let ramp = grey(8, 1, |x, _| x as f32 / 8.0);
-        let held = normal(&normals_of_heights(&ramp, Some(0), 100.0, true), 0);
-        let repeated = normal(&normals_of_heights(&ramp, Some(0), 100.0, false), 0);
+        let held = normal(&normals_of_heights(&ramp, 100.0, true), 0);
+        let repeated = normal(&normals_of_heights(&ramp, 100.0, false), 0);
         assert!(held[0] < 0.0 && repeated[0] > 0.0, "{held:?} {repeated:?}");
-        let single = normals_of_heights(&grey(1, 1, |_, _| 0.3), None, 1.0, false);
+        let single = normals_of_heights(&grey(1, 1, |_, _| 0.3), 1.0, false);
         assert!(normal(&single, 0)[2] > 0.999);
     }
 
@@ -160,8 +140,7 @@ mod tests {
         assert_eq!(roughness_of_exponent(0.0), 1.0);
         assert!((roughness_of_exponent(6.0).powi(2) - 0.5).abs() < 1e-6);
         assert!(roughness_of_exponent(1e6) < 0.04);
-        let image = roughness_of_exponents(&grey(1, 1, |_, _| 0.5), 0, 12.0);
+        let image = roughness_of_exponents(&grey(1, 1, |_, _| 0.5), 12.0);
         assert_eq!(texel(&image, 0)[0], roughness_of_exponent(6.0));
-        assert_eq!(texel(&adjusted(&image, 0.5, 0.0), 0)[1], 0.5);
     }
 }

@@ -15,31 +15,16 @@ pub(super) struct Map {
     pub clamp: bool,
     /// `-bm`: strength of bumps.
     pub bump: f32,
-    /// `-mm base gain`, as (base, gain).
-    pub adjust: (f32, f32),
-    /// `-imfchan`: r, g, b, m (matte), l (luminance) or z (depth).
-    pub channel: Option<char>,
-    /// `-colorspace`: is the image sRGB (true) or linear (false)?
-    pub srgb: Option<bool>,
 }
 
 /// Reads options and file name, which may contain spaces. Options without effect go to `warn`. `None` without a name.
 pub(super) fn read(data: &str, mut warn: impl FnMut(&str)) -> Option<Map> {
-    let mut map = Map {
-        file: String::new(),
-        offset: [0.0; 2],
-        scale: [1.0; 2],
-        clamp: false,
-        bump: 1.0,
-        adjust: (0.0, 1.0),
-        channel: None,
-        srgb: None,
-    };
+    let mut map = Map { file: String::new(), offset: [0.0; 2], scale: [1.0; 2], clamp: false, bump: 1.0 };
     let mut rest = data.trim();
     loop {
         let (key, after) = keyword(rest);
         let (word, after_word) = keyword(after);
-        let (numbers, after_numbers) = numbers(after, if key == "-mm" { 2 } else { 3 });
+        let (numbers, after_numbers) = numbers(after);
         let number = |i: usize, missing: f32| numbers.get(i).copied().unwrap_or(missing);
         rest = match key {
             "-o" => {
@@ -50,13 +35,9 @@ pub(super) fn read(data: &str, mut warn: impl FnMut(&str)) -> Option<Map> {
                 map.scale = [number(0, 1.0), number(1, 1.0)];
                 after_numbers
             }
-            "-mm" => {
-                map.adjust = (number(0, 0.0), number(1, 1.0));
-                after_numbers
-            }
-            "-t" | "-cc" | "-type" => {
+            "-t" | "-mm" | "-cc" | "-type" | "-imfchan" | "-colorspace" => {
                 warn(&format!("the option `{key}` of a map is ignored"));
-                if key == "-t" { after_numbers } else { after_word }
+                if matches!(key, "-t" | "-mm") { after_numbers } else { after_word }
             }
             "-bm" => {
                 map.bump = number(0, 1.0);
@@ -64,14 +45,6 @@ pub(super) fn read(data: &str, mut warn: impl FnMut(&str)) -> Option<Map> {
             }
             "-clamp" => {
                 map.clamp = word == "on";
-                after_word
-            }
-            "-imfchan" => {
-                map.channel = word.chars().next();
-                after_word
-            }
-            "-colorspace" => {
-                map.srgb = Some(word.eq_ignore_ascii_case("srgb"));
                 after_word
             }
             // Filters and stored resolution have no effect here.
@@ -83,10 +56,10 @@ pub(super) fn read(data: &str, mut warn: impl FnMut(&str)) -> Option<Map> {
     (!map.file.is_empty()).then_some(map)
 }
 
-/// At most `most` numbers at the start of a text, and the text after them. The last ones may be missing.
-fn numbers(mut rest: &str, most: usize) -> (Vec<f32>, &str) {
+/// At most three numbers at the start of a text, and the text after them. The last ones may be missing.
+fn numbers(mut rest: &str) -> (Vec<f32>, &str) {
     let mut numbers = Vec::new();
-    while numbers.len() < most {
+    while numbers.len() < 3 {
         let (word, after) = keyword(rest);
         let Some(number) = word.parse().ok().filter(|v: &f32| v.is_finite()) else { break };
         numbers.push(number);
@@ -111,14 +84,14 @@ mod tests {
             ("my texture 01.png", [2.0, 3.0], [0.5, 0.0], true)
         );
         let map = diffuse_map("-imfchan r -bm 1.5 bumpmap2.jpg");
-        assert_eq!((map.file.as_str(), map.channel, map.bump), ("bumpmap2.jpg", Some('r'), 1.5));
+        assert_eq!((map.file.as_str(), map.bump), ("bumpmap2.jpg", 1.5));
         assert_eq!(diffuse_map("-s 1 1 1 1.png").file, "1.png");
         assert_eq!(diffuse_map("-texres 512x512 a.jpg").file, "a.jpg");
         assert_eq!(diffuse_map("\"quoted name.png\"").file, "quoted name.png");
         assert_eq!(diffuse_map("dash - in -name.png").file, "dash - in -name.png");
         assert_eq!(diffuse_map("tex#1.png").file, "tex#1.png");
         let map = diffuse_map("-mm 0.1 0.3 -colorspace sRGB -blendu off -type sphere a.png");
-        assert_eq!((map.file.as_str(), map.adjust, map.srgb), ("a.png", (0.1, 0.3), Some(true)));
+        assert_eq!(map.file, "a.png");
     }
 
     #[test]

@@ -206,11 +206,9 @@ impl Scan {
 fn tally_unread(line: u32, key: &str, tally: &mut Tally) {
     match key {
         "p" | "l" => tally.add(line, "points and lines have no surface and are left out"),
-        "vp" | "cstype" | "deg" | "bmat" | "step" | "curv" | "curv2" | "surf" | "parm" | "trim" | "hole" | "scrv"
-        | "sp" | "end" | "con" => tally.add(line, "free-form curves and surfaces are not read; export polygons"),
         // Display hints.
         "mg" | "bevel" | "c_interp" | "d_interp" | "lod" | "shadow_obj" | "trace_obj" => {}
-        _ => tally.add(line, "an unknown statement is skipped"),
+        _ => tally.add(line, "an unknown statement is skipped; of free-form surfaces export polygons"),
     }
 }
 

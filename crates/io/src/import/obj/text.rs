@@ -1,4 +1,4 @@
-//! Converts the bytes of an OBJ or MTL file to numbered lines: encodings, continued lines, comments.
+//! Converts the bytes of an OBJ or MTL file to numbered lines: encodings, comments.
 
 /// Decodes a text in UTF-8, with or without a byte order mark, or else in Latin-1, where every byte is a character.
 /// `None` if the bytes are no text in these.
@@ -7,28 +7,7 @@ pub(super) fn decode(bytes: Vec<u8>) -> Option<String> {
         return None;
     }
     let text = String::from_utf8(bytes).unwrap_or_else(|e| e.as_bytes().iter().map(|b| char::from(*b)).collect());
-    let text = text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text);
-    Some(if text.contains("\\\n") || text.contains("\\\r\n") { joined(&text) } else { text })
-}
-
-/// The text with each line joined to the one before that ends in a backslash. Empty lines follow, so that all other
-/// lines keep their numbers. In a comment the backslash has no effect.
-fn joined(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    let mut late = 0;
-    for line in text.split_inclusive('\n') {
-        match line.trim_end().strip_suffix('\\').filter(|_| !line.trim_start().starts_with('#')) {
-            Some(start) => {
-                out.extend([start, " "]);
-                late += 1;
-            }
-            None => {
-                out.push_str(line);
-                (0..std::mem::take(&mut late)).for_each(|_| out.push('\n'));
-            }
-        }
-    }
-    out
+    Some(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
 }
 
 /// Splits a line into its first word and the trimmed rest.
@@ -52,18 +31,6 @@ pub(super) fn first_refused(text: &str, refuses: impl Fn(&str) -> bool) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn continued_lines_are_joined_and_the_others_keep_their_numbers() {
-        for (text, expected) in [
-            ("f 1 \\\n 2\\\r\n 3\nv", "f 1   2  3\n\n\nv"),
-            ("# art \\\nv 1", "# art \\\nv 1"),
-            ("v \\\n", "v  "),
-            ("a\nb\r\n", "a\nb\r\n"),
-        ] {
-            assert_eq!(decode(text.into()).as_deref(), Some(expected), "{text:?}");
-        }
-    }
 
     #[test]
     fn encodings() {

@@ -2,7 +2,6 @@
 
 use super::bake;
 use super::map::Map;
-use crate::images::ImageHeader;
 use crate::import::image_store::{Content, ImageStore};
 use crate::import::warnings::Warnings;
 use crate::input::Role;
@@ -15,9 +14,8 @@ use std::collections::HashMap;
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum Variant {
     AsStored,
-    Adjusted { base: u32, gain: u32 },
-    NormalsOfHeights { channel: Option<u8>, strength: u32, clamp: bool },
-    RoughnessOfExponents { channel: u8, factor: u32 },
+    NormalsOfHeights { strength: u32, clamp: bool },
+    RoughnessOfExponents { factor: u32 },
 }
 
 /// The images of one scene during reading.
@@ -36,24 +34,23 @@ impl<'a> Textures<'a> {
         Self { loader, store, known: HashMap::new(), by_content: HashMap::new() }
     }
 
-    /// A map of colours: sRGB unless `-colorspace` sets another space.
+    /// A map of colours, in sRGB.
     pub(super) fn color(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
-        let image = self.find(map, folder, adjusted(map), warnings)?;
-        Some(self.texture(map, image, map.srgb.unwrap_or(true)))
+        let image = self.find(map, folder, Variant::AsStored, warnings)?;
+        Some(self.texture(map, image, true))
     }
 
-    /// A map of numbers in one channel: that of `-imfchan`, else red.
+    /// A map of numbers, in the red channel.
     pub(super) fn scalar(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
-        let image = self.find(map, folder, adjusted(map), warnings)?;
-        let texture = self.texture(map, image, map.srgb.unwrap_or(false));
-        Some(ChannelTexture { texture, channel: channel(map).unwrap_or(0) })
+        let image = self.find(map, folder, Variant::AsStored, warnings)?;
+        Some(ChannelTexture { texture: self.texture(map, image, false), channel: 0 })
     }
 
-    /// A map of coverage: the channel of `-imfchan`, else alpha if the image has it, else red.
+    /// A map of coverage: alpha if the image has it, else red.
     pub(super) fn coverage(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
         let mut found = self.scalar(map, folder, warnings)?;
         let image = self.store.image(found.texture.image);
-        if map.channel.is_none() && image.is_some_and(bake::has_alpha) {
+        if image.is_some_and(bake::has_alpha) {
             found.channel = 3;
         }
         Some(found)
@@ -67,12 +64,7 @@ impl<'a> Textures<'a> {
 
     /// A normal map from a bump map, and the factor for its x and y.
     pub(super) fn bumps(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<(Texture, f32)> {
-        let gain = if map.adjust.1.is_finite() { map.adjust.1 } else { 1.0 };
-        let variant = Variant::NormalsOfHeights {
-            channel: channel(map),
-            strength: (map.bump * gain).to_bits(),
-            clamp: map.clamp,
-        };
+        let variant = Variant::NormalsOfHeights { strength: map.bump.to_bits(), clamp: map.clamp };
         let image = self.find(map, folder, variant, warnings)?;
         let converted = self.store.image(image).is_some_and(|i| i.name.ends_with("(normals)"));
         // A normal map in place of a bump map: then the strength scales its slopes.
@@ -87,7 +79,7 @@ impl<'a> Textures<'a> {
         factor: f32,
         warnings: &mut Warnings,
     ) -> Option<ChannelTexture> {
-        let variant = Variant::RoughnessOfExponents { channel: channel(map).unwrap_or(0), factor: factor.to_bits() };
+        let variant = Variant::RoughnessOfExponents { factor: factor.to_bits() };
         let image = self.find(map, folder, variant, warnings)?;
         Some(ChannelTexture { texture: self.texture(map, image, false), channel: 0 })
     }
@@ -137,7 +129,7 @@ impl<'a> Textures<'a> {
         made.map_err(|problem| warnings.push(&place, format!("{problem}; the map is left out"))).ok()
     }
 
-    /// Decodes and converts an image, or measures the result.
+    /// Decodes and converts an image.
     fn make(
         &mut self,
         bytes: &[u8],
@@ -147,14 +139,9 @@ impl<'a> Textures<'a> {
         place: &str,
         warnings: &mut Warnings,
     ) -> Result<ImageId, String> {
-        if self.store.measures() {
-            let header = measured(&self.store.header(bytes, &map.file)?, variant);
-            return self.store.add_measured(&header, place);
-        }
         let raw = self.store.decode(bytes, &map.file, place, warnings)?;
         let image = match variant {
             Variant::AsStored => raw,
-            Variant::Adjusted { base, gain } => bake::adjusted(&raw, f32::from_bits(base), f32::from_bits(gain)),
             Variant::NormalsOfHeights { .. } if bake::looks_like_normals(&raw) => {
                 warnings.push(place, "is named as a bump map but holds normals; it is used as a normal map");
                 // The same image as that of a normal map.
@@ -166,47 +153,12 @@ impl<'a> Textures<'a> {
                 self.by_content.insert(as_stored, made.clone());
                 return made;
             }
-            Variant::NormalsOfHeights { channel, strength, clamp } => {
-                bake::normals_of_heights(&raw, channel, f32::from_bits(strength), clamp)
+            Variant::NormalsOfHeights { strength, clamp } => {
+                bake::normals_of_heights(&raw, f32::from_bits(strength), clamp)
             }
-            Variant::RoughnessOfExponents { channel, factor } => {
-                bake::roughness_of_exponents(&raw, channel, f32::from_bits(factor))
-            }
+            Variant::RoughnessOfExponents { factor } => bake::roughness_of_exponents(&raw, f32::from_bits(factor)),
         };
         self.store.add(image, place)
-    }
-}
-
-/// The storage of an image with this header after the conversion; the larger of both cases if only the texels determine
-/// it.
-fn measured(header: &ImageHeader, variant: Variant) -> ImageHeader {
-    let value_bytes = if header.value_bytes == 4 { 4 } else { 2 };
-    match variant {
-        Variant::AsStored => *header,
-        Variant::Adjusted { .. } => ImageHeader { value_bytes, ..*header },
-        Variant::RoughnessOfExponents { .. } => ImageHeader { channels: 1, value_bytes, ..*header },
-        Variant::NormalsOfHeights { .. } => {
-            let normals = ImageHeader { channels: 3, value_bytes: 2, ..*header };
-            if header.bytes() > normals.bytes() { *header } else { normals }
-        }
-    }
-}
-
-fn adjusted(map: &Map) -> Variant {
-    let (base, gain) = map.adjust;
-    if (base, gain) == (0.0, 1.0) {
-        return Variant::AsStored;
-    }
-    Variant::Adjusted { base: base.to_bits(), gain: gain.to_bits() }
-}
-
-fn channel(map: &Map) -> Option<u8> {
-    match map.channel? {
-        'r' => Some(0),
-        'g' => Some(1),
-        'b' => Some(2),
-        'm' => Some(3),
-        _ => None,
     }
 }
 

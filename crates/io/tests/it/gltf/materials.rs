@@ -273,36 +273,6 @@ fn lights_become_radiometric() {
 }
 
 #[test]
-fn ies_profiles_are_read_from_data_and_shared() {
-    let text = "IES:LM-63-2019%0ATILT=NONE%0A1 -1 1 2 1 1 2 0 0 0%0A1 1 1%0A0 90%0A0%0A683 683%0A";
-    let node = |light: usize, more: Value| {
-        let mut reference = json!({"light": light});
-        reference.as_object_mut().expect("object").extend(more.as_object().cloned().unwrap_or_default());
-        json!({"name": "lamp", "extensions": {"EXT_lights_ies": reference}})
-    };
-    let nodes = json!([
-        node(0, json!({})),
-        node(0, json!({"multiplier": 2, "color": [1, 0.5, 0]})),
-        node(1, json!({})),
-        node(0, json!({"multiplier": -1})),
-        node(9, json!({}))
-    ]);
-    let profiles = json!([{"uri": format!("data:application/x-ies-lm-63,{text}"), "name": "down"}, {"uri": "data:,x"}]);
-    let imported = Asset::new(json!({"nodes": nodes, "extensionsRequired": ["EXT_lights_ies"],
-        "extensions": {"EXT_lights_ies": {"lights": profiles}}}))
-    .load()
-    .expect("loads");
-    let scene = &imported.scene;
-    assert_eq!((scene.profiles.len(), scene.profiles[0].name(), scene.profiles[0].peak()), (1, "down", 1.0));
-    let kinds: Vec<_> = scene.lights.iter().map(|l| l.kind).collect();
-    let scaled = |scale| PunctualKind::Profile { profile: 0, scale };
-    assert_eq!(kinds, [scaled(Rgb::WHITE), scaled(Rgb::new(2.0, 1.0, 0.0))]);
-    for word in ["TILT=", "negative", "does not exist"] {
-        assert!(warns(&imported, &[word]), "{word}: {:?}", imported.warnings);
-    }
-}
-
-#[test]
 fn cameras_of_both_kinds() {
     let cameras = json!([
         {"type": "perspective", "name": "lens", "perspective": {"yfov": 0.7, "aspectRatio": 1.5, "znear": 0.1}},

@@ -67,7 +67,7 @@ fn transforms_keep_the_digits_of_f64() {
 }
 
 #[test]
-fn json_that_the_crate_refuses_is_refused_with_its_line() {
+fn json_that_the_crate_refuses_is_refused_with_its_place() {
     for (list, value) in [
         ("nodes", json!([{"mesh": 0, "camera": "x"}])),
         ("nodes", json!([{"mesh": 0.0}])),
@@ -81,12 +81,12 @@ fn json_that_the_crate_refuses_is_refused_with_its_line() {
         let mut a = square();
         a.json[list] = value;
         let e = a.load().expect_err(list);
-        assert!(e.place.starts_with("JSON, line ") && e.help.contains("export") && e.caret().contains('^'), "{e}");
+        assert!(e.place.starts_with("JSON, ") && e.help.contains("export"), "{e}");
     }
 }
 
 #[test]
-fn faults_of_type_have_their_line_also_in_untyped_extensions() {
+fn faults_of_type_have_their_place_also_in_untyped_extensions() {
     let text =
         |material: &str| format!("{{\"asset\": {{\"version\": \"2.0\"}},\n \"materials\": [{{}},\n  {{{material}}}]}}");
     for (material, word) in [
@@ -96,8 +96,8 @@ fn faults_of_type_have_their_line_also_in_untyped_extensions() {
         ("\"extensions\": {\"KHR_materials_ior\": 7}", "expected an object"),
     ] {
         let e = load_bytes(text(material).as_bytes(), "a.gltf", &ImportOptions::default()).expect_err("a fault");
-        assert!(e.place.starts_with("JSON, line 3, column ") && e.problem.contains(word), "{e}");
-        assert!(e.help.contains("export") && e.caret().starts_with("  |\n3 | "), "{}", e.caret());
+        assert!(e.place.starts_with("JSON, materials[1].") && e.problem.contains(word), "{e}");
+        assert!(e.help.contains("export"), "{e}");
     }
 }
 
@@ -110,20 +110,6 @@ fn a_glb_with_other_chunks_is_refused() {
     glb[8..12].copy_from_slice(&length);
     let e = load_bytes(&glb, "a.glb", &ImportOptions::default()).expect_err("another chunk");
     assert!(e.place == "GLB chunks" && e.help.contains("damaged"), "{e}");
-}
-
-#[test]
-fn a_refusal_names_what_the_crate_finds() {
-    let mut a = square();
-    a.json["accessors"][0]["bufferView"] = 17.into();
-    a.json["accessors"][1]["bufferView"] = 18.into();
-    let e = a.load().expect_err("nothing is left");
-    assert!(e.help.contains("accessors[0].bufferView: index out of bounds"), "{e}");
-    // The crate's validation of this primitive would panic.
-    a.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = 55.into();
-    a.json["accessors"] = json!([]);
-    let e = a.load().expect_err("nothing is left");
-    assert!(e.help.contains("meshes[0].primitives[0].attributes[\"POSITION\"]: index out of bounds"), "{e}");
 }
 
 #[test]
