@@ -1,6 +1,6 @@
 //! Checks of a study beside its scene: what would have no effect is an error, or a warning where it is harmless.
 
-use crate::distribution::{Fault, Template};
+use crate::distribution::Fault;
 use crate::ids::Ids;
 use crate::label_entry::LabelEntry;
 use crate::names::ObjectNames;
@@ -12,17 +12,22 @@ use std::collections::BTreeSet;
 /// Checks the parts of a study against each other, and against the scene of image 0.
 ///
 /// # Errors
-/// An object in two entries, a camera that does not exist, and files of labels that the images cannot have.
+/// An object in two entries, and labels that the images cannot have.
 pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>, ids: &Ids) -> Result<(), Error> {
     check_labels(study, names)?;
-    check_cameras(study, project)?;
     let labels = &study.labels;
+    let is_line_scan = matches!(project.scene.shutter(), Some(Shutter::Lines(_)));
+    let pointed = study.label.iter().position(|entry| !entry.keypoints.is_empty());
+    if let Some(number) = pointed.filter(|_| is_line_scan) {
+        let fault = Fault::new("the rows of a line scan are of different times", "remove `keypoints`");
+        return Err(study.error(fault, &["study", "label", &number.to_string(), "keypoints"]).into());
+    }
     // Rows of categories without key points, as those of defects, are filled with zeros.
     let counts: BTreeSet<usize> = ids.categories.iter().map(|c| c.keypoints.len()).filter(|count| *count > 0).collect();
     for (key, is_wrong, problem, help) in [
         (
             "bop",
-            labels.bop && matches!(project.scene.shutter(), Some(Shutter::Lines(_))),
+            labels.bop && is_line_scan,
             "BOP has a camera matrix for each image, and a line scan has none: its rows are of different times",
             "write `bop = false`; `labels/*.json` has the poses in the middle of the exposure of the middle row",
         ),
@@ -68,13 +73,6 @@ fn check_labels(study: &Study, names: &ObjectNames<'_>) -> Result<(), Error> {
         }
     }
     Ok(())
-}
-
-/// The cameras that any image may have, if the scene is the same in all of them.
-fn check_cameras(study: &Study, project: &Project) -> Result<(), Error> {
-    let choice = study.camera_choice().filter(|_| study.has_one_scene());
-    let names = choice.map(Template::texts).unwrap_or_default();
-    names.iter().try_for_each(|name| Ok(study.check_camera(name, project, "")?))
 }
 
 /// Settings of a study that have no effect and do no harm, in sentences.

@@ -8,7 +8,7 @@ use crate::outline::outline;
 use crate::pinhole::Pinhole;
 use crate::pose::Pose;
 use crate::record::InstanceRecord;
-use crate::rle::{Rle, runs_of_labels};
+use crate::rle::runs_of_labels;
 use crate::study::{ImageSettings, LabelSettings, LinearFormat, PictureFormat, Segmentation};
 use dunkelfeld::outputs::encode_picture;
 use dunkelfeld::{Error, Frame, Picture};
@@ -139,8 +139,8 @@ pub(crate) fn annotations(
         return Vec::new();
     }
     let mask = &planes.instances;
-    let (width, height) = (mask.width(), mask.height());
-    let runs: BTreeMap<u16, Rle> = runs_of_labels(mask.data(), width, height).unwrap_or_default();
+    let width = mask.width();
+    let runs = runs_of_labels(mask);
     (instances.iter())
         .filter_map(|record| {
             let rle = runs.get(&record.id)?;
@@ -185,7 +185,7 @@ pub(crate) fn yolo(
         let points = points.iter().find(|points| points.instance == record.id);
         let points = points.iter().flat_map(|points| &points.points).map(|point| (point.x, point.y, point.v));
         let points = points.chain(std::iter::repeat((0.0, 0.0, 0))).take(count);
-        let line = crate::yolo::line(class, record.bbox.map(f64::from), width, height)?;
+        let line = crate::yolo::line(class, record.bbox, width, height);
         Some(line + &crate::yolo::keypoints(points, width, height))
     });
     lines.map(|line| line.trim_end().to_owned() + "\n").collect()

@@ -38,8 +38,6 @@ pub(crate) struct Ids {
     labels: Vec<(LabelEntry, u16)>,
     /// The id of the category of each entry of `[[study.defect]]`.
     defects: Vec<u16>,
-    /// The number of the entry of `[[study.label]]` of each object that is known before the first image.
-    known: BTreeMap<String, usize>,
 }
 
 /// The label of an object in one image.
@@ -75,9 +73,6 @@ impl Ids {
                 known.skeleton.clone_from(&entry.skeleton);
             }
             names.check(entry.objects.patterns().to_vec()).map_err(|fault| (i, fault.below("objects")))?;
-            for name in names.listed().iter().filter(|name| entry.objects.match_name(name)) {
-                ids.known.entry(name.clone()).or_insert(i);
-            }
             ids.labels.push((entry.clone(), category));
         }
         ids.defects = defects.iter().map(|entry| ids.category(&entry.category, true)).collect();
@@ -109,8 +104,7 @@ impl Ids {
 
     /// The entry of `[[study.label]]` of an object that is no defect.
     fn entry_of(&self, name: &str) -> Option<usize> {
-        let search = || self.labels.iter().position(|(entry, _)| entry.objects.match_name(name));
-        self.known.get(name).copied().or_else(search)
+        self.labels.iter().position(|(entry, _)| entry.objects.match_name(name))
     }
 
     /// The key points of an object that is no defect.

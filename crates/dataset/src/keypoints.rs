@@ -1,9 +1,9 @@
 //! Key points in an image: their places on the film, and whether they are visible through clear covers.
 
 use crate::label_entry::KeyPoint;
-use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
+use dunkelfeld_geometry::{DAffine3, DVec3};
 use dunkelfeld_integrator::{Passage, crossings};
-use dunkelfeld_scene::{LineScan, RayGenerator, Scene, Shutter};
+use dunkelfeld_scene::{RayGenerator, Scene};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
@@ -57,9 +57,8 @@ pub(crate) struct FilmPoint {
 pub(crate) struct PointObject {
     /// Index of the object in the scene.
     pub(crate) index: u32,
-    /// From the frame of the key points to the world at time 0.
+    /// From the frame of the key points to the world, in the middle of the exposure.
     pub(crate) to_world: DAffine3,
-    pub(crate) motion: RigidMotion,
     /// Diagonal of the bounds of the object \[m\].
     pub(crate) diagonal: f64,
 }
@@ -68,7 +67,6 @@ pub(crate) struct PointObject {
 ///
 /// A point is where the camera images it, with the errors of the lens. Behind clear surfaces that is where the bent ray of
 /// the camera meets it, as for the pixels of labels. A hidden point is where it would be without the surfaces that scatter.
-/// A point of a line scan is in the row whose line is exposed when the point passes it.
 pub(crate) fn film_points(
     scene: &Scene,
     rays: &RayGenerator,
@@ -120,7 +118,7 @@ impl Film<'_> {
         let (mut offset, mut place, mut sight) = (DVec3::ZERO, straight, Sight { ..first });
         for _ in 0..STEPS {
             let Some(nearest) = sight.nearest else { break };
-            let miss = self.at(local, self.time(place)) - nearest;
+            let miss = self.at(local) - nearest;
             let seen = self.place(local, -miss)?;
             if (seen[0] - straight[0]).hypot(seen[1] - straight[1]) < FOUND {
                 return Some((place, !sight.is_hidden));
@@ -138,49 +136,22 @@ impl Film<'_> {
 
     /// The place of a point, moved by an offset in the world, without clear surfaces.
     fn place(&self, local: DVec3, offset: DVec3) -> Option<[f64; 2]> {
-        let at = |time: f64| self.rays.project(self.scene.world_origin() + self.at(local, time) + offset);
-        let Some(Shutter::Lines(lines)) = self.scene.shutter() else { return at(0.0) };
-        /// Places along the rows between which the line can pass the point once.
-        const PARTS: u32 = 64;
-        let below = |y: f64| at(line_time(lines, y)).map(|place| place[1] - line_middle(lines));
-        let rows = f64::from(lines.rows);
-        let ends = (0..=PARTS).map(|i| rows * f64::from(i) / f64::from(PARTS));
-        let known: Vec<(f64, f64)> = ends.filter_map(|y| Some((y, below(y)?))).collect();
-        let pair = known.windows(2).find(|pair| (pair[0].1 <= 0.0) != (pair[1].1 <= 0.0))?;
-        let (mut low, mut high) = (pair[0].0, pair[1].0);
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if (below(middle)? <= 0.0) == (pair[0].1 <= 0.0) {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        Some([at(line_time(lines, low))?[0], low])
+        self.rays.project(self.scene.world_origin() + self.at(local) + offset)
     }
 
-    /// A point of the object at a time \[m\], render space.
-    fn at(&self, local: DVec3, time: f64) -> DVec3 {
-        let world = self.object.to_world.transform_point3(local);
-        let moved =
-            if self.object.motion.is_static() { world } else { self.object.motion.at(time).transform_point3(world) };
-        moved - self.scene.world_origin()
+    /// A point of the object \[m\], render space.
+    fn at(&self, local: DVec3) -> DVec3 {
+        self.object.to_world.transform_point3(local) - self.scene.world_origin()
     }
 
     fn pixel(&self, place: [f64; 2]) -> [u32; 2] {
         [0, 1].map(|k| (place[k].max(0.0) as u32).min(self.size[k].saturating_sub(1)))
     }
 
-    /// The time of the row of a place.
-    fn time(&self, place: [f64; 2]) -> f64 {
-        let row = self.pixel(place)[1];
-        self.scene.shutter().map_or(0.0, |shutter| f64::from(shutter.middle(row).time))
-    }
-
     /// The ray of a place of the film, up to a point of the object.
     fn sight(&self, place: [f64; 2], local: DVec3) -> Sight {
         let pixel = self.pixel(place);
-        let point = self.at(local, self.time(place));
+        let point = self.at(local);
         let Self { scene, rays, object, .. } = *self;
         let rounding = ROUNDING * point.abs().max_element().max(object.diagonal);
         let mut sight = Sight { nearest: None, is_hidden: false, is_bent: false };
@@ -217,16 +188,6 @@ impl Film<'_> {
         }
         sight
     }
-}
-
-/// The time at which the line of a line scan exposes the place `y` of the film: whole numbers are edges of rows.
-fn line_time(lines: &LineScan, y: f64) -> f64 {
-    lines.period * (y - 0.5 * f64::from(lines.rows))
-}
-
-/// The film coordinate of the middle of the line.
-fn line_middle(lines: &LineScan) -> f64 {
-    lines.line * f64::from(lines.rows)
 }
 
 #[cfg(test)]

@@ -24,11 +24,11 @@ use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{
     Budget, Cancel, DenoiseMethod, Error, Project, ProjectOptions, ProjectResult, SensorChoice, Session, Silent, Stage,
 };
-use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion};
+use dunkelfeld_geometry::{DAffine3, DVec3};
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_scene::{Camera, Instance, RayGenerator, SceneBuilder};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Component, Path};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 use toml::Value;
@@ -56,11 +56,10 @@ pub struct Made {
 }
 
 impl Made {
-    /// Are the files those of the record, with names inside the folder of a set? A copy from another process may be damaged.
+    /// Are the files those of the record? A copy from another process may be damaged.
     pub fn is_whole(&self) -> bool {
-        let is_inside = |name: &str| Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
         let is_same = |(name, content): &(String, Vec<u8>)| {
-            is_inside(name) && self.record.files.get(name).is_some_and(|record| *record == FileRecord::of(content))
+            self.record.files.get(name).is_some_and(|record| *record == FileRecord::of(content))
         };
         self.files.len() == self.record.files.len() && self.files.iter().all(is_same)
     }
@@ -84,8 +83,8 @@ struct SceneParts {
     boxes: Vec<[DVec3; 2]>,
     /// The bounds of each labelled object in the world.
     labelled: Vec<[DVec3; 2]>,
-    /// The transform of each object to the world and its motion, by its index.
-    poses: Vec<(DAffine3, RigidMotion)>,
+    /// The transform of each object to the world, by its index.
+    poses: Vec<DAffine3>,
     /// The hash of the shape of each object, by its index; 0 without a label. Empty if no file has models.
     shapes: Vec<u64>,
     /// The diagonal of the bounds of each object with key points, by its index.
@@ -101,7 +100,7 @@ impl SceneParts {
         for (i, object) in scene.instances.iter().enumerate() {
             let label = labels.get(i).copied().flatten();
             let (bounds, is_defect) = (scene.bounds_of(object), is_defect(&object.name));
-            parts.poses.push((object.to_world, object.motion));
+            parts.poses.push(object.to_world);
             parts.boxes.extend(bounds.filter(|_| is_defect));
             parts.labelled.extend(bounds.filter(|_| label.is_some()));
             if has_models {
@@ -272,7 +271,7 @@ impl Worker {
         });
         changed.map_err(|e| in_study(study, e, index))?;
         if let Some(name) = &job.camera {
-            study.check_camera(name, &self.project, &format!("image {index}: "))?;
+            study.check_camera(name, &self.project, index)?;
         }
         self.project.settings.camera.clone_from(&job.camera);
         Ok(parts)
@@ -401,13 +400,12 @@ impl Worker {
             let (Some(Some(label)), Some(name)) = (objects.get(index), scene.object_names().get(index)) else {
                 continue;
             };
-            let Some(&(to_world, motion)) = parts.poses.get(index).filter(|_| !found.contains_key(&label.instance))
-            else {
+            let Some(&to_world) = parts.poses.get(index).filter(|_| !found.contains_key(&label.instance)) else {
                 continue;
             };
             // Key points have true lengths, and vertices those of their file.
             let to_world = to_world * DAffine3::from_scale(self.project.imported_scale_of(name).recip());
-            let object = PointObject { index: index as u32, to_world, motion, diagonal };
+            let object = PointObject { index: index as u32, to_world, diagonal };
             let points = film_points(scene, rays, size, &object, self.ids.keypoints(name));
             found.insert(label.instance, InstancePoints { instance: label.instance, name: name.clone(), points });
         }
@@ -416,7 +414,7 @@ impl Worker {
 
     /// The place of a defect in the world and in the frame of its object.
     fn place(&self, placed: &PlacedDefect, parts: &SceneParts) -> PlaceRecord {
-        let object = parts.poses.get(placed.host).and_then(|(to_world, _)| {
+        let object = parts.poses.get(placed.host).and_then(|to_world| {
             let to_world = *to_world * DAffine3::from_scale(self.project.imported_scale_of(&placed.on).recip());
             let position = to_world.inverse().transform_point3(placed.at);
             position.is_finite().then(|| position.to_array())

@@ -3,7 +3,7 @@
 use crate::ids::ObjectLabel;
 use crate::pinhole::{rows, world_to_camera};
 use crate::record::InstanceRecord;
-use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, RigidMotion};
+use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh};
 use serde::{Deserialize, Serialize};
 use std::hash::Hasher;
 use twox_hash::XxHash3_64;
@@ -32,13 +32,13 @@ pub(crate) struct Pose {
 /// gets its matrix instead. `objects`, `labels` and `shapes` are by the index of the object; `shapes` may be empty.
 pub(crate) fn poses(
     camera: DAffine3,
-    objects: &[(DAffine3, RigidMotion)],
+    objects: &[DAffine3],
     labels: &[Option<ObjectLabel>],
     shapes: &[u64],
     instances: &mut [InstanceRecord],
 ) -> Vec<Pose> {
     let mut poses = Vec::new();
-    for (i, ((to_world, _), label)) in objects.iter().zip(labels).enumerate() {
+    for (i, (to_world, label)) in objects.iter().zip(labels).enumerate() {
         let record = label.and_then(|label| instances.iter_mut().find(|record| record.id == label.instance));
         let Some(record) = record.filter(|record| record.defect.is_none()) else { continue };
         let to_camera = world_to_camera(camera) * *to_world;

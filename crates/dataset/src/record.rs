@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use twox_hash::XxHash3_128;
 
 /// Version of the format of a set.
-pub(crate) const FORMAT: u32 = 4;
+pub(crate) const FORMAT: u32 = 5;
 
 /// The record of an image. It is a function of the study and the index: it contains no times and names no machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -6,31 +6,21 @@ use toml_edit::{DocumentMut, Item, value};
 
 /// The text of the study for the folder of a set, which exists. The first line names the original. The text has the `name`
 /// of the study, which is part of the key of all draws. If the images need other files (`has_files`), it has the `folder`
-/// that their paths refer to, relative to the set. Without such a path the text is a copy, and the first line says so.
+/// that their paths refer to, relative to the set; without such a path the first line says so.
 pub(crate) fn resolved_study(study: &Study, set: &Path, has_files: bool) -> String {
     let original = study.path().file_name().unwrap_or_default().to_string_lossy().replace(['\n', '\r'], " ");
     let folder = if has_files { way(set, study.folder()) } else { None };
-    let copy = || {
-        let line = format!(
-            "# A copy of {original}. Its paths are relative to the folder of that study: write it as `folder`."
-        );
-        format!("{line}\n{}", study.text())
-    };
-    if has_files && folder.is_none() {
-        return copy();
-    }
-    let Ok(mut text) = study.text().parse::<DocumentMut>() else { return copy() };
-    let Some(table) = text.get_mut("study").and_then(Item::as_table_like_mut) else { return copy() };
-    if table.get("name").is_none() {
-        table.insert("name", value(study.name.as_str()));
-    }
-    match folder {
-        None => format!("# The study of {original}.\n{text}"),
-        Some(folder) => {
+    let mut text: DocumentMut = study.text().parse().unwrap_or_default();
+    if let Some(table) = text.get_mut("study").and_then(Item::as_table_like_mut) {
+        if table.get("name").is_none() {
+            table.insert("name", value(study.name.as_str()));
+        }
+        if let Some(folder) = &folder {
             table.insert("folder", value(folder));
-            format!("# The study of {original}, for this folder: `folder` leads to its files.\n{text}")
         }
     }
+    let place = if has_files && folder.is_none() { "; its paths are relative to the folder of that study" } else { "" };
+    format!("# The study of {original}{place}.\n{text}")
 }
 
 /// The relative path from a folder to another one, with slashes; both exist. `None` if they have no more than the root in
@@ -42,12 +32,6 @@ fn way(from: &Path, to: &Path) -> Option<String> {
         let names = path.components().filter(|part| matches!(part, Component::Normal(_)));
         names.map(|part| part.as_os_str().to_str().map(str::to_owned)).collect()
     };
-    let prefix = |path: &Path| {
-        path.components().find(|part| matches!(part, Component::Prefix(_))).map(|p| p.as_os_str().to_owned())
-    };
-    if prefix(&from) != prefix(&to) {
-        return None;
-    }
     let (from, to) = (names(&from)?, names(&to)?);
     let common = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
     if common == 0 {

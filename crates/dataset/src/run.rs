@@ -6,8 +6,7 @@ use crate::set::Set;
 use crate::study::Study;
 use derive_setters::Setters;
 use dunkelfeld::{Cancel, Error};
-use dunkelfeld_report::words::shortened;
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -134,7 +133,7 @@ pub fn run(
     if finished + unmade.len() as u64 >= set.count() && !interrupted {
         set.assemble()?;
     }
-    state.seen.findings().iter().filter(|_| !interrupted).for_each(|finding| progress.warning(finding));
+    state.seen.finding().iter().filter(|_| !interrupted).for_each(|finding| progress.warning(finding));
     let open = missing.iter().filter(|index| done.binary_search(index).is_err()).count();
     let seconds = began.elapsed().as_secs_f64();
     let is_missed = |limit: &f64| seconds > limit + (0.02 * limit).max(0.2) && !interrupted;
@@ -304,37 +303,22 @@ struct Seen {
     /// Shares of the pixels with matched noise, and of those that are saturated.
     matched: Vec<f64>,
     saturated: Vec<f64>,
-    /// Names of visible objects without a pose.
-    unposed: BTreeSet<String>,
 }
 
 impl Seen {
     fn add(&mut self, record: &Record) {
         self.matched.extend(record.matched);
         self.saturated.extend(record.certificate.map(|certificate| certificate.saturated));
-        let unposed = record.instances.iter().filter(|instance| instance.matrix.is_some());
-        self.unposed.extend(unposed.map(|instance| instance.name.clone()));
     }
 
-    /// What a user of the set should know, in sentences.
-    fn findings(&self) -> Vec<String> {
-        let mut findings = Vec::new();
-        if let Some(share) = mean(&self.saturated).filter(|share| *share > MOST_SATURATED) {
-            findings.push(format!(
-                "{:.0} % of the pixels of these images are saturated, and show no contrast; help: use a shorter exposure \
-                 or less light",
-                100.0 * share
-            ));
-        }
-        if !self.unposed.is_empty() {
-            let names: Vec<String> = self.unposed.iter().map(|name| format!("{name:?}")).collect();
-            findings.push(format!(
-                "{}: no pose in `poses` and `scene_gt.json`, since the matrix mirrors, shears, is flat or has too few \
-                 decimals; `matrix` in the records has it",
-                shortened(&names.join(", "), 400)
-            ));
-        }
-        findings
+    /// What a user of the set should know, in a sentence.
+    fn finding(&self) -> Option<String> {
+        let share = mean(&self.saturated).filter(|share| *share > MOST_SATURATED)?;
+        Some(format!(
+            "{:.0} % of the pixels of these images are saturated, and show no contrast; help: use a shorter exposure or less \
+             light",
+            100.0 * share
+        ))
     }
 }
 

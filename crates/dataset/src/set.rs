@@ -152,7 +152,7 @@ impl Set {
             return Err(self.refusal(problem, "name another folder for the changed study"));
         }
         if let Some(change) = changed_input(&before.inputs, &now.inputs) {
-            let problem = format!("holds images that were made from {change}");
+            let problem = format!("holds images that were made from another \"{change}\", or without it");
             return Err(self.refusal(problem, "restore the file, or name another folder for the new images"));
         }
         self.manifest.count = now.count.max(before.count);
@@ -263,7 +263,14 @@ impl Set {
     /// # Errors
     /// A record that is missing or broken.
     pub fn record(&self, index: u64) -> Result<Record, Error> {
-        self.parsed(&record_name(index))
+        let name = record_name(index);
+        let record: Record = self.parsed(&name)?;
+        if record.index == index {
+            return Ok(record);
+        }
+        let problem = format!("is that of image {}", record.index);
+        Err(InputError::new(self.path.join(name), "the record", problem, "delete the file, and make the image again")
+            .into())
     }
 
     /// A file of the set as JSON.

@@ -3,7 +3,7 @@
 use dunkelfeld::{Error, InputError};
 use dunkelfeld_io::lock::TargetLock;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::time::Duration;
 
 /// Creates the folder of a set, and waits for another process that starts the same set, which takes milliseconds.
@@ -27,8 +27,12 @@ pub(crate) fn enter(path: &Path) -> Result<TargetLock, Error> {
 /// The path of a file in the folder of a set. The folder itself may be a link.
 ///
 /// # Errors
-/// The file, or a folder in between, is a symbolic link: it may lead to any place. Nothing is read or written there.
+/// The name leads out of the folder, or the file or a folder in between is a symbolic link, which may lead to any place.
+/// Nothing is read or written there.
 pub(crate) fn own_path(folder: &Path, name: &str) -> Result<PathBuf, InputError> {
+    if !Path::new(name).components().all(|part| matches!(part, Component::Normal(_))) || name.contains('\\') {
+        return Err(InputError::new(name, "the name", "leads out of the set", "make the image again"));
+    }
     let mut path = folder.to_path_buf();
     for part in Path::new(name) {
         path.push(part);

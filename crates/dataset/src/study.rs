@@ -347,16 +347,9 @@ impl Study {
                 camera.draw(draws, "camera", &mut named, &mut |n, v| drop(drawn.insert(n.to_owned(), v.clone())));
             chosen.and_then(|name| name.as_str().map(str::to_owned).ok_or_else(no_camera_name))
         });
-        let mut selected = selected.transpose().map_err(|e| self.error(e, &["study", "camera"]))?;
+        let selected = selected.transpose().map_err(|e| self.error(e, &["study", "camera"]))?;
         let mut table = self.base.clone();
         if let Value::Table(mut own) = value {
-            // A name selects one of the cameras of the job, and does not replace them.
-            if let (Some(Value::String(name)), Some(Value::Array(_) | Value::Table(_))) =
-                (own.get("camera"), table.get("camera"))
-            {
-                selected.get_or_insert(name.clone());
-                own.remove("camera");
-            }
             if let (Some(cameras), Some(Value::Array(list))) = (own.get("camera"), table.get_mut("camera")) {
                 let is_list = cameras.is_array();
                 let changes = match cameras {
@@ -397,13 +390,14 @@ impl Study {
         Ok(DrawnJob { text, drawn, seed, frame, camera: selected })
     }
 
-    /// Is there a camera of a name? `image` is the begin of the message.
-    pub(crate) fn check_camera(&self, name: &str, project: &Project, image: &str) -> Result<(), InputError> {
+    /// # Errors
+    /// There is no camera of a name for an image.
+    pub(crate) fn check_camera(&self, name: &str, project: &Project, index: u64) -> Result<(), InputError> {
         let names: Vec<&str> = project.scene.cameras().iter().map(|camera| camera.name.as_str()).collect();
         if names.contains(&name) {
             return Ok(());
         }
-        let problem = format!("{image}there is no camera \"{name}\"");
+        let problem = format!("image {index}: there is no camera \"{name}\"");
         let key: &[&str] = if self.camera.is_some() { &["study", "camera"] } else { &["camera"] };
         Err(self.error(Fault::new(problem, format!("the cameras are {}", names.join(", "))), key))
     }
@@ -415,21 +409,6 @@ impl Study {
     /// The named draws of an image, computed when they are needed.
     pub(crate) fn named(&self, draws: Draws) -> NamedDraws<'_> {
         NamedDraws::new(&self.draw, draws)
-    }
-
-    /// The value that selects the camera of an image, if it may be a name.
-    pub(crate) fn camera_choice(&self) -> Option<&Template> {
-        let of_job = || match &self.template {
-            Template::Table(keys) => keys.get("camera"),
-            _ => None,
-        };
-        self.camera.as_ref().or_else(of_job)
-    }
-
-    /// Have all images the scene and the cameras of the job?
-    pub(crate) fn has_one_scene(&self) -> bool {
-        let Template::Table(keys) = &self.template else { return true };
-        ["scene", "import"].iter().all(|key| matches!(keys.get(*key), None | Some(Template::Fixed(_))))
     }
 
     /// May the images have different devices?

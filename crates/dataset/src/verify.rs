@@ -1,12 +1,13 @@
 //! The check of a finished set: files, hashes, labels against masks, and the files of the whole set against the images.
 
-use crate::coco::Segmentation;
+use crate::coco::{CompressedRle, Segmentation};
 use crate::encode::ImageLabels;
 use crate::inputs::hash_of;
 use crate::record::{FileRecord, Record};
+use crate::rle::runs_of_labels;
 use crate::set::{MISSING, REPORT, Set, cost_name, read_bytes, record_name};
 use crate::set_folder::{FOLDERS, own_path};
-use dunkelfeld::{Error, InputError};
+use dunkelfeld::Error;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::gray::read_gray;
 use dunkelfeld_io::loader::Limits;
@@ -52,7 +53,8 @@ impl Verified {
 /// Checks a set: the study by its hash, the record of each image, the size and the hash of each file, the masks against the
 /// records and the annotations, and the files of the whole set byte by byte against those that the finished images give, if
 /// this version of the program made the set. A file that belongs to no image is a fault in the folders of images, such as
-/// `images/`. `report.html` contains times and must only exist. An unfinished set may have no files of the whole set.
+/// `images/`. `report.html` contains times and must only exist.
+/// The files of the whole set are compared if all images are finished.
 ///
 /// # Errors
 /// A folder without a set.
@@ -66,7 +68,6 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
         let rest = "the files of the whole set are not compared; help: use that version";
         found.fault(format!("{} {problem}; {rest}", folder.display()));
     }
-    let mut annotations = 0;
     let mut known = KnownFiles::default();
     for index in 0..set.count() {
         progress(index, set.count());
@@ -76,29 +77,21 @@ pub fn verify(folder: &Path, progress: &dyn Fn(u64, u64)) -> Result<Verified, Er
         }
         known.names.extend([record_name(index), cost_name(index)]);
         found.finished += 1;
-        match set.record(index) {
-            Ok(record) if record.index == index => {
-                known.names.extend(record.files.keys().cloned());
-                set.foreign(&record).into_iter().for_each(|problem| found.fault(problem));
-                annotations += check_image(&set, &record, &mut found);
-            }
-            Ok(record) => {
-                known.open.insert(index);
-                found.fault(format!("record {index} is that of image {}", record.index));
-            }
-            Err(e) => {
-                known.open.insert(index);
-                found.fault(e.in_one_line());
-            }
+        let checked = set.record(index).and_then(|record| {
+            known.names.extend(record.files.keys().cloned());
+            check_image(&set, &record, &mut found)
+        });
+        if let Err(e) = checked {
+            known.open.insert(index);
+            found.fault(e.in_one_line());
         }
     }
     progress(set.count(), set.count());
-    found.annotations = annotations;
     known
         .foreign(set.path())
         .into_iter()
         .for_each(|name| found.fault(format!("{name} belongs to no image of the set")));
-    if other.is_none() {
+    if other.is_none() && found.finished == found.count {
         check_whole(&set, &mut found);
     }
     Ok(found)
@@ -131,22 +124,15 @@ impl KnownFiles {
     }
 }
 
-/// Compares the files of the whole set with those that the finished images give.
+/// Compares the files of the whole set with those that the images give.
 fn check_whole(set: &Set, found: &mut Verified) {
-    let is_there = |name: &str| own_path(set.path(), name).is_ok_and(|path| path.exists());
-    let is_finished = found.finished == found.count;
-    if is_finished && set.has_file(REPORT) && !is_there(REPORT) {
-        found.fault(format!("{REPORT} does not exist"));
-    }
-    if !is_finished && !set.manifest().files.iter().any(|name| is_there(name)) {
-        return;
+    if set.has_file(REPORT) && !set.path().join(REPORT).exists() {
+        found.fault(format!("{REPORT} {MISSING}"));
     }
     let compared = set.each_file(&mut |name, content| {
-        if is_finished || is_there(name) {
-            found.files += 1;
-            if let Some(problem) = difference(set.path(), name, &content) {
-                found.fault(format!("{name} {problem}"));
-            }
+        found.files += 1;
+        if let Some(problem) = difference(set.path(), name, &content) {
+            found.fault(format!("{name} {problem}"));
         }
         Ok(())
     });
@@ -165,50 +151,34 @@ fn difference(set: &Path, name: &str, content: &[u8]) -> Option<String> {
     }
 }
 
-/// Checks an image; gives the number of its annotations.
-fn check_image(set: &Set, record: &Record, found: &mut Verified) -> u64 {
+/// Checks an image.
+///
+/// # Errors
+/// Labels and a mask that cannot be read.
+fn check_image(set: &Set, record: &Record, found: &mut Verified) -> Result<(), Error> {
+    set.foreign(record).into_iter().for_each(|problem| found.fault(problem));
     let mut is_mask_whole = true;
     for (name, expected) in &record.files {
         found.files += 1;
-        let is_safe = !name.contains("..") && !name.starts_with('/') && !name.contains('\\');
-        let content = if is_safe {
-            read_bytes(set.path(), name)
-        } else {
-            Err(InputError::new(name, "the record", "leads out of the set", "make the image again"))
+        let fault = match read_bytes(set.path(), name) {
+            Err(e) => e.problem,
+            Ok(bytes) if FileRecord::of(&bytes) == *expected => continue,
+            Ok(_) => "differs from its hash".into(),
         };
-        let fault = match content {
-            Err(e) => Some(format!("{name} {}", e.problem)),
-            Ok(bytes) => (FileRecord::of(&bytes) != *expected).then(|| format!("{name} differs from its hash")),
-        };
-        if let Some(fault) = fault {
-            is_mask_whole &= !name.starts_with("masks/");
-            found.fault(fault);
-        }
+        is_mask_whole &= !name.starts_with("masks/");
+        found.fault(format!("{name} {fault}"));
     }
     let cost = cost_name(record.index);
-    match own_path(set.path(), &cost) {
-        Ok(path) if path.is_file() => {}
-        Ok(_) => found.fault(format!("{cost} {MISSING}")),
-        Err(e) => found.fault(format!("{cost} {}", e.problem)),
+    if let Err(e) = read_bytes(set.path(), &cost) {
+        found.fault(format!("{cost} {}", e.problem));
     }
-    let labels: Result<ImageLabels, Error> = set.parsed(&format!("labels/{:06}.json", record.index));
-    let labels = match labels {
-        Ok(labels) => labels,
-        Err(e) => {
-            found.fault(e.in_one_line());
-            return 0;
-        }
-    };
+    let labels: ImageLabels = set.parsed(&format!("labels/{:06}.json", record.index))?;
     let mask = format!("masks/{:06}.png", record.index);
     if record.files.contains_key(&mask) && is_mask_whole {
-        match read_gray(&set.path().join(&mask), &Limits::default()) {
-            Ok(frame) => {
-                check_mask(record, &labels, &mask, &frame.values, found);
-            }
-            Err(e) => found.fault(format!("{mask} {}", e.problem)),
-        }
+        check_mask(record, &labels, &mask, &read_gray(&set.path().join(&mask), &Limits::default())?.values, found);
     }
-    labels.annotations.len() as u64
+    found.annotations += labels.annotations.len() as u64;
+    Ok(())
 }
 
 fn check_mask(record: &Record, labels: &ImageLabels, name: &str, plane: &Plane<u16>, found: &mut Verified) {
@@ -224,15 +194,11 @@ fn check_mask(record: &Record, labels: &ImageLabels, name: &str, plane: &Plane<u
     for (id, area) in areas {
         found.fault(format!("{name} has {area} pixels of the instance {id}, which the record does not have"));
     }
+    let runs = runs_of_labels(plane);
     for annotation in &labels.annotations {
-        let Segmentation::Rle(runs) = &annotation.segmentation else { continue };
-        // A mask is decoded only if it has the size of the image: an annotation may state any size.
-        let is_whole = runs.size == [plane.height(), plane.width()];
-        let decoded = is_whole.then(|| runs.mask()).flatten().map(|rle| rle.decode());
-        let is_same = decoded.is_some_and(|inside| {
-            inside.iter().zip(pixels).all(|(inside, id)| *inside == (u64::from(*id) == annotation.instance))
-        });
-        if !is_same {
+        let Segmentation::Rle(found_runs) = &annotation.segmentation else { continue };
+        let own = u16::try_from(annotation.instance).ok().and_then(|id| runs.get(&id));
+        if own.is_none_or(|own| CompressedRle::from(own) != *found_runs) {
             found.fault(format!("{name} differs from the annotation of \"{}\"", annotation.name));
         }
     }

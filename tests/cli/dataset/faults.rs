@@ -22,10 +22,8 @@ fn message(bench: &Bench, line: &str, code: i32) -> String {
     String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
 }
 
-const SCRATCH: &str = "[[study.defect]]\nkind = \"scratch\"";
-
 #[test]
-fn a_run_that_fails_leaves_the_set_of_another_one() {
+fn a_set_in_use_takes_no_other_study() {
     let size = "size = [{ sequence = [\"20mm\", \"90mm\"], repeat = 2 }, 0, \"90mm\"]";
     let bench = Bench::new(&changed(&[("size = [\"90mm\", 0, \"90mm\"]", size)]));
     let study = Arc::new(Study::open(bench.path("study.toml")).expect("a study"));
@@ -34,16 +32,16 @@ fn a_run_that_fails_leaves_the_set_of_another_one() {
     assert!(message(&bench, failing, 2).contains("finds no place") && !bench.path("a").exists());
     let set = worker.open_set(&bench.path("a"), Some(4)).expect("a set");
     let claim = set.claim(2).expect("a folder").expect("a claim");
+    fs::write(bench.path("other.toml"), changed(&[("seed = 3", "seed = 4")])).expect("writable");
+    let refused = message(&bench, "dataset other.toml -o a --count 1", 2);
+    assert!(refused.contains("holds a set of another study"), "{refused}");
     let image = worker.make(2, None, &Cancel::new()).expect("an image").expect("whole");
     set.commit(claim, image).expect("written");
-    drop(set);
     assert!(bench.path("a/records/000002.json").is_file());
-    // A set in use takes no other study.
-    let held = worker.open_set(&bench.path("b"), Some(4)).expect("a set");
-    fs::write(bench.path("other.toml"), changed(&[("seed = 3", "seed = 4")])).expect("writable");
-    assert!(message(&bench, "dataset other.toml -o b --count 1", 2).contains("in use for another study"));
-    drop(held);
+    // Without an image and a process that makes one it may be another set.
+    worker.open_set(&bench.path("b"), Some(4)).expect("a set");
     bench.run("dataset other.toml -o b --count 1");
+    bench.run("dataset --verify b");
 }
 
 #[test]
@@ -84,24 +82,6 @@ fn a_sensor_with_the_name_of_the_study_is_an_input() {
 }
 
 #[test]
-fn the_first_camera_that_is_enabled_may_be_telecentric() {
-    let (before, rest) = STUDY.split_once("[camera]").expect("a camera");
-    let (_, after) = rest.split_once("[film]").expect("a film");
-    let camera = |name: &str, rest: &str| {
-        format!("[[camera]]\nname = \"{name}\"\nposition = [0, \"300mm\", \"1mm\"]\nlook_at = [0, 0, 0]\n{rest}\n")
-    };
-    let (own, parallel) =
-        ("vertical_fov = \"25deg\"", "lens = { projection = \"telecentric\", field_height = \"100mm\" }");
-    for (off, on, is_named) in [(parallel, own, false), (own, parallel, true)] {
-        let cameras = camera("a", &format!("{off}\nenabled = false")) + &camera("b", on);
-        let bench = Bench::new(&format!("{before}{cameras}[film]{after}").replace("width = 64", "width = 16"));
-        let warned = message(&bench, "dataset study.toml -o a --count 1", 0);
-        assert_eq!(warned.contains("no entry for images of \"b\""), is_named, "{warned}");
-        assert_eq!(warned.contains("telecentric"), is_named, "{warned}");
-    }
-}
-
-#[test]
 fn each_name_of_a_list_is_that_of_an_object() {
     let bench = Bench::new("");
     for (from, to, words) in [
@@ -126,25 +106,15 @@ fn each_name_of_a_list_is_that_of_an_object() {
 }
 
 #[test]
-fn a_missing_file_of_costs_and_files_of_a_killed_run() {
+fn a_missing_file_of_costs_is_found_and_an_empty_set_may_shrink() {
     let bench = Bench::new(&changed(&[]));
     bench.run("dataset study.toml -o a --count 2");
     fs::remove_file(bench.path("a/costs/000001.json")).expect("there");
     assert!(message(&bench, "dataset --verify a", 1).contains("costs/000001.json does not exist"));
-    // A run that is killed between the files and the record of its first image, and a study that is corrected.
-    bench.run("dataset study.toml -o b --count 6 --index 5");
-    fs::remove_file(bench.path("b/records/000005.json")).expect("there");
-    fs::write(bench.path("b/notes.txt"), "of the user").expect("writable");
-    let jpeg = changed(&[("linear = \"tiff\"\nraw = true", "picture = \"jpeg\""), ("normals = true\n", "")]);
-    fs::write(bench.path("study.toml"), jpeg).expect("writable");
-    bench.run("dataset study.toml -o b --count 6");
-    bench.run("dataset --verify b");
-    assert!(bench.path("b/notes.txt").is_file() && !bench.path("b/images/000005.png").exists());
-    // A set that was empty may shrink.
     bench.run("dataset study.toml -o c --count 6 --index 5");
     fs::remove_file(bench.path("c/records/000005.json")).expect("there");
     bench.run("dataset study.toml -o c --count 1");
-    bench.run("dataset --verify c");
+    assert_eq!(bench.json("c/set.json")["count"], 1);
 }
 
 #[test]
@@ -163,7 +133,6 @@ fn constants_of_defects_are_checked_before_the_first_image() {
     };
     for (from, to, key) in [
         ("width = \"2mm\"", "width = \"-2mm\"", "width"),
-        ("depth = \"100um\"", "depth = \"3mm\"", "depth"),
         ("depth = \"100um\"", "depth = \"100um\"\nroughness = 1.9", "roughness"),
         ("depth = \"100um\"", "depth = \"100um\"\ncolor = [0, 2, 0]", "color"),
         ("facing = [0, 1, 0]", "facing = [0, 0, 0]", "facing"),
@@ -177,13 +146,6 @@ fn constants_of_defects_are_checked_before_the_first_image() {
     fs::write(bench.path("study.toml"), at("{ sequence = [0, 1] }", "width = \"2mm\"", "width = \"20mm\""))
         .expect("writable");
     bench.run("dataset study.toml -o a --count 1");
-    // The name of an entry may be that which another one gets.
-    let dust = "[[study.defect]]\nkind = \"dust\"\non = \"plate\"\nlength = \"2mm\"\n";
-    let twice = format!("{dust}{}{dust}", dust.replace("kind", "name = \"dust #3\"\nkind"));
-    let text = changed(&[(SCRATCH, &format!("{twice}{SCRATCH}"))]);
-    fs::write(bench.path("study.toml"), text).expect("writable");
-    let refused = message(&bench, "dataset study.toml -o b --count 1", 2);
-    assert!(refused.contains("the name of this entry is \"dust #3\", as that of entry 2"), "{refused}");
 }
 
 #[test]

@@ -23,11 +23,8 @@ pub(super) fn change(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &mut P
         return Err(Fault::new(problem, "name an object with triangles").below("on"));
     };
     let mut angle = None;
-    let is_clear = {
-        let parts = &scene.instances[index].meshes;
-        let of = |part: &usize| scene.meshes.get(*part).and_then(|m| scene.materials.get(m.material));
-        parts.iter().all(|part| of(part).is_some_and(material::is_clear))
-    };
+    let parts = &scene.instances[index].meshes;
+    let is_clear = parts.iter().all(|part| material::of(scene, *part).is_some_and(material::is_clear));
     match &spec.defect {
         Defect::Faded(Faded { strength }) => fade(scene, index, &spec.name, strength.map_or(1.0, |s| s.0))?,
         Defect::Shifted(Shifted { length, angle: given }) => {
@@ -83,7 +80,7 @@ fn largest_side(scene: &SceneBuilder, instance: &Instance) -> Option<(DVec3, [DV
 
 fn fade(scene: &mut SceneBuilder, index: usize, name: &str, strength: f64) -> Result<(), Fault> {
     let instance = &scene.instances[index];
-    let of = |part: &usize| scene.meshes.get(*part).and_then(|m| scene.materials.get(m.material));
+    let of = |part: &usize| material::of(scene, *part);
     if instance.meshes.iter().filter_map(of).any(|m| material::clear_volume(m).is_some()) {
         let problem = format!("the object \"{}\" is a clear solid, which cannot fade", instance.name);
         return Err(Fault::new(problem, "name a print, a label or an opaque object").below("on"));
@@ -106,7 +103,7 @@ fn fade(scene: &mut SceneBuilder, index: usize, name: &str, strength: f64) -> Re
 fn with_materials(scene: &mut SceneBuilder, index: usize, change: impl Fn(&Material) -> Material) {
     for k in 0..scene.instances[index].meshes.len() {
         let part = scene.instances[index].meshes[k];
-        let Some(old) = scene.meshes.get(part).and_then(|m| scene.materials.get(m.material)) else { continue };
+        let Some(old) = material::of(scene, part) else { continue };
         let new = change(old);
         let new = scene.add_material(new);
         own_part(scene, index, part).material = new;

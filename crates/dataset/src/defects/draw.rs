@@ -2,13 +2,9 @@
 
 use dunkelfeld_geometry::{DMat3, DQuat, DVec3};
 use dunkelfeld_sampling::Pcg;
-use rand_core::Rng;
 use std::f64::consts::TAU;
 
-/// A uniform number in `[0, 1)` with 53 random bits.
-pub(super) fn uniform(stream: &mut Pcg) -> f64 {
-    (stream.next_u64() >> 11) as f64 * (0.5 * f64::EPSILON)
-}
+pub(super) use crate::draws::uniform;
 
 /// A uniform number in `[low, high)`.
 pub(super) fn between(stream: &mut Pcg, low: f64, high: f64) -> f64 {

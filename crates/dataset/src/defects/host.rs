@@ -1,7 +1,7 @@
 //! The surfaces of the candidates, and uniform points on them.
 
 use super::draw;
-use super::material::{emits, is_absent};
+use super::material::{self, emits, is_absent};
 use super::spec::DefectSpec;
 use super::surface::{corners_of, oriented_area};
 use crate::distribution::Fault;
@@ -98,16 +98,14 @@ impl AreaTable {
 /// True if a part of an object is present: with strength 1 a faded object is as absent as a missing one.
 pub(crate) fn has_surface(scene: &SceneBuilder, index: usize) -> bool {
     let Some(instance) = scene.instances.get(index) else { return false };
-    let materials = instance.meshes.iter().filter_map(|part| scene.materials.get(scene.meshes.get(*part)?.material));
-    materials.into_iter().any(|material| !is_absent(material))
+    instance.meshes.iter().filter_map(|part| material::of(scene, *part)).any(|material| !is_absent(material))
 }
 
 /// # Errors
 /// If a candidate emits light.
 pub(super) fn refuse_emitters(scene: &SceneBuilder, on: &[usize]) -> Result<(), Fault> {
     for instance in on.iter().filter_map(|i| scene.instances.get(*i)) {
-        let material = |part: &usize| scene.materials.get(scene.meshes.get(*part)?.material);
-        if instance.meshes.iter().filter_map(material).any(emits) {
+        if instance.meshes.iter().filter_map(|part| material::of(scene, *part)).any(emits) {
             let problem = format!("the object \"{}\" emits light", instance.name);
             return Err(Fault::new(problem, "name only objects that emit no light").below("on"));
         }

@@ -2,12 +2,17 @@
 
 use super::spec::Finish;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{AlphaMode, Material, Surface, Volume};
+use dunkelfeld_scene::{AlphaMode, Material, SceneBuilder, Surface, Volume};
 
 /// Roughness of the walls of a scratch.
 pub(super) const SCRATCH_ROUGHNESS: f32 = 0.3;
 /// A material is smooth below this roughness, as in `dunkelfeld-scene`.
 const SMOOTH_ROUGHNESS: f32 = 0.01;
+
+/// The material of a part.
+pub(super) fn of(scene: &SceneBuilder, part: usize) -> Option<&Material> {
+    scene.materials.get(scene.meshes.get(part)?.material)
+}
 
 /// True if a material emits light.
 pub(super) fn emits(m: &Material) -> bool {

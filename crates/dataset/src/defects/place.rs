@@ -2,7 +2,7 @@
 
 use super::change::own_part;
 use super::host::{Anchor, AreaTable};
-use super::material::{clear_volume, is_absent};
+use super::material::{self, clear_volume, is_absent};
 use super::site::{Made, Site, extent_of, insert, rounding};
 use super::spec::{Defect, DefectSpec, Dent, Dust, Fibre, PlacedDefect, Scratch, Stain};
 use super::surface::LocalSurface;
@@ -85,10 +85,7 @@ fn attempt(scene: &SceneBuilder, spec: &DefectSpec, anchor: &Anchor, rounding: f
     };
     let safe = (SAFE_STEPS * rounding).min(SAFE_OF_SIZE * size);
     let lift = LIFT.min(LIFT_OF_SIZE * size).max(safe).max(LEAST_STEPS * rounding);
-    let is_present = |part: &&usize| {
-        let material = scene.meshes.get(**part).and_then(|m| scene.materials.get(m.material));
-        material.is_some_and(|m| !is_absent(m))
-    };
+    let is_present = |part: &&usize| material::of(scene, **part).is_some_and(|m| !is_absent(m));
     let parts: Vec<usize> = instance.meshes.iter().filter(is_present).copied().collect();
     let surface = LocalSurface::collect(scene, instance, &parts, anchor.point, radius);
     let foot = surface.project(DVec3::ZERO, anchor.normal, lift)?;

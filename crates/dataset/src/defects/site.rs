@@ -36,8 +36,7 @@ impl Site<'_> {
         let (scene, at) = (self.scene, self.anchor.point);
         let is_near = |i: &Instance| scene.bounds_of(i).is_some_and(|[a, b]| distance_to_box(at, a, b) <= reach);
         let blocks = |instance: &Instance, part: &usize| {
-            let material = scene.meshes.get(*part).and_then(|m| scene.materials.get(m.material));
-            let Some(material) = material.filter(|m| !material::is_absent(m)) else { return false };
+            let Some(material) = material::of(scene, *part).filter(|m| !material::is_absent(m)) else { return false };
             let above = if material::clear_volume(material).is_some() { 0.0 } else { above };
             let surface = LocalSurface::collect(scene, instance, &[*part], at, reach);
             let ends = |(i, f): (usize, &SurfaceHit)| [f.point + f.normal * above, f.point - f.normal * below(i)];

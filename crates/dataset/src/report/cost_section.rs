@@ -1,4 +1,4 @@
-//! The noise and the cost of a set: certificates, matched exposures, times by stage, and bytes by folder.
+//! The noise and the cost of a set: certificates, matched exposures, and times by stage.
 
 use super::summary::Summary;
 use super::table::table;
@@ -9,7 +9,7 @@ use dunkelfeld_report::chart::Chart;
 use dunkelfeld_report::chart::bars::{self, Bar};
 use dunkelfeld_report::chart::counts::{Fill, histogram};
 use dunkelfeld_report::page::charts;
-use dunkelfeld_report::words::{bytes, duration, rounded, shortened};
+use dunkelfeld_report::words::{duration, rounded};
 use maud::{Markup, html};
 
 /// The stages of an image in the order of their work.
@@ -53,20 +53,8 @@ pub(crate) fn noise_section(set: &SetView<'_>) -> Markup {
     }
 }
 
-/// The section of times and bytes. Empty without both.
+/// The section of times. Empty without costs.
 pub(crate) fn cost_section(set: &SetView<'_>) -> Markup {
-    html! {
-        @if !set.costs.is_empty() || !set.bytes.is_empty() {
-            section {
-                h2 { "Cost" }
-                (times(set))
-                (sizes(set))
-            }
-        }
-    }
-}
-
-fn times(set: &SetView<'_>) -> Markup {
     let of = |part: fn(&Cost) -> f64| Summary::of(set.costs.iter().map(part));
     let stages = STAGES.map(|(words, part)| (words, of(part)));
     let bar = Bar { name: "mean".into(), parts: stages.iter().map(|(_, s)| s.mean.max(0.0)).collect() };
@@ -79,28 +67,15 @@ fn times(set: &SetView<'_>) -> Markup {
     let headings = [("stage", ""), ("mean", "s"), ("median", "s"), ("95 %", "s"), ("images", "")];
     html! {
         @if let Some(seconds) = image_seconds(set) {
+            section {
+            h2 { "Cost" }
             p { "An image needs " (duration(seconds)) " on average. One process renders "
                 (rounded(3600.0 / seconds)) " images per hour." }
             figure.wide {
                 (bars::draw("times", "Mean time of an image by stage", "time [s]", &stages.map(|(words, _)| words), &[bar]))
             }
             (table("times", &headings, rows))
-        }
-    }
-}
-
-fn sizes(set: &SetView<'_>) -> Markup {
-    let done = set.finished.len().max(1) as f64;
-    let rows = html! {
-        @for (folder, [files, total]) in &set.bytes {
-            tr {
-                td.name { (shortened(folder, 80)) "/" }
-                td.n { (files) }
-                td.n { (bytes(*total as f64 / done)) }
-                td.n { (bytes(*total as f64)) }
             }
         }
-    };
-    let headings = [("folder", ""), ("files", ""), ("per image", ""), ("total", "")];
-    html! { @if !set.bytes.is_empty() { (table("bytes", &headings, rows)) } }
+    }
 }

@@ -15,7 +15,7 @@ use maud::{Markup, html};
 const LEVELS: [f64; 3] = [1.0, 3.0, 5.0];
 /// Maximum number of histograms of categories.
 const CHARTS: usize = 24;
-/// Number of bins of the contrast-to-noise ratio and of the visible share.
+/// Number of bins of the contrast-to-noise ratio.
 const BINS: usize = 20;
 /// The lowest contrast-to-noise ratio of a histogram. Lower ones are counted as unseen.
 const LOWEST: f64 = 0.01;
@@ -56,13 +56,6 @@ fn share_above<'a>(instances: impl Iterator<Item = &'a Instance>, level: f64) ->
 pub(crate) fn label_section(set: &SetView<'_>) -> Markup {
     let rows = rows(set);
     let cnr = cnr_charts(&rows);
-    let visible: Vec<Chart> = [("Defects", true, 1), ("Objects", false, 0)]
-        .into_iter()
-        .filter_map(|(name, is_defect, color)| {
-            let these = rows.iter().filter(|r| r.is_defect == is_defect).flat_map(|r| &r.labels.instances);
-            visible_chart(name, color, these)
-        })
-        .collect();
     let unseen = rows.iter().filter(|r| r.is_defect).flat_map(|r| &r.labels.instances);
     let unseen = unseen.filter(|i| f64::from(i.cnr) < LOWEST).count() as u64;
     html! {
@@ -84,11 +77,6 @@ pub(crate) fn label_section(set: &SetView<'_>) -> Markup {
                 @if unseen > 0 {
                     p.faint { "Not drawn: " (counted(unseen, "defect")) " with a CNR below " (LOWEST) "." }
                 }
-            }
-            @if !visible.is_empty() {
-                h3 { "Visible share of each instance" }
-                p.faint { "The share of the pixels of an instance that no other object hides." }
-                (charts(&visible))
             }
         }
     }
@@ -155,20 +143,12 @@ fn cnr_charts(rows: &[Row<'_>]) -> Vec<Chart> {
     all.iter().take(CHARTS).map(chart).collect()
 }
 
-fn visible_chart<'a>(name: &str, color: usize, instances: impl Iterator<Item = &'a Instance>) -> Option<Chart> {
-    let shares = instances.filter(|i| i.amodal > 0.0).map(|i| f64::from(i.visible / i.amodal).clamp(0.0, 1.0));
-    let shares: Vec<f64> = shares.collect();
-    let bins = Bins::within(&shares, 0.0, 1.0, BINS, false);
-    let heading = format!("{name}, {}", counted(shares.len() as u64, "instance"));
-    (!shares.is_empty()).then(|| histogram(&heading, "visible share", "instances", Fill::Series(color), &bins, &[]))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn instance(cnr: f32) -> Instance {
-        Instance { visible: 10.0, amodal: 20.0, contrast: 1.0, cnr, size: f32::NAN }
+        Instance { visible: 10.0, contrast: 1.0, cnr, size: f32::NAN }
     }
 
     #[test]
@@ -185,8 +165,6 @@ mod tests {
         let charts = cnr_charts(&[row(true), row(false)]);
         assert_eq!(charts.len(), 1);
         assert!(charts[0].title.contains("3 instances"), "{}", charts[0].title);
-        assert!(visible_chart("x", 0, [instance(1.0)].iter()).is_some_and(|c| c.title.contains("1 instance")));
-        assert!(visible_chart("x", 0, [].iter()).is_none());
     }
 
     #[test]

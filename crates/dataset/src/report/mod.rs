@@ -3,8 +3,6 @@
 mod cost_section;
 mod draw_section;
 mod draws;
-#[cfg(test)]
-mod fake;
 mod label_section;
 mod overlay;
 mod page;

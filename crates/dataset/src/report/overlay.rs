@@ -106,7 +106,7 @@ pub(crate) fn pen(position: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::fake;
+    use crate::report::tests as fake;
     use dunkelfeld_io::picture::Picture;
     use dunkelfeld_io::png::png_bytes;
     use std::fs;

@@ -78,9 +78,9 @@ fn figures(set: &SetView<'_>) -> Vec<(String, String)> {
         };
         tiles.push((duration(seconds), format!("per image \u{b7} {more}")));
     }
-    let total: u64 = set.bytes.values().map(|b| b[1]).fold(0, u64::saturating_add);
-    if total > 0 && done > 0 {
-        tiles.push((bytes(total as f64), format!("in files \u{b7} {} per image", bytes(total as f64 / done as f64))));
+    let total = set.bytes as f64;
+    if total > 0.0 && done > 0 {
+        tiles.push((bytes(total), format!("in files \u{b7} {} per image", bytes(total / done as f64))));
     }
     tiles
 }

@@ -11,7 +11,6 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Instance {
     pub(crate) visible: f32,
-    pub(crate) amodal: f32,
     /// Magnitude of the contrast [DN], and of the contrast-to-noise ratio.
     pub(crate) contrast: f32,
     pub(crate) cnr: f32,
@@ -44,8 +43,8 @@ pub(crate) struct SetView<'a> {
     pub(crate) matched: Vec<f64>,
     /// Shares of saturated pixels.
     pub(crate) saturated: Vec<f64>,
-    /// Number of files and bytes by folder.
-    pub(crate) bytes: BTreeMap<String, [u64; 2]>,
+    /// Bytes of all files.
+    pub(crate) bytes: u64,
     /// Times of the images that have them.
     pub(crate) costs: Vec<Cost>,
 }
@@ -64,7 +63,7 @@ impl<'a> SetView<'a> {
             ks: BTreeSet::new(),
             matched: Vec::new(),
             saturated: Vec::new(),
-            bytes: BTreeMap::new(),
+            bytes: 0,
             costs: Vec::new(),
         };
         for index in view.finished.clone() {
@@ -100,11 +99,7 @@ impl<'a> SetView<'a> {
             self.ks.insert(certificate.k.to_string());
         }
         self.matched.extend(record.matched);
-        for (name, file) in &record.files {
-            let folder = name.split_once('/').map_or("", |(folder, _)| folder);
-            let sums = self.bytes.entry(folder.into()).or_default();
-            *sums = [sums[0] + 1, sums[1].saturating_add(file.bytes)];
-        }
+        self.bytes += record.files.values().map(|file| file.bytes).sum::<u64>();
         let mut seen = BTreeSet::new();
         for instance in &record.instances {
             let Some(position) = self.position(instance.category) else { continue };
@@ -120,7 +115,6 @@ impl Instance {
         let number = |v: Option<f64>| v.map_or(f32::NAN, |v| v as f32);
         Self {
             visible: label.visible as f32,
-            amodal: label.amodal as f32,
             contrast: number(label.contrast).abs(),
             // A label without visible pixels has no contrast.
             cnr: if label.visible > 0.0 { number(label.cnr).abs() } else { 0.0 },
