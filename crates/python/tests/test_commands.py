@@ -209,7 +209,7 @@ BAD: list[tuple[dict[str, Any], type[BaseException], str]] = [
     ({"vignetting": "cos3"}, df.SettingError, "cos4"),
     ({"denoise": "loud"}, df.SettingError, "builtin"),
     ({"denoise": "oidn", "oidn": "none.so"}, df.SettingError, "none.so"),
-    ({"exposure_noise": "matched", "sensor": "none"}, df.SettingError, "sensor"),
+    ({"exposure_noise": "matched", "sensor": "none"}, df.InputError, "sensor"),
     ({"memory": 1000}, df.OutOfMemoryError, "memory"),
     ({"memory": "much"}, df.SettingError, "6GB"),
     ({"checkpoint_every": 1.0}, df.SettingError, "checkpoint"),

@@ -1,6 +1,5 @@
 """`docs/library.md` names objects that the package has."""
 
-import inspect
 import re
 from pathlib import Path
 
@@ -21,15 +20,3 @@ def test_the_names_of_the_tasks_exist() -> None:
         value: object = df
         for part in name.split("."):
             value = getattr(value, part)
-
-
-def test_settings_are_keywords_of_render() -> None:
-    settings = [re.findall(r"`([^`]+)`", row[0])[0] for row in rows("Settings")]
-    keywords = inspect.signature(df.Scene.render).parameters.keys()
-    assert set(settings) | {"progress"} == set(keywords) - {"self"}
-
-
-def test_settings_of_an_exposure_are_keywords() -> None:
-    expected = {"sensor", "exposure", "seed", "frame", "exposure_noise"}
-    assert set(inspect.signature(df.Film.expose).parameters) - {"self"} == expected | {"frames"}
-    assert set(inspect.signature(df.Film.picture).parameters) - {"self"} == expected

@@ -30,6 +30,7 @@ from ._job import (
     Object,
     ObjectKeys,
 )
+from ._keys import FilmKeys, ImageKeys, RenderKeys, StudyKeys
 from ._native import (
     NO_ID,
     DunkelfeldError,
@@ -79,6 +80,8 @@ __all__ = [
     "EmvaDataset",
     "ExposedFiles",
     "Film",
+    "FilmKeys",
+    "ImageKeys",
     "InputError",
     "Interrupted",
     "LensKeys",
@@ -91,6 +94,7 @@ __all__ = [
     "ObjectKeys",
     "OutOfMemoryError",
     "OutputError",
+    "RenderKeys",
     "RenderStep",
     "RenderSteps",
     "Scene",
@@ -99,6 +103,7 @@ __all__ = [
     "SensorError",
     "SettingError",
     "Study",
+    "StudyKeys",
     "TracedConnection",
     "TracedSample",
     "TracedScattering",
