@@ -124,51 +124,12 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
                 return Err(error("the release is missing".into(), "write `v RELEASE`, as in `v 4.0`"));
             }
             "v" => descriptor.version = Some(rest.trim().to_owned()),
-            "n" => {
-                let numbers: Vec<u32> = words.iter().filter_map(|w| w.parse().ok()).collect();
-                let (&[bits, width, height], 3) = (numbers.as_slice(), words.len()) else {
-                    return Err(error(
-                        "this is no format of frames".into(),
-                        "write `n BITS WIDTH HEIGHT`, as in `n 12 640 480`",
-                    ));
-                };
-                if !(1..=16).contains(&bits) || width == 0 || height == 0 {
-                    return Err(error(
-                        "the format is out of range".into(),
-                        "write 1 to 16 bits, and a size of at least one pixel",
-                    ));
-                }
-                if descriptor.format.is_some() {
-                    return Err(error("the format is given twice".into(), "keep one line `n BITS WIDTH HEIGHT`"));
-                }
-                descriptor.format = Some(FrameFormat { bits, width, height });
+            "n" if descriptor.format.is_some() => {
+                return Err(error("the format is given twice".into(), "keep one line `n BITS WIDTH HEIGHT`"));
             }
+            "n" => descriptor.format = Some(format_of(&words).map_err(|(problem, help)| error(problem, help))?),
             "b" | "d" => {
-                let expected = if key == "b" { 2 } else { 1 };
-                // Some systems write decimals with a comma.
-                let number = |w: &&str| w.replace(',', ".").parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
-                let numbers: Vec<f64> = words.iter().filter_map(number).collect();
-                if numbers.len() != expected || words.len() != expected {
-                    let help = if key == "b" {
-                        "write `b EXPOSURE_NS PHOTONS`, as in `b 2000000 1250.5`"
-                    } else {
-                        "write `d EXPOSURE_NS`, as in `d 2000000`"
-                    };
-                    return Err(error("this is no block of frames".into(), help));
-                }
-                let (exposure_ns, photons) = (numbers[0], numbers.get(1).copied().unwrap_or(0.0));
-                if photons != 0.0 && !PHOTONS.contains(&photons) {
-                    return Err(error(
-                        format!("{photons:e} photons per pixel are out of range"),
-                        "write 0 or 1e-6 to 1e12 photons, the mean number that a pixel receives in the exposure time",
-                    ));
-                }
-                if exposure_ns > MAX_NS {
-                    return Err(error(
-                        format!("an exposure time of {exposure_ns:e} ns is out of range"),
-                        "write the time in nanoseconds, 1e18 at most",
-                    ));
-                }
+                let (exposure_ns, photons) = block_of(key, &words).map_err(|(problem, help)| error(problem, help))?;
                 descriptor.blocks.push(FrameBlock { exposure_ns, photons, frames: Vec::new(), line: index + 1 });
             }
             "i" => {
@@ -200,10 +161,53 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
             )),
         }
     }
+    check_blocks(path, &descriptor.blocks)?;
+    Ok((descriptor, warnings))
+}
+
+/// The format of frames of a line `n BITS WIDTH HEIGHT`, or the problem and the help.
+fn format_of(words: &[&str]) -> Result<FrameFormat, (String, &'static str)> {
+    let numbers: Vec<u32> = words.iter().filter_map(|w| w.parse().ok()).collect();
+    let (&[bits, width, height], 3) = (numbers.as_slice(), words.len()) else {
+        return Err(("this is no format of frames".into(), "write `n BITS WIDTH HEIGHT`, as in `n 12 640 480`"));
+    };
+    if !(1..=16).contains(&bits) || width == 0 || height == 0 {
+        return Err(("the format is out of range".into(), "write 1 to 16 bits, and a size of at least one pixel"));
+    }
+    Ok(FrameFormat { bits, width, height })
+}
+
+/// Exposure time \[ns\] and photons per pixel of a line `b` or `d`, or the problem and the help.
+fn block_of(key: &str, words: &[&str]) -> Result<(f64, f64), (String, &'static str)> {
+    let expected = if key == "b" { 2 } else { 1 };
+    // Some systems write decimals with a comma.
+    let number = |w: &&str| w.replace(',', ".").parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
+    let numbers: Vec<f64> = words.iter().filter_map(number).collect();
+    if numbers.len() != expected || words.len() != expected {
+        let help = match key {
+            "b" => "write `b EXPOSURE_NS PHOTONS`, as in `b 2000000 1250.5`",
+            _ => "write `d EXPOSURE_NS`, as in `d 2000000`",
+        };
+        return Err(("this is no block of frames".into(), help));
+    }
+    let (exposure_ns, photons) = (numbers[0], numbers.get(1).copied().unwrap_or(0.0));
+    if photons != 0.0 && !PHOTONS.contains(&photons) {
+        let help = "write 0 or 1e-6 to 1e12 photons, the mean number that a pixel receives in the exposure time";
+        return Err((format!("{photons:e} photons per pixel are out of range"), help));
+    }
+    if exposure_ns > MAX_NS {
+        let help = "write the time in nanoseconds, 1e18 at most";
+        return Err((format!("an exposure time of {exposure_ns:e} ns is out of range"), help));
+    }
+    Ok((exposure_ns, photons))
+}
+
+/// Blocks have frames, and none is there twice.
+fn check_blocks(path: &Path, blocks: &[FrameBlock]) -> Result<(), InputError> {
     let fail =
         |line: usize, problem: String, help: &str| Err(InputError::new(path, format!("line {line}"), problem, help));
     let mut seen: Vec<(f64, f64, bool, usize)> = Vec::new();
-    for block in &descriptor.blocks {
+    for block in blocks {
         if block.frames.len() < 2 {
             let problem = format!("the block has {} frame(s)", block.frames.len());
             return fail(block.line, problem, "list two frames for a level, 16 or more for a stack");
@@ -215,10 +219,10 @@ fn parse(path: &Path, text: &str) -> Result<(EmvaDescriptor, Vec<String>), Input
         }
         seen.push((key.0, key.1, key.2, block.line));
     }
-    if descriptor.blocks.is_empty() {
+    if blocks.is_empty() {
         return fail(1, "there are no frames in it".into(), "see the format of descriptors in docs/emva.md");
     }
-    Ok((descriptor, warnings))
+    Ok(())
 }
 
 #[cfg(test)]

@@ -81,23 +81,7 @@ impl SceneBuilder {
         let compiled = self.compiled_materials(&geometry);
         let solids = geometry.solids(&self.materials, &compiled, &closed);
         geometry.check_density(&solids.list, &closed).map_err(|(part, problem)| self.too_dense(part, problem))?;
-        let (mut lights, mesh_lights) = geometry.area_lights(&self.materials, &compiled, &self.images);
-        lights.extend(self.lights.iter().map(|light| DeltaLight::light(light, &to_render)));
-        let environment = self.environment.as_ref().map(|e| EnvironmentLight::new(e, &self.images));
-        let lights = LightTable::new(
-            lights,
-            mesh_lights,
-            environment,
-            std::mem::take(&mut self.profiles),
-            radius,
-            self.techniques,
-        );
-        if lights.lights.iter().all(|l| lights.power(l, radius.max(1.0)).is_black()) {
-            report.hazard(
-                "scene",
-                "there is no light: no emissive material, no punctual light, no environment; the image will be black; add a light or an emissive material to the scene, or `[environment]` with `radiance = 1` to a job",
-            );
-        }
+        let lights = self.light_table(&mut geometry, &compiled, (&to_render, radius), &mut report);
         self.report_unfindable_light(&geometry.parts, &compiled, &mut report);
         let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
         let has_solids = geometry.parts.iter().any(|p| compiled[p.material as usize].is_solid);
@@ -147,6 +131,28 @@ impl SceneBuilder {
         }
         builds.finish();
         Ok((scene, report))
+    }
+
+    /// All lights: emitting triangles, punctual ones in the space of the render, and the environment.
+    fn light_table(
+        &mut self,
+        geometry: &mut PlacedScene,
+        compiled: &[CompiledMaterial],
+        (to_render, radius): (&DAffine3, f32),
+        report: &mut BuildReport,
+    ) -> LightTable {
+        let (mut lights, mesh_lights) = geometry.area_lights(&self.materials, compiled, &self.images);
+        lights.extend(self.lights.iter().map(|light| DeltaLight::light(light, to_render)));
+        let environment = self.environment.as_ref().map(|e| EnvironmentLight::new(e, &self.images));
+        let profiles = std::mem::take(&mut self.profiles);
+        let lights = LightTable::new(lights, mesh_lights, environment, profiles, radius, self.techniques);
+        if lights.lights.iter().all(|l| lights.power(l, radius.max(1.0)).is_black()) {
+            report.hazard(
+                "scene",
+                "there is no light: no emissive material, no punctual light, no environment; the image will be black; add a light or an emissive material to the scene, or `[environment]` with `radiance = 1` to a job",
+            );
+        }
+        lights
     }
 
     /// The materials in the form that paths use.
