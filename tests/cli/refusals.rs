@@ -49,7 +49,7 @@ fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() 
         ("scene.gltf -o there.png/a.png", &["there.png/a.png", "help:"]),
         ("scene.gltf --exr a.exr --plan a.exr", &["a.exr", "two outputs", "help:"]),
         ("scene.gltf --linear a.tif --sensor none", &["a.tif", "sensor", "help:"]),
-        ("scene.gltf --exposure-noise matched --sensor none", &["--exposure-noise", "--sensor", "help:"]),
+        ("scene.gltf --exposure-noise matched --sensor none", &["exposure_noise", "sensor", "help:"]),
         ("scene.gltf --exposure-noise loud", &["loud", "plain", "matched"]),
         // Replays.
         ("scene.gltf --replay plan.exr --width 9", &["8 x 8", "9 x 8", "help:"]),

@@ -106,7 +106,7 @@ fn value(key: &Key, number: u32) -> (String, String) {
         Kind::Length => quoted(format!("{number}mm")),
         Kind::Memory => quoted(format!("{number}GB")),
         Kind::Name(names) => quoted(names[number as usize % names.len()].0.to_owned()),
-        Kind::Sensor => quoted(["imx250", "imx174", "imx265"][number as usize % 3].to_owned()),
+        Kind::Sensor => quoted(["imx250", "imx174", "imx183"][number as usize % 3].to_owned()),
         Kind::Psf => quoted("diffraction".to_owned()),
         Kind::Input | Kind::Output => quoted(format!("/tmp/{number}.png")),
     }

@@ -428,6 +428,7 @@ mod tests {
         for key in KEYS {
             let value = match key.kind {
                 Kind::Whole => "7",
+                Kind::Real if ["transmission", "glare"].contains(&key.flag) => "0.25",
                 Kind::Real => "7.5",
                 Kind::Time | Kind::Exposure => "7s",
                 Kind::Memory => "7GB",

@@ -200,7 +200,7 @@ fn faults_are_refused_with_place_help_and_caret() {
         assert_eq!(&span.text[span.range.clone()], marked, "{error}\n{}", error.caret());
     }
     for (key, value, help) in
-        [("seed", "-1", "from 0 to 9223372036854775807"), ("frame", "5000000000", "to 4294967295")]
+        [("seed", "-1", "from 0 to 18446744073709551615"), ("frame", "5000000000", "to 4294967295")]
     {
         let error = refusal(&format!("{key} = {value}\nscene = \"a.glb\""));
         assert!(error.problem.contains(value) && error.problem.contains("out of range"), "{error}");
