@@ -101,6 +101,7 @@ height = 8
 [[light]]
 name = "a"
 kind = "panel"
+diameter = "20mm"
 power = "1W"
 "#;
     const STUDY: &str = r#"# a study
