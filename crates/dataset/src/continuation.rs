@@ -68,8 +68,8 @@ impl<'a> NearestRing<'a> {
     /// until they are farther away than the nearest pixel.
     fn mean(&self, [x, y]: [i64; 2]) -> f64 {
         let (mut least, mut found) = (i64::MAX, Vec::new());
-        let above = self.rows.range(..y).rev().map(|(row, pixels)| (y - row, pixels));
-        let below = self.rows.range(y..).map(|(row, pixels)| (row - y, pixels));
+        let mut above = self.rows.range(..y).rev().map(|(row, pixels)| (y - row, pixels));
+        let mut below = self.rows.range(y..).map(|(row, pixels)| (row - y, pixels));
         let mut search = |(rise, pixels): (i64, &Vec<(i64, usize)>)| {
             let next = pixels.partition_point(|(at, _)| *at < x);
             for (at, i) in [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|k| pixels.get(k)) {
@@ -83,8 +83,8 @@ impl<'a> NearestRing<'a> {
             }
             rise.pow(2) <= least
         };
-        let _ = above.map(&mut search).all(|goes_on| goes_on);
-        let _ = below.map(&mut search).all(|goes_on| goes_on);
+        let _ = above.all(&mut search);
+        let _ = below.all(&mut search);
         // In the order of the ring: sums of floats depend on it.
         found.sort_unstable();
         found.iter().map(|i| self.ring[*i].value).sum::<f64>() / found.len() as f64

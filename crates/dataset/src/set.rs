@@ -300,7 +300,7 @@ impl Set {
     /// # Errors
     /// Records that are broken, and those of the file system.
     pub fn assemble(&self) -> Result<(), Error> {
-        self.each_file(&mut |name, content| put(&self.path, name, &content))?;
+        self.each_file(|name, content| put(&self.path, name, &content))?;
         if self.has_file(REPORT) {
             put(&self.path, REPORT, page(&SetView::new(self)?)?.as_bytes())?;
         }
@@ -335,7 +335,7 @@ impl Set {
     ///
     /// # Errors
     /// Records, labels and images that are broken, and those of `visit`.
-    pub(crate) fn each_file(&self, visit: &mut dyn FnMut(&str, Vec<u8>) -> Result<(), Error>) -> Result<(), Error> {
+    pub(crate) fn each_file(&self, mut visit: impl FnMut(&str, Vec<u8>) -> Result<(), Error>) -> Result<(), Error> {
         let finished = self.finished();
         let mut records = Vec::new();
         for index in &finished {

@@ -129,7 +129,7 @@ fn check_whole(set: &Set, found: &mut Verified) {
     if set.has_file(REPORT) && !set.path().join(REPORT).exists() {
         found.fault(format!("{REPORT} {MISSING}"));
     }
-    let compared = set.each_file(&mut |name, content| {
+    let compared = set.each_file(|name, content| {
         found.files += 1;
         if let Some(problem) = difference(set.path(), name, &content) {
             found.fault(format!("{name} {problem}"));

@@ -12,8 +12,11 @@ use dunkelfeld_report::page::charts;
 use dunkelfeld_report::words::{duration, rounded};
 use maud::{Markup, html};
 
+/// A stage of an image in words, and its seconds.
+type Part = (&'static str, fn(&Cost) -> f64);
+
 /// The stages of an image in the order of their work.
-const STAGES: [(&str, fn(&Cost) -> f64); 6] = [
+const STAGES: [Part; 6] = [
     ("change the scene", |c| c.change),
     ("render", |c| c.render),
     ("plan", |c| c.plan),
