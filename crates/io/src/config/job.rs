@@ -55,9 +55,9 @@ mod strobes;
 
 pub use cameras::{CameraSettings, Cameras};
 pub use film::FilmSettings;
-pub use lamp_values::{LedCount, Wavelength};
+pub use lamp_values::{LedCount, Strength, Wavelength};
 pub use lens::{FilterSettings, LensProjection, LensSettings};
-pub use light::{Lamp, LampKind, Light, LightChange, Strength, light_keys};
+pub use light::{Lamp, LampKind, Light, LightChange, light_keys};
 pub use materials::{AlphaKind, MaterialOverride};
 pub use motion::{LineScanSettings, RotationSettings};
 pub use objects::{Grid, ObjectOverride, Pivot, Placement, object_keys};

@@ -1,7 +1,7 @@
 //! `[[light]]` with a `kind`: new lamps, described as in a catalogue.
 
-use super::light::{Lamp, LampKind, PanelSize, Pose, Spot, Strength, Sun};
-use super::{CameraSettings, Job, LensSettings, Wavelength};
+use super::light::{Lamp, LampKind, PanelSize, Pose, Spot, Sun};
+use super::{CameraSettings, Job, LensSettings, Strength, Wavelength};
 use crate::error::{ImportWarning, InputError};
 use crate::names::suggestion;
 use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3, Mesh};

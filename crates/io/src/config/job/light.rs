@@ -1,11 +1,13 @@
 //! `[[light]]` of a job: a new lamp with the keys of its kind, or a change of lights of the scene.
 
+use super::lamp_values::StrengthKeys;
 use super::place::{self, Place};
-use super::{Exposure, Job, LedCount, Wavelength, check};
+use super::{Exposure, Job, LedCount, Strength, Wavelength, check};
 use crate::error::InputError;
+use crate::toml_file::TomlFile;
 use crate::toml_keys::{TableKeys, keys_of};
 use dunkelfeld_geometry::DVec3;
-use dunkelfeld_radiometry::{Number, Rgb};
+use dunkelfeld_radiometry::Number;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -267,84 +269,6 @@ pub struct Pose {
     pub count: Option<u32>,
 }
 
-/// The strength of a light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Strength {
-    /// Emitted radiance [W/(m^2 sr)] of a surface.
-    Radiance(Rgb),
-    /// Radiant power \[W\] of each light that the name selects, as the mean of the channels. The colour remains as it
-    /// is (white if it was black). Not for distant light.
-    Power(f64),
-    /// Radiant intensity \[W/sr\] of a point light, of a spot light on its axis, or of an IES profile in its brightest
-    /// direction.
-    Intensity(Rgb),
-    /// Irradiance [W/m^2] of distant light on a surface perpendicular to it; of a lamp on its axis at the working
-    /// distance.
-    Irradiance(Rgb),
-}
-
-impl Strength {
-    /// Its key.
-    pub(super) fn key(&self) -> &'static str {
-        match self {
-            Self::Radiance(_) => "radiance",
-            Self::Power(_) => "power",
-            Self::Intensity(_) => "intensity",
-            Self::Irradiance(_) => "irradiance",
-        }
-    }
-
-    /// The strength that the keys give, except those in `without`, and the working distance.
-    fn read(keys: &mut TableKeys<'_>, without: &[&str]) -> Result<(Option<Self>, Option<f64>), InputError> {
-        let StrengthKeys { radiance, power, intensity, irradiance, working_distance } = keys.take(without)?;
-        let given = [
-            radiance.map(Self::Radiance),
-            power.map(Self::Power),
-            intensity.map(Self::Intensity),
-            irradiance.map(Self::Irradiance),
-        ];
-        let mut given = given.into_iter().flatten();
-        let strength = given.next();
-        if let (Some(first), Some(second)) = (strength, given.next()) {
-            let problem = format!("`{}` and `{}` both set the light's strength", first.key(), second.key());
-            return Err(keys.error(second.key(), problem, "keep one of them"));
-        }
-        if working_distance.is_some() && irradiance.is_none() {
-            let problem = "it is the distance of `irradiance`, which is not given";
-            return Err(keys.error("working_distance", problem, "write `irradiance` as well, or remove this"));
-        }
-        Ok((strength, working_distance))
-    }
-
-    /// Refuses a colour of a light of one wavelength.
-    fn check_color(&self, wavelength: Option<Wavelength>, keys: &TableKeys<'_>) -> Result<(), InputError> {
-        match self {
-            Self::Radiance(c) | Self::Intensity(c) | Self::Irradiance(c)
-                if wavelength.is_some() && (c.r != c.g || c.g != c.b) =>
-            {
-                let problem = "a light of one wavelength has no colour";
-                Err(keys.error(self.key(), problem, "write one number, or remove `wavelength`"))
-            }
-            _ => Ok(()),
-        }
-    }
-}
-
-#[derive(Default, Deserialize)]
-#[serde(default)]
-struct StrengthKeys {
-    #[serde(deserialize_with = "check::light")]
-    radiance: Option<Rgb>,
-    #[serde(deserialize_with = "check::power")]
-    power: Option<f64>,
-    #[serde(deserialize_with = "check::light")]
-    intensity: Option<Rgb>,
-    #[serde(deserialize_with = "check::light")]
-    irradiance: Option<Rgb>,
-    #[serde(deserialize_with = "check::positive_length")]
-    working_distance: Option<f64>,
-}
-
 /// The keys of `[[light]]`, of all kinds.
 pub fn light_keys() -> Vec<&'static str> {
     let lists = [
@@ -369,7 +293,7 @@ pub fn light_keys() -> Vec<&'static str> {
 
 impl Light {
     /// Reads the entries of a job.
-    pub(super) fn read_all(job: &Job, file: &crate::toml_file::TomlFile) -> Result<Vec<Self>, InputError> {
+    pub(super) fn read_all(job: &Job, file: &TomlFile) -> Result<Vec<Self>, InputError> {
         let mut list = Vec::new();
         let mut room =
             Room { environment: job.environment.is_some().then(|| "[environment]".into()), ..Room::default() };

@@ -1,8 +1,8 @@
 //! Applies the `[[light]]` entries of a job to a scene: strengths by name, and measured distributions.
 
-use super::Job;
-use super::light::{LightChange, Strength};
+use super::light::LightChange;
 use super::patterns::{matches, unique};
+use super::{Job, Strength};
 use crate::error::{ImportWarning, InputError};
 use crate::ies::load_ies;
 use crate::names::suggestion;
