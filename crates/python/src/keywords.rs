@@ -1,6 +1,6 @@
 //! Keywords of Python that are keys of a job: rows of [`KEYS`](dunkelfeld::io::KEYS).
 
-use crate::errors::{Failure, setting};
+use crate::errors::setting;
 use crate::sensor::{Sensor, given_sensor};
 use dunkelfeld::io::{Key, Kind};
 use dunkelfeld::{ExposeOptions, GivenSensor, RenderOptions};
@@ -119,7 +119,7 @@ fn text_of(key: &Key, value: &Bound<'_, PyAny>) -> PyResult<String> {
         Kind::Sensor | Kind::Psf | Kind::Input | Kind::Output => {
             let path: PathBuf = value.extract().map_err(|_| refused("a name or a path"))?;
             let text = path.into_os_string().into_string();
-            text.map_err(|_| PyErr::from(Failure::from(setting(key.keyword, "is not UTF-8", "rename the file"))))
+            text.map_err(|_| PyErr::from(setting(key.keyword, "is not UTF-8", "rename the file")))
         }
     }
 }
