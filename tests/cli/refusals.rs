@@ -66,7 +66,7 @@ fn bad_input_ends_with_code_2_names_the_place_and_leaves_everything_as_it_was() 
         ("scene.gltf --exposure 0ms", &["--exposure"]),
         ("scene.gltf --threads 0", &["--threads", "1024"]),
         ("scene.gltf --seed x", &["--seed"]),
-        ("scene.gltf --noise quiet", &["--noise", "0.7"]),
+        ("scene.gltf --noise quiet", &["--noise", "write a number"]),
         ("scene.gltf --noise 1 --sensor none", &["noise", "sensor", "help"]),
         ("scene.gltf --allocate sensor --sensor none", &["allocation", "uniform", "help"]),
         ("scene.gltf --progress loud", &["loud", "json"]),

@@ -102,6 +102,7 @@ height = 8
 name = "a"
 kind = "panel"
 diameter = "20mm"
+distance = "200mm"
 power = "1W"
 "#;
     const STUDY: &str = r#"# a study
