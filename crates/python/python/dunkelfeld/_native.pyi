@@ -24,7 +24,6 @@ _Progress: TypeAlias = Callable[[str, float, float, float | None], object]
 _Strategy: TypeAlias = Literal["uniform", "sobel", "sensor"]
 _Denoiser: TypeAlias = Literal["off", "auto", "oidn", "builtin"]
 _Extras: TypeAlias = tuple[str, bool, list[tuple[pathlib.Path, str]], pathlib.Path | None, int | None]
-_Vignetting: TypeAlias = Literal["none", "cos4"]
 
 class DunkelfeldError(Exception):
     file: str | None
