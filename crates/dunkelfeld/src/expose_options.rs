@@ -149,7 +149,7 @@ pub(crate) fn no_sensor() -> Error {
     Error::setting("sensor", "there is no sensor to expose", "name a sensor, such as imx250")
 }
 
-/// Grey values \[DN\] of the frames of an EXR of any renderer: those that [`expose_exr`](crate::expose_exr) writes. `cancel` ends
+/// Grey values \[DN\] of the frames of an EXR of any renderer: those that [`expose_exr`](crate::commands::expose_exr) writes. `cancel` ends
 /// the exposure after a frame; then those until then are returned. Runs on the threads of the current pool.
 ///
 /// # Errors
