@@ -334,6 +334,11 @@ impl Job {
                 return Err(above.error_at_key(&key, NO_SENSOR, "name a sensor, or leave this out"));
             }
         }
+        let strategy = above.text_at(&["allocate", "strategy"]).unwrap_or_default();
+        if is_without && strategy.trim_matches(['"', '\'']) == "sensor" {
+            let problem = "the allocation `sensor` needs the noise of a sensor";
+            return Err(above.error_at_key(&["allocate", "strategy"], problem, "name a sensor, or write `uniform`"));
+        }
         let mut job = Self::from_toml(self.source.with_overrides(&above, overlay::replace_together)?)?;
         let film = above.parse::<FilmSection>()?.film;
         job.size = [film.width.or(self.size[0]), film.height.or(self.size[1])];
