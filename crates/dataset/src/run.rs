@@ -145,7 +145,7 @@ pub fn run(
         missed: options.seconds.filter(is_missed),
         interrupted,
         elsewhere: open.saturating_sub(unmade.len()) as u64,
-        failed: unmade.into_iter().map(|(index, e)| (index, e.in_one_line())).collect(),
+        failed: unmade.into_iter().map(|(index, e)| (index, e.to_string())).collect(),
         matched: mean(&state.seen.matched),
     })
 }

@@ -98,12 +98,7 @@ fn text_of(key: &Key, value: &Bound<'_, PyAny>) -> PyResult<String> {
         return Err(refused("no truth value"));
     }
     match key.kind {
-        Kind::Whole => value.extract::<u64>().map(|n| n.to_string()).map_err(|e| {
-            match e.is_instance_of::<PyOverflowError>(value.py()) {
-                true => setting(key.keyword, format!("{value} is out of range"), "pass whole numbers from 0 on").into(),
-                false => refused("a whole number"),
-            }
-        }),
+        Kind::Whole => whole(key, value).unwrap_or_else(|| Err(refused("a whole number"))),
         Kind::Length => {
             value.extract().or_else(|_: PyErr| number()).map_err(|_| refused("metres, or a text such as \"12mm\""))
         }
@@ -111,15 +106,30 @@ fn text_of(key: &Key, value: &Bound<'_, PyAny>) -> PyResult<String> {
         Kind::Time | Kind::Exposure => {
             value.extract().or_else(|_: PyErr| number()).map_err(|_| refused("seconds, or a text such as \"5ms\""))
         }
-        Kind::Memory => value
-            .extract()
-            .or_else(|_: PyErr| value.extract::<u64>().map(|bytes| format!("{bytes}B")))
-            .map_err(|_| refused("bytes, or a text such as \"6GB\"")),
+        Kind::Memory => match value.extract() {
+            Ok(text) => Ok(text),
+            Err(_) => {
+                let bytes = whole(key, value).unwrap_or_else(|| Err(refused("bytes, or a text such as \"6GB\"")));
+                bytes.map(|bytes| bytes + "B")
+            }
+        },
         Kind::Name(_) => value.extract().map_err(|_| refused("a name")),
         Kind::Sensor | Kind::Psf | Kind::Input | Kind::Output => {
             let path: PathBuf = value.extract().map_err(|_| refused("a name or a path"))?;
             let text = path.into_os_string().into_string();
             text.map_err(|_| PyErr::from(setting(key.keyword, "is not UTF-8", "rename the file")))
         }
+    }
+}
+
+/// A whole number from 0 on; `None` for a value that is no whole number.
+fn whole(key: &Key, value: &Bound<'_, PyAny>) -> Option<PyResult<String>> {
+    match value.extract::<u64>() {
+        Ok(number) => Some(Ok(number.to_string())),
+        Err(e) if e.is_instance_of::<PyOverflowError>(value.py()) => {
+            let problem = format!("{value} is out of range");
+            Some(Err(setting(key.keyword, problem, "pass whole numbers from 0 on").into()))
+        }
+        Err(_) => None,
     }
 }

@@ -132,7 +132,7 @@ BAD: list[tuple[Any, type[BaseException], str]] = [
     (lambda p, o: df.bench(p / "station.toml", o, threads=10**6), df.SettingError, "threads"),
     (lambda p, o: df.bench(p / "station.toml", o, width=0), df.SettingError, "width"),
     (lambda p, o: df.bench(p / "station.toml", p), df.OutputError, "station.toml"),
-    (lambda p, o: df.bench(p / "station.toml", o, sensor="none", exposure=1.0), df.SettingError, "exposure"),
+    (lambda p, o: df.bench(p / "station.toml", o, sensor="none", exposure=1.0), df.InputError, "exposure"),
     (lambda p, o: df.ptc([], o), df.SettingError, "inputs"),
     (lambda p, o: df.ptc(p / "station.toml", o, spp=[]), df.SettingError, "spp"),
     (lambda p, o: df.bench(p / "station.toml", o, spp=[]), df.SettingError, "spp"),

@@ -7,6 +7,8 @@ import queue
 import threading
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ._keys import RenderKeys
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -40,7 +42,9 @@ class RenderSteps:
         if "progress" in options:
             raise TypeError("render_steps() has no argument 'progress'; the steps are the progress")
         # An unknown option is an error of this call, not of the first step.
-        inspect.signature(scene.render).bind(**options)
+        keys = inspect.signature(scene.render).bind(**options).arguments.get("keys", {})
+        for unknown in keys.keys() - RenderKeys.__annotations__.keys():
+            raise TypeError(f"render_steps() has no keyword {unknown!r}")
         self._scene = scene
         self._options = options
         self._states: queue.SimpleQueue[RenderStep | None] = queue.SimpleQueue()
