@@ -180,7 +180,7 @@ public:
         return detail::take(name);
     }
 
-    /** Grey values [DN] of `frames` frames. `keys` are those of [sensor], "seed" and "frame" of a job, as lines of TOML. */
+    /** Grey values [DN] of `frames` frames. `keys` are lines of TOML: model, exposure and exposure_noise of [sensor], seed, frame. */
     std::vector<Image<std::uint16_t>> expose(const std::string &keys = "", std::uint32_t frames = 1) const {
         const auto [width, height] = size();
         const std::size_t pixels = std::size_t(width) * height;

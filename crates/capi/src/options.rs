@@ -63,8 +63,8 @@ pub struct RenderOptions {
 pub struct ExposeOptions {
     /// sizeof(DunkelfeldExposeOptions).
     pub struct_size: usize,
-    /// Keys of a job as lines of TOML: those of [sensor], "seed" and "frame" (the number of the first frame), such as
-    /// "sensor.exposure = '2ms'".
+    /// Keys of a job as lines of TOML: "sensor.model", "sensor.exposure", "sensor.exposure_noise", "seed" and "frame" (the number
+    /// of the first frame), such as "sensor.exposure = '2ms'".
     pub keys: *const c_char,
 }
 

@@ -11,10 +11,12 @@ use std::marker::PhantomData;
 pub(crate) trait FlagSet: Debug {
     /// Names of flags, without dashes.
     const FLAGS: &'static [&'static str];
+    /// Help texts of flags that have another default here than in a render.
+    const HELP: &'static [(&'static str, &'static str)] = &[];
 }
 
 macro_rules! flag_sets {
-    ($($name:ident = $flags:expr;)+) => {
+    ($($name:ident = $flags:expr $(, $help:expr)?;)+) => {
         $(
             #[doc = concat!("The flags `", stringify!($flags), "`.")]
             #[derive(Debug)]
@@ -22,6 +24,7 @@ macro_rules! flag_sets {
 
             impl FlagSet for $name {
                 const FLAGS: &'static [&'static str] = $flags;
+                $(const HELP: &'static [(&'static str, &'static str)] = $help;)?
             }
         )+
     };
@@ -29,8 +32,16 @@ macro_rules! flag_sets {
 
 flag_sets! {
     OfRender = dunkelfeld::io::OF_RENDER;
-    OfMerge = dunkelfeld::io::OF_MERGE;
-    OfExpose = dunkelfeld::io::OF_IMAGE;
+    OfMerge = dunkelfeld::io::OF_MERGE, &[("output", "The picture: PNG, 8 bit, gamma 2.2, clipped at saturation")];
+    OfExpose = dunkelfeld::io::OF_IMAGE, &[
+        ("output", "The picture: PNG, 8 bit, gamma 2.2, clipped at saturation. Of several frames each gets its number, as in \
+                    out-0007.png [default: the input's name with .png, in this folder, unless --linear is given]"),
+        ("sensor", "Sensor preset, or a sensor file (.toml) [default: that of the render, if the file contains it; imx250]"),
+        ("exposure-noise", "Noise that the exposure adds to that of the image [default: plain]. Matched needs a layer \
+                            `variance`, and is for one frame"),
+        ("vignetting", "Vignetting of the lens [default: none]. cos4 needs --focal-length, and is not for images that were \
+                        rendered with it"),
+    ];
 }
 
 #[cfg(feature = "studies")]
@@ -76,6 +87,8 @@ impl<S> KeyFlags<S> {
 
 impl<S: FlagSet> Args for KeyFlags<S> {
     fn augment_args(command: Command) -> Command {
+        let help = |key: &Key| S::HELP.iter().find(|(flag, _)| *flag == key.flag).map(|(_, help)| *help);
+        let arg = |key| help(key).map_or(arg(key), |help| arg(key).help(help));
         command.args(S::FLAGS.iter().filter_map(|flag| Key::of_flag(flag)).map(arg))
     }
 

@@ -476,7 +476,11 @@ fn read_text(folder: &Path, name: &str) -> Result<String, Error> {
 pub(crate) fn read_bytes(folder: &Path, name: &str) -> Result<Vec<u8>, InputError> {
     let path = own_path(folder, name)?;
     InputFiles::new().read(&path, Role::Result, MAX_TEXT).map_err(|fault| match fault {
-        ReadFault::Missing => InputError::of_file(&path, MISSING, "run `dunkelfeld dataset` with the study"),
+        ReadFault::Missing => InputError::of_file(
+            &path,
+            MISSING,
+            "remove the record of its image, and run `dunkelfeld dataset` with the study",
+        ),
         other => InputError::of_file(&path, other.problem(), "check the permissions, or make the set again"),
     })
 }

@@ -18,9 +18,9 @@ use std::path::Path;
 #[setters(prefix = "with_", strip_option, into)]
 #[non_exhaustive]
 pub struct ExposeOptions {
-    /// Keys of a job as lines of TOML: those of `[sensor]`, `seed`, `frame`, `budget.memory`, and for images those of the lens
-    /// that act on a finished image: `f_number`, `transmission`, `magnification`, `psf`, `glare`, and `vignetting` with
-    /// `focal_length`.
+    /// Keys of a job as lines of TOML: `model`, `exposure` and `exposure_noise` of `[sensor]`, `seed` and `frame`. For images also
+    /// `budget.memory` and those of the lens that act on a finished image: `f_number`, `transmission`, `magnification`, `psf`,
+    /// `glare`, and `vignetting` with `focal_length`.
     pub keys: String,
     /// A sensor in place of that of the keys.
     pub sensor: Option<GivenSensor>,
@@ -40,7 +40,8 @@ impl ExposeOptions {
     fn job(&self, lens: &[&str]) -> Result<Job, Error> {
         let job = Job::from_text("the keys", format!("scene = \"none\"\n{}", self.keys))?;
         let unused = job.keys().into_iter().find(|path| match path.as_slice() {
-            ["scene" | "seed" | "frame" | "sensor", ..] | ["budget", "memory"] => false,
+            ["scene" | "seed" | "frame"] | ["sensor", "model" | "exposure" | "exposure_noise"] => false,
+            ["budget", "memory"] => lens.is_empty(),
             ["lens", key] => !lens.contains(key),
             _ => true,
         });

@@ -42,7 +42,8 @@ pub enum ReplayOption {
 #[non_exhaustive]
 pub struct RenderOptions {
     /// Keys of a job (`docs/job-file.md`) that do not change the scene, as lines of TOML: `budget.spp = 64`. They are
-    /// merged as those of [`Project::set_overrides`].
+    /// merged as those of [`Project::set_overrides`]. With keys or a sensor the settings are those of the job: what the program
+    /// has adjusted in [`Project::settings`] and could be a key counts no more.
     pub keys: String,
     /// A sensor in place of that of the job.
     pub sensor: Option<GivenSensor>,
@@ -177,9 +178,22 @@ impl Project {
     ) -> Result<T, Error> {
         let (before, setup) = (self.setup(), options.setup(self)?);
         self.set_up(setup);
-        let result = work(self);
-        self.set_up(before);
-        result
+        let changed = Changed { project: self, before: Some(before) };
+        work(changed.project)
+    }
+}
+
+/// A project with other settings for a while, also if a panic ends it.
+struct Changed<'a> {
+    project: &'a mut Project,
+    before: Option<Setup>,
+}
+
+impl Drop for Changed<'_> {
+    fn drop(&mut self) {
+        if let Some(before) = self.before.take() {
+            self.project.set_up(before);
+        }
     }
 }
 

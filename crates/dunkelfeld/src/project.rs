@@ -23,7 +23,7 @@ use dunkelfeld_film::FilmLayers;
 use dunkelfeld_io::ImportWarning;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::InputFiles;
-use dunkelfeld_io::job::{FilmSettings, Job, LensSettings};
+use dunkelfeld_io::job::{DEFAULT_SENSOR, FilmSettings, Job, LensSettings};
 use dunkelfeld_render::{
     DenoiseMethod, Error, RenderSettings, Rendering, SavedFilm, SensorChoice, Session, Stage, camera_help, find_camera,
     thread_count, validate,
@@ -266,6 +266,10 @@ impl Project {
     /// that are no keys stay.
     pub(crate) fn setup_with(&self, keys: &[&str], sensor: Option<GivenSensor>) -> Result<Setup, Error> {
         let mut job = (*self.job).clone();
+        if sensor.is_some() {
+            // The keys of another sensor go, and a job without one gets its exposure.
+            job = job.with_overrides(&format!("sensor.model = \"{DEFAULT_SENSOR}\""))?;
+        }
         for keys in keys.iter().filter(|keys| !keys.is_empty()) {
             job = job.with_overrides(keys)?;
         }
@@ -278,12 +282,12 @@ impl Project {
         check_shutter(&self.scene, &setup.settings, &self.job)?;
         let RenderSettings { threads, camera, view, max_pilot_spp, training_paths, replay, samples, .. } =
             &self.settings;
-        let RenderSettings { checkpoint, layers, without, .. } = &self.settings;
+        let RenderSettings { checkpoint, layers, light_groups, without, .. } = &self.settings;
         let s = &mut setup.settings;
         (s.threads, s.camera, s.view) = (*threads, camera.clone(), view.clone());
         (s.max_pilot_spp, s.training_paths) = (*max_pilot_spp, *training_paths);
         (s.replay, s.samples, s.checkpoint) = (replay.clone(), samples.clone(), checkpoint.clone());
-        (s.layers, s.without) = (*layers, without.clone());
+        (s.layers, s.light_groups, s.without) = (*layers, light_groups.clone(), without.clone());
         setup.inputs.extend(&self.inputs);
         setup.warnings.clone_from(&self.warnings);
         Ok(setup)

@@ -341,7 +341,10 @@ impl Job {
         }
         let mut job = Self::from_toml(self.source.with_overrides(&above, overlay::replace_together)?)?;
         let film = above.parse::<FilmSection>()?.film;
-        job.size = [film.width.or(self.size[0]), film.height.or(self.size[1])];
+        let is_size = above.keys().iter().all(|key| key[0] != "film" || ["width", "height"].contains(&key[1]));
+        if is_size {
+            job.size = [film.width.or(self.size[0]), film.height.or(self.size[1])];
+        }
         let mut inputs = self.inputs.clone();
         inputs.extend(&job.inputs);
         job.inputs = inputs;

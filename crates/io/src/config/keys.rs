@@ -399,9 +399,10 @@ impl Key {
         };
         let text = match self.kind {
             // TOML has no whole numbers from 2^63 on.
-            Kind::Whole if value.parse::<i64>().is_ok_and(|v| v >= 0) => {
-                return value.trim_start_matches('+').to_owned();
-            }
+            Kind::Whole => match value.parse::<i64>() {
+                Ok(number) if number >= 0 => return number.to_string(),
+                _ => value.to_owned(),
+            },
             Kind::Real => match value.parse::<f64>() {
                 Ok(number) => return toml::Value::Float(number).to_string(),
                 Err(_) => value.to_owned(),

@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use dunkelfeld_radiometry::Number;
 use serde::Serialize;
@@ -43,6 +43,8 @@ pub struct TomlFile {
     text: String,
     /// The range of the value at each path of keys, read from the text when it is first needed.
     spans: OnceLock<BTreeMap<String, Range<usize>>>,
+    /// The two texts that this one was merged from: below, and above. Errors show their lines.
+    merged: Option<Arc<[TomlFile; 2]>>,
 }
 
 impl PartialEq for TomlFile {
@@ -73,7 +75,7 @@ impl TomlFile {
         if text.starts_with('\u{feff}') {
             text.drain(..'\u{feff}'.len_utf8());
         }
-        Self { path: path.into(), text, spans: OnceLock::new() }
+        Self { path: path.into(), text, spans: OnceLock::new(), merged: None }
     }
 
     /// The text with the keys of another one: tables are merged key by key, lists of tables (`[[light]]`) are extended,
@@ -94,7 +96,8 @@ impl TomlFile {
             let problem = format!("cannot be combined with {}: {e}", overrides.path.display());
             InputError::of_file(&self.path, problem, "check both texts")
         })?;
-        Ok(Self::from_text(&self.path, text))
+        let merged = Some(Arc::new([self.clone(), overrides.clone()]));
+        Ok(Self { merged, ..Self::from_text(&self.path, text) })
     }
 
     /// The text.
@@ -146,6 +149,16 @@ impl TomlFile {
 
     /// An error about the part of the text at `range` (from [`Spanned::span`]); the place is the path of the key.
     pub fn error_at(&self, range: Range<usize>, problem: impl Into<String>, help: impl Into<String>) -> InputError {
+        if let Some((file, range)) = self.merged.as_deref().and_then(|[below, above]| {
+            let path = self.path_at(&range)?;
+            let keys: Vec<&str> = path.iter().map(String::as_str).collect();
+            // Lists of tables are extended, so that a number counts from those below.
+            let is_in_list = keys.iter().any(|key| key.bytes().all(|b| b.is_ascii_digit()));
+            let files: &[&Self] = if is_in_list { &[below] } else { &[above, below] };
+            files.iter().find_map(|file| Some((*file, file.span_of(&keys)?)))
+        }) {
+            return file.error_at(range, problem, help);
+        }
         let mut error = InputError::new(&self.path, self.place(&range), problem, help);
         error.source_span = Some(Box::new(SourceSpan { text: self.text.clone(), range }));
         error

@@ -584,3 +584,25 @@ fn back_slashes_of_paths_have_help() {
         assert!(error.place == "scene" && error.help.contains(help), "{error}");
     }
 }
+
+#[test]
+fn overrides_replace_what_belongs_together() {
+    let text = "scene = 'none'\nbudget = { noise = 0.5, share = 90, time = '9s' }\n\
+        camera = [{ name = 'a', look_at = [0, 0, 0], position = [0, 1, 0], lens = { f_number = 4 } }]\n";
+    let job = Job::from_text("a.toml", text).expect("a job");
+    let changed = job.with_overrides("budget.spp = 2\nlens.vignetting = 'cos4'\nfilm = { width = 8, height = 6 }\n");
+    let changed = changed.expect("overrides");
+    let budget = &changed.budget;
+    assert_eq!((budget.spp, budget.noise, budget.share, budget.time), (Some(2.0), None, None, None));
+    let lens = changed.camera.defined[0].lens.as_ref().expect("its own lens");
+    assert_eq!((lens.vignetting, lens.f_number), (Some(Vignetting::CosineFourth), Some(4.0)));
+    assert_eq!((changed.size, changed.film.width), ([Some(8), Some(6)], None));
+    // Beside other keys of the film, its size is that of the film.
+    let part = job.with_overrides("film = { width = 64, height = 48, roi = [20, 10, 32, 24] }\n").expect("overrides");
+    assert_eq!((part.size, part.film.width), ([None, None], Some(64)));
+    // An error shows the line of the text that has the key.
+    let error = job.with_overrides("seed = -1\n").expect_err("no seed");
+    assert!(error.file.display().to_string() == "the overrides" && error.caret().contains("1 | seed = -1"), "{error}");
+    let error = Job::from_text("a.toml", format!("{text}[sensor]\nexposure = '-1s'\n")).expect_err("no time");
+    assert!(error.caret().contains("5 | exposure"), "{}", error.caret());
+}

@@ -505,7 +505,7 @@ impl Pose {
     /// and a sun have an aim.
     fn read(keys: &mut TableKeys<'_>, without: &[&str]) -> Result<Self, InputError> {
         let is_sun = without.contains(&"position");
-        let of_place: &[&str] = if keys.has("position") {
+        let of_place: &[&str] = if keys.has("position") && !is_sun {
             keys.describe(" with a `position`");
             &["distance", "direction", "elevation", "azimuth"]
         } else if is_sun {

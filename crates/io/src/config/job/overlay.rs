@@ -7,21 +7,33 @@ const OF_MODEL: [&str; 3] = ["gain", "temperature", "black_level"];
 
 /// Prepares the keys of a job and those that override it.
 ///
-/// - A limit (`time`, `spp`, `noise`) replaces all limits of the job.
+/// - A limit (`time`, `spp`, `noise`) replaces all limits of the job, and the share that belongs to them.
+/// - The vignetting is that of all lenses.
 /// - A sensor replaces the gain, the temperature and the black level that the job sets for its own. Without one
 ///   (`"none"`) the image is not exposed; film and lens stay those of the job's sensor.
 /// - A denoiser and its library are replaced together.
-/// - The size of the film is that of the render ([`Job::size`](super::Job::size)), so it is not merged.
+/// - A size alone is that of the render ([`Job::size`](super::Job::size)), so it is not merged. Beside other keys of the film it
+///   is that of the film.
 pub(super) fn replace_together(job: &mut Table, overrides: &mut Table) {
-    if let Some(film) = section(overrides, "film") {
-        film.remove("width");
-        film.remove("height");
+    if let Some(film) = section(overrides, "film").filter(|film| is_size(film)) {
+        film.clear();
+    }
+    let vignetting = section(overrides, "lens").and_then(|lens| lens.get("vignetting").cloned());
+    if let Some(vignetting) = vignetting {
+        let cameras: Vec<&mut Table> = match job.get_mut("camera") {
+            Some(Value::Table(camera)) => vec![camera],
+            Some(Value::Array(cameras)) => cameras.iter_mut().filter_map(Value::as_table_mut).collect(),
+            _ => Vec::new(),
+        };
+        for lens in cameras.into_iter().filter_map(|camera| section(camera, "lens")) {
+            lens.insert("vignetting".into(), vignetting.clone());
+        }
     }
     let limits = ["time", "spp", "noise"];
     let sets_limit =
         section(overrides, "budget").is_some_and(|budget| limits.iter().any(|key| budget.contains_key(*key)));
     if let Some(budget) = section(job, "budget").filter(|_| sets_limit) {
-        limits.iter().for_each(|key| drop(budget.remove(*key)));
+        limits.iter().chain(&["share"]).for_each(|key| drop(budget.remove(*key)));
     }
     // A library belongs to its method, and selects it.
     if section(overrides, "denoise")
@@ -51,6 +63,11 @@ pub(super) fn replace_together(job: &mut Table, overrides: &mut Table) {
             own.remove("expose");
         }),
     }
+}
+
+/// Does `[film]` set nothing but the number of pixels?
+pub(super) fn is_size(film: &Table) -> bool {
+    film.keys().all(|key| ["width", "height"].contains(&key.as_str()))
 }
 
 fn section<'a>(table: &'a mut Table, key: &str) -> Option<&'a mut Table> {
