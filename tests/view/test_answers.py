@@ -173,7 +173,7 @@ def test_files_that_are_no_scenes(tmp_path, arguments, words):
     (tmp_path / "job.toml").write_text(station())
     write_exr(tmp_path / "other.exr", **{c: np.ones((4, 4), np.float32) for c in "RGB"})
     found = attempt("view", "--no-open", *arguments, cwd=tmp_path)
-    assert found.returncode == 2 and words in found.stderr and "help: " in found.stderr, found.stderr
+    assert found.returncode == 2 and words in found.stderr and "help" in found.stderr, found.stderr
 
 
 @pytest.mark.parametrize(
