@@ -92,7 +92,7 @@ fn options(arguments: impl Iterator<Item = String>) -> Result<Options, String> {
 
 /// The root of the repository.
 fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..")
 }
 
 /// Renders a case in this process, on this thread. The returned value differs for two images that differ in a bit.

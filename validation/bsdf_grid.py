@@ -1,6 +1,6 @@
 """Writes the table of Mitsuba's BSDF values that `cargo test -p dunkelfeld-bsdf --test it mitsuba` holds ours to.
 
-    python bsdf_grid.py > ../crates/bsdf/tests/it/mitsuba/table.txt      # the table that is kept
+    python bsdf_grid.py > ../crates/engine/bsdf/tests/it/mitsuba/table.txt      # the table that is kept
     python bsdf_grid.py --mixes 3000 --seed 7 > big.txt               # a thorough one:
     DUNKELFELD_MITSUBA_TABLE=$PWD/big.txt cargo test -p dunkelfeld-bsdf --test it mitsuba
 

@@ -366,7 +366,7 @@ def main() -> int:
     # Mitsuba 3.9.1 with a single thread never comes back from reading an EXR file.
     drjit.set_thread_count(max(2, drjit.thread_count()))
     mi.set_log_level(mi.LogLevel.Error)
-    sensor = Sensor.load(root / "crates" / "sensor" / "presets" / "imx250.toml")
+    sensor = Sensor.load(root / "crates" / "camera" / "sensor" / "presets" / "imx250.toml")
     denoiser = Denoiser(arguments.oidn or packaged_library())
     cycles = Cycles(arguments.cycles_python, arguments.work / "cycles.exr") if "cycles" in arguments.peers else None
     versions = {"mitsuba": f"Mitsuba {mi.__version__} (`llvm_ad_rgb`)"}

@@ -5,7 +5,7 @@ three boxes once under a lamp of `[[light]] kind`, and once under a mesh of tria
 The table has the variance of the lamp over that of the mesh, as median and mean over the pixels, the standard error of both
 by the jackknife over the renders, and the ratio of the means of the images with Welch's z.
 
-    pip install ./crates/python numpy
+    pip install ./crates/apps/python numpy
     python validation/lamps.py
 """
 

@@ -58,7 +58,7 @@ def render(program: Path, scene: Path, folder: Path, size: int, *flags: object) 
 
 def noise(program: Path, root: Path, folder: Path, renders: int, spp: int) -> None:
     """Prints the gain after the same time."""
-    sensor, size, gains = Sensor.load(root / "crates" / "sensor" / "presets" / "imx250.toml"), 128, {}
+    sensor, size, gains = Sensor.load(root / "crates" / "camera" / "sensor" / "presets" / "imx250.toml"), 128, {}
     print("| scene | allocation | time | median | mean | 90 % | 99 % |\n|---|---|---:|---:|---:|---:|---:|")
     for name in (*INSPECTION, *STATIONS):
         scene = job(root, name, folder, size)

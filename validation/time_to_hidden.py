@@ -14,7 +14,7 @@ processor time of one sample in every pixel. All pixels get the same number of s
   each pixel first, then the average over the unsaturated ones of the 7 x 7. It is smaller, and says what the pixels themselves need.
 - s, the saturation and the exposure (99.5 % quantile at 90 % of saturation) are those of the mean of all our renders, for all
   renderers: only their noise and their speed differ.
-- From radiance to electrons the sensor's data sheet and the bands of `crates/sensor/src/optics.rs` give the ratio of the channels;
+- From radiance to electrons the sensor's data sheet and the bands of `crates/camera/sensor/src/optics.rs` give the ratio of the channels;
   the factor is that of the EXR files that our program writes (`electrons.Y`), which must be the same in every pixel.
 - Both get the scenes without absorption, which Mitsuba's `path` does not know.
 - Processor time is that of the process, user and system, which other jobs on the machine disturb less than a clock; the renderers
@@ -51,7 +51,7 @@ K = 0.7
 POOL = 7
 SHARE = 0.99
 QUANTILE, LEVEL = 0.995, 0.9
-# Wavelengths of the channels in nm, as in crates/sensor/src/optics.rs.
+# Wavelengths of the channels in nm, as in crates/camera/sensor/src/optics.rs.
 BANDS = (610.0, 550.0, 465.0)
 # Does `electrons.Y` follow from R, G and B as computed here?
 LINEAR = 1e-4
@@ -305,7 +305,7 @@ def main() -> int:
     # Mitsuba 3.9.1 with a single thread never comes back from reading an EXR file.
     drjit.set_thread_count(max(2, drjit.thread_count()))
     mi.set_log_level(mi.LogLevel.Error)
-    sensor = Sensor.load(root / "crates" / "sensor" / "presets" / "imx250.toml")
+    sensor = Sensor.load(root / "crates" / "camera" / "sensor" / "presets" / "imx250.toml")
     connects = knows(arguments.dunkelfeld, EFFECT)
     images, covers = [], []
     for name in arguments.only:

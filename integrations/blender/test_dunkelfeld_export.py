@@ -268,7 +268,7 @@ class Conversions(unittest.TestCase):
 
     def test_proposed_sensors_are_the_presets(self):
         """The list of the dialog is that of the program."""
-        presets = Path(__file__).resolve().parents[2] / "crates" / "sensor" / "src" / "presets.rs"
+        presets = Path(__file__).resolve().parents[2] / "crates" / "camera" / "sensor" / "src" / "presets.rs"
         self.assertEqual(list(export.SENSORS), re.findall(r'\("([^"]+)", include_str', presets.read_text()))
 
 

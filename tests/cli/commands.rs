@@ -90,7 +90,7 @@ fn a_render_writes_all_outputs_well_formed() {
 #[test]
 fn training_changes_the_samples_and_a_replay_repeats_it() {
     let bench = Bench::new();
-    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/references/all-kinds-of-light.toml");
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../tests/references/all-kinds-of-light.toml");
     let render = format!("render {scene} --width 128 --height 128 --spp 2");
     bench.run(&format!("{render} --without learned-roulette --exr plain.exr -o plain.png")).code(0);
     bench.run(&format!("{render} --threads 1 --exr one.exr --plan plan.exr --stats one.json -o one.png")).code(0);

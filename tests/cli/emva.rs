@@ -227,7 +227,7 @@ fn a_cancelled_data_set_leaves_nothing_and_a_full_folder_is_not_touched() {
 /// The page names every figure that an analysis can have, and no other.
 #[test]
 fn the_page_names_every_figure_and_no_other() {
-    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/emva.md");
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../docs/emva.md");
     let page = std::fs::read_to_string(page).expect("docs/emva.md");
     let (_, rest) = page.split_once("## Figures").expect("the section");
     let rows = rest.lines().filter_map(|l| l.strip_prefix("| `")?.split_once('`').map(|(symbol, _)| symbol));

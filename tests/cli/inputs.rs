@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::time::Duration;
 
-const SENSOR: &str = include_str!("../../crates/sensor/presets/imx250.toml");
+const SENSOR: &str = include_str!("../../crates/camera/sensor/presets/imx250.toml");
 const SMALL: &str = "--width 4 --height 4 --spp 1";
 
 /// A bench with a scene `panel.gltf` that has the texture `panel.png` and a point light, and what a job can name.

@@ -1,6 +1,6 @@
 //! Faults of the machine as the program meets them: a full disk behind standard output, a limit on the size of files, folders
 //! that cannot be written, a checkpoint that another process works on. What fails operation by operation is tested in
-//! `crates/io/tests/it/faults.rs`.
+//! `crates/job/io/tests/it/faults.rs`.
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test it machine_faults::NAME`.
 #![cfg(unix)]

@@ -373,7 +373,7 @@ fn the_materials_page_states_what_becomes_of_every_material_extension() {
         let names = text.split("KHR_materials_").skip(1);
         names.map(|rest| rest.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '_').collect()).collect()
     };
-    let read = extensions(&page("crates/io/src/import/gltf/container.rs"));
+    let read = extensions(&page("crates/job/io/src/import/gltf/container.rs"));
     assert!(read.len() >= 11, "the importer names its extensions in another file");
     assert_eq!(extensions(&page("docs/materials.md")), read, "left the page, right the importer");
 }

@@ -131,7 +131,7 @@ fn a_full_film_has_the_resolution_of_its_sensor() {
         assert!(bench.try_open(&format!("[film]\nfull = true\n[sensor]\nmodel = \"{name}\"")).is_ok(), "{name}");
     }
     // A sensor file need not contain a resolution.
-    let sensor = include_str!("../../crates/sensor/presets/imx492.toml");
+    let sensor = include_str!("../../crates/camera/sensor/presets/imx492.toml");
     let sensor: String =
         sensor.lines().filter(|line| !line.starts_with("resolution")).map(|l| format!("{l}\n")).collect();
     fs::write(bench.0.path().join("own.toml"), sensor).expect("writable");

@@ -1,4 +1,4 @@
-//! Keys that are flags, keywords and options: one row of `crates/io/src/config/keys.rs` gives all of them, and a flag has the
+//! Keys that are flags, keywords and options: one row of `crates/job/io/src/config/keys.rs` gives all of them, and a flag has the
 //! effect of the line in the job.
 //!
 //! Replay: `cargo test -p dunkelfeld --test it keys::NAME`. With `DUNKELFELD_UPDATE=1` the generated texts are written.
@@ -77,7 +77,7 @@ fn expect(file: &str, text: &str, part: impl Fn(&str) -> std::ops::Range<usize>)
 
 #[test]
 fn stubs_and_pages_have_all_rows() {
-    expect("crates/python/python/dunkelfeld/_keys.py", &stubs(KEYS), |whole| 0..whole.len());
+    expect("crates/apps/python/python/dunkelfeld/_keys.py", &stubs(KEYS), |whole| 0..whole.len());
     expect("docs/library.md", &list(KEYS), |whole| {
         let from = whole.find("The keys: ").expect("a list");
         from..from + whole[from..].find("\n\n").expect("an end") + 1

@@ -1,4 +1,4 @@
-//! A lens that blurs: its image, the noise behind it, the files. `crates/sensor/tests/it/lens_blur.rs` compares the blur itself with
+//! A lens that blurs: its image, the noise behind it, the files. `crates/camera/sensor/tests/it/lens_blur.rs` compares the blur itself with
 //! closed forms.
 //!
 //! Replay: `cargo test -p dunkelfeld --test it lens_image::NAME`.

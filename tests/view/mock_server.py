@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mock_view import Fault, MockView
 
-ASSETS = Path(__file__).resolve().parents[2] / "crates" / "view" / "assets"
+ASSETS = Path(__file__).resolve().parents[2] / "crates" / "apps" / "view" / "assets"
 TYPES = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css",

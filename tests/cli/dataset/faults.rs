@@ -46,7 +46,7 @@ fn a_set_in_use_takes_no_other_study() {
 
 #[test]
 fn a_sensor_with_the_name_of_the_study_is_an_input() {
-    let sensor = include_str!("../../../crates/sensor/presets/imx250.toml");
+    let sensor = include_str!("../../../crates/camera/sensor/presets/imx250.toml");
     let text = changed(&[
         ("name = \"blocks\"", "name = \"blocks\"\nfolder = \"..\""),
         ("[sensor]", "[sensor]\nmodel = \"cam.toml\""),

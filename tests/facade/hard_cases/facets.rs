@@ -143,7 +143,7 @@ fn facets_of_no_slope_are_the_fresnel_formula_and_those_of_slope_one_have_their_
     let through = super::support::through_faces(2.0, fresnel(angle, 1.5));
     // R bends by 1e-6 over such slopes; between nodes 1/32 apart in the root of the cosine by 1e-3 of itself.
     assert!((smooth[0] - (1.0 - through)).abs() < 1e-3 && (smooth[1] - through).abs() < 1e-3, "{smooth:?}, {through}");
-    // Slope one, seen from above, mirrors of everything: 1 - ln 2 (derived in crates/bsdf/tests/it/furnace.rs).
+    // Slope one, seen from above, mirrors of everything: 1 - ln 2 (derived in crates/engine/bsdf/tests/it/furnace.rs).
     let mut all = 0.0;
     Plate { alpha: 1.0, ior: 1e9, fineness: 1 }.facets(1.0, 1e9, |share, way| match way {
         Way::Back(_) => all += share,

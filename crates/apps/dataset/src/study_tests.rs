@@ -15,7 +15,7 @@ fn keys<T: DeserializeOwned>() -> BTreeSet<String> {
 
 #[test]
 fn the_page_has_every_key_and_no_other() {
-    let page = include_str!("../../../docs/datasets.md");
+    let page = include_str!("../../../../docs/datasets.md");
     let section = |title: &str| {
         let from = page.find(&format!("\n{title}\n")).unwrap_or_else(|| panic!("{title}")) + title.len() + 2;
         let end = page[from..].find("\n## ").into_iter().chain(page[from..].find("\n### ")).min();
@@ -70,7 +70,7 @@ fn the_page_has_every_key_and_no_other() {
 
 #[test]
 fn the_shipped_study_is_read() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes/studies/symbols.toml");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../scenes/studies/symbols.toml");
     let study = Study::open(path).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()));
     study.check_jobs(20).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()));
     let [a, b] = [0, 1].map(|index| study.job(index).expect("a job"));

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from dunkelfeld import _native
 
-PAGE = Path(__file__).parents[3] / "docs" / "job-file.md"
+PAGE = Path(__file__).parents[4] / "docs" / "job-file.md"
 CLASSES: dict[str, tuple[Any, Any, str]] = {
     "camera": (df.Camera, df.CameraKeys, "## `[camera]`"),
     "lens": (None, df.LensKeys, "## `[lens]`"),

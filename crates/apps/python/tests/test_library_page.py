@@ -5,7 +5,7 @@ from pathlib import Path
 
 import dunkelfeld as df
 
-PAGE = Path(__file__).parents[3] / "docs" / "library.md"
+PAGE = Path(__file__).parents[4] / "docs" / "library.md"
 
 
 def rows(title: str) -> list[list[str]]:

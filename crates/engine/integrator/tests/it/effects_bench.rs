@@ -5,11 +5,11 @@
 
 #![allow(dead_code, reason = "the bench uses the rest")]
 
-#[path = "../../../../benches/effects/callgrind.rs"]
+#[path = "../../../../../benches/effects/callgrind.rs"]
 mod callgrind;
-#[path = "../../../../benches/effects/scene.rs"]
+#[path = "../../../../../benches/effects/scene.rs"]
 mod scene;
-#[path = "../../../../benches/effects/unused.rs"]
+#[path = "../../../../../benches/effects/unused.rs"]
 mod unused;
 
 use dunkelfeld_scene::Effect;

@@ -132,7 +132,7 @@ fn every_file_of_the_corpus_loads_or_is_refused_with_a_reason() {
 
 #[test]
 fn the_shipped_scenes_load() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../scenes");
     let files = scene_files(&folder);
     assert!(!files.is_empty(), "no scenes below {}", folder.display());
     for path in files {

@@ -20,7 +20,7 @@ def test_copies_of_relative_paths_work_in_another_folder(
     (tmp_path / "job.toml").write_text(JOB + '[sensor]\nmodel = "own.toml"\n')
     other = tmp_path / "other"
     other.mkdir()
-    presets = Path(__file__).parents[2] / "sensor" / "presets"
+    presets = Path(__file__).parents[3] / "camera" / "sensor" / "presets"
     (tmp_path / "own.toml").write_text((presets / "imx174.toml").read_text())
     monkeypatch.chdir(tmp_path)
     made = [df.Scene("job.toml"), df.Scene.from_job(JOB + '[sensor]\nmodel = "own.toml"\n')]

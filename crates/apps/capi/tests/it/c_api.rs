@@ -123,7 +123,7 @@ fn the_version_for_cmake_is_that_of_the_package() {
 #[test]
 fn a_program_in_c_has_the_bits_of_the_facade() {
     let shop = Workshop::new();
-    let words = shop.run(&shop.c("../../examples/c/render.c"), &["job.toml", "out.pgm", "8"]);
+    let words = shop.run(&shop.c("../../../examples/c/render.c"), &["job.toml", "out.pgm", "8"]);
     assert!(words.contains("hidden beneath the noise"), "{words}");
     let mut project = dunkelfeld::Project::open(shop.path("job.toml")).expect("a job");
     project.settings.budget = dunkelfeld::Budget::default().with_spp(8.0);
@@ -143,7 +143,7 @@ fn bad_input_is_a_status() {
 #[test]
 fn programs_in_cpp_run() {
     let shop = Workshop::new();
-    let Some(poses) = shop.cpp("../../examples/cpp/poses.cpp") else { return };
+    let Some(poses) = shop.cpp("../../../examples/cpp/poses.cpp") else { return };
     assert_eq!(shop.run(&poses, &["job.toml", "part", "3"]).lines().count(), 3);
     let raii = shop.cpp("tests/raii.cpp").expect("a compiler of C++");
     assert_eq!(shop.run(&raii, &["job.toml"]).trim(), "all checks hold");
@@ -153,7 +153,7 @@ fn programs_in_cpp_run() {
 #[ignore = "slow: valgrind"]
 fn no_memory_is_lost_or_read_beyond_its_end() {
     let shop = Workshop::new();
-    shop.check_memory(&shop.c("../../examples/c/render.c"), &["job.toml", "out.pgm", "2"]);
+    shop.check_memory(&shop.c("../../../examples/c/render.c"), &["job.toml", "out.pgm", "2"]);
     shop.check_memory(&shop.c("tests/bad_input.c"), &["job.toml", "few"]);
     if let Some(raii) = shop.cpp("tests/raii.cpp") {
         shop.check_memory(&raii, &["job.toml"]);

@@ -1,5 +1,5 @@
 //! The C interface of Dunkelfeld: a shared and a static library, and the header `dunkelfeld.h`, which cbindgen makes of this
-//! crate. `crates/capi/cbindgen.toml` has the rules for handles, errors, buffers and threads. Rust programs use the crate
+//! crate. `crates/apps/capi/cbindgen.toml` has the rules for handles, errors, buffers and threads. Rust programs use the crate
 //! `dunkelfeld`.
 //!
 //! Handles are keys of a table and are never followed as pointers, so that closed handles are errors. All unsafe code is in
