@@ -134,7 +134,7 @@ fn truth(job: &PathBuf, options: &Options) -> Result<Truth, Error> {
     let (mut samples, mut forecasts) = (0u64, Vec::new());
     for seed in 0..options.seeds {
         settings.seed = seed;
-        let rendering = render(&project.scene, &settings, &Session::new(settings.threads)?)?;
+        let rendering = render(&project.scene, &settings, &Session::new(settings.run.threads)?)?;
         let frame = develop_film(&rendering.film, &settings)?;
         samples += rendering.film.sums.total_samples();
         if let Some(foretold) = rendering.forecast.as_ref().and_then(|f| f.target()).and_then(|l| l.samples) {

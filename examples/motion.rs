@@ -52,7 +52,7 @@ fn save(shutter: Shutter, path: &str) -> Result<(), dunkelfeld::Error> {
         .with_height(SIZE)
         .with_sensor(SensorChoice::None)
         .with_budget(Budget::default().with_spp(64.0));
-    let session = Session::new(settings.threads)?;
+    let session = Session::new(settings.run.threads)?;
     let rendering = render(&scene, &settings, &session)?;
     let frame = session.install(|| develop_film(&rendering.film, &settings))?;
     save_picture(&frame, path.as_ref())

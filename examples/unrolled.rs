@@ -80,7 +80,7 @@ fn main() -> Result<(), dunkelfeld::Error> {
     // The switch could be thrown from any thread: a signal handler, a user interface.
     let cancel = Cancel::new();
     let progress = Tenths(0.into());
-    let session = Session::new(settings.threads)?.with_start(started).with_progress(&progress).with_cancel(&cancel);
+    let session = Session::new(settings.run.threads)?.with_start(started).with_progress(&progress).with_cancel(&cancel);
     let rendering = render(&scene, &settings, &session)?;
     println!(
         "{} samples, {} of them invalid",

@@ -61,7 +61,7 @@ target!(init: LazyLock::force(&FINISHED), |data| {
 fn report(scratch: &Scratch) -> std::result::Result<(), dunkelfeld::Error> {
     let input = scratch.path("scene.glb");
     let mut project = Project::open(&input)?;
-    (project.settings.width, project.settings.height, project.settings.threads) = (4, 3, 1);
+    (project.settings.width, project.settings.height, project.settings.run.threads) = (4, 3, 1);
     let quick = BenchSettings::quick().with_seeds(4).with_reference_spp(4).with_effects(Vec::new());
     let settings = quick.with_ladder(vec![2, 4]).with_denoisers(Vec::new());
     bench(project, &input, &settings, &scratch.path("bench"), true, false, &Session::new(1)?).map(drop)

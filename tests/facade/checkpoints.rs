@@ -56,7 +56,7 @@ fn adaptive() -> RenderSettings {
 
 /// The samples of a render that another process does.
 fn only(settings: &RenderSettings, samples: std::ops::Range<u32>) -> RenderSettings {
-    settings.clone().with_samples(samples).with_budget(Budget::default()).with_strategy(None)
+    settings.clone().running(|run| run.with_samples(samples)).with_budget(Budget::default()).with_strategy(None)
 }
 
 /// Joins parts into a checkpoint.
@@ -68,11 +68,11 @@ fn merge(parts: &[PathBuf], out: &Path) -> Result<Merged, Error> {
 /// Stores a checkpoint as often as it can.
 fn kept(path: &Path, settings: &RenderSettings) -> RenderSettings {
     let checkpoint = CheckpointSettings::new(path).with_seconds(0.0);
-    settings.clone().with_checkpoint(checkpoint)
+    settings.clone().running(|run| run.with_checkpoint(checkpoint))
 }
 
 fn run(scene: &Scene, settings: &RenderSettings) -> Result<Rendering, Error> {
-    render(scene, settings, &Session::new(settings.threads).expect("threads"))
+    render(scene, settings, &Session::new(settings.run.threads).expect("threads"))
 }
 
 fn film(scene: &Scene, settings: &RenderSettings) -> Film {
@@ -116,11 +116,11 @@ fn a_render_that_is_interrupted_many_times_ends_with_the_same_bits() {
         loop {
             let cancel = Cancel::new();
             let stop = StopAt(whole.total_samples() * (interruptions + 1) / 8, &cancel);
-            let settings = kept(&path, &settings).with_threads(1);
+            let settings = kept(&path, &settings).running(|run| run.with_threads(1));
             let resumed = render(
                 &scene,
                 &settings,
-                &Session::new(settings.threads)
+                &Session::new(settings.run.threads)
                     .expect("threads")
                     .with_start(a_second_ago())
                     .with_progress(&stop)
@@ -188,13 +188,13 @@ fn the_time_of_all_processes_counts_against_the_budget() {
         let folder = TempDir::new().expect("a folder");
         let path = folder.path().join("a.film");
         let budget = Budget::default().with_seconds(3600.0);
-        let timed = kept(&path, &adaptive().with_width(width).with_budget(budget)).with_threads(2);
+        let timed = kept(&path, &adaptive().with_width(width).with_budget(budget)).running(|run| run.with_threads(2));
         let cancel = Cancel::new();
         let stop = StopAt(2_000, &cancel);
         let first = render(
             &scene,
             &timed,
-            &Session::new(timed.threads)
+            &Session::new(timed.run.threads)
                 .expect("threads")
                 .with_start(a_second_ago())
                 .with_progress(&stop)
@@ -211,7 +211,7 @@ fn the_time_of_all_processes_counts_against_the_budget() {
         let accounted: f64 = second.stages.iter().map(|(_, seconds)| seconds).sum();
         assert!((accounted - second.earlier.seconds).abs() < 60.0, "{accounted} s in {:?}", second.stages);
         // The plan of the render replays it.
-        let replay = timed.with_replay(second.plan()).with_checkpoint(None);
+        let replay = timed.running(|run| run.with_replay(second.plan())).running(|run| run.with_checkpoint(None));
         assert!(film(&scene, &replay) == second.film.sums);
     }
 }
@@ -240,7 +240,7 @@ fn a_checkpoint_of_another_render_is_refused_and_the_difference_named() {
         (base().with_frame(1), "not the same frame"),
         (base().with_width(13), "not the same size, \"12 x 8\" there and \"13 x 8\" here"),
         (base().with_camera(Some("other".into())), "not the same camera"),
-        (base().with_without(vec![Effect::ALL[0]]), "not the same choice of effects left out"),
+        (base().running(|run| run.with_without(vec![Effect::ALL[0]])), "not the same choice of effects left out"),
         (base().with_budget(Budget::default().with_spp(91.0)), "not the same budget"),
         (
             base().with_budget(Budget::default().with_seconds(9.0)),
@@ -252,7 +252,7 @@ fn a_checkpoint_of_another_render_is_refused_and_the_difference_named() {
         (base().with_sensor(sensor("imx250", 6.0)), "not the same sensor or exposure"),
         (base().with_pilot_spp(17), "not the same further settings"),
         (base().with_sobel_floor(0.3), "not the same further settings"),
-        (base().with_replay(Plane::new(12, 8, 4)), "not the same plan"),
+        (base().running(|run| run.with_replay(Plane::new(12, 8, 4))), "not the same plan"),
         (only(&base(), 0..4), "the whole render there and samples 0..4 here"),
     ];
     for (other, says) in cases {
@@ -343,7 +343,7 @@ fn parts_of_a_plan_are_the_plan() {
     let whole = run(&scene, &adaptive).expect("a render");
     let plan = whole.plan();
     let most = plan.data().iter().copied().max().expect("pixels");
-    let replay = adaptive.with_replay(plan.clone());
+    let replay = adaptive.running(|run| run.with_replay(plan.clone()));
     let cut = most / 2;
     assert!(plan.data().iter().any(|&n| n < cut), "some pixels lie in the first part alone");
     let parts = [0..5, 5..cut, cut..most].map(|range| part(&scene, &folder, &replay, range));
@@ -374,7 +374,7 @@ fn parts_that_do_not_belong_together_are_refused() {
         (uniform.clone().with_seed(6), "not the same seed"),
         (uniform.clone().with_width(13), "not the same size"),
         (uniform.clone().with_camera(Some("other".into())), "not the same camera"),
-        (uniform.clone().with_replay(Plane::new(12, 8, 99)), "not the same plan"),
+        (uniform.clone().running(|run| run.with_replay(Plane::new(12, 8, 99))), "not the same plan"),
         (uniform.clone().with_sensor(sensor("imx174", 5.0)), "not the same sensor, lens or exposure"),
     ] {
         let _ = fs::remove_file(elsewhere.path().join("8-16.film"));

@@ -391,7 +391,7 @@ fn lamp() -> Scene {
 
 fn stats(settings: &RenderSettings) -> Value {
     let rendering =
-        render(&lamp(), settings, &Session::new(settings.threads).expect("threads")).expect("valid settings");
+        render(&lamp(), settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings");
     let frame = develop_film(&rendering.film, settings).expect("a frame");
     let mut stats = Stats::new(&rendering, &frame, settings);
     for stage in [

@@ -242,7 +242,7 @@ fn lit_floor(sensor: SensorModel, noise: ExposureNoise) -> (dunkelfeld::Renderin
     let sensor = SensorChoice::Emva { model: Box::new(sensor), optics, exposure: exposure(0.3e-3) };
     let settings = settings(30, 24, 16.0, 4).with_sensor(sensor).with_exposure_noise(noise);
     let rendering =
-        render(&build(b), &settings, &Session::new(settings.threads).expect("threads")).expect("valid settings");
+        render(&build(b), &settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings");
     (rendering, settings)
 }
 
@@ -317,7 +317,7 @@ fn a_render_behind_a_filter_is_planned_and_certified() {
     let scene = build(b);
     // A flat image has no edges: the paper's method shares its samples out evenly, mosaic or not.
     let sobel = settings.clone().with_strategy(Strategy::Sobel).with_budget(Budget::default().with_spp(32.0));
-    let counts = render(&scene, &sobel, &Session::new(sobel.threads).expect("threads"))
+    let counts = render(&scene, &sobel, &Session::new(sobel.run.threads).expect("threads"))
         .expect("valid")
         .film
         .sums
@@ -335,7 +335,7 @@ fn a_render_behind_a_filter_is_planned_and_certified() {
         let lamp = b.add_material(emitter(20.0));
         b.add_object("lamp", square(1.2, 0.8, true), lamp);
         b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
-        (render(&build(b), &hidden, &Session::new(hidden.threads).expect("threads")).expect("valid"), hidden)
+        (render(&build(b), &hidden, &Session::new(hidden.run.threads).expect("threads")).expect("valid"), hidden)
     };
     let frame = developed(&rendering, &hidden);
     let certified = frame.sensor.and_then(|s| s.certified).expect("certified");

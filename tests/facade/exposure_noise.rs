@@ -32,7 +32,7 @@ fn exposed(ms: f64) -> RenderSettings {
 }
 
 fn rendered(scene: &Scene, settings: &RenderSettings) -> Rendering {
-    render(scene, settings, &Session::new(settings.threads).expect("threads")).expect("valid settings")
+    render(scene, settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings")
 }
 
 fn developed(rendering: &Rendering, settings: &RenderSettings) -> Frame {
@@ -50,7 +50,7 @@ fn ratios(rendering: &Rendering, settings: &RenderSettings) -> Vec<f64> {
 fn plan(scene: &Scene, ms: f64) -> Plane<u32> {
     let mut plan = Plane::new(SIDE, SIDE, 64);
     for frame in 1000..1004 {
-        let settings = exposed(ms).with_frame(frame).with_replay(plan.clone());
+        let settings = exposed(ms).with_frame(frame).running(|run| run.with_replay(plan.clone()));
         let ratios = ratios(&rendered(scene, &settings), &settings);
         for (n, ratio) in plan.data_mut().iter_mut().zip(ratios) {
             // Full sets of the four batches, two at least.
@@ -95,7 +95,7 @@ fn photon_transfer(ms: f64) {
     let plan = plan(&scene, ms);
     let mut pixels = vec![Pixel::default(); PIXELS];
     for frame in 0..FRAMES {
-        let matched = exposed(ms).with_frame(frame).with_replay(plan.clone());
+        let matched = exposed(ms).with_frame(frame).running(|run| run.with_replay(plan.clone()));
         let rendering = rendered(&scene, &matched);
         let frames =
             [&matched, &plain(&matched)].map(|settings| developed(&rendering, settings).sensor.expect("a sensor"));
@@ -250,7 +250,7 @@ fn matched_frames_depend_on_the_film_alone_and_state_where_they_hold() {
     let settings = small();
     let rendering = rendered(&scene, &settings);
     let frame = developed(&rendering, &settings);
-    let one = settings.clone().with_threads(1);
+    let one = settings.clone().running(|run| run.with_threads(1));
     let again = Session::new(1).expect("a thread").install(|| developed(&rendered(&scene, &one), &one));
     assert_eq!(values(&frame), values(&again));
 
@@ -284,7 +284,7 @@ fn a_pixel_whose_variance_is_not_known_is_exposed_as_ever_and_does_not_count() {
         0 => 64,
         other => other - 1,
     };
-    let settings = small().with_replay(Plane::from_fn(40, 30, number));
+    let settings = small().running(|run| run.with_replay(Plane::from_fn(40, 30, number)));
     let rendering = rendered(&scene, &settings);
     let frame = developed(&rendering, &settings);
     let other = developed(&rendering, &plain(&settings));

@@ -61,7 +61,7 @@ fn noise(k: f64) -> Budget {
 }
 
 fn rendered(scene: &Scene, settings: &RenderSettings) -> Rendering {
-    render(scene, settings, &Session::new(settings.threads).expect("threads")).expect("valid settings")
+    render(scene, settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings")
 }
 
 fn certified(rendering: &Rendering, settings: &RenderSettings) -> (Frame, Certificate) {
@@ -106,7 +106,7 @@ fn a_forecast_comes_once_and_before_the_end() {
     let watch = Watch::default();
     let s = settings(24, 16, noise(3.0), 1);
     let rendering =
-        render(&still_life(), &s, &Session::new(s.threads).expect("threads").with_progress(&watch)).expect("valid");
+        render(&still_life(), &s, &Session::new(s.run.threads).expect("threads").with_progress(&watch)).expect("valid");
     let forecasts = watch.0.into_inner().expect("no panic");
     assert_eq!(forecasts.len(), 1);
     assert_eq!(rendering.forecast.as_ref(), forecasts.first());
@@ -226,7 +226,7 @@ fn a_black_scene_is_hidden_at_once_and_silly_levels_are_refused() {
     let film: &Film = &rendering.film.sums;
     assert!(film.mean().data().iter().all(|p| *p == [0.0; 3]));
     let refused = |s: RenderSettings| {
-        render(&scene, &s, &Session::new(s.threads).expect("threads")).expect_err("refused").to_string()
+        render(&scene, &s, &Session::new(s.run.threads).expect("threads")).expect_err("refused").to_string()
     };
     for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(refused(settings(8, 8, noise(k), 0)).contains("noise"));

@@ -47,8 +47,12 @@ fn the_film_is_bit_identical_for_any_number_of_threads() {
     let scene = room();
     for strategy in [Strategy::Uniform, Strategy::Sobel] {
         let strategy = Some(strategy);
-        let with =
-            |threads| rendered(&scene, &settings(50, 37, 32.0, 11).with_threads(threads).with_strategy(strategy));
+        let with = |threads| {
+            rendered(
+                &scene,
+                &settings(50, 37, 32.0, 11).running(|run| run.with_threads(threads)).with_strategy(strategy),
+            )
+        };
         let one = with(1);
         assert!(one.total_samples() > 0 && one == with(2) && one == with(7), "{strategy:?}");
     }
@@ -59,15 +63,16 @@ fn the_film_is_bit_identical_for_any_number_of_threads() {
 fn a_render_with_training_is_bit_identical_for_any_number_of_threads_and_in_parts() {
     let scene = room();
     let with = |threads, paths| {
-        let s = settings(24, 20, 16.0, 4).with_threads(threads).with_strategy(Some(Strategy::Uniform));
-        rendered(&scene, &s.with_training_paths(paths))
+        let s =
+            settings(24, 20, 16.0, 4).running(|run| run.with_threads(threads)).with_strategy(Some(Strategy::Uniform));
+        rendered(&scene, &s.running(|run| run.with_training_paths(paths)))
     };
     let one = with(1, 1024);
     assert!(one == with(3, 1024), "another number of threads");
     assert!(one != with(1, 0), "the training has an effect");
     let part = |samples| {
         let s = settings(24, 20, 16.0, 4).with_budget(Budget::default()).with_strategy(None);
-        rendered(&scene, &s.with_training_paths(1024).with_samples(samples))
+        rendered(&scene, &s.running(|run| run.with_training_paths(1024)).running(|run| run.with_samples(samples)))
     };
     let (first, second) = (part(0..8), part(8..16));
     let mut whole = first;
@@ -138,11 +143,11 @@ fn a_timed_render_replays_to_the_same_bits() {
     let scene = room();
     let timed =
         settings(64, 48, 1.0, 3).with_budget(Budget::default().with_seconds(0.6)).with_strategy(Strategy::Sobel);
-    let run = |s: &RenderSettings| render(&scene, s, &Session::new(s.threads).expect("threads")).expect("valid");
+    let run = |s: &RenderSettings| render(&scene, s, &Session::new(s.run.threads).expect("threads")).expect("valid");
     let first = run(&timed);
     let plan = first.plan();
     assert!(plan.data().iter().all(|&n| n > 0) && plan.data().iter().any(|&n| n != plan.data()[0]), "the plan adapts");
-    let again = run(&timed.with_replay(plan).with_threads(3));
+    let again = run(&timed.running(|run| run.with_replay(plan)).running(|run| run.with_threads(3)));
     assert!(first.film == again.film);
 }
 

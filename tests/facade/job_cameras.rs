@@ -37,7 +37,7 @@ fn fitted(project: &Project) -> RenderSettings {
 /// The rays of a project, in world space.
 fn film(project: &Project) -> RayGenerator {
     let settings = fitted(project);
-    let view = settings.view.as_ref().expect("a view");
+    let view = settings.run.view.as_ref().expect("a view");
     RayGenerator::new(view, settings.width, settings.height, DVec3::ZERO, 1e3).expect("valid")
 }
 
@@ -168,6 +168,6 @@ fn a_working_distance_and_a_focal_length_give_the_size_of_the_image() {
         let settings = fitted(&project);
         let SensorChoice::Emva { optics, .. } = &settings.sensor else { panic!("no sensor") };
         assert!((optics.magnification() - m).abs() < 1e-9, "{keys}: the light of the image");
-        assert_eq!(settings.view.expect("a view").lens.aperture, None, "everything is sharp");
+        assert_eq!(settings.run.view.expect("a view").lens.aperture, None, "everything is sharp");
     }
 }

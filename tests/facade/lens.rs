@@ -51,7 +51,7 @@ impl Bench {
 }
 
 fn view(project: &Project) -> Camera {
-    project.fitted().unwrap_or_else(|e| panic!("{e}\n{}", e.caret())).view.expect("a view")
+    project.fitted().unwrap_or_else(|e| panic!("{e}\n{}", e.caret())).run.view.expect("a view")
 }
 
 fn field(project: &Project) -> f64 {

@@ -22,7 +22,8 @@ fn exposed(psf: Psf, samples: f64, ms: f64) -> RenderSettings {
 }
 
 fn rendered(scene: &Scene, settings: &RenderSettings) -> (Rendering, Frame) {
-    let rendering = render(scene, settings, &Session::new(settings.threads).expect("threads")).expect("valid settings");
+    let rendering =
+        render(scene, settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings");
     let frame = develop_film(&rendering.film, settings).expect("a frame");
     (rendering, frame)
 }

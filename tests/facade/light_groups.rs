@@ -106,7 +106,7 @@ const LIGHTS: [&str; 7] = ["glow", "other glow", "panel", "bar", "point", "sun",
 fn opened(spp: f64) -> Project {
     let mut project = Project::from_text("lights.toml", JOB).expect("a valid job");
     project.settings.budget = Budget::default().with_spp(spp);
-    project.settings.layers = FilmLayers::All;
+    project.settings.run.layers = FilmLayers::All;
     project
 }
 
@@ -154,10 +154,11 @@ fn groups_change_no_bit_and_add_up() {
     let mut project = opened(20.0);
     let plain = film(&project);
     assert_eq!(project.scene.light_names(), LIGHTS);
-    project.settings.light_groups = vec![vec!["glow".into(), "sun".into()], vec!["panel".into()], vec!["bar".into()]];
-    project.settings.threads = 1;
+    project.settings.run.light_groups =
+        vec![vec!["glow".into(), "sun".into()], vec!["panel".into()], vec!["bar".into()]];
+    project.settings.run.threads = 1;
     let one = film(&project);
-    project.settings.threads = 3;
+    project.settings.run.threads = 3;
     let three = film(&project);
     assert_eq!((one.sums == plain.sums, three.sums == plain.sums), (true, true));
     assert_eq!(one.groups.len(), 4, "the other lights have a film");
@@ -180,7 +181,7 @@ fn groups_change_no_bit_and_add_up() {
 #[test]
 fn a_group_is_a_render_with_its_lights() {
     let mut project = opened(64.0);
-    project.settings.light_groups = groups(&LIGHTS);
+    project.settings.run.light_groups = groups(&LIGHTS);
     let films = film(&project).groups;
     assert_eq!(films.len(), LIGHTS.len());
     let all: Vec<_> = films.iter().map(regions).collect();
@@ -205,7 +206,7 @@ fn a_group_is_a_render_with_its_lights() {
 #[test]
 fn factors_are_those_of_the_power_of_lights() {
     let mut project = opened(64.0);
-    project.settings.light_groups = groups(&LIGHTS);
+    project.settings.run.light_groups = groups(&LIGHTS);
     let weighted = film(&project).weighted(&[0.5, 0.0, 3.0, 1.0, 2.0, 0.25, 4.0]).expect("seven factors");
     let mut project = opened(64.0);
     project.settings.seed = 200;
@@ -262,7 +263,7 @@ fn the_certified_variance_of_a_sum_is_that_of_repeated_renders() {
     project.set_overrides("[[material]]\nname = \"ball\"\nmetallic = 0\nroughness = 0.8\n").expect("a material");
     project.resize_keeping_view(24, 16);
     let settings = camera(&project, ExposureNoise::Plain);
-    project.settings.light_groups = groups(&["panel", "bar", "sun"]);
+    project.settings.run.light_groups = groups(&["panel", "bar", "sun"]);
     let renders: Vec<(Vec<f32>, Vec<f64>)> = (0..RENDERS)
         .map(|seed| {
             project.settings.seed = seed;
@@ -295,7 +296,7 @@ fn the_certified_variance_of_a_sum_is_that_of_repeated_renders() {
 #[test]
 fn an_exr_has_the_sum_and_a_layer_for_each_group() {
     let mut project = opened(16.0);
-    project.settings.light_groups = groups(&LIGHTS);
+    project.settings.run.light_groups = groups(&LIGHTS);
     let (rendered, factors) = (film(&project), [0.5, 0.0, 3.0, 1.0, 2.0, 0.25, 4.0]);
     let weighted = rendered.weighted(&factors).expect("seven factors");
     let means: Vec<_> = rendered.groups.iter().map(|film| mean_image(film, rendered.is_spread)).collect();
@@ -324,7 +325,7 @@ fn an_exr_has_the_sum_and_a_layer_for_each_group() {
 #[test]
 fn unknown_variances_stay_unknown() {
     let mut project = opened(1.0);
-    project.settings.light_groups = groups(&["sun"]);
+    project.settings.run.light_groups = groups(&["sun"]);
     let settings = camera(&project, ExposureNoise::Matched);
     let film = film(&project);
     let share = |factors: [f64; 2]| {
@@ -339,14 +340,14 @@ fn unknown_variances_stay_unknown() {
 fn wrong_groups_are_refused() {
     let mut project = opened(1.0);
     let error = |project: &Project| project.render().expect_err("refused").to_string();
-    project.settings.light_groups = groups(&["moon"]);
+    project.settings.run.light_groups = groups(&["moon"]);
     assert!(error(&project).contains("no light \"moon\""), "{}", error(&project));
-    project.settings.light_groups = groups(&["sun"; 64]);
+    project.settings.run.light_groups = groups(&["sun"; 64]);
     assert!(error(&project).contains("64 groups"), "{}", error(&project));
-    project.settings.light_groups = groups(&["sun"]);
-    project.settings.checkpoint = Some(CheckpointSettings::new("none.ckpt"));
+    project.settings.run.light_groups = groups(&["sun"]);
+    project.settings.run.checkpoint = Some(CheckpointSettings::new("none.ckpt"));
     assert!(error(&project).contains("checkpoint"), "{}", error(&project));
-    project.settings.checkpoint = None;
+    project.settings.run.checkpoint = None;
     let film = film(&project);
     assert_eq!(film.groups.len(), 2);
     for wrong in [&[][..], &[1.0], &[1.0, -1.0], &[f64::NAN, 1.0], &[f64::INFINITY, 1.0]] {
@@ -363,7 +364,7 @@ fn groups_behind_covers_add_up() {
     project.resize_keeping_view(WIDTH, HEIGHT);
     project.settings.budget = Budget::default().with_spp(32.0);
     let plain = film(&project);
-    project.settings.light_groups = project.scene.light_names().into_iter().map(|name| vec![name]).collect();
+    project.settings.run.light_groups = project.scene.light_names().into_iter().map(|name| vec![name]).collect();
     let film = film(&project);
     assert!(film.sums == plain.sums);
     let whole = regions(&film.sums);
@@ -386,7 +387,7 @@ fn matched_noise_of_a_sum_has_the_variance_of_the_camera() {
     let ball = "[[material]]\nname = \"ball\"\nmetallic = 0\nroughness = 0.8\n";
     project.set_overrides(&format!("environment = {{ radiance = 0 }}\n{ball}{dark}")).expect("names of the job");
     project.resize_keeping_view(48, 36);
-    project.settings.light_groups = groups(&["panel", "bar"]);
+    project.settings.run.light_groups = groups(&["panel", "bar"]);
     let settings = [ExposureNoise::Plain, ExposureNoise::Matched]
         .map(|noise| project.fitted().expect("a valid job").with_exposure_noise(noise));
     let mut frames: [Vec<dunkelfeld::film::Plane<u16>>; 2] = [Vec::new(), Vec::new()];

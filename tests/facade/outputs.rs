@@ -52,7 +52,7 @@ fn scene_file(folder: &TempDir) -> PathBuf {
 fn layers_hold_what_the_film_and_the_sensor_hold() {
     let scene = floor_and_void();
     let s = with_sensor(settings(16, 12, 8.0, 3));
-    let rendering = render(&scene, &s, &Session::new(s.threads).expect("threads")).expect("valid");
+    let rendering = render(&scene, &s, &Session::new(s.run.threads).expect("threads")).expect("valid");
     let frame = develop(&rendering.film.sums.mean(), &s).expect("exposed");
     let layers = encode_layers(&rendering.film, &frame, &s);
 
@@ -121,7 +121,7 @@ fn a_project_is_opened_adjusted_rendered_and_saved() {
     let average = mean.data().iter().map(|p| f64::from(p[1])).sum::<f64>() / 120.0;
     assert!(average > 0.0 && (stats.mean_radiance[1] / average - 1.0).abs() < 1e-5, "{average}");
     // A replay by the library is the same film.
-    project.settings.replay = Some(load_plan(&folder.path().join("a.exr")).expect("a plan").samples);
+    project.settings.run.replay = Some(load_plan(&folder.path().join("a.exr")).expect("a plan").samples);
     assert!(project.render().expect("rendered").rendering.film == result.rendering.film);
 }
 
@@ -149,11 +149,13 @@ fn a_render_that_is_cancelled_from_its_progress_keeps_samples_that_can_be_replay
     let watch = Watch { seen: Mutex::default(), cancel: &cancel, most: 100 * 32 * 32 };
     // An hour's budget: only the switch can end it.
     let s = settings(32, 32, 1.0, 8).with_budget(Budget::default().with_seconds(3600.0));
-    let cut = render(&scene, &s, &Session::new(s.threads).expect("threads").with_progress(&watch).with_cancel(&cancel))
-        .expect("valid");
+    let cut =
+        render(&scene, &s, &Session::new(s.run.threads).expect("threads").with_progress(&watch).with_cancel(&cancel))
+            .expect("valid");
     assert!(cut.interrupted && cut.film.sums.total_samples() > 0);
-    let replay = s.with_replay(cut.plan()).with_budget(Budget::default()).with_threads(3);
-    let again = render(&scene, &replay, &Session::new(replay.threads).expect("threads")).expect("valid");
+    let replay =
+        s.running(|run| run.with_replay(cut.plan())).with_budget(Budget::default()).running(|run| run.with_threads(3));
+    let again = render(&scene, &replay, &Session::new(replay.run.threads).expect("threads")).expect("valid");
     assert!(again.film == cut.film && !again.interrupted);
     let seen = watch.seen.into_inner().expect("no panic");
     assert!(seen.iter().all(|s| (0.0..=1.0).contains(&s.fraction) && s.remaining.is_none_or(|r| r >= 0.0)), "{seen:?}");

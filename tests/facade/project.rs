@@ -274,6 +274,8 @@ fn a_replay_belongs_to_one_render_and_applied_options_stay() {
     let vignetted = |keys: &str| RenderOptions::default().with_keys(format!("{keys}lens.vignetting = 'cos4'\n"));
     let saved = render(&mut project, vignetted(&options.keys));
     assert!(saved.is_vignetted && project.lens.vignetting.is_none());
+    let own_lens = JOB.replace("0.4] }", "0.4], lens = { f_number = 8 } }");
+    assert!(render(&mut open(&folder, "own.toml", &own_lens), vignetted("")).is_vignetted);
     let plan = folder.path().join("plan.exr");
     let files = OutputPaths::default().with_plan(plan.clone());
     save_film_files(&saved, None, &files, &InputFiles::new()).expect("saved");

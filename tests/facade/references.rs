@@ -73,12 +73,12 @@ fn reference(name: &str) -> Result<ImageEstimate, String> {
 fn ours(name: &str) -> Result<ImageEstimate, String> {
     let project = Project::open(folder().join(format!("{name}.toml"))).map_err(|e| e.to_string())?;
     let (width, height) = (project.settings.width, project.settings.height);
-    let view = project.fitted().map_err(|e| e.to_string())?.view;
+    let view = project.fitted().map_err(|e| e.to_string())?.run.view;
     let mut moments = vec![[SampleMoments::default(); 3]; (width * height) as usize];
     for batch in 0..BATCHES {
         let mut settings = settings(width, height, BATCH_SPP, u64::from(batch) + 1);
-        settings.threads = 1;
-        settings.view.clone_from(&view);
+        settings.run.threads = 1;
+        settings.run.view.clone_from(&view);
         let film = film(&project.scene, &settings);
         if film.invalid_samples() > 0 {
             return Err(format!("{} samples are not finite or negative", film.invalid_samples()));

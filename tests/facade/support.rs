@@ -74,7 +74,7 @@ pub(crate) fn settings(width: u32, height: u32, spp: f64, seed: u64) -> RenderSe
 
 /// The film of a uniform render.
 pub(crate) fn film(scene: &Scene, settings: &RenderSettings) -> Film {
-    render(scene, settings, &Session::new(settings.threads).expect("threads"))
+    render(scene, settings, &Session::new(settings.run.threads).expect("threads"))
         .expect("the settings are valid")
         .film
         .sums

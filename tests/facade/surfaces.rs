@@ -403,7 +403,7 @@ fn layers_and_pixel_ids_describe_the_visible_surface() {
     for orthographic in [true, false] {
         let scene = scene(orthographic);
         let s = settings(30, 30, 16.0, 9);
-        let r = render(&scene, &s, &Session::new(s.threads).expect("threads")).expect("valid");
+        let r = render(&scene, &s, &Session::new(s.run.threads).expect("threads")).expect("valid");
         // Pixels are 0.1 m wide at a distance of 2 m.
         for (k, (label, sums)) in r.film.ids.data().iter().zip(r.film.sums.sums().data()).enumerate() {
             let (x, y) = (f64::from(k as u32 % 30) * 0.1 - 1.45, 1.45 - f64::from(k as u32 / 30) * 0.1);

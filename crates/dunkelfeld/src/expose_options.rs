@@ -89,7 +89,7 @@ impl ExposeOptions {
         }
         settings.seed = if job.sets(&["seed"]) { job.seed } else { settings.seed };
         settings.first_frame = if job.sets(&["frame"]) { job.frame } else { settings.first_frame };
-        settings.threads = saved.settings.threads;
+        settings.threads = saved.settings.run.threads;
         settings.inputs.extend(&inputs);
         Ok(settings)
     }

@@ -32,9 +32,9 @@ pub fn save_film_files(
     }
     let mut inputs = inputs.clone();
     inputs.add_library(settings.denoise.oidn.as_deref());
-    let checkpoint = settings.checkpoint.as_ref().map(|keep| keep.path.as_path());
+    let checkpoint = settings.run.checkpoint.as_ref().map(|keep| keep.path.as_path());
     outputs.check_beside(settings.has_sensor(), checkpoint, &inputs)?;
-    let session = Session::new(settings.threads)?;
+    let session = Session::new(settings.run.threads)?;
     if outputs.image.is_some() || outputs.linear.is_some() || outputs.exr.is_some() {
         let shows_denoised = outputs.image.is_some() || outputs.exr.is_some();
         let denoiser = if shows_denoised { find_denoiser(&settings.denoise)? } else { None };
@@ -61,7 +61,7 @@ pub fn save_film_files(
 /// Such a file, and one that cannot be written.
 pub fn save_film(saved: &SavedFilm, path: &Path, inputs: &InputFiles) -> Result<(), Error> {
     let mut inputs = inputs.clone();
-    if let Some(keep) = &saved.settings.checkpoint {
+    if let Some(keep) = &saved.settings.run.checkpoint {
         inputs.add(&keep.path, Role::Checkpoint);
     }
     check_outputs(&[("the film", path)], &inputs)?;

@@ -132,13 +132,19 @@ pub fn develop_behind_lens(
     if let Some(certified) = &mut certified {
         certified.certificate.share = settings.budget.hidden_share();
     }
-    exposer.into_frame(settings.frame, certified, &settings.without)
+    exposer.into_frame(settings.frame, certified, &settings.run.without)
 }
 
 fn expose(mean: MeanImage, settings: &RenderSettings, film: Option<&RenderedFilm>) -> Result<Frame, Error> {
     let Some(camera) = ExposeSettings::of_render(settings)? else {
         let picture = Picture::Rgb(display::linear_to_8bit(&mean.radiance));
-        return Ok(Frame { picture, sensor: None, no_light: false, without: settings.without.clone(), denoised: None });
+        return Ok(Frame {
+            picture,
+            sensor: None,
+            no_light: false,
+            without: settings.run.without.clone(),
+            denoised: None,
+        });
     };
     let mut exposer = Exposer::new(mean, &camera, (&camera.model, &camera.optics, camera.readout))?;
     let is_matched = settings.exposure_noise == ExposureNoise::Matched;
@@ -162,5 +168,5 @@ fn expose(mean: MeanImage, settings: &RenderSettings, film: Option<&RenderedFilm
     if let Some(certified) = &mut certified {
         certified.certificate.share = settings.budget.hidden_share();
     }
-    exposer.into_frame(settings.frame, certified, &settings.without)
+    exposer.into_frame(settings.frame, certified, &settings.run.without)
 }

@@ -119,7 +119,7 @@
 //! scene.add_object("lamp", shapes::rectangle(Vec3::new(-0.5, 1.0, -0.5), Vec3::X, Vec3::Z), lamp);
 //! scene.add_camera("above", DVec3::new(0.1, 0.5, 0.3), DVec3::ZERO, 0.5);
 //! let settings = default_settings().with_width(16).with_height(16).with_budget(Budget::default().with_spp(4.0));
-//! let session = Session::new(settings.threads)?;
+//! let session = Session::new(settings.run.threads)?;
 //! // The cache keeps what does not change from build to build.
 //! let mut cache = BuildCache::default();
 //! for step in 0..3 {

@@ -91,19 +91,19 @@ impl RenderOptions {
         let s = &mut setup.settings;
         if let Some(SavedPlan { samples, training_paths, .. }) = plan {
             s.budget = Budget::default();
-            s.training_paths = is_trained.then_some(training_paths).or(s.training_paths);
-            s.replay = Some(samples);
+            s.run.training_paths = is_trained.then_some(training_paths).or(s.run.training_paths);
+            s.run.replay = Some(samples);
         }
         if self.samples.is_some() {
             // Those of the job are for the whole render.
             s.budget = if is_limited { s.budget } else { Budget::default() };
             s.strategy = s.strategy.filter(|_| has_strategy);
-            s.samples = self.samples;
+            s.run.samples = self.samples;
         }
         s.camera = self.camera.or(s.camera.take());
-        s.threads = self.threads.unwrap_or(s.threads);
-        s.checkpoint = self.checkpoint.map(CheckpointSettings::new).or(s.checkpoint.take());
-        match (self.checkpoint_every, &mut s.checkpoint) {
+        s.run.threads = self.threads.unwrap_or(s.run.threads);
+        s.run.checkpoint = self.checkpoint.map(CheckpointSettings::new).or(s.run.checkpoint.take());
+        match (self.checkpoint_every, &mut s.run.checkpoint) {
             (None, _) => {}
             (Some(seconds), Some(keep)) if seconds.is_finite() && seconds >= 0.0 => keep.seconds = seconds,
             (Some(seconds), Some(_)) => {
@@ -275,7 +275,7 @@ pub fn denoise_saved(saved: &SavedFilm, settings: &DenoiseSettings) -> Result<De
     let Some(denoiser) = find_denoiser(settings)? else {
         return Err(Error::setting("denoise", "the denoiser is off", "use `auto`, `oidn` or `builtin`"));
     };
-    let session = Session::new(saved.settings.threads)?;
+    let session = Session::new(saved.settings.run.threads)?;
     session
         .install(|| denoise_film(&saved.film.sums, &*denoiser, &session))
         .map_err(|e| Error::setting("denoise", e.to_string(), "use the denoiser `builtin`"))

@@ -286,7 +286,7 @@ pub(crate) fn layer_attributes(frame: &Frame, settings: &RenderSettings, film: &
         FILM_OF_SENSOR: FilmOfSensor::new(settings),
         "objects": film.object_names,
         "materials": film.material_names,
-        "without": settings.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
+        "without": settings.run.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
         SPREAD: film.is_spread,
     });
     add_first_sample(&mut all, settings);
@@ -295,7 +295,7 @@ pub(crate) fn layer_attributes(frame: &Frame, settings: &RenderSettings, film: &
 
 /// Marks a part of a render that does not begin with sample 0: its numbers of samples are no plan.
 fn add_first_sample(attributes: &mut serde_json::Value, settings: &RenderSettings) {
-    let first = settings.samples.as_ref().map_or(0, |samples| samples.start);
+    let first = settings.run.samples.as_ref().map_or(0, |samples| samples.start);
     if let (1.., Some(attributes)) = (first, attributes.as_object_mut()) {
         attributes.insert("first_sample".into(), first.into());
     }
@@ -575,7 +575,7 @@ impl SavedPlan {
     /// A part of a render that does not begin with sample 0.
     pub fn of_film(saved: &SavedFilm) -> Result<Self, Error> {
         let SavedFilm { film, settings, .. } = saved;
-        if let Some(first @ 1..) = settings.samples.as_ref().map(|samples| samples.start) {
+        if let Some(first @ 1..) = settings.run.samples.as_ref().map(|samples| samples.start) {
             let (problem, help) = no_plan_of_part(first);
             return Err(Error::setting("replay", format!("the film {problem}"), help));
         }

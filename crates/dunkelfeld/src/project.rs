@@ -118,7 +118,7 @@ impl Project {
             match self.fit_settings(self.settings.clone().with_camera(camera)) {
                 Ok(settings) => {
                     let is_blurred = settings.is_blurred();
-                    let Some(Camera { name, lens, .. }) = settings.view else { continue };
+                    let Some(Camera { name, lens, .. }) = settings.run.view else { continue };
                     if lens.aperture.is_some() {
                         inspection.add_effect(Effect::FiniteAperture, "lens");
                     }
@@ -146,7 +146,7 @@ impl Project {
         timed_exposure(&self.scene, &self.job)
     }
 
-    /// The settings of a render with the lens combined with its camera: with [`RenderSettings::view`] set, and with the
+    /// The settings of a render with the lens combined with its camera: with [`RunSettings::view`](dunkelfeld_render::RunSettings::view) set, and with the
     /// f-number and magnification of the image for the sensor. Film and sensor are those of the settings as they are
     /// now.
     ///
@@ -163,7 +163,7 @@ impl Project {
         validate(&settings)?;
         check_shutter(&self.scene, &settings, &self.job)?;
         settings.is_timed = self.timed_exposure().is_some();
-        if settings.view.is_some() {
+        if settings.run.view.is_some() {
             return Ok(settings);
         }
         if settings.camera.is_none() {
@@ -180,10 +180,10 @@ impl Project {
             let aspect = settings.width as f32 / settings.height as f32;
             view.to_world = framing_camera(self.scene.bounds(), aspect, f64::from(vertical_fov)).to_world;
         }
-        if settings.without.contains(&Effect::FiniteAperture) {
+        if settings.run.without.contains(&Effect::FiniteAperture) {
             view.lens.aperture = None;
         }
-        if settings.without.contains(&Effect::Distortion) {
+        if settings.run.without.contains(&Effect::Distortion) {
             view.lens.distortion = Distortion::default();
         }
         if let Err(e) = self.scene.ray_generator(&view, settings.width, settings.height) {
@@ -194,7 +194,7 @@ impl Project {
                 false => e.into(),
             });
         }
-        settings.view = Some(view);
+        settings.run.view = Some(view);
         if let SensorChoice::Emva { optics, .. } = &mut settings.sensor
             && *optics == self.optics
         {
@@ -202,7 +202,7 @@ impl Project {
             let splitter = splitter_of(&self.job, &self.scene, &camera.name);
             let bands = self.job.bands_behind(&lens)?.behind_splitter(splitter);
             *optics = Optics::new(f_number, lens.transmission, magnification)?.with_bands(bands);
-            if !settings.without.contains(&Effect::LensBlur) {
+            if !settings.run.without.contains(&Effect::LensBlur) {
                 let psf = lens.psf(&mut InputFiles::new())?;
                 *optics = optics.clone().with_psf(psf).with_glare(lens.glare.unwrap_or(0.0))?;
             }
@@ -280,14 +280,8 @@ impl Project {
         let mut setup = resolve(&job, sensor, self.inputs.clone())?;
         expose_for(&mut setup.settings, self.scene.shutter(), &job)?;
         check_shutter(&self.scene, &setup.settings, &self.job)?;
-        let RenderSettings { threads, camera, view, max_pilot_spp, training_paths, replay, samples, .. } =
-            &self.settings;
-        let RenderSettings { checkpoint, layers, light_groups, without, .. } = &self.settings;
-        let s = &mut setup.settings;
-        (s.threads, s.camera, s.view) = (*threads, camera.clone(), view.clone());
-        (s.max_pilot_spp, s.training_paths) = (*max_pilot_spp, *training_paths);
-        (s.replay, s.samples, s.checkpoint) = (replay.clone(), samples.clone(), checkpoint.clone());
-        (s.layers, s.light_groups, s.without) = (*layers, light_groups.clone(), without.clone());
+        setup.settings.camera.clone_from(&self.settings.camera);
+        setup.settings.run.clone_from(&self.settings.run);
         setup.inputs.extend(&self.inputs);
         setup.warnings.clone_from(&self.warnings);
         Ok(setup)
@@ -331,7 +325,7 @@ impl Project {
         kept: KeptFilms,
     ) -> (u64, MemoryAccount) {
         let settings = &needed_layers(settings.clone(), outputs);
-        let (threads, none) = (thread_count(settings.threads), OutputPaths::default());
+        let (threads, none) = (thread_count(settings.run.threads), OutputPaths::default());
         let outputs = outputs.unwrap_or(&none);
         let description = self.description.as_ref().map_or(0, |description| description.bytes());
         render_account(RenderNeeds { scene: &self.scene.summary(), description, settings, outputs, threads, kept })
@@ -372,10 +366,10 @@ impl Project {
 }
 
 /// The settings of a command that writes `outputs`: sums that neither these nor the denoiser need are left out of the film
-/// ([`RenderSettings::layers`]).
+/// ([`RunSettings::layers`](dunkelfeld_render::RunSettings::layers)).
 fn needed_layers(mut settings: RenderSettings, outputs: Option<&OutputPaths>) -> RenderSettings {
     if outputs.is_some_and(|outputs| outputs.exr.is_none()) && settings.denoise.method == DenoiseMethod::Off {
-        settings.layers = FilmLayers::Image;
+        settings.run.layers = FilmLayers::Image;
     }
     settings
 }
@@ -429,7 +423,7 @@ impl ProjectResult {
             settings: &self.settings,
             is_vignetted: self.is_vignetted,
         };
-        let session = Session::new(self.settings.threads)?.with_start(self.started);
+        let session = Session::new(self.settings.run.threads)?.with_start(self.started);
         session.install(|| written.save(paths))?;
         self.stats.add_seconds(Stage::Write, began.elapsed().as_secs_f64());
         self.stats.finish(session.elapsed());

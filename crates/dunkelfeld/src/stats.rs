@@ -293,12 +293,12 @@ impl Stats {
             version: STATS_VERSION,
             program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
             size: [film.width(), film.height()],
-            camera: settings.view.as_ref().map(|view| view.name.clone()).or(settings.camera.clone()),
+            camera: settings.run.view.as_ref().map(|view| view.name.clone()).or(settings.camera.clone()),
             seed: settings.seed,
             frame: settings.frame,
             training_paths: settings.training_paths(),
             threads: rendering.threads,
-            allocation: if settings.replay.is_some() { "replay".into() } else { settings.strategy().name().into() },
+            allocation: if settings.run.replay.is_some() { "replay".into() } else { settings.strategy().name().into() },
             stop: match (rendering.interrupted, rendering.stop) {
                 (true, _) => "interrupted",
                 (false, StopReason::Time) => "time",
@@ -306,7 +306,7 @@ impl Stats {
                 (false, StopReason::NoiseTarget) => "noise",
             }
             .into(),
-            without: settings.without.iter().map(|e| e.name().to_string()).collect(),
+            without: settings.run.without.iter().map(|e| e.name().to_string()).collect(),
             samples,
             mean_spp: samples as f64 / n,
             spp_range: totals.range.unwrap_or_default(),

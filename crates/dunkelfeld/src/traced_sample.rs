@@ -94,7 +94,7 @@ impl Project {
         }
         let scene = &self.scene;
         let camera = camera(scene, &settings)?;
-        let roulette = Session::new(settings.threads)?.install(|| train(scene, &camera, &settings));
+        let roulette = Session::new(settings.run.threads)?.install(|| train(scene, &camera, &settings));
         let (width, seed, frame) = (settings.width, settings.seed, settings.frame);
         let estimator = Estimator { scene, camera: &camera, width, seed, frame, roulette: roulette.as_ref() };
         let (sample, trace) = estimator.trace(at);

@@ -39,7 +39,7 @@ impl Project {
         let usual = PathBuf::from(input.file_stem().unwrap_or_else(|| "render".as_ref())).with_extension("png");
         let usual = camera.map_or(usual.clone(), |camera| with_camera(&usual, camera));
         let others = OutputPaths { image: None, ..outputs.clone() };
-        let checkpoint = self.settings.checkpoint.as_ref().map(|keep| ("the checkpoint", keep.path.as_path()));
+        let checkpoint = self.settings.run.checkpoint.as_ref().map(|keep| ("the checkpoint", keep.path.as_path()));
         free_file(usual, "render", |path| {
             let image = ("the image", path);
             check_outputs(&[image], &self.inputs)?;

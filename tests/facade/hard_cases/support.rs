@@ -41,7 +41,7 @@ pub(crate) const fn terms(spp: f64, sure: f64) -> Terms {
 #[track_caller]
 pub(crate) fn healthy_film(scene: &Scene, settings: &RenderSettings, what: &str) -> Film {
     // The tests of a binary run side by side: one thread each.
-    let film = film(scene, &settings.clone().with_threads(1));
+    let film = film(scene, &settings.clone().running(|run| run.with_threads(1)));
     assert_eq!(film.invalid_samples(), 0, "{what}: samples that are not finite or negative");
     assert!(film.mean().data().iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{what}: pixels out of range");
     film

@@ -34,6 +34,6 @@ impl FilmData {
 
     /// Runs work on the number of threads of the render.
     pub(crate) fn compute<T: Send>(&self, work: impl FnOnce(&SavedFilm) -> T + Send) -> Result<T, dunkelfeld::Error> {
-        Ok(Session::new(self.saved.settings.threads)?.install(|| work(&self.saved)))
+        Ok(Session::new(self.saved.settings.run.threads)?.install(|| work(&self.saved)))
     }
 }

@@ -292,9 +292,9 @@ impl Worker {
 
     fn choose_settings(&mut self, seconds: Option<f64>) {
         let settings = &mut self.project.settings;
-        settings.threads = self.threads;
+        settings.run.threads = self.threads;
         let is_denoised = settings.denoise.method != DenoiseMethod::Off;
-        settings.layers = if is_denoised { FilmLayers::All } else { FilmLayers::Image };
+        settings.run.layers = if is_denoised { FilmLayers::All } else { FilmLayers::Image };
         if let Some(seconds) = seconds {
             settings.budget = Budget::default().with_seconds(seconds);
         }
@@ -307,7 +307,8 @@ impl Worker {
             let fault = Fault::new(format!("image {index}: {problem}"), "an image has at most 65535 instances");
             study.error(fault, &["study", "label"])
         })?;
-        let camera = settings.view.clone().ok_or_else(|| Error::setting("camera", "there is none", "name a camera"))?;
+        let camera =
+            settings.run.view.clone().ok_or_else(|| Error::setting("camera", "there is none", "name a camera"))?;
         let rays = scene.ray_generator(&camera, width, height)?;
         let surfaces = result.frame.sensor.is_some() && !parts.defects.is_empty();
         let layers = LabelLayers {

@@ -46,7 +46,7 @@ impl Film {
     /// Computes a plane on the threads of the render, without the interpreter.
     fn compute<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&SavedFilm) -> T + Send) -> Result<T, Failure> {
         let saved = &*self.saved;
-        with_pool(py, self.settings().threads, move || work(saved))
+        with_pool(py, self.settings().run.threads, move || work(saved))
     }
 }
 
@@ -174,7 +174,7 @@ impl Film {
         keys: Option<&Bound<'py, PyDict>>,
     ) -> Result<Bound<'py, PyArray3<u16>>, Failure> {
         let options = Keywords::of_exposure("expose", (sensor, exposure), keys, OF_FILM)?.exposure();
-        let (saved, threads) = (&*self.saved, self.settings().threads);
+        let (saved, threads) = (&*self.saved, self.settings().run.threads);
         stack(py, with_cancellable_pool(py, threads, |cancel| expose_film(saved, &options, frames, cancel))??)
     }
 

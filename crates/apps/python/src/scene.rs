@@ -123,7 +123,7 @@ impl Scene {
             None => Project::open_with(&path, options)?,
             Some(text) => Project::from_text_with(&path, text, options)?,
         };
-        let without = project.settings.without.clone();
+        let without = project.settings.run.without.clone();
         Ok(Self {
             project: Mutex::new(project),
             origin: (path, text),

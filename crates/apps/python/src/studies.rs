@@ -109,7 +109,7 @@ fn study<'py>(
         options.camera = view.camera;
         project.apply_options(options)?;
         let folder = output.unwrap_or_else(|| default_folder(input, name, &project.inputs).path);
-        let session = Session::new(project.settings.threads)?.with_progress(sink).with_cancel(cancel);
+        let session = Session::new(project.settings.run.threads)?.with_progress(sink).with_cancel(cancel);
         let o = run(project, &folder, &session)?;
         let numbers = [o.finished[0] as u64, o.finished[1] as u64, o.invalid_samples];
         Ok(Study { folder, files: o.files, findings: o.findings, figures: o.figures, numbers })

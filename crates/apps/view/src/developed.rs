@@ -78,7 +78,7 @@ pub(crate) fn check_timed(snapshot: &Snapshot, camera: &Camera) -> Result<(), Fa
 
 /// The reason why the f-number is no knob of a film with these settings.
 pub(crate) fn fixed_f_number(settings: &RenderSettings) -> Option<&'static str> {
-    if settings.view.as_ref().is_some_and(|view| view.lens.aperture.is_some()) {
+    if settings.run.view.as_ref().is_some_and(|view| view.lens.aperture.is_some()) {
         return Some("the samples show the depth of field of this aperture");
     }
     match &settings.sensor {

@@ -151,13 +151,13 @@ fn prepare(
     opened.set_overrides(&text)?;
     opened.settings.camera = change.camera.clone().or(opened.settings.camera.take());
     opened.settings.budget = Budget::default().with_spp(MAX_SPP);
-    opened.settings.max_pilot_spp = Some(PILOT_SPP);
-    opened.settings.layers = FilmLayers::All;
+    opened.settings.run.max_pilot_spp = Some(PILOT_SPP);
+    opened.settings.run.layers = FilmLayers::All;
     let of_lights: Vec<Vec<String>> = opened.scene.light_names().into_iter().map(|name| vec![name]).collect();
     let lights = of_lights.len();
-    opened.settings.light_groups = if change.per_light { of_lights.clone() } else { Vec::new() };
+    opened.settings.run.light_groups = if change.per_light { of_lights.clone() } else { Vec::new() };
     let mut settings = opened.fitted()?;
-    let (bytes, fits) = opened.memory_beside(&settings.clone().with_light_groups(of_lights), KEPT);
+    let (bytes, fits) = opened.memory_beside(&settings.clone().running(|run| run.with_light_groups(of_lights)), KEPT);
     let light_films = Some(LightFilms { lights, bytes, fits: fits.map_err(Fault::from) });
     let is_vignetted = dunkelfeld::camera(&opened.scene, &settings)?.has_vignetting();
     let no_denoiser = without_missing_denoiser(&mut settings);

@@ -9,7 +9,7 @@ use dunkelfeld::{Project, Session};
 pub(crate) fn trace_path(project: &Project, at: PixelSample) -> Result<PathAnswer, Fault> {
     let settings = project.fitted()?;
     let camera = dunkelfeld::camera(&project.scene, &settings)?;
-    let roulette = Session::new(settings.threads)?.install(|| train(&project.scene, &camera, &settings));
+    let roulette = Session::new(settings.run.threads)?.install(|| train(&project.scene, &camera, &settings));
     let estimator = Estimator {
         scene: &project.scene,
         camera: &camera,

@@ -135,7 +135,7 @@ pub(crate) fn check(
         )));
     }
     let view_of = |settings: &RenderSettings| {
-        settings.view.clone().map(|mut view| {
+        settings.run.view.clone().map(|mut view| {
             view.lens.vignetting = Vignetting::default();
             view
         })

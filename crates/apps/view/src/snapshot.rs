@@ -154,7 +154,7 @@ impl Snapshot {
 
     /// The lights that have films of their own.
     pub(crate) fn lights(&self) -> impl Iterator<Item = &str> {
-        self.settings.light_groups.iter().flatten().map(String::as_str)
+        self.settings.run.light_groups.iter().flatten().map(String::as_str)
     }
 
     /// The factor of each light with a film of its own, from factors by the names of lights. A light that the list leaves out
@@ -262,7 +262,7 @@ mod tests {
         let lights = [vec!["left".to_owned()], vec!["right".to_owned()]];
         let mut film = RenderedFilm::without_ids(Film::new(2, 1));
         film.groups = vec![film.sums.clone(), film.sums.clone()];
-        let settings = RenderSettings::without_sensor().with_light_groups(lights.to_vec());
+        let settings = RenderSettings::without_sensor().running(|run| run.with_light_groups(lights.to_vec()));
         let picture = Snapshot::new(1, Content::Film(film), (settings, false), Arc::default(), 0.0, None);
         assert_eq!(picture.factors(None), Ok(vec![]));
         let factors = |name: &str, factor: f64| picture.factors(Some(&BTreeMap::from([(name.to_owned(), factor)])));

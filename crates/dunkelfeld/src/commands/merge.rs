@@ -65,8 +65,9 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     let _lock = settings.checkpoint.as_deref().map(lock).transpose()?;
     let joined = JoinedParts::read(&settings.parts)?;
     let samples = joined.samples();
-    let mut shown = joined.settings().with_threads(settings.threads);
-    shown.samples = Some(samples.clone());
+    let mut shown = joined.settings();
+    shown.run.threads = settings.threads;
+    shown.run.samples = Some(samples.clone());
     settings.outputs.check(shown.has_sensor())?;
     if let Some(path) = &settings.checkpoint {
         joined.write_checkpoint(path)?;

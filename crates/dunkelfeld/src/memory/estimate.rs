@@ -148,18 +148,18 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
     let film =
         Film::expected_bytes(width, height, settings.film_layers(), settings.is_blurred(), settings.expected_spp());
     // One for each group of lights, and one for the lights of no group.
-    let groups = settings.light_groups.len() as u64;
+    let groups = settings.run.light_groups.len() as u64;
     let of_groups = film.saturating_mul(groups + groups.min(1));
     account.add("film", &always(film));
     account.add("films of lights", &always(of_groups));
     account.add("planes", &always(planes(per_pixel::KEPT)));
-    if settings.replay.is_some() || settings.samples.is_some() {
+    if settings.run.replay.is_some() || settings.run.samples.is_some() {
         account.add("plan", &always(planes(per_pixel::REPLAY)));
     }
     let tiles = 2 * TILE_PIXELS * (size_of::<PixelSums>() as u64 + 8) * threads as u64;
     account.add("rounds", &[planes(per_pixel::ROUND).saturating_add(tiles), 0, 0, 0, 0]);
     account.add("training", &always(TRAINING_PATH * u64::from(settings.training_paths())));
-    if settings.checkpoint.is_some() {
+    if settings.run.checkpoint.is_some() {
         let rows = 2 * u64::from(width) * u64::from(dunkelfeld_render::TILE) * SUMS;
         account.add("checkpoint", &[planes(per_pixel::CHECKPOINT).saturating_add(rows), 0, 0, 0, 0]);
     }

@@ -24,7 +24,7 @@ impl Project {
         for view in views {
             let settings = self.fit_settings(self.settings.clone().with_camera(view.clone()));
             let bound = settings.and_then(|s| {
-                let name = s.view.as_ref().map(|view| view.name.clone());
+                let name = s.run.view.as_ref().map(|view| view.name.clone());
                 Ok((camera(&self.scene, &s)?, [s.width, s.height], name.unwrap_or_default()))
             });
             let Ok((camera, film, name)) = bound else {

@@ -34,7 +34,7 @@ pub struct ProjectOptions {
     /// meshes once more. Default true.
     pub can_change: bool,
     /// Number of threads that build the scene, and that render it unless
-    /// [`RenderSettings::threads`] is changed; 0 means one per core, the default.
+    /// [`RunSettings::threads`](dunkelfeld_render::RunSettings::threads) is changed; 0 means one per core, the default.
     pub threads: usize,
     /// Keys of a job that replace those of the file, as in [`Project::set_overrides`].
     #[setters(into)]
@@ -234,15 +234,15 @@ pub(super) fn compile_and(
     scene.shutter = job.shutter(scene, setup.settings.height)?;
     expose_for(&mut setup.settings, scene.shutter.as_ref(), job)?;
     setup.inputs.extend(&imported.inputs);
-    setup.settings.threads = threads;
+    setup.settings.run.threads = threads;
     edit(scene)?;
     scene.threads = threads;
     for &effect in without {
         // An effect that is given twice is left out once.
-        if setup.settings.without.contains(&effect) {
+        if setup.settings.run.without.contains(&effect) {
             continue;
         }
-        setup.settings.without.push(effect);
+        setup.settings.run.without.push(effect);
         if !scene.leave_out(effect) {
             let problem =
                 format!("{} cannot be left out: it is not a part of the scene that can be taken away", effect.name());

@@ -131,7 +131,7 @@ impl Project {
         let Description { imported, without, cache, .. } = description;
         let read = if changed.has_scene_of(&self.job) { None } else { Some(changed.load_scene()?) };
         let source = read.as_ref().unwrap_or(imported).clone();
-        let options = (without.as_slice(), self.settings.threads);
+        let options = (without.as_slice(), self.settings.run.threads);
         let Compiled { scene, report, mut setup, .. } = compile_and(&changed, source, options, Some(cache), edit)?;
         if let Some(read) = read {
             *imported = read;

@@ -54,7 +54,7 @@ impl Project {
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<(Rendering, RenderSettings, bool), Error> {
-        self.film_of(Session::new(self.settings.threads)?, KeptFilms::default(), progress, cancel)
+        self.film_of(Session::new(self.settings.run.threads)?, KeptFilms::default(), progress, cancel)
     }
 
     /// [`Project::render_film`] of a program that keeps copies of the film meanwhile, and that a person uses. The memory
@@ -70,7 +70,7 @@ impl Project {
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<(Rendering, RenderSettings, bool), Error> {
-        self.film_of(Session::in_background(self.settings.threads, nice)?, kept, progress, cancel)
+        self.film_of(Session::in_background(self.settings.run.threads, nice)?, kept, progress, cancel)
     }
 
     /// The memory of [`Self::render_film_beside`] with these settings beside the program and its scene \[bytes\], and an error
@@ -102,7 +102,7 @@ impl Project {
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<ProjectResult, Error> {
-        let mut quiet = Session::new(self.settings.threads)?;
+        let mut quiet = Session::new(self.settings.run.threads)?;
         let command = self.command.filter(|_| outputs.is_some());
         if let Some(CommandClock { started, .. }) = command {
             quiet = quiet.with_start(started);
@@ -111,7 +111,7 @@ impl Project {
         let mut inputs = self.inputs.clone();
         inputs.add_library(self.settings.denoise.oidn.as_deref());
         if let Some(outputs) = outputs {
-            let checkpoint = self.settings.checkpoint.as_ref().map(|keep| keep.path.as_path());
+            let checkpoint = self.settings.run.checkpoint.as_ref().map(|keep| keep.path.as_path());
             outputs.check_beside(self.settings.has_sensor(), checkpoint, &inputs)?;
         }
         let mut settings = needed_layers(self.fitted()?, outputs);

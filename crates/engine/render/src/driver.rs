@@ -133,7 +133,7 @@ pub fn render_with_dry_run(
         let trained = Instant::now();
         let roulette = train(scene, &camera, settings);
         let training_time = trained.elapsed();
-        let (writer, saved) = match &settings.checkpoint {
+        let (writer, saved) = match &settings.run.checkpoint {
             Some(keep) => {
                 let (writer, saved) = CheckpointWriter::open(
                     keep,
@@ -315,7 +315,7 @@ impl<'a> Renderer<'a> {
             seconds: budget.seconds,
             samples,
             stop_on_noise: budget.noise.is_some(),
-            max_pilot_spp: self.settings.max_pilot_spp,
+            max_pilot_spp: self.settings.run.max_pilot_spp,
         }
     }
 
@@ -539,10 +539,10 @@ impl<'a> Renderer<'a> {
 
 /// The groups of lights of the settings. `None` without groups.
 fn light_groups(scene: &Scene, settings: &RenderSettings) -> Result<Option<LightGroups>, Error> {
-    if settings.light_groups.is_empty() {
+    if settings.run.light_groups.is_empty() {
         return Ok(None);
     }
-    let groups: Vec<&[String]> = settings.light_groups.iter().map(Vec::as_slice).collect();
+    let groups: Vec<&[String]> = settings.run.light_groups.iter().map(Vec::as_slice).collect();
     scene.light_groups(&groups).map(Some).map_err(|unknown| match unknown {
         Some(name) => {
             Error::setting("light groups", format!("the scene has no light {name:?}"), "use names of `inspect`")

@@ -50,7 +50,7 @@ pub struct PartSummary {
     pub seconds: f64,
 }
 
-/// The finished parts of one render ([`RenderSettings::samples`]), joined: bit by bit the film of one process that
+/// The finished parts of one render ([`RunSettings::samples`](crate::RunSettings::samples)), joined: bit by bit the film of one process that
 /// rendered all of their samples.
 pub struct JoinedParts {
     parts: Vec<PartSummary>,
@@ -92,8 +92,9 @@ impl JoinedParts {
 
     /// The settings for the exposure of the whole: those of the parts.
     pub fn settings(&self) -> RenderSettings {
-        let settings = self.recipe.settings(self.film.width(), self.film.height());
-        RenderSettings { samples: Some(self.samples()), ..settings }
+        let mut settings = self.recipe.settings(self.film.width(), self.film.height());
+        settings.run.samples = Some(self.samples());
+        settings
     }
 
     /// Does the lens darken the image towards its corners?

@@ -1,6 +1,6 @@
 //! The render key: it decides whether a checkpoint may be continued, and whether parts belong to one render.
 
-use crate::settings::{Budget, DenoiseSettings, RenderSettings, SensorChoice};
+use crate::settings::{Budget, DenoiseSettings, RenderSettings, RunSettings, SensorChoice};
 use dunkelfeld_integrator::{Estimator, LearnedRoulette, PixelSample};
 use dunkelfeld_scene::{RayGenerator, Scene, digest};
 use dunkelfeld_sensor::ExposureNoise;
@@ -35,7 +35,7 @@ impl RenderKey {
         key.add("size", format!("{} x {}", s.width, s.height));
         key.add("seed", s.seed);
         key.add("frame", s.frame);
-        key.add("choice of effects left out", s.without.iter().map(|e| e.name()).collect::<Vec<_>>().join(", "));
+        key.add("choice of effects left out", s.run.without.iter().map(|e| e.name()).collect::<Vec<_>>().join(", "));
         key.add("scene", hex(scene.fingerprint()));
         key.add_digest("camera", camera);
         key.add("number of training paths", s.training_paths());
@@ -52,22 +52,25 @@ impl RenderKey {
     ) -> Self {
         let s = settings;
         let mut key = Self::with_roulette(scene, camera, s, roulette);
-        match &s.replay {
+        match &s.run.replay {
             Some(plan) => key.add_digest("plan", plan),
             None => key.add("plan", ""),
         }
-        if s.samples.is_none() {
+        if s.run.samples.is_none() {
             key.add("budget", words(&s.budget));
             key.add("allocation", s.strategy().name());
             key.add_sensor(&s.sensor);
             // All other settings, except those that change no sample.
             let rest = RenderSettings {
-                threads: 0,
-                replay: None,
-                checkpoint: None,
                 memory_limit: None,
-                training_paths: None,
-                view: None,
+                run: RunSettings {
+                    threads: 0,
+                    replay: None,
+                    checkpoint: None,
+                    training_paths: None,
+                    view: None,
+                    ..s.run.clone()
+                },
                 strategy: Some(s.strategy()),
                 exposure_noise: ExposureNoise::default(),
                 denoise: DenoiseSettings::default(),

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 pub struct RenderedFilm {
     /// Sums of radiance and of auxiliary layers.
     pub sums: Film,
-    /// The light of each group of lights in the same samples ([`RenderSettings::light_groups`](crate::RenderSettings)), and then
+    /// The light of each group of lights in the same samples ([`RunSettings::light_groups`](crate::RunSettings::light_groups)), and then
     /// that of the lights of no group, if there are any. Albedo, normal and depth are zero. Empty without groups.
     ///
     /// The sums of these films add up to `sums`, to the rounding of each sample in single precision.

@@ -54,7 +54,7 @@ impl SavedFilm {
         let [objects, materials] = numbers_of(&film.ids);
         let stored = serde_json::to_string(&Description {
             saved_film,
-            samples: settings.samples.clone(),
+            samples: settings.run.samples.clone(),
             denoise: settings.denoise.method,
         })
         .map_err(Into::into)
@@ -98,7 +98,7 @@ impl SavedFilm {
         let ids = labels_of(objects, materials);
         let sums = checkpoint.film;
         let mut settings = saved_film.settings(sums.width(), sums.height());
-        settings.samples = samples;
+        settings.run.samples = samples;
         settings.denoise.method = denoise;
         let is_vignetted = saved_film.is_vignetted;
         let ExposureRecipe { is_spread, object_names, material_names, .. } = saved_film;

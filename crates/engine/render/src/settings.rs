@@ -81,28 +81,14 @@ pub enum SensorChoice {
     },
 }
 
-/// All inputs of a render except the scene.
-#[derive(Clone, Debug, Serialize, Setters)]
+/// What a program asks of a render beside the keys of a job.
+#[derive(Clone, Debug, Default, Serialize, Setters)]
 #[setters(prefix = "with_")]
 #[non_exhaustive]
-pub struct RenderSettings {
-    /// Width of the film \[pixels\], 1 to [`MAX_SIDE`].
-    pub width: u32,
-    /// Height of the film \[pixels\], 1 to [`MAX_SIDE`].
-    pub height: u32,
-    /// Name of the camera. `None` selects the first, or a view of the whole scene if there is none.
-    #[setters(into)]
-    pub camera: Option<String>,
+pub struct RunSettings {
     /// A camera that replaces the scene's.
     #[setters(into)]
     pub view: Option<Camera>,
-    /// The limits of the render.
-    pub budget: Budget,
-    /// The allocation of samples; `None` selects it by the sensor ([`Strategy::default_for`]).
-    #[setters(into)]
-    pub strategy: Option<Strategy>,
-    /// Samples per pixel of the pilot.
-    pub pilot_spp: u32,
     /// Samples per pixel of the pilot at most. By default a pilot has a fifth of the samples of the budget; a render that
     /// a user ends long before its limits needs less.
     #[setters(into)]
@@ -110,30 +96,11 @@ pub struct RenderSettings {
     /// Number of training paths of the learned Russian roulette ([`LearnedRoulette`](dunkelfeld_integrator::LearnedRoulette)),
     /// at most [`MAX_TRAINING_PATHS`]; 0 selects survival probabilities by the throughput of a path. A replay needs the
     /// number of the render, and so do parts of a render. `None` selects a number by the size of the film
-    /// ([`Self::training_paths`](Self::training_paths())).
+    /// ([`RenderSettings::training_paths`]).
     #[setters(into)]
     pub training_paths: Option<u32>,
-    /// Weight of flat regions under [`Strategy::Sobel`], relative to the mean Sobel magnitude, in \[0, 1\].
-    pub sobel_floor: f32,
-    /// Seed of the render, of the sensor's noise and of the device.
-    pub seed: u64,
-    /// Frame number; frames of one seed are independent.
-    pub frame: u32,
     /// Number of threads; 0 means one per core.
     pub threads: usize,
-    /// The camera's sensor.
-    pub sensor: SensorChoice,
-    /// How the pixels of the sensor form those of the film. It changes no sample.
-    #[serde(skip)]
-    pub readout: Readout,
-    /// Are the samples those of this exposure time, because objects move, rows are scanned or a lamp has a strobe? It
-    /// changes no sample.
-    #[serde(skip)]
-    pub is_timed: bool,
-    /// Noise that the sensor adds to the render's own. [`ExposureNoise::Matched`] needs a sensor.
-    pub exposure_noise: ExposureNoise,
-    /// Denoiser of the picture. No measurement uses its image.
-    pub denoise: DenoiseSettings,
     /// A plan to replay: samples per pixel, instead of budget and strategy.
     #[setters(into)]
     pub replay: Option<Plane<u32>>,
@@ -142,10 +109,6 @@ pub struct RenderSettings {
     /// pixel gets all samples of the range. Neither budget nor strategy may be set then.
     #[setters(into)]
     pub samples: Option<Range<u32>>,
-    /// Limit of memory \[bytes\] of the run. A render whose account (`dunkelfeld::memory::MemoryAccount`) exceeds it does not
-    /// begin.
-    #[setters(into)]
-    pub memory_limit: Option<u64>,
     /// Path and interval of the checkpoint. If the file exists, the render continues from it.
     #[serde(skip)]
     #[setters(into)]
@@ -163,6 +126,53 @@ pub struct RenderSettings {
     pub without: Vec<Effect>,
 }
 
+/// All inputs of a render except the scene.
+#[derive(Clone, Debug, Serialize, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
+pub struct RenderSettings {
+    /// Width of the film \[pixels\], 1 to [`MAX_SIDE`].
+    pub width: u32,
+    /// Height of the film \[pixels\], 1 to [`MAX_SIDE`].
+    pub height: u32,
+    /// Name of the camera. `None` selects the first, or a view of the whole scene if there is none.
+    #[setters(into)]
+    pub camera: Option<String>,
+    /// The limits of the render.
+    pub budget: Budget,
+    /// The allocation of samples; `None` selects it by the sensor ([`Strategy::default_for`]).
+    #[setters(into)]
+    pub strategy: Option<Strategy>,
+    /// Samples per pixel of the pilot.
+    pub pilot_spp: u32,
+    /// Weight of flat regions under [`Strategy::Sobel`], relative to the mean Sobel magnitude, in \[0, 1\].
+    pub sobel_floor: f32,
+    /// Seed of the render, of the sensor's noise and of the device.
+    pub seed: u64,
+    /// Frame number; frames of one seed are independent.
+    pub frame: u32,
+    /// The camera's sensor.
+    pub sensor: SensorChoice,
+    /// How the pixels of the sensor form those of the film. It changes no sample.
+    #[serde(skip)]
+    pub readout: Readout,
+    /// Are the samples those of this exposure time, because objects move, rows are scanned or a lamp has a strobe? It
+    /// changes no sample.
+    #[serde(skip)]
+    pub is_timed: bool,
+    /// Noise that the sensor adds to the render's own. [`ExposureNoise::Matched`] needs a sensor.
+    pub exposure_noise: ExposureNoise,
+    /// Denoiser of the picture. No measurement uses its image.
+    pub denoise: DenoiseSettings,
+    /// Limit of memory \[bytes\] of the run. A render whose account (`dunkelfeld::memory::MemoryAccount`) exceeds it does not
+    /// begin.
+    #[setters(into)]
+    pub memory_limit: Option<u64>,
+    /// What is no key of a job.
+    #[serde(flatten)]
+    pub run: RunSettings,
+}
+
 impl RenderSettings {
     /// The settings of a scene file that is opened without a job, but without its sensor: 512 x 512 pixels, [`DEFAULT_SPP`]
     /// samples.
@@ -171,34 +181,32 @@ impl RenderSettings {
             width: 512,
             height: 512,
             camera: None,
-            view: None,
             budget: Budget::default(),
             strategy: None,
             pilot_spp: DEFAULT_PILOT_SPP,
-            max_pilot_spp: None,
-            training_paths: None,
             sobel_floor: dunkelfeld_adaptive::weights::SOBEL_FLOOR,
             seed: 0,
             frame: 0,
-            threads: 0,
             sensor: SensorChoice::None,
             readout: Readout::default(),
             is_timed: false,
             exposure_noise: ExposureNoise::default(),
             denoise: DenoiseSettings::default(),
-            replay: None,
-            samples: None,
             memory_limit: None,
-            checkpoint: None,
-            layers: FilmLayers::default(),
-            light_groups: Vec::new(),
-            without: Vec::new(),
+            run: RunSettings::default(),
         }
+    }
+
+    /// The settings with a change of what is no key.
+    #[must_use]
+    pub fn running(mut self, change: impl FnOnce(RunSettings) -> RunSettings) -> Self {
+        self.run = change(self.run);
+        self
     }
 
     /// The strategy of the render.
     pub fn strategy(&self) -> Strategy {
-        match self.samples {
+        match self.run.samples {
             Some(_) => Strategy::Uniform,
             None => self.strategy.unwrap_or(Strategy::default_for(self.has_sensor())),
         }
@@ -206,7 +214,7 @@ impl RenderSettings {
 
     /// The given plan of a replay or of a part: samples per pixel, with the samples of other parts.
     pub(crate) fn given_plan(&self) -> Option<Plane<u32>> {
-        match (&self.replay, &self.samples) {
+        match (&self.run.replay, &self.run.samples) {
             (None, None) => None,
             (Some(plan), None) => Some(plan.clone()),
             (None, Some(samples)) => Some(Plane::new(self.width, self.height, samples.end)),
@@ -216,8 +224,8 @@ impl RenderSettings {
 
     /// Samples per pixel that other parts render: a part begins where the one before it ends.
     pub(crate) fn samples_before(&self) -> Plane<u32> {
-        let first = self.samples.as_ref().map_or(0, |s| s.start);
-        match &self.replay {
+        let first = self.run.samples.as_ref().map_or(0, |s| s.start);
+        match &self.run.replay {
             Some(plan) => plan.map(|&n| n.min(first)),
             None => Plane::new(self.width, self.height, first),
         }
@@ -225,7 +233,7 @@ impl RenderSettings {
 
     /// Samples per pixel of a render with a given plan.
     pub fn given_spp(&self) -> Option<f64> {
-        match (&self.replay, &self.samples) {
+        match (&self.run.replay, &self.run.samples) {
             (Some(plan), _) => Some(mean_of(plan)),
             (None, Some(samples)) => Some(f64::from(samples.end.saturating_sub(samples.start))),
             (None, None) => None,
@@ -239,9 +247,9 @@ impl RenderSettings {
         self.given_spp().or(budget.spp).unwrap_or(if open { UNKNOWN_SPP } else { DEFAULT_SPP })
     }
 
-    /// The layers of the film, by [`Self::layers`].
+    /// The layers of the film, by [`RunSettings::layers`].
     pub fn film_layers(&self) -> FilmLayers {
-        if self.checkpoint.is_some() { FilmLayers::All } else { self.layers }
+        if self.run.checkpoint.is_some() { FilmLayers::All } else { self.run.layers }
     }
 
     /// Number of training paths of the learned Russian roulette: the given one, or one for [`PIXELS_PER_TRAINING_PATH`]
@@ -249,17 +257,17 @@ impl RenderSettings {
     /// [`MIN_TRAINED_PIXELS`] pixels, and for time limits below [`MIN_TRAINED_SECONDS`], unless there is a checkpoint,
     /// which a longer run may continue.
     pub fn training_paths(&self) -> u32 {
-        if self.without.contains(&Effect::LearnedRoulette) {
+        if self.run.without.contains(&Effect::LearnedRoulette) {
             return 0;
         }
         let pixels = self.width.saturating_mul(self.height);
-        let is_short = self.checkpoint.is_none() && self.budget.seconds.is_some_and(|s| s < MIN_TRAINED_SECONDS);
+        let is_short = self.run.checkpoint.is_none() && self.budget.seconds.is_some_and(|s| s < MIN_TRAINED_SECONDS);
         let automatic = if pixels < MIN_TRAINED_PIXELS || is_short {
             0
         } else {
             (pixels / PIXELS_PER_TRAINING_PATH).min(TRAINING_PATHS)
         };
-        self.training_paths.unwrap_or(automatic)
+        self.run.training_paths.unwrap_or(automatic)
     }
 
     /// Does the lens of the sensor blur the image, so that the film keeps the places of samples?
@@ -288,23 +296,23 @@ mod tests {
 
     #[test]
     fn the_number_of_training_paths_follows_from_the_size_of_the_film() {
-        let of = |side: u32, change: fn(RenderSettings) -> RenderSettings| {
-            change(RenderSettings { width: side, height: side, ..RenderSettings::without_sensor() }).training_paths()
+        let of = |side: u32, seconds: Option<f64>, run: RunSettings| {
+            let budget = Budget::default().with_seconds(seconds);
+            RenderSettings { width: side, height: side, budget, run, ..RenderSettings::without_sensor() }
+                .training_paths()
         };
-        assert_eq!([127, 128, 256, 512, MAX_SIDE].map(|side| of(side, |s| s)), [0, 1024, 4096, 8192, 8192]);
-        fn limit(s: RenderSettings, seconds: f64) -> RenderSettings {
-            s.with_budget(Budget::default().with_seconds(seconds))
-        }
-        assert_eq!(of(256, |s| limit(s, 1.0)), 0, "too short");
-        assert_eq!(of(256, |s| limit(s, 2.0)), 4096);
+        let run = RunSettings::default;
+        assert_eq!([127, 128, 256, 512, MAX_SIDE].map(|side| of(side, None, run())), [0, 1024, 4096, 8192, 8192]);
+        assert_eq!(of(256, Some(1.0), run()), 0, "too short");
+        assert_eq!(of(256, Some(2.0), run()), 4096);
         assert_eq!(
-            of(256, |s| limit(s, 1.0).with_checkpoint(CheckpointSettings::new("a"))),
+            of(256, Some(1.0), run().with_checkpoint(CheckpointSettings::new("a"))),
             4096,
             "it may be continued"
         );
-        assert_eq!([of(8, |s| s.with_training_paths(7)), of(512, |s| s.with_training_paths(0))], [7, 0]);
-        let without = |s: RenderSettings| s.with_training_paths(7).with_without(vec![Effect::LearnedRoulette]);
-        assert_eq!(of(512, without), 0, "left out");
+        assert_eq!([of(8, None, run().with_training_paths(7)), of(512, None, run().with_training_paths(0))], [7, 0]);
+        let without = run().with_training_paths(7).with_without(vec![Effect::LearnedRoulette]);
+        assert_eq!(of(512, None, without), 0, "left out");
     }
 
     #[test]
@@ -317,7 +325,7 @@ mod tests {
         assert_eq!(spp(|_| {}), DEFAULT_SPP);
         assert_eq!(spp(|s| s.budget.spp = Some(7.0)), 7.0);
         assert_eq!(spp(|s| s.budget.seconds = Some(7.0)), UNKNOWN_SPP);
-        assert_eq!(spp(|s| s.samples = Some(8..24)), 16.0);
-        assert_eq!(spp(|s| s.replay = Plane::from_vec(2, 1, vec![3, 6])), 4.5);
+        assert_eq!(spp(|s| s.run.samples = Some(8..24)), 16.0);
+        assert_eq!(spp(|s| s.run.replay = Plane::from_vec(2, 1, vec![3, 6])), 4.5);
     }
 }

@@ -10,7 +10,7 @@ use dunkelfeld_sensor::ExposureNoise;
 pub fn validate(s: &RenderSettings) -> Result<(), Error> {
     check_size(s)?;
     check_budget(s)?;
-    if let Some(paths) = s.training_paths.filter(|&paths| paths > MAX_TRAINING_PATHS) {
+    if let Some(paths) = s.run.training_paths.filter(|&paths| paths > MAX_TRAINING_PATHS) {
         let problem = format!("{paths} are more than {MAX_TRAINING_PATHS}");
         return Err(Error::setting("training paths", problem, "render the plan again"));
     }
@@ -79,7 +79,7 @@ fn check_budget(s: &RenderSettings) -> Result<(), Error> {
 }
 
 fn check_samples(s: &RenderSettings) -> Result<(), Error> {
-    if let Some(samples) = &s.samples {
+    if let Some(samples) = &s.run.samples {
         if samples.is_empty() || samples.end > plan::MAX_SPP {
             let problem = format!("the range {}..{} contains no valid samples", samples.start, samples.end);
             return Err(Error::setting("samples", problem, "use 0..64 for the first 64 of every pixel"));
@@ -89,7 +89,7 @@ fn check_samples(s: &RenderSettings) -> Result<(), Error> {
             return Err(Error::setting("samples", problem, "leave budget and allocation out, or the samples"));
         }
     }
-    if !s.light_groups.is_empty() && s.checkpoint.is_some() {
+    if !s.run.light_groups.is_empty() && s.run.checkpoint.is_some() {
         let problem = "a checkpoint has no films of groups of lights";
         return Err(Error::setting("light groups", problem, "leave the checkpoint out, or the groups"));
     }
@@ -97,7 +97,7 @@ fn check_samples(s: &RenderSettings) -> Result<(), Error> {
 }
 
 fn check_replay(s: &RenderSettings) -> Result<(), Error> {
-    let Some(p) = &s.replay else { return Ok(()) };
+    let Some(p) = &s.run.replay else { return Ok(()) };
     if (p.width(), p.height()) != (s.width, s.height) {
         let problem = format!("the plan is {} x {} pixels, the film {} x {}", p.width(), p.height(), s.width, s.height);
         return Err(Error::setting("replay", problem, "render at the size of the plan"));

@@ -10,7 +10,7 @@ use dunkelfeld_scene::{Camera, RayGenerator, Scene};
 /// # Errors
 /// A camera that the scene does not have, or one without rays for this film.
 pub fn camera(scene: &Scene, settings: &RenderSettings) -> Result<RayGenerator, Error> {
-    let mut camera = match &settings.view {
+    let mut camera = match &settings.run.view {
         Some(view) => view.clone(),
         None => find_camera(scene, settings)?,
     };

@@ -40,7 +40,7 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
     options.samples.clone_from(&args.samples);
     options.replay = args.replay.clone().map(ReplayOption::File);
     project.apply_options(options)?;
-    project.settings.checkpoint = checkpoint;
+    project.settings.run.checkpoint = checkpoint;
     for line in notices(&project) {
         sink.say(&line);
     }

@@ -30,7 +30,7 @@ pub(crate) fn run_study(
     }
     let folder = output.map_or_else(|| noted(default_folder(input, name, &project.inputs)), Path::to_path_buf);
     let cancel = cancel_on_interrupt();
-    let session = Session::new(project.settings.threads)?.with_progress(&sink).with_cancel(&cancel);
+    let session = Session::new(project.settings.run.threads)?.with_progress(&sink).with_cancel(&cancel);
     let outcome = study(project, &folder, &session)?;
     drop(sink);
     report(&outcome.findings, &outcome.files);

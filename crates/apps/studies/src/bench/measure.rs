@@ -210,10 +210,10 @@ impl Bench<'_> {
             ProjectOptions::default()
                 .with_without(vec![effect])
                 .with_can_change(false)
-                .with_threads(self.project.settings.threads),
+                .with_threads(self.project.settings.run.threads),
         )?;
         other.take_settings_of(self.project);
-        other.settings.without = vec![effect];
+        other.settings.run.without = vec![effect];
         let settings = other.fitted()?;
         Ok((other.scene, settings))
     }
@@ -232,7 +232,7 @@ impl Bench<'_> {
             .with_budget(Budget::default().with_spp(f64::from(unit.spp)))
             .with_strategy(unit.strategy())
             .with_seed(unit.seed(self.fitted.seed))
-            .with_replay(None);
+            .running(|run| run.with_replay(None));
         let began = Instant::now();
         let rendering = render(scene, &settings, &session.clone().with_start(began))?;
         if rendering.interrupted {

@@ -38,7 +38,7 @@ pub fn ptc(
     let mut inputs = project.inputs.clone();
     inputs.add_library(settings.denoise.oidn.as_deref());
     check_folder(folder, &inputs)?;
-    project.settings.replay = None;
+    project.settings.run.replay = None;
     let fitted = project.fitted()?;
     project.checked_account(&fitted)?;
     let denoiser = find_denoiser(&settings.denoise)?;

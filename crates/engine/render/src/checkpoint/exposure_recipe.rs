@@ -1,7 +1,7 @@
 //! Exposure of a merged render: the settings that a merge needs beside the sums. With them it needs neither scene nor
 //! job.
 
-use crate::settings::{RenderSettings, SensorChoice};
+use crate::settings::{RenderSettings, RunSettings, SensorChoice};
 use dunkelfeld_film::NO_ID;
 use dunkelfeld_film::Plane;
 use dunkelfeld_integrator::PixelIds;
@@ -44,13 +44,13 @@ impl ExposureRecipe {
             readout: settings.readout,
             is_timed: settings.is_timed,
             exposure_noise: settings.exposure_noise,
-            without: settings.without.iter().map(|e| e.name().to_string()).collect(),
+            without: settings.run.without.iter().map(|e| e.name().to_string()).collect(),
             is_vignetted,
             is_spread,
             object_names: names[0].to_vec(),
             material_names: names[1].to_vec(),
             training_paths: settings.training_paths(),
-            is_replay: settings.replay.is_some(),
+            is_replay: settings.run.replay.is_some(),
         }
     }
 
@@ -61,16 +61,19 @@ impl ExposureRecipe {
             height,
             seed: self.seed,
             frame: self.frame,
-            training_paths: Some(self.training_paths),
             sensor: self.sensor.clone(),
             readout: self.readout,
             is_timed: self.is_timed,
             exposure_noise: self.exposure_noise,
-            without: self
-                .without
-                .iter()
-                .filter_map(|name| Effect::ALL.into_iter().find(|e| e.name() == name))
-                .collect(),
+            run: RunSettings {
+                training_paths: Some(self.training_paths),
+                without: self
+                    .without
+                    .iter()
+                    .filter_map(|name| Effect::ALL.into_iter().find(|e| e.name() == name))
+                    .collect(),
+                ..RunSettings::default()
+            },
             ..RenderSettings::without_sensor()
         }
     }
@@ -153,10 +156,9 @@ mod tests {
             let optics = Optics::new(2.8, 0.1 + 0.2, 1.0 / 3.0).expect("in range");
             let exposure = Some(Exposure::new(Seconds(0.1 / 7.0)).expect("in range"));
             let sensor = SensorChoice::Emva { model: Box::new(model), optics, exposure };
-            let (seed, frame, training_paths) = (u64::MAX, 3, Some(768));
+            let (seed, frame, run) = (u64::MAX, 3, RunSettings::default().with_training_paths(768));
             let readout = Readout { binning: 2, line_scan_stages: 4 };
-            let settings =
-                RenderSettings { sensor, readout, seed, frame, training_paths, ..RenderSettings::without_sensor() };
+            let settings = RenderSettings { sensor, readout, seed, frame, run, ..RenderSettings::without_sensor() };
             let text = serde_json::to_string(&ExposureRecipe::new(&settings, [true, false], [&["a".into()], &[]]))
                 .expect("plain data");
             let recipe: ExposureRecipe = serde_json::from_str(&text).expect("the text that was written");

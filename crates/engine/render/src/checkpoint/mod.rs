@@ -193,7 +193,7 @@ impl CheckpointWriter {
         let writer = Self {
             settings,
             key,
-            samples: render.samples.clone(),
+            samples: render.run.samples.clone(),
             recipe: ExposureRecipe::new(
                 render,
                 [camera.has_vignetting(), render.is_spread()],
@@ -285,8 +285,8 @@ pub(crate) fn text_of(description: &Description) -> std::io::Result<String> {
 /// Contents of the file, if it belongs to this render.
 fn stored(path: &Path, key: &RenderKey, render: &RenderSettings) -> Result<Restored, Error> {
     let (description, stored) = load(path)?;
-    let other = if description.samples != render.samples {
-        Some(format!("not the same part, {} there and {} here", part(&description.samples), part(&render.samples)))
+    let other = if description.samples != render.run.samples {
+        Some(format!("not the same part, {} there and {} here", part(&description.samples), part(&render.run.samples)))
     } else {
         description.key.difference(key)
     };

@@ -341,8 +341,8 @@ impl Job {
         }
         let mut job = Self::from_toml(self.source.with_overrides(&above, overlay::replace_together)?)?;
         let film = above.parse::<FilmSection>()?.film;
-        let is_size = above.keys().iter().all(|key| key[0] != "film" || ["width", "height"].contains(&key[1]));
-        if is_size {
+        let table = above.parse::<toml::Table>()?;
+        if table.get("film").and_then(toml::Value::as_table).is_none_or(overlay::is_size) {
             job.size = [film.width.or(self.size[0]), film.height.or(self.size[1])];
         }
         let mut inputs = self.inputs.clone();
@@ -351,12 +351,18 @@ impl Job {
         Ok(job)
     }
 
-    /// The first section in which another job describes another scene, so that its scene must be built anew.
+    /// The first section in which another job describes another scene, so that its scene must be built anew. The vignetting
+    /// of a lens belongs to the exposure.
     pub fn difference_of_scenes(&self, other: &Self) -> Option<&'static str> {
+        let cameras = |job: &Self| {
+            let mut cameras = job.camera.clone();
+            cameras.defined.iter_mut().filter_map(|c| c.lens.as_mut()).for_each(|lens| lens.vignetting = None);
+            cameras
+        };
         let same = [
             ("scene", self.scene == other.scene),
             ("import", self.import == other.import),
-            ("camera", self.camera == other.camera),
+            ("camera", cameras(self) == cameras(other)),
             ("line_scan", self.line_scan == other.line_scan),
             ("render", self.render == other.render),
             ("environment", self.environment == other.environment),

@@ -135,7 +135,7 @@ fn summary(project: &Project, s: &Stats) -> String {
     };
     let _ = writeln!(text, "{width} x {height} pixels, {} samples: {spread} ({})", count(s.samples), s.allocation);
     let (techniques, effects): (Vec<Effect>, Vec<Effect>) =
-        project.settings.without.iter().partition(|e| e.is_technique());
+        project.settings.run.without.iter().partition(|e| e.is_technique());
     for (left_out, what) in [
         (effects, "not the image of the scene as it is"),
         (techniques, "another way to the same image, with other noise"),
