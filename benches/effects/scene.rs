@@ -3,9 +3,9 @@
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Aperture, ChannelTexture, ColorEncoding, Effect, EmissionProfile, Environment, EnvironmentSource, Image,
-    ImageId, LightProfile, LineScan, Material, Opening, PunctualKind, PunctualLight, Scene, SceneBuilder, Shutter,
-    Surface, Texels, Texture, Volume,
+    AlphaMode, Aperture, ChannelTexture, ColorEncoding, Effect, EmissionProfile, Environment, EnvironmentSource,
+    Finish, Image, ImageId, LightProfile, LineScan, Material, Opening, Process, PunctualKind, PunctualLight, Scene,
+    SceneBuilder, Shutter, Surface, Texels, Texture, Volume,
 };
 use std::sync::Arc;
 
@@ -63,6 +63,7 @@ impl Case {
             Effect::Absorption => "the same, absorbing",
             Effect::Scattering => "the same, scattering",
             Effect::Anisotropy => "a millionth on every material",
+            Effect::Finish => "heights of a picometre on every material",
             Effect::Sheen => "a millionth on every material",
             Effect::Clearcoat => "a millionth on every material",
             Effect::EnergyCompensation => "on, which changes the image a little",
@@ -203,6 +204,10 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
         Effect::Absorption => hide(b, &clear(Volume { absorption: Rgb::WHITE, ..volume }, 0.0), 1),
         Effect::Scattering => hide(b, &clear(Volume { scattering: Rgb::WHITE, ..volume }, 0.0), 1),
         Effect::Anisotropy => b.materials.iter_mut().for_each(|m| m.anisotropy = FAINT),
+        Effect::Finish => {
+            let finish = Finish { process: Process::Grained { size: 1e-4 }, mean_deviation: 1e-12, seed: 0 };
+            b.materials.iter_mut().for_each(|m| m.finish = Some(finish));
+        }
         Effect::Sheen => b.materials.iter_mut().for_each(|m| m.sheen_color = Rgb::splat(FAINT)),
         Effect::Clearcoat => b.materials.iter_mut().for_each(|m| m.clearcoat = FAINT),
         Effect::EnergyCompensation => b.energy_compensation = true,

@@ -94,9 +94,18 @@ pub(crate) struct Part {
     pub(crate) solid: u32,
     /// Light of each triangle; empty if nothing emits.
     pub(crate) lights: Vec<u32>,
+    /// The frame of the object in metres to render space, at time 0, for a material with a grain or a finish.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) frame: Option<Box<Transform>>,
 }
 
 impl Part {
+    /// [`Self::frame`] at a time \[s\].
+    pub(crate) fn frame_at(&self, time: f32) -> Option<Transform> {
+        let frame = self.frame.as_deref()?;
+        Some(self.motion.as_ref().map_or(*frame, |motion| motion.moved(frame, f64::from(time))))
+    }
+
     /// Object to render space at a time \[s\]; `None` if the mesh is stored in render space.
     #[inline]
     pub(crate) fn transform_at(&self, time: f32) -> Option<Cow<'_, Transform>> {

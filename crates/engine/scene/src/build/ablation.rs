@@ -63,6 +63,7 @@ impl SceneBuilder {
             | Effect::Absorption
             | Effect::Scattering
             | Effect::Anisotropy
+            | Effect::Finish
             | Effect::Sheen
             | Effect::EmissionProfiles
             | Effect::Clearcoat => self.materials.iter_mut().for_each(|m| simplify(m, effect)),
@@ -96,6 +97,7 @@ fn simplify(m: &mut Material, effect: Effect) {
             volume(m, &|medium, v| Volume { absorption: medium.absorption, scattering: Rgb::BLACK, ..stated(v) })
         }
         Effect::Anisotropy => (m.anisotropy, m.anisotropy_texture) = (0.0, None),
+        Effect::Finish => m.finish = None,
         Effect::Sheen => m.sheen_color = Rgb::BLACK,
         Effect::Clearcoat => m.clearcoat = 0.0,
         Effect::ThinSheets if m.surface == Surface::Thin && m.transmission > 0.0 => remove_refraction(m),

@@ -75,7 +75,10 @@ impl SceneBuilder {
         }
         let radius = radius as f32;
         let to_render = DAffine3::from_translation(-world_origin);
-        let mut geometry = PlacedScene::new(&placed, &self.meshes, (&baking, times), world_origin, &mut builds)?;
+        let mut geometry = {
+            let of_object = |m: usize| self.materials[m].grain.is_some() || self.materials[m].finish.is_some();
+            PlacedScene::new(&placed, &self.meshes, (&baking, times, &of_object), world_origin, &mut builds)?
+        };
         drop(std::mem::take(&mut self.meshes));
 
         let compiled = self.compiled_materials(&geometry);

@@ -41,6 +41,8 @@ pub enum Effect {
     Scattering,
     /// Highlights stretched along a direction.
     Anisotropy,
+    /// Height fields of machined surfaces.
+    Finish,
     /// The sheen of cloth.
     Sheen,
     /// Clear coats.
@@ -81,7 +83,7 @@ pub enum Effect {
 
 impl Effect {
     /// All effects, in the order in which they are listed.
-    pub const ALL: [Self; 30] = [
+    pub const ALL: [Self; 31] = [
         Self::Textures,
         Self::VertexColors,
         Self::NormalMaps,
@@ -95,6 +97,7 @@ impl Effect {
         Self::Absorption,
         Self::Scattering,
         Self::Anisotropy,
+        Self::Finish,
         Self::Sheen,
         Self::Clearcoat,
         Self::EnergyCompensation,
@@ -130,6 +133,7 @@ impl Effect {
             Self::Absorption => "absorption",
             Self::Scattering => "scattering",
             Self::Anisotropy => "anisotropy",
+            Self::Finish => "finish",
             Self::Sheen => "sheen",
             Self::Clearcoat => "clearcoat",
             Self::EnergyCompensation => "energy-compensation",
@@ -265,6 +269,7 @@ impl Effects {
             (Effect::Absorption, medium.as_ref().is_some_and(|v| !v.absorption.is_black())),
             (Effect::Scattering, medium.as_ref().is_some_and(Medium::scatters)),
             (Effect::Anisotropy, m.anisotropy != 0.0),
+            (Effect::Finish, m.finish.is_some()),
             (Effect::Sheen, !m.sheen_color.is_black()),
             (Effect::Clearcoat, m.clearcoat > 0.0),
             (Effect::EmissionProfiles, m.emission_profile != EmissionProfile::Lambertian && !m.emission.is_black()),

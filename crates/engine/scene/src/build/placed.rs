@@ -90,7 +90,7 @@ impl PlacedScene {
     pub(crate) fn new(
         placed: &[PlacedObject],
         meshes: &[MeshPart],
-        (baking, times): (&Baking, Option<[f64; 2]>),
+        (baking, times, has_frame): (&Baking, Option<[f64; 2]>, &dyn Fn(usize) -> bool),
         world_origin: DVec3,
         builds: &mut Builds<'_>,
     ) -> Result<Self, BuildError> {
@@ -98,6 +98,11 @@ impl PlacedScene {
         let to_render = DAffine3::from_translation(-world_origin);
         let all = || placed.iter().flat_map(|(object, i, t)| i.meshes.iter().map(move |&m| (*object, i, m, t)));
         let in_render = |t: &Transform| to_render * *t.to_world();
+        let frame = |m: usize, t: &Transform| {
+            let DAffine3 { matrix3, translation } = in_render(t);
+            let in_metres = DAffine3 { matrix3: matrix3 * (1.0 / matrix3.determinant().abs().cbrt()), translation };
+            Transform::new(in_metres).ok().filter(|_| has_frame(meshes[m].material)).map(Box::new)
+        };
         // Parts of the shared tree come first, so that their triangles are numbered without gaps.
         let threads = builds.threads();
         let shared: Vec<_> = all().filter(|(_, i, m, _)| baking.is_shared && baking.bakes(i, *m)).collect();
@@ -111,7 +116,8 @@ impl PlacedScene {
             scene.shared.push((meshes[m].mesh.clone(), to_render));
             scene.meshes.push(mesh);
             let mesh = part;
-            scene.push(Part { mesh, object, first_facet, ..Part::of(&meshes[m]) }, (m, &meshes[m]), None);
+            let part = Part { mesh, object, first_facet, frame: frame(m, t), ..Part::of(&meshes[m]) };
+            scene.push(part, (m, &meshes[m]), None);
         }
         if !scene.facets.is_empty() {
             scene.placements.push(Placement::Shared);
@@ -119,10 +125,10 @@ impl PlacedScene {
         }
         let own_trees: Vec<_> = all().filter(|(_, i, m, _)| baking.has_own_trees() && baking.bakes(i, *m)).collect();
         let keys: Vec<_> = own_trees.iter().map(|(_, _, m, t)| (&meshes[*m].mesh, in_render(t))).collect();
-        for ((object, _, m, _), PlacedMesh { mesh, own }) in own_trees.into_iter().zip(builds.placed(&keys)?) {
+        for ((object, _, m, t), PlacedMesh { mesh, own }) in own_trees.into_iter().zip(builds.placed(&keys)?) {
             scene.meshes.push(mesh);
             let mesh = scene.meshes.len() as u32 - 1;
-            let part = Part { mesh, object, facets: Some(own.facets), ..Part::of(&meshes[m]) };
+            let part = Part { mesh, object, facets: Some(own.facets), frame: frame(m, t), ..Part::of(&meshes[m]) };
             scene.push(part, (m, &meshes[m]), Some(own.tree));
         }
         scene.join();
@@ -130,11 +136,11 @@ impl PlacedScene {
         let moved = |t: &Transform| Transform::new(in_render(t)).ok();
         let instanced: Vec<_> = all()
             .filter(|(_, i, m, _)| !baking.bakes(i, *m))
-            .filter_map(|(object, instance, m, t)| Some((object, instance, m, moved(t)?)))
+            .filter_map(|(object, instance, m, t)| Some((object, instance, m, moved(t)?, frame(m, t))))
             .collect();
         let mut numbers: Vec<Option<usize>> = vec![None; meshes.len()];
         let mut stored: Vec<&Arc<Mesh>> = Vec::new();
-        for (_, _, m, _) in &instanced {
+        for (_, _, m, ..) in &instanced {
             numbers[*m].get_or_insert_with(|| {
                 stored.push(&meshes[*m].mesh);
                 stored.len() - 1
@@ -142,7 +148,7 @@ impl PlacedScene {
         }
         let (trees, first) = (builds.instanced(&stored)?, scene.meshes.len());
         scene.meshes.extend(stored.into_iter().cloned());
-        for (object, instance, m, transform) in instanced {
+        for (object, instance, m, transform, frame) in instanced {
             let Some((number, own)) = numbers[m].and_then(|i| Some((i, trees.get(i)?.clone()))) else { continue };
             let mesh = (first + number) as u32;
             scene.placements.push(Placement::Part(scene.parts.len() as u32));
@@ -154,6 +160,7 @@ impl PlacedScene {
                 transform: Some(Box::new(transform)),
                 motion,
                 facets: Some(own.facets),
+                frame,
                 ..Part::of(&meshes[m])
             };
             scene.push(part, (m, &meshes[m]), Some(own.tree));
@@ -331,6 +338,7 @@ impl Part {
             facets: None,
             solid: NO_SOLID,
             lights: Vec::new(),
+            frame: None,
         }
     }
 }

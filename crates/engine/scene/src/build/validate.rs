@@ -132,6 +132,12 @@ fn check_material(m: &Material) -> Result<(), BuildError> {
     require(!m.unlit || is_radiance(m.base_color), place, "an unlit colour must not be negative")?;
     require(m.ior.is_finite() && m.ior > 0.0, place, "the index of refraction must be finite and above 0")?;
     require(m.emission_profile.is_valid(), place, "the emission profile must have angles in its range")?;
+    if let Some(finish) = &m.finish {
+        require(finish.is_valid(), place, "the lengths of a finish must be above 0, and its directions not zero")?;
+        let is_opaque = m.transmission == 0.0 && m.diffuse_transmission == 0.0;
+        require(is_opaque, place, "a finish needs a surface that no light passes")?;
+    }
+    require(m.grain.is_none_or(|grain| grain.is_valid()), place, "the direction of a grain must not be zero")?;
     let factors = [
         m.alpha,
         m.metallic,

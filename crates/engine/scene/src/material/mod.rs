@@ -1,9 +1,11 @@
 //! Descriptions of materials: factors, textures, and the volume inside a surface.
 
+pub mod finish;
 pub mod texture;
 pub(crate) mod texture_eval;
 
 use crate::light::emission_profile::EmissionProfile;
+use crate::material::finish::{Finish, Grain};
 use crate::material::texture::Texture;
 use dunkelfeld_radiometry::Rgb;
 
@@ -171,6 +173,10 @@ pub struct Material {
     pub anisotropy_rotation: f32,
     /// RG: direction, B: strength (KHR_materials_anisotropy).
     pub anisotropy_texture: Option<Texture>,
+    /// Direction of the grooves. The axis of the anisotropy lies across them, instead of along the tangents of the mesh.
+    pub grain: Option<Grain>,
+    /// The height field of the surface. It needs a surface that no light passes.
+    pub finish: Option<Finish>,
     /// Share of the hue of the base colour in the tint of the dielectric reflection.
     pub specular_tint: f32,
 }
@@ -247,6 +253,8 @@ impl Default for Material {
             anisotropy: 0.0,
             anisotropy_rotation: 0.0,
             anisotropy_texture: None,
+            grain: None,
+            finish: None,
             specular_tint: 0.0,
         }
     }

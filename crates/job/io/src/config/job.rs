@@ -32,6 +32,7 @@ mod change_materials;
 mod change_objects;
 pub(crate) mod check;
 mod film;
+mod finish;
 mod lamp_values;
 mod lamps;
 mod lens;

@@ -1,5 +1,6 @@
 //! Applies `[[material]]` of a job to the materials of a scene.
 
+use super::finish::GrainSettings;
 use super::patterns::{matches, unique};
 use super::{AlphaKind, Job, MaterialOverride};
 use crate::error::InputError;
@@ -66,6 +67,11 @@ impl Job {
             }
             found = true;
             apply(change, material);
+            if let Some(finish) = &change.finish {
+                let finish = finish.finish(material.grain);
+                material.finish =
+                    Some(finish.map_err(|[key, problem, help]| self.material_error(i, key, problem, help))?);
+            }
             let inside = medium_keys(change).into_iter().find(|(_, given)| *given);
             if let Some((key, _)) = inside.filter(|_| material.surface == Surface::Thin) {
                 let problem = format!("material \"{}\" is a thin sheet, which has no inside", material.name);
@@ -122,6 +128,7 @@ fn apply(change: &MaterialOverride, m: &mut Material) {
     set(&mut m.sheen_roughness, change.sheen_roughness);
     set(&mut m.anisotropy, change.anisotropy);
     set(&mut m.anisotropy_rotation, change.anisotropy_rotation);
+    m.grain = change.grain.map(GrainSettings::grain).or(m.grain);
     let old_cutoff = if let AlphaMode::Mask { cutoff } = m.alpha_mode { Some(cutoff) } else { None };
     let cutoff = change.alpha_cutoff.or(old_cutoff).unwrap_or(0.5);
     match change.alpha_mode {

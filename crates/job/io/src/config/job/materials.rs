@@ -1,6 +1,7 @@
 //! `[[material]]` of a job: changes of the materials of a scene, and new ones.
 
 use super::check;
+use super::finish::{FinishSettings, GrainSettings};
 use dunkelfeld_radiometry::Rgb;
 use serde::Deserialize;
 
@@ -105,6 +106,10 @@ pub struct MaterialOverride {
     /// Rotation of the anisotropy's axis \[rad\]; written as `"30deg"`.
     #[serde(default, deserialize_with = "check::angle")]
     pub anisotropy_rotation: Option<f32>,
+    /// The direction of grooves, for the anisotropy and for `finish`.
+    pub grain: Option<GrainSettings>,
+    /// The height field of a machined surface.
+    pub finish: Option<FinishSettings>,
 }
 
 /// `alpha_mode` of a material.

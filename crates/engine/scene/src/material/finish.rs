@@ -1,0 +1,538 @@
+//! Finishes of machined surfaces: height fields in the space of an object, evaluated as slopes.
+//!
+//! A footprint of finite size averages the slopes in it. What it does not resolve is the variance of the slopes in it, which
+//! belongs to the roughness of the surface (Olano and Baker 2010, LEAN mapping; Dupuy et al. 2013, LEADR mapping). The sum of
+//! the square of the mean slope and of the variance is, in the mean over the surface, the same for all footprints.
+
+use dunkelfeld_geometry::{Mat3, Vec3};
+use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3, cos_sin_of_turn, pow};
+use dunkelfeld_sampling::hash_u64;
+use std::f32::consts::{FRAC_1_SQRT_2, PI, TAU};
+
+/// The direction of the grooves of a surface, in the frame of its object.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub enum Grain {
+    /// One direction, as on ground and brushed surfaces. Not zero.
+    Straight(Vec3),
+    /// Rings about an axis, as on turned surfaces.
+    Around {
+        /// The direction of the axis. Not zero.
+        axis: Vec3,
+        /// A point of the axis \[m\].
+        origin: Vec3,
+    },
+}
+
+impl Grain {
+    pub(crate) fn is_valid(&self) -> bool {
+        match *self {
+            Self::Straight(direction) => is_direction(direction),
+            Self::Around { axis, origin } => is_direction(axis) && origin.is_finite(),
+        }
+    }
+
+    /// The unit tangent across the grooves at a point \[m\] with a unit normal. `None` where no groove lies in the surface.
+    pub(crate) fn across(&self, point: Vec3, normal: Vec3) -> Option<Vec3> {
+        let along = match *self {
+            Self::Straight(direction) => direction,
+            Self::Around { axis, origin } => axis.cross(point - origin),
+        };
+        normal.cross(along).try_normalize()
+    }
+}
+
+/// The height field of a machined surface.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Finish {
+    /// How the surface was made.
+    pub process: Process,
+    /// Arithmetic mean deviation Ra of the height \[m\] (ISO 21920-2), above 0.
+    pub mean_deviation: f32,
+    /// Seed of the height field.
+    pub seed: u64,
+}
+
+impl Finish {
+    pub(crate) fn is_valid(&self) -> bool {
+        let is_length = |v: f32| v > 0.0 && v.is_finite();
+        let is_process = match self.process {
+            Process::Milled { feed, radius, direction } => {
+                is_length(feed) && is_length(radius) && is_direction(direction)
+            }
+            Process::Turned { feed, axis, origin } => is_length(feed) && is_direction(axis) && origin.is_finite(),
+            Process::Grooved { width, length, direction } => {
+                is_length(width) && is_length(length) && is_direction(direction)
+            }
+            Process::Grained { size } => is_length(size),
+        };
+        is_process && is_length(self.mean_deviation)
+    }
+}
+
+fn is_direction(v: Vec3) -> bool {
+    v.try_normalize().is_some()
+}
+
+/// How a surface was machined. Directions and points are in the frame of the object, lengths in m and above 0. Directions are
+/// not zero.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub enum Process {
+    /// Face milling: parabolic cusps along arcs of the tool's edge, in rows side by side. The axis of the tool is that of three
+    /// perpendicular ones, among them the direction of the feed, which is nearest to the normal.
+    Milled {
+        /// Feed of the tool per revolution.
+        feed: f32,
+        /// Radius of the tool.
+        radius: f32,
+        /// Direction of the feed.
+        direction: Vec3,
+    },
+    /// Turning and facing: parabolic cusps about an axis. On faces they are rings, on sides they follow one another along the
+    /// axis.
+    Turned {
+        /// Feed of the tool per revolution.
+        feed: f32,
+        /// Direction of the axis.
+        axis: Vec3,
+        /// A point of the axis.
+        origin: Vec3,
+    },
+    /// Ground or brushed: grooves of random depth and width in one direction.
+    Grooved {
+        /// Mean width of a groove with its ridge. Widths are from half to twice of it.
+        width: f32,
+        /// Length of a groove.
+        length: f32,
+        /// Direction of the grooves.
+        direction: Vec3,
+    },
+    /// Blasted or cast: bumps of random size, without direction.
+    Grained {
+        /// Mean size of a bump with its hollow. Sizes are from half to twice of it.
+        size: f32,
+    },
+}
+
+/// Slopes of a height field over footprints, one for each lane.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Slopes<F: Lanes> {
+    /// The mean slope: a tangent vector along the steepest ascent.
+    pub(crate) mean: V3<F>,
+    /// The unit tangent with the larger variance.
+    pub(crate) across: V3<F>,
+    /// Variance of the slope in the footprint along `across`, and perpendicular to it.
+    pub(crate) variance: [F; 2],
+}
+
+/// A finish with all values precomputed that do not depend on the place.
+#[derive(Clone, Debug, serde::Serialize)]
+pub(crate) enum Relief {
+    Cusps(Cusps),
+    Waves(Box<Waves>),
+}
+
+impl Relief {
+    pub(crate) fn new(finish: &Finish) -> Self {
+        let &Finish { process, mean_deviation, seed } = finish;
+        let cusps =
+            |feed: f32, path| Self::Cusps(Cusps { feed, height: mean_deviation * CUSP_PER_DEVIATION, path, seed });
+        let waves = |waves| Self::Waves(Box::new(waves));
+        match process {
+            Process::Milled { feed, radius, direction } => {
+                let x = direction.normalize();
+                let (y, z) = x.any_orthonormal_pair();
+                cusps(feed, Path::Arcs { axes: [x, y, z], radius })
+            }
+            Process::Turned { feed, axis, origin } => cusps(feed, Path::Rings { axis: axis.normalize(), origin }),
+            Process::Grooved { width, length, direction } => {
+                waves(Waves::new(width, Some((direction.normalize(), length)), mean_deviation, seed))
+            }
+            Process::Grained { size } => waves(Waves::new(size, None, mean_deviation, seed)),
+        }
+    }
+
+    /// The slopes at points \[m\] with unit normals, over footprints of these widths \[m\].
+    #[inline(always)]
+    pub(crate) fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>, widths: F) -> Slopes<F> {
+        match self {
+            Self::Cusps(cusps) => cusps.slopes(token, points, normals, widths),
+            Self::Waves(waves) => waves.slopes(token, points, normals, widths),
+        }
+    }
+}
+
+/// Height of a parabolic cusp over its mean deviation: a parabola of height 1 has the mean 1/3 and the mean deviation
+/// 8 / (9 sqrt 12).
+const CUSP_PER_DEVIATION: f32 = 3.897_114_3;
+/// Distance of rows of milling over the radius of the tool.
+const ROW: f32 = 1.4;
+
+/// Parabolic cusps, one for each feed.
+#[derive(Clone, Debug, serde::Serialize)]
+pub(crate) struct Cusps {
+    feed: f32,
+    height: f32,
+    path: Path,
+    seed: u64,
+}
+
+#[derive(Clone, Debug, serde::Serialize)]
+enum Path {
+    /// Unit axes, the first along the feed, and the radius of the tool.
+    Arcs {
+        axes: [Vec3; 3],
+        radius: f32,
+    },
+    Rings {
+        axis: Vec3,
+        origin: Vec3,
+    },
+}
+
+impl Cusps {
+    /// The path of the tool's edge at a point \[m\], and its gradient.
+    fn path(&self, point: Vec3, normal: Vec3) -> (f32, Vec3) {
+        match self.path {
+            Path::Rings { axis, origin } => {
+                let from = point - origin;
+                let height = from.dot(axis);
+                let radial = from - axis * height;
+                let is_face = normal.dot(axis).abs() > FRAC_1_SQRT_2;
+                if is_face { (radial.length(), radial.normalize_or_zero()) } else { (height, axis) }
+            }
+            Path::Arcs { axes, radius } => {
+                let [x, y, z] = axes.map(|axis| normal.dot(axis).abs());
+                let [feed, side] =
+                    if x > y.max(z) { [axes[1], axes[2]] } else { [axes[0], axes[if y > z { 2 } else { 1 }]] };
+                let row = (point.dot(side) / (ROW * radius)).round();
+                let off = point.dot(side) - row * ROW * radius;
+                // The tool returns in every second row.
+                let sign = if row as i64 & 1 == 0 { 1.0 } else { -1.0 };
+                let chord = (radius * radius - off * off).sqrt();
+                let start = unit(self.seed, row as i64 as u64) * self.feed;
+                (sign * point.dot(feed) - chord + start, feed * sign + side * (off / chord))
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>, widths: F) -> Slopes<F> {
+        let (points, normals, widths) = (points.to_lanes(), normals.to_lanes(), widths.to_array());
+        let ([mut mean, mut across], mut variance) = ([[Vec3::ZERO; MAX_WIDTH]; 2], [0.0; MAX_WIDTH]);
+        for lane in 0..F::WIDTH {
+            (mean[lane], across[lane], variance[lane]) = self.slope(points[lane], normals[lane], widths[lane]);
+        }
+        Slopes {
+            mean: V3::from_lanes(token, &mean),
+            across: V3::from_lanes(token, &across),
+            variance: [F::load(token, &variance), F::splat(token, 0.0)],
+        }
+    }
+
+    /// The mean slope at a point, the direction across, and the variance along it.
+    fn slope(&self, point: Vec3, normal: Vec3, width: f32) -> (Vec3, Vec3, f32) {
+        let (path, gradient) = self.path(point, normal);
+        let tangent = gradient - normal * normal.dot(gradient);
+        let length = tangent.length();
+        if length < 1e-3 {
+            return (Vec3::ZERO, normal.any_orthonormal_vector(), 0.0);
+        }
+        let (across, rate) = (tangent / length, length / self.feed);
+        let [mean, square] = self.over(path / self.feed, width * rate);
+        (across * (mean * rate), across, (square - mean * mean).max(0.0) * rate * rate)
+    }
+
+    /// Mean of the derivative of the height over an interval of the phase, and of its square.
+    fn over(&self, phase: f32, width: f32) -> [f32; 2] {
+        let base = (phase - 0.5 * width).floor();
+        let [from, to] = [phase - 0.5 * width - base, phase + 0.5 * width - base];
+        let slope = 8.0 * self.height;
+        if to < 1.0 {
+            let mean = slope * (0.5 * (from + to) - 0.5);
+            return [mean, mean * mean + slope * slope * width * width / 12.0];
+        }
+        // The height and the integral of the square of its derivative, from the start of a cusp.
+        let height = |phase: f32| 0.5 * slope * (phase - phase.floor() - 0.5).powi(2);
+        let squares = |phase: f32| {
+            let part = phase - phase.floor() - 0.5;
+            slope * slope * (phase.floor() / 12.0 + (part * part * part + 0.125) / 3.0)
+        };
+        let per_width = 1.0 / width.max(1e-4);
+        [(height(to) - height(from)) * per_width, (squares(to) - squares(from)) * per_width]
+    }
+}
+
+/// Number of waves of a random height field.
+const WAVES: usize = 48;
+/// A footprint that passes less of each wave has no mean slope.
+const LEAST_PASSED: f32 = 0.01;
+/// Fractional parts of the powers of the plastic number: additive recurrences that fill a square evenly (Roberts 2018).
+const PLASTIC: [f32; 2] = [0.754_877_7, 0.569_840_3];
+
+/// A Gaussian height field: plane waves of random phases (Rice 1944).
+#[derive(Clone, Debug, serde::Serialize)]
+pub(crate) struct Waves {
+    /// Wave vectors [1/m], in cycles.
+    vectors: Vec<Vec3>,
+    /// Phases in cycles.
+    phases: Vec<f32>,
+    /// Amplitude \[m\].
+    amplitudes: Vec<f32>,
+    /// The unit direction of the grooves, if there are any.
+    along: Option<Vec3>,
+    /// The shortest wave vector [1/m].
+    least: f32,
+    /// The covariance of the slopes of all waves.
+    covariance: Mat3,
+}
+
+impl Waves {
+    /// Waves from half to twice a length \[m\], all with the same slope. With grooves of a length \[m\] along a direction the wave
+    /// vectors are perpendicular to it but for the reciprocal of that length.
+    fn new(size: f32, grooves: Option<(Vec3, f32)>, mean_deviation: f32, seed: u64) -> Self {
+        let start = [0, 1].map(|axis| unit(seed, axis));
+        let (mut vectors, mut phases, mut amplitudes) = (Vec::new(), Vec::new(), Vec::new());
+        for i in 0..WAVES {
+            let [u, v] = [0, 1].map(|axis| (start[axis] + i as f32 * PLASTIC[axis]).fract());
+            let frequency = pow(2.0, 2.0 * (i as f32 + unit(seed, 2 + 2 * i as u64)) / WAVES as f32 - 1.0) / size;
+            let (cos, sin) = cos_sin_of_turn(u);
+            vectors.push(match grooves {
+                Some((along, length)) => {
+                    let (x, y) = along.any_orthonormal_pair();
+                    (x * cos + y * sin) * frequency + along * ((2.0 * v - 1.0) / length)
+                }
+                None => {
+                    let z: f32 = 2.0 * v - 1.0;
+                    let r = (1.0 - z * z).sqrt();
+                    Vec3::new(r * cos, r * sin, z) * frequency
+                }
+            });
+            phases.push(unit(seed, 3 + 2 * i as u64));
+            amplitudes.push(1.0 / frequency);
+        }
+        // A Gaussian height has the mean deviation sqrt(2 / pi) times its standard deviation.
+        let squares: f32 = amplitudes.iter().map(|a| 0.5 * a * a).sum();
+        let scale = mean_deviation * (0.5 * PI / squares).sqrt();
+        amplitudes.iter_mut().for_each(|a| *a *= scale);
+        let least = vectors.iter().map(|v| v.length()).fold(f32::INFINITY, f32::min);
+        let of_wave = |(v, a): (&Vec3, &f32)| Mat3::from_cols(*v * v.x, *v * v.y, *v * v.z) * (0.5 * TAU * TAU * a * a);
+        let covariance = vectors.iter().zip(&amplitudes).map(of_wave).sum();
+        Self { vectors, phases, amplitudes, along: grooves.map(|(along, _)| along), least, covariance }
+    }
+
+    #[inline(always)]
+    fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>, widths: F) -> Slopes<F> {
+        let mut across = Frame::from_normal(normals).tangent;
+        if let Some(along) = self.along {
+            across = normals.cross(V3::splat(token, along)).normalize_or(across);
+        }
+        let tangents = [across, normals.cross(across)];
+        let zero = F::splat(token, 0.0);
+        let (mut mean, mut variance) = (V3::splat(token, Vec3::ZERO), [zero; 2]);
+        let squares = widths * widths;
+        let is_far = passed(self.least * self.least, squares).lt(F::splat(token, LEAST_PASSED));
+        if !(!is_far).any() {
+            return Slopes {
+                mean,
+                across,
+                variance: tangents.map(
+                    #[inline(always)]
+                    |t| self.variance(token, t),
+                ),
+            };
+        }
+        for ((vector, phase), amplitude) in self.vectors.iter().zip(&self.phases).zip(&self.amplitudes) {
+            let slope = TAU * amplitude;
+            let passed = passed(vector.length_squared(), squares);
+            let vector = V3::splat(token, *vector);
+            let turns = vector.dot(points) + *phase;
+            let (_, sin) = cos_sin_of_turn(turns - turns.floor());
+            mean = mean - vector * (passed * sin * slope);
+            let rest = (passed * passed).one_minus() * (0.5 * slope * slope);
+            for (variance, tangent) in variance.iter_mut().zip(tangents) {
+                let along = vector.dot(tangent);
+                *variance = *variance + rest * along * along;
+            }
+        }
+        let far = tangents.map(
+            #[inline(always)]
+            |t| self.variance(token, t),
+        );
+        Slopes {
+            mean: V3::select(is_far, V3::splat(token, Vec3::ZERO), mean - normals * normals.dot(mean)),
+            across,
+            variance: [is_far.select(far[0], variance[0]), is_far.select(far[1], variance[1])],
+        }
+    }
+
+    /// The variance of all slopes along tangents.
+    #[inline(always)]
+    fn variance<F: Lanes>(&self, token: F::Token, tangents: V3<F>) -> F {
+        let columns = [self.covariance.x_axis, self.covariance.y_axis, self.covariance.z_axis];
+        let [x, y, z] = columns.map(
+            #[inline(always)]
+            |column| V3::splat(token, column).dot(tangents),
+        );
+        V3::new(x, y, z).dot(tangents)
+    }
+}
+
+/// A random number in `[0, 1)` of a seed.
+fn unit(seed: u64, number: u64) -> f32 {
+    (hash_u64([seed, number]) >> 40) as f32 / 16_777_216.0
+}
+
+/// The part of a wave that footprints pass, for the squares of its wave vector [1/m^2] and of the widths [m^2]: that of a Gaussian with
+/// the variance of a square, with three terms of its series.
+#[inline(always)]
+fn passed<F: Lanes>(square: f32, width_squared: F) -> F {
+    let y = width_squared * (square * (TAU * TAU / 24.0));
+    (y * (y * (y * (1.0 / 6.0) + 0.5) + 1.0) + 1.0).recip()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UM: f32 = 1e-6;
+
+    struct At {
+        mean: Vec3,
+        across: Vec3,
+        variance: [f32; 2],
+    }
+
+    impl Relief {
+        fn at(&self, point: Vec3, normal: Vec3, width: f32) -> At {
+            let Slopes { mean, across, variance } = self.slopes::<f32>((), point.into(), normal.into(), width);
+            At { mean: mean.into(), across: across.into(), variance }
+        }
+
+        fn height(&self, point: Vec3, normal: Vec3) -> f32 {
+            match self {
+                Self::Cusps(cusps) => {
+                    let phase = cusps.path(point, normal).0 / cusps.feed;
+                    4.0 * cusps.height * (phase - phase.floor() - 0.5).powi(2)
+                }
+                Self::Waves(waves) => {
+                    let wave =
+                        |((v, phase), a): ((&Vec3, &f32), &f32)| a * cos_sin_of_turn((v.dot(point) + phase).fract()).0;
+                    waves.vectors.iter().zip(&waves.phases).zip(&waves.amplitudes).map(wave).sum()
+                }
+            }
+        }
+    }
+
+    /// Finishes, each with a normal of its surface, and the variance of the slope across and along that its process states, if
+    /// it does.
+    fn finishes() -> Vec<(Relief, Vec3, [Option<f32>; 2])> {
+        let (ra, feed, width) = (0.8 * UM, 200.0 * UM, 100.0 * UM);
+        let of = |process, seed| Relief::new(&Finish { process, mean_deviation: ra, seed });
+        let (axis, origin) = (Vec3::Z, Vec3::new(0.011, 0.02, 0.0));
+        let direction = Vec3::new(3.0, 1.0, 0.2).normalize();
+        // A parabola of height H has slopes evenly from -4 H / feed to 4 H / feed.
+        let of_cusps = (4.0 * CUSP_PER_DEVIATION * ra / feed).powi(2) / 3.0;
+        // Waves of one slope, whose amplitudes are evenly distributed in the logarithm from half to twice: the mean of their
+        // squares is 15 / (16 ln 2) / 2 of the square of the middle one.
+        let middle =
+            |size: f32| TAU * TAU * 0.5 * PI * ra * ra / (size * size) / (15.0 / (16.0 * std::f32::consts::LN_2));
+        let grooved = Process::Grooved { width, length: 0.01, direction };
+        vec![
+            (of(Process::Milled { feed, radius: 0.025, direction: Vec3::X }, 1), Vec3::Z, [None, Some(0.0)]),
+            (of(Process::Turned { feed, axis, origin }, 2), Vec3::Z, [Some(of_cusps), Some(0.0)]),
+            (of(Process::Turned { feed, axis, origin }, 3), Vec3::Y, [Some(of_cusps), Some(0.0)]),
+            // On a surface along the grooves, half of the slope of each wave lies across.
+            (of(grooved, 4), direction.any_orthonormal_vector(), [Some(middle(width) / 2.0), None]),
+            (of(Process::Grained { size: width }, 5), Vec3::new(1.0, 2.0, 2.0) / 3.0, [Some(middle(width) / 3.0); 2]),
+        ]
+    }
+
+    /// Random points of a square of 64 mm on the plane through a point with a normal.
+    fn points(normal: Vec3) -> impl Iterator<Item = Vec3> {
+        let (u, v) = normal.any_orthonormal_pair();
+        let place = |i: u64| 0.064 * unit(99, i);
+        (0..200_000).map(move |i| Vec3::new(0.004, 0.001, 0.003) + u * place(2 * i) + v * place(2 * i + 1))
+    }
+
+    fn mean(values: impl Iterator<Item = f32>) -> f32 {
+        let (sum, n) = values.fold((0.0, 0u32), |(sum, n), v| (sum + f64::from(v), n + 1));
+        (sum / f64::from(n)) as f32
+    }
+
+    /// The mean deviation is that of the description, and the slopes have the variance that follows from the process.
+    #[test]
+    fn heights_and_slopes_are_as_stated() {
+        for (i, (relief, normal, stated)) in finishes().into_iter().enumerate() {
+            let height = |p| relief.height(p, normal);
+            let level = mean(points(normal).map(height));
+            let ra = mean(points(normal).map(|p| (height(p) - level).abs()));
+            assert!((ra / (0.8 * UM) - 1.0).abs() < 0.03, "{i}: Ra {ra}");
+            let squares = |along: bool| {
+                mean(points(normal).map(|p| {
+                    let slopes = relief.at(p, normal, 0.0);
+                    let axis = if along { normal.cross(slopes.across) } else { slopes.across };
+                    slopes.mean.dot(axis).powi(2)
+                }))
+            };
+            for (along, stated) in [false, true].into_iter().zip(stated) {
+                let Some(stated) = stated else { continue };
+                let found = squares(along);
+                assert!((found - stated).abs() <= 0.05 * stated + 1e-9, "{i}: slope {found}, stated {stated}");
+            }
+        }
+    }
+
+    /// The slope of a point is the derivative of the height.
+    #[test]
+    fn slopes_are_derivatives() {
+        for (i, (relief, normal, _)) in finishes().into_iter().enumerate() {
+            let step = 0.5 * UM;
+            let misses = points(normal).step_by(401).filter(|&p| {
+                let slopes = relief.at(p, normal, 0.0);
+                let along = |axis: Vec3| {
+                    (relief.height(p + axis * step, normal) - relief.height(p - axis * step, normal)) / (2.0 * step)
+                };
+                let axes = [slopes.across, normal.cross(slopes.across)];
+                axes.iter().any(|&axis| (along(axis) - slopes.mean.dot(axis)).abs() > 4e-3)
+            });
+            // A step over a cusp has no derivative.
+            assert!(misses.count() < 20, "{i}");
+        }
+    }
+
+    /// Mean slope and variance of a footprint are those of the slopes in it along the axis across.
+    #[test]
+    fn a_footprint_of_cusps_is_exact() {
+        let (relief, normal, _) = finishes().remove(2);
+        for (number, p) in points(normal).step_by(20_011).enumerate() {
+            for width in [3.0, 70.0, 240.0, 1730.0].map(|um| um * UM) {
+                let slopes = relief.at(p, normal, width);
+                let within = |k: u32| p + slopes.across * (width * ((k as f32 + 0.5) / 2000.0 - 0.5));
+                let inside = |k| relief.at(within(k), normal, 0.0).mean.dot(slopes.across);
+                let (first, second) = (mean((0..2000).map(inside)), mean((0..2000).map(|k| inside(k).powi(2))));
+                let found = [slopes.mean.dot(slopes.across), slopes.variance[0]];
+                assert!((found[0] - first).abs() < 5e-4, "{number}, {width}: {found:?}, {first}");
+                assert!((found[1] - (second - first * first)).abs() < 5e-5, "{number}, {width}: {found:?}");
+            }
+        }
+    }
+
+    /// What a footprint does not resolve is in its variance: the sum is the same for all footprints.
+    #[test]
+    fn footprints_keep_the_slopes() {
+        for (i, (relief, normal, _)) in finishes().into_iter().enumerate() {
+            let total = |width: f32| {
+                mean(points(normal).step_by(3).map(|p| {
+                    let slopes = relief.at(p, normal, width);
+                    slopes.mean.length_squared() + slopes.variance[0] + slopes.variance[1]
+                }))
+            };
+            let wanted = total(0.0);
+            for width in [20.0, 100.0, 300.0, 3000.0].map(|um| um * UM) {
+                assert!((total(width) / wanted - 1.0).abs() < 0.02, "{i}, {width}: {} {wanted}", total(width));
+            }
+            let far = relief.at(Vec3::ZERO, normal, 0.01);
+            assert!(far.mean.length_squared() < 1e-4 * wanted, "{i}");
+        }
+    }
+}

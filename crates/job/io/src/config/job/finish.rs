@@ -1,0 +1,187 @@
+//! `finish` and `grain` of `[[material]]`: machined surfaces.
+
+use super::check;
+use super::place::point;
+use dunkelfeld_geometry::{DVec3, Vec3};
+use dunkelfeld_scene::{Finish, Grain, Process};
+use serde::{Deserialize, Deserializer};
+
+/// `grain`: the direction of the grooves in the frame of the object, or the axis that they run about.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(untagged, expecting = "write a direction such as [1, 0, 0], or { axis = [0, 0, 1], origin = [0, 0, 0] }")]
+pub enum GrainSettings {
+    /// A direction.
+    Straight([f64; 3]),
+    /// An axis.
+    Around(Around),
+}
+
+/// An axis in the frame of the object.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Around {
+    /// Its direction.
+    pub axis: [f64; 3],
+    /// One of its points \[m\]. Default: the origin of the object.
+    #[serde(default, deserialize_with = "point")]
+    pub origin: DVec3,
+}
+
+impl GrainSettings {
+    pub(super) fn grain(self) -> Grain {
+        let direction = |v: [f64; 3]| DVec3::from_array(v).normalize_or_zero().as_vec3();
+        match self {
+            Self::Straight(v) => Grain::Straight(direction(v)),
+            Self::Around(Around { axis, origin }) => Grain::Around { axis: direction(axis), origin: origin.as_vec3() },
+        }
+    }
+}
+
+/// `finish`: the name of a process, or a table with its keys.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FinishSettings {
+    /// The process.
+    pub kind: FinishKind,
+    /// Feed per revolution \[m\].
+    pub feed: Option<f64>,
+    /// Diameter of the tool \[m\].
+    pub tool_diameter: Option<f64>,
+    /// Width of a groove, or size of a bump \[m\].
+    pub size: Option<f64>,
+    /// Length of a groove \[m\].
+    pub length: Option<f64>,
+    /// Arithmetic mean deviation Ra \[m\].
+    pub ra: Option<f64>,
+    /// Seed of the height field.
+    pub seed: u32,
+}
+
+/// A process of machining.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FinishKind {
+    /// Face milling.
+    Milled,
+    /// Turning and facing.
+    Turned,
+    /// Grinding.
+    Ground,
+    /// Brushing.
+    Brushed,
+    /// Blasting with grains.
+    Blasted,
+    /// Casting.
+    Cast,
+}
+
+impl<'de> Deserialize<'de> for FinishSettings {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(
+            untagged,
+            expecting = "write \"milled\", \"turned\", \"ground\", \"brushed\", \"blasted\" or \"cast\", or a table such as { kind = \"milled\", feed = \"0.2mm\", ra = \"1.6um\" } with the keys feed, tool_diameter, size, length, ra and seed"
+        )]
+        enum Written {
+            Kind(FinishKind),
+            Table(Table),
+        }
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Table {
+            kind: FinishKind,
+            #[serde(default, deserialize_with = "check::positive_length")]
+            feed: Option<f64>,
+            #[serde(default, deserialize_with = "check::positive_length")]
+            tool_diameter: Option<f64>,
+            #[serde(default, deserialize_with = "check::positive_length")]
+            size: Option<f64>,
+            #[serde(default, deserialize_with = "check::positive_length")]
+            length: Option<f64>,
+            #[serde(default, deserialize_with = "check::positive_length")]
+            ra: Option<f64>,
+            #[serde(default)]
+            seed: u32,
+        }
+        Ok(match Written::deserialize(d)? {
+            Written::Kind(kind) => {
+                Self { kind, feed: None, tool_diameter: None, size: None, length: None, ra: None, seed: 0 }
+            }
+            Written::Table(Table { kind, feed, tool_diameter, size, length, ra, seed }) => {
+                Self { kind, feed, tool_diameter, size, length, ra, seed }
+            }
+        })
+    }
+}
+
+/// Ra of a process, and the length of its marks: feed, width of a groove or size of a bump; middle values of handbooks
+/// (Machinery's Handbook 2020, surface texture by process) \[m\].
+const fn usual(kind: FinishKind) -> (f64, f64) {
+    match kind {
+        FinishKind::Milled => (1.6e-6, 200e-6),
+        FinishKind::Turned => (0.8e-6, 100e-6),
+        FinishKind::Ground => (0.4e-6, 40e-6),
+        FinishKind::Brushed => (0.8e-6, 100e-6),
+        FinishKind::Blasted => (3e-6, 100e-6),
+        FinishKind::Cast => (6e-6, 500e-6),
+    }
+}
+
+impl FinishSettings {
+    /// The finish on a surface with a grain. The error is a key with its problem and help.
+    pub(super) fn finish(&self, grain: Option<Grain>) -> Result<Finish, [&'static str; 3]> {
+        let (ra, mark) = usual(self.kind);
+        let straight = || match grain {
+            None => Ok(Vec3::X),
+            Some(Grain::Straight(direction)) => Ok(direction),
+            Some(Grain::Around { .. }) => {
+                Err(["grain", "this finish runs in one direction", "write a direction, such as grain = [1, 0, 0]"])
+            }
+        };
+        let (feed, size) = (self.feed.unwrap_or(mark) as f32, self.size.unwrap_or(mark) as f32);
+        let foreign = |keys: &[(&str, bool)]| match keys.iter().find(|(_, given)| *given) {
+            Some(("feed", _)) => {
+                Err(["finish", "this finish has no feed", "remove `feed`; `size` is that of its marks"])
+            }
+            Some(("tool_diameter", _)) => Err(["finish", "this finish has no tool_diameter", "remove `tool_diameter`"]),
+            Some(("size", _)) => {
+                Err(["finish", "this finish has no size", "remove `size`; `feed` is the distance of its marks"])
+            }
+            Some(_) => Err(["finish", "this finish has no length", "remove `length`"]),
+            None => Ok(()),
+        };
+        let (feed_key, tool) = (("feed", self.feed.is_some()), ("tool_diameter", self.tool_diameter.is_some()));
+        let (size_key, length) = (("size", self.size.is_some()), ("length", self.length.is_some()));
+        let process = match self.kind {
+            FinishKind::Milled => {
+                foreign(&[size_key, length])?;
+                let radius = 0.5 * self.tool_diameter.unwrap_or(50e-3) as f32;
+                Process::Milled { feed, radius, direction: straight()? }
+            }
+            FinishKind::Turned => {
+                foreign(&[tool, size_key, length])?;
+                let (axis, origin) = match grain {
+                    None => (Vec3::Z, Vec3::ZERO),
+                    Some(Grain::Around { axis, origin }) => (axis, origin),
+                    Some(Grain::Straight(_)) => {
+                        return Err([
+                            "grain",
+                            "turning runs about an axis",
+                            "write grain = { axis = [0, 0, 1], origin = [0, 0, 0] }",
+                        ]);
+                    }
+                };
+                Process::Turned { feed, axis, origin }
+            }
+            FinishKind::Ground | FinishKind::Brushed => {
+                foreign(&[feed_key, tool])?;
+                let length = self.length.unwrap_or(if self.kind == FinishKind::Ground { 3e-3 } else { 20e-3 });
+                Process::Grooved { width: size, length: length as f32, direction: straight()? }
+            }
+            FinishKind::Blasted | FinishKind::Cast => {
+                foreign(&[feed_key, tool, length])?;
+                Process::Grained { size }
+            }
+        };
+        Ok(Finish { process, mean_deviation: self.ra.unwrap_or(ra) as f32, seed: u64::from(self.seed) })
+    }
+}
