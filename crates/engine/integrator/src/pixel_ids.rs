@@ -192,11 +192,11 @@ pub fn crossings(
 fn beyond_clear(scene: &Scene, ray_state: &RayState, hit: &SurfaceHit<'_>) -> Option<RayState> {
     let (surface, wo, mut storage) = (&hit.surface, -ray_state.ray.direction, None);
     let eta = hit.interface.and_then(|interface| interface.relative_index());
-    let bsdf = scene.bsdf(surface, [0.0; 2], (0.5, eta), &mut storage);
+    let bsdf = scene.bsdf(surface, 0.5, eta, &mut storage);
     if !bsdf.is_delta() {
         return None;
     }
-    let frames = scene.shade_lanes::<f32>(surface.material(), (&surface.into(), None), wo.into()).frames;
+    let frames = scene.shade_lanes::<f32>(surface.material(), &surface.into(), wo.into()).frames;
     let sample = bsdf.sample(LocalDir(frames.frame.to_local(wo.into()).into()), 0.5, [0.0; 2])?;
     let local = sample.wi.0.into();
     let wi = frames.frame.to_world(local);

@@ -167,9 +167,9 @@ mod tests {
         let center = -scene.world_origin().as_vec3() - Vec3::Z;
         let ray = Ray::new(center + Vec3::new(0.1, 0.2, 0.0) + wo, -wo);
         let surface = scene.intersect(&ray).expect("the plate is hit");
-        let frames = scene.shade_lanes::<f32>(surface.material(), (&(&surface).into(), None), wo.into()).frames;
+        let frames = scene.shade_lanes::<f32>(surface.material(), &(&surface).into(), wo.into()).frames;
         let (wo, mut storage) = (frames.frame.to_local(wo.into()), None);
-        let bsdfs = Bsdfs::Same(scene.bsdf(&surface, [0.0; 2], (0.5, None), &mut storage));
+        let bsdfs = Bsdfs::Same(scene.bsdf(&surface, 0.5, None, &mut storage));
         check(&Scatterer { frames, view: Scattering { token: (), len: 1, frames, wo, bsdfs } });
     }
 

@@ -282,9 +282,9 @@ impl<F: Lanes> Traversal<'_, F> {
             let material = materials[left.trailing_zeros() as usize % MAX_WIDTH];
             let same = F::word_eq(points.material, F::splat_word(token, material));
             let mut storage = [const { None }; MAX_WIDTH];
-            let bsdfs = scene.bsdfs(material, (points, None), (&[], &etas), &mut storage);
+            let bsdfs = scene.bsdfs(material, points, (&[], &etas), &mut storage);
             let Some((surfaces, its)) = dielectrics(&bsdfs) else { break };
-            let frames = scene.shade_lanes(material, (points, None), -from).frames;
+            let frames = scene.shade_lanes(material, points, -from).frames;
             let surface = InLanes::<F>::gather(token, &surfaces);
             let at = Scatterer { frames, view: surface.view(frames.frame.to_local(-from)) };
             let sample = at.view.sample(is_reflection.select(zero, from.x.constant(ALMOST_ONE)), [zero; 2]);

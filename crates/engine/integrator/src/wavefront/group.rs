@@ -110,10 +110,6 @@ impl<'a> Wavefront<'a> {
             for lane in 0..F::WIDTH {
                 paths[lane] = self.rays.paths[rays[lane] as usize];
             }
-            let relief = match in_medium {
-                true => None,
-                false => scene.reliefs(material, &points, &self.estimator.camera.footprint()),
-            };
             let from = self.rays.directions::<F>(token, &rays);
             let wo = -from;
             let bsdfs = match in_medium {
@@ -123,7 +119,7 @@ impl<'a> Wavefront<'a> {
                     let phase = medium.map_or(Bsdf::Absorber, |medium| Bsdf::Phase(medium.phase));
                     Bsdfs::Same(storage[0].insert(phase))
                 }
-                false => scene.bsdfs(material, (&points, relief.as_ref()), (&arrived.u_kind, &arrived.eta), storage),
+                false => scene.bsdfs(material, &points, (&arrived.u_kind, &arrived.eta), storage),
             };
             let mut transmittance = Rgb::splat(F::splat(token, 1.0));
             if !is_arrived && scene.has_solids() {
@@ -154,7 +150,7 @@ impl<'a> Wavefront<'a> {
             state.gain_scale = learned.gain_scale;
             let ShadingLanes { frames, receivers } = match in_medium {
                 true => ShadingLanes::in_medium(points.point),
-                false => scene.shade_lanes(material, (&points, relief.as_ref()), wo),
+                false => scene.shade_lanes(material, &points, wo),
             };
             let used = F::mask(token, u32::MAX >> (32 - len));
             let lit = match bsdfs {

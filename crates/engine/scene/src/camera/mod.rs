@@ -8,7 +8,7 @@ pub mod shutter;
 use crate::build::builder::{Camera, Projection};
 use crate::camera::distortion::Undistorter;
 use crate::camera::lens::{Aperture, Opening, Vignetting};
-use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Ray, Vec3};
+use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Ray};
 use dunkelfeld_lanes::{Double, Lanes, MAX_WIDTH, Real, V3};
 
 /// Reason why a camera cannot be bound to a film.
@@ -73,22 +73,6 @@ pub struct CameraRays<F> {
 /// Rays start no farther from the middle of the scene than this many of its radii.
 const CLEARANCE: f64 = 1.5;
 
-/// The width of a pixel in the scene, as a camera sees it.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Footprint {
-    /// The camera's position in render space.
-    origin: Vec3,
-    /// Width at the camera \[m\], and its growth with the distance.
-    width: [f32; 2],
-}
-
-impl Footprint {
-    /// The width at a point of render space \[m\], whichever path leads to it.
-    pub(crate) fn width(&self, point: Vec3) -> f32 {
-        self.width[0] + self.width[1] * (point - self.origin).length()
-    }
-}
-
 /// A camera bound to a film of a certain size.
 ///
 /// Rays are f32 and made in f64. Places on the film are in pixels from its top left corner, x to the right and y down;
@@ -118,15 +102,8 @@ pub struct RayGenerator {
 
 impl RayGenerator {
     /// The camera's position in render space.
-    pub(crate) fn origin(&self) -> Vec3 {
+    pub(crate) fn origin(&self) -> dunkelfeld_geometry::Vec3 {
         self.origin.as_vec3()
-    }
-
-    /// The width of its pixels.
-    pub fn footprint(&self) -> Footprint {
-        let pixel = (self.half[1] / self.half_pixels[1] * self.window.1) as f32;
-        let width = if self.parallel { [pixel, 0.0] } else { [0.0, pixel] };
-        Footprint { origin: self.origin(), width }
     }
 
     /// Binds a camera to a film of `width * height` pixels.

@@ -1,11 +1,11 @@
 //! Finishes of machined surfaces: height fields in the space of an object, evaluated as slopes.
 //!
-//! A footprint of finite size averages the slopes in it. What it does not resolve is the variance of the slopes in it, which
-//! belongs to the roughness of the surface (Olano and Baker 2010, LEAN mapping; Dupuy et al. 2013, LEADR mapping). The sum of
-//! the square of the mean slope and of the variance is, in the mean over the surface, the same for all footprints.
+//! Each sample meets the slope at its own place, so the mean over a pixel is that of the surface at any distance. A filter that
+//! turns slopes below the size of a pixel into roughness (Dupuy et al. 2013, LEADR mapping) is not used: it widens the tail of GGX
+//! with its core. In a dark field, which sees the tail alone, metal of roughness 0.15 would be seven times too bright.
 
-use dunkelfeld_geometry::{Mat3, Vec3};
-use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3, cos_sin_of_turn, pow};
+use dunkelfeld_geometry::Vec3;
+use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, V3, cos_sin_of_turn, pow};
 use dunkelfeld_sampling::hash_u64;
 use std::f32::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -113,15 +113,13 @@ pub enum Process {
     },
 }
 
-/// Slopes of a height field over footprints, one for each lane.
+/// Slopes of a height field, one for each lane.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slopes<F: Lanes> {
-    /// The mean slope: a tangent vector along the steepest ascent.
-    pub(crate) mean: V3<F>,
-    /// The unit tangent with the larger variance.
+    /// A tangent vector along the steepest ascent, as long as the slope.
+    pub(crate) slope: V3<F>,
+    /// The unit tangent across the grooves.
     pub(crate) across: V3<F>,
-    /// Variance of the slope in the footprint along `across`, and perpendicular to it.
-    pub(crate) variance: [F; 2],
 }
 
 /// A finish with all values precomputed that do not depend on the place.
@@ -151,12 +149,12 @@ impl Relief {
         }
     }
 
-    /// The slopes at points \[m\] with unit normals, over footprints of these widths \[m\].
+    /// The slopes at points \[m\] with unit normals.
     #[inline(always)]
-    pub(crate) fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>, widths: F) -> Slopes<F> {
+    pub(crate) fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>) -> Slopes<F> {
         match self {
-            Self::Cusps(cusps) => cusps.slopes(token, points, normals, widths),
-            Self::Waves(waves) => waves.slopes(token, points, normals, widths),
+            Self::Cusps(cusps) => cusps.slopes(token, points, normals),
+            Self::Waves(waves) => waves.slopes(token, points, normals),
         }
     }
 }
@@ -216,56 +214,27 @@ impl Cusps {
     }
 
     #[inline(always)]
-    fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>, widths: F) -> Slopes<F> {
-        let (points, normals, widths) = (points.to_lanes(), normals.to_lanes(), widths.to_array());
-        let ([mut mean, mut across], mut variance) = ([[Vec3::ZERO; MAX_WIDTH]; 2], [0.0; MAX_WIDTH]);
+    fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>) -> Slopes<F> {
+        let (points, normals) = (points.to_lanes(), normals.to_lanes());
+        let [mut slope, mut across] = [[Vec3::ZERO; MAX_WIDTH]; 2];
         for lane in 0..F::WIDTH {
-            (mean[lane], across[lane], variance[lane]) = self.slope(points[lane], normals[lane], widths[lane]);
+            [slope[lane], across[lane]] = self.slope(points[lane], normals[lane]);
         }
-        Slopes {
-            mean: V3::from_lanes(token, &mean),
-            across: V3::from_lanes(token, &across),
-            variance: [F::load(token, &variance), F::splat(token, 0.0)],
-        }
+        Slopes { slope: V3::from_lanes(token, &slope), across: V3::from_lanes(token, &across) }
     }
 
-    /// The mean slope at a point, the direction across, and the variance along it.
-    fn slope(&self, point: Vec3, normal: Vec3, width: f32) -> (Vec3, Vec3, f32) {
+    /// The slope at a point, and the unit tangent across the grooves.
+    fn slope(&self, point: Vec3, normal: Vec3) -> [Vec3; 2] {
         let (path, gradient) = self.path(point, normal);
         let tangent = gradient - normal * normal.dot(gradient);
-        let length = tangent.length();
-        if length < 1e-3 {
-            return (Vec3::ZERO, normal.any_orthonormal_vector(), 0.0);
-        }
-        let (across, rate) = (tangent / length, length / self.feed);
-        let [mean, square] = self.over(path / self.feed, width * rate);
-        (across * (mean * rate), across, (square - mean * mean).max(0.0) * rate * rate)
-    }
-
-    /// Mean of the derivative of the height over an interval of the phase, and of its square.
-    fn over(&self, phase: f32, width: f32) -> [f32; 2] {
-        let base = (phase - 0.5 * width).floor();
-        let [from, to] = [phase - 0.5 * width - base, phase + 0.5 * width - base];
-        let slope = 8.0 * self.height;
-        if to < 1.0 {
-            let mean = slope * (0.5 * (from + to) - 0.5);
-            return [mean, mean * mean + slope * slope * width * width / 12.0];
-        }
-        // The height and the integral of the square of its derivative, from the start of a cusp.
-        let height = |phase: f32| 0.5 * slope * (phase - phase.floor() - 0.5).powi(2);
-        let squares = |phase: f32| {
-            let part = phase - phase.floor() - 0.5;
-            slope * slope * (phase.floor() / 12.0 + (part * part * part + 0.125) / 3.0)
-        };
-        let per_width = 1.0 / width.max(1e-4);
-        [(height(to) - height(from)) * per_width, (squares(to) - squares(from)) * per_width]
+        let Some(across) = tangent.try_normalize() else { return [Vec3::ZERO, normal.any_orthonormal_vector()] };
+        let phase = path / self.feed;
+        [tangent * (8.0 * self.height / self.feed * (phase - phase.floor() - 0.5)), across]
     }
 }
 
 /// Number of waves of a random height field.
 const WAVES: usize = 48;
-/// A footprint that passes less of each wave has no mean slope.
-const LEAST_PASSED: f32 = 0.01;
 /// Fractional parts of the powers of the plastic number: additive recurrences that fill a square evenly (Roberts 2018).
 const PLASTIC: [f32; 2] = [0.754_877_7, 0.569_840_3];
 
@@ -280,10 +249,6 @@ pub(crate) struct Waves {
     amplitudes: Vec<f32>,
     /// The unit direction of the grooves, if there are any.
     along: Option<Vec3>,
-    /// The shortest wave vector [1/m].
-    least: f32,
-    /// The covariance of the slopes of all waves.
-    covariance: Mat3,
 }
 
 impl Waves {
@@ -314,66 +279,23 @@ impl Waves {
         let squares: f32 = amplitudes.iter().map(|a| 0.5 * a * a).sum();
         let scale = mean_deviation * (0.5 * PI / squares).sqrt();
         amplitudes.iter_mut().for_each(|a| *a *= scale);
-        let least = vectors.iter().map(|v| v.length()).fold(f32::INFINITY, f32::min);
-        let of_wave = |(v, a): (&Vec3, &f32)| Mat3::from_cols(*v * v.x, *v * v.y, *v * v.z) * (0.5 * TAU * TAU * a * a);
-        let covariance = vectors.iter().zip(&amplitudes).map(of_wave).sum();
-        Self { vectors, phases, amplitudes, along: grooves.map(|(along, _)| along), least, covariance }
+        Self { vectors, phases, amplitudes, along: grooves.map(|(along, _)| along) }
     }
 
     #[inline(always)]
-    fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>, widths: F) -> Slopes<F> {
+    fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>) -> Slopes<F> {
         let mut across = Frame::from_normal(normals).tangent;
         if let Some(along) = self.along {
             across = normals.cross(V3::splat(token, along)).normalize_or(across);
         }
-        let tangents = [across, normals.cross(across)];
-        let zero = F::splat(token, 0.0);
-        let (mut mean, mut variance) = (V3::splat(token, Vec3::ZERO), [zero; 2]);
-        let squares = widths * widths;
-        let is_far = passed(self.least * self.least, squares).lt(F::splat(token, LEAST_PASSED));
-        if !(!is_far).any() {
-            return Slopes {
-                mean,
-                across,
-                variance: tangents.map(
-                    #[inline(always)]
-                    |t| self.variance(token, t),
-                ),
-            };
-        }
+        let mut slope = V3::splat(token, Vec3::ZERO);
         for ((vector, phase), amplitude) in self.vectors.iter().zip(&self.phases).zip(&self.amplitudes) {
-            let slope = TAU * amplitude;
-            let passed = passed(vector.length_squared(), squares);
             let vector = V3::splat(token, *vector);
             let turns = vector.dot(points) + *phase;
             let (_, sin) = cos_sin_of_turn(turns - turns.floor());
-            mean = mean - vector * (passed * sin * slope);
-            let rest = (passed * passed).one_minus() * (0.5 * slope * slope);
-            for (variance, tangent) in variance.iter_mut().zip(tangents) {
-                let along = vector.dot(tangent);
-                *variance = *variance + rest * along * along;
-            }
+            slope = slope - vector * (sin * (TAU * amplitude));
         }
-        let far = tangents.map(
-            #[inline(always)]
-            |t| self.variance(token, t),
-        );
-        Slopes {
-            mean: V3::select(is_far, V3::splat(token, Vec3::ZERO), mean - normals * normals.dot(mean)),
-            across,
-            variance: [is_far.select(far[0], variance[0]), is_far.select(far[1], variance[1])],
-        }
-    }
-
-    /// The variance of all slopes along tangents.
-    #[inline(always)]
-    fn variance<F: Lanes>(&self, token: F::Token, tangents: V3<F>) -> F {
-        let columns = [self.covariance.x_axis, self.covariance.y_axis, self.covariance.z_axis];
-        let [x, y, z] = columns.map(
-            #[inline(always)]
-            |column| V3::splat(token, column).dot(tangents),
-        );
-        V3::new(x, y, z).dot(tangents)
+        Slopes { slope: slope - normals * normals.dot(slope), across }
     }
 }
 
@@ -382,30 +304,17 @@ fn unit(seed: u64, number: u64) -> f32 {
     (hash_u64([seed, number]) >> 40) as f32 / 16_777_216.0
 }
 
-/// The part of a wave that footprints pass, for the squares of its wave vector [1/m^2] and of the widths [m^2]: that of a Gaussian with
-/// the variance of a square, with three terms of its series.
-#[inline(always)]
-fn passed<F: Lanes>(square: f32, width_squared: F) -> F {
-    let y = width_squared * (square * (TAU * TAU / 24.0));
-    (y * (y * (y * (1.0 / 6.0) + 0.5) + 1.0) + 1.0).recip()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     const UM: f32 = 1e-6;
 
-    struct At {
-        mean: Vec3,
-        across: Vec3,
-        variance: [f32; 2],
-    }
-
     impl Relief {
-        fn at(&self, point: Vec3, normal: Vec3, width: f32) -> At {
-            let Slopes { mean, across, variance } = self.slopes::<f32>((), point.into(), normal.into(), width);
-            At { mean: mean.into(), across: across.into(), variance }
+        /// The slope, and the tangent across.
+        fn at(&self, point: Vec3, normal: Vec3) -> [Vec3; 2] {
+            let Slopes { slope, across } = self.slopes::<f32>((), point.into(), normal.into());
+            [slope.into(), across.into()]
         }
 
         fn height(&self, point: Vec3, normal: Vec3) -> f32 {
@@ -469,9 +378,8 @@ mod tests {
             assert!((ra / (0.8 * UM) - 1.0).abs() < 0.03, "{i}: Ra {ra}");
             let squares = |along: bool| {
                 mean(points(normal).map(|p| {
-                    let slopes = relief.at(p, normal, 0.0);
-                    let axis = if along { normal.cross(slopes.across) } else { slopes.across };
-                    slopes.mean.dot(axis).powi(2)
+                    let [slope, across] = relief.at(p, normal);
+                    slope.dot(if along { normal.cross(across) } else { across }).powi(2)
                 }))
             };
             for (along, stated) in [false, true].into_iter().zip(stated) {
@@ -488,51 +396,15 @@ mod tests {
         for (i, (relief, normal, _)) in finishes().into_iter().enumerate() {
             let step = 0.5 * UM;
             let misses = points(normal).step_by(401).filter(|&p| {
-                let slopes = relief.at(p, normal, 0.0);
+                let [slope, across] = relief.at(p, normal);
                 let along = |axis: Vec3| {
                     (relief.height(p + axis * step, normal) - relief.height(p - axis * step, normal)) / (2.0 * step)
                 };
-                let axes = [slopes.across, normal.cross(slopes.across)];
-                axes.iter().any(|&axis| (along(axis) - slopes.mean.dot(axis)).abs() > 4e-3)
+                let axes = [across, normal.cross(across)];
+                axes.iter().any(|&axis| (along(axis) - slope.dot(axis)).abs() > 4e-3)
             });
             // A step over a cusp has no derivative.
             assert!(misses.count() < 20, "{i}");
-        }
-    }
-
-    /// Mean slope and variance of a footprint are those of the slopes in it along the axis across.
-    #[test]
-    fn a_footprint_of_cusps_is_exact() {
-        let (relief, normal, _) = finishes().remove(2);
-        for (number, p) in points(normal).step_by(20_011).enumerate() {
-            for width in [3.0, 70.0, 240.0, 1730.0].map(|um| um * UM) {
-                let slopes = relief.at(p, normal, width);
-                let within = |k: u32| p + slopes.across * (width * ((k as f32 + 0.5) / 2000.0 - 0.5));
-                let inside = |k| relief.at(within(k), normal, 0.0).mean.dot(slopes.across);
-                let (first, second) = (mean((0..2000).map(inside)), mean((0..2000).map(|k| inside(k).powi(2))));
-                let found = [slopes.mean.dot(slopes.across), slopes.variance[0]];
-                assert!((found[0] - first).abs() < 5e-4, "{number}, {width}: {found:?}, {first}");
-                assert!((found[1] - (second - first * first)).abs() < 5e-5, "{number}, {width}: {found:?}");
-            }
-        }
-    }
-
-    /// What a footprint does not resolve is in its variance: the sum is the same for all footprints.
-    #[test]
-    fn footprints_keep_the_slopes() {
-        for (i, (relief, normal, _)) in finishes().into_iter().enumerate() {
-            let total = |width: f32| {
-                mean(points(normal).step_by(3).map(|p| {
-                    let slopes = relief.at(p, normal, width);
-                    slopes.mean.length_squared() + slopes.variance[0] + slopes.variance[1]
-                }))
-            };
-            let wanted = total(0.0);
-            for width in [20.0, 100.0, 300.0, 3000.0].map(|um| um * UM) {
-                assert!((total(width) / wanted - 1.0).abs() < 0.02, "{i}, {width}: {} {wanted}", total(width));
-            }
-            let far = relief.at(Vec3::ZERO, normal, 0.01);
-            assert!(far.mean.length_squared() < 1e-4 * wanted, "{i}");
         }
     }
 }

@@ -88,7 +88,7 @@ impl Scene {
         });
         let color =
             if mesh.colors.is_empty() { Vec4::ONE } else { mix(&p.barycentrics, vertices.map(|v| mesh.colors[v])) };
-        TexturePoint { uvs, color, slopes: [0.0; 2] }
+        TexturePoint { uvs, color }
     }
 
     /// True if surfaces of a material are random: present or absent, or one of two kinds.

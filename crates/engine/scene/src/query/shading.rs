@@ -1,11 +1,10 @@
 //! Shading: from a point on a surface to a frame and a BSDF.
 
-use crate::camera::Footprint;
 use crate::light::sample::Receivers;
 use crate::light::{Light, NO_LIGHT};
 use crate::material::finish::{Relief, Slopes};
 use crate::query::intersect::{SurfacePoint, mix};
-use crate::query::surface::{self, TexturePoint};
+use crate::query::surface;
 use crate::query::surface_points::{CornerLanes, SurfacePoints};
 use crate::scene::Scene;
 use dunkelfeld_bsdf::Bsdf;
@@ -92,17 +91,6 @@ impl<F: Lanes> ShadingLanes<F> {
     }
 }
 
-/// The finish of points over footprints, one for each lane, in render space.
-#[derive(Clone, Copy, Debug)]
-pub struct ReliefLanes<F: Lanes> {
-    /// The mean slope: a tangent vector along the steepest ascent.
-    mean: V3<F>,
-    /// The tangent across the grooves.
-    across: V3<F>,
-    /// Variance of the slope in the footprint across the grooves, and along them.
-    variance: [F; 2],
-}
-
 /// The BSDFs of points of one material.
 #[derive(Clone, Copy, Debug)]
 pub enum Bsdfs<'a> {
@@ -153,20 +141,14 @@ impl Scene {
         self.compiled[material as usize].only_bsdf()
     }
 
-    /// The BSDF at a point with variances of slopes ([`ReliefLanes`]). `u` in `[0, 1)` chooses the kind of a stochastic material. `eta` is the index of refraction
+    /// The BSDF at a point. `u` in `[0, 1)` chooses the kind of a stochastic material. `eta` is the index of refraction
     /// on the inside of the surface over that on its outside, if it is not that of the material. A BSDF that exists only
     /// for this point is stored in `storage`.
     #[inline(always)]
-    pub fn bsdf<'a>(
-        &'a self,
-        p: &SurfacePoint,
-        slopes: [f32; 2],
-        (u, eta): (f32, Option<f32>),
-        storage: &'a mut Option<Bsdf>,
-    ) -> &'a Bsdf {
+    pub fn bsdf<'a>(&'a self, p: &SurfacePoint, u: f32, eta: Option<f32>, storage: &'a mut Option<Bsdf>) -> &'a Bsdf {
         match self.compiled[p.material as usize].constant_bsdf(u) {
             Some(bsdf) if eta.is_none() => bsdf,
-            constant => self.bsdf_at(*p, slopes, (u, eta, constant), storage),
+            constant => self.bsdf_at(*p, u, (eta, constant), storage),
         }
     }
 
@@ -175,64 +157,16 @@ impl Scene {
     fn bsdf_at<'a>(
         &'a self,
         p: SurfacePoint,
-        slopes: [f32; 2],
-        (u, eta, constant): (f32, Option<f32>, Option<&'a Bsdf>),
+        u: f32,
+        (eta, constant): (Option<f32>, Option<&'a Bsdf>),
         storage: &'a mut Option<Bsdf>,
     ) -> &'a Bsdf {
         let (compiled, material) = (&self.compiled[p.material as usize], &self.materials[p.material as usize]);
         let eta = eta.unwrap_or(material.ior);
         match constant {
             Some(bsdf) if eta == material.ior => bsdf,
-            _ => {
-                let at = TexturePoint { slopes, ..self.texture_point(&p) };
-                storage.insert(compiled.bsdf_between(material, eta, &self.images, &at, u))
-            }
+            _ => storage.insert(compiled.bsdf_between(material, eta, &self.images, &self.texture_point(&p), u)),
         }
-    }
-
-    /// The finish of points on one material over the footprint of a pixel. `None` without a finish.
-    #[inline(always)]
-    pub fn reliefs<F: Lanes>(
-        &self,
-        material: u32,
-        points: &SurfacePoints<F>,
-        footprint: &Footprint,
-    ) -> Option<ReliefLanes<F>> {
-        let relief = self.compiled[material as usize].relief.as_ref()?;
-        Some(self.reliefs_of(relief, points, footprint))
-    }
-
-    #[inline(never)]
-    fn reliefs_of<F: Lanes>(
-        &self,
-        relief: &Relief,
-        points: &SurfacePoints<F>,
-        footprint: &Footprint,
-    ) -> ReliefLanes<F> {
-        let token = points.distance.token();
-        vectorize!(F, token, {
-            let [mut places, mut normals] = [[Vec3::ZERO; MAX_WIDTH]; 2];
-            let (mut widths, mut frames) = ([0.0; MAX_WIDTH], [Transform::IDENTITY; MAX_WIDTH]);
-            for lane in 0..F::WIDTH {
-                let p = points.lane(lane);
-                let frame = self.parts.get(p.part as usize).and_then(|part| part.frame_at(p.time));
-                frames[lane] = frame.unwrap_or(Transform::IDENTITY);
-                let to_object = frames[lane].inverse();
-                (places[lane], normals[lane]) = (to_object.point(p.point), to_object.normal(p.normal));
-                widths[lane] = footprint.width(p.point);
-            }
-            let [places, normals] = [places, normals].map(
-                #[inline(always)]
-                |v| V3::from_lanes(token, &v),
-            );
-            let Slopes { mean, across, variance } = relief.slopes(token, places, normals, F::load(token, &widths));
-            let (mut mean, mut across) = (mean.to_lanes(), across.to_lanes());
-            for lane in 0..F::WIDTH {
-                mean[lane] = frames[lane].vector(mean[lane]);
-                across[lane] = frames[lane].vector(across[lane]);
-            }
-            ReliefLanes { mean: V3::from_lanes(token, &mean), across: V3::from_lanes(token, &across), variance }
-        })
     }
 
     /// The BSDFs of points on one material: one for all lanes, if it is constant and no mixture. The numbers `u` and the
@@ -242,33 +176,28 @@ impl Scene {
     pub fn bsdfs<'a, F: Lanes>(
         &'a self,
         material: u32,
-        (points, relief): (&SurfacePoints<F>, Option<&ReliefLanes<F>>),
+        points: &SurfacePoints<F>,
         (u, eta): (&[f32], &[Option<f32>]),
         storage: &'a mut [Option<Bsdf>; MAX_WIDTH],
     ) -> Bsdfs<'a> {
         match self.only_bsdf(material) {
             Some(bsdf) if eta.iter().all(Option::is_none) => Bsdfs::Same(bsdf),
-            _ => self.each_bsdf((points, relief), (u, eta), storage),
+            _ => self.each_bsdf(points, (u, eta), storage),
         }
     }
 
     #[inline(never)]
     fn each_bsdf<'a, F: Lanes>(
         &'a self,
-        (points, relief): (&SurfacePoints<F>, Option<&ReliefLanes<F>>),
+        points: &SurfacePoints<F>,
         (u, eta): (&[f32], &[Option<f32>]),
         storage: &'a mut [Option<Bsdf>; MAX_WIDTH],
     ) -> Bsdfs<'a> {
         vectorize!(F, points.distance.token(), {
-            let slopes = relief.map(
-                #[inline(always)]
-                |relief| relief.variance.map(F::to_array),
-            );
             let mut each = [&Bsdf::Absorber; MAX_WIDTH];
             for (lane, (bsdf, storage)) in each.iter_mut().zip(storage).enumerate().take(F::WIDTH) {
                 let (u, eta) = (u.get(lane).copied().unwrap_or(0.0), eta.get(lane).copied().flatten());
-                let slopes = slopes.map_or([0.0; 2], |[across, along]| [across[lane], along[lane]]);
-                *bsdf = self.bsdf(&points.lane(lane), slopes, (u, eta), storage);
+                *bsdf = self.bsdf(&points.lane(lane), u, eta, storage);
             }
             Bsdfs::of_lanes(each, F::WIDTH)
         })
@@ -276,16 +205,11 @@ impl Scene {
 
     /// Frames and receivers of points on one material for the directions `wo` (unit, away from the surface).
     #[inline(always)]
-    pub fn shade_lanes<F: Lanes>(
-        &self,
-        material: u32,
-        (points, relief): (&SurfacePoints<F>, Option<&ReliefLanes<F>>),
-        wo: V3<F>,
-    ) -> ShadingLanes<F> {
+    pub fn shade_lanes<F: Lanes>(&self, material: u32, points: &SurfacePoints<F>, wo: V3<F>) -> ShadingLanes<F> {
         let token = wo.x.token();
         let (no, all) = (F::mask(token, 0), F::mask(token, (1 << F::WIDTH) - 1));
         let compiled = &self.compiled[material as usize];
-        // Only a smooth surface or a normal map can have a shading normal that differs from the geometric one.
+        // Only a smooth surface, a normal map or a finish can have a shading normal that differs from the geometric one.
         let mut is_bent = points.is_smooth;
         let mut normal = points.normal;
         if is_bent.any() {
@@ -299,10 +223,14 @@ impl Scene {
         }
         let mut frame = if compiled.needs_tangent {
             is_bent = all;
-            self.tangent_frames(token, (points, relief), normal)
+            self.tangent_frames(token, points, normal)
         } else {
             Frame::from_normal(normal)
         };
+        if let Some(relief) = &compiled.relief {
+            is_bent = all;
+            frame = self.finished(token, relief, points, frame.normal);
+        }
         if is_bent.any() {
             let (normal, is_turned) = visible_normals(frame.normal, points.normal, wo);
             let is_turned = is_turned & is_bent;
@@ -348,28 +276,51 @@ impl Scene {
         V3::select(is_some & points.is_smooth, unit, points.normal)
     }
 
-    /// [`Self::tangent_frame`] of each lane.
-    #[inline(always)]
-    fn tangent_frames<F: Lanes>(
+    /// Frames of points with a finish, from their shading normals: normal to the slopes of its height field, with tangents across
+    /// its grooves.
+    #[inline(never)]
+    fn finished<F: Lanes>(
         &self,
         token: F::Token,
-        (points, relief): (&SurfacePoints<F>, Option<&ReliefLanes<F>>),
+        relief: &Relief,
+        points: &SurfacePoints<F>,
         normals: V3<F>,
     ) -> Frame<F> {
+        vectorize!(F, token, {
+            let [mut places, mut facets] = [[Vec3::ZERO; MAX_WIDTH]; 2];
+            let mut frames = [Transform::IDENTITY; MAX_WIDTH];
+            for lane in 0..F::WIDTH {
+                let p = points.lane(lane);
+                let frame = self.parts.get(p.part as usize).and_then(|part| part.frame_at(p.time));
+                frames[lane] = frame.unwrap_or(Transform::IDENTITY);
+                let to_object = frames[lane].inverse();
+                (places[lane], facets[lane]) = (to_object.point(p.point), to_object.normal(p.normal));
+            }
+            let Slopes { slope, across } =
+                relief.slopes::<F>(token, V3::from_lanes(token, &places), V3::from_lanes(token, &facets));
+            let (mut slope, mut across) = (slope.to_lanes(), across.to_lanes());
+            for lane in 0..F::WIDTH {
+                slope[lane] = frames[lane].vector(slope[lane]);
+                across[lane] = frames[lane].vector(across[lane]);
+            }
+            let normals = (normals - V3::from_lanes(token, &slope)).normalize();
+            Frame::from_normal_tangent(normals, V3::from_lanes(token, &across))
+        })
+    }
+
+    /// [`Self::tangent_frame`] of each lane.
+    #[inline(always)]
+    fn tangent_frames<F: Lanes>(&self, token: F::Token, points: &SurfacePoints<F>, normals: V3<F>) -> Frame<F> {
         let normals = normals.to_lanes();
         let [mut tangent, mut bitangent, mut normal] = [[Vec3::ZERO; MAX_WIDTH]; 3];
         for lane in 0..F::WIDTH {
             let frame = self.tangent_frame(points.lane(lane), normals[lane]);
             (tangent[lane], bitangent[lane], normal[lane]) = (frame.tangent, frame.bitangent, frame.normal);
         }
-        let frame = Frame {
+        Frame {
             tangent: V3::from_lanes(token, &tangent),
             bitangent: V3::from_lanes(token, &bitangent),
             normal: V3::from_lanes(token, &normal),
-        };
-        match relief {
-            None => frame,
-            Some(relief) => Frame::from_normal_tangent((frame.normal - relief.mean).normalize(), relief.across),
         }
     }
 

@@ -28,13 +28,11 @@ use dunkelfeld_radiometry::Rgb;
 pub(crate) struct TexturePoint {
     pub(crate) uvs: [Vec2; 2],
     pub(crate) color: Vec4,
-    /// Variance of the slopes of the finish that a footprint does not resolve, across its grooves and along them.
-    pub(crate) slopes: [f32; 2],
 }
 
 impl TexturePoint {
     /// The place that is used for a surface with constant parameters.
-    pub(crate) const ANYWHERE: Self = Self { uvs: [Vec2::ZERO; 2], color: Vec4::ONE, slopes: [0.0; 2] };
+    pub(crate) const ANYWHERE: Self = Self { uvs: [Vec2::ZERO; 2], color: Vec4::ONE };
 
     /// The value of a texture.
     #[inline]
@@ -148,14 +146,11 @@ impl CompiledMaterial {
             };
         let emits = m.unlit || !m.emission.is_black();
         let has_profile = m.emission_profile != EmissionProfile::Lambertian;
-        let varies = is_painted
-            || m.finish.is_some()
-            || textures.iter().any(Option::is_some)
-            || channels.iter().any(Option::is_some);
+        let varies = is_painted || textures.iter().any(Option::is_some) || channels.iter().any(Option::is_some);
         let constant = (!varies).then(|| scatter(m, m.ior, &[], &TexturePoint::ANYWHERE, options));
         let fades = is_painted || m.alpha_texture.is_some() || m.base_color_texture.is_some();
         let constant_coverage = (!fades).then(|| coverage(m, &[], &TexturePoint::ANYWHERE));
-        let needs_tangent = m.normal_texture.is_some() || m.anisotropy != 0.0 || m.finish.is_some();
+        let needs_tangent = m.normal_texture.is_some() || m.anisotropy != 0.0;
         let is_mixture = transmits && matches!(m.surface, Surface::Thin);
         let sharp = m.roughness < SMOOTH_ROUGHNESS || m.roughness_texture.is_some();
         let is_smooth_clear = transmits && sharp && (!is_solid || m.transmission >= 1.0);
@@ -292,7 +287,6 @@ fn lobes(m: &Material, eta: f32, images: &[Image], at: &TexturePoint, model: Pri
     let transmission = channel(m.transmission, &m.transmission_texture, images, at).clamp(0.0, 1.0);
     let specular = channel(m.specular, &m.specular_texture, images, at);
     let specular_color = color(m.specular_color, &m.specular_color_texture, images, at);
-    let (roughness, anisotropic) = widened(roughness, anisotropy(m, images, at).0, at.slopes);
     let clear = transmission * (1.0 - metallic);
     let alpha = if roughness < SMOOTH_ROUGHNESS { 0.0 } else { roughness * roughness };
     let solid = matches!(m.surface, Surface::Solid(_));
@@ -313,7 +307,7 @@ fn lobes(m: &Material, eta: f32, images: &[Image], at: &TexturePoint, model: Pri
             base_color: base,
             metallic,
             roughness,
-            anisotropic,
+            anisotropic: anisotropy(m, images, at).0,
             eta,
             specular_factor: specular,
             specular_color,
@@ -348,19 +342,6 @@ fn lobes(m: &Material, eta: f32, images: &[Image], at: &TexturePoint, model: Pri
     }
     // The remainder without the sheet: all of the metal, and the opaque share of the dielectric.
     Constant::Either(clear, sheet, principled(metallic / (1.0 - clear), 0.0))
-}
-
-/// Roughness and anisotropy with variances of slopes along the axis of the anisotropy and perpendicular to it: the square of a GGX
-/// slope grows by twice the variance, as that of Beckmann (Dupuy et al. 2013).
-fn widened(roughness: f32, anisotropic: f32, slopes: [f32; 2]) -> (f32, f32) {
-    if slopes == [0.0; 2] {
-        return (roughness, anisotropic);
-    }
-    let (alpha, aspect) = (roughness * roughness, (1.0 - 0.9 * anisotropic.abs().min(1.0)).sqrt());
-    let own = if anisotropic < 0.0 { [alpha * aspect, alpha / aspect] } else { [alpha / aspect, alpha * aspect] };
-    let [x, y] = [0, 1].map(|axis| (own[axis] * own[axis] + 2.0 * slopes[axis]).sqrt().min(1.0));
-    let strength = ((1.0 - x.min(y) / x.max(y)) / 0.9).min(1.0);
-    ((x * y).sqrt().sqrt(), if x < y { -strength } else { strength })
 }
 
 /// Strength of the anisotropy, and cosine and sine of the angle from the tangent to its axis (KHR_materials_anisotropy:

@@ -170,7 +170,7 @@ fn attributes_that_do_not_fit_are_ignored_with_a_note() {
     };
     assert!(report.findings.iter().filter(|f| f.place != "scene").all(is_expected), "{report:?}");
     let hit = scene.intersect(&Ray::new(Vec3::Z, Vec3::NEG_Z)).expect("the square is there");
-    let shading = scene.shade_lanes::<f32>(hit.material(), (&(&hit).into(), None), Vec3::Z.into());
+    let shading = scene.shade_lanes::<f32>(hit.material(), &(&hit).into(), Vec3::Z.into());
     assert_eq!(shading.frames.frame.normal, Vec3::Z.into());
     assert_eq!(scene.coverage(&hit, Vec3::NEG_Z), 1.0);
 }

@@ -32,7 +32,7 @@ fn hit(scene: &Scene, from: Vec3, to: Vec3) -> Option<SurfacePoint> {
 }
 
 fn shading_normal(scene: &Scene, p: &SurfacePoint, wo: Vec3) -> Vec3 {
-    scene.shade_lanes::<f32>(p.material(), (&p.into(), None), wo.into()).frames.frame.normal.into()
+    scene.shade_lanes::<f32>(p.material(), &p.into(), wo.into()).frames.frame.normal.into()
 }
 
 /// The normal of the frame, whether it depends on the viewer in direction `wo`, and its derivative.

@@ -71,7 +71,7 @@ fn flat_map(n: Vec3) -> Image {
 
 /// The frame of shading for a viewer in direction `wo`.
 fn shading_frame(scene: &Scene, p: &SurfacePoint, wo: Vec3) -> Frame {
-    scene.shade_lanes::<f32>(p.material(), (&p.into(), None), wo.into()).frames.frame.into()
+    scene.shade_lanes::<f32>(p.material(), &p.into(), wo.into()).frames.frame.into()
 }
 
 #[test]
