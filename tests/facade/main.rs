@@ -6,6 +6,7 @@ mod denoising;
 mod docs;
 mod expose;
 mod exposure_noise;
+mod finish;
 mod hard_cases;
 mod hidden;
 mod invariants;

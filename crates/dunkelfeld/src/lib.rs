@@ -141,11 +141,11 @@ pub mod radiometry {
 pub mod scene {
     pub use dunkelfeld_scene::{
         AlphaMode, Aperture, Blades, BuildCache, BuildError, BuildReport, Camera, CameraError, ChannelTexture,
-        ColorEncoding, Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow, Filter, Finding, Image,
-        ImageId, Instance, Lens, LightInfo, LightProfile, LineScan, Material, MeshPart, ObjectInfo, Opening, PartInfo,
-        ProfileError, Projection, PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary,
-        Severity, Shutter, Surface, Texels, Texture, TextureTransform, ThinLens, Vignetting, Volume, Wrap,
-        framing_camera, look_at, shapes,
+        ColorEncoding, Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow, Filter, Finding,
+        Finish, Grain, Image, ImageId, Instance, Lens, LightInfo, LightProfile, LineScan, Material, MeshPart,
+        ObjectInfo, Opening, PartInfo, Process, ProfileError, Projection, PunctualKind, PunctualLight, RayGenerator,
+        Scene, SceneBuilder, SceneSummary, Severity, Shutter, Surface, Texels, Texture, TextureTransform, ThinLens,
+        Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
     };
 }
 

@@ -148,10 +148,13 @@ impl<'a> Wavefront<'a> {
                 _ => VertexRoulettes::none(token, state.gain_scale),
             };
             state.gain_scale = learned.gain_scale;
-            let ShadingLanes { frames, receivers } = match in_medium {
+            let ShadingLanes { frames, receivers, visible } = match in_medium {
                 true => ShadingLanes::in_medium(points.point),
                 false => scene.shade_lanes(material, &points, wo),
             };
+            if let Some(visible) = visible {
+                state.throughput *= visible;
+            }
             let used = F::mask(token, u32::MAX >> (32 - len));
             let lit = match bsdfs {
                 Bsdfs::Same(bsdf) if bsdf.is_delta() => F::mask(token, 0),

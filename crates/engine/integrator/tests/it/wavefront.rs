@@ -10,9 +10,9 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::mix64;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, ChannelTexture, ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Image, ImageId,
-    LampShape, Leds, LightProfile, Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Shutter, Surface,
-    Texels, Texture, Volume,
+    AlphaMode, ChannelTexture, ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Finish, Grain, Image,
+    ImageId, LampShape, Leds, LightProfile, Material, Process, PunctualKind, PunctualLight, Scene, SceneBuilder,
+    Shutter, Surface, Texels, Texture, Volume,
 };
 
 const SIZE: u32 = 24;
@@ -244,11 +244,20 @@ fn textured_and_moving_surfaces() {
     b.images.push(Image { name: "noise".into(), width: 8, height: 8, texels: Texels::Rgba16(texels).into() });
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
     let by_channel = Some(ChannelTexture { texture, channel: 1 });
+    let finish = |process| Finish { process, mean_deviation: 2e-4, seed: 1 };
+    let turned = Process::Turned { feed: 0.01, axis: Vec3::Z, origin: Vec3::ZERO };
     let balls = [
         Material { base_color_texture: Some(texture), ..Material::default() },
         Material { normal_texture: Some(texture), normal_scale: 1.3, ..Material::default() },
         Material { anisotropy: 0.5, anisotropy_texture: Some(texture), ..Material::default() },
         Material { transmission: 0.6, transmission_texture: by_channel, ..Material::default() },
+        Material { finish: Some(finish(Process::Grained { size: 0.01 })), ..Material::default() },
+        Material { finish: Some(finish(turned)), anisotropy: 0.5, metallic: 1.0, ..Material::default() },
+        Material {
+            anisotropy: 0.5,
+            grain: Some(Grain::Around { axis: Vec3::Y, origin: Vec3::X }),
+            ..Material::default()
+        },
     ];
     for (k, material) in balls.into_iter().enumerate() {
         let m = b.add_material(material);
@@ -260,7 +269,7 @@ fn textured_and_moving_surfaces() {
     }
     compare(b.clone(), "textures");
     b.shutter = Some(Shutter::Frame { exposure: 0.5 });
-    for instance in b.instances.iter_mut().rev().take(4) {
+    for instance in b.instances.iter_mut().rev().take(7) {
         let spin = RigidMotion::rotation(DVec3::Z, instance.to_world.translation, 0.5).expect("an axis");
         instance.motion = RigidMotion { velocity: DVec3::new(0.1, 0.0, 0.05), ..spin };
     }

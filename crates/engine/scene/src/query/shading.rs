@@ -76,6 +76,9 @@ pub struct ShadingLanes<F: Lanes> {
     pub frames: ShadingFrames<F>,
     /// The points as receivers of light samples.
     pub receivers: Receivers<F>,
+    /// Factor on the light toward the viewer: the visible area of the slope of a finish over that of the plane. `None` stands for
+    /// one.
+    pub visible: Option<F>,
 }
 
 impl<F: Lanes> ShadingLanes<F> {
@@ -87,7 +90,7 @@ impl<F: Lanes> ShadingLanes<F> {
         let [x, y, z] = [V3::splat(token, Vec3::X), V3::splat(token, Vec3::Y), V3::splat(token, Vec3::Z)];
         let frame = Frame { tangent: x, bitangent: y, normal: z };
         let receivers = Receivers { point: points, normal: V3::splat(token, Vec3::ZERO), both_sides: all };
-        Self { frames: ShadingFrames { frame, normal: z, along: all, is_bent: no }, receivers }
+        Self { frames: ShadingFrames { frame, normal: z, along: all, is_bent: no }, receivers, visible: None }
     }
 }
 
@@ -227,9 +230,12 @@ impl Scene {
         } else {
             Frame::from_normal(normal)
         };
+        let mut visible = None;
         if let Some(relief) = &compiled.relief {
             is_bent = all;
-            frame = self.finished(token, relief, points, frame.normal);
+            let (finished, slope) = self.finished(token, relief, points, frame.normal);
+            frame = finished;
+            visible = Some((slope.dot(wo) / points.normal.dot(wo)).one_minus().max(wo.x.constant(0.0)));
         }
         if is_bent.any() {
             let (normal, is_turned) = visible_normals(frame.normal, points.normal, wo);
@@ -249,6 +255,7 @@ impl Scene {
                 normal: V3::select(is_behind, -points.normal, points.normal),
                 both_sides: if compiled.both_sides { all } else { no },
             },
+            visible,
         }
     }
 
@@ -277,7 +284,7 @@ impl Scene {
     }
 
     /// Frames of points with a finish, from their shading normals: normal to the slopes of its height field, with tangents across
-    /// its grooves.
+    /// its grooves. The second value are the slopes, as tangent vectors along the steepest ascent.
     #[inline(never)]
     fn finished<F: Lanes>(
         &self,
@@ -285,7 +292,7 @@ impl Scene {
         relief: &Relief,
         points: &SurfacePoints<F>,
         normals: V3<F>,
-    ) -> Frame<F> {
+    ) -> (Frame<F>, V3<F>) {
         vectorize!(F, token, {
             let [mut places, mut facets] = [[Vec3::ZERO; MAX_WIDTH]; 2];
             let mut frames = [Transform::IDENTITY; MAX_WIDTH];
@@ -303,8 +310,8 @@ impl Scene {
                 slope[lane] = frames[lane].vector(slope[lane]);
                 across[lane] = frames[lane].vector(across[lane]);
             }
-            let normals = (normals - V3::from_lanes(token, &slope)).normalize();
-            Frame::from_normal_tangent(normals, V3::from_lanes(token, &across))
+            let slope = V3::from_lanes(token, &slope);
+            (Frame::from_normal_tangent((normals - slope).normalize(), V3::from_lanes(token, &across)), slope)
         })
     }
 
