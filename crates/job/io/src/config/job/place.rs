@@ -196,11 +196,26 @@ struct Turn(f64);
 
 impl<'de> Deserialize<'de> for Turn {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        let value = toml::Value::deserialize(d)?;
-        if value.as_integer() == Some(0) || value.as_float() == Some(0.0) {
-            return Ok(Self(0.0));
+        struct TurnVisitor;
+        impl Visitor<'_> for TurnVisitor {
+            type Value = Turn;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an angle as \"30deg\", or 0")
+            }
+            fn visit_str<E: Error>(self, text: &str) -> Result<Turn, E> {
+                text.parse::<Angle>().map(|angle| Turn(angle.0)).map_err(E::custom)
+            }
+            fn visit_i64<E: Error>(self, v: i64) -> Result<Turn, E> {
+                self.visit_f64(v as f64)
+            }
+            fn visit_f64<E: Error>(self, v: f64) -> Result<Turn, E> {
+                if v == 0.0 {
+                    return Ok(Turn(v));
+                }
+                Err(E::custom(format!("{} lacks a unit; write an angle as \"30deg\"", Number(v))))
+            }
         }
-        Angle::deserialize(value).map(|angle| Self(angle.0)).map_err(|e| D::Error::custom(e.message()))
+        d.deserialize_any(TurnVisitor)
     }
 }
 
