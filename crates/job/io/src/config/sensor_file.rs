@@ -37,45 +37,34 @@
 //! snr_max_db = 39.76
 //! ```
 
-use std::ops::Range;
 use std::path::Path;
 
 use dunkelfeld_film::MAX_SIDE;
-use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Seconds};
+use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Number, Seconds};
 use dunkelfeld_sensor::{
     BayerPattern, ColorFilter, DarkCurrent, Defects, Efficiency, FixedPattern, PRESETS, Published, QuantumEfficiency,
     SensorError, SensorModel, SensorSpec,
 };
 use serde::Deserialize;
-use toml::Spanned;
+use serde::de::{Deserializer, Error};
 
 use crate::error::InputError;
 use crate::input::{InputFiles, Role};
-use crate::job::check::whole;
+use crate::job::check::{whole, yes};
 use crate::toml_file::TomlFile;
-
-/// Default temperature of a sensor.
-const ROOM_TEMPERATURE: Celsius = Celsius(25.0);
+use crate::toml_keys::keys_of;
 
 /// The sensor of the preset of this name, or of the file if there is no such preset.
 ///
 /// # Errors
 /// No such preset or file, or a file that is not a sensor.
 pub fn find_sensor(name_or_path: &str) -> Result<SensorModel, InputError> {
-    find_sensor_recorded(name_or_path, &mut InputFiles::new())
-}
-
-/// [`find_sensor`], and records the file as an input.
-///
-/// # Errors
-/// As [`find_sensor`].
-pub fn find_sensor_recorded(name_or_path: &str, inputs: &mut InputFiles) -> Result<SensorModel, InputError> {
     if PRESETS.iter().any(|(name, _)| *name == name_or_path) {
         return preset(name_or_path);
     }
     let path = Path::new(name_or_path);
     // A plain word that is no file is interpreted as a name.
-    if path.extension().is_none() && !path.exists() { preset(name_or_path) } else { load_sensor_recorded(path, inputs) }
+    if path.extension().is_none() && !path.exists() { preset(name_or_path) } else { load_sensor(path) }
 }
 
 /// Reads a sensor file.
@@ -121,92 +110,85 @@ pub fn preset_names() -> impl Iterator<Item = &'static str> {
 pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
     let toml: SensorToml = file.parse()?;
     toml.check_names(file)?;
-    let (gain, gain_span) = toml.gain(file)?;
+    let (gain_key, system_gain) = toml.gain(file)?;
     let quantum_efficiency = toml.efficiency(file)?;
-    let value = |field: &Option<Spanned<f64>>, otherwise: f64| field.as_ref().map_or(otherwise, |s| *s.get_ref());
-    let temperature = Celsius(value(&toml.temperature_c, ROOM_TEMPERATURE.0));
-    let dark_current = match &toml.dark_current {
-        Some(d) => DarkCurrent {
-            rate: *d.e_per_s.get_ref(),
-            reference: Celsius(*d.at_c.get_ref()),
-            doubling: *d.doubling_k.get_ref(),
-        },
+    let temperature = Celsius(toml.temperature_c);
+    let dark_current = match toml.dark_current {
+        Some(d) => DarkCurrent { rate: d.e_per_s, reference: Celsius(d.at_c), doubling: d.doubling_k },
         None => DarkCurrent { rate: 0.0, reference: temperature, doubling: 7.0 },
     };
     let spec = SensorSpec {
-        name: toml.name.clone(),
-        source: toml.source.clone(),
-        derived: toml.derived.iter().map(|s| s.get_ref().clone()).collect(),
-        assumed: toml.assumed.iter().map(|s| s.get_ref().clone()).collect(),
-        pixel_pitch: Metres::from_micrometres(*toml.pixel_pitch_um.get_ref()),
-        resolution: toml.resolution.as_ref().map(|r| resolution(file, r)).transpose()?,
+        name: toml.name,
+        source: toml.source,
+        derived: toml.derived,
+        assumed: toml.assumed,
+        pixel_pitch: Metres::from_micrometres(toml.pixel_pitch_um),
+        resolution: toml.resolution,
         quantum_efficiency,
-        full_well: Electrons(*toml.full_well_e.get_ref()),
-        dark_noise: Electrons(*toml.dark_noise_e.get_ref()),
-        row_noise: Electrons(value(&toml.row_noise_e, 0.0)),
+        full_well: Electrons(toml.full_well_e),
+        dark_noise: Electrons(toml.dark_noise_e),
+        row_noise: Electrons(toml.row_noise_e),
         dark_current,
         temperature,
-        min_exposure: toml.min_exposure_us.as_ref().map(|us| Seconds(us.get_ref() * 1e-6)),
-        max_exposure: toml.max_exposure_s.as_ref().map(|s| Seconds(*s.get_ref())),
-        system_gain: gain,
-        offset: DigitalNumber(*toml.offset_dn.get_ref()),
-        bit_depth: toml.bit_depth.get_ref().0,
+        min_exposure: toml.min_exposure_us.map(|us| Seconds(us * 1e-6)),
+        max_exposure: toml.max_exposure_s.map(Seconds),
+        system_gain,
+        offset: DigitalNumber(toml.offset_dn),
+        bit_depth: toml.bit_depth,
         fixed_pattern: FixedPattern {
-            dsnu: Electrons(value(&toml.dsnu_e, 0.0)),
-            dsnu_row: Electrons(value(&toml.dsnu_row_e, 0.0)),
-            dsnu_column: Electrons(value(&toml.dsnu_column_e, 0.0)),
-            prnu: value(&toml.prnu_percent, 0.0) / 100.0,
-            prnu_row: value(&toml.prnu_row_percent, 0.0) / 100.0,
-            prnu_column: value(&toml.prnu_column_percent, 0.0) / 100.0,
+            dsnu: Electrons(toml.dsnu_e),
+            dsnu_row: Electrons(toml.dsnu_row_e),
+            dsnu_column: Electrons(toml.dsnu_column_e),
+            prnu: toml.prnu_percent / 100.0,
+            prnu_row: toml.prnu_row_percent / 100.0,
+            prnu_column: toml.prnu_column_percent / 100.0,
         },
-        defects: toml.defects.as_ref().map_or_else(Defects::default, |d| Defects {
-            hot: value(&d.hot_per_million, 0.0) / 1e6,
-            hot_factor: value(&d.hot_dark_current_factor, Defects::default().hot_factor),
-            dead: value(&d.dead_per_million, 0.0) / 1e6,
-        }),
-        published: toml.published.as_ref().map(PublishedToml::figures).unwrap_or_default(),
+        defects: Defects {
+            hot: toml.defects.hot_per_million / 1e6,
+            hot_factor: toml.defects.hot_dark_current_factor,
+            dead: toml.defects.dead_per_million / 1e6,
+        },
+        published: toml.published,
     };
     SensorModel::new(spec).map_err(|e| match &e {
         SensorError::OutOfRange { field, allowed, .. } => {
-            let help = format!("write a value {allowed}");
-            match toml.span(field, &gain_span) {
-                Some(span) => file.error_at(span, "the value is out of range", help),
-                None => InputError::new(file.path(), *field, e.to_string(), help),
-            }
+            let (table, key) = key_of(field, gain_key);
+            let path: Vec<&str> = table.into_iter().chain([key]).collect();
+            file.error_at_key(&path, "the value is out of range", format!("write a value {allowed}"))
         }
         other => InputError::of_file(file.path(), other.to_string(), "see the format of sensor files"),
     })
 }
 
-const EFFICIENCY: &str = "write points [wavelength in nm, efficiency from 0 to 1] by ascending wavelength";
-
-/// All keys that `derived` and `assumed` may contain.
-const KEYS: [&str; 24] = [
-    "bit_depth",
-    "pixel_pitch_um",
-    "resolution",
-    "quantum_efficiency",
-    "full_well_e",
-    "dark_noise_e",
-    "row_noise_e",
-    "gain_e_per_dn",
-    "gain_dn_per_e",
-    "offset_dn",
-    "dsnu_e",
-    "dsnu_row_e",
-    "dsnu_column_e",
-    "prnu_percent",
-    "prnu_row_percent",
-    "prnu_column_percent",
-    "temperature_c",
-    "min_exposure_us",
-    "max_exposure_s",
-    "dark_current",
-    "doubling_k",
-    "color_filter",
-    "defects",
-    "published",
-];
+/// The key of a field of [`SensorSpec`], and the table that has it.
+fn key_of<'a>(field: &'a str, gain: &'a str) -> (Option<&'a str>, &'a str) {
+    let key = match field {
+        "dark_current" => return (Some("dark_current"), "e_per_s"),
+        "dark_current_reference" => return (Some("dark_current"), "at_c"),
+        "dark_current_doubling" => return (Some("dark_current"), "doubling_k"),
+        "hot" => return (Some("defects"), "hot_per_million"),
+        "hot_factor" => return (Some("defects"), "hot_dark_current_factor"),
+        "dead" => return (Some("defects"), "dead_per_million"),
+        "system_gain" => gain,
+        "pixel_pitch" => "pixel_pitch_um",
+        "full_well" => "full_well_e",
+        "dark_noise" => "dark_noise_e",
+        "row_noise" => "row_noise_e",
+        "temperature" => "temperature_c",
+        "min_exposure" => "min_exposure_us",
+        "max_exposure" => "max_exposure_s",
+        "bit_depth" => "bit_depth",
+        "offset" => "offset_dn",
+        "dsnu" => "dsnu_e",
+        "dsnu_row" => "dsnu_row_e",
+        "dsnu_column" => "dsnu_column_e",
+        "prnu" => "prnu_percent",
+        "prnu_row" => "prnu_row_percent",
+        "prnu_column" => "prnu_column_percent",
+        figure => return (Some("published"), figure),
+    };
+    (None, key)
+}
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -214,182 +196,165 @@ struct SensorToml {
     name: String,
     source: String,
     #[serde(default)]
-    derived: Vec<Spanned<String>>,
+    derived: Vec<String>,
     #[serde(default)]
-    assumed: Vec<Spanned<String>>,
-    bit_depth: Spanned<BitDepth>,
-    pixel_pitch_um: Spanned<f64>,
-    resolution: Option<Spanned<Vec<i64>>>,
-    quantum_efficiency: Option<Spanned<Vec<[f64; 2]>>>,
-    full_well_e: Spanned<f64>,
-    dark_noise_e: Spanned<f64>,
-    row_noise_e: Option<Spanned<f64>>,
-    gain_e_per_dn: Option<Spanned<f64>>,
-    gain_dn_per_e: Option<Spanned<f64>>,
-    offset_dn: Spanned<f64>,
-    dsnu_e: Option<Spanned<f64>>,
-    dsnu_row_e: Option<Spanned<f64>>,
-    dsnu_column_e: Option<Spanned<f64>>,
-    prnu_percent: Option<Spanned<f64>>,
-    prnu_row_percent: Option<Spanned<f64>>,
-    prnu_column_percent: Option<Spanned<f64>>,
-    temperature_c: Option<Spanned<f64>>,
-    min_exposure_us: Option<Spanned<f64>>,
-    max_exposure_s: Option<Spanned<f64>>,
+    assumed: Vec<String>,
+    #[serde(deserialize_with = "bit_depth")]
+    bit_depth: u32,
+    pixel_pitch_um: f64,
+    #[serde(default, deserialize_with = "resolution")]
+    resolution: Option<[u32; 2]>,
+    quantum_efficiency: Option<Points>,
+    full_well_e: f64,
+    dark_noise_e: f64,
+    #[serde(default)]
+    row_noise_e: f64,
+    gain_e_per_dn: Option<f64>,
+    gain_dn_per_e: Option<f64>,
+    offset_dn: f64,
+    #[serde(default)]
+    dsnu_e: f64,
+    #[serde(default)]
+    dsnu_row_e: f64,
+    #[serde(default)]
+    dsnu_column_e: f64,
+    #[serde(default)]
+    prnu_percent: f64,
+    #[serde(default)]
+    prnu_row_percent: f64,
+    #[serde(default)]
+    prnu_column_percent: f64,
+    #[serde(default = "room_temperature")]
+    temperature_c: f64,
+    min_exposure_us: Option<f64>,
+    max_exposure_s: Option<f64>,
     dark_current: Option<DarkCurrentToml>,
     color_filter: Option<ColorFilterToml>,
-    defects: Option<DefectsToml>,
-    published: Option<PublishedToml>,
+    #[serde(default)]
+    defects: DefectsToml,
+    #[serde(default, with = "PublishedToml")]
+    published: Published,
 }
 
-/// Bits of a grey value.
-struct BitDepth(u32);
-
-impl<'de> Deserialize<'de> for BitDepth {
-    fn deserialize<D: serde::Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        whole(d, 8, 16).map(Self)
-    }
-}
+/// Points \[nm, fraction\] of a curve.
+type Points = Vec<[f64; 2]>;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct DarkCurrentToml {
-    e_per_s: Spanned<f64>,
-    at_c: Spanned<f64>,
-    doubling_k: Spanned<f64>,
+    e_per_s: f64,
+    at_c: f64,
+    doubling_k: f64,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ColorFilterToml {
-    pattern: Spanned<String>,
-    red: Spanned<Vec<[f64; 2]>>,
-    green: Spanned<Vec<[f64; 2]>>,
-    blue: Spanned<Vec<[f64; 2]>>,
+    #[serde(deserialize_with = "pattern")]
+    pattern: BayerPattern,
+    red: Points,
+    green: Points,
+    blue: Points,
     #[serde(default = "yes")]
     white_balance: bool,
 }
 
-fn yes() -> bool {
-    true
-}
-
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, default)]
 struct DefectsToml {
-    hot_per_million: Option<Spanned<f64>>,
-    hot_dark_current_factor: Option<Spanned<f64>>,
-    dead_per_million: Option<Spanned<f64>>,
+    hot_per_million: f64,
+    hot_dark_current_factor: f64,
+    dead_per_million: f64,
+}
+
+impl Default for DefectsToml {
+    fn default() -> Self {
+        let hot_dark_current_factor = Defects::default().hot_factor;
+        Self { hot_per_million: 0.0, hot_dark_current_factor, dead_per_million: 0.0 }
+    }
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(remote = "Published", deny_unknown_fields)]
 struct PublishedToml {
-    quantum_efficiency_percent: Option<Spanned<f64>>,
-    dark_noise_e: Option<Spanned<f64>>,
-    gain_e_per_dn: Option<Spanned<f64>>,
-    threshold_e: Option<Spanned<f64>>,
-    threshold_p: Option<Spanned<f64>>,
-    saturation_e: Option<Spanned<f64>>,
-    saturation_p: Option<Spanned<f64>>,
-    dynamic_range_db: Option<Spanned<f64>>,
-    snr_max_db: Option<Spanned<f64>>,
-    dsnu_e: Option<Spanned<f64>>,
-    prnu_percent: Option<Spanned<f64>>,
+    quantum_efficiency_percent: Option<f64>,
+    dark_noise_e: Option<f64>,
+    gain_e_per_dn: Option<f64>,
+    threshold_e: Option<f64>,
+    threshold_p: Option<f64>,
+    saturation_e: Option<f64>,
+    saturation_p: Option<f64>,
+    dynamic_range_db: Option<f64>,
+    snr_max_db: Option<f64>,
+    dsnu_e: Option<f64>,
+    prnu_percent: Option<f64>,
 }
 
-impl PublishedToml {
-    fn figures(&self) -> Published {
-        let value = |field: &Option<Spanned<f64>>| field.as_ref().map(|s| *s.get_ref());
-        Published {
-            quantum_efficiency_percent: value(&self.quantum_efficiency_percent),
-            dark_noise_e: value(&self.dark_noise_e),
-            gain_e_per_dn: value(&self.gain_e_per_dn),
-            threshold_e: value(&self.threshold_e),
-            threshold_p: value(&self.threshold_p),
-            saturation_e: value(&self.saturation_e),
-            saturation_p: value(&self.saturation_p),
-            dynamic_range_db: value(&self.dynamic_range_db),
-            snr_max_db: value(&self.snr_max_db),
-            dsnu_e: value(&self.dsnu_e),
-            prnu_percent: value(&self.prnu_percent),
-        }
-    }
+fn room_temperature() -> f64 {
+    25.0
 }
 
-impl PublishedToml {
-    /// The key path of a value in the file.
-    fn span(&self, figure: &str) -> Option<Range<usize>> {
-        let field = match figure {
-            "quantum_efficiency_percent" => &self.quantum_efficiency_percent,
-            "dark_noise_e" => &self.dark_noise_e,
-            "gain_e_per_dn" => &self.gain_e_per_dn,
-            "threshold_e" => &self.threshold_e,
-            "threshold_p" => &self.threshold_p,
-            "saturation_e" => &self.saturation_e,
-            "saturation_p" => &self.saturation_p,
-            "dynamic_range_db" => &self.dynamic_range_db,
-            "snr_max_db" => &self.snr_max_db,
-            "dsnu_e" => &self.dsnu_e,
-            "prnu_percent" => &self.prnu_percent,
-            _ => &None,
-        };
-        field.as_ref().map(Spanned::span)
-    }
+fn bit_depth<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {
+    whole(d, 8, 16)
 }
 
 /// Columns and rows of a sensor.
-fn resolution(file: &TomlFile, numbers: &Spanned<Vec<i64>>) -> Result<[u32; 2], InputError> {
-    let side = |n: i64| u32::try_from(n).ok().filter(|n| (1..=MAX_SIDE).contains(n));
-    match numbers.get_ref()[..] {
-        [columns, rows] => side(columns).zip(side(rows)).map(|(columns, rows)| [columns, rows]),
-        _ => None,
-    }
-    .ok_or_else(|| {
-        let help = format!("write [columns, rows], two whole numbers from 1 to {MAX_SIDE}");
-        file.error_at(numbers.span(), "this is no resolution", help)
+fn resolution<'de, D: Deserializer<'de>>(d: D) -> Result<Option<[u32; 2]>, D::Error> {
+    let side = |n: &i64| u32::try_from(*n).ok().filter(|n| (1..=MAX_SIDE).contains(n));
+    let sides: Option<Vec<u32>> = Vec::<i64>::deserialize(d)?.iter().map(side).collect();
+    let sides = sides.and_then(|sides| <[u32; 2]>::try_from(sides).ok());
+    sides.map(Some).ok_or_else(|| {
+        let form = format!("write [columns, rows], two whole numbers from 1 to {MAX_SIDE}");
+        D::Error::custom(format!("this is no resolution; {form}"))
+    })
+}
+
+fn pattern<'de, D: Deserializer<'de>>(d: D) -> Result<BayerPattern, D::Error> {
+    let name = String::deserialize(d)?;
+    BayerPattern::ALL.into_iter().find(|p| p.name() == name).ok_or_else(|| {
+        let names = BayerPattern::ALL.map(|p| format!("\"{}\"", p.name())).join(", ");
+        D::Error::custom(format!("unknown pattern \"{name}\"; write one of {names}"))
     })
 }
 
 /// Points of a file as a curve.
-fn curve(file: &TomlFile, points: &Spanned<Vec<[f64; 2]>>) -> Result<QuantumEfficiency, InputError> {
-    let values = points.get_ref().iter().map(|[nm, eta]| (Nanometres(*nm), *eta)).collect();
-    QuantumEfficiency::new(values).map_err(|e| file.error_at(points.span(), e.to_string(), EFFICIENCY))
-}
-
-impl ColorFilterToml {
-    fn filter(&self, file: &TomlFile) -> Result<ColorFilter, InputError> {
-        let name = self.pattern.get_ref().as_str();
-        let Some(pattern) = BayerPattern::ALL.into_iter().find(|p| p.name() == name) else {
-            let names = BayerPattern::ALL.map(|p| format!("\"{}\"", p.name())).join(", ");
-            let problem = format!("unknown pattern \"{name}\"");
-            return Err(file.error_at(self.pattern.span(), problem, format!("write one of {names}")));
-        };
-        let curves = [curve(file, &self.red)?, curve(file, &self.green)?, curve(file, &self.blue)?];
-        Ok(ColorFilter { pattern, curves, white_balance: self.white_balance })
-    }
+fn curve(file: &TomlFile, key: &[&str], points: &Points) -> Result<QuantumEfficiency, InputError> {
+    let help = "write points [wavelength in nm, efficiency from 0 to 1] by ascending wavelength";
+    let values = points.iter().map(|[nm, eta]| (Nanometres(*nm), *eta)).collect();
+    QuantumEfficiency::new(values).map_err(|e| file.error_at_key(key, e.to_string(), help))
 }
 
 impl SensorToml {
     /// `derived` and `assumed` contain keys. A name that is no key is a spelling error.
     fn check_names(&self, file: &TomlFile) -> Result<(), InputError> {
-        match self.derived.iter().chain(&self.assumed).find(|name| !KEYS.contains(&name.get_ref().as_str())) {
-            Some(name) => Err(file.error_at(
-                name.span(),
-                format!("`{}` is not a key of this file", name.get_ref()),
-                format!("name one of {}", KEYS.join(", ")),
-            )),
-            None => Ok(()),
+        let texts = ["name", "source", "derived", "assumed"];
+        let keys = keys_of::<Self>().iter().copied().chain(["doubling_k"]);
+        let keys: Vec<&str> = keys.filter(|key| !texts.contains(key)).collect();
+        for (list, names) in [("derived", &self.derived), ("assumed", &self.assumed)] {
+            if let Some((i, name)) = names.iter().enumerate().find(|(_, name)| !keys.contains(&name.as_str())) {
+                let problem = format!("`{name}` is not a key of this file");
+                return Err(file.error_at_key(
+                    &[list, &i.to_string()],
+                    problem,
+                    format!("name one of {}", keys.join(", ")),
+                ));
+            }
         }
+        Ok(())
     }
 
     /// One curve, or one for each colour.
     fn efficiency(&self, file: &TomlFile) -> Result<Efficiency, InputError> {
         match (&self.quantum_efficiency, &self.color_filter) {
-            (Some(points), None) => curve(file, points).map(Efficiency::Mono),
-            (None, Some(filter)) => filter.filter(file).map(Efficiency::Mosaic),
-            (Some(points), Some(_)) => Err(file.error_at(
-                points.span(),
+            (Some(points), None) => curve(file, &["quantum_efficiency"], points).map(Efficiency::Mono),
+            (None, Some(ColorFilterToml { pattern, red, green, blue, white_balance })) => {
+                let curve = |color: &str, points: &Points| curve(file, &["color_filter", color], points);
+                let curves = [curve("red", red)?, curve("green", green)?, curve("blue", blue)?];
+                let (pattern, white_balance) = (*pattern, *white_balance);
+                Ok(Efficiency::Mosaic(ColorFilter { pattern, curves, white_balance }))
+            }
+            (Some(_), Some(_)) => Err(file.error_at_key(
+                &["quantum_efficiency"],
                 "the colours of [color_filter] have curves of their own",
                 "remove `quantum_efficiency`, or [color_filter]",
             )),
@@ -400,49 +365,24 @@ impl SensorToml {
         }
     }
 
-    /// K \[DN/e-\], and its key path.
-    fn gain(&self, file: &TomlFile) -> Result<(f64, Range<usize>), InputError> {
-        match (&self.gain_e_per_dn, &self.gain_dn_per_e) {
-            (Some(inverse), None) => Ok((1.0 / file.positive(inverse)?, inverse.span())),
-            (None, Some(gain)) => Ok((file.positive(gain)?, gain.span())),
-            (Some(_), Some(second)) => {
-                Err(file.error_at(second.span(), "the gain is given twice", "keep one of gain_e_per_dn, gain_dn_per_e"))
+    /// K \[DN/e-\], and its key.
+    fn gain(&self, file: &TomlFile) -> Result<(&'static str, f64), InputError> {
+        let (key, written) = match (self.gain_e_per_dn, self.gain_dn_per_e) {
+            (Some(inverse), None) => ("gain_e_per_dn", inverse),
+            (None, Some(gain)) => ("gain_dn_per_e", gain),
+            (Some(_), Some(_)) => {
+                let help = "keep one of gain_e_per_dn, gain_dn_per_e";
+                return Err(file.error_at_key(&["gain_dn_per_e"], "the gain is given twice", help));
             }
             (None, None) => {
                 let help = "add `gain_e_per_dn = ...` or `gain_dn_per_e = ...`";
-                Err(InputError::of_file(file.path(), "the gain is missing", help))
+                return Err(InputError::of_file(file.path(), "the gain is missing", help));
             }
+        };
+        if !(written.is_finite() && written > 0.0) {
+            let problem = format!("{} is not a positive number", Number(written));
+            return Err(file.error_at_key(&[key], problem, "write a finite value above zero"));
         }
-    }
-
-    /// The key path of a field of [`SensorSpec`].
-    fn span(&self, field: &str, gain: &Range<usize>) -> Option<Range<usize>> {
-        let of = |value: &Option<Spanned<f64>>| value.as_ref().map(Spanned::span);
-        let dark = self.dark_current.as_ref();
-        match field {
-            "pixel_pitch" => Some(self.pixel_pitch_um.span()),
-            "full_well" => Some(self.full_well_e.span()),
-            "dark_noise" => Some(self.dark_noise_e.span()),
-            "row_noise" => of(&self.row_noise_e),
-            "dark_current" => dark.map(|d| d.e_per_s.span()),
-            "dark_current_reference" => dark.map(|d| d.at_c.span()),
-            "dark_current_doubling" => dark.map(|d| d.doubling_k.span()),
-            "temperature" => of(&self.temperature_c),
-            "min_exposure" => of(&self.min_exposure_us),
-            "max_exposure" => of(&self.max_exposure_s),
-            "system_gain" => Some(gain.clone()),
-            "bit_depth" => Some(self.bit_depth.span()),
-            "offset" => Some(self.offset_dn.span()),
-            "dsnu" => of(&self.dsnu_e),
-            "dsnu_row" => of(&self.dsnu_row_e),
-            "dsnu_column" => of(&self.dsnu_column_e),
-            "prnu" => of(&self.prnu_percent),
-            "prnu_row" => of(&self.prnu_row_percent),
-            "prnu_column" => of(&self.prnu_column_percent),
-            "hot" => self.defects.as_ref().and_then(|d| of(&d.hot_per_million)),
-            "hot_factor" => self.defects.as_ref().and_then(|d| of(&d.hot_dark_current_factor)),
-            "dead" => self.defects.as_ref().and_then(|d| of(&d.dead_per_million)),
-            figure => self.published.as_ref().and_then(|p| p.span(figure)),
-        }
+        Ok((key, if key == "gain_e_per_dn" { 1.0 / written } else { written }))
     }
 }

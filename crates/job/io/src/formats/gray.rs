@@ -1,13 +1,13 @@
 //! Reads frames of grey values in their stored depth: 8 or 16 bits, never scaled.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use dunkelfeld_film::Plane;
-use image::{DynamicImage, ImageFormat, ImageReader};
+use dunkelfeld_scene::Texels;
+use image::ImageFormat;
 
 use crate::error::InputError;
-use crate::images::ImageFault;
+use crate::images::{ImageFault, decode_image};
 use crate::input::{InputFiles, Role};
 use crate::loader::Limits;
 
@@ -26,58 +26,39 @@ pub struct GrayFrame {
 /// The file cannot be read, is no such image, or is coloured.
 pub fn read_gray(path: &Path, limits: &Limits) -> Result<GrayFrame, InputError> {
     let bytes = InputFiles::new().read(path, Role::Frame, limits.file_bytes).map_err(|fault| fault.at(path))?;
-    // The decoders are third-party code on arbitrary bytes. A panic in one of them becomes an error.
-    let decoded = catch_unwind(AssertUnwindSafe(|| decode(&bytes, limits)))
-        .unwrap_or_else(|_| Err(fault("the decoder cannot read the image", "save the frame again as 16-bit PNG")));
-    decoded.map_err(|f| f.at(path, "frame"))
-}
-
-fn fault(problem: impl Into<String>, help: impl Into<String>) -> ImageFault {
-    ImageFault { problem: problem.into(), help: help.into() }
+    decode(&bytes, limits).map_err(|fault| fault.at(path, "frame"))
 }
 
 const READABLE: &str = "save the frame as grey PNG or TIFF with 8 or 16 bits, right-aligned";
 
 fn decode(bytes: &[u8], limits: &Limits) -> Result<GrayFrame, ImageFault> {
-    let format = match image::guess_format(bytes) {
-        Ok(f @ (ImageFormat::Png | ImageFormat::Tiff | ImageFormat::Bmp)) => f,
+    let fault = |problem: &str, help: &str| ImageFault { problem: problem.into(), help: help.into() };
+    match image::guess_format(bytes) {
+        Ok(ImageFormat::Png | ImageFormat::Tiff | ImageFormat::Bmp) => {}
         Ok(ImageFormat::Jpeg | ImageFormat::WebP) => {
             return Err(fault("the frame was compressed with losses, which changes its noise", READABLE));
         }
         _ => return Err(fault("the bytes are no PNG, TIFF or BMP", READABLE)),
-    };
-    let mut reader = ImageReader::with_format(std::io::Cursor::new(bytes), format);
-    let mut bounds = image::Limits::default();
-    bounds.max_image_width = Some(limits.image_side);
-    bounds.max_image_height = Some(limits.image_side);
-    bounds.max_alloc = Some(limits.image_bytes);
-    reader.limits(bounds);
-    let image = reader
-        .decode()
-        .map_err(|e| fault(format!("the image is broken or uses what cannot be read: {e}"), READABLE))?;
-    let (width, height) = (image.width(), image.height());
-    if width == 0 || height == 0 {
-        return Err(fault("the image has no pixels", "save the frame again"));
     }
-    let colored =
-        || fault("the frame is coloured", "use raw frames, one data set for each channel of the colour filter");
-    let wide = |v: Vec<u8>| -> Vec<u16> { v.into_iter().map(u16::from).collect() };
-    let (values, stored_bits) = match image {
-        DynamicImage::ImageLuma8(i) => (wide(i.into_raw()), 8),
-        DynamicImage::ImageLuma16(i) => (i.into_raw(), 16),
-        DynamicImage::ImageLumaA8(i) => (i.pixels().map(|p| p.0[0].into()).collect(), 8),
-        DynamicImage::ImageLumaA16(i) => (i.pixels().map(|p| p.0[0]).collect(), 16),
-        DynamicImage::ImageRgb8(_) | DynamicImage::ImageRgba8(_) => {
-            (grey(image.into_rgb8().pixels().map(|p| p.0.map(u16::from))).ok_or_else(colored)?, 8)
+    let image = decode_image(bytes, "", limits)?.image;
+    let values = match &*image.texels {
+        Texels::Gray8(texels) => Some(texels.iter().map(|[g]| u16::from(*g)).collect()),
+        Texels::Gray16(texels) => Some(texels.as_flattened().to_vec()),
+        Texels::GrayAlpha8(texels) => Some(texels.iter().map(|[g, _]| u16::from(*g)).collect()),
+        Texels::GrayAlpha16(texels) => Some(texels.iter().map(|[g, _]| *g).collect()),
+        Texels::Rgb8(texels) => grey(texels.iter().map(|rgb| rgb.map(u16::from))),
+        Texels::Rgb16(texels) => grey(texels.iter().copied()),
+        Texels::Rgba8(texels) => grey(texels.iter().map(|[r, g, b, _]| [*r, *g, *b].map(u16::from))),
+        Texels::Rgba16(texels) => grey(texels.iter().map(|[r, g, b, _]| [*r, *g, *b])),
+        Texels::GrayF32(_) | Texels::RgbF32(_) => {
+            return Err(fault("the values are floating-point numbers", READABLE));
         }
-        DynamicImage::ImageRgb16(_) | DynamicImage::ImageRgba16(_) => {
-            (grey(image.into_rgb16().pixels().map(|p| p.0)).ok_or_else(colored)?, 16)
-        }
-        _ => return Err(fault("the values are floating-point numbers", READABLE)),
     };
-    let values =
-        Plane::from_vec(width, height, values).ok_or_else(|| fault("the image is incomplete", "save it again"))?;
-    Ok(GrayFrame { values, stored_bits })
+    let help = "use raw frames, one data set for each channel of the colour filter";
+    let values = values.ok_or_else(|| fault("the frame is coloured", help))?;
+    let stored_bits = 8 * image.texels.value_bytes() as u32;
+    let values = Plane::from_vec(image.width, image.height, values);
+    Ok(GrayFrame { values: values.ok_or_else(|| fault("the image is incomplete", READABLE))?, stored_bits })
 }
 
 /// The one value of pixels whose channels are equal.

@@ -432,17 +432,4 @@ mod tests {
         let (_, warnings) = parse_ies(Path::new("lamp.ies"), (good.clone() + "7").as_bytes()).expect("reads");
         assert!(warnings[0].message.contains("follows"));
     }
-
-    #[test]
-    fn no_prefix_of_a_file_panics() {
-        let good = file("0 30 90", "3 3", "0 10 0 0 20 0 0 30 0");
-        for (end, _) in good.char_indices() {
-            if let Err(e) = parse_ies(Path::new("lamp.ies"), &good.as_bytes()[..end]) {
-                let _ = (e.to_string(), e.caret());
-            }
-        }
-        for bytes in [&b""[..], b"\xff\xfe\0", b"TILT=", b"TILT=INCLUDE 1e300 1e300"] {
-            assert!(parse_ies(Path::new("lamp.ies"), bytes).is_err());
-        }
-    }
 }

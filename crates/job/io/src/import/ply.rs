@@ -3,7 +3,7 @@
 
 use crate::error::InputError;
 use crate::import::guard::guarded;
-use crate::import::mesh_file::{Object, scene_of_meshes, without_mark};
+use crate::import::mesh_file::{Object, linear, origin, scene_of_meshes, without_mark};
 use crate::import::options::{ImportOptions, Imported};
 use crate::import::triangulate::{Outcome, Triangulator};
 use crate::import::warnings::Warnings;
@@ -16,12 +16,6 @@ use std::path::Path;
 
 /// Bytes of a face in memory, beside its corners.
 const FACE: u64 = 64;
-/// The mesh lies far from the origin if its centre is farther than this many diagonals of its bounds.
-const FAR: f64 = 8.0;
-
-/// The last line of a header.
-const END: &str = "end_header";
-
 /// Reads a PLY file in its own units and axes; [`load_scene`](crate::import::load_scene) converts them.
 ///
 /// | element | properties | becomes |
@@ -61,17 +55,11 @@ struct Parsed {
 }
 
 fn read(bytes: &[u8], path: &Path, most: u64, warnings: &mut Warnings) -> Result<Parsed, InputError> {
-    let plain = plain_text(bytes);
     let fault = |e: ParseError| {
-        let in_file = |line: usize| match &plain {
-            Some((_, numbers)) => numbers.get(line.wrapping_sub(1)).copied().unwrap_or(line),
-            None => line,
-        };
-        let place = e.line().map_or_else(|| "the file".to_string(), |line| format!("line {}", in_file(line)));
+        let place = e.line().map_or_else(|| "the file".to_string(), |line| format!("line {line}"));
         let problem = format!("cannot be read as PLY: {}", first_line(&e.to_string()));
-        InputError::new(path, place, problem, "export the mesh again as PLY, or as glTF")
+        InputError::new(path, place, problem, "export the mesh again as binary PLY, or as glTF")
     };
-    let bytes = plain.as_ref().map_or(bytes, |(text, _)| text.as_bytes());
     let mut reader = Reader::new(Cursor::new(bytes));
     let header = Parser::<Skipped>::new().read_header(&mut reader).map_err(fault)?;
     check_sizes(&header, bytes.len() as u64, path, most)?;
@@ -103,50 +91,6 @@ fn read(bytes: &[u8], path: &Path, most: u64, warnings: &mut Warnings) -> Result
         }
     }
     Ok(parsed)
-}
-
-/// A text in the form that the crate reads, and the numbers of its lines in the file; `None` for a binary file. Blank lines
-/// and comments after the header are left out, and numbers have digits on both sides of the point. A number that is none
-/// (`nan`, `-nan(ind)`, `1.#QNAN`) becomes infinite, so that the faces with it are dropped.
-fn plain_text(bytes: &[u8]) -> Option<(String, Vec<usize>)> {
-    let end = bytes.windows(END.len()).position(|b| b == END.as_bytes()).unwrap_or(bytes.len());
-    let header = String::from_utf8_lossy(bytes.get(..end)?);
-    if !header.split(['\n', '\r']).any(|line| line.split_whitespace().take(2).eq(["format", "ascii"])) {
-        return None;
-    }
-    let text = String::from_utf8_lossy(bytes);
-    let text = if text.contains('\n') { text } else { text.replace('\r', "\n").into() };
-    let (mut out, mut numbers, mut is_header) = (String::with_capacity(text.len()), Vec::new(), true);
-    for (line, number) in text.lines().map(str::trim).zip(1..) {
-        let is_comment = ["comment", "obj_info"].iter().any(|word| line.starts_with(word));
-        if line.is_empty() || (is_comment && !is_header) {
-            continue;
-        }
-        numbers.push(number);
-        if is_header {
-            out.push_str(line);
-            is_header = line != END;
-        } else {
-            line.split_whitespace().for_each(|word| push_number(word, &mut out));
-        }
-        out.push('\n');
-    }
-    Some((out, numbers))
-}
-
-fn push_number(word: &str, out: &mut String) {
-    let is_digit = |i: usize| word.as_bytes().get(i).is_some_and(u8::is_ascii_digit);
-    let is_plain = word.bytes().enumerate().all(|(i, b)| match b {
-        b'.' => is_digit(i.wrapping_sub(1)) && is_digit(i + 1),
-        b => b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'e' | b'E'),
-    });
-    match word.parse::<f64>() {
-        _ if is_plain => out.push_str(word),
-        Ok(v) if v.is_finite() => out.push_str(&v.to_string()),
-        Err(_) if !word.contains('#') && !word.to_ascii_lowercase().contains("nan") => out.push_str(word),
-        _ => out.push_str("1e999"),
-    }
-    out.push(' ');
 }
 
 /// Warns of textures and colours that are not read.
@@ -195,7 +139,7 @@ fn check_sizes(header: &Header, bytes: u64, path: &Path, most: u64) -> Result<()
 
 fn assemble(parsed: Parsed, path: &Path, warnings: &mut Warnings) -> Result<Object, InputError> {
     let places: Vec<DVec3> = parsed.vertices.iter().map(|v| DVec3::from_array(v.position)).collect();
-    let origin = origin(&places);
+    let origin = origin(places.iter().copied());
     let mut mesh = Mesh::default();
     let (mut unusable, mut without_area) = (0, 0);
     let mut triangulator = Triangulator::default();
@@ -258,15 +202,6 @@ fn assemble(parsed: Parsed, path: &Path, warnings: &mut Warnings) -> Result<Obje
     Ok(Object { name: String::new(), mesh, origin })
 }
 
-/// The centre of the bounds if the mesh lies far from the origin of its coordinates, so that f32 keeps its shape.
-fn origin(places: &[DVec3]) -> DVec3 {
-    let finite = places.iter().copied().filter(|p| p.is_finite());
-    let (low, high) = finite.fold((DVec3::MAX, DVec3::MIN), |(low, high), p| (low.min(p), high.max(p)));
-    let centre = 0.5 * (low + high);
-    let is_far = low.x <= high.x && centre.abs().max_element() > FAR * (high - low).length();
-    if is_far && centre.is_finite() { centre.round() } else { DVec3::ZERO }
-}
-
 /// Messages of the crate begin with a line number, and repeat the whole line of the file in further lines.
 fn first_line(message: &str) -> &str {
     let line = message.lines().next().unwrap_or_default().trim_end_matches(['.', ':']);
@@ -282,9 +217,8 @@ struct Vertex {
 }
 
 impl Vertex {
-    /// Colours are encoded as sRGB (IEC 61966-2-1), alpha is linear.
+    /// Colours are encoded as sRGB, alpha is linear.
     fn linear_color(&self) -> Vec4 {
-        let linear = |v: f32| if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) };
         let [r, g, b, a] = self.color.map(|v| if v.is_finite() { v.clamp(0.0, 1.0) } else { 1.0 });
         Vec4::new(linear(r), linear(g), linear(b), a)
     }

@@ -150,50 +150,6 @@ fn new_objects_have_their_size_place_and_material() {
 }
 
 #[test]
-fn faults_have_a_line_and_help() {
-    for (entry, key, part) in [
-        ("name = \"lit 1\"", "name", "no object named \"lit 1\""),
-        ("name = \"bulb\"\nvisible = false", "name", "no object named"),
-        ("name = \"\"", "name", "empty"),
-        ("name = \"lid 1\"\ntranslate = [0, nan, 0]", "translate", "out of range"),
-        ("name = \"lid 1\"\nscale = [1, 0, 1]", "scale", "not a factor"),
-        ("name = \"lid 1\"\nscale = -1", "scale", "not a factor"),
-        ("name = \"lid 1\"\nmatrix = [1,0,0,0, 1,0,0,0, 0,0,1,0, 0,0,0,1]", "matrix", "singular"),
-        ("name = \"lid 1\"\nscale = 2\nmatrix = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]", "scale", "exclude"),
-        ("name = \"lid 1\"\nvisible = false\nscale = 2", "visible", "no other keys"),
-        ("name = \"lid 1\"\npivot = \"center\"", "pivot", "no effect"),
-        ("name = \"lid 1\"\npivot = \"lidd\"\nscale = 2", "pivot", "no object named"),
-        ("name = \"lid 1\"\nmaterial = \"steal\"", "material", "no material named"),
-        ("name = \"lid 1\"\ninstances = []", "instances", "empty"),
-        ("name = \"lid 1\"\ninstances = [{}]\ngrid = { count = [1, 1, 1], step = [0, 0, 0] }", "grid", "exclude"),
-        ("name = \"lid 1\"\ngrid = { count = [0, 1, 1], step = [1, 1, 1] }", "grid", "out of range"),
-        ("name = \"lid 1\"\ngrid = { count = [5000, 5000, 1], step = [1, 1, 1] }", "grid", "too many"),
-        ("name = \"lid*\"\ngrid = { count = [1000000, 1, 1], step = [1, 1, 1] }", "grid", "objects"),
-        ("name = \"lid 1\"\nsize = [1, 1, 1]", "size", "without a `kind`"),
-        ("name = \"lid 1\"\nkind = \"sphere\"\ndiameter = 1", "name", "already has"),
-        ("name = \"new *\"\nkind = \"sphere\"\ndiameter = 1", "name", "pattern"),
-        ("name = \"new\"\nkind = \"sphere\"", "diameter", "is missing"),
-        ("name = \"new\"\nkind = \"box\"\nsize = [1, 1]", "size", "3 edges"),
-        ("name = \"new\"\nkind = \"plane\"\nsize = [1, 1]\nheight = 1", "height", "unknown key"),
-        ("name = \"new\"\nkind = \"box\"\nsize = [1, -1, 1]", "size", "not a size"),
-        ("name = \"new\"\nkind = \"cone\"", "kind", "unknown value"),
-    ] {
-        let error = apply(&format!("[[object]]\n{entry}")).expect_err(entry);
-        assert_eq!(error.place, format!("[[object]] 1, {key}"), "{entry}: {error}");
-        assert!(error.problem.contains(part), "{entry}: {error}");
-        assert!(error.caret().contains('^') && !error.help.is_empty(), "{error}");
-    }
-    let suggested = apply("[[object]]\nname = \"lit 1\"").expect_err("no such object");
-    assert!(suggested.help.contains("\"lid 1\""), "{suggested}");
-    let light = apply("[[object]]\nname = \"bulb\"\nvisible = false").expect_err("a light");
-    assert!(light.help.contains("[[light]]"), "{light}");
-    for (entry, part) in [("name = \"steel\"", "already a material"), ("name = \"a*\"", "pattern")] {
-        let error = apply(&format!("[[material]]\n{entry}\nnew = true")).expect_err(entry);
-        assert!(error.place == "[[material]] 1, name" && error.problem.contains(part), "{error}");
-    }
-}
-
-#[test]
 fn copies_of_emitters_have_a_limit() {
     let mut scene = scene();
     Arc::make_mut(&mut scene.meshes[1].mesh).triangles = vec![[0, 1, 2]; 100];

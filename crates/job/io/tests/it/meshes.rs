@@ -95,15 +95,6 @@ fn encodings_of_texts_are_read_or_refused_with_help() {
             assert!(error.problem.contains("UTF-16") && error.help.contains("UTF-8"), "{error}");
         }
     }
-    // Blank lines, comments between the data, and numbers of other forms; the fifth vertex, which is none, has one face.
-    let odd =
-        PLY.replace("ply\nformat", "ply\n\nformat").replace("10 10 0 0", "comment a b\n\n 10. +10.0 .0 -nan(ind)");
-    let odd = load("a.ply", odd.replace("5 5 9", "\t1.#QNAN nan 9").as_bytes());
-    assert_eq!(corners(&odd), corners(&load("a.ply", PLY.as_bytes()))[..6]);
-    assert!(odd.warnings[0].message.contains("1 of them cannot be used"), "{:?}", odd.warnings);
-    let error =
-        refused("a.ply", PLY.replace("end_header\n", "end_header\n\n\n").replace("4 0 1 2 3", "4 0 1 x 3").as_bytes());
-    assert_eq!(error.place, "line 27", "as in the file: {error}");
 }
 
 #[test]
@@ -313,21 +304,11 @@ fn several_files_make_one_scene() {
 #[test]
 fn faults_of_scene_files_point_at_their_line() {
     let files: &[(&str, &[u8])] = &[("part.stl", ASCII.as_bytes())];
-    for (text, place, part) in [
-        ("scene = \"\"", "scene", "empty"),
-        ("scene = []", "scene", "0 files"),
-        ("scene = 3", "scene", "does not belong"),
-        ("scene = [{ file = \"part.stl\", unit = \"mile\" }]", "scene", "unknown unit"),
-        ("scene = [{ file = \"part.stl\", scale = 0 }]", "scene", "out of range"),
-        ("scene = [{ file = \"part.stl\", up = \"x\" }]", "scene", "unknown value"),
-        ("scene = [{ path = \"part.stl\" }]", "scene", "unknown key"),
-        ("scene = \"part.stl\"\n[import]\nscale = nan", "[import] scale", "out of range"),
-        ("scene = [\"part.stl\", \"lid.stl\"]", "scene", "lid.stl"),
-        ("scene = [\"part.stl\", { file = \"lid.stl\" }]", "scene", "lid.stl"),
-        ("scene = \"part.step\"", "scene", "CAD format"),
-    ] {
+    for (text, part) in
+        [("scene = [\"part.stl\", { file = \"lid.stl\" }]", "lid.stl"), ("scene = \"part.step\"", "CAD format")]
+    {
         let error = job_in(files, text).map(|_| ()).expect_err(text);
-        assert!(error.place.contains(place) && error.problem.contains(part), "{text}: {error}");
+        assert!(error.place.contains("scene") && error.problem.contains(part), "{text}: {error}");
         assert!(error.caret().contains('^'), "{error}");
     }
     let error = job_in(files, "scene = [\"part.stl\",\n \"lid.stl\"]").map(|_| ()).expect_err("no file");

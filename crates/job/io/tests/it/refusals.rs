@@ -33,6 +33,7 @@ fn refusal(keys: &str) -> String {
     let applied = Job::from_text("job.toml", format!("{scene_key}{keys}\n")).and_then(|job| {
         let mut scene = scene();
         job.apply_overrides(&mut scene)?;
+        job.camera_index(&scene)?;
         job.shutter(&scene, 8)?;
         job.bands()
     });

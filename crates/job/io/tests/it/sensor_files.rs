@@ -44,41 +44,6 @@ fn every_value_arrives_in_its_unit() {
     assert_eq!(reciprocal.spec().system_gain, 0.25);
 }
 
-/// (what is replaced, by what, where the caret must stand, a part of the message)
-#[test]
-fn a_mistake_is_shown_at_its_place() {
-    let cases = [
-        ("bit_depth = 12", "bit_depth = 24", "24", "from 8 to 16"),
-        ("bit_depth = 12", "bit_depth = 12.5", "12.5", "from 8 to 16"),
-        ("pixel_pitch_um = 3.45", "pixel_pitch_um = 0", "0", "0.1 to 1000 um"),
-        ("full_well_e = 10_000", "full_well_e = nan", "nan", "out of range"),
-        ("dark_noise_e = 4.0", "dark_noise_e = -4.0", "-4.0", "full well"),
-        ("gain_e_per_dn = 4", "gain_e_per_dn = 0", "0", "positive"),
-        ("offset_dn = 60", "offset_dn = 4095", "4095", "90 %"),
-        ("prnu_percent = 0.5", "prnu_percent = 200", "200", "0 to 100 %"),
-        ("doubling_k = 7", "doubling_k = 0", "0", "1 to 100 K"),
-        ("[450, 0.5]", "[450, 50]", "[[450, 50], [550, 0.65]]", "quantum_efficiency"),
-        ("[450, 0.5]", "[650, 0.5]", "[[650, 0.5], [550, 0.65]]", "ascend"),
-        ("[\"gain_e_per_dn\"]", "[\"gain\"]", "\"gain\"", "not a key"),
-        ("offset_dn = 60", "offset_dn = 60\nofset = 1", "ofset", "ofset"),
-        ("offset_dn = 60", "offset_dn = 60\ngain_dn_per_e = 0.25", "0.25", "twice"),
-    ];
-    for (from, to, marked, part) in cases {
-        let text = EXAMPLE.replace(from, to);
-        assert_ne!(text, EXAMPLE, "{from}");
-        let error = parse(&text).expect_err(to);
-        let message = error.to_string();
-        assert!(message.contains(part), "{to}: {message}");
-        let span = error.source_span.as_deref().unwrap_or_else(|| panic!("{to}: no place: {message}"));
-        assert_eq!(&span.text[span.range.clone()], marked, "{to}: {message}");
-    }
-    for key in ["name", "bit_depth", "quantum_efficiency", "full_well_e", "gain_e_per_dn", "offset_dn"] {
-        let without: String = EXAMPLE.lines().filter(|l| !l.starts_with(key)).map(|l| format!("{l}\n")).collect();
-        let message = parse(&without).expect_err(key).to_string();
-        assert!(message.contains(key), "{key}: {message}");
-    }
-}
-
 /// A colour sensor with every key that a sensor can have.
 const COLOUR: &str = r#"name = "test"
 source = "made up"
@@ -145,37 +110,59 @@ fn a_colour_sensor_with_all_its_faults_arrives() {
     assert!(default.spec().quantum_efficiency.filter().is_some_and(|f| f.white_balance));
 }
 
-/// As above: what is replaced, by what, where the caret must stand, a part of the message.
+/// A replacement in a file, the text at the caret, and a part of the message.
+type Mistake = (&'static str, &'static str, &'static str, &'static str);
+
+const MISTAKES: &[Mistake] = &[
+    ("bit_depth = 12", "bit_depth = 24", "24", "from 8 to 16"),
+    ("bit_depth = 12", "bit_depth = 12.5", "12.5", "from 8 to 16"),
+    ("bit_depth = 12", "bit_depth = 12\nresolution = [0, 7]", "[0, 7]", "this is no resolution"),
+    ("pixel_pitch_um = 3.45", "pixel_pitch_um = 0", "0", "0.1 to 1000 um"),
+    ("full_well_e = 10_000", "full_well_e = nan", "nan", "out of range"),
+    ("dark_noise_e = 4.0", "dark_noise_e = -4.0", "-4.0", "full well"),
+    ("gain_e_per_dn = 4", "gain_e_per_dn = 0", "0", "positive"),
+    ("offset_dn = 60", "offset_dn = 4095", "4095", "90 %"),
+    ("prnu_percent = 0.5", "prnu_percent = 200", "200", "0 to 100 %"),
+    ("doubling_k = 7", "doubling_k = 0", "0", "1 to 100 K"),
+    ("[450, 0.5]", "[450, 50]", "[[450, 50], [550, 0.65]]", "quantum_efficiency"),
+    ("[450, 0.5]", "[650, 0.5]", "[[650, 0.5], [550, 0.65]]", "ascend"),
+    ("[\"gain_e_per_dn\"]", "[\"gain\"]", "\"gain\"", "not a key"),
+    ("offset_dn = 60", "offset_dn = 60\nofset = 1", "ofset", "ofset"),
+    ("offset_dn = 60", "offset_dn = 60\ngain_dn_per_e = 0.25", "0.25", "twice"),
+    ("row_noise_e = 0.5", "row_noise_e = 4.5", "4.5", "dark noise"),
+    ("dsnu_row_e = 0.3", "dsnu_row_e = 1.6", "1.6", "total"),
+    ("dsnu_column_e = 0.4", "dsnu_column_e = 1.48", "1.48", "rows leaves"),
+    ("prnu_row_percent = 0.1", "prnu_row_percent = -0.1", "-0.1", "total"),
+    ("prnu_column_percent = 0.2", "prnu_column_percent = inf", "inf", "rows leaves"),
+    ("\"grbg\"", "\"RGGB\"", "\"RGGB\"", "\"rggb\""),
+    ("red = [[610, 0.45]]", "red = []", "[]", "at least one point"),
+    ("[[465, 0.52]]", "[[465, 1.52]]", "[[465, 1.52]]", "fraction"),
+    ("row_noise_e = 0.5", "quantum_efficiency = [[5e2, 0.5]]", "[[5e2, 0.5]]", "remove"),
+    ("hot_per_million = 20", "hot_per_million = 2e5", "2e5", "100 000"),
+    ("hot_dark_current_factor = 50", "hot_dark_current_factor = 0", "0", "from 1"),
+    ("dead_per_million = 3", "dead_per_million = nan", "nan", "100 000"),
+    ("dsnu_e = 1.4", "dsnu_e = 0", "0", "above 0"),
+    ("white_balance = false", "balance = false", "balance", "balance"),
+];
+
 #[test]
-fn mistakes_in_the_finer_keys_are_shown_at_their_places() {
-    let cases = [
-        ("row_noise_e = 0.5", "row_noise_e = 4.5", "4.5", "dark noise"),
-        ("dsnu_row_e = 0.3", "dsnu_row_e = 1.6", "1.6", "total"),
-        ("dsnu_column_e = 0.4", "dsnu_column_e = 1.48", "1.48", "rows leaves"),
-        ("prnu_row_percent = 0.1", "prnu_row_percent = -0.1", "-0.1", "total"),
-        ("prnu_column_percent = 0.2", "prnu_column_percent = inf", "inf", "rows leaves"),
-        ("\"grbg\"", "\"RGGB\"", "\"RGGB\"", "\"rggb\""),
-        ("red = [[610, 0.45]]", "red = []", "[]", "at least one point"),
-        ("[[465, 0.52]]", "[[465, 1.52]]", "[[465, 1.52]]", "fraction"),
-        ("full_well_e = 10_000", "full_well_e = 10_000\nquantum_efficiency = [[5e2, 0.5]]", "[[5e2, 0.5]]", "remove"),
-        ("hot_per_million = 20", "hot_per_million = 2e5", "2e5", "100 000"),
-        ("hot_dark_current_factor = 50", "hot_dark_current_factor = 0", "0", "from 1"),
-        ("dead_per_million = 3", "dead_per_million = nan", "nan", "100 000"),
-        ("e_per_s = 3", "e_per_s = 0", "20", "without a dark current"),
-        ("dsnu_e = 1.4", "dsnu_e = 0", "0", "above 0"),
-        ("white_balance = false", "balance = false", "balance", "balance"),
-    ];
-    for (from, to, marked, part) in cases {
-        let text = COLOUR.replace(from, to);
-        assert_ne!(text, COLOUR, "{from}");
+fn a_mistake_is_shown_at_its_place() {
+    for (from, to, marked, part) in MISTAKES {
+        let example = if EXAMPLE.contains(from) { EXAMPLE } else { COLOUR };
+        let text = example.replace(from, to);
+        assert_ne!(text, example, "{from}");
         let error = parse(&text).expect_err(to);
         let message = error.to_string();
         assert!(message.contains(part), "{to}: {message}");
         let span = error.source_span.as_deref().unwrap_or_else(|| panic!("{to}: no place: {message}"));
-        assert_eq!(&span.text[span.range.clone()], marked, "{to}: {message}");
+        assert_eq!(&span.text[span.range.clone()], *marked, "{to}: {message}");
     }
-    for key in ["pattern", "red", "green", "blue"] {
-        let without: String = COLOUR.lines().filter(|l| !l.starts_with(key)).map(|l| format!("{l}\n")).collect();
+    let cold = parse(&COLOUR.replace("e_per_s = 3", "e_per_s = 0")).expect_err("hot pixels without a dark current");
+    assert!(cold.place.contains("hot") && cold.to_string().contains("without a dark current"), "{cold}");
+    let keys = ["name", "bit_depth", "quantum_efficiency", "full_well_e", "gain_e_per_dn", "offset_dn"];
+    let keys = keys.map(|key| (EXAMPLE, key)).into_iter();
+    for (example, key) in keys.chain(["pattern", "red", "green", "blue"].map(|key| (COLOUR, key))) {
+        let without: String = example.lines().filter(|l| !l.starts_with(key)).map(|l| format!("{l}\n")).collect();
         let message = parse(&without).expect_err(key).to_string();
         assert!(message.contains(key), "{key}: {message}");
     }

@@ -101,7 +101,7 @@ fn rows<'de, D: Deserializer<'de>>(d: D) -> Result<Option<[[f64; 3]; 3]>, D::Err
     struct Row([f64; 3]);
     impl<'de> Deserialize<'de> for Row {
         fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-            three::<check::Real, D>(d, "a row of three numbers").map(|row| Self(row.map(|v| v.0)))
+            three(d, "a row of three numbers").map(Self)
         }
     }
     let matrix = three::<Row, D>(d, "three rows of three numbers")?.map(|row| row.0);
@@ -186,50 +186,39 @@ impl CameraSettings {
             ("direction", self.direction.is_some()),
             ("up", self.up.is_some()),
         ];
-        match (&self.rotation, &self.t) {
-            (Some(r), Some(_)) => {
-                if let Some((key, _)) = looks.iter().find(|(_, given)| *given) {
-                    let problem = format!("`R` and `t` are a pose already, and `{key}` belongs to another one");
-                    return fault(key, problem, "keep one of the two poses");
-                }
-                return check_rotation(r);
+        let given = looks.iter().find(|(_, given)| *given).map(|(key, _)| *key);
+        match (&self.rotation, &self.t, given) {
+            (Some(_), Some(_), Some(key)) => {
+                let problem = format!("`R` and `t` are a pose already, and `{key}` belongs to another one");
+                return fault(key, problem, "keep one of the two poses");
             }
-            (Some(_), None) => return fault("R", "`R` is a pose only together with `t`", "add `t = [x, y, z]`"),
-            (None, Some(_)) => return fault("t", "`t` is a pose only together with `R`", "add `R`, three rows"),
-            (None, None) => {}
+            (Some(r), Some(_), None) => return check_rotation(r),
+            (Some(_), None, _) => return fault("R", "`R` is a pose only together with `t`", "add `t = [x, y, z]`"),
+            (None, Some(_), _) => return fault("t", "`t` is a pose only together with `R`", "add `R`, three rows"),
+            (None, None, _) => {}
         }
-        match (&self.position, &self.look_at, self.working_distance) {
-            (Some(_), _, Some(_)) => {
+        let add_target = "add `look_at`, a point or an object";
+        match (self.position.is_some(), self.look_at.is_some(), self.working_distance.is_some(), given) {
+            (true, _, true, _) => {
                 let problem = "`position` and `working_distance` both set the place of the camera";
-                return fault("working_distance", problem, "keep one of them");
+                fault("working_distance", problem, "keep one of them")
             }
-            (Some(_), None, None) => {
-                return fault(
-                    "position",
-                    "the direction of the view is missing",
-                    "add `look_at`, a point or an object",
-                );
+            (true, false, false, _) => fault("position", "the direction of the view is missing", add_target),
+            (true, true, false, _) if self.direction.is_some() => {
+                let problem = "`position` and `direction` both set the place of the camera";
+                fault("direction", problem, "remove one")
             }
-            (None, Some(_), None) => {
+            (false, true, false, _) => {
                 let help = "add `position`, or a `working_distance`";
-                return fault("look_at", "the place of the camera is missing", help);
+                fault("look_at", "the place of the camera is missing", help)
             }
-            (None, None, Some(_)) => {
-                let help = "add `look_at`, a point or an object";
-                return fault("working_distance", "the place of the object is missing", help);
+            (false, false, true, _) => fault("working_distance", "the place of the object is missing", add_target),
+            (false, false, false, Some(key)) => {
+                let problem = format!("`{key}` belongs to a pose, and there is none");
+                fault(key, problem, "add `look_at` with a `position` or a `working_distance`")
             }
-            (None, None, None) => {
-                if let Some((key, _)) = looks.iter().find(|(_, given)| *given) {
-                    let problem = format!("`{key}` belongs to a pose, and there is none");
-                    return fault(key, problem, "add `look_at` with a `position` or a `working_distance`");
-                }
-            }
-            (Some(_), Some(_), None) | (None, Some(_), Some(_)) => {}
+            _ => Ok(()),
         }
-        if self.position.is_some() && self.direction.is_some() {
-            return fault("direction", "`position` and `direction` both set the place of the camera", "remove one");
-        }
-        Ok(())
     }
 
     /// The transform from the camera to the world; `None` without a pose.

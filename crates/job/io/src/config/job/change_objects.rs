@@ -36,14 +36,13 @@ impl ObjectOverride {
             ("rotate", self.rotate.is_some()),
             ("scale", self.scale.is_some()),
         ];
-        let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
         // A new object keeps its keys: a study removes it in some of its images.
         let removed = Self { name: self.name.clone(), visible: false, ..Self::default() };
         if !self.visible && self.shape.is_none() && *self != removed {
             let problem = "an object that `visible = false` removes has no other keys than its name";
             return Err(keys.error("visible", problem, "remove this, or the other keys"));
         }
-        if let (Some(_), Some(key)) = (self.matrix, given(&moves)) {
+        if let (Some(_), Some((key, _))) = (self.matrix, moves.iter().find(|(_, given)| *given)) {
             let problem = format!("`{key}` and `matrix` exclude each other");
             return Err(keys.error(key, problem, "write the whole placement into one of them"));
         }
@@ -93,18 +92,7 @@ impl Job {
             self.add_primitive(i, shape, change, scene)?;
         }
         own.0.resize(scene.instances.len(), OwnMotion::default());
-        let selected: Vec<usize> = (0..scene.instances.len())
-            .filter(|k| scene.instances.get(*k).is_some_and(|n| matches(&change.name, &n.name)))
-            .collect();
-        if selected.is_empty() {
-            let InputError { problem, mut help, .. } = no_object(&change.name, scene);
-            if scene.lights.iter().any(|l| matches(&change.name, &l.name)) {
-                help = "this is the name of a light without a body; change it by [[light]]".into();
-            } else if scene.cameras.iter().any(|c| matches(&change.name, &c.name)) {
-                help = "this is the name of a camera, which is no object".into();
-            }
-            return Err(self.object_error(i, "name", problem, help));
-        }
+        let selected = self.selected_objects(i, change, scene)?;
         if !change.visible {
             let mut removed = scene.instances.iter().map(|n| matches(&change.name, &n.name));
             own.0.retain(|_| !removed.next().unwrap_or(false));
@@ -122,65 +110,89 @@ impl Job {
             Pivot::Origin => Some(DVec3::ZERO),
             Pivot::Center => None,
         };
-        let mut changed = Vec::new();
-        let mut copies = Vec::new();
+        let (mut changed, mut copies) = (selected.clone(), Vec::new());
         for index in selected {
             let Some(object) = scene.instances.get(index) else { continue };
             let center =
                 || scene.bounds_of(object).map_or(object.to_world.translation, |[low, high]| 0.5 * (low + high));
-            let pivot = common.unwrap_or_else(center);
-            let map = match change.matrix {
-                Some(matrix) => about(matrix, pivot, DVec3::ZERO),
-                None => change.placement().about(pivot),
-            };
-            let placed = map * object.to_world;
-            // A scale beyond the range of f32 would make the object vanish in the build.
-            if Transform::new(object.to_world).is_ok() {
-                self.check_place(i, placed, object)?;
-            }
-            let object = object.clone();
             let kept = own.0.get(index).copied().unwrap_or_default();
-            if let Some(target) = scene.instances.get_mut(index) {
-                target.to_world = placed;
-                target.motion = kept.mapped(&target.motion, &map);
+            let mut placed = self.placed(i, change, object, common.unwrap_or_else(center), kept)?.into_iter();
+            if let (Some(target), Some(first)) = (scene.instances.get_mut(index), placed.next()) {
+                *target = first;
             }
-            changed.push(index);
-            if change.copies().is_none() {
-                continue;
-            }
-            // The pivot moves with the object.
-            let maps = change.copy_maps(map.transform_point3(pivot));
-            for (number, copy) in maps.into_iter().enumerate() {
-                let mut copied = object.clone();
-                copied.name = format!("{} {}", object.name, number + 1);
-                copied.to_world = copy * placed;
-                copied.motion = kept.mapped(&object.motion, &(copy * map));
-                if change.grid.is_none() {
-                    self.check_place(i, copied.to_world, &copied)?;
-                }
-                if number == 0 {
-                    if let Some(target) = scene.instances.get_mut(index) {
-                        *target = copied;
-                    }
-                } else {
-                    copies.push(copied);
-                    own.0.push(kept);
-                }
-            }
+            own.0.extend(std::iter::repeat_n(kept, placed.len()));
+            copies.extend(placed);
         }
         changed.extend(scene.instances.len()..scene.instances.len() + copies.len());
         scene.instances.extend(copies);
         Ok(changed)
     }
 
-    fn check_place(&self, i: usize, place: DAffine3, object: &Instance) -> Result<(), InputError> {
-        match Transform::new(place) {
-            Ok(_) => Ok(()),
-            Err(e) => {
-                let problem = format!("the place of \"{}\" cannot be used: {e}", object.name);
-                Err(self.object_error(i, "name", problem, "check the factors of its scale"))
-            }
+    /// The indices of the objects of entry `i`.
+    fn selected_objects(
+        &self,
+        i: usize,
+        change: &ObjectOverride,
+        scene: &SceneBuilder,
+    ) -> Result<Vec<usize>, InputError> {
+        let is_named = |name: &str| matches(&change.name, name);
+        let objects = scene.instances.iter().enumerate().filter(|(_, object)| is_named(&object.name));
+        let selected: Vec<usize> = objects.map(|(k, _)| k).collect();
+        if !selected.is_empty() {
+            return Ok(selected);
         }
+        let InputError { problem, mut help, .. } = no_object(&change.name, scene);
+        if scene.lights.iter().any(|l| is_named(&l.name)) {
+            help = "this is the name of a light without a body; change it by [[light]]".into();
+        } else if scene.cameras.iter().any(|c| is_named(&c.name)) {
+            help = "this is the name of a camera, which is no object".into();
+        }
+        Err(self.object_error(i, "name", problem, help))
+    }
+
+    /// An object at its new place, or the copies that replace it.
+    fn placed(
+        &self,
+        i: usize,
+        change: &ObjectOverride,
+        object: &Instance,
+        pivot: DVec3,
+        own: OwnMotion,
+    ) -> Result<Vec<Instance>, InputError> {
+        let map = match change.matrix {
+            Some(matrix) => about(matrix, pivot, DVec3::ZERO),
+            None => change.placement().about(pivot),
+        };
+        let place = map * object.to_world;
+        // A scale beyond the range of f32 would make the object vanish in the build.
+        if Transform::new(object.to_world).is_ok() {
+            self.check_place(i, place, object)?;
+        }
+        let moved = |to_world: DAffine3, map: &DAffine3| {
+            let motion = own.mapped(&object.motion, map);
+            Instance { to_world, motion, ..object.clone() }
+        };
+        if change.copies().is_none() {
+            return Ok(vec![moved(place, &map)]);
+        }
+        // The pivot moves with the object.
+        let maps = (1..).zip(change.copy_maps(map.transform_point3(pivot)));
+        maps.map(|(number, copy)| {
+            let name = format!("{} {number}", object.name);
+            let copied = Instance { name, ..moved(copy * place, &(copy * map)) };
+            if change.grid.is_none() {
+                self.check_place(i, copied.to_world, &copied)?;
+            }
+            Ok(copied)
+        })
+        .collect()
+    }
+
+    fn check_place(&self, i: usize, place: DAffine3, object: &Instance) -> Result<(), InputError> {
+        Transform::new(place).map(drop).map_err(|e| {
+            let problem = format!("the place of \"{}\" cannot be used: {e}", object.name);
+            self.object_error(i, "name", problem, "check the factors of its scale")
+        })
     }
 
     fn add_primitive(

@@ -11,13 +11,11 @@ use dunkelfeld_scene::{Distortion, Vignetting};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, Visitor};
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
-/// Least and greatest gain.
-const GAINS: [f64; 2] = [0.01, 100.0];
-
 /// The default of switches.
-pub(super) fn yes() -> bool {
+pub(crate) fn yes() -> bool {
     true
 }
 
@@ -28,39 +26,47 @@ pub(super) fn pixels<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::
 
 /// Samples per pixel on average, with the range of `--spp`.
 pub(super) fn spp<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    let v = d.deserialize_any(AnyNumber)?;
-    if v > 0.0 && v <= MAX_MEAN_SPP {
-        return Ok(Some(v));
-    }
-    Err(D::Error::custom(format!("{} is out of range; write a number above zero and up to 1e9, such as 64", Number(v))))
-}
-
-/// Below a thousandth no sensor shows a difference. Above a thousand the limit has no effect.
-pub(super) fn noise<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, *NOISE_LEVELS.start(), *NOISE_LEVELS.end()).map(Some)
-}
-
-pub(super) fn hidden_share<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, *SHARES.start(), *SHARES.end()).map(Some)
+    ranged::<f64, D>(d, f64::MIN_POSITIVE..=MAX_MEAN_SPP, "", "a number above zero and up to 1e9, such as 64").map(Some)
 }
 
 pub(super) fn gain<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    let Factor(gain) = Factor::deserialize(d)?;
-    if (GAINS[0]..=GAINS[1]).contains(&gain) {
-        return Ok(Some(gain));
-    }
-    Err(D::Error::custom(format!(
-        "{} is out of range; write a factor from 0.01 to 100, or -40dB to 40dB",
-        Number(gain)
-    )))
+    ranged::<Factor, D>(d, 0.01..=100.0, "", "a factor from 0.01 to 100, or -40dB to 40dB").map(Some)
 }
 
-pub(super) fn temperature<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, -100.0, 200.0).map(Some)
+/// Declares readers of numbers in a range.
+macro_rules! numbers {
+    ($($(#[$doc:meta])* $name:ident: $type:ty, $least:expr, $most:expr;)*) => {$(
+        $(#[$doc])*
+        pub(super) fn $name<'de, D: Deserializer<'de>>(d: D) -> Result<Option<$type>, D::Error> {
+            real(d, $least, $most).map(|v| Some(v as $type))
+        }
+    )*};
 }
 
-pub(super) fn black_level<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 0.0, 65_535.0).map(Some)
+numbers! {
+    /// Below a thousandth no sensor shows a difference. Above a thousand the limit has no effect.
+    noise: f64, *NOISE_LEVELS.start(), *NOISE_LEVELS.end();
+    hidden_share: f64, *SHARES.start(), *SHARES.end();
+    temperature: f64, -100.0, 200.0;
+    black_level: f64, 0.0, 65_535.0;
+    unit: f32, 0.0, 1.0;
+    signed_unit: f32, -1.0, 1.0;
+    glare: f64, 0.0, 0.5;
+    ior: f32, 1.0, 10.0;
+    factor: f32, -1e3, 1e3;
+    /// The range of `Optics`, refused here so that the message shows the line.
+    f_number: f64, 0.5, 1000.0;
+    magnification: f64, 0.0, 100.0;
+    /// The sine of an angle, without both ends.
+    numerical_aperture: f64, 1e-6, 0.999;
+    /// A share between 0 and 1, without the ends.
+    inner_share: f64, 0.01, 0.99;
+    /// A factor of the strength of a light.
+    light_scale: f64, 0.0, 1e12;
+    /// A mean cosine of scattering. At the ends of the range, light would only continue straight or return.
+    mean_cosine: f32, -0.9999, 0.9999;
+    /// A factor of the lengths of a file.
+    import_scale: f64, 1e-9, 1e9;
 }
 
 /// A seed. TOML has no whole numbers from 2^63 on, so it may be a text of digits.
@@ -96,47 +102,13 @@ pub(crate) fn whole<'de, D: Deserializer<'de>>(d: D, least: u32, most: u32) -> R
     u32::try_from(v).map_err(D::Error::custom)
 }
 
-pub(super) fn unit<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
-    real(d, 0.0, 1.0).map(|v| Some(v as f32))
-}
-
 pub(super) fn share<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
     real(d, 0.0, 1.0)
-}
-
-pub(super) fn glare<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 0.0, 0.5).map(Some)
 }
 
 /// A transmission of zero would leave a black image.
 pub(super) fn positive_share<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
     real(d, 1e-6, 1.0)
-}
-
-pub(super) fn signed_unit<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
-    real(d, -1.0, 1.0).map(|v| Some(v as f32))
-}
-
-pub(super) fn ior<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
-    real(d, 1.0, 10.0).map(|v| Some(v as f32))
-}
-
-pub(super) fn factor<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
-    real(d, -1e3, 1e3).map(|v| Some(v as f32))
-}
-
-/// The range of `Optics`, refused here so that the message shows the line.
-pub(super) fn f_number<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 0.5, 1000.0).map(Some)
-}
-
-pub(super) fn magnification<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 0.0, 100.0).map(Some)
-}
-
-/// The sine of an angle, without both ends.
-pub(super) fn numerical_aperture<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 1e-6, 0.999).map(Some)
 }
 
 pub(super) fn blades<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
@@ -145,11 +117,8 @@ pub(super) fn blades<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::
 
 /// A focus distance [m]; `inf` is valid.
 pub(super) fn focus_distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    let v = d.deserialize_any(LengthOrInf)?;
-    if v >= 1e-6 {
-        return Ok(Some(v));
-    }
-    Err(D::Error::custom(format!("{} m is out of range; write a distance such as \"300mm\", or \"inf\"", Number(v))))
+    let help = "a distance such as \"300mm\", or \"inf\"";
+    ranged::<LengthOrInf, D>(d, 1e-6..=f64::INFINITY, " m", help).map(Some)
 }
 
 /// As [`length`], for a key that may be absent.
@@ -159,23 +128,12 @@ pub(super) fn positive_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<
 
 /// A size on a sensor, of a field, or of a lamp [m].
 pub(super) fn length<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-    let Length(v) = Length::deserialize(d)?;
-    if (1e-9..=1000.0).contains(&v) {
-        return Ok(v);
-    }
-    Err(D::Error::custom(format!(
-        "{} m is out of range; write a length from 1nm to 1km, such as \"3.45um\" or \"40mm\"",
-        Number(v)
-    )))
+    ranged::<Length, D>(d, 1e-9..=1000.0, " m", "a length from 1nm to 1km, such as \"3.45um\" or \"40mm\"")
 }
 
 /// A length [m] that may be zero.
 pub(super) fn length_or_zero<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    let Length(v) = Length::deserialize(d)?;
-    if (0.0..=1e6).contains(&v) {
-        return Ok(Some(v));
-    }
-    Err(D::Error::custom(format!("{} m is out of range; write a length from 0 to 1000km, such as \"40mm\"", Number(v))))
+    ranged::<Length, D>(d, 0.0..=1e6, " m", "a length from 0 to 1000km, such as \"40mm\"").map(Some)
 }
 
 /// A full angle [rad] of a cone.
@@ -207,11 +165,6 @@ fn angle_between<'de, D: Deserializer<'de>>(d: D, least: f64, most: f64, range: 
     Err(D::Error::custom(format!("{}deg is out of range; write an angle {range}", degrees(v))))
 }
 
-/// A share between 0 and 1, without the ends.
-pub(super) fn inner_share<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 0.01, 0.99).map(Some)
-}
-
 /// Number of copies of a lamp.
 pub(super) fn count<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u32>, D::Error> {
     whole(d, 1, 64).map(Some)
@@ -229,11 +182,7 @@ pub(super) fn band_width<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Erro
 
 fn wavelength<'de, D: Deserializer<'de>>(d: D, least: f64, what: &str) -> Result<f64, D::Error> {
     let Length(metres) = Length::deserialize(d)?;
-    let nm = metres * 1e9;
-    if (least..=2500.0).contains(&nm) {
-        return Ok(nm);
-    }
-    Err(D::Error::custom(format!("{} nm is out of range; write {what}", Number(nm))))
+    checked(metres * 1e9, least..=2500.0, " nm", what)
 }
 
 /// Coefficients in the order of OpenCV. Values beyond a million give no image.
@@ -260,46 +209,54 @@ pub(super) fn principal_point<'de, D: Deserializer<'de>>(d: D) -> Result<Option<
 }
 
 fn numbers<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<f64>, D::Error> {
-    let values = Vec::<Real>::deserialize(d)?;
-    values.into_iter().map(|Real(v)| in_range(v, -1e6, 1e6)).collect()
+    Vec::deserialize(d)?.into_iter().map(|v| in_range(v, -1e6, 1e6)).collect()
 }
 
 pub(super) fn vignetting<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Vignetting>, D::Error> {
-    match String::deserialize(d)?.as_str() {
-        "none" => Ok(Some(Vignetting::None)),
-        "cos4" => Ok(Some(Vignetting::CosineFourth)),
-        other => Err(D::Error::custom(format!("unknown vignetting \"{other}\"; write \"none\" or \"cos4\""))),
-    }
+    let known = [("none", Vignetting::None), ("cos4", Vignetting::CosineFourth)];
+    word(d, "vignetting", &known, "\"none\" or \"cos4\"").map(Some)
 }
 
 fn real<'de, D: Deserializer<'de>>(d: D, least: f64, most: f64) -> Result<f64, D::Error> {
-    let v = d.deserialize_any(AnyNumber)?;
-    in_range(v, least, most)
+    in_range(f64::deserialize(d)?, least, most)
 }
 
 fn in_range<E: Error>(v: f64, least: f64, most: f64) -> Result<f64, E> {
-    if (least..=most).contains(&v) {
+    checked(v, least..=most, "", &format!("a number from {least} to {most}"))
+}
+
+/// A quantity in a range of SI units.
+pub(super) fn ranged<'de, Q, D>(d: D, range: RangeInclusive<f64>, unit: &str, help: &str) -> Result<f64, D::Error>
+where
+    Q: Deserialize<'de> + Into<f64>,
+    D: Deserializer<'de>,
+{
+    checked(Q::deserialize(d)?.into(), range, unit, help)
+}
+
+fn checked<E: Error>(v: f64, range: RangeInclusive<f64>, unit: &str, help: &str) -> Result<f64, E> {
+    if range.contains(&v) {
         return Ok(v);
     }
-    Err(E::custom(format!("{} is out of range; write a number from {least} to {most}", Number(v))))
+    Err(E::custom(format!("{}{unit} is out of range; write {help}", Number(v))))
+}
+
+/// The value of a word.
+fn word<'de, T: Copy, D: Deserializer<'de>>(d: D, what: &str, known: &[(&str, T)], help: &str) -> Result<T, D::Error> {
+    let word = String::deserialize(d)?;
+    let found = known.iter().find(|(name, _)| *name == word).map(|(_, value)| *value);
+    found.ok_or_else(|| D::Error::custom(format!("unknown {what} \"{word}\"; write {help}")))
 }
 
 /// A time budget: whole nanoseconds, at most a year.
 pub(super) fn duration<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Duration>, D::Error> {
-    let Time(v) = Time::deserialize(d)?;
-    if v > 0.0 && v <= 3.2e7 {
-        return Ok(Some(Duration::from_secs_f64(v)));
-    }
-    Err(D::Error::custom(format!("{} s is out of range; write a time above zero, such as \"20s\"", Number(v))))
+    let seconds = ranged::<Time, D>(d, f64::MIN_POSITIVE..=3.2e7, " s", "a time above zero, such as \"20s\"")?;
+    Ok(Some(Duration::from_secs_f64(seconds)))
 }
 
 /// The duration [s] of a pulse.
 pub(super) fn pulse<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    let Time(v) = Time::deserialize(d)?;
-    if (1e-9..=1e6).contains(&v) {
-        return Ok(Some(v));
-    }
-    Err(D::Error::custom(format!("{} s is out of range; write a time from 1ns on, such as \"100us\"", Number(v))))
+    ranged::<Time, D>(d, 1e-9..=1e6, " s", "a time from 1ns on, such as \"100us\"").map(Some)
 }
 
 /// An angle [rad] in degrees, without the digits that result from rounding.
@@ -309,53 +266,28 @@ fn degrees(radians: f64) -> f64 {
 
 /// A field of view [rad].
 pub(super) fn field_of_view<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    let Angle(v) = Angle::deserialize(d)?;
-    if v > 1e-4 && v < std::f64::consts::PI * 0.99 {
-        return Ok(Some(v));
-    }
-    Err(D::Error::custom(format!("{}deg is out of range; write an angle between 0.01deg and 178deg", degrees(v))))
+    angle_between(d, 1e-4, std::f64::consts::PI * 0.99, "between 0.01deg and 178deg")
 }
 
 /// A rotation [rad].
 pub(super) fn angle<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
-    let Angle(v) = Angle::deserialize(d)?;
-    if (-1e4..=1e4).contains(&v) {
-        return Ok(Some(v as f32));
-    }
-    Err(D::Error::custom(format!("{}deg is out of range; write an angle from -572957deg to 572957deg", degrees(v))))
+    Ok(angle_between(d, -1e4, 1e4, "from -572957deg to 572957deg")?.map(|v| v as f32))
 }
 
 /// A focal length [m].
 pub(super) fn focal_length<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    let Length(v) = Length::deserialize(d)?;
-    if (1e-6..=100.0).contains(&v) {
-        return Ok(Some(v));
-    }
-    Err(D::Error::custom(format!("{} m is out of range; write a focal length such as \"12mm\"", Number(v))))
+    ranged::<Length, D>(d, 1e-6..=100.0, " m", "a focal length such as \"12mm\"").map(Some)
 }
 
-/// A distance [m] above zero; `inf` is valid.
+/// A distance [m] above zero, also as f32; `inf` is valid.
 pub(super) fn distance<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
-    let v = d.deserialize_any(LengthOrInf)?;
-    // Above the smallest normal f32, so that the value remains above zero after the conversion to f32.
-    if v > 1e-30 {
-        return Ok(Some(v as f32));
-    }
-    Err(D::Error::custom(format!("{} m is not a distance above zero; write one such as \"2mm\"", Number(v))))
+    let help = "a distance above zero, such as \"2mm\", or \"inf\"";
+    Ok(Some(ranged::<LengthOrInf, D>(d, 1e-30..=f64::INFINITY, " m", help)? as f32))
 }
 
 /// A power [W].
 pub(super) fn power<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    let Power(v) = Power::deserialize(d)?;
-    if (0.0..=1e12).contains(&v) {
-        return Ok(Some(v));
-    }
-    Err(D::Error::custom(format!("{} W is out of range; write a power of zero or more, such as \"1.5W\"", Number(v))))
-}
-
-/// A factor of the strength of a light.
-pub(super) fn light_scale<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 0.0, 1e12).map(Some)
+    ranged::<Power, D>(d, 0.0..=1e12, " W", "a power of zero or more, such as \"1.5W\"").map(Some)
 }
 
 /// A colour with channels from 0 to 1.
@@ -378,11 +310,6 @@ pub(super) fn coefficient<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>
     channels(one_or_three::<PerLength, D>(d, what)?, 1e9).map(Some)
 }
 
-/// A mean cosine of scattering. At the ends of the range, light would only continue straight or return.
-pub(super) fn mean_cosine<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f32>, D::Error> {
-    real(d, -0.9999, 0.9999).map(|v| Some(v as f32))
-}
-
 /// A priority among solids.
 pub(super) fn priority<'de, D: Deserializer<'de>>(d: D) -> Result<Option<i32>, D::Error> {
     let v = d.deserialize_any(Whole { least: -1_000_000, most: 1_000_000 })?;
@@ -395,7 +322,7 @@ pub(super) fn light<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Rgb>, D::E
 }
 
 fn triple<'de, D: Deserializer<'de>>(d: D, most: f64) -> Result<Rgb, D::Error> {
-    channels(one_or_three::<Real, D>(d, "three numbers [r, g, b], or one for all three")?, most)
+    channels(one_or_three::<f64, D>(d, "three numbers [r, g, b], or one for all three")?, most)
 }
 
 fn channels<E: Error>(values: [f64; 3], most: f64) -> Result<Rgb, E> {
@@ -404,42 +331,22 @@ fn channels<E: Error>(values: [f64; 3], most: f64) -> Result<Rgb, E> {
 }
 
 pub(super) fn emissive_unit<'de, D: Deserializer<'de>>(d: D) -> Result<EmissiveUnit, D::Error> {
-    match String::deserialize(d)?.as_str() {
-        "nit" | "cd/m2" => Ok(EmissiveUnit::Nit),
-        "W/(m2 sr)" | "W/(m^2 sr)" => Ok(EmissiveUnit::WattPerSteradianSquareMetre),
-        other => Err(D::Error::custom(format!("unknown unit \"{other}\"; write \"nit\" or \"W/(m2 sr)\""))),
-    }
+    let watts = EmissiveUnit::WattPerSteradianSquareMetre;
+    let nits = EmissiveUnit::Nit;
+    let known = [("nit", nits), ("cd/m2", nits), ("W/(m2 sr)", watts), ("W/(m^2 sr)", watts)];
+    word(d, "unit", &known, "\"nit\" or \"W/(m2 sr)\"")
 }
 
 /// A unit of length by its name [m].
 pub(super) fn length_unit<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    match String::deserialize(d)?.as_str() {
-        "um" | "µm" | "μm" => Ok(Some(1e-6)),
-        "mm" => Ok(Some(1e-3)),
-        "cm" => Ok(Some(1e-2)),
-        "m" => Ok(Some(1.0)),
-        "in" => Ok(Some(0.0254)),
-        other => {
-            Err(D::Error::custom(format!("unknown unit \"{other}\"; write \"um\", \"mm\", \"cm\", \"m\" or \"in\"")))
-        }
-    }
-}
-
-/// A factor of the lengths of a file.
-pub(super) fn import_scale<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
-    real(d, 1e-9, 1e9).map(Some)
+    let known = [("um", 1e-6), ("µm", 1e-6), ("μm", 1e-6), ("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("in", 0.0254)];
+    word(d, "unit", &known, "\"um\", \"mm\", \"cm\", \"m\" or \"in\"").map(Some)
 }
 
 /// An amount of memory [B].
 pub(super) fn memory<'de, D: Deserializer<'de>>(d: D) -> Result<Option<u64>, D::Error> {
-    let Memory(v) = Memory::deserialize(d)?;
-    if (1.0..=1e15).contains(&v) {
-        return Ok(Some(v as u64));
-    }
-    Err(D::Error::custom(format!(
-        "{} B is out of range; write an amount from 1 B to 900 TiB, such as \"2GiB\"",
-        Number(v)
-    )))
+    let bytes = ranged::<Memory, D>(d, 1.0..=1e15, " B", "an amount from 1 B to 900 TiB, such as \"2GiB\"")?;
+    Ok(Some(bytes as u64))
 }
 
 /// A whole number in a range.
@@ -473,66 +380,21 @@ impl<'de> Deserialize<'de> for Count {
     }
 }
 
-/// A length, or `inf` with and without quotes.
-struct LengthOrInf;
+/// A length [m], or `inf` with and without quotes.
+struct LengthOrInf(f64);
 
-impl Visitor<'_> for LengthOrInf {
-    type Value = f64;
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a length such as \"12mm\", or \"inf\"")
-    }
-
-    fn visit_str<E: Error>(self, v: &str) -> Result<f64, E> {
-        match v.trim() {
-            "inf" => Ok(f64::INFINITY),
-            text => text.parse::<Length>().map(f64::from).map_err(E::custom),
-        }
-    }
-
-    fn visit_f64<E: Error>(self, v: f64) -> Result<f64, E> {
-        Ok(v)
-    }
-
-    fn visit_i64<E: Error>(self, v: i64) -> Result<f64, E> {
-        Ok(v as f64)
-    }
-}
-
-/// Integer or float. TOML distinguishes `1` and `1.0`, users do not.
-struct AnyNumber;
-
-impl Visitor<'_> for AnyNumber {
-    type Value = f64;
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a number")
-    }
-
-    fn visit_f64<E: Error>(self, v: f64) -> Result<f64, E> {
-        Ok(v)
-    }
-
-    fn visit_i64<E: Error>(self, v: i64) -> Result<f64, E> {
-        Ok(v as f64)
-    }
-
-    fn visit_u64<E: Error>(self, v: u64) -> Result<f64, E> {
-        Ok(v as f64)
-    }
-}
-
-/// A number, written with or without a decimal point.
-pub(super) struct Real(pub(super) f64);
-
-impl From<Real> for f64 {
-    fn from(Real(v): Real) -> Self {
+impl From<LengthOrInf> for f64 {
+    fn from(LengthOrInf(v): LengthOrInf) -> Self {
         v
     }
 }
 
-impl<'de> Deserialize<'de> for Real {
+impl<'de> Deserialize<'de> for LengthOrInf {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        d.deserialize_any(AnyNumber).map(Real)
+        let value = toml::Value::deserialize(d)?;
+        match value.as_str().map(str::trim) {
+            Some("inf") => Ok(Self(f64::INFINITY)),
+            _ => Length::deserialize(value).map(|v| Self(v.0)).map_err(|e| D::Error::custom(e.message())),
+        }
     }
 }

@@ -144,123 +144,154 @@ pub enum LensProjection {
     Telecentric,
 }
 
-/// Does a film contain its number of pixels, and its size on the sensor, at most once?
-pub(super) fn check_film(film: &FilmSettings, sensor: &SensorChoice) -> Result<(), InputError> {
-    if film.full {
-        for (key, given) in [("width", film.width.is_some()), ("height", film.height.is_some())] {
-            if given {
-                let problem = "the film has the resolution of the sensor, because of `full`";
-                return Err(InputError::of_key(key, problem, "remove it, or write a `roi` for a part of the film"));
-            }
-        }
-        if *sensor == SensorChoice::None {
-            let problem = "there is no sensor whose resolution the film could have";
-            return Err(InputError::of_key("full", problem, "name a [sensor] model, or write `width` and `height`"));
-        }
-    }
-    let sizes = [
-        ("pixel_pitch", film.pixel_pitch.is_some()),
-        ("sensor_width", film.sensor_width.is_some()),
-        ("sensor_height", film.sensor_height.is_some()),
-    ];
-    match sizes.iter().filter(|(_, given)| *given).nth(1) {
-        Some((key, _)) => Err(InputError::of_key(
-            key,
-            "only one of `pixel_pitch`, `sensor_width` and `sensor_height` can set the size of a pixel",
-            "keep one of them",
-        )),
+/// A rule of keys that belong together: the key, whether the rule is broken, the problem, and the help.
+type Rule = (&'static str, bool, &'static str, &'static str);
+
+/// The error of the first rule that is broken.
+fn check_rules(rules: &[Rule]) -> Result<(), InputError> {
+    match rules.iter().find(|(_, is_broken, ..)| *is_broken) {
+        Some((key, _, problem, help)) => Err(InputError::of_key(key, *problem, *help)),
         None => Ok(()),
     }
 }
 
+/// Does a film contain its number of pixels, and its size on the sensor, at most once?
+pub(super) fn check_film(film: &FilmSettings, sensor: &SensorChoice) -> Result<(), InputError> {
+    const FULL: [&str; 2] = [
+        "the film has the resolution of the sensor, because of `full`",
+        "remove it, or write a `roi` for a part of the film",
+    ];
+    const SIZES: [&str; 2] = [
+        "only one of `pixel_pitch`, `sensor_width` and `sensor_height` can set the size of a pixel",
+        "keep one of them",
+    ];
+    let [pitch, width, height] = [film.pixel_pitch, film.sensor_width, film.sensor_height].map(|v| v.is_some());
+    check_rules(&[
+        ("width", film.full && film.width.is_some(), FULL[0], FULL[1]),
+        ("height", film.full && film.height.is_some(), FULL[0], FULL[1]),
+        (
+            "full",
+            film.full && *sensor == SensorChoice::None,
+            "there is no sensor whose resolution the film could have",
+            "name a [sensor] model, or write `width` and `height`",
+        ),
+        ("sensor_width", pitch && width, SIZES[0], SIZES[1]),
+        ("sensor_height", (pitch || width) && height, SIZES[0], SIZES[1]),
+    ])
+}
+
 /// Are the settings of a lens consistent? This checks only the ones that do not depend on the scene.
 pub(super) fn check_lens(lens: &LensSettings, film: &FilmSettings, sensor: &SensorChoice) -> Result<(), InputError> {
-    let fault = |key: &str, problem: &str, help: &str| Err(InputError::of_key(key, problem, help));
-    let has_size =
-        *sensor != SensorChoice::None || film.pixel_pitch.or(film.sensor_width).or(film.sensor_height).is_some();
-    let size_help = "name another [sensor] model than \"none\", or write [film] pixel_pitch = \"3.45um\"";
-    let telecentric = lens.projection == Some(LensProjection::Telecentric);
-    if lens.filter.is_some() && *sensor == SensorChoice::None {
-        let problem = "a filter lies in front of a sensor, and there is none";
-        return fault("filter", problem, "name another [sensor] model than \"none\", or remove this");
+    let has_sensor = *sensor != SensorChoice::None;
+    let has_size = has_sensor || film.pixel_pitch.or(film.sensor_width).or(film.sensor_height).is_some();
+    check_aperture(lens, has_sensor)?;
+    match lens.projection {
+        Some(LensProjection::Telecentric) => check_telecentric(lens, has_size),
+        _ => check_perspective(lens, has_size),
     }
+}
+
+const NO_SIZE: &str = "without a sensor the size of the film is unknown";
+const ADD_SIZE: &str = "name another [sensor] model than \"none\", or write [film] pixel_pitch = \"3.45um\"";
+const REMOVE: &str = "remove one of them";
+
+/// Rules of all lenses.
+fn check_aperture(lens: &LensSettings, has_sensor: bool) -> Result<(), InputError> {
+    const NO_SENSOR: &str = "the blur of a lens lies in front of a sensor, and there is none";
+    const ADD_SENSOR: &str = "name another [sensor] model than \"none\", or remove this";
+    const SHARP: &str = "without a focus distance everything is sharp, and the shape of the aperture has no effect";
+    const ADD_FOCUS: &str = "write `focus_distance` as well, or remove this";
     let blurs = lens.psf.as_ref().is_some_and(|psf| *psf != PsfSettings::Given(Psf::None));
-    for (key, given) in [("psf", blurs), ("glare", lens.glare.is_some_and(|share| share > 0.0))] {
-        if given && *sensor == SensorChoice::None {
-            let problem = "the blur of a lens lies in front of a sensor, and there is none";
-            return fault(key, problem, "name another [sensor] model than \"none\", or remove this");
-        }
-    }
-    if lens.vertical_fov.is_some() && lens.focal_length.is_some() {
-        let problem = "`vertical_fov` and `focal_length` both set the field of view";
-        return fault("focal_length", problem, "remove one of them");
-    }
-    if lens.f_number.is_some() && lens.numerical_aperture.is_some() {
-        let problem = "`f_number` and `numerical_aperture` both set the aperture";
-        return fault("numerical_aperture", problem, "remove one of them");
-    }
-    if lens.focus_distance.is_none() {
-        for (key, given) in [("blades", lens.blades.is_some()), ("blade_rotation", lens.blade_rotation.is_some())] {
-            if given {
-                let problem =
-                    "without a focus distance everything is sharp, and the shape of the aperture has no effect";
-                return fault(key, problem, "write `focus_distance` as well, or remove this");
-            }
-        }
-    }
-    if lens.blade_rotation.is_some() && lens.blades.is_none() {
-        return fault("blade_rotation", "a round aperture cannot be turned", "write `blades` as well, or remove this");
-    }
-    if telecentric {
-        for (key, given) in [
-            ("vertical_fov", lens.vertical_fov.is_some()),
-            ("focal_length", lens.focal_length.is_some()),
-            ("distortion", lens.distortion.is_some_and(|d| !d.is_none())),
-            ("vignetting", lens.vignetting == Some(Vignetting::CosineFourth)),
-        ] {
-            if given {
-                let problem = "belongs to a perspective, and the lens is telecentric";
-                return fault(key, problem, "remove it, or `projection`; a telecentric lens has a `field_height`");
-            }
-        }
-        if lens.field_height.is_some() && lens.magnification.is_some() {
-            let problem = "`field_height` and `magnification` both set the field of a telecentric lens";
-            return fault("magnification", problem, "remove one of them");
-        }
-        if lens.focus_distance.is_some_and(f64::is_infinite) {
-            let problem = "a telecentric lens is sharp at a finite distance";
-            return fault("focus_distance", problem, "write one such as \"110mm\"");
-        }
-        let needs_size =
-            lens.magnification.is_some() || (lens.focus_distance.is_some() && lens.numerical_aperture.is_none());
-        if needs_size && !has_size {
-            let key = if lens.magnification.is_some() { "magnification" } else { "focus_distance" };
-            return fault(key, "without a sensor the size of the film is unknown", size_help);
-        }
-        return Ok(());
-    }
-    for (key, given) in
-        [("numerical_aperture", lens.numerical_aperture.is_some()), ("field_height", lens.field_height.is_some())]
-    {
-        if given {
-            let problem = "belongs to a telecentric lens";
-            return fault(key, problem, "write projection = \"telecentric\" as well, or remove this");
-        }
-    }
-    if lens.focal_length.is_some() && !has_size {
-        return fault("focal_length", "without a sensor a focal length gives no field of view", size_help);
-    }
-    let Some(focus) = lens.focus_distance else { return Ok(()) };
-    if !has_size {
-        return fault("focus_distance", "without a sensor the size of the film is unknown", size_help);
-    }
-    if lens.focal_length.is_some_and(|f| f >= focus) {
-        let problem = "a lens is sharp only beyond its focal length";
-        return fault("focus_distance", problem, "write a larger distance, or a shorter `focal_length`");
-    }
-    if lens.magnification.is_some() {
-        let problem = "the focus distance of a perspective gives its magnification";
-        return fault("magnification", problem, "remove one of them");
-    }
-    Ok(())
+    let glares = lens.glare.is_some_and(|share| share > 0.0);
+    let (is_sharp, turned) = (lens.focus_distance.is_none(), lens.blade_rotation.is_some());
+    check_rules(&[
+        (
+            "filter",
+            !has_sensor && lens.filter.is_some(),
+            "a filter lies in front of a sensor, and there is none",
+            ADD_SENSOR,
+        ),
+        ("psf", !has_sensor && blurs, NO_SENSOR, ADD_SENSOR),
+        ("glare", !has_sensor && glares, NO_SENSOR, ADD_SENSOR),
+        (
+            "focal_length",
+            lens.focal_length.and(lens.vertical_fov).is_some(),
+            "`vertical_fov` and `focal_length` both set the field of view",
+            REMOVE,
+        ),
+        (
+            "numerical_aperture",
+            lens.f_number.and(lens.numerical_aperture).is_some(),
+            "`f_number` and `numerical_aperture` both set the aperture",
+            REMOVE,
+        ),
+        ("blades", is_sharp && lens.blades.is_some(), SHARP, ADD_FOCUS),
+        ("blade_rotation", is_sharp && turned, SHARP, ADD_FOCUS),
+        (
+            "blade_rotation",
+            turned && lens.blades.is_none(),
+            "a round aperture cannot be turned",
+            "write `blades` as well, or remove this",
+        ),
+    ])
+}
+
+fn check_telecentric(lens: &LensSettings, has_size: bool) -> Result<(), InputError> {
+    const PERSPECTIVE: &str = "belongs to a perspective, and the lens is telecentric";
+    const HELP: &str = "remove it, or `projection`; a telecentric lens has a `field_height`";
+    let has_magnification = lens.magnification.is_some();
+    check_rules(&[
+        ("vertical_fov", lens.vertical_fov.is_some(), PERSPECTIVE, HELP),
+        ("focal_length", lens.focal_length.is_some(), PERSPECTIVE, HELP),
+        ("distortion", lens.distortion.is_some_and(|d| !d.is_none()), PERSPECTIVE, HELP),
+        ("vignetting", lens.vignetting == Some(Vignetting::CosineFourth), PERSPECTIVE, HELP),
+        (
+            "magnification",
+            has_magnification && lens.field_height.is_some(),
+            "`field_height` and `magnification` both set the field of a telecentric lens",
+            REMOVE,
+        ),
+        (
+            "focus_distance",
+            lens.focus_distance.is_some_and(f64::is_infinite),
+            "a telecentric lens is sharp at a finite distance",
+            "write one such as \"110mm\"",
+        ),
+        ("magnification", has_magnification && !has_size, NO_SIZE, ADD_SIZE),
+        (
+            "focus_distance",
+            lens.focus_distance.is_some() && lens.numerical_aperture.is_none() && !has_size,
+            NO_SIZE,
+            ADD_SIZE,
+        ),
+    ])
+}
+
+fn check_perspective(lens: &LensSettings, has_size: bool) -> Result<(), InputError> {
+    const TELECENTRIC: &str = "belongs to a telecentric lens";
+    const HELP: &str = "write projection = \"telecentric\" as well, or remove this";
+    let (focus, focal_length) = (lens.focus_distance, lens.focal_length);
+    check_rules(&[
+        ("numerical_aperture", lens.numerical_aperture.is_some(), TELECENTRIC, HELP),
+        ("field_height", lens.field_height.is_some(), TELECENTRIC, HELP),
+        (
+            "focal_length",
+            focal_length.is_some() && !has_size,
+            "without a sensor a focal length gives no field of view",
+            ADD_SIZE,
+        ),
+        ("focus_distance", focus.is_some() && !has_size, NO_SIZE, ADD_SIZE),
+        (
+            "focus_distance",
+            focus.zip(focal_length).is_some_and(|(focus, f)| f >= focus),
+            "a lens is sharp only beyond its focal length",
+            "write a larger distance, or a shorter `focal_length`",
+        ),
+        (
+            "magnification",
+            focus.is_some() && lens.magnification.is_some(),
+            "the focus distance of a perspective gives its magnification",
+            REMOVE,
+        ),
+    ])
 }

@@ -1,19 +1,15 @@
 //! Motion of a job: velocities and rotations of objects, the line-scan camera, and the shutter of the scene.
 
-use super::check;
+use super::check::{self, ranged};
 use super::place::{self, Place};
 use crate::quantity::{AngularSpeed, Frequency, Speed, Time};
 use dunkelfeld_geometry::DVec3;
-use dunkelfeld_radiometry::Number;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error};
 
-/// Largest speed \[m/s\] of an object. Light is faster by a factor of 300, and is taken to be infinitely fast.
+/// Largest speed \[m/s\] of an object, and largest angular speed \[rad/s\]. Light is faster by a factor of 300, and is taken
+/// to be infinitely fast.
 const FASTEST: f64 = 1e6;
-/// Largest angular speed \[rad/s\].
-const FASTEST_TURN: f64 = 1e6;
-/// Range of the line rate \[Hz\].
-const LINE_RATES: std::ops::RangeInclusive<f64> = 1e-3..=1e9;
 
 /// `rotation` of an object: a rotation at a constant speed about an axis of the world.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -60,36 +56,20 @@ fn stages<'de, D: Deserializer<'de>>(d: D) -> Result<u32, D::Error> {
 }
 
 fn jitter<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-    let Time(v) = Time::deserialize(d)?;
-    if (0.0..=1.0).contains(&v) {
-        return Ok(v);
-    }
-    Err(D::Error::custom(format!("{} s is out of range; write a time from 0 to 1s, such as \"1us\"", Number(v))))
+    ranged::<Time, D>(d, 0.0..=1.0, " s", "a time from 0 to 1s, such as \"1us\"")
 }
 
 fn line_rate<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-    let Frequency(v) = Frequency::deserialize(d)?;
-    if LINE_RATES.contains(&v) {
-        return Ok(v);
-    }
-    Err(D::Error::custom(format!("{} Hz is out of range; write the lines per second, such as \"10kHz\"", Number(v))))
+    ranged::<Frequency, D>(d, 1e-3..=1e9, " Hz", "the lines per second, such as \"10kHz\"")
 }
 
 /// A time of an animation \[s\].
 pub(super) fn animation_time<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-    let Time(v) = Time::deserialize(d)?;
-    if (0.0..=1e6).contains(&v) {
-        return Ok(v);
-    }
-    Err(D::Error::custom(format!("{} s is out of range; write a time from 0 to 1e6 s, such as \"1.5s\"", Number(v))))
+    ranged::<Time, D>(d, 0.0..=1e6, " s", "a time from 0 to 1e6 s, such as \"1.5s\"")
 }
 
 fn angular_speed<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-    let AngularSpeed(v) = AngularSpeed::deserialize(d)?;
-    if v.abs() <= FASTEST_TURN {
-        return Ok(v);
-    }
-    Err(D::Error::custom(format!("{} rad/s is out of range; write a speed such as \"120rpm\"", Number(v))))
+    ranged::<AngularSpeed, D>(d, -FASTEST..=FASTEST, " rad/s", "a speed such as \"120rpm\"")
 }
 
 /// Three components \[m/s\] of a velocity.

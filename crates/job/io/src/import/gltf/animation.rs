@@ -4,24 +4,18 @@
 //! that they have at the time, by a finite difference. Faults in an animation are warnings.
 
 use super::accessor::{Accessors, Stored};
-use super::animation_source::{Animation, ChannelSource};
 use super::extensions::Transform;
 use crate::import::warnings::Warnings;
 use dunkelfeld_geometry::{DAffine3, DQuat, DVec3, RigidMotion, Spin};
+use gltf::json::animation::{Animation, Channel as Source, Interpolation, Property};
+use gltf::json::validation::Checked;
+use serde::Deserialize;
+use serde_json::Value;
 
 /// Step of the finite difference \[s\].
 const STEP: f64 = 1e-4;
 /// Relative change of a length over the difference above which a motion is not rigid.
 const STRETCH: f64 = 1e-6;
-
-/// Interpolation between keys.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Interpolation {
-    Step,
-    Linear,
-    /// Hermite splines: three values a key, of which the second one is the value.
-    Cubic,
-}
 
 /// One animated property of a node.
 struct Channel {
@@ -29,21 +23,27 @@ struct Channel {
     path: Property,
     interpolation: Interpolation,
     times: Vec<f64>,
-    /// One value a key, or three for splines. Translations and scales have three components.
+    /// One value a key, or three for Hermite splines, of which the second one is the value. Translations and scales have three components.
     values: Vec<[f64; 4]>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Property {
-    Translation,
-    Rotation,
-    Scale,
 }
 
 /// The channels of the first animation, ready for evaluation.
 pub(super) struct Channels {
     channels: Vec<Channel>,
     time: f64,
+}
+
+/// The animations of a file. One that cannot be read has no effect.
+pub(super) fn read(animations: Option<Value>) -> Vec<Animation> {
+    let Some(Value::Array(animations)) = animations else { return Vec::new() };
+    let read = |mut animation: Value| {
+        // `gltf::json` refuses channels of KHR_animation_pointer, which have no node.
+        if let Some(channels) = animation.get_mut("channels").and_then(Value::as_array_mut) {
+            channels.retain(|channel| channel.pointer("/target/node").is_some());
+        }
+        Animation::deserialize(animation).ok()
+    };
+    animations.into_iter().filter_map(read).collect()
 }
 
 impl Channels {
@@ -103,50 +103,50 @@ impl Channels {
                 Property::Translation => transform.translation = Some(three),
                 Property::Rotation => transform.rotation = Some(value),
                 Property::Scale => transform.scale = Some(three),
+                Property::MorphTargetWeights => {}
             }
         }
         transforms
     }
 }
 
-/// A channel of a node. `None` for a target that is not read: morph weights, or no node.
+/// A channel of a node. `None` for morph weights, which are not read.
 fn channel(
     animation: &Animation,
-    source: &ChannelSource,
+    source: &Source,
     nodes: usize,
     accessors: &Accessors<'_>,
 ) -> Result<Option<Channel>, String> {
-    let path = match source.target.path.as_str() {
-        "translation" => Property::Translation,
-        "rotation" => Property::Rotation,
-        "scale" => Property::Scale,
+    let path = match source.target.path {
+        Checked::Valid(path) if path != Property::MorphTargetWeights => path,
         _ => return Ok(None),
     };
-    let Some(node) = source.target.node else { return Ok(None) };
+    let node = source.target.node.value();
     if node >= nodes {
         return Err(format!("its node {node} does not exist"));
     }
-    let sampler = animation.samplers.get(source.sampler);
+    let sampler = animation.samplers.get(source.sampler.value());
     let sampler = sampler.ok_or_else(|| format!("its sampler {} does not exist", source.sampler))?;
-    let interpolation = match sampler.interpolation.as_deref() {
-        None | Some("LINEAR") => Interpolation::Linear,
-        Some("STEP") => Interpolation::Step,
-        Some("CUBICSPLINE") => Interpolation::Cubic,
-        Some(other) => return Err(format!("its interpolation \"{other}\" does not exist")),
+    let Checked::Valid(interpolation) = sampler.interpolation else {
+        return Err("its interpolation does not exist".into());
     };
     let times: Vec<f64> =
-        accessors.vectors::<1>(sampler.input, Stored::Float)?.into_iter().map(|[t]| f64::from(t)).collect();
+        accessors.vectors::<1>(sampler.input.value(), Stored::Float)?.into_iter().map(|[t]| f64::from(t)).collect();
     let values: Vec<[f64; 4]> = if path == Property::Rotation {
-        accessors.vectors::<4>(sampler.output, Stored::Quantized)?.into_iter().map(|v| v.map(f64::from)).collect()
+        accessors
+            .vectors::<4>(sampler.output.value(), Stored::Quantized)?
+            .into_iter()
+            .map(|v| v.map(f64::from))
+            .collect()
     } else {
-        let values = accessors.vectors::<3>(sampler.output, Stored::Float)?;
+        let values = accessors.vectors::<3>(sampler.output.value(), Stored::Float)?;
         values.into_iter().map(|[x, y, z]| [x, y, z, 0.0].map(f64::from)).collect()
     };
     let is_increasing = times.windows(2).all(|w| w[0] < w[1]) && times.iter().all(|t| t.is_finite());
     if times.is_empty() || !is_increasing {
         return Err("its times are not increasing".into());
     }
-    let per_key = if interpolation == Interpolation::Cubic { 3 } else { 1 };
+    let per_key = if interpolation == Interpolation::CubicSpline { 3 } else { 1 };
     if values.len() != per_key * times.len() || !values.iter().flatten().all(|v| v.is_finite()) {
         return Err("its values do not fit its times".into());
     }
@@ -174,7 +174,7 @@ impl Channel {
                 }
             }
             Interpolation::Linear => mixed(key(before), key(after), 1.0 - s, s),
-            Interpolation::Cubic => {
+            Interpolation::CubicSpline => {
                 // The Hermite basis (glTF 2.0, appendix C): values and tangents of both keys.
                 let (s2, s3) = (s * s, s * s * s);
                 let ends: [f64; 4] = mixed(key(before), key(after), 2.0 * s3 - 3.0 * s2 + 1.0, 3.0 * s2 - 2.0 * s3);

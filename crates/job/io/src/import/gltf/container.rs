@@ -11,10 +11,10 @@ use std::ops::Range;
 use std::path::Path;
 
 const GLB_MAGIC: &[u8; 4] = b"glTF";
-/// Header of the file.
-const FILE_HEADER: usize = 12;
 /// Header of a chunk: its length and its type.
 const CHUNK_HEADER: usize = 8;
+/// Headers of the file and of its first chunk.
+const HEADERS: usize = 12 + CHUNK_HEADER;
 
 /// Supported extensions.
 const SUPPORTED: &[&str] = &[
@@ -46,102 +46,74 @@ const WITHOUT_EFFECT: &[&str] =
 pub(super) struct Asset {
     /// The JSON.
     pub(super) document: Document,
-    file: Vec<u8>,
-    buffers: Vec<BufferData>,
-}
-
-enum BufferData {
-    /// Stored in the GLB file itself.
-    Embedded(Range<usize>),
-    Loaded(Vec<u8>),
-    /// Without data: allowed where an extension supplies it.
-    Absent,
+    /// A buffer without data is allowed where an extension supplies it.
+    buffers: Vec<Option<Vec<u8>>>,
 }
 
 impl Asset {
     /// Reads container, JSON and buffers.
     pub(super) fn load(loader: &AssetLoader, warnings: &mut Warnings) -> Result<Self, InputError> {
-        let file = loader.read_scene()?;
+        let mut file = loader.read_scene()?;
         let path = loader.scene_file();
-        let parts = guarded(path, "GLB header", || split(&file, path))?;
-        let json = file.get(parts.json).unwrap_or_default();
+        let (json, binary) = split(&file, path)?;
+        let json = file.get(json).unwrap_or_default();
+        // Some programs write a byte order mark before the JSON.
+        let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
         let objects = loader.limits().json_objects;
         let document = guarded(path, "JSON", || Document::read(json, path, objects))?;
         check_extensions(&document, path, warnings)?;
-        let buffers = load_buffers(&document, parts.binary, loader, warnings)?;
-        Ok(Self { document, file, buffers })
+        let binary = binary.map(|range| {
+            file.truncate(range.end);
+            file.drain(..range.start);
+            file
+        });
+        let buffers = load_buffers(&document, binary, loader, warnings)?;
+        Ok(Self { document, buffers })
     }
 
     /// A buffer's bytes, or `None` if it does not exist or has no data.
     pub(super) fn buffer(&self, index: usize) -> Option<&[u8]> {
-        match self.buffers.get(index)? {
-            BufferData::Embedded(range) => self.file.get(range.clone()),
-            BufferData::Loaded(bytes) => Some(bytes),
-            BufferData::Absent => None,
-        }
+        self.buffers.get(index)?.as_deref()
     }
 
     /// Bytes of all buffers together.
     pub(super) fn buffer_bytes(&self) -> u64 {
-        (0..self.buffers.len()).filter_map(|i| self.buffer(i)).map(|b| b.len() as u64).sum()
+        self.buffers.iter().flatten().map(|b| b.len() as u64).sum()
     }
 }
 
-struct Parts {
-    json: Range<usize>,
-    binary: Option<Range<usize>>,
-}
-
-fn u32_at(bytes: &[u8], offset: usize) -> Option<u32> {
-    bytes.get(offset..)?.first_chunk().map(|b| u32::from_le_bytes(*b))
-}
-
-fn damaged(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> InputError {
-    InputError::new(path, place, problem, "export or copy the file again: it is damaged or cut short")
-}
-
-/// Finds JSON and binary chunk; a file of bare JSON has only JSON.
-fn split(file: &[u8], path: &Path) -> Result<Parts, InputError> {
+/// The ranges of JSON and binary chunk; a file of bare JSON has only JSON.
+fn split(file: &[u8], path: &Path) -> Result<(Range<usize>, Option<Range<usize>>), InputError> {
+    let damaged = |problem: String| {
+        let help = "export or copy the file again: it is damaged or cut short";
+        InputError::new(path, "GLB header", problem, help)
+    };
     let is_glb = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"));
     if file.is_empty() {
-        return Err(damaged(path, "the file", "is empty"));
+        return Err(damaged("is empty".into()));
     }
     if !file.starts_with(GLB_MAGIC) {
-        let json = without_mark(file, 0..file.len());
-        if is_glb && !file[json.clone()].trim_ascii_start().starts_with(b"{") {
-            let start = file[..file.len().min(4)].escape_ascii();
-            return Err(damaged(path, "GLB header", format!("the file begins with \"{start}\" instead of \"glTF\"")));
+        if is_glb && !file.trim_ascii_start().starts_with(b"{") {
+            let start = file.get(..4).unwrap_or(file).escape_ascii();
+            return Err(damaged(format!("the file begins with \"{start}\" instead of \"glTF\"")));
         }
-        return Ok(Parts { json, binary: None });
+        return Ok((0..file.len(), None));
     }
-    let fail = |problem: String| Err(damaged(path, "GLB header", problem));
-    let (Some(version), Some(length)) = (u32_at(file, 4), u32_at(file, 8)) else {
-        return fail(format!("the header needs 12 bytes, the file has {}", file.len()));
-    };
-    if version != 2 {
+    let number = |at: usize| file.get(at..)?.first_chunk().map(|b| u32::from_le_bytes(*b));
+    if let Some(version) = number(4).filter(|version| *version != 2) {
         return Err(old_version(path, "GLB header", &version.to_string()));
     }
+    let length = number(8).unwrap_or_default() as usize;
     // `Glb::from_slice` panics at a length below that of the header.
-    if (length as usize) < FILE_HEADER + CHUNK_HEADER {
-        return fail(format!("by its header the file has {length} bytes, too few for header and JSON chunk"));
-    }
-    let Some(whole) = file.get(..length as usize) else {
-        let present = file.len();
-        return fail(format!("by its header the file has {length} bytes, but it has {present}: it is cut short"));
-    };
-    let glb = Glb::from_slice(whole).map_err(|e| {
-        damaged(path, "GLB chunks", format!("the file does not consist of JSON and one binary chunk: {e}"))
-    })?;
-    let start = FILE_HEADER + CHUNK_HEADER;
-    let json = start..start + glb.json.len();
+    let whole = file
+        .get(..length)
+        .filter(|whole| whole.len() >= HEADERS)
+        .ok_or_else(|| damaged(format!("by its header the file has {length} bytes, but it has {}", file.len())))?;
+    let glb = Glb::from_slice(whole)
+        .map_err(|e| damaged(format!("the file does not consist of JSON and one binary chunk: {e}")))?;
+    let json = HEADERS..HEADERS + glb.json.len();
     let binary = glb.bin.map(|bin| json.end + CHUNK_HEADER..json.end + CHUNK_HEADER + bin.len());
-    Ok(Parts { json: without_mark(file, json), binary })
-}
-
-/// JSON without the byte order mark that some programs write before it.
-fn without_mark(file: &[u8], json: Range<usize>) -> Range<usize> {
-    let is_marked = file[json.clone()].starts_with(b"\xef\xbb\xbf");
-    if is_marked { json.start + 3..json.end } else { json }
+    Ok((json, binary))
 }
 
 fn check_extensions(document: &Document, path: &Path, warnings: &mut Warnings) -> Result<(), InputError> {
@@ -172,29 +144,21 @@ fn help_for(extension: &str) -> &'static str {
 
 fn load_buffers(
     document: &Document,
-    mut binary: Option<Range<usize>>,
+    mut binary: Option<Vec<u8>>,
     loader: &AssetLoader,
     warnings: &mut Warnings,
-) -> Result<Vec<BufferData>, InputError> {
+) -> Result<Vec<Option<Vec<u8>>>, InputError> {
     let mut buffers = Vec::with_capacity(document.root.buffers.len());
     for (i, buffer) in document.root.buffers.iter().enumerate() {
         let data = match &buffer.uri {
             Some(uri) => {
                 let bytes = loader.load_uri(uri, Role::Buffer);
-                BufferData::Loaded(bytes.map_err(|e| InputError { place: format!("buffer {i}, {}", e.place), ..e })?)
+                Some(bytes.map_err(|e| InputError { place: format!("buffer {i}, {}", e.place), ..e })?)
             }
-            None => match binary.take().filter(|_| i == 0) {
-                Some(range) => BufferData::Embedded(range),
-                None => BufferData::Absent,
-            },
+            None => binary.take().filter(|_| i == 0),
         };
-        let length = match &data {
-            BufferData::Embedded(range) => range.len() as u64,
-            BufferData::Loaded(bytes) => bytes.len() as u64,
-            BufferData::Absent => buffer.byte_length.0,
-        };
-        if length < buffer.byte_length.0 {
-            let promised = buffer.byte_length.0;
+        let promised = buffer.byte_length.0;
+        if let Some(length) = data.as_ref().map(Vec::len).filter(|length| (*length as u64) < promised) {
             warnings.push(format!("buffer {i}"), format!("it has {length} of the {promised} bytes it should have"));
         }
         buffers.push(data);

@@ -1,33 +1,24 @@
 //! The JSON of an asset with the types of `gltf::json`, and the data that these types do not contain.
 
-use super::animation_source::{self, Animation};
-use super::extensions::{OfMaterial, OfNode, OfNormalTexture, OfTexture, Transform};
+use super::animation;
+use super::extensions::Untyped;
 use crate::error::InputError;
 use gltf::json;
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 use std::path::Path;
 
 /// Limit of the values in a JSON text per object: nodes with matrices have 16.
 const VALUES_PER_OBJECT: usize = 32;
 
-/// A document. The lists beside the root are parallel to the lists in it.
+/// A document.
 pub(super) struct Document {
     /// The data typed by `gltf::json`.
     pub(super) root: json::Root,
-    /// Transforms of the nodes.
-    pub(super) transforms: Vec<Transform>,
-    /// Untyped extensions of the nodes.
-    pub(super) nodes: Vec<OfNode>,
-    /// Untyped extensions of the materials.
-    pub(super) materials: Vec<OfMaterial>,
-    /// Untyped extensions of the materials' normal textures.
-    pub(super) normal_textures: Vec<OfNormalTexture>,
-    /// Untyped extensions of the textures.
-    pub(super) textures: Vec<OfTexture>,
+    /// The data that its types do not contain.
+    pub(super) untyped: Untyped,
     /// Animations.
-    pub(super) animations: Vec<Animation>,
+    pub(super) animations: Vec<json::Animation>,
 }
 
 impl Document {
@@ -36,38 +27,22 @@ impl Document {
         check_size(json, path, objects)?;
         let mut members: Map<String, Value> = serde_json::from_slice(json).map_err(|e| syntax_error(path, &e))?;
         check_version(&members, path)?;
-        // `gltf::json` refuses channels of KHR_animation_pointer, which have no node.
-        let animations = animation_source::read(members.remove("animations"));
+        let animations = animation::read(members.remove("animations"));
         // Blender writes an empty scene without the list of its nodes.
         for scene in members.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
             if let Some(scene) = scene.as_object_mut() {
                 scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
             }
         }
-        let document = Self::from_members(members).map_err(|(place, problem)| json_error(path, &place, problem))?;
-        Ok(Self { animations, ..document })
-    }
-
-    fn from_members(members: Map<String, Value>) -> Result<Self, (String, String)> {
-        // Faults in transforms are also found by the types of the nodes.
-        let transform = |node: &Value| Transform::deserialize(node).unwrap_or_default();
-        let nodes = members.get("nodes").and_then(Value::as_array);
-        let transforms = nodes.map(|nodes| nodes.iter().map(transform).collect()).unwrap_or_default();
-        let root: json::Root = typed(Value::Object(members), "")?;
-        let nodes = each("nodes", &root.nodes, |n| n.extensions.as_ref().map(|e| &e.others))?;
-        let materials = each("materials", &root.materials, |m| m.extensions.as_ref().map(|e| &e.others))?;
-        let textures = each("textures", &root.textures, |t| t.extensions.as_ref().map(|e| &e.others))?;
-        let normal_textures = each("materials", &root.materials, |m| {
-            m.normal_texture.as_ref().and_then(|t| t.extensions.as_ref()).map(|e| &e.others)
-        })?;
-        let animations = Vec::new();
-        Ok(Self { root, transforms, nodes, materials, normal_textures, textures, animations })
+        let members = Value::Object(members);
+        Ok(Self { root: typed(&members, path)?, untyped: typed(&members, path)?, animations })
     }
 }
 
-/// A value with its type; otherwise the place of the fault below `above`, and the problem.
-fn typed<T: DeserializeOwned>(value: Value, above: &str) -> Result<T, (String, String)> {
-    serde_path_to_error::deserialize(value).map_err(|e| (format!("{above}{}", e.path()), plain(&e.inner().to_string())))
+/// A value with its type; a fault has its place.
+fn typed<'de, T: Deserialize<'de>>(value: &'de Value, path: &Path) -> Result<T, InputError> {
+    serde_path_to_error::deserialize(value)
+        .map_err(|e| json_error(path, &e.path().to_string(), plain(&e.inner().to_string())))
 }
 
 /// Clear descriptions of expected values, where those of the types are hard to understand.
@@ -77,26 +52,6 @@ fn plain(problem: &str) -> String {
         Some((found, _)) => format!("{found}, expected an object"),
         None => problem,
     }
-}
-
-fn untyped<T: DeserializeOwned + Default>(
-    extensions: Option<&Map<String, Value>>,
-    above: &str,
-) -> Result<T, (String, String)> {
-    match extensions {
-        Some(members) if !members.is_empty() => typed(Value::Object(members.clone()), above),
-        _ => Ok(T::default()),
-    }
-}
-
-/// The untyped extensions of every element of a list of the document.
-fn each<E, T: DeserializeOwned + Default>(
-    list: &str,
-    elements: &[E],
-    extensions: impl Fn(&E) -> Option<&Map<String, Value>>,
-) -> Result<Vec<T>, (String, String)> {
-    let read = |(i, element): (usize, &E)| untyped(extensions(element), &format!("{list}[{i}].extensions."));
-    elements.iter().enumerate().map(read).collect()
 }
 
 /// A parsed object needs some hundred bytes; "{}" in the file has three.

@@ -32,6 +32,28 @@ macro_rules! extensions {
 }
 
 extensions! {
+    /// The lists are parallel to those of the document.
+    struct Untyped {
+        nodes: Vec<Node> = Vec::new(),
+        materials: Vec<Material> = Vec::new(),
+        textures: Vec<Texture> = Vec::new(),
+    }
+
+    struct Node {
+        #[serde(flatten)]
+        transform: Transform = Transform::default(),
+        extensions: OfNode = OfNode::default(),
+    }
+
+    struct Material {
+        extensions: OfMaterial = OfMaterial::default(),
+        normal_texture: NormalTexture = NormalTexture::default(),
+    }
+
+    struct NormalTexture { extensions: OfNormalTexture = OfNormalTexture::default(), }
+
+    struct Texture { extensions: OfTexture = OfTexture::default(), }
+
     struct OfNode {
         #[serde(rename = "EXT_mesh_gpu_instancing")]
         instancing: Option<Instancing> = None,

@@ -36,8 +36,8 @@ impl<'a> Source<'a> {
             name: super::name(&[material.name.as_deref()], "material", index),
             material,
             extensions: material.extensions.as_ref(),
-            untyped: document.materials.get(index)?,
-            normal: document.normal_textures.get(index)?,
+            untyped: &document.untyped.materials.get(index)?.extensions,
+            normal: &document.untyped.materials.get(index)?.normal_texture.extensions,
         })
     }
 

@@ -9,7 +9,6 @@
 
 mod accessor;
 mod animation;
-mod animation_source;
 mod container;
 mod deform;
 mod document;
@@ -81,7 +80,6 @@ fn import(path: &Path, options: &ImportOptions, loader: &AssetLoader) -> Result<
     };
     importer.run(&hierarchy)?;
     importer.textures.store.check(path)?;
-    loader.take_remarks().into_iter().for_each(|(place, message)| importer.warnings.push(place, message));
     let mut scene = importer.scene;
     scene.images = importer.textures.store.into_images();
     Ok(Imported { scene, warnings: importer.warnings.finish(), ..Imported::default() })
@@ -97,7 +95,7 @@ fn hierarchy(
     warnings: &mut Warnings,
 ) -> Result<(Hierarchy, Vec<Option<RigidMotion>>), InputError> {
     let document = &asset.document;
-    let rest = &document.transforms;
+    let rest: &Vec<_> = &document.untyped.nodes.iter().map(|node| node.transform.clone()).collect();
     let nodes = document.root.nodes.len();
     let channels = Channels::new(&document.animations, nodes, accessors, options.animation_time, warnings);
     let Some(channels) = channels else {
@@ -220,7 +218,7 @@ impl Importer<'_> {
         // A skinned mesh is at the position of its joints. Its node's transform is ignored (glTF 2.0, section 3.7.3).
         let origin = skin.and_then(|s| self.poses.get(&s)?.as_ref().map(|p| p.origin));
         let transform = origin.map_or(to_world[node], DAffine3::from_translation);
-        let placements = match document.nodes.get(node).and_then(|n| n.instancing.as_ref()) {
+        let placements = match document.untyped.nodes.get(node).and_then(|n| n.extensions.instancing.as_ref()) {
             Some(instancing) => self.placements(instancing, place),
             None => vec![DAffine3::IDENTITY],
         };

@@ -79,7 +79,7 @@ pub(super) fn resolve(
     let mut shown = Vec::new();
     let mut seen = vec![false; nodes.len()];
     while let Some(i) = stack.pop() {
-        let hidden = document.nodes.get(i).is_some_and(|n| !n.visibility.visible);
+        let hidden = document.untyped.nodes.get(i).is_some_and(|n| !n.extensions.visibility.visible);
         if hidden || std::mem::replace(&mut seen[i], true) {
             continue;
         }

@@ -100,7 +100,7 @@ impl<'a> Textures<'a> {
         let texture = document.root.textures.get(index);
         // The crate's value for a texture without a source.
         let plain = texture.map(|t| t.source).filter(|s| s.value() != u32::MAX as usize);
-        let candidates = [plain, document.textures.get(index).and_then(|t| t.webp.source)];
+        let candidates = [plain, document.untyped.textures.get(index).and_then(|t| t.extensions.webp.source)];
         let extensions = texture.and_then(|t| t.extensions.as_ref());
         let has_basisu = extensions.is_some_and(|e| e.others.contains_key("KHR_texture_basisu"));
         let mut any = false;

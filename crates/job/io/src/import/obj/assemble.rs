@@ -1,10 +1,12 @@
 //! From parsed faces to meshes: triangles, vertices shared where all their attributes agree, normals where none are given.
 
-use super::closed::Places;
+use super::closed::{are_closed, first_at_same_place};
 use super::read::{Corner, Face, NONE, Parsed};
 use super::tally::Tally;
+use crate::import::mesh_file::{linear, origin};
 use crate::import::triangulate::{Outcome, Triangulator, newell_normal};
 use dunkelfeld_geometry::{DVec3, Mesh, Vec2, Vec3, Vec4};
+use std::cell::LazyCell;
 use std::collections::HashMap;
 
 /// The triangles of one object that share a material.
@@ -15,7 +17,7 @@ pub(super) struct Part {
     pub material: u32,
     /// The triangles, relative to the origin of the [`Assembly`].
     pub mesh: Mesh,
-    /// Is the surface of the whole object, or that of this part alone, closed?
+    /// Does the material refract, and is the surface of the whole object, or that of this part alone, closed?
     pub closed: bool,
 }
 
@@ -33,27 +35,27 @@ struct Triangle {
     face: u32,
 }
 
-/// Builds the meshes.
-pub(super) fn assemble(parsed: &Parsed, tally: &mut Tally) -> Assembly {
-    let origin = origin(parsed);
+/// Builds the meshes. `refracts` are the materials for which it is known whether a surface is closed.
+pub(super) fn assemble(parsed: &Parsed, refracts: impl Fn(u32) -> bool, tally: &mut Tally) -> Assembly {
+    let origin = origin(parsed.positions.iter().map(|p| DVec3::from_array(*p)));
     let mut triangles = triangulate_all(parsed, tally);
     let smooth = SmoothNormals::gather(parsed, &triangles);
     let key = |t: &Triangle| parsed.faces.get(t.face as usize).map_or((0, 0), |f| (f.object, f.material));
     // Stable, so triangles keep the file's order within a part.
     triangles.sort_by_key(key);
-    let places = Places::new(&parsed.positions);
+    let places = LazyCell::new(|| first_at_same_place(&parsed.positions));
     let is_closed = |triangles: &[Triangle]| {
         let position = |c: u32| parsed.corners[c as usize].position;
-        places.are_closed(triangles.iter().map(|t| t.corners.map(position)))
+        are_closed(&places, triangles.iter().map(|t| t.corners.map(position)))
     };
     let mut recent = vec![Recent::default(); parsed.positions.len()];
     let mut parts = Vec::new();
     for object in triangles.chunk_by(|a, b| key(a).0 == key(b).0) {
-        let object_closed = is_closed(object);
+        let object_closed = LazyCell::new(|| is_closed(object));
         for part in object.chunk_by(|a, b| key(a) == key(b)) {
             let (object_id, material) = part.first().map_or((0, 0), key);
             let mesh = build_mesh(parsed, part, &smooth, origin, (&mut recent, parts.len() as u32 + 1), tally);
-            let closed = object_closed || (part.len() < object.len() && is_closed(part));
+            let closed = refracts(material) && (*object_closed || (part.len() < object.len() && is_closed(part)));
             parts.push(Part { object: object_id, material, mesh, closed });
         }
     }
@@ -62,17 +64,6 @@ pub(super) fn assemble(parsed: &Parsed, tally: &mut Tally) -> Assembly {
 
 fn position(parsed: &Parsed, corner: u32) -> DVec3 {
     DVec3::from_array(parsed.positions[parsed.corners[corner as usize].position as usize])
-}
-
-/// The centre of the bounding box, in whole metres, if the file is far from its own origin; otherwise zero.
-fn origin(parsed: &Parsed) -> DVec3 {
-    let used = parsed.positions.iter().map(|p| DVec3::from_array(*p)).filter(|p| p.is_finite());
-    let (min, max) = used.fold((DVec3::MAX, DVec3::MIN), |(min, max), p| (min.min(p), max.max(p)));
-    if min.x > max.x {
-        return DVec3::ZERO;
-    }
-    let centre = (min + max) * 0.5;
-    if centre.abs().max_element() > 8.0 * (max - min).length() { centre.round() } else { DVec3::ZERO }
 }
 
 fn triangulate_all(parsed: &Parsed, tally: &mut Tally) -> Vec<Triangle> {
@@ -224,7 +215,7 @@ fn build_mesh(
                     mesh.uvs[0].push(Vec2::new(u, 1.0 - v));
                 }
                 if with_color {
-                    let [r, g, b] = parsed.colors[corner.position as usize].map(srgb_to_linear);
+                    let [r, g, b] = parsed.colors[corner.position as usize].map(linear);
                     mesh.colors.push(Vec4::new(r, g, b, 1.0));
                 }
                 (mesh.positions.len() - 1) as u32
@@ -239,9 +230,4 @@ fn build_mesh(
         mesh.colors = Vec::new();
     }
     mesh
-}
-
-/// The sRGB transfer function's inverse (IEC 61966-2-1).
-fn srgb_to_linear(v: f32) -> f32 {
-    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }

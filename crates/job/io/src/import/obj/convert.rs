@@ -1,11 +1,12 @@
 //! Converts MTL materials. The table in the documentation of [`load_obj`](super::load_obj) is the contract.
 
 use super::bake::roughness_of_exponent;
+use super::map::Map;
 use super::mtl::Mtl;
 use super::textures::Textures;
 use crate::import::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{AlphaMode, Material};
+use dunkelfeld_scene::{AlphaMode, ChannelTexture, Material, Texture};
 
 /// Diffuse reflectance of a material without one: light grey, so that unlit corners and bright faces are both visible.
 const GREY: f32 = 0.8;
@@ -24,14 +25,13 @@ pub(super) fn default_material(name: &str) -> Material {
 
 /// Converts a material whose library lies in `folder` (relative to the OBJ file; empty beside it).
 pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnings: &mut Warnings) -> Converted {
-    let place = format!("material \"{}\"", m.name);
+    let mut reader = Reader { place: format!("material \"{}\"", m.name), folder, textures, warnings };
     let is_pbr =
         m.roughness.is_some() || m.metallic.is_some() || m.maps.roughness.is_some() || m.maps.metallic.is_some();
-    let base_map = m.maps.diffuse.as_ref().and_then(|map| textures.color(map, folder, warnings));
-    let specular_map = m.maps.specular.as_ref().and_then(|map| textures.color(map, folder, warnings));
-    let diffuse = beside_map(m.diffuse, base_map.is_some(), "Kd", &place, warnings).unwrap_or([GREY; 3]);
-    let specular =
-        beside_map(m.specular, specular_map.is_some() && !is_pbr, "Ks", &place, warnings).unwrap_or([0.0; 3]);
+    let base_map = reader.color(&m.maps.diffuse);
+    let specular_map = reader.color(&m.maps.specular);
+    let diffuse = reader.beside_map("Kd", m.diffuse, base_map.is_some()).unwrap_or([GREY; 3]);
+    let specular = reader.beside_map("Ks", m.specular, specular_map.is_some() && !is_pbr).unwrap_or([0.0; 3]);
     let mut out = Material {
         name: m.name.clone(),
         base_color: rgb(diffuse),
@@ -49,7 +49,7 @@ pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnin
         // Many exporters write 0 or 1 for materials that never refract. Their highlights still need an interface.
         let meant = ior > 1.0 || (transmissive && ior == 1.0);
         if !meant && ior != 1.0 {
-            warnings.push(&place, format!("an index of refraction (Ni) of {ior} is not usable; 1.5 is used"));
+            reader.warn(format!("an index of refraction (Ni) of {ior} is not usable; 1.5 is used"));
         }
         out.ior = if meant { ior.min(10.0) } else { 1.5 };
     }
@@ -69,50 +69,23 @@ pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnin
     } else {
         out.specular = 0.0;
     }
-    roughness(m, folder, transmissive, &mut out, textures, warnings);
+    reader.roughness(m, transmissive, &mut out);
+    reader.layers(m, &mut out);
 
-    out.metallic_texture = m.maps.metallic.as_ref().and_then(|map| textures.scalar(map, folder, warnings));
-    if let Some(metallic) = scalar_beside_map(m.metallic, out.metallic_texture.is_some()) {
-        out.metallic = metallic;
-    }
-    out.emission_texture = m.maps.emission.as_ref().and_then(|map| textures.color(map, folder, warnings));
-    let emission = beside_map(m.emission, out.emission_texture.is_some(), "Ke", &place, warnings);
-    out.emission = rgb(emission.unwrap_or([0.0; 3]));
-    out.sheen_color_texture = m.maps.sheen.as_ref().and_then(|map| textures.color(map, folder, warnings));
-    out.sheen_color = Rgb::splat(scalar_beside_map(m.sheen, out.sheen_color_texture.is_some()).unwrap_or(0.0));
-    out.clearcoat_texture = m.maps.clearcoat.as_ref().and_then(|map| textures.scalar(map, folder, warnings));
-    out.clearcoat = scalar_beside_map(m.clearcoat, out.clearcoat_texture.is_some()).unwrap_or(0.0);
-    out.clearcoat_roughness_texture =
-        m.maps.clearcoat_roughness.as_ref().and_then(|map| textures.scalar(map, folder, warnings));
-    out.clearcoat_roughness =
-        scalar_beside_map(m.clearcoat_roughness, out.clearcoat_roughness_texture.is_some()).unwrap_or(0.0);
-    out.anisotropy = m.anisotropy.unwrap_or(0.0);
-    out.anisotropy_rotation = std::f32::consts::TAU * m.anisotropy_rotation.unwrap_or(0.0);
-
-    if let Some(map) = &m.maps.normal {
-        out.normal_texture = textures.normals(map, folder, warnings);
-        out.normal_scale = map.bump;
-    } else if let Some(map) = &m.maps.bump
-        && let Some((texture, scale)) = textures.bumps(map, folder, warnings)
-    {
-        out.normal_texture = Some(texture);
-        out.normal_scale = scale;
-    }
-
-    out.alpha_texture = m.maps.dissolve.as_ref().and_then(|map| textures.coverage(map, folder, warnings));
+    out.alpha_texture = reader.coverage(&m.maps.dissolve);
     out.alpha = if transmissive { 1.0 } else { m.dissolve.unwrap_or(1.0) };
     if out.alpha < 1.0 || out.alpha_texture.is_some() {
         out.alpha_mode = AlphaMode::Blend;
     }
     if out.alpha == 0.0 {
-        warnings.push(&place, "covers nothing (d 0 or Tr 1) and is invisible; if it should be visible, set d 1");
+        reader.warn("covers nothing (d 0 or Tr 1) and is invisible; if it should be visible, set d 1");
     }
     Converted { refracts: transmissive && out.ior != 1.0, material: out }
 }
 
 /// Share and tint of the transmitted light. Only the refracting illumination models transmit: `d` below 1 elsewhere means
 /// coverage, and `Tf 1 1 1` is written by many exporters for everything opaque.
-fn transmission(m: &Mtl) -> Option<(f32, [f32; 3])> {
+pub(super) fn transmission(m: &Mtl) -> Option<(f32, [f32; 3])> {
     let model = m.illumination?;
     if !matches!(model, 4 | 6 | 7 | 9) {
         return None;
@@ -128,53 +101,89 @@ fn transmission(m: &Mtl) -> Option<(f32, [f32; 3])> {
     (share > 0.0).then_some((share, tint))
 }
 
-/// `Pr`, else from `Ns`; refraction without `Pr` is sharp, as the illumination models define it.
-fn roughness(
-    m: &Mtl,
-    folder: &str,
-    clear: bool,
-    out: &mut Material,
-    textures: &mut Textures<'_>,
-    warnings: &mut Warnings,
-) {
-    out.roughness_texture = m.maps.roughness.as_ref().and_then(|map| textures.scalar(map, folder, warnings));
-    if let Some(roughness) = scalar_beside_map(m.roughness, out.roughness_texture.is_some()) {
-        out.roughness = roughness;
-        return;
-    }
-    if clear {
-        out.roughness = 0.0;
-        return;
-    }
-    if let Some(map) = &m.maps.exponent {
-        // A map of exponents without a factor: 1000 is the largest exponent that programs of the format use.
-        let factor = m.exponent.filter(|n| *n > 0.0).unwrap_or(1000.0);
-        out.roughness_texture = textures.exponents(map, folder, factor, warnings);
-        if out.roughness_texture.is_some() {
-            out.roughness = 1.0;
-            return;
-        }
-    }
-    if let Some(exponent) = m.exponent {
-        out.roughness = roughness_of_exponent(exponent);
-    }
+/// Reads the maps of one material.
+struct Reader<'r, 'a> {
+    place: String,
+    folder: &'r str,
+    textures: &'r mut Textures<'a>,
+    warnings: &'r mut Warnings,
 }
 
-/// The factor of a colour that also has a map. Exporters often write black, which would hide the map.
-fn beside_map(
-    factor: Option<[f32; 3]>,
-    has_map: bool,
-    key: &str,
-    place: &str,
-    warnings: &mut Warnings,
-) -> Option<[f32; 3]> {
-    match factor {
-        Some([0.0, 0.0, 0.0]) if has_map => {
-            warnings.push(place, format!("{key} is black beside a map that it would hide; white is used"));
-            Some([1.0; 3])
+impl Reader<'_, '_> {
+    fn warn(&mut self, message: impl Into<String>) {
+        self.warnings.push(&self.place, message);
+    }
+
+    fn color(&mut self, map: &Option<Map>) -> Option<Texture> {
+        self.textures.color(map.as_ref()?, self.folder, self.warnings)
+    }
+
+    fn scalar(&mut self, map: &Option<Map>) -> Option<ChannelTexture> {
+        let texture = self.textures.numbers(map.as_ref()?, self.folder, self.warnings)?;
+        Some(ChannelTexture { texture, channel: 0 })
+    }
+
+    fn coverage(&mut self, map: &Option<Map>) -> Option<ChannelTexture> {
+        self.textures.coverage(map.as_ref()?, self.folder, self.warnings)
+    }
+
+    /// The factor of a colour that may have a map. Exporters often write black, which would hide the map.
+    fn beside_map(&mut self, key: &str, factor: Option<[f32; 3]>, has_map: bool) -> Option<[f32; 3]> {
+        match factor {
+            Some([0.0, 0.0, 0.0]) if has_map => {
+                self.warn(format!("{key} is black beside a map that it would hide; white is used"));
+                Some([1.0; 3])
+            }
+            None if has_map => Some([1.0; 3]),
+            factor => factor,
         }
-        None if has_map => Some([1.0; 3]),
-        factor => factor,
+    }
+
+    /// `Pr`, else from `Ns`; refraction without `Pr` is sharp, as the illumination models define it.
+    fn roughness(&mut self, m: &Mtl, clear: bool, out: &mut Material) {
+        out.roughness_texture = self.scalar(&m.maps.roughness);
+        if let Some(roughness) = scalar_beside_map(m.roughness, out.roughness_texture.is_some()) {
+            out.roughness = roughness;
+        } else if clear {
+            out.roughness = 0.0;
+        } else {
+            // A map of exponents without a factor: 1000 is the largest exponent that programs of the format use.
+            let factor = m.exponent.filter(|n| *n > 0.0).unwrap_or(1000.0);
+            let map = m.maps.exponent.as_ref();
+            out.roughness_texture =
+                map.and_then(|map| self.textures.exponents(map, self.folder, factor, self.warnings));
+            let exponent = m.exponent.map_or(out.roughness, roughness_of_exponent);
+            out.roughness = if out.roughness_texture.is_some() { 1.0 } else { exponent };
+        }
+    }
+
+    /// Metal, emission, sheen, clear coat, anisotropy and relief.
+    fn layers(&mut self, m: &Mtl, out: &mut Material) {
+        out.metallic_texture = self.scalar(&m.maps.metallic);
+        if let Some(metallic) = scalar_beside_map(m.metallic, out.metallic_texture.is_some()) {
+            out.metallic = metallic;
+        }
+        out.emission_texture = self.color(&m.maps.emission);
+        let emission = self.beside_map("Ke", m.emission, out.emission_texture.is_some());
+        out.emission = rgb(emission.unwrap_or([0.0; 3]));
+        out.sheen_color_texture = self.color(&m.maps.sheen);
+        out.sheen_color = Rgb::splat(scalar_beside_map(m.sheen, out.sheen_color_texture.is_some()).unwrap_or(0.0));
+        out.clearcoat_texture = self.scalar(&m.maps.clearcoat);
+        out.clearcoat = scalar_beside_map(m.clearcoat, out.clearcoat_texture.is_some()).unwrap_or(0.0);
+        out.clearcoat_roughness_texture = self.scalar(&m.maps.clearcoat_roughness);
+        out.clearcoat_roughness =
+            scalar_beside_map(m.clearcoat_roughness, out.clearcoat_roughness_texture.is_some()).unwrap_or(0.0);
+        out.anisotropy = m.anisotropy.unwrap_or(0.0);
+        out.anisotropy_rotation = std::f32::consts::TAU * m.anisotropy_rotation.unwrap_or(0.0);
+        if let Some(map) = &m.maps.normal {
+            out.normal_texture = self.textures.numbers(map, self.folder, self.warnings);
+            out.normal_scale = map.bump;
+        } else if let Some(map) = &m.maps.bump
+            && let Some((texture, scale)) = self.textures.bumps(map, self.folder, self.warnings)
+        {
+            out.normal_texture = Some(texture);
+            out.normal_scale = scale;
+        }
     }
 }
 

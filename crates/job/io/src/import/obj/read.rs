@@ -5,7 +5,9 @@
 
 use super::groups::Groups;
 use super::tally::Tally;
-use super::text;
+use super::{RE_EXPORT, text, too_large};
+use crate::error::InputError;
+use std::path::Path;
 use tobj::LoadOptions;
 
 /// Means "no texture coordinate" and "no normal".
@@ -61,50 +63,41 @@ pub(super) struct Face {
     has: [bool; 2],
 }
 
-/// The reason for refusing a file.
-#[derive(Debug)]
-pub(super) enum Refused {
-    /// Its meshes need more memory than allowed.
-    TooLarge,
-    /// This line cannot be read, for this reason.
-    Line(u32, String),
-}
-
 /// Reads a text shorter than 4 GiB; `most_bytes` bounds the meshes that are made of it.
-pub(super) fn read(source: String, most_bytes: u64, tally: &mut Tally) -> Result<Parsed, Refused> {
+///
+/// # Errors
+/// A line that cannot be read, or meshes that need more memory.
+pub(super) fn read(source: String, path: &Path, most_bytes: u64, tally: &mut Tally) -> Result<Parsed, InputError> {
+    let refused = |line: u32, reason: &str| {
+        let problem = format!("cannot be read as an OBJ statement: {reason}");
+        InputError::new(path, format!("line {line}"), problem, RE_EXPORT)
+    };
     let colored = source.lines().any(has_color);
     let mut scan = Scan { text: String::with_capacity(source.len()), ..Scan::default() };
     for (line, content) in (1..).zip(source.lines()) {
-        let refused = |reason: &str| Refused::Line(line, reason.to_owned());
-        scan.statement(line, content, colored, tally).map_err(refused)?;
+        scan.statement(line, content, colored, tally).map_err(|reason| refused(line, reason))?;
         scan.text.push('\n');
     }
     drop(source);
     let [positions, _, _] = scan.counts.map(u64::from);
     let triangles = u64::from(scan.corners) - 2 * scan.faces.len() as u64;
     if positions * if colored { 28 } else { 12 } + triangles * 12 > most_bytes {
-        return Err(Refused::TooLarge);
-    }
-    for (list, (count, (index, line))) in scan.counts.into_iter().zip(scan.largest).enumerate() {
-        // `tobj` ignores indices of texture coordinates and normals in a file without any.
-        if index > i64::from(count) && (list == 0 || count > 0) {
-            return Err(Refused::Line(line, OUT_OF_RANGE.into()));
-        }
+        return Err(too_large(path, most_bytes));
     }
     let Scan { text, groups, faces, corners: count, .. } = scan;
     // Polygons are not divided, and lists keep their own indices. `assemble` makes the triangles and vertices.
     let load = |text: &str| {
-        let libraries = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
+        let libraries = |_: &Path| Err(tobj::LoadError::OpenFileFailed);
         tobj::load_obj_buf(&mut text.as_bytes(), &LoadOptions::default(), libraries)
     };
     let (models, _) = load(&text).map_err(|e| {
         let line = text::first_refused(&text, |line| line.starts_with('v') && load(line).is_err());
-        Refused::Line(line, e.to_string())
+        refused(line, &e.to_string())
     })?;
     let mesh = models.into_iter().next().map(|model| model.mesh).unwrap_or_default();
     let is_whole = mesh.indices.len() == count as usize && [0, mesh.positions.len()].contains(&mesh.vertex_color.len());
     if !is_whole {
-        return Err(Refused::Line(0, "vertices or faces were lost while the file was read".into()));
+        return Err(refused(0, "vertices or faces were lost while the file was read"));
     }
     Ok(Parsed {
         positions: mesh.positions.as_chunks().0.iter().map(position).collect(),
@@ -117,8 +110,6 @@ pub(super) fn read(source: String, most_bytes: u64, tally: &mut Tally) -> Result
     })
 }
 
-const OUT_OF_RANGE: &str = "the face has an index that the file does not define";
-
 /// The lines of a file before `tobj` reads them.
 #[derive(Default)]
 struct Scan {
@@ -126,8 +117,6 @@ struct Scan {
     text: String,
     /// Numbers of positions, texture coordinates and normals.
     counts: [u32; 3],
-    /// The largest index of each list, and its line.
-    largest: [(i64, u32); 3],
     corners: u32,
     faces: Vec<Face>,
     groups: Groups,
@@ -142,11 +131,13 @@ impl Scan {
             "vt" => self.counts[1] += 1,
             "vn" => self.counts[2] += 1,
             "f" => self.face(line, data)?,
-            "" => return Ok(()),
+            _ if key.is_empty() || key.starts_with('#') || self.groups.statement(line, key, rest) => return Ok(()),
+            "p" | "l" => {
+                tally.add(line, "points and lines have no surface and are left out");
+                return Ok(());
+            }
             _ => {
-                if !key.starts_with('#') && !self.groups.statement(line, key, rest) {
-                    tally_unread(line, key, tally);
-                }
+                tally.add(line, "an unknown statement is skipped; of free-form surfaces export polygons");
                 return Ok(());
             }
         }
@@ -177,13 +168,11 @@ impl Scan {
             for (list, field) in corner.split('/').enumerate().filter(|(_, field)| !field.is_empty()) {
                 let index = field.parse::<i64>().map_err(|_| "an index of the face is not a whole number")?;
                 let seen = *self.counts.get(list).ok_or("a corner of the face has more than three indices")?;
-                if index == 0 || index < -i64::from(seen) {
-                    return Err(OUT_OF_RANGE);
+                // Some exporters write indices of texture coordinates and normals into a file without any.
+                given[list] = list == 0 || seen > 0;
+                if given[list] && (index == 0 || index.unsigned_abs() > seen.into()) {
+                    return Err("the face has an index that no line before it defines");
                 }
-                if index > self.largest[list].0 {
-                    self.largest[list] = (index, line);
-                }
-                given[list] = true;
             }
             if !given[0] || has.is_some_and(|has| has != given) {
                 return Err("the corners of the face have different kinds of indices");
@@ -199,16 +188,6 @@ impl Scan {
         self.faces.push(Face { first: self.corners, count, line, smoothing, object, material, has });
         self.corners += count;
         Ok(())
-    }
-}
-
-/// Records a statement without effect on images, if a user may expect one.
-fn tally_unread(line: u32, key: &str, tally: &mut Tally) {
-    match key {
-        "p" | "l" => tally.add(line, "points and lines have no surface and are left out"),
-        // Display hints.
-        "mg" | "bevel" | "c_interp" | "d_interp" | "lod" | "shadow_obj" | "trace_obj" => {}
-        _ => tally.add(line, "an unknown statement is skipped; of free-form surfaces export polygons"),
     }
 }
 
@@ -258,7 +237,8 @@ mod tests {
     use super::*;
 
     fn parsed(source: &str) -> Parsed {
-        read(source.into(), u64::MAX, &mut Tally::default()).unwrap_or_else(|e| panic!("{e:?}\n{source}"))
+        read(source.into(), Path::new("a.obj"), u64::MAX, &mut Tally::default())
+            .unwrap_or_else(|e| panic!("{e}\n{source}"))
     }
 
     /// Corners without a texture coordinate or normal keep none, although `tobj` repeats those of the corner before.
@@ -320,10 +300,9 @@ mod tests {
             "vt 1",
             "vn 1 2",
         ] {
-            match read(format!("{start}{line}\nf 1 2 3\n"), u64::MAX, &mut Tally::default()) {
-                Err(Refused::Line(7, reason)) => assert!(!reason.is_empty()),
-                other => panic!("{line}: {other:?}"),
-            }
+            let text = format!("{start}{line}\nf 1 2 3\n");
+            let error = read(text, Path::new("a.obj"), u64::MAX, &mut Tally::default()).expect_err(line);
+            assert_eq!(error.place, "line 7", "{line}: {error}");
         }
     }
 }

@@ -40,26 +40,17 @@ impl<'a> Textures<'a> {
         Some(self.texture(map, image, true))
     }
 
-    /// A map of numbers, in the red channel.
-    pub(super) fn scalar(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
+    /// A map of numbers: normals, or values in the red channel.
+    pub(super) fn numbers(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
         let image = self.find(map, folder, Variant::AsStored, warnings)?;
-        Some(ChannelTexture { texture: self.texture(map, image, false), channel: 0 })
+        Some(self.texture(map, image, false))
     }
 
     /// A map of coverage: alpha if the image has it, else red.
     pub(super) fn coverage(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
-        let mut found = self.scalar(map, folder, warnings)?;
-        let image = self.store.image(found.texture.image);
-        if image.is_some_and(bake::has_alpha) {
-            found.channel = 3;
-        }
-        Some(found)
-    }
-
-    /// A normal map, used as it is.
-    pub(super) fn normals(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
-        let image = self.find(map, folder, Variant::AsStored, warnings)?;
-        Some(self.texture(map, image, false))
+        let texture = self.numbers(map, folder, warnings)?;
+        let has_alpha = self.store.image(texture.image).is_some_and(bake::has_alpha);
+        Some(ChannelTexture { texture, channel: if has_alpha { 3 } else { 0 } })
     }
 
     /// A normal map from a bump map, and the factor for its x and y.

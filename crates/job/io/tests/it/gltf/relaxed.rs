@@ -109,7 +109,7 @@ fn a_glb_with_other_chunks_is_refused() {
     let length = (glb.len() as u32).to_le_bytes();
     glb[8..12].copy_from_slice(&length);
     let e = load_bytes(&glb, "a.glb", &ImportOptions::default()).expect_err("another chunk");
-    assert!(e.place == "GLB chunks" && e.help.contains("damaged"), "{e}");
+    assert!(e.problem.contains("one binary chunk") && e.help.contains("damaged"), "{e}");
 }
 
 #[test]
