@@ -23,6 +23,10 @@ impl Job {
                 let help = "write a name without `*` and `?`";
                 return Err(self.material_error(i, "name", problem, help));
             }
+            if m.grain.is_some_and(|grain| grain.grain().is_none()) {
+                let problem = "a direction of no length";
+                return Err(self.material_error(i, "grain", problem, "write a direction such as [1, 0, 0]"));
+            }
             let keys = medium_keys(m);
             let (by_color, outright) = (&keys[..3], &keys[3..5]);
             let given = |keys: &[(&'static str, bool)]| keys.iter().find(|(_, given)| *given).map(|(key, _)| *key);
@@ -67,6 +71,16 @@ impl Job {
             }
             found = true;
             apply(change, material);
+            if change.finish.is_some() && (material.transmission > 0.0 || material.diffuse_transmission > 0.0) {
+                let problem =
+                    format!("light passes material \"{}\", and a finish needs an opaque surface", material.name);
+                return Err(self.material_error(
+                    i,
+                    "finish",
+                    problem,
+                    "use `roughness`, or a height field in the mesh",
+                ));
+            }
             if let Some(finish) = &change.finish {
                 let finish = finish.finish(material.grain);
                 material.finish =
@@ -128,7 +142,7 @@ fn apply(change: &MaterialOverride, m: &mut Material) {
     set(&mut m.sheen_roughness, change.sheen_roughness);
     set(&mut m.anisotropy, change.anisotropy);
     set(&mut m.anisotropy_rotation, change.anisotropy_rotation);
-    m.grain = change.grain.map(GrainSettings::grain).or(m.grain);
+    m.grain = change.grain.and_then(GrainSettings::grain).or(m.grain);
     let old_cutoff = if let AlphaMode::Mask { cutoff } = m.alpha_mode { Some(cutoff) } else { None };
     let cutoff = change.alpha_cutoff.or(old_cutoff).unwrap_or(0.5);
     match change.alpha_mode {

@@ -28,12 +28,13 @@ pub struct Around {
 }
 
 impl GrainSettings {
-    pub(super) fn grain(self) -> Grain {
-        let direction = |v: [f64; 3]| DVec3::from_array(v).normalize_or_zero().as_vec3();
-        match self {
-            Self::Straight(v) => Grain::Straight(direction(v)),
-            Self::Around(Around { axis, origin }) => Grain::Around { axis: direction(axis), origin: origin.as_vec3() },
-        }
+    /// `None` for a direction of no length.
+    pub(super) fn grain(self) -> Option<Grain> {
+        let direction = |v: [f64; 3]| DVec3::from_array(v).try_normalize().map(|v| v.as_vec3());
+        Some(match self {
+            Self::Straight(v) => Grain::Straight(direction(v)?),
+            Self::Around(Around { axis, origin }) => Grain::Around { axis: direction(axis)?, origin: origin.as_vec3() },
+        })
     }
 }
 
@@ -113,6 +114,9 @@ impl<'de> Deserialize<'de> for FinishSettings {
     }
 }
 
+/// Largest Ra over the distance of the marks: slopes of cusps are 16 times as large, and heights cast no shadows.
+const STEEPEST: f64 = 1.0 / 16.0;
+
 /// Ra of a process, and the length of its marks: feed, width of a groove or size of a bump; middle values of handbooks
 /// (Machinery's Handbook 2020, surface texture by process) \[m\].
 const fn usual(kind: FinishKind) -> (f64, f64) {
@@ -182,6 +186,11 @@ impl FinishSettings {
                 Process::Grained { size }
             }
         };
-        Ok(Finish { process, mean_deviation: self.ra.unwrap_or(ra) as f32, seed: u64::from(self.seed) })
+        let (ra, mark) = (self.ra.unwrap_or(ra), self.feed.or(self.size).unwrap_or(mark));
+        if ra > STEEPEST * mark {
+            let help = "write a smaller `ra`, such as \"1.6um\", or a larger distance of the marks";
+            return Err(["finish", "`ra` is more than a sixteenth of `feed` or `size`: slopes of 45 degrees", help]);
+        }
+        Ok(Finish { process, mean_deviation: ra as f32, seed: u64::from(self.seed) })
     }
 }
