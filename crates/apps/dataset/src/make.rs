@@ -378,7 +378,7 @@ impl Worker {
             width,
             height,
             exposure: exposed.map(|s| s.exposure.time().0),
-            samples: result.stats.samples,
+            samples: result.stats.sampling.samples,
             certificate,
             matched: exposed.and_then(|s| s.matched.as_ref()).map(|m| m.share),
             instances,
