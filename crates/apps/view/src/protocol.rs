@@ -25,7 +25,7 @@ pub(crate) struct Camera {
     /// Seed of the fixed pattern and of the noise. JSON has it as a text if a number would lose digits.
     #[serde(with = "large_number")]
     pub(crate) device: u64,
-    pub(crate) denoise: Denoise,
+    pub(crate) denoise: DenoiseMethod,
     pub(crate) vignetting: bool,
     /// f-number of the lens; `None`: that of the job.
     #[serde(default)]
@@ -49,7 +49,7 @@ impl Camera {
             black_level: None,
             noise: Noise::Plain,
             device: 0,
-            denoise: Denoise::Off,
+            denoise: DenoiseMethod::Off,
             vignetting: false,
             f_number: None,
             glare: None,
@@ -61,7 +61,7 @@ impl Camera {
 impl Camera {
     /// The camera for statistics of the unbiased film, which do not depend on the frame.
     pub(crate) fn without_noise(&self) -> Self {
-        Self { noise: Noise::Plain, denoise: Denoise::Off, device: 0, ..self.clone() }
+        Self { noise: Noise::Plain, denoise: DenoiseMethod::Off, device: 0, ..self.clone() }
     }
 
     /// The camera for results that do not depend on its device.
@@ -104,39 +104,6 @@ pub(crate) enum Noise {
     Matched,
     /// The expected grey values.
     None,
-}
-
-/// The denoiser of the picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum Denoise {
-    Off,
-    Auto,
-    Builtin,
-    Oidn,
-}
-
-impl From<DenoiseMethod> for Denoise {
-    fn from(method: DenoiseMethod) -> Self {
-        match method {
-            DenoiseMethod::Off => Self::Off,
-            DenoiseMethod::Auto => Self::Auto,
-            DenoiseMethod::Oidn => Self::Oidn,
-            DenoiseMethod::Builtin => Self::Builtin,
-        }
-    }
-}
-
-impl Denoise {
-    /// The same denoiser in the settings of a render.
-    pub(crate) fn method(self) -> DenoiseMethod {
-        match self {
-            Self::Off => DenoiseMethod::Off,
-            Self::Auto => DenoiseMethod::Auto,
-            Self::Oidn => DenoiseMethod::Oidn,
-            Self::Builtin => DenoiseMethod::Builtin,
-        }
-    }
 }
 
 /// The tone curve of a picture in colours.

@@ -5,7 +5,7 @@ use crate::engine::Times;
 pub(crate) use crate::locks::lock;
 use crate::outlook::{MAX_SPP, from_measured, progress_at, seconds_at, within_view};
 use crate::protocol::{
-    Activity, Camera, Denoise, EffectState, Fault, FilmState, ForecastPoint, ForecastSource, LensState, LightState,
+    Activity, Camera, EffectState, Fault, FilmState, ForecastPoint, ForecastSource, LensState, LightState,
     MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
 };
 use crate::scene_change::{SceneChange, SceneParts, has_power, has_switch};
@@ -15,7 +15,7 @@ use crate::store::Store;
 use dunkelfeld::limits::DEFAULT_F_NUMBER;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::sensor::TimedExposure;
-use dunkelfeld::{Cancel, Project, RenderSettings, SensorChoice, Session};
+use dunkelfeld::{Cancel, DenoiseMethod, Project, RenderSettings, SensorChoice, Session};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex};
@@ -354,7 +354,7 @@ impl Live {
                 _ => Noise::Plain,
             },
             device: settings.map_or(0, |settings| settings.seed),
-            denoise: settings.map_or(Denoise::Off, |settings| settings.denoise.method.into()),
+            denoise: settings.map_or(DenoiseMethod::Off, |settings| settings.denoise.method),
             vignetting: self.is_vignetted,
             f_number: None,
             glare: None,
