@@ -145,9 +145,9 @@ impl Results {
 
         let mut points = Vec::new();
         let mut tops = Vec::new();
-        let highest = settings.ladder.last().copied();
-        for &strategy in &settings.strategies {
-            for &spp in &settings.ladder {
+        let highest = settings.ladder().last().copied();
+        for &strategy in settings.strategies() {
+            for &spp in settings.ladder() {
                 let Some((point, deviations, renders)) = reader.point(strategy, spp, OFF)? else { continue };
                 if Some(spp) == highest {
                     tops.push(reader.top(&point, &deviations, &renders)?);
@@ -172,7 +172,7 @@ impl Results {
             program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
             size: [render.width, render.height],
             seed: base,
-            seeds: settings.seeds,
+            seeds: settings.seeds(),
             threads: about.threads,
             camera: exposure_words(&view, &reference),
             settings: settings.clone(),
@@ -243,7 +243,7 @@ impl Results {
 
     /// The level k of the main findings: one half if it is among the requested levels.
     pub(super) fn headline_level(&self) -> f64 {
-        let levels = &self.settings.levels;
+        let levels = self.settings.levels();
         levels.iter().copied().find(|k| *k == 0.5).or(levels.first().copied()).unwrap_or(0.5)
     }
 }
@@ -272,7 +272,7 @@ struct Reader<'a> {
 impl Reader<'_> {
     fn finished(&self, purpose: Purpose, spp: u32) -> Result<Vec<(Unit, Record)>, Error> {
         let mut found = Vec::new();
-        for index in 0..self.settings.seeds {
+        for index in 0..self.settings.seeds() {
             let unit = Unit { purpose, spp, index };
             if let Some(record) = self.store.record(&unit, self.base)? {
                 found.push((unit, record));
@@ -331,7 +331,7 @@ impl Reader<'_> {
         let counts = self.store.sample_counts(&first)?;
         let worst = self.s.map(|s| worst_ratio(deviations, s, self.counts));
         let prices = worst.map_or(Vec::new(), |worst| {
-            let levels = self.settings.levels.iter();
+            let levels = self.settings.levels().iter();
             levels.map(|&k| price(k, worst, f64::from(point.spp), point.seconds)).collect()
         });
         Ok(Top {
@@ -353,18 +353,18 @@ impl Reader<'_> {
         reference: &Plane<f32>,
     ) -> Result<(Vec<Point>, Vec<Look>), Error> {
         let (mut points, mut looks) = (Vec::new(), Vec::new());
-        let (Some(&lowest), Some(&highest)) = (self.settings.ladder.first(), self.settings.ladder.last()) else {
+        let (Some(&lowest), Some(&highest)) = (self.settings.ladder().first(), self.settings.ladder().last()) else {
             return Ok((points, looks));
         };
         if denoisers.is_empty() {
             return Ok((points, looks));
         }
-        let shown = shown_strategy(&self.settings.strategies);
-        for &strategy in &self.settings.strategies {
+        let shown = shown_strategy(self.settings.strategies());
+        for &strategy in self.settings.strategies() {
             let top = self.signals(&self.finished(Purpose::Point(strategy), highest)?, OFF)?;
             let truth = Truth::new(reference, &top, self.counts, self.s);
             for key in [OFF].into_iter().chain(denoisers.iter().map(|d| d.0)) {
-                for &spp in &self.settings.ladder {
+                for &spp in self.settings.ladder() {
                     let Some((mut point, _, signals)) = self.point(strategy, spp, key)? else { continue };
                     point.squared_error = truth.as_ref().map(|t| t.error(&signals, spp == highest));
                     if Some(strategy) == shown && (spp == lowest || spp == highest) {
@@ -383,7 +383,7 @@ impl Reader<'_> {
     }
 
     fn ablations(&self, effects: &[Effect]) -> Result<Vec<Ablation>, Error> {
-        let spp = self.settings.effect_spp;
+        let spp = self.settings.effect_spp();
         let mut whole = self.finished(Purpose::Effects(None), spp)?;
         whole.truncate(whole.len() / 2 * 2);
         let signals = self.signals(&whole, OFF)?;
