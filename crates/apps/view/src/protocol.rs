@@ -28,10 +28,8 @@ pub(crate) struct Camera {
     pub(crate) denoise: DenoiseMethod,
     pub(crate) vignetting: bool,
     /// f-number of the lens; `None`: that of the job.
-    #[serde(default)]
     pub(crate) f_number: Option<f64>,
     /// Share of the light in the veiling glare; `None`: that of the job.
-    #[serde(default)]
     pub(crate) glare: Option<f64>,
     /// Factor of each light, in the mode with a film for each.
     pub(crate) lights: Option<BTreeMap<String, f64>>,
@@ -173,7 +171,7 @@ pub(crate) struct FilmState {
 }
 
 /// The state of the render.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct RenderState {
     pub(crate) stage: String,
     pub(crate) fraction: f64,
@@ -188,9 +186,10 @@ pub(crate) struct RenderState {
 }
 
 /// Does something render?
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Activity {
+    #[default]
     Loading,
     Running,
     Paused,
@@ -465,16 +464,11 @@ pub(crate) struct PathVertex {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SceneRequest {
-    #[serde(default)]
     pub(crate) camera: Option<String>,
-    #[serde(default)]
     pub(crate) lights: Option<BTreeMap<String, Option<LightChange>>>,
     /// Is the effect part of the render?
-    #[serde(default)]
     pub(crate) effects: Option<BTreeMap<String, bool>>,
-    #[serde(default)]
     pub(crate) materials: Option<BTreeMap<String, Option<MaterialChange>>>,
-    #[serde(default)]
     pub(crate) per_light: Option<bool>,
 }
 

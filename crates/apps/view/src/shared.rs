@@ -73,7 +73,7 @@ pub(crate) struct LightFilms {
 pub(crate) type Stamp = Option<(SystemTime, u64)>;
 
 /// The data of the page that change during the view.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Live {
     /// The picture.
     pub(crate) snapshot: Option<Arc<Snapshot>>,
@@ -123,38 +123,9 @@ pub(crate) struct Shared {
 
 impl Shared {
     pub(crate) fn new(subject: Subject, session: Session<'static>, background: Session<'static>) -> Self {
-        let render = RenderState {
-            stage: "load".into(),
-            fraction: 0.0,
-            elapsed: 0.0,
-            remaining: None,
-            state: Activity::Loading,
-            reason: None,
-            restarted: 0,
-            samples_per_second: 0.0,
-            processor_share: None,
-        };
-        let live = Live {
-            snapshot: None,
-            render,
-            times: Times::now(),
-            error: None,
-            notes: Vec::new(),
-            statistics: Statistics::default(),
-            plan: Vec::new(),
-            target: DEFAULT_TARGET,
-            settings: None,
-            is_vignetted: false,
-            timed: None,
-            parts: SceneParts::default(),
-            scene_number: 0,
-            change: SceneChange::default(),
-            light_films: None,
-            saved: Vec::new(),
-            sensors: Sensors::new(&SensorChoice::None),
-            files: BTreeMap::new(),
-            job: None,
-        };
+        let render = RenderState { stage: "load".into(), ..RenderState::default() };
+        let sensors = Sensors::new(&SensorChoice::None);
+        let live = Live { render, target: DEFAULT_TARGET, sensors, ..Live::default() };
         Self {
             subject,
             live: Mutex::new(live),
