@@ -108,7 +108,7 @@ fn study<'py>(
         let mut options = view.keywords.options();
         options.camera = view.camera;
         project.apply_options(options)?;
-        let folder = output.unwrap_or_else(|| default_folder(input, name, &project.inputs).path);
+        let folder = output.unwrap_or_else(|| default_folder(input, name));
         let session = Session::new(project.settings.run.threads)?.with_progress(sink).with_cancel(cancel);
         let o = run(project, &folder, &session)?;
         let numbers = [o.finished[0] as u64, o.finished[1] as u64, o.invalid_samples];
@@ -253,7 +253,7 @@ fn ptc_frames<'py>(
         let session = Session::new(1)?.with_progress(sink).with_cancel(cancel);
         let Some(stack) = ptc_of_frames(inputs, settings, &session)? else { return Ok(None) };
         let first = inputs.first().map_or(Path::new(""), PathBuf::as_path);
-        let folder = output.unwrap_or_else(|| default_folder(first, "ptc", &stack.inputs).path);
+        let folder = output.unwrap_or_else(|| default_folder(first, "ptc"));
         let files = stack.write(&folder)?;
         let numbers = [inputs.len() as u64, inputs.len() as u64, 0];
         Ok(Some(Study { folder, files, findings: stack.findings(), figures: stack.figures(), numbers }))

@@ -1,11 +1,9 @@
 //! `dunkelfeld emva`: writes data sets, and computes figures from them.
 
 use super::emva_args::{AnalyseArgs, DatasetArgs, EmvaArgs, EmvaCommand};
-use crate::bar::Sink;
-use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
+use dunkelfeld::Error;
 use dunkelfeld::radiometry::{Nanometres, Seconds};
-use dunkelfeld::{Error, Session};
 use dunkelfeld_studies::emva::{
     AnalyseOptions, DatasetPlan, DatasetSettings, Findings, TRUTH, read_measurement, write_dataset,
 };
@@ -31,13 +29,7 @@ fn dataset(args: &DatasetArgs) -> Result<Outcome, Error> {
         .with_color(args.color)
         .with_seed(args.seed);
     let plan = DatasetPlan::new(&model, &settings)?;
-    let sink = Sink::new(args.run.progress);
-    let cancel = cancel_on_interrupt();
-    let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
-    let written = write_dataset(&plan, &args.output, &session)?;
-    drop(sink);
-    let Some(written) = written else {
-        say("interrupted: nothing was written");
+    let Some(written) = args.run.work(|session| write_dataset(&plan, &args.output, session))? else {
         return Ok(Outcome::Interrupted);
     };
     print(&format!(
@@ -60,13 +52,7 @@ fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
         .with_release(args.release)
         .with_general(args.general)
         .with_pixel_pitch(args.pixel_pitch);
-    let sink = Sink::new(args.run.progress);
-    let cancel = cancel_on_interrupt();
-    let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
-    let read = read_measurement(&args.input, &session);
-    drop(sink);
-    let Some(read) = read? else {
-        say("interrupted: nothing was written");
+    let Some(read) = args.run.work(|session| read_measurement(&args.input, session))? else {
         return Ok(Outcome::Interrupted);
     };
     let findings = options.analyse(&read)?;

@@ -1,10 +1,8 @@
 //! `dunkelfeld ptc`: applies flags to a project and a measurement, then prints the findings and the path of the report.
 
 use super::photon_transfer_args::PtcArgs;
-use super::series::{noted, report, run_study};
-use crate::bar::Sink;
-use crate::interrupt::cancel_on_interrupt;
-use crate::outcome::{Outcome, say};
+use super::series::{report, run_study};
+use crate::outcome::Outcome;
 use dunkelfeld::{Error, Session};
 use dunkelfeld_studies::default_folder;
 use dunkelfeld_studies::photon_transfer::{PtcSettings, is_frame, of_render_only, ptc, ptc_of_frames};
@@ -30,17 +28,10 @@ fn of_frames(args: &PtcArgs) -> Result<Outcome, Error> {
     if let Some((flag, _)) = given.into_iter().find(|(_, is_given)| *is_given) {
         return Err(of_render_only(flag));
     }
-    let sink = Sink::new(args.view.run.progress);
-    let cancel = cancel_on_interrupt();
-    let session = Session::new(1)?.with_progress(&sink).with_cancel(&cancel);
-    let stack = ptc_of_frames(&args.inputs, &settings(args), &session)?;
-    drop(sink);
-    let Some(stack) = stack else {
-        say("interrupted: nothing was written");
-        return Ok(Outcome::Interrupted);
-    };
+    let work = |session: &Session<'_>| ptc_of_frames(&args.inputs, &settings(args), session);
+    let Some(stack) = args.view.run.work(work)? else { return Ok(Outcome::Interrupted) };
     let first = args.inputs.first().map_or_else(PathBuf::new, Clone::clone);
-    let folder = args.output.clone().unwrap_or_else(|| noted(default_folder(&first, "ptc", &stack.inputs)));
+    let folder = args.output.clone().unwrap_or_else(|| default_folder(&first, "ptc"));
     let files = stack.write(&folder)?;
     report(&stack.findings(), &files);
     Ok(Outcome::Done)

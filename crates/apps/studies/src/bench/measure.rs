@@ -174,7 +174,7 @@ impl Bench<'_> {
         let mut other: Option<(Effect, Scene, RenderSettings)> = None;
         render_missing(
             all,
-            |unit| self.samples(unit),
+            ([self.fitted.width, self.fitted.height], |unit| unit.spp),
             finished,
             session,
             |unit, session| {
@@ -193,10 +193,6 @@ impl Bench<'_> {
                 self.render(unit, scene, settings, &mut view, session)
             },
         )
-    }
-
-    fn samples(&self, unit: &Unit) -> u64 {
-        u64::from(unit.spp) * u64::from(self.fitted.width) * u64::from(self.fitted.height)
     }
 
     /// The scene without an effect, and its settings.

@@ -148,11 +148,11 @@ impl Results {
         let highest = settings.ladder().last().copied();
         for &strategy in settings.strategies() {
             for &spp in settings.ladder() {
-                let Some((point, deviations, renders)) = reader.point(strategy, spp, OFF)? else { continue };
+                let Some(measured) = reader.point(strategy, spp, OFF)? else { continue };
                 if Some(spp) == highest {
-                    tops.push(reader.top(&point, &deviations, &renders)?);
+                    tops.push(reader.top(&measured)?);
                 }
-                points.push(point);
+                points.push(measured.point);
             }
         }
         let (denoised, looks) = reader.denoised(&about.denoisers, &reference)?;
@@ -256,8 +256,13 @@ pub(super) fn shown_strategy(strategies: &[Strategy]) -> Option<Strategy> {
     strategies.iter().copied().find(|s| *s == Strategy::Sensor).or(strategies.first().copied())
 }
 
-/// A point with the spread and the signals of its renders.
-type Measured = (Point, Deviations, Vec<Plane<f32>>);
+/// A point with its renders: the spread of their pictures and of their signals, and the signals.
+struct Measured {
+    point: Point,
+    picture: Deviations,
+    signal: Deviations,
+    signals: Vec<Plane<f32>>,
+}
 
 /// Reads units of a folder.
 struct Reader<'a> {
@@ -320,16 +325,14 @@ impl Reader<'_> {
             stated: if is_off { mean(&stated).value / linear.value } else { f64::NAN },
             hidden: self.s.filter(|_| is_off).map(|s| share(&signal.variance(), s, self.counts, 0.5)),
         };
-        Ok(Some((point, signal, signals)))
+        Ok(Some(Measured { point, picture, signal, signals }))
     }
 
-    fn top(&self, point: &Point, deviations: &Deviations, signals: &[Plane<f32>]) -> Result<Top, Error> {
+    fn top(&self, Measured { point, picture, signal, .. }: &Measured) -> Result<Top, Error> {
         let units = self.finished(Purpose::Point(point.strategy), point.spp)?;
-        let pictures: Vec<Plane<f32>> = signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
-        let variance = Deviations::of(&pictures).map(|d| d.variance());
         let first = Unit { purpose: Purpose::Point(point.strategy), spp: point.spp, index: 0 };
         let counts = self.store.sample_counts(&first)?;
-        let worst = self.s.map(|s| worst_ratio(deviations, s, self.counts));
+        let worst = self.s.map(|s| worst_ratio(signal, s, self.counts));
         let prices = worst.map_or(Vec::new(), |worst| {
             let levels = self.settings.levels().iter();
             levels.map(|&k| price(k, worst, f64::from(point.spp), point.seconds)).collect()
@@ -338,7 +341,7 @@ impl Reader<'_> {
             strategy: point.strategy,
             spp: point.spp,
             counts,
-            picture_variance: variance.unwrap_or_else(|| deviations.variance()),
+            picture_variance: picture.variance(),
             signal: self.store.signal(&first)?,
             stages: stages(&units),
             lanes: lanes(&units),
@@ -365,15 +368,13 @@ impl Reader<'_> {
             let truth = Truth::new(reference, &top, self.counts, self.s);
             for key in [OFF].into_iter().chain(denoisers.iter().map(|d| d.0)) {
                 for &spp in self.settings.ladder() {
-                    let Some((mut point, _, signals)) = self.point(strategy, spp, key)? else { continue };
+                    let Some(measured) = self.point(strategy, spp, key)? else { continue };
+                    let Measured { mut point, picture, signals, .. } = measured;
                     point.squared_error = truth.as_ref().map(|t| t.error(&signals, spp == highest));
                     if Some(strategy) == shown && (spp == lowest || spp == highest) {
-                        let pictures: Vec<_> =
-                            signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
-                        if let (Some(spread), Some(signal)) = (Deviations::of(&pictures), signals.into_iter().next()) {
-                            let picture_variance = spread.variance();
-                            looks.push(Look { strategy, denoiser: key, spp, picture_variance, signal });
-                        }
+                        let picture_variance = picture.variance();
+                        let look = |signal| Look { strategy, denoiser: key, spp, picture_variance, signal };
+                        looks.extend(signals.into_iter().next().map(look));
                     }
                     points.push(point);
                 }

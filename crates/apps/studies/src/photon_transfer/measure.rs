@@ -84,15 +84,11 @@ impl Work<'_> {
         };
         render_missing(
             all,
-            |unit| self.samples(unit),
+            ([self.fitted.width, self.fitted.height], |unit| unit.spp),
             finished,
             session,
             |unit, session| self.render(unit, *unit == first, &mut view, session),
         )
-    }
-
-    fn samples(&self, unit: &Unit) -> u64 {
-        u64::from(unit.spp) * u64::from(self.fitted.width) * u64::from(self.fitted.height)
     }
 
     /// Renders one frame and stores it. Returns its invalid samples; `None` if it was interrupted.
