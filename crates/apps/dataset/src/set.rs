@@ -107,7 +107,7 @@ impl Set {
         let mut set = Self { path: path.into(), manifest };
         match Self::read(path) {
             // Nothing was made: the study may have been corrected.
-            Ok(before) if before.finished().is_empty() => {}
+            Ok(before) if before.is_idle() => {}
             Ok(before) => set.continues(&before)?,
             Err(Error::Input(e)) if e.problem == MISSING => set.check_new()?,
             Err(e) => return Err(e),
@@ -124,6 +124,17 @@ impl Set {
 
     fn refusal(&self, problem: impl Into<String>, help: &str) -> Error {
         Error::Output { file: self.path.clone(), problem: problem.into(), help: help.into() }
+    }
+
+    /// Has the set no image, and does no process make one?
+    fn is_idle(&self) -> bool {
+        let files = fs::read_dir(self.path.join("records")).into_iter().flatten().flatten();
+        let is_claimed = |file: fs::DirEntry| {
+            let path = file.path();
+            let is_lock = path.extension().is_some_and(|ending| ending == "lock");
+            is_lock && matches!(TargetLock::try_acquire(&path.with_extension("")), Ok(None))
+        };
+        self.finished().is_empty() && !files.into_iter().any(is_claimed)
     }
 
     /// Takes the number of images of the set that was there before, if that is larger.
