@@ -4,7 +4,7 @@
 #![no_main]
 
 use dunkelfeld_io::exr::{Channel, ExrLayers, read_exr, write_exr};
-use dunkelfeld::{Project, Session};
+use dunkelfeld::{DenoiseMethod, Project, Session};
 use dunkelfeld_fuzz::bases::{Container, assets};
 use dunkelfeld_fuzz::tree::{extreme_number, mutate_value};
 use dunkelfeld_fuzz::{Scratch, target};
@@ -62,8 +62,8 @@ fn report(scratch: &Scratch) -> std::result::Result<(), dunkelfeld::Error> {
     let input = scratch.path("scene.glb");
     let mut project = Project::open(&input)?;
     (project.settings.width, project.settings.height, project.settings.run.threads) = (4, 3, 1);
-    let quick = BenchSettings::quick().with_seeds(4).with_reference_spp(4).with_effects(Vec::new());
-    let settings = quick.with_ladder(vec![2, 4]).with_denoisers(Vec::new());
+    let quick = BenchSettings::default().with_quick(true).with_seeds(4).with_reference_spp(4).with_effects(Vec::new());
+    let settings = quick.with_spp(vec![2, 4]).with_denoise(vec![DenoiseMethod::Off]);
     bench(project, &input, &settings, &scratch.path("bench"), true, false, &Session::new(1)?).map(drop)
 }
 

@@ -40,7 +40,7 @@ fn call(lab: &Lab, folder: &Path, progress: &dyn Progress, cancel: &Cancel) -> S
     let input = lab.path("<scene>.obj");
     let mut project = Project::open(&input).expect("a scene");
     (project.settings.width, project.settings.height) = (20, 14);
-    let settings = BenchSettings::quick().with_seeds(4).with_ladder(vec![2, 4]);
+    let settings = BenchSettings::default().with_quick(true).with_seeds(4).with_spp(vec![2, 4]);
     let session = Session::new(0).expect("threads").with_progress(progress).with_cancel(cancel);
     bench(project, &input, &settings, folder, true, false, &session).expect("a bench")
 }

@@ -4,7 +4,7 @@
 
 use crate::lab::{CutAt, Lab, complaint, lit_floor, same_numbers, square, stands_alone};
 use crate::markup::as_xml;
-use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, Progress, Project, Session, Silent};
+use dunkelfeld::{Cancel, DenoiseMethod, Progress, Project, Session, Silent};
 use dunkelfeld_studies::StudyOutcome;
 use dunkelfeld_studies::photon_transfer::{PtcSettings, ptc};
 use std::fs;
@@ -26,8 +26,8 @@ fn call(lab: &Lab, folder: &Path, frames: u32, progress: &dyn Progress, cancel: 
     let input = lab.path("<scene>.obj");
     let mut project = Project::open(&input).expect("a scene");
     (project.settings.width, project.settings.height) = (24, 16);
-    let denoise = DenoiseSettings::default().with_method(DenoiseMethod::Builtin);
-    let settings = PtcSettings::default().with_frames(frames).with_spp(vec![4, 16]).with_denoise(denoise);
+    let settings =
+        PtcSettings::default().with_frames(frames).with_spp(vec![4, 16]).with_denoise(DenoiseMethod::Builtin);
     let session = Session::new(0).expect("threads").with_progress(progress).with_cancel(cancel);
     ptc(project, &input, &settings, folder, false, &session).expect("a measurement")
 }
@@ -154,10 +154,10 @@ fn frames_that_come_as_files_have_the_slope_of_their_camera() {
         ("ptc f00.png f01.png f02.png --saturation 90", "above 90"),
         ("ptc f00.png f01.png nosuch.png", "nosuch.png"),
         ("ptc f00.png f01.png <scene>.obj", "neither one scene"),
-        ("ptc f00.png f01.png f02.png --spp 4", "--spp"),
+        ("ptc f00.png f01.png f02.png --spp 4", "spp: is a setting of a render"),
         ("ptc f00.png f01.png f02.png --dark 5000 --saturation 4095", "saturation"),
         ("ptc f00.png f01.png f02.png --edges 2", "edges"),
-        ("ptc <scene>.obj --dark 3", "--dark"),
+        ("ptc <scene>.obj --dark 3", "dark: is for frames"),
         ("ptc", "SCENE"),
     ];
     for (line, word) in cases {

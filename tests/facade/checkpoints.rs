@@ -314,11 +314,11 @@ fn merged_parts_are_the_whole_to_the_last_bit() {
         let merged = merge(&parts.map(PathBuf::clone), &out).expect("parts of one render");
         assert_eq!(merged.samples, 0..24);
         assert!(merged.rendering.film == whole);
-        let parts = merged.stats.parts.expect("parts");
+        let parts = merged.stats.time.parts.expect("parts");
         assert_eq!(parts.iter().map(|p| p.range).collect::<Vec<_>>(), [[0, 7], [7, 8], [8, 24]], "by their samples");
         assert_eq!(parts.iter().map(|p| p.samples).sum::<u64>(), whole.sums.total_samples());
         assert_eq!(
-            (merged.stats.earlier_samples, merged.stats.samples),
+            (merged.stats.time.earlier_samples, merged.stats.sampling.samples),
             (whole.sums.total_samples(), whole.sums.total_samples())
         );
         assert!(read_checkpoint(&out).expect("a part").film == whole.sums);
@@ -348,7 +348,7 @@ fn parts_of_a_plan_are_the_plan() {
     assert!(plan.data().iter().any(|&n| n < cut), "some pixels lie in the first part alone");
     let parts = [0..5, 5..cut, cut..most].map(|range| part(&scene, &folder, &replay, range));
     let merged = merge(&parts, &out).expect("parts of one plan");
-    assert_eq!(merged.stats.allocation, "replay");
+    assert_eq!(merged.stats.run.allocation, "replay");
     assert!(read_checkpoint(&out).expect("a part").film == whole.film.sums);
 }
 

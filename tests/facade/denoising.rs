@@ -109,11 +109,11 @@ fn a_switch_thrown_while_denoising_ends_it_and_the_render_is_kept() {
     let cancel = Cancel::new();
     let result = project.render_with(&Impatient(&cancel), &cancel).expect("rendered");
     assert!(result.rendering.interrupted && result.frame.denoised.is_none());
-    assert_eq!((result.stats.stop.as_str(), result.stats.samples), ("interrupted", 2 * 40 * 30));
+    assert_eq!((result.stats.run.stop.as_str(), result.stats.sampling.samples), ("interrupted", 2 * 40 * 30));
     assert!(!result.stats.is_flagged(), "an interrupted render is not flagged");
     let error = result.stats.denoise.as_ref().and_then(|d| d.error.clone());
     assert_eq!(error.as_deref(), Some("denoising was cancelled"));
 
     let calm = project.render().expect("rendered");
-    assert!(calm.frame.denoised.is_some() && calm.stats.seconds["denoise"] >= 0.0);
+    assert!(calm.frame.denoised.is_some() && calm.stats.time.seconds["denoise"] >= 0.0);
 }

@@ -413,9 +413,9 @@ fn stats(settings: &RenderSettings) -> Value {
         stats.add_denoising(denoise);
     }
     // A named sample shows the form of the list's entries.
-    stats.invalid_named.push("1,2,3".into());
+    stats.sampling.invalid_named.push("1,2,3".into());
     let heavy = HeavySample { sample: "1,2,3".into(), luminance: 2.0, share: 0.5, lift: 0.1, dominates: false };
-    stats.heaviest_samples.push(heavy);
+    stats.sampling.heaviest_samples.push(heavy);
     if settings.has_sensor() {
         let item = MemoryItem { name: "film".into(), bytes: vec![7, 8] };
         let phases = vec!["render".into(), "write".into()];
@@ -423,7 +423,7 @@ fn stats(settings: &RenderSettings) -> Value {
         // As on a system that counts it, and on one that does not.
         let measured_bytes = settings.budget.seconds.map(|_| 7);
         stats.memory = Some(MemoryStats { account, measured_bytes, film_bytes: 7 });
-        stats.parts = Some(vec![PartStats { file: "a.film".into(), range: [0, 8], samples: 96, seconds: 0.5 }]);
+        stats.time.parts = Some(vec![PartStats { file: "a.film".into(), range: [0, 8], samples: 96, seconds: 0.5 }]);
     }
     stats.finish(1.0);
     serde_json::from_str(&stats.to_json()).expect("JSON")

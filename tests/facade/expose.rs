@@ -161,7 +161,7 @@ fn frames_are_numbered_and_do_not_depend_on_threads_or_company() {
         assert_eq!(read(&format!("many-10000.{ending}")), read(&format!("one.{ending}")));
         assert_ne!(read(&format!("many-10001.{ending}")), read(&format!("one.{ending}")));
     }
-    assert_eq!(alone.exposure, done.exposure, "the automatic exposure is that of the image");
+    assert_eq!(alone.exposer.exposure(), done.exposer.exposure(), "the automatic exposure is that of the image");
     // In memory, from the same image.
     let exposer = Exposer::open(&path, &many).expect("an image");
     let frames = [1, 4].map(|n| Session::new(n).expect("threads").install(|| exposer.frame(10_000).expect("a frame")));

@@ -116,10 +116,10 @@ fn a_project_is_opened_adjusted_rendered_and_saved() {
     // The file contains the statistics of the result, to the last digit.
     assert_eq!(String::from_utf8(read("a.json")).expect("text"), result.stats.to_json());
     let stats = &result.stats;
-    assert_eq!((stats.samples, stats.size, stats.stop.as_str()), (480, [12, 10], "samples"));
+    assert_eq!((stats.sampling.samples, stats.run.size, stats.run.stop.as_str()), (480, [12, 10], "samples"));
     let mean = result.rendering.film.sums.mean();
     let average = mean.data().iter().map(|p| f64::from(p[1])).sum::<f64>() / 120.0;
-    assert!(average > 0.0 && (stats.mean_radiance[1] / average - 1.0).abs() < 1e-5, "{average}");
+    assert!(average > 0.0 && (stats.sampling.mean_radiance[1] / average - 1.0).abs() < 1e-5, "{average}");
     // A replay by the library is the same film.
     project.settings.run.replay = Some(load_plan(&folder.path().join("a.exr")).expect("a plan").samples);
     assert!(project.render().expect("rendered").rendering.film == result.rendering.film);

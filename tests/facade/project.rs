@@ -208,8 +208,8 @@ fn each_render_has_its_own_clock() {
         let began = Instant::now();
         let result = project.render().expect("rendered");
         let elapsed = began.elapsed().as_secs_f64();
-        assert!(result.stats.total_seconds <= elapsed, "{} of {elapsed}", result.stats.total_seconds);
-        assert!(!result.stats.seconds.contains_key("load"), "{:?}", result.stats.seconds);
+        assert!(result.stats.time.total_seconds <= elapsed, "{} of {elapsed}", result.stats.time.total_seconds);
+        assert!(!result.stats.time.seconds.contains_key("load"), "{:?}", result.stats.time.seconds);
     }
 }
 

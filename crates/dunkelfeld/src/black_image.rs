@@ -23,12 +23,12 @@ pub(crate) fn black_share(electrons: &Plane<f32>) -> Option<f64> {
 /// and receives less than one photo-electron in 99.9 % of the pixels.
 pub fn black_image(scene: &Scene, result: &ProjectResult) -> Option<String> {
     let stats = &result.stats;
-    let [width, height] = stats.size.map(f64::from);
-    let sampled = width * height - stats.pixels_without_samples as f64;
+    let [width, height] = stats.run.size.map(f64::from);
+    let sampled = width * height - stats.sampling.pixels_without_samples as f64;
     if sampled <= 0.0 {
         return None;
     }
-    let share = stats.black_pixels as f64 / sampled;
+    let share = stats.sampling.black_pixels as f64 / sampled;
     if share >= NEARLY_ALL {
         // A share just below one is not printed as all.
         let percent = Number((1000.0 * share).floor() / 10.0);

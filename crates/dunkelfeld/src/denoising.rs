@@ -1,6 +1,7 @@
 //! Denoising: choice of the denoiser, its threads and its inputs. Its image is only for display: no measurement,
 //! exposure for measurement or certificate uses it.
 
+use crate::commands::denoise::DenoisePlanes;
 use crate::frame::{Frame, show_denoised};
 use crate::oidn_library;
 use crate::stats::DenoiseStats;
@@ -105,8 +106,7 @@ impl Executor for PoolExecutor {
 /// Those of the denoiser; [`DenoiseError::Cancelled`] soon after cancellation.
 pub fn denoise_film(film: &Film, denoiser: &dyn Denoiser, session: &Session<'_>) -> Result<Denoised, DenoiseError> {
     let began = Instant::now();
-    let planes = Planes::from_film(film);
-    let mean = run(&planes.input(), denoiser, film.total_samples(), session)?;
+    let mean = run(&planes_of(film).input(), denoiser, film.total_samples(), session)?;
     Ok(Denoised { mean, denoiser: denoiser.name(), seconds: began.elapsed().as_secs_f64() })
 }
 
@@ -152,52 +152,19 @@ pub(crate) fn run(
 }
 
 /// The inputs of a denoiser from a film.
-struct Planes {
-    mean: Plane<[f32; 3]>,
-    variance: Plane<[f32; 3]>,
-    /// `None` for a film without these layers.
-    auxiliary: Option<Auxiliary>,
-}
-
-struct Auxiliary {
-    first_light: Plane<[f32; 3]>,
-    albedo: Plane<[f32; 3]>,
-    albedo_variance: Plane<[f32; 3]>,
-    normal: Plane<[f32; 3]>,
-    normal_variance: Plane<[f32; 3]>,
-    depth: Plane<f32>,
-    depth_variance: Plane<f32>,
-}
-
-impl Planes {
-    fn from_film(film: &Film) -> Self {
-        let auxiliary = || {
-            let [first_light, albedo, albedo_variance, normal, normal_variance] = map_film_to(film, |p| {
-                [p.mean_first_light(), p.mean_albedo(), p.variance_of_albedo(), p.mean_normal(), p.variance_of_normal()]
-            });
-            let [depth, depth_variance] = map_film_to(film, |p| [p.mean_depth(), p.variance_of_depth()]);
-            Auxiliary { first_light, albedo, albedo_variance, normal, normal_variance, depth, depth_variance }
-        };
-        Self {
-            mean: mean_without_gaps(film),
-            variance: map_film(film, |p| p.variance_of_mean().map(|v| v as f32)),
-            auxiliary: (film.layers() == FilmLayers::All).then(auxiliary),
-        }
+fn planes_of(film: &Film) -> DenoisePlanes {
+    let mut planes = DenoisePlanes::new(mean_without_gaps(film));
+    planes.variance = Some(map_film(film, |p| p.variance_of_mean().map(|v| v as f32)));
+    if film.layers() == FilmLayers::All {
+        let of_surface = map_film_to(film, |p| {
+            [p.mean_first_light(), p.mean_albedo(), p.variance_of_albedo(), p.mean_normal(), p.variance_of_normal()]
+        });
+        [planes.first_light, planes.albedo, planes.albedo_variance, planes.normal, planes.normal_variance] =
+            of_surface.map(Some);
+        [planes.depth, planes.depth_variance] =
+            map_film_to(film, |p| [p.mean_depth(), p.variance_of_depth()]).map(Some);
     }
-
-    fn input(&self) -> DenoiseInput<'_> {
-        DenoiseInput {
-            variance: Some(&self.variance),
-            first_light: self.auxiliary.as_ref().map(|a| &a.first_light),
-            albedo: self.auxiliary.as_ref().map(|a| &a.albedo),
-            albedo_variance: self.auxiliary.as_ref().map(|a| &a.albedo_variance),
-            normal: self.auxiliary.as_ref().map(|a| &a.normal),
-            normal_variance: self.auxiliary.as_ref().map(|a| &a.normal_variance),
-            depth: self.auxiliary.as_ref().map(|a| &a.depth),
-            depth_variance: self.auxiliary.as_ref().map(|a| &a.depth_variance),
-            ..DenoiseInput::new(&self.mean)
-        }
-    }
+    planes
 }
 
 #[cfg(test)]

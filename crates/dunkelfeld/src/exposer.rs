@@ -321,7 +321,7 @@ impl Exposer {
     }
 
     /// Pixels whose variance was negative or not a number, where it was required. Such a variance counts as unknown.
-    pub(crate) fn invalid_variances(&self) -> u64 {
+    pub fn invalid_variances(&self) -> u64 {
         self.invalid_variances
     }
 

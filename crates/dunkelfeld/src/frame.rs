@@ -6,6 +6,7 @@ use crate::exposer::{Exposer, through_lens};
 use crate::noise_compensation::{CompensationInputs, Matched};
 use dunkelfeld_adaptive::required_samples::DEFAULT_TARGET;
 use dunkelfeld_film::{MeanImage, Plane};
+use dunkelfeld_io::picture::Picture as File;
 use dunkelfeld_render::film_noise::Certified;
 use dunkelfeld_render::parallel::mean_image;
 use dunkelfeld_render::{Error, RenderSettings, RenderedFilm, SensorChoice};
@@ -23,6 +24,14 @@ pub enum Picture {
 }
 
 impl Picture {
+    /// The picture as the content of a file.
+    pub fn as_file(&self) -> File<'_> {
+        match self {
+            Self::Gray(plane) => File::Gray8(plane),
+            Self::Rgb(plane) => File::Rgb8(plane),
+        }
+    }
+
     /// The picture of a sensor's grey values: grey, or in the colours of its filter array.
     pub fn from_values(values: &Plane<u16>, model: &SensorModel) -> Self {
         match model.spec().quantum_efficiency.filter() {

@@ -8,9 +8,6 @@ use dunkelfeld_render::Error;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of alternative names that are tried.
-const MAX_TRIED: u32 = 1000;
-
 /// An output: its name in messages, as in `the image`, and its path.
 pub type Output<'a> = (&'static str, &'a Path);
 
@@ -60,34 +57,14 @@ pub struct DefaultPath {
     pub reason: Option<String>,
 }
 
-/// The usual name of a file, or the next one that is neither an input nor another output: `a.png`, `a.render.png`,
-/// `a.render.2.png`. `check` tests whether a name can be used.
-pub fn free_file(usual: PathBuf, word: &str, check: impl Fn(&Path) -> Result<(), Error>) -> DefaultPath {
-    let other = |number: u32| {
-        let mut name = usual.file_stem().unwrap_or_default().to_os_string();
-        name.push(if number == 1 { format!(".{word}") } else { format!(".{word}.{number}") });
-        if let Some(ending) = usual.extension() {
-            name.push(".");
-            name.push(ending);
-        }
-        usual.with_file_name(name)
-    };
-    first_free(usual.clone(), other, check)
-}
-
-/// The usual name, or the first of the names of `other`, from 1 on, that `check` allows.
-pub fn first_free(
-    usual: PathBuf,
-    other: impl Fn(u32) -> PathBuf,
-    check: impl Fn(&Path) -> Result<(), Error>,
-) -> DefaultPath {
-    let problem = match check(&usual) {
-        Err(Error::Output { problem, .. }) => problem,
+/// The usual name of a picture, or another one if that is an input or another output: `a.png`, `a.render.png`. `check` tests
+/// whether a name can be used.
+pub(crate) fn free_picture(usual: PathBuf, check: impl Fn(&Path) -> Result<(), Error>) -> DefaultPath {
+    let Err(Error::Output { problem, .. }) = check(&usual) else {
         // Any other fault is reported when the output is checked as a whole.
-        Ok(()) | Err(_) => return DefaultPath { path: usual, reason: None },
+        return DefaultPath { path: usual, reason: None };
     };
-    // If so many names are in use, a later check refuses the usual one.
-    let path = (1..=MAX_TRIED).map(other).find(|path| check(path).is_ok()).unwrap_or_else(|| usual.clone());
+    let path = usual.with_extension("render.png");
     let reason = format!("{} {problem}; {} is written instead", usual.display(), path.display());
     DefaultPath { path, reason: Some(reason) }
 }

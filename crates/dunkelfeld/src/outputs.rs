@@ -66,8 +66,16 @@ impl OutputPaths {
         Self { image, linear, exr, stats, plan, align }
     }
 
-    fn all(&self) -> impl Iterator<Item = &PathBuf> {
-        [&self.image, &self.linear, &self.exr, &self.stats, &self.plan].into_iter().flatten()
+    /// The outputs, each with its name in messages and its endings.
+    fn all(&self) -> impl Iterator<Item = (&'static str, &Path, &'static [&'static str])> {
+        let paths: [(_, _, &[_]); 5] = [
+            ("the image", &self.image, &["png"]),
+            ("the linear image", &self.linear, &["png", "tif", "tiff"]),
+            ("the EXR", &self.exr, &["exr"]),
+            ("the statistics", &self.stats, &["json"]),
+            ("the plan", &self.plan, &["exr"]),
+        ];
+        paths.into_iter().filter_map(|(what, path, endings)| Some((what, path.as_deref()?, endings)))
     }
 
     /// Is no file named?
@@ -77,14 +85,7 @@ impl OutputPaths {
 
     /// The outputs, each with its name in messages.
     pub(crate) fn named(&self) -> Vec<Output<'_>> {
-        let paths = [
-            ("the image", &self.image),
-            ("the linear image", &self.linear),
-            ("the EXR", &self.exr),
-            ("the statistics", &self.stats),
-            ("the plan", &self.plan),
-        ];
-        paths.into_iter().filter_map(|(what, path)| Some((what, path.as_deref()?))).collect()
+        self.all().map(|(what, path, _)| (what, path)).collect()
     }
 
     /// Detects before the render the faults that would occur after it: folders that do not exist or cannot be written
@@ -103,9 +104,9 @@ impl OutputPaths {
         checkpoint: Option<&Path>,
         inputs: &InputFiles,
     ) -> Result<(), Error> {
-        for path in self.all() {
+        for (_, path, _) in self.all() {
             let fault = |problem: &str, help: &str| Error::Output {
-                file: path.clone(),
+                file: path.into(),
                 problem: problem.into(),
                 help: help.into(),
             };
@@ -122,22 +123,9 @@ impl OutputPaths {
         let lock = checkpoint.map(dunkelfeld_io::lock::lock_path);
         outputs.extend(lock.as_deref().map(|path| ("the lock of the checkpoint", path)));
         check_outputs(&outputs, &InputFiles::new())?;
-        let wrong = |path: &Option<PathBuf>, allowed: &[&str]| {
-            path.as_ref().filter(|p| !allowed.contains(&extension(p).as_str())).map(|p| Error::Output {
-                file: p.clone(),
-                problem: misfit(p),
-                help: format!("end it in .{}", allowed.join(" or .")),
-            })
-        };
-        let faults = [
-            wrong(&self.image, &["png"]),
-            wrong(&self.linear, &["png", "tif", "tiff"]),
-            wrong(&self.exr, &["exr"]),
-            wrong(&self.stats, &["json"]),
-            wrong(&self.plan, &["exr"]),
-        ];
-        if let Some(fault) = faults.into_iter().flatten().next() {
-            return Err(fault);
+        if let Some((_, path, endings)) = self.all().find(|(_, path, allowed)| !allowed.contains(&&*extension(path))) {
+            let (problem, help) = (misfit(path), format!("end it in .{}", endings.join(" or .")));
+            return Err(Error::Output { file: path.into(), problem, help });
         }
         check_outputs(&outputs, inputs)?;
         if let (Some(path), false) = (&self.linear, has_sensor) {
@@ -147,7 +135,7 @@ impl OutputPaths {
                 help: "choose a sensor, or write an EXR for linear radiance".into(),
             });
         }
-        self.all().try_for_each(|path| written(path, dunkelfeld_io::atomic::check_writable(path)))
+        self.all().try_for_each(|(_, path, _)| written(path, dunkelfeld_io::atomic::check_writable(path)))
     }
 }
 
@@ -176,21 +164,13 @@ pub fn save_picture(frame: &Frame, path: &Path) -> Result<(), Error> {
 /// # Errors
 /// A picture without pixels.
 pub fn encode_picture(picture: &Picture) -> Result<Vec<u8>, Error> {
-    let bytes = match picture {
-        Picture::Gray(p) => png_bytes(File::Gray8(p)),
-        Picture::Rgb(p) => png_bytes(File::Rgb8(p)),
-    };
-    bytes.map_err(|e| Error::setting("picture", e.to_string(), "render an image with pixels"))
+    png_bytes(picture.as_file()).map_err(|e| Error::setting("picture", e.to_string(), "render an image with pixels"))
 }
 
 pub(crate) fn save_commented(picture: &Picture, comment: Option<&str>, path: &Path) -> Result<(), Error> {
-    let picture = match picture {
-        Picture::Gray(p) => File::Gray8(p),
-        Picture::Rgb(p) => File::Rgb8(p),
-    };
     let mut text = vec![("Software", "Dunkelfeld")];
     text.extend(comment.map(|words| ("Comment", words)));
-    written(path, dunkelfeld_io::png::write_png(path, picture, &text))
+    written(path, dunkelfeld_io::png::write_png(path, picture.as_file(), &text))
 }
 
 /// The metadata of a picture that differs from the image of the scene or from the rendered image.
@@ -274,31 +254,32 @@ pub fn encode_layers(film: &RenderedFilm, frame: &Frame, settings: &RenderSettin
 
 /// The attribute of an EXR with all layers.
 pub(crate) fn layer_attributes(frame: &Frame, settings: &RenderSettings, film: &RenderedFilm) -> serde_json::Value {
-    let mut all = serde_json::json!({
-        "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
-        "seed": settings.seed,
-        "frame": settings.frame,
-        "training_paths": settings.training_paths(),
+    let sensor = frame.sensor.as_ref();
+    let of_image = serde_json::json!({
         "denoiser": frame.denoised.as_ref().map(|d| &d.denoiser),
-        "exposure_seconds": frame.sensor.as_ref().map(|s| s.exposure.time().0),
-        "sensor": frame.sensor.as_ref().map(|s| &s.model.spec().name),
-        "exposure_noise": frame.sensor.as_ref().map(|_| settings.exposure_noise.name()),
+        "exposure_seconds": sensor.map(|s| s.exposure.time().0),
+        "sensor": sensor.map(|s| &s.model.spec().name),
+        "exposure_noise": sensor.map(|_| settings.exposure_noise.name()),
         FILM_OF_SENSOR: FilmOfSensor::new(settings),
         "objects": film.object_names,
         "materials": film.material_names,
         "without": settings.run.without.iter().map(|e| e.name()).collect::<Vec<_>>(),
         SPREAD: film.is_spread,
     });
-    add_first_sample(&mut all, settings);
-    all
+    plan_attributes(settings, of_image)
 }
 
-/// Marks a part of a render that does not begin with sample 0: its numbers of samples are no plan.
-fn add_first_sample(attributes: &mut serde_json::Value, settings: &RenderSettings) {
-    let first = settings.run.samples.as_ref().map_or(0, |samples| samples.start);
-    if let (1.., Some(attributes)) = (first, attributes.as_object_mut()) {
-        attributes.insert("first_sample".into(), first.into());
+/// `more` and the attributes of a plan. Those of a part of a render that does not begin with sample 0 have its number: its
+/// numbers of samples are no plan.
+fn plan_attributes(settings: &RenderSettings, mut more: serde_json::Value) -> serde_json::Value {
+    more["program"] = format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")).into();
+    more["seed"] = settings.seed.into();
+    more["frame"] = settings.frame.into();
+    more["training_paths"] = settings.training_paths().into();
+    if let Some(first @ 1..) = settings.run.samples.as_ref().map(|samples| samples.start) {
+        more["first_sample"] = first.into();
     }
+    more
 }
 
 /// The reason why a part of a render cannot be replayed, and the help.
@@ -476,14 +457,7 @@ pub(crate) fn set_attribute(layers: &mut ExrLayers, name: &str, value: &str) {
 fn plan_layers(plan: &Plane<u32>, settings: &RenderSettings) -> ExrLayers {
     let mut layers = ExrLayers::new(plan.width(), plan.height());
     layers.push_integers(Single::SampleCount, plan.clone());
-    let mut attributes = serde_json::json!({
-        "program": format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
-        "seed": settings.seed,
-        "frame": settings.frame,
-        "training_paths": settings.training_paths(),
-    });
-    add_first_sample(&mut attributes, settings);
-    layers.attributes = attributes.to_string();
+    layers.attributes = plan_attributes(settings, serde_json::json!({})).to_string();
     layers
 }
 

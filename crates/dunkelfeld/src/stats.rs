@@ -20,7 +20,8 @@ pub use crate::outliers::HeavySample;
 /// Version of the schema. It increases with every change that a reader must handle; new fields alone do not count.
 pub const STATS_VERSION: u32 = 3;
 
-/// The statistics of a render. Field names are the JSON keys; times are seconds, radiances W/(m^2 sr).
+/// The statistics of a render. Field names, also those of the parts, are the keys of one JSON object; times are seconds,
+/// radiances W/(m^2 sr).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Stats {
@@ -28,6 +29,31 @@ pub struct Stats {
     pub version: u32,
     /// Version of the program.
     pub program: String,
+    /// The render.
+    #[serde(flatten)]
+    pub run: RunStats,
+    /// Its samples.
+    #[serde(flatten)]
+    pub sampling: SamplingStats,
+    /// Its time.
+    #[serde(flatten)]
+    pub time: TimeStats,
+    /// The sensor, if there is one.
+    pub sensor: Option<SensorStats>,
+    /// The forecast of the pilot, and its error. `null` without a sensor, or without a plan.
+    pub forecast: Option<Vec<ForecastLevel>>,
+    /// The certificate: ratio of the render's noise to the sensor's; `null` without a sensor.
+    pub certificate: Option<CertificateStats>,
+    /// The denoiser, if one was set. No other field depends on its image.
+    pub denoise: Option<DenoiseStats>,
+    /// The account of memory, and the measured memory; `None` if the render was not one of a [project](crate::Project)
+    /// or a merge.
+    pub memory: Option<MemoryStats>,
+}
+
+/// The render that made the image.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RunStats {
     /// Width and height of the film \[pixels\].
     pub size: [u32; 2],
     /// Name of the camera; `None` for a merge, whose parts do not contain it.
@@ -46,6 +72,11 @@ pub struct Stats {
     pub stop: String,
     /// Names of effects that were left out on purpose.
     pub without: Vec<String>,
+}
+
+/// The samples of an image, and their mean.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SamplingStats {
     /// Samples of the whole image.
     pub samples: u64,
     /// Mean samples per pixel.
@@ -73,6 +104,11 @@ pub struct Stats {
     pub mean_radiance: [f64; 3],
     /// Standard error of that mean per channel; `null` where fewer than two batches of samples exist.
     pub mean_radiance_standard_error: [Option<f64>; 3],
+}
+
+/// The time that an image took, and its parts.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TimeStats {
     /// Seconds by stage: `load`, `build`, `pilot`, `plan`, `refine`, `expose`, `denoise`, `write`.
     pub seconds: BTreeMap<String, f64>,
     /// Wall-clock seconds of the whole command, and the limit if there was one. The sum includes earlier processes of a
@@ -88,17 +124,6 @@ pub struct Stats {
     pub budget_seconds: Option<f64>,
     /// Was the time budget missed by more than 2 % and 0.2 s?
     pub budget_missed: bool,
-    /// The sensor, if there is one.
-    pub sensor: Option<SensorStats>,
-    /// The forecast of the pilot, and its error. `null` without a sensor, or without a plan.
-    pub forecast: Option<Vec<ForecastLevel>>,
-    /// The certificate: ratio of the render's noise to the sensor's; `null` without a sensor.
-    pub certificate: Option<CertificateStats>,
-    /// The denoiser, if one was set. No other field depends on its image.
-    pub denoise: Option<DenoiseStats>,
-    /// The account of memory, and the measured memory; `None` if the render was not one of a [project](crate::Project)
-    /// or a merge.
-    pub memory: Option<MemoryStats>,
     /// Did a checkpoint contain all samples? Then the later steps missed no budget.
     #[serde(skip)]
     pub was_complete: bool,
@@ -289,9 +314,7 @@ impl Stats {
             *seconds.entry(stage.name().to_string()).or_insert(0.0) += s;
         }
         let samples = totals.samples;
-        Self {
-            version: STATS_VERSION,
-            program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
+        let run = RunStats {
             size: [film.width(), film.height()],
             camera: settings.run.view.as_ref().map(|view| view.name.clone()).or(settings.camera.clone()),
             seed: settings.seed,
@@ -307,6 +330,8 @@ impl Stats {
             }
             .into(),
             without: settings.run.without.iter().map(|e| e.name().to_string()).collect(),
+        };
+        let sampling = SamplingStats {
             samples,
             mean_spp: samples as f64 / n,
             spp_range: totals.range.unwrap_or_default(),
@@ -324,6 +349,8 @@ impl Stats {
             }),
             mean_radiance: totals.mean.map(|s| s / n),
             mean_radiance_standard_error: totals.variance.map(|v| v.is_finite().then(|| v.sqrt() / n)),
+        };
+        let time = TimeStats {
             seconds,
             total_seconds: 0.0,
             earlier_seconds: rendering.earlier.seconds,
@@ -331,18 +358,25 @@ impl Stats {
             parts: None,
             budget_seconds: settings.budget.seconds,
             budget_missed: false,
+            was_complete: rendering.earlier.was_complete,
+        };
+        Self {
+            version: STATS_VERSION,
+            program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
+            run,
+            sampling,
+            time,
             sensor: sensor_stats(frame, settings),
             forecast: rendering.forecast.as_ref().map(|f| f.levels.clone()),
             certificate: certified(frame).map(|c| (&c.certificate).into()),
             denoise: None,
             memory: None,
-            was_complete: rendering.earlier.was_complete,
         }
     }
 
     /// Records the seconds of a stage.
     pub fn add_seconds(&mut self, stage: Stage, seconds: f64) {
-        *self.seconds.entry(stage.name().to_string()).or_insert(0.0) += seconds;
+        *self.time.seconds.entry(stage.name().to_string()).or_insert(0.0) += seconds;
     }
 
     /// Records the result of denoising, and its seconds.
@@ -356,31 +390,31 @@ impl Stats {
         if let Some(memory) = &mut self.memory {
             memory.measure();
         }
-        let total = self.earlier_seconds + seconds;
-        self.total_seconds = total;
-        if let (Some(forecast), "noise", Some(c)) = (&mut self.forecast, self.stop.as_str(), &self.certificate) {
+        let total = self.time.earlier_seconds + seconds;
+        self.time.total_seconds = total;
+        if let (Some(forecast), "noise", Some(c)) = (&mut self.forecast, self.run.stop.as_str(), &self.certificate) {
             for level in forecast.iter_mut().filter(|level| level.k == c.k) {
-                (level.actual_samples, level.actual_seconds) = (Some(self.samples as f64), Some(total));
+                (level.actual_samples, level.actual_seconds) = (Some(self.sampling.samples as f64), Some(total));
             }
         }
-        self.budget_missed = self.stop != "interrupted"
-            && !self.was_complete
-            && self.budget_seconds.is_some_and(|b| total > b + dunkelfeld_adaptive::budget::tolerance(b));
+        self.time.budget_missed = self.run.stop != "interrupted"
+            && !self.time.was_complete
+            && self.time.budget_seconds.is_some_and(|b| total > b + dunkelfeld_adaptive::budget::tolerance(b));
     }
 
     /// Does the result have a fault? A time budget that was missed is none: the image has only more samples.
     pub fn is_flagged(&self) -> bool {
-        self.invalid_samples > 0 || self.budget_too_small() || self.denoising_failed()
+        self.sampling.invalid_samples > 0 || self.budget_too_small() || self.denoising_failed()
     }
 
     /// Did the time limit end the render before every pixel had a sample?
     pub fn budget_too_small(&self) -> bool {
-        self.stop == "time" && self.pixels_without_samples > 0
+        self.run.stop == "time" && self.sampling.pixels_without_samples > 0
     }
 
     /// Was denoising set, is the image not denoised, and was the run not interrupted?
     pub fn denoising_failed(&self) -> bool {
-        self.stop != "interrupted" && self.denoise.as_ref().is_some_and(|d| d.error.is_some())
+        self.run.stop != "interrupted" && self.denoise.as_ref().is_some_and(|d| d.error.is_some())
     }
 
     /// The statistics as JSON text, which ends in a newline.

@@ -1,11 +1,10 @@
 //! Several cameras of one job: their names, their files, and the clock of each render.
 
-use crate::guard::{DefaultPath, Output, check_outputs, free_file};
+use crate::guard::{DefaultPath, Output, check_outputs, free_picture};
 use crate::outputs::OutputPaths;
 use crate::project::Project;
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_render::Error;
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 impl Project {
@@ -40,7 +39,7 @@ impl Project {
         let usual = camera.map_or(usual.clone(), |camera| with_camera(&usual, camera));
         let others = OutputPaths { image: None, ..outputs.clone() };
         let checkpoint = self.settings.run.checkpoint.as_ref().map(|keep| ("the checkpoint", keep.path.as_path()));
-        free_file(usual, "render", |path| {
+        free_picture(usual, |path| {
             let image = ("the image", path);
             check_outputs(&[image], &self.inputs)?;
             // Another name for the image cannot avoid faults of the other outputs.
@@ -61,8 +60,7 @@ impl Project {
             outputs.check_beside(self.settings.has_sensor(), None, &inputs)?;
         }
         let all: Vec<Output<'_>> = renders.iter().flat_map(OutputPaths::named).collect();
-        check_outputs(&all, &InputFiles::new())?;
-        check_cases(&all)
+        check_outputs(&all, &InputFiles::new())
     }
 }
 
@@ -92,21 +90,6 @@ impl OutputPaths {
             plan: named(&self.plan),
         }
     }
-}
-
-/// Refuses names that differ in upper and lower case only: on a disk that ignores the case they are one file.
-fn check_cases(outputs: &[Output<'_>]) -> Result<(), Error> {
-    let mut known: HashMap<String, &Path> = HashMap::new();
-    for (what, path) in outputs {
-        if let Some(other) = known.insert(path.to_string_lossy().to_lowercase(), path) {
-            return Err(Error::Output {
-                file: (*path).into(),
-                problem: format!("is {what}, and differs from {} in upper and lower case only", other.display()),
-                help: "rename one of the cameras; some disks have one file for both names".into(),
-            });
-        }
-    }
-    Ok(())
 }
 
 fn with_camera(path: &Path, camera: &str) -> PathBuf {

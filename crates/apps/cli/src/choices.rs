@@ -3,12 +3,16 @@
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use dunkelfeld::DenoiseMethod;
 
-/// Reads one of the values by its name. Clap has refused every other text before `default` could be the result.
-fn one_of<T>(all: Vec<(&'static str, T, &'static str)>, default: T) -> impl TypedValueParser<Value = T>
+/// Reads one of the values by its name, each with its help or an empty text. Clap has refused every other text before `default` could be the result.
+pub(crate) fn one_of<T>(all: Vec<(&'static str, T, &'static str)>, default: T) -> impl TypedValueParser<Value = T>
 where
     T: Copy + Send + Sync + 'static,
 {
-    let names: Vec<_> = all.iter().map(|(name, _, help)| PossibleValue::new(*name).help(*help)).collect();
+    let value = |(name, _, help): &(&'static str, T, &'static str)| match *help {
+        "" => PossibleValue::new(*name),
+        help => PossibleValue::new(*name).help(help),
+    };
+    let names: Vec<_> = all.iter().map(value).collect();
     PossibleValuesParser::new(names)
         .map(move |name| all.iter().find(|(known, ..)| *known == name).map_or(default, |(_, value, _)| *value))
 }

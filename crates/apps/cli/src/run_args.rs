@@ -1,10 +1,14 @@
 //! Flags that several commands share.
 
+use crate::bar::Sink;
+use crate::interrupt::cancel_on_interrupt;
 #[cfg(feature = "studies")]
 use crate::key_flags::{KeyFlags, OfStudy};
+use crate::outcome::say;
 use crate::values::within;
 use clap::{Args, ValueEnum};
 use dunkelfeld::io::{Memory, QuantityError};
+use dunkelfeld::{Error, Session};
 
 /// Limit of the memory of a command.
 #[derive(Debug, Args)]
@@ -35,6 +39,22 @@ impl RunArgs {
     /// The number of threads; 0 for one per core.
     pub(crate) fn thread_count(&self) -> usize {
         self.threads.map_or(0, usize::from)
+    }
+
+    /// Does work that Ctrl-C cancels. `None` if it did.
+    pub(crate) fn work<T>(
+        &self,
+        work: impl FnOnce(&Session<'_>) -> Result<Option<T>, Error>,
+    ) -> Result<Option<T>, Error> {
+        let sink = Sink::new(self.progress);
+        let cancel = cancel_on_interrupt();
+        let session = Session::new(self.thread_count())?.with_progress(&sink).with_cancel(&cancel);
+        let done = work(&session);
+        drop(sink);
+        if let Ok(None) = done {
+            say("interrupted: nothing was written");
+        }
+        done
     }
 }
 

@@ -11,7 +11,7 @@ use crate::record::InstanceRecord;
 use crate::rle::runs_of_labels;
 use crate::study::{ImageSettings, LabelSettings, LinearFormat, PictureFormat, Segmentation};
 use dunkelfeld::outputs::encode_picture;
-use dunkelfeld::{Error, Frame, Picture};
+use dunkelfeld::{Error, Frame};
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::jpeg::jpeg_bytes;
 use dunkelfeld_io::picture::Picture as File;
@@ -53,11 +53,8 @@ pub(crate) fn images(files: &mut Files, name: &str, settings: &ImageSettings, fr
         PictureFormat::None => {}
         PictureFormat::Png => files.push((format!("images/{name}.png"), encode_picture(&frame.picture)?)),
         PictureFormat::Jpeg => {
-            let picture = match &frame.picture {
-                Picture::Gray(plane) => File::Gray8(plane),
-                Picture::Rgb(plane) => File::Rgb8(plane),
-            };
-            files.push((format!("images/{name}.jpg"), encoded("picture", jpeg_bytes(picture, settings.quality))?));
+            let bytes = jpeg_bytes(frame.picture.as_file(), settings.quality);
+            files.push((format!("images/{name}.jpg"), encoded("picture", bytes)?));
         }
     }
     if settings.linear == LinearFormat::None && !settings.raw {

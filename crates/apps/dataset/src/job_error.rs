@@ -4,7 +4,7 @@ use crate::study::Study;
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::toml_file::TomlFile;
-use toml::Value;
+use toml::{Table, Value};
 
 impl Study {
     /// An error of the drawn job of an image, at the line of the study or of its job that has the key. Without such a line
@@ -15,7 +15,8 @@ impl Study {
         }
         let InputError { place, problem, help, source_span, read, .. } = error;
         let drawn = source_span.map(|span| (TomlFile::from_text(self.job_path(), span.text), span.range));
-        let path = drawn.and_then(|(text, range)| text.path_at(&range)).unwrap_or_default();
+        let drawn = drawn.and_then(|(file, range)| Some((file.path_at(&range)?, file.parse().ok()?)));
+        let (path, job): (Vec<String>, Table) = drawn.unwrap_or_default();
         let at = |file: &TomlFile, path: &[String]| {
             let keys: Vec<&str> = path.iter().map(String::as_str).collect();
             let is_there = !keys.is_empty() && file.has_key(&keys);
@@ -24,7 +25,7 @@ impl Study {
         // A value inside of a distribution has no line of its own: that of the distribution counts.
         let of_study = |own: &[String]| (1..=own.len()).rev().find_map(|end| at(self.source(), &own[..end]));
         let of_job = || at(&TomlFile::read(self.job_path(), Role::Job, &mut InputFiles::new()).ok()?, &path);
-        let found = match self.own_path(&path, index) {
+        let found = match self.own_path(&path, &job, index) {
             Some(own) => of_study(&own),
             None if !self.base().is_empty() => of_job(),
             None => None,
@@ -41,7 +42,7 @@ impl Study {
     /// The path in the study of a key of the drawn job of an image. Lists of tables of the study come behind those of its
     /// job; cameras of the study change those of the job by their names, and others come behind. `None` for a value that the
     /// study does not have.
-    fn own_path(&self, path: &[String], index: u64) -> Option<Vec<String>> {
+    fn own_path(&self, path: &[String], job: &Table, index: u64) -> Option<Vec<String>> {
         let draws = self.draws(index);
         let value = self.template.draw(draws, "", &mut self.named(draws), &mut |_, _| {}).ok()?;
         let mut own = path.to_vec();
@@ -51,8 +52,13 @@ impl Study {
         {
             match (value.get(first)?, path.get(1)) {
                 (changes, Some(number)) if first == "camera" => {
-                    let position = own_camera(list, changes, number.parse().ok()?)?;
-                    own.splice(1..2, position.map(|position| position.to_string()));
+                    let name = |camera: &Value| camera.get("name").cloned();
+                    let changed = name(job.get("camera")?.get(number.parse::<usize>().ok()?)?);
+                    match changes {
+                        Value::Array(list) => own[1] = list.iter().position(|c| name(c) == changed)?.to_string(),
+                        one if name(one).is_none_or(|name| Some(name) == changed) => drop(own.remove(1)),
+                        _ => return None,
+                    }
                 }
                 (Value::Array(more), Some(number)) if more.iter().all(Value::is_table) => {
                     own[1] = number.parse::<usize>().ok()?.checked_sub(list.len())?.to_string();
@@ -67,26 +73,6 @@ impl Study {
         });
         has_value.map(|_| own)
     }
-}
-
-/// The position in the cameras of a study of a camera of the drawn job: `Some(None)` if the study has one table, and `None`
-/// if it does not change this camera.
-fn own_camera(of_job: &[Value], of_study: &Value, number: usize) -> Option<Option<usize>> {
-    let name = |camera: &Value| camera.get("name").and_then(Value::as_str).map(str::to_owned);
-    let Value::Array(changes) = of_study else {
-        let is_only = of_job.len() == 1 && name(of_study).is_none();
-        let is_this = is_only || of_job.get(number).is_some_and(|camera| name(camera) == name(of_study));
-        return is_this.then_some(None);
-    };
-    let is_known = |change: &&Value| of_job.iter().any(|camera| name(camera) == name(change));
-    let found = match of_job.get(number) {
-        Some(camera) => changes.iter().position(|change| name(change) == name(camera)),
-        None => {
-            let added = changes.iter().enumerate().filter(|(_, change)| !is_known(change));
-            added.map(|(position, _)| position).nth(number - of_job.len())
-        }
-    };
-    found.map(Some)
 }
 
 #[cfg(test)]

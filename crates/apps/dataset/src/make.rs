@@ -24,6 +24,7 @@ use dunkelfeld::guard::check_outputs;
 use dunkelfeld::{
     Budget, Cancel, DenoiseMethod, Error, Project, ProjectOptions, ProjectResult, SensorChoice, Session, Silent, Stage,
 };
+use dunkelfeld_film::Plane;
 use dunkelfeld_geometry::{DAffine3, DVec3};
 use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_scene::{Camera, Instance, RayGenerator, SceneBuilder};
@@ -378,7 +379,7 @@ impl Worker {
             width,
             height,
             exposure: exposed.map(|s| s.exposure.time().0),
-            samples: result.stats.samples,
+            samples: result.stats.sampling.samples,
             certificate,
             matched: exposed.and_then(|s| s.matched.as_ref()).map(|m| m.share),
             instances,
@@ -443,7 +444,7 @@ impl Worker {
                 known.entry(label.instance).or_insert((*label, name));
             }
         }
-        let found = bounds_of(planes);
+        let found = bounds_of(&planes.instances);
         let exposed = result.frame.sensor.as_ref().map(|sensor| Exposed {
             electrons: &sensor.electrons,
             ratios: sensor.certified.as_ref().map(|certified| &certified.ratios),
@@ -491,10 +492,10 @@ impl Worker {
 }
 
 /// The box and the number of pixels of each instance of a mask.
-fn bounds_of(planes: &LabelPlanes) -> BTreeMap<u16, (Bounds, u64)> {
+pub(crate) fn bounds_of(mask: &Plane<u16>) -> BTreeMap<u16, (Bounds, u64)> {
     let mut found: BTreeMap<u16, (Bounds, u64)> = BTreeMap::new();
-    let width = planes.instances.width().max(1);
-    let mut pixels = (0u32..).zip(planes.instances.data()).filter(|(_, id)| **id != 0);
+    let width = mask.width().max(1);
+    let mut pixels = (0u32..).zip(mask.data()).filter(|(_, id)| **id != 0);
     pixels.by_ref().for_each(|(i, id)| {
         let (x, y) = (i % width, i / width);
         let (bounds, count) = found.entry(*id).or_insert((Bounds { from: [x, y], to: [x + 1, y + 1] }, 0));

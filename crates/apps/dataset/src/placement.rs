@@ -32,10 +32,8 @@ pub(crate) struct Placement {
     size: [Length; 3],
     /// Range of the rotation about the vertical through the centre of the object: from minus half of it to plus half of it.
     /// Default 0.
-    #[serde(default)]
     turn: Option<Angle>,
     /// Least distance between the objects that are placed \[m\]. Default 0.
-    #[serde(default)]
     clearance: Option<Length>,
     /// May objects that are placed overlap? Default false.
     #[serde(default)]

@@ -77,7 +77,6 @@ pub struct InstanceRecord {
     /// if it is below three of its errors, which are above the noise of a pixel.
     pub contrast: Option<f64>,
     /// Standard error of the contrast by the noise of the render \[DN\].
-    #[serde(default)]
     pub contrast_error: Option<f64>,
     /// Magnitude of the contrast, less the share of the error, over the temporal noise of a pixel. `None` where `contrast` is.
     pub cnr: Option<f64>,
@@ -86,7 +85,6 @@ pub struct InstanceRecord {
     /// Kind of a defect.
     pub defect: Option<String>,
     /// Place of a defect.
-    #[serde(default)]
     pub place: Option<PlaceRecord>,
     /// Only of an object without a pose, which is mirrored, sheared or flat: the first three rows of the matrix from the
     /// object \[m\] to the camera \[mm\].

@@ -191,7 +191,7 @@ struct State {
     seen: Seen,
     /// The error that ends the run.
     failed: Option<Error>,
-    /// Has a thread ended by an error or a panic?
+    /// Has a thread ended by an error?
     is_stopped: bool,
 }
 
@@ -276,23 +276,10 @@ impl Run<'_> {
     }
 
     fn work(&self, worker: Result<Worker, Error>) {
-        let stop = StopOnPanic(self);
         if let Err(e) = worker.and_then(|mut worker| self.make(&mut worker)) {
             let mut state = self.state();
             state.is_stopped = true;
             state.failed.get_or_insert(e);
-        }
-        drop(stop);
-    }
-}
-
-/// Ends the other threads of a run if this one panics.
-struct StopOnPanic<'a>(&'a Run<'a>);
-
-impl Drop for StopOnPanic<'_> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            self.0.state().is_stopped = true;
         }
     }
 }

@@ -30,47 +30,34 @@ const OWN_KEYS: [(&str, &str); 3] = [
 ];
 
 /// `[study]`
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 struct StudySettings {
     /// Path of a job, relative to the study, whose keys the study extends and replaces.
-    #[serde(default)]
     job: Option<PathBuf>,
     /// The folder that relative paths refer to, relative to the study. By default that of the study.
-    #[serde(default)]
     folder: Option<PathBuf>,
     /// Name of the set. By default that of the file.
-    #[serde(default)]
     name: Option<String>,
     /// Number of images. Default 100.
-    #[serde(default)]
     count: Option<u64>,
     /// Seed of all draws, samples, noise and devices. Default 0.
-    #[serde(default)]
     seed: u64,
     /// `"one"`, `"each"`, or the number of images in a row that come from the same device. Default `"one"`.
-    #[serde(default)]
     device: Device,
     /// Name of the camera of the images.
-    #[serde(default)]
     camera: Option<Value>,
     /// Named draws.
-    #[serde(default)]
     draw: Table,
     /// Files of each image.
-    #[serde(default)]
     images: ImageSettings,
     /// Files of labels.
-    #[serde(default)]
     labels: LabelSettings,
     /// Categories of objects.
-    #[serde(default)]
     label: Vec<LabelEntry>,
     /// Placements of objects.
-    #[serde(default)]
     place: Vec<Table>,
     /// Defects.
-    #[serde(default)]
     defect: Vec<Table>,
 }
 

@@ -11,6 +11,7 @@ use dunkelfeld::Error;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::gray::read_gray;
 use dunkelfeld_io::loader::Limits;
+use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -19,7 +20,7 @@ use std::path::Path;
 const LISTED: usize = 20;
 
 /// The result of a check.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Verified {
     /// Images of the set.
     pub count: u64,

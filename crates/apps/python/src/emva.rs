@@ -5,11 +5,11 @@ use crate::errors::{Failure, setting};
 use crate::json::loaded;
 use crate::progress::{completed, supervised};
 use crate::sensor::SensorArgument;
+use dunkelfeld::radiometry::{Nanometres, Seconds};
 use dunkelfeld::sensor::FilterColor;
 use dunkelfeld::{Session, find_sensor};
 use dunkelfeld_studies::emva::{
-    AnalyseOptions, DatasetOptions, DatasetPlan, DatasetSettings, Findings, TRUTH, Vary, read_measurement,
-    write_dataset,
+    AnalyseOptions, DatasetPlan, DatasetSettings, Findings, TRUTH, Vary, read_measurement, write_dataset,
 };
 use dunkelfeld_studies::emva1288::Release;
 use pyo3::prelude::*;
@@ -47,20 +47,21 @@ pub(crate) fn emva_dataset<'py>(
         SensorArgument::Path(path) => find_sensor(&path.display().to_string())?,
     };
     let varied = [("exposure", Vary::Exposure), ("irradiance", Vary::Irradiance)];
-    let colors = [("red", FilterColor::Red), ("green", FilterColor::Green), ("blue", FilterColor::Blue)];
-    let options = DatasetOptions::default()
-        .with_levels(levels)
-        .with_size(size)
-        .with_wavelength(wavelength.map(|length| Ok::<_, Failure>(1e9 * length.metres("wavelength")?)).transpose()?)
-        .with_spatial(spatial)
-        .with_vary(vary.map(|name| named("vary", name, &varied)).transpose()?)
-        .with_exposure(exposure)
-        .with_bit_depth(bit_depth)
-        .with_color(color.map(|name| named("color", name, &colors)).transpose()?)
-        .with_seed(seed);
+    let colors = FilterColor::ALL.map(|color| (color.name(), color));
+    let wavelength = wavelength.map(|length| length.metres("wavelength")).transpose()?;
+    let mut settings = DatasetSettings::default();
+    settings.levels = levels.unwrap_or(settings.levels);
+    [settings.width, settings.height] = size.unwrap_or([settings.width, settings.height]);
+    settings.wavelength = wavelength.map(|metres| Nanometres(1e9 * metres));
+    settings.stack = spatial.unwrap_or(settings.stack);
+    settings.vary = vary.map_or(Ok(settings.vary), |name| named("vary", name, &varied))?;
+    settings.exposure = exposure.map_or(settings.exposure, Seconds);
+    settings.bit_depth = bit_depth;
+    settings.color = color.map(|name| named("color", name, &colors)).transpose()?;
+    settings.seed = seed.unwrap_or(settings.seed);
     let threads = checked_threads(threads)?.unwrap_or(0);
     let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
-        let plan = DatasetPlan::new(&model, &DatasetSettings::from(options))?;
+        let plan = DatasetPlan::new(&model, &settings)?;
         let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
         write_dataset(&plan, &output, &session)
     })?;

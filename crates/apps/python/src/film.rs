@@ -1,7 +1,8 @@
 //! Films: sums of samples per pixel, as arrays of numpy, and their exposure.
 
+use crate::arguments::method_of;
 use crate::arrays::{gray, rgb, stack};
-use crate::errors::{Failure, setting};
+use crate::errors::Failure;
 use crate::inputs::{input_names, inputs_of};
 use crate::keywords::Keywords;
 use crate::noise_map::NoiseMap;
@@ -231,12 +232,7 @@ impl Film {
         method: &str,
         oidn: Option<PathBuf>,
     ) -> Result<Bound<'py, PyArray3<f32>>, Failure> {
-        let method = match method {
-            "auto" => DenoiseMethod::Auto,
-            "oidn" => DenoiseMethod::Oidn,
-            "builtin" => DenoiseMethod::Builtin,
-            other => return Err(setting("method", format!("unknown value \"{other}\""), "auto, oidn or builtin")),
-        };
+        let method = method_of(method)?;
         let of_render = || self.settings().denoise.oidn.clone().filter(|_| method != DenoiseMethod::Builtin);
         let settings = DenoiseSettings::default().with_method(method).with_oidn(oidn.or_else(of_render));
         let saved = self.saved.clone();

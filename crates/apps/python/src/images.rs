@@ -92,12 +92,12 @@ pub(crate) fn expose_exr_files<'py>(
     let entries = PyDict::new(py);
     entries.set_item("files", exposed.files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>())?;
     entries.set_item("frames", exposed.frames)?;
-    entries.set_item("exposure", exposed.exposure.time().0)?;
-    entries.set_item("no_light", exposed.no_light)?;
-    entries.set_item("saturated", exposed.saturated)?;
-    entries.set_item("matched", exposed.matched)?;
-    entries.set_item("invalid", exposed.invalid)?;
-    entries.set_item("invalid_variances", exposed.invalid_variances)?;
+    entries.set_item("exposure", exposed.exposer.exposure().time().0)?;
+    entries.set_item("no_light", exposed.exposer.no_light())?;
+    entries.set_item("saturated", exposed.exposer.saturated())?;
+    entries.set_item("matched", exposed.exposer.matched())?;
+    entries.set_item("invalid", exposed.exposer.invalid())?;
+    entries.set_item("invalid_variances", exposed.exposer.invalid_variances())?;
     Ok(entries)
 }
 

@@ -10,8 +10,8 @@ use crate::progress::{completed, supervised};
 use crate::scene::Scene;
 use dunkelfeld::io::OF_STUDY;
 use dunkelfeld::{Error, ProgressState, Project, ProjectOptions, Session, Stage};
-use dunkelfeld_studies::bench::{BenchOptions, BenchSettings};
-use dunkelfeld_studies::photon_transfer::{PtcOptions, PtcSettings, StackSettings, is_frame, ptc_of_frames};
+use dunkelfeld_studies::bench::BenchSettings;
+use dunkelfeld_studies::photon_transfer::{PtcSettings, is_frame, of_render_only, ptc_of_frames};
 use dunkelfeld_studies::{Figures, StudyOutcome, default_folder};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -108,7 +108,7 @@ fn study<'py>(
         let mut options = view.keywords.options();
         options.camera = view.camera;
         project.apply_options(options)?;
-        let folder = output.unwrap_or_else(|| default_folder(input, name, &project.inputs).path);
+        let folder = output.unwrap_or_else(|| default_folder(input, name));
         let session = Session::new(project.settings.run.threads)?.with_progress(sink).with_cancel(cancel);
         let o = run(project, &folder, &session)?;
         let numbers = [o.finished[0] as u64, o.finished[1] as u64, o.invalid_samples];
@@ -156,7 +156,7 @@ pub(crate) fn bench<'py>(
     let has_size = ["film.width", "film.height"].iter().any(|key| keywords.keys.contains(key));
     let input = input.path()?;
     let strategies = strategies.map(|names| names.each(|name| strategy_of("strategies", name))).transpose()?;
-    let options = BenchOptions::default()
+    let settings = BenchSettings::default()
         .with_quick(quick)
         .with_spp(given("spp", spp)?)
         .with_seeds(seeds)
@@ -167,7 +167,6 @@ pub(crate) fn bench<'py>(
         .with_oidn(oidn)
         .with_effect_spp(effect_spp)
         .with_reference_spp(reference_spp);
-    let settings = BenchSettings::from(options);
     settings.check()?;
     let view = View { keywords, camera, threads: checked_threads(threads)?.unwrap_or(0) };
     let input = &input;
@@ -210,46 +209,31 @@ pub(crate) fn ptc<'py>(
 ) -> Result<Bound<'py, PyDict>, Failure> {
     let keywords = Keywords::new("ptc", keys, OF_STUDY)?;
     let inputs = input.list()?;
+    let settings = PtcSettings::default()
+        .with_frames(frames)
+        .with_spp(given("spp", spp)?)
+        .with_denoise(denoise.map(method_of).transpose()?)
+        .with_oidn(oidn)
+        .with_edges(edges)
+        .with_pictures_only(pictures_only)
+        .with_dark(dark)
+        .with_saturation(saturation);
     if !inputs.is_empty() && inputs.iter().all(|path| is_frame(path)) {
         let of_render = [
-            ("frames", frames.is_some()),
-            ("spp", spp.is_some()),
-            ("denoise", denoise.is_some() || oidn.is_some()),
-            ("pictures_only", pictures_only),
             ("width, height, sensor, exposure, seed or memory", !keywords.is_empty()),
             ("camera", camera.is_some()),
             ("restart", restart),
             ("threads", threads.is_some()),
         ];
         if let Some((name, _)) = of_render.iter().find(|(_, given)| *given) {
-            let problem = "is a setting of a render, and the input is frames";
-            return Err(setting(name, problem, "leave it out, or give a scene"));
+            return Err(of_render_only(name).into());
         }
-        let defaults = StackSettings::default();
-        let settings = StackSettings::default()
-            .with_dark(dark.unwrap_or(defaults.dark))
-            .with_saturation(saturation)
-            .with_edges(edges.unwrap_or(defaults.edges));
         return ptc_frames(py, &inputs, output, &settings, progress.as_ref());
     }
     let [input] = inputs.as_slice() else {
         let problem = format!("{} inputs are neither one scene nor a stack of frames", inputs.len());
         return Err(setting("input", problem, "give one scene or job, or frames (.png, .tif, .bmp) alone"));
     };
-    for (name, value) in [("dark", dark), ("saturation", saturation)] {
-        if value.is_some() {
-            let problem = "is for frames; with a scene, the sensor has that value";
-            return Err(setting(name, problem, "leave it out, or give frames"));
-        }
-    }
-    let options = PtcOptions::default()
-        .with_frames(frames)
-        .with_spp(given("spp", spp)?)
-        .with_denoise(denoise.map(method_of).transpose()?)
-        .with_oidn(oidn)
-        .with_edges(edges)
-        .with_pictures_only(pictures_only);
-    let settings = PtcSettings::from(options);
     settings.check()?;
     let view = View { keywords, camera, threads: checked_threads(threads)?.unwrap_or(0) };
     study(py, progress.as_ref(), (input, view), (output, "ptc"), |project, folder, session| {
@@ -262,14 +246,14 @@ fn ptc_frames<'py>(
     py: Python<'py>,
     inputs: &[PathBuf],
     output: Option<PathBuf>,
-    settings: &StackSettings,
+    settings: &PtcSettings,
     progress: Option<&Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
     let done = supervised(py, progress, 0, |sink, cancel| {
         let session = Session::new(1)?.with_progress(sink).with_cancel(cancel);
         let Some(stack) = ptc_of_frames(inputs, settings, &session)? else { return Ok(None) };
         let first = inputs.first().map_or(Path::new(""), PathBuf::as_path);
-        let folder = output.unwrap_or_else(|| default_folder(first, "ptc", &stack.inputs).path);
+        let folder = output.unwrap_or_else(|| default_folder(first, "ptc"));
         let files = stack.write(&folder)?;
         let numbers = [inputs.len() as u64, inputs.len() as u64, 0];
         Ok(Some(Study { folder, files, findings: stack.findings(), figures: stack.figures(), numbers }))

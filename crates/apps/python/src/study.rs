@@ -400,21 +400,10 @@ impl DataSet {
     ///
     /// Returns a dictionary: `count` and `finished` (images), `files` and `annotations` (numbers that were checked), `faults`
     /// (texts), `more` (number of faults that are not listed), `is_whole`.
-    fn verify<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyDict>, Failure> {
+    fn verify<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Failure> {
         let found = py.detach(|| verify(self.0.path(), &|_, _| {}))?;
-        let entries = PyDict::new(py);
+        let entries = loaded(py, &found)?;
         entries.set_item("is_whole", found.is_whole())?;
-        let numbers = [
-            ("count", found.count),
-            ("finished", found.finished),
-            ("files", found.files),
-            ("annotations", found.annotations),
-            ("more", found.more),
-        ];
-        for (name, number) in numbers {
-            entries.set_item(name, number)?;
-        }
-        entries.set_item("faults", found.faults)?;
         Ok(entries)
     }
 

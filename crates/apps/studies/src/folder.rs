@@ -2,7 +2,6 @@
 
 use crate::series::UNITS;
 use dunkelfeld::Error;
-use dunkelfeld::guard::{DefaultPath, first_free};
 use dunkelfeld_io::input::{FileIdentity, InputFile, InputFiles, ReadFault, Role};
 use dunkelfeld_report::page::is_page;
 use std::io::Read;
@@ -57,17 +56,11 @@ fn found_in<'a>(folder: &Path, inputs: &'a InputFiles) -> Option<&'a InputFile> 
     named.or_else(|| inputs.find_within(folder)).or_else(|| inputs.find_within(&folder.join(UNITS)))
 }
 
-/// The default folder of a study of an input: `a-bench` or `a-ptc` in the current folder, or the next one that contains no
-/// input: `a-bench-2`.
-pub fn default_folder(input: &Path, study: &str, inputs: &InputFiles) -> DefaultPath {
+/// The default folder of a study of an input: `a-bench` or `a-ptc` in the current folder.
+pub fn default_folder(input: &Path, study: &str) -> PathBuf {
     let mut name = input.file_stem().unwrap_or_else(|| "scene".as_ref()).to_os_string();
     name.push(format!("-{study}"));
-    let other = |number: u32| {
-        let mut name = name.clone();
-        name.push(format!("-{}", number + 1));
-        PathBuf::from(name)
-    };
-    first_free(PathBuf::from(name.clone()), other, |folder| check_folder(folder, inputs))
+    name.into()
 }
 
 #[cfg(test)]
@@ -92,7 +85,6 @@ mod tests {
             let message = check(foreign).expect_err("a page of somebody else").to_string();
             assert!(message.contains(REPORT) && message.contains("help:"), "{message}");
         }
-        let chosen = default_folder(&home.join("no-such-scene.gltf"), "ptc", &inputs);
-        assert_eq!((chosen.path, chosen.reason), ("no-such-scene-ptc".into(), None));
+        assert_eq!(default_folder(&home.join("no-such-scene.gltf"), "ptc"), Path::new("no-such-scene-ptc"));
     }
 }

@@ -4,9 +4,10 @@
 use crate::developed::{Accept, Developed};
 use crate::engine::AFTER_PANIC;
 use crate::panics::caught;
-use crate::protocol::{Activity, Camera, CertificateState, CurvePoint, Denoise, Noise, Readiness};
+use crate::protocol::{Activity, Camera, CertificateState, CurvePoint, Noise, Readiness};
 use crate::shared::{Control, Shared, lock};
 use crate::snapshot::{Content, Snapshot};
+use dunkelfeld::DenoiseMethod;
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -93,8 +94,8 @@ fn certify(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
 /// Computes the noise for matched exposure or the denoised mean of a film that the camera shows.
 fn prepare_shown(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
     let readiness = match (camera.denoise, camera.noise) {
-        (Denoise::Off, Noise::Matched) if camera.sensor.is_some() => shared.store.noise(snapshot, camera),
-        (Denoise::Off, _) => Readiness::Exact,
+        (DenoiseMethod::Off, Noise::Matched) if camera.sensor.is_some() => shared.store.noise(snapshot, camera),
+        (DenoiseMethod::Off, _) => Readiness::Exact,
         (method, _) => shared.store.denoised(snapshot, method),
     };
     if readiness != Readiness::Exact {
@@ -115,8 +116,8 @@ fn prepare_others(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
         compute(shared, snapshot, &Camera { noise: Noise::Matched, ..plain.clone() });
     }
     let can_be_denoised = !matches!(snapshot.content, Content::Exr(_));
-    if can_be_denoised && shared.store.denoised(snapshot, Denoise::Auto) == Readiness::None {
-        compute(shared, snapshot, &Camera { denoise: Denoise::Auto, ..plain });
+    if can_be_denoised && shared.store.denoised(snapshot, DenoiseMethod::Auto) == Readiness::None {
+        compute(shared, snapshot, &Camera { denoise: DenoiseMethod::Auto, ..plain });
     }
 }
 
@@ -130,7 +131,7 @@ fn compute(shared: &Shared, snapshot: &Arc<Snapshot>, camera: &Camera) {
 /// Waits after an analysis that took so many seconds on all threads, so that the render has the other time.
 fn pause(shared: &Shared, camera: &Camera, seconds: f64) {
     let is_running = lock(&shared.live).render.state == Activity::Running;
-    let is_wanted = camera.noise == Noise::Matched || camera.denoise != Denoise::Off;
+    let is_wanted = camera.noise == Noise::Matched || camera.denoise != DenoiseMethod::Off;
     let share = match (is_running, is_wanted) {
         (false, _) => SHARE_WITHOUT_RENDER,
         (true, true) => SHARE_IF_WANTED,

@@ -1,7 +1,7 @@
 //! A film behind a camera: frames, maps and certificates.
 
 use crate::prepared::{Found, Means, Prepared};
-use crate::protocol::{Camera, Denoise, Fault, FrameHeader, MapHeader, MapKind, Noise, Ranges, Readiness, Tone};
+use crate::protocol::{Camera, Fault, FrameHeader, MapHeader, MapKind, Noise, Ranges, Readiness, Tone};
 use crate::snapshot::{Content, Heaviest, Snapshot};
 use dunkelfeld::denoising::{Denoiser, OIDN_VARIABLE, denoise_film, find_denoiser};
 use dunkelfeld::film::Certified;
@@ -159,7 +159,7 @@ impl Developed {
         };
         let factors = snapshot.factors(camera.lights.as_ref())?;
         let (means, mut readiness) = match camera.denoise {
-            Denoise::Off => (None, Readiness::Exact),
+            DenoiseMethod::Off => (None, Readiness::Exact),
             _ if matches!(snapshot.content, Content::Exr(_)) => {
                 return Err(Fault::new("an EXR is shown as it is", "denoise it by `dunkelfeld denoise`"));
             }
@@ -200,7 +200,7 @@ impl Developed {
             let exposer = developed.expose(model.clone())?;
             // The remaining noise of a denoised image is unknown.
             let mut noise = None;
-            if camera.noise == Noise::Matched && camera.denoise == Denoise::Off {
+            if camera.noise == Noise::Matched && camera.denoise == DenoiseMethod::Off {
                 let found = prepared.noise(&developed.snapshot, camera);
                 (noise, readiness) = usable(found, accept, || developed.noise(model, &exposer, prepared))?;
             }
@@ -544,26 +544,26 @@ fn usable<T>(
 }
 
 /// The denoiser of a choice, and the choice that names it. An automatic choice takes one of the others.
-fn denoiser(snapshot: &Snapshot, method: Denoise) -> Result<(Box<dyn Denoiser>, Denoise), Fault> {
+fn denoiser(snapshot: &Snapshot, method: DenoiseMethod) -> Result<(Box<dyn Denoiser>, DenoiseMethod), Fault> {
     let with = |mut settings: DenoiseSettings, method: DenoiseMethod| {
         settings.method = method;
         settings
     };
     let (of_job, builtin) = (&snapshot.settings.denoise, with(DenoiseSettings::default(), DenoiseMethod::Builtin));
     let settings = match method {
-        Denoise::Auto => with(of_job.clone(), DenoiseMethod::Auto),
-        Denoise::Oidn => with(of_job.clone(), DenoiseMethod::Oidn),
-        Denoise::Builtin | Denoise::Off => builtin.clone(),
+        DenoiseMethod::Auto => with(of_job.clone(), DenoiseMethod::Auto),
+        DenoiseMethod::Oidn => with(of_job.clone(), DenoiseMethod::Oidn),
+        DenoiseMethod::Builtin | DenoiseMethod::Off => builtin.clone(),
     };
     let found = find_denoiser(&settings).map_err(|error| {
         let help = format!(
-            "install Open Image Denoise 1.4 or 2 (`pip install oidn` has it), name its library by `oidn` in `[denoise]` of the job or by {OIDN_VARIABLE}, or choose the built-in filter"
+            "install Open Image DenoiseMethod 1.4 or 2 (`pip install oidn` has it), name its library by `oidn` in `[denoise]` of the job or by {OIDN_VARIABLE}, or choose the built-in filter"
         );
         Fault { help: Some(help), ..Fault::from(error) }
     });
     let denoiser = found?.ok_or_else(|| Fault::new("there is no denoiser", "choose `builtin`"))?;
     let is_builtin = find_denoiser(&builtin)?.is_some_and(|builtin| builtin.name() == denoiser.name());
-    Ok((denoiser, if is_builtin { Denoise::Builtin } else { Denoise::Oidn }))
+    Ok((denoiser, if is_builtin { DenoiseMethod::Builtin } else { DenoiseMethod::Oidn }))
 }
 
 /// The denoised mean of a picture with factors of its lights: from its own, or from those of the lights.
@@ -575,7 +575,7 @@ fn sum(means: &[MeanImage], factors: &[f64]) -> Result<MeanImage, Fault> {
 /// Denoises a picture, or each of its lights that have films of their own.
 fn denoised_means(
     snapshot: &Snapshot,
-    method: Denoise,
+    method: DenoiseMethod,
     prepared: &Prepared,
     session: &Session<'_>,
 ) -> Result<Arc<Means>, Fault> {

@@ -5,7 +5,7 @@ use crate::outlook::{MAX_SPP, PILOT_SPP, of_plan};
 use crate::panics::caught;
 use crate::protocol::{Activity, Fault, Note};
 use crate::scene_change::{SceneChange, SceneParts};
-use crate::shared::{Control, LightFilms, Shared, Stamp, lock};
+use crate::shared::{LightFilms, Shared, Stamp, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
 use dunkelfeld::adaptive::Forecast;
 use dunkelfeld::denoising::find_denoiser;
@@ -29,9 +29,6 @@ use std::time::{Duration, Instant};
 
 /// The processor time of the program is measured over so many seconds of a render.
 const LOAD_SECONDS: f64 = 3.0;
-/// Errors of a system that has too few file handles or too little memory for the moment, and the pause before the next load.
-const PASSING_ERRORS: [&str; 3] = ["(os error 23)", "(os error 24)", "(os error 12)"];
-const RETRY_AFTER: Duration = Duration::from_secs(3);
 /// Seconds between two films at the beginning of a render, and later.
 const FIRST_INTERVAL: f64 = 0.4;
 const LATER_INTERVAL: f64 = 1.0;
@@ -95,8 +92,6 @@ pub(crate) fn run(shared: &Arc<Shared>) {
                 .and_then(|result| result.map_err(Fault::from)),
             None => Ok(()),
         });
-        let text = rendered.as_ref().err().map(|fault| fault.to_string()).unwrap_or_default();
-        let is_passing = PASSING_ERRORS.iter().any(|error| text.contains(error));
         if let Err(fault) = rendered {
             shared.update(|live| {
                 live.error = Some(fault);
@@ -105,12 +100,6 @@ pub(crate) fn run(shared: &Arc<Shared>) {
         }
         // Until there is something to do.
         let mut control = lock(&shared.control);
-        if is_passing {
-            let waits = |control: &mut Control| !(control.quit || control.change.is_some() || control.reload);
-            let waited = shared.wake.wait_timeout_while(control, RETRY_AFTER, waits);
-            control = waited.unwrap_or_else(PoisonError::into_inner).0;
-            control.reload = true;
-        }
         while !(control.quit || control.change.is_some() || control.reload) {
             let jobs = std::mem::take(&mut control.jobs);
             if let (false, Some(project)) = (jobs.is_empty(), &project) {
@@ -263,7 +252,7 @@ fn render(shared: &Arc<Shared>, project: &Project, cancel: &Arc<Cancel>) -> Resu
         }
     };
     shared.update(|live| {
-        live.times = Times::now();
+        live.times = Times::default();
         live.statistics.curve.clear();
         live.plan.clear();
         live.render.state = Activity::Running;
@@ -300,9 +289,9 @@ pub(crate) struct Times {
     load: Option<[f64; 2]>,
 }
 
-impl Times {
+impl Default for Times {
     /// Those of a render that begins now.
-    pub(crate) fn now() -> Self {
+    fn default() -> Self {
         Self { began: Instant::now(), paused: 0.0, next: 0.0, is_published: false, load: None }
     }
 }
@@ -498,16 +487,23 @@ pub(crate) fn show_exr(shared: &Arc<Shared>, image: ExrImage, options: &ExposeOp
     }
     settings.sensor = SensorChoice::Emva { model, optics, exposure: None };
     let scene = scene_of_file(&settings);
-    let snapshot = Snapshot::of_exr(image, settings.clone(), scene.clone());
+    let snapshot = Snapshot::of_exr(image, settings, scene);
+    show_stored(shared, snapshot, "exr", notes);
+    Ok(())
+}
+
+/// Shows a stored picture.
+fn show_stored(shared: &Shared, snapshot: Snapshot, stage: &str, notes: Vec<Note>) {
     shared.update(|live| {
+        live.sensors = snapshot.scene.sensors.clone();
+        live.settings = Some(snapshot.settings.clone());
+        live.is_vignetted = snapshot.is_vignetted;
         live.snapshot = Some(Arc::new(snapshot));
-        live.sensors = scene.sensors.clone();
-        live.settings = Some(settings);
         live.render.state = Activity::None;
-        live.render.stage = "exr".into();
+        live.render.stage = stage.into();
         live.notes = notes;
     });
-    Ok(())
+    shared.wake.notify_all();
 }
 
 /// Shows a film of a file.
@@ -516,17 +512,8 @@ pub(crate) fn show_film(shared: &Arc<Shared>, saved: SavedFilm) {
     let no_denoiser = without_missing_denoiser(&mut settings);
     let scene = scene_of_file(&settings);
     let content = Content::Film(film);
-    let snapshot = Snapshot::new(1, content, (settings.clone(), is_vignetted), scene.clone(), 0.0, None);
-    shared.update(|live| {
-        live.snapshot = Some(Arc::new(snapshot));
-        live.sensors = scene.sensors.clone();
-        live.settings = Some(settings);
-        live.notes.extend(no_denoiser);
-        live.is_vignetted = is_vignetted;
-        live.render.state = Activity::None;
-        live.render.stage = "film".into();
-    });
-    shared.wake.notify_all();
+    let snapshot = Snapshot::new(1, content, (settings, is_vignetted), scene, 0.0, None);
+    show_stored(shared, snapshot, "film", no_denoiser.into_iter().collect());
 }
 
 /// The present version of a file.

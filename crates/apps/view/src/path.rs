@@ -1,57 +1,33 @@
 //! The path of a sample, projected to the film.
 
 use crate::protocol::{Fault, PathAnswer, PathVertex};
+use dunkelfeld::Project;
 use dunkelfeld::geometry::DVec3;
-use dunkelfeld::trace::{Estimator, Lobe, PixelSample, train};
-use dunkelfeld::{Project, Session};
+use dunkelfeld::radiometry::Rgb;
+use dunkelfeld::trace::{PixelSample, TracedVertex};
 
 /// Traces a sample as the render does.
 pub(crate) fn trace_path(project: &Project, at: PixelSample) -> Result<PathAnswer, Fault> {
-    let settings = project.fitted()?;
-    let camera = dunkelfeld::camera(&project.scene, &settings)?;
-    let roulette = Session::new(settings.run.threads)?.install(|| train(&project.scene, &camera, &settings));
-    let estimator = Estimator {
-        scene: &project.scene,
-        camera: &camera,
-        width: settings.width,
-        seed: settings.seed,
-        frame: settings.frame,
-        roulette: roulette.as_ref(),
-    };
-    let (sample, trace) = estimator.trace(at);
-    let origin = project.scene.world_origin();
-    let on_film = |position: [f32; 3]| camera.project(DVec3::from_array(position.map(f64::from)) + origin);
-    let vertices = trace.vertices.iter().map(|vertex| {
+    let camera = dunkelfeld::camera(&project.scene, &project.fitted()?)?;
+    let sample = project.trace_sample(at)?;
+    let rgb = |[r, g, b]: [f32; 3]| Rgb::new(r, g, b);
+    let vertices = sample.vertices.into_iter().map(|vertex| {
+        let light = vertex.connections.iter().map(|connection| rgb(connection.contribution));
+        let light = light.fold(rgb(vertex.emitted) + rgb(vertex.direct), |sum, light| sum + light);
         // A ray that leaves the scene has a direction instead of a place.
-        let place = vertex.material.and_then(|_| on_film(vertex.position));
-        let name = vertex.material.and_then(|m| project.scene.materials().get(m as usize)).map(|m| m.name.clone());
-        let event = match (&vertex.material, &vertex.scattered) {
-            (None, _) => "leaves the scene".to_owned(),
-            (_, None) => "ends".to_owned(),
-            (_, Some(scattered)) => lobe(scattered.lobe),
-        };
-        PathVertex {
-            before: vertex.before,
-            luminance: vertex.contribution().luminance().into(),
-            x: place.map(|p| p[0]),
-            y: place.map(|p| p[1]),
-            object: name,
-            event,
-        }
+        let place = vertex.position.and_then(|position| camera.project(DVec3::from_array(position)));
+        let [x, y] = [0, 1].map(|axis| place.map(|place| place[axis]));
+        let event = event_of(&vertex);
+        PathVertex { before: vertex.before, luminance: light.luminance().into(), x, y, object: vertex.material, event }
     });
-    Ok(PathAnswer { index: at.index, luminance: sample.radiance.luminance().into(), vertices: vertices.collect() })
+    let vertices = vertices.collect();
+    Ok(PathAnswer { index: at.index, luminance: rgb(sample.radiance).luminance().into(), vertices })
 }
 
-/// The kind of scattering.
-fn lobe(lobe: Lobe) -> String {
-    let names = [
-        (Lobe::CLEARCOAT, "clearcoat"),
-        (Lobe::DIFFUSE, "diffuse"),
-        (Lobe::GLOSSY, "glossy"),
-        (Lobe::DELTA, "specular"),
-        (Lobe::REFLECTION, "reflection"),
-        (Lobe::TRANSMISSION, "transmission"),
-    ];
-    let names: Vec<&str> = names.iter().filter(|(l, _)| lobe.contains(*l)).map(|(_, name)| *name).collect();
-    if names.is_empty() { "volume".into() } else { names.join(" ") }
+fn event_of(vertex: &TracedVertex) -> String {
+    match (&vertex.material, &vertex.scattered) {
+        (None, _) => "leaves the scene".to_owned(),
+        (_, None) => "ends".to_owned(),
+        (_, Some(scattered)) => scattered.lobe.clone(),
+    }
 }

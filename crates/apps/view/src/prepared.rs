@@ -3,8 +3,9 @@
 
 use crate::developed::Developed;
 use crate::locks::lock;
-use crate::protocol::{Camera, Denoise, Fault, Readiness};
+use crate::protocol::{Camera, Fault, Readiness};
 use crate::snapshot::Snapshot;
+use dunkelfeld::DenoiseMethod;
 use dunkelfeld::film::MeanImage;
 use dunkelfeld::sensor::ImageNoise;
 use std::sync::{Arc, Mutex};
@@ -55,7 +56,7 @@ impl Readiness {
 struct Results {
     noise: Kept<Camera, ImageNoise>,
     /// With the methods that lead to them.
-    denoised: Kept<Vec<Denoise>, Means>,
+    denoised: Kept<Vec<DenoiseMethod>, Means>,
     /// The last analysis that failed, by the number of its scene and its camera.
     failed: Option<(u64, Camera, Fault)>,
     count: u64,
@@ -84,7 +85,7 @@ impl Prepared {
     }
 
     /// The denoised means of a picture, or the newest ones of the same scene and method.
-    pub(crate) fn denoised(&self, snapshot: &Snapshot, method: Denoise) -> Option<Found<Means>> {
+    pub(crate) fn denoised(&self, snapshot: &Snapshot, method: DenoiseMethod) -> Option<Found<Means>> {
         let of_method: Vec<_> =
             lock(&self.0).denoised.iter().filter(|(_, methods, _)| methods.contains(&method)).cloned().collect();
         newest(&of_method, snapshot, |_| true)
@@ -120,7 +121,7 @@ impl Prepared {
     }
 
     /// `methods` are those whose result this is: the one that was asked for, and the one that it has chosen.
-    pub(crate) fn add_denoised(&self, snapshot: &Snapshot, methods: Vec<Denoise>, means: Arc<Means>) {
+    pub(crate) fn add_denoised(&self, snapshot: &Snapshot, methods: Vec<DenoiseMethod>, means: Arc<Means>) {
         let mut results = lock(&self.0);
         add(&mut results.denoised, (Origin::of(snapshot), methods, means));
         results.count += 1;
@@ -174,21 +175,21 @@ mod tests {
     #[test]
     fn a_result_serves_the_pictures_of_its_scene() {
         let prepared = Prepared::default();
-        assert_eq!(first(prepared.denoised(&picture(1, 1), Denoise::Auto)), None);
-        prepared.add_denoised(&picture(1, 1), vec![Denoise::Auto, Denoise::Builtin], means(1.0));
-        assert_eq!(first(prepared.denoised(&picture(1, 1), Denoise::Auto)), Some((1.0, true)));
-        assert_eq!(first(prepared.denoised(&picture(1, 2), Denoise::Builtin)), Some((1.0, false)));
-        assert_eq!(first(prepared.denoised(&picture(1, 1), Denoise::Oidn)), None);
-        assert_eq!(first(prepared.denoised(&picture(2, 3), Denoise::Auto)), None);
-        prepared.add_denoised(&picture(1, 2), vec![Denoise::Auto, Denoise::Builtin], means(2.0));
-        assert_eq!(first(prepared.denoised(&picture(1, 2), Denoise::Auto)), Some((2.0, true)));
+        assert_eq!(first(prepared.denoised(&picture(1, 1), DenoiseMethod::Auto)), None);
+        prepared.add_denoised(&picture(1, 1), vec![DenoiseMethod::Auto, DenoiseMethod::Builtin], means(1.0));
+        assert_eq!(first(prepared.denoised(&picture(1, 1), DenoiseMethod::Auto)), Some((1.0, true)));
+        assert_eq!(first(prepared.denoised(&picture(1, 2), DenoiseMethod::Builtin)), Some((1.0, false)));
+        assert_eq!(first(prepared.denoised(&picture(1, 1), DenoiseMethod::Oidn)), None);
+        assert_eq!(first(prepared.denoised(&picture(2, 3), DenoiseMethod::Auto)), None);
+        prepared.add_denoised(&picture(1, 2), vec![DenoiseMethod::Auto, DenoiseMethod::Builtin], means(2.0));
+        assert_eq!(first(prepared.denoised(&picture(1, 2), DenoiseMethod::Auto)), Some((2.0, true)));
         assert_eq!(prepared.count(), 2);
         // Another scene ends those before.
-        prepared.add_denoised(&picture(2, 3), vec![Denoise::Oidn], means(3.0));
-        assert_eq!(first(prepared.denoised(&picture(1, 2), Denoise::Auto)), None);
-        prepared.add_denoised(&picture(1, 2), vec![Denoise::Auto], means(4.0));
-        assert_eq!(first(prepared.denoised(&picture(1, 2), Denoise::Auto)), None);
-        assert_eq!(first(prepared.denoised(&picture(2, 3), Denoise::Oidn)), Some((3.0, true)));
+        prepared.add_denoised(&picture(2, 3), vec![DenoiseMethod::Oidn], means(3.0));
+        assert_eq!(first(prepared.denoised(&picture(1, 2), DenoiseMethod::Auto)), None);
+        prepared.add_denoised(&picture(1, 2), vec![DenoiseMethod::Auto], means(4.0));
+        assert_eq!(first(prepared.denoised(&picture(1, 2), DenoiseMethod::Auto)), None);
+        assert_eq!(first(prepared.denoised(&picture(2, 3), DenoiseMethod::Oidn)), Some((3.0, true)));
     }
 
     /// The noise of the asked camera is preferred to a newer one of another camera. Seeds and the noise that is drawn make

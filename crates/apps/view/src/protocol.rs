@@ -25,13 +25,11 @@ pub(crate) struct Camera {
     /// Seed of the fixed pattern and of the noise. JSON has it as a text if a number would lose digits.
     #[serde(with = "large_number")]
     pub(crate) device: u64,
-    pub(crate) denoise: Denoise,
+    pub(crate) denoise: DenoiseMethod,
     pub(crate) vignetting: bool,
     /// f-number of the lens; `None`: that of the job.
-    #[serde(default)]
     pub(crate) f_number: Option<f64>,
     /// Share of the light in the veiling glare; `None`: that of the job.
-    #[serde(default)]
     pub(crate) glare: Option<f64>,
     /// Factor of each light, in the mode with a film for each.
     pub(crate) lights: Option<BTreeMap<String, f64>>,
@@ -49,7 +47,7 @@ impl Camera {
             black_level: None,
             noise: Noise::Plain,
             device: 0,
-            denoise: Denoise::Off,
+            denoise: DenoiseMethod::Off,
             vignetting: false,
             f_number: None,
             glare: None,
@@ -61,7 +59,7 @@ impl Camera {
 impl Camera {
     /// The camera for statistics of the unbiased film, which do not depend on the frame.
     pub(crate) fn without_noise(&self) -> Self {
-        Self { noise: Noise::Plain, denoise: Denoise::Off, device: 0, ..self.clone() }
+        Self { noise: Noise::Plain, denoise: DenoiseMethod::Off, device: 0, ..self.clone() }
     }
 
     /// The camera for results that do not depend on its device.
@@ -104,39 +102,6 @@ pub(crate) enum Noise {
     Matched,
     /// The expected grey values.
     None,
-}
-
-/// The denoiser of the picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum Denoise {
-    Off,
-    Auto,
-    Builtin,
-    Oidn,
-}
-
-impl From<DenoiseMethod> for Denoise {
-    fn from(method: DenoiseMethod) -> Self {
-        match method {
-            DenoiseMethod::Off => Self::Off,
-            DenoiseMethod::Auto => Self::Auto,
-            DenoiseMethod::Oidn => Self::Oidn,
-            DenoiseMethod::Builtin => Self::Builtin,
-        }
-    }
-}
-
-impl Denoise {
-    /// The same denoiser in the settings of a render.
-    pub(crate) fn method(self) -> DenoiseMethod {
-        match self {
-            Self::Off => DenoiseMethod::Off,
-            Self::Auto => DenoiseMethod::Auto,
-            Self::Oidn => DenoiseMethod::Oidn,
-            Self::Builtin => DenoiseMethod::Builtin,
-        }
-    }
 }
 
 /// The tone curve of a picture in colours.
@@ -206,7 +171,7 @@ pub(crate) struct FilmState {
 }
 
 /// The state of the render.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct RenderState {
     pub(crate) stage: String,
     pub(crate) fraction: f64,
@@ -221,9 +186,10 @@ pub(crate) struct RenderState {
 }
 
 /// Does something render?
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Activity {
+    #[default]
     Loading,
     Running,
     Paused,
@@ -498,16 +464,11 @@ pub(crate) struct PathVertex {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SceneRequest {
-    #[serde(default)]
     pub(crate) camera: Option<String>,
-    #[serde(default)]
     pub(crate) lights: Option<BTreeMap<String, Option<LightChange>>>,
     /// Is the effect part of the render?
-    #[serde(default)]
     pub(crate) effects: Option<BTreeMap<String, bool>>,
-    #[serde(default)]
     pub(crate) materials: Option<BTreeMap<String, Option<MaterialChange>>>,
-    #[serde(default)]
     pub(crate) per_light: Option<bool>,
 }
 

@@ -70,7 +70,6 @@ pub(crate) struct RegionsRequest {
     /// Left, top, right and bottom \[pixels\], the last two exclusive.
     pub(crate) regions: Vec<[u32; 4]>,
     /// The pixels behind a colour filter that count; `None`: all.
-    #[serde(default)]
     pub(crate) channel: Option<Channel>,
 }
 
@@ -116,7 +115,6 @@ pub(crate) struct LineRequest {
     pub(crate) from: [f64; 2],
     pub(crate) to: [f64; 2],
     /// The pixels behind a colour filter of which the nearest one to each point of the line counts; `None`: all.
-    #[serde(default)]
     pub(crate) channel: Option<Channel>,
 }
 

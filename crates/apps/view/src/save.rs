@@ -1,7 +1,7 @@
 //! Files of what is shown.
 
 use crate::developed::{Accept, OWN_SENSOR, check_timed, with_knobs};
-use crate::protocol::{Camera, Denoise, Fault, Noise, Ranges, SaveKind, SaveRequest, Saved, SourceKind};
+use crate::protocol::{Camera, Fault, Noise, Ranges, SaveKind, SaveRequest, Saved, SourceKind};
 use crate::saved_job::{self, change_lens, describe_lens, select_camera};
 use crate::shared::{Shared, lock};
 use crate::snapshot::{Content, PictureScene, Snapshot};
@@ -11,8 +11,8 @@ use dunkelfeld::outputs::{encode_layers, save_exr, save_linear, save_new, save_t
 use dunkelfeld::radiometry::{Number, Seconds};
 use dunkelfeld::sensor::{Exposure, ExposureNoise};
 use dunkelfeld::{
-    Error, ExposeSettings, Frame, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, develop, develop_behind_lens,
-    develop_film, save_picture,
+    DenoiseMethod, Error, ExposeSettings, Frame, RenderSettings, RenderedFilm, SavedFilm, SensorChoice, develop,
+    develop_behind_lens, develop_film, save_picture,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -94,7 +94,7 @@ fn check_kinds(snapshot: &Snapshot, SaveRequest { what, camera, .. }: &SaveReque
         }
         Content::Film(_) | Content::Exr(_) => {}
     }
-    if what.iter().copied().any(has_frame) && (camera.noise == Noise::None || camera.denoise != Denoise::Off) {
+    if what.iter().copied().any(has_frame) && (camera.noise == Noise::None || camera.denoise != DenoiseMethod::Off) {
         return Err(Fault::new(
             "only pictures with the noise of the camera and without a denoiser are saved",
             "choose plain or matched noise, and switch the denoiser off",
@@ -197,7 +197,7 @@ fn settings_of(shared: &Shared, snapshot: &Snapshot, camera: &Camera, frame: u32
     settings.frame = frame;
     settings.exposure_noise =
         if camera.noise == Noise::Matched { ExposureNoise::Matched } else { ExposureNoise::Plain };
-    settings.denoise.method = camera.denoise.method();
+    settings.denoise.method = camera.denoise;
     settings.budget.noise = Some(lock(&shared.live).target);
     Ok(settings)
 }
@@ -358,14 +358,14 @@ fn check_gain(of_job: f64, of_knob: f64) -> Result<(), Fault> {
 }
 
 /// The section `[denoise]`: the place of the library stays where it is used.
-fn describe_denoiser(job: &mut Table, denoise: Denoise) {
-    if denoise == Denoise::Off {
+fn describe_denoiser(job: &mut Table, denoise: DenoiseMethod) {
+    if denoise == DenoiseMethod::Off {
         job.remove("denoise");
         return;
     }
     if let Value::Table(section) = job.entry("denoise").or_insert_with(|| Table::new().into()) {
-        section.insert("method".into(), denoise.method().name().into());
-        if denoise == Denoise::Builtin {
+        section.insert("method".into(), denoise.name().into());
+        if denoise == DenoiseMethod::Builtin {
             section.remove("oidn");
         }
     }
@@ -386,14 +386,14 @@ mod tests {
     #[test]
     fn the_denoiser_of_a_job_is_that_of_the_picture() {
         let text = "[denoise]\nmethod = \"auto\"\noidn = \"lib\"\n";
-        let described = |denoise: Denoise| {
+        let described = |denoise: DenoiseMethod| {
             let mut job: Table = text.parse().expect("TOML");
             describe_denoiser(&mut job, denoise);
             job.get("denoise").map(ToString::to_string)
         };
-        assert_eq!(described(Denoise::Off), None);
-        assert_eq!(described(Denoise::Builtin).as_deref(), Some("{ method = \"builtin\" }"));
-        assert_eq!(described(Denoise::Oidn).as_deref(), Some("{ method = \"oidn\", oidn = \"lib\" }"));
+        assert_eq!(described(DenoiseMethod::Off), None);
+        assert_eq!(described(DenoiseMethod::Builtin).as_deref(), Some("{ method = \"builtin\" }"));
+        assert_eq!(described(DenoiseMethod::Oidn).as_deref(), Some("{ method = \"oidn\", oidn = \"lib\" }"));
     }
 
     #[test]

@@ -153,9 +153,9 @@ impl MaterialChange {
     /// The values that differ from those of a material of the scene.
     fn other_than(self, base: &MaterialState) -> Self {
         Self {
-            roughness: self.roughness.filter(|_| self.roughness != base.roughness),
-            metallic: self.metallic.filter(|_| self.metallic != base.metallic),
-            color: self.color.filter(|_| self.color != base.color),
+            roughness: self.roughness.filter(|v| base.roughness != Some(*v)),
+            metallic: self.metallic.filter(|v| base.metallic != Some(*v)),
+            color: self.color.filter(|v| base.color != Some(*v)),
         }
     }
 

@@ -5,7 +5,7 @@ use crate::engine::Times;
 pub(crate) use crate::locks::lock;
 use crate::outlook::{MAX_SPP, from_measured, progress_at, seconds_at, within_view};
 use crate::protocol::{
-    Activity, Camera, Denoise, EffectState, Fault, FilmState, ForecastPoint, ForecastSource, LensState, LightState,
+    Activity, Camera, EffectState, Fault, FilmState, ForecastPoint, ForecastSource, LensState, LightState,
     MaterialState, Noise, Note, PerLight, Ranges, RenderState, SceneState, SensorState, SourceKind, State,
 };
 use crate::scene_change::{SceneChange, SceneParts, has_power, has_switch};
@@ -15,7 +15,7 @@ use crate::store::Store;
 use dunkelfeld::limits::DEFAULT_F_NUMBER;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::sensor::TimedExposure;
-use dunkelfeld::{Cancel, Project, RenderSettings, SensorChoice, Session};
+use dunkelfeld::{Cancel, DenoiseMethod, Project, RenderSettings, SensorChoice, Session};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex};
@@ -73,7 +73,7 @@ pub(crate) struct LightFilms {
 pub(crate) type Stamp = Option<(SystemTime, u64)>;
 
 /// The data of the page that change during the view.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Live {
     /// The picture.
     pub(crate) snapshot: Option<Arc<Snapshot>>,
@@ -123,38 +123,9 @@ pub(crate) struct Shared {
 
 impl Shared {
     pub(crate) fn new(subject: Subject, session: Session<'static>, background: Session<'static>) -> Self {
-        let render = RenderState {
-            stage: "load".into(),
-            fraction: 0.0,
-            elapsed: 0.0,
-            remaining: None,
-            state: Activity::Loading,
-            reason: None,
-            restarted: 0,
-            samples_per_second: 0.0,
-            processor_share: None,
-        };
-        let live = Live {
-            snapshot: None,
-            render,
-            times: Times::now(),
-            error: None,
-            notes: Vec::new(),
-            statistics: Statistics::default(),
-            plan: Vec::new(),
-            target: DEFAULT_TARGET,
-            settings: None,
-            is_vignetted: false,
-            timed: None,
-            parts: SceneParts::default(),
-            scene_number: 0,
-            change: SceneChange::default(),
-            light_films: None,
-            saved: Vec::new(),
-            sensors: Sensors::new(&SensorChoice::None),
-            files: BTreeMap::new(),
-            job: None,
-        };
+        let render = RenderState { stage: "load".into(), ..RenderState::default() };
+        let sensors = Sensors::new(&SensorChoice::None);
+        let live = Live { render, target: DEFAULT_TARGET, sensors, ..Live::default() };
         Self {
             subject,
             live: Mutex::new(live),
@@ -354,7 +325,7 @@ impl Live {
                 _ => Noise::Plain,
             },
             device: settings.map_or(0, |settings| settings.seed),
-            denoise: settings.map_or(Denoise::Off, |settings| settings.denoise.method.into()),
+            denoise: settings.map_or(DenoiseMethod::Off, |settings| settings.denoise.method),
             vignetting: self.is_vignetted,
             f_number: None,
             glare: None,

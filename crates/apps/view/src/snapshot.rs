@@ -100,7 +100,16 @@ impl Snapshot {
         seconds: f64,
         before: Option<&Self>,
     ) -> Self {
-        let counts = film_of(&content).map_or_else(|| Plane::new(0, 0, 0), |film| film.sums.sample_counts());
+        let (counts, has_gaps) = match &content {
+            Content::Film(film) => {
+                let counts = film.sums.sample_counts();
+                let has_gaps = counts.data().contains(&0);
+                (counts, has_gaps)
+            }
+            Content::Exr(image) => {
+                (image.sample_counts().cloned().unwrap_or_else(|| image.radiance().map(|_| 0)), false)
+            }
+        };
         let recent = before.map(|before| {
             let mut earlier = before.counts.data().iter();
             counts.map(|&n| n.saturating_sub(earlier.next().copied().unwrap_or(0)))
@@ -111,7 +120,7 @@ impl Snapshot {
             settings,
             is_vignetted,
             samples: counts.data().iter().map(|&n| u64::from(n)).sum(),
-            has_gaps: counts.data().contains(&0),
+            has_gaps,
             counts,
             recent,
             seconds,
@@ -124,22 +133,7 @@ impl Snapshot {
 
     /// An EXR.
     pub(crate) fn of_exr(image: ExrImage, settings: RenderSettings, scene: Arc<PictureScene>) -> Self {
-        let counts = image.sample_counts().cloned().unwrap_or_else(|| image.radiance().map(|_| 0));
-        Self {
-            id: 1,
-            content: Content::Exr(Box::new(image)),
-            settings,
-            is_vignetted: false,
-            samples: counts.data().iter().map(|&n| u64::from(n)).sum(),
-            counts,
-            recent: None,
-            has_gaps: false,
-            seconds: 0.0,
-            restarted: 0,
-            scene,
-            mean: OnceLock::new(),
-            means_of_lights: OnceLock::new(),
-        }
+        Self::new(1, Content::Exr(Box::new(image)), (settings, false), scene, 0.0, None)
     }
 
     /// The EXR that is shown.
@@ -149,7 +143,10 @@ impl Snapshot {
 
     /// The film; `None` for an EXR.
     pub(crate) fn film(&self) -> Option<&RenderedFilm> {
-        film_of(&self.content)
+        match &self.content {
+            Content::Film(film) => Some(film),
+            Content::Exr(_) => None,
+        }
     }
 
     /// The lights that have films of their own.
@@ -242,13 +239,6 @@ impl Snapshot {
 
     fn read_means_of_lights(&self) -> Vec<MeanImage> {
         self.film().map_or_else(Vec::new, |film| film.groups.iter().map(|of| mean_image(of, film.is_spread)).collect())
-    }
-}
-
-fn film_of(content: &Content) -> Option<&RenderedFilm> {
-    match content {
-        Content::Film(film) => Some(film),
-        Content::Exr(_) => None,
     }
 }
 

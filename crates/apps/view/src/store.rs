@@ -2,9 +2,9 @@
 
 use crate::developed::{Accept, Developed};
 use crate::prepared::Prepared;
-use crate::protocol::{Camera, Denoise, Fault, Readiness};
+use crate::protocol::{Camera, Fault, Readiness};
 use crate::snapshot::Snapshot;
-use dunkelfeld::Session;
+use dunkelfeld::{DenoiseMethod, Session};
 use std::sync::Arc;
 
 /// Films behind cameras that are kept: two states that are compared, and one that changes.
@@ -80,7 +80,7 @@ impl Store {
     }
 
     /// Is there a denoised mean?
-    pub(crate) fn denoised(&self, snapshot: &Snapshot, method: Denoise) -> Readiness {
+    pub(crate) fn denoised(&self, snapshot: &Snapshot, method: DenoiseMethod) -> Readiness {
         Readiness::of(self.prepared.denoised(snapshot, method).as_ref())
     }
 }
@@ -184,7 +184,7 @@ mod tests {
     fn a_denoised_mean_serves_newer_pictures() {
         let (store, session) = (Store::default(), Session::new(1).expect("a thread"));
         let (first, second) = (picture(1, 16), picture(2, 32));
-        let denoised = Camera { denoise: Denoise::Builtin, noise: Noise::Plain, ..camera(1e-3, 0) };
+        let denoised = Camera { denoise: DenoiseMethod::Builtin, noise: Noise::Plain, ..camera(1e-3, 0) };
         let get = |picture, camera: &Camera| store.get(picture, camera, &session).expect("a frame");
         let missing = get(&first, &denoised);
         assert_eq!(missing.readiness(), Readiness::None);

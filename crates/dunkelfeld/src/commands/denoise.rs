@@ -264,7 +264,7 @@ impl DenoisePlanes {
         })
     }
 
-    fn input(&self) -> DenoiseInput<'_> {
+    pub(crate) fn input(&self) -> DenoiseInput<'_> {
         DenoiseInput {
             mean: &self.mean,
             variance: self.variance.as_ref(),

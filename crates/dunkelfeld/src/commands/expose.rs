@@ -4,7 +4,7 @@ use crate::default_settings::default_optics;
 use crate::exposer::Exposer;
 use crate::exr_image::{ExrImage, LensSource};
 use crate::frame::Picture;
-use crate::guard::{DefaultPath, Output, check_outputs, free_file};
+use crate::guard::{Output, check_outputs};
 use crate::memory::estimate::MAX_WAITING;
 use crate::outputs::{Align, extension, misfit, save_commented, save_values, values_words};
 use crate::views::with_number;
@@ -90,29 +90,14 @@ pub struct ExposeOutputs {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct ExposedFile {
-    /// Width and height \[pixels\].
-    pub size: [u32; 2],
+    /// The image behind the camera, with its exposure.
+    pub exposer: Exposer,
     /// Written frames: fewer than requested if the run was cancelled.
     pub frames: u32,
-    /// The sensor that was used.
-    pub model: SensorModel,
     /// The lens that was used.
     pub optics: Optics,
     /// The sources of its f-number, transmission and magnification.
     pub lens: [LensSource; 3],
-    /// The exposure that was used.
-    pub exposure: Exposure,
-    /// Was the image so dark that no automatic exposure exists?
-    pub no_light: bool,
-    /// Share of pixels whose expected electrons fill the well or reach the end of the converter.
-    pub saturated: f64,
-    /// Share of pixels where matched exposure can hold, from the noise data that the file contains. `None` if all of
-    /// the camera's noise was drawn.
-    pub matched: Option<f64>,
-    /// Pixels whose radiance was negative or not a number (they count as black) or infinite (they saturate).
-    pub invalid: u64,
-    /// Pixels whose variance was negative or not a number, where it was required. Such a variance counts as unknown.
-    pub invalid_variances: u64,
     /// Seconds of the exposures alone.
     pub expose_seconds: f64,
     /// Seconds of computing pictures and writing files.
@@ -138,22 +123,8 @@ pub fn expose_exr(
     let exposer = session.install(|| image.expose(settings))?;
     let ((optics, lens), left_out) = (image.lens(settings), image.left_out.clone());
     drop(image);
-    let mut done = ExposedFile {
-        size: exposer.size(),
-        frames: 0,
-        model: exposer.model().clone(),
-        optics,
-        lens,
-        exposure: exposer.exposure(),
-        no_light: exposer.no_light(),
-        saturated: exposer.saturated(),
-        matched: exposer.matched(),
-        invalid: exposer.invalid(),
-        invalid_variances: exposer.invalid_variances(),
-        expose_seconds: 0.0,
-        write_seconds: 0.0,
-        files: Vec::new(),
-    };
+    let (expose_seconds, write_seconds) = (0.0, 0.0);
+    let mut done = ExposedFile { exposer, frames: 0, optics, lens, expose_seconds, write_seconds, files: Vec::new() };
     let at_once = session.threads().min(MAX_WAITING) as u32;
     while done.frames < settings.frames && !session.is_cancelled() {
         let next = settings.first_frame + done.frames;
@@ -161,13 +132,14 @@ pub fn expose_exr(
         session.report_share(Stage::Expose, f64::from(done.frames) / f64::from(settings.frames));
         let began = Instant::now();
         let frames: Vec<_> =
-            session.install(|| group.iter().map(|&n| Ok((n, exposer.frame(n)?))).collect::<Result<_, Error>>())?;
+            session.install(|| group.iter().map(|&n| Ok((n, done.exposer.frame(n)?))).collect::<Result<_, Error>>())?;
         done.expose_seconds += began.elapsed().as_secs_f64();
         let began = Instant::now();
         // Errors are reported in the order of the frames, for any order of the threads.
         let written: Vec<Result<Vec<PathBuf>, Error>> = session.install(|| {
-            let save =
-                |(n, values): &(u32, Plane<u16>)| save(&exposer, left_out.as_deref(), settings, outputs, *n, values);
+            let save = |(n, values): &(u32, Plane<u16>)| {
+                save(&done.exposer, left_out.as_deref(), settings, outputs, *n, values)
+            };
             frames.par_iter().map(save).collect()
         });
         done.write_seconds += began.elapsed().as_secs_f64();
@@ -331,14 +303,10 @@ impl ExposeOutputs {
         check_outputs(&frames, &inputs)
     }
 
-    /// Names the image after the input, or gives it another name where a frame would replace an input.
-    pub fn set_default_image(&mut self, input: &Path, settings: &ExposeSettings) -> DefaultPath {
-        let usual = PathBuf::from(input.file_stem().unwrap_or_else(|| "render".as_ref())).with_extension("png");
-        let chosen = free_file(usual, "exposed", |path| {
-            Self { image: Some(path.to_path_buf()), ..Self::default() }.check_apart(input, settings)
-        });
-        self.image = Some(chosen.path.clone());
-        chosen
+    /// Names the image after the input, in the current folder.
+    pub fn set_default_image(&mut self, input: &Path) {
+        let stem = input.file_stem().unwrap_or_else(|| "render".as_ref());
+        self.image = Some(PathBuf::from(stem).with_extension("png"));
     }
 }
 

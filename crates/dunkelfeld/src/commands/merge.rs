@@ -81,10 +81,10 @@ pub fn merge(settings: &MergeSettings, started: Instant) -> Result<Merged, Error
     let mut stats = session.install(|| Stats::new(&rendering, &frame, &shown));
     stats.add_seconds(Stage::Expose, began.elapsed().as_secs_f64());
     if is_replay {
-        stats.allocation = "replay".into();
+        stats.run.allocation = "replay".into();
     }
     stats.memory = account.map(|account| MemoryStats::new(account, &rendering.film.sums));
-    stats.parts = Some(parts);
+    stats.time.parts = Some(parts);
 
     let began = Instant::now();
     let written = Written { film: &rendering.film, frame: &frame, settings: &shown, is_vignetted };

@@ -50,7 +50,7 @@ impl Project {
     /// built, and a project that was opened without [`ProjectOptions::can_change`](super::ProjectOptions::can_change). The
     /// project then stays as it was.
     pub fn set_overrides(&mut self, overrides: &str) -> Result<(), Error> {
-        let description = kept(self.description.as_deref())?;
+        let description = self.description.as_deref().ok_or_else(not_kept)?;
         let changed = description.base.with_overrides(overrides)?;
         self.change_to(changed, |_| Ok(()))
     }
@@ -66,7 +66,7 @@ impl Project {
         text: &str,
         edit: impl FnOnce(&mut SceneBuilder) -> Result<(), Error>,
     ) -> Result<(), Error> {
-        let description = kept(self.description.as_deref())?;
+        let description = self.description.as_deref().ok_or_else(not_kept)?;
         let changed = Job::from_text(description.base.path(), text)?;
         self.change_to(changed, edit)
     }
@@ -78,7 +78,7 @@ impl Project {
     /// Names that match nothing, files that cannot be read, and a project that was opened without
     /// [`ProjectOptions::can_change`](super::ProjectOptions::can_change).
     pub fn object_names_of(&self, job: &Job) -> Result<Vec<String>, Error> {
-        let description = kept(self.description.as_deref())?;
+        let description = self.description.as_deref().ok_or_else(not_kept)?;
         let mut scene =
             if job.has_scene_of(&self.job) { description.imported.clone() } else { job.load_scene()? }.scene;
         // Its image takes time to read, and contains no object.
@@ -94,7 +94,7 @@ impl Project {
     /// # Errors
     /// A project that was opened without [`ProjectOptions::can_change`](super::ProjectOptions::can_change).
     pub fn described_materials(&self) -> Result<Vec<Material>, Error> {
-        let description = kept(self.description.as_deref())?;
+        let description = self.description.as_deref().ok_or_else(not_kept)?;
         let mut scene = description.imported.scene.clone();
         // Its image takes time to read, and is no material.
         let mut job = (*self.job).clone();
@@ -127,7 +127,7 @@ impl Project {
         changed: Job,
         edit: impl FnOnce(&mut SceneBuilder) -> Result<(), Error>,
     ) -> Result<(), Error> {
-        let description = kept_description(self.description.as_deref_mut())?;
+        let description = self.description.as_deref_mut().ok_or_else(not_kept)?;
         let Description { imported, without, cache, .. } = description;
         let read = if changed.has_scene_of(&self.job) { None } else { Some(changed.load_scene()?) };
         let source = read.as_ref().unwrap_or(imported).clone();
@@ -142,14 +142,6 @@ impl Project {
         self.set_up(setup);
         Ok(())
     }
-}
-
-fn kept_description(description: Option<&mut Description>) -> Result<&mut Description, Error> {
-    description.ok_or_else(not_kept)
-}
-
-fn kept(description: Option<&Description>) -> Result<&Description, Error> {
-    description.ok_or_else(not_kept)
 }
 
 fn not_kept() -> Error {

@@ -1,8 +1,6 @@
 //! `dunkelfeld denoise`: reads an EXR, and writes it with a denoised layer, or writes a picture.
 
 use crate::args::DenoiseArgs;
-use crate::bar::Sink;
-use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::words::{counted, flagged_variances, seconds};
 use dunkelfeld::commands::{check_denoise_output, denoise_exr};
@@ -14,15 +12,8 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Outcome, Error> {
     let method = args.denoise.or(args.oidn.is_none().then_some(DenoiseMethod::Auto));
     select_denoiser(method, args.oidn.as_deref(), &mut settings);
     check_denoise_output(&args.input, &args.output, &settings)?;
-    let sink = Sink::new(args.run.progress);
-    let cancel = cancel_on_interrupt();
-    let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
-    let Some(file) = denoise_exr(&args.input, &settings, args.memory.memory, &session)? else {
-        drop(sink);
-        say("interrupted: nothing was written");
-        return Ok(Outcome::Interrupted);
-    };
-    drop(sink);
+    let work = |session: &Session<'_>| denoise_exr(&args.input, &settings, args.memory.memory, session);
+    let Some(file) = args.run.work(work)? else { return Ok(Outcome::Interrupted) };
     let features = match file.features.join(", ") {
         none if none.is_empty() => "the image alone".into(),
         some => format!("the image and its {some}"),

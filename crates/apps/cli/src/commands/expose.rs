@@ -23,31 +23,32 @@ pub(crate) fn run(args: &ExposeArgs) -> Result<Outcome, Error> {
     let is_named = image.is_some() || linear.is_some();
     let mut outputs = ExposeOutputs::default().with_image(image).with_linear(linear);
     outputs.align = align;
-    if !is_named && let Some(reason) = outputs.set_default_image(&args.input, &settings).reason {
-        say(&format!("note: {reason}"));
+    if !is_named {
+        outputs.set_default_image(&args.input);
     }
     let cancel = cancel_on_interrupt();
     let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
     let exposed = expose_exr(&args.input, &settings, &outputs, &session)?;
     drop(sink);
     print(&report(&exposed));
-    if exposed.no_light {
+    if exposed.exposer.no_light() {
         say("warning: the image is black, so there is no automatic exposure; 1 s was used");
     }
     if exposed.frames < settings.frames {
         say(&format!("interrupted: {} of {} frames were written", exposed.frames, settings.frames));
         return Ok(Outcome::Interrupted);
     }
-    if exposed.invalid > 0 {
+    let (invalid, invalid_variances) = (exposed.exposer.invalid(), exposed.exposer.invalid_variances());
+    if invalid > 0 {
         say(&format!(
             "flagged: the radiance of {} is negative or not a number (they count as black) or infinite (they saturate)",
-            counted(exposed.invalid, "pixel")
+            counted(invalid, "pixel")
         ));
     }
-    if exposed.invalid_variances > 0 {
-        say(&flagged_variances(exposed.invalid_variances));
+    if invalid_variances > 0 {
+        say(&flagged_variances(invalid_variances));
     }
-    Ok(if exposed.invalid + exposed.invalid_variances > 0 { Outcome::Flagged } else { Outcome::Done })
+    Ok(if invalid + invalid_variances > 0 { Outcome::Flagged } else { Outcome::Done })
 }
 
 /// The lens, each value with its source.
@@ -74,15 +75,15 @@ fn lens(exposed: &ExposedFile) -> String {
 }
 
 fn report(exposed: &ExposedFile) -> String {
-    let [width, height] = exposed.size;
+    let [width, height] = exposed.exposer.size();
     let mut text = format!(
         "{width} x {height} pixels, {}, exposed for {}; {:.2} % of the pixels are saturated\n",
-        exposed.model.spec().name,
-        exposure_time(exposed.exposure.time().0),
-        100.0 * exposed.saturated
+        exposed.exposer.model().spec().name,
+        exposure_time(exposed.exposer.exposure().time().0),
+        100.0 * exposed.exposer.saturated()
     );
     let _ = writeln!(text, "lens: {}", lens(exposed));
-    if let Some(share) = exposed.matched {
+    if let Some(share) = exposed.exposer.matched() {
         let percent = (1000.0 * share).floor() / 10.0;
         let _ = writeln!(text, "noise-matched exposure can hold in {percent:.1} % of the pixels");
     }

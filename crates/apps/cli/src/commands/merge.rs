@@ -20,7 +20,7 @@ pub(crate) fn run(args: &MergeArgs, started: Instant) -> Result<Outcome, Error> 
     let merged = dunkelfeld::commands::merge(&settings, started)?;
     let (range, parts) = (&merged.samples, args.parts.len());
     let words = if parts == 1 { "1 part".into() } else { format!("{parts} parts") };
-    let total = count(merged.stats.samples);
+    let total = count(merged.stats.sampling.samples);
     let o = &settings.outputs;
     let mut text = as_seen(o.image.as_deref(), &merged.stats);
     let _ = writeln!(text, "{words}: samples {}..{}, {total} in all", range.start, range.end);

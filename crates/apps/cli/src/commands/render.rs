@@ -72,14 +72,14 @@ fn render(
     (sink, cancel): (&Sink, &Cancel),
 ) -> Result<(Outcome, Option<Exposure>), Error> {
     let mut result = project.render_to_files(sink, cancel)?;
-    let (elapsed, samples) = (result.elapsed(), result.stats.samples);
+    let (elapsed, samples) = (result.elapsed(), result.stats.sampling.samples);
     sink.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed, remaining: None, samples });
     result.save(&project.outputs)?;
     sink.clear();
     report::print_report(args, project, &result);
     let is_flagged = result.stats.is_flagged()
         || result.rendering.checkpoint_fault.is_some()
-        || (args.strict && result.stats.budget_missed);
+        || (args.strict && result.stats.time.budget_missed);
     let outcome = match (result.rendering.interrupted, is_flagged) {
         (true, _) => Outcome::Interrupted,
         (false, true) => Outcome::Flagged,

@@ -5,7 +5,7 @@ use super::bench_args::BenchArgs;
 use super::series::run_study;
 use crate::outcome::Outcome;
 use dunkelfeld::Error;
-use dunkelfeld_studies::bench::{BenchOptions, BenchSettings, bench};
+use dunkelfeld_studies::bench::{BenchSettings, bench};
 
 pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {
     let settings = settings(args);
@@ -17,7 +17,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<Outcome, Error> {
 }
 
 fn settings(args: &BenchArgs) -> BenchSettings {
-    let options = BenchOptions::default()
+    BenchSettings::default()
         .with_quick(args.quick)
         .with_spp(args.spp.clone())
         .with_seeds(args.seeds)
@@ -27,6 +27,5 @@ fn settings(args: &BenchArgs) -> BenchSettings {
         .with_denoise(args.denoise.clone())
         .with_oidn(args.oidn.clone())
         .with_effect_spp(args.effect_spp)
-        .with_reference_spp(args.reference_spp);
-    options.into()
+        .with_reference_spp(args.reference_spp)
 }

@@ -1,14 +1,12 @@
 //! `dunkelfeld emva`: writes data sets, and computes figures from them.
 
-use super::emva_args::{AnalyseArgs, DatasetArgs, EmvaArgs, EmvaCommand, ReleaseChoice};
-use crate::bar::Sink;
-use crate::interrupt::cancel_on_interrupt;
+use super::emva_args::{AnalyseArgs, DatasetArgs, EmvaArgs, EmvaCommand};
 use crate::outcome::{Outcome, print, say};
-use dunkelfeld::{Error, Session};
+use dunkelfeld::Error;
+use dunkelfeld::radiometry::{Nanometres, Seconds};
 use dunkelfeld_studies::emva::{
-    AnalyseOptions, DatasetOptions, DatasetPlan, DatasetSettings, Findings, TRUTH, read_measurement, write_dataset,
+    AnalyseOptions, DatasetPlan, DatasetSettings, Findings, TRUTH, read_measurement, write_dataset,
 };
-use dunkelfeld_studies::emva1288::Release;
 
 pub(crate) fn run(args: &EmvaArgs) -> Result<Outcome, Error> {
     match &args.command {
@@ -19,25 +17,19 @@ pub(crate) fn run(args: &EmvaArgs) -> Result<Outcome, Error> {
 
 fn dataset(args: &DatasetArgs) -> Result<Outcome, Error> {
     let model = dunkelfeld::find_sensor(&args.sensor)?;
-    let options = DatasetOptions::default()
+    let settings = DatasetSettings::default()
         .with_levels(args.levels)
-        .with_size(args.size)
-        .with_wavelength(args.wavelength)
-        .with_spatial(args.spatial)
-        .with_vary(args.vary.map(Into::into))
-        .with_exposure(args.exposure)
+        .with_width(args.size[0])
+        .with_height(args.size[1])
+        .with_wavelength(args.wavelength.map(Nanometres))
+        .with_stack(args.spatial)
+        .with_vary(args.vary)
+        .with_exposure(Seconds(args.exposure))
         .with_bit_depth(args.bit_depth)
-        .with_color(args.color.map(Into::into))
+        .with_color(args.color)
         .with_seed(args.seed);
-    let settings = DatasetSettings::from(options);
     let plan = DatasetPlan::new(&model, &settings)?;
-    let sink = Sink::new(args.run.progress);
-    let cancel = cancel_on_interrupt();
-    let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
-    let written = write_dataset(&plan, &args.output, &session)?;
-    drop(sink);
-    let Some(written) = written else {
-        say("interrupted: nothing was written");
+    let Some(written) = args.run.work(|session| write_dataset(&plan, &args.output, session))? else {
         return Ok(Outcome::Interrupted);
     };
     print(&format!(
@@ -56,19 +48,11 @@ fn dataset(args: &DatasetArgs) -> Result<Outcome, Error> {
 
 fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
     Findings::check_outputs(&args.input, args.json.as_deref(), args.html.as_deref())?;
-    let release = match args.release {
-        ReleaseChoice::R40 => Release::R40,
-        ReleaseChoice::R31 => Release::R31,
-    };
-    let options =
-        AnalyseOptions::default().with_release(release).with_general(args.general).with_pixel_pitch(args.pixel_pitch);
-    let sink = Sink::new(args.run.progress);
-    let cancel = cancel_on_interrupt();
-    let session = Session::new(args.run.thread_count())?.with_progress(&sink).with_cancel(&cancel);
-    let read = read_measurement(&args.input, &session);
-    drop(sink);
-    let Some(read) = read? else {
-        say("interrupted: nothing was written");
+    let options = AnalyseOptions::default()
+        .with_release(args.release)
+        .with_general(args.general)
+        .with_pixel_pitch(args.pixel_pitch);
+    let Some(read) = args.run.work(|session| read_measurement(&args.input, session))? else {
         return Ok(Outcome::Interrupted);
     };
     let findings = options.analyse(&read)?;

@@ -1,11 +1,14 @@
 //! The flags of `emva`.
 
+use crate::choices::one_of;
 use crate::run_args::RunArgs;
 use crate::values::{whole, within};
-use clap::{Args, Subcommand, ValueEnum};
+use clap::builder::TypedValueParser;
+use clap::{Args, Subcommand};
 use dunkelfeld::io::Time;
 use dunkelfeld::sensor::FilterColor;
 use dunkelfeld_studies::emva::{EXPOSURES, PIXEL_PITCHES, Vary};
+use dunkelfeld_studies::emva1288::Release;
 use std::path::PathBuf;
 
 /// Flags of `emva`.
@@ -37,33 +40,33 @@ pub(crate) struct DatasetArgs {
     /// The folder of the data set; it must not exist yet, or be empty.
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// Levels of light, each a pair of frames, evenly spread; the last three are saturated [default: 50].
-    #[arg(long, value_name = "N", value_parser = within(10..=1000u32))]
-    pub(crate) levels: Option<u32>,
-    /// Size of the frames in pixels [default: 640x480].
-    #[arg(long, value_name = "WxH", value_parser = size)]
-    pub(crate) size: Option<[u32; 2]>,
+    /// Levels of light, each a pair of frames, evenly spread; the last three are saturated.
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = within(10..=1000u32))]
+    pub(crate) levels: u32,
+    /// Size of the frames in pixels.
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size)]
+    pub(crate) size: [u32; 2],
     /// Wavelength of the light in nm [default: that of the highest quantum efficiency].
     #[arg(long, value_name = "NM", value_parser = wavelength)]
     pub(crate) wavelength: Option<f64>,
-    /// Frames in each of the stacks, in the dark and at half of saturation [default: 16].
-    #[arg(long, value_name = "N", value_parser = within(3..=1000u32))]
-    pub(crate) spatial: Option<u32>,
-    /// The quantity that changes from level to level [default: exposure].
-    #[arg(long, value_enum)]
-    pub(crate) vary: Option<VaryChoice>,
-    /// The exposure time, or the longest of them [default: 100ms].
-    #[arg(long, value_name = "TIME", value_parser = exposure_time)]
-    pub(crate) exposure: Option<f64>,
+    /// Frames in each of the stacks, in the dark and at half of saturation.
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = within(3..=1000u32))]
+    pub(crate) spatial: u32,
+    /// The quantity that changes from level to level.
+    #[arg(long, default_value = "exposure", value_parser = varied())]
+    pub(crate) vary: Vary,
+    /// The exposure time, or the longest of them.
+    #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = exposure_time)]
+    pub(crate) exposure: f64,
     /// Bits per grey value instead of those of the sensor; gain and black level change with them. 8 bits are written as 8-bit PNG.
     #[arg(long, value_name = "N", value_parser = within(8..=16u32))]
     pub(crate) bit_depth: Option<u32>,
     /// Colour of the measured pixels of a sensor with colour filters: a data set has pixels of one colour.
-    #[arg(long, value_enum)]
-    pub(crate) color: Option<ColorChoice>,
-    /// Seed of the device and of its noise [default: 0].
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u64>)]
-    pub(crate) seed: Option<u64>,
+    #[arg(long, value_parser = colors())]
+    pub(crate) color: Option<FilterColor>,
+    /// Seed of the device and of its noise.
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = whole::<u64>)]
+    pub(crate) seed: u64,
     #[command(flatten)]
     pub(crate) run: RunArgs,
 }
@@ -79,8 +82,8 @@ pub(crate) struct AnalyseArgs {
     #[arg(value_name = "DESCRIPTOR")]
     pub(crate) input: PathBuf,
     /// Release of the standard that defines saturation: 4.0, where 0.1 to 0.2 % of the values are the largest; 3.1, the peak of the variance.
-    #[arg(long, value_enum, default_value_t = ReleaseChoice::R40)]
-    pub(crate) release: ReleaseChoice,
+    #[arg(long, default_value = "4.0", value_parser = releases())]
+    pub(crate) release: Release,
     /// The general module, for cameras that are not linear or that process their frames: no gain and no quantum efficiency, but
     /// noise, threshold and range at the input.
     #[arg(long)]
@@ -98,51 +101,21 @@ pub(crate) struct AnalyseArgs {
     pub(crate) run: RunArgs,
 }
 
-/// The varied quantity, on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum VaryChoice {
-    /// The exposure time, under constant light; it also gives the dark current.
-    Exposure,
-    /// The light, at one exposure time.
-    Irradiance,
+/// The varied quantity.
+fn varied() -> impl TypedValueParser<Value = Vary> {
+    let exposure = "The exposure time, under constant light; it also gives the dark current";
+    let irradiance = "The light, at one exposure time";
+    one_of(vec![("exposure", Vary::Exposure, exposure), ("irradiance", Vary::Irradiance, irradiance)], Vary::Exposure)
 }
 
-impl From<VaryChoice> for Vary {
-    fn from(choice: VaryChoice) -> Self {
-        match choice {
-            VaryChoice::Exposure => Self::Exposure,
-            VaryChoice::Irradiance => Self::Irradiance,
-        }
-    }
+/// Colours of filters.
+fn colors() -> impl TypedValueParser<Value = FilterColor> {
+    one_of(FilterColor::ALL.map(|color| (color.name(), color, "")).to_vec(), FilterColor::Red)
 }
 
-/// Releases of the standard on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ReleaseChoice {
-    /// Of 2021.
-    #[value(name = "4.0")]
-    R40,
-    /// Of 2016.
-    #[value(name = "3.1")]
-    R31,
-}
-
-/// Colours of filters on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ColorChoice {
-    Red,
-    Green,
-    Blue,
-}
-
-impl From<ColorChoice> for FilterColor {
-    fn from(choice: ColorChoice) -> Self {
-        match choice {
-            ColorChoice::Red => Self::Red,
-            ColorChoice::Green => Self::Green,
-            ColorChoice::Blue => Self::Blue,
-        }
-    }
+/// Releases of the standard.
+fn releases() -> impl TypedValueParser<Value = Release> {
+    one_of(vec![("4.0", Release::R40, "Of 2021"), ("3.1", Release::R31, "Of 2016")], Release::R40)
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {

@@ -4,7 +4,6 @@ use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say};
 use crate::run_args::ViewArgs;
-use dunkelfeld::guard::DefaultPath;
 use dunkelfeld::{Error, Progress, ProgressState, Project, ProjectOptions, Session, Stage};
 use dunkelfeld_studies::{StudyOutcome, default_folder};
 use std::path::{Path, PathBuf};
@@ -28,7 +27,7 @@ pub(crate) fn run_study(
     if view.camera.is_some() {
         project.settings.camera.clone_from(&view.camera);
     }
-    let folder = output.map_or_else(|| noted(default_folder(input, name, &project.inputs)), Path::to_path_buf);
+    let folder = output.map_or_else(|| default_folder(input, name), Path::to_path_buf);
     let cancel = cancel_on_interrupt();
     let session = Session::new(project.settings.run.threads)?.with_progress(&sink).with_cancel(&cancel);
     let outcome = study(project, &folder, &session)?;
@@ -44,14 +43,6 @@ pub(crate) fn report(findings: &[String], files: &[PathBuf]) {
         text += &format!("wrote {} and {} tables and charts beside it\n", page.display(), files.len() - 1);
     }
     print(&text);
-}
-
-/// The default folder of the results, with a note if it is not the usual one.
-pub(crate) fn noted(folder: DefaultPath) -> PathBuf {
-    if let Some(reason) = folder.reason {
-        say(&format!("note: {reason}"));
-    }
-    folder.path
 }
 
 /// Prints the invalid samples, and how many of all renders are kept if the work was interrupted.

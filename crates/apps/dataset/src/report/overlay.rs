@@ -1,8 +1,10 @@
 //! Labels over an image of the page, as SVG: outlines of a mask or boxes, in the colour of their category.
 
 use super::view::SetView;
+use crate::make::bounds_of;
 use crate::outline::outline;
 use crate::record::Record;
+use crate::visibility::Bounds;
 use dunkelfeld::Error;
 use dunkelfeld_film::Plane;
 use dunkelfeld_io::gray::read_gray;
@@ -60,16 +62,9 @@ enum Shape {
 /// The shapes of the instances of a mask, by their ids.
 fn outlines(mask: &Plane<u16>) -> BTreeMap<u16, Shape> {
     let (width, pixels) = (mask.width() as usize, mask.data());
-    // The first and the last column and row of each instance.
-    let mut extents: BTreeMap<u16, [u32; 4]> = BTreeMap::new();
-    for (at, id) in pixels.iter().enumerate().filter(|(_, id)| **id > 0) {
-        let [x, y] = [at % width, at / width].map(|v| v as u32);
-        let e = extents.entry(*id).or_insert([x, y, x, y]);
-        *e = [e[0].min(x), e[1].min(y), e[2].max(x), e[3].max(y)];
-    }
     let small = SMALL * f64::from(mask.width().max(mask.height()));
-    let shape = |id: u16, [x0, y0, x1, y1]: [u32; 4]| {
-        let bounds = [x0, y0, x1 - x0 + 1, y1 - y0 + 1];
+    let shape = |id: u16, Bounds { from: [x0, y0], to: [x1, y1] }| {
+        let bounds = [x0, y0, x1 - x0, y1 - y0];
         let boxed = Shape::Box(bounds.map(f64::from));
         if f64::from(bounds[2].max(bounds[3])) < small {
             return boxed;
@@ -78,7 +73,7 @@ fn outlines(mask: &Plane<u16>) -> BTreeMap<u16, Shape> {
         let corners: usize = polygons.iter().map(|polygon| polygon.len() / 2).sum();
         if corners > MOST_CORNERS { boxed } else { Shape::Path(polygons.iter().map(|p| path(p)).collect()) }
     };
-    extents.into_iter().map(|(id, extent)| (id, shape(id, extent))).collect()
+    bounds_of(mask).into_iter().map(|(id, (bounds, _))| (id, shape(id, bounds))).collect()
 }
 
 /// A polygon as a path of SVG.

@@ -35,7 +35,7 @@ pub(super) fn filters(settings: &BenchSettings) -> Result<Vec<Filter>, Error> {
         let found = find_denoiser(&DenoiseSettings::default().with_method(method).with_oidn(oidn))?;
         Ok::<_, Error>(found.map(|denoiser| Filter { key: method.name(), denoiser }))
     };
-    let chosen = match &settings.denoisers {
+    let chosen = match settings.denoisers() {
         Some(methods) => methods.iter().map(|m| find(*m)).collect::<Result<Vec<_>, _>>()?,
         None if settings.oidn.is_some() => vec![find(DenoiseMethod::Builtin)?, find(DenoiseMethod::Oidn)?],
         None => vec![find(DenoiseMethod::Builtin)?, find(DenoiseMethod::Oidn).ok().flatten()],

@@ -70,7 +70,7 @@ pub(super) fn noise(r: &Results) -> Vec<[Chart; 2]> {
             .filter(|s| !s.marks.is_empty())
             .collect();
         let is_ratio = measure.key == "sensor";
-        let levels = r.settings.levels.iter().filter(|_| is_ratio).map(|k| (k * k, format!("k = {k}"))).collect();
+        let levels = r.settings.levels().iter().filter(|_| is_ratio).map(|k| (k * k, format!("k = {k}"))).collect();
         let (x, slope, against) = if by_time {
             ("time of one render [s]", "1 / time", "time")
         } else {
@@ -85,7 +85,7 @@ pub(super) fn noise(r: &Results) -> Vec<[Chart; 2]> {
 
 /// Effect of denoisers on the variance and the error, against time, with one strategy.
 pub(super) fn denoised(r: &Results) -> Vec<Chart> {
-    let Some(strategy) = shown_strategy(&r.settings.strategies).filter(|_| !r.denoised.is_empty()) else {
+    let Some(strategy) = shown_strategy(r.settings.strategies()).filter(|_| !r.denoised.is_empty()) else {
         return Vec::new();
     };
     let has_sensor = r.view.has_sensor();
@@ -120,7 +120,7 @@ pub(super) fn denoised(r: &Results) -> Vec<Chart> {
             Series { color, name, marks: marks.collect() }
         });
         let series: Vec<Series> = series.filter(|s| !s.marks.is_empty()).collect();
-        let levels = r.settings.levels.iter().filter(|_| has_sensor && measure.key == "error");
+        let levels = r.settings.levels().iter().filter(|_| has_sensor && measure.key == "error");
         let levels = levels.map(|k| (k * k, format!("k = {k}"))).collect();
         let axes = Axes { x: "time of one render, denoised [s]", y: &measure.axis, levels, slope: "1 / time" };
         let title = format!("{} against time, with and without denoiser", measure.axis);
@@ -147,7 +147,7 @@ pub(super) fn denoiser_words(denoiser: &str) -> String {
 
 /// The time until hidden.
 pub(super) fn hidden(r: &Results) -> Option<Chart> {
-    let mut levels: Vec<f64> = r.settings.levels.clone();
+    let mut levels: Vec<f64> = r.settings.levels().to_vec();
     levels.sort_by(|a, b| b.total_cmp(a));
     let rows: Vec<Row> = levels
         .iter()

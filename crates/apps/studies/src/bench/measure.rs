@@ -73,7 +73,7 @@ pub fn bench(
     store.bind(&binding)?;
 
     let all = units(settings, &effects, fitted.pilot_spp);
-    let reference = Unit { purpose: Purpose::Reference, spp: settings.reference_spp, index: 0 };
+    let reference = Unit { purpose: Purpose::Reference, spp: settings.reference_spp(), index: 0 };
     let bench = Bench {
         project: &project,
         input,
@@ -81,7 +81,7 @@ pub fn bench(
         store: &store,
         filters: &filters,
         reference,
-        top: top(settings),
+        top: settings.top(),
     };
     let Made { finished, invalid_samples } = bench.make(&all, session)?;
     session.begin(Stage::Write, 1.0, 0);
@@ -105,18 +105,14 @@ pub fn bench(
 /// named, it is refused.
 fn for_sensor(settings: &BenchSettings, has_sensor: bool) -> Result<BenchSettings, Error> {
     let mut settings = settings.clone();
-    if !has_sensor && settings.strategies == Strategy::ALL {
-        settings.strategies.retain(|s| *s != Strategy::Sensor);
+    if !has_sensor && settings.strategies() == Strategy::ALL {
+        settings.strategies = Strategy::ALL.into_iter().filter(|s| *s != Strategy::Sensor).collect();
     }
     if !has_sensor && settings.strategies.contains(&Strategy::Sensor) {
         let problem = "the strategy `sensor` needs a sensor, and there is none";
         return Err(Error::setting("strategies", problem, "choose a sensor, or leave out the strategy `sensor`"));
     }
     Ok(settings)
-}
-
-fn top(settings: &BenchSettings) -> u32 {
-    settings.ladder.last().copied().unwrap_or(1)
 }
 
 /// The effects to leave out: those of the settings, or all effects of the scene. Both lists contain only effects that
@@ -149,9 +145,9 @@ fn quick_size(
     let rendering =
         render(&project.scene, &trial, &session.clone().with_start(began).with_progress(&dunkelfeld::Silent))?;
     let rate = rendering.film.sums.total_samples() as f64 / began.elapsed().as_secs_f64().max(1e-6);
-    let ladder: f64 = settings.ladder.iter().map(|&n| f64::from(n)).sum::<f64>() * settings.strategies.len() as f64;
-    let ablation = if effects > 0 { (effects + 1) as f64 * f64::from(settings.effect_spp) } else { 0.0 };
-    let per_pixel = (ladder + ablation) * f64::from(settings.seeds) + f64::from(settings.reference_spp);
+    let ladder: f64 = settings.ladder().iter().map(|&n| f64::from(n)).sum::<f64>() * settings.strategies().len() as f64;
+    let ablation = if effects > 0 { (effects + 1) as f64 * f64::from(settings.effect_spp()) } else { 0.0 };
+    let per_pixel = (ladder + ablation) * f64::from(settings.seeds()) + f64::from(settings.reference_spp());
     let pixels = QUICK_SECONDS * rate / per_pixel;
     let side = (pixels * f64::from(long).powi(2) / (f64::from(width) * f64::from(height))).sqrt();
     Ok(sized((side as u32).clamp(QUICK_SIDES[0], QUICK_SIDES[1])))
@@ -178,7 +174,7 @@ impl Bench<'_> {
         let mut other: Option<(Effect, Scene, RenderSettings)> = None;
         render_missing(
             all,
-            |unit| self.samples(unit),
+            ([self.fitted.width, self.fitted.height], |unit| unit.spp),
             finished,
             session,
             |unit, session| {
@@ -197,10 +193,6 @@ impl Bench<'_> {
                 self.render(unit, scene, settings, &mut view, session)
             },
         )
-    }
-
-    fn samples(&self, unit: &Unit) -> u64 {
-        u64::from(unit.spp) * u64::from(self.fitted.width) * u64::from(self.fitted.height)
     }
 
     /// The scene without an effect, and its settings.

@@ -12,7 +12,6 @@ mod denoised;
 mod figures;
 mod hidden;
 mod measure;
-mod options;
 mod page;
 mod results;
 mod runs;
@@ -22,5 +21,4 @@ mod store;
 mod tables;
 
 pub use measure::bench;
-pub use options::BenchOptions;
 pub use settings::BenchSettings;

@@ -139,7 +139,7 @@ impl<'a> Report<'a> {
                 "effects that the scene needs and that are visible in a single frame of this camera".into(),
             ));
         }
-        let top = r.settings.ladder.last().copied();
+        let top = r.settings.ladder().last().copied();
         let stated: Vec<f64> = r.points.iter().filter(|p| Some(p.spp) == top).map(|p| p.stated).collect();
         let (low, high) = stated.iter().fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(*v), b.max(*v)));
         if low <= high {
@@ -266,7 +266,7 @@ impl<'a> Report<'a> {
                 h2 { "Cost and bias of each effect" }
                 p {
                     "The scene was rendered without each of the effects that it needs, with "
-                    (self.r.settings.effect_spp) " samples in each pixel. Seeds and exposure are those of the render with \
+                    (self.r.settings.effect_spp()) " samples in each pixel. Seeds and exposure are those of the render with \
                      all effects. "
                     @if self.r.view.has_sensor() {
                         "A difference is visible in a frame of this camera if at least 1 % of the pixels differ by more than one \
@@ -308,8 +308,8 @@ impl<'a> Report<'a> {
         let r = self.r;
         let s = &r.settings;
         let list = |v: &[String]| v.join(", ");
-        let rungs: Vec<String> = s.ladder.iter().map(ToString::to_string).collect();
-        let strategies: Vec<String> = s.strategies.iter().map(ToString::to_string).collect();
+        let rungs: Vec<String> = s.ladder().iter().map(ToString::to_string).collect();
+        let strategies: Vec<String> = s.strategies().iter().map(ToString::to_string).collect();
         let measured = [
             ("input", r.name.clone()),
             (
@@ -329,11 +329,11 @@ impl<'a> Report<'a> {
                 "reference",
                 format!(
                     "{} samples per pixel, uniform; {:.2} % of its pixels are not saturated",
-                    s.reference_spp,
+                    s.reference_spp(),
                     100.0 * r.unsaturated
                 ),
             ),
-            ("effects", format!("{} samples per pixel, uniform", s.effect_spp)),
+            ("effects", format!("{} samples per pixel, uniform", s.effect_spp())),
             ("denoisers", list(&r.denoisers.iter().map(|d| d.1.clone()).collect::<Vec<_>>())),
             ("threads", r.threads.to_string()),
             ("program", r.program.clone()),
@@ -386,7 +386,7 @@ fn pictures(r: &Results) -> Result<Vec<Shown>, Error> {
             &look.signal,
         ));
     }
-    signals.push((format!("reference, {} samples per pixel", r.settings.reference_spp), &r.reference));
+    signals.push((format!("reference, {} samples per pixel", r.settings.reference_spp()), &r.reference));
     let mut shown = Vec::new();
     for (name, signal) in &signals {
         let (uri, size) = grey(&r.view.picture(signal))?;

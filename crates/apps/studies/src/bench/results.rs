@@ -145,14 +145,14 @@ impl Results {
 
         let mut points = Vec::new();
         let mut tops = Vec::new();
-        let highest = settings.ladder.last().copied();
-        for &strategy in &settings.strategies {
-            for &spp in &settings.ladder {
-                let Some((point, deviations, renders)) = reader.point(strategy, spp, OFF)? else { continue };
+        let highest = settings.ladder().last().copied();
+        for &strategy in settings.strategies() {
+            for &spp in settings.ladder() {
+                let Some(measured) = reader.point(strategy, spp, OFF)? else { continue };
                 if Some(spp) == highest {
-                    tops.push(reader.top(&point, &deviations, &renders)?);
+                    tops.push(reader.top(&measured)?);
                 }
-                points.push(point);
+                points.push(measured.point);
             }
         }
         let (denoised, looks) = reader.denoised(&about.denoisers, &reference)?;
@@ -172,7 +172,7 @@ impl Results {
             program: format!("dunkelfeld {}", env!("CARGO_PKG_VERSION")),
             size: [render.width, render.height],
             seed: base,
-            seeds: settings.seeds,
+            seeds: settings.seeds(),
             threads: about.threads,
             camera: exposure_words(&view, &reference),
             settings: settings.clone(),
@@ -243,7 +243,7 @@ impl Results {
 
     /// The level k of the main findings: one half if it is among the requested levels.
     pub(super) fn headline_level(&self) -> f64 {
-        let levels = &self.settings.levels;
+        let levels = self.settings.levels();
         levels.iter().copied().find(|k| *k == 0.5).or(levels.first().copied()).unwrap_or(0.5)
     }
 }
@@ -256,8 +256,13 @@ pub(super) fn shown_strategy(strategies: &[Strategy]) -> Option<Strategy> {
     strategies.iter().copied().find(|s| *s == Strategy::Sensor).or(strategies.first().copied())
 }
 
-/// A point with the spread and the signals of its renders.
-type Measured = (Point, Deviations, Vec<Plane<f32>>);
+/// A point with its renders: the spread of their pictures and of their signals, and the signals.
+struct Measured {
+    point: Point,
+    picture: Deviations,
+    signal: Deviations,
+    signals: Vec<Plane<f32>>,
+}
 
 /// Reads units of a folder.
 struct Reader<'a> {
@@ -272,7 +277,7 @@ struct Reader<'a> {
 impl Reader<'_> {
     fn finished(&self, purpose: Purpose, spp: u32) -> Result<Vec<(Unit, Record)>, Error> {
         let mut found = Vec::new();
-        for index in 0..self.settings.seeds {
+        for index in 0..self.settings.seeds() {
             let unit = Unit { purpose, spp, index };
             if let Some(record) = self.store.record(&unit, self.base)? {
                 found.push((unit, record));
@@ -320,25 +325,23 @@ impl Reader<'_> {
             stated: if is_off { mean(&stated).value / linear.value } else { f64::NAN },
             hidden: self.s.filter(|_| is_off).map(|s| share(&signal.variance(), s, self.counts, 0.5)),
         };
-        Ok(Some((point, signal, signals)))
+        Ok(Some(Measured { point, picture, signal, signals }))
     }
 
-    fn top(&self, point: &Point, deviations: &Deviations, signals: &[Plane<f32>]) -> Result<Top, Error> {
+    fn top(&self, Measured { point, picture, signal, .. }: &Measured) -> Result<Top, Error> {
         let units = self.finished(Purpose::Point(point.strategy), point.spp)?;
-        let pictures: Vec<Plane<f32>> = signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
-        let variance = Deviations::of(&pictures).map(|d| d.variance());
         let first = Unit { purpose: Purpose::Point(point.strategy), spp: point.spp, index: 0 };
         let counts = self.store.sample_counts(&first)?;
-        let worst = self.s.map(|s| worst_ratio(deviations, s, self.counts));
+        let worst = self.s.map(|s| worst_ratio(signal, s, self.counts));
         let prices = worst.map_or(Vec::new(), |worst| {
-            let levels = self.settings.levels.iter();
+            let levels = self.settings.levels().iter();
             levels.map(|&k| price(k, worst, f64::from(point.spp), point.seconds)).collect()
         });
         Ok(Top {
             strategy: point.strategy,
             spp: point.spp,
             counts,
-            picture_variance: variance.unwrap_or_else(|| deviations.variance()),
+            picture_variance: picture.variance(),
             signal: self.store.signal(&first)?,
             stages: stages(&units),
             lanes: lanes(&units),
@@ -353,27 +356,25 @@ impl Reader<'_> {
         reference: &Plane<f32>,
     ) -> Result<(Vec<Point>, Vec<Look>), Error> {
         let (mut points, mut looks) = (Vec::new(), Vec::new());
-        let (Some(&lowest), Some(&highest)) = (self.settings.ladder.first(), self.settings.ladder.last()) else {
+        let (Some(&lowest), Some(&highest)) = (self.settings.ladder().first(), self.settings.ladder().last()) else {
             return Ok((points, looks));
         };
         if denoisers.is_empty() {
             return Ok((points, looks));
         }
-        let shown = shown_strategy(&self.settings.strategies);
-        for &strategy in &self.settings.strategies {
+        let shown = shown_strategy(self.settings.strategies());
+        for &strategy in self.settings.strategies() {
             let top = self.signals(&self.finished(Purpose::Point(strategy), highest)?, OFF)?;
             let truth = Truth::new(reference, &top, self.counts, self.s);
             for key in [OFF].into_iter().chain(denoisers.iter().map(|d| d.0)) {
-                for &spp in &self.settings.ladder {
-                    let Some((mut point, _, signals)) = self.point(strategy, spp, key)? else { continue };
+                for &spp in self.settings.ladder() {
+                    let Some(measured) = self.point(strategy, spp, key)? else { continue };
+                    let Measured { mut point, picture, signals, .. } = measured;
                     point.squared_error = truth.as_ref().map(|t| t.error(&signals, spp == highest));
                     if Some(strategy) == shown && (spp == lowest || spp == highest) {
-                        let pictures: Vec<_> =
-                            signals.iter().map(|p| self.view.picture(p).map(|&v| f32::from(v))).collect();
-                        if let (Some(spread), Some(signal)) = (Deviations::of(&pictures), signals.into_iter().next()) {
-                            let picture_variance = spread.variance();
-                            looks.push(Look { strategy, denoiser: key, spp, picture_variance, signal });
-                        }
+                        let picture_variance = picture.variance();
+                        let look = |signal| Look { strategy, denoiser: key, spp, picture_variance, signal };
+                        looks.extend(signals.into_iter().next().map(look));
                     }
                     points.push(point);
                 }
@@ -383,7 +384,7 @@ impl Reader<'_> {
     }
 
     fn ablations(&self, effects: &[Effect]) -> Result<Vec<Ablation>, Error> {
-        let spp = self.settings.effect_spp;
+        let spp = self.settings.effect_spp();
         let mut whole = self.finished(Purpose::Effects(None), spp)?;
         whole.truncate(whole.len() / 2 * 2);
         let signals = self.signals(&whole, OFF)?;

@@ -75,16 +75,16 @@ impl Unit {
 /// some data of everything, and a decrease in machine speed affects all points alike.
 pub(super) fn units(settings: &BenchSettings, effects: &[Effect], pilot_spp: u32) -> Vec<Unit> {
     let once = |purpose, spp| Unit { purpose, spp, index: 0 };
-    let mut units = vec![once(Purpose::Reference, settings.reference_spp), once(Purpose::Pilot, pilot_spp)];
-    for index in 0..settings.seeds {
-        for &spp in &settings.ladder {
-            units.extend(settings.strategies.iter().map(|&s| Unit { purpose: Purpose::Point(s), spp, index }));
+    let mut units = vec![once(Purpose::Reference, settings.reference_spp()), once(Purpose::Pilot, pilot_spp)];
+    for index in 0..settings.seeds() {
+        for &spp in settings.ladder() {
+            units.extend(settings.strategies().iter().map(|&s| Unit { purpose: Purpose::Point(s), spp, index }));
         }
     }
     if !effects.is_empty() {
-        let spp = settings.effect_spp;
+        let spp = settings.effect_spp();
         for purpose in [None].into_iter().chain(effects.iter().copied().map(Some)).map(Purpose::Effects) {
-            units.extend((0..settings.seeds).map(|index| Unit { purpose, spp, index }));
+            units.extend((0..settings.seeds()).map(|index| Unit { purpose, spp, index }));
         }
     }
     units

@@ -13,71 +13,79 @@ const MIN_SEEDS: u32 = 4;
 const MAX_SEEDS: u32 = 1024;
 /// Largest length of the list of sample counts.
 const MAX_RUNGS: usize = 24;
+/// The usual numbers of samples per pixel, of which a quick bench has the first four.
+const LADDER: [u32; 6] = [4, 8, 16, 32, 64, 128];
+/// The usual levels k.
+const LEVELS: [f64; 4] = [1.0, 0.7, 0.5, 0.25];
 
-/// Settings of a bench.
-#[derive(Clone, Debug, PartialEq, Setters)]
-#[setters(prefix = "with_")]
+/// Settings of a bench, as the command line and Python name them. An empty list and `None` mean the default.
+#[derive(Clone, Debug, Default, PartialEq, Setters)]
+#[setters(prefix = "with_", into)]
 #[non_exhaustive]
 pub struct BenchSettings {
-    /// Mean samples per pixel of the points, ascending. They need not be powers of two.
-    #[setters(skip)]
-    pub ladder: Vec<u32>,
-    /// Independent renders of each point: even, 4 to 1024. The time until the noise is hidden needs at least 8.
-    pub seeds: u32,
-    /// The strategies to compare.
-    pub strategies: Vec<Strategy>,
-    /// The effects to leave out, one at a time; `None` means all effects of the scene.
-    #[setters(into)]
-    pub effects: Option<Vec<Effect>>,
-    /// Samples per pixel of the renders with and without an effect.
-    pub effect_spp: u32,
-    /// Samples per pixel of the reference, which determines the exposure, the sensor's noise and the saturated pixels.
-    pub reference_spp: u32,
-    /// The levels k whose cost is measured: the render's noise is k times the sensor's.
-    pub levels: Vec<f64>,
-    /// Denoisers of the renders of the points, which are also evaluated without denoising: each of `builtin` and `oidn`
-    /// at most once. `None` means the built-in filter, and Intel Open Image Denoise if this machine has it.
-    #[setters(into)]
-    pub denoisers: Option<Vec<DenoiseMethod>>,
-    /// Intel Open Image Denoise: the library or its folder.
-    #[setters(into)]
-    pub oidn: Option<PathBuf>,
-    /// Reduces the film until the whole bench takes less than a minute on this machine.
+    /// Less than a minute in all: few samples per pixel, on the largest film that this machine can render in that time.
     pub quick: bool,
-}
-
-impl Default for BenchSettings {
-    /// 4 to 128 samples per pixel, 8 renders each, all strategies, all effects.
-    fn default() -> Self {
-        Self {
-            ladder: vec![4, 8, 16, 32, 64, 128],
-            seeds: 8,
-            strategies: Strategy::ALL.to_vec(),
-            effects: None,
-            effect_spp: 32,
-            reference_spp: 512,
-            levels: vec![1.0, 0.7, 0.5, 0.25],
-            denoisers: None,
-            oidn: None,
-            quick: false,
-        }
-    }
+    /// Mean samples per pixel of the points, ascending: by default 4 to 128, quick 4 to 32, as powers of two. They need not
+    /// be such.
+    pub spp: Vec<u32>,
+    /// Independent renders of each point: even, 4 to 1024, by default 8. The time until the noise is hidden needs at least 8.
+    pub seeds: Option<u32>,
+    /// The strategies to compare, by default all.
+    pub strategies: Vec<Strategy>,
+    /// The levels k whose cost is measured: the render's noise is k times the sensor's.
+    pub noise: Vec<f64>,
+    /// The effects to leave out, one at a time; `None` means all effects of the scene.
+    pub effects: Option<Vec<Effect>>,
+    /// Denoisers of the renders of the points, which are also evaluated without denoising: each of `builtin` and `oidn`
+    /// at most once, or `off` alone for none. The default, `auto`, is the built-in filter, and Intel Open Image Denoise if
+    /// this machine has it.
+    pub denoise: Vec<DenoiseMethod>,
+    /// Intel Open Image Denoise: the library or its folder.
+    pub oidn: Option<PathBuf>,
+    /// Samples per pixel of the renders with and without an effect, by default a quarter of the largest of `spp`.
+    pub effect_spp: Option<u32>,
+    /// Samples per pixel of the reference, which determines the exposure, the sensor's noise and the saturated pixels: by
+    /// default four times the largest of `spp`.
+    pub reference_spp: Option<u32>,
 }
 
 impl BenchSettings {
-    /// Less than a minute: 4 to 32 samples per pixel on the largest film that this machine can render in that time.
-    pub fn quick() -> Self {
-        Self { ladder: vec![4, 8, 16, 32], effect_spp: 8, reference_spp: 128, quick: true, ..Self::default() }
+    pub(super) fn ladder(&self) -> &[u32] {
+        let rungs = if self.quick { &LADDER[..4] } else { &LADDER };
+        if self.spp.is_empty() { rungs } else { &self.spp }
     }
 
-    /// Other sample counts, with the samples per pixel of the reference and the effects derived from it.
-    #[must_use]
-    pub fn with_ladder(mut self, ladder: Vec<u32>) -> Self {
-        let top = ladder.iter().copied().max().unwrap_or(1);
-        self.effect_spp = top.div_ceil(4);
-        self.reference_spp = top.saturating_mul(4);
-        self.ladder = ladder;
-        self
+    pub(super) fn top(&self) -> u32 {
+        self.ladder().iter().copied().max().unwrap_or(1)
+    }
+
+    pub(super) fn seeds(&self) -> u32 {
+        self.seeds.unwrap_or(8)
+    }
+
+    pub(super) fn strategies(&self) -> &[Strategy] {
+        if self.strategies.is_empty() { &Strategy::ALL } else { &self.strategies }
+    }
+
+    pub(super) fn levels(&self) -> &[f64] {
+        if self.noise.is_empty() { &LEVELS } else { &self.noise }
+    }
+
+    /// The denoisers to compare; `None` for those of this machine.
+    pub(super) fn denoisers(&self) -> Option<&[DenoiseMethod]> {
+        match self.denoise.as_slice() {
+            [] | [DenoiseMethod::Auto] => None,
+            [DenoiseMethod::Off] => Some(&[]),
+            methods => Some(methods),
+        }
+    }
+
+    pub(super) fn effect_spp(&self) -> u32 {
+        self.effect_spp.unwrap_or(self.top().div_ceil(4))
+    }
+
+    pub(super) fn reference_spp(&self) -> u32 {
+        self.reference_spp.unwrap_or(self.top().saturating_mul(4))
     }
 
     /// Checks that the settings can be measured.
@@ -85,8 +93,8 @@ impl BenchSettings {
     /// # Errors
     /// A setting outside its range, with help.
     pub fn check(&self) -> Result<(), Error> {
-        let rungs = &self.ladder;
-        if rungs.is_empty() || rungs.len() > MAX_RUNGS || rungs[0] == 0 || rungs.windows(2).any(|w| w[0] >= w[1]) {
+        let rungs = self.ladder();
+        if rungs.len() > MAX_RUNGS || rungs[0] == 0 || rungs.windows(2).any(|w| w[0] >= w[1]) {
             let problem = format!("{rungs:?} is not an ascending list of numbers of samples per pixel");
             return Err(Error::setting(
                 "spp",
@@ -94,7 +102,7 @@ impl BenchSettings {
                 format!("give 1 to {MAX_RUNGS} ascending numbers, as in 4,8,16"),
             ));
         }
-        let top = rungs.iter().chain([&self.effect_spp, &self.reference_spp]).copied().max().unwrap_or(0);
+        let top = self.top().max(self.effect_spp()).max(self.reference_spp());
         if top > MAX_SPP {
             let problem = format!("{top} samples per pixel are more than can be counted");
             return Err(Error::setting(
@@ -103,24 +111,24 @@ impl BenchSettings {
                 "use less than 1e9 for the reference, and a quarter of that for the other renders",
             ));
         }
-        if !(MIN_SEEDS..=MAX_SEEDS).contains(&self.seeds) || self.seeds % 2 == 1 {
+        if !(MIN_SEEDS..=MAX_SEEDS).contains(&self.seeds()) || self.seeds() % 2 == 1 {
             let help =
                 format!("use an even number from {MIN_SEEDS} to {MAX_SEEDS}: two halves give the noise of a bias");
-            return Err(Error::setting("seeds", format!("{} renders per point cannot be compared", self.seeds), help));
-        }
-        let strategies = &self.strategies;
-        let repeated = strategies.iter().enumerate().any(|(i, s)| strategies[..i].contains(s));
-        if strategies.is_empty() || repeated {
             return Err(Error::setting(
-                "strategies",
-                "the list is empty, or contains a strategy twice",
-                "name each strategy once",
+                "seeds",
+                format!("{} renders per point cannot be compared", self.seeds()),
+                help,
             ));
         }
-        if self.levels.iter().any(|k| !(*k > 0.0 && *k <= 10.0)) || self.levels.is_empty() {
+        let strategies = self.strategies();
+        let repeated = strategies.iter().enumerate().any(|(i, s)| strategies[..i].contains(s));
+        if repeated {
+            return Err(Error::setting("strategies", "the list contains a strategy twice", "name each strategy once"));
+        }
+        if self.noise.iter().any(|k| !(*k > 0.0 && *k <= 10.0)) {
             return Err(Error::setting("k", "a level k is out of range", "use numbers above 0 and up to 10"));
         }
-        let denoisers = self.denoisers.as_deref().unwrap_or(&[]);
+        let denoisers = self.denoisers().unwrap_or(&[]);
         let unfit = |m: &DenoiseMethod| matches!(m, DenoiseMethod::Off | DenoiseMethod::Auto);
         if denoisers.iter().any(unfit) || denoisers.iter().enumerate().any(|(i, m)| denoisers[..i].contains(m)) {
             let help = "name builtin, oidn or both, or off alone; renders without denoiser are always measured";
@@ -130,7 +138,7 @@ impl BenchSettings {
                 help,
             ));
         }
-        if self.oidn.is_some() && self.denoisers.as_ref().is_some_and(|d| !d.contains(&DenoiseMethod::Oidn)) {
+        if self.oidn.is_some() && self.denoisers().is_some_and(|d| !d.contains(&DenoiseMethod::Oidn)) {
             let help = "add oidn to the denoisers, or do not name the library";
             return Err(Error::setting("oidn", "the library is named and not used", help));
         }
@@ -156,10 +164,10 @@ impl BenchSettings {
     /// The inputs of the folder's fingerprint: equal values make the results of two benches comparable.
     pub(super) fn summary(&self) -> SettingsSummary {
         SettingsSummary {
-            ladder: self.ladder.clone(),
-            seeds: self.seeds,
-            effect_spp: self.effect_spp,
-            reference_spp: self.reference_spp,
+            ladder: self.ladder().to_vec(),
+            seeds: self.seeds(),
+            effect_spp: self.effect_spp(),
+            reference_spp: self.reference_spp(),
             quick: self.quick,
         }
     }
@@ -188,21 +196,19 @@ mod tests {
     #[test]
     fn settings_that_cannot_be_measured_are_errors() {
         type Change = fn(&mut BenchSettings);
-        let cases: [(&str, Change); 16] = [
-            ("spp", |s| s.ladder = vec![]),
-            ("spp", |s| s.ladder = vec![0, 4]),
-            ("spp", |s| s.ladder = vec![8, 4]),
-            ("spp", |s| s.ladder = vec![4, 4]),
-            ("spp", |s| s.ladder = vec![4, u32::MAX]),
-            ("seeds", |s| s.seeds = 2),
-            ("seeds", |s| s.seeds = 7),
-            ("strategies", |s| s.strategies.clear()),
+        let cases: [(&str, Change); 14] = [
+            ("spp", |s| s.spp = vec![0, 4]),
+            ("spp", |s| s.spp = vec![8, 4]),
+            ("spp", |s| s.spp = vec![4, 4]),
+            ("spp", |s| s.spp = vec![4, u32::MAX]),
+            ("seeds", |s| s.seeds = Some(2)),
+            ("seeds", |s| s.seeds = Some(7)),
             ("strategies", |s| s.strategies = vec![Strategy::Uniform; 2]),
             ("strategies", |s| s.strategies = vec![Strategy::Uniform, Strategy::Sobel, Strategy::Uniform]),
-            ("k", |s| s.levels = vec![f64::NAN]),
-            ("denoise", |s| s.denoisers = Some(vec![DenoiseMethod::Auto])),
-            ("denoise", |s| s.denoisers = Some(vec![DenoiseMethod::Builtin; 2])),
-            ("oidn", |s| (s.oidn, s.denoisers) = (Some("lib".into()), Some(vec![]))),
+            ("k", |s| s.noise = vec![f64::NAN]),
+            ("denoise", |s| s.denoise = vec![DenoiseMethod::Auto, DenoiseMethod::Oidn]),
+            ("denoise", |s| s.denoise = vec![DenoiseMethod::Builtin; 2]),
+            ("oidn", |s| (s.oidn, s.denoise) = (Some("lib".into()), vec![DenoiseMethod::Off])),
             ("effects", |s| s.effects = Some(vec![Effect::Color])),
             ("effects", |s| s.effects = Some(vec![Effect::EveryLight])),
         ];

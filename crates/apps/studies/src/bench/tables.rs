@@ -92,7 +92,7 @@ fn hidden(r: &Results) -> Table {
         column("over_best", "over the best", ""),
     ];
     let mut rows = Vec::new();
-    for (i, &k) in r.settings.levels.iter().enumerate() {
+    for (i, &k) in r.settings.levels().iter().enumerate() {
         let prices = || r.tops.iter().filter_map(|t| Some((t.strategy, t.prices.get(i)?)));
         let best = prices().map(|(_, p)| p.seconds.value).fold(f64::INFINITY, f64::min);
         rows.extend(prices().map(|(strategy, p)| {

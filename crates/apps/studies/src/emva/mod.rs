@@ -17,6 +17,6 @@ mod truth;
 pub use dataset::{DESCRIPTOR, TRUTH, WrittenDataset, write_dataset};
 pub use findings::Findings;
 pub use measurement::{ReadMeasurement, read_measurement};
-pub use options::{AnalyseOptions, DatasetOptions, PIXEL_PITCHES};
+pub use options::{AnalyseOptions, PIXEL_PITCHES};
 pub use plan::{DatasetPlan, DatasetSettings, EXPOSURES, Shot, Vary};
 pub use truth::Truth;

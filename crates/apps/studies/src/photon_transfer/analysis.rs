@@ -116,7 +116,7 @@ impl Results {
         let view = View::new(&render.sensor, &renders.radiance(&first)?)?;
         let reader = Reader { renders, settings, view: &view };
         let (mut pictures, mut cameras) = (Vec::new(), Vec::new());
-        for &spp in &settings.spp {
+        for &spp in settings.spp() {
             for is_denoised in [false, true] {
                 if !is_denoised || denoiser.is_some() {
                     pictures.extend(reader.pictures(spp, is_denoised)?);
@@ -269,7 +269,7 @@ struct Reader<'a> {
 impl Reader<'_> {
     fn finished(&self, series: Series, spp: u32) -> Result<Vec<Unit>, Error> {
         let mut found = Vec::new();
-        for frame in 0..self.settings.frames {
+        for frame in 0..self.settings.frames() {
             let unit = Unit { series, spp, frame };
             if self.renders.record(&unit)?.is_some() {
                 found.push(unit);
@@ -287,7 +287,7 @@ impl Reader<'_> {
         let as_frame = |unit: &Unit| Ok(self.view.picture(&signal(unit)?).map(|&v| u16::from(v)));
         let stack = stack_of(units.iter().map(as_frame), size)?;
         let rest = stack_of(others.iter().map(as_frame), size)?;
-        let gradient = Gradient::new(&picture, self.settings.edges);
+        let gradient = Gradient::new(&picture, self.settings.edges());
         let mut seconds = 0.0;
         for unit in &units {
             let record = self.renders.record(unit)?;

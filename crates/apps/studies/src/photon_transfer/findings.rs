@@ -57,83 +57,105 @@ pub(super) struct Finding {
 
 /// All statements that the series can test.
 pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
-    let mean = |s: &PictureSeries| s.mean_variance[0];
-    let each = |f: &dyn Fn(&PictureSeries) -> String| {
-        all.iter().map(|s| format!("{}: {}", name(s), f(s))).collect::<Vec<_>>().join("; ")
-    };
-    // A series without a result, because a number is unknown or constant, is left out.
-    let judged = |f: &dyn Fn(&PictureSeries) -> Option<bool>| all.iter().filter_map(f).collect::<Vec<_>>();
-    let known = |v: f64| v.is_finite().then_some(v);
-    let varies = |s: &PictureSeries| mean(s) > 0.0;
-    let mut found = Vec::new();
-    let mut add = |claim, place, here: String, verdicts: &[bool]| {
-        if let Some(verdict) = Verdict::from_outcomes(verdicts) {
-            found.push(Finding { claim, place, here, verdict });
-        }
-    };
+    let mut found = of_samples(all);
+    found.extend(of_curves(all));
+    found.extend(of_edges(all));
+    found
+}
 
+/// A finding from the outcome of each series or pair; `None` without an outcome.
+fn finding(claim: &'static str, place: &'static str, here: String, outcomes: Vec<bool>) -> Option<Finding> {
+    Some(Finding { claim, place, here, verdict: Verdict::from_outcomes(&outcomes)? })
+}
+
+/// A text for each series.
+fn each(all: &[PictureSeries], text: impl Fn(&PictureSeries) -> String) -> String {
+    all.iter().map(|s| format!("{}: {}", name(s), text(s))).collect::<Vec<_>>().join("; ")
+}
+
+/// The outcomes. A series without one, because a number is unknown or constant, is left out.
+fn judged(all: &[PictureSeries], outcome: impl Fn(&PictureSeries) -> Option<bool>) -> Vec<bool> {
+    all.iter().filter_map(outcome).collect()
+}
+
+fn known(v: f64) -> Option<f64> {
+    v.is_finite().then_some(v)
+}
+
+fn mean(s: &PictureSeries) -> f64 {
+    s.mean_variance[0]
+}
+
+fn varies(s: &PictureSeries) -> bool {
+    mean(s) > 0.0
+}
+
+/// The temporal variance with more samples and with the denoiser.
+fn of_samples(all: &[PictureSeries]) -> Vec<Finding> {
     let [off, on] = [false, true].map(|d| all.iter().filter(|s| s.is_denoised == d).collect::<Vec<_>>());
     let steps = [&off, &on].into_iter().flat_map(|s| s.windows(2)).filter(|w| varies(w[0]));
-    let fewer: Vec<bool> = steps.map(|w| mean(w[1]) < mean(w[0])).collect();
-    add(
-        "more samples per pixel leave less temporal variance",
-        "figure 5",
-        each(&|s| format!("{} DN\u{b2}", rounded(mean(s)))),
-        &fewer,
-    );
-    let pairs: Vec<(&PictureSeries, &PictureSeries)> =
+    let fewer = steps.map(|w| mean(w[1]) < mean(w[0])).collect();
+    let here = each(all, |s| format!("{} DN\u{b2}", rounded(mean(s))));
+    let samples = finding("more samples per pixel leave less temporal variance", "figure 5", here, fewer);
+    let pairs: Vec<_> =
         off.iter().filter(|a| varies(a)).filter_map(|a| Some((*a, *on.iter().find(|b| b.spp == a.spp)?))).collect();
-    let factors: Vec<String> =
-        pairs.iter().map(|(a, b)| format!("{} spp: {} times less", a.spp, rounded(mean(a) / mean(b)))).collect();
-    add(
-        "the denoiser lowers the temporal variance",
-        "figure 5",
-        factors.join("; "),
-        &pairs.iter().map(|(a, b)| mean(b) < mean(a)).collect::<Vec<_>>(),
-    );
-    let line = |s: &PictureSeries| s.curve.fit;
-    add(
+    let factor =
+        |(a, b): &(&PictureSeries, &PictureSeries)| format!("{} spp: {} times less", a.spp, rounded(mean(a) / mean(b)));
+    let here = pairs.iter().map(factor).collect::<Vec<_>>().join("; ");
+    let lower = pairs.iter().map(|(a, b)| mean(b) < mean(a)).collect();
+    let denoiser = finding("the denoiser lowers the temporal variance", "figure 5", here, lower);
+    samples.into_iter().chain(denoiser).collect()
+}
+
+/// The shape of the curves.
+fn of_curves(all: &[PictureSeries]) -> Vec<Finding> {
+    let linear = finding(
         "the photon transfer curves are not linear",
         "figure 6",
-        each(&|s| match line(s) {
+        each(all, |s| match &s.curve.fit {
             Some(f) => format!("R\u{b2} of a straight line {:.3}", f.r_squared),
             None => "too few points".into(),
         }),
-        &judged(&|s| {
-            let f = line(s)?;
+        judged(all, |s| {
+            let f = s.curve.fit.as_ref()?;
             Some(known(f.reduced_chi_squared)? > 1.0 + SIGNIFICANT * (2.0 / f.points as f64).sqrt())
         }),
     );
-    add(
+    let monotone = finding(
         "they are not even monotone",
         "figure 6",
-        each(&|s| {
+        each(all, |s| {
             let [rise, fall] = rise_and_fall(&s.curve.points);
             format!("rises by {} and falls by {} standard errors", rounded(rise), rounded(fall))
         }),
-        &judged(&|s| {
+        judged(all, |s| {
             (s.curve.points.len() > 2).then(|| rise_and_fall(&s.curve.points).iter().all(|v| *v > SIGNIFICANT))
         }),
     );
-    add(
+    linear.into_iter().chain(monotone).collect()
+}
+
+/// The variance near edges and without them.
+fn of_edges(all: &[PictureSeries]) -> Vec<Finding> {
+    let near = finding(
         "the variance is high near edges",
         "figures 5 and 7",
-        each(&|s| format!("{} times that of the rest", rounded(s.mean_variance[1] / s.mean_variance[2]))),
-        &judged(&|s| Some(known(s.mean_variance[1])? > known(s.mean_variance[2]).filter(|_| varies(s))?)),
+        each(all, |s| format!("{} times that of the rest", rounded(s.mean_variance[1] / s.mean_variance[2]))),
+        judged(all, |s| Some(known(s.mean_variance[1])? > known(s.mean_variance[2]).filter(|_| varies(s))?)),
     );
-    add(
+    let sobel = finding(
         "the Sobel image of one frame resembles the variance",
         "figures 5 and 7",
-        each(&|s| {
+        each(all, |s| {
             let [pearson, spearman] = s.correlations;
             format!("correlation {pearson:.2}, of ranks {spearman:.2}")
         }),
-        &judged(&|s| Some(known(s.correlations[1])? >= ALIKE)),
+        judged(all, |s| Some(known(s.correlations[1])? >= ALIKE)),
     );
-    add(
+    let without = finding(
         "without the strong edges the variance is much lower, or even almost below 2",
         "figure 8",
-        each(&|s| {
+        each(all, |s| {
             format!(
                 "{} DN\u{b2} instead of {}, {:.0} % of the curve below 2",
                 rounded(s.mean_variance[2]),
@@ -141,12 +163,12 @@ pub(super) fn findings(all: &[PictureSeries]) -> Vec<Finding> {
                 100.0 * quiet(&s.filtered.points)
             )
         }),
-        &judged(&|s| {
+        judged(all, |s| {
             known(s.mean_variance[1]).filter(|_| varies(s))?;
             Some(s.mean_variance[2] < 0.5 * mean(s) || quiet(&s.filtered.points) >= ALMOST)
         }),
     );
-    found
+    [near, sobel, without].into_iter().flatten().collect()
 }
 
 /// The name of a series.

@@ -36,12 +36,12 @@ pub fn ptc(
 ) -> Result<StudyOutcome, Error> {
     settings.check()?;
     let mut inputs = project.inputs.clone();
-    inputs.add_library(settings.denoise.oidn.as_deref());
+    inputs.add_library(settings.oidn.as_deref());
     check_folder(folder, &inputs)?;
     project.settings.run.replay = None;
     let fitted = project.fitted()?;
     project.checked_account(&fitted)?;
-    let denoiser = find_denoiser(&settings.denoise)?;
+    let denoiser = find_denoiser(&settings.denoise())?;
     let store = Kept::open(folder, MANIFEST, restart)?;
     let threads = session.threads();
     let names: Vec<String> = denoiser.iter().map(|d| d.name()).collect();
@@ -53,7 +53,7 @@ pub fn ptc(
     store.bind(&key, |key| key)?;
     store.expect_size([fitted.width, fitted.height]);
 
-    let with_camera = settings.camera && fitted.has_sensor();
+    let with_camera = !settings.pictures_only && fitted.has_sensor();
     let all = units(settings, with_camera);
     let work = Work { project: &project, fitted: &fitted, folder: Renders { store, base: fitted.seed }, denoiser };
     let Made { finished, invalid_samples } = work.make(&all, reference(settings), session)?;
@@ -84,15 +84,11 @@ impl Work<'_> {
         };
         render_missing(
             all,
-            |unit| self.samples(unit),
+            ([self.fitted.width, self.fitted.height], |unit| unit.spp),
             finished,
             session,
             |unit, session| self.render(unit, *unit == first, &mut view, session),
         )
-    }
-
-    fn samples(&self, unit: &Unit) -> u64 {
-        u64::from(unit.spp) * u64::from(self.fitted.width) * u64::from(self.fitted.height)
     }
 
     /// Renders one frame and stores it. Returns its invalid samples; `None` if it was interrupted.

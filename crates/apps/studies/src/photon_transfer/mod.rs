@@ -10,7 +10,6 @@ mod analysis;
 mod figures;
 mod findings;
 mod measure;
-mod options;
 mod page;
 mod renders;
 mod runs;
@@ -18,6 +17,5 @@ mod settings;
 mod stack;
 
 pub use measure::ptc;
-pub use options::PtcOptions;
-pub use settings::PtcSettings;
-pub use stack::{FrameStack, StackSettings, is_frame, ptc_of_frames};
+pub use settings::{PtcSettings, of_render_only};
+pub use stack::{FrameStack, is_frame, ptc_of_frames};

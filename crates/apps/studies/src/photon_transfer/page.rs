@@ -171,7 +171,7 @@ impl<'a> Report<'a> {
                     gamma." }
                 (charts(self.transfer.iter().map(|t| &t[0])))
                 h2 { "Figure 8: photon transfer without strong edges" }
-                p { "The curves omit the " (format!("{:.0}", 100.0 * self.r.settings.edges)) " % of the pixels with the \
+                p { "The curves omit the " (format!("{:.0}", 100.0 * self.r.settings.edges())) " % of the pixels with the \
                     steepest gradient in the first frame of the series." }
                 (charts(self.transfer.iter().map(|t| &t[1])))
                 @if let (Some(chart), Some(sensor)) = (&self.sensor, &self.r.sensor) {
@@ -218,7 +218,7 @@ impl<'a> Report<'a> {
 
     fn method_section(&self) -> Markup {
         let r = self.r;
-        let spp: Vec<String> = r.settings.spp.iter().map(ToString::to_string).collect();
+        let spp: Vec<String> = r.settings.spp().iter().map(ToString::to_string).collect();
         let frames: Vec<String> = r.pictures.iter().map(|s| format!("{}: {}", name(s), s.frames)).collect();
         let measured = [
             ("input", r.name.clone()),
@@ -227,7 +227,7 @@ impl<'a> Report<'a> {
             ("series", format!("{} samples per pixel", spp.join(", "))),
             ("frames", frames.join("; ")),
             ("denoiser", r.denoiser.clone().unwrap_or_else(|| "none".into())),
-            ("strong edges", format!("the steepest {:.0} % of the pixels", 100.0 * r.settings.edges)),
+            ("strong edges", format!("the steepest {:.0} % of the pixels", 100.0 * r.settings.edges())),
             ("seed", r.seed.to_string()),
         ];
         html! {

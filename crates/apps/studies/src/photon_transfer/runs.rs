@@ -53,7 +53,7 @@ impl Unit {
 
 /// The render whose exposure all others use: the first one with the most samples.
 pub(super) fn reference(settings: &PtcSettings) -> Unit {
-    Unit { series: Series::Paper, spp: settings.spp.last().copied().unwrap_or(1), frame: 0 }
+    Unit { series: Series::Paper, spp: settings.spp().last().copied().unwrap_or(1), frame: 0 }
 }
 
 /// All renders, in their order: the reference, then frame by frame through all series. So an interrupted measurement
@@ -61,8 +61,8 @@ pub(super) fn reference(settings: &PtcSettings) -> Unit {
 pub(super) fn units(settings: &PtcSettings, with_camera: bool) -> Vec<Unit> {
     let first = reference(settings);
     let mut units = vec![first];
-    for frame in 0..settings.frames {
-        for &spp in &settings.spp {
+    for frame in 0..settings.frames() {
+        for &spp in settings.spp() {
             units.push(Unit { series: Series::Paper, spp, frame });
             if with_camera {
                 units.push(Unit { series: Series::Camera, spp, frame });

@@ -2,16 +2,16 @@
 
 use super::analysis::{Curve, Gradient, fault, linear_curve, picture_curve};
 use super::figures::{LINEAR_AXES, chart};
+use super::settings::PtcSettings;
 use crate::folder::check_folder;
 use crate::report::estimate::Estimate;
 use crate::report::maps;
 use crate::report::page::{maps, page, write};
 use crate::report::table::{self, Cell, Figures, Table, column, estimate};
 use crate::series::Kept;
-use derive_setters::Setters;
 use dunkelfeld::film::Plane;
 use dunkelfeld::{Error, Session, Stage};
-use dunkelfeld_emva1288::{Frame, LineFit, TemporalAccumulator, TemporalStatistics, TransferPoint};
+use dunkelfeld_emva1288::{AnalysisError, Frame, TemporalAccumulator, TemporalStatistics, TransferPoint};
 use dunkelfeld_io::gray::{GrayFrame, read_gray};
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::loader::Limits;
@@ -33,49 +33,31 @@ pub fn is_frame(path: &Path) -> bool {
     EXTENSIONS.iter().any(|e| path.extension().is_some_and(|x| x.eq_ignore_ascii_case(e)))
 }
 
-/// Settings of the analysis of frames.
-#[derive(Clone, Debug, PartialEq, Setters)]
-#[setters(prefix = "with_")]
-#[non_exhaustive]
-pub struct StackSettings {
-    /// Grey value without light \[DN\].
-    pub dark: f64,
-    /// Grey value of saturation \[DN\]. `None` means the largest value of the smallest bit depth, at least 8, that
-    /// contains all grey values of the frames.
-    #[setters(into)]
-    pub saturation: Option<f64>,
-    /// Share of the pixels with the steepest gradient that count as strong edges, in \[0, 1).
-    pub edges: f64,
-}
-
-impl Default for StackSettings {
-    /// Dark is 0, saturation follows from the frames; strong edges are the steepest fifth.
-    fn default() -> Self {
-        Self { dark: 0.0, saturation: None, edges: 0.2 }
-    }
-}
-
 /// The photon transfer of a stack of frames.
 #[derive(Clone, Debug)]
 pub struct FrameStack {
-    /// Mean and variance of every pixel.
-    pub statistics: TemporalStatistics,
-    /// The curve of pixels of equal mean: all pixels, and all without strong edges. Intervals are 1 DN wide for 8-bit
-    /// frames, 1/128 of the range for others.
-    pub curves: [Vec<TransferPoint>; 2],
-    /// Straight lines through 0-70 % of saturation, if there are enough points.
-    pub lines: [Option<LineFit>; 2],
-    /// Grey values \[DN\] of dark and of saturation.
-    pub range: [f64; 2],
-    /// Correlation of the Sobel magnitude of the first frame with the variance of the others: Pearson's, Spearman's.
-    /// NaN if one of both is constant.
-    pub correlations: [f64; 2],
-    /// Mean variance \[DN^2\] of all pixels, of those at strong edges, of the others.
-    pub mean_variance: [f64; 3],
     /// The files of the frames. No file of the report replaces one.
     pub inputs: InputFiles,
+    /// Mean and variance of every pixel.
+    statistics: TemporalStatistics,
+    /// The curve of pixels of equal mean: all pixels, and all without strong edges. Intervals are 1 DN wide for 8-bit
+    /// frames, 1/128 of the range for others.
+    curves: [Curve; 2],
+    /// Correlation of the Sobel magnitude of the first frame with the variance of the others: Pearson's, Spearman's.
+    /// NaN if one of both is constant.
+    correlations: [f64; 2],
+    /// Mean variance \[DN^2\] of all pixels, of those at strong edges, of the others.
+    mean_variance: [f64; 3],
     edges: f64,
     sobel: Plane<f32>,
+}
+
+/// The pixels of files.
+struct Frames {
+    first: Plane<u16>,
+    largest: u16,
+    /// Mean and variance of all frames, and of all but the first.
+    statistics: [TemporalStatistics; 2],
 }
 
 /// Reads frames of one size, one at a time, and computes their photon transfer; `None` if it was cancelled.
@@ -84,19 +66,41 @@ pub struct FrameStack {
 /// Fewer than three frames, a file that is no frame of grey values, frames that differ in size, settings out of range.
 pub fn ptc_of_frames(
     files: &[PathBuf],
-    settings: &StackSettings,
+    settings: &PtcSettings,
     session: &Session<'_>,
 ) -> Result<Option<FrameStack>, Error> {
+    settings.check_of_frames()?;
+    let Some(Frames { first, largest, statistics: [statistics, others] }) = read_frames(files, session)? else {
+        return Ok(None);
+    };
+    let bits = (8..=16).find(|bits| u32::from(largest) < 1 << bits).unwrap_or(16);
+    let range @ [dark, saturation] = range_of(settings, largest, bits)?;
+    // The gradient is scaled to 8 bits over the range.
+    let scale = 255.0 / (saturation - dark);
+    let eight = first.map(|&y| ((f64::from(y) - dark) * scale).clamp(0.0, 255.0).round() as u8);
+    let gradient = Gradient::new(&eight, settings.edges());
+    let curve = |keep: Option<&[bool]>| {
+        if bits == 8 { picture_curve(&statistics, range, keep) } else { linear_curve(&statistics, range, keep) }
+    };
+    let mut inputs = InputFiles::new();
+    files.iter().for_each(|file| inputs.add(file, Role::Frame));
+    Ok(Some(FrameStack {
+        mean_variance: gradient.mean_variance(&statistics.variance),
+        correlations: gradient.correlations(&others.variance),
+        curves: [curve(None)?, curve(Some(&gradient.flat))?],
+        inputs,
+        edges: settings.edges(),
+        sobel: gradient.sobel,
+        statistics,
+    }))
+}
+
+/// Reads the frames; `None` if it was cancelled.
+fn read_frames(files: &[PathBuf], session: &Session<'_>) -> Result<Option<Frames>, Error> {
     if files.len() < 3 {
         let problem = format!("{} frames are too few for the variance of a pixel and its error", files.len());
         return Err(Error::setting("frames", problem, "give three frames of the same scene or more"));
     }
-    if !(0.0..1.0).contains(&settings.edges) {
-        let problem = format!("{} is no share of the pixels that leaves some", settings.edges);
-        return Err(Error::setting("edges", problem, "use a number from 0 up to below 1, such as 0.2"));
-    }
-    let mut inputs = InputFiles::new();
-    files.iter().for_each(|file| inputs.add(file, Role::Frame));
     let (mut all, mut others, mut first, mut bits_of_first) = (None, None, None, None);
     let mut largest = 0;
     for (i, file) in files.iter().enumerate() {
@@ -114,7 +118,7 @@ pub fn ptc_of_frames(
         let view = Frame::new(width, height, frame.data()).map_err(fault)?;
         for stack in [&mut all, &mut others].into_iter().take(if i == 0 { 1 } else { 2 }) {
             let stack = stack.get_or_insert_with(|| TemporalAccumulator::new(width, height));
-            let wrong = |e: dunkelfeld_emva1288::AnalysisError| {
+            let wrong = |e: AnalysisError| {
                 let help = "give frames of one camera, of one size";
                 Error::setting("frames", format!("{}: {e}", file.display()), help)
             };
@@ -123,45 +127,28 @@ pub fn ptc_of_frames(
         first.get_or_insert(frame);
     }
     let (Some(all), Some(others), Some(first)) = (all, others, first) else { return Ok(None) };
-    let (statistics, others) = (all.finish().map_err(fault)?, others.finish().map_err(fault)?);
-    if statistics.variance.iter().all(|v| *v == 0.0) {
+    let statistics = [all.finish().map_err(fault)?, others.finish().map_err(fault)?];
+    if statistics[0].variance.iter().all(|v| *v == 0.0) {
         let help = "give frames that were taken or rendered one after another";
         return Err(Error::setting("frames", "no pixel varies: all are copies of one frame", help));
     }
-    let bits = (8..=16).find(|bits| u32::from(largest) < 1 << bits).unwrap_or(16);
+    Ok(Some(Frames { first, largest, statistics }))
+}
+
+/// Grey values \[DN\] of dark and of saturation.
+fn range_of(settings: &PtcSettings, largest: u16, bits: u32) -> Result<[f64; 2], Error> {
+    let dark = settings.dark.unwrap_or(0.0);
     let saturation = settings.saturation.unwrap_or(f64::from((1u32 << bits) - 1));
-    if !(settings.dark >= 0.0 && saturation > settings.dark && saturation <= 65_535.0) {
-        let problem = format!("{} is no grey value of saturation above the dark one, {}", saturation, settings.dark);
-        return Err(Error::setting(
-            "saturation",
-            problem,
-            "give grey values from 0 to 65535 by --dark and --saturation",
-        ));
+    if !(dark >= 0.0 && saturation > dark && saturation <= 65_535.0) {
+        let problem = format!("{saturation} is no grey value of saturation above the dark one, {dark}");
+        let help = "give grey values from 0 to 65535 by --dark and --saturation";
+        return Err(Error::setting("saturation", problem, help));
     }
     if f64::from(largest) > saturation {
         let problem = format!("a frame holds {largest}, which is above {saturation}");
         return Err(Error::setting("saturation", problem, "give the largest grey value of the camera by --saturation"));
     }
-    let range = [settings.dark, saturation];
-    // The gradient is scaled to 8 bits over the range.
-    let scale = 255.0 / (range[1] - range[0]);
-    let eight = first.map(|&y| ((f64::from(y) - range[0]) * scale).clamp(0.0, 255.0).round() as u8);
-    let gradient = Gradient::new(&eight, settings.edges);
-    let curve = |keep: Option<&[bool]>| -> Result<Curve, Error> {
-        if bits == 8 { picture_curve(&statistics, range, keep) } else { linear_curve(&statistics, range, keep) }
-    };
-    let (whole, flat) = (curve(None)?, curve(Some(&gradient.flat))?);
-    Ok(Some(FrameStack {
-        mean_variance: gradient.mean_variance(&statistics.variance),
-        correlations: gradient.correlations(&others.variance),
-        curves: [whole.points, flat.points],
-        lines: [whole.fit, flat.fit],
-        range,
-        inputs,
-        edges: settings.edges,
-        sobel: gradient.sobel,
-        statistics,
-    }))
+    Ok([dark, saturation])
 }
 
 impl FrameStack {
@@ -184,8 +171,8 @@ impl FrameStack {
                 _ => "the Sobel image of the first frame is the same in all pixels: nothing correlates with it".into(),
             },
         ];
-        for (what, line) in ["all pixels", "without strong edges"].iter().zip(&self.lines) {
-            lines.push(match line {
+        for (what, curve) in ["all pixels", "without strong edges"].iter().zip(&self.curves) {
+            lines.push(match &curve.fit {
                 Some(f) => format!(
                     "{what}: K = {:.5} +- {:.5} DN/e-, variance without light {} +- {} DN^2, R^2 = {:.5}, chi^2 per degree of freedom {}",
                     f.slope.value,
@@ -198,12 +185,12 @@ impl FrameStack {
                 None => format!("{what}: too few grey values for a line"),
             });
         }
-        if let Some(line) = &self.lines[0]
+        if let Some(line) = &self.curves[0].fit
             && line.intercept.value < -5.0 * line.intercept.standard_error
         {
             lines.push(format!(
                 "no variance is below zero: is {} the grey value without light? set it with --dark",
-                rounded(self.range[0])
+                rounded(self.curves[0].range[0])
             ));
         }
         lines
@@ -212,9 +199,13 @@ impl FrameStack {
     /// The figures: `curves` and `lines` of all pixels and of those without strong edges, `variance` \[DN^2\] and its
     /// correlation with the Sobel magnitude of the first frame. Unknown numbers are null.
     pub fn figures(&self) -> Figures {
+        table::figures(&self.tables())
+    }
+
+    fn tables(&self) -> [Table; 3] {
         let estimate_of = |value, error| Cell::Estimate(Estimate { value, error });
         let named = || PIXELS_OF.iter().map(|what| Cell::Text((*what).into()));
-        let curve = |(what, points): (Cell, &Vec<TransferPoint>)| {
+        let points = |(what, curve): (Cell, &Curve)| {
             let row = |p: &TransferPoint| {
                 let [mean, variance] = [(p.mean, p.mean_error), (p.variance, p.variance_error)];
                 vec![
@@ -224,10 +215,10 @@ impl FrameStack {
                     Cell::Count(p.pixels),
                 ]
             };
-            points.iter().map(row).collect::<Vec<_>>()
+            curve.points.iter().map(row).collect::<Vec<_>>()
         };
-        let line = |(what, line): (Cell, &Option<LineFit>)| {
-            let f = line.as_ref()?;
+        let line = |(what, curve): (Cell, &Curve)| {
+            let f = curve.fit.as_ref()?;
             let [gain, intercept] = [f.slope, f.intercept].map(|v| estimate_of(v.value, v.standard_error));
             Some(vec![what, gain, intercept, Cell::Number(f.r_squared), Cell::Number(f.reduced_chi_squared)])
         };
@@ -235,13 +226,13 @@ impl FrameStack {
         let curves = Table {
             name: "curves",
             columns: vec![of, estimate("mean", "", ""), estimate("variance", "", ""), column("pixels", "", "")],
-            rows: named().zip(&self.curves).flat_map(curve).collect(),
+            rows: named().zip(&self.curves).flat_map(points).collect(),
         };
         let quality = ["r_squared", "reduced_chi_squared"].map(|key| column(key, "", ""));
         let lines = Table {
             name: "lines",
             columns: [of, estimate("gain", "", ""), estimate("intercept", "", "")].into_iter().chain(quality).collect(),
-            rows: named().zip(&self.lines).filter_map(line).collect(),
+            rows: named().zip(&self.curves).filter_map(line).collect(),
         };
         let keys = ["variance", "variance_edges", "variance_flat", "pearson", "spearman"];
         let variance = Table {
@@ -249,7 +240,7 @@ impl FrameStack {
             columns: keys.map(|key| column(key, "", "")).to_vec(),
             rows: vec![self.mean_variance.iter().chain(&self.correlations).map(|v| Cell::Number(*v)).collect()],
         };
-        table::figures(&[curves, lines, variance])
+        [curves, lines, variance]
     }
 
     /// Writes a page with curves and maps, and the curve as CSV, into a folder. Returns the files, the page first.
@@ -282,20 +273,13 @@ impl FrameStack {
             return Err(Error::Output { file: folder.into(), problem, help: "name another folder with -o".into() });
         }
         let _locked = ResultsFolder::open(folder)?;
-        let mut csv = String::from("pixels_of,mean,mean_error,variance,variance_error,pixels\r\n");
-        for (what, curve) in PIXELS_OF.iter().zip(&self.curves) {
-            for p in curve {
-                csv +=
-                    &format!("{what},{},{},{},{},{}\r\n", p.mean, p.mean_error, p.variance, p.variance_error, p.pixels);
-            }
-        }
-        write(folder, &page("photon transfer of frames", &sections), [("curves", csv)], &drawn)
+        let [curves, ..] = self.tables();
+        write(folder, &page("photon transfer of frames", &sections), [("curves", curves.csv())], &drawn)
     }
 
     fn charts(&self) -> [Chart; 2] {
         let one = |i: usize, name: &str, words: &str| {
-            let curve = Curve { points: self.curves[i].clone(), fit: self.lines[i], range: self.range };
-            chart(name, &format!("photon transfer, {words}"), LINEAR_AXES, &[(i, words, &curve)])
+            chart(name, &format!("photon transfer, {words}"), LINEAR_AXES, &[(i, words, &self.curves[i])])
         };
         [one(0, "transfer", "all pixels"), one(1, "transfer-flat", "without strong edges")]
     }

@@ -31,16 +31,17 @@ pub(crate) struct Made {
     pub(crate) invalid_samples: u64,
 }
 
-/// Renders the missing units until the session is cancelled. `samples` is the number of samples of a unit. `finished`
+/// Renders the missing units until the session is cancelled. `spp` is the number of samples per pixel of a unit. `finished`
 /// returns the invalid samples of a finished unit. `render` renders a unit, stores it and returns its invalid samples; `None`
 /// if it was interrupted.
 pub(crate) fn render_missing<U>(
     all: &[U],
-    samples: impl Fn(&U) -> u64,
+    (size, spp): ([u32; 2], impl Fn(&U) -> u32),
     finished: impl Fn(&U) -> Result<Option<u64>, Error>,
     session: &Session<'_>,
     mut render: impl FnMut(&U, &Session<'_>) -> Result<Option<u64>, Error>,
 ) -> Result<Made, Error> {
+    let samples = |unit: &U| u64::from(spp(unit)) * u64::from(size[0]) * u64::from(size[1]);
     let (mut invalid_samples, mut done, mut missing) = (0, 0, Vec::new());
     for unit in all {
         match finished(unit)? {
@@ -52,7 +53,7 @@ pub(crate) fn render_missing<U>(
         }
     }
     let mut count = all.len() - missing.len();
-    let meter = Meter::new(session.progress(), all.iter().map(&samples).sum(), done);
+    let meter = Meter::new(session.progress(), all.iter().map(samples).sum(), done);
     let metered = session.clone().with_progress(&meter);
     for unit in missing {
         // A render that ends before the first progress report also appears.

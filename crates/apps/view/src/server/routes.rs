@@ -3,7 +3,7 @@
 use super::assets::{INDEX, file};
 use super::guard::{Guard, check};
 use crate::desk;
-use crate::protocol::{Fault, FrameRequest, MapRequest, PathRequest, SaveRequest};
+use crate::protocol::{Fault, FrameRequest, MapRequest, PathAnswer, PathRequest, SaveRequest};
 use crate::save::save;
 use crate::shared::Shared;
 use axum::extract::rejection::JsonRejection;
@@ -117,71 +117,60 @@ async fn run<T: Send + 'static>(
     tokio::task::spawn_blocking(work).await.map_err(|_| failed())?
 }
 
-fn refused(fault: Fault, status: StatusCode) -> Response {
-    (status, Json(fault)).into_response()
+/// The answer of a request that cannot be met now, or not at all.
+struct Refusal(StatusCode, Fault);
+
+impl From<Fault> for Refusal {
+    fn from(fault: Fault) -> Self {
+        Self(if fault.is_early { StatusCode::CONFLICT } else { StatusCode::UNPROCESSABLE_ENTITY }, fault)
+    }
 }
 
-/// The answer of a request that cannot be met now, or not at all.
-fn failed(fault: Fault) -> Response {
-    let status = if fault.is_early { StatusCode::CONFLICT } else { StatusCode::UNPROCESSABLE_ENTITY };
-    refused(fault, status)
+impl From<JsonRejection> for Refusal {
+    fn from(error: JsonRejection) -> Self {
+        Self(error.status(), Fault::new(error.body_text(), "reload the page"))
+    }
+}
+
+impl IntoResponse for Refusal {
+    fn into_response(self) -> Response {
+        (self.0, Json(self.1)).into_response()
+    }
 }
 
 /// The body of a request.
-fn body<T>(body: Result<Json<T>, JsonRejection>) -> Result<T, (Fault, StatusCode)> {
-    let Json(request) = body.map_err(|e| (Fault::new(e.body_text(), "reload the page"), e.status()))?;
-    Ok(request)
-}
+type Body<T> = Result<Json<T>, JsonRejection>;
 
 async fn answer<Q, A>(
     State(app): State<App>,
-    request: Result<Json<Q>, JsonRejection>,
+    body: Body<Q>,
     work: fn(&Arc<Shared>, Q) -> Result<A, Fault>,
-) -> Response
+) -> Result<Json<A>, Refusal>
 where
     Q: DeserializeOwned + Send + 'static,
     A: Serialize + Send + 'static,
 {
-    let request = match body(request) {
-        Ok(request) => request,
-        Err((fault, status)) => return refused(fault, status),
-    };
-    match compute(app, move |shared| work(shared, request)).await {
-        Ok(answer) => Json(answer).into_response(),
-        Err(fault) => failed(fault),
-    }
+    let Json(request) = body?;
+    Ok(Json(compute(app, move |shared| work(shared, request)).await?))
 }
 
-async fn path(State(app): State<App>, request: Result<Json<PathRequest>, JsonRejection>) -> Response {
-    match body(request) {
-        Ok(request) => match run(app.shared, app.waits, move |shared| desk::path(shared, &request)).await {
-            Ok(answer) => Json(answer).into_response(),
-            Err(fault) => failed(fault),
-        },
-        Err((fault, status)) => refused(fault, status),
-    }
+async fn path(State(app): State<App>, body: Body<PathRequest>) -> Result<Json<PathAnswer>, Refusal> {
+    let Json(request) = body?;
+    Ok(Json(run(app.shared, app.waits, move |shared| desk::path(shared, &request)).await?))
 }
 
-async fn frame(State(app): State<App>, request: Result<Json<FrameRequest>, JsonRejection>) -> Response {
-    match body(request) {
-        Ok(request) => binary(compute(app, move |shared| desk::frame(shared, &request)).await),
-        Err((fault, status)) => refused(fault, status),
-    }
+async fn frame(State(app): State<App>, body: Body<FrameRequest>) -> Result<Response, Refusal> {
+    let Json(request) = body?;
+    Ok(binary(compute(app, move |shared| desk::frame(shared, &request)).await?))
 }
 
-async fn map(State(app): State<App>, request: Result<Json<MapRequest>, JsonRejection>) -> Response {
-    match body(request) {
-        Ok(request) => binary(compute(app, move |shared| desk::map(shared, &request)).await),
-        Err((fault, status)) => refused(fault, status),
-    }
+async fn map(State(app): State<App>, body: Body<MapRequest>) -> Result<Response, Refusal> {
+    let Json(request) = body?;
+    Ok(binary(compute(app, move |shared| desk::map(shared, &request)).await?))
 }
 
 /// The length of a header, the header as JSON, and the numbers from the next multiple of four bytes on.
-fn binary<H: Serialize>(result: Result<(H, Vec<u8>), Fault>) -> Response {
-    let (header, payload) = match result {
-        Ok(result) => result,
-        Err(fault) => return failed(fault),
-    };
+fn binary<H: Serialize>((header, payload): (H, Vec<u8>)) -> Response {
     let Ok(header) = serde_json::to_vec(&header) else { return StatusCode::INTERNAL_SERVER_ERROR.into_response() };
     let mut bytes = Vec::with_capacity(payload.len() + header.len() + 8);
     bytes.extend((header.len() as u32).to_le_bytes());

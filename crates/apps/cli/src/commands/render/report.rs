@@ -61,11 +61,11 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
         say(&format!("warning: {percent:.0} % of the pixels are saturated; shorten the exposure, or lower the light"));
     }
     let camera = project.settings.camera.as_deref();
-    if let Some(named) = s.invalid_named.first() {
+    if let Some(named) = s.sampling.invalid_named.first() {
         say(&format!("  to replay one: {}", replay_command(args, camera, s, named)));
     }
-    if let Some(heavy) = s.heaviest_samples.first().filter(|h| h.dominates) {
-        let (share, n) = (100.0 * heavy.share, s.dominated_pixels);
+    if let Some(heavy) = s.sampling.heaviest_samples.first().filter(|h| h.dominates) {
+        let (share, n) = (100.0 * heavy.share, s.sampling.dominated_pixels);
         let pixels = if n == 1 { "1 pixel is".into() } else { format!("{n} pixels are") };
         say(&format!(
             "warning: {pixels} dominated by a single sample; the heaviest makes up {share:.0} % of its pixel, to replay it: {}",
@@ -77,9 +77,9 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &Projec
     {
         say(&format!("flagged: {} failed, so the picture is not denoised: {why}", denoise.denoiser));
     }
-    if s.budget_missed {
-        let limit = s.budget_seconds.unwrap_or(0.0);
-        let (over, all) = (seconds(s.total_seconds - limit), seconds(s.total_seconds));
+    if s.time.budget_missed {
+        let limit = s.time.budget_seconds.unwrap_or(0.0);
+        let (over, all) = (seconds(s.time.total_seconds - limit), seconds(s.time.total_seconds));
         let level = if args.strict { "flagged" } else { "warning" };
         say(&format!("{level}: the time budget of {} was missed by {over}; it took {all} in all", seconds(limit)));
     }
@@ -99,18 +99,18 @@ pub(crate) fn say_flaws(s: &Stats) {
     if s.sensor.as_ref().is_some_and(|s| s.no_light) {
         say("warning: the image is black, so there is no automatic exposure; 1 s was used");
     }
-    if s.invalid_samples > 0 {
-        let n = s.invalid_samples;
+    if s.sampling.invalid_samples > 0 {
+        let n = s.sampling.invalid_samples;
         say(&format!("flagged: {n} samples were not finite, negative or out of range; they count as black"));
     }
-    if s.pixels_without_samples > 0 {
-        let [width, height] = s.size;
-        let share = 100.0 * s.pixels_without_samples as f64 / (f64::from(width) * f64::from(height));
+    if s.sampling.pixels_without_samples > 0 {
+        let [width, height] = s.run.size;
+        let share = 100.0 * s.sampling.pixels_without_samples as f64 / (f64::from(width) * f64::from(height));
         let (level, help) = match s.budget_too_small() {
             true => ("flagged", "; give it more time"),
             false => ("warning", ""),
         };
-        let shown = if s.samples > 0 { ", their neighbours are shown there" } else { "" };
+        let shown = if s.sampling.samples > 0 { ", their neighbours are shown there" } else { "" };
         say(&format!("{level}: {share:.1} % of pixels have no sample{shown}{help}"));
     }
 }
@@ -128,12 +128,17 @@ fn summary(project: &Project, s: &Stats) -> String {
             let _ = writeln!(text, "note: {why}");
         }
     }
-    let [width, height] = s.size;
-    let spread = match s.spp_range {
+    let [width, height] = s.run.size;
+    let spread = match s.sampling.spp_range {
         [least, most] if least == most => format!("{most} in every pixel"),
-        [least, most] => format!("{:.1} per pixel on average, {least} at least, {most} at most", s.mean_spp),
+        [least, most] => format!("{:.1} per pixel on average, {least} at least, {most} at most", s.sampling.mean_spp),
     };
-    let _ = writeln!(text, "{width} x {height} pixels, {} samples: {spread} ({})", count(s.samples), s.allocation);
+    let _ = writeln!(
+        text,
+        "{width} x {height} pixels, {} samples: {spread} ({})",
+        count(s.sampling.samples),
+        s.run.allocation
+    );
     let (techniques, effects): (Vec<Effect>, Vec<Effect>) =
         project.settings.run.without.iter().partition(|e| e.is_technique());
     for (left_out, what) in [
@@ -145,13 +150,14 @@ fn summary(project: &Project, s: &Stats) -> String {
             let _ = writeln!(text, "without {}: {what}", names.join(", "));
         }
     }
-    let threads = if s.threads == 1 { "1 thread".into() } else { format!("{} threads", s.threads) };
-    let rate = count(s.samples_per_second as u64);
-    let _ = writeln!(text, "{} in all, {rate} samples per second on {threads}", seconds(s.total_seconds));
-    if s.was_complete {
-        let _ = writeln!(text, "the checkpoint contained the whole render, which took {}", seconds(s.earlier_seconds));
-    } else if s.earlier_seconds > 0.0 {
-        let (samples, took) = (count(s.earlier_samples), seconds(s.earlier_seconds));
+    let threads = if s.run.threads == 1 { "1 thread".into() } else { format!("{} threads", s.run.threads) };
+    let rate = count(s.sampling.samples_per_second as u64);
+    let _ = writeln!(text, "{} in all, {rate} samples per second on {threads}", seconds(s.time.total_seconds));
+    if s.time.was_complete {
+        let _ =
+            writeln!(text, "the checkpoint contained the whole render, which took {}", seconds(s.time.earlier_seconds));
+    } else if s.time.earlier_seconds > 0.0 {
+        let (samples, took) = (count(s.time.earlier_samples), seconds(s.time.earlier_seconds));
         let _ = writeln!(text, "continued from a checkpoint: {samples} samples and {took} are from earlier runs");
     }
     let reached = s.forecast.iter().flatten().find_map(|l| Some((l.k, l.seconds?, l.actual_seconds?)));
@@ -256,8 +262,8 @@ fn replay_command(args: &RenderArgs, camera: Option<&str>, s: &Stats, sample: &s
     let program = std::env::args().next().unwrap_or_else(|| "dunkelfeld".into());
     let mut words = vec![program, "render".into(), args.input.display().to_string()];
     let mut flag = |name: &str, value: String| words.extend([name.into(), value]);
-    flag("--width", s.size[0].to_string());
-    flag("--height", s.size[1].to_string());
+    flag("--width", s.run.size[0].to_string());
+    flag("--height", s.run.size[1].to_string());
     if let Some(camera) = camera {
         flag("--camera", camera.into());
     }
@@ -267,13 +273,13 @@ fn replay_command(args: &RenderArgs, camera: Option<&str>, s: &Stats, sample: &s
             flag(&format!("--{name}"), value.into());
         }
     }
-    flag("--seed", s.seed.to_string());
-    flag("--frame", s.frame.to_string());
+    flag("--seed", s.run.seed.to_string());
+    flag("--frame", s.run.frame.to_string());
     // A short render has no training, unlike this command.
-    if s.training_paths == 0 && !s.without.iter().any(|e| e == "learned-roulette") {
+    if s.run.training_paths == 0 && !s.run.without.iter().any(|e| e == "learned-roulette") {
         flag("--without", "learned-roulette".into());
     }
-    for effect in &s.without {
+    for effect in &s.run.without {
         flag("--without", effect.clone());
     }
     flag("--debug-sample", sample.into());
