@@ -76,29 +76,6 @@ fn compare(what: &str, builder: SceneBuilder, stacks: usize, spp: f64, twice: f6
 }
 
 #[test]
-fn a_flat_cover_with_an_air_gap() {
-    compare(
-        "flat, gapped",
-        bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", plate(0.001, 0.005), clear(1.49))]),
-        1,
-        1024.0,
-        0.05,
-    );
-}
-
-#[test]
-fn a_flat_cover_in_optical_contact() {
-    // The floor stands a little above the cover's lower face: light that is in the cover falls on it.
-    compare(
-        "flat, in contact",
-        bench(vec![("floor", square(0.0011, 0.3, false), paint()), ("cover", plate(0.001, 0.005), clear(1.49))]),
-        1,
-        1024.0,
-        0.05,
-    );
-}
-
-#[test]
 fn a_cover_of_two_layers() {
     let floor = || ("floor", square(0.0, 0.3, false), paint());
     let cover = || ("cover", plate(0.001, 0.005), clear(1.49));
@@ -118,46 +95,32 @@ fn bulged() -> Mesh {
 }
 
 #[test]
-fn a_moulded_cover() {
-    compare(
-        "moulded",
-        bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", bulged(), clear(1.49))]),
-        1,
-        1024.0,
-        0.05,
-    );
-}
-
-#[test]
-fn a_moulded_cover_in_optical_contact() {
+fn a_cover_over_a_floor() {
     // One refraction: the floor stands in the cover, whose upper face bulges.
-    let cover = sheet(Vec2::splat(0.08), 40, |side, x, y| {
+    let lid = sheet(Vec2::splat(0.08), 40, |side, x, y| {
         let (u, v) = (x / 0.08, y / 0.08);
         0.001 + side as f64 * (0.004 + 0.002 * (1.0 - u * u) * (1.0 - v * v))
     });
-    compare(
-        "moulded, in contact",
-        bench(vec![("floor", square(0.0011, 0.3, false), paint()), ("cover", cover, clear(1.49))]),
-        1,
-        1024.0,
-        0.05,
-    );
-}
-
-#[test]
-fn a_cover_with_a_rounded_rim() {
     // The light comes in where the upper face begins to fall towards the rim.
-    let cover = sheet(Vec2::splat(0.012), 48, |side, x, y| {
+    let rounded = sheet(Vec2::splat(0.012), 48, |side, x, y| {
         let (u, v) = (x / 0.012, y / 0.012);
         0.001 + side as f64 * (0.001 + 0.003 * (1.0 - u.powi(6)) * (1.0 - v.powi(6)))
     });
-    compare(
-        "rounded rim",
-        bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", cover, clear(1.49))]),
-        1,
-        2048.0,
-        0.08,
-    );
+    // Under the edge of the hole some light comes straight through it, some through its wall, and some through both
+    // faces.
+    let hole = [(0.005, 0.001), (0.08, 0.001), (0.08, 0.005), (0.005, 0.005)].map(Vec2::from);
+    // In contact the floor stands a little above the cover's lower face: light that is in the cover falls on it.
+    for (what, floor, cover, spp, twice) in [
+        ("flat, gapped", 0.0, plate(0.001, 0.005), 1024.0, 0.05),
+        ("flat, in contact", 0.0011, plate(0.001, 0.005), 1024.0, 0.05),
+        ("moulded", 0.0, bulged(), 1024.0, 0.05),
+        ("moulded, in contact", 0.0011, lid, 1024.0, 0.05),
+        ("rounded rim", 0.0, rounded, 2048.0, 0.08),
+        ("a hole", 0.0, turned(&hole, 48), 2048.0, 0.08),
+    ] {
+        let objects = vec![("floor", square(floor, 0.3, false), paint()), ("cover", cover, clear(1.49))];
+        compare(what, bench(objects), 1, spp, twice);
+    }
 }
 
 /// A lens of half a metre's focal length, of 40 mm x 40 mm in 100 x 100 cells, under a light right above.
@@ -204,20 +167,6 @@ fn a_tilted_cover_with_the_light_below() {
     b.add_object("light", rectangle(Vec3::new(0.02, -0.08, -0.1), Vec3::X * 0.12, Vec3::Y * 0.16), m);
     spot_camera(&mut b, DVec3::new(-0.2, 0.0, -0.2), DVec3::new(0.0, 0.0, 0.04), 1e-4);
     compare("tilted, light below", b, 1, 1024.0, 0.05);
-}
-
-#[test]
-fn a_cover_with_a_hole() {
-    // Under the edge of the hole some light comes straight through it, some through its wall, and some through both
-    // faces.
-    let outline = [(0.005, 0.001), (0.08, 0.001), (0.08, 0.005), (0.005, 0.005)].map(Vec2::from);
-    compare(
-        "a hole",
-        bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", turned(&outline, 48), clear(1.49))]),
-        1,
-        2048.0,
-        0.08,
-    );
 }
 
 #[test]

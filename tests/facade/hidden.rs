@@ -96,9 +96,11 @@ fn a_render_ends_when_it_is_hidden_and_the_forecast_is_right() {
 #[test]
 fn a_forecast_comes_once_and_before_the_end() {
     #[derive(Default)]
-    struct Watch(Mutex<Vec<Forecast>>);
+    struct Watch(Mutex<Vec<Forecast>>, Mutex<Vec<ProgressState>>);
     impl Progress for Watch {
-        fn update(&self, _: &ProgressState) {}
+        fn update(&self, state: &ProgressState) {
+            self.1.lock().expect("no panic").push(*state);
+        }
         fn forecast(&self, forecast: &Forecast) {
             self.0.lock().expect("no panic").push(forecast.clone());
         }
@@ -107,6 +109,9 @@ fn a_forecast_comes_once_and_before_the_end() {
     let s = settings(24, 16, noise(3.0), 1);
     let rendering =
         render(&still_life(), &s, &Session::new(s.run.threads).expect("threads").with_progress(&watch)).expect("valid");
+    let seen = watch.1.into_inner().expect("no panic");
+    assert!(seen.iter().all(|s| (0.0..=1.0).contains(&s.fraction) && s.remaining.is_none_or(|r| r >= 0.0)), "{seen:?}");
+    assert!(seen.windows(2).all(|w| w[0].stage <= w[1].stage), "stages come in order");
     let forecasts = watch.0.into_inner().expect("no panic");
     assert_eq!(forecasts.len(), 1);
     assert_eq!(rendering.forecast.as_ref(), forecasts.first());

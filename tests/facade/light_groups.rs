@@ -202,40 +202,6 @@ fn a_group_is_a_render_with_its_lights() {
     }
 }
 
-/// Factors are those of the strengths in a job.
-#[test]
-fn factors_are_those_of_the_power_of_lights() {
-    let mut project = opened(64.0);
-    project.settings.run.light_groups = groups(&LIGHTS);
-    let weighted = film(&project).weighted(&[0.5, 0.0, 3.0, 1.0, 2.0, 0.25, 4.0]).expect("seven factors");
-    let mut project = opened(64.0);
-    project.settings.seed = 200;
-    project
-        .set_overrides(
-            r#"
-[environment]
-radiance = [0.8, 1.2, 1.6]
-[[light]]
-name = "glow"
-radiance = [1, 0.5, 0.25]
-[[light]]
-name = "other glow"
-radiance = 0
-[[light]]
-name = "panel"
-power = 0.9
-[[light]]
-name = "point"
-power = 0.6
-[[light]]
-name = "sun"
-irradiance = 0.5
-"#,
-        )
-        .expect("names of the job");
-    assert_equal(&regions(&film(&project).sums), &regions(&weighted.sums), "factors");
-}
-
 /// The settings of the exposure of the job.
 fn camera(project: &Project, noise: ExposureNoise) -> ExposeSettings {
     let settings = project.fitted().expect("a valid job");
@@ -373,57 +339,4 @@ fn groups_behind_covers_add_up() {
         let sum: f64 = groups.iter().map(|group| group[number][0]).sum();
         assert!((sum / whole[0] - 1.0).abs() < 1e-5, "region and channel {number}");
     }
-}
-
-/// Frames of independent renders with matched noise scatter as frames of the camera do, also for a sum with factors.
-#[test]
-#[ignore = "long: .ci/run runs it"]
-fn matched_noise_of_a_sum_has_the_variance_of_the_camera() {
-    const FRAMES: u32 = 40;
-    let mut project = opened(96.0);
-    // Brighter lights would take most of the light samples.
-    let dark = ["glow", "other glow", "point", "sun"];
-    let dark = dark.map(|name| format!("[[light]]\nname = \"{name}\"\nscale = 0\n")).concat();
-    let ball = "[[material]]\nname = \"ball\"\nmetallic = 0\nroughness = 0.8\n";
-    project.set_overrides(&format!("environment = {{ radiance = 0 }}\n{ball}{dark}")).expect("names of the job");
-    project.resize_keeping_view(48, 36);
-    project.settings.run.light_groups = groups(&["panel", "bar"]);
-    let settings = [ExposureNoise::Plain, ExposureNoise::Matched]
-        .map(|noise| project.fitted().expect("a valid job").with_exposure_noise(noise));
-    let mut frames: [Vec<dunkelfeld::film::Plane<u16>>; 2] = [Vec::new(), Vec::new()];
-    let mut electrons = vec![0.0; 48 * 36];
-    let mut is_held = vec![true; 48 * 36];
-    let mut shares = Vec::new();
-    for number in 0..FRAMES {
-        project.settings.seed = 5000 + u64::from(number);
-        let film = film(&project);
-        let factors = [2.0, 0.5, 0.0];
-        let weighted = film.weighted(&factors[..film.groups.len()]).expect("factors");
-        for (frames, settings) in frames.iter_mut().zip(&settings) {
-            let frame = develop_film(&weighted, &settings.clone().with_frame(number)).expect("a frame");
-            let sensor = frame.sensor.expect("a sensor");
-            let means = electrons.iter_mut().zip(sensor.electrons.data());
-            means.for_each(|(sum, &e)| *sum += 0.5 * f64::from(e) / f64::from(FRAMES));
-            if let Some(matched) = sensor.matched {
-                shares.push(matched.share);
-                is_held.iter_mut().zip(matched.held.data()).for_each(|(all, held)| *all &= held);
-            }
-            frames.push(sensor.values);
-        }
-    }
-    let camera = camera(&project, ExposureNoise::Plain);
-    let time = camera.exposure.expect("a fixed one").time();
-    let [plain, matched] = frames.map(|frames| -> SampleMoments {
-        let held = (0..electrons.len()).filter(|pixel| is_held[*pixel]);
-        held.map(|pixel| {
-            let values: SampleMoments = frames.iter().map(|frame| f64::from(frame.data()[pixel])).collect();
-            let of_camera = camera.model.temporal_variance(dunkelfeld::radiometry::Electrons(electrons[pixel]), time);
-            values.variance() / (camera.model.spec().system_gain.powi(2) * of_camera)
-        })
-        .collect()
-    });
-    // With all of the noise of the camera, that of the renders is too much.
-    assert!(matched.count() > 200 && matched.standard_error() < 0.02, "{} {shares:?}", matched.count());
-    assert!(plain.mean() > 1.0 + 6.0 * plain.standard_error(), "{}", plain.mean());
-    student_t_test(&matched, 1.0).assert(RATE, "variance of frames with matched noise over that of the camera");
 }
