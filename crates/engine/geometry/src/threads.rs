@@ -116,18 +116,6 @@ mod tests {
     }
 
     #[test]
-    fn each_thread_works_and_one_of_them_is_the_caller() {
-        // All must be present at the same time.
-        let barrier = Barrier::new(4);
-        let seen = Threads::new(4).run(|| {
-            barrier.wait();
-            std::thread::current().id()
-        });
-        assert_eq!(seen[0], std::thread::current().id());
-        assert_eq!(seen.into_iter().collect::<HashSet<_>>().len(), 4);
-    }
-
-    #[test]
     #[should_panic(expected = "a fault in a task")]
     fn a_panic_of_a_task_reaches_the_caller() {
         Threads::new(2).map(vec![0, 1, 2, 3], |i| assert!(i != 2, "a fault in a task"));
