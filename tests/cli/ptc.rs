@@ -2,7 +2,7 @@
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test it ptc::NAME`.
 
-use crate::lab::{CutAt, Lab, complaint, lit_floor, same_numbers, square, stands_alone};
+use crate::lab::{CutAt, Lab, complaint, same_numbers, square, stands_alone};
 use crate::markup::as_xml;
 use dunkelfeld::{Cancel, DenoiseMethod, DenoiseSettings, Progress, Project, Session, Silent};
 use dunkelfeld_studies::StudyOutcome;
@@ -76,23 +76,6 @@ fn matched_frames_have_the_slope_of_the_sensor_and_plain_ones_scatter_more() {
     assert!((matched[5] - 1.0).abs() < 5.0 * matched[4] / matched[3] + 0.02, "matched: {matched:?}");
     // The render's noise is about a tenth of the sensor's variance, and rises with the light.
     assert!(plain[5] > matched[5] + 0.03 && plain[5] > 1.04, "plain {plain:?}, matched {matched:?}");
-}
-
-/// The pictures are those behind the lens: their noise is a fifth of that of sharp ones, as docs/lens.md states of white noise
-/// at f/8.
-///
-/// Eight frames of 3072 pixels, of which about five share their noise: a standard error of 3 %.
-#[test]
-fn pictures_have_the_noise_behind_the_lens() {
-    let lab = lit_floor();
-    let variance = |job: &str| {
-        let flags = "--width 64 --height 48 --frames 8 --spp 2 --denoise off --progress none";
-        lab.run(&format!("ptc {job}.toml {flags} -o {job}")).code(0);
-        let rows = lab.table(&format!("{job}/series.csv"));
-        rows[0]["variance"].parse::<f64>().unwrap_or_else(|_| panic!("{rows:?}"))
-    };
-    let (sharp, lens) = (variance("sharp"), variance("lens"));
-    assert!((4.2..6.2).contains(&(sharp / lens)), "{sharp} {lens}");
 }
 
 #[test]

@@ -102,45 +102,6 @@ impl Progress for StopAt<'_> {
     }
 }
 
-/// Interrupted many times, at moments that do not depend on the clock.
-#[test]
-#[ignore = "long: .ci/run runs it"]
-fn a_render_that_is_interrupted_many_times_ends_with_the_same_bits() {
-    let scene = room(8.0);
-    let folder = TempDir::new().expect("a folder");
-    for strategy in [Strategy::Uniform, Strategy::Sobel, Strategy::Sensor] {
-        let settings = adaptive().with_strategy(strategy);
-        let whole = film(&scene, &settings);
-        let path = folder.path().join(format!("{strategy:?}.film"));
-        let mut interruptions = 0;
-        loop {
-            let cancel = Cancel::new();
-            let stop = StopAt(whole.total_samples() * (interruptions + 1) / 8, &cancel);
-            let settings = kept(&path, &settings).running(|run| run.with_threads(1));
-            let resumed = render(
-                &scene,
-                &settings,
-                &Session::new(settings.run.threads)
-                    .expect("threads")
-                    .with_start(a_second_ago())
-                    .with_progress(&stop)
-                    .with_cancel(&cancel),
-            )
-            .expect("it goes on");
-            let stored = read_checkpoint(&path).expect("a checkpoint");
-            assert!(stored.film == resumed.film.sums, "what is stored is what there is");
-            if !resumed.interrupted {
-                assert!(resumed.film.sums == whole, "{strategy:?}, after {interruptions} interruptions");
-                assert!(interruptions > 2, "{strategy:?}: only {interruptions} interruptions");
-                break;
-            }
-            assert!(resumed.film.sums.total_samples() <= whole.total_samples());
-            interruptions += 1;
-            assert!(interruptions < 20, "it never ends");
-        }
-    }
-}
-
 #[test]
 fn a_finished_render_is_there_at_once_and_stays_as_it_is() {
     let scene = room(8.0);
@@ -327,11 +288,6 @@ fn merged_parts_are_the_whole_to_the_last_bit() {
         let again = run(&scene, &kept(&out, &settings)).expect("a finished part");
         assert!(again.earlier.was_complete && again.film == whole);
     }
-    // In two steps.
-    let later = folder.path().join("later.film");
-    assert_eq!(merge(&[c, b], &later).expect("neighbours").samples, 7..24);
-    merge(&[later, a], &out).expect("parts of one render");
-    assert!(read_checkpoint(&out).expect("a part").film == whole.sums);
 }
 
 #[test]

@@ -1,25 +1,16 @@
-//! The results of the facade: layers with the values of the film, plans that can be replayed, and progress.
+//! The results of the facade: layers with the values of the film.
 //!
 //! Replay: `cargo test -p dunkelfeld --test it outputs::NAME`.
 
 use crate::support::{build, emitter, settings, spot_camera, square};
-use dunkelfeld::film::{NO_ID, Plane};
+use dunkelfeld::film::Plane;
 use dunkelfeld::geometry::DVec3;
 use dunkelfeld::limits::DEFAULT_SENSOR;
-use dunkelfeld::outputs::{encode_layers, load_plan};
+use dunkelfeld::outputs::encode_layers;
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder};
-use dunkelfeld::{
-    Budget, Cancel, OutputPaths, Picture, Progress, ProgressState, Project, RenderSettings, SensorChoice, Session,
-    develop, render,
-};
-use dunkelfeld_adaptive::weights::Strategy;
-use dunkelfeld_io::exr::Channel;
+use dunkelfeld::{Picture, RenderSettings, SensorChoice, Session, develop, render};
 use dunkelfeld_io::layers::{Single, Triple};
-use std::fs;
-use std::path::PathBuf;
-use std::sync::Mutex;
-use tempfile::TempDir;
 
 /// Half of the view shows a lit floor, 2 m below the camera; the other half shows nothing.
 fn floor_and_void() -> Scene {
@@ -53,7 +44,6 @@ fn layers_hold_what_the_film_and_the_sensor_hold() {
     let sensor = frame.sensor.expect("there is one");
     assert_eq!(layers.single(Single::Electrons), Some(sensor.electrons.clone()));
 
-
     // The picture keeps the order of the grey values.
     let Picture::Gray(picture) = frame.picture else { panic!("a monochrome sensor") };
     let values = sensor.values.data();
@@ -61,10 +51,4 @@ fn layers_hold_what_the_film_and_the_sensor_hold() {
     pairs.sort_unstable();
     assert!(pairs.windows(2).all(|w| w[0].1 <= w[1].1) && pairs[0].1 < pairs[191].1);
     assert_eq!(sensor.saturated, values.iter().filter(|v| **v == sensor.model.max_value()).count() as f64 / 192.0);
-}
-
-        if state.samples >= self.most {
-            self.cancel.cancel();
-        }
-    }
 }

@@ -1,7 +1,7 @@
 //! A small study in a folder of its own, and the program with it.
 
-use assert_cmd::Command;
 use crate::bench::PROGRAM;
+use assert_cmd::Command;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;

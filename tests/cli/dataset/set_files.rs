@@ -87,10 +87,9 @@ fn a_check_compares_the_files_of_the_whole_set() {
         let mut other = before.clone();
         let middle = other.len() / 2;
         other[middle] ^= 1;
-        for (changed, words) in [
-            (Some(other), "differs from the file that the finished images give"),
-            (None, "does not exist"),
-        ] {
+        for (changed, words) in
+            [(Some(other), "differs from the file that the finished images give"), (None, "does not exist")]
+        {
             match changed {
                 Some(content) => fs::write(&path, content).expect("writable"),
                 None => fs::remove_file(&path).expect("there"),

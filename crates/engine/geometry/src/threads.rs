@@ -101,8 +101,6 @@ impl Threads {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::HashSet;
-    use std::sync::Barrier;
 
     #[test]
     fn large_tasks_have_all_threads_and_results_have_the_order_of_the_tasks() {

@@ -147,7 +147,7 @@ fn quarters([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lamps::{LampShape, Leds};
+    use crate::lamps::LampShape;
     use std::f64::consts::{PI, TAU};
 
     fn agree(name: &str, value: f64, expected: f64, tolerance: f64) {

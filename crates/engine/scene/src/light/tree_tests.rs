@@ -7,7 +7,7 @@ use crate::light::delta::DeltaLight;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Sampler;
 use dunkelfeld_sampling::warp::sample_sphere;
-use dunkelfeld_testkit::{SampleMoments, chi_squared, student_t_test};
+use dunkelfeld_testkit::chi_squared;
 
 const RATE: f64 = 1e-10;
 

@@ -9,12 +9,10 @@ use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::lamps::area;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Filter, Image, ImageId, LampShape, Leds,
-    LightChoice, LightSamples, Material, PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder, Texels, Texture,
+    EmissionProfile, Environment, EnvironmentSource, LampShape, Leds, LightChoice, LightSamples, Material,
+    PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder,
 };
-use dunkelfeld_testkit::{
-    DensityTest, SampleMoments, direction_to_square, square_to_direction, student_t_test, welch_test, z_test,
-};
+use dunkelfeld_testkit::{DensityTest, SampleMoments, direction_to_square, square_to_direction, welch_test};
 use std::f64::consts::PI;
 
 const RATE: f64 = 1e-10;
