@@ -5,11 +5,11 @@
 //! comparison has a check of its power: with some percent of the light counted twice, as a path that two techniques both find would be,
 //! it must fail. The false-alarm rate of each check is `support::RATE`. Replay: `cargo test -p dunkelfeld --test it covers::NAME`.
 
-use crate::support::{RATE, build, emitter, film, settings, spot_camera, square};
+use crate::support::{Add, RATE, build, emitter, film, settings, sky, spot_camera, square};
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, Mesh, Vec2, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, rectangle, sheet, turned};
-use dunkelfeld::scene::{AlphaMode, Effect, Environment, EnvironmentSource, Material, SceneBuilder, Surface, Volume};
+use dunkelfeld::scene::{AlphaMode, Effect, Material, SceneBuilder, Surface, Volume};
 use dunkelfeld_testkit::{SampleMoments, welch_test};
 
 /// Clear PMMA, or another plastic, that absorbs a little: half of the light is left after 30 mm.
@@ -38,11 +38,9 @@ fn plate(low: f32, high: f32) -> Mesh {
 fn bench(objects: Vec<(&str, Mesh, Material)>) -> SceneBuilder {
     let mut b = SceneBuilder::default();
     for (name, mesh, material) in objects {
-        let m = b.add_material(material);
-        b.add_object(name, mesh, m);
+        b.add(name, mesh, material);
     }
-    let m = b.add_material(emitter(5.0));
-    b.add_object("light", rectangle(Vec3::new(0.1, -0.15, 0.02), Vec3::Z * 0.18, Vec3::Y * 0.3), m);
+    b.add("light", rectangle(Vec3::new(0.1, -0.15, 0.02), Vec3::Z * 0.18, Vec3::Y * 0.3), emitter(5.0));
     spot_camera(&mut b, DVec3::new(0.003, 0.0, 0.3), DVec3::new(0.003, 0.0, 0.0), 1e-4);
     b
 }
@@ -133,12 +131,9 @@ fn under_a_lens(is_smooth: bool) -> SceneBuilder {
         lens.normals.clear();
     }
     let mut b = SceneBuilder::default();
-    let m = b.add_material(paint());
-    b.add_object("floor", square(0.0, 0.1, false), m);
-    let m = b.add_material(clear(1.49));
-    b.add_object("cover", lens, m);
-    let m = b.add_material(emitter(5.0));
-    b.add_object("light", square(0.15, 0.08, true), m);
+    b.add("floor", square(0.0, 0.1, false), paint());
+    b.add("cover", lens, clear(1.49));
+    b.add("light", square(0.15, 0.08, true), emitter(5.0));
     spot_camera(&mut b, DVec3::new(0.2, 0.0, 0.2), DVec3::ZERO, 1e-4);
     b
 }
@@ -161,10 +156,8 @@ fn a_tilted_cover_with_the_light_below() {
     let m = b.add_material(clear(1.49));
     let cover = b.add_object("cover", plate(-0.002, 0.002), m);
     b.instances[cover].to_world = DAffine3::from_rotation_translation(DQuat::from_rotation_y(0.35), DVec3::ZERO);
-    let m = b.add_material(paint());
-    b.add_object("ceiling", square(0.04, 0.3, true), m);
-    let m = b.add_material(emitter(5.0));
-    b.add_object("light", rectangle(Vec3::new(0.02, -0.08, -0.1), Vec3::X * 0.12, Vec3::Y * 0.16), m);
+    b.add("ceiling", square(0.04, 0.3, true), paint());
+    b.add("light", rectangle(Vec3::new(0.02, -0.08, -0.1), Vec3::X * 0.12, Vec3::Y * 0.16), emitter(5.0));
     spot_camera(&mut b, DVec3::new(-0.2, 0.0, -0.2), DVec3::new(0.0, 0.0, 0.04), 1e-4);
     compare("tilted, light below", b, 1, 1024.0, 0.05);
 }
@@ -185,7 +178,7 @@ fn two_covers_that_are_no_stack() {
 #[test]
 fn the_sky_through_a_cover() {
     let mut b = bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", plate(0.001, 0.005), clear(1.49))]);
-    b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.5)), rotation: 0.0 });
+    b.environment = sky(0.5);
     compare("with a sky", b, 1, 256.0, 0.05);
 }
 

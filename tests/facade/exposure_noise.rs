@@ -3,15 +3,12 @@
 //!
 //! Replay: `cargo test -p dunkelfeld --test it exposure_noise::NAME`.
 
-use crate::support::{settings, shadow};
+use crate::support::{rendered, sensor, settings, shadow};
 use dunkelfeld::film::{Accumulate, Film, PixelSums, Plane, Sample};
 use dunkelfeld::outputs::encode_layers;
-use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
-use dunkelfeld::scene::Scene;
-use dunkelfeld::sensor::{Device, Exposure, ExposureNoise, FrameKey, Optics};
-use dunkelfeld::{
-    Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, develop, develop_film, find_sensor, render,
-};
+use dunkelfeld::radiometry::{Electrons, Rgb};
+use dunkelfeld::sensor::{Device, ExposureNoise, FrameKey};
+use dunkelfeld::{Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, develop, develop_film};
 use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::layers::Single;
 use dunkelfeld_sampling::hash_u64;
@@ -21,15 +18,7 @@ const FRAMES: u32 = 48;
 
 /// Exposed for so many milliseconds.
 fn exposed(ms: f64) -> RenderSettings {
-    let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
-    let model = Box::new(find_sensor("imx250").expect("a preset"));
-    let exposure = Exposure::new(Seconds(ms * 1e-3)).expect("in range");
-    let sensor = SensorChoice::Emva { model, optics, exposure: Some(exposure) };
-    settings(SIDE, SIDE, 64.0, 5).with_sensor(sensor).with_exposure_noise(ExposureNoise::Matched)
-}
-
-fn rendered(scene: &Scene, settings: &RenderSettings) -> Rendering {
-    render(scene, settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings")
+    settings(SIDE, SIDE, 64.0, 5).with_sensor(sensor("imx250", Some(ms))).with_exposure_noise(ExposureNoise::Matched)
 }
 
 fn developed(rendering: &Rendering, settings: &RenderSettings) -> Frame {

@@ -6,13 +6,11 @@
 use crate::support::{RATE, build, film, pixel_moments, settings, square};
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DVec3, Vec3};
-use dunkelfeld::radiometry::{Radiance, Rgb};
+use dunkelfeld::radiometry::Radiance;
 use dunkelfeld::scene::shapes::rectangle;
-use dunkelfeld::scene::{
-    Aperture, Camera, Environment, EnvironmentSource, Lens, Opening, Projection, SceneBuilder, Vignetting,
-};
+use dunkelfeld::scene::{Aperture, Camera, Lens, Opening, Projection, SceneBuilder};
 use dunkelfeld::sensor::Optics;
-use dunkelfeld::{Error, Project, RenderSettings, SensorChoice, find_sensor};
+use dunkelfeld::{Project, RenderSettings, SensorChoice, find_sensor};
 use dunkelfeld_testkit::{Claim, Estimate, SampleMoments, z_test};
 use std::f64::consts::PI;
 use std::fs;

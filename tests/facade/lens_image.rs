@@ -3,14 +3,12 @@
 //!
 //! Replay: `cargo test -p dunkelfeld --test it lens_image::NAME`.
 
-use crate::support::{settings, shadow};
+use crate::support::{self, settings, shadow};
 use dunkelfeld::film::Plane;
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::scene::Scene;
-use dunkelfeld::sensor::{Exposure, ExposureNoise, Optics, Psf};
-use dunkelfeld::{
-    ExposeSettings, Frame, RenderSettings, Rendering, SensorChoice, Session, develop_film, find_sensor, render,
-};
+use dunkelfeld::sensor::{Exposure, Optics, Psf};
+use dunkelfeld::{ExposeSettings, Frame, RenderSettings, Rendering, SensorChoice, develop_film, find_sensor};
 
 const SIDE: u32 = 32;
 
@@ -22,8 +20,7 @@ fn exposed(psf: Psf, samples: f64, ms: f64) -> RenderSettings {
 }
 
 fn rendered(scene: &Scene, settings: &RenderSettings) -> (Rendering, Frame) {
-    let rendering =
-        render(scene, settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings");
+    let rendering = support::rendered(scene, settings);
     let frame = develop_film(&rendering.film, settings).expect("a frame");
     (rendering, frame)
 }

@@ -1,6 +1,5 @@
-//! Films of groups of lights: they add up to the film of all lights, each is that of a render with its lights, and the
-//! certified variance of a weighted sum is the one that repeated renders have. Replay: `cargo test -p dunkelfeld --test it
-//! light_groups::NAME`.
+//! Films of groups of lights: they add up to the film of all lights, and each is that of a render with its lights.
+//! `crates/engine/film/src/weighted.rs` has the variance of a sum. Replay: `cargo test -p dunkelfeld --test it light_groups::NAME`.
 
 use crate::support::RATE;
 use dunkelfeld::film::{CheckpointSettings, mean_image};
@@ -9,7 +8,7 @@ use dunkelfeld::light_layers::{add_light_layers, sum_of_means};
 use dunkelfeld::outputs::encode_layers;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{Budget, ExposeSettings, Exposer, Project, RenderedFilm, develop_film};
-use dunkelfeld_testkit::{SampleMoments, student_t_test, z_test};
+use dunkelfeld_testkit::z_test;
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
@@ -217,45 +216,6 @@ fn certified_variances(film: &RenderedFilm, settings: &ExposeSettings) -> (Vec<f
         |&e: &f32| model.temporal_variance(dunkelfeld::radiometry::Electrons(e.into()), exposer.exposure().time());
     let found = exposer.electrons().data().iter().zip(ratios.data()).map(|(e, ratio)| of_sensor(e) * f64::from(*ratio));
     (exposer.electrons().data().to_vec(), found.collect())
-}
-
-/// The certified variance of a sum with factors is the variance over renders with other seeds. The sum over the pixels is
-/// compared, render by render, with the squared deviations from the mean of these renders.
-#[test]
-fn the_certified_variance_of_a_sum_is_that_of_repeated_renders() {
-    const RENDERS: u64 = 72;
-    let mut project = opened(16.0);
-    // Without caustics, whose rare samples make any estimate of a variance imprecise.
-    project.set_overrides("[[material]]\nname = \"ball\"\nmetallic = 0\nroughness = 0.8\n").expect("a material");
-    project.resize_keeping_view(24, 16);
-    let settings = camera(&project, ExposureNoise::Plain);
-    project.settings.run.light_groups = groups(&["panel", "bar", "sun"]);
-    let renders: Vec<(Vec<f32>, Vec<f64>)> = (0..RENDERS)
-        .map(|seed| {
-            project.settings.seed = seed;
-            // The groups share their samples, and their noise is not independent.
-            let weighted = film(&project).weighted(&[2.5, 0.4, 0.7, 0.0]).expect("four factors");
-            certified_variances(&weighted, &settings)
-        })
-        .collect();
-    // The first renders give all pixels about the same weight. The weights are independent of the renders that are compared.
-    let (first, compared) = renders.split_at(8);
-    let pixels = 0..first[0].0.len();
-    let sum_of = |renders: &[(Vec<f32>, Vec<f64>)], pixel: usize| renders.iter().map(|(_, v)| v[pixel]).sum::<f64>();
-    let weights: Vec<f64> = pixels.clone().map(|pixel| 8.0 / (sum_of(first, pixel) + 1.0)).collect();
-    let count = compared.len() as f64;
-    let means: Vec<f64> =
-        (pixels.clone()).map(|pixel| compared.iter().map(|(e, _)| f64::from(e[pixel])).sum::<f64>() / count).collect();
-    let certified = |variances: &[f64]| -> f64 { pixels.clone().map(|p| weights[p] * variances[p]).sum() };
-    let squares = |electrons: &[f32]| -> f64 {
-        let square = |p: usize| weights[p] * (f64::from(electrons[p]) - means[p]).powi(2);
-        pixels.clone().map(square).sum::<f64>() * count / (count - 1.0)
-    };
-    let differences: SampleMoments = compared.iter().map(|(e, variances)| squares(e) - certified(variances)).collect();
-    let level = compared.iter().map(|(_, variances)| certified(variances)).sum::<f64>() / count;
-    let error = differences.standard_error() / level;
-    assert!(error < 0.05, "the comparison is too noisy: {error}");
-    student_t_test(&differences, 0.0).assert(RATE, "variance over renders against certified variance");
 }
 
 /// The means of groups add up to the mean of the weighted film, and an EXR has the layers of the groups.

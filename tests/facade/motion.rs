@@ -3,15 +3,14 @@
 //! The objects of most tests are black before an environment of radiance 1, so that the mean of a pixel is the share of
 //! its area and of the exposure that is not covered. Replay: `cargo test -p dunkelfeld --test it motion::NAME`.
 
-use crate::support::{RATE, black, build, emitter, film, settings, square};
+use crate::support::{RATE, black, build, emitter, film, settings, sky, square};
 use dunkelfeld::Project;
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DAffine3, DVec3, Mesh, RigidMotion, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld::scene::{
-    Camera, Effect, Environment, EnvironmentSource, LineScan, Material, Projection, Scene, SceneBuilder, Shutter,
-    Surface, Volume, look_at,
+    Camera, Effect, LineScan, Material, Projection, Scene, SceneBuilder, Shutter, Surface, Volume, look_at,
 };
 use dunkelfeld::trace::{Estimator, PixelSample};
 use dunkelfeld_testkit::{ImageEstimate, ImageTest, SampleMoments, student_t_test, welch_test};
@@ -25,7 +24,7 @@ const PIXEL: f64 = 1e-3;
 fn bright(width: u32, height: u32) -> SceneBuilder {
     let half = |n: u32| (0.5 * f64::from(n) * PIXEL) as f32;
     SceneBuilder {
-        environment: Some(Environment { source: EnvironmentSource::Constant(Rgb::WHITE), rotation: 0.0 }),
+        environment: sky(1.0),
         cameras: vec![Camera {
             name: "above".into(),
             to_world: look_at(DVec3::Z, DVec3::ZERO, DVec3::Y),

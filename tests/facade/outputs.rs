@@ -2,38 +2,30 @@
 //!
 //! Replay: `cargo test -p dunkelfeld --test it outputs::NAME`.
 
-use crate::support::{build, emitter, settings, spot_camera, square};
+use crate::support::{Add, build, emitter, rendered, sensor, settings, spot_camera, square};
 use dunkelfeld::film::Plane;
 use dunkelfeld::geometry::DVec3;
 use dunkelfeld::limits::DEFAULT_SENSOR;
 use dunkelfeld::outputs::encode_layers;
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Material, Scene, SceneBuilder};
-use dunkelfeld::{Picture, RenderSettings, SensorChoice, Session, develop, render};
+use dunkelfeld::{Picture, develop};
 use dunkelfeld_io::layers::{Single, Triple};
 
 /// Half of the view shows a lit floor, 2 m below the camera; the other half shows nothing.
 fn floor_and_void() -> Scene {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.4, 0.2), ..Material::default() });
-    b.add_object("floor", square(0.0, 1.0, false), floor);
-    let lamp = b.add_material(emitter(5.0));
-    b.add_object("lamp", square(3.0, 1.0, true), lamp);
+    b.add("floor", square(0.0, 1.0, false), Material { base_color: Rgb::new(0.8, 0.4, 0.2), ..Material::default() });
+    b.add("lamp", square(3.0, 1.0, true), emitter(5.0));
     spot_camera(&mut b, DVec3::new(0.5, 0.0, 2.0), DVec3::new(0.5, 0.0, 0.0), 0.25);
     build(b)
-}
-
-fn with_sensor(settings: RenderSettings) -> RenderSettings {
-    let model = Box::new(dunkelfeld::find_sensor(DEFAULT_SENSOR).expect("a preset"));
-    let optics = dunkelfeld::sensor::Optics::new(4.0, 0.9, 0.0).expect("in range");
-    settings.with_sensor(SensorChoice::Emva { model, optics, exposure: None })
 }
 
 #[test]
 fn layers_hold_what_the_film_and_the_sensor_hold() {
     let scene = floor_and_void();
-    let s = with_sensor(settings(16, 12, 8.0, 3));
-    let rendering = render(&scene, &s, &Session::new(s.run.threads).expect("threads")).expect("valid");
+    let s = settings(16, 12, 8.0, 3).with_sensor(sensor(DEFAULT_SENSOR, None));
+    let rendering = rendered(&scene, &s);
     let frame = develop(&rendering.film.sums.mean(), &s).expect("exposed");
     let layers = encode_layers(&rendering.film, &frame, &s);
 

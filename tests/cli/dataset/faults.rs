@@ -76,24 +76,6 @@ fn a_sensor_with_the_name_of_the_study_is_an_input() {
 }
 
 #[test]
-fn each_name_of_a_list_is_that_of_an_object() {
-    let bench = Bench::new("");
-    for (from, to, words) in [
-        ("on = \"plate\"", "on = [\"plate\", \"plat\"]", "no object is called \"plat\""),
-        ("on = \"plate\"", "on = { choice = [\"plate\", [\"ball\", \"bal\"]] }", "no object is called \"bal\""),
-        ("objects = \"block *\"\ncenter", "objects = [\"block *\", \"bal\"]\ncenter", "no object is called \"bal\""),
-    ] {
-        fs::write(bench.path("study.toml"), changed(&[(from, to)])).expect("writable");
-        let refused = bench.said("dataset study.toml -o a --count 1", 2);
-        let key = if from.starts_with("on") { "[[study.defect]] 1, on" } else { "[[study.place]] 1, objects" };
-        assert!(refused.contains(words) && refused.contains(key), "{to}: {refused}");
-    }
-    fs::write(bench.path("study.toml"), changed(&[("on = \"plate\"", "on = [\"plate\", \"bal*\"]")]))
-        .expect("writable");
-    bench.run("dataset study.toml -o a --count 1");
-}
-
-#[test]
 fn a_missing_file_of_costs_is_found_and_an_empty_set_may_shrink() {
     let bench = Bench::new(&changed(&[]));
     bench.run("dataset study.toml -o a --count 2");
@@ -111,29 +93,6 @@ fn an_image_that_the_set_does_not_have_does_not_count() {
     bench.run("dataset study.toml -o a --count 2");
     let refused = bench.said("dataset study.toml -o a --count 4", 2);
     assert!(refused.contains("image 3") && refused.contains("-1"), "{refused}");
-}
-
-#[test]
-fn constants_of_defects_are_checked_before_the_first_image() {
-    let bench = Bench::new("");
-    let at = |count: &str, from: &str, to: &str| {
-        changed(&[("count = { integer = [0, 2] }", &format!("count = {count}")), (from, to)])
-    };
-    for (from, to, key) in [
-        ("width = \"2mm\"", "width = \"-2mm\"", "width"),
-        ("depth = \"100um\"", "depth = \"100um\"\nroughness = 1.9", "roughness"),
-        ("depth = \"100um\"", "depth = \"100um\"\ncolor = [0, 2, 0]", "color"),
-        ("facing = [0, 1, 0]", "facing = [0, 0, 0]", "facing"),
-    ] {
-        fs::write(bench.path("study.toml"), at("{ sequence = [0, 0, 1] }", from, to)).expect("writable");
-        let refused = bench.said("dataset study.toml -o a --count 1", 2);
-        assert!(refused.contains(&format!("[[study.defect]] 1, {key}")), "{to}: {refused}");
-        assert!(!bench.path("a").exists(), "{to}");
-    }
-    // A drawn value may fit the constant ones.
-    fs::write(bench.path("study.toml"), at("{ sequence = [0, 1] }", "width = \"2mm\"", "width = \"20mm\""))
-        .expect("writable");
-    bench.run("dataset study.toml -o a --count 1");
 }
 
 #[test]
